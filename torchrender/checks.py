@@ -1,0 +1,70 @@
+"""Shape, dtype and value checks, used once at each public door."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+
+from torchrender.errors import InputError, OptionError
+
+ArrayLike = Tensor | Sequence[float] | float
+
+
+def check_tensor(name: str, value: object, shape: Sequence[int | str]) -> Tensor:
+    """Return ``value`` if it is a tensor of the given shape; a string in ``shape`` stands for any size.
+
+    Raises:
+        InputError: not a tensor, or another shape; the message names the argument and both shapes.
+    """
+    if not isinstance(value, Tensor):
+        raise InputError(f"{name} must be a torch tensor, got {type(value).__name__}")
+    wanted = "(" + ", ".join(str(s) for s in shape) + ")"
+    if value.dim() != len(shape) or any(
+        isinstance(s, int) and s != have for s, have in zip(shape, value.shape, strict=True)
+    ):
+        raise InputError(f"{name} must have shape {wanted}, got {tuple(value.shape)}")
+    return value
+
+
+def check_finite(name: str, value: Tensor, error: type[InputError] = InputError) -> Tensor:
+    """Return ``value`` if every element is finite; the error counts the others and names the first."""
+    finite = torch.isfinite(value)
+    if not bool(finite.all()):
+        bad = (~finite).reshape(-1).nonzero().reshape(-1)
+        raise error(f"{name} must be finite: {bad.numel()} of {value.numel()} values are not, first at {int(bad[0])}")
+    return value
+
+
+def check_range(name: str, value: float, low: float, high: float = math.inf) -> float:
+    """Return ``value`` if ``low <= value <= high``; NaN never passes.
+
+    Raises:
+        OptionError: outside the range; the message names the option and the range.
+    """
+    if not low <= value <= high:
+        limit = f">= {low}" if high == math.inf else f"in [{low}, {high}]"
+        raise OptionError(f"{name} must be {limit}, got {value}")
+    return value
+
+
+def check_choice(name: str, value: str, choices: Sequence[str]) -> str:
+    """Return ``value`` if it is one of ``choices``; the error lists them."""
+    if value not in choices:
+        raise OptionError(f"{name} must be one of {', '.join(choices)}, got {value!r}")
+    return value
+
+
+def as_vector(name: str, value: ArrayLike, size: int = 3, dtype: torch.dtype = torch.float32) -> Tensor:
+    """A finite tensor (size,) from a number (repeated), a sequence or a tensor."""
+    try:
+        out = torch.as_tensor(value, dtype=dtype)
+    except (TypeError, ValueError, RuntimeError) as error:
+        raise InputError(f"{name} must be {size} numbers, got {value!r}") from error
+    if out.dim() == 0:
+        out = out.repeat(size)
+    if out.shape != (size,):
+        raise InputError(f"{name} must be {size} numbers, got shape {tuple(out.shape)}")
+    return check_finite(name, out)

@@ -1,0 +1,1 @@
+"""What there is: meshes, materials, lights, media, environment and cameras."""

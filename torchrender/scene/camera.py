@@ -1,0 +1,352 @@
+"""Batched pinhole (and orthographic) cameras.
+
+Camera frame: OpenCV style, right-handed, x right, y down, z forward. Pixel (row j, column i) covers
+[i, i+1) x [j, j+1); its centre is (i+0.5, j+0.5). Depth is camera z. All matrices are float64, because they feed
+visibility decisions.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from torchrender.checks import as_vector, check_finite, check_range
+from torchrender.errors import CameraError
+
+MAX_SIDE = 32768
+_PARALLEL = 1e-9
+
+
+def look_at_matrix(eye: Tensor, target: Tensor, up: Tensor) -> Tensor:
+    """``camera_from_world`` (4,4) float64 of a camera at ``eye`` that looks at ``target``.
+
+    A view direction along ``up`` is not an error: the world axis least aligned with it replaces ``up``.
+
+    Raises:
+        CameraError: eye and target coincide.
+    """
+    eye, target, up = (v.to(torch.float64) for v in (eye, target, up))
+    forward = target - eye
+    length = forward.norm()
+    if not length > 0:
+        raise CameraError(f"eye and target must differ, both are {eye.tolist()}")
+    forward = forward / length
+    up_length = up.norm()
+    right = torch.linalg.cross(forward, up / up_length if up_length > 0 else up)
+    if right.norm() < _PARALLEL:
+        axis = torch.zeros(3, dtype=torch.float64)
+        axis[int(forward.abs().argmin())] = 1.0
+        right = torch.linalg.cross(forward, axis)
+    right = right / right.norm()
+    down = torch.linalg.cross(forward, right)
+    matrix = torch.eye(4, dtype=torch.float64)
+    matrix[:3, :3] = torch.stack([right, down, forward])
+    matrix[:3, 3] = -matrix[:3, :3] @ eye
+    return matrix
+
+
+@dataclass(frozen=True, eq=False)
+class Cameras:
+    """B cameras that share one image size.
+
+    Perspective: ``u = fx x/z + cx``, ``v = fy y/z + cy``. Orthographic: ``u = fx x + cx``, ``v = fy y + cy`` with
+    ``fx`` in pixels per scene unit. Fragments with ``z < near`` or ``z > far`` are not seen.
+
+    Raises:
+        CameraError: a wrong shape, a value that is not finite, a singular matrix, near not in front of far.
+    """
+
+    camera_from_world: Tensor  # (B,4,4) float64, rigid
+    intrinsics: Tensor  # (B,3,3) float64 [[fx, skew, cx], [0, fy, cy], [0, 0, 1]], pixels
+    width: int
+    height: int
+    near: Tensor  # (B,) float64, > 0 for perspective cameras
+    far: Tensor  # (B,) float64, +inf allowed for perspective cameras
+    orthographic: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("camera_from_world", "intrinsics", "near", "far"):
+            value = torch.as_tensor(getattr(self, name)).detach().to("cpu", torch.float64)
+            object.__setattr__(self, name, value)
+        matrix, k = self.camera_from_world, self.intrinsics
+        if matrix.dim() != 3 or matrix.shape[1:] != (4, 4):
+            raise CameraError(f"camera_from_world must have shape (B, 4, 4), got {tuple(matrix.shape)}")
+        count = matrix.shape[0]
+        if k.shape != (count, 3, 3):
+            raise CameraError(f"intrinsics must have shape ({count}, 3, 3), got {tuple(k.shape)}")
+        for name in ("near", "far"):
+            value = getattr(self, name)
+            if value.dim() > 1 or value.numel() not in (1, count):
+                raise CameraError(f"{name} must be one number or have shape ({count},), got {tuple(value.shape)}")
+            object.__setattr__(self, name, value.reshape(-1).expand(count).contiguous())
+        for name, side in (("width", self.width), ("height", self.height)):
+            if not isinstance(side, int) or not 1 <= side <= MAX_SIDE:
+                raise CameraError(f"{name} must be an integer in [1, {MAX_SIDE}], got {side!r}")
+        self._check_values()
+
+    def _check_values(self) -> None:
+        check_finite("camera_from_world", self.camera_from_world, CameraError)
+        check_finite("intrinsics", self.intrinsics, CameraError)
+        if self.camera_from_world.shape[0] == 0:
+            return
+        if bool((torch.linalg.det(self.camera_from_world[:, :3, :3]).abs() < 1e-12).any()):
+            raise CameraError("camera_from_world must be invertible, its rotation part is singular")
+        if bool((self.intrinsics[:, (0, 1), (0, 1)] <= 0).any()):
+            raise CameraError("intrinsics must have positive focal lengths")
+        if not self.orthographic and not bool((self.near > 0).all()):
+            raise CameraError(f"near must be > 0, got {self.near.tolist()}")
+        if not bool((self.far > self.near).all()) or bool(self.near.isinf().any()):
+            raise CameraError(f"far must be greater than near, got near {self.near.tolist()} far {self.far.tolist()}")
+        if self.orthographic and bool(self.far.isinf().any()):
+            raise CameraError("far must be finite for orthographic cameras")
+
+    # ---------------------------------------------------------------- making
+
+    @classmethod
+    def look_at(
+        cls,
+        eye: Tensor | Sequence[float],
+        target: Tensor | Sequence[float],
+        *,
+        width: int,
+        height: int,
+        fov_deg: float = 50.0,
+        up: Tensor | Sequence[float] = (0.0, 1.0, 0.0),
+        near: float = 0.01,
+        far: float = math.inf,
+    ) -> Cameras:
+        """Perspective cameras from eye and target, each (3,) or (B,3); ``fov_deg`` is the vertical opening angle."""
+        if not 0.0 < fov_deg < 179.9:
+            raise CameraError(f"fov_deg must be in (0, 179.9), got {fov_deg}")
+        eyes, targets, ups = (torch.as_tensor(v, dtype=torch.float64).reshape(-1, 3) for v in (eye, target, up))
+        for name, value in (("eye", eyes), ("target", targets), ("up", ups)):
+            check_finite(name, value, CameraError)
+        count = max(len(eyes), len(targets), len(ups))
+        eyes, targets, ups = (v.expand(count, 3) for v in (eyes, targets, ups))
+        matrices = [look_at_matrix(e, t, u) for e, t, u in zip(eyes, targets, ups, strict=True)]
+        focal = 0.5 * height / math.tan(math.radians(fov_deg) / 2)
+        k = pinhole_matrix(focal, focal, width / 2, height / 2).expand(count, 3, 3)
+        limits = [torch.tensor(v, dtype=torch.float64) for v in (near, far)]
+        return cls(torch.stack(matrices), k, width, height, limits[0], limits[1])
+
+    @classmethod
+    def cat(cls, cameras: Sequence[Cameras]) -> Cameras:
+        """One batch from several; all must share image size and projection."""
+        if not cameras:
+            raise CameraError("cameras must not be empty")
+        first = cameras[0]
+        if any((c.width, c.height, c.orthographic) != (first.width, first.height, first.orthographic) for c in cameras):
+            raise CameraError("cameras in one batch must share width, height and projection")
+        return replace(
+            first,
+            camera_from_world=torch.cat([c.camera_from_world for c in cameras]),
+            intrinsics=torch.cat([c.intrinsics for c in cameras]),
+            near=torch.cat([c.near for c in cameras]),
+            far=torch.cat([c.far for c in cameras]),
+        )
+
+    # --------------------------------------------------------------- reading
+
+    def __len__(self) -> int:
+        return int(self.camera_from_world.shape[0])
+
+    def __getitem__(self, index: int | slice | Sequence[int] | Tensor) -> Cameras:
+        """A batch of the chosen cameras; an integer gives a batch of one."""
+        if isinstance(index, int):
+            index = [range(len(self))[index]]
+        return replace(
+            self,
+            camera_from_world=self.camera_from_world[index],
+            intrinsics=self.intrinsics[index],
+            near=self.near[index],
+            far=self.far[index],
+        )
+
+    @property
+    def rotation(self) -> Tensor:
+        """(B,3,3): rows are the camera's right, down and forward axes in world space."""
+        return self.camera_from_world[:, :3, :3]
+
+    @property
+    def world_from_camera(self) -> Tensor:
+        """(B,4,4), the inverse of ``camera_from_world``."""
+        return torch.linalg.inv(self.camera_from_world)
+
+    @property
+    def eye(self) -> Tensor:
+        """(B,3) centre of projection (orthographic: origin of the camera frame) in world space."""
+        return self.world_from_camera[:, :3, 3]
+
+    @property
+    def forward(self) -> Tensor:
+        """(B,3) unit view direction in world space."""
+        return torch.nn.functional.normalize(self.world_from_camera[:, :3, 2], dim=-1)
+
+    def footprint(self, depth: Tensor) -> Tensor:
+        """Width of one pixel at camera depth (B,...), scene units: ``z max(1/fx, 1/fy)``; orthographic: constant."""
+        size = (1.0 / self.intrinsics[:, (0, 1), (0, 1)]).amax(dim=1).to(depth.dtype)
+        size = size.reshape(-1, *([1] * (depth.dim() - 1)))
+        return size.expand_as(depth) if self.orthographic else depth * size
+
+    def pixel_centres(self, dtype: torch.dtype = torch.float64) -> Tensor:
+        """(H,W,2): u and v of every pixel centre."""
+        v, u = torch.meshgrid(
+            torch.arange(self.height, dtype=dtype) + 0.5, torch.arange(self.width, dtype=dtype) + 0.5, indexing="ij"
+        )
+        return torch.stack([u, v], dim=-1)
+
+    # ------------------------------------------------------------ projecting
+
+    def transform(self, points: Tensor) -> Tensor:
+        """Camera-space coordinates (B,...,3) of world points (B,...,3), or of (N,3) points for every camera."""
+        points, shape = self._per_camera(points, 3)
+        moved = points @ self.rotation.transpose(1, 2) + self.camera_from_world[:, None, :3, 3]
+        return moved.reshape(shape)
+
+    def project(self, points: Tensor) -> tuple[Tensor, Tensor]:
+        """Pixel coordinates (B,...,2) and camera depth (B,...) of world points (B,...,3) or (N,3), float64.
+
+        A point with ``z <= 0`` has no image: its pixel coordinates are NaN (test the depth first), its depth is right.
+        """
+        camera = self.transform(points)
+        z = camera[..., 2]
+        k = self.intrinsics.reshape(len(self), *([1] * (camera.dim() - 2)), 3, 3)
+        if self.orthographic:
+            x, y = camera[..., 0], camera[..., 1]
+        else:
+            safe = torch.where(z > 0, z, torch.nan)
+            x, y = camera[..., 0] / safe, camera[..., 1] / safe
+        u = k[..., 0, 0] * x + k[..., 0, 1] * y + k[..., 0, 2]
+        v = k[..., 1, 1] * y + k[..., 1, 2]
+        return torch.stack([u, v], dim=-1), z
+
+    def unproject(self, pixels: Tensor, depth: Tensor) -> Tensor:
+        """World points (B,...,3) float64 of pixel coordinates (B,...,2) (or (H,W,2)) at camera depth (B,...).
+
+        Infinite depth gives infinite or NaN coordinates: mask empty pixels first.
+        """
+        depth = depth.to(torch.float64)
+        x, y = self._plane_coordinates(pixels.to(torch.float64).expand(*depth.shape, 2))
+        camera = torch.stack([x, y, torch.ones_like(x)], dim=-1)
+        if self.orthographic:
+            camera[..., 2] = depth
+        else:
+            camera = camera * depth[..., None]
+        inverse = self.world_from_camera
+        flat = camera.reshape(len(self), -1, 3) @ inverse[:, :3, :3].transpose(1, 2) + inverse[:, None, :3, 3]
+        return flat.reshape(camera.shape)
+
+    def rays(self, pixels: Tensor | None = None) -> tuple[Tensor, Tensor]:
+        """Origins and directions, each (B,...,3) float64, through pixel coordinates (default: all centres, (B,H,W,3)).
+
+        Directions have camera z = 1, so the ray parameter *is* camera depth; normalise them to get ray length.
+        Orthographic origins lie in the plane z = 0.
+        """
+        if pixels is None:
+            pixels = self.pixel_centres().expand(len(self), self.height, self.width, 2)
+        x, y = self._plane_coordinates(pixels.to(torch.float64))
+        inverse = self.world_from_camera
+        if self.orthographic:
+            flat = torch.stack([x, y, torch.zeros_like(x)], dim=-1).reshape(len(self), -1, 3)
+            origins = flat @ inverse[:, :3, :3].transpose(1, 2) + inverse[:, None, :3, 3]
+            directions = inverse[:, None, :3, 2].expand_as(flat)
+        else:
+            flat = torch.stack([x, y, torch.ones_like(x)], dim=-1).reshape(len(self), -1, 3)
+            directions = flat @ inverse[:, :3, :3].transpose(1, 2)
+            origins = inverse[:, None, :3, 3].expand_as(flat)
+        return origins.reshape(*pixels.shape[:-1], 3), directions.reshape(*pixels.shape[:-1], 3)
+
+    # --------------------------------------------------------------- changing
+
+    def sub_camera(self, left: float, top: float, width: int, height: int) -> Cameras:
+        """The same view, cut to the window whose upper left corner is at pixel coordinates (left, top).
+
+        ``sub_camera(-0.5, -0.5, W+1, H+1)`` is the offset camera whose pixel centres are the corners of this one's
+        pixels.
+        """
+        k = self.intrinsics.clone()
+        k[:, 0, 2] -= left
+        k[:, 1, 2] -= top
+        return replace(self, intrinsics=k, width=width, height=height)
+
+    def scaled(self, factor: float) -> Cameras:
+        """The same view with ``factor`` times as many pixels along each side (rounded, at least one)."""
+        check_range("factor", factor, 1e-6)
+        width, height = max(1, round(self.width * factor)), max(1, round(self.height * factor))
+        k = self.intrinsics.clone()
+        k[:, 0] *= width / self.width
+        k[:, 1] *= height / self.height
+        return replace(self, intrinsics=k, width=width, height=height)
+
+    def frustum_planes(self) -> Tensor:
+        """(B,6,4) float64 planes (n, d) in world space, unit n pointing inwards: ``n.p + d >= 0`` inside.
+
+        Order: left, right, top, bottom, near, far. An infinite far plane is (0, 0, 0, 1).
+        """
+        rows = torch.zeros(len(self), 6, 4, dtype=torch.float64)
+        k, w, h = self.intrinsics, float(self.width), float(self.height)
+        # p = K_rows applied to (x, y, z or 1): u - 0, W - u, v - 0, H - v, all times z for perspective.
+        axis = 3 if self.orthographic else 2
+        for plane, (row, sign, border) in enumerate(((0, 1.0, 0.0), (0, -1.0, w), (1, 1.0, 0.0), (1, -1.0, h))):
+            rows[:, plane, 0] = sign * k[:, row, 0]
+            rows[:, plane, 1] = sign * k[:, row, 1]
+            rows[:, plane, axis] = sign * k[:, row, 2] + border
+        rows[:, 4, 2], rows[:, 4, 3] = 1.0, -self.near
+        finite = torch.isfinite(self.far)
+        rows[:, 5, 2] = torch.where(finite, -1.0, 0.0)
+        rows[:, 5, 3] = torch.where(finite, self.far, 1.0)
+        world = rows @ self.camera_from_world
+        length = world[..., :3].norm(dim=-1, keepdim=True)
+        return torch.where(length > 0, world / length.clamp_min(1e-300), world)
+
+    # ---------------------------------------------------------------- private
+
+    def _per_camera(self, points: Tensor, size: int) -> tuple[Tensor, tuple[int, ...]]:
+        points = points.to(torch.float64)
+        if points.shape[-1] != size:
+            raise CameraError(f"points must have a last dimension of {size}, got {tuple(points.shape)}")
+        if points.dim() == 2:
+            points = points.expand(len(self), *points.shape)
+        if points.shape[0] != len(self):
+            raise CameraError(f"points must have a first dimension of {len(self)}, got {tuple(points.shape)}")
+        return points.reshape(len(self), -1, size), tuple(points.shape)
+
+    def _plane_coordinates(self, pixels: Tensor) -> tuple[Tensor, Tensor]:
+        k = self.intrinsics.reshape(len(self), *([1] * (pixels.dim() - 2)), 3, 3)
+        y = (pixels[..., 1] - k[..., 1, 2]) / k[..., 1, 1]
+        x = (pixels[..., 0] - k[..., 0, 2] - k[..., 0, 1] * y) / k[..., 0, 0]
+        return x, y
+
+
+def pinhole_matrix(fx: float, fy: float, cx: float, cy: float) -> Tensor:
+    """(3,3) float64 intrinsics in pixels."""
+    return torch.tensor([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]], dtype=torch.float64)
+
+
+def framing_camera(
+    bounds: Tensor, *, width: int, height: int, fov_deg: float = 45.0, direction: Sequence[float] = (0.55, 0.4, 1.0)
+) -> Cameras:
+    """A camera that sees the whole box ``bounds`` (2,3) from ``direction`` (box centre to eye).
+
+    Used where a scene brings no camera of its own. A box without extent is framed as one of unit size.
+    """
+    low, high = bounds.to(torch.float64)
+    centre = (low + high) / 2
+    radius = float((high - low).norm()) / 2 or 0.5
+    half = math.radians(fov_deg) / 2
+    half = min(half, math.atan(math.tan(half) * width / height))
+    distance = radius / math.sin(half)
+    axis = as_vector("direction", direction, dtype=torch.float64)
+    return Cameras.look_at(
+        centre + axis / axis.norm() * distance,
+        centre,
+        width=width,
+        height=height,
+        fov_deg=fov_deg,
+        near=max(distance - radius * 1.01, distance * 1e-3),
+        far=distance + radius * 1.01,
+    )

@@ -1,0 +1,120 @@
+"""Light sources. Intensities are linear RGB; directions point the way the light travels."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import torch
+from torch import Tensor
+
+from torchrender.checks import as_vector, check_range
+from torchrender.errors import InputError
+
+
+def _white() -> Tensor:
+    return torch.ones(3)
+
+
+def _vectors(light: object, *names: str) -> None:
+    for name in names:
+        object.__setattr__(light, name, as_vector(f"{type(light).__name__}.{name}", getattr(light, name)))
+
+
+def _unit(light: object, name: str) -> None:
+    value = getattr(light, name)
+    length = value.double().norm()
+    if not length > 0:
+        raise InputError(f"{type(light).__name__}.{name} must not be zero")
+    object.__setattr__(light, name, (value.double() / length).float())
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PointLight:
+    """Irradiance at distance r is ``intensity cos(theta) / r^2``."""
+
+    position: Tensor  # (3,) scene units
+    intensity: Tensor = field(default_factory=_white)  # (3,) power per solid angle
+    name: str = "point"
+
+    def __post_init__(self) -> None:
+        _vectors(self, "position", "intensity")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class DirectionalLight:
+    """Parallel light; irradiance on a facing surface is ``irradiance``."""
+
+    direction: Tensor  # (3,) the way the light travels; normalised
+    irradiance: Tensor = field(default_factory=_white)  # (3,)
+    name: str = "directional"
+
+    def __post_init__(self) -> None:
+        _vectors(self, "direction", "irradiance")
+        _unit(self, "direction")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SpotLight:
+    """A point light within a cone; full inside ``inner_deg``, none outside ``outer_deg`` (half angles)."""
+
+    position: Tensor  # (3,)
+    direction: Tensor  # (3,) normalised
+    intensity: Tensor = field(default_factory=_white)  # (3,)
+    inner_deg: float = 20.0
+    outer_deg: float = 30.0
+    name: str = "spot"
+
+    def __post_init__(self) -> None:
+        _vectors(self, "position", "direction", "intensity")
+        _unit(self, "direction")
+        check_range("SpotLight.outer_deg", self.outer_deg, 0.1, 89.0)
+        check_range("SpotLight.inner_deg", self.inner_deg, 0.0, self.outer_deg)
+
+    def cone(self, cosine: Tensor) -> Tensor:
+        """Share of the intensity for the cosine between the cone's axis and the direction to the point, in [0,1]."""
+        inner, outer = (math.cos(math.radians(a)) for a in (self.inner_deg, self.outer_deg))
+        share = ((cosine - outer) / max(inner - outer, 1e-6)).clamp(0.0, 1.0)
+        return share * share * (3.0 - 2.0 * share)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RectLight:
+    """A parallelogram that emits ``radiance`` to the side of ``edge_u x edge_v``.
+
+    An edge of length zero is allowed: the light is then a line or a point, and passes that need an area say so.
+    """
+
+    corner: Tensor  # (3,)
+    edge_u: Tensor  # (3,)
+    edge_v: Tensor  # (3,)
+    radiance: Tensor = field(default_factory=_white)  # (3,)
+    name: str = "area"
+
+    def __post_init__(self) -> None:
+        _vectors(self, "corner", "edge_u", "edge_v", "radiance")
+
+    @property
+    def area(self) -> float:
+        """Area in square scene units."""
+        return float(torch.linalg.cross(self.edge_u.double(), self.edge_v.double()).norm())
+
+    @property
+    def normal(self) -> Tensor:
+        """(3,) unit normal of the emitting side; zero if the light has no area."""
+        cross = torch.linalg.cross(self.edge_u.double(), self.edge_v.double())
+        return (cross / cross.norm().clamp_min(1e-300)).float()
+
+    @property
+    def centre(self) -> Tensor:
+        """(3,) centre of the parallelogram."""
+        return self.corner + (self.edge_u + self.edge_v) / 2
+
+    def samples(self, per_side: int) -> Tensor:
+        """(per_side^2, 3) cell centres ``corner + (a+0.5)/n edge_u + (b+0.5)/n edge_v``; b runs fastest."""
+        t = (torch.arange(per_side, dtype=torch.float64) + 0.5) / per_side
+        grid = t[:, None, None] * self.edge_u.double() + t[None, :, None] * self.edge_v.double()
+        return (self.corner.double() + grid).reshape(-1, 3).float()
+
+
+Light = PointLight | DirectionalLight | SpotLight | RectLight

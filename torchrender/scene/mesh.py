@@ -1,0 +1,159 @@
+"""Triangle meshes in world space, and the one concatenated geometry that rasteriser and ray caster share."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from torchrender.errors import MeshError
+
+CLUSTER = 128
+"""Triangles per culling cluster: runs of consecutive triangles of one object."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Mesh:
+    """Triangles of one material in world space.
+
+    Raises:
+        MeshError: wrong shapes, NaN or infinite vertices, or faces that name missing vertices; names the mesh.
+    """
+
+    vertices: Tensor  # (V,3) float32 or float64, scene units
+    faces: Tensor  # (F,3) int64, counter-clockwise seen from outside
+    name: str = "mesh"
+    normals: Tensor | None = None  # (V,3) shading normals; None: the face's own normal
+    uv: Tensor | None = None  # (V,2); (0,0) is the lower left corner of a texture
+    colors: Tensor | None = None  # (V,3) linear RGB that multiplies the diffuse colour
+    material: int = 0  # index into Scene.materials
+    object_id: int | None = None  # None: the mesh's place in the scene; several meshes may form one object
+
+    def __post_init__(self) -> None:
+        v, f = self.vertices, self.faces
+        if not isinstance(v, Tensor) or v.dim() != 2 or v.shape[1] != 3 or not v.is_floating_point():
+            raise MeshError(f"mesh {self.name!r}: vertices must be a float tensor (V, 3), got {describe(v)}")
+        if not isinstance(f, Tensor) or f.dim() != 2 or f.shape[1] != 3 or f.is_floating_point():
+            raise MeshError(f"mesh {self.name!r}: faces must be an integer tensor (F, 3), got {describe(f)}")
+        for field, width in (("normals", 3), ("uv", 2), ("colors", 3)):
+            value = getattr(self, field)
+            if value is not None and value.shape != (v.shape[0], width):
+                raise MeshError(
+                    f"mesh {self.name!r}: {field} must have shape ({v.shape[0]}, {width}), got {describe(value)}"
+                )
+        finite = torch.isfinite(v).all(dim=1)
+        if not bool(finite.all()):
+            bad = (~finite).nonzero().reshape(-1)
+            raise MeshError(
+                f"mesh {self.name!r}: {bad.numel()} of {v.shape[0]} vertices are NaN or infinite, first {int(bad[0])}"
+            )
+        if f.numel() and (int(f.min()) < 0 or int(f.max()) >= v.shape[0]):
+            raise MeshError(
+                f"mesh {self.name!r}: faces must index {v.shape[0]} vertices, got {int(f.min())} to {int(f.max())}"
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class Geometry:
+    """All triangles of a scene in one set of arrays; the row of ``faces`` is the triangle id everywhere."""
+
+    vertices: Tensor  # (V,3) float64
+    faces: Tensor  # (F,3) int32
+    object_id: Tensor  # (F,) int64
+    material: Tensor  # (F,) int64
+    normals: Tensor | None  # (V,3) float32; a zero row means: use the face's own normal; None: no vertex has one
+    uv: Tensor | None  # (V,2) float32; zero where a mesh has none
+    colors: Tensor | None  # (V,3) float32; one where a mesh has none
+    clusters: Tensor  # (C,2) int64 first and one-past-last triangle
+
+    @property
+    def triangle_count(self) -> int:
+        return int(self.faces.shape[0])
+
+    @cached_property
+    def bounds(self) -> Tensor:
+        """(2,3) float64 smallest and largest corner of all vertices that a face uses; zeros if there are none."""
+        if not self.triangle_count:
+            return torch.zeros(2, 3, dtype=torch.float64)
+        low, high = self.cluster_bounds.unbind(1)
+        return torch.stack([low.amin(0), high.amax(0)])
+
+    @cached_property
+    def cluster_bounds(self) -> Tensor:
+        """(C,2,3) float64 bounding box of each cluster."""
+        corners = self.vertices.numpy()[self.faces.numpy()]
+        starts = self.clusters[:, 0].numpy()
+        if not len(starts):
+            return torch.zeros(0, 2, 3, dtype=torch.float64)
+        low = np.minimum.reduceat(corners.min(axis=1), starts)
+        high = np.maximum.reduceat(corners.max(axis=1), starts)
+        return torch.from_numpy(np.stack([low, high], axis=1))
+
+    @cached_property
+    def cluster_vertices(self) -> Tensor:
+        """(C,2) int64 smallest and one-past-largest vertex index that each cluster uses."""
+        starts = self.clusters[:, 0].numpy()
+        if not len(starts):
+            return torch.zeros(0, 2, dtype=torch.int64)
+        faces = self.faces.numpy()
+        low = np.minimum.reduceat(faces.min(axis=1), starts)
+        high = np.maximum.reduceat(faces.max(axis=1), starts) + 1
+        return torch.from_numpy(np.stack([low, high], axis=1).astype(np.int64))
+
+    @cached_property
+    def face_normals(self) -> Tensor:
+        """(F,3) float32 unit normals by the right-hand rule; zero for degenerate triangles."""
+        a, b, c = (self.vertices[self.faces[:, k].long()] for k in range(3))
+        cross = torch.linalg.cross(b - a, c - a)
+        # Scaling first keeps the length from under- or overflowing for very small or very large triangles.
+        scale = cross.abs().amax(dim=1, keepdim=True)
+        cross = torch.where(scale > 0, cross / scale.clamp_min(1e-300), cross)
+        return torch.nn.functional.normalize(cross, dim=1, eps=1e-30).float()
+
+
+def concatenate(meshes: Sequence[Mesh]) -> Geometry:
+    """One :class:`Geometry` from the meshes, in order."""
+    counts = [len(m.vertices) for m in meshes]
+    offsets = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+    sizes = [len(m.faces) for m in meshes]
+    starts = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
+    ids = [k if m.object_id is None else m.object_id for k, m in enumerate(meshes)]
+    faces = [m.faces.to(torch.int64) + int(o) for m, o in zip(meshes, offsets, strict=False)]
+    clusters = [
+        (first, min(first + CLUSTER, int(end)))
+        for begin, end in pairwise(starts)
+        for first in range(int(begin), int(end), CLUSTER)
+    ]
+    return Geometry(
+        vertices=_cat([m.vertices.detach().double() for m in meshes], 3, torch.float64),
+        faces=_cat(faces, 3, torch.int64).to(torch.int32).contiguous(),
+        object_id=torch.repeat_interleave(torch.tensor(ids, dtype=torch.int64), torch.tensor(sizes)),
+        material=torch.repeat_interleave(
+            torch.tensor([m.material for m in meshes], dtype=torch.int64), torch.tensor(sizes)
+        ),
+        normals=_optional([m.normals for m in meshes], counts, 3, 0.0),
+        uv=_optional([m.uv for m in meshes], counts, 2, 0.0),
+        colors=_optional([m.colors for m in meshes], counts, 3, 1.0),
+        clusters=torch.tensor(clusters, dtype=torch.int64).reshape(-1, 2),
+    )
+
+
+def describe(value: object) -> str:
+    """Type and shape of a value, for error messages."""
+    return f"{value.dtype} {tuple(value.shape)}" if isinstance(value, Tensor) else type(value).__name__
+
+
+def _cat(parts: list[Tensor], width: int, dtype: torch.dtype) -> Tensor:
+    return torch.cat(parts).contiguous() if parts else torch.zeros(0, width, dtype=dtype)
+
+
+def _optional(parts: list[Tensor | None], counts: list[int], width: int, missing: float) -> Tensor | None:
+    if all(p is None for p in parts):
+        return None
+    full = [torch.full((n, width), missing) if p is None else p.detach().float() for p, n in zip(parts, counts)]
+    return torch.cat(full).contiguous()

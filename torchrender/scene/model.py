@@ -1,0 +1,98 @@
+"""The scene: everything a picture is made of, as one frozen value."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import torch
+from torch import Tensor
+
+from torchrender.errors import InputError
+from torchrender.scene.camera import Cameras, framing_camera
+from torchrender.scene.environment import Environment
+from torchrender.scene.light import DirectionalLight, Light
+from torchrender.scene.material import Material
+from torchrender.scene.medium import Medium
+from torchrender.scene.mesh import Geometry, Mesh, concatenate
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Scene:
+    """Meshes, materials, lights, environment, media and named cameras.
+
+    Raises:
+        InputError: a mesh names a material that does not exist.
+    """
+
+    meshes: tuple[Mesh, ...] = ()
+    materials: tuple[Material, ...] = field(default_factory=lambda: (Material(name="default"),))
+    lights: tuple[Light, ...] = ()
+    environment: Environment | None = None
+    ambient: Tensor = field(default_factory=lambda: torch.zeros(3))  # (3,) constant irradiance/pi from everywhere
+    media: tuple[Medium, ...] = ()
+    cameras: Mapping[str, Cameras] = field(default_factory=dict)  # the first is the default one
+    name: str = "scene"
+
+    def __post_init__(self) -> None:
+        for name in ("meshes", "materials", "lights", "media"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
+        for mesh in self.meshes:
+            if not 0 <= mesh.material < len(self.materials):
+                raise InputError(
+                    f"mesh {mesh.name!r}: material must be in [0, {len(self.materials) - 1}], got {mesh.material}"
+                )
+
+    @cached_property
+    def geometry(self) -> Geometry:
+        """All triangles in one set of arrays, built on first use."""
+        return concatenate(self.meshes)
+
+    @property
+    def bounds(self) -> Tensor:
+        """(2,3) float64 bounding box."""
+        return self.geometry.bounds
+
+    @property
+    def diagonal(self) -> float:
+        """Length of the bounding-box diagonal, scene units."""
+        low, high = self.bounds
+        return float((high - low).norm())
+
+    def camera(self, name: str | None = None, *, width: int, height: int) -> Cameras:
+        """The named camera (default: the first one, else one that frames the scene) at the given image size.
+
+        A camera with another aspect ratio keeps its vertical opening angle.
+
+        Raises:
+            InputError: no camera of that name; the message lists those there are.
+        """
+        if name is not None and name not in self.cameras:
+            known = ", ".join(self.cameras) or "none"
+            raise InputError(f"scene {self.name!r} has no camera {name!r}; known cameras: {known}")
+        if not self.cameras:
+            return framing_camera(self.bounds, width=width, height=height)
+        camera = self.cameras[name] if name is not None else next(iter(self.cameras.values()))
+        return resized(camera, width, height)
+
+    def with_default_light(self) -> Scene:
+        """This scene, or if it has neither lights, environment nor ambient light, a copy lit from the upper left."""
+        if self.lights or self.environment is not None or bool((self.ambient > 0).any()):
+            return self
+        if any(bool((m.emission > 0).any()) for m in self.materials):
+            return self
+        sun = DirectionalLight(direction=torch.tensor([-0.45, -1.0, -0.65]), irradiance=torch.full((3,), 2.4))
+        return replace(self, lights=(sun,), ambient=torch.full((3,), 0.35))
+
+
+def resized(camera: Cameras, width: int, height: int) -> Cameras:
+    """The same view at another image size; the vertical opening angle stays, the centre stays in place."""
+    if (camera.width, camera.height) == (width, height):
+        return camera
+    scale = height / camera.height
+    k = camera.intrinsics.clone()
+    k[:, :2, :2] *= scale
+    k[:, 0, 2] = width / 2 + (k[:, 0, 2] - camera.width / 2) * scale
+    k[:, 1, 2] = height / 2 + (k[:, 1, 2] - camera.height / 2) * scale
+    return replace(camera, intrinsics=k, width=width, height=height)
