@@ -331,3 +331,19 @@ def test_empty_images_and_scenes() -> None:
 def test_wrong_visibility_is_named() -> None:
     with pytest.raises(InputError, match=r"visibility must have shape \(1, 4, 4, 6\)"):
         shade(floor_scene(*LIGHTS), floor_gbuffer(overhead()), torch.ones(1, 3, 4, 6))
+
+
+def test_far_from_the_world_origin_nothing_changes() -> None:
+    away = torch.tensor([1e5, -2e5, 3e5])
+    lamp = replace(LAMP, position=torch.tensor([0.5, 2.0, -0.25]))
+    near = floor_scene(lamp, material=GLOSSY)
+    moved_floor = replace(FLOOR, vertices=FLOOR.vertices.double() + away)
+    far = replace(near, meshes=(moved_floor,), lights=(replace(lamp, position=lamp.position + away),))
+    cameras = overhead()
+    matrix = cameras.camera_from_world.clone()
+    matrix[:, :3, 3] -= (cameras.rotation @ away.double()[:, None])[..., 0]
+    gbuffer = floor_gbuffer(cameras)
+    covered = gbuffer.covered
+    position = torch.where(covered[..., None], gbuffer.position.double() + away, 0.0)
+    moved = replace(gbuffer, cameras=replace(cameras, camera_from_world=matrix), position=position)
+    torch.testing.assert_close(shade(far, moved)[covered], shade(near, gbuffer)[covered], rtol=1e-4, atol=1e-5)

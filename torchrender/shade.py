@@ -29,10 +29,35 @@ NEAREST_LIGHT = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
+class _Tables:
+    """The M materials of a scene, side by side."""
+
+    diffuse: Tensor  # (M,3)
+    specular: Tensor  # (3,M) degree times tint
+    shininess: Tensor  # (M,)
+    emission: Tensor  # (3,M)
+    textures: tuple[Tensor | None, ...]
+    origin: Tensor  # (3,) float64, the scene's centre
+
+    @classmethod
+    def of(cls, scene: Scene) -> _Tables:
+        materials = scene.materials
+        return cls(
+            diffuse=torch.stack([m.diffuse for m in materials]),
+            specular=torch.stack([m.specular * m.specular_color for m in materials], dim=1),
+            shininess=torch.tensor([m.shininess for m in materials]),
+            emission=torch.stack([m.emission for m in materials], dim=1),
+            textures=tuple(m.diffuse_texture for m in materials),
+            origin=scene.bounds.mean(dim=0),
+        )
+
+
+@dataclass(frozen=True, eq=False)
 class _Surface:
     """N covered pixels, component by component, so that sums over components run along memory."""
 
-    position: Tensor  # (3,N)
+    origin: Tensor  # (3,) float64, world space
+    position: Tensor  # (3,N) relative to the origin: float32 keeps its precision far from the world's origin, too
     normal: Tensor  # (3,N)
     geometric_normal: Tensor  # (3,N)
     mirror: Tensor | None  # (3,N) direction to the eye, mirrored at the shading normal; None: nothing is specular
@@ -79,7 +104,10 @@ def shade(
     image = _background(scene, gbuffer.cameras, ~covered, background)
     rows = covered.nonzero().reshape(-1)
     if len(rows):
-        parts = [_shade_pixels(scene, gbuffer, visibility, chunk) for chunk in rows.split(CHUNK)]
+        tables = _Tables.of(scene)
+        parts = [
+            _shade_pixels(scene, _surface(tables, gbuffer, chunk), visibility, chunk) for chunk in rows.split(CHUNK)
+        ]
         image = image.index_copy(0, rows, torch.cat(parts, dim=1).T)
     return image.reshape(count, height, width, 3)
 
@@ -89,7 +117,8 @@ def diffuse_color(scene: Scene, gbuffer: GBuffer) -> Tensor:
     rows = gbuffer.covered.reshape(-1).nonzero().reshape(-1)
     image = torch.zeros(gbuffer.triangle.numel(), 3)
     if len(rows):
-        parts = [_albedo(scene, gbuffer, chunk) for chunk in rows.split(CHUNK)]
+        tables = _Tables.of(scene)
+        parts = [_albedo(tables, gbuffer, chunk) for chunk in rows.split(CHUNK)]
         image = image.index_copy(0, rows, torch.cat(parts))
     return image.reshape(*gbuffer.triangle.shape, 3)
 
@@ -97,9 +126,8 @@ def diffuse_color(scene: Scene, gbuffer: GBuffer) -> Tensor:
 # ------------------------------------------------------------------- pixels
 
 
-def _shade_pixels(scene: Scene, gbuffer: GBuffer, visibility: Tensor | None, rows: Tensor) -> Tensor:
+def _shade_pixels(scene: Scene, surface: _Surface, visibility: Tensor | None, rows: Tensor) -> Tensor:
     """Radiance (3,N) of the covered pixels in the given flat rows."""
-    surface = _surface(scene, gbuffer, rows)
     diffuse = _ambient(scene, surface.normal)
     specular = torch.zeros(3, len(rows))
     reach = NEAREST_LIGHT * scene.diagonal
@@ -113,52 +141,52 @@ def _shade_pixels(scene: Scene, gbuffer: GBuffer, visibility: Tensor | None, row
     return surface.albedo * diffuse + surface.specular * specular + surface.emission
 
 
-def _surface(scene: Scene, gbuffer: GBuffer, rows: Tensor) -> _Surface:
+def _surface(tables: _Tables, gbuffer: GBuffer, rows: Tensor) -> _Surface:
     def planes(image: Tensor) -> Tensor:
-        return image.reshape(-1, 3)[rows].T.contiguous()
+        return image.reshape(-1, 3).index_select(0, rows).T.contiguous()
 
-    materials = gbuffer.material.reshape(-1)[rows]
-    specular = torch.stack([m.specular * m.specular_color for m in scene.materials], dim=1)
-    normal = planes(gbuffer.normal)
+    materials = gbuffer.material.reshape(-1).index_select(0, rows)
+    position = (planes(gbuffer.position) - tables.origin[:, None]).float()
+    normal, specular = planes(gbuffer.normal), tables.specular[:, materials]
     mirror = None
     if bool((specular > 0).any()):
-        to_eye = _to_eye(gbuffer, planes(gbuffer.position), rows)
+        to_eye = _to_eye(gbuffer.cameras, position, tables.origin, rows)
         mirror = 2.0 * (normal * to_eye).sum(0) * normal - to_eye
     return _Surface(
-        position=planes(gbuffer.position),
+        origin=tables.origin,
+        position=position,
         normal=normal,
         geometric_normal=planes(gbuffer.geometric_normal),
         mirror=mirror,
-        albedo=_albedo(scene, gbuffer, rows).T,
-        specular=specular[:, materials],
-        shininess=torch.tensor([m.shininess for m in scene.materials])[materials],
-        emission=torch.stack([m.emission for m in scene.materials], dim=1)[:, materials],
+        albedo=_albedo(tables, gbuffer, rows).T,
+        specular=specular,
+        shininess=tables.shininess[materials],
+        emission=tables.emission[:, materials],
     )
 
 
-def _to_eye(gbuffer: GBuffer, position: Tensor, rows: Tensor) -> Tensor:
+def _to_eye(cameras: Cameras, position: Tensor, origin: Tensor, rows: Tensor) -> Tensor:
     """Unit directions (3,N) from the surface to the camera that sees it."""
-    cameras = gbuffer.cameras
     camera = rows // (cameras.width * cameras.height)
     if cameras.orthographic:
         return -cameras.forward.float()[camera].T
-    return torch.nn.functional.normalize(cameras.eye.float()[camera].T - position, dim=0, eps=1e-30)
+    return torch.nn.functional.normalize((cameras.eye - origin).float()[camera].T - position, dim=0, eps=1e-30)
 
 
-def _albedo(scene: Scene, gbuffer: GBuffer, rows: Tensor) -> Tensor:
+def _albedo(tables: _Tables, gbuffer: GBuffer, rows: Tensor) -> Tensor:
     """Diffuse reflectance (N,3): one texture look-up per material over the pixels that use it."""
-    materials = gbuffer.material.reshape(-1)[rows]
-    albedo = torch.stack([m.diffuse for m in scene.materials])[materials] * gbuffer.color.reshape(-1, 3)[rows]
-    present = torch.bincount(materials, minlength=len(scene.materials)).nonzero().reshape(-1).tolist()
+    materials = gbuffer.material.reshape(-1).index_select(0, rows)
+    albedo = tables.diffuse.index_select(0, materials) * gbuffer.color.reshape(-1, 3).index_select(0, rows)
+    present = torch.bincount(materials, minlength=len(tables.textures)).nonzero().reshape(-1).tolist()
     for number in present:
-        texture = scene.materials[number].diffuse_texture
+        texture = tables.textures[number]
         if texture is None:
             continue
         chosen = (materials == number).nonzero().reshape(-1)
         pixels = rows[chosen]
-        uv, footprint = gbuffer.uv.reshape(-1, 2)[pixels], gbuffer.uv_footprint.reshape(-1)[pixels]
-        value = sample_texture(color_pyramid(texture), uv, footprint)
-        albedo = albedo.index_copy(0, chosen, albedo[chosen] * value)
+        uv = gbuffer.uv.reshape(-1, 2).index_select(0, pixels)
+        value = sample_texture(color_pyramid(texture), uv, gbuffer.uv_footprint.reshape(-1)[pixels])
+        albedo = albedo.index_copy(0, chosen, albedo.index_select(0, chosen) * value)
     return albedo
 
 
@@ -187,16 +215,16 @@ def _arrival(light: Light, surface: _Surface, reach: float) -> _Arrival:
     if isinstance(light, DirectionalLight):
         direction = -light.direction[:, None].expand_as(surface.position)
         return _Arrival(_cosine(surface, direction), direction, light.irradiance)
-    direction, falloff = _towards(light, surface.position, reach)
+    direction, falloff = _towards(light, surface, reach)
     amount = _cosine(surface, direction) * falloff
     if isinstance(light, SpotLight):
         amount = amount * light.cone(-(direction * light.direction[:, None]).sum(0))
     return _Arrival(amount, direction, light.intensity)
 
 
-def _towards(light: PointLight | SpotLight, position: Tensor, reach: float) -> tuple[Tensor, Tensor]:
+def _towards(light: PointLight | SpotLight, surface: _Surface, reach: float) -> tuple[Tensor, Tensor]:
     """Unit direction to the light (3,N) and inverse squared distance (N,), no closer than ``reach``."""
-    offset = light.position[:, None] - position
+    offset = (light.position - surface.origin).float()[:, None] - surface.position
     square = offset.square().sum(0)
     direction = offset / square.sqrt().clamp_min(1e-18)
     return direction, 1.0 / square.clamp_min(max(reach * reach, 1e-12))
@@ -210,13 +238,13 @@ def _cosine(surface: _Surface, direction: Tensor) -> Tensor:
 
 
 def _from_rectangle(light: RectLight, surface: _Surface) -> _Arrival:
-    corner, u, v = light.corner.detach(), light.edge_u.detach(), light.edge_v.detach()
+    corner, u, v = (light.corner - surface.origin).float(), light.edge_u, light.edge_v
     corners = torch.stack([corner, corner + u, corner + u + v, corner + v])
     # Plane tests as differences of two numbers per point: cheaper than vectors to each corner.
     along = light.normal @ surface.position - light.normal @ corner
     height = (corners @ surface.geometric_normal) - (surface.position * surface.geometric_normal).sum(0)
     sees = (along > 0) & (height > 0).any(0)
-    offset = light.centre.detach()[:, None] - surface.position
+    offset = (corner + (u + v) / 2)[:, None] - surface.position
     direction = offset / offset.square().sum(0).sqrt().clamp_min(1e-18)
     amount = torch.zeros_like(along)
     chosen = sees.nonzero().reshape(-1)

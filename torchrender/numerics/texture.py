@@ -79,10 +79,12 @@ def sample_texture(pyramid: TexturePyramid, uv: Tensor, footprint: Tensor | None
     """
     check_tensor("uv", uv, ("N", 2))
     if footprint is None:
-        return _bilinear(pyramid, uv, torch.zeros(len(uv), dtype=torch.int64))
+        return _bilinear(pyramid, uv, None)
     side = max(int(pyramid.width[0]), int(pyramid.height[0]))
     level = torch.log2(footprint.float().clamp(1e-12, 1e12) * side).nan_to_num(0.0)
     level = level.clamp(0.0, float(pyramid.level_count - 1))
+    if not bool((level > 0).any()):
+        return _bilinear(pyramid, uv, None)
     lower = level.floor()
     share = level - lower
     fine = lower.long()
@@ -90,23 +92,35 @@ def sample_texture(pyramid: TexturePyramid, uv: Tensor, footprint: Tensor | None
     blended = (share > 0).nonzero().reshape(-1)
     if not len(blended):
         return value
+    if len(blended) == len(uv):
+        return torch.lerp(value, _bilinear(pyramid, uv, fine + 1), share[:, None])
     coarse = _bilinear(pyramid, uv[blended], fine[blended] + 1)
     return value.index_add(0, blended, (coarse - value[blended]) * share[blended, None])
 
 
-def _bilinear(pyramid: TexturePyramid, uv: Tensor, level: Tensor) -> Tensor:
-    width, height = pyramid.width[level], pyramid.height[level]
-    # The whole part is dropped in float64: coordinates far from the unit square would lose their fraction otherwise.
-    wrapped = uv.double().nan_to_num(0.0, 0.0, 0.0)
-    wrapped = wrapped - wrapped.floor()
-    x = wrapped[:, 0] * width - 0.5
-    y = (1.0 - wrapped[:, 1]) * height - 0.5
+def _bilinear(pyramid: TexturePyramid, uv: Tensor, level: Tensor | None) -> Tensor:
+    """Values (N,C), each from its own level; None: all from the finest."""
+    if level is None:
+        first, width, height = pyramid.offset[:1], pyramid.width[:1], pyramid.height[:1]
+    else:
+        first, width, height = (v.index_select(0, level) for v in (pyramid.offset, pyramid.width, pyramid.height))
+    # The whole part goes before anything is multiplied: coordinates far from the unit square keep their fraction.
+    u, v = uv.nan_to_num(0.0, 0.0, 0.0).unbind(-1)
+    x = ((u - u.floor()) * width - 0.5).to(pyramid.texels.dtype)
+    y = ((v.ceil() - v) * height - 0.5).to(pyramid.texels.dtype)
     left, top = x.floor(), y.floor()
-    a, b = (x - left).to(pyramid.texels.dtype)[:, None], (y - top).to(pyramid.texels.dtype)[:, None]
-    i0, j0 = left.long() % width, top.long() % height
-    i1, j1 = (i0 + 1) % width, (j0 + 1) % height
-    row0, row1 = pyramid.offset[level] + j0 * width, pyramid.offset[level] + j1 * width
-    texels = pyramid.texels
-    upper = torch.lerp(texels[row0 + i0], texels[row0 + i1], a)
-    lower = torch.lerp(texels[row1 + i0], texels[row1 + i1], a)
-    return torch.lerp(upper, lower, b)
+    a, b = (x - left)[:, None], (y - top)[:, None]
+    i0, i1 = _wrapped(left.long(), width)
+    j0, j1 = _wrapped(top.long(), height)
+    row0, row1 = first + j0 * width, first + j1 * width
+    corners = (row0 + i0, row0 + i1, row1 + i0, row1 + i1)
+    upper_left, upper_right, lower_left, lower_right = (pyramid.texels.index_select(0, c) for c in corners)
+    return torch.lerp(torch.lerp(upper_left, upper_right, a), torch.lerp(lower_left, lower_right, a), b)
+
+
+def _wrapped(index: Tensor, size: Tensor) -> tuple[Tensor, Tensor]:
+    """``index`` in [-1, size] and its successor, both modulo ``size`` (integer division is slow)."""
+    index = torch.where(index < 0, index + size, index)
+    index = torch.where(index >= size, index - size, index)
+    following = index + 1
+    return index, torch.where(following >= size, following - size, following)

@@ -1,0 +1,48 @@
+# make demo   set up and render a picture
+# make test   set up, lint, type-check and run the tests
+# make bench  set up and write the report pages
+#
+# PYTHON=python3.12      another interpreter (3.10 or newer) for the virtual environment
+# TORCH_INDEX=https://download.pytorch.org/whl/cpu   a smaller download on Linux: torch without CUDA
+
+PYTHON ?= python3
+VENV ?= .venv
+TORCH_INDEX ?=
+
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check
+DEMO := out/demo.png
+
+.PHONY: demo test bench setup clean
+
+demo: setup
+	@mkdir -p $(dir $(DEMO))
+	@begin=$$(date +%s); \
+	$(BIN)/torchrender render living_room --supersample 2 -o $(DEMO) && \
+	echo "Rendered $(CURDIR)/$(DEMO) in $$(( $$(date +%s) - begin )) s"
+
+test: setup
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/python -m pytest
+
+bench: $(VENV)/.stamp-bench
+	$(BIN)/python -m torchrender.report.foundation
+
+setup: $(VENV)/.stamp
+
+# torch first: it is the largest download and the only one that may come from an index of its own.
+$(VENV)/.stamp: pyproject.toml constraints.txt
+	$(PYTHON) -c 'import sys; sys.exit("torchrender needs Python 3.10 or newer" if sys.version_info < (3, 10) else 0)'
+	$(PYTHON) -m venv $(VENV)
+	$(PIP) install --quiet $(if $(TORCH_INDEX),--extra-index-url $(TORCH_INDEX)) -c constraints.txt torch==2.13.0
+	$(PIP) install --quiet -c constraints.txt -e '.[test]'
+	@touch $@
+
+$(VENV)/.stamp-bench: $(VENV)/.stamp
+	$(PIP) install --quiet -c constraints.txt -e '.[bench]'
+	@touch $@
+
+clean:
+	rm -rf $(VENV) out build .mypy_cache .ruff_cache .pytest_cache
