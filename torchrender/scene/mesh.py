@@ -132,9 +132,9 @@ def concatenate(meshes: Sequence[Mesh]) -> Geometry:
     return Geometry(
         vertices=_cat([m.vertices.detach().double() for m in meshes], 3, torch.float64),
         faces=_cat(faces, 3, torch.int64).to(torch.int32).contiguous(),
-        object_id=torch.repeat_interleave(torch.tensor(ids, dtype=torch.int64), torch.tensor(sizes)),
+        object_id=torch.repeat_interleave(torch.tensor(ids, dtype=torch.int64), torch.tensor(sizes, dtype=torch.int64)),
         material=torch.repeat_interleave(
-            torch.tensor([m.material for m in meshes], dtype=torch.int64), torch.tensor(sizes)
+            torch.tensor([m.material for m in meshes], dtype=torch.int64), torch.tensor(sizes, dtype=torch.int64)
         ),
         normals=_optional([m.normals for m in meshes], counts, 3, 0.0),
         uv=_optional([m.uv for m in meshes], counts, 2, 0.0),
