@@ -1,0 +1,314 @@
+"""The command ``torchrender``: render, info, depth, scenes.
+
+Everything heavy is imported inside functions, after the environment of the thread pools is set.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import re
+import sys
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
+
+from torchrender import __version__
+from torchrender.errors import ImageFileError, InputError, OptionError, TorchRenderError
+
+if TYPE_CHECKING:
+    from torchrender.buffers import VisibilityBuffer
+    from torchrender.scene.camera import Cameras
+    from torchrender.scene.model import Scene
+
+T = TypeVar("T")
+
+_CAMERA_KEYS = {"eye": 3, "target": 3, "up": 3, "fov": 1, "near": 1}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; returns the exit code: 0 done, 2 wrong input (said in one line on stderr)."""
+    arguments = _parser().parse_args(argv)
+    try:
+        _set_up_threads(arguments.threads)
+        run = {"render": _render, "info": _info, "depth": _depth, "scenes": _scenes}[arguments.command]
+        run(arguments)
+    except TorchRenderError as error:
+        print(f"torchrender: error: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("torchrender: interrupted", file=sys.stderr)
+        return 130
+    except BrokenPipeError:
+        # The reader of our output is gone (for instance ``head``); keep Python from complaining at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    return 0
+
+
+# ------------------------------------------------------------------ commands
+
+
+def _render(arguments: argparse.Namespace) -> None:
+    from torchrender.image import SUFFIXES, numbered
+    from torchrender.renderer import RenderOptions, render
+
+    output = Path(arguments.output)
+    _check_output(output, SUFFIXES)
+    options = RenderOptions(
+        shadows=not arguments.no_shadows,
+        supersample=arguments.supersample,
+        background=None if arguments.background is None else numbers("--background", arguments.background, 3),
+        exposure=_exposure(arguments.exposure),
+        tone_map=arguments.tone_map,
+    )
+    width, height = image_size(arguments.size)
+    scene = _load(arguments)
+    cameras = [_camera(scene, words, width, height) for words in arguments.camera or [[]]]
+    for number, camera in enumerate(_progress(cameras, "views")):
+        image = render(scene, camera, options=options)
+        file = numbered(output, number, len(cameras))
+        image.save(file)
+        steps = "  ".join(f"{step} {elapsed:.0f} ms" for step, elapsed in image.timings_ms.items())
+        print(f"{file}  {width}x{height}  {scene.geometry.triangle_count:,} triangles  {steps}")
+
+
+def _info(arguments: argparse.Namespace) -> None:
+    from torchrender.scene.info import scene_info
+
+    info = scene_info(_load(arguments))
+    if arguments.json:
+        print(json.dumps(info, indent=2))
+        return
+    warnings = info.pop("warnings", [])
+    for key, value in info.items():
+        print(f"{key.replace('_', ' '):22s} {_plain(value)}")
+    for warning in warnings:
+        print(f"warning: {warning}")
+
+
+def _depth(arguments: argparse.Namespace) -> None:
+    from torchrender.depth.viewpoints import viewpoints_around
+    from torchrender.raster import rasterize_visibility
+
+    output = Path(arguments.output)
+    if output.suffix:
+        _check_output(output, (".npz", ".exr"))
+    width, height = image_size(arguments.size)
+    scene = _load(arguments)
+    camera = _camera(scene, arguments.camera or [], width, height)
+    cameras = viewpoints_around(scene, camera, arguments.views, spread=arguments.spread)
+    views = [
+        rasterize_visibility(scene.geometry, cameras[number]) for number in _progress(range(len(cameras)), "views")
+    ]
+    for file in _write_depth(output, views, cameras):
+        print(file)
+
+
+def _scenes(arguments: argparse.Namespace) -> None:
+    from torchrender.scene.procedural import SCENES
+
+    del arguments
+    for name, builder in SCENES.items():
+        print(f"{name:14s} {builder.usual:>9,} triangles (at least {builder.fewest:,})")
+
+
+# -------------------------------------------------------------------- output
+
+
+def _write_depth(output: Path, views: Sequence[VisibilityBuffer], cameras: Cameras) -> list[Path]:
+    """Depth, triangle and object images of all views: one NPZ file, or an EXR file per view with ``cameras.json``."""
+    import torch
+
+    from torchrender.image import camera_arrays, numbered
+    from torchrender.image_io import write_image, write_npz
+
+    if output.suffix == ".npz":
+        stacks = {name: torch.cat([getattr(v, name) for v in views]) for name in ("depth", "triangle", "object_id")}
+        write_npz(output, {**stacks, **camera_arrays(cameras)})
+        return [output]
+    if output.suffix == ".exr":
+        pattern, described = output, output.with_name(f"{output.stem}_cameras.json")
+    else:
+        _make_folder(output)
+        pattern, described = output / "depth.exr", output / "cameras.json"
+    files = [numbered(pattern, number, len(views)) for number in range(len(views))]
+    for file, view in zip(files, _progress(views, "files"), strict=True):
+        planes = torch.stack([view.depth[0], view.triangle[0].float(), view.object_id[0].float()], dim=-1)
+        write_image(file, planes, channels=("Z", "id.triangle", "id.object"))
+    lists = {name: value.tolist() for name, value in camera_arrays(cameras).items()}
+    # JSON knows no infinity: a missing far plane is null.
+    lists["far"] = [None if far == float("inf") else far for far in lists["far"]]
+    try:
+        described.write_text(json.dumps({"files": [f.name for f in files], **lists}, indent=1) + "\n")
+    except OSError as error:
+        raise ImageFileError(described, error.strerror or str(error)) from error
+    return [*files, described]
+
+
+def _check_output(path: Path, suffixes: Sequence[str]) -> None:
+    """Refuse an output that cannot be written before the work is done."""
+    if path.suffix.lower() not in suffixes:
+        raise ImageFileError(path, f"the output must be {', '.join(suffixes)}, not {path.suffix or 'without suffix'}")
+    if not path.parent.is_dir():
+        raise ImageFileError(path, f"folder {path.parent} does not exist")
+
+
+def _make_folder(path: Path) -> None:
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ImageFileError(path, error.strerror or str(error)) from error
+
+
+def _progress(items: Iterable[T], unit: str) -> Iterable[T]:
+    """A progress bar on stderr for more than one item, if somebody is watching."""
+    known = list(items)
+    if len(known) < 2 or not sys.stderr.isatty():
+        return known
+    from tqdm import tqdm
+
+    return tqdm(known, unit=unit, file=sys.stderr)
+
+
+def _plain(value: object) -> str:
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, int) and not isinstance(value, bool):
+        return f"{value:,}"
+    if isinstance(value, dict):
+        return ", ".join(f"{count} {name}" for name, count in value.items()) or "none"
+    if isinstance(value, list):
+        return ", ".join(f"({_plain(v)})" if isinstance(v, list) else _plain(v) for v in value) or "none"
+    return "none" if value is None else str(value)
+
+
+# ----------------------------------------------------------------- arguments
+
+
+def image_size(text: str) -> tuple[int, int]:
+    """Width and height from ``1024x768``.
+
+    Raises:
+        OptionError: another form, or a side of zero.
+    """
+    match = re.fullmatch(r"([1-9]\d{0,5})[xX]([1-9]\d{0,5})", text.strip())
+    if match is None:
+        raise OptionError(f"--size must look like 1024x768, got {text!r}")
+    return int(match[1]), int(match[2])
+
+
+def numbers(name: str, text: str, count: int) -> list[float]:
+    """``count`` finite numbers, separated by commas; the error names ``name``."""
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        values = []
+    if len(values) != count or not all(abs(v) < float("inf") for v in values):
+        raise OptionError(f"{name} must be {count} numbers separated by commas, got {text!r}")
+    return values
+
+
+def _exposure(text: str) -> float | None:
+    return None if text == "auto" else numbers("--exposure", text, 1)[0]
+
+
+def _load(arguments: argparse.Namespace) -> Scene:
+    from torchrender.scene.load import load
+
+    return load(arguments.scene, size=arguments.triangles)
+
+
+def _camera(scene: Scene, words: Sequence[str], width: int, height: int) -> Cameras:
+    """The scene's default camera, one of its cameras by name, or one described as ``eye=x,y,z target=x,y,z fov=50``."""
+    from torchrender.scene.camera import Cameras
+
+    parts = " ".join(words).split()
+    if not any("=" in part for part in parts):
+        return scene.camera(" ".join(words) or None, width=width, height=height)
+    given: dict[str, list[float]] = {}
+    for part in parts:
+        key, _, value = part.partition("=")
+        if key not in _CAMERA_KEYS:
+            raise OptionError(f"--camera: unknown key {key!r}; known keys: {', '.join(_CAMERA_KEYS)}")
+        given[key] = numbers(f"--camera {key}", value, _CAMERA_KEYS[key])
+    if "eye" not in given:
+        raise OptionError("--camera must give eye=x,y,z")
+    diagonal = scene.diagonal or 1.0
+    target = given.get("target", scene.bounds.mean(dim=0).tolist())
+    return Cameras.look_at(
+        given["eye"],
+        target,
+        width=width,
+        height=height,
+        fov_deg=given.get("fov", [50.0])[0],
+        up=given.get("up", [0.0, 1.0, 0.0]),
+        near=given.get("near", [1e-4 * diagonal])[0],
+    )
+
+
+def _set_up_threads(count: int | None) -> None:
+    """Must run before torch and numba are imported."""
+    # On a busy machine threads that spin while they wait made torch several times slower.
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    if count is None:
+        return
+    if count < 1:
+        raise InputError(f"--threads must be >= 1, got {count}")
+    for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
+        os.environ[name] = str(count)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="torchrender", description="Real-time approximation of complex 3D scenes by depth images, on the CPU."
+    )
+    parser.add_argument("--version", action="version", version=f"torchrender {__version__}")
+    parser.add_argument("--threads", type=int, metavar="N", help="processor threads to use (default: all)")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    _add_render(commands.add_parser("render", help="render a scene to a PNG, EXR or NPZ file"))
+    info = commands.add_parser("info", help="show what a scene holds")
+    _add_scene(info)
+    info.add_argument("--json", action="store_true", help="print JSON")
+    _add_depth(commands.add_parser("depth", help="write depth images of a scene from several viewpoints"))
+    commands.add_parser("scenes", help="list the built-in scenes")
+    return parser
+
+
+def _add_scene(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("scene", metavar="SCENE", help="a scene or mesh file, or the name of a built-in scene")
+    parser.add_argument("--triangles", type=int, metavar="N", help="size of a built-in scene, in triangles (about)")
+
+
+def _add_render(parser: argparse.ArgumentParser) -> None:
+    _add_scene(parser)
+    parser.add_argument("-o", "--output", required=True, metavar="FILE", help="picture to write: .png, .exr or .npz")
+    parser.add_argument(
+        "--camera",
+        nargs="+",
+        action="append",
+        metavar="CAMERA",
+        help="name of one of the scene's cameras, or eye=x,y,z [target=x,y,z] [up=x,y,z] [fov=DEGREES] [near=Z];"
+        " give it several times for several pictures",
+    )
+    parser.add_argument("--size", default="1024x768", metavar="WxH", help="picture size in pixels (default 1024x768)")
+    parser.add_argument("--supersample", type=int, choices=(1, 2), default=1, help="2: two by two samples per pixel")
+    parser.add_argument("--exposure", default="0", metavar="EV", help="powers of two, or auto (default 0)")
+    parser.add_argument("--tone-map", choices=("none", "reinhard", "aces"), default="none", help="default none")
+    parser.add_argument("--background", metavar="R,G,B", help="linear colour of empty pixels")
+    parser.add_argument("--no-shadows", action="store_true", help="light reaches everything")
+
+
+def _add_depth(parser: argparse.ArgumentParser) -> None:
+    _add_scene(parser)
+    parser.add_argument("-o", "--output", required=True, metavar="OUT", help="folder, .npz file, or .exr files")
+    parser.add_argument("--views", type=int, default=3, metavar="N", help="number of viewpoints (default 3)")
+    parser.add_argument("--spread", type=float, default=0.2, help="their distance in scene diagonals (default 0.2)")
+    parser.add_argument("--method", choices=("conventional",), default="conventional", help="how samples are chosen")
+    parser.add_argument("--camera", nargs="+", metavar="CAMERA", help="middle of the viewpoints, as for render")
+    parser.add_argument("--size", default="1024x1024", metavar="WxH", help="size of each image (default 1024x1024)")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

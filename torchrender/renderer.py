@@ -1,0 +1,136 @@
+"""Scene and camera in, picture out: rasterise, find shadows, shade."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from torch import Tensor
+
+from torchrender.buffers import GBuffer
+from torchrender.checks import ArrayLike, as_vector, check_choice, check_range
+from torchrender.effects.shadow_map import ShadowOptions, lights_visibility
+from torchrender.errors import InputError, OptionError
+from torchrender.image import Image
+from torchrender.numerics.tonemap import OPERATORS
+from torchrender.raster import rasterize
+from torchrender.scene.camera import Cameras
+from torchrender.scene.load import load
+from torchrender.scene.model import Scene, resized
+from torchrender.shade import shade
+
+DEFAULT_SIZE = (1024, 768)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RenderOptions:
+    """How a picture is made.
+
+    Raises:
+        OptionError: a value outside its range; names it.
+    """
+
+    shadows: bool = True
+    shadow: ShadowOptions = field(default_factory=ShadowOptions)
+    supersample: int = 1  # 2: two by two samples per pixel
+    background: ArrayLike | None = None  # linear colour of empty pixels; None: environment, else ambient light
+    exposure: float | None = 0.0  # EV for display; None: automatic
+    tone_map: str = "none"  # operator for display: none, reinhard or aces
+
+    def __post_init__(self) -> None:
+        if self.supersample not in (1, 2):
+            raise OptionError(f"supersample must be 1 or 2, got {self.supersample}")
+        if self.background is not None:
+            as_vector("background", self.background)
+        if self.exposure is not None:
+            check_range("exposure", self.exposure, -64.0, 64.0)
+        check_choice("tone_map", self.tone_map, OPERATORS)
+
+
+def render(
+    scene: Scene | str | Path,
+    camera: Cameras | str | None = None,
+    *,
+    width: int | None = None,
+    height: int | None = None,
+    options: RenderOptions | None = None,
+) -> Image:
+    """Pictures of a scene, one per camera.
+
+    Args:
+        scene: a scene, or the name or file of one.
+        camera: cameras, the name of one of the scene's cameras, or None for its first, or where it has none one that
+            frames the scene.
+        width, height: size of the picture in pixels; the default is the size of ``camera`` where cameras are given,
+            else 1024 x 768. Cameras of another shape keep their vertical opening angle.
+
+    A scene without any light gets :meth:`Scene.with_default_light`. A scene without triangles gives its background.
+
+    Raises:
+        SceneFileError: the scene cannot be loaded.
+        InputError: no camera of that name; a size or an option out of range.
+    """
+    options = options or RenderOptions()
+    clock = _Clock()
+    with clock.measure("total"):
+        if not isinstance(scene, Scene):
+            with clock.measure("load"):
+                scene = load(scene)
+        scene = scene.with_default_light()
+        cameras = _cameras(scene, camera, width, height)
+        fine = cameras if options.supersample == 1 else cameras.scaled(options.supersample)
+        with clock.measure("raster"):
+            gbuffer = rasterize(scene, fine)
+        with clock.measure("shadows"):
+            visibility = _visibility(scene, gbuffer, options)
+        with clock.measure("shade"):
+            radiance = shade(scene, gbuffer, visibility, background=options.background)
+        if fine is not cameras:
+            with clock.measure("resolve"):
+                radiance = _average(radiance, options.supersample)
+                gbuffer = rasterize(scene, cameras)
+    return Image(
+        radiance=radiance,
+        gbuffer=gbuffer,
+        timings_ms=clock.elapsed_ms,
+        exposure=options.exposure,
+        tone_map=options.tone_map,
+    )
+
+
+def _cameras(scene: Scene, camera: Cameras | str | None, width: int | None, height: int | None) -> Cameras:
+    if isinstance(camera, Cameras):
+        return resized(camera, width or camera.width, height or camera.height)
+    if camera is not None and not isinstance(camera, str):
+        raise InputError(f"camera must be Cameras, a name or None, got {type(camera).__name__}")
+    return scene.camera(camera, width=width or DEFAULT_SIZE[0], height=height or DEFAULT_SIZE[1])
+
+
+def _visibility(scene: Scene, gbuffer: GBuffer, options: RenderOptions) -> Tensor | None:
+    """Shadow factors (B,L,H,W) of all lights; None if shadows are off or there is nothing to shadow."""
+    if not options.shadows or not scene.lights or not bool(gbuffer.covered.any()):
+        return None
+    return lights_visibility(scene, gbuffer, options.shadow)
+
+
+def _average(radiance: Tensor, factor: int) -> Tensor:
+    """Mean over cells of ``factor`` x ``factor`` pixels, in linear light."""
+    count, height, width, _ = radiance.shape
+    cells = radiance.reshape(count, height // factor, factor, width // factor, factor, 3)
+    return cells.mean(dim=(2, 4))
+
+
+class _Clock:
+    """Wall time per step."""
+
+    def __init__(self) -> None:
+        self.elapsed_ms: dict[str, float] = {}
+
+    @contextmanager
+    def measure(self, step: str) -> Iterator[None]:
+        begin = time.perf_counter()
+        yield
+        self.elapsed_ms[step] = 1e3 * (time.perf_counter() - begin)
