@@ -32,7 +32,7 @@ class VisibilityBuffer:
 class GBuffer(VisibilityBuffer):
     """A visibility buffer with what shading needs."""
 
-    position: Tensor  # (B,H,W,3) world space
+    position: Tensor  # (B,H,W,3) float64 world space: visibility is decided from it
     normal: Tensor  # (B,H,W,3) unit shading normal that faces the camera
     geometric_normal: Tensor  # (B,H,W,3) unit normal of the triangle that faces the camera
     uv: Tensor  # (B,H,W,2)

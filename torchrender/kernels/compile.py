@@ -52,7 +52,7 @@ def kernel(*, parallel: bool = False, inline: bool = False) -> Callable[[Callabl
         try:
             options: dict[str, Any] = {"cache": True, "error_model": "numpy", "nogil": True, "parallel": parallel}
             if inline:
-                options["inline"] = "always"
+                options["forceinline"] = True
             return njit(**options)(function)
         finally:
             numba_config.CACHE_DIR = before

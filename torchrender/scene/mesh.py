@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 
 from torchrender.errors import MeshError
+from torchrender.scene.cutout import Cutout
 
 CLUSTER = 128
 """Triangles per culling cluster: runs of consecutive triangles of one object."""
@@ -70,6 +71,7 @@ class Geometry:
     uv: Tensor | None  # (V,2) float32; zero where a mesh has none
     colors: Tensor | None  # (V,3) float32; one where a mesh has none
     clusters: Tensor  # (C,2) int64 first and one-past-last triangle
+    cutout: Cutout | None = None  # triangles with holes
 
     @property
     def triangle_count(self) -> int:

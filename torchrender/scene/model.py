@@ -11,6 +11,7 @@ from torch import Tensor
 
 from torchrender.errors import InputError
 from torchrender.scene.camera import Cameras, framing_camera
+from torchrender.scene.cutout import build_cutout
 from torchrender.scene.environment import Environment
 from torchrender.scene.light import DirectionalLight, Light
 from torchrender.scene.material import Material
@@ -47,7 +48,10 @@ class Scene:
     @cached_property
     def geometry(self) -> Geometry:
         """All triangles in one set of arrays, built on first use."""
-        return concatenate(self.meshes)
+        geometry = concatenate(self.meshes)
+        if geometry.uv is None:
+            return geometry
+        return replace(geometry, cutout=build_cutout(self.materials, geometry.material))
 
     @property
     def bounds(self) -> Tensor:

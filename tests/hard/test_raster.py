@@ -1,0 +1,243 @@
+"""Degenerate, huge, empty and coincident input to the rasteriser."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from torchrender.errors import CameraError, MeshError
+from torchrender.raster import FragmentTests, rasterize, rasterize_depth, rasterize_visibility
+from torchrender.scene.camera import Cameras
+from torchrender.scene.mesh import Mesh, concatenate
+from torchrender.scene.model import Scene
+
+SQUARE = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+SQUARE_FACES = np.array([[0, 1, 2], [0, 2, 3]])
+
+
+def geometry_of(vertices, faces=None):
+    vertices = torch.as_tensor(np.asarray(vertices))
+    faces = np.arange(len(vertices)).reshape(-1, 3) if faces is None else faces
+    return concatenate([Mesh(vertices=vertices, faces=torch.as_tensor(np.asarray(faces)))])
+
+
+def front(width=32, height=32, **options):
+    return Cameras.look_at((0, 0, 3), (0, 0, 0), width=width, height=height, **options)
+
+
+def assert_clean(buffer):
+    """No NaN, ids and depths agree, barycentrics inside the triangle."""
+    covered = buffer.covered
+    assert bool((torch.isfinite(buffer.depth) == covered).all())
+    assert not bool(torch.isnan(buffer.depth).any())
+    assert bool((buffer.object_id >= 0).eq(covered).all())
+    assert bool((buffer.barycentric >= 0).all())
+    assert bool((buffer.barycentric.sum(-1) <= 1 + 1e-6).all())
+
+
+def icosphere(levels):
+    t = (1 + 5**0.5) / 2
+    v = [[-1, t, 0], [1, t, 0], [-1, -t, 0], [1, -t, 0], [0, -1, t], [0, 1, t]]
+    v += [[0, -1, -t], [0, 1, -t], [t, 0, -1], [t, 0, 1], [-t, 0, -1], [-t, 0, 1]]
+    f = [[0, 11, 5], [0, 5, 1], [0, 1, 7], [0, 7, 10], [0, 10, 11], [1, 5, 9], [5, 11, 4], [11, 10, 2], [10, 7, 6]]
+    f += [[7, 1, 8], [3, 9, 4], [3, 4, 2], [3, 2, 6], [3, 6, 8], [3, 8, 9], [4, 9, 5], [2, 4, 11], [6, 2, 10]]
+    f += [[8, 6, 7], [9, 8, 1]]
+    v, f = [np.array(p, float) for p in v], [tuple(x) for x in f]
+    for _ in range(levels):
+        middle, fine = {}, []
+        for a, b, c in f:
+            m = []
+            for i, j in ((a, b), (b, c), (c, a)):
+                key = (min(i, j), max(i, j))
+                if key not in middle:
+                    middle[key] = len(v)
+                    v.append((v[i] + v[j]) / 2)
+                m.append(middle[key])
+            fine += [(a, m[0], m[2]), (b, m[1], m[0]), (c, m[2], m[1]), tuple(m)]
+        f = fine
+    v = np.array(v)
+    return v / np.linalg.norm(v, axis=1, keepdims=True), np.array(f)
+
+
+@pytest.mark.parametrize("scale", [0.45, 0.05, 0.004])
+def test_a_closed_mesh_has_no_cracks_from_outside_or_inside(scale):
+    vertices, faces = icosphere(4)
+    geometry = geometry_of(vertices, faces)
+    inside = Cameras.look_at((0.1, 0.2, -0.1), (1, 0.3, 0.2), width=97, height=61, fov_deg=100, near=1e-3)
+    assert bool(rasterize_visibility(geometry, inside).covered.all())
+    size = 64
+    k = torch.tensor([[[scale * size, 0, size / 2], [0, scale * size, size / 2], [0, 0, 1]]], dtype=torch.float64)
+    outside = Cameras.look_at((0, 0, 3), (0, 0, 0), width=size, height=size)
+    outside = Cameras(outside.camera_from_world, k, size, size, 0.5, 9.0, orthographic=True)
+    # Every pixel that a front face covers is covered by a back face too: the silhouette is one and the same.
+    seen = [rasterize_visibility(geometry, outside, cull=c).covered for c in ("back", "front")]
+    assert torch.equal(*seen)
+    assert int(seen[0].sum()) > 0 or scale < 0.01
+    centre = outside.pixel_centres()
+    radius = ((centre - size / 2) ** 2).sum(-1).sqrt() / (scale * size)
+    assert bool(seen[0][0][radius < 0.99].all())
+
+
+def test_vertices_exactly_on_pixel_centres_leave_no_hole():
+    n = 33
+    j, i = np.meshgrid(np.arange(n), np.arange(n), indexing="ij")
+    vertices = np.stack([i + 0.5, j + 0.5, np.ones_like(i)], -1).reshape(-1, 3).astype(float)
+    a = (j[:-1, :-1] * n + i[:-1, :-1]).ravel()
+    faces = np.concatenate([np.stack([a, a + 1, a + n + 1], 1), np.stack([a, a + n + 1, a + n], 1)])
+    eye = torch.eye(4, dtype=torch.float64)[None]
+    camera = Cameras(eye, torch.eye(3, dtype=torch.float64)[None], n, n, 0.0, 2.0, orthographic=True)
+    covered = rasterize_visibility(geometry_of(vertices, faces), camera).covered[0]
+    assert bool(covered[1:-1, 1:-1].all())
+
+
+@pytest.mark.parametrize("offset", [1e4, 1e5, 1e6])
+def test_large_offsets_in_float32(offset):
+    vertices, faces = icosphere(3)
+    shift = np.array([offset, -offset, 0.5 * offset])
+    moved = (vertices * 10 + shift).astype(np.float32)
+    camera = Cameras.look_at(shift + np.array([0, 0, 40]), shift, width=80, height=80)
+    got = rasterize_visibility(geometry_of(moved, faces), camera)
+    exact = (moved.astype(np.float64) - shift).astype(np.float64)
+    near = Cameras.look_at((0, 0, 40), (0, 0, 0), width=80, height=80)
+    expected = rasterize_visibility(geometry_of(exact, faces), near)
+    same = got.triangle == expected.triangle
+    assert float(same.double().mean()) > 0.999  # only pixels on an edge may change hands
+    both = same & got.covered
+    torch.testing.assert_close(got.depth[both], expected.depth[both], rtol=1e-6, atol=0)
+    assert_clean(got)
+
+
+def test_degenerate_sliver_and_duplicated_triangles():
+    rng = np.random.default_rng(4)
+    line = np.linspace([-1, -1, 0], [1, 1, 0], 3)
+    point = np.repeat([[0.2, 0.1, 0.0]], 3, 0)
+    sliver = np.array([[-1, 0, 0], [1, 1e-9, 0], [1, 2e-9, 0]])
+    edge_on = np.array([[0, 0, 0], [0, 0, -1], [0, 0.5, -1]])  # contains the eye's axis
+    soup = np.concatenate([line, point, sliver, edge_on, SQUARE[SQUARE_FACES].reshape(-1, 3) - [0, 0, 0.5]])
+    soup = np.concatenate([soup, soup, rng.permutation(soup)[:0]])
+    got = rasterize_visibility(geometry_of(soup), front())
+    assert_clean(got)
+    twins = got.triangle[got.covered]
+    assert bool((twins < len(soup) // 6).all())  # of two equal triangles the lower id wins everywhere
+    assert bool((got.depth[got.covered] <= 3.5 + 1e-6).all())
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.integers(0, 2**31), st.integers(1, 30))
+def test_coordinates_of_any_size(seed, count):
+    rng = np.random.default_rng(seed)
+    vertices = rng.choice([-1.0, 1.0], (3 * count, 3)) * 10 ** rng.uniform(-8, 8, (3 * count, 3))
+    eye = rng.choice([-1.0, 1.0], 3) * 10 ** rng.uniform(-8, 8, 3)
+    camera = Cameras.look_at(eye, eye + rng.normal(size=3), width=37, height=23, near=1e-6)
+    got = rasterize(
+        Scene(meshes=(Mesh(vertices=torch.as_tensor(vertices), faces=torch.arange(3 * count).reshape(-1, 3)),)), camera
+    )
+    assert_clean(got)
+    for name in ("position", "normal", "geometric_normal", "uv", "uv_footprint", "color"):
+        assert bool(torch.isfinite(getattr(got, name)).all()), name
+
+
+def test_behind_the_camera_and_across_the_near_plane():
+    behind = geometry_of(SQUARE + np.array([0, 0, 10]), SQUARE_FACES)
+    assert not bool(rasterize_visibility(behind, front()).covered.any())
+    across = geometry_of([[0.0, -1, 5], [5, -1, -5], [-5, -1, -5]])
+    got = rasterize_visibility(across, front(64, 64, near=0.5))
+    assert_clean(got)
+    assert bool(got.covered.any())
+    assert float(got.depth.min()) >= 0.5
+    touching = geometry_of([[0.0, -1, 3], [5, -1, -5], [-5, -1, -5]])  # one vertex in the plane of the eye
+    assert_clean(rasterize_visibility(touching, front(64, 64)))
+
+
+def test_camera_in_the_plane_of_a_triangle_and_on_a_vertex():
+    for eye in ((0, 0, 3), (0, 0, 0), (-1, -1, 0)):
+        camera = Cameras.look_at(eye, (eye[0] + 1, eye[1] + 0.3, eye[2]), width=33, height=33)
+        assert_clean(rasterize_visibility(geometry_of(SQUARE, SQUARE_FACES), camera))
+
+
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+def test_looking_exactly_along_up(direction):
+    camera = Cameras.look_at((0, 3 * direction, 0), (0, 0, 0), width=32, height=32)
+    floor = geometry_of(SQUARE[:, [0, 2, 1]], SQUARE_FACES)
+    got = rasterize_visibility(floor, camera)
+    assert bool(got.covered[0, 16, 16])
+    assert_clean(got)
+
+
+def test_empty_scene_empty_mesh_and_no_cameras():
+    nothing = Mesh(vertices=torch.zeros(0, 3), faces=torch.zeros(0, 3, dtype=torch.int64))
+    unused = Mesh(vertices=torch.zeros(5, 3), faces=torch.zeros(0, 3, dtype=torch.int64))
+    for scene in (Scene(), Scene(meshes=(nothing,)), Scene(meshes=(unused, nothing))):
+        got = rasterize(scene, front())
+        assert not bool(got.covered.any())
+        assert bool(torch.isinf(got.depth).all())
+        assert_clean(got)
+    none = front()[[]]
+    assert rasterize(Scene(), none).depth.shape == (0, 32, 32)
+
+
+@pytest.mark.parametrize("size", [(1, 1), (4097, 3), (3, 4097), (64, 32), (65, 33)])
+def test_odd_image_sizes(size):
+    camera = front(*size)
+    got = rasterize_visibility(geometry_of(SQUARE * 1e4, SQUARE_FACES), camera)
+    assert bool(got.covered.all())
+    torch.testing.assert_close(got.depth, torch.full_like(got.depth, 3.0))
+
+
+def test_a_million_triangles_in_one_pixel():
+    rng = np.random.default_rng(0)
+    count = 1_000_000
+    corners = rng.uniform(-1e-4, 1e-4, (3 * count, 3))
+    corners[:3] = [[-1, -1, 1e-3], [1, -1, 1e-3], [0, 2, 1e-3]]
+    got = rasterize_visibility(geometry_of(corners), front(9, 9))
+    assert int(got.triangle[0, 4, 4]) == 0
+    behind = corners.copy()
+    behind[:3, 2] = -1.0
+    got = rasterize_visibility(geometry_of(behind), front(9, 9))
+    assert int(got.triangle[0, 4, 4]) > 0
+    assert_clean(got)
+
+
+def test_bad_vertices_are_refused_by_name():
+    bad = torch.zeros(3, 3)
+    bad[1, 2] = float("nan")
+    with pytest.raises(MeshError, match=r"'statue'.*1 of 3"):
+        Mesh(name="statue", vertices=bad, faces=torch.tensor([[0, 1, 2]]))
+    with pytest.raises(MeshError, match=r"'statue'.*index"):
+        Mesh(name="statue", vertices=torch.zeros(3, 3), faces=torch.tensor([[0, 1, 3]]))
+
+
+def test_cameras_that_cannot_see_are_refused():
+    with pytest.raises(CameraError, match="eye and target"):
+        Cameras.look_at((1, 1, 1), (1, 1, 1), width=8, height=8)
+    for options, name in (({"near": 0.0}, "near"), ({"near": 2.0, "far": 1.0}, "far"), ({"fov_deg": 180.0}, "fov_deg")):
+        with pytest.raises(CameraError, match=name):
+            front(**options)
+    with pytest.raises(CameraError, match="width"):
+        front(width=0)
+    with pytest.raises(CameraError, match="finite"):
+        Cameras.look_at((float("nan"), 0, 0), (0, 0, 0), width=8, height=8)
+
+
+def test_peeling_beyond_nothing_and_everything():
+    geometry, camera = geometry_of(SQUARE, SQUARE_FACES), front()
+    everything = FragmentTests(beyond=torch.zeros(1, 32, 32))
+    assert torch.equal(
+        rasterize_visibility(geometry, camera, tests=everything).triangle,
+        rasterize_visibility(geometry, camera).triangle,
+    )
+    nothing = FragmentTests(beyond=torch.full((1, 32, 32), float("inf")))
+    assert not bool(rasterize_visibility(geometry, camera, tests=nothing).covered.any())
+
+
+def test_far_plane_and_extreme_depth_range():
+    tilted = geometry_of(SQUARE * 1e6, SQUARE_FACES)
+    camera = Cameras.look_at((0, 0, 1e-3), (1, 0.1, -1e-4), width=64, height=48, near=1e-6, far=1e5)
+    depth = rasterize_depth(tilted, camera)
+    seen = torch.isfinite(depth)
+    assert bool(seen.any())
+    assert float(depth[seen].max()) <= 1e5 * (1 + 1e-6)
+    assert not bool(torch.isnan(depth).any())

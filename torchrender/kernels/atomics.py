@@ -1,0 +1,21 @@
+"""Atomic operations on array elements, which numba does not offer on the CPU."""
+
+from __future__ import annotations
+
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
+
+
+@intrinsic
+def fetch_add(typingctx, array, index, value):  # noqa: ARG001
+    """Add ``value`` to ``array[index]`` atomically and return what was there before. The array is one-dimensional."""
+    signature = array.dtype(array, types.intp, array.dtype)
+
+    def generate(context, builder, sig, args):
+        values, position, addend = args
+        data = context.make_array(sig.args[0])(context, builder, values).data
+        pointer = cgutils.gep_inbounds(builder, data, position)
+        return builder.atomic_rmw("add", pointer, addend, "monotonic")
+
+    return signature, generate

@@ -1,0 +1,210 @@
+"""The rasteriser: scene + cameras -> G-buffers, on the CPU and without OpenGL.
+
+Coverage is exact: vertices are snapped to 1/32768 pixel, edges are integers, and a pixel centre on a shared edge or
+vertex belongs to exactly one triangle, so closed meshes have neither cracks nor double hits. Depth and barycentrics
+come from the unsnapped planes in float64. Equal depths go to the lower triangle id. Triangles that cross the near plane are
+clipped; degenerate ones are ignored. Cost follows what is in view: clusters of triangles outside the frustum, and their
+vertices, are never touched. Memory is one index per triangle and tile it touches; there are no fragment lists.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from torchrender.buffers import GBuffer, VisibilityBuffer
+from torchrender.checks import check_choice, check_tensor
+from torchrender.errors import InputError
+from torchrender.kernels import draw_view
+from torchrender.kernels.attributes import interpolate
+from torchrender.kernels.compile import view as numpy_view
+from torchrender.kernels.draw_view import NO_EARLIER, NO_HOLES, NO_IDS, NO_LIMITS, TriangleArrays, View
+from torchrender.scene.camera import Cameras
+from torchrender.scene.mesh import Geometry
+from torchrender.scene.model import Scene
+
+Array = np.ndarray[Any, Any]
+CULLING = ("none", "back", "front")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FragmentTests:
+    """Fragments that must not enter the depth buffer; both tests may be combined.
+
+    Peeling: only fragments with camera depth greater than ``beyond`` and of another triangle than ``skip`` count.
+    Redundancy: a fragment is refused if an image in ``earlier`` stores the same triangle in the pixel into which the
+    fragment projects (specification 01, section 5, algorithm 3); perspective cameras only.
+    """
+
+    beyond: Tensor | None = None  # (B,H,W) float32 or float64 camera depth; +inf lets nothing through
+    skip: Tensor | None = None  # (B,H,W) int64 triangle ids, -1 for none
+    earlier: VisibilityBuffer | None = None  # J images of the same geometry
+
+
+def rasterize(scene: Scene, cameras: Cameras, *, cull: str = "none", tests: FragmentTests | None = None) -> GBuffer:
+    """The nearest surface in every pixel of B cameras, with all that shading needs.
+
+    Args:
+        scene: what to draw; an empty scene gives empty images.
+        cameras: B perspective or orthographic cameras.
+        cull: "back" drops triangles whose right-hand normal points away from the camera, "front" the others.
+        tests: fragments to refuse.
+
+    Raises:
+        OptionError: unknown ``cull``. InputError: ``tests`` that do not fit the cameras.
+    """
+    seen = rasterize_visibility(scene.geometry, cameras, cull=cull, tests=tests)
+    shape = tuple(seen.depth.shape)
+    widths = {"normal": 3, "geometric_normal": 3, "uv": 2, "uv_footprint": 0, "color": 3}
+    made = {name: np.zeros((*shape, n) if n else shape, np.float32) for name, n in widths.items()}
+    position = np.zeros((*shape, 3))
+    material = np.full(shape, -1, np.int64)
+    _interpolate(scene.geometry, seen, (position, *made.values(), material))
+    return GBuffer(
+        cameras=cameras,
+        depth=seen.depth,
+        triangle=seen.triangle,
+        object_id=seen.object_id,
+        barycentric=seen.barycentric,
+        position=torch.from_numpy(position),
+        material=torch.from_numpy(material),
+        **{name: torch.from_numpy(value) for name, value in made.items()},
+    )
+
+
+def rasterize_visibility(
+    geometry: Geometry, cameras: Cameras, *, cull: str = "none", tests: FragmentTests | None = None
+) -> VisibilityBuffer:
+    """Depth, triangle id, object id and barycentrics of the nearest surface in every pixel; see :func:`rasterize`."""
+    shape = (len(cameras), cameras.height, cameras.width)
+    depth = np.zeros(shape, np.float32)
+    triangle, objects = np.zeros(shape, np.int64), np.zeros(shape, np.int64)
+    barycentric = np.zeros((*shape, 2), np.float32)
+    check_choice("cull", cull, CULLING)
+    triangles = _triangle_arrays(geometry)
+    for k, (view, checks) in enumerate(_views(geometry, cameras, tests)):
+        draw_view.draw_view(triangles, view, cull, checks, (depth[k], triangle[k], objects[k], barycentric[k]))
+    return VisibilityBuffer(
+        cameras=cameras,
+        depth=torch.from_numpy(depth),
+        triangle=torch.from_numpy(triangle),
+        object_id=torch.from_numpy(objects),
+        barycentric=torch.from_numpy(barycentric),
+    )
+
+
+def rasterize_depth(geometry: Geometry, cameras: Cameras, *, cull: str = "none") -> Tensor:
+    """Camera depth (B,H,W) float32 of the nearest surface, +inf where empty: what a shadow map needs, and no more."""
+    check_choice("cull", cull, CULLING)
+    depth = np.zeros((len(cameras), cameras.height, cameras.width), np.float32)
+    triangles = _triangle_arrays(geometry)
+    for k, (view, checks) in enumerate(_views(geometry, cameras, None)):
+        draw_view.draw_view(triangles, view, cull, checks, (depth[k], *NO_IDS))
+    return torch.from_numpy(depth)
+
+
+def _triangle_arrays(geometry: Geometry) -> TriangleArrays:
+    return TriangleArrays(
+        vertices=geometry.vertices.numpy(),
+        faces=geometry.faces.numpy(),
+        objects=geometry.object_id.numpy(),
+        clusters=geometry.clusters.numpy(),
+        cluster_bounds=geometry.cluster_bounds.numpy(),
+        cluster_vertices=geometry.cluster_vertices.numpy(),
+    )
+
+
+def _views(
+    geometry: Geometry, cameras: Cameras, tests: FragmentTests | None
+) -> Iterator[tuple[View, tuple[Any, Any, Any]]]:
+    """Each camera as the kernels read it, with its fragment tests."""
+    planes = cameras.frustum_planes().numpy()
+    world_from_camera = cameras.world_from_camera.numpy()
+    holes = NO_HOLES
+    if geometry.cutout is not None and geometry.uv is not None:
+        cutout = geometry.cutout
+        holes = (cutout.mask.numpy(), cutout.table.numpy(), cutout.texels.numpy(), geometry.uv.numpy())
+    for k in range(len(cameras)):
+        view = _view(cameras, k, world_from_camera[k], planes[k])
+        limits, earlier = NO_LIMITS, NO_EARLIER
+        if tests is not None:
+            limits = _limits(cameras, k, tests)
+            earlier = _earlier(cameras, view, tests.earlier)
+        yield view, (limits, earlier, holes)
+
+
+def _view(cameras: Cameras, k: int, world_from_camera: Array, planes: Array) -> View:
+    intrinsics = cameras.intrinsics[k].numpy().copy()
+    intrinsics[0, 2] -= cameras.width >> 1
+    intrinsics[1, 2] -= cameras.height >> 1
+    rotation = cameras.rotation[k].numpy()
+    settings = np.array([cameras.width, cameras.height, float(cameras.near[k]), float(cameras.far[k]), 0.0, 0.0])
+    if not cameras.orthographic:
+        return View(np.ascontiguousarray(intrinsics @ rotation), world_from_camera[:3, 3].copy(), planes, settings)
+    settings[4] = 1.0
+    # Counting from the world point under the image centre leaves no constant term.
+    centre = np.linalg.solve(intrinsics[:2, :2], -intrinsics[:2, 2])
+    reference = (world_from_camera @ np.array([centre[0], centre[1], 0.0, 1.0]))[:3]
+    matrix = np.eye(3)
+    matrix[:2, :2] = intrinsics[:2, :2]
+    return View(np.ascontiguousarray(matrix @ rotation), reference, planes, settings)
+
+
+def _limits(cameras: Cameras, k: int, tests: FragmentTests) -> tuple[Array, Array]:
+    """Peeling limits of one camera, as keys that grow towards the camera."""
+    if tests.beyond is None and tests.skip is None:
+        return NO_LIMITS
+    shape = (len(cameras), cameras.height, cameras.width)
+    key = np.full(shape[1:], np.inf)
+    skip = np.full(shape[1:], -2, np.int64)
+    if tests.beyond is not None:
+        depth = numpy_view(check_tensor("tests.beyond", tests.beyond, shape)[k], np.float64)
+        with np.errstate(divide="ignore"):
+            key = -depth if cameras.orthographic else np.where(depth > 0, 1.0 / depth, np.inf)
+    if tests.skip is not None:
+        skip = numpy_view(check_tensor("tests.skip", tests.skip, shape)[k], np.int64)
+    return key, skip
+
+
+def _earlier(cameras: Cameras, view: View, earlier: VisibilityBuffer | None) -> tuple[Array, Array, Array]:
+    """Ids of earlier images, and how this camera's pixels map into them."""
+    if earlier is None or len(earlier.cameras) == 0:
+        return NO_EARLIER
+    if cameras.orthographic or earlier.cameras.orthographic:
+        raise InputError("tests.earlier needs perspective cameras")
+    other = earlier.cameras
+    world_from_pixel = np.linalg.inv(view.matrix)
+    project = other.intrinsics.numpy() @ other.rotation.numpy()
+    shift = other.intrinsics.numpy() @ other.camera_from_world[:, :3, 3:].numpy()
+    offset = project @ view.reference[:, None] + shift
+    pixels = np.concatenate([project @ world_from_pixel, offset], axis=2)
+    return numpy_view(earlier.triangle, np.int64), np.ascontiguousarray(pixels), other.near.numpy()
+
+
+def _interpolate(geometry: Geometry, seen: VisibilityBuffer, outputs: tuple[Array, ...]) -> None:
+    cameras = seen.cameras
+    scene = (geometry.vertices.numpy(), geometry.faces.numpy(), geometry.material.numpy())
+    optional = tuple(
+        np.zeros((0, width), np.float32) if value is None else value.numpy()
+        for value, width in ((geometry.normals, 3), (geometry.uv, 2), (geometry.colors, 3))
+    )
+    world_from_camera = cameras.world_from_camera.numpy()
+    size = cameras.footprint(torch.ones(len(cameras), 1, dtype=torch.float64))
+    for k in range(len(cameras)):
+        rays = np.linalg.inv(cameras.intrinsics[k].numpy())
+        if cameras.orthographic:
+            rays[2] = 0.0  # across the image plane; the depth goes along ``forward``
+        rotation = world_from_camera[k, :3, :3]
+        view = (
+            np.ascontiguousarray(rotation @ rays),
+            world_from_camera[k, :3, 3].copy(),
+            rotation[:, 2].copy(),
+            np.array([float(size[k, 0]), float(cameras.orthographic)]),
+        )
+        visible = (seen.depth[k].numpy(), seen.triangle[k].numpy(), seen.barycentric[k].numpy())
+        interpolate(scene, optional, view, visible, tuple(a[k] for a in outputs))
