@@ -1,0 +1,167 @@
+"""A point in a light's image: which view, where, and how its surface's depth runs there.
+
+The slope bound ``(1/2 + reach) (|dz/du| + |dz/dv|)`` is rigorous for planes: their depth is a convex function of the
+pixel wherever it is positive. Receiver plane: Isidoro, Shadow mapping: GPU-based tips and techniques, 2006.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from torchrender.kernels.compile import kernel
+
+CONSTANT, SLOPE, RECEIVER_PLANE = 0, 1, 2
+
+_SMALLEST_COSINE = 1e-4
+_HALF_ULP = 2.0**-24
+
+
+class LookupSettings(NamedTuple):
+    """Numbers of one lookup. Lengths marked as shares are shares of ``far - near``."""
+
+    orthographic: bool
+    cube: bool  # several views around one point: take the one that the point lies in front of most
+    bias: int
+    filter: int
+    n: int  # WINDOW: radius in texels; 0 is plain bilinear
+    radius: float  # DISC: radius in texels
+    reach: float  # texels that a point must stay away from the border of a cascade
+    b0: float  # share
+    k: float
+    b_max: float  # share
+    k_n: float
+    outside: float  # value outside the map
+    light_size: float  # PCSS: width of the light; for parallel light twice the tangent of its half angle
+    rho_max: float  # PCSS: largest radius in texels
+    search_near: float  # PCSS: depth before which there is no blocker
+    search_taps: int  # first rows of the disc table; the rest are filter taps
+
+
+class Receiver(NamedTuple):
+    """One point in one view of the light."""
+
+    u: float
+    v: float
+    z: float
+    gu: float  # dz/du of the plane through the point
+    gv: float
+    d0: float  # perspective planes: z(u, v) = distance / (d0 + du u + dv v)
+    du: float
+    dv: float
+    distance: float
+    focal_u: float
+    focal_v: float
+    range: float  # far - near
+    rounding: float  # what float32 storage of depths and points may be off
+    flat: bool  # the plane's depth may be used
+    bias: float  # how much deeper than the stored depth still counts as lit
+    plane: bool  # compare the plane's depth at each tap
+
+
+@kernel()
+def outside_view(views, i, u, v, z, margin, height, width):
+    """The point is nearer to the border than ``margin`` texels, or not between near and far."""
+    inside = u >= margin and v >= margin and u < width - margin and v < height - margin
+    return not (inside and z > views[i, 16] and z <= views[i, 17])
+
+
+@kernel()
+def image_point(views, i, orthographic, x, y, z):
+    """u, v and depth of a world point; u and v mean nothing where the depth is not positive."""
+    a = views[i, 0] * x + views[i, 1] * y + views[i, 2] * z + views[i, 3]
+    b = views[i, 4] * x + views[i, 5] * y + views[i, 6] * z + views[i, 7]
+    c = views[i, 8] * x + views[i, 9] * y + views[i, 10] * z + views[i, 11]
+    if orthographic:
+        return views[i, 12] * a + views[i, 14], views[i, 13] * b + views[i, 15], c
+    if c <= 0.0:
+        return -1.0, -1.0, c
+    return views[i, 12] * (a / c) + views[i, 14], views[i, 13] * (b / c) + views[i, 15], c
+
+
+@kernel()
+def choose_view(views, s, x, y, z, height, width):
+    """Index of the view that looks up a world point: a cube's face, or the finest cascade around it."""
+    count = views.shape[0]
+    best = 0
+    if count == 1:
+        return best
+    if s.cube:
+        deepest = -np.inf
+        for i in range(count):
+            depth = views[i, 8] * x + views[i, 9] * y + views[i, 10] * z + views[i, 11]
+            if depth > deepest:
+                deepest, best = depth, i
+        return best
+    for i in range(count):
+        u, v, depth = image_point(views, i, s.orthographic, x, y, z)
+        if not outside_view(views, i, u, v, depth, s.reach, height, width):
+            return i
+    return count - 1
+
+
+@kernel()
+def receiver(views, i, orthographic, u, v, z, normal, cosine, size):
+    """The plane of the surface in the light's image. ``size``: sum of the point's absolute coordinates."""
+    fu, fv = views[i, 12], views[i, 13]
+    nx = views[i, 0] * normal[0] + views[i, 1] * normal[1] + views[i, 2] * normal[2]
+    ny = views[i, 4] * normal[0] + views[i, 5] * normal[1] + views[i, 6] * normal[2]
+    nz = views[i, 8] * normal[0] + views[i, 9] * normal[1] + views[i, 10] * normal[2]
+    texel = 1.0 / min(fu, fv)
+    d0 = du = dv = 0.0
+    if orthographic:
+        distance = -nz
+        steep = distance < _SMALLEST_COSINE
+        gu = np.inf if steep else nx / (distance * fu)
+        gv = np.inf if steep else ny / (distance * fv)
+    else:
+        # The normal faces the light, so n.p is negative in the light's frame: turn signs to keep it positive.
+        du, dv = -nx / fu, -ny / fv
+        d0 = -nz - du * views[i, 14] - dv * views[i, 15]
+        denominator = d0 + du * u + dv * v
+        distance = z * denominator
+        steep = cosine < _SMALLEST_COSINE or denominator < _SMALLEST_COSINE
+        gu = np.inf if steep else -z * du / denominator
+        gv = np.inf if steep else -z * dv / denominator
+        texel *= z
+    rounding = 2.0 * _HALF_ULP * abs(z)
+    if not steep:
+        rounding += _HALF_ULP * size * (1.0 + (abs(gu) + abs(gv)) / texel)
+    return Receiver(
+        u, v, z, gu, gv, d0, du, dv, distance, fu, fv, views[i, 17] - views[i, 16], rounding, not steep, 0.0, False
+    )
+
+
+@kernel()
+def with_reach(r, s, reach_u, reach_v):
+    """The receiver with its bias for taps up to ``reach`` texels away.
+
+    A slope bias above its cap would either lift contact shadows or, capped, speckle the surface: there the plane's own
+    depth takes over. The cap itself is left for what has no usable plane.
+    """
+    cap = s.b_max * r.range
+    bias = s.b0 * r.range
+    plane = s.bias == RECEIVER_PLANE
+    if s.bias != CONSTANT:
+        if r.flat:
+            bias += s.k * ((0.5 + reach_u) * abs(r.gu) + (0.5 + reach_v) * abs(r.gv))
+            plane = plane or bias > cap
+        else:
+            bias = cap
+        bias = min(bias, cap)
+    return Receiver(
+        r.u, r.v, r.z, r.gu, r.gv, r.d0, r.du, r.dv, r.distance, r.focal_u, r.focal_v, r.range,
+        r.rounding, r.flat, bias + r.rounding, plane,
+    )  # fmt: skip
+
+
+@kernel()
+def plane_depth(r, orthographic, u, v):
+    """Depth of the receiver's plane at (u, v); NaN where it must not be used."""
+    if not r.flat:
+        return np.nan
+    if orthographic:
+        return r.z + r.gu * (u - r.u) + r.gv * (v - r.v)
+    denominator = r.d0 + r.du * u + r.dv * v
+    return r.distance / denominator if denominator >= _SMALLEST_COSINE else np.nan
