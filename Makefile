@@ -9,6 +9,9 @@ PYTHON ?= python3
 VENV ?= .venv
 TORCH_INDEX ?=
 
+# Threads that spin while they wait make torch several times slower on a busy machine.
+export OMP_WAIT_POLICY ?= PASSIVE
+
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 DEMO := out/demo.png
