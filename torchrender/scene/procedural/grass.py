@@ -140,7 +140,7 @@ def grass(triangles: int, seed: int) -> Scene:
     )
     cameras = {
         "default": view((0.2, 0.80, 3.3), (0.0, 0.32, 0.0), 38.0, 0.05, 60.0),
-        "close": view((-0.55, 0.42, 1.75), (0.05, 0.26, 0.3), 42.0, 0.02, 60.0),
+        "close": view((0.2, 0.36, 2.3), (0.3, 0.26, 1.2), 36.0, 0.02, 60.0),
         "above": view((1.3, 2.2, 2.6), (0.0, 0.15, 0.0), 40.0, 0.1, 60.0),
     }
     sun = DirectionalLight(direction=-as_tensor(SUN), irradiance=as_tensor((3.6, 3.1, 2.35)), name="sun")
