@@ -5,7 +5,9 @@ Empty pixel: depth +inf, id -1, normal 0, everything else 0.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
 
 from torch import Tensor
 
@@ -39,6 +41,31 @@ class GBuffer(VisibilityBuffer):
     uv_footprint: Tensor  # (B,H,W) width of one pixel in uv, for texture filtering
     color: Tensor  # (B,H,W,3) interpolated vertex colour, one where the mesh has none
     material: Tensor  # (B,H,W) int64, -1 where empty
+
+
+@dataclass(frozen=True, eq=False)
+class DepthImages(VisibilityBuffer):
+    """A set of B depth images that together sample a scene; image i may leave out what images 0..i-1 hold.
+
+    ``parameters`` are the options that made the set, as plain values: ``SamplingOptions(**images.parameters)``.
+    """
+
+    position: Tensor  # (B,H,W,3) float64 world space: visibility is decided from it
+    normal: Tensor  # (B,H,W,3) unit normal of the sample's triangle, world space, facing its camera
+    color: Tensor  # (B,H,W,3) linear; zero unless shading was asked for
+    layer: Tensor  # (B,H,W) int32 surfaces skipped before the stored one; where empty: surfaces skipped in all
+    truncated: Tensor  # (B,H,W) bool: empty because the search gave up, not because nothing is left
+    parameters: Mapping[str, Any]
+
+    def __len__(self) -> int:
+        return int(self.depth.shape[0])
+
+    def __getitem__(self, index: int | slice) -> DepthImages:
+        """The chosen images; an integer gives a set of one."""
+        chosen = slice(index, index + 1 or None) if isinstance(index, int) else index
+        names = ("depth", "triangle", "object_id", "barycentric", "position", "normal", "color", "layer", "truncated")
+        parts = {name: getattr(self, name)[chosen] for name in names}
+        return replace(self, cameras=self.cameras[chosen], **parts)
 
 
 @dataclass(frozen=True, eq=False)

@@ -58,7 +58,11 @@ def rasterize(scene: Scene, cameras: Cameras, *, cull: str = "none", tests: Frag
     Raises:
         OptionError: unknown ``cull``. InputError: ``tests`` that do not fit the cameras.
     """
-    seen = rasterize_visibility(scene.geometry, cameras, cull=cull, tests=tests)
+    return surface_attributes(scene, rasterize_visibility(scene.geometry, cameras, cull=cull, tests=tests))
+
+
+def surface_attributes(scene: Scene, seen: VisibilityBuffer) -> GBuffer:
+    """The G-buffer of a visibility buffer of the same scene."""
     shape = tuple(seen.depth.shape)
     widths = {"normal": 3, "geometric_normal": 3, "uv": 2, "uv_footprint": 0, "color": 3}
     made = {name: np.zeros((*shape, n) if n else shape, np.float32) for name, n in widths.items()}
@@ -66,7 +70,7 @@ def rasterize(scene: Scene, cameras: Cameras, *, cull: str = "none", tests: Frag
     material = np.full(shape, -1, np.int64)
     _interpolate(scene.geometry, seen, (position, *made.values(), material))
     return GBuffer(
-        cameras=cameras,
+        cameras=seen.cameras,
         depth=seen.depth,
         triangle=seen.triangle,
         object_id=seen.object_id,
