@@ -151,7 +151,8 @@ def clip_polygon(polygon, count, near, orthographic):
             here = plane_distance(plane, polygon[k, 0], polygon[k, 1], polygon[k, 2], near, orthographic)
             there = plane_distance(plane, polygon[j, 0], polygon[j, 1], polygon[j, 2], near, orthographic)
             if here >= 0.0:
-                other[n] = polygon[k]
+                for i in range(3):
+                    other[n, i] = polygon[k, i]
                 n += 1
             if (here >= 0.0) != (there >= 0.0):
                 if here >= 0.0:
@@ -164,7 +165,9 @@ def clip_polygon(polygon, count, near, orthographic):
                     other[n, 2] = near
                 n += 1
         count = n
-        polygon[:count] = other[:count]
+        for k in range(count):
+            for i in range(3):
+                polygon[k, i] = other[k, i]
         if count == 0:
             break
     return count
@@ -180,7 +183,8 @@ def clip_triangles(points, faces, ids, view, cull, positions, owners):
     total = 0
     for t in ids:
         for k in range(3):
-            polygon[k] = points[faces[t, k], :3]
+            for i in range(3):
+                polygon[k, i] = points[faces[t, k], i]
         count = clip_polygon(polygon, 3, near, orthographic)
         for k in range(count):
             w = 1.0 if orthographic else polygon[k, 2]

@@ -1,14 +1,17 @@
 """How kernels are compiled, cached and threaded.
 
-The cache folder is keyed by the text of all kernels: numba itself does not notice when a helper in another file
-changes and would run stale code. ``NUMBA_CACHE_DIR`` overrides the place.
+The cache folder of a kernel is keyed by the text of its file and of the kernel files that it imports: numba itself does
+not notice when a helper in another file changes and would run stale code. ``NUMBA_CACHE_DIR`` overrides the place.
 """
 
 from __future__ import annotations
 
 import hashlib
 import os
+import re
+import tempfile
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -23,32 +26,57 @@ from torchrender import __version__
 # Two threads that enter compiled code at once abort the process under the "workqueue" layer.
 numba_config.THREADING_LAYER_PRIORITY = ["omp", "tbb", "workqueue"]
 
-
-def _source_key() -> str:
-    digest = hashlib.sha256()
-    for path in sorted(Path(__file__).parent.glob("*.py")):
-        digest.update(path.read_bytes())
-    return digest.hexdigest()[:12]
+_FOLDER = Path(__file__).parent
+_IMPORT = re.compile(r"^\s*(?:from|import) torchrender\.kernels(?:\.(\w+)| import ([\w, ]+))", re.MULTILINE)
 
 
-def cache_folder() -> Path:
-    """Where compiled kernels are kept between processes."""
+@cache
+def _sources(name: str) -> frozenset[str]:
+    """Names of the kernel files that ``name`` depends on, itself included."""
+    found: set[str] = set()
+    waiting = {name}
+    while waiting:
+        here = waiting.pop()
+        found.add(here)
+        imports = _IMPORT.findall((_FOLDER / f"{here}.py").read_text())
+        names = {name.strip() for one, several in imports for name in (one or several).split(",")}
+        waiting |= {n for n in names if (_FOLDER / f"{n}.py").is_file()} - found
+    return frozenset(found)
+
+
+@cache
+def cache_folder(name: str) -> Path:
+    """Where the compiled kernels of file ``name`` are kept between processes."""
     named = os.environ.get("NUMBA_CACHE_DIR")
     if named:
         return Path(named)
+    digest = hashlib.sha256()
+    for source in sorted(_sources(name)):
+        digest.update((_FOLDER / f"{source}.py").read_bytes())
+    return _cache_base() / "torchrender" / __version__ / f"{name}-{digest.hexdigest()[:12]}"
+
+
+@cache
+def _cache_base() -> Path:
+    """The user's cache folder; where that cannot be written (containers), a folder for temporary files."""
     base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    return base / "torchrender" / f"{__version__}-{_source_key()}"
-
-
-_CACHE = str(cache_folder())
+    try:
+        base.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return Path(tempfile.gettempdir())
+    return base if os.access(base, os.W_OK) else Path(tempfile.gettempdir())
 
 
 def kernel(*, parallel: bool = False, inline: bool = False) -> Callable[[Callable[..., Any]], Any]:
-    """Decorator for a compiled loop: cached, no ``fastmath`` (comparisons decide visibility), C division rules."""
+    """Decorator for a compiled loop: cached, no ``fastmath`` (comparisons decide visibility), C division rules.
+
+    ``inline`` makes LLVM inline it into its callers: worth its compile time for small functions in hot loops, because
+    arrays that cross a real call are reference counted.
+    """
 
     def decorate(function: Callable[..., Any]) -> Any:
         before = numba_config.CACHE_DIR
-        numba_config.CACHE_DIR = _CACHE
+        numba_config.CACHE_DIR = str(cache_folder(Path(function.__code__.co_filename).stem))
         try:
             options: dict[str, Any] = {"cache": True, "error_model": "numpy", "nogil": True, "parallel": parallel}
             if inline:

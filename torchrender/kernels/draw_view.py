@@ -17,7 +17,14 @@ TILE = np.array([TILE_WIDTH, TILE_HEIGHT], np.int64)
 CHUNKS_PER_THREAD = 4
 
 NO_LIMITS = (np.zeros((0, 0)), np.zeros((0, 0), np.int64))
-NO_EARLIER = (np.zeros((0, 0, 0), np.int64), np.zeros((0, 3, 4)), np.zeros(0))
+NO_EARLIER = (
+    np.zeros((0, 0, 0), np.int64),
+    np.zeros((0, 3, 4)),
+    np.zeros(0),
+    np.zeros((0, 0, 0), np.float32),
+    np.zeros((0, 9)),
+    np.zeros((7, 3)),
+)
 NO_HOLES = (np.zeros(0, np.int32), np.zeros((0, 3), np.int64), np.zeros(0, np.uint8), np.zeros((0, 2), np.float32))
 NO_IDS = (np.zeros((0, 0), np.int64), np.zeros((0, 0), np.int64), np.zeros((0, 0, 2), np.float32))
 
@@ -59,7 +66,18 @@ def draw_view(
     )
     scene = (points, packed, triangles.faces, triangles.objects)
     clipped, bins = _bin(triangles, chosen, scene, view, CULL[cull])
-    tiles.render_tiles((*scene, *clipped), bins, view.settings, *tests, thread_count(), outputs)
+    tiles.render_tiles((*scene, *clipped), bins, view.settings, *tests, _scratch(thread_count()), outputs)
+
+
+def _scratch(threads: int) -> tuple[Array, Array, Array, Array]:
+    """Tile buffers, a row per thread, and the counter by which threads take tiles."""
+    pixels = TILE_WIDTH * TILE_HEIGHT
+    return (
+        np.zeros((threads, pixels)),
+        np.zeros((threads, pixels), np.int32),
+        np.zeros((threads, 2, TILE_HEIGHT), np.int64),
+        np.zeros(1, np.int64),
+    )
 
 
 def _bin(

@@ -125,11 +125,11 @@ def render_tile(scene, bins, view, tests, k, buffers, outputs):
     columns = (width + TILE_WIDTH - 1) // TILE_WIDTH
     left, top = (k % columns) * TILE_WIDTH, (k // columns) * TILE_HEIGHT
     tile_width, tile_height = min(TILE_WIDTH, width - left), min(TILE_HEIGHT, height - top)
-    keys[:] = np.inf
     empty = np.nextafter(-far if orthographic else 1.0 / far, -np.inf)
-    for y in range(tile_height):
-        keys[y * TILE_WIDTH : y * TILE_WIDTH + tile_width] = empty
-    ids[:] = -1
+    for y in range(TILE_HEIGHT):
+        for x in range(TILE_WIDTH):
+            keys[y * TILE_WIDTH + x] = empty if x < tile_width and y < tile_height else np.inf
+            ids[y * TILE_WIDTH + x] = -1
     limit = np.inf
     tried = 0
     for n in range(starts[k], starts[k + 1]):
@@ -150,20 +150,18 @@ def render_tile(scene, bins, view, tests, k, buffers, outputs):
 
 
 @kernel(parallel=True)
-def render_tiles(scene, bins, view, limits, earlier, holes, threads, outputs):
+def render_tiles(scene, bins, view, limits, earlier, holes, scratch, outputs):
     """Rasterise and resolve every tile.
 
     ``scene`` = (points, packed, faces, objects, clipped corners, their owners), ``bins`` = (order, starts, entries);
-    ``limits``, ``earlier``, ``holes``: see ``fragments``.
+    ``limits``, ``earlier``, ``holes``: see ``fragments``; ``scratch`` = (keys, ids, spans, counter), a row per thread.
     """
     order = bins[0]
-    counter = np.zeros(1, np.int64)
-    for _ in prange(threads):
-        keys = np.zeros(TILE_WIDTH * TILE_HEIGHT, np.float64)
-        ids = np.zeros(TILE_WIDTH * TILE_HEIGHT, np.int32)
-        spare = np.zeros((2, TILE_HEIGHT), np.int64)
+    keys, ids, spare, counter = scratch
+    for thread in prange(keys.shape[0]):
         while True:
             turn = fetch_add(counter, 0, 1)
             if turn >= order.shape[0]:
                 break
-            render_tile(scene, bins, view, (limits, earlier, holes), order[turn], (keys, ids, spare), outputs)
+            buffers = (keys[thread], ids[thread], spare[thread])
+            render_tile(scene, bins, view, (limits, earlier, holes), order[turn], buffers, outputs)

@@ -295,25 +295,32 @@ class Cameras:
 
 
 def framing_camera(
-    bounds: Tensor, *, width: int, height: int, fov_deg: float = 45.0, direction: Sequence[float] = (0.55, 0.4, 1.0)
+    boxes: Tensor, *, width: int, height: int, fov_deg: float = 45.0, direction: Sequence[float] = (0.55, 0.45, 1.0)
 ) -> Cameras:
-    """A camera that sees the whole box ``bounds`` (2,3) from ``direction`` (box centre to eye).
+    """A camera that sees all the boxes (N,2,3) from ``direction`` (their centre to the eye), filling 92 % of the image.
 
-    Used where a scene brings no camera of its own. A box without extent is framed as one of unit size.
+    Used where a scene brings no camera of its own. No boxes, or boxes without extent, are framed as one of unit size.
     """
-    low, high = bounds.to(torch.float64)
-    centre = (low + high) / 2
-    radius = float((high - low).norm()) / 2 or 0.5
-    half = math.radians(fov_deg) / 2
-    half = min(half, math.atan(math.tan(half) * width / height))
-    distance = radius / math.sin(half)
+    boxes = boxes.to(torch.float64)
+    if not len(boxes) or not bool((boxes[:, 1].amax(0) > boxes[:, 0].amin(0)).any()):
+        centre = boxes[0, 0] if len(boxes) else torch.zeros(3, dtype=torch.float64)
+        boxes = torch.stack([centre - 0.5, centre + 0.5])[None]
+    centre = (boxes[:, 0].amin(0) + boxes[:, 1].amax(0)) / 2
     axis = as_vector("direction", direction, dtype=torch.float64)
+    axis = axis / axis.norm()
+    corner = torch.cartesian_prod(*[torch.tensor([0, 1])] * 3)
+    corners = boxes[:, corner, torch.arange(3)].reshape(-1, 3) - centre
+    rotation = look_at_matrix(axis, torch.zeros(3), torch.tensor([0.0, 1.0, 0.0]))[:3, :3]
+    x, y, z = (corners @ rotation.T).unbind(1)
+    tangent = math.tan(math.radians(fov_deg) / 2) * 0.92
+    distance = float((torch.maximum(x.abs() * height / width, y.abs()) / tangent - z).max())
+    nearest, farthest = distance + float(z.min()), distance + float(z.max())
     return Cameras.look_at(
-        centre + axis / axis.norm() * distance,
+        centre + axis * distance,
         centre,
         width=width,
         height=height,
         fov_deg=fov_deg,
-        near=max(distance - radius * 1.01, distance * 1e-3),
-        far=distance + radius * 1.01,
+        near=max(0.99 * nearest, 1e-3 * distance),
+        far=1.01 * farthest,
     )

@@ -74,8 +74,9 @@ def from_metallic_roughness(
 ) -> Material:
     """Map glTF 2.0 metallic-roughness to diffuse, specular degree, gloss and Phong exponent.
 
-    The specular degree is the normal reflectance ``0.04 (1 - m) + m``; the gloss is the roughness; the exponent
-    ``2/alpha^2 - 2`` with ``alpha = roughness^2`` is the Blinn-Phong lobe that has the same width as the GGX one.
+    The specular degree is the normal reflectance ``0.04 (1 - m) + m``; the gloss is the roughness; the exponent is a
+    quarter of ``2/alpha^2 - 2`` with ``alpha = roughness^2``: the Blinn-Phong lobe as wide as the GGX one has the whole,
+    the Phong lobe about the mirrored direction, which is twice as wide, a quarter.
     """
     alpha = max(roughness, 0.02) ** 2
     tint = base_color.float()[:3]
@@ -86,7 +87,7 @@ def from_metallic_roughness(
         specular=DIELECTRIC_F0 * (1.0 - metallic) + metallic * float(tint.clamp(0, 1).max()),
         specular_color=torch.lerp(torch.ones(3), tint / tint.max().clamp_min(1e-6), metallic),
         gloss=min(max(roughness, 0.0), 1.0),
-        shininess=min(max(2.0 / alpha**2 - 2.0, 1.0), 1e6) if math.isfinite(alpha) else 1.0,
+        shininess=min(max((2.0 / alpha**2 - 2.0) / 4.0, 1.0), 1e6) if math.isfinite(alpha) else 1.0,
         emission=torch.zeros(3) if emission is None else emission,
         alpha_cutoff=alpha_cutoff,
     )

@@ -76,7 +76,7 @@ class Scene:
             known = ", ".join(self.cameras) or "none"
             raise InputError(f"scene {self.name!r} has no camera {name!r}; known cameras: {known}")
         if not self.cameras:
-            return framing_camera(self.bounds, width=width, height=height)
+            return framing_camera(self.geometry.cluster_bounds, width=width, height=height)
         camera = self.cameras[name] if name is not None else next(iter(self.cameras.values()))
         return resized(camera, width, height)
 
@@ -86,8 +86,13 @@ class Scene:
             return self
         if any(bool((m.emission > 0).any()) for m in self.materials):
             return self
-        sun = DirectionalLight(direction=torch.tensor([-0.45, -1.0, -0.65]), irradiance=torch.full((3,), 2.4))
-        return replace(self, lights=(sun,), ambient=torch.full((3,), 0.35))
+        sun = DirectionalLight(direction=torch.tensor([0.5, -1.0, -0.4]), irradiance=torch.full((3,), 1.9))
+        studio = torch.linspace(0.55, 0.15, 16)[:, None, None].expand(16, 2, 3).contiguous()
+        lit = replace(self, lights=(sun,), environment=Environment(radiance=studio, name="studio"))
+        if "geometry" in self.__dict__:  # the same triangles: nothing to build again
+            lit.__dict__["geometry"] = self.geometry
+        return lit
+
 
 
 def resized(camera: Cameras, width: int, height: int) -> Cameras:

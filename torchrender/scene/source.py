@@ -7,8 +7,6 @@ from pathlib import Path
 
 from torchrender.checks import check_range
 from torchrender.errors import InputError, SceneFileError
-from torchrender.scene.gltf import read_gltf
-from torchrender.scene.mesh_file import read_mesh_file
 from torchrender.scene.model import Scene
 
 MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl")
@@ -24,7 +22,14 @@ def load_mesh_file(path: Path) -> Scene:
     if suffix not in MESH_SUFFIXES:
         raise SceneFileError(path, f"no mesh file; supported: {', '.join(MESH_SUFFIXES)}")
     data = read_bytes(path)
-    return read_gltf(path, data) if suffix in (".glb", ".gltf") else read_mesh_file(path, data)
+    # Each reader brings libraries that take a visible share of a program's start: only the one wanted is loaded.
+    if suffix in (".glb", ".gltf"):
+        from torchrender.scene.gltf import read_gltf
+
+        return read_gltf(path, data)
+    from torchrender.scene.mesh_file import read_mesh_file
+
+    return read_mesh_file(path, data)
 
 
 def read_bytes(path: Path) -> bytes:
