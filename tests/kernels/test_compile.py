@@ -35,12 +35,14 @@ def test_an_edited_helper_changes_the_key_of_all_that_use_it_and_no_other(folder
     assert changed == {"low", "high", "top"}
 
 
-def test_the_environment_names_the_place(folder, monkeypatch, tmp_path):
+@pytest.mark.usefixtures("folder")
+def test_the_environment_names_the_place(monkeypatch, tmp_path):
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "here"))
     assert key("low") == tmp_path / "here"
 
 
-def test_a_cache_folder_that_cannot_be_made_is_replaced(folder, monkeypatch, tmp_path):
+@pytest.mark.usefixtures("folder")
+def test_a_cache_folder_that_cannot_be_made_is_replaced(monkeypatch, tmp_path):
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file" / "below"))
     module._cache_base.cache_clear()

@@ -75,8 +75,8 @@ def from_metallic_roughness(
     """Map glTF 2.0 metallic-roughness to diffuse, specular degree, gloss and Phong exponent.
 
     The specular degree is the normal reflectance ``0.04 (1 - m) + m``; the gloss is the roughness; the exponent is a
-    quarter of ``2/alpha^2 - 2`` with ``alpha = roughness^2``: the Blinn-Phong lobe as wide as the GGX one has the whole,
-    the Phong lobe about the mirrored direction, which is twice as wide, a quarter.
+    quarter of ``2/alpha^2 - 2`` with ``alpha = roughness^2``: the Blinn-Phong lobe that is as wide as the GGX one has
+    the whole, the Phong lobe about the mirrored direction a quarter.
     """
     alpha = max(roughness, 0.02) ** 2
     tint = base_color.float()[:3]

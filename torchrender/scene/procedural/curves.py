@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
 
 from torchrender.scene.procedural.shapes import Array, Index, Part, quads, repeat_pattern, unit
 
@@ -16,6 +15,8 @@ def spline(points: Sequence[Sequence[float]] | Array, count: int) -> Array:
     """``count`` points (count,D) along a smooth curve without overshoot through ``points`` (K,D)."""
     p = np.asarray(points, dtype=float)
     t = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(p, axis=0), axis=1))])
+    from scipy.interpolate import PchipInterpolator  # slow to import, and only branches need it
+
     curve: Array = PchipInterpolator(t, p, axis=0)(np.linspace(0.0, t[-1], count))
     return curve
 
