@@ -3,7 +3,7 @@
 # make bench  set up and write the report pages
 #
 # PYTHON=python3.12      another interpreter (3.10 or newer) for the virtual environment
-# TORCH_INDEX=https://download.pytorch.org/whl/cpu   a smaller download on Linux: torch without CUDA
+# TORCH_INDEX=URL        a package index with CPU-only builds of torch, for a smaller download
 
 PYTHON ?= python3
 VENV ?= .venv
