@@ -1,0 +1,198 @@
+"""Meshes, materials, lights, media, environment and the scene that holds them."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import torch
+
+from torchrender.errors import InputError, MeshError, OptionError
+from torchrender.scene.cutout import build_cutout
+from torchrender.scene.environment import Environment, latlong_directions
+from torchrender.scene.light import DirectionalLight, PointLight, RectLight, SpotLight
+from torchrender.scene.material import Material, from_metallic_roughness
+from torchrender.scene.medium import Medium
+from torchrender.scene.mesh import CLUSTER, Mesh, concatenate
+from torchrender.scene.model import Scene
+
+TRIANGLE = torch.tensor([[0.0, 0, 0], [2, 0, 0], [0, 2, 0]])
+FACE = torch.tensor([[0, 1, 2]])
+
+
+def strip(count, **fields):
+    """``count`` separate triangles along x."""
+    vertices = (TRIANGLE[None] + 3.0 * torch.arange(count)[:, None, None] * torch.tensor([1.0, 0, 0])).reshape(-1, 3)
+    return Mesh(vertices=vertices, faces=torch.arange(3 * count).reshape(-1, 3), **fields)
+
+
+def test_concatenation_keeps_ids_and_fills_what_is_missing():
+    first = strip(2, uv=torch.rand(6, 2), object_id=7)
+    second = strip(CLUSTER + 5, normals=torch.ones(3 * (CLUSTER + 5), 3), material=1)
+    g = concatenate([first, second])
+    assert g.triangle_count == CLUSTER + 7
+    assert g.object_id.tolist() == [7, 7] + [1] * (CLUSTER + 5)
+    assert g.material.tolist() == [0, 0] + [1] * (CLUSTER + 5)
+    assert torch.equal(g.uv[:6], first.uv) and float(g.uv[6:].abs().sum()) == 0
+    assert float(g.normals[:6].abs().sum()) == 0 and bool((g.normals[6:] == 1).all())
+    assert g.colors is None and g.cutout is None
+    assert g.clusters.tolist() == [[0, 2], [2, 2 + CLUSTER], [2 + CLUSTER, CLUSTER + 7]]
+    assert torch.equal(g.vertices[g.faces[2].long()], second.vertices[:3].double())
+
+
+def test_cluster_boxes_hold_their_triangles():
+    g = concatenate([strip(300), strip(3)])
+    for (first, end), (low, high), (begin, stop) in zip(g.clusters, g.cluster_bounds, g.cluster_vertices, strict=True):
+        used = g.faces[first:end].long()
+        corners = g.vertices[used]
+        assert torch.equal(corners.amin((0, 1)), low) and torch.equal(corners.amax((0, 1)), high)
+        assert int(used.min()) == begin and int(used.max()) + 1 == stop
+    torch.testing.assert_close(g.bounds[1], torch.tensor([899.0, 2, 0], dtype=torch.float64))
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-150, 1e150])
+def test_face_normals_of_any_size_and_of_nothing(scale):
+    vertices = torch.cat([TRIANGLE, torch.zeros(3, 3)]).double() * scale
+    g = concatenate([Mesh(vertices=vertices, faces=torch.tensor([[0, 1, 2], [3, 4, 5], [0, 2, 1]]))])
+    torch.testing.assert_close(g.face_normals, torch.tensor([[0.0, 0, 1], [0, 0, 0], [0, 0, -1]]))
+
+
+def test_bad_meshes_are_named():
+    with pytest.raises(MeshError, match=r"'m'.*vertices"):
+        Mesh(name="m", vertices=torch.zeros(3, 2), faces=FACE)
+    with pytest.raises(MeshError, match=r"'m'.*faces"):
+        Mesh(name="m", vertices=TRIANGLE, faces=FACE.float())
+    with pytest.raises(MeshError, match=r"'m'.*uv"):
+        Mesh(name="m", vertices=TRIANGLE, faces=FACE, uv=torch.zeros(2, 2))
+    with pytest.raises(InputError, match=r"'m'.*material"):
+        Scene(meshes=(Mesh(name="m", vertices=TRIANGLE, faces=FACE, material=3),))
+
+
+def test_materials_check_themselves():
+    for field, value in (("specular", 1.5), ("gloss", -0.1), ("shininess", math.nan), ("alpha_cutoff", 2.0)):
+        with pytest.raises(OptionError, match=field):
+            Material(**{field: value})
+    with pytest.raises(InputError, match="diffuse_texture"):
+        Material(diffuse_texture=torch.zeros(4, 4))
+    with pytest.raises(InputError, match="diffuse"):
+        Material(diffuse=torch.tensor([0.1, math.nan, 0]))
+
+
+def test_metallic_roughness_limits():
+    red = torch.tensor([0.9, 0.1, 0.1])
+    plastic = from_metallic_roughness(base_color=red, metallic=0.0, roughness=0.5)
+    metal = from_metallic_roughness(base_color=red, metallic=1.0, roughness=0.1)
+    torch.testing.assert_close(plastic.diffuse, red)
+    assert plastic.specular == pytest.approx(0.04) and not plastic.is_reflector
+    assert float(metal.diffuse.sum()) == 0 and metal.specular == pytest.approx(0.9) and metal.is_reflector
+    torch.testing.assert_close(metal.specular_color * metal.specular, red)
+    assert metal.shininess > plastic.shininess
+    for roughness in (0.0, 1.0):
+        assert 1.0 <= from_metallic_roughness(base_color=red, metallic=0.5, roughness=roughness).shininess <= 1e6
+
+
+def test_cutout_masks_only_textures_with_holes():
+    holey = torch.ones(2, 3, 4)
+    holey[0, 1, 3] = 0.2
+    materials = (
+        Material(diffuse_texture=holey, alpha_cutoff=0.5),
+        Material(diffuse_texture=torch.ones(2, 2, 4), alpha_cutoff=0.5),
+        Material(diffuse_texture=holey),
+    )
+    cutout = build_cutout(materials, torch.tensor([0, 1, 2, 0]))
+    assert cutout.mask.tolist() == [0, -1, -1, 0]
+    assert cutout.triangles.tolist() == [0, 3]
+    assert cutout.table.tolist() == [[0, 2, 3]] and cutout.texels.tolist() == [1, 0, 1, 1, 1, 1]
+    assert build_cutout(materials[1:], torch.tensor([0, 1])) is None
+
+
+def test_lights_normalise_and_check():
+    assert float(DirectionalLight(direction=torch.tensor([0.0, -3, 0])).direction.norm()) == pytest.approx(1)
+    with pytest.raises(InputError, match=r"DirectionalLight\.direction"):
+        DirectionalLight(direction=torch.zeros(3))
+    with pytest.raises(InputError, match=r"PointLight\.position"):
+        PointLight(position=torch.tensor([0.0, 1]))
+    with pytest.raises(OptionError, match="inner_deg"):
+        SpotLight(position=torch.zeros(3), direction=torch.ones(3), inner_deg=40, outer_deg=30)
+    spot = SpotLight(position=torch.zeros(3), direction=torch.tensor([0.0, -1, 0]), inner_deg=20, outer_deg=40)
+    share = spot.cone(torch.cos(torch.deg2rad(torch.tensor([0.0, 19, 30, 41, 180]))))
+    assert share[:2].tolist() == [1, 1] and 0 < float(share[2]) < 1 and share[3:].tolist() == [0, 0]
+
+
+def test_area_light_samples_are_cell_centres():
+    light = RectLight(corner=torch.zeros(3), edge_u=torch.tensor([2.0, 0, 0]), edge_v=torch.tensor([0.0, 0, 4]))
+    assert light.area == pytest.approx(8) and light.normal.tolist() == [0, -1, 0]
+    samples = light.samples(2)
+    assert samples.tolist() == [[0.5, 0, 1], [0.5, 0, 3], [1.5, 0, 1], [1.5, 0, 3]]
+    torch.testing.assert_close(light.samples(5).mean(0), light.centre)
+    line = RectLight(corner=torch.zeros(3), edge_u=torch.zeros(3), edge_v=torch.ones(3))
+    assert line.area == 0 and float(line.normal.abs().sum()) == 0
+
+
+def test_environment_looks_up_what_it_stores():
+    radiance = torch.rand(16, 32, 3, generator=torch.Generator().manual_seed(0))
+    environment = Environment(radiance=radiance, intensity=2.0)
+    torch.testing.assert_close(environment.lookup(latlong_directions(16, 32)), 2 * radiance, atol=2e-4, rtol=0)
+    middle = Environment(radiance=radiance).lookup(torch.tensor([[0.0, 0, -1]]))
+    torch.testing.assert_close(middle[0], radiance[7:9, 15:17].mean((0, 1)), atol=1e-5, rtol=0)
+    turned = Environment(radiance=radiance, rotation_deg=90).lookup(torch.tensor([[0.0, 0, -1]]))
+    torch.testing.assert_close(turned, Environment(radiance=radiance).lookup(torch.tensor([[1.0, 0, 0]])))
+
+
+def test_constant_environment_gives_pi_times_its_radiance():
+    sky = Environment.constant(torch.tensor([0.5, 1.0, 2.0]))
+    normals = torch.nn.functional.normalize(torch.randn(50, 3, generator=torch.Generator().manual_seed(1)), dim=1)
+    expected = math.pi * torch.tensor([0.5, 1.0, 2.0]).expand(50, 3)
+    torch.testing.assert_close(sky.irradiance(normals), expected, rtol=5e-3, atol=0)
+
+
+def test_irradiance_of_a_bright_upper_half():
+    sky = torch.zeros(64, 128, 3)
+    sky[:32] = 1.0
+    environment = Environment(radiance=sky)
+    up, side, down = environment.irradiance(torch.tensor([[0.0, 1, 0], [1, 0, 0], [0, -1, 0]]))[:, 0].tolist()
+    assert up == pytest.approx(math.pi, rel=0.03)
+    assert side == pytest.approx(math.pi / 2, rel=0.03)
+    assert down == pytest.approx(0.0, abs=0.1)
+
+
+def test_cube_faces_land_where_they_belong():
+    faces = torch.arange(6.0)[:, None, None, None].expand(6, 4, 4, 3)
+    environment = Environment.from_cube(faces + 1, height=64)
+    axes = torch.tensor([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
+    torch.testing.assert_close(environment.lookup(axes)[:, 0], torch.arange(6.0) + 1)
+    with pytest.raises(InputError, match="faces"):
+        Environment.from_cube(torch.zeros(5, 4, 4, 3))
+
+
+def test_bad_environments_and_media_are_named():
+    with pytest.raises(InputError, match="negative"):
+        Environment(radiance=-torch.ones(2, 2, 3))
+    with pytest.raises(InputError, match="finite"):
+        Environment(radiance=torch.full((2, 2, 3), math.inf))
+    with pytest.raises(InputError, match="high"):
+        Medium(low=torch.ones(3), high=torch.zeros(3))
+    with pytest.raises(OptionError, match="asymmetry"):
+        Medium(low=torch.zeros(3), high=torch.ones(3), asymmetry=1.0)
+    with pytest.raises(InputError, match="density"):
+        Medium(low=torch.zeros(3), high=torch.ones(3), density=torch.zeros(3))
+
+
+def test_default_light_only_where_there_is_none():
+    dark = Scene(meshes=(strip(1),))
+    lit = dark.with_default_light()
+    assert len(lit.lights) == 1 and lit.environment is not None
+    assert dark.geometry is dark.with_default_light().geometry
+    assert lit.with_default_light() is lit
+    lamp = Scene(meshes=(strip(1),), materials=(Material(emission=torch.ones(3)),))
+    assert lamp.with_default_light() is lamp
+
+
+def test_unknown_cameras_are_refused_with_the_known_names():
+    scene = Scene(meshes=(strip(1),))
+    with pytest.raises(InputError, match="none"):
+        scene.camera("front", width=8, height=8)
+    named = Scene(meshes=(strip(1),), cameras={"door": scene.camera(width=8, height=8)})
+    with pytest.raises(InputError, match="door"):
+        named.camera("front", width=8, height=8)
+    assert named.camera(width=16, height=8).width == 16
