@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+import torch
 from torch import Tensor
 
 from torchrender.scene.camera import Cameras
@@ -80,6 +81,12 @@ class RayHits:
     def hit(self) -> Tensor:
         """(N,) bool."""
         return self.triangle >= 0
+
+    @classmethod
+    def misses(cls, count: int) -> RayHits:
+        """``count`` rays that hit nothing."""
+        t = torch.full((count,), torch.inf, dtype=torch.float64)
+        return cls(t, torch.full((count,), -1, dtype=torch.int64), torch.zeros(count, 2))
 
 
 @dataclass(frozen=True, eq=False)

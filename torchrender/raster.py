@@ -2,13 +2,14 @@
 
 Coverage is exact: vertices are snapped to 1/32768 pixel, edges are integers, and a pixel centre on a shared edge or
 vertex belongs to exactly one triangle, so closed meshes have neither cracks nor double hits. Depth and barycentrics
-come from the unsnapped planes in float64. Equal depths go to the lower triangle id. Triangles that cross the near plane are
-clipped; degenerate ones are ignored. Cost follows what is in view: clusters of triangles outside the frustum, and their
-vertices, are never touched. Memory is one index per triangle and tile it touches; there are no fragment lists.
+come from the unsnapped planes in float64. Equal depths go to the lower triangle id. Triangles that cross the near plane
+are clipped; degenerate ones are ignored. Cost follows what is in view: clusters of triangles outside the frustum, and
+their vertices, are never touched. Memory is one index per triangle and tile it touches; there are no fragment lists.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -38,12 +39,17 @@ class FragmentTests:
 
     Peeling: only fragments with camera depth greater than ``beyond`` and of another triangle than ``skip`` count.
     Redundancy: a fragment is refused if an image in ``earlier`` stores the same triangle in the pixel into which the
-    fragment projects (specification 01, section 5, algorithm 3); perspective cameras only.
+    fragment projects (specification 01, section 5, algorithm 3); perspective cameras only. Beyond the thesis (section
+    13), ``compare_depth`` refuses it where the depth stored there agrees within two pixel footprints, or one of the
+    nearest 2 x 2 pixels stores the triangle; a copy whose footprint on the surface is more than ``quality_ratio`` times
+    larger does not count.
     """
 
     beyond: Tensor | None = None  # (B,H,W) float32 or float64 camera depth; +inf lets nothing through
     skip: Tensor | None = None  # (B,H,W) int64 triangle ids, -1 for none
     earlier: VisibilityBuffer | None = None  # J images of the same geometry
+    compare_depth: bool = False
+    quality_ratio: float = math.inf
 
 
 def rasterize(scene: Scene, cameras: Cameras, *, cull: str = "none", tests: FragmentTests | None = None) -> GBuffer:
@@ -102,6 +108,31 @@ def rasterize_visibility(
     )
 
 
+def count_nearer(
+    geometry: Geometry, seen: VisibilityBuffer, *, cull: str = "none", eps: tuple[float, float] = (0.0, 0.0)
+) -> tuple[Tensor, Tensor]:
+    """How many surfaces lie before those of a visibility buffer.
+
+    Args:
+        seen: B images, of the same geometry, with perspective cameras. Depth 0 asks for nothing there.
+        eps: relative and absolute distance (scene units) within which two surfaces are called touching.
+
+    Returns:
+        count (B,H,W) int32 of nearer surfaces, of all surfaces where empty; touching (B,H,W) bool: the nearest of them
+        towards the stored one touches it.
+    """
+    check_choice("cull", cull, CULLING)
+    shape = tuple(seen.triangle.shape)
+    count, touching = np.zeros(shape, np.int32), np.zeros(shape, np.bool_)
+    stored = seen.depth.numpy(), seen.triangle.numpy()
+    triangles = _triangle_arrays(geometry)
+    for k, (view, checks) in enumerate(_views(geometry, seen.cameras, None)):
+        draw_view.count_view(
+            triangles, view, cull, checks[2], (stored[0][k], stored[1][k]), np.array(eps), (count[k], touching[k])
+        )
+    return torch.from_numpy(count), torch.from_numpy(touching)
+
+
 def rasterize_depth(geometry: Geometry, cameras: Cameras, *, cull: str = "none") -> Tensor:
     """Camera depth (B,H,W) float32 of the nearest surface, +inf where empty: what a shadow map needs, and no more."""
     check_choice("cull", cull, CULLING)
@@ -134,15 +165,16 @@ def _views(
         cutout = geometry.cutout
         holes = (cutout.mask.numpy(), cutout.table.numpy(), cutout.texels.numpy(), geometry.uv.numpy())
     for k in range(len(cameras)):
-        view = _view(cameras, k, world_from_camera[k], planes[k])
+        view = view_arrays(cameras, k, world_from_camera[k], planes[k])
         limits, earlier = NO_LIMITS, NO_EARLIER
         if tests is not None:
             limits = _limits(cameras, k, tests)
-            earlier = _earlier(cameras, view, tests.earlier)
+            earlier = earlier_arrays(cameras, k, tests, view)
         yield view, (limits, earlier, holes)
 
 
-def _view(cameras: Cameras, k: int, world_from_camera: Array, planes: Array) -> View:
+def view_arrays(cameras: Cameras, k: int, world_from_camera: Array, planes: Array) -> View:
+    """Camera ``k`` as the kernels read it."""
     intrinsics = cameras.intrinsics[k].numpy().copy()
     intrinsics[0, 2] -= cameras.width >> 1
     intrinsics[1, 2] -= cameras.height >> 1
@@ -175,19 +207,28 @@ def _limits(cameras: Cameras, k: int, tests: FragmentTests) -> tuple[Array, Arra
     return key, skip
 
 
-def _earlier(cameras: Cameras, view: View, earlier: VisibilityBuffer | None) -> tuple[Array, Array, Array]:
-    """Ids of earlier images, and how this camera's pixels map into them."""
+def earlier_arrays(cameras: Cameras, k: int, tests: FragmentTests, view: View) -> tuple[Array, ...]:
+    """Earlier images, and how the pixels of camera ``k`` map into them; see ``kernels.fragments``."""
+    earlier = tests.earlier
     if earlier is None or len(earlier.cameras) == 0:
         return NO_EARLIER
     if cameras.orthographic or earlier.cameras.orthographic:
         raise InputError("tests.earlier needs perspective cameras")
     other = earlier.cameras
     world_from_pixel = np.linalg.inv(view.matrix)
-    project = other.intrinsics.numpy() @ other.rotation.numpy()
-    shift = other.intrinsics.numpy() @ other.camera_from_world[:, :3, 3:].numpy()
+    intrinsics = other.intrinsics.numpy()
+    project = intrinsics @ other.rotation.numpy()
+    shift = intrinsics @ other.camera_from_world[:, :3, 3:].numpy()
     offset = project @ view.reference[:, None] + shift
     pixels = np.concatenate([project @ world_from_pixel, offset], axis=2)
-    return numpy_view(earlier.triangle, np.int64), np.ascontiguousarray(pixels), other.near.numpy()
+    lens = np.zeros((len(other), 9))
+    lens[:, :5] = intrinsics[:, (0, 1, 0, 1, 0), (0, 1, 2, 2, 1)]
+    lens[:, 5] = (1.0 / intrinsics[:, (0, 1), (0, 1)]).max(axis=1)
+    lens[:, 6:] = (other.eye.numpy() - view.reference) @ view.matrix.T
+    size = float((1.0 / cameras.intrinsics[k, (0, 1), (0, 1)]).max())
+    own = np.concatenate([view.matrix, world_from_pixel, [[float(tests.compare_depth), tests.quality_ratio, size]]])
+    depth = numpy_view(earlier.depth, np.float32)
+    return numpy_view(earlier.triangle, np.int64), np.ascontiguousarray(pixels), other.near.numpy(), depth, lens, own
 
 
 def _interpolate(geometry: Geometry, seen: VisibilityBuffer, outputs: tuple[Array, ...]) -> None:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import torch
+from torch import Tensor
 
 from torchrender.buffers import VisibilityBuffer
 from torchrender.depth.options import SamplingOptions
-from torchrender.depth.samples import Samples, stack
-from torchrender.raster import FragmentTests, rasterize_visibility
+from torchrender.depth.samples import Samples, first_views
+from torchrender.raster import FragmentTests, count_nearer, rasterize_visibility
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
 
@@ -19,27 +21,61 @@ def pixel_nonredundant(
 ) -> Samples:
     """The nearest non-redundant surface in every pixel, by pixel redundancy.
 
+    One rasterised pass finds it: redundant fragments never enter the depth buffer. A second, without a depth buffer,
+    counts what was refused.
+
     Args:
         images: what image i is compared with: its first i images; None: the images found here.
     """
-    views: list[Samples] = []
+    found = Samples.room_for(cameras)
+    known = found.seen if images is None else images
     for number in range(len(cameras)):
-        known = images if images is not None or not views else stack(views, cameras[:number]).seen
-        tests = None
-        if number:
-            assert known is not None
-            tests = FragmentTests(earlier=first_views(known, number))
-        seen = rasterize_visibility(scene.geometry, cameras[number], cull=options.cull, tests=tests)
-        views.append(Samples.first_hits(seen))
-    return stack(views, cameras)
+        if number == 0:
+            one = Samples.first_hits(rasterize_visibility(scene.geometry, cameras[0], cull=options.cull))
+        else:
+            one = _nearest_new(scene, cameras[number], first_views(known, number), options)
+        found.put(number, one)
+    return found
 
 
-def first_views(images: VisibilityBuffer, count: int) -> VisibilityBuffer:
-    """The first ``count`` images."""
-    return VisibilityBuffer(
-        cameras=images.cameras[:count],
-        depth=images.depth[:count],
-        triangle=images.triangle[:count],
-        object_id=images.object_id[:count],
-        barycentric=images.barycentric[:count],
+def fragment_tests(options: SamplingOptions, known: VisibilityBuffer) -> FragmentTests:
+    """The tests that refuse what ``known`` holds."""
+    return FragmentTests(
+        earlier=known,
+        compare_depth=options.pixel_test == "depth_identity",
+        quality_ratio=math.inf if options.quality_ratio is None else options.quality_ratio,
+    )
+
+
+def _nearest_new(scene: Scene, camera: Cameras, known: VisibilityBuffer, options: SamplingOptions) -> Samples:
+    """The nearest surface in each pixel of one camera that ``known`` does not hold."""
+    geometry, tests = scene.geometry, fragment_tests(options, known)
+    eps = (options.eps_relative, options.eps_scene * scene.diagonal)
+    seen = rasterize_visibility(geometry, camera, cull=options.cull, tests=tests)
+    layer, touching = count_nearer(geometry, seen, cull=options.cull, eps=eps)
+    truncated = layer >= options.max_skips
+    again = touching & seen.covered & ~truncated
+    while bool(again.any()):
+        # A coplanar copy of something redundant is the same surface under another id: look behind it, only there.
+        limited = replace(tests, beyond=torch.where(again, seen.depth, math.inf), skip=seen.triangle)
+        seen = _merged(again, rasterize_visibility(geometry, camera, cull=options.cull, tests=limited), seen)
+        asked = replace(seen, depth=torch.where(again, seen.depth, 0.0))
+        more, touching = count_nearer(geometry, asked, cull=options.cull, eps=eps)
+        layer = torch.where(again, more, layer)
+        truncated = layer >= options.max_skips
+        again &= touching & seen.covered & ~truncated
+    if bool(truncated.any()):
+        nothing = Samples.room_for(camera).seen
+        seen = _merged(truncated, nothing, seen)
+    return Samples(seen, layer, truncated)
+
+
+def _merged(pixels: Tensor, new: VisibilityBuffer, old: VisibilityBuffer) -> VisibilityBuffer:
+    """``new`` at the given pixels, ``old`` elsewhere."""
+    return replace(
+        old,
+        depth=torch.where(pixels, new.depth, old.depth),
+        triangle=torch.where(pixels, new.triangle, old.triangle),
+        object_id=torch.where(pixels, new.object_id, old.object_id),
+        barycentric=torch.where(pixels[..., None], new.barycentric, old.barycentric),
     )

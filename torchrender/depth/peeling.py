@@ -3,37 +3,19 @@ transparency*, 2001)."""
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import torch
 
 from torchrender.depth.options import SamplingOptions
-from torchrender.depth.samples import Samples, stack
+from torchrender.depth.samples import Samples
+from torchrender.depth.viewpoints import cameras_between
 from torchrender.raster import FragmentTests, rasterize_visibility
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
 
 
 def central_camera(cameras: Cameras) -> Cameras:
-    """One camera at the centroid of the eyes, with the mean orientation and intrinsics; sees all depths they see.
-
-    The mean rotation is the nearest rotation to the mean of the matrices. Where they cancel out, the first camera's is
-    taken.
-    """
-    u, sizes, v = torch.linalg.svd(cameras.rotation.mean(dim=0))
-    rotation = u @ torch.diag(torch.tensor([1.0, 1.0, float(torch.linalg.det(u @ v).sign())], dtype=torch.float64)) @ v
-    if float(sizes[1]) < 1e-6:
-        rotation = cameras.rotation[0]
-    matrix = torch.eye(4, dtype=torch.float64)
-    matrix[:3, :3] = rotation
-    matrix[:3, 3] = -rotation @ cameras.eye.mean(dim=0)
-    return replace(
-        cameras,
-        camera_from_world=matrix[None],
-        intrinsics=cameras.intrinsics.mean(dim=0, keepdim=True),
-        near=cameras.near.amin(dim=0, keepdim=True),
-        far=cameras.far.amax(dim=0, keepdim=True),
-    )
+    """One camera at the centroid of the eyes, with the mean orientation and intrinsics; sees all depths they see."""
+    return cameras_between(cameras, torch.full((1, len(cameras)), 1.0 / len(cameras), dtype=torch.float64))
 
 
 def peel(scene: Scene, cameras: Cameras, options: SamplingOptions) -> Samples:
@@ -42,20 +24,17 @@ def peel(scene: Scene, cameras: Cameras, options: SamplingOptions) -> Samples:
     Layer l is the nearest surface more than ``eps_t`` behind layer l-1, so that shared edges and coplanar duplicates
     do not use up layers.
     """
-    views: list[Samples] = []
-    tests = None
+    found, tests = Samples.room_for(cameras), None
     for number in range(len(cameras)):
         seen = rasterize_visibility(scene.geometry, cameras[number], cull=options.cull, tests=tests)
-        shape = seen.triangle.shape
-        layer = torch.full(shape, number, dtype=torch.int32)
-        if views:
-            before = views[-1]
+        layer = torch.full(seen.triangle.shape, number, dtype=torch.int32)
+        if number:
             # Where nothing is left, the count of surfaces stops growing.
-            count = before.layer + before.seen.covered.to(torch.int32)
+            count = found.layer[number - 1] + found.seen.covered[number - 1].to(torch.int32)
             layer = torch.where(seen.covered, layer, count)
-        views.append(Samples(seen, layer, torch.zeros(shape, dtype=torch.bool)))
+        found.put(number, Samples(seen, layer, torch.zeros_like(seen.covered)))
         tests = FragmentTests(beyond=step_past(seen.depth, scene, options), skip=seen.triangle)
-    return stack(views, cameras)
+    return found
 
 
 def step_past(depth: torch.Tensor, scene: Scene, options: SamplingOptions) -> torch.Tensor:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from torchrender.buffers import DepthImages
 from torchrender.depth.conventional import conventional
 from torchrender.depth.nonredundant import pixel_nonredundant
+from torchrender.depth.nonredundant_rays import visibility_nonredundant
 from torchrender.depth.options import SamplingOptions
 from torchrender.depth.peeling import central_camera, peel
 from torchrender.depth.samples import Samples, depth_images
@@ -42,7 +43,7 @@ def sample_depth_images(scene: Scene, cameras: Cameras, options: SamplingOptions
 def sample_offset_images(scene: Scene, images: DepthImages) -> DepthImages:
     """The same views half a pixel further: pixel centres at the corners of the pixels of ``images``.
 
-    The result has (H+1) x (W+1) pixels; its pixel (row j, column i) looks through the upper left corner of pixel (j, i).
+    The result has (H+1) x (W+1) pixels; pixel (row j, column i) looks through the upper left corner of that pixel.
     Offset image i is sampled with the redundancy of image i: against ``images`` 0..i-1, not against other offset
     images. For depth peeling, image l holds layer l as seen through those corners.
 
@@ -61,4 +62,6 @@ def _samples(scene: Scene, cameras: Cameras, images: DepthImages | None, options
         return conventional(scene.geometry, cameras, options)
     if options.method == "depth_peeling":
         return peel(scene, cameras, options)
+    if options.redundancy == "visibility":
+        return visibility_nonredundant(scene, cameras, None if images is None else images.cameras, options)
     return pixel_nonredundant(scene, cameras, images, options)

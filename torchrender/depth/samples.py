@@ -14,6 +14,8 @@ from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
 from torchrender.shade import diffuse_color
 
+_FIELDS = ("depth", "triangle", "object_id", "barycentric")
+
 
 @dataclass(frozen=True, eq=False)
 class Samples:
@@ -28,6 +30,25 @@ class Samples:
         """Samples before which nothing was skipped."""
         shape = seen.triangle.shape
         return cls(seen, torch.zeros(shape, dtype=torch.int32), torch.zeros(shape, dtype=torch.bool))
+
+    @classmethod
+    def room_for(cls, cameras: Cameras) -> Samples:
+        """Empty images, to be filled by :meth:`put` one after the other."""
+        shape = (len(cameras), cameras.height, cameras.width)
+        seen = VisibilityBuffer(
+            cameras=cameras,
+            depth=torch.full(shape, torch.inf),
+            triangle=torch.full(shape, -1, dtype=torch.int64),
+            object_id=torch.full(shape, -1, dtype=torch.int64),
+            barycentric=torch.zeros(*shape, 2),
+        )
+        return cls.first_hits(seen)
+
+    def put(self, number: int, one: Samples) -> None:
+        """Store the samples of camera ``number``."""
+        for name in _FIELDS:
+            getattr(self.seen, name)[number] = getattr(one.seen, name)[0]
+        self.layer[number], self.truncated[number] = one.layer[0], one.truncated[0]
 
 
 def depth_images(scene: Scene, samples: Samples, options: SamplingOptions) -> DepthImages:
@@ -50,14 +71,7 @@ def depth_images(scene: Scene, samples: Samples, options: SamplingOptions) -> De
     )
 
 
-def stack(views: list[Samples], cameras: Cameras) -> Samples:
-    """One set from samples of one camera each."""
-    parts = {
-        name: torch.cat([getattr(v.seen, name) for v in views])
-        for name in ("depth", "triangle", "object_id", "barycentric")
-    }
-    return Samples(
-        VisibilityBuffer(cameras=cameras, **parts),
-        torch.cat([v.layer for v in views]),
-        torch.cat([v.truncated for v in views]),
-    )
+def first_views(images: VisibilityBuffer, count: int) -> VisibilityBuffer:
+    """The first ``count`` images, sharing memory."""
+    parts = {name: getattr(images, name)[:count] for name in _FIELDS}
+    return VisibilityBuffer(cameras=images.cameras[:count], **parts)

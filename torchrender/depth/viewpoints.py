@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 
 import torch
+from torch import Tensor
 
 from torchrender.checks import check_range
 from torchrender.errors import OptionError
@@ -55,3 +56,66 @@ def viewpoints_around(scene: Scene, camera: Cameras, count: int, *, spread: floa
         near=near,
         far=far,
     )
+
+
+def cameras_between(cameras: Cameras, weights: Tensor) -> Cameras:
+    """F cameras whose eyes, orientations and intrinsics are weighted means of those of B cameras.
+
+    The mean orientation is the rotation nearest to the mean matrix; where the matrices cancel out, it is that of the
+    camera with the greatest weight. For cameras that look at one point from one distance the mean looks there, too.
+
+    Args:
+        weights: (F,B), each row sums to one.
+    """
+    weights = weights.double()
+    mean = torch.einsum("fb,bij->fij", weights, cameras.rotation)
+    u, sizes, v = torch.linalg.svd(mean)
+    flip = torch.ones(len(weights), 3, dtype=torch.float64)
+    flip[:, 2] = torch.linalg.det(u @ v).sign()
+    rotation = u @ (flip[..., None] * v)
+    rotation = torch.where(sizes[:, 1, None, None] > 1e-6, rotation, cameras.rotation[weights.argmax(dim=1)])
+    matrix = torch.eye(4, dtype=torch.float64).repeat(len(weights), 1, 1)
+    matrix[:, :3, :3] = rotation
+    matrix[:, :3, 3] = -(rotation @ (weights @ cameras.eye)[..., None])[..., 0]
+    return replace(
+        cameras,
+        camera_from_world=matrix,
+        intrinsics=torch.einsum("fb,bij->fij", weights, cameras.intrinsics),
+        near=cameras.near.amin().expand(len(weights)),
+        far=cameras.far.amax().expand(len(weights)),
+    )
+
+
+def viewpoints_inside(cameras: Cameras, count: int, *, first: int = 1) -> Cameras:
+    """``count`` cameras between those of a set: on the segment of two, in the triangle of three, and for more in the
+    triangles that fan out from the first one (a quadrilateral for four corners in turn).
+
+    Low-discrepancy: Halton points (p, q) of bases 2 and 3 from index ``first`` on, folded into the triangle.
+    """
+    check_range("count", count, 1)
+    p, q = halton(count, 2, first), halton(count, 3, first)
+    weights = torch.zeros(count, len(cameras), dtype=torch.float64)
+    rows = torch.arange(count)
+    if len(cameras) < 3:
+        weights[:, 0] = 1.0 if len(cameras) == 1 else 1.0 - p
+        weights[:, -1] += 0.0 if len(cameras) == 1 else p
+        return cameras_between(cameras, weights)
+    p = p * (len(cameras) - 2)
+    corner = p.floor().long()
+    p = p - corner
+    p, q = torch.where(p + q > 1.0, 1.0 - p, p), torch.where(p + q > 1.0, 1.0 - q, q)
+    weights[:, 0] = 1.0 - p - q
+    weights[rows, corner + 1] = p
+    weights[rows, corner + 2] = q
+    return cameras_between(cameras, weights)
+
+
+def halton(count: int, base: int, first: int = 1) -> Tensor:
+    """(count,) float64 in [0,1): the radical inverse of ``first``, ``first`` + 1, ... in the given base."""
+    index = torch.arange(first, first + count)
+    value, scale = torch.zeros(count, dtype=torch.float64), 1.0
+    while bool((index > 0).any()):
+        scale /= base
+        value += scale * (index % base)
+        index = index // base
+    return value

@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from torchrender.kernels.compile import kernel
-from torchrender.kernels.fragments import is_refused
+from torchrender.kernels.fragments import has_surface, has_triangle, is_hole, only_identity
 from torchrender.kernels.planes import barycentric_planes
 from torchrender.kernels.project import SUBPIXEL, snapped_x, snapped_y
 
@@ -133,17 +133,43 @@ def fill_tested(t, plane, spot, spans_of, scene, view, tests, keys, ids):
     kx, ky, kc, low, high = plane
     x0, y0, y1, left, top = spot
     first, last = spans_of
-    orthographic = view[4] != 0.0
-    centre = (np.int64(view[0]) >> 1, np.int64(view[1]) >> 1)
-    weights = barycentric_planes(scene[0], scene[2], t, orthographic)
+    faces, orthographic = scene[2], view[4] != 0.0
+    (limit_keys, limit_ids), earlier, holes = tests
+    known, pixels, near = earlier[0], earlier[1], earlier[2]
+    limited, compared = limit_keys.shape[0] > 0, known.shape[0] > 0
+    plain = compared and only_identity(earlier[5])
+    holed = holes[0].shape[0] > 0 and holes[0][t] >= 0
+    shift_x = left + 0.5 - (np.int64(view[0]) >> 1)
+    shift_y = top + 0.5 - (np.int64(view[1]) >> 1)
+    ux, uy, uc, vx, vy, vc = barycentric_planes(scene[0], faces, t, orthographic)
+    count = 0
     for y in range(y0, y1 + 1):
+        begin, end = first[y - y0], last[y - y0]
+        if begin > end:
+            continue
+        count += end - begin + 1
         base = kc + ky * y
-        for x in range(x0 + first[y - y0], x0 + last[y - y0] + 1):
-            key = min(max(base + kx * x, low), high)
-            place = y * TILE_WIDTH + x
+        py = y + shift_y
+        for x in range(np.uintp(x0 + begin), np.uintp(x0 + end + 1)):
+            key = min(max(base + kx * np.float64(x), low), high)
+            place = np.uintp(y * TILE_WIDTH) + x
             here = keys[place]
             if key < here or (key == here and t > ids[place]):
                 continue
-            if not is_refused(t, (left + x, top + y), centre, key, scene[2], weights, orthographic, tests):
-                keys[place] = key
-                ids[place] = t
+            if limited:
+                row, column = np.uintp(top + y), np.uintp(left) + x
+                if not key < limit_keys[row, column] or limit_ids[row, column] == t:
+                    continue
+            px = np.float64(x) + shift_x
+            if holed:
+                weight = 1.0 if orthographic else 1.0 / key
+                if is_hole(t, (ux * px + uy * py + uc) * weight, (vx * px + vy * py + vc) * weight, faces, holes):
+                    continue
+            if plain:
+                if has_triangle(t, px, py, key, known, pixels, near):
+                    continue
+            elif compared and has_surface(t, px, py, key, (kx, ky), earlier):
+                continue
+            keys[place] = key
+            ids[place] = t
+    return count

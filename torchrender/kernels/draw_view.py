@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from torchrender.kernels import binning, project, tiles
+from torchrender.kernels import binning, layers, project, tiles
 from torchrender.kernels.compile import thread_count
 from torchrender.kernels.coverage import TILE_HEIGHT, TILE_WIDTH
 
@@ -55,6 +55,27 @@ def draw_view(
     triangles: TriangleArrays, view: View, cull: str, tests: tuple[Any, Any, Any], outputs: tuple[Array, ...]
 ) -> None:
     """Fill ``outputs`` = (depth, triangle, object, barycentric), the last three empty if only depth is wanted."""
+    scene, bins = _prepare(triangles, view, cull)
+    tiles.render_tiles(scene, bins, view.settings, *tests, _scratch(thread_count()), outputs)
+
+
+def count_view(
+    triangles: TriangleArrays,
+    view: View,
+    cull: str,
+    holes: tuple[Array, ...],
+    stored: tuple[Array, Array],
+    eps: Array,
+    outputs: tuple[Array, Array],
+) -> None:
+    """Fill ``outputs`` = (count, touching): surfaces before those ``stored`` = (depth, triangle)."""
+    scene, bins = _prepare(triangles, view, cull)
+    _, _, ends, counter = _scratch(thread_count())
+    layers.count_tiles(scene, bins, view.settings, holes, stored, eps, (ends, counter), outputs)
+
+
+def _prepare(triangles: TriangleArrays, view: View, cull: str) -> tuple[tuple[Array, ...], tuple[Array, Array, Array]]:
+    """Projected vertices with clipped triangles, and the triangles of each tile."""
     chosen, distance = project.visible_clusters(triangles.cluster_bounds, view.planes)
     chosen = chosen[np.argsort(distance, kind="stable")]  # nearly front to back: what is hidden is dropped early
     blocks = project.needed_blocks(chosen, triangles.cluster_vertices, len(triangles.vertices))
@@ -66,7 +87,7 @@ def draw_view(
     )
     scene = (points, packed, triangles.faces, triangles.objects)
     clipped, bins = _bin(triangles, chosen, scene, view, CULL[cull])
-    tiles.render_tiles((*scene, *clipped), bins, view.settings, *tests, _scratch(thread_count()), outputs)
+    return (*scene, *clipped), bins
 
 
 def _scratch(threads: int) -> tuple[Array, Array, Array, Array]:

@@ -108,9 +108,20 @@ def draw(t, corners, box, scene, view, tests, buffers):
         fill_small(t, plane, (x0, y0, x1, y1), bits, keys, ids)
         return 1
     if tested:
-        fill_tested(t, plane, (x0, y0, y1, left, top), (first, last), scene, view, tests, keys, ids)
-        return 0
+        return fill_tested(t, plane, (x0, y0, y1, left, top), (first, last), scene, view, tests, keys, ids)
     return fill(t, plane, (x0, y0, y1), first, last, keys, ids)
+
+
+@kernel(inline=True)
+def is_open(limits, left, top, width, height, empty):
+    """False if the peeling limits let nothing through anywhere in the tile."""
+    if limits.shape[0] == 0:
+        return True
+    for y in range(np.uintp(top), np.uintp(top + height)):
+        for x in range(np.uintp(left), np.uintp(left + width)):
+            if limits[y, x] > empty:
+                return True
+    return False
 
 
 @kernel()
@@ -132,7 +143,10 @@ def render_tile(scene, bins, view, tests, k, buffers, outputs):
             ids[y * TILE_WIDTH + x] = -1
     limit = np.inf
     tried = 0
-    for n in range(starts[k], starts[k + 1]):
+    first, end = starts[k], starts[k + 1]
+    if not is_open(tests[0][0], left, top, tile_width, tile_height, empty):
+        end = first
+    for n in range(first, end):
         t, a, b, c = fetch(entries[n], packed, faces, corners, owners)
         if points[faces[t, 0], 2] > limit and points[faces[t, 1], 2] > limit and points[faces[t, 2], 2] > limit:
             continue
