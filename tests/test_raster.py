@@ -244,6 +244,16 @@ def test_holes_let_the_surface_behind_show():
     assert bool((g.object_id[upper & g.covered] == 1).all())
     assert bool((g.object_id[lower] == 0).all())
     assert int(upper.sum()) > 100 and int(lower.sum()) > 100
+    # Rays go through the same holes, whatever casts them.
+    for backend in ("embree", "bvh"):
+        caster = RayCaster(scene.geometry, backend)
+        origins, directions = (a.reshape(-1, 3) for a in g.cameras.rays())
+        hits = caster.first_hit(origins, directions)
+        inner = torch.minimum(g.barycentric.amin(-1), 1 - g.barycentric.sum(-1)).reshape(-1) > 1e-4
+        same = (hits.triangle == g.triangle.reshape(-1))[inner]
+        assert float(same.double().mean()) > 0.99
+        between = caster.occluded(origins, directions, t_max=4.5)
+        assert torch.equal(between, hits.hit & (hits.t < 4.5))
 
 
 def test_agrees_with_the_ray_caster_on_a_scene():

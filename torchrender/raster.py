@@ -150,7 +150,9 @@ def _triangle_arrays(geometry: Geometry) -> TriangleArrays:
         objects=geometry.object_id.numpy(),
         clusters=geometry.clusters.numpy(),
         cluster_bounds=geometry.cluster_bounds.numpy(),
-        cluster_vertices=geometry.cluster_vertices.numpy(),
+        order=geometry.order.numpy(),
+        block_starts=geometry.cluster_blocks[0].numpy(),
+        blocks=geometry.cluster_blocks[1].numpy(),
     )
 
 

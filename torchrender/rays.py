@@ -23,6 +23,7 @@ from torchrender.errors import InputError, OptionError
 from torchrender.kernels.bvh import TIE, Rays, build_bvh, trace
 from torchrender.kernels.compile import view
 from torchrender.kernels.embree import SLACK, aim, grown_triangles
+from torchrender.kernels.ray_holes import hits_in_holes
 from torchrender.scene.mesh import Geometry
 
 BACKENDS = ("auto", "embree", "bvh")
@@ -62,6 +63,13 @@ class RayCaster:
             grown, thin = grown_triangles(self._bvh.corners, self._bvh.frame)
             if thin.mean() < _THIN:
                 self._bound = _EmbreeBound(self._bvh.frame, grown, embree)
+
+    @property
+    def _holes(self) -> tuple[np.ndarray, ...] | None:
+        cutout, uv = self.geometry.cutout, self.geometry.uv
+        if cutout is None or uv is None:
+            return None
+        return cutout.mask.numpy(), cutout.table.numpy(), cutout.texels.numpy(), uv.numpy()
 
     def rebuilt(self, vertices: Tensor) -> RayCaster:
         """The same faces with moved vertices (V,3), in scene units."""
@@ -132,7 +140,26 @@ class RayCaster:
         return torch.from_numpy(self._cast(rays)[1] >= 0).reshape(shape)
 
     def _cast(self, rays: Rays) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Ray parameter, triangle and weights of each ray."""
+        """Ray parameter, triangle and weights of each ray; rays that meet a hole in a triangle go on behind it."""
+        if self._holes is None:
+            return self._cast_solid(rays)
+        rays = rays._replace(any_hit=False)  # any hit would not say what lies before it
+        found = self._cast_solid(rays)
+        index = np.arange(len(rays.origins))
+        passed = np.zeros(len(index), np.bool_)
+        while len(index):
+            part = tuple(a[index] for a in found)
+            hits_in_holes(part[1], part[2], self.geometry.faces.numpy(), self._holes, passed[: len(index)])
+            chosen = np.flatnonzero(passed[: len(index)])
+            index = index[chosen]
+            rays = _pick(rays, chosen)
+            span = np.stack([part[0][chosen], rays.span[:, 1]], axis=1)
+            rays = rays._replace(span=span, window=span, ignore=part[1][chosen].astype(np.int32))
+            for whole, more in zip(found, self._cast_solid(rays), strict=True):
+                whole[index] = more
+        return found
+
+    def _cast_solid(self, rays: Rays) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         if self._bound is None:
             result: tuple[np.ndarray, np.ndarray, np.ndarray] = trace(self._bvh, rays)
             return result

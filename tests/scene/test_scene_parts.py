@@ -8,6 +8,7 @@ import pytest
 import torch
 
 from torchrender.errors import InputError, MeshError, OptionError
+from torchrender.kernels.project import BLOCK
 from torchrender.scene.cutout import build_cutout
 from torchrender.scene.environment import Environment, latlong_directions
 from torchrender.scene.light import DirectionalLight, PointLight, RectLight, SpotLight
@@ -36,17 +37,24 @@ def test_concatenation_keeps_ids_and_fills_what_is_missing():
     assert torch.equal(g.uv[:6], first.uv) and float(g.uv[6:].abs().sum()) == 0
     assert float(g.normals[:6].abs().sum()) == 0 and bool((g.normals[6:] == 1).all())
     assert g.colors is None and g.cutout is None
+    assert g.runs.tolist() == [0, 2, CLUSTER + 7]
     assert g.clusters.tolist() == [[0, 2], [2, 2 + CLUSTER], [2 + CLUSTER, CLUSTER + 7]]
     assert torch.equal(g.vertices[g.faces[2].long()], second.vertices[:3].double())
 
 
-def test_cluster_boxes_hold_their_triangles():
-    g = concatenate([strip(300), strip(3)])
-    for (first, end), (low, high), (begin, stop) in zip(g.clusters, g.cluster_bounds, g.cluster_vertices, strict=True):
-        used = g.faces[first:end].long()
+def test_clusters_hold_all_triangles_once_and_stay_within_their_mesh():
+    far_apart = strip(300)
+    shuffled = Mesh(vertices=far_apart.vertices, faces=far_apart.faces[torch.randperm(300)])
+    g = concatenate([shuffled, strip(3)])
+    assert sorted(g.order.tolist()) == list(range(303))
+    assert torch.equal(g.order[300:].sort().values, torch.tensor([300, 301, 302], dtype=torch.int32))
+    starts, blocks = g.cluster_blocks
+    for c, ((first, end), (low, high)) in enumerate(zip(g.clusters, g.cluster_bounds, strict=True)):
+        used = g.faces[g.order[first:end].long()].long()
         corners = g.vertices[used]
         assert torch.equal(corners.amin((0, 1)), low) and torch.equal(corners.amax((0, 1)), high)
-        assert int(used.min()) == begin and int(used.max()) + 1 == stop
+        assert float(high[0] - low[0]) <= 3.0 * CLUSTER  # neighbours, however the faces were shuffled
+        assert sorted(blocks[starts[c] : starts[c + 1]].tolist()) == (used // BLOCK).unique().tolist()
     torch.testing.assert_close(g.bounds[1], torch.tensor([899.0, 2, 0], dtype=torch.float64))
 
 

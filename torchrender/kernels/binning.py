@@ -61,9 +61,10 @@ def out_of_view(points, faces, t, near, far, orthographic, half_width, half_heig
 
 
 @kernel(parallel=True)
-def classify(points, packed, faces, clusters, chosen, chunks, view, cull, tile, lists):
-    """Cull triangles and count tiles, in ``chunks`` runs of the chosen clusters.
+def classify(points, packed, faces, groups, view, cull, tile, lists):
+    """Cull triangles and count tiles, in chunks of the chosen clusters.
 
+    ``groups`` = (clusters (C,2) of places in order, order (F,) of triangle ids, chosen clusters).
     ``view`` (6,) float64: width, height, near, far, orthographic, unused. ``tile`` (2,): tile width and height.
     ``lists`` = (starts (chunks+1,), ids (N,), boxes (N,4) int16 in tiles, clip ids (N,)). Returns the number kept and
     the number to clip for each chunk and the tile counts (chunks, tiles).
@@ -73,6 +74,8 @@ def classify(points, packed, faces, clusters, chosen, chunks, view, cull, tile, 
     columns = (width + tile[0] - 1) // tile[0]
     rows = (height + tile[1] - 1) // tile[1]
     starts, ids, boxes, to_clip = lists
+    clusters, order, chosen = groups
+    chunks = starts.shape[0] - 1
     counts = np.zeros((chunks, columns * rows), np.int32)
     kept = np.zeros((chunks, 2), np.int64)
     per = (chosen.shape[0] + chunks - 1) // chunks
@@ -81,7 +84,8 @@ def classify(points, packed, faces, clusters, chosen, chunks, view, cull, tile, 
         m = starts[chunk]
         first_cluster = np.int64(chunk) * per
         for k in range(first_cluster, min(first_cluster + per, chosen.shape[0])):
-            for t in range(clusters[chosen[k], 0], clusters[chosen[k], 1]):
+            for place in range(clusters[chosen[k], 0], clusters[chosen[k], 1]):
+                t = order[place]
                 a = packed[faces[t, 0], 3]
                 b = packed[faces[t, 1], 3]
                 c = packed[faces[t, 2], 3]

@@ -38,7 +38,9 @@ class TriangleArrays:
     objects: Array  # (F,) int64
     clusters: Array  # (C,2) int64
     cluster_bounds: Array  # (C,2,3) float64
-    cluster_vertices: Array  # (C,2) int64
+    order: Array  # (F,) int32 triangle ids, cluster by cluster
+    block_starts: Array  # (C+1,) int64
+    blocks: Array  # (N,) int32 vertex blocks of the clusters
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +80,7 @@ def _prepare(triangles: TriangleArrays, view: View, cull: str) -> tuple[tuple[Ar
     """Projected vertices with clipped triangles, and the triangles of each tile."""
     chosen, distance = project.visible_clusters(triangles.cluster_bounds, view.planes)
     chosen = chosen[np.argsort(distance, kind="stable")]  # nearly front to back: what is hidden is dropped early
-    blocks = project.needed_blocks(chosen, triangles.cluster_vertices, len(triangles.vertices))
+    blocks = project.needed_blocks(chosen, triangles.block_starts, triangles.blocks, len(triangles.vertices))
     points = np.empty((len(triangles.vertices), 4))  # only the wanted blocks are filled, and only they are read
     packed = points.view(np.int64)
     near, orthographic = view.settings[2], bool(view.settings[4])
@@ -111,7 +113,7 @@ def _bin(
     total = int(starts[-1])
     lists = (starts, np.empty(total, np.int32), np.empty((total, 4), np.int16), np.empty(total, np.int32))
     kept, counts = binning.classify(
-        points, packed, faces, triangles.clusters, chosen, len(starts) - 1, settings, cull, TILE, lists
+        points, packed, faces, (triangles.clusters, triangles.order, chosen), settings, cull, TILE, lists
     )
     crossing = np.concatenate([lists[3][s : s + n] for s, n in zip(starts[:-1], kept[:, 1], strict=True)])
     corners = np.empty(((binning.MAX_CLIPPED - 2) * len(crossing), 3), np.int64)

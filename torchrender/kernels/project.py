@@ -63,13 +63,12 @@ def visible_clusters(bounds, planes):
 
 
 @kernel()
-def needed_blocks(clusters, ranges, vertex_count):
-    """Indices of the blocks of BLOCK vertices that the chosen clusters use; ranges (C,2)."""
-    total = (vertex_count + BLOCK - 1) // BLOCK
-    wanted = np.zeros(total, np.bool_)
-    for c in clusters:
-        for b in range(ranges[c, 0] // BLOCK, (ranges[c, 1] - 1) // BLOCK + 1):
-            wanted[b] = True
+def needed_blocks(chosen, starts, blocks, vertex_count):
+    """Indices of the blocks of BLOCK vertices that the chosen clusters use; starts (C+1,) into blocks."""
+    wanted = np.zeros((vertex_count + BLOCK - 1) // BLOCK, np.bool_)
+    for c in chosen:
+        for place in range(starts[c], starts[c + 1]):
+            wanted[blocks[place]] = True
     return np.nonzero(wanted)[0]
 
 

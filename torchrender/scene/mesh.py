@@ -12,10 +12,11 @@ import torch
 from torch import Tensor
 
 from torchrender.errors import MeshError
+from torchrender.kernels.clusters import cluster_boxes, spatial_order, vertex_blocks
 from torchrender.scene.cutout import Cutout
 
 CLUSTER = 128
-"""Triangles per culling cluster: runs of consecutive triangles of one object."""
+"""Triangles per culling cluster at most: neighbours of one mesh."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -70,8 +71,9 @@ class Geometry:
     normals: Tensor | None  # (V,3) float32; a zero row means: use the face's own normal; None: no vertex has one
     uv: Tensor | None  # (V,2) float32; zero where a mesh has none
     colors: Tensor | None  # (V,3) float32; one where a mesh has none
-    clusters: Tensor  # (C,2) int64 first and one-past-last triangle
+    runs: Tensor  # (R+1,) int64: triangles runs[r] to runs[r+1] belong together, a mesh each
     cutout: Cutout | None = None  # triangles with holes
+    coherent: bool = False  # triangles already follow one another in space: sorting them would only cost time
 
     @property
     def triangle_count(self) -> int:
@@ -86,26 +88,36 @@ class Geometry:
         return torch.stack([low.amin(0), high.amax(0)])
 
     @cached_property
-    def cluster_bounds(self) -> Tensor:
-        """(C,2,3) float64 bounding box of each cluster."""
-        corners = self.vertices.numpy()[self.faces.numpy()]
-        starts = self.clusters[:, 0].numpy()
-        if not len(starts):
-            return torch.zeros(0, 2, 3, dtype=torch.float64)
-        low = np.minimum.reduceat(corners.min(axis=1), starts)
-        high = np.maximum.reduceat(corners.max(axis=1), starts)
-        return torch.from_numpy(np.stack([low, high], axis=1))
+    def order(self) -> Tensor:
+        """(F,) int32 triangle ids; those of a cluster stand together and lie close together in space."""
+        if self.coherent:
+            return torch.arange(self.triangle_count, dtype=torch.int32)
+        vertices, faces = self.vertices.numpy(), self.faces.numpy()
+        return torch.from_numpy(spatial_order(vertices, faces, self.runs.numpy()))
 
     @cached_property
-    def cluster_vertices(self) -> Tensor:
-        """(C,2) int64 smallest and one-past-largest vertex index that each cluster uses."""
-        starts = self.clusters[:, 0].numpy()
-        if not len(starts):
-            return torch.zeros(0, 2, dtype=torch.int64)
-        faces = self.faces.numpy()
-        low = np.minimum.reduceat(faces.min(axis=1), starts)
-        high = np.maximum.reduceat(faces.max(axis=1), starts) + 1
-        return torch.from_numpy(np.stack([low, high], axis=1).astype(np.int64))
+    def clusters(self) -> Tensor:
+        """(C,2) int64 first and one-past-last place in ``order`` of each culling cluster; clusters never mix runs."""
+        runs = self.runs.tolist()
+        pairs = [
+            (first, min(first + CLUSTER, end)) for begin, end in pairwise(runs) for first in range(begin, end, CLUSTER)
+        ]
+        return torch.tensor(pairs, dtype=torch.int64).reshape(-1, 2)
+
+    @cached_property
+    def cluster_bounds(self) -> Tensor:
+        """(C,2,3) float64 bounding box of each cluster."""
+        boxes = torch.zeros(len(self.clusters), 2, 3, dtype=torch.float64)
+        order, clusters = self.order.numpy(), self.clusters.numpy()
+        cluster_boxes(self.vertices.numpy(), self.faces.numpy(), order, clusters, boxes.numpy())
+        return boxes
+
+    @cached_property
+    def cluster_blocks(self) -> tuple[Tensor, Tensor]:
+        """Blocks of vertices that cluster c uses: ``blocks[starts[c]:starts[c + 1]]``; starts (C+1,), blocks (N,)."""
+        arrays = (self.faces.numpy(), self.order.numpy(), self.clusters.numpy())
+        starts, blocks = vertex_blocks(*arrays, len(self.vertices))
+        return torch.from_numpy(starts), torch.from_numpy(blocks)
 
     @cached_property
     def face_normals(self) -> Tensor:
@@ -126,11 +138,6 @@ def concatenate(meshes: Sequence[Mesh]) -> Geometry:
     starts = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
     ids = [k if m.object_id is None else m.object_id for k, m in enumerate(meshes)]
     faces = [m.faces.to(torch.int64) + int(o) for m, o in zip(meshes, offsets, strict=False)]
-    clusters = [
-        (first, min(first + CLUSTER, int(end)))
-        for begin, end in pairwise(starts)
-        for first in range(int(begin), int(end), CLUSTER)
-    ]
     return Geometry(
         vertices=_cat([m.vertices.detach().double() for m in meshes], 3, torch.float64),
         faces=_cat(faces, 3, torch.int64).to(torch.int32).contiguous(),
@@ -141,7 +148,7 @@ def concatenate(meshes: Sequence[Mesh]) -> Geometry:
         normals=_optional([m.normals for m in meshes], counts, 3, 0.0),
         uv=_optional([m.uv for m in meshes], counts, 2, 0.0),
         colors=_optional([m.colors for m in meshes], counts, 3, 1.0),
-        clusters=torch.tensor(clusters, dtype=torch.int64).reshape(-1, 2),
+        runs=torch.from_numpy(starts),
     )
 
 
