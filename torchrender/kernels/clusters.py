@@ -8,12 +8,13 @@ from numba import prange
 from torchrender.kernels.compile import kernel, thread_count
 from torchrender.kernels.project import BLOCK
 
-BITS = 10  # of each coordinate in a Morton code
+BITS = 7  # of each coordinate in a Morton code: two million cells are plenty for clusters of a hundred triangles
+DIGIT = 11  # bits sorted in one pass
 
 
 @kernel()
 def spread(value):
-    """The bits of a 10-bit number three places apart."""
+    """The bits of a number below 1024 three places apart."""
     value = (value | (value << 16)) & 0x030000FF
     value = (value | (value << 8)) & 0x0300F00F
     value = (value | (value << 4)) & 0x030C30C3
@@ -39,6 +40,27 @@ def morton_codes(vertices, faces, starts, codes):
                 share = (vertices[faces[t, 0], k] - low[k]) / size if size > 0.0 else 0.0
                 code |= spread(np.int64(share * steps)) << (2 - k)
             codes[t] = (np.int64(run) << (3 * BITS)) | code
+
+
+@kernel()
+def radix_order(codes, bits):
+    """Stable order (F,) int32 of keys below ``1 << bits``."""
+    count = codes.shape[0]
+    order = np.arange(count).astype(np.int32)
+    other = np.zeros(count, np.int32)
+    places = np.zeros((1 << DIGIT) + 1, np.int64)
+    for shift in range(0, bits, DIGIT):
+        places[:] = 0
+        for k in range(count):
+            places[((codes[k] >> shift) & ((1 << DIGIT) - 1)) + 1] += 1
+        for d in range(1 << DIGIT):
+            places[d + 1] += places[d]
+        for k in range(count):
+            digit = (codes[order[k]] >> shift) & ((1 << DIGIT) - 1)
+            other[places[digit]] = order[k]
+            places[digit] += 1
+        order, other = other, order
+    return order
 
 
 @kernel(parallel=True)
@@ -82,7 +104,7 @@ def spatial_order(vertices, faces, starts):
     """Triangle ids (F,) int32, run by run, neighbours close together."""
     codes = np.zeros(len(faces), np.int64)
     morton_codes(vertices, faces, starts, codes)
-    return np.argsort(codes).astype(np.int32)
+    return radix_order(codes, 3 * BITS + max(len(starts) - 2, 0).bit_length())
 
 
 def vertex_blocks(faces, order, clusters, vertex_count):

@@ -63,7 +63,11 @@ def main() -> None:
 def compare(scene: Scene, size: int, runs: int) -> dict[str, Any]:
     """G-buffer times beside open3d and software OpenGL, and agreement with the ray caster."""
     geometry, camera = scene.geometry, scene.camera(width=size, height=size)
-    candidates: dict[str, Any] = {"torchrender": lambda: rasterize_visibility(geometry, camera)}
+    fields = (geometry.vertices, geometry.faces, geometry.object_id, geometry.material, None, None, None, geometry.runs)
+    candidates: dict[str, Any] = {
+        "torchrender": lambda: rasterize_visibility(geometry, camera),
+        "torchrender_fresh": lambda: rasterize_visibility(Geometry(*fields), camera),  # clusters are built anew
+    }
     notes = {}
     rays = open3d_rays(geometry, camera, thread_count())
     if isinstance(rays, str):

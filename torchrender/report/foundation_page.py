@@ -46,19 +46,19 @@ def gbuffer_table(record: dict[str, Any]) -> list[str]:
     lines = [
         f"## G-buffer at {size}²: depth, triangle id, object id, barycentrics",
         "",
-        "| scene | triangles | torchrender | open3d rays | ratio | with BVH build | ratio | software OpenGL | ratio |",
-        "|---|---|---|---|---|---|---|---|---|",
+        "| scene | triangles | torchrender | open3d rays | ratio | software OpenGL | ratio "
+        "| first image: torchrender | open3d | ratio |",
+        "|---|---|---|---|---|---|---|---|---|---|",
     ]
     for name, row in rows.items():
         ms = row["ms"]
         own = ms["torchrender"]["median"]
         cells = [name, f"{row['triangles']:,}", span(ms["torchrender"])]
-        cast, whole = ms.get("open3d"), None
-        if cast is not None:
-            whole = cast["median"] + ms["open3d_build"]["median"]
-        cells += [span(cast), ratio(cast and cast["median"], own), number(whole), ratio(whole, own)]
-        drawn = ms.get("opengl")
+        cast, drawn, fresh = ms.get("open3d"), ms.get("opengl"), ms["torchrender_fresh"]
+        whole = None if cast is None else cast["median"] + ms["open3d_build"]["median"]
+        cells += [span(cast), ratio(cast and cast["median"], own)]
         cells += [span(drawn), ratio(drawn and drawn["median"], own)]
+        cells += [span(fresh), number(whole), ratio(whole, fresh["median"])]
         lines.append("| " + " | ".join(cells) + " |")
     notes = {f"{PEERS[k]}: {v}" for row in rows.values() for k, v in row["notes"].items()}
     lines += [
