@@ -28,6 +28,7 @@ ORDER = (
     "shade",
     "depth",
     "geometry",
+    "reproject",
     "effects",
     "photo",
     "walkthrough",

@@ -19,3 +19,18 @@ def fetch_add(typingctx, array, index, value):  # noqa: ARG001
         return builder.atomic_rmw("add", pointer, addend, "monotonic")
 
     return signature, generate
+
+
+@intrinsic
+def store_max(typingctx, array, index, value):  # noqa: ARG001
+    """``array[index] = max(array[index], value)``, atomically. The array is one-dimensional and unsigned."""
+    signature = types.void(array, types.intp, array.dtype)
+
+    def generate(context, builder, sig, args):
+        values, position, candidate = args
+        data = context.make_array(sig.args[0])(context, builder, values).data
+        pointer = cgutils.gep_inbounds(builder, data, position)
+        builder.atomic_rmw("umax", pointer, candidate, "monotonic")
+        return context.get_dummy_value()
+
+    return signature, generate

@@ -1,0 +1,244 @@
+"""Corners of the quads that stand for the samples of a depth image: test them, guess them, let neighbours share them.
+
+Pixel (j,i) has corner 0 at its top left, 1 bottom left, 2 bottom right, 3 top right. Around image corner (j,i) lie up
+to four pixels; pixel ``k`` of them is the one whose own corner ``k`` this is. Specification 02, sections 3.2 and 3.3.
+
+``joined`` (B,H+1,W+1) int32 tells for each image corner which of the four share one vertex: bits 2k and 2k+1 hold the
+lowest member of pixel ``k``'s group, bit 8+k is set if ``k`` is the lowest member of a group, bit 12+k if the sample of
+pixel ``k`` accepts the corner of the offset image.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import prange
+
+from torchrender.kernels.atomics import fetch_add
+from torchrender.kernels.compile import kernel
+
+BAND = 16  # corner rows handed to a thread at once
+EDGE_ON = 1e-6
+EMPTY, GUESSED, TRUE = 0, 1, 2
+ALONE = 0 | (1 << 2) | (2 << 4) | (3 << 6)
+DIAGONAL, FIRST, SECOND = 1, 2, 4
+"""Bits of a quad's shape: split from corner 1 to 3 instead of 0 to 2; first and second triangle present."""
+
+
+@kernel(inline=True)
+def plane_row(j, image, matrix, plane):
+    """Tangent plane of every sample of row ``j``: ``plane`` (4,W) = n.s, n.d at corner 0, its step right and down."""
+    depth, normal, _ = image
+    sample, slope, right, down = plane[0], plane[1], plane[2], plane[3]
+    a00, a01, a02 = matrix[0, 0], matrix[0, 1], matrix[0, 2]
+    a10, a11, a12 = matrix[1, 0], matrix[1, 1], matrix[1, 2]
+    a20, a21, a22 = matrix[2, 0], matrix[2, 1], matrix[2, 2]
+    v = np.float64(j)
+    for i in range(np.uintp(depth.shape[1])):
+        nx, ny, nz = np.float64(normal[j, i, 0]), np.float64(normal[j, i, 1]), np.float64(normal[j, i, 2])
+        x = a00 * nx + a01 * ny + a02 * nz
+        y = a10 * nx + a11 * ny + a12 * nz
+        n = a20 * nx + a21 * ny + a22 * nz + x * np.float64(i) + y * v
+        sample[i] = np.float64(depth[j, i]) * (n + 0.5 * (x + y))
+        slope[i], right[i], down[i] = n, x, y
+
+
+@kernel(inline=True)
+def stored_row(k, j, ids, offset, stored):
+    """What the offset image shows at corner ``k`` of the pixels of row ``j``; +inf where it shows another object."""
+    seen, seen_ids = offset
+    row = np.uintp(j + (1 if k in (1, 2) else 0))
+    step = np.uintp(1 if k >= 2 else 0)
+    for i in range(np.uintp(stored.shape[0])):
+        stored[i] = seen[row, i + step]
+    if ids.shape[0] > 0:
+        for i in range(np.uintp(stored.shape[0])):
+            if seen_ids[row, i + step] != ids[j, i]:
+                stored[i] = np.inf
+
+
+@kernel(inline=True)
+def judge_row(k, depth, plane, stored, limits, state, value, tolerance):
+    """State, final depth and tolerance of corner ``k`` for a row of samples; no branches, so that it vectorises."""
+    tau_a, tau_b, rho, near = limits
+    sample, slope, right, down = plane[0], plane[1], plane[2], plane[3]
+    lower = 1.0 if k in (1, 2) else 0.0
+    across = 1.0 if k >= 2 else 0.0
+    shrink = 1.0 / rho
+    for i in range(np.uintp(depth.shape[0])):
+        z = np.float64(depth[i])
+        n = slope[i] + lower * down[i] + across * right[i]
+        predicted = sample[i] / n
+        usable = (abs(n) >= EDGE_ON) & (predicted > 0.0) & (predicted < np.inf)
+        target = predicted if usable else z
+        margin = tau_a * z + tau_b * abs(target - z)
+        seen = np.float64(stored[i])
+        true = abs(seen - target) <= margin
+        guess = z * shrink if target < z * shrink else target
+        guess = z * rho if guess > z * rho else guess
+        guess = near if guess < near else guess
+        filled = z < np.inf
+        state[i + np.uintp(1)] = np.uint8((TRUE if true else GUESSED) if filled else EMPTY)
+        value[i + np.uintp(1)] = np.float32((seen if true else guess) if filled else np.inf)
+        tolerance[i + np.uintp(1)] = np.float32(margin if filled else 0.0)
+
+
+@kernel()
+def judge_pixels(j, image, offset, matrix, limits, rows, spare):
+    """The four corners of every pixel of row ``j``: state, depth and tolerance, each (4,W+2) with a margin column.
+
+    ``image`` = depth (H,W), normal (H,W,3), ids; ``offset`` = depth (H+1,W+1), ids, either may have no elements.
+    """
+    depth, _, ids = image
+    state, value, tolerance = rows
+    plane, stored = spare
+    plane_row(j, image, matrix, plane)
+    for k in range(4):
+        if offset[0].shape[0] > 0:
+            stored_row(k, j, ids, offset, stored)
+        judge_row(k, depth[j], plane, stored, limits, state[k], value[k], tolerance[k])
+
+
+@kernel()
+def group(states, depths, tolerances, owners, label, merge):
+    """Who shares the corner: the word of ``joined``; merged guesses get their mean depth in place.
+
+    All arguments but ``merge`` hold one value for each of the four pixels.
+    """
+    word = np.int32(0)
+    first_true = -1
+    for k in range(4):
+        label[k] = k
+        if states[k] == TRUE:
+            word |= np.int32(1 << (12 + k))
+            if first_true < 0:
+                first_true = k
+            label[k] = first_true
+    if merge:
+        for b in range(1, 4):
+            for a in range(b):
+                if states[a] != GUESSED or states[b] != GUESSED or owners[a] != owners[b]:
+                    continue
+                if abs(depths[a] - depths[b]) <= min(tolerances[a], tolerances[b]) and label[a] != label[b]:
+                    low, high = min(label[a], label[b]), max(label[a], label[b])
+                    for k in range(4):
+                        if label[k] == high:
+                            label[k] = low
+        for low in range(4):
+            total, count = 0.0, 0
+            for k in range(4):
+                if states[k] == GUESSED and label[k] == low:
+                    total += depths[k]
+                    count += 1
+            if count > 1:
+                for k in range(4):
+                    if states[k] == GUESSED and label[k] == low:
+                        depths[k] = total / count
+    for k in range(4):
+        word |= np.int32(label[k] << (2 * k))
+        if states[k] != EMPTY and label[k] == k:
+            word |= np.int32(1 << (8 + k))
+    return word
+
+
+@kernel()
+def join_row(above, below, ids, j, merge, spare, joined):
+    """``joined`` of corner row ``j`` from the judged pixel rows above and below; merged depths go back into them."""
+    states, depths, tolerances, owners, label = spare
+    full, agreed = np.int32(0xF << 12 | 1 << 8), np.int32(1 << 8)
+    match = ids.shape[0] > 0
+    for i in range(joined.shape[0]):
+        s0, s1, s2, s3 = below[0][0, i + 1], above[0][1, i + 1], above[0][2, i], below[0][3, i]
+        if s0 + s1 + s2 + s3 == 4 * TRUE:
+            joined[i] = full
+            continue
+        if s0 + s1 + s2 + s3 == 0:
+            joined[i] = ALONE
+            continue
+        z0, z1, z2, z3 = below[1][0, i + 1], above[1][1, i + 1], above[1][2, i], below[1][3, i]
+        if merge and not match and s0 == GUESSED and s1 == GUESSED and s2 == GUESSED and s3 == GUESSED:
+            margin = min(min(below[2][0, i + 1], above[2][1, i + 1]), min(above[2][2, i], below[2][3, i]))
+            if max(max(z0, z1), max(z2, z3)) - min(min(z0, z1), min(z2, z3)) <= margin:
+                z0 = (z0 + z1 + z2 + z3) * np.float32(0.25)
+                below[1][0, i + 1] = above[1][1, i + 1] = above[1][2, i] = below[1][3, i] = z0
+                joined[i] = agreed
+                continue
+        states[0], states[1], states[2], states[3] = s0, s1, s2, s3
+        depths[0], depths[1], depths[2], depths[3] = z0, z1, z2, z3
+        tolerances[0], tolerances[1] = below[2][0, i + 1], above[2][1, i + 1]
+        tolerances[2], tolerances[3] = above[2][2, i], below[2][3, i]
+        if match:
+            for k in range(4):
+                if states[k] != EMPTY:
+                    owners[k] = ids[j - (1 if k in (1, 2) else 0), i - (1 if k >= 2 else 0)]
+        joined[i] = group(states, depths, tolerances, owners, label, merge)
+        below[1][0, i + 1], above[1][1, i + 1] = depths[0], depths[1]
+        above[1][2, i], below[1][3, i] = depths[2], depths[3]
+
+
+@kernel()
+def fit_band(first, last, image, offset, matrix, limits, merge, rows, spare, corners, joined):
+    """Corner rows ``first`` to ``last`` - 1 of one image."""
+    height, width = image[0].shape
+    above, below = rows
+    above[0][:] = EMPTY
+    if first > 0:
+        judge_pixels(first - 1, image, offset, matrix, limits, above, spare[0])
+    for j in range(first, last):
+        if j < height:
+            judge_pixels(j, image, offset, matrix, limits, below, spare[0])
+        else:
+            below[0][:] = EMPTY
+        join_row(above, below, image[2], j, merge, spare[1], joined[j])
+        if j > 0:
+            corners[j - 1, 1] = above[1][1, 1 : width + 1]
+            corners[j - 1, 2] = above[1][2, 1 : width + 1]
+        if j < height:
+            corners[j, 0] = below[1][0, 1 : width + 1]
+            corners[j, 3] = below[1][3, 1 : width + 1]
+        above, below = below, above
+
+
+@kernel(parallel=True)
+def fit(images, offsets, matrices, limits, merge, threads, corners, joined):
+    """Corner depths (B,H,4,W) float32 and ``joined`` (B,H+1,W+1) of B images.
+
+    ``images`` = depth (B,H,W), normal (B,H,W,3), ids (B,H,W) or (B,0,0); ``offsets`` = depth (B,H+1,W+1) or (B,0,0) and
+    ids likewise; ``matrices`` (B,3,3) from a world normal to its product with the ray of homogeneous pixel coordinates;
+    ``limits`` (B,4) = tau_a times the footprint at unit depth, tau_b, rho, near.
+    """
+    depth, normal, ids = images
+    stored, stored_ids = offsets
+    count, height, width = depth.shape
+    bands = (height + BAND) // BAND
+    counter = np.zeros(1, np.int64)
+    for _ in prange(threads):
+        state = np.zeros((2, 4, width + 2), np.uint8)
+        value = np.full((2, 4, width + 2), np.inf, np.float32)
+        tolerance = np.zeros((2, 4, width + 2), np.float32)
+        rows = ((state[0], value[0], tolerance[0]), (state[1], value[1], tolerance[1]))
+        numbers = (np.zeros(4, np.float32), np.zeros(4, np.float32), np.zeros(4, np.int64), np.zeros(4, np.int64))
+        spare = ((np.zeros((4, width)), np.full(width, np.inf, np.float32)), (np.zeros(4, np.uint8), *numbers))
+        while True:
+            turn = fetch_add(counter, 0, 1)
+            if turn >= count * bands:
+                break
+            b, first = turn // bands, (turn % bands) * BAND
+            image = (depth[b], normal[b], ids[b])
+            offset = (stored[b], stored_ids[b])
+            limit = (limits[b, 0], limits[b, 1], limits[b, 2], limits[b, 3])
+            last = min(first + BAND, height + 1)
+            fit_band(first, last, image, offset, matrices[b], limit, merge, rows, spare, corners[b], joined[b])
+
+
+@kernel(parallel=True)
+def split(corners, adaptive, shape):
+    """Shape bits (B,H,W) of each quad: both triangles where the pixel is filled, split along the flatter diagonal."""
+    count, height, _, width = corners.shape
+    for n in prange(count * height):
+        b, j = np.int64(n) // height, np.int64(n) % height
+        for i in range(np.uintp(width)):
+            z0, z1, z2, z3 = corners[b, j, 0, i], corners[b, j, 1, i], corners[b, j, 2, i], corners[b, j, 3, i]
+            bits = np.uint8(FIRST | SECOND) if z0 < np.inf else np.uint8(0)
+            if adaptive and abs(z1 - z3) < abs(z0 - z2):
+                bits |= np.uint8(DIAGONAL)
+            shape[b, j, i] = bits
