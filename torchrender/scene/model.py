@@ -94,7 +94,6 @@ class Scene:
         return lit
 
 
-
 def resized(camera: Cameras, width: int, height: int) -> Cameras:
     """The same view at another image size; the vertical opening angle stays, the centre stays in place."""
     if (camera.width, camera.height) == (width, height):

@@ -1,0 +1,52 @@
+"""What the README shows works as printed."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from torchrender.cli import main
+from torchrender.scene.procedural import SCENES
+
+README = (Path(__file__).resolve().parent.parent / "README.md").read_text()
+
+
+def blocks(language: str) -> list[str]:
+    return re.findall(rf"```{language}\n(.*?)```", README, re.DOTALL)
+
+
+def test_the_python_example_runs(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    found = blocks("python")
+    assert found
+    for block in found:
+        exec(compile(block, "README.md", "exec"), {})
+    assert (tmp_path / "room.png").stat().st_size > 10_000
+    assert "total" in capsys.readouterr().out
+
+
+COMMANDS = re.findall(r"^    (torchrender .+)$", README, re.MULTILINE)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_command_lines_run(command, tmp_path, monkeypatch):
+    """With small images and the built-in box in place of the reader's model."""
+    words = shlex.split(command, comments=True)[1:]
+    words = ["cornell_box" if w.endswith(".glb") or w in SCENES else w for w in words]
+    for option, value in (("--size", "40x30"), ("--triangles", "1000")):
+        if option in words:
+            words[words.index(option) + 1] = value
+    monkeypatch.chdir(tmp_path)
+    assert main(words) in (0, None)
+    for k, word in enumerate(words):
+        if word == "-o":
+            assert any(tmp_path.glob(Path(words[k + 1]).stem + "*"))
+
+
+def test_every_linked_file_exists():
+    root = Path(__file__).resolve().parent.parent
+    missing = [link for link in re.findall(r"\]\(([^)#:]+)\)", README) if not (root / link).exists()]
+    assert not missing
