@@ -37,6 +37,7 @@ ORDER = (
     "planner",
     "renderer",
     "report",
+    "cli_output",
     "cli",
     "service",
 )

@@ -10,15 +10,15 @@ import json
 import os
 import re
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from torchrender import __version__
-from torchrender.errors import ImageFileError, InputError, OptionError, TorchRenderError
+from torchrender.cli_output import check_output, progress
+from torchrender.errors import InputError, OptionError, TorchRenderError
 
 if TYPE_CHECKING:
-    from torchrender.buffers import VisibilityBuffer
     from torchrender.scene.camera import Cameras
     from torchrender.scene.model import Scene
 
@@ -55,7 +55,7 @@ def _render(arguments: argparse.Namespace) -> None:
     from torchrender.renderer import RenderOptions, render
 
     output = Path(arguments.output)
-    _check_output(output, SUFFIXES)
+    check_output(output, SUFFIXES)
     options = RenderOptions(
         shadows=not arguments.no_shadows,
         supersample=arguments.supersample,
@@ -66,7 +66,7 @@ def _render(arguments: argparse.Namespace) -> None:
     width, height = image_size(arguments.size)
     scene = _load(arguments)
     cameras = [_camera(scene, words, width, height) for words in arguments.camera or [[]]]
-    for number, camera in enumerate(_progress(cameras, "views")):
+    for number, camera in enumerate(progress(cameras, "views")):
         image = render(scene, camera, options=options)
         file = numbered(output, number, len(cameras))
         image.save(file)
@@ -89,21 +89,29 @@ def _info(arguments: argparse.Namespace) -> None:
 
 
 def _depth(arguments: argparse.Namespace) -> None:
+    from torchrender.cli_output import write_depth, write_kinds
+    from torchrender.depth.kinds import sample_kinds
+    from torchrender.depth.options import SamplingOptions
+    from torchrender.depth.sample import sample_depth_images
     from torchrender.depth.viewpoints import viewpoints_around
-    from torchrender.raster import rasterize_visibility
 
     output = Path(arguments.output)
     if output.suffix:
-        _check_output(output, (".npz", ".exr"))
+        check_output(output, (".npz", ".exr"))
+    options = SamplingOptions(
+        method=arguments.method, redundancy=arguments.redundancy, cull_backfaces=not arguments.two_sided
+    )
     width, height = image_size(arguments.size)
     scene = _load(arguments)
     camera = _camera(scene, arguments.camera or [], width, height)
     cameras = viewpoints_around(scene, camera, arguments.views, spread=arguments.spread)
-    views = [
-        rasterize_visibility(scene.geometry, cameras[number]) for number in _progress(range(len(cameras)), "views")
-    ]
-    for file in _write_depth(output, views, cameras):
+    images = sample_depth_images(scene, cameras, options)
+    for file in write_depth(output, images):
         print(file)
+    if arguments.show:
+        kinds = sample_kinds(scene, cameras, images)
+        for line in write_kinds(output, images, kinds):
+            print(line)
 
 
 def _scenes(arguments: argparse.Namespace) -> None:
@@ -114,62 +122,7 @@ def _scenes(arguments: argparse.Namespace) -> None:
         print(f"{name:14s} {builder.usual:>9,} triangles (at least {builder.fewest:,})")
 
 
-# -------------------------------------------------------------------- output
-
-
-def _write_depth(output: Path, views: Sequence[VisibilityBuffer], cameras: Cameras) -> list[Path]:
-    """Depth, triangle and object images of all views: one NPZ file, or an EXR file per view with ``cameras.json``."""
-    import torch
-
-    from torchrender.image import camera_arrays, numbered
-    from torchrender.image_io import write_image, write_npz
-
-    if output.suffix == ".npz":
-        stacks = {name: torch.cat([getattr(v, name) for v in views]) for name in ("depth", "triangle", "object_id")}
-        write_npz(output, {**stacks, **camera_arrays(cameras)})
-        return [output]
-    if output.suffix == ".exr":
-        pattern, described = output, output.with_name(f"{output.stem}_cameras.json")
-    else:
-        _make_folder(output)
-        pattern, described = output / "depth.exr", output / "cameras.json"
-    files = [numbered(pattern, number, len(views)) for number in range(len(views))]
-    for file, view in zip(files, _progress(views, "files"), strict=True):
-        planes = torch.stack([view.depth[0], view.triangle[0].float(), view.object_id[0].float()], dim=-1)
-        write_image(file, planes, channels=("Z", "id.triangle", "id.object"))
-    lists = {name: value.tolist() for name, value in camera_arrays(cameras).items()}
-    # JSON knows no infinity: a missing far plane is null.
-    lists["far"] = [None if far == float("inf") else far for far in lists["far"]]
-    try:
-        described.write_text(json.dumps({"files": [f.name for f in files], **lists}, indent=1) + "\n")
-    except OSError as error:
-        raise ImageFileError(described, error.strerror or str(error)) from error
-    return [*files, described]
-
-
-def _check_output(path: Path, suffixes: Sequence[str]) -> None:
-    """Refuse an output that cannot be written before the work is done."""
-    if path.suffix.lower() not in suffixes:
-        raise ImageFileError(path, f"the output must be {', '.join(suffixes)}, not {path.suffix or 'without suffix'}")
-    if not path.parent.is_dir():
-        raise ImageFileError(path, f"folder {path.parent} does not exist")
-
-
-def _make_folder(path: Path) -> None:
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ImageFileError(path, error.strerror or str(error)) from error
-
-
-def _progress(items: Iterable[T], unit: str) -> Iterable[T]:
-    """A progress bar on stderr for more than one item, if somebody is watching."""
-    known = list(items)
-    if len(known) < 2 or not sys.stderr.isatty():
-        return known
-    from tqdm import tqdm
-
-    return tqdm(known, unit=unit, file=sys.stderr)
+# -------------------------------------------------------------------- values
 
 
 def _plain(value: object) -> str:
@@ -305,7 +258,25 @@ def _add_depth(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", required=True, metavar="OUT", help="folder, .npz file, or .exr files")
     parser.add_argument("--views", type=int, default=3, metavar="N", help="number of viewpoints (default 3)")
     parser.add_argument("--spread", type=float, default=0.2, help="their distance in scene diagonals (default 0.2)")
-    parser.add_argument("--method", choices=("conventional",), default="conventional", help="how samples are chosen")
+    parser.add_argument(
+        "--method",
+        choices=("conventional", "nonredundant", "depth_peeling"),
+        default="conventional",
+        help="first hits; only what earlier views do not have; or layer after layer from the middle"
+        " (default conventional)",
+    )
+    parser.add_argument(
+        "--redundancy",
+        choices=("pixel", "visibility"),
+        default="pixel",
+        help="what earlier views have: what their pixels store, or what they could see (default pixel)",
+    )
+    parser.add_argument("--two-sided", action="store_true", help="sample back faces, too")
+    parser.add_argument(
+        "--show",
+        action="store_true",
+        help="also write pictures: redundant samples red, hidden ones blue, useful ones among them green",
+    )
     parser.add_argument("--camera", nargs="+", metavar="CAMERA", help="middle of the viewpoints, as for render")
     parser.add_argument("--size", default="1024x1024", metavar="WxH", help="size of each image (default 1024x1024)")
 

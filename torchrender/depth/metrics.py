@@ -12,9 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
-from torch import Tensor
 
-from torchrender.buffers import DepthImages, VisibilityBuffer
+from torchrender.buffers import DepthImages
 from torchrender.checks import check_range
 from torchrender.depth.holders import Holder, images_holder, views_holder
 from torchrender.depth.options import SamplingOptions
@@ -182,17 +181,3 @@ def _common_options(sets: Sequence[DepthImages]) -> SamplingOptions:
 
 def _each(cameras: Cameras) -> list[Cameras]:
     return [cameras[number] for number in range(len(cameras))]
-
-
-def hidden_mask(scene: Scene, viewpoints: Cameras, images: DepthImages) -> Tensor:
-    """(B,H,W) bool: samples that no conventional image from the viewpoints has."""
-    sampling = SamplingOptions(**images.parameters)
-    rays = RayVisibility(scene, sampling) if sampling.redundancy == "visibility" else None
-    conventional: VisibilityBuffer = rasterize_visibility(scene.geometry, viewpoints, cull=sampling.cull)
-    holder = views_holder(scene, rays, sampling, conventional)
-    mask = torch.zeros_like(images.covered)
-    for number in range(len(images)):
-        probes = Probes.of(images, number)
-        columns, rows = probes.pixels.unbind(1)
-        mask[number, rows, columns] = ~holder(probes)
-    return mask

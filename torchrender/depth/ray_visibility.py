@@ -10,13 +10,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
 import torch
 from torch import Tensor
 
 from torchrender.buffers import RayHits
 from torchrender.depth.options import SamplingOptions
-from torchrender.kernels.fragments import holes_at
 from torchrender.rays import RayCaster
 from torchrender.scene.camera import Cameras
 from torchrender.scene.mesh import Geometry
@@ -38,19 +36,9 @@ class RayVisibility:
     def next_surface(
         self, origins: Tensor, directions: Tensor, t: Tensor, ignore: Tensor, t_max: Tensor | float
     ) -> RayHits:
-        """Nearest hit (N,) beyond ``t`` that is neither the triangle to ignore nor a hole of a cut-out texture."""
+        """Nearest hit (N,) beyond ``t`` on another triangle than the one to ignore."""
         cull = self.options.cull_backfaces
-        hits = self._caster.next_hit(origins, directions, t, ignore, t_max=t_max, cull_backfaces=cull)
-        holes = self._holes(hits)
-        while bool(holes.any()):
-            rows = holes.nonzero().reshape(-1)
-            limit = t_max[rows] if isinstance(t_max, Tensor) else t_max
-            more = self._caster.next_hit(
-                origins[rows], directions[rows], hits.t[rows], hits.triangle[rows], t_max=limit, cull_backfaces=cull
-            )
-            hits.t[rows], hits.triangle[rows], hits.barycentric[rows] = more.t, more.triangle, more.barycentric
-            holes = torch.zeros_like(holes).index_put((rows,), self._holes(more))
-        return hits
+        return self._caster.next_hit(origins, directions, t, ignore, t_max=t_max, cull_backfaces=cull)
 
     def seen(self, points: Tensor, triangles: Tensor, cameras: Cameras) -> Tensor:
         """(N,) bool: a camera sees the point itself: the plain test."""
@@ -127,14 +115,6 @@ class RayVisibility:
         """(N,) bool: the triangle's front side is turned to ``eye``."""
         a, b, c = self.geometry.vertices[self.geometry.faces[triangles].long()].unbind(1)
         return (torch.linalg.cross(b - a, c - a) * (eye - a)).sum(dim=1) > 0
-
-    def _holes(self, hits: RayHits) -> Tensor:
-        hole = np.zeros(len(hits.t), np.bool_)
-        cutout, uv = self.geometry.cutout, self.geometry.uv
-        if cutout is not None and uv is not None:
-            tables = cutout.mask.numpy(), cutout.table.numpy(), cutout.texels.numpy(), uv.numpy()
-            holes_at(hits.triangle.numpy(), hits.barycentric.numpy(), self.geometry.faces.numpy(), *tables, hole)
-        return torch.from_numpy(hole)
 
 
 class _Lines:

@@ -58,9 +58,9 @@ def same_surface(t, j, uvz, there, ids, depth, lens):
     if abs(stored - z) <= DEPTH_TOLERANCE * z * lens[j, 5] / max(there, LEAST_COSINE):
         return True
     x0, y0 = np.int64(math.floor(u - 0.5)), np.int64(math.floor(v - 0.5))
-    for y in range(max(y0, 0), min(y0 + 2, ids.shape[1])):
-        for x in range(max(x0, 0), min(x0 + 2, ids.shape[2])):
-            if ids[j, y, x] == t:
+    for y in range(y0, y0 + 2):
+        for x in range(x0, x0 + 2):
+            if 0 <= y < ids.shape[1] and 0 <= x < ids.shape[2] and ids[j, y, x] == t:
                 return True
     return False
 
@@ -172,12 +172,3 @@ def redundant_samples(triangle, spot, key, slope, earlier, known):
             known[n] = has_triangle(t, spot[n, 0], spot[n, 1], key[n], ids, pixels, near)
         else:
             known[n] = has_surface(t, spot[n, 0], spot[n, 1], key[n], (slope[n, 0], slope[n, 1]), earlier)
-
-
-@kernel(parallel=True)
-def holes_at(triangle, weights, faces, mask, table, texels, uv, hole):
-    """Set ``hole`` (N,) bool where the point at barycentric ``weights`` (N,2) of ``triangle`` (N,) has no texel."""
-    for n in prange(triangle.shape[0]):
-        t = triangle[n]
-        if t >= 0 and mask[t] >= 0:
-            hole[n] = is_hole(t, np.float64(weights[n, 0]), np.float64(weights[n, 1]), faces, (mask, table, texels, uv))
