@@ -168,7 +168,8 @@ def _views(
         holes = (cutout.mask.numpy(), cutout.table.numpy(), cutout.texels.numpy(), geometry.uv.numpy())
     for k in range(len(cameras)):
         view = view_arrays(cameras, k, world_from_camera[k], planes[k])
-        limits, earlier = NO_LIMITS, NO_EARLIER
+        limits = NO_LIMITS
+        earlier: tuple[Array, ...] = NO_EARLIER
         if tests is not None:
             limits = _limits(cameras, k, tests)
             earlier = earlier_arrays(cameras, k, tests, view)

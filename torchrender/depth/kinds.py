@@ -58,6 +58,20 @@ def sample_kinds(scene: Scene, viewpoints: Cameras, images: DepthImages, *, fram
     return SampleKinds(*masks)
 
 
+def median_triangle_pixels(scene: Scene, images: DepthImages) -> float | None:
+    """Median projected area, in pixels, of the triangles that the first image shows; None if it shows nothing.
+
+    Below about 2 pixel redundancy misses most repeats: few pixels of another image store the same triangle.
+    """
+    shown = images.triangle[0][images.covered[0]].unique()
+    corners = scene.geometry.vertices[scene.geometry.faces[shown].long()].reshape(-1, 3)
+    pixels, _ = images.cameras[0].project(corners)
+    a, b, c = pixels[0].reshape(-1, 3, 2).unbind(1)
+    area = 0.5 * ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]).abs()
+    area = area[torch.isfinite(area)]  # a corner behind the camera has no image
+    return float(area.median()) if len(area) else None
+
+
 def _mark(masks: Tensor, number: int, probes: Probes, chosen: Tensor) -> None:
     columns, rows = probes.pixels[chosen].unbind(1)
     masks[number, rows, columns] = True

@@ -54,7 +54,8 @@ def _walk(rays: RayVisibility, first: Samples, number: int, viewpoints: Cameras)
         _store(first, flat, hits, rays.geometry.object_id)
         hit = hits.hit
         flat, origins, directions = flat[hit], origins[hit], directions[hit]
-        t, triangle = hits.t[hit], hits.triangle[hit]
+        # Decided for the depth that is stored, so that a stored sample can be tested again.
+        t, triangle = hits.t[hit].float().double(), hits.triangle[hit]
     _store(first, flat, RayHits.misses(len(flat)), rays.geometry.object_id)
     first.truncated.view(-1)[flat] = True
     return first
