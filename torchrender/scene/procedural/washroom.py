@@ -13,7 +13,15 @@ from torchrender.scene.procedural.assembly import Assembly, as_tensor, fitted, v
 from torchrender.scene.procedural.palettes import washroom_palette
 from torchrender.scene.procedural.room import Shell, door
 from torchrender.scene.procedural.tiling import WINDOW, H, X, Z, tiled_room
-from torchrender.scene.procedural.washroom_fixtures import pipes, shelves, shower, toilet, towels, vanity
+from torchrender.scene.procedural.washroom_fixtures import (
+    paper_and_bin,
+    pipes,
+    shelves,
+    shower,
+    toilet,
+    towels,
+    vanity,
+)
 
 USUAL, FEWEST = 90_000, 7_000
 FULL = 178_000  # about the count at which detail 1 leaves an eighth to the bath mat's pile
@@ -28,7 +36,7 @@ def _furnished(detail: float, materials: dict[str, Material], seed: int) -> Asse
     shell.window_wall(made, "plaster", low=WINDOW[0], high=WINDOW[1], bars=1)
     tiled_room(made, rng, detail)
     vanity(made, rng, detail)
-    for add in (towels, shelves, toilet, pipes, shower):
+    for add in (towels, shelves, toilet, paper_and_bin, pipes, shower):
         add(made, detail)
     made.add("door", {m: p.moved((0.55, 0.001, Z - 0.001), yaw_deg=180.0) for m, p in door(0.85, 2.03).items()})
     grip = ve.handle(

@@ -174,7 +174,7 @@ def shelves(made: Assembly, d: float) -> None:
 
 
 def toilet(made: Assembly, d: float) -> None:
-    """Toilet at the right wall, paper and a bin."""
+    """Toilet at the right wall."""
     x, z = X - 0.38, 0.66
     bowl = ve.vessel(
         ((0.12, 0.0), (0.13, 0.03), (0.115, 0.15), (0.18, 0.33), (0.2, 0.40)),
@@ -196,18 +196,18 @@ def toilet(made: Assembly, d: float) -> None:
         "flush button",
         ("chrome", cylinder(0.03, 0.0, 0.012, ve.cut(32, d, 4), bevel=0.003).moved((X - 0.11, 0.775, z))),
     )
-    roll = merge(
-        [
-            ve.handle(
-                ((X - 0.002, 0.78, 0.25), (X - 0.07, 0.78, 0.25), (X - 0.075, 0.78, 0.27), (X - 0.075, 0.78, 0.40)),
-                0.007,
-                d,
-                rows=22,
-                sides=12,
-            )
-        ]
+
+
+def paper_and_bin(made: Assembly, d: float) -> None:
+    """Paper on its holder, and a bin, beside the toilet."""
+    hanger = ve.handle(
+        ((X - 0.002, 0.78, 0.25), (X - 0.07, 0.78, 0.25), (X - 0.075, 0.78, 0.27), (X - 0.075, 0.78, 0.40)),
+        0.007,
+        d,
+        rows=22,
+        sides=12,
     )
-    made.add("paper holder", ("chrome", roll))
+    made.add("paper holder", ("chrome", hanger))
     paper = lathe(
         np.array(
             [
