@@ -215,3 +215,18 @@ def test_what_is_refused() -> None:
         ReprojectOptions(splat_scale=5.0)
     alone = torch.zeros(1, SIZE, SIZE, dtype=torch.bool)
     assert not bool(reproject(keep_pixels(images, alone), around(0.1)).valid.any())
+
+
+def test_the_nearest_camera_goes_first_where_images_agree() -> None:
+    images = depth_images(room(), around(-0.5, 0.5))
+    paint = torch.zeros(2, SIZE, SIZE, 3)
+    paint[1] = 1.0
+    left, right = (reproject(images, around(x), colors=paint) for x in (-0.4, 0.4))
+    seen_by_both = slice(SIZE // 4, 3 * SIZE // 4)
+    for result, first in ((left, 0), (right, 1)):
+        share = (result.source[0, :, seen_by_both] == first).float().mean()
+        assert float(share) > 0.9
+    truth = rasterize(room(), around(0.4), cull="back")
+    known = right.valid & truth.covered & (right.source == 0)
+    near = (right.depth - truth.depth).abs()[known] <= 2 * around(0.4).footprint(truth.depth)[known]
+    assert float(near.float().mean()) > 0.8  # the lead is taken out of the depth again

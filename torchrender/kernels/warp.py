@@ -1,9 +1,10 @@
 """Quads of depth images straight into another camera's image, without a mesh in between.
 
-One 64-bit key per target pixel: the upper half is the float32 bits of 1/depth (they grow towards the camera), the
-lower half the complement of the quad's number, so that an atomic maximum finds the nearest quad, the first of equal
-ones, whatever the order of threads. Corners are snapped to 1/4096 pixel; edges are integers with a tie rule, so joined
-quads neither overlap nor gap. Triangles that reach the near plane or far outside the image take a slow way.
+One 64-bit key per target pixel: the upper half is the float32 bits of 1/depth times the image's bias (they grow towards
+the camera), the lower half the complement of the quad's number, so that an atomic maximum finds the nearest quad, the
+first of equal ones, whatever the order of threads. Corners are snapped to 1/4096 pixel; edges are integers with a tie
+rule, so joined quads neither overlap nor gap. Triangles that reach the near plane or far outside the image take a slow
+way.
 """
 
 from __future__ import annotations
@@ -28,8 +29,8 @@ ROWS = 8  # rows handed to a thread at once
 
 
 @kernel(inline=True)
-def project_row(values, first, across, row, matrix, near, x, y, q):
-    """Snapped position and 1/depth of one corner of up to CHUNK quads; OUTSIDE where it has none.
+def project_row(values, first, across, row, matrix, near, bias, x, y, q):
+    """Snapped position and biased 1/depth of one corner of up to CHUNK quads; OUTSIDE where it has none.
 
     ``values``: corner depths of a row; corner ``i`` is at column ``first + i + across`` of the source image.
     """
@@ -52,7 +53,7 @@ def project_row(values, first, across, row, matrix, near, x, y, q):
         sx = np.int32(px * SUBPIXEL + (LIFT + 0.5)) - np.int32(LIFT)
         x[i] = sx if good else OUTSIDE
         y[i] = np.int32(py * SUBPIXEL + (LIFT + 0.5)) - np.int32(LIFT)
-        q[i] = inverse
+        q[i] = inverse * bias
 
 
 @kernel(inline=True)
@@ -147,7 +148,7 @@ def visible_box(a, b, c, near, width, height):
 
 
 @kernel()
-def draw_clipped(a, b, c, near, number, width, height, keys):
+def draw_clipped(a, b, c, near, bias, number, width, height, keys):
     """One triangle of homogeneous corners (X, Y, Z), any of them behind the camera.
 
     Homogeneous edge functions need no clipping (Olano and Greer, Triangle scan conversion using 2D homogeneous
@@ -167,11 +168,11 @@ def draw_clipped(a, b, c, near, number, width, height, keys):
             if fa >= 0.0 and fb >= 0.0 and fc >= 0.0:
                 q = (fa + fb + fc) / volume
                 if q > 0.0 and q * near <= 1.0:
-                    keep(keys, v * width + u, q, number)
+                    keep(keys, v * width + u, q * bias, number)
 
 
 @kernel()
-def draw_quad_clipped(i, row, start, z, shape, matrix, near, number, width, height, keys):
+def draw_quad_clipped(i, row, start, z, shape, matrix, near, bias, number, width, height, keys):
     """Both triangles of a quad that reaches the near plane or the guard band; ``z`` its four corner depths."""
     c0 = point(i, row, start, 0.0, z[0], matrix)
     c1 = point(i, row, start, 1.0, z[1], matrix)
@@ -180,13 +181,13 @@ def draw_quad_clipped(i, row, start, z, shape, matrix, near, number, width, heig
     if shape & DIAGONAL:
         c0, c1, c2, c3 = c1, c2, c3, c0
     if shape & FIRST and max(c0[2], max(c1[2], c2[2])) >= near:
-        draw_clipped(c0, c2, c1, near, number, width, height, keys)
+        draw_clipped(c0, c2, c1, near, bias, number, width, height, keys)
     if shape & SECOND and max(c0[2], max(c2[2], c3[2])) >= near:
-        draw_clipped(c2, c0, c3, near, number, width, height, keys)
+        draw_clipped(c2, c0, c3, near, bias, number, width, height, keys)
 
 
 @kernel()
-def draw_row(j, corners, shape, start, matrix, near, number, size, spare, keys):
+def draw_row(j, corners, shape, start, matrix, near, bias, number, size, spare, keys):
     """Row ``j`` of one image's quads. ``number``: of its first quad."""
     width, height = size
     xs, ys, qs = spare
@@ -194,10 +195,10 @@ def draw_row(j, corners, shape, start, matrix, near, number, size, spare, keys):
     columns = corners.shape[2]
     bound_x, bound_y = np.int32(width * SUBPIXEL), np.int32(height * SUBPIXEL)
     for first in range(0, columns, CHUNK):
-        project_row(corners[j, 0], first, start, row, matrix, near, xs[0], ys[0], qs[0])
-        project_row(corners[j, 1], first, start, row + 1.0, matrix, near, xs[1], ys[1], qs[1])
-        project_row(corners[j, 2], first, start + 1.0, row + 1.0, matrix, near, xs[2], ys[2], qs[2])
-        project_row(corners[j, 3], first, start + 1.0, row, matrix, near, xs[3], ys[3], qs[3])
+        project_row(corners[j, 0], first, start, row, matrix, near, bias, xs[0], ys[0], qs[0])
+        project_row(corners[j, 1], first, start, row + 1.0, matrix, near, bias, xs[1], ys[1], qs[1])
+        project_row(corners[j, 2], first, start + 1.0, row + 1.0, matrix, near, bias, xs[2], ys[2], qs[2])
+        project_row(corners[j, 3], first, start + 1.0, row, matrix, near, bias, xs[3], ys[3], qs[3])
         for i in range(np.uintp(min(CHUNK, columns - first))):
             bits = shape[j, np.uintp(first) + i]
             if bits == 0:
@@ -212,7 +213,7 @@ def draw_row(j, corners, shape, start, matrix, near, number, size, spare, keys):
                     np.float64(corners[j, 2, column]),
                     np.float64(corners[j, 3, column]),
                 )
-                draw_quad_clipped(column, row, start, z, bits, matrix, near, me, width, height, keys)
+                draw_quad_clipped(column, row, start, z, bits, matrix, near, bias, me, width, height, keys)
                 continue
             y0, y1, y2, y3 = ys[0, i], ys[1, i], ys[2, i], ys[3, i]
             if max(max(x0, x1), max(x2, x3)) < 0 or min(min(x0, x1), min(x2, x3)) > bound_x:
@@ -232,11 +233,12 @@ def draw_row(j, corners, shape, start, matrix, near, number, size, spare, keys):
 
 
 @kernel(parallel=True)
-def draw_quads(corners, shape, start, matrices, near, size, threads, keys):
+def draw_quads(corners, shape, start, matrices, near, bias, size, threads, keys):
     """Draw the quads of B images into ``keys`` (H*W,) uint64, zero where nothing is.
 
     ``corners`` (B,h,4,w), ``shape`` (B,h,w); ``start``: column and row of the first quad's first corner;
-    ``matrices`` (B,3,4): homogeneous target pixel = z M[:, :3] (u, v, 1) + M[:, 3]; ``size`` = target width, height.
+    ``matrices`` (B,3,4): homogeneous target pixel = z M[:, :3] (u, v, 1) + M[:, 3];
+    ``bias`` (B,) factors of 1/depth, just below one for images that others go before; ``size`` = target width, height.
     """
     count, rows, _, columns = corners.shape
     blocks = (rows + ROWS - 1) // ROWS
@@ -250,4 +252,4 @@ def draw_quads(corners, shape, start, matrices, near, size, threads, keys):
             b, first = turn // blocks, (turn % blocks) * ROWS
             for j in range(first, min(first + ROWS, rows)):
                 number = (b * rows + j) * columns
-                draw_row(j, corners[b], shape[b], start, matrices[b], near, number, size, spare, keys)
+                draw_row(j, corners[b], shape[b], start, matrices[b], near, bias[b], number, size, spare, keys)

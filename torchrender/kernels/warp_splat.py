@@ -55,7 +55,7 @@ def box(centre, radius, intrinsics, near, size):
 
 
 @kernel()
-def draw_disc(centre, normal, radius, intrinsics, near, number, size, keys):
+def draw_disc(centre, normal, radius, intrinsics, near, bias, number, size, keys):
     """One disc, given in the target camera's frame; left out if seen from behind."""
     offset = normal[0] * centre[0] + normal[1] * centre[1] + normal[2] * centre[2]
     if offset >= 0.0 or centre[2] + radius < near:
@@ -71,11 +71,11 @@ def draw_disc(centre, normal, radius, intrinsics, near, number, size, keys):
             z = offset / slope
             ex, ey, ez = z * dx - centre[0], z * dy - centre[1], z - centre[2]
             if z >= near and ex * ex + ey * ey + ez * ez <= radius * radius:
-                keep(keys, v * size[0] + u, 1.0 / z, number)
+                keep(keys, v * size[0] + u, bias / z, number)
 
 
 @kernel(parallel=True)
-def draw_splats(depth, normal, poses, rays, rotation, footprints, intrinsics, near, scale, size, threads, keys):
+def draw_splats(depth, normal, poses, rays, rotation, footprints, intrinsics, near, bias, scale, size, threads, keys):
     """Draw every sample of B images (B,H,W) as a disc into ``keys`` (see ``warp``).
 
     ``poses`` (B,3,4): target camera space = z M[:, :3] (u, v, 1) + M[:, 3]; ``rays`` (B,3,3): world direction of a
@@ -103,4 +103,4 @@ def draw_splats(depth, normal, poses, rays, rotation, footprints, intrinsics, ne
                     centre = (p[0] + m[0, 3], p[1] + m[1, 3], p[2] + m[2, 3])
                     facing = multiply(rotation, n[0], n[1], n[2])
                     number = (b * height + j) * width + i
-                    draw_disc(centre, facing, radius, intrinsics, near, number, size, keys)
+                    draw_disc(centre, facing, radius, intrinsics, near, bias[b], number, size, keys)
