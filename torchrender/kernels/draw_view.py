@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,11 +11,13 @@ import numpy as np
 from torchrender.kernels import binning, layers, project, tiles
 from torchrender.kernels.compile import thread_count
 from torchrender.kernels.coverage import TILE_HEIGHT, TILE_WIDTH
+from torchrender.kernels.resolve import CACHED
 
 Array = np.ndarray[Any, Any]
 CULL = {"none": binning.CULL_NONE, "back": binning.CULL_BACK, "front": binning.CULL_FRONT}
 TILE = np.array([TILE_WIDTH, TILE_HEIGHT], np.int64)
 CHUNKS_PER_THREAD = 4
+KEPT_VERTICES = 1 << 21  # 64 MiB
 
 NO_LIMITS = (np.zeros((0, 0)), np.zeros((0, 0), np.int64))
 NO_EARLIER = (
@@ -72,7 +75,7 @@ def count_view(
 ) -> None:
     """Fill ``outputs`` = (count, touching): surfaces before those ``stored`` = (depth, triangle)."""
     scene, bins = _prepare(triangles, view, cull)
-    _, _, ends, counter = _scratch(thread_count())
+    _, _, ends, _, _, counter = _scratch(thread_count())
     layers.count_tiles(scene, bins, view.settings, holes, stored, eps, (ends, counter), outputs)
 
 
@@ -81,7 +84,7 @@ def _prepare(triangles: TriangleArrays, view: View, cull: str) -> tuple[tuple[Ar
     chosen, distance = project.visible_clusters(triangles.cluster_bounds, view.planes)
     chosen = chosen[np.argsort(distance, kind="stable")]  # nearly front to back: what is hidden is dropped early
     blocks = project.needed_blocks(chosen, triangles.block_starts, triangles.blocks, len(triangles.vertices))
-    points = np.empty((len(triangles.vertices), 4))  # only the wanted blocks are filled, and only they are read
+    points = _memory.points(len(triangles.vertices))  # only the wanted blocks are filled, and only they are read
     packed = points.view(np.int64)
     near, orthographic = view.settings[2], bool(view.settings[4])
     project.project_vertices(
@@ -92,13 +95,33 @@ def _prepare(triangles: TriangleArrays, view: View, cull: str) -> tuple[tuple[Ar
     return (*scene, *clipped), bins
 
 
-def _scratch(threads: int) -> tuple[Array, Array, Array, Array]:
-    """Tile buffers, a row per thread, and the counter by which threads take tiles."""
+class _Memory(threading.local):
+    """Projected vertices, kept from view to view by each thread: fresh pages cost more than what is written there."""
+
+    def __init__(self) -> None:
+        self._points = np.empty((0, 4))
+
+    def points(self, count: int) -> Array:
+        """Room for ``count`` projected vertices, not cleared."""
+        if count > KEPT_VERTICES:
+            return np.empty((count, 4))
+        if len(self._points) < count:
+            self._points = np.empty((count, 4))
+        return self._points
+
+
+_memory = _Memory()
+
+
+def _scratch(threads: int) -> tuple[Array, ...]:
+    """Tile buffers and cached planes, a row per thread, and the counter by which threads take tiles."""
     pixels = TILE_WIDTH * TILE_HEIGHT
     return (
         np.zeros((threads, pixels)),
         np.zeros((threads, pixels), np.int32),
         np.zeros((threads, 2, TILE_HEIGHT), np.int64),
+        np.zeros((threads, CACHED), np.int64),
+        np.zeros((threads, CACHED, 6)),
         np.zeros(1, np.int64),
     )
 

@@ -8,70 +8,75 @@ from torchrender.kernels.compile import kernel
 from torchrender.kernels.coverage import TILE_WIDTH
 from torchrender.kernels.planes import barycentric_planes
 
+CACHED = 256  # triangles whose barycentric planes are kept from row to row; a power of two
+
 
 @kernel(inline=True)
-def write_depth(orthographic, row_keys, row_ids, depth, triangle):
-    """One row of depth, and of triangle ids if wanted."""
-    count = np.uintp(depth.shape[0])
+def write_depth(orthographic, row, left, count, source, keys, ids, depth):
+    """One row of depth. Indices are unsigned, and there are no slices: those count references."""
     if orthographic:
         for x in range(count):
-            depth[x] = -row_keys[x] if row_ids[x] >= 0 else np.inf
+            depth[row, left + x] = -keys[source + x] if ids[source + x] >= 0 else np.inf
     else:
         for x in range(count):
-            depth[x] = 1.0 / row_keys[x] if row_ids[x] >= 0 else np.inf
-    if triangle.shape[0] > 0:
-        for x in range(count):
-            triangle[x] = row_ids[x]
-
-
-@kernel(inline=True)
-def write_run(planes, orthographic, px, py, row_keys, barycentric):
-    """Barycentrics of a run of pixels of one triangle; ``px``, ``py``: the first centre."""
-    ux, uy, uc, vx, vy, vc = planes
-    for x in range(np.uintp(barycentric.shape[0])):
-        weight = 1.0 if orthographic else 1.0 / row_keys[x]
-        u = (ux * (px + np.float64(x)) + uy * py + uc) * weight
-        v = (vx * (px + np.float64(x)) + vy * py + vc) * weight
-        u = min(max(u, 0.0), 1.0)
-        barycentric[x, np.uintp(0)] = u
-        barycentric[x, np.uintp(1)] = min(max(v, 0.0), 1.0 - u)
+            depth[row, left + x] = 1.0 / keys[source + x] if ids[source + x] >= 0 else np.inf
 
 
 @kernel()
-def resolve(scene, view, place, keys, ids, outputs):
-    """Write a finished tile: depth, and if wanted ids and barycentrics, run by run."""
+def resolve(scene, view, place, keys, ids, cache, outputs):
+    """Write a finished tile. ``cache`` = (triangle (CACHED,), planes (CACHED,6)): most triangles span several rows."""
     points, _, faces, objects, _, _ = scene
     orthographic = view[4] != 0.0
     left, top, width, height, centre_x, centre_y = place
     depth, triangle, object_id, barycentric = outputs
+    known, planes = cache
     wants_ids = triangle.shape[0] > 0
+    for k in range(np.uintp(CACHED)):
+        known[k] = -1
     for y in range(height):
-        row_keys = keys[y * TILE_WIDTH : y * TILE_WIDTH + width]
-        row_ids = ids[y * TILE_WIDTH : y * TILE_WIDTH + width]
-        row = top + y
+        row = np.uintp(top + y)
+        source = np.uintp(y * TILE_WIDTH)
+        target = np.uintp(left)
+        count = np.uintp(width)
+        write_depth(orthographic, row, target, count, source, keys, ids, depth)
         if not wants_ids:
-            write_depth(orthographic, row_keys, row_ids, depth[row, left : left + width], triangle[:0, 0])
             continue
-        write_depth(
-            orthographic, row_keys, row_ids, depth[row, left : left + width], triangle[row, left : left + width]
-        )
-        start = 0
-        while start < width:
-            t = np.int64(row_ids[start])
-            end = start + 1
-            while end < width and row_ids[end] == t:
-                end += 1
+        for x in range(count):
+            triangle[row, target + x] = ids[source + x]
+        start = np.uintp(0)
+        one = np.uintp(1)
+        py = top + y + 0.5 - centre_y
+        shift = left + 0.5 - centre_x
+        while start < count:
+            t = np.int64(ids[source + start])
+            end = start + one
+            while end < count and ids[source + end] == t:
+                end += one
             if t >= 0:
-                for x in range(left + start, left + end):
-                    object_id[row, x] = objects[t]
-                planes = barycentric_planes(points, faces, t, orthographic)
-                run = barycentric[row, left + start : left + end]
-                write_run(
-                    planes, orthographic, left + start + 0.5 - centre_x, row + 0.5 - centre_y, row_keys[start:end], run
-                )
+                owner = objects[t]
+                slot = np.uintp(t & (CACHED - 1))
+                if known[slot] != t:
+                    known[slot] = t
+                    a, b, c, d, e, f = barycentric_planes(points, faces, t, orthographic)
+                    planes[slot, 0] = a
+                    planes[slot, 1] = b
+                    planes[slot, 2] = c
+                    planes[slot, 3] = d
+                    planes[slot, 4] = e
+                    planes[slot, 5] = f
+                ux, uc = planes[slot, 0], planes[slot, 1] * py + planes[slot, 2]
+                vx, vc = planes[slot, 3], planes[slot, 4] * py + planes[slot, 5]
+                for x in range(start, end):
+                    object_id[row, target + x] = owner
+                    weight = 1.0 if orthographic else 1.0 / keys[source + x]
+                    px = np.float64(x) + shift
+                    u = min(max((ux * px + uc) * weight, 0.0), 1.0)
+                    v = min(max((vx * px + vc) * weight, 0.0), 1.0 - u)
+                    barycentric[row, target + x, np.uintp(0)] = u
+                    barycentric[row, target + x, np.uintp(1)] = v
             else:
-                for x in range(left + start, left + end):
-                    object_id[row, x] = -1
-                    barycentric[row, x, 0] = 0.0
-                    barycentric[row, x, 1] = 0.0
+                for x in range(start, end):
+                    object_id[row, target + x] = -1
+                    barycentric[row, target + x, np.uintp(0)] = 0.0
+                    barycentric[row, target + x, np.uintp(1)] = 0.0
             start = end

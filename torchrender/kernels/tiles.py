@@ -74,7 +74,7 @@ def draw(t, corners, box, scene, view, tests, buffers):
     """
     a, b, c = corners
     x0, y0, x1, y1, left, top = box
-    keys, ids, spare = buffers
+    keys, ids, spare = buffers[:3]
     first, last = spare[0], spare[1]
     origin = (left - (np.int64(view[0]) >> 1), top - (np.int64(view[1]) >> 1))
     tested = tests[0][0].shape[0] > 0 or tests[1][0].shape[0] > 0
@@ -160,7 +160,7 @@ def render_tile(scene, bins, view, tests, k, buffers, outputs):
             limit = farthest_depth(keys, orthographic)
             tried = 0
     place = (left, top, tile_width, tile_height, centre_x, centre_y)
-    resolve(scene, view, place, keys, ids, outputs)
+    resolve(scene, view, place, keys, ids, buffers[3:], outputs)
 
 
 @kernel(parallel=True)
@@ -168,14 +168,15 @@ def render_tiles(scene, bins, view, limits, earlier, holes, scratch, outputs):
     """Rasterise and resolve every tile.
 
     ``scene`` = (points, packed, faces, objects, clipped corners, their owners), ``bins`` = (order, starts, entries);
-    ``limits``, ``earlier``, ``holes``: see ``fragments``; ``scratch`` = (keys, ids, spans, counter), a row per thread.
+    ``limits``, ``earlier``, ``holes``: see ``fragments``; ``scratch`` = (keys, ids, spans, cached
+    triangles, their planes, counter), a row per thread.
     """
     order = bins[0]
-    keys, ids, spare, counter = scratch
+    keys, ids, spare, known, planes, counter = scratch
     for thread in prange(keys.shape[0]):
         while True:
             turn = fetch_add(counter, 0, 1)
             if turn >= order.shape[0]:
                 break
-            buffers = (keys[thread], ids[thread], spare[thread])
+            buffers = (keys[thread], ids[thread], spare[thread], known[thread], planes[thread])
             render_tile(scene, bins, view, (limits, earlier, holes), order[turn], buffers, outputs)
