@@ -180,3 +180,17 @@ def test_version_is_the_one_of_the_project_file(capsys: pytest.CaptureFixture[st
         cli.main(["--version"])
     assert end.value.code == 0
     assert torchrender.__version__ in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("redundancy", ["pixel", "visibility"])
+def test_depth_pictures_of_sample_kinds(redundancy: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    options = ["--method", "nonredundant", "--redundancy", redundancy, "--views", 2, "--size", "32x32", "--show"]
+    assert run("depth", "nest", "--triangles", 3000, *options, "-o", tmp_path / "out") == 0
+    said = capsys.readouterr().out
+    assert "redundant 0.0 %" in said
+    assert sorted(p.name for p in (tmp_path / "out").glob("*.png")) == ["kinds_000.png", "kinds_001.png"]
+    assert run("depth", "nest", "--triangles", 3000, *options[:-1], "-o", tmp_path / "set.npz") == 0
+    with np.load(tmp_path / "set.npz") as data:
+        assert data["layer"].max() >= 1
+        assert data["normal"].shape == (2, 32, 32, 3)
+        assert not data["truncated"].any()

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import pytest
 import torch
-from sampling_scenes import front, ring, soup, wall
 
+from sampling_scenes import front, ring, soup, wall
 from torchrender.depth.kinds import median_triangle_pixels, sample_kinds
 from torchrender.depth.metrics import MetricOptions, SamplingMetrics, Share, sampling_metrics
 from torchrender.depth.options import METHODS, SamplingOptions

@@ -9,8 +9,8 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sampling_scenes import front, ring, soup, triangle, wall
 
+from sampling_scenes import front, ring, soup, triangle, wall
 from torchrender.depth.options import SamplingOptions
 from torchrender.depth.probes import Probes, pixel_redundant
 from torchrender.depth.ray_visibility import RayVisibility
@@ -66,7 +66,7 @@ def test_outside_the_frustum_is_not_seen() -> None:
 
 
 def test_points_turned_away_are_seen_only_without_culling() -> None:
-    turned = [corner for corner in reversed(wall(2.0))]
+    turned = list(reversed(wall(2.0)))
     scene, camera = soup(turned), front(8)
     points, ids = torch.tensor([[0.1, 0.15, -2.0]], dtype=torch.float64), torch.tensor([0])
     assert not bool(RayVisibility(scene, OPTIONS).seen(points, ids, camera).any())

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import pytest
 import torch
-from sampling_scenes import front, ring, soup, wall
 
+from sampling_scenes import front, ring, soup, wall
 from torchrender.buffers import DepthImages
 from torchrender.depth.holders import images_holder
 from torchrender.depth.nonredundant import fragment_tests

@@ -1,0 +1,62 @@
+"""The sampling study runs, writes its files, and says what it measured."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from torchrender.report import sampling
+from torchrender.report.sampling_published import AVAILABLE, KINDS, TIMES
+from torchrender.scene.procedural import build
+
+pytest.importorskip("matplotlib")
+
+
+def test_a_tiny_study_writes_its_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    tiny = sampling.Effort(48, 3, 2, 24, 2, (24, 48), 2, 1)
+    monkeypatch.setattr(sampling.Effort, "quick", lambda: tiny)
+    monkeypatch.setattr(sampling, "build", lambda name: build(name, triangles=3000))
+    monkeypatch.setattr("sys.argv", ["sampling", "--quick", "--scenes", "nest", "city", "-o", str(tmp_path)])
+    sampling.main()
+    record = json.loads((tmp_path / "sampling.json").read_text())
+    nest = record["scenes"]["nest"]
+    assert record["machine"]["commit"]
+    assert nest["triangles"] > 2500
+    assert nest["ms"]["C"]["median"] > 0
+    assert all(share == [0.0, 0.0] for share in nest["tables"]["pixel"]["C"]["hidden"])
+    assert all(share[0] == 0 for share in nest["tables"]["pixel"]["N"]["redundant"])
+    assert set(nest["resolution"]["pixel"]) == {"24", "48"}
+    page = (tmp_path / "sampling.md").read_text()
+    for heading in ("table 2 and 3", "table 4", "table 5", "table 6", "table 7", "Resolution study"):
+        assert heading in page
+    assert "nan" not in page.lower()
+    for picture in ("sampling-nest.png", "sampling-city.png", "sampling-resolution.png"):
+        assert (tmp_path / picture).stat().st_size > 1000
+
+
+@pytest.mark.parametrize("name", list(sampling.SET_UPS))
+def test_viewpoints_form_an_equilateral_triangle_that_faces_the_target(name: str) -> None:
+    scene, set_up = build(name, triangles=3000), sampling.SET_UPS[name]
+    cameras = sampling.viewpoints(scene, set_up, 16)
+    eyes = cameras.eye
+    sides = [float((eyes[i] - eyes[j]).norm()) for i, j in ((0, 1), (1, 2), (2, 0))]
+    assert sides == pytest.approx([set_up.side * scene.diagonal] * 3)
+    middle = eyes.mean(dim=0)
+    for camera in range(3):
+        assert float((eyes[camera] - middle) @ (middle - _target(scene, set_up))) == pytest.approx(0.0, abs=1e-9)
+
+
+def _target(scene: object, set_up: sampling.SetUp) -> object:
+    import torch
+
+    low, high = scene.bounds  # type: ignore[attr-defined]
+    return low + (high - low) * torch.tensor(set_up.target, dtype=torch.float64)
+
+
+def test_published_tables_are_complete() -> None:
+    for tables in (KINDS, AVAILABLE):
+        assert set(tables) == {"pixel", "visibility"}
+        assert all(set(table) == set(sampling.SET_UPS) for table in tables.values())
+    assert all(set(row) == {"C", "N", "P"} for row in TIMES.values())
