@@ -28,7 +28,7 @@ ORDER = (
     "shade",
     "depth",
     "geometry",
-    "reproject",
+    "reprojection",
     "effects",
     "photo",
     "walkthrough",

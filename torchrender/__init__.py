@@ -9,12 +9,19 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from torchrender.buffers import GBuffer, VisibilityBuffer
+    from torchrender.buffers import DepthImages, GBuffer, VisibilityBuffer
+    from torchrender.depth.options import SamplingOptions
+    from torchrender.depth.sample import sample_depth_images, sample_offset_images
     from torchrender.effects.shadow_map import ShadowOptions
+    from torchrender.effects.soft_shadow import SoftShadowOptions, soft_shadow
     from torchrender.errors import TorchRenderError
+    from torchrender.geometry.light_occluders import OccluderOptions, approximate_occluders
+    from torchrender.geometry.reconstruct import reconstruct_hybrid
     from torchrender.image import Image
     from torchrender.raster import rasterize, rasterize_depth
+    from torchrender.rays import RayCaster
     from torchrender.renderer import RenderOptions, render
+    from torchrender.reprojection import ReprojectOptions, reproject
     from torchrender.scene.camera import Cameras
     from torchrender.scene.environment import Environment
     from torchrender.scene.info import scene_info
@@ -29,6 +36,7 @@ __version__ = "0.1.0"
 
 __all__ = [
     "Cameras",
+    "DepthImages",
     "DirectionalLight",
     "Environment",
     "GBuffer",
@@ -36,24 +44,36 @@ __all__ = [
     "Material",
     "Medium",
     "Mesh",
+    "OccluderOptions",
     "PointLight",
+    "RayCaster",
     "RectLight",
     "RenderOptions",
+    "ReprojectOptions",
+    "SamplingOptions",
     "Scene",
     "ShadowOptions",
+    "SoftShadowOptions",
     "SpotLight",
     "TorchRenderError",
     "VisibilityBuffer",
     "__version__",
+    "approximate_occluders",
     "load",
     "rasterize",
     "rasterize_depth",
+    "reconstruct_hybrid",
     "render",
+    "reproject",
+    "sample_depth_images",
+    "sample_offset_images",
     "scene_info",
+    "soft_shadow",
 ]
 
 _HOME = {
     "Cameras": "torchrender.scene.camera",
+    "DepthImages": "torchrender.buffers",
     "DirectionalLight": "torchrender.scene.light",
     "Environment": "torchrender.scene.environment",
     "GBuffer": "torchrender.buffers",
@@ -61,19 +81,30 @@ _HOME = {
     "Material": "torchrender.scene.material",
     "Medium": "torchrender.scene.medium",
     "Mesh": "torchrender.scene.mesh",
+    "OccluderOptions": "torchrender.geometry.light_occluders",
     "PointLight": "torchrender.scene.light",
+    "RayCaster": "torchrender.rays",
     "RectLight": "torchrender.scene.light",
     "RenderOptions": "torchrender.renderer",
+    "ReprojectOptions": "torchrender.reprojection",
+    "SamplingOptions": "torchrender.depth.options",
     "Scene": "torchrender.scene.model",
     "ShadowOptions": "torchrender.effects.shadow_map",
+    "SoftShadowOptions": "torchrender.effects.soft_shadow",
     "SpotLight": "torchrender.scene.light",
     "TorchRenderError": "torchrender.errors",
     "VisibilityBuffer": "torchrender.buffers",
+    "approximate_occluders": "torchrender.geometry.light_occluders",
     "load": "torchrender.scene.load",
     "rasterize": "torchrender.raster",
     "rasterize_depth": "torchrender.raster",
+    "reconstruct_hybrid": "torchrender.geometry.reconstruct",
     "render": "torchrender.renderer",
+    "reproject": "torchrender.reprojection",
+    "sample_depth_images": "torchrender.depth.sample",
+    "sample_offset_images": "torchrender.depth.sample",
     "scene_info": "torchrender.scene.info",
+    "soft_shadow": "torchrender.effects.soft_shadow",
 }
 
 

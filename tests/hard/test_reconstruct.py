@@ -14,7 +14,7 @@ from torchrender.geometry.corners import ReconstructOptions, fit_corners
 from torchrender.geometry.reconstruct import reconstruct_hybrid
 from torchrender.geometry.splat import reconstruct_splat
 from torchrender.rays import RayCaster
-from torchrender.reproject import reproject
+from torchrender.reprojection import reproject
 from torchrender.scene import shapes
 from torchrender.scene.camera import Cameras
 from torchrender.scene.mesh import Mesh

@@ -14,7 +14,7 @@ from torchrender.geometry.corners import fit_corners
 from torchrender.kernels.atomics import store_max
 from torchrender.kernels.warp import draw_quads
 from torchrender.raster import rasterize_visibility
-from torchrender.reproject import reproject
+from torchrender.reprojection import reproject
 from torchrender.scene.camera import Cameras
 from torchrender.scene.mesh import Mesh, concatenate
 from torchrender.scene.model import Scene

@@ -29,7 +29,7 @@ from torchrender.report.foundation_page import text_writer
 from torchrender.report.machine import machine_line, machine_record
 from torchrender.report.timing import take_turns
 from torchrender.report.torch_warp import torch_grid_warp
-from torchrender.reproject import Reprojection, reproject
+from torchrender.reprojection import Reprojection, reproject
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
 from torchrender.scene.procedural import build

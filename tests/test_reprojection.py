@@ -12,7 +12,7 @@ from torchrender.errors import InputError, OptionError
 from torchrender.geometry.corners import fit_corners
 from torchrender.raster import rasterize
 from torchrender.rays import RayCaster
-from torchrender.reproject import ReprojectOptions, reproject
+from torchrender.reprojection import ReprojectOptions, reproject
 from torchrender.scene import shapes
 from torchrender.scene.camera import Cameras
 from torchrender.scene.mesh import Mesh
