@@ -34,3 +34,20 @@ def store_max(typingctx, array, index, value):  # noqa: ARG001
         return context.get_dummy_value()
 
     return signature, generate
+
+
+@intrinsic
+def borrowed(typingctx, array):  # noqa: ARG001
+    """The same array without its reference count, which two threads would fight over in hot loops.
+
+    The caller must keep the array alive for as long as the result is used.
+    """
+    signature = array(array)
+
+    def generate(context, builder, sig, args):
+        view = context.make_array(sig.args[0])(context, builder, args[0])
+        view.meminfo = cgutils.get_null_value(view.meminfo.type)
+        view.parent = cgutils.get_null_value(view.parent.type)
+        return view._getvalue()
+
+    return signature, generate
