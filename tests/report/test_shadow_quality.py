@@ -14,11 +14,13 @@ from torchrender.raster import rasterize
 from torchrender.report.shadow_quality import (
     aliasing_ratio,
     contact_displacement,
+    naive_shading,
     ray_cast_visibility,
     shadow_errors,
 )
 from torchrender.scene.light import DirectionalLight, PointLight, RectLight
 from torchrender.scene.model import Scene
+from torchrender.shade import shade
 
 DOWN = DirectionalLight(direction=torch.tensor([0.0, -1.0, 0.0]))
 
@@ -32,6 +34,15 @@ def test_errors_are_counted_by_kind():
     assert shadow_errors(found, reference, ~counted & False).mean_error == 0
     with pytest.raises(InputError, match="counted"):
         shadow_errors(found, reference, counted[0])
+
+
+def test_naive_shading_blackens_shadows_that_ambient_light_reaches():
+    scene = Scene(meshes=(floor(2.0),), lights=(DOWN,), ambient=torch.full((3,), 0.5))
+    gbuffer = rasterize(scene, flat_image(8, 6))
+    dark, lit = torch.zeros(1, 1, 6, 8), torch.ones(1, 1, 6, 8)
+    assert float(naive_shading(scene, gbuffer, dark)[gbuffer.covered].max()) == 0
+    assert float(shade(scene, gbuffer, dark)[gbuffer.covered].min()) > 0
+    torch.testing.assert_close(naive_shading(scene, gbuffer, lit), shade(scene, gbuffer, lit))
 
 
 def test_aliasing_ratio_of_a_floor_seen_and_lit_from_above():

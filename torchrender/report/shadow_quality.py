@@ -15,6 +15,7 @@ from torchrender.rays import RayCaster
 from torchrender.scene.light import DirectionalLight, Light, RectLight
 from torchrender.scene.light_camera import choose_views, light_view
 from torchrender.scene.model import Scene
+from torchrender.shade import shade
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,6 +64,15 @@ def ray_cast_visibility(
     image = torch.ones(gbuffer.triangle.shape)
     image[covered] = (total / len(targets)).float()
     return image
+
+
+def naive_shading(scene: Scene, gbuffer: GBuffer, visibility: Tensor) -> Tensor:
+    """The baseline of specification 07, section 5: the shadow factors (B,L,H,W) darken everything, ambient light too.
+
+    Radiance (B,H,W,3) where :func:`torchrender.shade.shade` keeps the ambient part. Several lights count by their mean.
+    """
+    check_tensor("visibility", visibility, (len(gbuffer.cameras), len(scene.lights), *gbuffer.depth.shape[1:]))
+    return shade(scene, gbuffer, None) * visibility.mean(dim=1)[..., None]
 
 
 def aliasing_ratio(gbuffer: GBuffer, shadow_map: ShadowMap) -> Tensor:
