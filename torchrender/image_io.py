@@ -15,7 +15,6 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import torch
 from PIL import Image, ImageOps, UnidentifiedImageError
@@ -181,6 +180,8 @@ def _codes(picture: Image.Image) -> np.ndarray[Any, Any]:
 
 def _deep_png(data: bytes, name: str | Path) -> np.ndarray[Any, Any]:
     """(H,W,C) uint16; Pillow would cut 16-bit colour to 8 bits."""
+    import cv2  # slow to import, and few pictures need it
+
     codes = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     if codes is None or codes.dtype != np.uint16:
         raise ImageFileError(name, "damaged 16-bit PNG")
@@ -205,6 +206,8 @@ def _linear(codes: np.ndarray[Any, Any]) -> Tensor:
 
 
 def _read_hdr(data: bytes, name: str | Path) -> np.ndarray[Any, Any]:
+    import cv2  # slow to import, and few pictures need it
+
     size = re.search(rb"\n[-+]([XY]) (\d{1,9}) [-+][XY] (\d{1,9})\n", data[:65536])
     if size is None:
         raise ImageFileError(name, "Radiance header without a size line: damaged or cut off")
