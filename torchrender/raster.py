@@ -31,6 +31,7 @@ from torchrender.scene.model import Scene
 
 Array = np.ndarray[Any, Any]
 CULLING = ("none", "back", "front")
+PIXEL_TESTS = ("identity", "depth_identity", "captured")  # in the order of kernels.fragments
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -40,16 +41,20 @@ class FragmentTests:
     Peeling: only fragments with camera depth greater than ``beyond`` and of another triangle than ``skip`` count.
     Redundancy: a fragment is refused if an image in ``earlier`` stores the same triangle in the pixel into which the
     fragment projects (specification 01, section 5, algorithm 3); perspective cameras only. Beyond the thesis (section
-    13), ``compare_depth`` refuses it where the depth stored there agrees within two pixel footprints, or one of the
-    nearest 2 x 2 pixels stores the triangle; a copy whose footprint on the surface is more than ``quality_ratio`` times
-    larger does not count.
+    13), test "depth_identity" refuses it where the depth stored there agrees within two pixel footprints, or one of the
+    nearest 2 x 2 pixels stores the triangle; test "captured" wherever the pixel stores nothing nearer, because then
+    that camera saw the fragment even if no pixel centre hit it. A copy whose footprint on the surface is more than
+    ``quality_ratio`` times larger does not count.
     """
 
     beyond: Tensor | None = None  # (B,H,W) float32 or float64 camera depth; +inf lets nothing through
     skip: Tensor | None = None  # (B,H,W) int64 triangle ids, -1 for none
     earlier: VisibilityBuffer | None = None  # J images of the same geometry
-    compare_depth: bool = False
+    test: str = "identity"  # one of PIXEL_TESTS
     quality_ratio: float = math.inf
+
+    def __post_init__(self) -> None:
+        check_choice("tests.test", self.test, PIXEL_TESTS)
 
 
 def rasterize(scene: Scene, cameras: Cameras, *, cull: str = "none", tests: FragmentTests | None = None) -> GBuffer:
@@ -229,7 +234,7 @@ def earlier_arrays(cameras: Cameras, k: int, tests: FragmentTests, view: View) -
     lens[:, 5] = (1.0 / intrinsics[:, (0, 1), (0, 1)]).max(axis=1)
     lens[:, 6:] = (other.eye.numpy() - view.reference) @ view.matrix.T
     size = float((1.0 / cameras.intrinsics[k, (0, 1), (0, 1)]).max())
-    own = np.concatenate([view.matrix, world_from_pixel, [[float(tests.compare_depth), tests.quality_ratio, size]]])
+    own = np.concatenate([view.matrix, world_from_pixel, [[PIXEL_TESTS.index(tests.test), tests.quality_ratio, size]]])
     depth = numpy_view(earlier.depth, np.float32)
     return numpy_view(earlier.triangle, np.int64), np.ascontiguousarray(pixels), other.near.numpy(), depth, lens, own
 

@@ -14,7 +14,7 @@ from sampling_scenes import front, ring, soup, triangle, wall
 from torchrender.depth.options import SamplingOptions
 from torchrender.depth.probes import Probes, pixel_redundant
 from torchrender.depth.ray_visibility import RayVisibility
-from torchrender.raster import FragmentTests, count_nearer, rasterize_visibility
+from torchrender.raster import PIXEL_TESTS, FragmentTests, count_nearer, rasterize_visibility
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
 from torchrender.scene.procedural import build
@@ -104,9 +104,12 @@ def slow_redundant(probes: Probes, tests: FragmentTests, scene: Scene) -> torch.
             ray = point - camera.eye[0]
             cosine = float((normal @ ray).abs() / ray.norm())
             same = int(image.triangle[j, int(v), int(u)]) == t
-            if tests.compare_depth:
-                size = float(camera.footprint(z.reshape(1, 1)))
-                same = abs(float(image.depth[j, int(v), int(u)]) - float(z)) <= 2.0 * size / max(cosine, 0.1)
+            size = float(camera.footprint(z.reshape(1, 1)))
+            behind = float(z) - float(image.depth[j, int(v), int(u)])
+            if tests.test == "captured":
+                same = behind <= 2.0 * size / max(cosine, 0.1)
+            if tests.test == "depth_identity":
+                same = abs(behind) <= 2.0 * size / max(cosine, 0.1)
                 for y in (math.floor(v - 0.5), math.floor(v - 0.5) + 1):
                     for x in (math.floor(u - 0.5), math.floor(u - 0.5) + 1):
                         if 0 <= y < camera.height and 0 <= x < camera.width:
@@ -120,15 +123,15 @@ def slow_redundant(probes: Probes, tests: FragmentTests, scene: Scene) -> torch.
     return torch.tensor(out)
 
 
-@pytest.mark.parametrize("compare_depth", [False, True])
+@pytest.mark.parametrize("test", PIXEL_TESTS)
 @pytest.mark.parametrize("ratio", [math.inf, 1.5])
-def test_pixel_test_equals_its_slow_twin(compare_depth: bool, ratio: float) -> None:
+def test_pixel_test_equals_its_slow_twin(test: str, ratio: float) -> None:
     scene = build("nest", triangles=3000)
     cameras = ring(scene, 48)
     cameras = Cameras.cat([cameras[0], cameras[1], cameras[2].scaled(1.0)])
     images = rasterize_visibility(scene.geometry, cameras, cull="back")
     earlier = rasterize_visibility(scene.geometry, cameras[:2].scaled(0.75), cull="back")
-    tests = FragmentTests(earlier=earlier, compare_depth=compare_depth, quality_ratio=ratio)
+    tests = FragmentTests(earlier=earlier, test=test, quality_ratio=ratio)
     probes = Probes.of(images, 2, 2)
     fast = pixel_redundant(probes, tests, scene.geometry)
     assert torch.equal(fast, slow_redundant(probes, tests, scene))
@@ -139,13 +142,18 @@ def test_rasterised_test_is_the_test_on_stored_samples() -> None:
     scene = build("city", triangles=2000)
     cameras = ring(scene, 64)
     earlier = rasterize_visibility(scene.geometry, cameras[:2], cull="back")
-    for compare_depth, ratio in ((False, math.inf), (True, math.inf), (False, 2.0)):
-        tests = FragmentTests(earlier=earlier, compare_depth=compare_depth, quality_ratio=ratio)
+    for test, ratio in (
+        ("identity", math.inf),
+        ("depth_identity", math.inf),
+        ("captured", math.inf),
+        ("identity", 2.0),
+    ):
+        tests = FragmentTests(earlier=earlier, test=test, quality_ratio=ratio)
         image = rasterize_visibility(scene.geometry, cameras[2], cull="back", tests=tests)
         again = pixel_redundant(Probes.of(image, 0), tests, scene.geometry)
         assert len(again) > 100
         # The plain test repeats the same float64 arithmetic; the others rebuild the plane from the vertices.
-        assert int(again.sum()) <= (0 if not compare_depth and ratio == math.inf else 1)
+        assert int(again.sum()) <= (0 if test == "identity" and ratio == math.inf else 1)
 
 
 @settings(deadline=None, max_examples=25)

@@ -9,6 +9,7 @@ import pytest
 
 from torchrender.report import sampling
 from torchrender.report.sampling_published import AVAILABLE, KINDS, TIMES
+from torchrender.report.subject import subject_box
 from torchrender.scene.procedural import build
 
 pytest.importorskip("matplotlib")
@@ -36,27 +37,31 @@ def test_a_tiny_study_writes_its_page(tmp_path: Path, monkeypatch: pytest.Monkey
         assert (tmp_path / picture).stat().st_size > 1000
 
 
-@pytest.mark.parametrize("name", list(sampling.SET_UPS))
-def test_viewpoints_form_an_equilateral_triangle_that_faces_the_target(name: str) -> None:
-    scene, set_up = build(name, triangles=3000), sampling.SET_UPS[name]
-    cameras = sampling.viewpoints(scene, set_up, 16)
-    eyes = cameras.eye
+@pytest.mark.parametrize("name", sampling.SCENES)
+def test_viewpoints_form_an_equilateral_triangle_that_faces_the_subject(name: str) -> None:
+    scene = build(name, triangles=3000)
+    box = subject_box(scene)
+    assert bool((box[0] >= scene.bounds[0]).all()) and bool((box[1] <= scene.bounds[1]).all())
+    eyes = sampling.viewpoints(scene, 0.6, 16).eye
+    diagonal, target, middle = float((box[1] - box[0]).norm()), box.mean(dim=0), eyes.mean(dim=0)
     sides = [float((eyes[i] - eyes[j]).norm()) for i, j in ((0, 1), (1, 2), (2, 0))]
-    assert sides == pytest.approx([set_up.side * scene.diagonal] * 3)
-    middle = eyes.mean(dim=0)
-    for camera in range(3):
-        assert float((eyes[camera] - middle) @ (middle - _target(scene, set_up))) == pytest.approx(0.0, abs=1e-9)
+    assert sides == pytest.approx([sampling.SIDE * diagonal] * 3)
+    assert float((middle - target).norm()) == pytest.approx(0.6 * diagonal)
+    for eye in eyes:
+        assert float((eye - middle) @ (middle - target)) == pytest.approx(0.0, abs=1e-9 * diagonal**2)
 
 
-def _target(scene: object, set_up: sampling.SetUp) -> object:
-    import torch
-
-    low, high = scene.bounds  # type: ignore[attr-defined]
-    return low + (high - low) * torch.tensor(set_up.target, dtype=torch.float64)
+def test_the_subject_leaves_out_the_ends() -> None:
+    scene = build("grass", triangles=3000)
+    geometry = scene.geometry
+    centres = geometry.vertices[geometry.faces.long()].mean(dim=1)
+    low, high = subject_box(scene)
+    assert ((centres < low).double().mean(dim=0) - 0.05).abs().max() < 1e-2
+    assert ((centres > high).double().mean(dim=0) - 0.05).abs().max() < 1e-2
 
 
 def test_published_tables_are_complete() -> None:
     for tables in (KINDS, AVAILABLE):
         assert set(tables) == {"pixel", "visibility"}
-        assert all(set(table) == set(sampling.SET_UPS) for table in tables.values())
+        assert all(set(table) == set(sampling.SCENES) for table in tables.values())
     assert all(set(row) == {"C", "N", "P"} for row in TIMES.values())

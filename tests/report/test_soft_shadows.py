@@ -12,7 +12,8 @@ from torchrender.effects.soft_shadow import LightVisibility, SoftShadowOptions, 
 from torchrender.image_io import read_image
 from torchrender.raster import rasterize
 from torchrender.report.soft_shadow_errors import error_images, mean_errors
-from torchrender.report.soft_shadows import QUICK, run, study_light
+from torchrender.report.soft_shadow_subject import QUICK, study_light
+from torchrender.report.soft_shadows import run
 from torchrender.scene.procedural import build
 
 
@@ -31,7 +32,7 @@ def test_error_definitions() -> None:
 
 def test_original_triangles_have_no_error_and_bounds_hold() -> None:
     scene = build("city", triangles=3000)
-    view, light = rasterize(scene, scene.camera(width=48, height=48)), study_light(scene)
+    view, light = rasterize(scene, scene.camera(width=48, height=48)), study_light(scene.bounds)
     options = SoftShadowOptions(light_samples=4, map_size=128, visibility="shadow_map")
     reference = soft_shadow(scene.geometry, light, view, options)
     assert max(mean_errors(soft_shadow(scene.geometry, light, view, options), reference, view.covered).values()) <= 1.0

@@ -42,7 +42,7 @@ def fragment_tests(options: SamplingOptions, known: VisibilityBuffer) -> Fragmen
     """The tests that refuse what ``known`` holds."""
     return FragmentTests(
         earlier=known,
-        compare_depth=options.pixel_test == "depth_identity",
+        test=options.pixel_test,
         quality_ratio=math.inf if options.quality_ratio is None else options.quality_ratio,
     )
 
@@ -55,15 +55,20 @@ def _nearest_new(scene: Scene, camera: Cameras, known: VisibilityBuffer, options
     layer, touching = count_nearer(geometry, seen, cull=options.cull, eps=eps)
     truncated = layer >= options.max_skips
     again = touching & seen.covered & ~truncated
-    while bool(again.any()):
-        # A coplanar copy of something redundant is the same surface under another id: look behind it, only there.
-        limited = replace(tests, beyond=torch.where(again, seen.depth, math.inf), skip=seen.triangle)
+    for _ in range(options.max_skips):
+        if not bool(again.any()):
+            break
+        # A coplanar copy of something redundant is the same surface under another id: look behind it, only there. The
+        # step by eps also passes further copies, which would otherwise point to each other for ever.
+        behind = seen.depth.double() * (1.0 + eps[0]) + eps[1]
+        limited = replace(tests, beyond=torch.where(again, behind, math.inf), skip=seen.triangle)
         seen = _merged(again, rasterize_visibility(geometry, camera, cull=options.cull, tests=limited), seen)
         asked = replace(seen, depth=torch.where(again, seen.depth, 0.0))
         more, touching = count_nearer(geometry, asked, cull=options.cull, eps=eps)
         layer = torch.where(again, more, layer)
         truncated = layer >= options.max_skips
         again &= touching & seen.covered & ~truncated
+    truncated = truncated | again
     if bool(truncated.any()):
         nothing = Samples.room_for(camera).seen
         seen = _merged(truncated, nothing, seen)

@@ -6,11 +6,11 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from torchrender.checks import check_choice, check_range
+from torchrender.raster import PIXEL_TESTS
 
 METHODS = ("nonredundant", "conventional", "depth_peeling")
 REDUNDANCY = ("pixel", "visibility")
 VISIBILITY_TESTS = ("captured", "plain")
-PIXEL_TESTS = ("identity", "depth_identity")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,7 +26,8 @@ class SamplingOptions:
         "pixel"  # pixel: does an earlier image store the triangle there; visibility: did its camera see it
     )
     visibility_test: str = "captured"  # captured: earlier images look behind what they know; plain: first hits only
-    pixel_test: str = "identity"  # identity: same triangle; depth_identity: same depth, or same triangle within 2x2
+    pixel_test: str = "identity"  # identity: the pixel holds the triangle; depth_identity: or its depth, or one within
+    # 2x2 does; captured: the pixel holds nothing nearer, which finds the repeats of sub-pixel surfaces as rays do
     quality_ratio: float | None = None  # keep a sample whose earlier copy has a footprint this many times larger
     cull_backfaces: bool = True
     size: tuple[int, int] | None = None  # (width, height) of the images; None: those of the cameras

@@ -60,7 +60,7 @@ def pixel_redundant(probes: Probes, tests: FragmentTests, geometry: Geometry) ->
     spot = numpy_view(probes.pixels - centre + 0.5, np.float64)
     key = 1.0 / numpy_view(probes.depth, np.float64)
     slope = np.zeros((len(probes), 2))
-    if tests.compare_depth or np.isfinite(tests.quality_ratio):
+    if tests.test != "identity" or np.isfinite(tests.quality_ratio):
         slope = _slopes(probes, geometry, view.matrix, view.reference)
     redundant_samples(numpy_view(probes.triangle, np.int64), spot, key, slope, earlier, found)
     return torch.from_numpy(found)

@@ -1,4 +1,9 @@
-"""The scene as a rectangular light sees it, rebuilt from a few depth images: what casts its soft shadows."""
+"""The scene as a rectangular light sees it in a few depth images: what casts its soft shadows.
+
+Two ways from samples to triangles. ``mesh="triangles"`` takes the scene's own triangles that some pixel stores: every
+sample names one, so nothing has to be guessed, blades thinner than a pixel keep their width, and there are never more
+triangles than the scene has. The others rebuild surfaces from the samples alone (specification 02, section 3).
+"""
 
 from __future__ import annotations
 
@@ -8,19 +13,22 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from torchrender.buffers import DepthImages
 from torchrender.checks import check_choice, check_range
 from torchrender.depth.options import METHODS, SamplingOptions
 from torchrender.depth.sample import sample_depth_images, sample_offset_images
 from torchrender.geometry.corners import ReconstructOptions
 from torchrender.geometry.reconstruct import Reconstruction, reconstruct_grid, reconstruct_hybrid
 from torchrender.geometry.splat import reconstruct_splat
+from torchrender.raster import PIXEL_TESTS
 from torchrender.scene.camera import Cameras
 from torchrender.scene.light import RectLight
 from torchrender.scene.light_grid import corner_grid
 from torchrender.scene.mesh import Geometry
 from torchrender.scene.model import Scene
 
-MESHES = ("hybrid", "grid", "splat")
+MESHES = ("triangles", "hybrid", "grid", "splat")
+_TESTS = {"triangles": "identity", "hybrid": "captured", "grid": "captured", "splat": "captured"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,32 +40,44 @@ class OccluderOptions:
     """
 
     method: str = "nonredundant"  # "nonredundant", "conventional" or "depth_peeling"
-    mesh: str = "hybrid"  # "hybrid", "grid" or "splat"
+    mesh: str = "triangles"  # the scene's that the images show; or rebuilt: "hybrid", "grid" or "splat"
     size: int = 1024  # pixels of an image's side
     layers: int = 4  # of depth peeling, all seen from the light's centre
-    redundancy: str = (
-        "pixel"  # "visibility" finds repeats of thin surfaces that "pixel" misses, at several times the cost
-    )
-    pixel_test: str = "depth_identity"  # of redundancy "pixel"
+    redundancy: str = "pixel"  # or "visibility": by rays, at many times the cost
+    pixel_test: str | None = None  # of redundancy "pixel"; None: "identity" for triangles, else "captured"
     rho: float = 1.01  # guessed corners: spikes of edge-on surfaces would cast shadows of their own
 
     def __post_init__(self) -> None:
         check_choice("method", self.method, METHODS)
         check_choice("mesh", self.mesh, MESHES)
+        if self.pixel_test is not None:
+            check_choice("pixel_test", self.pixel_test, PIXEL_TESTS)
         check_range("size", self.size, 16, 8192)
         check_range("layers", self.layers, 1, 64)
 
 
-def approximate_occluders(scene: Scene, light: RectLight, options: OccluderOptions | None = None) -> Geometry:
-    """A mesh of what the four corners of a light see of the scene (depth peeling: of its layers below the centre).
+def approximate_occluders(
+    scene: Scene, light: RectLight, options: OccluderOptions | None = None, *, bounds: Tensor | None = None
+) -> Geometry:
+    """Triangles for what the four corners of a light see of the scene (depth peeling: of its layers below the centre).
 
-    Surfaces are kept whichever side the light sees. A corner from which the scene spans more than 150 degrees takes the
+    Surfaces are kept whichever side the light sees. A corner from which the box spans more than 150 degrees takes the
     six faces of a cube. Lights without area have fewer corners: two, or one.
+
+    Args:
+        bounds: (2,3) box that the images frame, where that is not the whole scene's: the part whose shadows matter,
+            when a wide backdrop would take most pixels. What lies outside the images casts no shadow.
     """
     options = options or OccluderOptions()
     if not scene.geometry.triangle_count:
         return scene.geometry
-    return rebuild(scene, light_viewpoints(light, scene.bounds, options), options).geometry
+    cameras = light_viewpoints(light, scene.bounds if bounds is None else bounds, options)
+    images = sample_depth_images(scene, cameras, sampling_options(options))
+    if options.mesh == "triangles":
+        shown = torch.zeros(scene.geometry.triangle_count, dtype=torch.bool)
+        shown[images.triangle[images.covered]] = True
+        return scene.geometry.part(shown)
+    return rebuild(scene, images, options).geometry
 
 
 def light_viewpoints(light: RectLight, bounds: Tensor, options: OccluderOptions) -> Cameras:
@@ -69,16 +89,19 @@ def light_viewpoints(light: RectLight, bounds: Tensor, options: OccluderOptions)
     return Cameras.cat([grid.cameras(sample) for sample in range(len(grid.samples))])
 
 
-def rebuild(scene: Scene, cameras: Cameras, options: OccluderOptions) -> Reconstruction:
-    """Sample the scene from ``cameras`` and rebuild a mesh from every image."""
-    sampling = SamplingOptions(
+def sampling_options(options: OccluderOptions) -> SamplingOptions:
+    """How the depth images are sampled."""
+    return SamplingOptions(
         method=options.method,
         redundancy=options.redundancy,
-        pixel_test=options.pixel_test,
+        pixel_test=options.pixel_test or _TESTS[options.mesh],
         cull_backfaces=False,
         layers=options.layers,
     )
-    images = sample_depth_images(scene, cameras, sampling)
+
+
+def rebuild(scene: Scene, images: DepthImages, options: OccluderOptions) -> Reconstruction:
+    """A mesh of every image."""
     if options.mesh == "hybrid":
         return reconstruct_hybrid(
             images, sample_offset_images(scene, images), ReconstructOptions(rho=options.rho), colors=False

@@ -8,8 +8,8 @@
   fragment is refused if an earlier perspective image has it (specification 01, sections 5 and 13).
   ``pixels`` takes (x, y, 1, key) of this image, pixels counted from its centre, to homogeneous pixels over depth.
   ``lens`` = (fx, fy, cx, cy, skew, pixel size per depth, then the eye of j in homogeneous pixels of this image),
-  ``own`` = the matrix from world to homogeneous pixels of this image, its inverse, and (depth counts too: 0 or 1,
-  greatest ratio of footprints, pixel size per depth).
+  ``own`` = the matrix from world to homogeneous pixels of this image, its inverse, and (test: IDENTITY, AGREES or
+  CAPTURED, greatest ratio of footprints, pixel size per depth).
 - ``holes`` = (mask (F,) int32, table (K,3) int64, texels uint8, uv (V,2) float32): see ``scene.cutout``.
 """
 
@@ -21,6 +21,9 @@ import numpy as np
 from numba import prange
 
 from torchrender.kernels.compile import kernel
+
+IDENTITY, AGREES, CAPTURED = 0, 1, 2
+"""What makes a fragment redundant: the stored triangle; also the stored depth; lying no deeper than what is stored."""
 
 DEPTH_TOLERANCE = 2.0  # pixel footprints by which depths of one surface may differ
 LEAST_COSINE = 0.1  # surfaces seen at a more grazing angle than this get no more tolerance
@@ -51,11 +54,17 @@ def cosines(px, py, key, slope, j, uvz, lens, own):
 
 
 @kernel()
-def same_surface(t, j, uvz, there, ids, depth, lens):
-    """Image ``j`` stores triangle ``t`` in one of the 2 x 2 nearest pixels, or about the same depth in its own."""
+def same_surface(t, j, uvz, there, ids, depth, lens, test):
+    """AGREES: image ``j`` stores triangle ``t`` in one of the 2 x 2 nearest pixels, or about the same depth in its own.
+
+    CAPTURED: the pixel of image ``j`` stores nothing that lies clearly before the fragment.
+    """
     u, v, z = uvz
     stored = np.float64(depth[j, np.int64(math.floor(v)), np.int64(math.floor(u))])
-    if abs(stored - z) <= DEPTH_TOLERANCE * z * lens[j, 5] / max(there, LEAST_COSINE):
+    tolerance = DEPTH_TOLERANCE * z * lens[j, 5] / max(there, LEAST_COSINE)
+    if test == CAPTURED:
+        return z <= stored + tolerance
+    if abs(stored - z) <= tolerance:
         return True
     x0, y0 = np.int64(math.floor(u - 0.5)), np.int64(math.floor(v - 0.5))
     for y in range(y0, y0 + 2):
@@ -70,8 +79,8 @@ def image_has(t, px, py, key, slope, j, uvz, earlier):
     """The tests of section 13, for a fragment that projects into image ``j`` at pixel (u, v) and depth z."""
     ids, _, _, depth, lens, own = earlier
     there, here = cosines(px, py, key, slope, j, uvz, lens, own)
-    if own[6, 0] != 0.0:
-        found = same_surface(t, j, uvz, there, ids, depth, lens)
+    if own[6, 0] != IDENTITY:
+        found = same_surface(t, j, uvz, there, ids, depth, lens, own[6, 0])
     else:
         found = ids[j, np.int64(math.floor(uvz[1])), np.int64(math.floor(uvz[0]))] == t
     # A copy seen at a much coarser footprint does not count; multiplied out, because a cosine may be zero.
@@ -134,7 +143,7 @@ def has_surface(t, px, py, key, slope, earlier):
 @kernel(inline=True)
 def only_identity(own):
     """True if neither depth nor footprints are compared."""
-    return own[6, 0] == 0.0 and own[6, 1] == np.inf
+    return own[6, 0] == IDENTITY and own[6, 1] == np.inf
 
 
 @kernel()

@@ -10,7 +10,11 @@ from torchrender.report.foundation_page import text_writer
 from torchrender.report.machine import machine_line
 from torchrender.report.sampling_published import AVAILABLE, KINDS, TIMES
 
-TABLES = {"pixel": ("2 and 3", "4"), "visibility": ("5", "6")}
+TABLES = {
+    "pixel": ("pixel redundancy (table 2 and 3)", "pixel redundancy (table 4)"),
+    "visibility": ("visibility redundancy (table 5)", "visibility redundancy (table 6)"),
+    "captured": ('pixel redundancy, test "captured" (beyond the thesis)',) * 2,
+}
 CURVES = (
     ("redundant", "C", "conventional: redundant"),
     ("hidden", "N", "non-redundant: hidden"),
@@ -26,8 +30,11 @@ def write_page(record: dict[str, Any], folder: Path) -> None:
         "# Depth-image sampling, measured",
         "",
         f"`python -m torchrender.report.sampling` on {machine_line(record['machine'])}",
-        "Three images from the corners of a triangle. **Bold**: measured here; in brackets: published, on other scenes",
-        "of the same size and character, so only directions can be compared. Percent of filled pixels, V0 / V1 / V2.",
+        "Three images from the corners of a triangle that looks at the scene's subject (the box of the middle 90",
+        "percent of its triangles along each axis) from its own side. **Bold**: measured here; in brackets: published,",
+        "on other scenes of the same size and character, so only directions can be compared. Percent of filled pixels,",
+        'V0 / V1 / V2. Test "captured" takes a sample as redundant where an earlier image stores nothing before it: it',
+        "finds the repeats of surfaces thinner than a pixel, as visibility redundancy does, without rays.",
         f"Pixel redundancy: {effort['size']}² pixels, every {effort['stride']}th asked along both axes,",
         f"{effort['frames']} views between. Visibility redundancy: {effort['ray_size']}² rays, every second asked,",
         f"{effort['ray_frames']} views between. Standard errors of shares are below one percentage point unless given.",
@@ -57,7 +64,7 @@ def write_page(record: dict[str, Any], folder: Path) -> None:
 def kinds_table(scenes: dict[str, Any], redundancy: str, number: str) -> list[str]:
     """Redundant, hidden and useful samples."""
     lines = [
-        f"## Redundant, hidden and useful samples, {redundancy} redundancy (table {number})",
+        f"## Redundant, hidden and useful samples, {number}",
         "",
         "| scene | conventional: redundant | non-redundant: hidden | useful of hidden "
         "| peeling: hidden | useful of hidden |",
@@ -73,7 +80,7 @@ def kinds_table(scenes: dict[str, Any], redundancy: str, number: str) -> list[st
     for name, scene in scenes.items():
         measured = scene["tables"][redundancy]
         cells = [
-            f"**{shares(measured[method][metric])}** ({' / '.join(map(str, KINDS[redundancy][name][key]))})"
+            f"**{shares(measured[method][metric])}**{_kinds_published(redundancy, name, key)}"
             for method, metric, key in columns
         ]
         lines.append(f"| {name} | " + " | ".join(cells) + " |")
@@ -83,7 +90,7 @@ def kinds_table(scenes: dict[str, Any], redundancy: str, number: str) -> list[st
 def available_table(scenes: dict[str, Any], redundancy: str, number: str) -> list[str]:
     """Available samples."""
     lines = [
-        f"## Available samples, {redundancy} redundancy (table {number}): mean ± standard error / minimum",
+        f"## Available samples, {number}: mean ± standard error / minimum",
         "",
         "| scene | conventional | non-redundant | peeling |",
         "|---|---|---|---|",
@@ -93,10 +100,20 @@ def available_table(scenes: dict[str, Any], redundancy: str, number: str) -> lis
         for method in ("C", "N", "P"):
             row = scene["tables"][redundancy][method]
             mean, error = row["available"]
-            published = AVAILABLE[redundancy][name][method]
-            cells.append(f"**{mean:.2f} ± {error:.2f} / {row['least']:.2f}** ({published[0]} / {published[1]})")
+            cells.append(
+                f"**{mean:.2f} ± {error:.2f} / {row['least']:.2f}**{_available_published(redundancy, name, method)}"
+            )
         lines.append(f"| {name} | " + " | ".join(cells) + " |")
     return [*lines, ""]
+
+
+def _kinds_published(table: str, scene: str, key: str) -> str:
+    """The thesis's numbers in brackets, where it has any."""
+    return f" ({' / '.join(map(str, KINDS[table][scene][key]))})" if table in KINDS else ""
+
+
+def _available_published(table: str, scene: str, method: str) -> str:
+    return " ({} / {})".format(*AVAILABLE[table][scene][method]) if table in AVAILABLE else ""
 
 
 def directions(scenes: dict[str, Any]) -> list[str]:

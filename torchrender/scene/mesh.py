@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 
@@ -94,6 +94,23 @@ class Geometry:
             return torch.arange(self.triangle_count, dtype=torch.int32)
         vertices, faces = self.vertices.numpy(), self.faces.numpy()
         return torch.from_numpy(spatial_order(vertices, faces, self.runs.numpy()))
+
+    def part(self, chosen: Tensor) -> Geometry:
+        """The triangles where ``chosen`` (F,) bool is set, renumbered so that neighbours in space follow one another.
+
+        Vertices stay as they are; the runs become one.
+        """
+        order = self.order.long()
+        rows = order[chosen[order]]
+        return replace(
+            self,
+            faces=self.faces[rows],
+            object_id=self.object_id[rows],
+            material=self.material[rows],
+            runs=torch.tensor([0, len(rows)]),
+            cutout=None if self.cutout is None else replace(self.cutout, mask=self.cutout.mask[rows]),
+            coherent=True,
+        )
 
     @cached_property
     def clusters(self) -> Tensor:
