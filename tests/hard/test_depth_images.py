@@ -88,6 +88,16 @@ def test_coplanar_duplicates_are_one_surface(options: SamplingOptions) -> None:
     assert bool((layers.triangle[1] // 2 == 3).all())
 
 
+def test_unequal_copies_that_touch_a_known_surface_do_not_send_the_search_in_circles() -> None:
+    # Image 0 knows the first wall. The two others round to one float32 depth, with the higher id a hair in front: each
+    # lies behind the other by one of the two measures.
+    scene = soup(wall(1.0), wall(1.0 + 4e-8), wall(1.0 + 2e-8), wall(1.0 + 3e-8), wall(2.0))
+    for options in (SamplingOptions(), SamplingOptions(max_skips=2), SamplingOptions(pixel_test="captured")):
+        images = clean(sample_depth_images(scene, front(15)[[0, 0, 0]], options))
+        assert bool(((images.triangle[1] // 2 == 4) | images.truncated[1]).all())
+        assert not bool(images.truncated[1].any()) or options.max_skips == 2
+
+
 @MODES
 def test_shared_edges_and_t_junctions_use_up_no_layer(options: SamplingOptions) -> None:
     # A quad of one large and two small triangles that meet in a T-junction on the diagonal, through pixel centres.
