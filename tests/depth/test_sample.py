@@ -256,3 +256,17 @@ def test_options_and_cameras_are_checked(nest: Scene) -> None:
     with pytest.raises(InputError, match="perspective"):
         sample_depth_images(nest, flat)
     assert tuple(sample_depth_images(nest, front(), SamplingOptions(size=(20, 10))).depth.shape) == (1, 10, 20)
+
+
+@pytest.mark.parametrize("pixel_test", ["identity", "captured"])
+def test_without_layer_counts_the_samples_are_the_same(pixel_test: str) -> None:
+    scene = build("tree", triangles=3000)
+    cameras = ring(scene, 64)
+    counted, quick = (
+        sample_depth_images(scene, cameras, SamplingOptions(pixel_test=pixel_test, count_layers=count))
+        for count in (True, False)
+    )
+    assert int(counted.layer.max()) > 0 and int(quick.layer.max()) == 0
+    # Copies in the plane of a known surface, which only the count finds, are the only difference.
+    assert float((counted.triangle != quick.triangle).double().mean()) < 2e-3
+    assert bool((quick.depth <= counted.depth).all())

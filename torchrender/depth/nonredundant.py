@@ -52,6 +52,8 @@ def _nearest_new(scene: Scene, camera: Cameras, known: VisibilityBuffer, options
     geometry, tests = scene.geometry, fragment_tests(options, known)
     eps = (options.eps_relative, options.eps_scene * scene.diagonal)
     seen = rasterize_visibility(geometry, camera, cull=options.cull, tests=tests)
+    if not options.count_layers:
+        return Samples.first_hits(seen)
     layer, touching = count_nearer(geometry, seen, cull=options.cull, eps=eps)
     truncated = layer >= options.max_skips
     again = touching & seen.covered & ~truncated

@@ -36,6 +36,8 @@ class SamplingOptions:
     eps_scene: float = 1e-6
     eps_vis: float = 1e-4  # relative difference of ray parameters below which two hits are one point
     max_skips: int = 64  # surfaces looked at per pixel before it is given up as truncated
+    count_layers: bool = True  # pixel redundancy; False: quicker, layers stay zero, nothing counts as truncated, and a
+    # copy in the plane of a known surface counts as new
     shade: bool = False  # store the surface's diffuse colour
 
     def __post_init__(self) -> None:

@@ -97,6 +97,7 @@ def sampling_options(options: OccluderOptions) -> SamplingOptions:
         pixel_test=options.pixel_test or _TESTS[options.mesh],
         cull_backfaces=False,
         layers=options.layers,
+        count_layers=False,  # shadows ask what is there, not how many surfaces lie before it
     )
 
 
