@@ -29,7 +29,8 @@ def light_views(rng: np.random.Generator, samples: int, *, texels: bool, probes:
         largest_slope=10.0,
         texels=texels,
         outline=outline,
-        probes=probes,
+        tiles=outline[None],
+        runs=np.array([[0, probes], [probes, samples]]),
     )
 
 

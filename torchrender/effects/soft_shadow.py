@@ -39,6 +39,9 @@ from torchrender.scene.mesh import Geometry
 VISIBILITIES = ("ray", "shadow_map")
 ENGINES = ("packets", "maps")
 
+TILE = 4
+"""Light samples along each edge of a part of the light that is searched for at once."""
+
 _CELLS = (1 << 16) - 1  # of the curve along which receivers are sorted
 _ONES = np.array([bin(value).count("1") for value in range(256)], np.int32)
 
@@ -200,10 +203,12 @@ def _light_bits(
 ) -> tuple[np.ndarray, int]:
     """Bits (P,words) of one light and the number of pairs outside its pictures."""
     samples = len(grid.samples)
-    probes = _probes(grid, options)
-    first = torch.cat(
-        [probes, torch.tensor([i for i in range(samples) if i not in set(probes.tolist())], dtype=torch.int64)]
-    )
+    probe = _probes(grid, options)
+    tile, tiles = grid.tiles(options.light_samples, TILE)
+    first = (tile + len(tiles) * ~probe).argsort(stable=True)
+    bounds = torch.arange(len(tiles) + 1)
+    runs = torch.stack([torch.searchsorted(tile[probe].sort().values, bounds),
+                        int(probe.sum()) + torch.searchsorted(tile[~probe].sort().values, bounds)])  # fmt: skip
     views = LightViews(
         samples=numpy_view(grid.samples[first], np.float64),
         rotations=numpy_view(grid.rotations[first], np.float64),
@@ -216,7 +221,8 @@ def _light_bits(
         largest_slope=float(options.largest_slope),
         texels=options.visibility == "shadow_map",
         outline=numpy_view(grid.outline, np.float64),
-        probes=len(probes),
+        tiles=numpy_view(tiles, np.float64),
+        runs=numpy_view(runs, np.int64),
     )
     points, normals = receivers
     threads = thread_count()
@@ -232,12 +238,13 @@ def _light_bits(
 
 
 def _probes(grid: LightGrid, options: SoftShadowOptions) -> Tensor:
-    """Samples traced first: an even subset that includes the light's rim; empty if all are to be traced."""
+    """(S,) bool samples traced first: an even subset that includes the light's rim; none if all are to be traced."""
     n = options.light_samples
-    if options.umbra_probes == 0 or options.umbra_probes >= n or len(grid.samples) != n * n:
-        return torch.zeros(0, dtype=torch.int64)
-    rows = torch.linspace(0, n - 1, options.umbra_probes).round().long()
-    return (rows[:, None] * n + rows).reshape(-1)
+    chosen = torch.zeros(len(grid.samples), dtype=torch.bool)
+    if 0 < options.umbra_probes < n and len(chosen) == n * n:
+        rows = torch.linspace(0, n - 1, options.umbra_probes).round().long()
+        chosen[(rows[:, None] * n + rows).reshape(-1)] = True
+    return chosen
 
 
 def _bounds(geometry: Geometry, points: Tensor) -> Tensor:

@@ -1,4 +1,4 @@
-"""Shafts between a group of receivers and a light: if no triangle reaches into one, all of the light is seen.
+"""Shafts between a group of receivers and a light, or a part of it: only triangles that reach into one cast shadows.
 
 Source: Haines and Wallace, Shaft culling for efficient ray-cast radiosity, 1991.
 """
@@ -9,9 +9,12 @@ import numpy as np
 
 from torchrender.kernels.compile import kernel
 
+NONE, SHAFT, ABOVE = 0, 1, 2
+
 _FLAT = 1.0 - 1e-6  # cosine between normals that make one plane
 _STEEP = 0.1  # cosine towards the light below which the slope bias is capped
 _THIN = 0.01  # share of the bias
+_HAIR = 1e-9  # of the shaft's width and length: covers rounding
 
 
 @kernel(inline=True)
@@ -23,52 +26,62 @@ def _cross_into(rows, k, ax, ay, az, bx, by, bz, scale):
 
 @kernel(inline=True)
 def _group_box(points, normals, begin, members, shaft):
-    """Rows 5 to 7 of the shaft; False if the receivers do not share one tangent plane direction."""
+    """Rows 5 to 7 of the shaft; False, and no tangent plane, if the receivers do not share one."""
     low0 = low1 = low2 = np.inf
     high0 = high1 = high2 = -np.inf
     nx, ny, nz = normals[begin, 0], normals[begin, 1], normals[begin, 2]
+    flat = True
     for i in range(begin, begin + members):
-        if not nx * normals[i, 0] + ny * normals[i, 1] + nz * normals[i, 2] >= _FLAT:
-            return False
+        flat = flat and nx * normals[i, 0] + ny * normals[i, 1] + nz * normals[i, 2] >= _FLAT
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
         low0, low1, low2 = min(low0, x), min(low1, y), min(low2, z)
         high0, high1, high2 = max(high0, x), max(high1, y), max(high2, z)
     cx, cy, cz = 0.5 * (low0 + high0), 0.5 * (low1 + high1), 0.5 * (low2 + high2)
-    below = np.inf
-    for i in range(begin, begin + members):
-        below = min(below, nx * (points[i, 0] - cx) + ny * (points[i, 1] - cy) + nz * (points[i, 2] - cz))
-    shaft[5, 0], shaft[5, 1], shaft[5, 2], shaft[5, 3] = nx, ny, nz, below
     shaft[6, 0], shaft[6, 1], shaft[6, 2] = cx, cy, cz
     shaft[7, 0], shaft[7, 1], shaft[7, 2] = high0 - cx, high1 - cy, high2 - cz
+    shaft[5, 0] = shaft[5, 1] = shaft[5, 2] = 0.0
+    shaft[5, 3] = -np.inf
+    if flat:
+        below = np.inf
+        for i in range(begin, begin + members):
+            below = min(below, nx * (points[i, 0] - cx) + ny * (points[i, 1] - cy) + nz * (points[i, 2] - cz))
+        shaft[5, 0], shaft[5, 1], shaft[5, 2], shaft[5, 3] = nx, ny, nz, below
+    return flat
+
+
+@kernel(inline=True)
+def _stands_above(shaft, light, qx, qy, qz):
+    """Every corner of the light stands well above the receivers' tangent plane."""
+    nx, ny, nz = shaft[5, 0], shaft[5, 1], shaft[5, 2]
+    for k in range(4):
+        x, y, z = (qx + (k & 1) * light[1, 0] + (k >> 1) * light[2, 0],
+                   qy + (k & 1) * light[1, 1] + (k >> 1) * light[2, 1],
+                   qz + (k & 1) * light[1, 2] + (k >> 1) * light[2, 2])  # fmt: skip
+        if nx * x + ny * y + nz * z < _STEEP * np.sqrt(x * x + y * y + z * z):
+            return False
     return True
 
 
 @kernel(inline=True)
-def make_shaft(points, normals, begin, members, views, shaft):
-    """Planes around everything between a group of receivers and the light in ``shaft`` (8,4); False: there are none.
+def make_shaft(points, normals, begin, members, light, views, shaft):
+    """Planes around everything between a group of receivers and a parallelogram ``light`` (3,3), in ``shaft`` (8,4).
 
     Rows 0 to 5: normal, and the value that is reached inside; a convex body lies outside if ``max n.(x - centre)`` is
-    smaller. Four sides, the receivers' end of the shaft, their common tangent plane; then the group's centre and half
-    extent.
+    smaller. Four sides, the receivers' end of the shaft, their common tangent plane (where they have one and the light
+    stands above it); then the group's centre and half extent.
+
+    Returns NONE (there are no such planes), SHAFT, or ABOVE if the tangent plane is one of them.
     """
-    if not _group_box(points, normals, begin, members, shaft):
-        return False
+    flat = _group_box(points, normals, begin, members, shaft)
     cx, cy, cz = shaft[6, 0], shaft[6, 1], shaft[6, 2]
-    nx, ny, nz = shaft[5, 0], shaft[5, 1], shaft[5, 2]
-    light = views.outline
     qx, qy, qz = light[0, 0] - cx, light[0, 1] - cy, light[0, 2] - cz
     ux, uy, uz = light[1, 0], light[1, 1], light[1, 2]
     vx, vy, vz = light[2, 0], light[2, 1], light[2, 2]
     distance = np.sqrt(qx * qx + qy * qy + qz * qz)
-    for k in range(4):  # every corner of the light stands well above the receivers' plane
-        x, y, z = (qx + (k & 1) * ux + (k >> 1) * vx, qy + (k & 1) * uy + (k >> 1) * vy,
-                   qz + (k & 1) * uz + (k >> 1) * vz)  # fmt: skip
-        if nx * x + ny * y + nz * z < _STEEP * np.sqrt(x * x + y * y + z * z):
-            return False
     det = qx * (uy * vz - uz * vy) + qy * (uz * vx - ux * vz) + qz * (ux * vy - uy * vx)
     size = np.sqrt((ux * ux + uy * uy + uz * uz) * (vx * vx + vy * vy + vz * vz)) * distance
     if not abs(det) > 1e-6 * size:
-        return False
+        return NONE
     _cross_into(shaft, 0, vx, vy, vz, qx, qy, qz, 1.0 / det)
     _cross_into(shaft, 2, qx, qy, qz, ux, uy, uz, 1.0 / det)
     _cross_into(shaft, 4, ux, uy, uz, vx, vy, vz, 1.0 / det)
@@ -82,23 +95,27 @@ def make_shaft(points, normals, begin, members, views, shaft):
         shaft[1, m] = shaft[4, m] - shaft[0, m]
         shaft[3, m] = shaft[4, m] - shaft[2, m]
     for k in range(5):
-        shaft[k, 3] = -(
+        shaft[k, 3] = -_HAIR - (
             abs(shaft[k, 0]) * (shaft[7, 0] + slack)
             + abs(shaft[k, 1]) * (shaft[7, 1] + slack)
             + abs(shaft[k, 2]) * (shaft[7, 2] + slack)
         )
-    # What lies this close above the tangent plane is within the bias.
-    shaft[5, 3] += _THIN * views.constant_bias * distance
-    return True
+    if flat and _stands_above(shaft, light, qx, qy, qz):
+        # What lies this close above the tangent plane is within the bias.
+        shaft[5, 3] += _THIN * views.constant_bias * distance
+        return ABOVE
+    shaft[5, 0] = shaft[5, 1] = shaft[5, 2] = 0.0
+    shaft[5, 3] = -np.inf
+    return SHAFT
 
 
 @kernel(inline=True)
-def is_clear(tree, shaft, stack):
-    """No triangle reaches into the shaft."""
+def collect(tree, shaft, stack, found, most):
+    """Slots of triangles that may reach into the shaft, in ``found``; how many, or ``most`` + 1 if there are more."""
     boxes, links, corners, frame = tree
     scale = frame[3]
     gx, gy, gz = shaft[6, 0] * scale, shaft[6, 1] * scale, shaft[6, 2] * scale
-    size, node = 0, np.int64(1)
+    size, count, node = 0, 0, np.int64(1)
     while True:
         hx, hy, hz = (
             0.5 * (np.float64(boxes[node, 3]) - boxes[node, 0]),
@@ -132,8 +149,11 @@ def is_clear(tree, shaft, stack):
                         outside = True
                         break
                 if not outside:
-                    return False
+                    if count == most:
+                        return most + 1
+                    found[count] = slot
+                    count += 1
         if size == 0:
-            return True
+            return count
         size -= 1
         node = np.int64(stack[size])

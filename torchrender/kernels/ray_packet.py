@@ -168,6 +168,24 @@ def _block_rays(corners, slot, ox, oy, oz, axes, planes, near, farthest, packet)
 
 
 @kernel(inline=True)
+def block_listed(tree, slots, count, origin, axes, planes, near, farthest, alive, packet):
+    """Block rays of a packet by the first ``count`` triangles of ``slots``.
+
+    What blocks moves towards the front: it is likely to block the next packet, too.
+    """
+    ox, oy, oz = origin
+    for n in range(count):
+        slot = np.int64(slots[n])
+        blocked = _block_rays(tree[2], slot, ox, oy, oz, axes, planes, near, farthest, packet)
+        if blocked > 0:
+            ahead = n >> 1
+            slots[n], slots[ahead] = slots[ahead], slots[n]
+            alive -= blocked
+            if alive <= 0:
+                return
+
+
+@kernel(inline=True)
 def block_packet(tree, origin, axes, planes, near, farthest, alive, packet, stack):
     """Block rays of a packet until none is left or the tree is done."""
     boxes, links, corners, frame = tree

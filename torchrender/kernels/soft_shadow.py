@@ -3,6 +3,9 @@
 All rays of one packet start at one light sample. A ray aims either at the receiver itself or at the centre of the
 shadow-map texel that the receiver falls into; in the second case the answer is that of the whole shadow map, of which
 nothing is drawn but the texels that somebody asks for.
+
+The tree is searched once for a group of receivers and a tile of the light: what reaches into the shaft between them is
+listed, and the packets of the tile's samples only ask the list.
 """
 
 from __future__ import annotations
@@ -15,8 +18,21 @@ from numba import prange
 from torchrender.kernels.atomics import fetch_add
 from torchrender.kernels.bvh_build import STACK
 from torchrender.kernels.compile import kernel
-from torchrender.kernels.light_shaft import is_clear, make_shaft
-from torchrender.kernels.ray_packet import CHOSEN, DARK, GROUP, LIT, OUTSIDE, TRACED, block_packet, make_packet
+from torchrender.kernels.light_shaft import ABOVE, NONE, collect, make_shaft
+from torchrender.kernels.ray_packet import (
+    CHOSEN,
+    DARK,
+    GROUP,
+    LIT,
+    OUTSIDE,
+    TRACED,
+    block_listed,
+    block_packet,
+    make_packet,
+)
+
+LISTED = 512
+"""Triangles listed for a group of receivers and a part of the light; where there are more, the tree is searched."""
 
 
 class LightViews(NamedTuple):
@@ -33,7 +49,9 @@ class LightViews(NamedTuple):
     largest_slope: float  # cap of tan(theta)
     texels: bool  # aim at texel centres
     outline: np.ndarray  # (3,3) float64 corner and edges of the parallelogram that holds all samples
-    probes: int  # samples traced first; a group that sees none of them is in umbra. 0: trace all
+    tiles: np.ndarray  # (G,3,3) float64 the same of parts of the light
+    runs: np.ndarray  # (2,G+1) int64 samples runs[q,g] to runs[q,g+1] lie in tile g. Those of q = 0, the probes, are
+    # traced first; a group that sees none of them is in umbra. Without probes all are traced
 
 
 @kernel(inline=True)
@@ -79,14 +97,20 @@ def _aim(points, normals, i, views, s, ray):
 
 
 @kernel(inline=True)
-def _trace_sample(tree, points, normals, begin, members, views, s, scratch):
-    """States of a group's receivers under one sample: DARK, LIT or OUTSIDE; returns how many are outside."""
+def _trace_sample(tree, points, normals, begin, members, views, s, listed, scratch):
+    """States of a group's receivers under one sample: DARK, LIT or OUTSIDE; returns how many are outside.
+
+    ``listed`` = (slots of the triangles that count, how many; more than there is room for: search the tree).
+    """
     rays, status, packet, axes, planes, ray, stack = scratch
+    slots, count = listed
     scale = tree[3][3]
     pending, missed = np.int64(0), np.int64(0)
     status[:] = DARK
     for j in range(members):
         state = _aim(points, normals, begin + j, views, s, ray)
+        if state == TRACED and count == 0:
+            state = LIT
         missed += np.int64(state == OUTSIDE)
         pending += np.int64(state == TRACED)
         for k in range(4):
@@ -94,11 +118,14 @@ def _trace_sample(tree, points, normals, begin, members, views, s, scratch):
         rays[j, 3] *= scale
         status[j] = state
     origin = (views.samples[s, 0] * scale, views.samples[s, 1] * scale, views.samples[s, 2] * scale)
+    near = views.near * scale
     while pending > 0:
         alive, farthest = make_packet(rays, status, axes, packet, planes)
         pending -= alive
-        if tree[2].shape[0] > 0:
-            block_packet(tree, origin, axes, planes, views.near * scale, farthest, alive, packet, stack)
+        if count <= slots.shape[0]:
+            block_listed(tree, slots, count, origin, axes, planes, near, farthest, alive, packet)
+        else:
+            block_packet(tree, origin, axes, planes, near, farthest, alive, packet, stack)
         for j in range(members):
             if status[j] == CHOSEN:
                 status[j] = LIT if packet[2, j] > 0.0 else DARK
@@ -119,7 +146,7 @@ def light_bits(tree, points, normals, views, skip, threads, bits, outside):
         outside: (threads,) int64, advanced by the number of pairs outside every shadow map (they count as lit), groups
             apart that nothing can shadow.
     """
-    count, samples = points.shape[0], views.samples.shape[0]
+    count, samples, tiles = points.shape[0], views.samples.shape[0], views.tiles.shape[0]
     groups = (count + GROUP - 1) // GROUP
     turn = np.zeros(1, np.int64)
     filled = tree[2].shape[0] > 0
@@ -127,6 +154,7 @@ def light_bits(tree, points, normals, views, skip, threads, bits, outside):
         status, stack, shaft = np.zeros(GROUP, np.int64), np.zeros(STACK, np.int32), np.zeros((8, 4))
         packet, axes, planes = np.zeros((3, GROUP)), np.zeros((3, 3)), np.zeros((5, 7))
         scratch = (np.zeros((GROUP, 4)), status, packet, axes, planes, np.zeros(7), stack)
+        slots, listed = np.zeros((tiles, LISTED), np.int32), np.zeros(tiles, np.int64)
         missed = np.int64(0)
         while True:
             group = fetch_add(turn, 0, 1)
@@ -134,24 +162,29 @@ def light_bits(tree, points, normals, views, skip, threads, bits, outside):
                 break
             begin = group * GROUP
             members = min(count - begin, GROUP)
+            if filled and skip and make_shaft(points, normals, begin, members, views.outline, views, shaft) == ABOVE:
+                if collect(tree, shaft, stack, slots[0], 0) == 0:
+                    for s in range(samples):
+                        for j in range(members):
+                            bits[begin + j, views.names[s] >> 6] |= np.int64(1) << np.int64(views.names[s] & 63)
+                    continue
+            for g in range(tiles):
+                listed[g] = LISTED + 1 if filled else 0
+                if filled and make_shaft(points, normals, begin, members, views.tiles[g], views, shaft) != NONE:
+                    listed[g] = collect(tree, shaft, stack, slots[g], LISTED)
             seen = 0
-            clear = filled and skip and make_shaft(points, normals, begin, members, views, shaft)
-            clear = clear and is_clear(tree, shaft, stack)
-            if clear:  # and every sample is in front of the receivers' plane
-                for s in range(samples):
-                    for j in range(members):
-                        bits[begin + j, views.names[s] >> 6] |= np.int64(1) << np.int64(views.names[s] & 63)
-                continue
-            for s in range(samples):
-                if s == views.probes and s > 0 and seen == 0:
+            for q in range(2):
+                if q == 1 and seen == 0 and views.runs[0, tiles] > 0:
                     break
-                missed += _trace_sample(tree, points, normals, begin, members, views, s, scratch)
-                name = views.names[s]
-                word, bit = name >> 6, np.int64(1) << np.int64(name & 63)
-                for j in range(members):
-                    if status[j] == LIT or status[j] == OUTSIDE:
-                        bits[begin + j, word] |= bit
-                        seen += 1
+                for g in range(tiles):
+                    for s in range(views.runs[q, g], views.runs[q, g + 1]):
+                        lists = (slots[g], listed[g])
+                        missed += _trace_sample(tree, points, normals, begin, members, views, s, lists, scratch)
+                        word, bit = views.names[s] >> 6, np.int64(1) << np.int64(views.names[s] & 63)
+                        for j in range(members):
+                            if status[j] == LIT or status[j] == OUTSIDE:
+                                bits[begin + j, word] |= bit
+                                seen += 1
         outside[thread] = missed
 
 

@@ -46,24 +46,28 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="small images and few runs, to check that it works")
     parser.add_argument("-o", "--output", type=Path, default=Path("docs/results"), help="folder to write into")
     arguments = parser.parse_args()
-    size, runs = (256, 3) if arguments.quick else (1024, 11)
-    arguments.output.mkdir(parents=True, exist_ok=True)
-    record: dict[str, Any] = {"machine": machine_record(), "size": size, "quick": arguments.quick, "scenes": {}}
+    run(arguments.output, *((256, 3) if arguments.quick else (1024, 11)))
+
+
+def run(folder: Path, size: int, runs: int, triangles: int | None = None) -> None:
+    """Measure at ``size`` pixels and write the page; ``triangles``: of each scene, None for the usual number."""
+    folder.mkdir(parents=True, exist_ok=True)
+    record: dict[str, Any] = {"machine": machine_record(), "size": size, "scenes": {}}
     rows = []
     for name in SCENES:
         for method in ("conventional", "nonredundant"):
-            found, pictures = measure(name, method, size, runs)
+            found, pictures = measure(build(name, triangles=triangles), method, size, runs)
             record["scenes"][f"{name}, {method}"] = found
-            rows.append(torch.cat(pictures, dim=1))
-    write_image(arguments.output / "reproject.png", torch.cat(rows))
-    write_atomically(arguments.output / "reproject.json", text_writer(json.dumps(record, indent=1) + "\n"))
-    write_atomically(arguments.output / "reproject.md", text_writer(page(record)))
-    sys.stderr.write(f"wrote {arguments.output / 'reproject.md'}\n")
+            rows.append(torch.cat([smaller(p) for p in pictures], dim=1))
+    write_image(folder / "reproject.png", torch.cat(rows))
+    write_atomically(folder / "reproject.json", text_writer(json.dumps(record, indent=1) + "\n"))
+    write_atomically(folder / "reproject.md", text_writer(page(record)))
+    sys.stderr.write(f"wrote {folder / 'reproject.md'}\n")
 
 
-def measure(name: str, method: str, size: int, runs: int) -> tuple[dict[str, Any], list[Tensor]]:
+def measure(scene: Scene, method: str, size: int, runs: int) -> tuple[dict[str, Any], list[Tensor]]:
     """Times, quality and pictures of one scene and sampling method."""
-    scene = build(name).with_default_light()
+    scene = scene.with_default_light()
     camera = scene.camera(width=size, height=size)
     cameras, target = (viewpoints_around(scene, camera, n, spread=SPREAD) for n in (3, 1))
     images = shaded(scene, sample_depth_images(scene, cameras, SamplingOptions(method=method)))
@@ -115,6 +119,13 @@ def compare(result: Reprojection, truth: GBuffer, wanted: Tensor) -> dict[str, f
 def mapped(radiance: Tensor) -> Tensor:
     """Display-linear colour in [0,1]."""
     return tone_map(radiance, "reinhard")
+
+
+def smaller(image: Tensor, side: int = 320) -> Tensor:
+    """(H,W,3) means over square cells, so that the page stays light."""
+    step = max(1, image.shape[0] // side)
+    rows, columns = image.shape[0] // step, image.shape[1] // step
+    return image[: rows * step, : columns * step].reshape(rows, step, columns, step, 3).mean(dim=(1, 3))
 
 
 def picture(result: Reprojection) -> Tensor:

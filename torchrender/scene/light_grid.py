@@ -48,6 +48,24 @@ class LightGrid:
         near, far = torch.tensor(self.near), torch.tensor(math.inf)
         return Cameras(matrices, k, self.size, self.size, near, far)
 
+    def tiles(self, per_side: int, side: int) -> tuple[Tensor, Tensor]:
+        """Parts of a light of ``per_side`` x ``per_side`` samples, with ``side`` x ``side`` samples each.
+
+        Returns the part of each sample (S,) int64, and outlines (G,3,3) float64. A line or a point is one part.
+        """
+        count = -(-per_side // side)
+        if per_side * per_side != len(self.samples) or count == 1:
+            return torch.zeros(len(self.samples), dtype=torch.int64), self.outline[None]
+        step = torch.arange(per_side) // side
+        edges = (torch.arange(count + 1, dtype=torch.float64) * side / per_side).clamp_max(1.0)
+        corner, u, v = self.outline
+        low, size = edges[:-1], edges.diff()
+        parts = torch.zeros(count, count, 3, 3, dtype=torch.float64)
+        parts[:, :, 0] = corner + low[:, None, None] * u + low[None, :, None] * v
+        parts[:, :, 1] = size[:, None, None] * u
+        parts[:, :, 2] = size[None, :, None] * v
+        return (step[:, None] * count + step).reshape(-1), parts.reshape(-1, 3, 3)
+
 
 def light_grid(light: RectLight, bounds: Tensor, *, per_side: int, size: int) -> LightGrid:
     """``per_side`` x ``per_side`` cell centres of a light; a line has ``per_side`` samples, a point one.
