@@ -79,11 +79,8 @@ def _solid(scene: Scene, grid: VoxelGrid, arguments: argparse.Namespace) -> Voxe
     mesh = scene.geometry.vertices[None], scene.geometry.faces, grid
     options = SolidOptions(method=arguments.method or "winding", warn=False)
     voxels, report = voxelize_solid(*mesh, options)
-    if report.leaking_share and arguments.method is None:
-        options = SolidOptions(method="vote")
-    elif report.leaking_share:
-        options = SolidOptions(method=options.method)
-    if report.leaking_share:
+    if not report.closed:
+        options = SolidOptions(method=arguments.method or "vote")
         with warnings.catch_warnings(record=True) as said:
             warnings.simplefilter("always", LeakWarning)
             voxels, _ = voxelize_solid(*mesh, options)
@@ -128,7 +125,7 @@ def _layer(model: VoxelModel) -> Any:
         material=none,
         density=model.density.float() / 255,
     )
-    return surface_layer(surface)
+    return surface_layer(surface, 0.15)
 
 
 def voxel_info(path: str) -> dict[str, Any]:

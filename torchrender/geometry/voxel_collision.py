@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
@@ -9,9 +10,13 @@ from torch import Tensor
 
 from torchrender.checks import check_range, check_tensor
 from torchrender.errors import InputError
-from torchrender.geometry.voxel_grid import MAX_SIDE, VoxelGrid, Voxels, make_grid
+from torchrender.geometry.voxel_grid import MAX_SIDE, VoxelGrid, Voxels
 from torchrender.geometry.voxel_solid import SolidOptions, voxelize_solid
+from torchrender.geometry.voxelize import voxelize_surface
 from torchrender.scene.mesh import Geometry
+
+FINEST = 64  # times finer than the smaller body over the resolution: where bodies touch in a point
+FARTHEST_CELL = 2**21  # cells that the larger body may be long
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,7 +89,7 @@ def collide(
     low, high = torch.maximum(boxes[0][0], boxes[1][0]), torch.minimum(boxes[0][1], boxes[1][1])
     if bool((low > high).any()):
         return _apart()
-    grid = _grid(torch.stack([low, high]), options)
+    grid = _grid(low, high, [float((box[1] - box[0]).max()) for box in boxes], options)
     sets = [_occupied(vertices, faces, grid, options) for vertices, faces in bodies]
     shared = sets[0] & sets[1]
     cells = shared.cells()
@@ -114,17 +119,18 @@ def _box(vertices: Tensor, faces: Tensor) -> Tensor:
     return torch.stack([used.amin(0), used.amax(0)])
 
 
-def _grid(box: Tensor, options: CollisionOptions) -> VoxelGrid:
-    if options.cell is None:
-        return make_grid(box[None], options.resolution, pad=1)
-    counts = [int(n) for n in ((box[1] - box[0]) / options.cell).ceil() + 2]
-    centre = box.mean(dim=0) - options.cell * torch.tensor(counts, dtype=torch.float64) / 2
-    return VoxelGrid(centre[None], torch.tensor([options.cell]), (counts[0], counts[1], counts[2]))
+def _grid(low: Tensor, high: Tensor, sizes: Sequence[float], options: CollisionOptions) -> VoxelGrid:
+    """Cells over the overlap, one more on each side; where bodies only touch, of some size."""
+    size, cell = high - low, options.cell
+    if cell is None:
+        coarsest = max(min(sizes) / (FINEST * options.resolution), max(sizes) / FARTHEST_CELL)
+        cell = max(float(size.max()) / max(options.resolution - 2, 1), coarsest, 1e-300)
+    counts = [int(n) for n in (size / cell - 1e-9).ceil() + 2]
+    centre = (low + high) / 2 - cell * torch.tensor(counts, dtype=torch.float64) / 2
+    return VoxelGrid(centre[None], torch.tensor([cell], dtype=torch.float64), (counts[0], counts[1], counts[2]))
 
 
 def _occupied(vertices: Tensor, faces: Tensor, grid: VoxelGrid, options: CollisionOptions) -> Voxels:
-    from torchrender.geometry.voxelize import voxelize_surface
-
     if not options.solid:
         return voxelize_surface(vertices[None], faces, grid)
     return voxelize_solid(vertices[None], faces, grid, SolidOptions(surface=True))[0]

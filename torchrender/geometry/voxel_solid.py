@@ -63,6 +63,7 @@ class SolidReport:
     unbalanced: dict[str, int] = field(default_factory=dict)  # columns whose winding number ends other than at zero
     crossed: dict[str, int] = field(default_factory=dict)  # columns that the mesh crosses
     leaking: dict[str, int] = field(default_factory=dict)  # columns that are either
+    closed: bool = True  # no edge of a face is left over, so that inside and outside are well defined everywhere
     duplicates: int = 0  # doubled faces that were left out
     unknown: int = 0  # cells that no axis could decide, found by filling from the border
 
@@ -108,7 +109,7 @@ def voxelize_solid(
     solid = Voxels(words, grid)
     if options.surface:
         solid = solid | voxelize_surface(vertices, faces, grid)
-    if options.warn and total.leaking_share > 0:
+    if options.warn and not total.closed:
         _tell(total, options)
     return solid, total
 
@@ -138,15 +139,8 @@ def _solid(points: np.ndarray, faces: np.ndarray, grid: VoxelGrid, options: Soli
     """One grid by winding, parity or vote."""
     axes = (0, 1, 2) if options.method == "vote" else (AXES.index(options.axis),)
     snapped = _snapped(points, grid, options.subbits)
-    # Doubled faces cancel unnoticed in parity; winding numbers notice, so that most meshes need no search.
-    kept = _without_doubles(snapped, faces) if options.method == "parity" else faces
+    kept, closed = _sound_faces(snapped, faces, options.method == "parity")
     fills = {axis: _fill(snapped, kept, grid, axis, options) for axis in axes}
-    if kept is faces and any(f.faults.any() for f in fills.values()):
-        single = _without_doubles(snapped, faces)
-        if len(single) < len(faces):
-            again = {axis: _fill(snapped, single, grid, axis, options) for axis in axes}
-            if sum(_faulty(f) for f in again.values()) < sum(_faulty(f) for f in fills.values()):
-                fills, kept = again, single
     unknown = 0
     words = fills[axes[0]].words
     if options.method == "vote":
@@ -154,7 +148,30 @@ def _solid(points: np.ndarray, faces: np.ndarray, grid: VoxelGrid, options: Soli
         unknown = Voxels(undecided[None], grid).count
         if unknown:
             words = words | _enclosed(undecided, words, points, faces, grid)
-    return words, _report(fills, len(faces) - len(kept), unknown)
+    return words, _report(fills, closed, len(faces) - len(kept), unknown)
+
+
+def _sound_faces(snapped: np.ndarray, faces: np.ndarray, parity: bool) -> tuple[np.ndarray, bool]:
+    """The faces, without doubled ones where those are in the way, and whether they are closed.
+
+    Doubled faces cancel in parity. In winding numbers they leave edges over, so that most meshes need no search.
+    """
+    kept = _without_doubles(snapped, faces) if parity else faces
+    closed = _closed(snapped, kept, parity)
+    if parity or closed:
+        return kept, closed
+    single = _without_doubles(snapped, faces)
+    if len(single) < len(faces) and _closed(snapped, single, parity):
+        return single, True
+    return kept, False
+
+
+def _closed(snapped: np.ndarray, faces: np.ndarray, parity: bool) -> bool:
+    """Is no edge left over? For parity the directions of faces do not count."""
+    sums = np.zeros((-(-len(faces) // columns.BLOCK), 2), np.uint64)
+    columns.boundary(snapped, faces, np.zeros(len(snapped), np.uint64), sums)
+    left = np.bitwise_xor.reduce(sums[:, 1]) if parity else sums[:, 0].sum(dtype=np.uint64)
+    return int(left) == 0
 
 
 def _fill(snapped: np.ndarray, faces: np.ndarray, grid: VoxelGrid, axis: int, options: SolidOptions) -> _Fill:
@@ -261,13 +278,14 @@ def _toggle(vertices: Tensor, faces: Tensor, grid: VoxelGrid) -> Tensor:
     return Voxels.from_dense(filled[None], grid).words[0]
 
 
-def _report(fills: dict[int, _Fill], duplicates: int, unknown: int) -> SolidReport:
+def _report(fills: dict[int, _Fill], closed: bool, duplicates: int, unknown: int) -> SolidReport:
     named = {AXES[axis]: fill for axis, fill in fills.items()}
     return SolidReport(
         odd={name: int((f.faults & 1).sum()) for name, f in named.items()},
         unbalanced={name: int((f.faults >> 1).sum()) for name, f in named.items()},
         crossed={name: f.crossed for name, f in named.items()},
         leaking={name: _faulty(f) for name, f in named.items()},
+        closed=closed,
         duplicates=duplicates,
         unknown=unknown,
     )
@@ -282,6 +300,7 @@ def _joined(a: SolidReport, b: SolidReport) -> SolidReport:
         both(a.unbalanced, b.unbalanced),
         both(a.crossed, b.crossed),
         both(a.leaking, b.leaking),
+        a.closed and b.closed,
         a.duplicates + b.duplicates,
         a.unknown + b.unknown,
     )

@@ -80,9 +80,10 @@ def march(origins, directions, layers, cells, bricks, tables, step, image):
     """
     low, high, per_unit, reference, counts, firsts, smooth = layers
     number = len(low)
-    for chunk in prange((len(origins) + ROW - 1) // ROW):
-        owned = np.zeros((number, 2)), np.zeros(4)
-        spans, sample = borrowed(owned[0]), borrowed(owned[1])
+    chunks = (len(origins) + ROW - 1) // ROW
+    scratch = np.zeros((chunks, number + 2, 2))
+    for chunk in prange(chunks):
+        spans, sample = borrowed(scratch[chunk, :number]), borrowed(scratch[chunk, number:].reshape(4))
         for ray in range(np.int64(chunk) * ROW, min((np.int64(chunk) + 1) * ROW, len(origins))):
             o, d = origins[ray], directions[ray]
             begin, end = np.inf, -np.inf

@@ -36,6 +36,40 @@ def snap(vertices, origin, scale, limit, snapped):
 
 
 @kernel(inline=True)
+def mixed(value):
+    """A uint64 whose bits all depend on all bits of ``value`` (Steele et al., SplitMix64)."""
+    value = (value ^ (value >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    value = (value ^ (value >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return value ^ (value >> np.uint64(31))
+
+
+@kernel(parallel=True)
+def boundary(snapped, faces, names, sums):
+    """Sums over the edges of each block of faces, as rows of ``sums`` (blocks, 2) uint64.
+
+    The total of the first column takes edges with their direction: zero if as many faces run along each edge one way as
+    the other, but for one chance in 2^64. The exclusive-or of the second takes them without: zero if an even number of
+    faces shares each edge. Corners at the same place are one. ``names`` (V,) uint64 is scratch.
+    """
+    for v in prange(len(snapped)):
+        name = np.uint64(0x9E3779B97F4A7C15)
+        for c in range(3):
+            name = mixed(name + np.uint64(snapped[v, c]))
+        names[v] = name
+    for block in prange(len(sums)):
+        directed, undirected = np.uint64(0), np.uint64(0)
+        for t in range(np.int64(block) * BLOCK, min((np.int64(block) + 1) * BLOCK, len(faces))):
+            for e in range(3):
+                a, b = names[faces[t, e]], names[faces[t, (e + 1) % 3]]
+                if a == b:
+                    continue
+                edge = mixed(min(a, b) + mixed(max(a, b)))
+                directed += edge if a < b else ~edge + np.uint64(1)
+                undirected ^= edge
+        sums[block, 0], sums[block, 1] = directed, undirected
+
+
+@kernel(inline=True)
 def owns(e, dx, dy):
     """Is the centre inside this edge? Centres on it belong to the triangle on one side only."""
     return e > 0 or (e == 0 and (dy < 0 or (dy == 0 and dx > 0)))
@@ -106,9 +140,9 @@ def count_crossings(snapped, faces, axis, bits, size, threads, counts, hits, tal
     """
     blocks = (len(faces) + BLOCK - 1) // BLOCK
     shared = borrowed(counts)
-    for _ in prange(threads):
-        owned = np.zeros((size[0] * size[1], 2), np.int64)
-        found = borrowed(owned)
+    scratch = np.empty((threads, size[0] * size[1], 2), np.int64)
+    for thread in prange(threads):
+        found = borrowed(scratch[thread])
         while True:
             block = fetch_add(tally, 0, 1)
             if block >= blocks:
@@ -128,9 +162,9 @@ def store_crossings(snapped, faces, axis, bits, size, threads, hits, ends, event
     """
     blocks = (len(faces) + BLOCK - 1) // BLOCK
     shared = borrowed(ends)
-    for _ in prange(threads):
-        owned = np.zeros((size[0] * size[1], 2), np.int64)
-        found = borrowed(owned)
+    scratch = np.empty((threads, size[0] * size[1], 2), np.int64)
+    for thread in prange(threads):
+        found = borrowed(scratch[thread])
         while True:
             block = fetch_add(tally, 0, 1)
             if block >= blocks:

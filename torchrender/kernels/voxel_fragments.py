@@ -13,7 +13,7 @@ from torchrender.kernels.compile import kernel
 from torchrender.kernels.voxel_bits import ones_in
 from torchrender.kernels.voxel_cells import cells_met, columns_met, dominant_axis, load_corners
 from torchrender.kernels.voxel_columns import sort_run
-from torchrender.kernels.voxel_surface import BLOCK, workspace
+from torchrender.kernels.voxel_surface import BLOCK, thread_arrays, thread_views
 
 CORNERS = 10  # of a triangle clipped by six planes, and one more
 
@@ -27,9 +27,9 @@ def visit(vertices, faces, place, thin, room, threads, words, before, ends, tria
     origin, scale, dims = place
     blocks = (len(faces) + BLOCK - 1) // BLOCK
     shared = borrowed(ends)
-    for _ in prange(threads):
-        owned = np.zeros((3, 3)), np.zeros(room, np.int64), np.zeros((12, 4)), np.zeros((2, 3), np.int64)
-        p, cells, work = borrowed(owned[0]), borrowed(owned[1]), workspace(owned[2], owned[3])
+    scratch = thread_arrays(threads, room)
+    for thread in prange(threads):
+        p, cells, work = thread_views(scratch, thread)
         while True:
             block = fetch_add(tally, 0, 1)
             if block >= blocks:

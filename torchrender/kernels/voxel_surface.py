@@ -16,11 +16,19 @@ BLOCK = 512  # triangles handed to a thread at once
 
 
 @kernel(inline=True)
-def workspace(numbers, places):
-    """Views for the work on one triangle after the other, of ``numbers`` (12, 4) and ``places`` (2, 3) int64."""
-    n, k = borrowed(numbers), borrowed(places)
+def thread_arrays(threads, room):
+    """Scratch for ``threads`` triangles at a time. Kept by the caller while :func:`thread_views` are in use."""
+    return np.zeros((threads, 15, 4)), np.zeros((threads, 2, 3), np.int64), np.empty((threads, room), np.int64)
+
+
+@kernel(inline=True)
+def thread_views(scratch, thread):
+    """Corners, cells and workspace of one thread."""
+    numbers, places, cells = scratch
+    n = numbers[thread]
     vectors = (borrowed(n[9]), borrowed(n[10]), borrowed(n[11]))
-    return (*vectors, borrowed(n[:9]), borrowed(k[0]), borrowed(k[1]))
+    work = (*vectors, borrowed(n[:9]), borrowed(places[thread, 0]), borrowed(places[thread, 1]))
+    return borrowed(n[12:15]), borrowed(cells[thread]), work
 
 
 @kernel(parallel=True)
@@ -39,9 +47,9 @@ def mark_surface(vertices, faces, place, thin, room, threads, words, tally):
     origin, scale, dims = place
     blocks = (len(faces) + BLOCK - 1) // BLOCK
     bits = borrowed(words)
-    for _ in prange(threads):
-        owned = np.zeros((3, 3)), np.zeros(room, np.int64), np.zeros((12, 4)), np.zeros((2, 3), np.int64)
-        p, cells, work = borrowed(owned[0]), borrowed(owned[1]), workspace(owned[2], owned[3])
+    scratch = thread_arrays(threads, room)
+    for thread in prange(threads):
+        p, cells, work = thread_views(scratch, thread)
         pairs, flat = np.int64(0), np.int64(0)
         while True:
             block = fetch_add(tally, 0, 1)
