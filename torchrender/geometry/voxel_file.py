@@ -144,8 +144,8 @@ def read_voxels(path: str | Path) -> VoxelModel:
     if not path.is_file():
         raise SceneFileError(path, "no such file")
     try:
-        with np.load(path, allow_pickle=False) as file:
-            return _read(path, file)
+        with path.open("rb") as stream:  # NumPy leaves files that it cannot read open
+            return _read(path, np.load(stream, allow_pickle=False))
     except (zipfile.BadZipFile, zlib.error, ValueError, EOFError, OSError, KeyError) as error:
         if isinstance(error, InputError):
             raise SceneFileError(path, f"damaged ({error})") from error

@@ -64,6 +64,16 @@ def sample_smooth(cells, first, dims, x, y, z, scale, tables, sample):
             add_cell(cells, row + i1, a * wy, tables[0], tables[1], sample)
 
 
+@kernel(inline=True)
+def brick_at(dims, x, y, z):
+    """Number of the block that holds a point, in cells."""
+    across, down = (dims[0] + BRICK - 1) // BRICK, (dims[1] + BRICK - 1) // BRICK
+    i = min(max(np.int64(x), 0), dims[0] - 1) // BRICK
+    j = min(max(np.int64(y), 0), dims[1] - 1) // BRICK
+    k = min(max(np.int64(z), 0), dims[2] - 1) // BRICK
+    return (k * down + j) * across + i
+
+
 @kernel(parallel=True)
 def march(origins, directions, layers, cells, bricks, tables, step, image):
     """Blend the layers along each ray.
@@ -107,11 +117,7 @@ def march(origins, directions, layers, cells, bricks, tables, step, image):
                     x = (o[0] + t * d[0] - low[n, 0]) * per_unit[n, 0]
                     y = (o[1] + t * d[1] - low[n, 1]) * per_unit[n, 1]
                     z = (o[2] + t * d[2] - low[n, 2]) * per_unit[n, 2]
-                    across, down = (counts[n, 0] + BRICK - 1) // BRICK, (counts[n, 1] + BRICK - 1) // BRICK
-                    i = min(max(np.int64(x), 0), counts[n, 0] - 1) // BRICK
-                    j = min(max(np.int64(y), 0), counts[n, 1] - 1) // BRICK
-                    k = min(max(np.int64(z), 0), counts[n, 2] - 1) // BRICK
-                    if bricks[firsts[n, 1] + (k * down + j) * across + i] == 0:
+                    if bricks[firsts[n, 1] + brick_at(counts[n], x, y, z)] == 0:
                         continue
                     scale = (last - first) / reference[n]
                     if smooth[n]:
