@@ -53,7 +53,7 @@ def cell_indices(dims: tuple[int, int, int]) -> Tensor:
 
 
 def inside_convex(vertices: Tensor, faces: Tensor, grid: VoxelGrid, subbits: int = 8) -> Tensor:
-    """(nz,ny,nx) bool: cell centres on the inner side of every face of a convex mesh, vertices snapped as in the fill."""
+    """(nz,ny,nx) bool: centres on the inner side of every face of a convex mesh, vertices snapped as in the fill."""
     units = 1 << subbits
     snapped = ((vertices[0] - grid.origin[0]) / grid.cell[0] * units).round()
     corners = snapped[faces]
@@ -74,7 +74,7 @@ def inside_convex(vertices: Tensor, faces: Tensor, grid: VoxelGrid, subbits: int
 
 
 def box_test(triangle: np.ndarray, dims: tuple[int, int, int]) -> np.ndarray:
-    """(nz,ny,nx) bool: cells that meet a triangle (3,3) in cell units, by thirteen axes for every cell; none without area.
+    """(nz,ny,nx) bool: cells that meet a triangle (3,3) in cell units, by thirteen axes; none without area.
 
     The slow twin of the conservative mode.
     """

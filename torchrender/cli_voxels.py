@@ -59,7 +59,9 @@ def run_voxelize(arguments: argparse.Namespace, size: tuple[int, int]) -> None:
         write_voxels(output, model)
     nx, ny, nz = grid.dims
     count = model.voxels.count
-    print(f"{output}  {nx}x{ny}x{nz} cells  {count:,} {model.kind} voxels of {scene.geometry.triangle_count:,} triangles")
+    print(
+        f"{output}  {nx}x{ny}x{nz} cells  {count:,} {model.kind} voxels of {scene.geometry.triangle_count:,} triangles"
+    )
 
 
 def _surface(scene: Scene, grid: VoxelGrid, arguments: argparse.Namespace) -> VoxelModel:

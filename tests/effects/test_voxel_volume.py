@@ -44,8 +44,7 @@ def test_uniform_slab_is_closed_form_at_any_step(smooth: bool, alpha: int) -> No
     images = [render_volume([layer], camera, step=step) for step in (1.0, 0.5, 0.25, 0.13)]
     for image in images[1:]:
         assert float((image - images[0]).abs().amax()) < 1e-6
-    origins, toward = camera.rays()
-    toward = torch.nn.functional.normalize(toward, dim=-1)[0, 12, 12]
+    toward = torch.nn.functional.normalize(camera.rays()[1], dim=-1)[0, 12, 12]
     length = 8.0 / float(-toward[2])
     wanted = 1 - (1 - alpha / 255) ** length
     assert float(images[0][0, 12, 12, 3]) == pytest.approx(wanted, abs=1e-5)
@@ -101,8 +100,6 @@ def test_smooth_layers_are_linear_between_centres() -> None:
     camera = Cameras.look_at((32.0, 2.0, 5000.0), (32.0, 2.0, 0.0), width=128, height=4, fov_deg=0.02)
     depth = -torch.log1p(-render_volume([layer], camera)[0, 1, :, 3])
     table = -torch.log1p(-torch.arange(64) / 255.0)
-    x = torch.linspace(0, 63, 64)
-    del x
     seen = depth[20:-20]
     assert bool((seen[1:] >= seen[:-1] - 1e-6).all())
     assert float((seen[1:] - seen[:-1]).amax()) < 1.5 * float((table[1:] - table[:-1]).amax())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from itertools import pairwise
 
 import pytest
 import torch
@@ -58,7 +59,9 @@ def test_cube_with_corners_on_cell_centres(axis: str) -> None:
 def test_overlapping_and_nested_parts() -> None:
     """Winding numbers unite overlapping parts and fill nested shells; parity cuts both out."""
     overlap = together(cube(4.2, 15.3), cube(9.1, 25.7))
-    counts = {m: voxelize_solid(*overlap, unit_grid(32), SolidOptions(method=m))[0].count for m in ("winding", "parity")}
+    counts = {
+        m: voxelize_solid(*overlap, unit_grid(32), SolidOptions(method=m))[0].count for m in ("winding", "parity")
+    }
     assert counts == {"winding": 6028, "parity": 5812}
     nested = together(cube(4.2, 25.3), cube(9.1, 15.7))
     counts = {m: voxelize_solid(*nested, unit_grid(32), SolidOptions(method=m))[0].count for m in ("winding", "parity")}
@@ -137,7 +140,7 @@ def test_volume_converges_with_resolution() -> None:
 def test_surface_count_grows_fourfold_per_doubling() -> None:
     vertices, faces = icosphere(5)
     counts = [voxelize_surface(vertices, faces, make_grid(vertices, (n, n, n))).count for n in (128, 256, 512)]
-    for less, more in zip(counts, counts[1:], strict=False):
+    for less, more in pairwise(counts):
         assert 3.8 < more / less < 4.2
 
 
@@ -177,7 +180,10 @@ def test_closed_meshes_do_not_warn() -> None:
             lambda: voxelize_solid(torch.full((1, 3, 3), float("inf")), torch.tensor([[0, 1, 2]]), unit_grid(4)),
             "vertices must be finite",
         ),
-        (lambda: voxelize_solid(torch.full((1, 3, 3), 1e9), torch.tensor([[0, 1, 2]]), unit_grid(4)), "must lie within"),
+        (
+            lambda: voxelize_solid(torch.full((1, 3, 3), 1e9), torch.tensor([[0, 1, 2]]), unit_grid(4)),
+            "must lie within",
+        ),
         (lambda: SurfaceOptions(mode="fat"), "mode must be one of"),
         (lambda: SolidOptions(method="guess"), "method must be one of"),
         (lambda: SolidOptions(axis="w"), "axis must be one of"),

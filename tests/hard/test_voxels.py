@@ -103,7 +103,7 @@ def test_some_faces_inverted_are_reported_by_winding_and_right_by_parity() -> No
 @pytest.mark.parametrize("axis", AXES)
 @pytest.mark.parametrize("side", range(6))
 def test_parts_outside_the_grid(axis: str, side: int) -> None:
-    """The grid cuts the body on each of six sides: what lies inside stays as it was, also where columns start inside."""
+    """The grid cuts the body on each of six sides: the rest stays as it was, also where columns start inside."""
     vertices, faces = icosphere(3)
     whole_grid = ball_grid(32)
     whole, _ = voxelize_solid(vertices, faces, whole_grid)
@@ -126,7 +126,9 @@ def test_model_far_larger_than_the_grid() -> None:
     """A grid deep inside, one across a face, one beside; triangles of thousands of cells."""
     vertices, faces = cube(-5000.0, 5000.0)
     inside, report = voxelize_solid(vertices, faces, unit_grid(7))
-    assert inside.count == 343 and report.leaking_share == 0 and voxelize_surface(vertices, faces, unit_grid(7)).count == 0
+    assert (
+        inside.count == 343 and report.leaking_share == 0 and voxelize_surface(vertices, faces, unit_grid(7)).count == 0
+    )
     across = VoxelGrid(torch.tensor([[4997.0, 0, 0]]), torch.ones(1), (7, 7, 7))
     assert voxelize_solid(vertices, faces, across)[0].count == 3 * 49
     assert voxelize_surface(vertices, faces, across).count == 2 * 49

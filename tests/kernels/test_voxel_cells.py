@@ -25,7 +25,9 @@ def one(triangle: np.ndarray, mode: str) -> np.ndarray:
 
 
 @settings(deadline=None, max_examples=150)
-@given(seed=st.integers(0, 100_000), size=st.sampled_from([0.3, 1.0, 3.0, 12.0]), flat=st.sampled_from([1.0, 1e-3, 0.0]))
+@given(
+    seed=st.integers(0, 100_000), size=st.sampled_from([0.3, 1.0, 3.0, 12.0]), flat=st.sampled_from([1.0, 1e-3, 0.0])
+)
 def test_one_triangle_equals_the_box_test(seed: int, size: float, flat: float) -> None:
     """Small and large triangles, slivers, in layers of cells, partly outside."""
     rng = np.random.default_rng(seed)
@@ -105,14 +107,16 @@ def crossings_twin(snapped: np.ndarray, faces: np.ndarray, axis: int, bits: int,
 def test_crossings_equal_exact_integers(seed: int, axis: int, bits: int, step: int) -> None:
     """Also where corners and edges run through the centres of columns."""
     rng = np.random.default_rng(seed)
-    size = tuple(DIMS[k] for k in range(3) if k != axis) + (DIMS[axis],)
+    size = (*(DIMS[k] for k in range(3) if k != axis), DIMS[axis])
     snapped = rng.integers(-200, 1200, (12, 3)).astype(np.int64) // step * step << (bits - 4) >> 2
     faces = rng.integers(0, 12, (30, 3)).astype(np.int32)
     counts, hits = np.zeros(size[0] * size[1], np.int64), np.zeros(30, np.bool_)
     columns.count_crossings(snapped, faces, axis, bits, size, 2, counts, hits, np.zeros(1, np.int64))
     starts = np.concatenate([[0], np.cumsum(counts)])
     events = np.zeros(starts[-1], np.int32)
-    columns.store_crossings(snapped, faces, axis, bits, size, 2, hits, starts[:-1].copy(), events, np.zeros(1, np.int64))
+    columns.store_crossings(
+        snapped, faces, axis, bits, size, 2, hits, starts[:-1].copy(), events, np.zeros(1, np.int64)
+    )
     twin = crossings_twin(snapped, faces, axis, bits, size)
     assert [sorted(events[starts[n] : starts[n + 1]].tolist()) for n in range(len(counts))] == [sorted(c) for c in twin]
 

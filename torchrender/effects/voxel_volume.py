@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import torch
@@ -137,9 +138,11 @@ def density_layer(
     check_tensor("density", density, ("nz", "ny", "nx"))
     check_finite("density", density)
     knots = [float(k[0]) for k in transfer]
-    if not knots or any(b <= a for a, b in zip(knots, knots[1:], strict=False)):
+    if not knots or any(b <= a for a, b in pairwise(knots)):
         raise InputError(f"transfer must have ascending values, got {knots}")
-    table = torch.stack([torch.cat([as_vector("transfer colour", c), torch.tensor([float(a)])]) for _, c, a in transfer])
+    table = torch.stack(
+        [torch.cat([as_vector("transfer colour", c), torch.tensor([float(a)])]) for _, c, a in transfer]
+    )
     values = density.detach().float().contiguous()
     at = torch.tensor(knots)
     upper = torch.searchsorted(at, values).clamp(1, max(len(knots) - 1, 1)).clamp_max(len(knots) - 1)
@@ -196,7 +199,9 @@ def render_volume(layers: Sequence[VolumeLayer], cameras: Cameras, *, step: floa
     rays = view(origins.reshape(-1, 3), np.float64), view(toward.reshape(-1, 3), np.float64)
     cells = torch.cat([layer.rgba.reshape(-1, 4) for layer in layers]).numpy()
     bricks = [_bricks(layer.rgba[..., 3]) for layer in layers]
-    march(*rays, _arrays(layers, bricks), cells, torch.cat(bricks).numpy(), _tables(), length, image.view(-1, 4).numpy())
+    march(
+        *rays, _arrays(layers, bricks), cells, torch.cat(bricks).numpy(), _tables(), length, image.view(-1, 4).numpy()
+    )
     return image
 
 

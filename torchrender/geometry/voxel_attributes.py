@@ -1,7 +1,7 @@
 """Multi-valued voxels: normal, colour, texture coordinate, material and density. Source: specification 05, section 6.
 
-Values are kept for occupied cells only. A fragment is the part of one triangle in one cell; a cell's value is the mean of
-its fragments, weighted by their areas.
+Values are kept for occupied cells only. A fragment is the part of one triangle in one cell; a cell's value is the mean
+of its fragments, weighted by their areas.
 """
 
 from __future__ import annotations
@@ -77,8 +77,8 @@ def surface_fragments(
 ) -> SurfaceFragments:
     """Fragments of one mesh (1,V,3) in the cells that ``voxelize_surface`` finds.
 
-    ``conservative``: triangles clipped to the cell, so that the weights add up to the area of the surface. ``thin``: the
-    point on the column's centre line, with the area |N|/|N_c| that it stands for.
+    ``conservative``: triangles clipped to the cell, so that the weights add up to the area of the surface. ``thin``:
+    the point on the column's centre line, with the area |N|/|N_c| that it stands for.
 
     Raises:
         InputError: as in :func:`~torchrender.geometry.voxelize.voxelize_surface`, or more than one grid.

@@ -143,7 +143,8 @@ def _points(surface: Callable[[Tensor], Tensor], uv: Tensor) -> Tensor:
 
 
 def _gaps(points: Tensor, cell: float) -> tuple[Tensor, Tensor]:
-    """(N,) longest distance in cells between the corners of a parameter box along u and v; its middle counts for both."""
+    """(N,) longest distances in cells between corners of a parameter box along u and v; its middle counts for both."""
+
     def apart(a: int, b: int) -> Tensor:
         return (points[:, a] - points[:, b]).norm(dim=1) / cell
 

@@ -139,7 +139,7 @@ class Voxels:
     stats: dict[str, float] = field(default_factory=dict)  # what making them took and met
 
     def __post_init__(self) -> None:
-        nx, ny, nz = self.grid.dims
+        _, ny, nz = self.grid.dims
         check_tensor("words", self.words, (len(self.grid), nz, ny, self.grid.words))
         if self.words.dtype != torch.int64:
             raise InputError(f"words must be int64, got {self.words.dtype}")
@@ -234,7 +234,7 @@ class Voxels:
 
 def empty_words(grid: VoxelGrid) -> Tensor:
     """(B,nz,ny,nw) int64 zeros."""
-    nx, ny, nz = grid.dims
+    _, ny, nz = grid.dims
     return torch.zeros(len(grid), nz, ny, grid.words, dtype=torch.int64)
 
 

@@ -33,7 +33,11 @@ class SheetLayout:
     def __post_init__(self) -> None:
         if self.bits not in BITS:
             raise OptionError(f"bits must be one of {BITS}, got {self.bits}")
-        for name, side in (*zip(("nx", "ny", "nz"), self.dims, strict=True), ("width", self.width), ("height", self.height)):
+        for name, side in (
+            *zip(("nx", "ny", "nz"), self.dims, strict=True),
+            ("width", self.width),
+            ("height", self.height),
+        ):
             if side < 1 or side & (side - 1):
                 raise OptionError(f"{name} must be a power of two, got {side}")
         check_range("width", self.width, self.dims[0])

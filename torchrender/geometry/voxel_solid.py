@@ -35,9 +35,9 @@ class LeakWarning(UserWarning):
 class SolidOptions:
     """How the inside is found.
 
-    ``winding``: winding number not zero; overlapping parts unite. ``parity``: odd number of crossings; nested shells are
-    cavities, orientation does not matter. ``vote``: majority of three axes without the columns that leak, for meshes
-    with small holes. ``toggle``: the source's fill of surface voxels, which fails; kept for comparison.
+    ``winding``: winding number not zero; overlapping parts unite. ``parity``: odd number of crossings; nested shells
+    are cavities, orientation does not matter. ``vote``: majority of three axes without the columns that leak, for
+    meshes with small holes. ``toggle``: the source's fill of surface voxels, which fails; kept for comparison.
 
     Raises:
         OptionError: a value outside its range.
@@ -193,9 +193,7 @@ def _fill(snapped: np.ndarray, faces: np.ndarray, grid: VoxelGrid, axis: int, op
     return _Fill(words, faults.reshape(across[1], across[0]), int((counts > 0).sum()))
 
 
-def _set_between(
-    events: np.ndarray, starts: np.ndarray, axis: int, size: tuple[int, int, int], words: Tensor
-) -> None:
+def _set_between(events: np.ndarray, starts: np.ndarray, axis: int, size: tuple[int, int, int], words: Tensor) -> None:
     nz, ny, nw = words.shape
     if axis == 0:
         columns.fill_rows(events, starts, size[2], words.numpy().view(np.uint64).reshape(-1, nw))

@@ -1,4 +1,4 @@
-"""Surface voxels of triangle meshes: each triangle once, along its dominant axis. Source: specification 05, section 4."""
+"""Surface voxels of triangle meshes, each triangle once. Source: specification 05, section 4."""
 
 from __future__ import annotations
 
@@ -32,9 +32,7 @@ class SurfaceOptions:
         check_choice("mode", self.mode, MODES)
 
 
-def voxelize_surface(
-    vertices: Tensor, faces: Tensor, grid: VoxelGrid, options: SurfaceOptions | None = None
-) -> Voxels:
+def voxelize_surface(vertices: Tensor, faces: Tensor, grid: VoxelGrid, options: SurfaceOptions | None = None) -> Voxels:
     """Cells that the triangles meet.
 
     Args:

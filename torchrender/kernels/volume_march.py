@@ -7,6 +7,7 @@ from numba import prange
 
 from torchrender.kernels.atomics import borrowed
 from torchrender.kernels.compile import kernel
+from torchrender.kernels.voxel_bits import span
 
 BRICK = 8  # cells per side of the blocks that are skipped where empty
 ROW = 64  # rays handed to a thread at once
@@ -80,8 +81,8 @@ def march(origins, directions, layers, cells, bricks, tables, step, image):
 
     Args:
         origins, directions: (N,3) float64, directions of unit length.
-        layers: low (L,3), high (L,3), cells per unit (L,3), reference length (L,) float64; cell counts (L,3), first cell
-            and first brick (L,2) int64; smooth (L,) bool.
+        layers: low (L,3), high (L,3), cells per unit (L,3), reference length (L,) float64; cell counts (L,3), first
+            cell and first brick (L,2) int64; smooth (L,) bool.
         cells: (M,4) uint8, colour and opacity; x fastest, layer after layer.
         bricks: uint8, not zero where a block of BRICK cells, or one beside it, has any opacity.
         tables: (256,) float32 optical depth over the reference length, and (256,) float32 linear colour.
@@ -94,7 +95,8 @@ def march(origins, directions, layers, cells, bricks, tables, step, image):
     scratch = np.zeros((chunks, number + 2, 2))
     for chunk in prange(chunks):
         spans, sample = borrowed(scratch[chunk, :number]), borrowed(scratch[chunk, number:].reshape(4))
-        for ray in range(np.int64(chunk) * ROW, min((np.int64(chunk) + 1) * ROW, len(origins))):
+        rays = span(chunk, ROW, len(origins))
+        for ray in range(rays[0], rays[1]):
             o, d = origins[ray], directions[ray]
             begin, end = np.inf, -np.inf
             for n in range(number):
@@ -128,9 +130,7 @@ def march(origins, directions, layers, cells, bricks, tables, step, image):
                     continue
                 alpha = 1.0 - np.exp(-sample[3])
                 weight = clear * alpha / sample[3]
-                red += weight * sample[0]
-                green += weight * sample[1]
-                blue += weight * sample[2]
+                red, green, blue = red + weight * sample[0], green + weight * sample[1], blue + weight * sample[2]
                 clear *= 1.0 - alpha
                 if clear < 1.0 - OPAQUE:
                     break

@@ -17,6 +17,13 @@ def ones_in(word):
     return np.int64((word * np.uint64(0x0101010101010101)) >> np.uint64(56))
 
 
+@kernel(inline=True)
+def span(block, size, count):
+    """First and one-past-last of ``count`` items in a block of ``size``."""
+    first = np.int64(block) * size
+    return first, min(first + size, count)
+
+
 @kernel(parallel=True)
 def count_ones(words):
     """Number of set bits of a flat uint64 array."""

@@ -122,10 +122,10 @@ def highest_cell(p, c):
 def cells_met(p, dims, cells, work):
     """Cells whose closed box meets the triangle, into ``cells``; returns their number, -1 for one without area.
 
-    Exact by thirteen separating axes, but for ``SLACK``. A triangle inside a single layer of cells needs the axes of one
-    projection only, one inside a row of cells none. ``cells`` needs room for one more.
+    Exact by thirteen separating axes, but for ``SLACK``. A triangle inside a single layer of cells needs the axes of
+    one projection only, one inside a row of cells none. ``cells`` needs room for one more.
     """
-    normal, low, high, axes, first, last = work
+    normal, low, high, _, first, last = work
     d = dominant_axis(p, normal)
     if d < 0:
         return -1
@@ -142,7 +142,7 @@ def cells_met(p, dims, cells, work):
     for c in range(3):
         first[c] = np.int64(max(low[c], 0.0))
         last[c] = np.int64(min(high[c], dims[c] - 1.0))
-    if x0 == x1 and (y0 == y1 or z0 == z1) or y0 == y1 and z0 == z1:
+    if (x0 == x1 and (y0 == y1 or z0 == z1)) or (y0 == y1 and z0 == z1):
         return all_cells(first, last, dims, cells)
     if x0 == x1:
         return cells_met_flat(p, dims, cells, work, 0)
@@ -167,7 +167,7 @@ def all_cells(first, last, dims, cells):
 @kernel(inline=True)
 def cells_met_flat(p, dims, cells, work, flat):
     """A triangle in a single layer of cells across axis ``flat``."""
-    normal, low, high, axes, first, last = work
+    _, low, _, axes, first, last = work
     a, b = (1 if flat == 0 else 0), (1 if flat == 2 else 2)
     edge_axes(p, a, b, low, axes, 0)
     strides = (np.int64(1), dims[3], dims[3] * dims[1])
@@ -221,7 +221,7 @@ def cells_met_deep(p, dims, cells, work, d):
 @kernel(inline=True)
 def columns_met(p, dims, cells, work):
     """Cells at the triangle's depth in the columns of its dominant axis whose centre line it crosses; else as above."""
-    normal, low, high, axes, first, last = work
+    normal, low, high, _, first, last = work
     d = dominant_axis(p, normal)
     if d < 0:
         return -1

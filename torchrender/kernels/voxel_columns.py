@@ -12,6 +12,7 @@ from numba import prange
 
 from torchrender.kernels.atomics import borrowed, fetch_add
 from torchrender.kernels.compile import kernel
+from torchrender.kernels.voxel_bits import span
 
 BLOCK = 512  # triangles handed to a thread at once
 EXACT = 1 << 19  # greatest side of a triangle, in snapped units, whose crossings are found in 64-bit integers
@@ -58,7 +59,8 @@ def boundary(snapped, faces, names, sums):
         names[v] = name
     for block in prange(len(sums)):
         directed, undirected = np.uint64(0), np.uint64(0)
-        for t in range(np.int64(block) * BLOCK, min((np.int64(block) + 1) * BLOCK, len(faces))):
+        first, last = span(block, BLOCK, len(faces))
+        for t in range(first, last):
             for e in range(3):
                 a, b = names[faces[t, e]], names[faces[t, (e + 1) % 3]]
                 if a == b:
@@ -97,7 +99,14 @@ def crossings(snapped, faces, t, axis, bits, size, found):
     a, b = (1 if axis == 0 else 0), (1 if axis == 2 else 2)
     na, nb, nc = size
     v0, v1, v2 = faces[t, 0], faces[t, 1], faces[t, 2]
-    x0, y0, x1, y1, x2, y2 = snapped[v0, a], snapped[v0, b], snapped[v1, a], snapped[v1, b], snapped[v2, a], snapped[v2, b]
+    x0, y0, x1, y1, x2, y2 = (
+        snapped[v0, a],
+        snapped[v0, b],
+        snapped[v1, a],
+        snapped[v1, b],
+        snapped[v2, a],
+        snapped[v2, b],
+    )
     half = np.int64(1) << (bits - 1)
     left = max((min(x0, x1, x2) + half - 1) >> bits, 0)
     right = min((max(x0, x1, x2) - half) >> bits, na - 1)

@@ -10,7 +10,7 @@ from numba import prange
 
 from torchrender.kernels.atomics import borrowed, fetch_add
 from torchrender.kernels.compile import kernel
-from torchrender.kernels.voxel_bits import ones_in
+from torchrender.kernels.voxel_bits import ones_in, span
 from torchrender.kernels.voxel_cells import cells_met, columns_met, dominant_axis, load_corners
 from torchrender.kernels.voxel_columns import sort_run
 from torchrender.kernels.voxel_surface import BLOCK, thread_arrays, thread_views
@@ -50,7 +50,14 @@ def clipped(p, cell, polygon, other):
 
     ``polygon``, ``other``: (CORNERS, 2) scratch.
     """
-    polygon[0, 0], polygon[0, 1], polygon[1, 0], polygon[1, 1], polygon[2, 0], polygon[2, 1] = 0.0, 0.0, 1.0, 0.0, 0.0, 1.0
+    polygon[0, 0], polygon[0, 1], polygon[1, 0], polygon[1, 1], polygon[2, 0], polygon[2, 1] = (
+        0.0,
+        0.0,
+        1.0,
+        0.0,
+        0.0,
+        1.0,
+    )
     count = 3
     for c in range(3):
         for side in range(2):
@@ -115,11 +122,12 @@ def weigh(vertices, faces, place, thin, cells, starts, triangles, barycentric, w
         barycentric: (M,2) float64 weights of corners 1 and 2.
         weight: (M,) float64, in squared cells.
     """
-    origin, scale, dims = place
+    origin, scale, _ = place
     for chunk in prange((len(cells) + BLOCK - 1) // BLOCK):
         p, normal, cell = np.zeros((3, 3)), np.zeros(3), np.zeros(3)
         polygon, other = np.zeros((CORNERS, 2)), np.zeros((CORNERS, 2))
-        for n in range(np.int64(chunk) * BLOCK, min((np.int64(chunk) + 1) * BLOCK, len(cells))):
+        first, last = span(chunk, BLOCK, len(cells))
+        for n in range(first, last):
             cell[0], cell[1], cell[2] = cells[n, 0], cells[n, 1], cells[n, 2]
             sort_run(triangles, starts[n], starts[n + 1])
             for m in range(starts[n], starts[n + 1]):

@@ -10,6 +10,7 @@ from numba import prange
 
 from torchrender.kernels.atomics import borrowed, fetch_add, store_or
 from torchrender.kernels.compile import kernel
+from torchrender.kernels.voxel_bits import span
 from torchrender.kernels.voxel_cells import cells_met, columns_met, dominant_axis, load_corners
 
 BLOCK = 512  # triangles handed to a thread at once
@@ -76,6 +77,7 @@ def classify(vertices, faces, axes):
     origin = np.zeros(3)
     for block in prange((len(faces) + BLOCK - 1) // BLOCK):
         p, normal = np.zeros((3, 3)), np.zeros(3)
-        for t in range(np.int64(block) * BLOCK, min((np.int64(block) + 1) * BLOCK, len(faces))):
+        first, last = span(block, BLOCK, len(faces))
+        for t in range(first, last):
             load_corners(vertices, faces, t, origin, 1.0, p)
             axes[t] = dominant_axis(p, normal)

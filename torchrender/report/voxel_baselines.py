@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from itertools import pairwise
 
 import torch
 from torch import Tensor
@@ -61,8 +62,8 @@ def three_sheets(vertices: Tensor, faces: Tensor, grid: VoxelGrid, pair_chunk: i
     whole = sheets[2] | sheets[0].permute(1, 2, 0) | sheets[1].permute(2, 0, 1)
     voxels = Voxels.from_dense(whole[None], grid)
     clock.append(time.perf_counter())
-    stages = [1e3 * (after - before) for before, after in zip(clock, clock[1:], strict=False)]
-    return SheetRun(voxels, *stages, pairs)
+    stages = [1e3 * (after - before) for before, after in pairwise(clock)]
+    return SheetRun(voxels, stages[0], stages[1], stages[2], stages[3], pairs)
 
 
 def _fragments(corners: Tensor, dims: list[int], pair_chunk: int) -> tuple[Tensor, int]:

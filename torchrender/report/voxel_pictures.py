@@ -60,11 +60,15 @@ def draw_pictures(folder: Path, size: int) -> dict[str, Any]:
         surface = voxelize_scene(scene, make_grid(scene.bounds[None], 96))
         mesh = voxel_mesh(surface.voxels, surface.color)
         tiles.append(("Surface voxels with colour, 96 cells", _cubes(mesh, (0.9, 0.5, 1.2), size)))
-        image, times["surface alone"] = _timed([surface_layer(surface, 0.12)], _around(scene.bounds, (0.9, 0.5, 1.2), size))
+        image, times["surface alone"] = _timed(
+            [surface_layer(surface, 0.12)], _around(scene.bounds, (0.9, 0.5, 1.2), size)
+        )
         tiles.append(("The same, transparent", _flat(image)))
     tiles.append(("Box less ball less cylinders, 128 cells", _cubes(_carved(128), (0.9, 0.7, 1.1), size)))
     grid = VoxelGrid(torch.full((1, 3), -2.5), torch.tensor([5 / 96]), (96, 96, 96))
-    tiles.append(("Implicit surface, 96 cells", _cubes(voxel_mesh(voxelize_implicit(tangle, grid)), (0.8, 0.6, 1.2), size)))
+    tiles.append(
+        ("Implicit surface, 96 cells", _cubes(voxel_mesh(voxelize_implicit(tangle, grid)), (0.8, 0.6, 1.2), size))
+    )
     ct = data / "volumes" / "head_ct_64x64x93.npy"
     if ct.is_file():
         head = density_layer(torch.from_numpy(np.load(ct).astype(np.float32)), TISSUE, spacing=CT_SPACING)

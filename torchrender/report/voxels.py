@@ -9,10 +9,9 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import sys
-from collections.abc import Iterator
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -30,13 +29,14 @@ from torchrender.rays import RayCaster
 from torchrender.report.machine import machine_record
 from torchrender.report.timing import take_turns
 from torchrender.report.voxel_baselines import layered_depths, slices, three_sheets
+from torchrender.report.voxel_models import bumpy_ring, models
 from torchrender.report.voxel_peers import SURFACES, agreement, peer_solid, peer_surface
 from torchrender.report.voxel_pictures import draw_pictures, sphere_points, tangle
 from torchrender.report.voxels_page import write_page
 from torchrender.scene import shapes
-from torchrender.scene.load import load
-from torchrender.scene.mesh import Geometry, Mesh, concatenate
+from torchrender.scene.mesh import Geometry, concatenate
 
+STAGES = ("classify_ms", "rasterise_ms", "texelize_ms", "synthesise_ms", "pairs")
 REAL = ("utah_teapot.obj", "fandisk.obj", "stanford_bunny.ply", "armadillo.ply", "stanford_dragon_res2.ply")
 
 
@@ -59,32 +59,6 @@ QUICK = StudyOptions(
 )
 
 
-def bumpy_ring(triangles: int) -> Geometry:
-    """A closed, bent and bumpy ring of about that many triangles."""
-    n = max(int((triangles / 2) ** 0.5), 3)
-    u = torch.arange(n, dtype=torch.float64)[:, None] * (2 * torch.pi / n)
-    v = torch.arange(n, dtype=torch.float64) * (2 * torch.pi / n)
-    radius = 0.30 + 0.04 * torch.sin(9 * u) * torch.sin(7 * v)
-    out = 0.62 + radius * torch.cos(v)
-    points = torch.stack([out * torch.cos(u), radius * torch.sin(v) + 0.15 * torch.sin(2 * u), out * torch.sin(u)], dim=-1)
-    turn = torch.tensor([[0.8, 0.36, -0.48], [-0.6, 0.48, -0.64], [0.0, 0.8, 0.6]], dtype=torch.float64)
-    i, j = torch.meshgrid(torch.arange(n), torch.arange(n), indexing="ij")
-    a, b, c = i * n + j, (i + 1) % n * n + j, i * n + (j + 1) % n
-    d = (i + 1) % n * n + (j + 1) % n
-    faces = torch.stack([torch.stack([a, c, b], -1), torch.stack([b, c, d], -1)], dim=2).reshape(-1, 3)
-    return concatenate([Mesh(vertices=points.reshape(-1, 3) @ turn.T, faces=faces, name="ring")])
-
-
-def models(study: StudyOptions) -> Iterator[tuple[str, Geometry]]:
-    """Name and triangles of each model."""
-    folder = Path(os.environ.get("TORCHRENDER_DATA", "../shared/data")) / "meshes"
-    for name in study.models:
-        if (folder / name).is_file():
-            yield name.split(".")[0].replace("_", " "), load(folder / name).geometry
-    for count in study.synthetic:
-        yield "bumpy ring", bumpy_ring(count)
-
-
 def model_row(name: str, geometry: Geometry, study: StudyOptions) -> dict[str, Any]:
     """Table 2.1 for one model: stages in torch, the compiled passes, and what they met."""
     mesh = geometry.vertices[None], geometry.faces
@@ -105,7 +79,9 @@ def model_row(name: str, geometry: Geometry, study: StudyOptions) -> dict[str, A
         "triangles": geometry.triangle_count,
         "vertices": len(geometry.vertices),
         "ms": {key: value.record() for key, value in times.items()},
-        "sheets": {k: getattr(stages, k) for k in ("classify_ms", "rasterise_ms", "texelize_ms", "synthesise_ms", "pairs")},
+        "sheets": {
+            k: getattr(stages, k) for k in ("classify_ms", "rasterise_ms", "texelize_ms", "synthesise_ms", "pairs")
+        },
         "sheets_equal_thin": stages.voxels.equals(voxelize_surface(*mesh, grid, thin)),
         "thin_cells": stages.voxels.count,
         "surface_cells": surface.count,
@@ -122,16 +98,15 @@ def _leaks(report: SolidReport) -> dict[str, Any]:
 def grid_rows(geometry: Geometry, study: StudyOptions) -> list[dict[str, Any]]:
     """Table 2.2: size, bits, memory, time, voxels and drawing by resolution."""
     rows: list[dict[str, Any]] = []
+    mesh = geometry.vertices[None], geometry.faces
     for n in study.sides:
         grid = make_grid(geometry.bounds[None], (n, n, n))
-        surface = voxelize_surface(geometry.vertices[None], geometry.faces, grid)
+        surface = voxelize_surface(*mesh, grid)
         times = take_turns(
             {
-                "surface": lambda grid=grid: voxelize_surface(geometry.vertices[None], geometry.faces, grid),
-                "solid": lambda grid=grid: voxelize_solid(
-                    geometry.vertices[None], geometry.faces, grid, SolidOptions(warn=False)
-                ),
-                "sides": lambda surface=surface: voxel_mesh(surface),
+                "surface": partial(voxelize_surface, *mesh, grid),
+                "solid": partial(voxelize_solid, *mesh, grid, SolidOptions(warn=False)),
+                "sides": partial(voxel_mesh, surface),
             },
             runs=study.runs,
             warm_up=1,
@@ -157,7 +132,7 @@ def grid_rows(geometry: Geometry, study: StudyOptions) -> list[dict[str, Any]]:
 def solid_rows(study: StudyOptions) -> list[dict[str, Any]]:
     """Volume by resolution, and cells that disagree with rays, for every closed model; the source's fill beside it."""
     rows = []
-    for name, geometry in models(study):
+    for name, geometry in models(study.models, study.synthetic):
         mesh = geometry.vertices[None], geometry.faces
         corners = geometry.vertices[geometry.faces.long()]
         exact = abs(float(torch.linalg.det(corners).sum() / 6))
@@ -218,7 +193,7 @@ def peer_rows(study: StudyOptions) -> dict[str, Any]:
             if found is not None:
                 row |= agreement(found, geometry, kind == "solid")
                 # In turn with the peer, so that a busy machine slows both alike.
-                again = take_turns({"own": lambda kind=kind: _again(kind, mesh, grid)}, runs=study.runs, warm_up=0)
+                again = take_turns({"own": partial(_again, kind, mesh, grid)}, runs=study.runs, warm_up=0)
                 row["ratio"] = 1e3 * seconds / again["own"].median
             out[kind][name] = row
             _say(f"  {name} {kind}: {seconds:.2f} s {why}")
@@ -262,9 +237,7 @@ def scaling(study: StudyOptions) -> list[dict[str, float]]:
     for part in (16, 8, 4, 2, 1):
         geometry = bumpy_ring(max(study.synthetic) // part)
         mesh, grid = (geometry.vertices[None], geometry.faces), make_grid(geometry.bounds[None], (study.side,) * 3)
-        times = take_turns(
-            {"surface": lambda mesh=mesh, grid=grid: voxelize_surface(*mesh, grid)}, runs=study.runs, warm_up=1
-        )
+        times = take_turns({"surface": partial(voxelize_surface, *mesh, grid)}, runs=study.runs, warm_up=1)
         surface = voxelize_surface(*mesh, grid)
         rows.append(
             {
@@ -283,7 +256,7 @@ def uses(study: StudyOptions) -> dict[str, Any]:
     for n in [s for s in study.sides if s <= 256]:
         low = torch.full((1, 3), -3.0, dtype=torch.float64)
         grid = VoxelGrid(low, torch.tensor([6 / n], dtype=torch.float64), (n, n, n))
-        times = take_turns({"solid": lambda grid=grid: voxelize_implicit(tangle, grid)}, runs=1, warm_up=0)
+        times = take_turns({"solid": partial(voxelize_implicit, tangle, grid)}, runs=1, warm_up=0)
         counts = {kind: voxelize_implicit(tangle, grid, kind).count for kind in ("solid", "surface")}
         implicit.append({"side": n, **counts, "ms": times["solid"].median})
     grid = VoxelGrid(torch.full((1, 3), -1.1), torch.tensor([2.2 / 64]), (64, 64, 64))
@@ -304,10 +277,14 @@ def run(study: StudyOptions, folder: Path) -> dict[str, Any]:
     """Measure everything and write the page."""
     folder.mkdir(parents=True, exist_ok=True)
     record: dict[str, Any] = {"machine": machine_record(), "study": asdict(study), "models": []}
-    for name, geometry in models(study):
+    for name, geometry in models(study.models, study.synthetic):
         _say(f"{name}, {geometry.triangle_count:,} triangles")
         record["models"].append(model_row(name, geometry, study))
-    geometry = next(g for n, g in models(study) if "bunny" in n or study.sides[-1] < 256 or n == "bumpy ring")
+    geometry = next(
+        g
+        for n, g in models(study.models, study.synthetic)
+        if "bunny" in n or study.sides[-1] < 256 or n == "bumpy ring"
+    )
     record["grids"] = {"triangles": geometry.triangle_count, "rows": grid_rows(geometry, study)}
     for key, part in (("solids", solid_rows), ("peers", peer_rows), ("baselines", baseline_row), ("scaling", scaling)):
         _say(key)

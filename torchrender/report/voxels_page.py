@@ -22,6 +22,7 @@ PUBLISHED_GRIDS = {  # side: bits, memory, voxelize ms, voxels, draw ms (Wagner,
     128: (16, "4 MB", 24, 38_012, 6),
     64: (8, "256 KB", 21, 9_379, 4),
 }
+STAGES = ("rasterise", "texelize", "synthesise")
 IMPLICIT = {64: (36_104, 8_928), 128: (290_408, 37_184), 256: (2_326_240, 150_208)}
 
 
@@ -87,8 +88,8 @@ def _models(record: dict[str, Any]) -> list[str]:
     return [
         f"## Table 2.1: models at {side}³",
         "",
-        "The compiled passes rasterise, texelize and synthesise at once. Beside them the source's three stages, each on",
-        f"its own in torch; their cells {'equal' if equal else 'DIFFER FROM'} those of the thin pass.",
+        "The compiled passes rasterise, texelize and synthesise at once. Beside them the source's three stages, each",
+        f"on its own in torch; their cells {'equal' if equal else 'DIFFER FROM'} those of the thin pass.",
         "",
         *_table(
             ["model", "triangles", "vertices", "classify ms", "thin ms", "conservative ms", "solid ms",
@@ -97,14 +98,14 @@ def _models(record: dict[str, Any]) -> list[str]:
         ),
         "Published (P4 2.4 GHz, ATI 9800 Pro, milliseconds):",
         "",
-        *_table(["model", "triangles", "vertices", "rasterise", "texelize", "synthesise", "sum", "classify"], published),
+        *_table(["model", "triangles", "vertices", *STAGES, "sum", "classify"], published),
     ]  # fmt: skip
 
 
 def _grids(grids: dict[str, Any]) -> list[str]:
     rows = []
     for g in grids["rows"]:
-        bits, memory, ms, voxels, draw = PUBLISHED_GRIDS.get(g["side"], ("–",) * 5)
+        published = PUBLISHED_GRIDS.get(g["side"])
         rows.append(
             [
                 f"{g['side']}³",
@@ -113,15 +114,15 @@ def _grids(grids: dict[str, Any]) -> list[str]:
                 f"{g['packed_bytes'] / 2**20:g} MiB",
                 f"{g['sheet_bits']} bit, {g['sheet_bytes'] / 2**20:g} MiB, {g['sheets']} sheets",
                 *(_ms(g, k) for k in ("surface", "solid", "sides")),
-                f"{bits} bit, {memory}, {ms} ms, {voxels if isinstance(voxels, str) else format(voxels, ',')}, {draw} ms",
+                "–" if published is None else "{} bit, {}, {} ms, {:,}, {} ms".format(*published),
             ]
         )
     return [
         f"## Table 2.2: grids, {grids['triangles']:,} triangles",
         "",
         *_table(
-            ["grid", "surface cells", "× previous", "packed", "worksheets", "surface ms", "solid ms", "sides as mesh ms",
-             "published: bits, memory, voxelize, voxels, draw"],
+            ["grid", "surface cells", "× previous", "packed", "worksheets", "surface ms", "solid ms",
+             "sides as mesh ms", "published: bits, memory, voxelize, voxels, draw"],
             rows,
         ),
     ]  # fmt: skip
@@ -151,7 +152,11 @@ def _baselines(row: dict[str, Any], side: int) -> list[str]:
     ms = {k: v["median"] for k, v in row["ms"].items()}
     rows = [
         ["slices, the thin kernel once per slice", f"{ms['slices']:.0f}", f"{ms['slices'] / ms['thin']:.1f} × thin"],
-        ["three sheets in torch", f"{ms['three sheets, torch']:.0f}", f"{ms['three sheets, torch'] / ms['thin']:.1f} × thin"],
+        [
+            "three sheets in torch",
+            f"{ms['three sheets, torch']:.0f}",
+            f"{ms['three sheets, torch'] / ms['thin']:.1f} × thin",
+        ],
         ["thin", f"{ms['thin']:.1f}", "1"],
         ["layered depths by rays", f"{ms['layered depths']:.0f}", f"{ms['layered depths'] / ms['solid']:.1f} × solid"],
         ["solid", f"{ms['solid']:.1f}", "1"],
@@ -160,8 +165,8 @@ def _baselines(row: dict[str, Any], side: int) -> list[str]:
     return [
         f"## Baselines: {row['triangles']:,} triangles at {side}³",
         "",
-        f"Slices find {same} the thin pass. Layered depths differ from the solid in {row['layered_differs']} cells, where"
-        " snapping moves a centre across the surface.",
+        f"Slices find {same} the thin pass. Layered depths differ from the solid in {row['layered_differs']} cells,"
+        " where snapping moves a centre across the surface.",
         "",
         *_table(["method", "ms", "ratio"], rows),
     ]
@@ -177,8 +182,8 @@ def _solids(record: dict[str, Any]) -> list[str]:
     return [
         "## Solids",
         "",
-        f"Error of the volume by cells along the longest side, and cells wrong against rays ({record['study']['rays']:,}"
-        f" cells at {sides[-2]}, majority of three rays).",
+        f"Error of the volume by cells along the longest side, and cells wrong against rays"
+        f" ({record['study']['rays']:,} cells at {sides[-2]}, majority of three rays).",
         "",
         *_table(["model", "mesh", *sides, "winding", "parity", "vote", "toggle (source)"], rows),
     ]
@@ -186,7 +191,13 @@ def _solids(record: dict[str, Any]) -> list[str]:
 
 def _scaling(rows: list[dict[str, float]], side: int) -> list[str]:
     table = [
-        [f"{r['triangles']:,}", f"{r['cells']:,}", f"{r['pairs']:,}", f"{r['ms']:.1f}", f"{1e6 * r['ms'] / r['triangles']:.0f}"]
+        [
+            f"{r['triangles']:,}",
+            f"{r['cells']:,}",
+            f"{r['pairs']:,}",
+            f"{r['ms']:.1f}",
+            f"{1e6 * r['ms'] / r['triangles']:.0f}",
+        ]
         for r in rows
     ]
     return [
@@ -209,10 +220,10 @@ def _uses(record: dict[str, Any]) -> list[str]:
         "## Functions, collision, transparent pictures",
         "",
         *_table(["grid", "implicit: solid / surface cells", "expected", "solid ms (published 25)"], rows),
-        f"A parametric sphere at 64³ took {ball['samples']:,} samples for {ball['cells']:,} cells; the largest gap between",
-        f"neighbours is {ball['largest_gap']:.2f} cells. Two rings of {hit['triangles']:,} triangles share"
+        f"A parametric sphere at 64³ took {ball['samples']:,} samples for {ball['cells']:,} cells; the largest gap",
+        f"between neighbours is {ball['largest_gap']:.2f} cells. Two rings of {hit['triangles']:,} triangles share"
         f" {hit['shared']:,} voxels, found in {hit['ms']['median']:.1f} ms.",
         "",
-        f"Transparent pictures of {record['study']['picture']}² pixels: {pictures} (published: 100 ms for a brain mesh in a",
-        "128³ volume).",
+        f"Transparent pictures of {record['study']['picture']}² pixels: {pictures} (published: 100 ms for a brain mesh",
+        "in a 128³ volume).",
     ]
