@@ -81,6 +81,19 @@ def test_duplicate_faces(method: str) -> None:
 
 
 @pytest.mark.parametrize("method", METHODS)
+def test_two_sided_models_and_flaps(method: str) -> None:
+    """Every face both ways round does not cancel to nothing; a two-sided flap inside changes nothing."""
+    vertices, faces = icosphere(2)
+    grid = ball_grid(24)
+    whole, _ = voxelize_solid(vertices, faces, grid)
+    solid, report = voxelize_solid(vertices, torch.cat([faces, faces.flip(1)]), grid, SolidOptions(method=method))
+    assert solid.equals(whole) and report.duplicates == len(faces)
+    flap = torch.tensor([[0, 3, 8], [8, 3, 0]])
+    solid, report = voxelize_solid(vertices, torch.cat([faces, flap]), grid, SolidOptions(method=method))
+    assert solid.equals(whole) and report.closed and report.duplicates == 0
+
+
+@pytest.mark.parametrize("method", METHODS)
 def test_inverted_orientation(method: str) -> None:
     vertices, faces = icosphere(2)
     grid = ball_grid(24)

@@ -183,7 +183,7 @@ def render_volume(layers: Sequence[VolumeLayer], cameras: Cameras, *, step: floa
 
     Args:
         layers: at least one.
-        step: length between samples, scene units; None: half the shortest edge of a cell.
+        step: length between samples, scene units; None: the shortest edge of a cell, half of that where cells are cubes.
 
     Raises:
         InputError: no layers.
@@ -191,7 +191,8 @@ def render_volume(layers: Sequence[VolumeLayer], cameras: Cameras, *, step: floa
     """
     if not layers:
         raise InputError("layers must not be empty")
-    length = 0.5 * min(layer.reference for layer in layers) if step is None else step
+    shortest = min(layer.reference * (1.0 if layer.smooth else 0.5) for layer in layers)
+    length = shortest if step is None else step
     check_range("step", length, 1e-12)
     origins, toward = cameras.rays()
     toward = torch.nn.functional.normalize(toward, dim=-1)

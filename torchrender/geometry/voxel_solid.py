@@ -20,6 +20,7 @@ from torchrender.geometry.voxelize import SurfaceOptions, checked_mesh, voxelize
 from torchrender.kernels import voxel_columns as columns
 from torchrender.kernels.compile import thread_count
 from torchrender.kernels.voxel_bits import spread_across, spread_planes
+from torchrender.scene.smooth import weld
 
 METHODS = ("winding", "parity", "vote", "toggle")
 AXES = ("x", "y", "z")
@@ -141,6 +142,11 @@ def _solid(points: np.ndarray, faces: np.ndarray, grid: VoxelGrid, options: Soli
     snapped = _snapped(points, grid, options.subbits)
     kept, closed = _sound_faces(snapped, faces, options.method == "parity")
     fills = {axis: _fill(snapped, kept, grid, axis, options) for axis in axes}
+    if closed and any(f.crossed for f in fills.values()) and not any(bool(f.words.any()) for f in fills.values()):
+        # A model whose every face is there both ways round cancels itself.
+        single = _without_doubles(snapped, kept)
+        if len(single) < len(kept) and _closed(snapped, single, options.method == "parity"):
+            kept, fills = single, {axis: _fill(snapped, single, grid, axis, options) for axis in axes}
     unknown = 0
     words = fills[axes[0]].words
     if options.method == "vote":
@@ -154,14 +160,13 @@ def _solid(points: np.ndarray, faces: np.ndarray, grid: VoxelGrid, options: Soli
 def _sound_faces(snapped: np.ndarray, faces: np.ndarray, parity: bool) -> tuple[np.ndarray, bool]:
     """The faces, without doubled ones where those are in the way, and whether they are closed.
 
-    Doubled faces cancel in parity. In winding numbers they leave edges over, so that most meshes need no search.
+    Equal faces cancel in parity. In winding numbers they leave edges over, so that most meshes need no search.
     """
-    kept = _without_doubles(snapped, faces) if parity else faces
-    closed = _closed(snapped, kept, parity)
-    if parity or closed:
-        return kept, closed
+    kept = _without_doubles(snapped, faces, turned=False) if parity else faces
+    if _closed(snapped, kept, parity):
+        return kept, True
     single = _without_doubles(snapped, faces)
-    if len(single) < len(faces) and _closed(snapped, single, parity):
+    if len(single) < len(kept) and _closed(snapped, single, parity):
         return single, True
     return kept, False
 
@@ -208,12 +213,14 @@ def _faulty(fill: _Fill) -> int:
     return int((fill.faults > 0).sum())
 
 
-def _without_doubles(snapped: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Each set of three corner positions once; the first face of it stays. Orientation does not count."""
-    from torchrender.scene.smooth import weld
-
+def _without_doubles(snapped: np.ndarray, faces: np.ndarray, turned: bool = True) -> np.ndarray:
+    """Each set of three corner positions once; the first face of it stays. ``turned``: also faces the other way round."""
     _, at = weld(snapped)
+    a, b, c = at[faces].T
     corners = np.sort(at[faces], axis=1)
+    if not turned:
+        handed = ((a > b) ^ (a > c) ^ (b > c)).astype(corners.dtype)
+        corners = np.concatenate([corners, handed[:, None]], axis=1)
     order = np.lexsort(corners.T[::-1])
     ordered = corners[order]
     repeated = np.zeros(len(faces), np.bool_)

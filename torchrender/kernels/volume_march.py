@@ -66,13 +66,53 @@ def sample_smooth(cells, first, dims, x, y, z, scale, tables, sample):
 
 
 @kernel(inline=True)
-def brick_at(dims, x, y, z):
-    """Number of the block that holds a point, in cells."""
-    across, down = (dims[0] + BRICK - 1) // BRICK, (dims[1] + BRICK - 1) // BRICK
+def brick_exit(at, direction, dims, block):
+    """Ray length, in cells of each axis, from a point (x, y, z) to where its block of cells ends."""
+    reach = np.inf
+    for c in range(3):
+        if direction[c] != 0.0:
+            side = (block[c] + 1) * BRICK if direction[c] > 0.0 else block[c] * BRICK
+            if side >= dims[c] or side <= 0:
+                continue  # the layer ends here, not only the block
+            reach = min(reach, (side - at[c]) / direction[c])
+    return reach
+
+
+@kernel(inline=True)
+def add_layer(n, ray, begin, end, layers, sources, tables, sample):
+    """Add what layer ``n`` holds between two ray lengths to ``sample``; returns the length before which it is empty."""
+    low, _, per_unit, reference, counts, firsts, smooth = layers
+    o, d, spans = ray
+    cells, bricks = sources
+    first, last = max(begin, spans[n, 0]), min(end, spans[n, 1])
+    if last <= first:
+        return spans[n, 0] if spans[n, 0] >= end else np.inf
+    t = 0.5 * (first + last)
+    x = (o[0] + t * d[0] - low[n, 0]) * per_unit[n, 0]
+    y = (o[1] + t * d[1] - low[n, 1]) * per_unit[n, 1]
+    z = (o[2] + t * d[2] - low[n, 2]) * per_unit[n, 2]
+    dims = counts[n]
     i = min(max(np.int64(x), 0), dims[0] - 1) // BRICK
     j = min(max(np.int64(y), 0), dims[1] - 1) // BRICK
     k = min(max(np.int64(z), 0), dims[2] - 1) // BRICK
-    return (k * down + j) * across + i
+    across, down = (dims[0] + BRICK - 1) // BRICK, (dims[1] + BRICK - 1) // BRICK
+    if bricks[firsts[n, 1] + (k * down + j) * across + i] == 0:
+        speed = (d[0] * per_unit[n, 0], d[1] * per_unit[n, 1], d[2] * per_unit[n, 2])
+        return min(t + brick_exit((x, y, z), speed, dims, (i, j, k)), spans[n, 1])
+    scale = (last - first) / reference[n]
+    if smooth[n]:
+        sample_smooth(cells, firsts[n, 0], dims, x, y, z, scale, tables, sample)
+    else:
+        sample_nearest(cells, firsts[n, 0], dims, x, y, z, scale, tables, sample)
+    return end
+
+
+@kernel(inline=True)
+def borrowed_all(layers):
+    """The arrays of the layers without their reference counts."""
+    low, high, per_unit, reference, counts, firsts, smooth = layers
+    places = borrowed(low), borrowed(high), borrowed(per_unit), borrowed(reference)
+    return (*places, borrowed(counts), borrowed(firsts), borrowed(smooth))
 
 
 @kernel(parallel=True)
@@ -89,18 +129,20 @@ def march(origins, directions, layers, cells, bricks, tables, step, image):
         step: length between samples; shortened so that whole steps fill a ray's way through the layers.
         image: (N,4) float32 colour times coverage, and coverage; written.
     """
-    low, high, per_unit, reference, counts, firsts, smooth = layers
-    number = len(low)
+    number = len(layers[0])
     chunks = (len(origins) + ROW - 1) // ROW
     scratch = np.zeros((chunks, number + 2, 2))
     for chunk in prange(chunks):
         spans, sample = borrowed(scratch[chunk, :number]), borrowed(scratch[chunk, number:].reshape(4))
+        views, sources = borrowed_all(layers), (borrowed(cells), borrowed(bricks))
+        lookup = borrowed(tables[0]), borrowed(tables[1])
+        starts, towards = borrowed(origins), borrowed(directions)
         rays = span(chunk, ROW, len(origins))
         for ray in range(rays[0], rays[1]):
-            o, d = origins[ray], directions[ray]
+            way = starts[ray], towards[ray], spans
             begin, end = np.inf, -np.inf
             for n in range(number):
-                spans[n, 0], spans[n, 1] = box_span(o, d, low[n], high[n])
+                spans[n, 0], spans[n, 1] = box_span(way[0], way[1], views[0][n], views[1][n])
                 if spans[n, 1] > spans[n, 0]:
                     begin, end = min(begin, spans[n, 0]), max(end, spans[n, 1])
             if not end > begin:
@@ -108,26 +150,18 @@ def march(origins, directions, layers, cells, bricks, tables, step, image):
             steps = np.int64(np.ceil((end - begin) / step - 1e-9))
             length = (end - begin) / steps
             red, green, blue, clear = 0.0, 0.0, 0.0, 1.0
-            for s in range(steps):
+            s = np.int64(0)
+            while s < steps:
                 sample[0], sample[1], sample[2], sample[3] = 0.0, 0.0, 0.0, 0.0
+                here, free = begin + s * length, np.inf
                 for n in range(number):
-                    first = max(begin + s * length, spans[n, 0])
-                    last = min(begin + (s + 1) * length, spans[n, 1])
-                    if last <= first:
-                        continue
-                    t = 0.5 * (first + last)
-                    x = (o[0] + t * d[0] - low[n, 0]) * per_unit[n, 0]
-                    y = (o[1] + t * d[1] - low[n, 1]) * per_unit[n, 1]
-                    z = (o[2] + t * d[2] - low[n, 2]) * per_unit[n, 2]
-                    if bricks[firsts[n, 1] + brick_at(counts[n], x, y, z)] == 0:
-                        continue
-                    scale = (last - first) / reference[n]
-                    if smooth[n]:
-                        sample_smooth(cells, firsts[n, 0], counts[n], x, y, z, scale, tables, sample)
-                    else:
-                        sample_nearest(cells, firsts[n, 0], counts[n], x, y, z, scale, tables, sample)
+                    free = min(free, add_layer(n, way, here, here + length, views, sources, lookup, sample))
                 if sample[3] <= 0.0:
+                    if free == np.inf:
+                        break
+                    s = max(s + 1, np.int64((free - begin) / length))
                     continue
+                s += 1
                 alpha = 1.0 - np.exp(-sample[3])
                 weight = clear * alpha / sample[3]
                 red, green, blue = red + weight * sample[0], green + weight * sample[1], blue + weight * sample[2]

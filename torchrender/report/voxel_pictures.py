@@ -11,8 +11,16 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchrender.effects.voxel_volume import VolumeLayer, density_layer, over_background, render_volume, surface_layer
+from torchrender.effects.voxel_volume import (
+    VolumeLayer,
+    density_layer,
+    over_background,
+    render_volume,
+    surface_layer,
+    voxel_layer,
+)
 from torchrender.geometry.voxel_attributes import voxelize_scene
+from torchrender.geometry.voxel_collision import CollisionOptions, collide
 from torchrender.geometry.voxel_functions import voxelize_implicit
 from torchrender.geometry.voxel_grid import VoxelGrid, Voxels, make_grid
 from torchrender.geometry.voxel_mesh import voxel_mesh
@@ -24,7 +32,7 @@ from torchrender.report.gallery import sheet
 from torchrender.scene import shapes
 from torchrender.scene.camera import Cameras
 from torchrender.scene.load import load
-from torchrender.scene.mesh import Mesh
+from torchrender.scene.mesh import Mesh, concatenate
 from torchrender.scene.model import Scene
 
 BACKGROUND = (0.09, 0.1, 0.12)
@@ -33,8 +41,8 @@ TISSUE = (  # value, colour, opacity over 1.5 mm
     (500.0, (0.85, 0.50, 0.38), 0.0),
     (900.0, (0.85, 0.50, 0.38), 0.018),
     (1250.0, (0.85, 0.50, 0.38), 0.018),
-    (1500.0, (1.0, 0.95, 0.85), 0.12),
-    (2600.0, (1.0, 0.98, 0.92), 0.5),
+    (1500.0, (1.0, 0.95, 0.85), 0.05),
+    (2600.0, (1.0, 0.98, 0.92), 0.2),
 )
 
 
@@ -64,11 +72,15 @@ def draw_pictures(folder: Path, size: int) -> dict[str, Any]:
             [surface_layer(surface, 0.12)], _around(scene.bounds, (0.9, 0.5, 1.2), size)
         )
         tiles.append(("The same, transparent", _flat(image)))
-    tiles.append(("Box less ball less cylinders, 128 cells", _cubes(_carved(128), (0.9, 0.7, 1.1), size)))
+    tiles.append(("Box and ball less three cylinders, 128 cells", _cubes(_carved(128), (0.9, 0.7, 1.1), size)))
     grid = VoxelGrid(torch.full((1, 3), -2.5), torch.tensor([5 / 96]), (96, 96, 96))
     tiles.append(
         ("Implicit surface, 96 cells", _cubes(voxel_mesh(voxelize_implicit(tangle, grid)), (0.8, 0.6, 1.2), size))
     )
+    tiles.append(("Voxels that two rings share, red", _shared(size)))
+    dragon = data / "meshes" / "stanford_dragon_res2.ply"
+    if dragon.is_file():
+        tiles.append(("Solid dragon cut open, 192 cells", _cut(load(dragon), 192, size)))
     ct = data / "volumes" / "head_ct_64x64x93.npy"
     if ct.is_file():
         head = density_layer(torch.from_numpy(np.load(ct).astype(np.float32)), TISSUE, spacing=CT_SPACING)
@@ -120,6 +132,36 @@ def _carved(cells: int) -> Mesh:
     for turn in range(3):
         body = body - solid(shapes.cylinder(0.62, 3.0, 96), turn)
     return voxel_mesh(body)
+
+
+def _cut(scene: Scene, cells: int, size: int) -> Tensor:
+    """The far half of a solid; the cut shows that it is filled."""
+    grid = make_grid(scene.bounds[None], cells)
+    solid, _ = voxelize_solid(scene.geometry.vertices[None], scene.geometry.faces, grid, SolidOptions(warn=False))
+    dense = solid.dense()
+    dense[:, dense.shape[1] // 2 :] = False
+    half = Voxels.from_dense(dense, grid)
+    low, high = scene.bounds[:, 2]
+    depth = ((half.cells()[:, 2:] + 0.5) * grid.cell[0] + grid.origin[0, 2] - low) / (high - low)
+    color = torch.where(depth > 0.47, torch.tensor([0.75, 0.25, 0.12]), torch.tensor([0.35, 0.5, 0.4]))
+    return _cubes(voxel_mesh(half, color.float()), (0.35, 0.35, 1.4), size)
+
+
+def _shared(size: int) -> Tensor:
+    """Two linked rings, transparent, and the voxels that both hold."""
+    ring = concatenate([shapes.torus(1.0, 0.3, 128)])
+    away = torch.eye(4, dtype=torch.float64)
+    away[:3, :3] = torch.tensor([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+    away[0, 3] = 0.5
+    found = collide(ring, ring, CollisionOptions(resolution=96), world_from_second=away)
+    layers = [] if found.shared is None else [voxel_layer(found.shared, (0.9, 0.04, 0.02), 0.6)]
+    both = [ring.vertices, ring.vertices @ away[:3, :3].T + away[:3, 3]]
+    for vertices, color in zip(both, ((0.3, 0.5, 0.9), (0.9, 0.75, 0.3)), strict=True):
+        scene = Scene(meshes=(Mesh(vertices=vertices, faces=ring.faces.long()),))
+        surface = voxelize_scene(scene, make_grid(scene.bounds[None], 128))
+        layers.append(surface_layer(surface, 0.08, color=color))
+    box = torch.stack([torch.cat(both).amin(0), torch.cat(both).amax(0)])
+    return _flat(render_volume(layers, _around(box, (0.6, 0.7, 1.3), size)))
 
 
 def _implant(box: Tensor) -> VolumeLayer:

@@ -311,7 +311,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--quick", action="store_true", help="small models and grids: checks that it works")
     parser.add_argument("-o", "--output", type=Path, default=Path("docs/results"), help="folder to write into")
+    parser.add_argument("--pictures", action="store_true", help="draw voxels.jpg and measure nothing")
     given = parser.parse_args()
+    if given.pictures:
+        draw_pictures(given.output, 320)
+        return
     run(QUICK if given.quick else StudyOptions(), given.output)
 
 
