@@ -31,7 +31,7 @@ def add_voxelize(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--thin", action="store_true", help="surface sampled at cell columns: fewer cells, may leak")
     parser.add_argument(
         "--method",
-        choices=("winding", "parity", "vote"),
+        choices=("winding", "parity", "vote", "soup"),
         help="how the inside is found (default winding, and vote where that leaks)",
     )
     parser.add_argument("--transparent", action="store_true", help="picture: voxels let light through")

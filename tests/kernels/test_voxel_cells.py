@@ -9,11 +9,12 @@ from hypothesis import strategies as st
 
 from torchrender.geometry.voxel_grid import Voxels
 from torchrender.geometry.voxel_solid import flood
+from torchrender.geometry.voxel_soup import winding_numbers
 from torchrender.geometry.voxelize import SurfaceOptions, dominant_axes, voxelize_surface
 from torchrender.kernels import voxel_columns as columns
 from torchrender.kernels.voxel_bits import count_ones
 from torchrender.kernels.voxel_fragments import CORNERS, clipped
-from voxel_shapes import box_test, column_test, unit_grid
+from voxel_shapes import ball_grid, box_test, cell_indices, column_test, icosphere, unit_grid
 
 DIMS = (9, 7, 8)
 
@@ -133,6 +134,21 @@ def test_huge_triangles_keep_their_depth() -> None:
     events = np.zeros(16, np.int32)
     columns.store_crossings(snapped, faces, *where, hits, np.arange(16), events, np.zeros(1, np.int64))
     assert (events >> 2).tolist() == [4] * 16  # 1000 / 256 = 3.9: the first centre above is 4.5
+
+
+def test_winding_numbers_equal_the_sum_of_solid_angles() -> None:
+    """Against every triangle's angle on its own; dipoles are good to a hundredth."""
+    vertices, faces = icosphere(3)
+    grid, half = ball_grid(9, 1.6), faces[: len(faces) // 2]
+    found = winding_numbers(vertices[0].numpy(), half.numpy().astype(np.int32), grid)
+    centres = grid.centres(cell_indices(grid.dims))
+    a, b, c = (vertices[0][half[:, k]] - centres[..., None, :] for k in range(3))
+    la, lb, lc = (v.norm(dim=-1) for v in (a, b, c))
+    det = (a * torch.linalg.cross(b, c)).sum(-1)
+    angle = 2 * torch.atan2(det, la * lb * lc + (a * b).sum(-1) * lc + (b * c).sum(-1) * la + (c * a).sum(-1) * lb)
+    wanted = angle.sum(-1) / (4 * torch.pi)
+    assert float((found - wanted).abs().amax()) < 0.01
+    assert float(wanted.amax()) > 0.4
 
 
 def test_counting_bits() -> None:

@@ -183,7 +183,7 @@ def render_volume(layers: Sequence[VolumeLayer], cameras: Cameras, *, step: floa
 
     Args:
         layers: at least one.
-        step: length between samples, scene units; None: the shortest edge of a cell, half of that where cells are cubes.
+        step: length between samples, scene units; None: the shortest edge of a cell, half of that for cubes.
 
     Raises:
         InputError: no layers.

@@ -16,13 +16,14 @@ from torch import Tensor
 from torchrender.checks import check_choice, check_range
 from torchrender.errors import InputError
 from torchrender.geometry.voxel_grid import WORD, VoxelGrid, Voxels, empty_words, flat, row_mask
+from torchrender.geometry.voxel_soup import soup_words
 from torchrender.geometry.voxelize import SurfaceOptions, checked_mesh, voxelize_surface
 from torchrender.kernels import voxel_columns as columns
 from torchrender.kernels.compile import thread_count
 from torchrender.kernels.voxel_bits import spread_across, spread_planes
 from torchrender.scene.smooth import weld
 
-METHODS = ("winding", "parity", "vote", "toggle")
+METHODS = ("winding", "parity", "vote", "soup", "toggle")
 AXES = ("x", "y", "z")
 FARTHEST = 1 << 30
 """Vertices must lie within this many snapped units of the grid's origin."""
@@ -38,7 +39,9 @@ class SolidOptions:
 
     ``winding``: winding number not zero; overlapping parts unite. ``parity``: odd number of crossings; nested shells
     are cavities, orientation does not matter. ``vote``: majority of three axes without the columns that leak, for
-    meshes with small holes. ``toggle``: the source's fill of surface voxels, which fails; kept for comparison.
+    meshes with small holes. ``soup``: the surface covers more than half of what the centre sees (generalised winding
+    number), for triangles that do not join; slow. ``toggle``: the source's fill of surface voxels, which fails; kept
+    for comparison.
 
     Raises:
         OptionError: a value outside its range.
@@ -116,6 +119,10 @@ def voxelize_solid(
 
 
 def _tell(report: SolidReport, options: SolidOptions) -> None:
+    if options.method == "soup":
+        text = "the mesh is not closed: cells are inside where it covers more than half of what they see"
+        warnings.warn(text, LeakWarning, stacklevel=3)
+        return
     doubtful = "decided by the other axes" if options.method == "vote" else 'wrong; method="vote" closes small holes'
     warnings.warn(
         f"the mesh is not closed: {100 * report.leaking_share:.2g} % of the columns of cells that it crosses leak"
@@ -137,10 +144,12 @@ def _snapped(points: np.ndarray, grid: VoxelGrid, subbits: int) -> np.ndarray:
 
 
 def _solid(points: np.ndarray, faces: np.ndarray, grid: VoxelGrid, options: SolidOptions) -> tuple[Tensor, SolidReport]:
-    """One grid by winding, parity or vote."""
+    """One grid by winding, parity, vote or soup."""
     axes = (0, 1, 2) if options.method == "vote" else (AXES.index(options.axis),)
     snapped = _snapped(points, grid, options.subbits)
     kept, closed = _sound_faces(snapped, faces, options.method == "parity")
+    if options.method == "soup":
+        return soup_words(points, kept, grid), SolidReport(closed=closed, duplicates=len(faces) - len(kept))
     fills = {axis: _fill(snapped, kept, grid, axis, options) for axis in axes}
     if closed and any(f.crossed for f in fills.values()) and not any(bool(f.words.any()) for f in fills.values()):
         # A model whose every face is there both ways round cancels itself.
@@ -214,7 +223,7 @@ def _faulty(fill: _Fill) -> int:
 
 
 def _without_doubles(snapped: np.ndarray, faces: np.ndarray, turned: bool = True) -> np.ndarray:
-    """Each set of three corner positions once; the first face of it stays. ``turned``: also faces the other way round."""
+    """Each set of three corner positions once; the first face stays. ``turned``: also faces the other way round."""
     _, at = weld(snapped)
     a, b, c = at[faces].T
     corners = np.sort(at[faces], axis=1)
