@@ -14,9 +14,18 @@ if TYPE_CHECKING:
     from torchrender.depth.sample import sample_depth_images, sample_offset_images
     from torchrender.effects.shadow_map import ShadowOptions
     from torchrender.effects.soft_shadow import SoftShadowOptions, soft_shadow
+    from torchrender.effects.voxel_volume import render_volume
     from torchrender.errors import TorchRenderError
     from torchrender.geometry.light_occluders import OccluderOptions, approximate_occluders
     from torchrender.geometry.reconstruct import reconstruct_hybrid
+    from torchrender.geometry.voxel_attributes import voxelize_attributes, voxelize_scene
+    from torchrender.geometry.voxel_collision import CollisionOptions, collide
+    from torchrender.geometry.voxel_file import read_voxels, write_voxels
+    from torchrender.geometry.voxel_functions import voxelize_implicit, voxelize_parametric
+    from torchrender.geometry.voxel_grid import VoxelGrid, Voxels, make_grid
+    from torchrender.geometry.voxel_mesh import voxel_mesh
+    from torchrender.geometry.voxel_solid import SolidOptions, voxelize_solid
+    from torchrender.geometry.voxelize import SurfaceOptions, voxelize_surface
     from torchrender.image import Image
     from torchrender.raster import rasterize, rasterize_depth
     from torchrender.rays import RayCaster
@@ -36,6 +45,7 @@ __version__ = "0.1.0"
 
 __all__ = [
     "Cameras",
+    "CollisionOptions",
     "DepthImages",
     "DirectionalLight",
     "Environment",
@@ -54,25 +64,42 @@ __all__ = [
     "Scene",
     "ShadowOptions",
     "SoftShadowOptions",
+    "SolidOptions",
     "SpotLight",
+    "SurfaceOptions",
     "TorchRenderError",
     "VisibilityBuffer",
+    "VoxelGrid",
+    "Voxels",
     "__version__",
     "approximate_occluders",
+    "collide",
     "load",
+    "make_grid",
     "rasterize",
     "rasterize_depth",
+    "read_voxels",
     "reconstruct_hybrid",
     "render",
+    "render_volume",
     "reproject",
     "sample_depth_images",
     "sample_offset_images",
     "scene_info",
     "soft_shadow",
+    "voxel_mesh",
+    "voxelize_attributes",
+    "voxelize_implicit",
+    "voxelize_parametric",
+    "voxelize_scene",
+    "voxelize_solid",
+    "voxelize_surface",
+    "write_voxels",
 ]
 
 _HOME = {
     "Cameras": "torchrender.scene.camera",
+    "CollisionOptions": "torchrender.geometry.voxel_collision",
     "DepthImages": "torchrender.buffers",
     "DirectionalLight": "torchrender.scene.light",
     "Environment": "torchrender.scene.environment",
@@ -91,20 +118,36 @@ _HOME = {
     "Scene": "torchrender.scene.model",
     "ShadowOptions": "torchrender.effects.shadow_map",
     "SoftShadowOptions": "torchrender.effects.soft_shadow",
+    "SolidOptions": "torchrender.geometry.voxel_solid",
     "SpotLight": "torchrender.scene.light",
+    "SurfaceOptions": "torchrender.geometry.voxelize",
     "TorchRenderError": "torchrender.errors",
     "VisibilityBuffer": "torchrender.buffers",
+    "VoxelGrid": "torchrender.geometry.voxel_grid",
+    "Voxels": "torchrender.geometry.voxel_grid",
     "approximate_occluders": "torchrender.geometry.light_occluders",
+    "collide": "torchrender.geometry.voxel_collision",
     "load": "torchrender.scene.load",
+    "make_grid": "torchrender.geometry.voxel_grid",
     "rasterize": "torchrender.raster",
     "rasterize_depth": "torchrender.raster",
+    "read_voxels": "torchrender.geometry.voxel_file",
     "reconstruct_hybrid": "torchrender.geometry.reconstruct",
     "render": "torchrender.renderer",
+    "render_volume": "torchrender.effects.voxel_volume",
     "reproject": "torchrender.reprojection",
     "sample_depth_images": "torchrender.depth.sample",
     "sample_offset_images": "torchrender.depth.sample",
     "scene_info": "torchrender.scene.info",
     "soft_shadow": "torchrender.effects.soft_shadow",
+    "voxel_mesh": "torchrender.geometry.voxel_mesh",
+    "voxelize_attributes": "torchrender.geometry.voxel_attributes",
+    "voxelize_implicit": "torchrender.geometry.voxel_functions",
+    "voxelize_parametric": "torchrender.geometry.voxel_functions",
+    "voxelize_scene": "torchrender.geometry.voxel_attributes",
+    "voxelize_solid": "torchrender.geometry.voxel_solid",
+    "voxelize_surface": "torchrender.geometry.voxelize",
+    "write_voxels": "torchrender.geometry.voxel_file",
 }
 
 

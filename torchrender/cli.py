@@ -1,4 +1,4 @@
-"""The command ``torchrender``: render, info, depth, scenes.
+"""The command ``torchrender``: render, info, depth, voxelize, scenes.
 
 Everything heavy is imported inside functions, after the environment of the thread pools is set.
 """
@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from torchrender import __version__
 from torchrender.cli_output import check_output, progress
+from torchrender.cli_voxels import add_voxelize, run_voxelize, voxel_info
 from torchrender.errors import InputError, OptionError, TorchRenderError
 
 if TYPE_CHECKING:
@@ -32,7 +33,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = _parser().parse_args(argv)
     try:
         _set_up_threads(arguments.threads)
-        run = {"render": _render, "info": _info, "depth": _depth, "scenes": _scenes}[arguments.command]
+        commands = {"render": _render, "info": _info, "depth": _depth, "scenes": _scenes}
+        run = (commands | {"voxelize": _voxelize})[arguments.command]
         run(arguments)
     except TorchRenderError as error:
         print(f"torchrender: error: {error}", file=sys.stderr)
@@ -77,7 +79,7 @@ def _render(arguments: argparse.Namespace) -> None:
 def _info(arguments: argparse.Namespace) -> None:
     from torchrender.scene.info import scene_info
 
-    info = scene_info(_load(arguments))
+    info = voxel_info(arguments.scene) if arguments.scene.endswith(".npz") else scene_info(_load(arguments))
     if arguments.json:
         print(json.dumps(info, indent=2))
         return
@@ -112,6 +114,10 @@ def _depth(arguments: argparse.Namespace) -> None:
         kinds = sample_kinds(scene, cameras, images)
         for line in write_kinds(output, images, kinds):
             print(line)
+
+
+def _voxelize(arguments: argparse.Namespace) -> None:
+    run_voxelize(arguments, image_size(arguments.size))
 
 
 def _scenes(arguments: argparse.Namespace) -> None:
@@ -221,10 +227,11 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--threads", type=int, metavar="N", help="processor threads to use (default: all)")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     _add_render(commands.add_parser("render", help="render a scene to a PNG, EXR or NPZ file"))
-    info = commands.add_parser("info", help="show what a scene holds")
+    info = commands.add_parser("info", help="show what a scene or a voxel file holds")
     _add_scene(info)
     info.add_argument("--json", action="store_true", help="print JSON")
     _add_depth(commands.add_parser("depth", help="write depth images of a scene from several viewpoints"))
+    add_voxelize(commands.add_parser("voxelize", help="write a model as voxels, or a picture of them"))
     commands.add_parser("scenes", help="list the built-in scenes")
     return parser
 

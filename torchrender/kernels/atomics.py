@@ -37,6 +37,21 @@ def store_max(typingctx, array, index, value):  # noqa: ARG001
 
 
 @intrinsic
+def store_or(typingctx, array, index, value):  # noqa: ARG001
+    """``array[index] |= value``, atomically. The array is one-dimensional."""
+    signature = types.void(array, types.intp, array.dtype)
+
+    def generate(context, builder, sig, args):
+        values, position, bits = args
+        data = context.make_array(sig.args[0])(context, builder, values).data
+        pointer = cgutils.gep_inbounds(builder, data, position)
+        builder.atomic_rmw("or", pointer, bits, "monotonic")
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+@intrinsic
 def borrowed(typingctx, array):  # noqa: ARG001
     """The same array without its reference count, which two threads would fight over in hot loops.
 

@@ -14,7 +14,7 @@ import torch
 from torchrender import __version__
 from torchrender.kernels.compile import thread_count
 
-_PACKAGES = ("torch", "numpy", "numba", "embreex", "open3d", "moderngl")
+_PACKAGES = ("torch", "numpy", "numba", "embreex", "open3d", "moderngl", "trimesh", "pyvista")
 
 
 def machine_record() -> dict[str, object]:
