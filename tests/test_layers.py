@@ -38,6 +38,7 @@ ORDER = (
     "renderer",
     "report",
     "cli_output",
+    "cli_points",
     "cli",
     "service",
 )

@@ -14,8 +14,14 @@ if TYPE_CHECKING:
     from torchrender.depth.sample import sample_depth_images, sample_offset_images
     from torchrender.effects.shadow_map import ShadowOptions
     from torchrender.effects.soft_shadow import SoftShadowOptions, soft_shadow
+    from torchrender.effects.splat import render_points
+    from torchrender.effects.splat_options import SplatOptions
     from torchrender.errors import TorchRenderError
     from torchrender.geometry.light_occluders import OccluderOptions, approximate_occluders
+    from torchrender.geometry.point_cloud import PointCloud
+    from torchrender.geometry.point_file import open_points, write_points
+    from torchrender.geometry.point_load import load_points
+    from torchrender.geometry.point_tree import build_patches
     from torchrender.geometry.reconstruct import reconstruct_hybrid
     from torchrender.image import Image
     from torchrender.raster import rasterize, rasterize_depth
@@ -45,6 +51,7 @@ __all__ = [
     "Medium",
     "Mesh",
     "OccluderOptions",
+    "PointCloud",
     "PointLight",
     "RayCaster",
     "RectLight",
@@ -54,21 +61,27 @@ __all__ = [
     "Scene",
     "ShadowOptions",
     "SoftShadowOptions",
+    "SplatOptions",
     "SpotLight",
     "TorchRenderError",
     "VisibilityBuffer",
     "__version__",
     "approximate_occluders",
+    "build_patches",
     "load",
+    "load_points",
+    "open_points",
     "rasterize",
     "rasterize_depth",
     "reconstruct_hybrid",
     "render",
+    "render_points",
     "reproject",
     "sample_depth_images",
     "sample_offset_images",
     "scene_info",
     "soft_shadow",
+    "write_points",
 ]
 
 _HOME = {
@@ -82,6 +95,7 @@ _HOME = {
     "Medium": "torchrender.scene.medium",
     "Mesh": "torchrender.scene.mesh",
     "OccluderOptions": "torchrender.geometry.light_occluders",
+    "PointCloud": "torchrender.geometry.point_cloud",
     "PointLight": "torchrender.scene.light",
     "RayCaster": "torchrender.rays",
     "RectLight": "torchrender.scene.light",
@@ -91,20 +105,26 @@ _HOME = {
     "Scene": "torchrender.scene.model",
     "ShadowOptions": "torchrender.effects.shadow_map",
     "SoftShadowOptions": "torchrender.effects.soft_shadow",
+    "SplatOptions": "torchrender.effects.splat_options",
     "SpotLight": "torchrender.scene.light",
     "TorchRenderError": "torchrender.errors",
     "VisibilityBuffer": "torchrender.buffers",
     "approximate_occluders": "torchrender.geometry.light_occluders",
+    "build_patches": "torchrender.geometry.point_tree",
     "load": "torchrender.scene.load",
+    "load_points": "torchrender.geometry.point_load",
+    "open_points": "torchrender.geometry.point_file",
     "rasterize": "torchrender.raster",
     "rasterize_depth": "torchrender.raster",
     "reconstruct_hybrid": "torchrender.geometry.reconstruct",
     "render": "torchrender.renderer",
+    "render_points": "torchrender.effects.splat",
     "reproject": "torchrender.reprojection",
     "sample_depth_images": "torchrender.depth.sample",
     "sample_offset_images": "torchrender.depth.sample",
     "scene_info": "torchrender.scene.info",
     "soft_shadow": "torchrender.effects.soft_shadow",
+    "write_points": "torchrender.geometry.point_file",
 }
 
 

@@ -1,4 +1,4 @@
-"""The command ``torchrender``: render, info, depth, scenes.
+"""The command ``torchrender``: render, info, depth, points, scenes.
 
 Everything heavy is imported inside functions, after the environment of the thread pools is set.
 """
@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from torchrender import __version__
 from torchrender.cli_output import check_output, progress
+from torchrender.cli_points import add_points, point_info, run_points
 from torchrender.errors import InputError, OptionError, TorchRenderError
 
 if TYPE_CHECKING:
@@ -32,7 +33,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = _parser().parse_args(argv)
     try:
         _set_up_threads(arguments.threads)
-        run = {"render": _render, "info": _info, "depth": _depth, "scenes": _scenes}[arguments.command]
+        run = {"render": _render, "info": _info, "depth": _depth, "points": _points, "scenes": _scenes}[
+            arguments.command
+        ]
         run(arguments)
     except TorchRenderError as error:
         print(f"torchrender: error: {error}", file=sys.stderr)
@@ -77,7 +80,7 @@ def _render(arguments: argparse.Namespace) -> None:
 def _info(arguments: argparse.Namespace) -> None:
     from torchrender.scene.info import scene_info
 
-    info = scene_info(_load(arguments))
+    info = point_info(arguments.scene) or scene_info(_load(arguments))
     if arguments.json:
         print(json.dumps(info, indent=2))
         return
@@ -112,6 +115,12 @@ def _depth(arguments: argparse.Namespace) -> None:
         kinds = sample_kinds(scene, cameras, images)
         for line in write_kinds(output, images, kinds):
             print(line)
+
+
+def _points(arguments: argparse.Namespace) -> None:
+    background = numbers("--background", arguments.background, 3)
+    for line in run_points(arguments, image_size(arguments.size), background, _camera):
+        print(line)
 
 
 def _scenes(arguments: argparse.Namespace) -> None:
@@ -225,6 +234,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_scene(info)
     info.add_argument("--json", action="store_true", help="print JSON")
     _add_depth(commands.add_parser("depth", help="write depth images of a scene from several viewpoints"))
+    add_points(commands.add_parser("points", help="draw or compress a cloud of points"))
     commands.add_parser("scenes", help="list the built-in scenes")
     return parser
 

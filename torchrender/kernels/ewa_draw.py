@@ -1,0 +1,198 @@
+"""Records of points to pixels: sorted into tiles, then two passes in each tile, nearest depth and blending.
+
+Points keep their order within a tile whatever the number of threads: pictures are the same bit by bit.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import prange
+
+from torchrender.kernels.atomics import borrowed, fetch_add
+from torchrender.kernels.compile import kernel
+from torchrender.kernels.ewa import (
+    BLUE,
+    GREEN,
+    INVERSE_HIGH,
+    INVERSE_LOW,
+    INVERSE_Z,
+    LOW_PASS,
+    MODE,
+    RED,
+    SCALE,
+    SLOPE_X,
+    SLOPE_Y,
+    SQUARE,
+    TOLERANCE,
+    XX,
+    XY,
+    YY,
+    U,
+    V,
+)  # fmt: skip
+
+TILE = 32
+STEPS = 16  # positions within a pixel that have a low-pass stamp of their own, per axis
+
+
+@kernel()
+def scan_tiles(tiles, start):
+    """Turn the counts (chunks, tiles) into first places; ``start`` (tiles + 1,) first place of each tile."""
+    place = 0
+    for tile in range(tiles.shape[1]):
+        start[tile] = place
+        for chunk in range(tiles.shape[0]):
+            count = tiles[chunk, tile]
+            tiles[chunk, tile] = place
+            place += count
+    start[tiles.shape[1]] = place
+
+
+@kernel(parallel=True)
+def sort_points(boxes, runs, tiles, across, threads, entries):
+    """Write the number of every point into each tile that its box meets; ``runs`` (chunks, 2) of points."""
+    counter = np.zeros(1, np.int64)
+    for worker in prange(threads):
+        while True:
+            chunk = fetch_add(counter, 0, 1)
+            if chunk >= len(runs):
+                break
+            for point in range(runs[chunk, 0], runs[chunk, 1]):
+                x0, x1, y0, y1 = boxes[point, 0], boxes[point, 1], boxes[point, 2], boxes[point, 3]
+                if x0 > x1:
+                    continue
+                for ty in range(max(y0, 0) // TILE, y1 // TILE + 1):
+                    for tx in range(max(x0, 0) // TILE, x1 // TILE + 1):
+                        tile = ty * across + tx
+                        entries[tiles[chunk, tile]] = point
+                        tiles[chunk, tile] += 1
+
+
+@kernel(inline=True)
+def stamp_step(offset, reach):
+    """Which stamp: ``offset`` lies in (reach - 1, reach]."""
+    return min(max(int((reach - offset) * np.float32(STEPS)), 0), STEPS - 1)
+
+
+@kernel(inline=True)
+def weight_of(q, p):
+    """exp(-q / (2 kappa^2)) for 0 <= q <= 1 by its polynomial."""
+    return ((((((((p[8] * q + p[7]) * q + p[6]) * q + p[5]) * q + p[4]) * q + p[3]) * q + p[2]) * q + p[1]) * q) + p[0]
+
+
+@kernel(inline=True)
+def nearest_pass(record, box, left, top, reach, stamps, nearest):
+    """Greatest inverse depth per pixel of a tile."""
+    one = np.float32(1.0)
+    xa, xb = max(box[0], left), min(box[1], left + TILE - 1)
+    ya, yb = max(box[2], top), min(box[3], top + TILE - 1)
+    iz, mode = record[INVERSE_Z], record[MODE]
+    if mode == SQUARE:
+        for y in range(ya, yb + 1):
+            for x in range(xa, xb + 1):
+                nearest[y - top, x - left] = max(nearest[y - top, x - left], iz)
+    elif mode == LOW_PASS:
+        stamp = stamps[stamp_step(record[V], reach), stamp_step(record[U], reach)]
+        for y in range(ya, yb + 1):
+            for x in range(xa, xb + 1):
+                if stamp[y - box[2], x - box[0]] > 0 and iz > nearest[y - top, x - left]:
+                    nearest[y - top, x - left] = iz
+    else:
+        a, b, c = record[XX], record[XY], record[YY]
+        low, high = record[INVERSE_LOW], record[INVERSE_HIGH]
+        gx, gy = record[SLOPE_X], record[SLOPE_Y]
+        for y in range(ya, yb + 1):
+            dy = np.float32(y - box[2]) - record[V]
+            for x in range(xa, xb + 1):
+                dx = np.float32(x - box[0]) - record[U]
+                q = (a * dx + b * dy) * dx + c * dy * dy
+                at = min(max(iz + gx * dx + gy * dy, low), high)
+                if q <= one and at > nearest[y - top, x - left]:
+                    nearest[y - top, x - left] = at
+
+
+@kernel(inline=True)
+def blend_pass(record, box, left, top, reach, stamps, polynomial, nearest, sums):
+    """Add weight and weighted colour and depth where the point lies within its tolerance of the nearest surface."""
+    one = np.float32(1.0)
+    xa, xb = max(box[0], left), min(box[1], left + TILE - 1)
+    ya, yb = max(box[2], top), min(box[3], top + TILE - 1)
+    iz, mode, tolerance, scale = record[INVERSE_Z], record[MODE], record[TOLERANCE], record[SCALE]
+    red, green, blue = record[RED], record[GREEN], record[BLUE]
+    evaluated = 0
+    if mode == SQUARE or mode == LOW_PASS:
+        depth = one / iz
+        stamp = stamps[stamp_step(record[V], reach), stamp_step(record[U], reach)]
+        for y in range(ya, yb + 1):
+            for x in range(xa, xb + 1):
+                w = scale if mode == SQUARE else scale * stamp[y - box[2], x - box[0]]
+                front = nearest[y - top, x - left]
+                if w > 0 and iz * (one + tolerance * front) >= front:
+                    cell = sums[y - top, x - left]
+                    cell[0] += w * red
+                    cell[1] += w * green
+                    cell[2] += w * blue
+                    cell[3] += w
+                    cell[4] += w * depth
+    else:
+        a, b, c = record[XX], record[XY], record[YY]
+        low, high = record[INVERSE_LOW], record[INVERSE_HIGH]
+        gx, gy = record[SLOPE_X], record[SLOPE_Y]
+        for y in range(ya, yb + 1):
+            dy = np.float32(y - box[2]) - record[V]
+            for x in range(xa, xb + 1):
+                dx = np.float32(x - box[0]) - record[U]
+                q = (a * dx + b * dy) * dx + c * dy * dy
+                at = min(max(iz + gx * dx + gy * dy, low), high)
+                front = nearest[y - top, x - left]
+                if q <= one and at * (one + tolerance * front) >= front:
+                    w = scale * weight_of(max(q, np.float32(0.0)), polynomial)
+                    cell = sums[y - top, x - left]
+                    cell[0] += w * red
+                    cell[1] += w * green
+                    cell[2] += w * blue
+                    cell[3] += w
+                    cell[4] += w / at
+                    evaluated += 1
+    return evaluated
+
+
+@kernel(parallel=True)
+def draw_tiles(
+    records, boxes, entries, start, across, reach, stamps, polynomial, background, threads, image, depth, weight,
+    evaluations,
+):  # fmt: skip
+    """Both passes and the normalisation of every tile. ``evaluations`` (tiles,): kernel weights that were computed."""
+    height, width = weight.shape
+    counter = np.zeros(1, np.int64)
+    for worker in prange(threads):
+        nearest = np.zeros((TILE, TILE), np.float32)
+        sums = np.zeros((TILE, TILE, 8), np.float32)
+        z, s, r, b, t = borrowed(nearest), borrowed(sums), borrowed(records), borrowed(boxes), borrowed(stamps)
+        p = borrowed(polynomial)
+        while True:
+            tile = fetch_add(counter, 0, 1)
+            if tile >= len(start) - 1:
+                break
+            top, left = (tile // across) * TILE, (tile % across) * TILE
+            nearest[:] = 0
+            sums[:] = 0
+            for entry in range(start[tile], start[tile + 1]):
+                point = entries[entry]
+                nearest_pass(r[point], b[point], left, top, reach, t, z)
+            evaluated = 0
+            for entry in range(start[tile], start[tile + 1]):
+                point = entries[entry]
+                evaluated += blend_pass(r[point], b[point], left, top, reach, t, p, z, s)
+            evaluations[tile] = evaluated
+            for y in range(top, min(top + TILE, height)):
+                for x in range(left, min(left + TILE, width)):
+                    cell = sums[y - top, x - left]
+                    w = cell[3]
+                    weight[y, x] = w
+                    if w > 0:
+                        image[y, x, 0], image[y, x, 1], image[y, x, 2] = cell[0] / w, cell[1] / w, cell[2] / w
+                        depth[y, x] = cell[4] / w
+                    else:
+                        image[y, x, 0], image[y, x, 1], image[y, x, 2] = background[0], background[1], background[2]
+                        depth[y, x] = np.inf
