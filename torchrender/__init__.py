@@ -15,12 +15,12 @@ if TYPE_CHECKING:
     from torchrender.effects.shadow_map import ShadowOptions
     from torchrender.effects.soft_shadow import SoftShadowOptions, soft_shadow
     from torchrender.effects.splat import render_points
-    from torchrender.effects.splat_options import SplatOptions
     from torchrender.errors import TorchRenderError
     from torchrender.geometry.light_occluders import OccluderOptions, approximate_occluders
     from torchrender.geometry.point_cloud import PointCloud
     from torchrender.geometry.point_file import open_points, write_points
     from torchrender.geometry.point_load import load_points
+    from torchrender.geometry.point_options import SplatOptions
     from torchrender.geometry.point_tree import build_patches
     from torchrender.geometry.reconstruct import reconstruct_hybrid
     from torchrender.image import Image
@@ -105,7 +105,7 @@ _HOME = {
     "Scene": "torchrender.scene.model",
     "ShadowOptions": "torchrender.effects.shadow_map",
     "SoftShadowOptions": "torchrender.effects.soft_shadow",
-    "SplatOptions": "torchrender.effects.splat_options",
+    "SplatOptions": "torchrender.geometry.point_options",
     "SpotLight": "torchrender.scene.light",
     "TorchRenderError": "torchrender.errors",
     "VisibilityBuffer": "torchrender.buffers",

@@ -54,7 +54,7 @@ def run_points(
         yield f"{output}  {patches.point_count:,} points  {written:,} bytes  {share:.1f} a point, tree included"
         return
     from torchrender.effects.splat import render_points
-    from torchrender.effects.splat_options import SplatOptions
+    from torchrender.geometry.point_options import SplatOptions
     from torchrender.geometry.point_select import SelectionOptions
     from torchrender.image_io import write_image
 

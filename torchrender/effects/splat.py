@@ -14,20 +14,15 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchrender.effects.splat_options import (
-    PointImage,
-    SplatOptions,
-    SplatStatistics,
-    kernel_polynomial,
-    low_pass_stamps,
-)
 from torchrender.errors import CameraError
 from torchrender.geometry.point_cloud import PointCloud
+from torchrender.geometry.point_options import PointImage, SplatOptions, SplatStatistics
 from torchrender.geometry.point_select import Selection, select_patches
 from torchrender.geometry.point_tree import NodeBatch, PatchSet, build_patches
 from torchrender.kernels import ewa
 from torchrender.kernels.compile import thread_count
 from torchrender.kernels.ewa_draw import STEPS, TILE, draw_tiles, scan_tiles, sort_points
+from torchrender.numerics.ewa import kernel_polynomial, low_pass_stamps
 from torchrender.scene.camera import Cameras
 
 CHUNKS = 64
@@ -82,7 +77,7 @@ class _Records:
     """Projected points."""
 
     records: np.ndarray  # (M,16) float32
-    boxes: np.ndarray  # (M,4) int16
+    boxes: np.ndarray  # (M,5) int16
     tiles: np.ndarray  # (N,T) int64 entries per chunk and tile, then places
     counts: np.ndarray  # (N,COUNTS) int64
 
@@ -185,7 +180,7 @@ def _project(
     total = int(work.first[-1])
     made = _Records(
         records=np.empty((total, ewa.RECORD), np.float32),
-        boxes=np.empty((total, 4), np.int16),
+        boxes=np.empty((total, ewa.BOX), np.int16),
         tiles=np.zeros((len(work.chunks), across * down), np.int64),
         counts=np.zeros((len(work.chunks), ewa.COUNTS), np.int64),
     )

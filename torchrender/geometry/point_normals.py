@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 Array = np.ndarray[Any, Any]
 
 CHUNK = 1 << 17  # points whose neighbours are in memory at a time
+OPEN = 0.1  # share of its area that the normals of a closed surface may add up to
 SURE = 0.9  # share of the edges of the tree whose ends have to agree well, for a side to be called known
 
 
@@ -85,17 +86,19 @@ def _orient(position: Array, normal: Array, near: Array) -> tuple[Array, bool]:
         for k, agrees in zip(order[1:], same >= 0, strict=True):
             sign[k] = sign[before[k]] if agrees else -sign[before[k]]
     turned = normal * sign[:, None]
-    edges = np.abs(np.einsum("ij,ij->i", turned[rows], turned[columns]))
-    return turned, bool((edges > 0.5).mean() > SURE) and _faces_outwards(position, turned)
+    agree = np.abs(np.einsum("ij,ij->i", turned[rows], turned[columns])) > 0.5
+    return turned, bool(agree.mean() > SURE) and _closed(position, turned, near[:, links - 1])
 
 
-def _faces_outwards(position: Array, normal: Array) -> bool:
-    """Most of the outer points (a tenth, by distance from the centre) have normals that point away from the centre.
+def _closed(position: Array, normal: Array, neighbour: Array) -> bool:
+    """Whether the points bound a body and their normals point out of it.
 
-    A scan of a room, or of one side of a thing, has no outside that its own points could tell.
+    The normals of a closed surface, weighted by area, add up to nothing; those of a scan of one side of things, or of a
+    part of a room, do not. ``neighbour`` (P,): one at some distance, which tells the area that a point stands for.
     """
+    distance = np.linalg.norm(position - position[neighbour], axis=1)
+    area = distance**2
+    flux = np.linalg.norm((area[:, None] * normal).sum(axis=0)) / max(area.sum(), np.finfo(float).tiny)
     offset = position - position.mean(axis=0)
-    distance = np.linalg.norm(offset, axis=1)
-    outer = distance >= np.quantile(distance, 0.9)
-    side = np.einsum("ij,ij->i", offset[outer], normal[outer]) / np.maximum(distance[outer], np.finfo(float).tiny)
-    return bool((side > 0.0).mean() > SURE)
+    volume = (area * np.einsum("ij,ij->i", offset, normal)).sum()
+    return bool(flux < OPEN and volume > 0)

@@ -219,7 +219,10 @@ def _cut(
 
 
 def level_starts(count: np.ndarray) -> np.ndarray:
-    """(N,L+1) int64 first node of each level of patches of ``count`` (N,) points; a patch of n points has levels of 1, 2, 4 ... nodes and one of n."""
+    """(N,L+1) int64 first node of each level of patches of ``count`` (N,) points.
+
+    A patch of n points has levels of 1, 2, 4 ... nodes and one of n.
+    """
     depth = np.array([levels_of(n) for n in count.tolist()])
     level = np.arange(int(depth.max()))
     width = np.where(level == depth[:, None] - 1, count[:, None], 1 << level)

@@ -19,8 +19,9 @@ FULL, RECONSTRUCTION, LOW_PASS, SQUARE, EACH_POINT = 0, 1, 2, 3, 4
 
 # Places in a record.
 U, V, INVERSE_Z, SLOPE_X, SLOPE_Y, INVERSE_LOW, INVERSE_HIGH = 0, 1, 2, 3, 4, 5, 6
-XX, XY, YY, SCALE, TOLERANCE, RED, GREEN, BLUE, MODE = 7, 8, 9, 10, 11, 12, 13, 14, 15
+XX, XY, YY, SCALE, TOLERANCE, RED, GREEN, BLUE = 7, 8, 9, 10, 11, 12, 13, 14
 RECORD = 16
+BOX = 5  # first and last column, first and last row, filter
 
 # What is counted.
 BEHIND, BACK, OUTSIDE, DEGENERATE, LARGE, CAPPED, MODES = 0, 1, 2, 3, 4, 5, 6
@@ -172,7 +173,7 @@ def project_point(ox, oy, oz, n, r, mode, k, near, size, filters, choice, record
         return False
     # Relative to its box, float32 places a point well anywhere in a large image.
     record[U], record[V] = u - 0.5 - box[0], v - 0.5 - box[2]
-    record[MODE] = mode
+    box[4] = mode
     count[MODES + mode] += 1
     return True
 

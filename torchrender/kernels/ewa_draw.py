@@ -17,7 +17,6 @@ from torchrender.kernels.ewa import (
     INVERSE_LOW,
     INVERSE_Z,
     LOW_PASS,
-    MODE,
     RED,
     SCALE,
     SLOPE_X,
@@ -82,11 +81,14 @@ def weight_of(q, p):
 
 @kernel(inline=True)
 def nearest_pass(record, box, left, top, reach, stamps, nearest):
-    """Greatest inverse depth per pixel of a tile."""
-    one = np.float32(1.0)
+    """Greatest inverse depth per pixel of a tile.
+
+    Which pixels a point covers cannot be guessed: selecting values is several times as fast as branching.
+    """
+    one, none = np.float32(1.0), np.float32(0.0)
     xa, xb = max(box[0], left), min(box[1], left + TILE - 1)
     ya, yb = max(box[2], top), min(box[3], top + TILE - 1)
-    iz, mode = record[INVERSE_Z], record[MODE]
+    iz, mode = record[INVERSE_Z], box[4]
     if mode == SQUARE:
         for y in range(ya, yb + 1):
             for x in range(xa, xb + 1):
@@ -95,65 +97,73 @@ def nearest_pass(record, box, left, top, reach, stamps, nearest):
         stamp = stamps[stamp_step(record[V], reach), stamp_step(record[U], reach)]
         for y in range(ya, yb + 1):
             for x in range(xa, xb + 1):
-                if stamp[y - box[2], x - box[0]] > 0 and iz > nearest[y - top, x - left]:
-                    nearest[y - top, x - left] = iz
+                at = iz if stamp[y - box[2], x - box[0]] > none else none
+                nearest[y - top, x - left] = max(nearest[y - top, x - left], at)
     else:
         a, b, c = record[XX], record[XY], record[YY]
         low, high = record[INVERSE_LOW], record[INVERSE_HIGH]
-        gx, gy = record[SLOPE_X], record[SLOPE_Y]
+        gx, gy, u = record[SLOPE_X], record[SLOPE_Y], record[U]
         for y in range(ya, yb + 1):
             dy = np.float32(y - box[2]) - record[V]
+            bd, cd, gd = b * dy, c * dy * dy, iz + gy * dy
             for x in range(xa, xb + 1):
-                dx = np.float32(x - box[0]) - record[U]
-                q = (a * dx + b * dy) * dx + c * dy * dy
-                at = min(max(iz + gx * dx + gy * dy, low), high)
-                if q <= one and at > nearest[y - top, x - left]:
-                    nearest[y - top, x - left] = at
+                dx = np.float32(x - box[0]) - u
+                q = (a * dx + bd) * dx + cd
+                at = min(max(gd + gx * dx, low), high)
+                at = at if q <= one else none
+                nearest[y - top, x - left] = max(nearest[y - top, x - left], at)
+
+
+@kernel(inline=True)
+def add(sums, y, x, w, red, green, blue, depth):
+    """Add a weight and what it weighs; read before written, so that it becomes one vector operation."""
+    r, g, b, s, d = sums[y, x, 0], sums[y, x, 1], sums[y, x, 2], sums[y, x, 3], sums[y, x, 4]
+    r, g, b, s, d = r + w * red, g + w * green, b + w * blue, s + w, d + w * depth
+    sums[y, x, 0], sums[y, x, 1], sums[y, x, 2], sums[y, x, 3], sums[y, x, 4] = r, g, b, s, d
 
 
 @kernel(inline=True)
 def blend_pass(record, box, left, top, reach, stamps, polynomial, nearest, sums):
-    """Add weight and weighted colour and depth where the point lies within its tolerance of the nearest surface."""
-    one = np.float32(1.0)
+    """Add weight and weighted colour and depth where the point lies within its tolerance of the nearest surface.
+
+    z <= depth + tolerance, in inverse depths without a division: iz (1 + tolerance front) >= front.
+    """
+    one, none = np.float32(1.0), np.float32(0.0)
     xa, xb = max(box[0], left), min(box[1], left + TILE - 1)
     ya, yb = max(box[2], top), min(box[3], top + TILE - 1)
-    iz, mode, tolerance, scale = record[INVERSE_Z], record[MODE], record[TOLERANCE], record[SCALE]
+    iz, mode, tolerance, scale = record[INVERSE_Z], box[4], record[TOLERANCE], record[SCALE]
     red, green, blue = record[RED], record[GREEN], record[BLUE]
     evaluated = 0
-    if mode == SQUARE or mode == LOW_PASS:
+    if mode == SQUARE:
+        for y in range(ya - top, yb + 1 - top):
+            for x in range(xa - left, xb + 1 - left):
+                add(sums, y, x, one if iz >= nearest[y, x] else none, red, green, blue, one / iz)
+    elif mode == LOW_PASS:
         depth = one / iz
         stamp = stamps[stamp_step(record[V], reach), stamp_step(record[U], reach)]
         for y in range(ya, yb + 1):
             for x in range(xa, xb + 1):
-                w = scale if mode == SQUARE else scale * stamp[y - box[2], x - box[0]]
+                w = scale * stamp[y - box[2], x - box[0]]
                 front = nearest[y - top, x - left]
-                if w > 0 and iz * (one + tolerance * front) >= front:
-                    cell = sums[y - top, x - left]
-                    cell[0] += w * red
-                    cell[1] += w * green
-                    cell[2] += w * blue
-                    cell[3] += w
-                    cell[4] += w * depth
+                w = w if iz * (one + tolerance * front) >= front else none
+                add(sums, y - top, x - left, w, red, green, blue, depth)
     else:
         a, b, c = record[XX], record[XY], record[YY]
         low, high = record[INVERSE_LOW], record[INVERSE_HIGH]
-        gx, gy = record[SLOPE_X], record[SLOPE_Y]
+        gx, gy, u = record[SLOPE_X], record[SLOPE_Y], record[U]
         for y in range(ya, yb + 1):
             dy = np.float32(y - box[2]) - record[V]
+            bd, cd, gd = b * dy, c * dy * dy, iz + gy * dy
             for x in range(xa, xb + 1):
-                dx = np.float32(x - box[0]) - record[U]
-                q = (a * dx + b * dy) * dx + c * dy * dy
-                at = min(max(iz + gx * dx + gy * dy, low), high)
+                dx = np.float32(x - box[0]) - u
+                q = (a * dx + bd) * dx + cd
+                at = min(max(gd + gx * dx, low), high)
                 front = nearest[y - top, x - left]
-                if q <= one and at * (one + tolerance * front) >= front:
-                    w = scale * weight_of(max(q, np.float32(0.0)), polynomial)
-                    cell = sums[y - top, x - left]
-                    cell[0] += w * red
-                    cell[1] += w * green
-                    cell[2] += w * blue
-                    cell[3] += w
-                    cell[4] += w / at
-                    evaluated += 1
+                seen = (q <= one) & (at * (one + tolerance * front) >= front)
+                w = scale * weight_of(min(max(q, none), one), polynomial)
+                w = w if seen else none
+                add(sums, y - top, x - left, w, red, green, blue, one / at)
+                evaluated += 1 if seen else 0
     return evaluated
 
 
