@@ -28,6 +28,9 @@ from torchrender.scene.camera import Cameras
 CHUNKS = 64
 """Pieces that the points of a picture are projected and sorted in, whatever the number of threads."""
 
+MIXED = 4.0
+"""Greatest over least radius of a patch from which on its points are filtered each in its own way."""
+
 _MODES = {"full": ewa.FULL, "reconstruction": ewa.RECONSTRUCTION, "low_pass": ewa.LOW_PASS, "squares": ewa.SQUARE}
 _PLAIN = 0.8  # grey of points without colours
 
@@ -152,6 +155,9 @@ def patch_modes(patches: PatchSet, camera: Cameras, options: SplatOptions, selec
     modes = torch.full((count,), ewa.FULL)
     modes[reconstruct] = ewa.RECONSTRUCTION
     modes[smooth] = ewa.LOW_PASS
+    # One answer for all would be wrong for a patch of very different radii.
+    least, _, most = headers.radius[chosen, selection.level].unbind(1)
+    modes[most > MIXED * least] = ewa.EACH_POINT
     modes[selection.silhouette] = ewa.FULL
     return modes
 

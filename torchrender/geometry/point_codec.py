@@ -162,7 +162,10 @@ def fit_palette(radius: Tensor) -> Tensor:
     if len(exact) <= PALETTE:
         return torch.cat([exact, exact[-1:].expand(PALETTE - len(exact))]).float().contiguous()
     logs = torch.cat([radius[:: max(1, len(radius) // _SAMPLE)], exact[[0, -1]]]).double()
-    logs = logs.clamp_min(torch.finfo(torch.float32).tiny).log().sort().values
+    logs = logs.clamp_min(torch.finfo(torch.float32).tiny).log()
+    # Some evenly spread ones beside: the few nodes at the top of the trees must not be far off.
+    even = torch.linspace(float(logs.min()), float(logs.max()), 1 + len(logs) // 3, dtype=torch.float64)
+    logs = torch.cat([logs, even]).sort().values
     centres = torch.quantile(logs, torch.linspace(0, 1, PALETTE, dtype=torch.float64))
     for _ in range(_ROUNDS):
         owner = torch.bucketize(logs, 0.5 * (centres[1:] + centres[:-1]))

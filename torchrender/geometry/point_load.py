@@ -24,6 +24,9 @@ from torchrender.scene.source import read_bytes
 SAMPLES = 1_000_000
 """Points that a mesh is sampled by, if not told otherwise."""
 
+OPEN = 0.1
+"""Share of its area that the area vectors of a closed surface may add up to: scanned meshes have small holes."""
+
 COVER = 1.5
 """Radius of sampled points over the square root of the area that each stands for: random points leave few holes."""
 
@@ -65,7 +68,7 @@ def holds_points(path: str | Path) -> bool:
 def _read_points(path: Path, data: bytes) -> PointCloud:
     try:
         loaded = load_ply(io.BytesIO(data), skip_materials=True)
-        position = np.asarray(loaded["vertices"], np.float64)
+        position = np.asarray(loaded.get("vertices", np.zeros((0, 3))), np.float64)
         raw: Any = loaded.get("metadata", {}).get("_ply_raw", {}).get("vertex", {}).get("data", {})
         radius = _column(raw, "radius", len(position))
     # trimesh raises whatever its parsing runs into.
@@ -99,7 +102,8 @@ def _column(raw: Any, name: str, count: int) -> np.ndarray[Any, Any] | None:
 def sample_points(scene: Scene, count: int, *, seed: int = 0) -> PointCloud:
     """``count`` points spread evenly over all surfaces of a scene, with normals, colours and radii.
 
-    Stratified along the triangles by area. Radius: 1.5 times the square root of the area per point. Colours are those
+    A closed surface that is inside out is turned; an open one gives points that are drawn from both sides. Stratified
+    along the triangles by area. Radius: 1.5 times the square root of the area per point. Colours are those
     of the material, texture and vertices, unlit.
 
     Raises:
@@ -113,6 +117,7 @@ def sample_points(scene: Scene, count: int, *, seed: int = 0) -> PointCloud:
     total = float(area.sum())
     if not total > 0:
         raise MeshError(f"scene {scene.name!r} has no surface to sample")
+    sign, two_sided = _sides(corners, area)
     generator = torch.Generator().manual_seed(seed)
     place = (torch.arange(count, dtype=torch.float64) + torch.rand(count, generator=generator).double()) / count
     triangle = torch.searchsorted(area.cumsum(0), place * total).clamp_max(len(area) - 1)
@@ -124,11 +129,25 @@ def sample_points(scene: Scene, count: int, *, seed: int = 0) -> PointCloud:
     chosen = geometry.faces[triangle].long()
     return PointCloud(
         position=(weights[:, :, None] * corners[triangle]).sum(1),
-        normal=_normals(scene, triangle, chosen, weights),
+        normal=sign * _normals(scene, triangle, chosen, weights),
         radius=torch.full((count,), COVER * math.sqrt(total / count)),
         color=_colors(scene, triangle, chosen, weights.float(), math.sqrt(total / count)),
+        two_sided=two_sided,
         name=scene.name,
     )
+
+
+def _sides(corners: Tensor, area: Tensor) -> tuple[float, bool]:
+    """-1 if a closed surface is inside out, else 1; and whether it is open, so that both sides have to be drawn.
+
+    The area vectors of a closed surface add up to nothing, and the volume below it tells where its outside is.
+    """
+    corners = corners - corners.reshape(-1, 3).mean(0)
+    vector = 0.5 * torch.linalg.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    if float(vector.sum(0).norm()) > OPEN * float(area.sum()):
+        return 1.0, True
+    volume = float((vector * corners.mean(1)).sum())
+    return (-1.0 if volume < 0 else 1.0), False
 
 
 def _normals(scene: Scene, triangle: Tensor, chosen: Tensor, weights: Tensor) -> Tensor:

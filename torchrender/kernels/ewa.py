@@ -29,6 +29,7 @@ COUNTS = 10
 
 THIN = 1e-12  # determinant of the ellipse, px^4, below which nothing is drawn
 FLOOR = 1e-4  # px^2 added to an ellipse that has no low-pass: it must not vanish between pixel centres
+STEEPEST = 16.0  # tangent of the angle between normal and view up to which the tolerance of depth grows
 COARSE = 0.2  # radius over depth from which on the affine projection is wrong
 
 
@@ -84,6 +85,39 @@ def put_box(u, v, rx, ry, border, size, box, count):
     return x0 <= x1 and y0 <= y1
 
 
+@kernel()
+def clip_to_sphere(o, r, k, reach, box):
+    """Cut a box down to the image of the sphere about a point, and ``reach`` pixels; False if nothing is left.
+
+    The affine projection of a point that is wide against its depth covers pixels that its disc never reaches.
+    """
+    low_y, high_y = sphere_range(o[1], o[2], r)
+    low_x, high_x = sphere_range(o[0], o[2], r)
+    slant = abs(k[0, 1]) * (high_y - low_y) if k[0, 1] != 0.0 else 0.0
+    low_u, high_u = k[0, 0] * low_x + k[0, 2] - reach - slant, k[0, 0] * high_x + k[0, 2] + reach + slant
+    low_v, high_v = k[1, 1] * low_y + k[1, 2] - reach, k[1, 1] * high_y + k[1, 2] + reach
+    if low_u - 0.5 > box[1] or high_u - 0.5 < box[0] or low_v - 0.5 > box[3] or high_v - 0.5 < box[2]:
+        return False
+    box[0], box[1] = max(box[0], math.ceil(max(low_u - 0.5, -1.0))), min(box[1], math.floor(min(high_u - 0.5, 4e4)))
+    box[2], box[3] = max(box[2], math.ceil(max(low_v - 0.5, -1.0))), min(box[3], math.floor(min(high_v - 0.5, 4e4)))
+    return box[0] <= box[1] and box[2] <= box[3]
+
+
+@kernel()
+def sphere_range(x, z, r):
+    """Least and greatest x / z of a circle about (x, z); infinite where it reaches beside or behind the eye."""
+    distance = math.sqrt(x * x + z * z)
+    if distance <= r:
+        return -np.inf, np.inf
+    angle, half = math.atan2(x, z), math.asin(r / distance)
+    low, high = -np.inf, np.inf
+    if angle - half > -0.5 * math.pi:
+        low = math.tan(angle - half)
+    if angle + half < 0.5 * math.pi:
+        high = math.tan(angle + half)
+    return low, high
+
+
 @kernel(inline=True)
 def put_ellipse(xx, xy, yy, det, r2, low_pass, record):
     """The ellipse q <= 1 of r^2 J J^T + low_pass I; returns its half extents, negative if it is nothing, and |H|."""
@@ -116,6 +150,57 @@ def put_depth(ox, oy, oz, n, r, k, near, record):
 
 
 @kernel(inline=True)
+def depth_per_pixel(cosine, oz, focal):
+    """How much a point's plane recedes over a pixel: z / f tan(theta), at least z / f, at most that at ``STEEPEST``.
+
+    A low-pass spreads a point over its neighbours' pixels. On ground seen at a grazing angle these are much further
+    or nearer than the radius of the point: without this, the nearest would hide all others instead of blending. What
+    then shines through at outlines has a weight that is as small as its cosine.
+    """
+    slope = math.sqrt(max(1.0 - cosine * cosine, 0.0)) / max(cosine, 1e-9)
+    return oz / focal * min(max(slope, 1.0), STEEPEST)
+
+
+@kernel(inline=True)
+def put_square(u, v, r, oz, focal, size, record, box, count):
+    """An opaque square of the point's projected size, at least a pixel."""
+    side = max(r * focal / oz, 0.5)
+    record[SCALE], record[TOLERANCE] = 1.0, 0.0
+    return put_box(u, v, side, side, 0.0, size, box, count)
+
+
+@kernel(inline=True)
+def put_splat(ox, oy, oz, n, r, distance, mode, u, v, k, near, size, filters, choice, record, box, count):
+    """Weight, ellipse, depth and box of a point that faces the eye; returns whether it is drawn, and its filter."""
+    focal, r2, low = max(k[0, 0], k[1, 1]), r * r, filters[0] * filters[0]
+    iz = 1.0 / oz
+    cosine = -(n[0] * ox + n[1] * oy + n[2] * oz) / distance
+    # |det J| = fx fy |n.o| / oz^3, in pixels per squared unit: weights stay in range for scenes of any size.
+    area = k[0, 0] * k[1, 1] * cosine * iz * iz
+    det = area * distance * iz
+    xx, xy, yy = 0.0, 0.0, 0.0
+    if mode != LOW_PASS:
+        xx, xy, yy, det = screen_covariance(ox, oy, oz, n, k)
+    if mode == EACH_POINT:
+        mode = choose_mode(xx, xy, yy, det, r2, r2 * area / low, choice)
+    if mode != RECONSTRUCTION:
+        record[TOLERANCE] = filters[2] * (r + filters[0] * depth_per_pixel(cosine, oz, focal))
+    if mode == LOW_PASS:
+        record[SCALE] = det * filters[3] * filters[1] / low
+        return put_box(u, v, filters[0], filters[0], 8.0, size, box, count), mode
+    rx, ry, spread = put_ellipse(xx, xy, yy, det, r2, low if mode == FULL else 0.0, record)
+    if rx < 0.0:
+        count[DEGENERATE] += 1
+        return False, mode
+    put_depth(ox, oy, oz, n, r, k, near, record)
+    record[SCALE] = det * filters[3] * filters[1] / math.sqrt(spread)
+    drawn = put_box(u, v, rx, ry, 0.0, size, box, count)
+    if drawn and r > COARSE * oz:
+        drawn = clip_to_sphere((ox, oy, oz), r, k, filters[0], box)
+    return drawn, mode
+
+
+@kernel(inline=True)
 def project_point(ox, oy, oz, n, r, mode, k, near, size, filters, choice, record, box, count):
     """Record and box of one point in the camera's frame; False where it is not drawn.
 
@@ -134,41 +219,22 @@ def project_point(ox, oy, oz, n, r, mode, k, near, size, filters, choice, record
         if filters[4] == 1.0 or offset == 0.0:
             count[BACK] += 1
             return False
-        n, offset = (-n[0], -n[1], -n[2]), -offset
-    u = (k[0, 0] * ox + k[0, 1] * oy) / oz + k[0, 2]
-    v = k[1, 1] * oy / oz + k[1, 2]
-    record[INVERSE_Z] = 1.0 / oz
+        n = (-n[0], -n[1], -n[2])
+    iz, focal = 1.0 / oz, max(k[0, 0], k[1, 1])
+    u = (k[0, 0] * ox + k[0, 1] * oy) * iz + k[0, 2]
+    v = k[1, 1] * oy * iz + k[1, 2]
+    record[INVERSE_Z] = iz
     record[SLOPE_X], record[SLOPE_Y] = 0.0, 0.0
-    record[INVERSE_LOW], record[INVERSE_HIGH] = 1.0 / oz, 1.0 / oz
-    focal = max(k[0, 0], k[1, 1])
+    record[INVERSE_LOW], record[INVERSE_HIGH] = iz, iz
     record[TOLERANCE] = filters[2] * (r + oz / focal)
     if r > COARSE * oz:
         count[LARGE] += 1
     if mode == SQUARE:
-        side = max(r * focal / oz, 0.5)
-        record[SCALE], record[TOLERANCE] = 1.0, 0.0
-        drawn = put_box(u, v, side, side, 0.0, size, box, count)
+        drawn = put_square(u, v, r, oz, focal, size, record, box, count)
     else:
-        r2, low = r * r, filters[0] * filters[0]
-        # |det J|, in pixels per squared unit: weights stay in range for scenes of any size.
-        det = k[0, 0] * k[1, 1] * -offset / (oz * oz * oz)
-        xx, xy, yy = 0.0, 0.0, 0.0
-        if mode != LOW_PASS:
-            xx, xy, yy, det = screen_covariance(ox, oy, oz, n, k)
-        if mode == EACH_POINT:
-            area = r2 * k[0, 0] * k[1, 1] * -offset / (distance * oz * oz * low)
-            mode = choose_mode(xx, xy, yy, det, r2, area, choice)
-        if mode == LOW_PASS:
-            record[SCALE] = det * filters[3] * filters[1] / low
-            drawn = put_box(u, v, filters[0], filters[0], 8.0, size, box, count)
-        else:
-            rx, ry, area = put_ellipse(xx, xy, yy, det, r2, low if mode == FULL else 0.0, record)
-            if rx < 0.0:
-                count[DEGENERATE] += 1
-                return False
-            put_depth(ox, oy, oz, n, r, k, near, record)
-            record[SCALE] = det * filters[3] * filters[1] / math.sqrt(area)
-            drawn = put_box(u, v, rx, ry, 0.0, size, box, count)
+        drawn, mode = put_splat(
+            ox, oy, oz, n, r, distance, mode, u, v, k, near, size, filters, choice, record, box, count
+        )
     if not drawn or not record[SCALE] > 0.0:
         return False
     # Relative to its box, float32 places a point well anywhere in a large image.
