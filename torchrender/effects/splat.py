@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import torch
@@ -75,6 +76,24 @@ class _Work:
     first: np.ndarray  # (S + 1,) int64 first record of each slice
 
 
+class _Scratch:
+    """Arrays that grow and are used again: fresh pages cost a quarter of a picture's time."""
+
+    def __init__(self) -> None:
+        self._arrays: dict[str, np.ndarray] = {}
+
+    def take(self, name: str, count: int, width: int, dtype: type) -> np.ndarray:
+        """(count,width) of whatever was there before."""
+        held = self._arrays.get(name)
+        if held is None or len(held) < count:
+            held = self._arrays[name] = np.empty((count, width), dtype)
+        return held[:count]
+
+
+_SCRATCH: WeakKeyDictionary[PatchSet, _Scratch] = WeakKeyDictionary()
+"""Of each model; whoever draws takes it out, so that no two threads write to one."""
+
+
 @dataclass(frozen=True, eq=False)
 class _Records:
     """Projected points."""
@@ -98,20 +117,22 @@ def _draw(
     tick()
     nodes, rows = patches.nodes.gather(patches, selection.chosen, selection.level)
     work = _work(patches, camera, options, selection, nodes, rows)
+    scratch = _SCRATCH.pop(patches, None) or _Scratch()
     tick()
     lit = options.shading == "point"
-    projected = _project(patches, camera, options, work, two_sided=two_sided, lit=lit)
+    projected = _project(patches, camera, options, work, scratch, two_sided=two_sided, lit=lit)
     tick()
-    start, entries = _sort(projected, work, camera)
+    start, entries = _sort(projected, work, camera, scratch)
     tick()
     evaluations = _tiles(projected, start, entries, options, options.background, out)
     if options.shading == "pixel":
         normal = torch.zeros_like(out[0])
         # The same boxes and tiles: only the colours of the records change.
-        again = _project(patches, camera, options, work, two_sided=two_sided, lit=False, normals=True)
+        again = _project(patches, camera, options, work, scratch, two_sided=two_sided, lit=False, normals=True)
         _tiles(again, start, entries, options, (0.0, 0.0, 0.0), (normal, out[1], out[2]))
         _shade_pixels(camera, options, normal, out)
     tick()
+    _SCRATCH[patches] = scratch
     names = ("select", "read", "project", "sort", "draw")
     ms = {name: 1e3 * (b - a) for name, a, b in zip(names, ticks, ticks[1:])}
     return _statistics(patches, work, projected.counts.sum(axis=0).tolist(), int(evaluations.sum()), ms)
@@ -177,6 +198,7 @@ def _project(
     camera: Cameras,
     options: SplatOptions,
     work: _Work,
+    scratch: _Scratch,
     *,
     two_sided: bool,
     lit: bool,
@@ -185,8 +207,8 @@ def _project(
     across, down = -(-camera.width // TILE), -(-camera.height // TILE)
     total = int(work.first[-1])
     made = _Records(
-        records=np.empty((total, ewa.RECORD), np.float32),
-        boxes=np.empty((total, ewa.BOX), np.int16),
+        records=scratch.take("records", total, ewa.RECORD, np.float32),
+        boxes=scratch.take("boxes", total, ewa.BOX, np.int16),
         tiles=np.zeros((len(work.chunks), across * down), np.int64),
         counts=np.zeros((len(work.chunks), ewa.COUNTS), np.int64),
     )
@@ -224,11 +246,11 @@ def _project(
     return made
 
 
-def _sort(made: _Records, work: _Work, camera: Cameras) -> tuple[np.ndarray, np.ndarray]:
+def _sort(made: _Records, work: _Work, camera: Cameras, scratch: _Scratch) -> tuple[np.ndarray, np.ndarray]:
     """First entry of each tile (T+1,) and the points of all tiles."""
     start = np.zeros(made.tiles.shape[1] + 1, np.int64)
     scan_tiles(made.tiles, start)
-    entries = np.empty(max(int(start[-1]), 1), np.int32)
+    entries = scratch.take("entries", max(int(start[-1]), 1), 1, np.int32).reshape(-1)
     runs = np.ascontiguousarray(work.first[work.chunks])
     sort_points(made.boxes, runs, made.tiles, -(-camera.width // TILE), thread_count(), entries)
     return start, entries

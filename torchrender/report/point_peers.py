@@ -46,10 +46,16 @@ def pyvista_points(cloud: PointCloud, camera: Cameras, frames: int) -> dict[str,
             plotter.render()
             picture = np.asarray(plotter.screenshot(return_img=True))
             seconds.append(time.perf_counter() - begin)
-        renderer = str(plotter.render_window.ReportCapabilities()).split("OpenGL renderer string:")[-1]
+        renderer = _renderer(plotter)
         plotter.close()
     # VTK raises plain RuntimeError and AttributeError where there is no OpenGL.
     except (RuntimeError, AttributeError, TypeError, ValueError, OSError) as error:
         return {"skipped": f"pyvista cannot draw here: {error}"}
     drew = bool((picture != picture[0, 0]).any())
-    return {"ms": [1e3 * s for s in seconds], "renderer": renderer.split("\n")[0].strip(), "drew": drew}
+    return {"ms": [1e3 * s for s in seconds], "renderer": renderer, "drew": drew}
+
+
+def _renderer(plotter: Any) -> str:
+    """Name of the OpenGL implementation."""
+    text = str(plotter.render_window.ReportCapabilities())
+    return text.split("OpenGL renderer string:")[-1].split("\n")[0].strip()

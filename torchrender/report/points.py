@@ -123,6 +123,7 @@ def model_row(cloud: PointCloud, study: StudyOptions) -> dict[str, Any]:
     found = render_points(patches, camera)
     return {
         "statistics": asdict(found.statistics[0]),
+        "drawn_deepest": work["deepest"]().statistics[0].drawn,
         "covered": float(found.mask.float().mean()),
         "ms": {name: t.record() for name, t in times.items()},
     }

@@ -57,14 +57,9 @@ def _models(models: dict[str, Any]) -> list[str]:
         s = row["statistics"]
         for mode in ("adaptive", "deepest", "squares"):
             ms = row["ms"][mode]["median"]
-            # Squares choose the same nodes; the deepest level draws each point itself.
-            drawn = s["drawn"] if mode != "deepest" else None
-            cells = [f"{s['points'] / 1e6:.3f} M"]
-            if drawn is None:
-                cells += ["–", "–", f"{1e3 / ms:.1f}", "–"]
-            else:
-                rate = drawn / ms / 1e3
-                cells += [f"{drawn / 1e6:.3f} M", f"{drawn / s['points']:.2f}", f"{1e3 / ms:.1f}", f"{rate:.1f}"]
+            drawn = row["drawn_deepest"] if mode == "deepest" else s["drawn"]
+            cells = [f"{s['points'] / 1e6:.3f} M", f"{drawn / 1e6:.3f} M", f"{drawn / s['points']:.2f}"]
+            cells += [f"{1e3 / ms:.1f}", f"{drawn / ms / 1e3:.1f}"]
             label = {"adaptive": "adaptive EWA", "deepest": "adaptive EWA, no levels", "squares": "squares"}[mode]
             lines.append(f"| {name} | {label} | " + " | ".join(cells) + " |")
     lines += [
