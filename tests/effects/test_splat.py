@@ -114,7 +114,8 @@ def test_pictures_are_those_of_a_slow_twin(mode):
     assert 0.1 < float(drawn.mask.float().mean()) < 1.0
 
 
-def test_low_pass_stamps_are_those_of_a_slow_twin_but_for_their_places():
+@pytest.mark.parametrize("r_h", [0.5, 1.0, 1.5, 2.0])
+def test_low_pass_stamps_are_those_of_a_slow_twin_but_for_their_places(r_h):
     """Stamps stand at sixteenths of a pixel: points at such places give exactly the twin's picture."""
     g = torch.Generator().manual_seed(5)
     camera = Cameras.look_at([0.0, 0.0, 4.0], [0.0, 0.0, 0.0], width=32, height=24, fov_deg=45, **NEAR_FAR)
@@ -124,7 +125,7 @@ def test_low_pass_stamps_are_those_of_a_slow_twin_but_for_their_places():
     normal = torch.tensor([0.0, 0.0, 1.0]).expand(50, 3).contiguous()
     cloud = PointCloud(position=world, normal=normal, radius=torch.full((50,), 0.01),
                        color=torch.rand(50, 3, generator=g))  # fmt: skip
-    options = SplatOptions(filter="low_pass", shading="none", selection=DEEPEST)
+    options = SplatOptions(filter="low_pass", shading="none", selection=DEEPEST, r_h=r_h)
     drawn = render_points(cloud, camera, options)
     image, depth, weight = slow_splat(cloud, camera, "low_pass", options)
     np.testing.assert_array_equal(drawn.mask[0].numpy(), weight > 0)

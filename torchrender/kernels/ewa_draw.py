@@ -31,6 +31,8 @@ from torchrender.kernels.ewa import (
 )  # fmt: skip
 
 TILE = 32
+PAD = 4  # pixels around a tile that low-pass stamps may spill over: their loops then need no limits
+SIDE = TILE + 2 * PAD
 STEPS = 16  # positions within a pixel that have a low-pass stamp of their own, per axis
 
 
@@ -80,14 +82,45 @@ def weight_of(q, p):
 
 
 @kernel(inline=True)
+def add(sums, y, x, w, red, green, blue, depth):
+    """Add a weight and what it weighs; read before written, so that it becomes one vector operation."""
+    r, g, b, s, d = sums[y, x, 0], sums[y, x, 1], sums[y, x, 2], sums[y, x, 3], sums[y, x, 4]
+    r, g, b, s, d = r + w * red, g + w * green, b + w * blue, s + w, d + w * depth
+    sums[y, x, 0], sums[y, x, 1], sums[y, x, 2], sums[y, x, 3], sums[y, x, 4] = r, g, b, s, d
+
+
+@kernel(inline=True)
+def nearest_stamp(side, y0, x0, iz, stamp, nearest):
+    """Low-pass stamp in the depth pass. The usual side of 2 is passed as a constant: its loops are unrolled."""
+    none = np.float32(0.0)
+    for j in range(side):
+        for i in range(side):
+            at = iz if stamp[j, i] > none else none
+            nearest[y0 + j, x0 + i] = max(nearest[y0 + j, x0 + i], at)
+
+
+@kernel(inline=True)
+def blend_stamp(side, y0, x0, iz, tolerance, scale, color, stamp, nearest, sums):
+    """Low-pass stamp in the blend pass."""
+    one, none = np.float32(1.0), np.float32(0.0)
+    for j in range(side):
+        for i in range(side):
+            front = nearest[y0 + j, x0 + i]
+            w = scale * stamp[j, i]
+            w = w if iz * (one + tolerance * front) >= front else none
+            add(sums, y0 + j, x0 + i, w, color[0], color[1], color[2], color[3])
+
+
+@kernel(inline=True)
 def nearest_pass(record, box, left, top, reach, stamps, nearest):
-    """Greatest inverse depth per pixel of a tile.
+    """Greatest inverse depth per pixel of a tile; ``left`` and ``top`` are those of its buffers, ``PAD`` included.
 
     Which pixels a point covers cannot be guessed: selecting values is several times as fast as branching.
     """
     one, none = np.float32(1.0), np.float32(0.0)
-    xa, xb = max(box[0], left), min(box[1], left + TILE - 1)
-    ya, yb = max(box[2], top), min(box[3], top + TILE - 1)
+    xa, xb = max(box[0], left + PAD), min(box[1], left + PAD + TILE - 1)
+    ya, yb = max(box[2], top + PAD), min(box[3], top + PAD + TILE - 1)
+    side = stamps.shape[2]
     iz, mode = record[INVERSE_Z], box[4]
     if mode == SQUARE:
         for y in range(ya, yb + 1):
@@ -95,10 +128,11 @@ def nearest_pass(record, box, left, top, reach, stamps, nearest):
                 nearest[y - top, x - left] = max(nearest[y - top, x - left], iz)
     elif mode == LOW_PASS:
         stamp = stamps[stamp_step(record[V], reach), stamp_step(record[U], reach)]
-        for y in range(ya, yb + 1):
-            for x in range(xa, xb + 1):
-                at = iz if stamp[y - box[2], x - box[0]] > none else none
-                nearest[y - top, x - left] = max(nearest[y - top, x - left], at)
+        y0, x0 = box[2] - top, box[0] - left
+        if side == 2:
+            nearest_stamp(2, y0, x0, iz, stamp, nearest)
+        else:
+            nearest_stamp(side, y0, x0, iz, stamp, nearest)
     else:
         a, b, c = record[XX], record[XY], record[YY]
         low, high = record[INVERSE_LOW], record[INVERSE_HIGH]
@@ -115,22 +149,15 @@ def nearest_pass(record, box, left, top, reach, stamps, nearest):
 
 
 @kernel(inline=True)
-def add(sums, y, x, w, red, green, blue, depth):
-    """Add a weight and what it weighs; read before written, so that it becomes one vector operation."""
-    r, g, b, s, d = sums[y, x, 0], sums[y, x, 1], sums[y, x, 2], sums[y, x, 3], sums[y, x, 4]
-    r, g, b, s, d = r + w * red, g + w * green, b + w * blue, s + w, d + w * depth
-    sums[y, x, 0], sums[y, x, 1], sums[y, x, 2], sums[y, x, 3], sums[y, x, 4] = r, g, b, s, d
-
-
-@kernel(inline=True)
 def blend_pass(record, box, left, top, reach, stamps, polynomial, nearest, sums):
     """Add weight and weighted colour and depth where the point lies within its tolerance of the nearest surface.
 
     z <= depth + tolerance, in inverse depths without a division: iz (1 + tolerance front) >= front.
     """
     one, none = np.float32(1.0), np.float32(0.0)
-    xa, xb = max(box[0], left), min(box[1], left + TILE - 1)
-    ya, yb = max(box[2], top), min(box[3], top + TILE - 1)
+    xa, xb = max(box[0], left + PAD), min(box[1], left + PAD + TILE - 1)
+    ya, yb = max(box[2], top + PAD), min(box[3], top + PAD + TILE - 1)
+    side = stamps.shape[2]
     iz, mode, tolerance, scale = record[INVERSE_Z], box[4], record[TOLERANCE], record[SCALE]
     red, green, blue = record[RED], record[GREEN], record[BLUE]
     evaluated = 0
@@ -141,12 +168,12 @@ def blend_pass(record, box, left, top, reach, stamps, polynomial, nearest, sums)
     elif mode == LOW_PASS:
         depth = one / iz
         stamp = stamps[stamp_step(record[V], reach), stamp_step(record[U], reach)]
-        for y in range(ya, yb + 1):
-            for x in range(xa, xb + 1):
-                w = scale * stamp[y - box[2], x - box[0]]
-                front = nearest[y - top, x - left]
-                w = w if iz * (one + tolerance * front) >= front else none
-                add(sums, y - top, x - left, w, red, green, blue, depth)
+        y0, x0 = box[2] - top, box[0] - left
+        color = (red, green, blue, depth)
+        if side == 2:
+            blend_stamp(2, y0, x0, iz, tolerance, scale, color, stamp, nearest, sums)
+        else:
+            blend_stamp(side, y0, x0, iz, tolerance, scale, color, stamp, nearest, sums)
     else:
         a, b, c = record[XX], record[XY], record[YY]
         low, high = record[INVERSE_LOW], record[INVERSE_HIGH]
@@ -176,8 +203,8 @@ def draw_tiles(
     height, width = weight.shape
     counter = np.zeros(1, np.int64)
     for worker in prange(threads):
-        nearest = np.zeros((TILE, TILE), np.float32)
-        sums = np.zeros((TILE, TILE, 8), np.float32)
+        nearest = np.zeros((SIDE, SIDE), np.float32)
+        sums = np.zeros((SIDE, SIDE, 8), np.float32)
         z, s, r, b, t = borrowed(nearest), borrowed(sums), borrowed(records), borrowed(boxes), borrowed(stamps)
         p = borrowed(polynomial)
         while True:
@@ -189,15 +216,15 @@ def draw_tiles(
             sums[:] = 0
             for entry in range(start[tile], start[tile + 1]):
                 point = entries[entry]
-                nearest_pass(r[point], b[point], left, top, reach, t, z)
+                nearest_pass(r[point], b[point], left - PAD, top - PAD, reach, t, z)
             evaluated = 0
             for entry in range(start[tile], start[tile + 1]):
                 point = entries[entry]
-                evaluated += blend_pass(r[point], b[point], left, top, reach, t, p, z, s)
+                evaluated += blend_pass(r[point], b[point], left - PAD, top - PAD, reach, t, p, z, s)
             evaluations[tile] = evaluated
             for y in range(top, min(top + TILE, height)):
                 for x in range(left, min(left + TILE, width)):
-                    cell = sums[y - top, x - left]
+                    cell = sums[y - top + PAD, x - left + PAD]
                     w = cell[3]
                     weight[y, x] = w
                     if w > 0:

@@ -19,7 +19,7 @@ def kernel_polynomial(kappa: float) -> Tensor:
 
 def low_pass_stamps(r_h: float, kappa: float, steps: int) -> Tensor:
     """(steps,steps,K,K) weights of the pixels about a point, by its position within a pixel (y, x); 0 beyond r_h."""
-    side = 2 * math.ceil(r_h) + 1
+    side = math.ceil(2 * r_h)
     offset = r_h - (torch.arange(steps, dtype=torch.float64) + 0.5) / steps
     square = (torch.arange(side, dtype=torch.float64) - offset[:, None]) ** 2
     q = (square[:, None, :, None] + square[None, :, None, :]) / (r_h * r_h)
