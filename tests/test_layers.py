@@ -39,6 +39,7 @@ ORDER = (
     "report",
     "cli_output",
     "cli_voxels",
+    "cli_points",
     "cli",
     "service",
 )

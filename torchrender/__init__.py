@@ -14,9 +14,15 @@ if TYPE_CHECKING:
     from torchrender.depth.sample import sample_depth_images, sample_offset_images
     from torchrender.effects.shadow_map import ShadowOptions
     from torchrender.effects.soft_shadow import SoftShadowOptions, soft_shadow
+    from torchrender.effects.splat import render_points
     from torchrender.effects.voxel_volume import render_volume
     from torchrender.errors import TorchRenderError
     from torchrender.geometry.light_occluders import OccluderOptions, approximate_occluders
+    from torchrender.geometry.point_cloud import PointCloud
+    from torchrender.geometry.point_file import open_points, write_points
+    from torchrender.geometry.point_load import load_points
+    from torchrender.geometry.point_options import SplatOptions
+    from torchrender.geometry.point_tree import build_patches
     from torchrender.geometry.reconstruct import reconstruct_hybrid
     from torchrender.geometry.voxel_attributes import voxelize_attributes, voxelize_scene
     from torchrender.geometry.voxel_collision import CollisionOptions, collide
@@ -55,6 +61,7 @@ __all__ = [
     "Medium",
     "Mesh",
     "OccluderOptions",
+    "PointCloud",
     "PointLight",
     "RayCaster",
     "RectLight",
@@ -65,6 +72,7 @@ __all__ = [
     "ShadowOptions",
     "SoftShadowOptions",
     "SolidOptions",
+    "SplatOptions",
     "SpotLight",
     "SurfaceOptions",
     "TorchRenderError",
@@ -73,14 +81,18 @@ __all__ = [
     "Voxels",
     "__version__",
     "approximate_occluders",
+    "build_patches",
     "collide",
     "load",
+    "load_points",
     "make_grid",
+    "open_points",
     "rasterize",
     "rasterize_depth",
     "read_voxels",
     "reconstruct_hybrid",
     "render",
+    "render_points",
     "render_volume",
     "reproject",
     "sample_depth_images",
@@ -94,6 +106,7 @@ __all__ = [
     "voxelize_scene",
     "voxelize_solid",
     "voxelize_surface",
+    "write_points",
     "write_voxels",
 ]
 
@@ -109,6 +122,7 @@ _HOME = {
     "Medium": "torchrender.scene.medium",
     "Mesh": "torchrender.scene.mesh",
     "OccluderOptions": "torchrender.geometry.light_occluders",
+    "PointCloud": "torchrender.geometry.point_cloud",
     "PointLight": "torchrender.scene.light",
     "RayCaster": "torchrender.rays",
     "RectLight": "torchrender.scene.light",
@@ -119,6 +133,7 @@ _HOME = {
     "ShadowOptions": "torchrender.effects.shadow_map",
     "SoftShadowOptions": "torchrender.effects.soft_shadow",
     "SolidOptions": "torchrender.geometry.voxel_solid",
+    "SplatOptions": "torchrender.geometry.point_options",
     "SpotLight": "torchrender.scene.light",
     "SurfaceOptions": "torchrender.geometry.voxelize",
     "TorchRenderError": "torchrender.errors",
@@ -126,14 +141,18 @@ _HOME = {
     "VoxelGrid": "torchrender.geometry.voxel_grid",
     "Voxels": "torchrender.geometry.voxel_grid",
     "approximate_occluders": "torchrender.geometry.light_occluders",
+    "build_patches": "torchrender.geometry.point_tree",
     "collide": "torchrender.geometry.voxel_collision",
     "load": "torchrender.scene.load",
+    "load_points": "torchrender.geometry.point_load",
     "make_grid": "torchrender.geometry.voxel_grid",
+    "open_points": "torchrender.geometry.point_file",
     "rasterize": "torchrender.raster",
     "rasterize_depth": "torchrender.raster",
     "read_voxels": "torchrender.geometry.voxel_file",
     "reconstruct_hybrid": "torchrender.geometry.reconstruct",
     "render": "torchrender.renderer",
+    "render_points": "torchrender.effects.splat",
     "render_volume": "torchrender.effects.voxel_volume",
     "reproject": "torchrender.reprojection",
     "sample_depth_images": "torchrender.depth.sample",
@@ -147,6 +166,7 @@ _HOME = {
     "voxelize_scene": "torchrender.geometry.voxel_attributes",
     "voxelize_solid": "torchrender.geometry.voxel_solid",
     "voxelize_surface": "torchrender.geometry.voxelize",
+    "write_points": "torchrender.geometry.point_file",
     "write_voxels": "torchrender.geometry.voxel_file",
 }
 

@@ -1,4 +1,4 @@
-"""The command ``torchrender``: render, info, depth, voxelize, scenes.
+"""The command ``torchrender``: render, info, depth, voxelize, points, scenes.
 
 Everything heavy is imported inside functions, after the environment of the thread pools is set.
 """
@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from torchrender import __version__
 from torchrender.cli_output import check_output, progress
+from torchrender.cli_points import add_points, point_info, run_points
 from torchrender.cli_voxels import add_voxelize, run_voxelize, voxel_info
 from torchrender.errors import InputError, OptionError, TorchRenderError
 
@@ -34,7 +35,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         _set_up_threads(arguments.threads)
         commands = {"render": _render, "info": _info, "depth": _depth, "scenes": _scenes}
-        run = (commands | {"voxelize": _voxelize})[arguments.command]
+        run = (commands | {"voxelize": _voxelize, "points": _points})[arguments.command]
         run(arguments)
     except TorchRenderError as error:
         print(f"torchrender: error: {error}", file=sys.stderr)
@@ -79,7 +80,8 @@ def _render(arguments: argparse.Namespace) -> None:
 def _info(arguments: argparse.Namespace) -> None:
     from torchrender.scene.info import scene_info
 
-    info = voxel_info(arguments.scene) if arguments.scene.endswith(".npz") else scene_info(_load(arguments))
+    name = arguments.scene
+    info = voxel_info(name) if name.endswith(".npz") else point_info(name) or scene_info(_load(arguments))
     if arguments.json:
         print(json.dumps(info, indent=2))
         return
@@ -118,6 +120,12 @@ def _depth(arguments: argparse.Namespace) -> None:
 
 def _voxelize(arguments: argparse.Namespace) -> None:
     run_voxelize(arguments, image_size(arguments.size))
+
+
+def _points(arguments: argparse.Namespace) -> None:
+    background = numbers("--background", arguments.background, 3)
+    for line in run_points(arguments, image_size(arguments.size), background, _camera):
+        print(line)
 
 
 def _scenes(arguments: argparse.Namespace) -> None:
@@ -232,6 +240,7 @@ def _parser() -> argparse.ArgumentParser:
     info.add_argument("--json", action="store_true", help="print JSON")
     _add_depth(commands.add_parser("depth", help="write depth images of a scene from several viewpoints"))
     add_voxelize(commands.add_parser("voxelize", help="write a model as voxels, or a picture of them"))
+    add_points(commands.add_parser("points", help="draw or compress a cloud of points"))
     commands.add_parser("scenes", help="list the built-in scenes")
     return parser
 

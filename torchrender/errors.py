@@ -38,3 +38,7 @@ class SceneFileError(TorchRenderError):
 
 class ImageFileError(SceneFileError):
     """An image file is missing, damaged or of a kind that is not supported."""
+
+
+class PointFileError(SceneFileError):
+    """A file of compressed points is missing, damaged, cut off or of another version."""

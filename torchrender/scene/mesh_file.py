@@ -128,7 +128,7 @@ def _read_obj(path: Path, data: bytes) -> tuple[list[Mesh], list[Material]]:
 
 
 def _read_ply(path: Path, data: bytes) -> tuple[list[Mesh], list[Material]]:
-    header = _check_ply(path, data)
+    header = check_ply(path, data)
     per_face = re.search(r"(?m)^property list \w+ \w+ texcoord\b", header) is not None
     loaded = load_ply(io.BytesIO(data), skip_materials=True, fix_texture=per_face)
     if per_face:
@@ -144,7 +144,7 @@ def _read_ply(path: Path, data: bytes) -> tuple[list[Mesh], list[Material]]:
     return [_mesh(loaded, path.stem, 0, 0)], [material]
 
 
-def _check_ply(path: Path, data: bytes) -> str:
+def check_ply(path: Path, data: bytes) -> str:
     """The header's text, after comparing the declared counts with the bytes that are there."""
     end = data.find(b"end_header")
     if not data.startswith(b"ply") or end < 0:
@@ -172,8 +172,8 @@ def _mesh(part: dict[str, Any], name: str, material: int, object_id: int) -> Mes
     faces = _triangulated(part.get("faces"))
     normals = part.get("vertex_normals")
     uv = getattr(part.get("visual"), "uv", None)
-    colors = _linear_colors(part.get("vertex_colors"), len(vertices))
-    face_colors = _linear_colors(part.get("face_colors"), len(faces))
+    colors = linear_colors(part.get("vertex_colors"), len(vertices))
+    face_colors = linear_colors(part.get("face_colors"), len(faces))
     if normals is not None and len(normals) != len(vertices):
         normals = None
     if uv is not None and (len(uv) != len(vertices) or not np.isfinite(uv).all()):
@@ -217,7 +217,7 @@ def _unit_or_zero(normals: Any) -> Tensor:
     return torch.nn.functional.normalize(value, dim=1, eps=math.ulp(0.0)).float()
 
 
-def _linear_colors(colors: Any, count: int) -> Tensor | None:
+def linear_colors(colors: Any, count: int) -> Tensor | None:
     """(count,3) linear; integers are sRGB codes, floats are linear already."""
     if colors is None or not count or len(colors) != count:
         return None
