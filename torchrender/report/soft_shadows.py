@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,7 @@ from torchrender.report.soft_shadow_subject import QUICK, StudyOptions, Subject,
 from torchrender.report.soft_shadow_times import penumbra_cost, times
 from torchrender.scene.procedural import build
 
+PARTS = ("errors", "times")
 METHODS = ("nonredundant", "conventional", "depth_peeling")
 
 
@@ -107,14 +109,19 @@ def skipping_error(study: StudyOptions) -> dict[str, float]:
     return out
 
 
-def run(study: StudyOptions, folder: Path) -> dict[str, Any]:
-    """Measure everything and write the page."""
+def run(study: StudyOptions, folder: Path, parts: Sequence[str] = PARTS) -> dict[str, Any]:
+    """Measure and write the page; parts left out keep what ``soft-shadows.json`` holds of an earlier run."""
     folder.mkdir(parents=True, exist_ok=True)
-    record: dict[str, Any] = {"machine": machine_record(), "study": asdict(study)}
-    record |= {"errors": error_tables(study, folder), "times": times(study), "penumbra": penumbra_cost(study)}
-    record["skipping"] = skipping_error(study)
-    write_atomically(folder / "soft-shadows.json", text_writer(json.dumps(record, indent=1) + "\n"))
-    write_page(record, folder)
+    path = folder / "soft-shadows.json"
+    record: dict[str, Any] = {} if set(parts) == set(PARTS) else json.loads(path.read_text() if path.exists() else "{}")
+    record |= {"machine": machine_record(), "study": asdict(study)}
+    if "errors" in parts:
+        record |= {"errors": error_tables(study, folder), "skipping": skipping_error(study)}
+    if "times" in parts:
+        record |= {"times": times(study), "penumbra": penumbra_cost(study)}
+    write_atomically(path, text_writer(json.dumps(record, indent=1) + "\n"))
+    if {"errors", "times"} <= set(record):
+        write_page(record, folder)
     return record
 
 
@@ -123,8 +130,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--quick", action="store_true", help="one scene, small pictures: checks that it works")
     parser.add_argument("-o", "--output", type=Path, default=Path("docs/results"), help="folder to write into")
+    parser.add_argument("--only", choices=PARTS, help="measure this anew and keep the rest of an earlier run")
     given = parser.parse_args()
-    run(QUICK if given.quick else StudyOptions(), given.output)
+    run(QUICK if given.quick else StudyOptions(), given.output, [given.only] if given.only else PARTS)
 
 
 if __name__ == "__main__":
