@@ -12,6 +12,7 @@ from torch import Tensor
 
 from torchrender.buffers import GBuffer, ReflectionLayer, ShadowMap
 from torchrender.checks import ArrayLike, as_vector, check_choice, check_range
+from torchrender.effects.clustered_reflection import ClusterOptions, clustered_reflections
 from torchrender.effects.shadow_map import ShadowOptions, lights_visibility, render_shadow_map
 from torchrender.effects.traced_reflection import TraceOptions, environment_reflections, trace_reflections
 from torchrender.errors import InputError, OptionError
@@ -27,7 +28,7 @@ from torchrender.scene.model import Scene, resized
 from torchrender.shade import shade
 
 DEFAULT_SIZE = (1024, 768)
-REFLECTIONS = ("traced", "environment", "off")
+REFLECTIONS = ("clustered", "traced", "environment", "off")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,7 +41,8 @@ class RenderOptions:
 
     shadows: bool = True
     shadow: ShadowOptions = field(default_factory=ShadowOptions)
-    reflections: str = "traced"  # how reflectors mirror: "traced", "environment" (one cube map), "off"
+    reflections: str = "clustered"  # how reflectors mirror: "clustered", "traced", "environment" (one cube map), "off"
+    reflection: ClusterOptions = field(default_factory=ClusterOptions)
     tracing: TraceOptions = field(default_factory=TraceOptions)
     supersample: int = 1  # 2: two by two samples per pixel
     background: ArrayLike | None = None  # linear colour of empty pixels; None: environment, else ambient light
@@ -99,7 +101,7 @@ def render(
             radiance = shade(scene, gbuffer, visibility, background=options.background)
         if options.reflections != "off":
             with clock.measure("reflections"):
-                layer = _reflections(scene, gbuffer, maps, options)
+                layer = _reflections(scene, gbuffer, maps, options, radiance)
                 radiance = radiance if layer is None else blend_reflections(scene, gbuffer, radiance, layer)
         if fine is not cameras:
             with clock.measure("resolve"):
@@ -131,7 +133,7 @@ def _shadow_maps(scene: Scene, gbuffer: GBuffer, options: RenderOptions) -> list
 
 
 def _reflections(
-    scene: Scene, gbuffer: GBuffer, maps: list[ShadowMap] | None, options: RenderOptions
+    scene: Scene, gbuffer: GBuffer, maps: list[ShadowMap] | None, options: RenderOptions, direct: Tensor
 ) -> ReflectionLayer | None:
     """What the reflectors in view mirror; None if there are none."""
     pixels = reflective_pixels(scene, gbuffer)
@@ -140,6 +142,11 @@ def _reflections(
     shader = HitShader(scene, None if maps is None else options.shadow, maps, options.background)
     if options.reflections == "environment":
         return environment_reflections(pixels, shader)
+    if options.reflections == "clustered":
+        made = clustered_reflections(
+            scene, pixels, shader, options.reflection, direct=direct, caster=lambda: RayCaster(scene.geometry)
+        )
+        return made.layer
     return trace_reflections(RayCaster(scene.geometry), pixels, shader, options.tracing)
 
 
