@@ -19,7 +19,7 @@ from torchrender.checks import check_choice, check_range
 from torchrender.errors import OptionError
 from torchrender.kernels.depth_march import UNKNOWN
 from torchrender.rays import RayCaster
-from torchrender.reflection.cluster_cameras import CENTRES, ClusterCameras, build_cluster_cameras
+from torchrender.reflection.cluster_cameras import AIMS, CENTRES, ClusterCameras, build_cluster_cameras
 from torchrender.reflection.cluster_images import (
     ClusterAnswer,
     cluster_camera,
@@ -61,6 +61,7 @@ class ClusterOptions:
     plane_share: float = 5e-4  # planes with this share of a picture are clusters of their own; inf: bins alone
     camera_share: float = 2e-4  # curved clusters with a smaller share of a picture join another one; 0: bins alone
     centre: str = "best"  # of projection: "thesis", "least_squares", or for each cluster the better one
+    aim: str = "rays"  # view axis of curved clusters: mean direction of the "rays", or "normal" of the fitting plane
     image_scale: float = 1.0  # sides of the depth images of curved clusters
     epsilon: float = 1e-4  # share of the depth that a ray must be behind the image
     glossy_rays: int = 8  # per glossy pixel; mirrors take one
@@ -79,6 +80,7 @@ class ClusterOptions:
             raise OptionError(f"bins must be two numbers, got {self.bins}")
         check_choice("scale_rule", self.scale_rule, SCALE_RULES)
         check_choice("centre", self.centre, CENTRES)
+        check_choice("aim", self.aim, AIMS)
         check_choice("missing", self.missing, ("environment", "trace"))
         check_choice("cull", self.cull, ("none", "back"))
         check_choice("self_reflection", self.self_reflection, ("mirror", "diffuse"))
@@ -140,6 +142,7 @@ def clustered_reflections(
         centre=options.centre,
         scale=options.image_scale,
         shorten=options.fade,
+        aim=options.aim,
     )
     shading = _Shading(scene, pixels, shader, options, caster, own)
     steps = 0
