@@ -9,12 +9,14 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from torchrender.buffers import DepthImages, GBuffer, VisibilityBuffer
+    from torchrender.buffers import DepthImages, GBuffer, ReflectionLayer, VisibilityBuffer
     from torchrender.depth.options import SamplingOptions
     from torchrender.depth.sample import sample_depth_images, sample_offset_images
+    from torchrender.effects.clustered_reflection import ClusterOptions, clustered_reflections
     from torchrender.effects.shadow_map import ShadowOptions
     from torchrender.effects.soft_shadow import SoftShadowOptions, soft_shadow
     from torchrender.effects.splat import render_points
+    from torchrender.effects.traced_reflection import TraceOptions, trace_reflections
     from torchrender.effects.voxel_volume import render_volume
     from torchrender.errors import TorchRenderError
     from torchrender.geometry.light_occluders import OccluderOptions, approximate_occluders
@@ -35,6 +37,7 @@ if TYPE_CHECKING:
     from torchrender.image import Image
     from torchrender.raster import rasterize, rasterize_depth
     from torchrender.rays import RayCaster
+    from torchrender.reflection.reflectors import blend_reflections, reflective_pixels
     from torchrender.renderer import RenderOptions, render
     from torchrender.reprojection import ReprojectOptions, reproject
     from torchrender.scene.camera import Cameras
@@ -51,6 +54,7 @@ __version__ = "0.1.0"
 
 __all__ = [
     "Cameras",
+    "ClusterOptions",
     "CollisionOptions",
     "DepthImages",
     "DirectionalLight",
@@ -65,6 +69,7 @@ __all__ = [
     "PointLight",
     "RayCaster",
     "RectLight",
+    "ReflectionLayer",
     "RenderOptions",
     "ReprojectOptions",
     "SamplingOptions",
@@ -76,12 +81,15 @@ __all__ = [
     "SpotLight",
     "SurfaceOptions",
     "TorchRenderError",
+    "TraceOptions",
     "VisibilityBuffer",
     "VoxelGrid",
     "Voxels",
     "__version__",
     "approximate_occluders",
+    "blend_reflections",
     "build_patches",
+    "clustered_reflections",
     "collide",
     "load",
     "load_points",
@@ -91,6 +99,7 @@ __all__ = [
     "rasterize_depth",
     "read_voxels",
     "reconstruct_hybrid",
+    "reflective_pixels",
     "render",
     "render_points",
     "render_volume",
@@ -99,6 +108,7 @@ __all__ = [
     "sample_offset_images",
     "scene_info",
     "soft_shadow",
+    "trace_reflections",
     "voxel_mesh",
     "voxelize_attributes",
     "voxelize_implicit",
@@ -112,6 +122,7 @@ __all__ = [
 
 _HOME = {
     "Cameras": "torchrender.scene.camera",
+    "ClusterOptions": "torchrender.effects.clustered_reflection",
     "CollisionOptions": "torchrender.geometry.voxel_collision",
     "DepthImages": "torchrender.buffers",
     "DirectionalLight": "torchrender.scene.light",
@@ -126,6 +137,7 @@ _HOME = {
     "PointLight": "torchrender.scene.light",
     "RayCaster": "torchrender.rays",
     "RectLight": "torchrender.scene.light",
+    "ReflectionLayer": "torchrender.buffers",
     "RenderOptions": "torchrender.renderer",
     "ReprojectOptions": "torchrender.reprojection",
     "SamplingOptions": "torchrender.depth.options",
@@ -137,11 +149,14 @@ _HOME = {
     "SpotLight": "torchrender.scene.light",
     "SurfaceOptions": "torchrender.geometry.voxelize",
     "TorchRenderError": "torchrender.errors",
+    "TraceOptions": "torchrender.effects.traced_reflection",
     "VisibilityBuffer": "torchrender.buffers",
     "VoxelGrid": "torchrender.geometry.voxel_grid",
     "Voxels": "torchrender.geometry.voxel_grid",
     "approximate_occluders": "torchrender.geometry.light_occluders",
+    "blend_reflections": "torchrender.reflection.reflectors",
     "build_patches": "torchrender.geometry.point_tree",
+    "clustered_reflections": "torchrender.effects.clustered_reflection",
     "collide": "torchrender.geometry.voxel_collision",
     "load": "torchrender.scene.load",
     "load_points": "torchrender.geometry.point_load",
@@ -151,6 +166,7 @@ _HOME = {
     "rasterize_depth": "torchrender.raster",
     "read_voxels": "torchrender.geometry.voxel_file",
     "reconstruct_hybrid": "torchrender.geometry.reconstruct",
+    "reflective_pixels": "torchrender.reflection.reflectors",
     "render": "torchrender.renderer",
     "render_points": "torchrender.effects.splat",
     "render_volume": "torchrender.effects.voxel_volume",
@@ -159,6 +175,7 @@ _HOME = {
     "sample_offset_images": "torchrender.depth.sample",
     "scene_info": "torchrender.scene.info",
     "soft_shadow": "torchrender.effects.soft_shadow",
+    "trace_reflections": "torchrender.effects.traced_reflection",
     "voxel_mesh": "torchrender.geometry.voxel_mesh",
     "voxelize_attributes": "torchrender.geometry.voxel_attributes",
     "voxelize_implicit": "torchrender.geometry.voxel_functions",

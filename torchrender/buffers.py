@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from enum import IntEnum
 from typing import Any
 
 import torch
@@ -95,3 +96,40 @@ class ShadowMap:
 
     cameras: Cameras  # N views of the light
     depth: Tensor  # (N,S,S) or (N,H,W) camera z of the light's view; +inf where empty
+
+
+@dataclass(frozen=True, eq=False)
+class RaySurface:
+    """The surfaces that N rays hit, with what shading needs; rows of rays that hit nothing hold zeros, material -1."""
+
+    position: Tensor  # (N,3) float64 world space
+    normal: Tensor  # (N,3) unit shading normal that faces the ray's origin
+    geometric_normal: Tensor  # (N,3) unit normal of the triangle that faces the ray's origin
+    uv: Tensor  # (N,2)
+    uv_footprint: Tensor  # (N,) width of the ray in uv
+    color: Tensor  # (N,3) interpolated vertex colour
+    material: Tensor  # (N,) int64
+    to_eye: Tensor  # (N,3) float32 unit, back along the ray
+
+
+class ReflectionState(IntEnum):
+    """Where the colour of a reflective pixel comes from."""
+
+    NONE = 0  # not reflective, or not asked for
+    TRACED = 1  # the ray caster
+    DEPTH_IMAGE = 2  # a cluster's depth image
+    ENVIRONMENT = 3  # the ray left the scene, or its hit is not known
+
+
+@dataclass(frozen=True, eq=False)
+class ReflectionLayer:
+    """What the reflective pixels of B pictures mirror, before it is blended with their own colour.
+
+    The reflected point of a mirror pixel is ``position + distance * direction``.
+    """
+
+    color: Tensor  # (B,H,W,3) radiance that arrives along the reflected ray, mean over the lobe; 0 where state is NONE
+    distance: Tensor  # (B,H,W) float32 ray length from reflector to reflected point; +inf environment, 0 state NONE
+    direction: Tensor  # (B,H,W,3) float32 unit reflected direction, 0 where state is NONE
+    state: Tensor  # (B,H,W) uint8 ReflectionState
+    cluster: Tensor  # (B,H,W) int64 group of pixels that shared a depth image, -1 for none

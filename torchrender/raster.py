@@ -74,20 +74,14 @@ def rasterize(scene: Scene, cameras: Cameras, *, cull: str = "none", tests: Frag
 
 def surface_attributes(scene: Scene, seen: VisibilityBuffer) -> GBuffer:
     """The G-buffer of a visibility buffer of the same scene."""
-    shape = tuple(seen.depth.shape)
-    widths = {"normal": 3, "geometric_normal": 3, "uv": 2, "uv_footprint": 0, "color": 3}
-    made = {name: np.zeros((*shape, n) if n else shape, np.float32) for name, n in widths.items()}
-    position = np.zeros((*shape, 3))
-    material = np.full(shape, -1, np.int64)
-    _interpolate(scene.geometry, seen, (position, *made.values(), material))
+    made = empty_attributes(tuple(seen.depth.shape))
+    _interpolate(scene.geometry, seen, tuple(made.values()))
     return GBuffer(
         cameras=seen.cameras,
         depth=seen.depth,
         triangle=seen.triangle,
         object_id=seen.object_id,
         barycentric=seen.barycentric,
-        position=torch.from_numpy(position),
-        material=torch.from_numpy(material),
         **{name: torch.from_numpy(value) for name, value in made.items()},
     )
 
@@ -239,13 +233,27 @@ def earlier_arrays(cameras: Cameras, k: int, tests: FragmentTests, view: View) -
     return numpy_view(earlier.triangle, np.int64), np.ascontiguousarray(pixels), other.near.numpy(), depth, lens, own
 
 
-def _interpolate(geometry: Geometry, seen: VisibilityBuffer, outputs: tuple[Array, ...]) -> None:
-    cameras = seen.cameras
-    scene = (geometry.vertices.numpy(), geometry.faces.numpy(), geometry.material.numpy())
+def attribute_arrays(geometry: Geometry) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
+    """(vertices, faces, material) and (normals, uv, colors), empty where absent, as the attribute kernels read them."""
     optional = tuple(
         np.zeros((0, width), np.float32) if value is None else value.numpy()
         for value, width in ((geometry.normals, 3), (geometry.uv, 2), (geometry.colors, 3))
     )
+    return (geometry.vertices.numpy(), geometry.faces.numpy(), geometry.material.numpy()), optional
+
+
+def empty_attributes(shape: tuple[int, ...]) -> dict[str, Array]:
+    """Room for what the attribute kernels write, in their order."""
+    widths = {"normal": 3, "geometric_normal": 3, "uv": 2, "uv_footprint": 0, "color": 3}
+    made: dict[str, Array] = {"position": np.zeros((*shape, 3))}
+    made |= {name: np.zeros((*shape, n) if n else shape, np.float32) for name, n in widths.items()}
+    return made | {"material": np.full(shape, -1, np.int64)}
+
+
+def _interpolate(geometry: Geometry, seen: VisibilityBuffer, outputs: tuple[Array, ...]) -> None:
+    cameras = seen.cameras
+    scene, optional = attribute_arrays(geometry)
+    pixels = cameras.width * cameras.height
     world_from_camera = cameras.world_from_camera.numpy()
     size = cameras.footprint(torch.ones(len(cameras), 1, dtype=torch.float64))
     for k in range(len(cameras)):
@@ -260,4 +268,5 @@ def _interpolate(geometry: Geometry, seen: VisibilityBuffer, outputs: tuple[Arra
             np.array([float(size[k, 0]), float(cameras.orthographic)]),
         )
         visible = (seen.depth[k].numpy(), seen.triangle[k].numpy(), seen.barycentric[k].numpy())
-        interpolate(scene, optional, view, visible, tuple(a[k] for a in outputs))
+        rows = tuple(a[k].reshape(pixels, *a.shape[3:]) for a in outputs)
+        interpolate(scene, optional, view, visible, rows)

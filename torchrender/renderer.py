@@ -1,28 +1,32 @@
-"""Scene and camera in, picture out: rasterise, find shadows, shade."""
+"""Scene and camera in, picture out: rasterise, find shadows, shade, add reflections where something mirrors."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from torch import Tensor
 
-from torchrender.buffers import GBuffer
+from torchrender.buffers import GBuffer, ReflectionLayer, ShadowMap
 from torchrender.checks import ArrayLike, as_vector, check_choice, check_range
-from torchrender.effects.shadow_map import ShadowOptions, lights_visibility
+from torchrender.clock import StepClock
+from torchrender.effects.clustered_reflection import ClusterOptions, clustered_reflections
+from torchrender.effects.shadow_map import ShadowOptions, lights_visibility, render_shadow_map
+from torchrender.effects.traced_reflection import TraceOptions, environment_reflections, trace_reflections
 from torchrender.errors import InputError, OptionError
+from torchrender.hit_shader import HitShader
 from torchrender.image import Image
 from torchrender.numerics.tonemap import OPERATORS
 from torchrender.raster import rasterize
+from torchrender.rays import RayCaster
+from torchrender.reflection.reflectors import blend_reflections, reflective_pixels
 from torchrender.scene.camera import Cameras
 from torchrender.scene.load import load
 from torchrender.scene.model import Scene, resized
 from torchrender.shade import shade
 
 DEFAULT_SIZE = (1024, 768)
+REFLECTIONS = ("clustered", "traced", "environment", "off")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,12 +39,16 @@ class RenderOptions:
 
     shadows: bool = True
     shadow: ShadowOptions = field(default_factory=ShadowOptions)
+    reflections: str = "clustered"  # how reflectors mirror: "clustered", "traced", "environment" (one cube map), "off"
+    reflection: ClusterOptions = field(default_factory=ClusterOptions)
+    tracing: TraceOptions = field(default_factory=TraceOptions)
     supersample: int = 1  # 2: two by two samples per pixel
     background: ArrayLike | None = None  # linear colour of empty pixels; None: environment, else ambient light
     exposure: float | None = 0.0  # EV for display; None: automatic
     tone_map: str = "none"  # operator for display: none, reinhard or aces
 
     def __post_init__(self) -> None:
+        check_choice("reflections", self.reflections, REFLECTIONS)
         if self.supersample not in (1, 2):
             raise OptionError(f"supersample must be 1 or 2, got {self.supersample}")
         if self.background is not None:
@@ -74,7 +82,7 @@ def render(
         InputError: no camera of that name; a size or an option out of range.
     """
     options = options or RenderOptions()
-    clock = _Clock()
+    clock = StepClock()
     with clock.measure("total"):
         if not isinstance(scene, Scene):
             with clock.measure("load"):
@@ -85,9 +93,14 @@ def render(
         with clock.measure("raster"):
             gbuffer = rasterize(scene, fine)
         with clock.measure("shadows"):
-            visibility = _visibility(scene, gbuffer, options)
+            maps = _shadow_maps(scene, gbuffer, options)
+            visibility = None if maps is None else lights_visibility(scene, gbuffer, options.shadow, maps)
         with clock.measure("shade"):
             radiance = shade(scene, gbuffer, visibility, background=options.background)
+        if options.reflections != "off":
+            with clock.measure("reflections"):
+                layer = _reflections(scene, gbuffer, maps, options, radiance)
+                radiance = radiance if layer is None else blend_reflections(scene, gbuffer, radiance, layer)
         if fine is not cameras:
             with clock.measure("resolve"):
                 radiance = _average(radiance, options.supersample)
@@ -109,11 +122,30 @@ def _cameras(scene: Scene, camera: Cameras | str | None, width: int | None, heig
     return scene.camera(camera, width=width or DEFAULT_SIZE[0], height=height or DEFAULT_SIZE[1])
 
 
-def _visibility(scene: Scene, gbuffer: GBuffer, options: RenderOptions) -> Tensor | None:
-    """Shadow factors (B,L,H,W) of all lights; None if shadows are off or there is nothing to shadow."""
+def _shadow_maps(scene: Scene, gbuffer: GBuffer, options: RenderOptions) -> list[ShadowMap] | None:
+    """A map per light; None if shadows are off or there is nothing to shadow."""
     if not options.shadows or not scene.lights or not bool(gbuffer.covered.any()):
         return None
-    return lights_visibility(scene, gbuffer, options.shadow)
+    view = gbuffer.cameras if options.shadow.cascades > 1 else None
+    return [render_shadow_map(scene, light, options.shadow, camera=view) for light in scene.lights]
+
+
+def _reflections(
+    scene: Scene, gbuffer: GBuffer, maps: list[ShadowMap] | None, options: RenderOptions, direct: Tensor
+) -> ReflectionLayer | None:
+    """What the reflectors in view mirror; None if there are none."""
+    pixels = reflective_pixels(scene, gbuffer)
+    if not len(pixels):
+        return None
+    shader = HitShader(scene, None if maps is None else options.shadow, maps, options.background)
+    if options.reflections == "environment":
+        return environment_reflections(pixels, shader)
+    if options.reflections == "clustered":
+        made = clustered_reflections(
+            scene, pixels, shader, options.reflection, direct=direct, caster=lambda: RayCaster(scene.geometry)
+        )
+        return made.layer
+    return trace_reflections(RayCaster(scene.geometry), pixels, shader, options.tracing)
 
 
 def _average(radiance: Tensor, factor: int) -> Tensor:
@@ -121,16 +153,3 @@ def _average(radiance: Tensor, factor: int) -> Tensor:
     count, height, width, _ = radiance.shape
     cells = radiance.reshape(count, height // factor, factor, width // factor, factor, 3)
     return cells.mean(dim=(2, 4))
-
-
-class _Clock:
-    """Wall time per step."""
-
-    def __init__(self) -> None:
-        self.elapsed_ms: dict[str, float] = {}
-
-    @contextmanager
-    def measure(self, step: str) -> Iterator[None]:
-        begin = time.perf_counter()
-        yield
-        self.elapsed_ms[step] = 1e3 * (time.perf_counter() - begin)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from torchrender.buffers import GBuffer
+from torchrender.buffers import GBuffer, RaySurface
 from torchrender.checks import ArrayLike, as_vector, check_tensor
 from torchrender.numerics.polygon_light import polygon_irradiance
 from torchrender.numerics.texture import color_pyramid, sample_texture
@@ -112,6 +112,29 @@ def shade(
     return image.reshape(count, height, width, 3)
 
 
+def shade_hits(scene: Scene, surface: RaySurface, visibility: Tensor | None = None) -> Tensor:
+    """Linear radiance (N,3) that leaves the hits of N rays towards their origins; 0 for rays that hit nothing.
+
+    The same light and materials as :func:`shade`.
+
+    Args:
+        visibility: shadow factors (L,N) in [0,1]; None: every light reaches everything.
+
+    Raises:
+        InputError: ``visibility`` of a wrong shape.
+    """
+    count = len(surface.material)
+    if visibility is not None:
+        check_tensor("visibility", visibility, (len(scene.lights), count))
+    image = torch.zeros(count, 3)
+    rows = (surface.material >= 0).nonzero().reshape(-1)
+    if not len(rows):
+        return image
+    tables = _Tables.of(scene)
+    parts = [_shade_pixels(scene, _surface(tables, surface, chunk), visibility, chunk) for chunk in rows.split(CHUNK)]
+    return image.index_copy(0, rows, torch.cat(parts, dim=1).T)
+
+
 def diffuse_color(scene: Scene, gbuffer: GBuffer) -> Tensor:
     """Diffuse reflectance (B,H,W,3), textures and vertex colours included; 0 where empty."""
     rows = gbuffer.covered.reshape(-1).nonzero().reshape(-1)
@@ -141,7 +164,7 @@ def _shade_pixels(scene: Scene, surface: _Surface, visibility: Tensor | None, ro
     return surface.albedo * diffuse + surface.specular * specular + surface.emission
 
 
-def _surface(tables: _Tables, gbuffer: GBuffer, rows: Tensor) -> _Surface:
+def _surface(tables: _Tables, gbuffer: GBuffer | RaySurface, rows: Tensor) -> _Surface:
     def planes(image: Tensor) -> Tensor:
         return image.reshape(-1, 3).index_select(0, rows).T.contiguous()
 
@@ -150,7 +173,10 @@ def _surface(tables: _Tables, gbuffer: GBuffer, rows: Tensor) -> _Surface:
     normal, specular = planes(gbuffer.normal), tables.specular[:, materials]
     mirror = None
     if bool((specular > 0).any()):
-        to_eye = _to_eye(gbuffer.cameras, position, tables.origin, rows)
+        if isinstance(gbuffer, RaySurface):
+            to_eye = planes(gbuffer.to_eye)
+        else:
+            to_eye = _to_eye(gbuffer.cameras, position, tables.origin, rows)
         mirror = 2.0 * (normal * to_eye).sum(0) * normal - to_eye
     return _Surface(
         origin=tables.origin,
@@ -173,7 +199,7 @@ def _to_eye(cameras: Cameras, position: Tensor, origin: Tensor, rows: Tensor) ->
     return torch.nn.functional.normalize((cameras.eye - origin).float()[camera].T - position, dim=0, eps=1e-30)
 
 
-def _albedo(tables: _Tables, gbuffer: GBuffer, rows: Tensor) -> Tensor:
+def _albedo(tables: _Tables, gbuffer: GBuffer | RaySurface, rows: Tensor) -> Tensor:
     """Diffuse reflectance (N,3): one texture look-up per material over the pixels that use it."""
     materials = gbuffer.material.reshape(-1).index_select(0, rows)
     albedo = tables.diffuse.index_select(0, materials) * gbuffer.color.reshape(-1, 3).index_select(0, rows)

@@ -185,6 +185,14 @@ def shadow_factor(
     return torch.cat(images)
 
 
+def options_for(light: Light, scene: Scene, options: ShadowOptions | None = None) -> ShadowOptions:
+    """The options with the size that a light without one has in this scene."""
+    options = options or ShadowOptions()
+    if options.light_width is None and not isinstance(light, RectLight):
+        options = replace(options, light_width=max(0.05 * scene.diagonal, 1e-12))
+    return options
+
+
 def light_visibility(
     scene: Scene,
     light: Light,
@@ -197,9 +205,7 @@ def light_visibility(
     A rectangle is seen from its centre: its shadows are hard, or with filter "pcss" as wide as a square of its area
     makes them. Pass the map of an earlier call while scene and light stand still.
     """
-    options = options or ShadowOptions()
-    if options.light_width is None and not isinstance(light, RectLight):
-        options = replace(options, light_width=max(0.05 * scene.diagonal, 1e-12))
+    options = options_for(light, scene, options)
     if shadow_map is None:
         view = gbuffer.cameras if options.cascades > 1 else None
         shadow_map = render_shadow_map(scene, light, options, camera=view)

@@ -86,6 +86,41 @@ def texture_footprint(density, size, facing, d):
     return density * size / math.sqrt(cosine)
 
 
+@kernel(inline=True)
+def face_of(scene, uvs, t):
+    """Unit right-hand normal of triangle ``t`` and its uv density."""
+    vertices, faces, _ = scene
+    nx, ny, nz = face_cross(vertices, faces, t)
+    gx, gy, gz = unit(nx, ny, nz)
+    density = uv_density(vertices, faces, uvs, t) if uvs.shape[0] > 0 else 0.0
+    return gx, gy, gz, density
+
+
+@kernel(inline=True)
+def write_surface(scene, optional, t, weights, face, d, texture, row, outputs):
+    """Everything but the position of one point, into ``row`` = index of flat ``outputs``.
+
+    ``face`` = normal of the triangle, ``d`` = direction of the ray, ``texture`` = (uv density, width of the ray there).
+    """
+    faces, material_of = scene[1], scene[2]
+    normals, uvs, colors = optional
+    normal, geometric, uv, footprint, color, material = outputs
+    u, v = weights
+    facing = face[0] * d[0] + face[1] * d[1] + face[2] * d[2]
+    sign = -1.0 if facing > 0.0 else 1.0
+    towards = (face[0] * sign, face[1] * sign, face[2] * sign)
+    shade = shading_normal(normals, faces, t, u, v, towards) if normals.shape[0] > 0 else towards
+    for k in range(3):
+        geometric[row, k] = towards[k]
+        normal[row, k] = shade[k]
+        color[row, k] = blend(colors, faces, t, u, v, k) if colors.shape[0] > 0 else 1.0
+    if uvs.shape[0] > 0:
+        uv[row, 0] = blend(uvs, faces, t, u, v, 0)
+        uv[row, 1] = blend(uvs, faces, t, u, v, 1)
+        footprint[row] = texture_footprint(texture[0], texture[1], facing, d)
+    material[row] = material_of[t]
+
+
 @kernel(parallel=True)
 def interpolate(scene, optional, view, visibility, outputs):
     """Fill the G-buffer of one camera.
@@ -93,49 +128,55 @@ def interpolate(scene, optional, view, visibility, outputs):
     ``scene`` = (vertices, faces, material of each face), ``optional`` = (normals, uv, colors), empty where absent;
     ``view`` = (ray matrix (3,3) from (column, row, 1) to direction with camera z 1, camera origin (3,), forward (3,),
     (pixel size per unit depth, orthographic)); ``outputs`` = (position, normal, geometric normal, uv, footprint,
-    color, material), all zero but material, which is -1.
+    color, material), a row per pixel, all zero but material, which is -1.
     """
-    vertices, faces, material_of = scene
-    normals, uvs, colors = optional
     rays, origin, forward, settings = view
     orthographic = settings[1] != 0.0
     depth, triangle, barycentric = visibility
-    position, normal, geometric, uv, footprint, color, material = outputs
+    position = outputs[0]
+    width = depth.shape[1]
     for y in prange(depth.shape[0]):
         last = np.int64(-1)
         gx = gy = gz = density = 0.0
-        for x in range(depth.shape[1]):
+        for x in range(width):
             t = triangle[y, x]
             if t < 0:
                 continue
-            if t != last:
-                nx, ny, nz = face_cross(vertices, faces, t)
-                gx, gy, gz = unit(nx, ny, nz)
-                density = uv_density(vertices, faces, uvs, t) if uvs.shape[0] > 0 else 0.0
-                last = t
-            u, v = np.float64(barycentric[y, x, 0]), np.float64(barycentric[y, x, 1])
-            z = np.float64(depth[y, x])
             dx, dy, dz = ray_of(rays, x, y)
+            if t != last:
+                gx, gy, gz, density = face_of(scene, optional[1], t)
+                last = t
+            z = np.float64(depth[y, x])
+            row = y * width + x
+            size = settings[0] * z
             if orthographic:  # the ray matrix goes across the image, the depth along ``forward``
-                for k in range(3):
-                    across = dx if k == 0 else (dy if k == 1 else dz)
-                    position[y, x, k] = origin[k] + across + z * forward[k]
+                position[row, 0] = origin[0] + dx + z * forward[0]
+                position[row, 1] = origin[1] + dy + z * forward[1]
+                position[row, 2] = origin[2] + dz + z * forward[2]
                 dx, dy, dz = forward[0], forward[1], forward[2]
+                size = settings[0]
             else:
-                position[y, x, 0] = origin[0] + z * dx
-                position[y, x, 1] = origin[1] + z * dy
-                position[y, x, 2] = origin[2] + z * dz
-            facing = gx * dx + gy * dy + gz * dz
-            sign = -1.0 if facing > 0.0 else 1.0
-            face = (gx * sign, gy * sign, gz * sign)
-            shade = shading_normal(normals, faces, t, u, v, face) if normals.shape[0] > 0 else face
-            for k in range(3):
-                geometric[y, x, k] = face[k]
-                normal[y, x, k] = shade[k]
-                color[y, x, k] = blend(colors, faces, t, u, v, k) if colors.shape[0] > 0 else 1.0
-            if uvs.shape[0] > 0:
-                uv[y, x, 0] = blend(uvs, faces, t, u, v, 0)
-                uv[y, x, 1] = blend(uvs, faces, t, u, v, 1)
-                size = settings[0] if orthographic else settings[0] * z
-                footprint[y, x] = texture_footprint(density, size, facing, (dx, dy, dz))
-            material[y, x] = material_of[t]
+                position[row, 0] = origin[0] + z * dx
+                position[row, 1] = origin[1] + z * dy
+                position[row, 2] = origin[2] + z * dz
+            weights = (np.float64(barycentric[y, x, 0]), np.float64(barycentric[y, x, 1]))
+            write_surface(scene, optional, t, weights, (gx, gy, gz), (dx, dy, dz), (density, size), row, outputs[1:])
+
+
+@kernel(parallel=True)
+def interpolate_hits(scene, optional, rays, hits, outputs):
+    """The same for rays: ``rays`` = (origins, directions, width of the ray at its hit), ``hits`` = (t, triangle,
+    barycentric)."""
+    origins, directions, widths = rays
+    t_hit, triangle, barycentric = hits
+    position = outputs[0]
+    for row in prange(triangle.shape[0]):
+        t = triangle[row]
+        if t < 0:
+            continue
+        d = (directions[row, 0], directions[row, 1], directions[row, 2])
+        gx, gy, gz, density = face_of(scene, optional[1], t)
+        for k in range(3):
+            position[row, k] = origins[row, k] + t_hit[row] * d[k]
+        weights = (np.float64(barycentric[row, 0]), np.float64(barycentric[row, 1]))
+        write_surface(scene, optional, t, weights, (gx, gy, gz), d, (density, widths[row]), row, outputs[1:])

@@ -1,0 +1,208 @@
+"""Which pixels mirror, in which direction, and how what they mirror is blended with their own colour.
+
+A pixel is reflective if its material is a reflector (:attr:`Material.is_reflector`). Reflectors are the scene's
+objects. ``colour = lerp(direct, tint * reflected, F)`` with Schlick's F of the specular degree: specification 03 blends
+by the degree itself, specification 04 by Schlick's term, which is the same at normal incidence; one rule serves both.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import torch
+from torch import Tensor
+
+from torchrender.buffers import GBuffer, RayHits, ReflectionLayer, ReflectionState
+from torchrender.checks import check_tensor
+from torchrender.numerics.lobe import lobe_directions, reflect, schlick
+from torchrender.scene.camera import Cameras
+from torchrender.scene.model import Scene
+
+START = 1e-5
+"""Distance from the reflector at which rays start, in scene diagonals."""
+
+
+@dataclass(frozen=True, eq=False)
+class ReflectivePixels:
+    """The N reflective pixels of B pictures, in flat (B,H,W) order."""
+
+    shape: tuple[int, int, int]  # (B,H,W) of the pictures
+    cameras: Cameras  # that saw them
+    pixel: Tensor  # (N,) int64 place in the flat pictures
+    position: Tensor  # (N,3) float64
+    normal: Tensor  # (N,3) float64 unit shading normal
+    geometric_normal: Tensor  # (N,3) float64 unit
+    view: Tensor  # (N,3) float64 unit, from the eye
+    direction: Tensor  # (N,3) float64 unit, mirrored, never below the geometric surface
+    gloss: Tensor  # (N,) float64 lobe width
+    object_id: Tensor  # (N,) int64 reflector
+    depth: Tensor  # (N,) float64 camera z
+    length: Tensor  # (N,) float64 from the eye
+    pixel_angle: Tensor  # (N,) float64 width of a pixel per unit of ray length
+
+    def __len__(self) -> int:
+        return len(self.pixel)
+
+    def select(self, index: Tensor) -> ReflectivePixels:
+        """Some of the pixels, by index or mask (N,)."""
+        own = {name: value for name, value in vars(self).items() if name not in ("shape", "cameras")}
+        return ReflectivePixels(
+            shape=self.shape, cameras=self.cameras, **{name: value[index] for name, value in own.items()}
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class ReflectedRays:
+    """N rays that leave reflectors; with ``width + spread t`` as their width at length t."""
+
+    origin: Tensor  # (N,3) float64, on the reflector
+    direction: Tensor  # (N,3) float64 unit
+    width: Tensor  # (N,) float64
+    spread: Tensor  # (N,) float64
+
+
+class RayShader(Protocol):
+    """Radiance that arrives along rays. Handed in by whoever makes the picture, so that reflections show its light."""
+
+    def __call__(self, rays: ReflectedRays, hits: RayHits) -> Tensor:
+        """(N,3) towards the rays' origins; rays that hit nothing bring what surrounds the scene."""
+
+    def environment(self, direction: Tensor) -> Tensor:
+        """(N,3) the scene as seen from its centre, along unit directions (N,3)."""
+
+    def surroundings(self, position: Tensor, direction: Tensor) -> Tensor:
+        """(N,3) a guess, without rays, at what arrives at positions (N,3) from unit directions (N,3)."""
+
+
+def reflective(scene: Scene, gbuffer: GBuffer) -> Tensor:
+    """(B,H,W) bool: a reflector is seen there, and has a normal."""
+    table = torch.tensor([m.is_reflector for m in scene.materials] + [False])
+    if not bool(table.any()):
+        return torch.zeros(gbuffer.material.shape, dtype=torch.bool)
+    seen = table[gbuffer.material]  # the last entry stands for -1, empty
+    return seen & (gbuffer.normal.square().sum(-1) > 0.25)
+
+
+def reflective_pixels(scene: Scene, gbuffer: GBuffer, mask: Tensor | None = None) -> ReflectivePixels:
+    """The reflective pixels of a G-buffer, or those of them in ``mask`` (B,H,W) bool."""
+    chosen = reflective(scene, gbuffer)
+    if mask is not None:
+        chosen = chosen & check_tensor("mask", mask, tuple(chosen.shape))
+    pixel = chosen.reshape(-1).nonzero().reshape(-1)
+    position, normal, flat = (
+        image.reshape(-1, 3).index_select(0, pixel).double()
+        for image in (gbuffer.position, gbuffer.normal, gbuffer.geometric_normal)
+    )
+    normal = torch.nn.functional.normalize(normal, dim=-1, eps=1e-30)
+    cameras = gbuffer.cameras
+    camera = pixel // (cameras.width * cameras.height)
+    size = (1.0 / cameras.intrinsics[:, (0, 1), (0, 1)]).amax(dim=1)
+    depth = gbuffer.depth.reshape(-1)[pixel].double()
+    if cameras.orthographic:
+        view = cameras.forward[camera]
+        length = torch.ones(len(pixel), dtype=torch.float64)
+        angle = size[camera]
+    else:
+        offset = position - cameras.eye[camera]
+        length = offset.norm(dim=-1)
+        view = offset / length.clamp_min(1e-300)[:, None]
+        angle = size[camera] * depth / length.clamp_min(1e-300)
+    gloss = torch.tensor([m.gloss for m in scene.materials], dtype=torch.float64)
+    return ReflectivePixels(
+        shape=(gbuffer.material.shape[0], gbuffer.material.shape[1], gbuffer.material.shape[2]),
+        cameras=cameras,
+        pixel=pixel,
+        position=position,
+        normal=normal,
+        geometric_normal=flat,
+        view=view,
+        direction=_mirrored(view, normal, flat),
+        gloss=gloss[gbuffer.material.reshape(-1)[pixel]],
+        object_id=gbuffer.object_id.reshape(-1)[pixel],
+        depth=depth,
+        length=length,
+        pixel_angle=angle,
+    )
+
+
+def _mirrored(view: Tensor, normal: Tensor, flat: Tensor) -> Tensor:
+    """Mirrored view directions; those that a bent shading normal sends into the surface are mirrored out of it."""
+    direction = reflect(view, normal)
+    into = (direction * flat).sum(-1, keepdim=True).clamp_max(0.0)
+    return torch.nn.functional.normalize(direction - 2.0 * into * flat, dim=-1, eps=1e-30)
+
+
+def mean_distance(lengths: Tensor) -> Tensor:
+    """Mean (N,) float32 of the finite ones of (N,K) lengths; +inf where there is none."""
+    finite = torch.isfinite(lengths)
+    total = torch.where(finite, lengths, 0.0).sum(dim=1)
+    return torch.where(finite.any(dim=1), total / finite.sum(dim=1).clamp_min(1), torch.inf).float()
+
+
+def reflected_rays(pixels: ReflectivePixels, direction: Tensor | None = None) -> ReflectedRays:
+    """One ray per pixel, along ``direction`` (N,3) or the mirrored direction."""
+    angle = pixels.pixel_angle
+    toward = pixels.direction if direction is None else direction
+    return ReflectedRays(pixels.position, toward, angle * pixels.length, angle)
+
+
+def lobe_rays(pixels: ReflectivePixels, count: int) -> ReflectedRays:
+    """``count`` rays for each pixel, (N count) in all, spread over its lobe; each is as wide as its share of it."""
+    column, row = pixels.pixel % pixels.shape[2], pixels.pixel // pixels.shape[2]
+    # Interleaved gradient noise (Jimenez 2014): neighbouring pixels get angles far apart, without a random generator.
+    turn = 2.0 * torch.pi * (52.9829189 * (0.06711056 * column.double() + 0.00583715 * row.double()).frac()).frac()
+    toward = lobe_directions(pixels.direction, pixels.geometric_normal, pixels.gloss, count, turn)
+    share = pixels.gloss * (torch.pi / 6.0) * 2.0 / count**0.5
+    return ReflectedRays(
+        origin=pixels.position.repeat_interleave(count, 0),
+        direction=toward.reshape(-1, 3),
+        width=(pixels.pixel_angle * pixels.length).repeat_interleave(count),
+        spread=torch.maximum(pixels.pixel_angle, share).repeat_interleave(count),
+    )
+
+
+def reflection_layer(
+    pixels: ReflectivePixels, color: Tensor, distance: Tensor, state: Tensor, cluster: Tensor | None = None
+) -> ReflectionLayer:
+    """The layer that holds values (N,...) of the given pixels and nothing elsewhere."""
+    count = pixels.shape[0] * pixels.shape[1] * pixels.shape[2]
+
+    def image(value: Tensor, dtype: torch.dtype, empty: float = 0) -> Tensor:
+        flat = torch.full((count, *value.shape[1:]), empty, dtype=dtype)
+        return flat.index_copy(0, pixels.pixel, value.to(dtype)).reshape(*pixels.shape, *value.shape[1:])
+
+    none = torch.full((len(pixels),), -1, dtype=torch.int64)
+    return ReflectionLayer(
+        color=image(color, torch.float32),
+        distance=image(distance, torch.float32),
+        direction=image(pixels.direction, torch.float32),
+        state=image(state, torch.uint8),
+        cluster=image(none if cluster is None else cluster, torch.int64, -1),
+    )
+
+
+def blend_reflections(scene: Scene, gbuffer: GBuffer, direct: Tensor, layer: ReflectionLayer) -> Tensor:
+    """Radiance (B,H,W,3): ``direct`` with what its reflective pixels mirror; other pixels stay untouched."""
+    rows = (layer.state != ReflectionState.NONE).reshape(-1).nonzero().reshape(-1)
+    if not len(rows):
+        return direct
+    own = direct.reshape(-1, 3).index_select(0, rows)
+    mirrored = layer.color.reshape(-1, 3).index_select(0, rows)
+    normal = gbuffer.normal.reshape(-1, 3).index_select(0, rows)
+    toward = layer.direction.reshape(-1, 3).index_select(0, rows)
+    mixed = blend_colors(scene, gbuffer.material.reshape(-1)[rows], (normal * toward).sum(-1).abs(), own, mirrored)
+    return direct.reshape(-1, 3).index_copy(0, rows, mixed).reshape(direct.shape)
+
+
+def blend_colors(scene: Scene, material: Tensor, cosine: Tensor, direct: Tensor, mirrored: Tensor) -> Tensor:
+    """The same for N points: colours (N,3), material (N,), cosine (N,) between normal and reflected direction."""
+    share, tint = _share(scene, material, cosine)
+    return torch.lerp(direct, tint * mirrored, share[:, None])
+
+
+def _share(scene: Scene, material: Tensor, cosine: Tensor) -> tuple[Tensor, Tensor]:
+    """Share (N,) of mirrored light and its tint (N,3)."""
+    degree = torch.tensor([m.specular if m.is_reflector else 0.0 for m in scene.materials])
+    tint = torch.stack([m.specular_color for m in scene.materials])
+    return schlick(degree[material], cosine), tint[material]
