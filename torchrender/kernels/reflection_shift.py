@@ -1,0 +1,141 @@
+"""A grid of triangles whose vertices have moved over the image: where each pixel's value comes from, and how surely.
+
+Every pixel centre is a vertex, moved to a new place; neighbours span two triangles per 2 x 2 block. The nearest
+triangle over a pixel wins (64-bit keys and an atomic maximum: the result does not depend on the order of threads), and
+the pixel gets the position between the old pixel centres that the triangle carries there. Specification 04, sections 6
+and 7.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import prange
+
+from torchrender.kernels.atomics import store_max
+from torchrender.kernels.compile import kernel
+from torchrender.kernels.corners import DIAGONAL, FIRST, SECOND
+
+UNCOVERED, UNSURE, SURE = 0, 1, 2
+EDGE = -1e-6  # least edge value, in pixels squared, of a pixel on a triangle: vertices on pixel centres count
+_GUARD = 1e6  # pixels
+
+
+@kernel(inline=True)
+def corners(number, shape_row, width):
+    """Columns and rows (relative to the block's row) of triangle ``number % 2`` of a block in front-facing order."""
+    i = number // 2
+    if shape_row[i] & DIAGONAL:
+        if number % 2 == 0:
+            return i, 1, i + 1, 1, i + 1, 0
+        return i + 1, 0, i, 0, i, 1
+    if number % 2 == 0:
+        return i, 0, i, 1, i + 1, 1
+    return i + 1, 1, i + 1, 0, i, 0
+
+
+@kernel(inline=True)
+def signed_area(a, b, c):
+    """Twice the area; positive for triangles of the unmoved grid."""
+    return (b[1] - a[1]) * (c[0] - a[0]) - (b[0] - a[0]) * (c[1] - a[1])
+
+
+@kernel(inline=True)
+def vertex(place, y, x):
+    return np.float64(place[y, x, 0]), np.float64(place[y, x, 1])
+
+
+@kernel(parallel=True)
+def draw_moved(place, depth, shape, ids, targets, keys):
+    """Keys (H*W,) of the nearest triangle of each pixel of the target.
+
+    place (h,w,2) float32 new x and y of each vertex, NaN where unusable; depth (h,w) float32 > 0 of each vertex; shape
+    (h-1,w-1) uint8 triangles of each block; ids (h,w) int32 of the vertices; targets (H,W) int32: only pixels of the
+    same id are drawn to. Upper half of a key: float32 bits of 1/depth; lower half: complement of 2 block + triangle.
+    """
+    rows, columns = shape.shape
+    height, width = targets.shape
+    for j in prange(rows):
+        for i in range(columns):
+            for t in range(2):
+                if not shape[j, i] & (FIRST if t == 0 else SECOND):
+                    continue
+                xa, ya, xb, yb, xc, yc = corners(2 * i + t, shape[j], columns)
+                a, b, c = vertex(place, j + ya, xa), vertex(place, j + yb, xb), vertex(place, j + yc, xc)
+                low_x, high_x = min(a[0], min(b[0], c[0])), max(a[0], max(b[0], c[0]))
+                low_y, high_y = min(a[1], min(b[1], c[1])), max(a[1], max(b[1], c[1]))
+                if not (low_x > -_GUARD and high_x < _GUARD and low_y > -_GUARD and high_y < _GUARD):
+                    continue
+                area = signed_area(a, b, c)
+                if area == 0.0:
+                    continue
+                sign = 1.0 if area > 0.0 else -1.0
+                own = ids[j + ya, xa]
+                qa = 1.0 / np.float64(depth[j + ya, xa])
+                qb = 1.0 / np.float64(depth[j + yb, xb])
+                qc = 1.0 / np.float64(depth[j + yc, xc])
+                number = np.uint64(0xFFFFFFFF) - np.uint64(2 * (np.int64(j) * columns + i) + t)
+                slack = 1e-4
+                x0, x1 = max(math.ceil(low_x - 0.5 - slack), 0), min(math.floor(high_x - 0.5 + slack), width - 1)
+                y0, y1 = max(math.ceil(low_y - 0.5 - slack), 0), min(math.floor(high_y - 0.5 + slack), height - 1)
+                for y in range(y0, y1 + 1):
+                    for x in range(x0, x1 + 1):
+                        if targets[y, x] != own:
+                            continue
+                        p = (x + 0.5, y + 0.5)
+                        wa, wb, wc = sign * signed_area(p, b, c), sign * signed_area(a, p, c), sign * signed_area(a, b, p)
+                        if wa < EDGE or wb < EDGE or wc < EDGE:
+                            continue
+                        nearness = (wa * qa + wb * qb + wc * qc) / (wa + wb + wc)
+                        bits = np.uint64(np.float32(max(nearness, 0.0)).view(np.uint32))
+                        key = (bits << np.uint64(32)) | number
+                        at = y * width + x
+                        if key > keys[np.uintp(at)]:
+                            store_max(keys, at, key)
+
+
+@kernel()
+def sure(triangle, spans, footprints, limits):
+    """Whether a moved triangle still tells the truth: not flipped, not grown too much, no jump in reflected distance.
+
+    triangle: twice its signed area; spans: reflected distance at its corners; limits: area ratio, relative jump.
+    """
+    largest, jump = limits
+    if triangle <= 0.0 or triangle > largest:  # the unmoved triangle has twice the area one
+        return False
+    least, most = min(spans[0], min(spans[1], spans[2])), max(spans[0], max(spans[1], spans[2]))
+    if least == np.inf:
+        return True
+    return most - least <= jump * least + 4.0 * footprints
+
+
+@kernel(parallel=True)
+def resolve_moved(keys, place, shape, span, footprint, targets, limits, source, certainty):
+    """Old position (H,W,2) float32 in pixels (x, y) of each target pixel, and UNCOVERED, UNSURE or SURE (H,W) uint8.
+
+    span (h,w) float32 reflected distance, footprint (h,w) float32, limits (area ratio, jump); the rest as above.
+    """
+    columns = shape.shape[1]
+    height, width = targets.shape
+    for y in prange(height):
+        for x in range(width):
+            key = keys[np.uintp(y * width + x)]
+            source[y, x, 0], source[y, x, 1] = np.nan, np.nan
+            certainty[y, x] = UNCOVERED
+            if key == np.uint64(0):
+                continue
+            number = np.int64(np.uint64(0xFFFFFFFF) - (key & np.uint64(0xFFFFFFFF)))
+            j = number // (2 * columns)
+            xa, ya, xb, yb, xc, yc = corners(number - 2 * columns * j, shape[j], columns)
+            a, b, c = vertex(place, j + ya, xa), vertex(place, j + yb, xb), vertex(place, j + yc, xc)
+            area = signed_area(a, b, c)
+            p = (np.float64(x) + 0.5, np.float64(y) + 0.5)
+            wa, wb = signed_area(p, b, c) / area, signed_area(a, p, c) / area
+            wa, wb = min(max(wa, 0.0), 1.0), min(max(wb, 0.0), 1.0)
+            wc = max(1.0 - wa - wb, 0.0)
+            source[y, x, 0] = np.float32(wa * xa + wb * xb + wc * xc + 0.5)
+            source[y, x, 1] = np.float32(wa * (j + ya) + wb * (j + yb) + wc * (j + yc) + 0.5)
+            spans = (np.float64(span[j + ya, xa]), np.float64(span[j + yb, xb]), np.float64(span[j + yc, xc]))
+            g = max(footprint[j + ya, xa], max(footprint[j + yb, xb], footprint[j + yc, xc]))
+            certainty[y, x] = SURE if sure(area, spans, np.float64(g), limits) else UNSURE

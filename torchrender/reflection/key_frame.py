@@ -1,0 +1,158 @@
+"""Key frames of reflections, and where on the reflectors the same points are mirrored towards a moved eye.
+
+Specification 04, sections 3 and 5.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from torchrender.buffers import DepthImages, GBuffer, ReflectionLayer, ReflectionState
+from torchrender.checks import check_tensor
+from torchrender.errors import InputError
+from torchrender.geometry.corners import ReconstructOptions
+from torchrender.geometry.grid import fit_grid
+from torchrender.kernels import reflection_match as kernels
+from torchrender.kernels.compile import view
+from torchrender.reflection.reuse_options import ReuseOptions
+from torchrender.scene.camera import Cameras
+
+CAUSES = ("valid", "border", "silhouette", "ratio", "steps")
+"""What :attr:`ReflectionMatches.cause` counts: a match; a walk that ended at the image's border, at the reflector's
+outline, where the distance has no true minimum; or one that was cut off."""
+
+
+@dataclass(frozen=True, eq=False)
+class ReflectionKeyFrame:
+    """What every reflective pixel of B pictures saw, and where: the reflection depth image of the specification.
+
+    Positions are relative to each picture's eye, so that float32 keeps its precision far from the world's origin. The
+    specular degree is not kept: colours are blended by the material of the picture that shows them.
+    """
+
+    cameras: Cameras
+    surface: Tensor  # (B,H,W,8) float32 position, unit normal, footprint, camera depth of reflectors
+    reflector: Tensor  # (B,H,W) int32 object, -1 where nothing is reflected
+    reached: Tensor  # (B,H,W,4) float32 reflected point and 1; or unit direction and 0 where the ray left the scene
+    distance: Tensor  # (B,H,W) float32 ray length from reflector to reflected point, +inf where there is none
+    color: Tensor  # (B,H,W,3) float32 reflected radiance
+    joined: Tensor  # (B,H-1,W-1) uint8 triangles between neighbouring pixels of one reflector's surface
+    pixel: Tensor  # (N,) int64 flat places of the reflective pixels
+
+    def rows(self) -> list[Tensor]:
+        """Which of the N pixels belong to each of the B pictures."""
+        size = self.reflector.shape[1] * self.reflector.shape[2]
+        picture = self.pixel // max(size, 1)
+        return [(picture == b).nonzero().reshape(-1) for b in range(len(self.cameras))]
+
+
+@dataclass(frozen=True, eq=False)
+class ReflectionMatches:
+    """For N key pixels the place, relative to their own, where their reflected point is mirrored towards a new eye."""
+
+    end: Tensor  # (N,2) int32 (rows, columns) to the best pixel
+    offset: Tensor  # (N,2) float32 the same with the part of a pixel
+    cause: Tensor  # (N,) uint8 index into CAUSES
+    steps: Tensor  # (N,) int32 length of the walk
+
+    @property
+    def valid(self) -> Tensor:
+        """(N,) bool."""
+        return self.cause == kernels.VALID
+
+
+def make_key_frame(gbuffer: GBuffer, layer: ReflectionLayer) -> ReflectionKeyFrame:
+    """The key frame of pictures whose reflections are all known.
+
+    Pixels without a normal, and those whose layer state is NONE, are left out.
+
+    Raises:
+        InputError: orthographic cameras, or a layer of another size.
+    """
+    cameras = gbuffer.cameras
+    if cameras.orthographic:
+        raise InputError("reflections are reused between perspective cameras only")
+    shape = tuple(gbuffer.depth.shape)
+    check_tensor("layer.state", layer.state, shape)
+    normal = torch.nn.functional.normalize(gbuffer.normal.double(), dim=-1, eps=1e-30)
+    mirrors = (layer.state != ReflectionState.NONE) & (gbuffer.normal.square().sum(-1) > 0.25)
+    eye = cameras.eye[:, None, None]
+    position = torch.where(mirrors[..., None], gbuffer.position - eye, 0.0)
+    depth = torch.where(mirrors, gbuffer.depth, torch.inf)
+    surface = torch.cat([position, normal, cameras.footprint(gbuffer.depth.double())[..., None], depth[..., None]], -1)
+    near = torch.isfinite(layer.distance)
+    length = torch.where(near, layer.distance, 0.0).double()[..., None]
+    point = torch.where(near[..., None], position + length * layer.direction.double(), layer.direction.double())
+    reached = torch.cat([point, near[..., None].double()], -1)
+    return ReflectionKeyFrame(
+        cameras=cameras,
+        surface=surface.float(),
+        reflector=torch.where(mirrors, gbuffer.object_id, -1).int(),
+        reached=reached.float(),
+        distance=layer.distance,
+        color=layer.color,
+        joined=_joined(gbuffer, depth),
+        pixel=mirrors.reshape(-1).nonzero().reshape(-1),
+    )
+
+
+def _joined(gbuffer: GBuffer, depth: Tensor) -> Tensor:
+    """Triangles of neighbouring pixels on one reflector, without those across a depth edge of it."""
+    images = DepthImages(
+        cameras=gbuffer.cameras,
+        depth=depth,
+        triangle=gbuffer.triangle,
+        object_id=gbuffer.object_id,
+        barycentric=gbuffer.barycentric,
+        position=gbuffer.position,
+        normal=gbuffer.geometric_normal,
+        color=gbuffer.color,
+        layer=torch.zeros(depth.shape, dtype=torch.int32),
+        truncated=torch.zeros(depth.shape, dtype=torch.bool),
+        parameters={},
+    )
+    return fit_grid(images, ReconstructOptions(match_id=True)).shape
+
+
+def match_reflections(
+    key: ReflectionKeyFrame, eye: Tensor, start: Tensor | None = None, options: ReuseOptions | None = None
+) -> ReflectionMatches:
+    """Where on the reflectors the key pixels' reflected points are mirrored towards new eyes.
+
+    An eye that has not moved leaves every pixel where it is, without a search: reflections depend on nothing else.
+
+    Args:
+        eye: (B,3) world space, one for each picture of the key frame.
+        start: (N,2) int32 ``end`` of an earlier match with the same key frame, where the walks begin.
+
+    Raises:
+        InputError: eyes or start of a wrong shape.
+    """
+    options = options or ReuseOptions()
+    check_tensor("eye", eye, (len(key.cameras), 3))
+    count = len(key.pixel)
+    end, offset = np.zeros((count, 2), np.int32), np.zeros((count, 2), np.float32)
+    cause, steps = np.zeros(count, np.uint8), np.zeros(count, np.int32)
+    begin = end if start is None else view(check_tensor("start", start, (count, 2)), np.int32)
+    moved = eye.double() - key.cameras.eye
+    size = key.reflector.shape[1] * key.reflector.shape[2]
+    for b, rows in enumerate(key.rows()):
+        if not len(rows) or not bool(moved[b].abs().max() > 0.0):
+            continue
+        part = slice(int(rows[0]), int(rows[-1]) + 1)  # flat places are in order
+        settings = (options.max_steps, options.ratio, options.refine)
+        kernels.match(
+            view(key.surface[b], np.float32),
+            view(key.reflector[b], np.int32),
+            view(key.reached[b], np.float32),
+            view(key.pixel[part] - b * size, np.int64),
+            view(moved[b], np.float64),
+            begin[part].copy(),
+            settings,
+            *(a[part] for a in (end, offset, cause, steps)),
+        )
+    return ReflectionMatches(*(torch.from_numpy(a) for a in (end, offset, cause, steps)))
