@@ -77,6 +77,7 @@ def reuse_reflections(
     trace: Trace,
     state: ReuseState | None = None,
     options: ReuseOptions | None = None,
+    weight: Tensor | None = None,
 ) -> ReusedReflections:
     """What the reflective pixels mirror, from an earlier picture's state as far as it goes, by ``trace`` where not.
 
@@ -86,6 +87,7 @@ def reuse_reflections(
     Args:
         pixels: all reflective pixels of the pictures in ``gbuffer``.
         state: of an earlier picture of the same still scene; another number of views starts anew.
+        weight: (N,) share of what a pixel mirrors in its colour; None: one.
 
     Raises:
         InputError: orthographic cameras.
@@ -94,14 +96,14 @@ def reuse_reflections(
     if gbuffer.cameras.orthographic:
         raise InputError("reflections are reused between perspective cameras only")
     if state is None or state.renew or len(state.key.cameras) != len(gbuffer.cameras):
-        return _key_frame(pixels, gbuffer, trace)
+        return _key_frame(pixels, gbuffer, trace, options)
     clock = _Clock()
     with clock.measure("match"):
         matches = match_reflections(state.key, gbuffer.cameras.eye, state.start, options)
     with clock.measure("shift"):
         moved = shift_reflections(state.key, matches, options)
     with clock.measure("warp"):
-        warped = warp_to_view(state.key, moved, pixels, options)
+        warped = warp_to_view(state.key, moved, pixels, options, weight)
     with clock.measure("trace"):
         rest = (~warped.found).nonzero().reshape(-1)
         color, distance = warped.color.clone(), warped.distance.clone()
@@ -129,12 +131,12 @@ def reuse_reflections(
     return ReusedReflections(layer, ReuseState(state.key, _start(state, matches), renew), report)
 
 
-def _key_frame(pixels: ReflectivePixels, gbuffer: GBuffer, trace: Trace) -> ReusedReflections:
+def _key_frame(pixels: ReflectivePixels, gbuffer: GBuffer, trace: Trace, options: ReuseOptions) -> ReusedReflections:
     clock = _Clock()
     with clock.measure("trace"):
         layer = trace(pixels)
     with clock.measure("key frame"):
-        key = make_key_frame(gbuffer, layer)
+        key = make_key_frame(gbuffer, layer, options)
     report = ReuseReport(key_frame=True, reflective=len(pixels), traced=len(pixels), times_ms=clock.elapsed_ms)
     return ReusedReflections(layer, ReuseState(key), report)
 

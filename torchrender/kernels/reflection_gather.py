@@ -13,9 +13,9 @@ import numpy as np
 from numba import prange
 
 from torchrender.kernels.compile import kernel
-from torchrender.kernels.reflection_shift import SURE
+from torchrender.kernels.reflection_shift import DOWN, RIGHT, SURE
 
-FOUND, OUTSIDE, OTHER_SURFACE, UNRELIABLE, BROKEN, OFF_RAY = 0, 1, 2, 3, 4, 5
+FOUND, OUTSIDE, OTHER_SURFACE, UNRELIABLE, BROKEN, OFF_RAY, CONTRAST = 0, 1, 2, 3, 4, 5, 6
 """What became of a pixel; see ``gather``."""
 
 BLOCK = 64
@@ -25,43 +25,38 @@ _SINGULAR = 1e-9
 
 
 @kernel(inline=True)
-def taps(position, size):
-    """First of two neighbouring pixels and weight of the second, for a coordinate; inside the image if that is."""
-    first = math.floor(position - 0.5)
-    weight = position - 0.5 - first
-    first = np.int64(first)
-    if weight < _NO_WEIGHT or first == size - 1:
-        if first < 0:
-            return first + 1, 0.0
-        return first, 0.0
-    if weight > 1.0 - _NO_WEIGHT or first == -1:
-        return first + 1, 0.0
-    return first, weight
-
-
-@kernel(inline=True)
 def moved_source(at, own, tolerance, surface, ids, source, certainty):
-    """Position in the key frame whose reflection has moved to (u, v), and what became of it."""
+    """Position in the key frame whose reflection has moved to (u, v), and what became of it.
+
+    Interpolated between the four nearest pixels if all can be trusted, else the nearest one's: the correction on the
+    pixel's own ray makes up for the part of a pixel.
+    """
     height, width = ids.shape
     u, v, z = at
-    if not (z > 0.0 and u >= 0.0 and v >= 0.0 and u <= width and v <= height):
+    if not (z > 0.0 and u >= 0.0 and v >= 0.0 and u < width and v < height):
         return 0.0, 0.0, OUTSIDE
-    x0, a = taps(u, width)
-    y0, b = taps(v, height)
-    sx, sy, fx, fy = 0.0, 0.0, 0.0, 0.0
-    for j in range(2 if b > 0.0 else 1):
-        for i in range(2 if a > 0.0 else 1):
-            y, x = y0 + j, x0 + i
-            if ids[y, x] != own or not abs(np.float64(surface[y, x, 7]) - z) <= tolerance:
-                return 0.0, 0.0, OTHER_SURFACE
-            if certainty[y, x] != SURE:
-                return 0.0, 0.0, UNRELIABLE
+    near_x, near_y = np.int64(math.floor(u)), np.int64(math.floor(v))
+    if ids[near_y, near_x] != own or not abs(np.float64(surface[near_y, near_x, 7]) - z) <= tolerance:
+        return 0.0, 0.0, OTHER_SURFACE
+    if certainty[near_y, near_x] != SURE:
+        return 0.0, 0.0, UNRELIABLE
+    fx, fy = np.float64(source[near_y, near_x, 0]), np.float64(source[near_y, near_x, 1])
+    x0, y0 = np.int64(math.floor(u - 0.5)), np.int64(math.floor(v - 0.5))
+    a, b = u - 0.5 - x0, v - 0.5 - y0
+    sx, sy = 0.0, 0.0
+    for j in range(2):
+        for i in range(2):
             weight = (a if i == 1 else 1.0 - a) * (b if j == 1 else 1.0 - b)
+            if weight < _NO_WEIGHT:
+                continue
+            y, x = y0 + j, x0 + i
+            if y < 0 or x < 0 or y >= height or x >= width or ids[y, x] != own or certainty[y, x] != SURE:
+                return fx + (u - near_x - 0.5), fy + (v - near_y - 0.5), FOUND
             px, py = np.float64(source[y, x, 0]), np.float64(source[y, x, 1])
-            if i == 0 and j == 0:
-                fx, fy = px, py
-            elif abs(px - fx) > _FARTHEST or abs(py - fy) > _FARTHEST:
-                return 0.0, 0.0, BROKEN
+            if abs(px - fx) > _FARTHEST or abs(py - fy) > _FARTHEST:
+                return fx, fy, FOUND
+            if not abs(np.float64(surface[y, x, 7]) - z) <= tolerance:
+                return fx, fy, FOUND
             sx += weight * px
             sy += weight * py
     return sx, sy, FOUND
@@ -70,7 +65,7 @@ def moved_source(at, own, tolerance, surface, ids, source, certainty):
 @kernel(inline=True)
 def load_corner(k, y, x, own, frame, corner):
     """Reflected point, whether it is a point, colour and distance of one key pixel; False off the reflector."""
-    _, ids, reached, span, colors = frame
+    _, ids, reached, span, colors, _ = frame
     if y < 0 or x < 0 or y >= ids.shape[0] or x >= ids.shape[1] or ids[y, x] != own:
         return False
     for c in range(4):
@@ -90,6 +85,19 @@ def inside(missing, a, b):
 
 
 @kernel(inline=True)
+def torn(x0, y0, breaks, missing):
+    """Does what is mirrored break between two of the four pixels, the missing one left aside?"""
+    y, x = max(y0, 0), max(x0, 0)
+    if missing != 0 and missing != 1 and breaks[y, x] & RIGHT != 0:
+        return True
+    if missing != 0 and missing != 2 and breaks[y, x] & DOWN != 0:
+        return True
+    if missing != 2 and missing != 3 and breaks[y0 + 1, x] & RIGHT != 0:
+        return True
+    return missing != 1 and missing != 3 and breaks[y, x0 + 1] & DOWN != 0
+
+
+@kernel(inline=True)
 def load_window(x0, y0, a, b, own, frame, jump, corner):
     """Fill ``corner`` (4,8) from the 2 x 2 pixels at (x0, y0), of which one may be missing if (a, b) does not need it.
 
@@ -101,7 +109,7 @@ def load_window(x0, y0, a, b, own, frame, jump, corner):
             count += 1
         else:
             missing = k
-    if count < 3 or not inside(missing, a, b):
+    if count < 3 or not inside(missing, a, b) or torn(x0, y0, frame[5], missing):
         return False
     least, most, ends = np.inf, 0.0, 0
     for k in range(4):
@@ -207,14 +215,29 @@ def fill_across(ray, across):
     across[1, 0], across[1, 1], across[1, 2] = q, sign + ray[1] * ray[1] * p, -ray[1]
 
 
+@kernel(inline=True)
+def contrast(corner):
+    """Largest difference between the colours of a window, in one channel; colours above 1 display as 1."""
+    most = 0.0
+    for c in range(4, 7):
+        low, high = np.inf, 0.0
+        for k in range(4):
+            value = min(corner[k, c], 1.0)
+            low, high = min(low, value), max(high, value)
+        most = max(most, high - low)
+    return most
+
+
 @kernel(parallel=True)
-def gather(lookup, ids_at, tolerance, rays, frame, moved, limits, color, distance, source, state):
+def gather(lookup, ids_at, tolerance, weight, rays, frame, moved, limits, color, distance, source, state):
     """Colour and distance of what N pixels of a new view mirror.
 
     lookup (N,3) float64 u, v and depth of each pixel's surface point in the key frame; ids_at (N,) int32 its reflector;
     tolerance (N,) float64 of depth; rays: positions relative to the key eye and unit directions, (N,3) float64 each;
-    frame: surface, ids, reached (H,W,4), span (H,W) and colours (H,W,3) of the key frame; moved: source and certainty of
-    ``resolve_moved``; limits: jump in distance, largest correction in key pixels (0: none is made or asked for).
+    frame: surface, ids, reached (H,W,4), span (H,W), colours (H,W,3) and breaks (H,W) of the key frame; moved: source
+    and certainty of ``resolve_moved``; limits: jump in distance, largest correction in key pixels (0: none is made).
+    weight (N,) float32 is the share of the reflection in the pixel's colour: what differs by more than ``contrast`` of
+    the picture between neighbouring key pixels is not interpolated.
     Fills color (N,3), distance (N,), source (N,2) key positions and state (N,).
     """
     count = len(ids_at)
@@ -229,7 +252,9 @@ def gather(lookup, ids_at, tolerance, rays, frame, moved, limits, color, distanc
                 start = (rays[0][k, 0], rays[0][k, 1], rays[0][k, 2])
                 ray = (rays[1][k, 0], rays[1][k, 1], rays[1][k, 2])
                 fill_across(ray, across)
-                sx, sy, a, b, found = aimed(sx, sy, own, frame, limits, corner, start, ray, across)
+                sx, sy, a, b, found = aimed(sx, sy, own, frame, (limits[0], limits[1]), corner, start, ray, across)
+                if found == FOUND and contrast(corner) * weight[k] > limits[2]:
+                    found = CONTRAST
             state[k] = found
             if found != FOUND:
                 continue

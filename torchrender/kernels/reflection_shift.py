@@ -18,6 +18,9 @@ from torchrender.kernels.compile import kernel
 from torchrender.kernels.corners import DIAGONAL, FIRST, SECOND
 
 UNCOVERED, UNSURE, SURE = 0, 1, 2
+RIGHT, DOWN = 1, 2
+"""Bits of ``breaks``: what a pixel mirrors does not go on in the pixel to its right, in the one below."""
+
 EDGE = -1e-6  # least edge value, in pixels squared, of a pixel on a triangle: vertices on pixel centres count
 _GUARD = 1e6  # pixels
 
@@ -95,6 +98,14 @@ def draw_moved(place, depth, shape, ids, targets, keys):
                             store_max(keys, at, key)
 
 
+@kernel(inline=True)
+def broken(breaks, ya, xa, yb, xb):
+    """Is the link between two neighbouring pixels of a row or column broken?"""
+    if ya == yb:
+        return breaks[ya, min(xa, xb)] & RIGHT != 0
+    return breaks[min(ya, yb), xa] & DOWN != 0
+
+
 @kernel()
 def sure(triangle, spans, footprints, limits):
     """Whether a moved triangle still tells the truth: not flipped, not grown too much, no jump in reflected distance.
@@ -111,10 +122,11 @@ def sure(triangle, spans, footprints, limits):
 
 
 @kernel(parallel=True)
-def resolve_moved(keys, place, shape, span, footprint, targets, limits, source, certainty):
+def resolve_moved(keys, place, shape, breaks, span, footprint, targets, limits, source, certainty):
     """Old position (H,W,2) float32 in pixels (x, y) of each target pixel, and UNCOVERED, UNSURE or SURE (H,W) uint8.
 
-    span (h,w) float32 reflected distance, footprint (h,w) float32, limits (area ratio, jump); the rest as above.
+    breaks (h,w) uint8, span (h,w) float32 reflected distance, footprint (h,w) float32, limits (area ratio, jump); the
+    rest as above.
     """
     columns = shape.shape[1]
     height, width = targets.shape
@@ -138,4 +150,6 @@ def resolve_moved(keys, place, shape, span, footprint, targets, limits, source, 
             source[y, x, 1] = np.float32(wa * (j + ya) + wb * (j + yb) + wc * (j + yc) + 0.5)
             spans = (np.float64(span[j + ya, xa]), np.float64(span[j + yb, xb]), np.float64(span[j + yc, xc]))
             g = max(footprint[j + ya, xa], max(footprint[j + yb, xb], footprint[j + yc, xc]))
-            certainty[y, x] = SURE if sure(area, spans, np.float64(g), limits) else UNSURE
+            # The second corner has the right angle: the other two are its neighbours in row and column.
+            whole = not (broken(breaks, j + ya, xa, j + yb, xb) or broken(breaks, j + yb, xb, j + yc, xc))
+            certainty[y, x] = SURE if whole and sure(area, spans, np.float64(g), limits) else UNSURE

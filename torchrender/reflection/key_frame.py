@@ -41,6 +41,7 @@ class ReflectionKeyFrame:
     distance: Tensor  # (B,H,W) float32 ray length from reflector to reflected point, +inf where there is none
     color: Tensor  # (B,H,W,3) float32 reflected radiance
     joined: Tensor  # (B,H-1,W-1) uint8 triangles between neighbouring pixels of one reflector's surface
+    breaks: Tensor  # (B,H,W) uint8 bit 0, 1: what is mirrored does not go on in the pixel to the right, below
     pixel: Tensor  # (N,) int64 flat places of the reflective pixels
 
     def rows(self) -> list[Tensor]:
@@ -65,7 +66,9 @@ class ReflectionMatches:
         return self.cause == kernels.VALID
 
 
-def make_key_frame(gbuffer: GBuffer, layer: ReflectionLayer) -> ReflectionKeyFrame:
+def make_key_frame(
+    gbuffer: GBuffer, layer: ReflectionLayer, options: ReuseOptions | None = None
+) -> ReflectionKeyFrame:
     """The key frame of pictures whose reflections are all known.
 
     Pixels without a normal, and those whose layer state is NONE, are left out.
@@ -73,6 +76,7 @@ def make_key_frame(gbuffer: GBuffer, layer: ReflectionLayer) -> ReflectionKeyFra
     Raises:
         InputError: orthographic cameras, or a layer of another size.
     """
+    options = options or ReuseOptions()
     cameras = gbuffer.cameras
     if cameras.orthographic:
         raise InputError("reflections are reused between perspective cameras only")
@@ -96,8 +100,34 @@ def make_key_frame(gbuffer: GBuffer, layer: ReflectionLayer) -> ReflectionKeyFra
         distance=layer.distance,
         color=layer.color,
         joined=_joined(gbuffer, depth),
+        breaks=_breaks(position.norm(dim=-1) + layer.distance, depth, options.edge),
         pixel=mirrors.reshape(-1).nonzero().reshape(-1),
     )
+
+
+def _breaks(path: Tensor, depth: Tensor, edge: float) -> Tensor:
+    """(B,H,W) uint8: where the length of the light's path (B,H,W) jumps from a pixel to the next.
+
+    In a plane mirror the inverse depth of the mirrored plane is linear in the picture, as that of any plane. A
+    difference that is more than ``edge`` of it is a jump if it is not the continuation of the differences to either
+    side.
+    """
+    length = torch.where(torch.isfinite(depth) & torch.isfinite(path), path, torch.inf)
+    inverse = torch.where(torch.isfinite(length), depth / length.clamp_min(1e-30), 0.0)  # up to the first depth
+    inverse = torch.where(depth > 0, inverse / depth.clamp_min(1e-30), 0.0)
+    bits = torch.zeros(path.shape, dtype=torch.uint8)
+    for bit, axis in ((1, 2), (2, 1)):
+        if path.shape[axis] < 2:
+            continue
+        step = inverse.diff(dim=axis)
+        size = step.abs()
+        limit = edge * torch.maximum(inverse.narrow(axis, 0, step.shape[axis]), inverse.narrow(axis, 1, step.shape[axis]))
+        turn = step.diff(dim=axis).abs()
+        end = torch.full_like(step.narrow(axis, 0, 1), torch.inf)
+        before, after = torch.cat([end, turn], axis), torch.cat([turn, end], axis)
+        alone = (before > 0.5 * size) & (after > 0.5 * size)
+        bits.narrow(axis, 0, step.shape[axis]).bitwise_or_(((size > limit) & alone).to(torch.uint8) * bit)
+    return bits
 
 
 def _joined(gbuffer: GBuffer, depth: Tensor) -> Tensor:

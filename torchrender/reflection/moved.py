@@ -20,9 +20,10 @@ from torchrender.reflection.reflectors import ReflectivePixels
 from torchrender.reflection.reuse_options import ReuseOptions
 from torchrender.scene.camera import Cameras
 
-FATES = ("found", "outside", "other surface", "unreliable", "broken", "off ray")
+FATES = ("found", "outside", "other surface", "unreliable", "broken", "off ray", "contrast")
 """What :attr:`WarpedReflections.state` counts: a value; a place outside the key frame; another surface there; a place
-that no reliable triangle covers; neighbours that mirror different things; a point too far off the pixel's own ray."""
+that no reliable triangle covers; neighbours that mirror different things; a point too far off the pixel's own ray;
+neighbours whose colours differ too much."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,17 +74,24 @@ def shift_reflections(
         draw_moved(place, view(depth[b], np.float32), shape, ids, ids, keys)
         spans = (view(key.distance[b], np.float32), view(key.surface[b, ..., 6], np.float32))
         limits = (options.area_ratio, options.jump)
-        resolve_moved(keys, place, shape, *spans, ids, limits, source[b], certainty[b])
+        resolve_moved(keys, place, shape, view(key.breaks[b], np.uint8), *spans, ids, limits, source[b], certainty[b])
     return MovedReflections(torch.from_numpy(source), torch.from_numpy(certainty))
 
 
 def warp_to_view(
-    key: ReflectionKeyFrame, moved: MovedReflections, pixels: ReflectivePixels, options: ReuseOptions | None = None
+    key: ReflectionKeyFrame,
+    moved: MovedReflections,
+    pixels: ReflectivePixels,
+    options: ReuseOptions | None = None,
+    weight: Tensor | None = None,
 ) -> WarpedReflections:
     """What the reflective pixels of B new views mirror, as far as the moved reflections of B key frames tell.
 
     Reverse (the default): each pixel projects its own surface point into the key view. Forward: the key frame's
     surface is drawn into the new view, and a pixel takes the place of the triangle that covers it.
+
+    Args:
+        weight: (N,) share of what a pixel mirrors in its colour, for the limit of contrast; None: one.
     """
     options = options or ReuseOptions()
     check_tensor("moved.certainty", moved.certainty, tuple(key.reflector.shape))
@@ -92,6 +100,7 @@ def warp_to_view(
     source, state = np.zeros((count, 2), np.float32), np.zeros(count, np.uint8)
     size = pixels.shape[1] * pixels.shape[2]
     tolerance = _tolerance(pixels)
+    weight = torch.ones(count) if weight is None else check_tensor("weight", weight, (count,))
     for b in range(len(key.cameras)):
         rows = (pixels.pixel // size == b).nonzero().reshape(-1)
         if not len(rows):
@@ -103,16 +112,17 @@ def warp_to_view(
             lookup[:, :2] = _drawn(key, b, pixels, part)
         frame = (
             view(key.surface[b], np.float32), view(key.reflector[b], np.int32), view(key.reached[b], np.float32),
-            view(key.distance[b], np.float32), view(key.color[b], np.float32),
+            view(key.distance[b], np.float32), view(key.color[b], np.float32), view(key.breaks[b], np.uint8),
         )  # fmt: skip
         gather(
             view(lookup, np.float64),
             view(pixels.object_id[part], np.int32),
             view(tolerance[part], np.float64),
+            view(weight[part], np.float32),
             (view(position - camera.eye, np.float64), view(pixels.direction[part], np.float64)),
             frame,
             (view(moved.source[b], np.float32), view(moved.certainty[b], np.uint8)),
-            (options.jump, options.correction),
+            (options.jump, options.correction, options.contrast),
             *(a[part] for a in (color, distance, source, state)),
         )
     return WarpedReflections(*(torch.from_numpy(a) for a in (color, distance, source, state)))
@@ -167,9 +177,10 @@ def _drawn(key: ReflectionKeyFrame, b: int, pixels: ReflectivePixels, part: slic
     targets[pixels.pixel[part] - b * height * width] = pixels.object_id[part].int()
     goal = view(targets.reshape(height, width), np.int32)
     corners, joined = view(place.reshape(*shape, 2), np.float32), view(key.joined[b], np.uint8)
-    keys, zeros = np.zeros(height * width, np.uint64), np.zeros(shape, np.float32)
+    keys = np.zeros(height * width, np.uint64)
+    zeros, whole = np.zeros(shape, np.float32), np.zeros(shape, np.uint8)
     draw_moved(corners, view(depth.reshape(shape), np.float32), joined, ids, goal, keys)
     source, certainty = np.full((height, width, 2), np.nan, np.float32), np.zeros((height, width), np.uint8)
-    resolve_moved(keys, corners, joined, zeros, zeros, goal, (np.inf, np.inf), source, certainty)
+    resolve_moved(keys, corners, joined, whole, zeros, zeros, goal, (np.inf, np.inf), source, certainty)
     found = torch.from_numpy(source).reshape(-1, 2)[pixels.pixel[part] - b * height * width]
     return torch.nan_to_num(found, nan=-1.0).double()

@@ -23,6 +23,8 @@ class ReuseOptions:
     refine: bool = True  # matches between pixel centres, by a Gauss-Newton step
     area_ratio: float = 16.0  # growth of a triangle that still counts as seen
     jump: float = 0.25  # relative difference in reflected distance across which nothing is interpolated
+    edge: float = 0.01  # relative difference in path length that is an edge of what is mirrored if it stands alone
+    contrast: float = 0.06  # difference in the picture between neighbouring key pixels above which is traced
     second_warp: str = "reverse"  # from the key frame to the view: look up, or draw ("forward")
     correction: float = 2.0  # key pixels by which a value is moved onto the pixel's own ray; farther off: traced; 0: off
 
@@ -32,5 +34,7 @@ class ReuseOptions:
         check_range("ratio", self.ratio, 0.5, 1.0)
         check_range("area_ratio", self.area_ratio, 1.0, 100.0)
         check_range("jump", self.jump, 0.05)
+        check_range("edge", self.edge, 0.0)
+        check_range("contrast", self.contrast, 0.0)
         check_choice("second_warp", self.second_warp, SECOND_WARPS)
         check_range("correction", self.correction, 0.0, 16.0)
