@@ -96,7 +96,7 @@ def reuse_reflections(
     if gbuffer.cameras.orthographic:
         raise InputError("reflections are reused between perspective cameras only")
     if state is None or state.renew or len(state.key.cameras) != len(gbuffer.cameras):
-        return _key_frame(pixels, gbuffer, trace, options)
+        return _key_frame(pixels, gbuffer, trace, options, weight)
     clock = _Clock()
     with clock.measure("match"):
         matches = match_reflections(state.key, gbuffer.cameras.eye, state.start, options)
@@ -131,12 +131,18 @@ def reuse_reflections(
     return ReusedReflections(layer, ReuseState(state.key, _start(state, matches), renew), report)
 
 
-def _key_frame(pixels: ReflectivePixels, gbuffer: GBuffer, trace: Trace, options: ReuseOptions) -> ReusedReflections:
+def _key_frame(
+    pixels: ReflectivePixels, gbuffer: GBuffer, trace: Trace, options: ReuseOptions, weight: Tensor | None
+) -> ReusedReflections:
     clock = _Clock()
     with clock.measure("trace"):
         layer = trace(pixels)
     with clock.measure("key frame"):
-        key = make_key_frame(gbuffer, layer, options)
+        shares = None
+        if weight is not None:
+            shares = torch.zeros(gbuffer.depth.numel()).index_copy(0, pixels.pixel, weight.float())
+            shares = shares.reshape(gbuffer.depth.shape)
+        key = make_key_frame(gbuffer, layer, options, shares)
     report = ReuseReport(key_frame=True, reflective=len(pixels), traced=len(pixels), times_ms=clock.elapsed_ms)
     return ReusedReflections(layer, ReuseState(key), report)
 

@@ -13,7 +13,7 @@ import numpy as np
 from numba import prange
 
 from torchrender.kernels.compile import kernel
-from torchrender.kernels.reflection_shift import DOWN, RIGHT, SURE
+from torchrender.kernels.reflection_shift import SURE, link
 
 FOUND, OUTSIDE, OTHER_SURFACE, UNRELIABLE, BROKEN, OFF_RAY, CONTRAST = 0, 1, 2, 3, 4, 5, 6
 """What became of a pixel; see ``gather``."""
@@ -85,23 +85,27 @@ def inside(missing, a, b):
 
 
 @kernel(inline=True)
-def torn(x0, y0, breaks, missing):
-    """Does what is mirrored break between two of the four pixels, the missing one left aside?"""
+def links(x0, y0, breaks, missing):
+    """Links between the four pixels, the missing one left aside: 0 if whole, with 1 if visibly broken, else FAINT."""
     y, x = max(y0, 0), max(x0, 0)
-    if missing != 0 and missing != 1 and breaks[y, x] & RIGHT != 0:
-        return True
-    if missing != 0 and missing != 2 and breaks[y, x] & DOWN != 0:
-        return True
-    if missing != 2 and missing != 3 and breaks[y0 + 1, x] & RIGHT != 0:
-        return True
-    return missing != 1 and missing != 3 and breaks[y, x0 + 1] & DOWN != 0
+    found = 0
+    if missing != 0 and missing != 1:
+        found |= link(breaks, y, x, y, x + 1)
+    if missing != 0 and missing != 2:
+        found |= link(breaks, y, x, y + 1, x)
+    if missing != 2 and missing != 3:
+        found |= link(breaks, y0 + 1, x, y0 + 1, x + 1)
+    if missing != 1 and missing != 3:
+        found |= link(breaks, y, x0 + 1, y + 1, x0 + 1)
+    return found
 
 
 @kernel(inline=True)
-def load_window(x0, y0, a, b, own, frame, jump, corner):
+def load_window(x0, y0, a, b, own, frame, corner):
     """Fill ``corner`` (4,8) from the 2 x 2 pixels at (x0, y0), of which one may be missing if (a, b) does not need it.
 
-    False where they do not lie on one patch of the reflector that mirrors one patch of the scene.
+    0 where they lie on one patch of the reflector that mirrors one patch of the scene, 1 where they do not, FAINT where
+    they mirror different things that look alike.
     """
     missing, count = -1, 0
     for k in range(4):
@@ -109,29 +113,25 @@ def load_window(x0, y0, a, b, own, frame, jump, corner):
             count += 1
         else:
             missing = k
-    if count < 3 or not inside(missing, a, b) or torn(x0, y0, frame[5], missing):
-        return False
-    least, most, ends = np.inf, 0.0, 0
+    if count < 3 or not inside(missing, a, b):
+        return 1
+    found = links(x0, y0, frame[5], missing)
+    ends = 0
     for k in range(4):
-        if k != missing:
-            least, most = min(least, corner[k, 7]), max(most, corner[k, 7])
-            ends += 1 if corner[k, 3] == 0.0 else 0
+        ends += 1 if k != missing and corner[k, 3] == 0.0 else 0
     if ends != 0 and ends != count:
-        return False
-    x, y = min(max(x0, 0), frame[1].shape[1] - 1), min(max(y0, 0), frame[1].shape[0] - 1)
-    if least < np.inf and not most - least <= jump * least + 4.0 * np.float64(frame[0][y, x, 6]):
-        return False
+        return 1
     if missing >= 0:  # the plane through the other three
         far, left, right = 3 - missing, missing ^ 1, missing ^ 2
         for c in range(8):
             corner[missing, c] = corner[left, c] + corner[right, c] - corner[far, c]
         corner[missing, 3] = corner[far, 3]
-    return True
+    return found
 
 
 @kernel(inline=True)
-def find_window(sx, sy, own, frame, jump, corner):
-    """Weights (a, b) of a key position in the window that was loaded; False without one.
+def find_window(sx, sy, own, frame, corner):
+    """Weights (a, b) of a key position in the window that was loaded, and what ``load_window`` says about it.
 
     A position on a pixel centre belongs to the windows on either side of it.
     """
@@ -143,9 +143,10 @@ def find_window(sx, sy, own, frame, jump, corner):
         y0, b = y0 + 1, 0.0
     for j in range(2 if b < _NO_WEIGHT else 1):
         for i in range(2 if a < _NO_WEIGHT else 1):
-            if load_window(x0 - i, y0 - j, a + i, b + j, own, frame, jump, corner):
-                return a + i, b + j, True
-    return 0.0, 0.0, False
+            found = load_window(x0 - i, y0 - j, a + i, b + j, own, frame, corner)
+            if found & 1 == 0:
+                return a + i, b + j, found
+    return a, b, 1
 
 
 @kernel(inline=True)
@@ -188,21 +189,20 @@ def correction(corner, a, b, right, down, across):
 
 
 @kernel(inline=True)
-def aimed(sx, sy, own, frame, limits, corner, start, ray, across):
+def aimed(sx, sy, own, frame, largest, corner, start, ray, across):
     """Key position and weights for which the reflected point lies on the ray, and what became of it."""
-    jump, largest = limits
-    a, b, whole = find_window(sx, sy, own, frame, jump, corner)
-    if not whole:
+    a, b, found = find_window(sx, sy, own, frame, corner)
+    if found & 1 != 0:
         return sx, sy, a, b, BROKEN
-    if largest <= 0.0:
+    if largest <= 0.0 or found != 0:
         return sx, sy, a, b, FOUND
     right, down, along = off_ray(corner, a, b, start, ray, across)
     dx, dy, solved = correction(corner, a, b, right, down, across)
     if not (solved and abs(dx) <= largest and abs(dy) <= largest and along > 0.0):
         return sx, sy, a, b, OFF_RAY
     sx, sy = sx + dx, sy + dy
-    a, b, whole = find_window(sx, sy, own, frame, jump, corner)
-    return sx, sy, a, b, FOUND if whole else BROKEN
+    a, b, found = find_window(sx, sy, own, frame, corner)
+    return sx, sy, a, b, FOUND if found & 1 == 0 else BROKEN
 
 
 @kernel(inline=True)
@@ -235,9 +235,9 @@ def gather(lookup, ids_at, tolerance, weight, rays, frame, moved, limits, color,
     lookup (N,3) float64 u, v and depth of each pixel's surface point in the key frame; ids_at (N,) int32 its reflector;
     tolerance (N,) float64 of depth; rays: positions relative to the key eye and unit directions, (N,3) float64 each;
     frame: surface, ids, reached (H,W,4), span (H,W), colours (H,W,3) and breaks (H,W) of the key frame; moved: source
-    and certainty of ``resolve_moved``; limits: jump in distance, largest correction in key pixels (0: none is made).
-    weight (N,) float32 is the share of the reflection in the pixel's colour: what differs by more than ``contrast`` of
-    the picture between neighbouring key pixels is not interpolated.
+    and certainty of ``resolve_moved``; weight (N,) float32 share of the reflection in the pixel's colour; limits:
+    largest correction in key pixels (0: none is made), largest difference in the pixel's colour among the key pixels
+    that it is interpolated from.
     Fills color (N,3), distance (N,), source (N,2) key positions and state (N,).
     """
     count = len(ids_at)
@@ -252,8 +252,8 @@ def gather(lookup, ids_at, tolerance, weight, rays, frame, moved, limits, color,
                 start = (rays[0][k, 0], rays[0][k, 1], rays[0][k, 2])
                 ray = (rays[1][k, 0], rays[1][k, 1], rays[1][k, 2])
                 fill_across(ray, across)
-                sx, sy, a, b, found = aimed(sx, sy, own, frame, (limits[0], limits[1]), corner, start, ray, across)
-                if found == FOUND and contrast(corner) * weight[k] > limits[2]:
+                sx, sy, a, b, found = aimed(sx, sy, own, frame, limits[0], corner, start, ray, across)
+                if found == FOUND and contrast(corner) * weight[k] > limits[1]:
                     found = CONTRAST
             state[k] = found
             if found != FOUND:

@@ -4,8 +4,8 @@ A candidate pixel with point W and normal n reflects the point P along ``u = ref
 residual is what of ``E - W`` stands at right angles to u, and is zero exactly where the law of reflection holds for the
 eye E. Specification 04, section 5 (stable form, feasibility, local search, acceptance) and 14.1 (refinement).
 
-``surface`` (H,W,8) float32 holds per pixel the point relative to the key frame's eye, the normal, the footprint and the
-depth; ``ids`` (H,W) int32 the reflector, -1 elsewhere. All arithmetic is float64.
+``surface`` (H*W,8) float32 holds per pixel the point relative to the key frame's eye, the normal, the footprint and the
+depth; ``ids`` (H*W,) int32 the reflector, -1 elsewhere. All arithmetic is float64.
 """
 
 from __future__ import annotations
@@ -26,86 +26,89 @@ _FARTHEST = 1.0  # pixels by which refinement may move a match
 
 
 @kernel(inline=True)
-def residual(surface, y, x, point, endless, eye):
-    """Residual (3,), its scale to lengths on the mirror, and 0 for feasible, 1 for contact, 2 for infeasible.
+def residual(surface, p, point, endless, eye):
+    """Residual (3,) at flat pixel p, and 0 for feasible, 1 for contact, 2 for infeasible.
 
     ``point``: reflected point relative to the key eye; if ``endless``, the unit direction towards it.
     """
-    wx, wy, wz = np.float64(surface[y, x, 0]), np.float64(surface[y, x, 1]), np.float64(surface[y, x, 2])
-    nx, ny, nz = np.float64(surface[y, x, 3]), np.float64(surface[y, x, 4]), np.float64(surface[y, x, 5])
+    wx, wy, wz = np.float64(surface[p, 0]), np.float64(surface[p, 1]), np.float64(surface[p, 2])
+    nx, ny, nz = np.float64(surface[p, 3]), np.float64(surface[p, 4]), np.float64(surface[p, 5])
     ex, ey, ez = eye[0] - wx, eye[1] - wy, eye[2] - wz
-    if ex * nx + ey * ny + ez * nz <= 0.0:
-        return 0.0, 0.0, 0.0, 0.0, 2
-    if endless:
-        tx, ty, tz = point[0], point[1], point[2]
-        length = np.inf
-    else:
-        tx, ty, tz = point[0] - wx, point[1] - wy, point[2] - wz
-        length = math.sqrt(tx * tx + ty * ty + tz * tz)
-        if length < 0.5 * np.float64(surface[y, x, 6]):
-            return 0.0, 0.0, 0.0, 0.0, 1
-        tx, ty, tz = tx / length, ty / length, tz / length
+    tx, ty, tz = point[0], point[1], point[2]
+    contact = False
+    if not endless:
+        tx, ty, tz = tx - wx, ty - wy, tz - wz
+        half = 0.5 * np.float64(surface[p, 6])
+        contact = tx * tx + ty * ty + tz * tz < half * half
     rise = tx * nx + ty * ny + tz * nz
-    if rise <= 0.0:
-        return 0.0, 0.0, 0.0, 0.0, 2
+    if ex * nx + ey * ny + ez * nz <= 0.0 or (rise <= 0.0 and not contact):
+        return 0.0, 0.0, 0.0, 2
+    if contact:
+        return 0.0, 0.0, 0.0, 1
     ux, uy, uz = 2.0 * rise * nx - tx, 2.0 * rise * ny - ty, 2.0 * rise * nz - tz
-    along = ex * ux + ey * uy + ez * uz
+    along = (ex * ux + ey * uy + ez * uz) / (ux * ux + uy * uy + uz * uz)
+    return ex - along * ux, ey - along * uy, ez - along * uz, 0
+
+
+@kernel(inline=True)
+def squared(surface, ids, p, own, point, endless, eye):
+    """d(s, s_n) of section 5, squared: 0 at contact, +inf off the reflector and where infeasible."""
+    if ids[p] != own:
+        return np.inf
+    a, b, c, state = residual(surface, p, point, endless, eye)
+    return np.inf if state == 2 else a * a + b * b + c * c
+
+
+@kernel(inline=True)
+def scaled(surface, ids, p, own, point, endless, eye):
+    """Residual as a length on the mirror: times |P - W| / (|E - W| + |P - W|); False where there is none."""
+    if ids[p] != own:
+        return 0.0, 0.0, 0.0, False
+    a, b, c, state = residual(surface, p, point, endless, eye)
     scale = 1.0
     if not endless:
-        reach = math.sqrt(ex * ex + ey * ey + ez * ez)
-        scale = length / (reach + length)
-    return ex - along * ux, ey - along * uy, ez - along * uz, scale, 0
+        near, far = 0.0, 0.0
+        for k in range(3):
+            w = np.float64(surface[p, k])
+            near += (eye[k] - w) * (eye[k] - w)
+            far += (point[k] - w) * (point[k] - w)
+        scale = math.sqrt(far) / (math.sqrt(near) + math.sqrt(far))
+    return a * scale, b * scale, c * scale, state == 0
 
 
 @kernel(inline=True)
-def distance(surface, ids, y, x, own, point, endless, eye):
-    """d(s, s_n) of section 5: 0 at contact, +inf off the reflector and where infeasible."""
-    if y < 0 or x < 0 or y >= ids.shape[0] or x >= ids.shape[1]:
-        return np.inf
-    if ids[y, x] != own:
-        return np.inf
-    a, b, c, _, state = residual(surface, y, x, point, endless, eye)
-    if state == 2:
-        return np.inf
-    return math.sqrt(a * a + b * b + c * c)
-
-
-@kernel(inline=True)
-def slope(surface, ids, y, x, dy, dx, here, own, point, endless, eye):
-    """Change of the scaled residual per pixel along (dy, dx), from both neighbours or one; False without any."""
-    forth = (0.0, 0.0, 0.0)
-    back = (0.0, 0.0, 0.0)
-    ahead, behind = False, False
-    if 0 <= y + dy < ids.shape[0] and 0 <= x + dx < ids.shape[1] and ids[y + dy, x + dx] == own:
-        a, b, c, s, state = residual(surface, y + dy, x + dx, point, endless, eye)
-        ahead = state == 0
-        forth = (a * s, b * s, c * s)
-    if 0 <= y - dy < ids.shape[0] and 0 <= x - dx < ids.shape[1] and ids[y - dy, x - dx] == own:
-        a, b, c, s, state = residual(surface, y - dy, x - dx, point, endless, eye)
-        behind = state == 0
-        back = (a * s, b * s, c * s)
+def slope(surface, ids, p, step, back_inside, forth_inside, here, own, point, endless, eye):
+    """Change of the scaled residual per pixel over ``step``, from both neighbours or one; False without any."""
+    ax, ay, az, ahead = 0.0, 0.0, 0.0, False
+    bx, by, bz, behind = 0.0, 0.0, 0.0, False
+    if forth_inside:
+        ax, ay, az, ahead = scaled(surface, ids, np.uintp(p + step), own, point, endless, eye)
+    if back_inside:
+        bx, by, bz, behind = scaled(surface, ids, np.uintp(p - step), own, point, endless, eye)
     if ahead and behind:
-        return 0.5 * (forth[0] - back[0]), 0.5 * (forth[1] - back[1]), 0.5 * (forth[2] - back[2]), True
+        return 0.5 * (ax - bx), 0.5 * (ay - by), 0.5 * (az - bz), True
     if ahead:
-        return forth[0] - here[0], forth[1] - here[1], forth[2] - here[2], True
+        return ax - here[0], ay - here[1], az - here[2], True
     if behind:
-        return here[0] - back[0], here[1] - back[1], here[2] - back[2], True
+        return here[0] - bx, here[1] - by, here[2] - bz, True
     return 0.0, 0.0, 0.0, False
 
 
 @kernel()
-def refine(surface, ids, y, x, own, point, endless, eye):
+def refine(surface, ids, size, y, x, own, point, endless, eye):
     """One Gauss-Newton step from pixel (y, x): offset (dy, dx) and whether it stays within a pixel."""
-    a, b, c, s, state = residual(surface, y, x, point, endless, eye)
-    if state != 0:
+    height, width = size
+    p = y * width + x
+    a, b, c, feasible = scaled(surface, ids, np.uintp(p), own, point, endless, eye)
+    if not feasible:
         return 0.0, 0.0, True
-    here = (a * s, b * s, c * s)
-    ax, bx, cx, across = slope(surface, ids, y, x, 0, 1, here, own, point, endless, eye)
-    ay, by, cy, down = slope(surface, ids, y, x, 1, 0, here, own, point, endless, eye)
+    here = (a, b, c)
+    ax, bx, cx, across = slope(surface, ids, p, 1, x > 0, x + 1 < width, here, own, point, endless, eye)
+    ay, by, cy, down = slope(surface, ids, p, width, y > 0, y + 1 < height, here, own, point, endless, eye)
     if not (across and down):
         return 0.0, 0.0, True
     xx, xy, yy = ax * ax + bx * bx + cx * cx, ax * ay + bx * by + cx * cy, ay * ay + by * by + cy * cy
-    gx, gy = ax * here[0] + bx * here[1] + cx * here[2], ay * here[0] + by * here[1] + cy * here[2]
+    gx, gy = ax * a + bx * b + cx * c, ay * a + by * b + cy * c
     determinant = xx * yy - xy * xy
     if not determinant > 1e-12 * xx * yy:
         return 0.0, 0.0, False
@@ -113,81 +116,96 @@ def refine(surface, ids, y, x, own, point, endless, eye):
     return dy, dx, abs(dx) <= _FARTHEST and abs(dy) <= _FARTHEST
 
 
-@kernel()
-def walk(surface, ids, y, x, own, point, endless, eye, max_steps):
-    """Pixel and distance where the walk over the 8 neighbours ends, and its steps; ``max_steps + 1`` if cut off."""
-    best = distance(surface, ids, y, x, own, point, endless, eye)
-    steps = 0
-    while True:
-        ny, nx, least = y, x, best
-        for dy in range(-1, 2):
-            for dx in range(-1, 2):
-                if dy != 0 or dx != 0:
-                    d = distance(surface, ids, y + dy, x + dx, own, point, endless, eye)
-                    if d < least:
-                        ny, nx, least = y + dy, x + dx, d
-        if not least < best:
-            return y, x, best, steps
-        if steps == max_steps:
-            return y, x, best, steps + 1
-        y, x, best = ny, nx, least
-        steps += 1
-
-
-@kernel()
-def verdict(surface, ids, y, x, best, own, point, endless, eye, ratio):
-    """VALID or why the end of a walk is no match: no true minimum, beside the border, beside another surface."""
-    total, count, edge, rim = 0.0, 0, False, False
+@kernel(inline=True)
+def neighbours(surface, ids, size, y, x, own, point, endless, eye, around):
+    """Squared distances of the 8 neighbours, into ``around``; +inf outside the image."""
+    height, width = size
+    k = 0
     for dy in range(-1, 2):
         for dx in range(-1, 2):
             if dy == 0 and dx == 0:
                 continue
-            if y + dy < 0 or x + dx < 0 or y + dy >= ids.shape[0] or x + dx >= ids.shape[1]:
-                edge = True
-                continue
-            if ids[y + dy, x + dx] != own:
-                rim = True
-                continue
-            d = distance(surface, ids, y + dy, x + dx, own, point, endless, eye)
-            if d < np.inf:
-                total += d
-                count += 1
-    if best < np.inf and count >= _NEIGHBOURS and (ratio >= 1.0 or best * count <= ratio * total):
+            ny, nx = y + dy, x + dx
+            around[k] = np.inf
+            if 0 <= ny < height and 0 <= nx < width:
+                around[k] = squared(surface, ids, np.uintp(ny * width + nx), own, point, endless, eye)
+            k += 1
+
+
+@kernel(inline=True)
+def walk(surface, ids, size, y, x, own, point, endless, eye, max_steps, around):
+    """Pixel and squared distance where the walk over the 8 neighbours ends, and its steps; max_steps + 1 if cut off.
+
+    ``around`` (8,) holds the squared distances about the end.
+    """
+    best = squared(surface, ids, np.uintp(y * size[1] + x), own, point, endless, eye)
+    steps = 0
+    while True:
+        neighbours(surface, ids, size, y, x, own, point, endless, eye, around)
+        least, place = best, -1
+        for k in range(8):
+            if around[k] < least:
+                least, place = around[k], k
+        if place < 0:
+            return y, x, best, steps
+        if steps == max_steps:
+            return y, x, best, steps + 1
+        place += 1 if place >= 4 else 0
+        y, x, best = y + place // 3 - 1, x + place % 3 - 1, least
+        steps += 1
+
+
+@kernel(inline=True)
+def verdict(ids, size, y, x, best, own, around, ratio):
+    """VALID or why the end of a walk is no match: no true minimum, beside the border, beside another surface."""
+    total, count = 0.0, 0
+    for k in range(8):
+        if around[k] < np.inf:
+            total += math.sqrt(around[k])
+            count += 1
+    if best < np.inf and count >= _NEIGHBOURS and (ratio >= 1.0 or math.sqrt(best) * count <= ratio * total):
         return VALID
-    return BORDER if edge else (SILHOUETTE if rim else RATIO)
+    height, width = size
+    if y == 0 or x == 0 or y == height - 1 or x == width - 1:
+        return BORDER
+    for dy in range(-1, 2):
+        for dx in range(-1, 2):
+            if ids[np.uintp((y + dy) * width + x + dx)] != own:
+                return SILHOUETTE
+    return RATIO
 
 
 @kernel(parallel=True)
-def match(surface, ids, reached, pixels, eye, start, options, end, offset, cause, steps):
+def match(surface, ids, reached, size, pixels, eye, start, options, end, offset, cause, steps):
     """The match of each of N key pixels for an eye relative to the key eye.
 
-    reached (H,W,4) float32 reflected point relative to the key eye and 1, or unit direction and 0; pixels (N,) int64
-    flat; start (N,2) int32 pixels (dy, dx) to begin at; options (max_steps, ratio, refined). Fills end (N,2) int32,
-    offset (N,2) float32 (dy, dx, with the refinement), cause (N,) uint8 and steps (N,) int32.
+    surface (H*W,8), ids (H*W,) and reached (H*W,4) float32, the reflected point relative to the key eye and 1, or unit
+    direction and 0; size (H,W); pixels (N,) int64 flat; start (N,2) int32 pixels (dy, dx) to begin at; options
+    (max_steps, ratio, refined). Fills end (N,2) int32, offset (N,2) float32 (dy, dx, with the refinement), cause (N,)
+    uint8 and steps (N,) int32.
     """
-    width = ids.shape[1]
+    height, width = size
     max_steps, ratio, refined = options
     count = len(pixels)
     for block in prange((count + BLOCK - 1) // BLOCK):
+        around = np.zeros(8)
         first = np.int64(block) * BLOCK
         for k in range(first, min(first + BLOCK, count)):
+            p = np.uintp(pixels[k])
             y0, x0 = pixels[k] // width, pixels[k] % width
-            own = ids[y0, x0]
-            far = reached[y0, x0]
-            point = (np.float64(far[0]), np.float64(far[1]), np.float64(far[2]))
-            endless = far[3] == 0.0
+            own = ids[p]
+            point = (np.float64(reached[p, 0]), np.float64(reached[p, 1]), np.float64(reached[p, 2]))
+            endless = reached[p, 3] == 0.0
             y, x = y0 + start[k, 0], x0 + start[k, 1]
-            if y < 0 or x < 0 or y >= ids.shape[0] or x >= width or ids[y, x] != own:
+            if y < 0 or x < 0 or y >= height or x >= width or ids[y * width + x] != own:
                 y, x = y0, x0
-            y, x, best, taken = walk(surface, ids, y, x, own, point, endless, eye, max_steps)
+            y, x, best, taken = walk(surface, ids, size, y, x, own, point, endless, eye, max_steps, around)
             steps[k] = min(taken, max_steps)
             end[k, 0], end[k, 1] = y - y0, x - x0
             offset[k, 0], offset[k, 1] = y - y0, x - x0
-            found = verdict(surface, ids, y, x, best, own, point, endless, eye, ratio)
-            if taken > max_steps:
-                found = STEPS
+            found = STEPS if taken > max_steps else verdict(ids, size, y, x, best, own, around, ratio)
             if found == VALID and refined:
-                dy, dx, fine = refine(surface, ids, y, x, own, point, endless, eye)
+                dy, dx, fine = refine(surface, ids, size, y, x, own, point, endless, eye)
                 if fine:
                     offset[k, 0] += np.float32(dy)
                     offset[k, 1] += np.float32(dx)

@@ -18,8 +18,10 @@ from torchrender.kernels.compile import kernel
 from torchrender.kernels.corners import DIAGONAL, FIRST, SECOND
 
 UNCOVERED, UNSURE, SURE = 0, 1, 2
-RIGHT, DOWN = 1, 2
-"""Bits of ``breaks``: what a pixel mirrors does not go on in the pixel to its right, in the one below."""
+RIGHT, DOWN, FAINT = 1, 2, 4
+"""Bits of ``breaks``: what a pixel mirrors visibly does not go on in the pixel to its right, in the one below. FAINT
+times these: the distance jumps there, but the colours are about the same."""
+GAP = 1.5  # growth of a triangle across a faint jump that may have opened a gap
 
 EDGE = -1e-6  # least edge value, in pixels squared, of a pixel on a triangle: vertices on pixel centres count
 _GUARD = 1e6  # pixels
@@ -99,34 +101,32 @@ def draw_moved(place, depth, shape, ids, targets, keys):
 
 
 @kernel(inline=True)
-def broken(breaks, ya, xa, yb, xb):
-    """Is the link between two neighbouring pixels of a row or column broken?"""
+def link(breaks, ya, xa, yb, xb):
+    """0 for a whole link between two neighbouring pixels of a row or column, 1 for a visible break, FAINT for one."""
     if ya == yb:
-        return breaks[ya, min(xa, xb)] & RIGHT != 0
-    return breaks[min(ya, yb), xa] & DOWN != 0
+        bits = breaks[ya, min(xa, xb)]
+        return 1 if bits & RIGHT != 0 else (FAINT if bits & (FAINT * RIGHT) != 0 else 0)
+    bits = breaks[min(ya, yb), xa]
+    return 1 if bits & DOWN != 0 else (FAINT if bits & (FAINT * DOWN) != 0 else 0)
 
 
 @kernel()
-def sure(triangle, spans, footprints, limits):
-    """Whether a moved triangle still tells the truth: not flipped, not grown too much, no jump in reflected distance.
+def sure(area, links, largest):
+    """Whether a moved triangle still tells the truth; ``area`` is twice its signed area, once that of an unmoved one.
 
-    triangle: twice its signed area; spans: reflected distance at its corners; limits: area ratio, relative jump.
+    Not if it is flipped or has grown by more than ``largest``; and not across a break in what is mirrored, unless the
+    two sides look alike and nothing has appeared between them.
     """
-    largest, jump = limits
-    if triangle <= 0.0 or triangle > largest:  # the unmoved triangle has twice the area one
+    if area <= 0.0 or area > largest:
         return False
-    least, most = min(spans[0], min(spans[1], spans[2])), max(spans[0], max(spans[1], spans[2]))
-    if least == np.inf:
-        return True
-    return most - least <= jump * least + 4.0 * footprints
+    return links == 0 or (links & 1 == 0 and area <= GAP)
 
 
 @kernel(parallel=True)
-def resolve_moved(keys, place, shape, breaks, span, footprint, targets, limits, source, certainty):
+def resolve_moved(keys, place, shape, breaks, largest, targets, source, certainty):
     """Old position (H,W,2) float32 in pixels (x, y) of each target pixel, and UNCOVERED, UNSURE or SURE (H,W) uint8.
 
-    breaks (h,w) uint8, span (h,w) float32 reflected distance, footprint (h,w) float32, limits (area ratio, jump); the
-    rest as above.
+    breaks (h,w) uint8 as above; largest: growth of a triangle that still counts.
     """
     columns = shape.shape[1]
     height, width = targets.shape
@@ -148,8 +148,6 @@ def resolve_moved(keys, place, shape, breaks, span, footprint, targets, limits, 
             wc = max(1.0 - wa - wb, 0.0)
             source[y, x, 0] = np.float32(wa * xa + wb * xb + wc * xc + 0.5)
             source[y, x, 1] = np.float32(wa * (j + ya) + wb * (j + yb) + wc * (j + yc) + 0.5)
-            spans = (np.float64(span[j + ya, xa]), np.float64(span[j + yb, xb]), np.float64(span[j + yc, xc]))
-            g = max(footprint[j + ya, xa], max(footprint[j + yb, xb], footprint[j + yc, xc]))
             # The second corner has the right angle: the other two are its neighbours in row and column.
-            whole = not (broken(breaks, j + ya, xa, j + yb, xb) or broken(breaks, j + yb, xb, j + yc, xc))
-            certainty[y, x] = SURE if whole and sure(area, spans, np.float64(g), limits) else UNSURE
+            links = link(breaks, j + ya, xa, j + yb, xb) | link(breaks, j + yb, xb, j + yc, xc)
+            certainty[y, x] = SURE if sure(area, links, largest) else UNSURE

@@ -18,6 +18,7 @@ from torchrender.geometry.corners import ReconstructOptions
 from torchrender.geometry.grid import fit_grid
 from torchrender.kernels import reflection_match as kernels
 from torchrender.kernels.compile import view
+from torchrender.kernels.reflection_shift import FAINT
 from torchrender.reflection.reuse_options import ReuseOptions
 from torchrender.scene.camera import Cameras
 
@@ -41,7 +42,8 @@ class ReflectionKeyFrame:
     distance: Tensor  # (B,H,W) float32 ray length from reflector to reflected point, +inf where there is none
     color: Tensor  # (B,H,W,3) float32 reflected radiance
     joined: Tensor  # (B,H-1,W-1) uint8 triangles between neighbouring pixels of one reflector's surface
-    breaks: Tensor  # (B,H,W) uint8 bit 0, 1: what is mirrored does not go on in the pixel to the right, below
+    breaks: Tensor  # (B,H,W) uint8 bit 0, 1: what is mirrored visibly does not go on in the pixel to the right, below;
+    # bit 2, 3: its distance jumps there, but the colours are about the same
     pixel: Tensor  # (N,) int64 flat places of the reflective pixels
 
     def rows(self) -> list[Tensor]:
@@ -67,9 +69,12 @@ class ReflectionMatches:
 
 
 def make_key_frame(
-    gbuffer: GBuffer, layer: ReflectionLayer, options: ReuseOptions | None = None
+    gbuffer: GBuffer, layer: ReflectionLayer, options: ReuseOptions | None = None, weight: Tensor | None = None
 ) -> ReflectionKeyFrame:
     """The key frame of pictures whose reflections are all known.
+
+    Args:
+        weight: (B,H,W) share of what is mirrored in a pixel's colour; None: one.
 
     Pixels without a normal, and those whose layer state is NONE, are left out.
 
@@ -92,6 +97,9 @@ def make_key_frame(
     length = torch.where(near, layer.distance, 0.0).double()[..., None]
     point = torch.where(near[..., None], position + length * layer.direction.double(), layer.direction.double())
     reached = torch.cat([point, near[..., None].double()], -1)
+    seen = layer.color.clamp(0.0, 1.0)
+    if weight is not None:
+        seen = seen * check_tensor("weight", weight, shape)[..., None]
     return ReflectionKeyFrame(
         cameras=cameras,
         surface=surface.float(),
@@ -100,34 +108,51 @@ def make_key_frame(
         distance=layer.distance,
         color=layer.color,
         joined=_joined(gbuffer, depth),
-        breaks=_breaks(position.norm(dim=-1) + layer.distance, depth, options.edge),
+        breaks=_breaks(depth, position.norm(dim=-1), layer.distance, surface[..., 6], seen, options),
         pixel=mirrors.reshape(-1).nonzero().reshape(-1),
     )
 
 
-def _breaks(path: Tensor, depth: Tensor, edge: float) -> Tensor:
-    """(B,H,W) uint8: where the length of the light's path (B,H,W) jumps from a pixel to the next.
+def _breaks(
+    depth: Tensor, path: Tensor, distance: Tensor, footprint: Tensor, seen: Tensor, options: ReuseOptions
+) -> Tensor:
+    """Bits (B,H,W) of where what is mirrored does not go on in the next pixel: a jump in distance, or an edge.
 
-    In a plane mirror the inverse depth of the mirrored plane is linear in the picture, as that of any plane. A
-    difference that is more than ``edge`` of it is a jump if it is not the continuation of the differences to either
-    side.
+    An edge is a difference in inverse mirrored depth that does not continue the differences to either side of it: in a
+    plane mirror the inverse depth of a mirrored plane is linear in the picture, as that of any plane.
     """
-    length = torch.where(torch.isfinite(depth) & torch.isfinite(path), path, torch.inf)
-    inverse = torch.where(torch.isfinite(length), depth / length.clamp_min(1e-30), 0.0)  # up to the first depth
-    inverse = torch.where(depth > 0, inverse / depth.clamp_min(1e-30), 0.0)
-    bits = torch.zeros(path.shape, dtype=torch.uint8)
+    whole = torch.isfinite(depth) & torch.isfinite(distance) & (depth > 0)
+    inverse = torch.where(whole, path / (depth * (path + distance)), 0.0)
+    bits = torch.zeros(depth.shape, dtype=torch.uint8)
     for bit, axis in ((1, 2), (2, 1)):
-        if path.shape[axis] < 2:
+        count = depth.shape[axis] - 1
+        if count < 1:
             continue
-        step = inverse.diff(dim=axis)
-        size = step.abs()
-        limit = edge * torch.maximum(inverse.narrow(axis, 0, step.shape[axis]), inverse.narrow(axis, 1, step.shape[axis]))
-        turn = step.diff(dim=axis).abs()
-        end = torch.full_like(step.narrow(axis, 0, 1), torch.inf)
-        before, after = torch.cat([end, turn], axis), torch.cat([turn, end], axis)
-        alone = (before > 0.5 * size) & (after > 0.5 * size)
-        bits.narrow(axis, 0, step.shape[axis]).bitwise_or_(((size > limit) & alone).to(torch.uint8) * bit)
+        jumps = _jumps(distance, footprint, axis, options.jump) | _edges(inverse, axis, options.edge)
+        visible = seen.diff(dim=axis).abs().amax(-1) > options.contrast
+        bits.narrow(axis, 0, count).bitwise_or_(torch.where(visible, bit, FAINT * bit).to(torch.uint8) * jumps)
     return bits
+
+
+def _pairs(image: Tensor, axis: int) -> tuple[Tensor, Tensor]:
+    """Neighbours along an axis."""
+    count = image.shape[axis] - 1
+    return image.narrow(axis, 0, count), image.narrow(axis, 1, count)
+
+
+def _jumps(distance: Tensor, footprint: Tensor, axis: int, limit: float) -> Tensor:
+    first, second = _pairs(distance, axis)
+    least, most = torch.minimum(first, second), torch.maximum(first, second)
+    return torch.isfinite(least) & (most - least > limit * least + 4.0 * torch.maximum(*_pairs(footprint, axis)))
+
+
+def _edges(inverse: Tensor, axis: int, limit: float) -> Tensor:
+    step = inverse.diff(dim=axis)
+    turn = step.diff(dim=axis).abs()
+    end = torch.full_like(step.narrow(axis, 0, 1), torch.inf)
+    bend = torch.minimum(torch.cat([end, turn], axis), torch.cat([turn, end], axis))
+    size = step.abs()
+    return (size > limit * torch.maximum(*_pairs(inverse, axis))) & (bend > 0.5 * size)
 
 
 def _joined(gbuffer: GBuffer, depth: Tensor) -> Tensor:
@@ -169,17 +194,18 @@ def match_reflections(
     cause, steps = np.zeros(count, np.uint8), np.zeros(count, np.int32)
     begin = end if start is None else view(check_tensor("start", start, (count, 2)), np.int32)
     moved = eye.double() - key.cameras.eye
-    size = key.reflector.shape[1] * key.reflector.shape[2]
+    height, width = key.reflector.shape[1:]
     for b, rows in enumerate(key.rows()):
         if not len(rows) or not bool(moved[b].abs().max() > 0.0):
             continue
         part = slice(int(rows[0]), int(rows[-1]) + 1)  # flat places are in order
-        settings = (options.max_steps, options.ratio, options.refine)
+        settings = (options.max_steps, float(options.ratio), options.refine)
         kernels.match(
-            view(key.surface[b], np.float32),
-            view(key.reflector[b], np.int32),
-            view(key.reached[b], np.float32),
-            view(key.pixel[part] - b * size, np.int64),
+            view(key.surface[b].reshape(-1, 8), np.float32),
+            view(key.reflector[b].reshape(-1), np.int32),
+            view(key.reached[b].reshape(-1, 4), np.float32),
+            (height, width),
+            view(key.pixel[part] - b * height * width, np.int64),
             view(moved[b], np.float64),
             begin[part].copy(),
             settings,

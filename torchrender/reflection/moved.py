@@ -72,9 +72,8 @@ def shift_reflections(
         ids, shape = view(key.reflector[b], np.int32), view(key.joined[b], np.uint8)
         keys = np.zeros(height * width, np.uint64)
         draw_moved(place, view(depth[b], np.float32), shape, ids, ids, keys)
-        spans = (view(key.distance[b], np.float32), view(key.surface[b, ..., 6], np.float32))
-        limits = (options.area_ratio, options.jump)
-        resolve_moved(keys, place, shape, view(key.breaks[b], np.uint8), *spans, ids, limits, source[b], certainty[b])
+        breaks = view(key.breaks[b], np.uint8)
+        resolve_moved(keys, place, shape, breaks, float(options.area_ratio), ids, source[b], certainty[b])
     return MovedReflections(torch.from_numpy(source), torch.from_numpy(certainty))
 
 
@@ -122,7 +121,7 @@ def warp_to_view(
             (view(position - camera.eye, np.float64), view(pixels.direction[part], np.float64)),
             frame,
             (view(moved.source[b], np.float32), view(moved.certainty[b], np.uint8)),
-            (options.jump, options.correction, options.contrast),
+            (float(options.correction), float(options.contrast)),
             *(a[part] for a in (color, distance, source, state)),
         )
     return WarpedReflections(*(torch.from_numpy(a) for a in (color, distance, source, state)))
@@ -177,10 +176,9 @@ def _drawn(key: ReflectionKeyFrame, b: int, pixels: ReflectivePixels, part: slic
     targets[pixels.pixel[part] - b * height * width] = pixels.object_id[part].int()
     goal = view(targets.reshape(height, width), np.int32)
     corners, joined = view(place.reshape(*shape, 2), np.float32), view(key.joined[b], np.uint8)
-    keys = np.zeros(height * width, np.uint64)
-    zeros, whole = np.zeros(shape, np.float32), np.zeros(shape, np.uint8)
+    keys, whole = np.zeros(height * width, np.uint64), np.zeros(shape, np.uint8)
     draw_moved(corners, view(depth.reshape(shape), np.float32), joined, ids, goal, keys)
     source, certainty = np.full((height, width, 2), np.nan, np.float32), np.zeros((height, width), np.uint8)
-    resolve_moved(keys, corners, joined, whole, zeros, zeros, goal, (np.inf, np.inf), source, certainty)
+    resolve_moved(keys, corners, joined, whole, np.inf, goal, source, certainty)
     found = torch.from_numpy(source).reshape(-1, 2)[pixels.pixel[part] - b * height * width]
     return torch.nan_to_num(found, nan=-1.0).double()
