@@ -34,6 +34,7 @@ ORDER = (
     "effects",
     "photo",
     "hit_shader",
+    "history",
     "walkthrough",
     "image",
     "passes",
@@ -41,6 +42,7 @@ ORDER = (
     "renderer",
     "report",
     "cli_output",
+    "cli_fly",
     "cli",
     "service",
 )

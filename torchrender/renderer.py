@@ -3,24 +3,32 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from torch import Tensor
 
 from torchrender.buffers import GBuffer, ReflectionLayer, ShadowMap
 from torchrender.checks import ArrayLike, as_vector, check_choice, check_range
+from torchrender.effects.reflection_reuse import reuse_reflections
 from torchrender.effects.shadow_map import ShadowOptions, lights_visibility, render_shadow_map
 from torchrender.effects.traced_reflection import TraceOptions, environment_reflections, trace_reflections
 from torchrender.errors import InputError, OptionError
+from torchrender.history import RenderHistory
 from torchrender.hit_shader import HitShader
 from torchrender.image import Image
 from torchrender.numerics.tonemap import OPERATORS
 from torchrender.raster import rasterize
 from torchrender.rays import RayCaster
-from torchrender.reflection.reflectors import blend_reflections, reflective_pixels
+from torchrender.reflection.reflectors import (
+    ReflectivePixels,
+    blend_reflections,
+    mirrored_share,
+    reflective_pixels,
+)
+from torchrender.reflection.reuse_options import ReuseOptions
 from torchrender.scene.camera import Cameras
 from torchrender.scene.load import load
 from torchrender.scene.model import Scene, resized
@@ -42,6 +50,7 @@ class RenderOptions:
     shadow: ShadowOptions = field(default_factory=ShadowOptions)
     reflections: str = "traced"  # how reflectors mirror: "traced", "environment" (one cube map), "off"
     tracing: TraceOptions = field(default_factory=TraceOptions)
+    reuse: ReuseOptions = field(default_factory=ReuseOptions)  # of reflections, in pictures with a history
     supersample: int = 1  # 2: two by two samples per pixel
     background: ArrayLike | None = None  # linear colour of empty pixels; None: environment, else ambient light
     exposure: float | None = 0.0  # EV for display; None: automatic
@@ -65,6 +74,7 @@ def render(
     width: int | None = None,
     height: int | None = None,
     options: RenderOptions | None = None,
+    history: RenderHistory | None = None,
 ) -> Image:
     """Pictures of a scene, one per camera.
 
@@ -74,6 +84,9 @@ def render(
             frames the scene.
         width, height: size of the picture in pixels; the default is the size of ``camera`` where cameras are given,
             else 1024 x 768. Cameras of another shape keep their vertical opening angle.
+        history: ``RenderHistory()`` starts a sequence of pictures, ``image.history`` of one picture is for the next.
+            Shadow maps, ray caster and reflections are then used again as far as the scene has stood still; reused
+            reflections are close to traced ones, not the same. See :class:`torchrender.history.RenderHistory`.
 
     A scene without any light gets :meth:`Scene.with_default_light`. A scene without triangles gives its background.
 
@@ -87,19 +100,21 @@ def render(
         if not isinstance(scene, Scene):
             with clock.measure("load"):
                 scene = load(scene)
-        scene = scene.with_default_light()
+        past = (history or RenderHistory()).carried(scene, _shadow_settings(options), _settings(options))
+        assert past.scene is not None
+        scene = past.scene
         cameras = _cameras(scene, camera, width, height)
         fine = cameras if options.supersample == 1 else cameras.scaled(options.supersample)
         with clock.measure("raster"):
             gbuffer = rasterize(scene, fine)
         with clock.measure("shadows"):
-            maps = _shadow_maps(scene, gbuffer, options)
+            maps = past.shadow_maps or _shadow_maps(scene, gbuffer, options)
             visibility = None if maps is None else lights_visibility(scene, gbuffer, options.shadow, maps)
         with clock.measure("shade"):
             radiance = shade(scene, gbuffer, visibility, background=options.background)
         if options.reflections != "off":
             with clock.measure("reflections"):
-                layer = _reflections(scene, gbuffer, maps, options)
+                layer, past = _reflections(scene, gbuffer, maps, options, past, history is not None)
                 radiance = radiance if layer is None else blend_reflections(scene, gbuffer, radiance, layer)
         if fine is not cameras:
             with clock.measure("resolve"):
@@ -111,7 +126,23 @@ def render(
         timings_ms=clock.elapsed_ms,
         exposure=options.exposure,
         tone_map=options.tone_map,
+        history=None if history is None else replace(past, shadow_maps=_lasting(maps, options)),
     )
+
+
+def _settings(options: RenderOptions) -> object:
+    """What reflections depend on besides the scene."""
+    background = None if options.background is None else tuple(as_vector("background", options.background).tolist())
+    return options.reflections, options.tracing, options.reuse, options.supersample, background
+
+
+def _shadow_settings(options: RenderOptions) -> object:
+    return options.shadows, options.shadow
+
+
+def _lasting(maps: Sequence[ShadowMap] | None, options: RenderOptions) -> Sequence[ShadowMap] | None:
+    """Shadow maps that the next picture can use: cascades follow the eye."""
+    return maps if options.shadow.cascades == 1 else None
 
 
 def _cameras(scene: Scene, camera: Cameras | str | None, width: int | None, height: int | None) -> Cameras:
@@ -131,16 +162,31 @@ def _shadow_maps(scene: Scene, gbuffer: GBuffer, options: RenderOptions) -> list
 
 
 def _reflections(
-    scene: Scene, gbuffer: GBuffer, maps: list[ShadowMap] | None, options: RenderOptions
-) -> ReflectionLayer | None:
-    """What the reflectors in view mirror; None if there are none."""
+    scene: Scene,
+    gbuffer: GBuffer,
+    maps: Sequence[ShadowMap] | None,
+    options: RenderOptions,
+    past: RenderHistory,
+    reuse: bool,
+) -> tuple[ReflectionLayer | None, RenderHistory]:
+    """What the reflectors in view mirror, None if there are none; and the history with it."""
     pixels = reflective_pixels(scene, gbuffer)
     if not len(pixels):
-        return None
-    shader = HitShader(scene, None if maps is None else options.shadow, maps, options.background)
+        return None, past
+    shader = past.shader or HitShader(scene, None if maps is None else options.shadow, maps, options.background)
+    past = replace(past, shader=shader)
     if options.reflections == "environment":
-        return environment_reflections(pixels, shader)
-    return trace_reflections(RayCaster(scene.geometry), pixels, shader, options.tracing)
+        return environment_reflections(pixels, shader), past
+    caster = past.caster or RayCaster(scene.geometry)
+    past = replace(past, caster=caster)
+
+    def trace(chosen: ReflectivePixels) -> ReflectionLayer:
+        return trace_reflections(caster, chosen, shader, options.tracing)
+
+    if not reuse or gbuffer.cameras.orthographic:
+        return trace(pixels), past
+    made = reuse_reflections(pixels, gbuffer, trace, past.reuse, options.reuse, mirrored_share(scene, gbuffer, pixels))
+    return made.layer, replace(past, reuse=made.state, report=made.report)
 
 
 def _average(radiance: Tensor, factor: int) -> Tensor:
