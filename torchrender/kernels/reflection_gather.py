@@ -228,28 +228,42 @@ def contrast(corner):
     return most
 
 
+@kernel(inline=True)
+def key_place(position, matrix, near):
+    """u, v and depth in the key view of a point relative to its eye; depth 0 where it has no image."""
+    x = matrix[0, 0] * position[0] + matrix[0, 1] * position[1] + matrix[0, 2] * position[2]
+    y = matrix[1, 0] * position[0] + matrix[1, 1] * position[1] + matrix[1, 2] * position[2]
+    z = matrix[2, 0] * position[0] + matrix[2, 1] * position[1] + matrix[2, 2] * position[2]
+    if not z > near:
+        return 0.0, 0.0, 0.0
+    return x / z, y / z, z
+
+
 @kernel(parallel=True)
-def gather(lookup, ids_at, tolerance, weight, rays, frame, moved, limits, color, distance, source, state):
+def gather(place, ids_at, tolerance, weight, rays, view, frame, moved, limits, color, distance, source, state):
     """Colour and distance of what N pixels of a new view mirror.
 
-    lookup (N,3) float64 u, v and depth of each pixel's surface point in the key frame; ids_at (N,) int32 its reflector;
-    tolerance (N,) float64 of depth; rays: positions relative to the key eye and unit directions, (N,3) float64 each;
-    frame: surface, ids, reached (H,W,4), span (H,W), colours (H,W,3) and breaks (H,W) of the key frame; moved: source
-    and certainty of ``resolve_moved``; weight (N,) float32 share of the reflection in the pixel's colour; limits:
-    largest correction in key pixels (0: none is made), largest difference in the pixel's colour among the key pixels
-    that it is interpolated from.
-    Fills color (N,3), distance (N,), source (N,2) key positions and state (N,).
+    place (N,2) float64 position (u, v) in the key frame of each pixel's surface point, or (0,2): its projection; ids_at
+    (N,) int32 its reflector; tolerance (N,) float64 of depth; weight (N,) float32 share of the reflection in the
+    pixel's colour; rays: positions in world space and unit directions, (N,3) float64 each; view: eye (3,), pixel from
+    world matrix (3,3) and near plane of the key camera; frame: surface (H,W,8), ids, reached (H,W,4), span (H,W),
+    colours (H,W,3) and breaks (H,W) of the key frame; moved: source and certainty of ``resolve_moved``; limits: largest
+    correction in key pixels (0: none is made), largest difference in the pixel's colour among the key pixels that it is
+    interpolated from. Fills color (N,3), distance (N,), source (N,2) key positions and state (N,).
     """
     count = len(ids_at)
+    eye, matrix, near = view
     for block in prange((count + BLOCK - 1) // BLOCK):
         corner, across = np.zeros((4, 8)), np.zeros((2, 3))
         first = np.int64(block) * BLOCK
         for k in range(first, min(first + BLOCK, count)):
-            at = (lookup[k, 0], lookup[k, 1], lookup[k, 2])
+            start = (rays[0][k, 0] - eye[0], rays[0][k, 1] - eye[1], rays[0][k, 2] - eye[2])
+            u, v, z = key_place(start, matrix, near)
+            if len(place) > 0:
+                u, v = place[k, 0], place[k, 1]
             own = ids_at[k]
-            sx, sy, found = moved_source(at, own, tolerance[k], frame[0], frame[1], moved[0], moved[1])
+            sx, sy, found = moved_source((u, v, z), own, tolerance[k], frame[0], frame[1], moved[0], moved[1])
             if found == FOUND:
-                start = (rays[0][k, 0], rays[0][k, 1], rays[0][k, 2])
                 ray = (rays[1][k, 0], rays[1][k, 1], rays[1][k, 2])
                 fill_across(ray, across)
                 sx, sy, a, b, found = aimed(sx, sy, own, frame, limits[0], corner, start, ray, across)

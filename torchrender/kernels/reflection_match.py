@@ -23,6 +23,7 @@ VALID, BORDER, SILHOUETTE, RATIO, STEPS = 0, 1, 2, 3, 4
 BLOCK = 64  # pixels handed to a thread at once
 _NEIGHBOURS = 3  # feasible ones that a minimum needs around it
 _FARTHEST = 1.0  # pixels by which refinement may move a match
+_LEAPS, _FAR = 4, 16.0  # Gauss-Newton steps before the walk takes over, and pixels of the longest
 
 
 @kernel(inline=True)
@@ -175,17 +176,58 @@ def verdict(ids, size, y, x, best, own, around, ratio):
     return RATIO
 
 
+@kernel(inline=True)
+def leap(surface, ids, size, y, x, own, point, endless, eye, ratio):
+    """The match found by Gauss-Newton steps alone, and whether they led to one: the walk decides where they did not.
+
+    Four neighbours stand for eight: a minimum is true if the residual there is small beside its change per pixel.
+    """
+    height, width = size
+    for _ in range(_LEAPS):
+        if y <= 0 or x <= 0 or y >= height - 1 or x >= width - 1:
+            return y, x, 0.0, 0.0, False
+        p = y * width + x
+        a, b, c, feasible = scaled(surface, ids, np.uintp(p), own, point, endless, eye)
+        if not feasible:
+            return y, x, 0.0, 0.0, False
+        rx, ry, rz, right = scaled(surface, ids, np.uintp(p + 1), own, point, endless, eye)
+        lx, ly, lz, left = scaled(surface, ids, np.uintp(p - 1), own, point, endless, eye)
+        dx, dy, dz, below = scaled(surface, ids, np.uintp(p + width), own, point, endless, eye)
+        ux, uy, uz, above = scaled(surface, ids, np.uintp(p - width), own, point, endless, eye)
+        if not (right and left and below and above):
+            return y, x, 0.0, 0.0, False
+        here = a * a + b * b + c * c
+        right_d, left_d = rx * rx + ry * ry + rz * rz, lx * lx + ly * ly + lz * lz
+        below_d, above_d = dx * dx + dy * dy + dz * dz, ux * ux + uy * uy + uz * uz
+        ax, ay, az = 0.5 * (rx - lx), 0.5 * (ry - ly), 0.5 * (rz - lz)
+        bx, by, bz = 0.5 * (dx - ux), 0.5 * (dy - uy), 0.5 * (dz - uz)
+        xx, xy, yy = ax * ax + ay * ay + az * az, ax * bx + ay * by + az * bz, bx * bx + by * by + bz * bz
+        gx, gy = ax * a + ay * b + az * c, bx * a + by * b + bz * c
+        determinant = xx * yy - xy * xy
+        if not determinant > 1e-6 * xx * yy:
+            return y, x, 0.0, 0.0, False
+        step_x, step_y = (xy * gy - yy * gx) / determinant, (xy * gx - xx * gy) / determinant
+        if abs(step_x) <= 0.5 and abs(step_y) <= 0.5:
+            mean = 0.25 * (math.sqrt(right_d) + math.sqrt(left_d) + math.sqrt(below_d) + math.sqrt(above_d))
+            least = min(min(right_d, left_d), min(below_d, above_d))
+            return y, x, step_y, step_x, here <= least and math.sqrt(here) <= ratio * mean
+        if not (abs(step_x) < _FAR and abs(step_y) < _FAR):
+            return y, x, 0.0, 0.0, False
+        y, x = y + np.int64(round(step_y)), x + np.int64(round(step_x))
+    return y, x, 0.0, 0.0, False
+
+
 @kernel(parallel=True)
 def match(surface, ids, reached, size, pixels, eye, start, options, end, offset, cause, steps):
     """The match of each of N key pixels for an eye relative to the key eye.
 
     surface (H*W,8), ids (H*W,) and reached (H*W,4) float32, the reflected point relative to the key eye and 1, or unit
     direction and 0; size (H,W); pixels (N,) int64 flat; start (N,2) int32 pixels (dy, dx) to begin at; options
-    (max_steps, ratio, refined). Fills end (N,2) int32, offset (N,2) float32 (dy, dx, with the refinement), cause (N,)
-    uint8 and steps (N,) int32.
+    (max_steps, ratio, leaping, refined). Fills end (N,2) int32, offset (N,2) float32 (dy, dx, with the refinement),
+    cause (N,) uint8 and steps (N,) int32, of the walk.
     """
     height, width = size
-    max_steps, ratio, refined = options
+    max_steps, ratio, leaping, refined = options
     count = len(pixels)
     for block in prange((count + BLOCK - 1) // BLOCK):
         around = np.zeros(8)
@@ -199,6 +241,14 @@ def match(surface, ids, reached, size, pixels, eye, start, options, end, offset,
             y, x = y0 + start[k, 0], x0 + start[k, 1]
             if y < 0 or x < 0 or y >= height or x >= width or ids[y * width + x] != own:
                 y, x = y0, x0
+            if leaping:
+                leapt_y, leapt_x, dy, dx, there = leap(surface, ids, size, y, x, own, point, endless, eye, ratio)
+                if there:
+                    end[k, 0], end[k, 1] = leapt_y - y0, leapt_x - x0
+                    offset[k, 0] = leapt_y - y0 + (dy if refined else 0.0)
+                    offset[k, 1] = leapt_x - x0 + (dx if refined else 0.0)
+                    cause[k], steps[k] = VALID, 0
+                    continue
             y, x, best, taken = walk(surface, ids, size, y, x, own, point, endless, eye, max_steps, around)
             steps[k] = min(taken, max_steps)
             end[k, 0], end[k, 1] = y - y0, x - x0

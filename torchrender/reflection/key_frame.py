@@ -41,6 +41,7 @@ class ReflectionKeyFrame:
     reached: Tensor  # (B,H,W,4) float32 reflected point and 1; or unit direction and 0 where the ray left the scene
     distance: Tensor  # (B,H,W) float32 ray length from reflector to reflected point, +inf where there is none
     color: Tensor  # (B,H,W,3) float32 reflected radiance
+    order: Tensor  # (B,H,W) float32 depth plus distance: of reflections that fall together the least is seen
     joined: Tensor  # (B,H-1,W-1) uint8 triangles between neighbouring pixels of one reflector's surface
     breaks: Tensor  # (B,H,W) uint8 bit 0, 1: what is mirrored visibly does not go on in the pixel to the right, below;
     # bit 2, 3: its distance jumps there, but the colours are about the same
@@ -60,7 +61,7 @@ class ReflectionMatches:
     end: Tensor  # (N,2) int32 (rows, columns) to the best pixel
     offset: Tensor  # (N,2) float32 the same with the part of a pixel
     cause: Tensor  # (N,) uint8 index into CAUSES
-    steps: Tensor  # (N,) int32 length of the walk
+    steps: Tensor  # (N,) int32 length of the walk; 0 where there was none
 
     @property
     def valid(self) -> Tensor:
@@ -107,10 +108,17 @@ def make_key_frame(
         reached=reached.float(),
         distance=layer.distance,
         color=layer.color,
+        order=(depth + torch.where(near, layer.distance, 10.0 * _extent(gbuffer))).float(),
         joined=_joined(gbuffer, depth),
         breaks=_breaks(depth, position.norm(dim=-1), layer.distance, surface[..., 6], seen, options),
         pixel=mirrors.reshape(-1).nonzero().reshape(-1),
     )
+
+
+def _extent(gbuffer: GBuffer) -> float:
+    """Diagonal of what the pictures show: ten times this stands for infinity where distances are compared."""
+    seen = gbuffer.position[gbuffer.covered]
+    return float((seen.amax(0) - seen.amin(0)).norm()) if len(seen) else 1.0
 
 
 def _breaks(
@@ -199,7 +207,7 @@ def match_reflections(
         if not len(rows) or not bool(moved[b].abs().max() > 0.0):
             continue
         part = slice(int(rows[0]), int(rows[-1]) + 1)  # flat places are in order
-        settings = (options.max_steps, float(options.ratio), options.refine)
+        settings = (options.max_steps, float(options.ratio), options.search == "leap", options.refine)
         kernels.match(
             view(key.surface[b].reshape(-1, 8), np.float32),
             view(key.reflector[b].reshape(-1), np.int32),

@@ -66,12 +66,10 @@ def shift_reflections(
     count, height, width = key.reflector.shape
     source = np.full((count, height, width, 2), np.nan, np.float32)
     certainty = np.zeros((count, height, width), np.uint8)
-    reach = torch.where(torch.isfinite(key.distance), key.distance, _endless(key))
-    depth = key.surface[..., 7] + reach
     for b, place in enumerate(_places(key, matches)):
         ids, shape = view(key.reflector[b], np.int32), view(key.joined[b], np.uint8)
         keys = np.zeros(height * width, np.uint64)
-        draw_moved(place, view(depth[b], np.float32), shape, ids, ids, keys)
+        draw_moved(place, view(key.order[b], np.float32), shape, ids, ids, keys)
         breaks = view(key.breaks[b], np.uint8)
         resolve_moved(keys, place, shape, breaks, float(options.area_ratio), ids, source[b], certainty[b])
     return MovedReflections(torch.from_numpy(source), torch.from_numpy(certainty))
@@ -105,33 +103,26 @@ def warp_to_view(
         if not len(rows):
             continue
         part = slice(int(rows[0]), int(rows[-1]) + 1)  # flat places are in order
-        camera, position = key.cameras[b], pixels.position[part]
-        lookup = _lookup(camera, position)
-        if options.second_warp == "forward":
-            lookup[:, :2] = _drawn(key, b, pixels, part)
+        camera = key.cameras[b]
+        matrix = camera.intrinsics[0] @ camera.rotation[0]
+        place = _drawn(key, b, pixels, part) if options.second_warp == "forward" else torch.zeros(0, 2)
         frame = (
             view(key.surface[b], np.float32), view(key.reflector[b], np.int32), view(key.reached[b], np.float32),
             view(key.distance[b], np.float32), view(key.color[b], np.float32), view(key.breaks[b], np.uint8),
         )  # fmt: skip
         gather(
-            view(lookup, np.float64),
+            view(place, np.float64),
             view(pixels.object_id[part], np.int32),
             view(tolerance[part], np.float64),
             view(weight[part], np.float32),
-            (view(position - camera.eye, np.float64), view(pixels.direction[part], np.float64)),
+            (view(pixels.position[part], np.float64), view(pixels.direction[part], np.float64)),
+            (view(camera.eye[0], np.float64), view(matrix, np.float64), float(camera.near[0])),
             frame,
             (view(moved.source[b], np.float32), view(moved.certainty[b], np.uint8)),
             (float(options.correction), float(options.contrast)),
             *(a[part] for a in (color, distance, source, state)),
         )
     return WarpedReflections(*(torch.from_numpy(a) for a in (color, distance, source, state)))
-
-
-def _endless(key: ReflectionKeyFrame) -> Tensor:
-    """Stands for infinite distances where depths are compared: ten times everything there is."""
-    finite = torch.where(torch.isfinite(key.distance), key.distance, 0.0)
-    depth = torch.where(torch.isfinite(key.surface[..., 7]), key.surface[..., 7], 0.0)
-    return 10.0 * (finite.amax() + depth.amax()).clamp_min(1e-6) if key.distance.numel() else finite.new_ones(())
 
 
 def _places(key: ReflectionKeyFrame, matches: ReflectionMatches) -> np.ndarray:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from torchrender.checks import check_choice, check_range
 
+SEARCHES = ("leap", "walk")
 SECOND_WARPS = ("reverse", "forward")
 
 
@@ -19,6 +20,7 @@ class ReuseOptions:
 
     key_frame_threshold: float = 0.3  # share of pixels traced anew above which the next picture is a key frame
     max_steps: int = 128  # pixels that a match may walk
+    search: str = "leap"  # Gauss-Newton steps, and the walk where they fail; or the "walk" over neighbours alone
     ratio: float = 0.75  # of a match's distance to its neighbours' mean; 1: any end of a walk is a match
     refine: bool = True  # matches between pixel centres, by a Gauss-Newton step
     area_ratio: float = 16.0  # growth of a triangle that still counts as seen
@@ -31,6 +33,7 @@ class ReuseOptions:
     def __post_init__(self) -> None:
         check_range("key_frame_threshold", self.key_frame_threshold, 0.0, 1.0)
         check_range("max_steps", self.max_steps, 8, 1024)
+        check_choice("search", self.search, SEARCHES)
         check_range("ratio", self.ratio, 0.5, 1.0)
         check_range("area_ratio", self.area_ratio, 1.0, 100.0)
         check_range("jump", self.jump, 0.05)
