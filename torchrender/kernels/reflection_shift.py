@@ -28,7 +28,7 @@ _GUARD = 1e6  # pixels
 
 
 @kernel(inline=True)
-def corners(number, shape_row, width):
+def corners(number, shape_row):
     """Columns and rows (relative to the block's row) of triangle ``number % 2`` of a block in front-facing order."""
     i = number // 2
     if shape_row[i] & DIAGONAL:
@@ -66,7 +66,7 @@ def draw_moved(place, depth, shape, ids, targets, keys):
             for t in range(2):
                 if not shape[j, i] & (FIRST if t == 0 else SECOND):
                     continue
-                xa, ya, xb, yb, xc, yc = corners(2 * i + t, shape[j], columns)
+                xa, ya, xb, yb, xc, yc = corners(2 * i + t, shape[j])
                 a, b, c = vertex(place, j + ya, xa), vertex(place, j + yb, xb), vertex(place, j + yc, xc)
                 low_x, high_x = min(a[0], min(b[0], c[0])), max(a[0], max(b[0], c[0]))
                 low_y, high_y = min(a[1], min(b[1], c[1])), max(a[1], max(b[1], c[1]))
@@ -89,7 +89,11 @@ def draw_moved(place, depth, shape, ids, targets, keys):
                         if targets[y, x] != own:
                             continue
                         p = (x + 0.5, y + 0.5)
-                        wa, wb, wc = sign * signed_area(p, b, c), sign * signed_area(a, p, c), sign * signed_area(a, b, p)
+                        wa, wb, wc = (
+                            sign * signed_area(p, b, c),
+                            sign * signed_area(a, p, c),
+                            sign * signed_area(a, b, p),
+                        )
                         if wa < EDGE or wb < EDGE or wc < EDGE:
                             continue
                         nearness = (wa * qa + wb * qb + wc * qc) / (wa + wb + wc)
@@ -139,7 +143,7 @@ def resolve_moved(keys, place, shape, breaks, largest, targets, source, certaint
                 continue
             number = np.int64(np.uint64(0xFFFFFFFF) - (key & np.uint64(0xFFFFFFFF)))
             j = number // (2 * columns)
-            xa, ya, xb, yb, xc, yc = corners(number - 2 * columns * j, shape[j], columns)
+            xa, ya, xb, yb, xc, yc = corners(number - 2 * columns * j, shape[j])
             a, b, c = vertex(place, j + ya, xa), vertex(place, j + yb, xb), vertex(place, j + yc, xc)
             area = signed_area(a, b, c)
             p = (np.float64(x) + 0.5, np.float64(y) + 0.5)

@@ -155,7 +155,9 @@ def _drawn(key: ReflectionKeyFrame, b: int, pixels: ReflectivePixels, part: slic
     _, height, width = pixels.shape
     rows = key.rows()[b]
     size = key.reflector.shape[1] * key.reflector.shape[2]
-    seen = _lookup(pixels.cameras[b], key.surface[b].reshape(-1, 8)[key.pixel[rows] - b * size, :3] + key.cameras.eye[b])
+    seen = _lookup(
+        pixels.cameras[b], key.surface[b].reshape(-1, 8)[key.pixel[rows] - b * size, :3] + key.cameras.eye[b]
+    )
     before = seen[:, 2] > 0
     place, depth = torch.full((size, 2), torch.nan), torch.ones(size)
     own = key.pixel[rows] - b * size

@@ -28,7 +28,9 @@ class ReuseOptions:
     edge: float = 0.01  # relative difference in path length that is an edge of what is mirrored if it stands alone
     contrast: float = 0.06  # difference in the picture between neighbouring key pixels above which is traced
     second_warp: str = "reverse"  # from the key frame to the view: look up, or draw ("forward")
-    correction: float = 2.0  # key pixels by which a value is moved onto the pixel's own ray; farther off: traced; 0: off
+    correction: float = (
+        2.0  # key pixels by which a value is moved onto the pixel's own ray; farther off: traced; 0: off
+    )
 
     def __post_init__(self) -> None:
         check_range("key_frame_threshold", self.key_frame_threshold, 0.0, 1.0)

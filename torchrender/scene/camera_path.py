@@ -139,7 +139,10 @@ _WALKS: dict[str, dict[str, tuple[tuple[float, ...], ...]]] = {
     },
 }  # fmt: skip
 
-WALKS = ("walk1", "walk2")
+
+def walks_of(scene: Scene) -> tuple[str, ...]:
+    """Names of the built-in walks through a scene; none for most."""
+    return tuple(_WALKS.get(scene.name, {}))
 
 
 def built_in_path(scene: Scene, name: str = "walk1", seed: int = 0) -> CameraPath:
@@ -150,12 +153,12 @@ def built_in_path(scene: Scene, name: str = "walk1", seed: int = 0) -> CameraPat
     Raises:
         InputError: no path of that name for this scene; the message lists those there are.
     """
-    walks = _WALKS.get(scene.name, {})
     if name == "orbit":
         return _orbit(scene)
-    if name not in walks:
-        raise InputError(f"scene {scene.name!r} has no path {name!r}; known paths: {', '.join((*walks, 'orbit'))}")
-    poses = torch.tensor(walks[name], dtype=torch.float64)
+    if name not in walks_of(scene):
+        known = ", ".join((*walks_of(scene), "orbit"))
+        raise InputError(f"scene {scene.name!r} has no path {name!r}; known paths: {known}")
+    poses = torch.tensor(_WALKS[scene.name][name], dtype=torch.float64)
     if seed:
         generator = torch.Generator().manual_seed(seed)
         poses = poses + _SWAY * torch.rand(poses.shape, generator=generator, dtype=torch.float64).mul(2).sub(1)
