@@ -232,7 +232,7 @@ def match(surface, ids, reached, size, pixels, eye, start, options, end, offset,
     for block in prange((count + BLOCK - 1) // BLOCK):
         around = np.zeros(8)
         first = np.int64(block) * BLOCK
-        for k in range(first, min(first + BLOCK, count)):
+        for k in range(first, np.int64(min(first + BLOCK, count))):
             p = np.uintp(pixels[k])
             y0, x0 = pixels[k] // width, pixels[k] % width
             own = ids[p]

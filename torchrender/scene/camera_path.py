@@ -1,7 +1,7 @@
 """Camera paths: smooth ways through key poses at constant speed; built-in walks through the furnished rooms.
 
 A path file is TOML or JSON with an array ``pose`` of tables ``eye``, ``target`` (three numbers each) and, if wanted,
-``fov`` (vertical opening angle in degrees); ``closed = true`` returns to the first pose.
+``fov`` (vertical opening angle in degrees); ``ends = "closed"`` returns to the first pose.
 """
 
 from __future__ import annotations
@@ -176,7 +176,7 @@ def load_path(path: str | Path) -> CameraPath:
     data = read_bytes(path)
     table = parse_toml(path, data) if path.suffix.lower() != ".json" else Table(path, "", _json(path, data))
     poses = table.tables("pose")
-    closed = table.choice("closed", (True, False), False)
+    ends = table.choice("ends", ("open", "closed"), "open")
     table.finish()
     rows = [(p.vector("eye"), p.vector("target"), p.number("fov", 60.0, 1.0, 179.0)) for p in poses]
     for pose in poses:
@@ -186,7 +186,7 @@ def load_path(path: str | Path) -> CameraPath:
             raise InputError(f"a path must have at least 2 poses, got {len(rows)}")
         eyes, targets, fov = zip(*rows, strict=True)
         return CameraPath(
-            eyes=torch.stack(eyes), targets=torch.stack(targets), fov_deg=torch.tensor(fov), closed=bool(closed)
+            eyes=torch.stack(eyes), targets=torch.stack(targets), fov_deg=torch.tensor(fov), closed=ends == "closed"
         )
 
 
