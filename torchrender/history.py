@@ -41,6 +41,7 @@ class RenderHistory:
     report: ReuseReport | None = None  # how this picture's reflections were made; None: nothing mirrors
     shadow_settings: object = None  # options that the shadow maps were made with
     settings: object = None  # options that the reflections were made with
+    wanted: bool = True  # a sequence: reflections are reused, not only made
 
     def carried(self, scene: Scene, shadow_settings: object, settings: object) -> RenderHistory:
         """What of this history holds for another picture: of ``scene``, with these options."""

@@ -93,6 +93,18 @@ class HitShader:
         """Radiance (N,3) along unit directions (N,3) from the scene's centre, whatever stands there."""
         return self._cube.lookup(direction.float())
 
+    def surroundings(self, position: Tensor, direction: Tensor) -> Tensor:
+        """Radiance (N,3): what the centre sees of the place where each ray leaves the scene's bounding box.
+
+        A look-up by direction alone would show a whole floor one place of a wall.
+        """
+        low, high = self.scene.bounds
+        toward = torch.copysign(direction.double().abs().clamp_min(1e-9), direction.double())
+        exit_length = torch.where(toward > 0, high - position, low - position) / toward
+        reach = exit_length.amin(dim=-1).clamp_min(0.0)
+        seen = position + reach[:, None] * toward - (low + high) / 2
+        return self.environment(torch.nn.functional.normalize(seen, dim=-1, eps=1e-30))
+
     def _surfaces(self, rays: ReflectedRays, hits: RayHits, rows: Tensor) -> Tensor:
         found = RayHits(hits.t[rows], hits.triangle[rows], hits.barycentric[rows])
         direction = rays.direction[rows]
@@ -105,22 +117,10 @@ class HitShader:
             onward = reflect(-surface.to_eye[mirrors], normal)
             # Without the growth towards grazing angles: a cube map is too coarse an answer to give it full weight.
             cosine = torch.ones(len(mirrors))
-            mirrored = self._room(surface.position[mirrors], onward)
+            mirrored = self.surroundings(surface.position[mirrors], onward)
             own, material = radiance[mirrors], surface.material[mirrors]
             radiance[mirrors] = blend_colors(self.scene, material, cosine, own, mirrored)
         return radiance
-
-    def _room(self, position: Tensor, direction: Tensor) -> Tensor:
-        """The second bounce: what the centre sees of the place where the ray leaves the scene's bounding box.
-
-        A look-up by direction alone would show a whole floor one place of a wall.
-        """
-        low, high = self.scene.bounds
-        toward = torch.copysign(direction.double().abs().clamp_min(1e-9), direction.double())
-        exit_length = torch.where(toward > 0, high - position, low - position) / toward
-        reach = exit_length.amin(dim=-1).clamp_min(0.0)
-        seen = position + reach[:, None] * toward - (low + high) / 2
-        return self.environment(torch.nn.functional.normalize(seen, dim=-1, eps=1e-30))
 
     def _visibility(self, surface: RaySurface) -> Tensor | None:
         """Shadow factors (L,N)."""

@@ -12,6 +12,7 @@ from torch import Tensor
 
 from torchrender.buffers import GBuffer, ReflectionLayer, ShadowMap
 from torchrender.checks import ArrayLike, as_vector, check_choice, check_range
+from torchrender.effects.clustered_reflection import ClusterOptions, clustered_reflections
 from torchrender.effects.reflection_reuse import reuse_reflections
 from torchrender.effects.shadow_map import ShadowOptions, lights_visibility, render_shadow_map
 from torchrender.effects.traced_reflection import TraceOptions, environment_reflections, trace_reflections
@@ -35,7 +36,7 @@ from torchrender.scene.model import Scene, resized
 from torchrender.shade import shade
 
 DEFAULT_SIZE = (1024, 768)
-REFLECTIONS = ("traced", "environment", "off")
+REFLECTIONS = ("clustered", "traced", "environment", "off")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,7 +49,8 @@ class RenderOptions:
 
     shadows: bool = True
     shadow: ShadowOptions = field(default_factory=ShadowOptions)
-    reflections: str = "traced"  # how reflectors mirror: "traced", "environment" (one cube map), "off"
+    reflections: str = "clustered"  # how reflectors mirror: "clustered", "traced", "environment" (one cube map), "off"
+    reflection: ClusterOptions = field(default_factory=ClusterOptions)
     tracing: TraceOptions = field(default_factory=TraceOptions)
     reuse: ReuseOptions = field(default_factory=ReuseOptions)  # of reflections, in pictures with a history
     supersample: int = 1  # 2: two by two samples per pixel
@@ -100,9 +102,8 @@ def render(
         if not isinstance(scene, Scene):
             with clock.measure("load"):
                 scene = load(scene)
-        past = (history or RenderHistory()).carried(scene, _shadow_settings(options), _settings(options))
-        assert past.scene is not None
-        scene = past.scene
+        past = _carried(history, scene, options)
+        scene = past.scene or scene
         cameras = _cameras(scene, camera, width, height)
         fine = cameras if options.supersample == 1 else cameras.scaled(options.supersample)
         with clock.measure("raster"):
@@ -114,7 +115,7 @@ def render(
             radiance = shade(scene, gbuffer, visibility, background=options.background)
         if options.reflections != "off":
             with clock.measure("reflections"):
-                layer, past = _reflections(scene, gbuffer, maps, options, past, history is not None)
+                layer, past = _reflections(scene, gbuffer, radiance, maps, options, past)
                 radiance = radiance if layer is None else blend_reflections(scene, gbuffer, radiance, layer)
         if fine is not cameras:
             with clock.measure("resolve"):
@@ -130,14 +131,20 @@ def render(
     )
 
 
-def _settings(options: RenderOptions) -> object:
-    """What reflections depend on besides the scene."""
+def _carried(history: RenderHistory | None, scene: Scene, options: RenderOptions) -> RenderHistory:
+    """What an earlier picture left for one of this scene with these options; next to nothing without a history."""
     background = None if options.background is None else tuple(as_vector("background", options.background).tolist())
-    return options.reflections, options.tracing, options.reuse, options.supersample, background
-
-
-def _shadow_settings(options: RenderOptions) -> object:
-    return options.shadows, options.shadow
+    settings = (
+        options.reflections,
+        options.reflection,
+        options.tracing,
+        options.reuse,
+        options.supersample,
+        background,
+    )
+    if history is None:
+        return RenderHistory(scene=scene.with_default_light(), wanted=False)
+    return history.carried(scene, (options.shadows, options.shadow), settings)
 
 
 def _lasting(maps: Sequence[ShadowMap] | None, options: RenderOptions) -> Sequence[ShadowMap] | None:
@@ -164,10 +171,10 @@ def _shadow_maps(scene: Scene, gbuffer: GBuffer, options: RenderOptions) -> list
 def _reflections(
     scene: Scene,
     gbuffer: GBuffer,
+    direct: Tensor,
     maps: Sequence[ShadowMap] | None,
     options: RenderOptions,
     past: RenderHistory,
-    reuse: bool,
 ) -> tuple[ReflectionLayer | None, RenderHistory]:
     """What the reflectors in view mirror, None if there are none; and the history with it."""
     pixels = reflective_pixels(scene, gbuffer)
@@ -177,16 +184,23 @@ def _reflections(
     past = replace(past, shader=shader)
     if options.reflections == "environment":
         return environment_reflections(pixels, shader), past
-    caster = past.caster or RayCaster(scene.geometry)
-    past = replace(past, caster=caster)
+    caster = past.caster
+
+    def rays() -> RayCaster:
+        nonlocal caster
+        caster = caster or RayCaster(scene.geometry)
+        return caster
 
     def trace(chosen: ReflectivePixels) -> ReflectionLayer:
-        return trace_reflections(caster, chosen, shader, options.tracing)
+        """All pixels by the way that was asked for; the scattered few that cannot be reused by rays."""
+        if options.reflections == "clustered" and len(chosen) == len(pixels):
+            return clustered_reflections(scene, chosen, shader, options.reflection, direct=direct, caster=rays).layer
+        return trace_reflections(rays(), chosen, shader, options.tracing)
 
-    if not reuse or gbuffer.cameras.orthographic:
+    if not past.wanted or gbuffer.cameras.orthographic:
         return trace(pixels), past
     made = reuse_reflections(pixels, gbuffer, trace, past.reuse, options.reuse, mirrored_share(scene, gbuffer, pixels))
-    return made.layer, replace(past, reuse=made.state, report=made.report)
+    return made.layer, replace(past, caster=caster, reuse=made.state, report=made.report)
 
 
 def _average(radiance: Tensor, factor: int) -> Tensor:

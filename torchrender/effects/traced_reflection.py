@@ -19,6 +19,7 @@ from torchrender.reflection.reflectors import (
     ReflectedRays,
     ReflectivePixels,
     lobe_rays,
+    mean_distance,
     reflected_rays,
     reflection_layer,
 )
@@ -71,13 +72,6 @@ def trace_rays(caster: RayCaster, rays: ReflectedRays, shader: RayShader) -> tup
     low, high = caster.geometry.bounds
     hits = caster.first_hit(rays.origin, rays.direction, t_min=START * float((high - low).norm()))
     return shader(rays, hits), hits.t
-
-
-def mean_distance(lengths: Tensor) -> Tensor:
-    """Mean (N,) float32 of the finite ones of (N,K) lengths; +inf where there is none."""
-    finite = torch.isfinite(lengths)
-    total = torch.where(finite, lengths, 0.0).sum(dim=1)
-    return torch.where(finite.any(dim=1), total / finite.sum(dim=1).clamp_min(1), torch.inf).float()
 
 
 def environment_reflections(pixels: ReflectivePixels, shader: RayShader) -> ReflectionLayer:

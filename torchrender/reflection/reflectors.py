@@ -37,6 +37,7 @@ class ReflectivePixels:
     direction: Tensor  # (N,3) float64 unit, mirrored, never below the geometric surface
     gloss: Tensor  # (N,) float64 lobe width
     object_id: Tensor  # (N,) int64 reflector
+    depth: Tensor  # (N,) float64 camera z
     length: Tensor  # (N,) float64 from the eye
     pixel_angle: Tensor  # (N,) float64 width of a pixel per unit of ray length
 
@@ -70,6 +71,9 @@ class RayShader(Protocol):
     def environment(self, direction: Tensor) -> Tensor:
         """(N,3) the scene as seen from its centre, along unit directions (N,3)."""
 
+    def surroundings(self, position: Tensor, direction: Tensor) -> Tensor:
+        """(N,3) a guess, without rays, at what arrives at positions (N,3) from unit directions (N,3)."""
+
 
 def reflective(scene: Scene, gbuffer: GBuffer) -> Tensor:
     """(B,H,W) bool: a reflector is seen there, and has a normal."""
@@ -94,6 +98,7 @@ def reflective_pixels(scene: Scene, gbuffer: GBuffer, mask: Tensor | None = None
     cameras = gbuffer.cameras
     camera = pixel // (cameras.width * cameras.height)
     size = (1.0 / cameras.intrinsics[:, (0, 1), (0, 1)]).amax(dim=1)
+    depth = gbuffer.depth.reshape(-1)[pixel].double()
     if cameras.orthographic:
         view = cameras.forward[camera]
         length = torch.ones(len(pixel), dtype=torch.float64)
@@ -102,7 +107,6 @@ def reflective_pixels(scene: Scene, gbuffer: GBuffer, mask: Tensor | None = None
         offset = position - cameras.eye[camera]
         length = offset.norm(dim=-1)
         view = offset / length.clamp_min(1e-300)[:, None]
-        depth = gbuffer.depth.reshape(-1)[pixel].double()
         angle = size[camera] * depth / length.clamp_min(1e-300)
     gloss = torch.tensor([m.gloss for m in scene.materials], dtype=torch.float64)
     return ReflectivePixels(
@@ -116,6 +120,7 @@ def reflective_pixels(scene: Scene, gbuffer: GBuffer, mask: Tensor | None = None
         direction=_mirrored(view, normal, flat),
         gloss=gloss[gbuffer.material.reshape(-1)[pixel]],
         object_id=gbuffer.object_id.reshape(-1)[pixel],
+        depth=depth,
         length=length,
         pixel_angle=angle,
     )
@@ -126,6 +131,13 @@ def _mirrored(view: Tensor, normal: Tensor, flat: Tensor) -> Tensor:
     direction = reflect(view, normal)
     into = (direction * flat).sum(-1, keepdim=True).clamp_max(0.0)
     return torch.nn.functional.normalize(direction - 2.0 * into * flat, dim=-1, eps=1e-30)
+
+
+def mean_distance(lengths: Tensor) -> Tensor:
+    """Mean (N,) float32 of the finite ones of (N,K) lengths; +inf where there is none."""
+    finite = torch.isfinite(lengths)
+    total = torch.where(finite, lengths, 0.0).sum(dim=1)
+    return torch.where(finite.any(dim=1), total / finite.sum(dim=1).clamp_min(1), torch.inf).float()
 
 
 def reflected_rays(pixels: ReflectivePixels, direction: Tensor | None = None) -> ReflectedRays:
