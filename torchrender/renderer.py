@@ -198,7 +198,7 @@ def _reflections(
         return trace_reflections(rays(), chosen, shader, options.tracing)
 
     if not past.wanted or gbuffer.cameras.orthographic:
-        return trace(pixels), past
+        return trace(pixels), replace(past, caster=caster)
     made = reuse_reflections(pixels, gbuffer, trace, past.reuse, options.reuse, mirrored_share(scene, gbuffer, pixels))
     return made.layer, replace(past, caster=caster, reuse=made.state, report=made.report)
 

@@ -256,7 +256,9 @@ def gather(place, ids_at, tolerance, weight, rays, view, frame, moved, limits, c
     for block in prange((count + BLOCK - 1) // BLOCK):
         corner, across = np.zeros((4, 8)), np.zeros((2, 3))
         first = np.int64(block) * BLOCK
-        for k in range(first, np.int64(min(first + BLOCK, count))):
+        for k in range(first, first + BLOCK):
+            if k >= count:
+                break
             start = (rays[0][k, 0] - eye[0], rays[0][k, 1] - eye[1], rays[0][k, 2] - eye[2])
             u, v, z = key_place(start, matrix, near)
             if len(place) > 0:

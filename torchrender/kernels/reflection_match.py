@@ -159,6 +159,8 @@ def walk(surface, ids, size, y, x, own, point, endless, eye, max_steps, around):
 @kernel(inline=True)
 def verdict(ids, size, y, x, best, own, around, ratio):
     """VALID or why the end of a walk is no match: no true minimum, beside the border, beside another surface."""
+    if best == 0.0:  # contact: what touches the mirror is seen where it touches, whatever the neighbours
+        return VALID
     total, count = 0.0, 0
     for k in range(8):
         if around[k] < np.inf:
@@ -232,7 +234,9 @@ def match(surface, ids, reached, size, pixels, eye, start, options, end, offset,
     for block in prange((count + BLOCK - 1) // BLOCK):
         around = np.zeros(8)
         first = np.int64(block) * BLOCK
-        for k in range(first, np.int64(min(first + BLOCK, count))):
+        for k in range(first, first + BLOCK):
+            if k >= count:
+                break
             p = np.uintp(pixels[k])
             y0, x0 = pixels[k] // width, pixels[k] % width
             own = ids[p]

@@ -73,7 +73,7 @@ def draw_moved(place, depth, shape, ids, targets, keys):
                 if not (low_x > -_GUARD and high_x < _GUARD and low_y > -_GUARD and high_y < _GUARD):
                     continue
                 area = signed_area(a, b, c)
-                if area == 0.0:
+                if not abs(area) > 0.0:  # without extent, or with a vertex that is not usable
                     continue
                 sign = 1.0 if area > 0.0 else -1.0
                 own = ids[j + ya, xa]
