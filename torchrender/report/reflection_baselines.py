@@ -11,7 +11,7 @@ from torchrender.reflection.key_frame import ReflectionKeyFrame
 from torchrender.reflection.reflectors import ReflectivePixels
 
 ITERATIONS = 4
-_AGREE = 0.02  # of the path: how far the point found may be from the one looked for
+_AGREE = 2.0  # pixels, seen along the path: how far the point found may be from the one looked for
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +66,7 @@ def mirror_motion_vectors(
     off = (toward - along[:, None] * pixels.direction).norm(dim=-1)
     path = torch.where(reached[:, 3] > 0, along + pixels.length, 1.0)
     same = key.reflector[0].reshape(-1)[place] == pixels.object_id
-    found = inside & same & (along > 0) & (off <= _AGREE * path)
+    found = inside & same & (along > 0) & (off <= _AGREE * pixels.pixel_angle * path)
     return BaselineReflections(_bilinear(key, uv, pixels.object_id), found)
 
 
