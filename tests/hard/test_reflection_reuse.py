@@ -31,7 +31,7 @@ def reuse(key, camera, kind="plane", warp="reverse", **options):
     gbuffer, layer = views_of(kind, camera, **options)
     pixels = reflective_pixels(mirror_scene(), gbuffer)
     made = reuse_reflections(
-        pixels, gbuffer, lambda chosen: layer, ReuseState(key), ReuseOptions(contrast=1.0, second_warp=warp)
+        pixels, gbuffer, lambda _: layer, ReuseState(key), ReuseOptions(contrast=1.0, second_warp=warp)
     )
     assert bool(torch.isfinite(made.layer.color).all()) and not bool(made.layer.distance.isnan().any())
     return made, layer, pixels
@@ -96,9 +96,9 @@ def test_no_reflector_in_view() -> None:
     gbuffer, layer = views_of("plane", eye_camera([0.0, 0.0, 3.0], 16, (0.0, 9.0, 3.0)))
     pixels = reflective_pixels(mirror_scene(), gbuffer)
     assert len(pixels) == 0
-    first = reuse_reflections(pixels, gbuffer, lambda chosen: layer, None)
+    first = reuse_reflections(pixels, gbuffer, lambda _: layer, None)
     assert first.report.traced_share == 0.0 and not first.state.renew
-    again = reuse_reflections(pixels, gbuffer, lambda chosen: layer, first.state)
+    again = reuse_reflections(pixels, gbuffer, lambda _: layer, first.state)
     assert again.report.traced_share == 0.0 and not again.state.renew and not bool(again.layer.state.any())
     # Reflectors that come into view are all traced, by an empty key frame.
     made, layer, pixels = reuse(first.state.key, eye_camera(EYE, 16))
@@ -128,7 +128,7 @@ def test_tiny_pictures(size: tuple[int, int]) -> None:
     gbuffer, layer = views_of("plane", camera)
     key = make_key_frame(gbuffer, layer)
     pixels = reflective_pixels(mirror_scene(), gbuffer)
-    made = reuse_reflections(pixels, gbuffer, lambda chosen: layer, ReuseState(key))
+    made = reuse_reflections(pixels, gbuffer, lambda _: layer, ReuseState(key))
     assert made.report.reflective == len(pixels) > 0
     assert torch.equal(made.layer.color, layer.color)
 

@@ -115,7 +115,7 @@ def slow_match(key, eye, pixel, ids=None, max_steps=128, ratio=0.75):
         y, x, best = y + around[k][0], x + around[k][1], values[k]
         steps += 1
     feasible = [v for v in values if v < np.inf]
-    if best == 0 or best < np.inf and len(feasible) >= 3 and (ratio >= 1 or best <= ratio * np.mean(feasible)):
+    if best == 0 or (best < np.inf and len(feasible) >= 3 and (ratio >= 1 or best <= ratio * np.mean(feasible))):
         return (y - y0, x - x0), VALID, steps
     if y in (0, height - 1) or x in (0, width - 1):
         return (y - y0, x - x0), BORDER, steps

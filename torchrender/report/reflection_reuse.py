@@ -119,6 +119,7 @@ def measure_walk(name: str, walk: str, study: StudyOptions, folder: Path) -> dic
     state: ReuseState | None = None
     frames: list[dict[str, Any]] = []
     sheet: list[Tensor] = []
+    picture, middle = None, len(stage.cameras) // 2
     for number in range(len(stage.cameras)):
         gbuffer, raster_ms = _timed(partial(rasterize, stage.scene, stage.cameras[number]))
         direct, shade_ms = _timed(partial(stage.direct, gbuffer))
@@ -143,7 +144,8 @@ def measure_walk(name: str, walk: str, study: StudyOptions, folder: Path) -> dic
         record |= _errors(own, truth, made.layer, exact, pixels)
         if before is not None and not made.report.key_frame:
             record |= _against_key(stage, before, pixels, gbuffer, direct, exact, truth, number)
-            if number == len(stage.cameras) // 2:
+            if picture is None or (picture < middle <= number):  # the first one, or better one from the middle
+                picture = number
                 _picture(folder / f"reflection-reuse-{name}-{walk}.png", stage, before, gbuffer, direct, exact, own)
         if number % max(1, len(stage.cameras) // study.sheet) == 0:
             sheet.append((own / 255.0)[::2, ::2])

@@ -66,9 +66,18 @@ def write_page(record: dict[str, Any], folder: Path) -> None:
     write_atomically(folder / "reflection-reuse.md", write)
 
 
-def _mean(frames: Frames, value: Callable[[dict[str, Any]], float]) -> float:
-    values = [value(f) for f in frames]
+def _mean(frames: Frames, value: str | Callable[[dict[str, Any]], float]) -> float:
+    """Mean of an entry, or of what is computed from a frame; 0 without frames."""
+    values = [f[value] if isinstance(value, str) else value(f) for f in frames]
     return statistics.fmean(values) if values else 0.0
+
+
+def _step(frames: Frames, name: str) -> float:
+    return statistics.fmean([f["report"]["times_ms"].get(name, 0.0) for f in frames]) if frames else 0.0
+
+
+def _baseline(frames: Frames, method: str, entry: str) -> float:
+    return statistics.fmean([f["baselines"][method][entry] for f in frames]) if frames else 0.0
 
 
 def _others(frames: Frames) -> Frames:
@@ -99,7 +108,7 @@ def _table_22(walks: dict[str, dict[str, Any]]) -> list[str]:
         frames: Frames = walk["frames"]
         shares = [100 * f["reflective_share"] for f in frames]
         gaps = intervals(frames)
-        tracing, reuse = (_mean(frames, lambda f, n=n: f[n]) for n in ("trace_ms", "reuse_ms"))
+        tracing, reuse = (_mean(frames, n) for n in ("trace_ms", "reuse_ms"))
         traced = 100 * _mean(_others(frames), lambda f: f["report"]["traced_share"])
         lines.append(
             f"| {label} | {max(shares):.0f}/{statistics.fmean(shares):.0f} | {_fps(frames, 'trace_ms')} "
@@ -133,7 +142,7 @@ def _table_23(walks: dict[str, dict[str, Any]]) -> list[str]:
         frames: Frames = walk["frames"]
         others = _others(frames)
         diffuse = _mean(others, lambda f: f["diffuse_ms"])
-        steps = [_mean(others, lambda f, s=s: f["report"]["times_ms"].get(s, 0.0)) for s in STEPS]
+        steps = [_step(others, s) for s in STEPS]
         keys = [f for f in frames if f["report"]["key_frame"]]
         total = diffuse + _mean(others, lambda f: f["reuse_ms"])
         cells = " | ".join(f"{v:.1f}" for v in (diffuse, *steps, total, _mean(keys, lambda f: f["reuse_ms"])))
@@ -159,8 +168,8 @@ def _baselines(walks: dict[str, dict[str, Any]]) -> list[str]:
     for label, walk in walks.items():
         frames = [f for f in walk["frames"] if "baselines" in f]
         own = _mean(frames, lambda f: f["error"])
-        errors = [_mean(frames, lambda f, b=b: f["baselines"][b]["error"]) for b in ("depth", "motion_vectors")]
-        shares = [_mean(frames, lambda f, b=b: f["baselines"][b]["traced_share"]) for b in ("depth", "motion_vectors")]
+        errors = [_baseline(frames, b, "error") for b in ("depth", "motion_vectors")]
+        shares = [_baseline(frames, b, "traced_share") for b in ("depth", "motion_vectors")]
         traced = _mean(frames, lambda f: f["report"]["traced_share"])
         ratio = errors[0] / own if own else 0.0
         lines.append(
@@ -198,7 +207,7 @@ def _search(walks: dict[str, dict[str, Any]]) -> list[str]:
         "Steps of the walk over neighbours alone, with and without the last frame's matches to start from; and what "
         "became of the key frame's pixels with the search that is used (Gauss-Newton steps, then the walk).",
         "",
-        "| Walk | Steps, started | cold | Same end % | Matched % | Border % | Silhouette % | No minimum % | Cut off % |",
+        "| Walk | Steps, started | cold | Same end % | Match % | Border % | Silhouette % | No minimum % | Cut off % |",
         "|---|---|---|---|---|---|---|---|---|",
     ]
     for label, walk in walks.items():
@@ -206,7 +215,7 @@ def _search(walks: dict[str, dict[str, Any]]) -> list[str]:
         others = [f["report"]["matches"] for f in _others(walk["frames"])]
         total = sum(sum(m.values()) for m in others) or 1
         causes = [100 * sum(m[c] for m in others) / total for c in ("valid", "border", "silhouette", "ratio", "steps")]
-        steps = [_mean(searched, lambda s, n=n: s[n]) for n in ("warm", "cold", "unchanged")]
+        steps = [_mean(searched, n) for n in ("warm", "cold", "unchanged")]
         cells = " | ".join(f"{c:.1f}" for c in causes)
         lines.append(f"| {label} | {steps[0]:.2f} | {steps[1]:.2f} | {100 * steps[2]:.1f} | {cells} |")
     lines += ["", "Why pixels of the new picture are traced, % of the reflective ones:", ""]
@@ -259,8 +268,8 @@ def _limits() -> list[str]:
         "## Limits",
         "",
         "What a mirrored mirror shows, and highlights on what is mirrored, depend on the eye: they are reused as the "
-        "key frame saw them, and make most of what error is left. Edges that are mirrored are traced where the difference "
-        "is seen (`ReuseOptions.contrast`), which bounds the error and costs rays.",
+        "key frame saw them, and make most of what error is left. Edges that are mirrored are traced where the "
+        "difference is seen (`ReuseOptions.contrast`), which bounds the error and costs rays.",
         "",
     ]
 
