@@ -9,17 +9,20 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from torchrender.buffers import DepthImages, GBuffer, VisibilityBuffer
+    from torchrender.buffers import DepthImages, GBuffer, ReflectionLayer, VisibilityBuffer
     from torchrender.depth.options import SamplingOptions
     from torchrender.depth.sample import sample_depth_images, sample_offset_images
+    from torchrender.effects.clustered_reflection import ClusterOptions, clustered_reflections
     from torchrender.effects.shadow_map import ShadowOptions
     from torchrender.effects.soft_shadow import SoftShadowOptions, soft_shadow
+    from torchrender.effects.traced_reflection import TraceOptions, trace_reflections
     from torchrender.errors import TorchRenderError
     from torchrender.geometry.light_occluders import OccluderOptions, approximate_occluders
     from torchrender.geometry.reconstruct import reconstruct_hybrid
     from torchrender.image import Image
     from torchrender.raster import rasterize, rasterize_depth
     from torchrender.rays import RayCaster
+    from torchrender.reflection.reflectors import blend_reflections, reflective_pixels
     from torchrender.renderer import RenderOptions, render
     from torchrender.reprojection import ReprojectOptions, reproject
     from torchrender.scene.camera import Cameras
@@ -36,6 +39,7 @@ __version__ = "0.1.0"
 
 __all__ = [
     "Cameras",
+    "ClusterOptions",
     "DepthImages",
     "DirectionalLight",
     "Environment",
@@ -48,6 +52,7 @@ __all__ = [
     "PointLight",
     "RayCaster",
     "RectLight",
+    "ReflectionLayer",
     "RenderOptions",
     "ReprojectOptions",
     "SamplingOptions",
@@ -56,23 +61,29 @@ __all__ = [
     "SoftShadowOptions",
     "SpotLight",
     "TorchRenderError",
+    "TraceOptions",
     "VisibilityBuffer",
     "__version__",
     "approximate_occluders",
+    "blend_reflections",
+    "clustered_reflections",
     "load",
     "rasterize",
     "rasterize_depth",
     "reconstruct_hybrid",
+    "reflective_pixels",
     "render",
     "reproject",
     "sample_depth_images",
     "sample_offset_images",
     "scene_info",
     "soft_shadow",
+    "trace_reflections",
 ]
 
 _HOME = {
     "Cameras": "torchrender.scene.camera",
+    "ClusterOptions": "torchrender.effects.clustered_reflection",
     "DepthImages": "torchrender.buffers",
     "DirectionalLight": "torchrender.scene.light",
     "Environment": "torchrender.scene.environment",
@@ -85,6 +96,7 @@ _HOME = {
     "PointLight": "torchrender.scene.light",
     "RayCaster": "torchrender.rays",
     "RectLight": "torchrender.scene.light",
+    "ReflectionLayer": "torchrender.buffers",
     "RenderOptions": "torchrender.renderer",
     "ReprojectOptions": "torchrender.reprojection",
     "SamplingOptions": "torchrender.depth.options",
@@ -93,18 +105,23 @@ _HOME = {
     "SoftShadowOptions": "torchrender.effects.soft_shadow",
     "SpotLight": "torchrender.scene.light",
     "TorchRenderError": "torchrender.errors",
+    "TraceOptions": "torchrender.effects.traced_reflection",
     "VisibilityBuffer": "torchrender.buffers",
     "approximate_occluders": "torchrender.geometry.light_occluders",
+    "blend_reflections": "torchrender.reflection.reflectors",
+    "clustered_reflections": "torchrender.effects.clustered_reflection",
     "load": "torchrender.scene.load",
     "rasterize": "torchrender.raster",
     "rasterize_depth": "torchrender.raster",
     "reconstruct_hybrid": "torchrender.geometry.reconstruct",
+    "reflective_pixels": "torchrender.reflection.reflectors",
     "render": "torchrender.renderer",
     "reproject": "torchrender.reprojection",
     "sample_depth_images": "torchrender.depth.sample",
     "sample_offset_images": "torchrender.depth.sample",
     "scene_info": "torchrender.scene.info",
     "soft_shadow": "torchrender.effects.soft_shadow",
+    "trace_reflections": "torchrender.effects.traced_reflection",
 }
 
 

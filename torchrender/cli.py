@@ -58,6 +58,7 @@ def _render(arguments: argparse.Namespace) -> None:
     check_output(output, SUFFIXES)
     options = RenderOptions(
         shadows=not arguments.no_shadows,
+        reflections=arguments.reflections,
         supersample=arguments.supersample,
         background=None if arguments.background is None else numbers("--background", arguments.background, 3),
         exposure=_exposure(arguments.exposure),
@@ -240,6 +241,12 @@ def _add_render(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--tone-map", choices=("none", "reinhard", "aces"), default="none", help="default none")
     parser.add_argument("--background", metavar="R,G,B", help="linear colour of empty pixels")
     parser.add_argument("--no-shadows", action="store_true", help="light reaches everything")
+    parser.add_argument(
+        "--reflections",
+        choices=("clustered", "traced", "environment", "off"),
+        default="clustered",
+        help="how mirrors mirror: by depth images of pixel clusters, by rays, by one cube map (default clustered)",
+    )
 
 
 def _add_depth(parser: argparse.ArgumentParser) -> None:

@@ -8,7 +8,9 @@ Source: specification 03 (image-space reflections by clustered depth images), al
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import torch
@@ -19,7 +21,7 @@ from torchrender.checks import check_choice, check_range
 from torchrender.errors import OptionError
 from torchrender.kernels.depth_march import UNKNOWN
 from torchrender.rays import RayCaster
-from torchrender.reflection.cluster_cameras import CENTRES, ClusterCameras, build_cluster_cameras
+from torchrender.reflection.cluster_cameras import AIMS, CENTRES, ClusterCameras, build_cluster_cameras
 from torchrender.reflection.cluster_images import (
     ClusterAnswer,
     cluster_camera,
@@ -61,6 +63,7 @@ class ClusterOptions:
     plane_share: float = 5e-4  # planes with this share of a picture are clusters of their own; inf: bins alone
     camera_share: float = 2e-4  # curved clusters with a smaller share of a picture join another one; 0: bins alone
     centre: str = "best"  # of projection: "thesis", "least_squares", or for each cluster the better one
+    aim: str = "rays"  # view axis of curved clusters: mean direction of the "rays", or "normal" of the fitting plane
     image_scale: float = 1.0  # sides of the depth images of curved clusters
     epsilon: float = 1e-4  # share of the depth that a ray must be behind the image
     glossy_rays: int = 8  # per glossy pixel; mirrors take one
@@ -79,6 +82,7 @@ class ClusterOptions:
             raise OptionError(f"bins must be two numbers, got {self.bins}")
         check_choice("scale_rule", self.scale_rule, SCALE_RULES)
         check_choice("centre", self.centre, CENTRES)
+        check_choice("aim", self.aim, AIMS)
         check_choice("missing", self.missing, ("environment", "trace"))
         check_choice("cull", self.cull, ("none", "back"))
         check_choice("self_reflection", self.self_reflection, ("mirror", "diffuse"))
@@ -99,6 +103,7 @@ class ClusteredReflections:
     cameras: ClusterCameras
     unknown: Tensor  # (N,) share of each pixel's rays that no depth image answered
     steps: int  # texels visited by all rays
+    elapsed_ms: Mapping[str, float]  # clusters, cameras, depth images, marching, shading
 
 
 def clustered_reflections(
@@ -124,27 +129,31 @@ def clustered_reflections(
     if options.missing == "trace" and caster is None:
         raise OptionError('missing="trace" needs a caster')
     own = torch.zeros(len(pixels), 3) if direct is None else direct.reshape(-1, 3).index_select(0, pixels.pixel)
-    clusters = cluster_pixels(
-        pixels,
-        scene.diagonal,
-        bins=options.bins,
-        rule=options.scale_rule,
-        m=options.m,
-        plane_share=options.plane_share,
-        camera_share=options.camera_share,
-    )
-    made = build_cluster_cameras(
-        pixels,
-        clusters,
-        scene.diagonal,
-        centre=options.centre,
-        scale=options.image_scale,
-        shorten=options.fade,
-    )
-    shading = _Shading(scene, pixels, shader, options, caster, own)
+    clock = _Clock()
+    with clock.measure("clusters"):
+        clusters = cluster_pixels(
+            pixels,
+            scene.diagonal,
+            bins=options.bins,
+            rule=options.scale_rule,
+            m=options.m,
+            plane_share=options.plane_share,
+            camera_share=options.camera_share,
+        )
+    with clock.measure("cameras"):
+        made = build_cluster_cameras(
+            pixels,
+            clusters,
+            scene.diagonal,
+            centre=options.centre,
+            scale=options.image_scale,
+            shorten=options.fade,
+            aim=options.aim,
+        )
+    shading = _Shading(scene, pixels, shader, options, caster, own, clock)
     steps = 0
     for number in range(len(made)):
-        question = _ask(scene, pixels, made, number, options)
+        question = _ask(scene, pixels, made, number, options, clock)
         steps += question.answer.steps
         shading.add(question)
     shading.flush()
@@ -152,7 +161,20 @@ def clustered_reflections(
     state = torch.where(known, int(ReflectionState.DEPTH_IMAGE), int(ReflectionState.ENVIRONMENT))
     state = torch.where(known & (shading.traced > 0), int(ReflectionState.TRACED), state)
     layer = reflection_layer(pixels, shading.color, shading.distance, state, made.clusters.cluster)
-    return ClusteredReflections(layer, made, shading.unknown, steps)
+    return ClusteredReflections(layer, made, shading.unknown, steps, clock.elapsed_ms)
+
+
+class _Clock:
+    """Wall time of steps that come again and again."""
+
+    def __init__(self) -> None:
+        self.elapsed_ms: dict[str, float] = {}
+
+    @contextmanager
+    def measure(self, step: str) -> Iterator[None]:
+        begin = time.perf_counter()
+        yield
+        self.elapsed_ms[step] = self.elapsed_ms.get(step, 0.0) + 1e3 * (time.perf_counter() - begin)
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,7 +189,12 @@ class _Question:
 
 
 def _ask(
-    scene: Scene, pixels: ReflectivePixels, made: ClusterCameras, number: int, options: ClusterOptions
+    scene: Scene,
+    pixels: ReflectivePixels,
+    made: ClusterCameras,
+    number: int,
+    options: ClusterOptions,
+    clock: _Clock,
 ) -> _Question:
     """Send the rays of a cluster to its depth image."""
     rows = made.clusters.members(number)
@@ -179,12 +206,16 @@ def _ask(
         state = torch.full((len(nobody),), UNKNOWN, dtype=torch.uint8)
         return _Question(rows, count, rays, ClusterAnswer(state, RayHits.misses(len(nobody)), 0), nobody)
     if bool(made.planar[number]):
-        return _Question(rows, 1, rays, mirror_view(scene.geometry, pixels, made, number, scene.diagonal), nobody)
+        with clock.measure("depth images"):
+            answer = mirror_view(scene.geometry, pixels, made, number, scene.diagonal)
+        return _Question(rows, 1, rays, answer, nobody)
     reach = _far_plane(part.gloss, scene.diagonal, options).repeat_interleave(count)
     climb = (rays.direction * part.geometric_normal.repeat_interleave(count, 0)).sum(-1)
     ends = torch.where(climb > 0, reach / climb.clamp_min(1e-9), scene.diagonal).clamp_max(scene.diagonal)
-    seen = cluster_image(scene.geometry, cluster_camera(made, number), part.position, options.cull)
-    answer = march_image(scene.geometry, seen, rays, (START * scene.diagonal, ends), options.epsilon)
+    with clock.measure("depth images"):
+        seen = cluster_image(scene.geometry, cluster_camera(made, number), part.position, options.cull)
+    with clock.measure("marching"):
+        answer = march_image(scene.geometry, seen, rays, (START * scene.diagonal, ends), options.epsilon)
     if options.self_reflection == "diffuse" and _is_concave(part, made, number):
         hit = answer.hits.triangle
         own = scene.geometry.object_id[hit.clamp_min(0)] == part.object_id.repeat_interleave(count)
@@ -214,7 +245,9 @@ class _Shading:
         options: ClusterOptions,
         caster: Callable[[], RayCaster] | None,
         own: Tensor,
+        clock: _Clock,
     ) -> None:
+        self._clock = clock
         self._scene, self._pixels, self._shader, self._options = scene, pixels, shader, options
         self._caster, self._own = caster, own
         self._waiting: list[_Question] = []
@@ -232,8 +265,11 @@ class _Shading:
 
     def flush(self) -> None:
         """Shade everything taken so far."""
-        if not self._count:
-            return
+        if self._count:
+            with self._clock.measure("shading"):
+                self._shade()
+
+    def _shade(self) -> None:
         waiting, self._waiting, self._count = self._waiting, [], 0
         rays = ReflectedRays(
             *(

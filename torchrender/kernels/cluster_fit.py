@@ -168,7 +168,9 @@ def grow_box(out, c, x, y, depth, slope):
 @kernel(parallel=True)
 def image_boxes(chunks, owner, order, rays, lens, frames, reach, images, out):
     """Per chunk: box, in tangents, of ray starts and (widened) ray ends seen from the camera's eye; number of rays
-    outside the largest slope; sum and number of distances between neighbouring pixels, in tangents.
+    outside the largest slope; sum and number of distances between neighbouring pixels, in tangents; smallest depth.
+
+    ``frames`` (C,5,3) = centre of the fitting plane, image right, image down, view axis, normal of the fitting plane.
 
     ``lens`` (C,2) = lobe half angle's sine and cosine; ``reach`` (C,6) = eye (3), far distance, longest ray, largest
     slope; ``images`` = (place of each pixel (B H W,) or -1, pixel (N,), cluster (N,), width of the pictures).
@@ -180,22 +182,29 @@ def image_boxes(chunks, owner, order, rays, lens, frames, reach, images, out):
         out[c, 0] = out[c, 1] = math.inf
         out[c, 2] = out[c, 3] = -math.inf
         out[c, 4] = out[c, 5] = out[c, 6] = 0.0
-        right, down, normal = frames[g, 1], frames[g, 2], frames[g, 3]
+        out[c, 7] = math.inf
+        centre, right, down, axis, normal = frames[g, 0], frames[g, 1], frames[g, 2], frames[g, 3], frames[g, 4]
         ex, ey, ez = reach[g, 0], reach[g, 1], reach[g, 2]
-        h = (frames[g, 0, 0] - ex) * normal[0] + (frames[g, 0, 1] - ey) * normal[1] + (frames[g, 0, 2] - ez) * normal[2]
+        # The plane's normal as the camera sees it.
+        nx = normal[0] * right[0] + normal[1] * right[1] + normal[2] * right[2]
+        ny = normal[0] * down[0] + normal[1] * down[1] + normal[2] * down[2]
+        nz = normal[0] * axis[0] + normal[1] * axis[1] + normal[2] * axis[2]
         for slot in range(chunks[c, 0], chunks[c, 1]):
             i = order[slot]
             x, y, z = position[i, 0] - ex, position[i, 1] - ey, position[i, 2] - ez
             px = x * right[0] + y * right[1] + z * right[2]
             py = x * down[0] + y * down[1] + z * down[2]
-            pz = x * normal[0] + y * normal[1] + z * normal[2]
+            pz = x * axis[0] + y * axis[1] + z * axis[2]
+            out[c, 7] = min(out[c, 7], pz)
             inside = grow_box(out, c, px, py, pz, reach[g, 5])
             dx = direction[i, 0] * right[0] + direction[i, 1] * right[1] + direction[i, 2] * right[2]
             dy = direction[i, 0] * down[0] + direction[i, 1] * down[1] + direction[i, 2] * down[2]
-            dz = direction[i, 0] * normal[0] + direction[i, 1] * normal[1] + direction[i, 2] * normal[2]
+            dz = direction[i, 0] * axis[0] + direction[i, 1] * axis[1] + direction[i, 2] * axis[2]
+            height = (position[i, 0] - centre[0]) * normal[0]
+            height += (position[i, 1] - centre[1]) * normal[1] + (position[i, 2] - centre[2]) * normal[2]
             for turn in range(5 if lens[g, 0] > 0.0 else 1):
                 ax, ay, az = widened(dx, dy, dz, turn, lens[g, 0], lens[g, 1])
-                t = ray_end(pz - h, az, reach[g, 3], reach[g, 4])
+                t = ray_end(height, ax * nx + ay * ny + az * nz, reach[g, 3], reach[g, 4])
                 inside &= grow_box(out, c, px + t * ax, py + t * ay, pz + t * az, reach[g, 5])
             out[c, 4] += 0.0 if inside else 1.0
             for step in (1, width):
@@ -207,7 +216,7 @@ def image_boxes(chunks, owner, order, rays, lens, frames, reach, images, out):
                 if j < 0 or cluster[j] != cluster[i]:
                     continue
                 x, y, z = position[j, 0] - ex, position[j, 1] - ey, position[j, 2] - ez
-                depth = x * normal[0] + y * normal[1] + z * normal[2]
+                depth = x * axis[0] + y * axis[1] + z * axis[2]
                 if depth <= 0.0:
                     continue
                 u = (x * right[0] + y * right[1] + z * right[2]) / depth - px / pz

@@ -154,7 +154,7 @@ def march(scene, image, lens, epsilon, p, d, ends):
 
 @kernel(inline=True)
 def step(scene, image, lens, epsilon, p, d, piece, path, known):
-    """March along ``path`` = (u, v, their change, first and last share) of the ``piece`` = (t0, t1, z0, z1) of a ray."""
+    """March along ``path`` = (u, v, their change, first and last share) of ``piece`` = (t0, t1, z0, z1) of a ray."""
     depth, triangle, blocks = image
     rows, columns = depth.shape
     t0, t1, z0, z1 = piece

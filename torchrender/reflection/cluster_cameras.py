@@ -21,6 +21,7 @@ from torchrender.kernels.compile import view
 from torchrender.reflection.pixel_clusters import PixelClusters, split
 from torchrender.reflection.reflectors import ReflectivePixels
 
+AIMS = ("rays", "normal")
 CENTRES = ("best", "thesis", "least_squares")
 SHIFT_RANGE = (0.05, 8.0)
 STEEPEST = math.cos(math.radians(80.0))  # smaller cosines to the fitting plane's normal do not count for the shift
@@ -42,7 +43,8 @@ class ClusterCameras:
     """C cameras, one per cluster. Planar clusters hold only ``eye``, ``frame`` and ``planar``."""
 
     clusters: PixelClusters
-    frame: Tensor  # (C,4,3) float64: centre of the fitting plane, image right, image down, its normal
+    frame: Tensor  # (C,4,3) float64: centre of the fitting plane, its right and down axes, its normal
+    look: Tensor  # (C,3,3) right and down axis of the image, and view axis
     planar: Tensor  # (C,) bool: rays come from the mirrored eye, exactly
     usable: Tensor  # (C,) bool: False where the eye lies in the reflector's plane
     eye: Tensor  # (C,3) float64 centre of projection
@@ -103,6 +105,7 @@ def build_cluster_cameras(
     centre: str = "best",
     scale: float = 1.0,
     shorten: bool = True,
+    aim: str = "rays",
 ) -> ClusterCameras:
     """Cameras of all clusters. Clusters that face everywhere, or whose rays cross before the mirror, are split.
 
@@ -111,10 +114,12 @@ def build_cluster_cameras(
         centre: "thesis", "least_squares", or "best".
         scale: of the image sides.
         shorten: bring the far plane of glossy clusters nearer.
+        aim: view axis: "normal" of the fitting plane (thesis), or the mean direction of the "rays", which at grazing
+            angles lie far off the normal.
     """
     bundle = _Bundle.of(pixels, clusters)
     for attempt in range(SPLITS + 1):
-        made, side = _fit(pixels, bundle, diagonal, centre, shorten)
+        made, side = _fit(pixels, bundle, diagonal, centre, shorten, aim)
         if attempt == SPLITS or not bool(side.any()):
             break
         bundle = bundle.regroup(split(bundle.clusters, _sides(bundle, made, side)))
@@ -136,7 +141,7 @@ def _sides(bundle: _Bundle, made: ClusterCameras, chosen: Tensor) -> Tensor:
 
 
 def _fit(
-    pixels: ReflectivePixels, bundle: _Bundle, diagonal: float, centre: str, shorten: bool
+    pixels: ReflectivePixels, bundle: _Bundle, diagonal: float, centre: str, shorten: bool, aim: str
 ) -> tuple[ClusterCameras, Tensor]:
     """Frames and centres; and (C,) 0 where a cluster may stay, else how it must be split (see ``_sides``)."""
     width = pixels.shape[2]
@@ -173,15 +178,19 @@ def _fit(
     side = torch.where(many & (-spread[:, 2] > FLAT_COSINE) & (residual > FLAT_RESIDUAL * extent), 3, side)
     clear = ((middle - chosen) * axis).sum(-1)
     frame[:, 0] += bundle.origin
+    toward = sums[:, 7:10] / count
+    straight = (toward.norm(dim=-1, keepdim=True) > SPREAD_NORMALS) & (aim == "rays")
+    view_axis = torch.where(straight, torch.nn.functional.normalize(toward, dim=-1, eps=1e-300), axis)
     made = ClusterCameras(
         clusters=bundle.clusters,
         frame=frame,
+        look=torch.stack([*_image_axes(pixels, bundle, view_axis), view_axis], dim=1),
         planar=planar,
         usable=(clear > 1e-4 * diagonal) & (height > 1e-4 * diagonal),
         eye=chosen + bundle.origin,
         shift=shift,
         reach=reach,
-        near=torch.maximum(clear - spread[:, 1].clamp_min(0.0), torch.tensor(1e-4 * diagonal, dtype=torch.float64)),
+        near=torch.zeros(len(count), dtype=torch.float64),
         relief=residual,
         box=torch.zeros(len(count), 4, dtype=torch.float64),
         size=torch.ones(len(count), 2, dtype=torch.int64),
@@ -273,8 +282,7 @@ def _images(
     gloss = gloss.scatter_reduce(0, made.clusters.cluster, pixels.gloss, "amax")
     angle = gloss * math.pi / 6
     lens = torch.stack([angle.sin(), angle.cos()], dim=1)
-    frame = made.frame.clone()
-    frame[:, 0] -= bundle.origin
+    frame = torch.cat([made.frame[:, :1] - bundle.origin, made.look, made.frame[:, 3:]], dim=1)
     tail = torch.tensor([[diagonal, slope]], dtype=torch.float64).expand(len(made), 2)
     limits = torch.cat([made.eye - bundle.origin, made.reach[:, None], tail], dim=1)
     images = (place, view(pixels.pixel, np.int64), view(made.clusters.cluster, np.int64), width)
@@ -282,9 +290,9 @@ def _images(
         bundle.owner, bundle.order, bundle.rays, view(lens, np.float64), view(frame, np.float64),
         view(limits, np.float64), images,
     )  # fmt: skip
-    found = bundle.gather(cluster_fit.image_boxes, arguments, "<<>>+++")
+    found = bundle.gather(cluster_fit.image_boxes, arguments, "<<>>+++<")
     box = torch.where(torch.isfinite(found[:, :4]), found[:, :4], 0.0)
-    clear = ((frame[:, 0] - limits[:, :3]) * frame[:, 3]).sum(-1).clamp_min(1e-300)
+    clear = ((frame[:, 0] - limits[:, :3]) * frame[:, 3]).sum(-1).clamp_min(1e-4 * diagonal)
     single = _single_pitch(pixels, made.clusters) / clear
     pitch = torch.where(found[:, 6] > 0, found[:, 5] / found[:, 6].clamp_min(1.0), single).clamp_min(1e-12)
     middle, half = (box[:, :2] + box[:, 2:]) / 2, (box[:, 2:] - box[:, :2]) / 2
@@ -295,7 +303,13 @@ def _images(
     least, most = (n * pixels_of for n in TEXELS_PER_PIXEL)
     texels = (size[:, 0] * size[:, 1]).clamp(least, most).clamp(MIN_TEXELS, max(MIN_TEXELS, 4.0 * height * width))
     size = (size * (scale * scale * texels / (size[:, 0] * size[:, 1])).sqrt()[:, None]).ceil().clamp(*SIDES)
-    return replace(made, box=torch.cat([middle - half, middle + half], dim=1), size=size.long(), outside=found[:, 4])
+    return replace(
+        made,
+        box=torch.cat([middle - half, middle + half], dim=1),
+        size=size.long(),
+        outside=found[:, 4],
+        near=found[:, 7].clamp_min(1e-4 * diagonal),
+    )
 
 
 def _single_pitch(pixels: ReflectivePixels, clusters: PixelClusters) -> Tensor:

@@ -85,8 +85,8 @@ def cluster_camera(made: ClusterCameras, number: int) -> Cameras:
     width, height = (int(n) for n in made.size[number])
     focal = made.size[number] / (high - low)
     matrix = torch.eye(4, dtype=torch.float64)
-    matrix[:3, :3] = made.frame[number, 1:]
-    matrix[:3, 3] = -(made.frame[number, 1:] @ made.eye[number])
+    matrix[:3, :3] = made.look[number]
+    matrix[:3, 3] = -(made.look[number] @ made.eye[number])
     k = torch.diag(torch.cat([focal, torch.ones(1, dtype=torch.float64)]))
     k[:2, 2] = -low * focal
     return Cameras(matrix[None], k[None], width, height, made.near[number], torch.tensor(torch.inf))

@@ -83,15 +83,15 @@ def lit_store(scene: Scene, lights: Path) -> Scene:
     return replace(scene, lights=points, ambient=torch.full((3,), 0.25))
 
 
-def sheet(tiles: list[tuple[str, Tensor]]) -> Picture.Image:
+def sheet(tiles: list[tuple[str, Tensor]], columns: int = COLUMNS) -> Picture.Image:
     """Pictures (H,W,3) in rows with captions below."""
     height, width = tiles[0][1].shape[:2]
-    rows = -(-len(tiles) // COLUMNS)
+    rows = -(-len(tiles) // columns)
     step = (width + MARGIN, height + MARGIN + CAPTION)
-    out = Picture.new("RGB", (COLUMNS * step[0] + MARGIN, rows * step[1] + MARGIN), "white")
+    out = Picture.new("RGB", (columns * step[0] + MARGIN, rows * step[1] + MARGIN), "white")
     pen = ImageDraw.Draw(out)
     for k, (caption, image) in enumerate(tiles):
-        x, y = MARGIN + (k % COLUMNS) * step[0], MARGIN + (k // COLUMNS) * step[1]
+        x, y = MARGIN + (k % columns) * step[0], MARGIN + (k // columns) * step[1]
         pixels = image if image.dtype == torch.uint8 else (image.clamp(0, 1) * 255 + 0.5).to(torch.uint8)
         out.paste(Picture.fromarray(pixels.numpy()), (x, y))
         pen.text((x + 2, y + height + 2), caption, fill="black")
