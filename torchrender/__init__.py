@@ -19,13 +19,16 @@ if TYPE_CHECKING:
     from torchrender.errors import TorchRenderError
     from torchrender.geometry.light_occluders import OccluderOptions, approximate_occluders
     from torchrender.geometry.reconstruct import reconstruct_hybrid
+    from torchrender.history import RenderHistory
     from torchrender.image import Image
     from torchrender.raster import rasterize, rasterize_depth
     from torchrender.rays import RayCaster
     from torchrender.reflection.reflectors import blend_reflections, reflective_pixels
+    from torchrender.reflection.reuse_options import ReuseOptions
     from torchrender.renderer import RenderOptions, render
     from torchrender.reprojection import ReprojectOptions, reproject
     from torchrender.scene.camera import Cameras
+    from torchrender.scene.camera_path import CameraPath, built_in_path, load_path
     from torchrender.scene.environment import Environment
     from torchrender.scene.info import scene_info
     from torchrender.scene.light import DirectionalLight, PointLight, RectLight, SpotLight
@@ -38,6 +41,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
+    "CameraPath",
     "Cameras",
     "ClusterOptions",
     "DepthImages",
@@ -53,8 +57,10 @@ __all__ = [
     "RayCaster",
     "RectLight",
     "ReflectionLayer",
+    "RenderHistory",
     "RenderOptions",
     "ReprojectOptions",
+    "ReuseOptions",
     "SamplingOptions",
     "Scene",
     "ShadowOptions",
@@ -66,8 +72,10 @@ __all__ = [
     "__version__",
     "approximate_occluders",
     "blend_reflections",
+    "built_in_path",
     "clustered_reflections",
     "load",
+    "load_path",
     "rasterize",
     "rasterize_depth",
     "reconstruct_hybrid",
@@ -82,6 +90,7 @@ __all__ = [
 ]
 
 _HOME = {
+    "CameraPath": "torchrender.scene.camera_path",
     "Cameras": "torchrender.scene.camera",
     "ClusterOptions": "torchrender.effects.clustered_reflection",
     "DepthImages": "torchrender.buffers",
@@ -97,8 +106,10 @@ _HOME = {
     "RayCaster": "torchrender.rays",
     "RectLight": "torchrender.scene.light",
     "ReflectionLayer": "torchrender.buffers",
+    "RenderHistory": "torchrender.history",
     "RenderOptions": "torchrender.renderer",
     "ReprojectOptions": "torchrender.reprojection",
+    "ReuseOptions": "torchrender.reflection.reuse_options",
     "SamplingOptions": "torchrender.depth.options",
     "Scene": "torchrender.scene.model",
     "ShadowOptions": "torchrender.effects.shadow_map",
@@ -109,8 +120,10 @@ _HOME = {
     "VisibilityBuffer": "torchrender.buffers",
     "approximate_occluders": "torchrender.geometry.light_occluders",
     "blend_reflections": "torchrender.reflection.reflectors",
+    "built_in_path": "torchrender.scene.camera_path",
     "clustered_reflections": "torchrender.effects.clustered_reflection",
     "load": "torchrender.scene.load",
+    "load_path": "torchrender.scene.camera_path",
     "rasterize": "torchrender.raster",
     "rasterize_depth": "torchrender.raster",
     "reconstruct_hybrid": "torchrender.geometry.reconstruct",
