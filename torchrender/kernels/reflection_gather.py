@@ -12,6 +12,7 @@ import math
 import numpy as np
 from numba import prange
 
+from torchrender.kernels.atomics import borrowed
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.reflection_shift import SURE, link
 
@@ -239,6 +240,14 @@ def key_place(position, matrix, near):
     return x / z, y / z, z
 
 
+@kernel(inline=True)
+def borrowed_frame(frame):
+    """The key frame's arrays without reference counts, which the threads would fight over."""
+    surface, ids, reached, span, colors, breaks = frame
+    first = (borrowed(surface), borrowed(ids), borrowed(reached))
+    return first[0], first[1], first[2], borrowed(span), borrowed(colors), borrowed(breaks)
+
+
 @kernel(parallel=True)
 def gather(place, ids_at, tolerance, weight, rays, view, frame, moved, limits, color, distance, source, state):
     """Colour and distance of what N pixels of a new view mirror.
@@ -254,7 +263,9 @@ def gather(place, ids_at, tolerance, weight, rays, view, frame, moved, limits, c
     count = len(ids_at)
     eye, matrix, near = view
     for block in prange((count + BLOCK - 1) // BLOCK):
-        corner, across = np.zeros((4, 8)), np.zeros((2, 3))
+        corners, axes = np.zeros((4, 8)), np.zeros((2, 3))
+        corner, across = borrowed(corners), borrowed(axes)
+        own_frame, source_at, sureness = borrowed_frame(frame), borrowed(moved[0]), borrowed(moved[1])
         first = np.int64(block) * BLOCK
         for k in range(first, first + BLOCK):
             if k >= count:
@@ -264,11 +275,11 @@ def gather(place, ids_at, tolerance, weight, rays, view, frame, moved, limits, c
             if len(place) > 0:
                 u, v = place[k, 0], place[k, 1]
             own = ids_at[k]
-            sx, sy, found = moved_source((u, v, z), own, tolerance[k], frame[0], frame[1], moved[0], moved[1])
+            sx, sy, found = moved_source((u, v, z), own, tolerance[k], own_frame[0], own_frame[1], source_at, sureness)
             if found == FOUND:
                 ray = (rays[1][k, 0], rays[1][k, 1], rays[1][k, 2])
                 fill_across(ray, across)
-                sx, sy, a, b, found = aimed(sx, sy, own, frame, limits[0], corner, start, ray, across)
+                sx, sy, a, b, found = aimed(sx, sy, own, own_frame, limits[0], corner, start, ray, across)
                 if found == FOUND and contrast(corner) * weight[k] > limits[1]:
                     found = CONTRAST
             state[k] = found

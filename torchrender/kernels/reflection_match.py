@@ -15,6 +15,7 @@ import math
 import numpy as np
 from numba import prange
 
+from torchrender.kernels.atomics import borrowed
 from torchrender.kernels.compile import kernel
 
 VALID, BORDER, SILHOUETTE, RATIO, STEPS = 0, 1, 2, 3, 4
@@ -232,34 +233,36 @@ def match(surface, ids, reached, size, pixels, eye, start, options, end, offset,
     max_steps, ratio, leaping, refined = options
     count = len(pixels)
     for block in prange((count + BLOCK - 1) // BLOCK):
-        around = np.zeros(8)
+        eight = np.zeros(8)
+        around = borrowed(eight)
+        plain, own_ids, toward = borrowed(surface), borrowed(ids), borrowed(eye)
         first = np.int64(block) * BLOCK
         for k in range(first, first + BLOCK):
             if k >= count:
                 break
             p = np.uintp(pixels[k])
             y0, x0 = pixels[k] // width, pixels[k] % width
-            own = ids[p]
+            own = own_ids[p]
             point = (np.float64(reached[p, 0]), np.float64(reached[p, 1]), np.float64(reached[p, 2]))
             endless = reached[p, 3] == 0.0
             y, x = y0 + start[k, 0], x0 + start[k, 1]
-            if y < 0 or x < 0 or y >= height or x >= width or ids[y * width + x] != own:
+            if y < 0 or x < 0 or y >= height or x >= width or own_ids[y * width + x] != own:
                 y, x = y0, x0
             if leaping:
-                leapt_y, leapt_x, dy, dx, there = leap(surface, ids, size, y, x, own, point, endless, eye, ratio)
+                leapt_y, leapt_x, dy, dx, there = leap(plain, own_ids, size, y, x, own, point, endless, toward, ratio)
                 if there:
                     end[k, 0], end[k, 1] = leapt_y - y0, leapt_x - x0
                     offset[k, 0] = leapt_y - y0 + (dy if refined else 0.0)
                     offset[k, 1] = leapt_x - x0 + (dx if refined else 0.0)
                     cause[k], steps[k] = VALID, 0
                     continue
-            y, x, best, taken = walk(surface, ids, size, y, x, own, point, endless, eye, max_steps, around)
+            y, x, best, taken = walk(plain, own_ids, size, y, x, own, point, endless, toward, max_steps, around)
             steps[k] = min(taken, max_steps)
             end[k, 0], end[k, 1] = y - y0, x - x0
             offset[k, 0], offset[k, 1] = y - y0, x - x0
-            found = STEPS if taken > max_steps else verdict(ids, size, y, x, best, own, around, ratio)
+            found = STEPS if taken > max_steps else verdict(own_ids, size, y, x, best, own, around, ratio)
             if found == VALID and refined:
-                dy, dx, fine = refine(surface, ids, size, y, x, own, point, endless, eye)
+                dy, dx, fine = refine(plain, own_ids, size, y, x, own, point, endless, eye)
                 if fine:
                     offset[k, 0] += np.float32(dy)
                     offset[k, 1] += np.float32(dx)

@@ -13,7 +13,7 @@ import math
 import numpy as np
 from numba import prange
 
-from torchrender.kernels.atomics import store_max
+from torchrender.kernels.atomics import borrowed, store_max
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.corners import DIAGONAL, FIRST, SECOND
 
@@ -28,16 +28,15 @@ _GUARD = 1e6  # pixels
 
 
 @kernel(inline=True)
-def corners(number, shape_row):
-    """Columns and rows (relative to the block's row) of triangle ``number % 2`` of a block in front-facing order."""
-    i = number // 2
-    if shape_row[i] & DIAGONAL:
-        if number % 2 == 0:
-            return i, 1, i + 1, 1, i + 1, 0
-        return i + 1, 0, i, 0, i, 1
-    if number % 2 == 0:
-        return i, 0, i, 1, i + 1, 1
-    return i + 1, 1, i + 1, 0, i, 0
+def corners(i, second, bits):
+    """Columns and rows (relative to the block's row) of a block's first or second triangle, front-facing order."""
+    if bits & DIAGONAL:
+        if second:
+            return i + 1, 0, i, 0, i, 1
+        return i, 1, i + 1, 1, i + 1, 0
+    if second:
+        return i + 1, 1, i + 1, 0, i, 0
+    return i, 0, i, 1, i + 1, 1
 
 
 @kernel(inline=True)
@@ -61,13 +60,23 @@ def draw_moved(place, depth, shape, ids, targets, keys):
     """
     rows, columns = shape.shape
     height, width = targets.shape
-    for j in prange(rows):
+    for row in prange(rows):
+        j = np.int64(row)
+        at_new, bits_of, near, own_ids, goal = (
+            borrowed(place),
+            borrowed(shape),
+            borrowed(depth),
+            borrowed(ids),
+            borrowed(targets),
+        )
+        best = borrowed(keys)
         for i in range(columns):
+            kind = bits_of[j, i]
             for t in range(2):
-                if not shape[j, i] & (FIRST if t == 0 else SECOND):
+                if not kind & (FIRST if t == 0 else SECOND):
                     continue
-                xa, ya, xb, yb, xc, yc = corners(2 * i + t, shape[j])
-                a, b, c = vertex(place, j + ya, xa), vertex(place, j + yb, xb), vertex(place, j + yc, xc)
+                xa, ya, xb, yb, xc, yc = corners(i, t == 1, kind)
+                a, b, c = vertex(at_new, j + ya, xa), vertex(at_new, j + yb, xb), vertex(at_new, j + yc, xc)
                 low_x, high_x = min(a[0], min(b[0], c[0])), max(a[0], max(b[0], c[0]))
                 low_y, high_y = min(a[1], min(b[1], c[1])), max(a[1], max(b[1], c[1]))
                 if not (low_x > -_GUARD and high_x < _GUARD and low_y > -_GUARD and high_y < _GUARD):
@@ -76,17 +85,17 @@ def draw_moved(place, depth, shape, ids, targets, keys):
                 if not abs(area) > 0.0:  # without extent, or with a vertex that is not usable
                     continue
                 sign = 1.0 if area > 0.0 else -1.0
-                own = ids[j + ya, xa]
-                qa = 1.0 / np.float64(depth[j + ya, xa])
-                qb = 1.0 / np.float64(depth[j + yb, xb])
-                qc = 1.0 / np.float64(depth[j + yc, xc])
-                number = np.uint64(0xFFFFFFFF) - np.uint64(2 * (np.int64(j) * columns + i) + t)
+                own = own_ids[j + ya, xa]
+                qa = 1.0 / np.float64(near[j + ya, xa])
+                qb = 1.0 / np.float64(near[j + yb, xb])
+                qc = 1.0 / np.float64(near[j + yc, xc])
+                number = np.uint64(0xFFFFFFFF) - np.uint64(2 * (j * columns + i) + t)
                 slack = 1e-4
                 x0, x1 = max(math.ceil(low_x - 0.5 - slack), 0), min(math.floor(high_x - 0.5 + slack), width - 1)
                 y0, y1 = max(math.ceil(low_y - 0.5 - slack), 0), min(math.floor(high_y - 0.5 + slack), height - 1)
                 for y in range(y0, y1 + 1):
                     for x in range(x0, x1 + 1):
-                        if targets[y, x] != own:
+                        if goal[y, x] != own:
                             continue
                         p = (x + 0.5, y + 0.5)
                         wa, wb, wc = (
@@ -100,8 +109,8 @@ def draw_moved(place, depth, shape, ids, targets, keys):
                         bits = np.uint64(np.float32(max(nearness, 0.0)).view(np.uint32))
                         key = (bits << np.uint64(32)) | number
                         at = y * width + x
-                        if key > keys[np.uintp(at)]:
-                            store_max(keys, at, key)
+                        if key > best[np.uintp(at)]:
+                            store_max(best, at, key)
 
 
 @kernel(inline=True)
@@ -134,7 +143,9 @@ def resolve_moved(keys, place, shape, breaks, largest, targets, source, certaint
     """
     columns = shape.shape[1]
     height, width = targets.shape
-    for y in prange(height):
+    for row in prange(height):
+        y = np.int64(row)
+        at_new, bits_of, torn = borrowed(place), borrowed(shape), borrowed(breaks)
         for x in range(width):
             key = keys[np.uintp(y * width + x)]
             source[y, x, 0], source[y, x, 1] = np.nan, np.nan
@@ -143,8 +154,9 @@ def resolve_moved(keys, place, shape, breaks, largest, targets, source, certaint
                 continue
             number = np.int64(np.uint64(0xFFFFFFFF) - (key & np.uint64(0xFFFFFFFF)))
             j = number // (2 * columns)
-            xa, ya, xb, yb, xc, yc = corners(number - 2 * columns * j, shape[j])
-            a, b, c = vertex(place, j + ya, xa), vertex(place, j + yb, xb), vertex(place, j + yc, xc)
+            i = (number - 2 * columns * j) // 2
+            xa, ya, xb, yb, xc, yc = corners(i, number % 2 == 1, bits_of[j, i])
+            a, b, c = vertex(at_new, j + ya, xa), vertex(at_new, j + yb, xb), vertex(at_new, j + yc, xc)
             area = signed_area(a, b, c)
             p = (np.float64(x) + 0.5, np.float64(y) + 0.5)
             wa, wb = signed_area(p, b, c) / area, signed_area(a, p, c) / area
@@ -153,5 +165,5 @@ def resolve_moved(keys, place, shape, breaks, largest, targets, source, certaint
             source[y, x, 0] = np.float32(wa * xa + wb * xb + wc * xc + 0.5)
             source[y, x, 1] = np.float32(wa * (j + ya) + wb * (j + yb) + wc * (j + yc) + 0.5)
             # The second corner has the right angle: the other two are its neighbours in row and column.
-            links = link(breaks, j + ya, xa, j + yb, xb) | link(breaks, j + yb, xb, j + yc, xc)
+            links = link(torn, j + ya, xa, j + yb, xb) | link(torn, j + yb, xb, j + yc, xc)
             certainty[y, x] = SURE if sure(area, links, largest) else UNSURE
