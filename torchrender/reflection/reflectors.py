@@ -210,6 +210,8 @@ def _share(scene: Scene, material: Tensor, cosine: Tensor) -> tuple[Tensor, Tens
 
 def mirrored_share(scene: Scene, gbuffer: GBuffer, pixels: ReflectivePixels) -> Tensor:
     """(N,) largest share, over the three colours, of what a pixel mirrors in its blended colour."""
+    material = gbuffer.material.reshape(-1)[pixels.pixel]
     cosine = (pixels.normal * pixels.direction).sum(-1).abs().float()
-    share, tint = _share(scene, gbuffer.material.reshape(-1)[pixels.pixel], cosine)
-    return share * tint.amax(-1).clamp_min(0.0)
+    degree = torch.tensor([m.specular if m.is_reflector else 0.0 for m in scene.materials])
+    tint = torch.stack([m.specular_color.amax() for m in scene.materials]).clamp_min(0.0)
+    return schlick(degree[material], cosine) * tint[material]

@@ -58,7 +58,7 @@ class StudyOptions:
 
     walks: tuple[tuple[str, str], ...] = WALKS
     size: int = 512
-    frames: int = 90  # measured one after the other, from the middle of each walk
+    frames: int = 72  # measured one after the other, from the middle of each walk
     walk_frames: int = 240  # steps of the whole walk
     triangles: int | None = None
     rendered: int = 8  # frames of render() with and without a history
