@@ -2,28 +2,34 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 from torch import Tensor
 
 from reuse_scenes import eye_camera, mirror_key, mirror_scene, rectangle, shell_color, views_of
-from torchrender.buffers import ReflectionState
+from torchrender.buffers import GBuffer, ReflectionLayer, ReflectionState
 from torchrender.effects.reflection_reuse import ReuseState, reuse_reflections
 from torchrender.effects.traced_reflection import trace_reflections
 from torchrender.errors import InputError, OptionError
 from torchrender.hit_shader import HitShader
+from torchrender.numerics.color import srgb_from_linear
 from torchrender.raster import rasterize
 from torchrender.rays import RayCaster
 from torchrender.reflection.key_frame import make_key_frame, match_reflections
 from torchrender.reflection.moved import MovedReflections, shift_reflections, warp_to_view
-from torchrender.reflection.reflectors import ReflectivePixels, reflective_pixels
+from torchrender.reflection.reflectors import ReflectivePixels, blend_reflections, mirrored_share, reflective_pixels
 from torchrender.reflection.reuse_options import ReuseOptions
 from torchrender.report.reflection_baselines import depth_reprojection, mirror_motion_vectors
 from torchrender.scene.camera import Cameras
+from torchrender.scene.camera_path import built_in_path
 from torchrender.scene.light import PointLight
 from torchrender.scene.material import Material
 from torchrender.scene.model import Scene
+from torchrender.scene.procedural import build
+from torchrender.shade import shade
 
 SMOOTH = ReuseOptions(contrast=1.0)
 EYE = [0.3, 0.2, 3.0]
@@ -306,3 +312,39 @@ def test_the_shell_has_a_visible_pattern() -> None:
     assert float(mirror_key("plane", EYE, 32).color.std()) > 0.05
     assert float(shell_color(torch.eye(3, dtype=torch.float64) * 8).std()) > 0.05
     assert make_key_frame(*views_of("plane", eye_camera(EYE, 8))).pixel.numel() > 0
+
+
+@pytest.mark.parametrize("name", ["living_room", "washroom"])
+def test_on_walks_through_the_rooms(name: str) -> None:
+    """The figures of the acceptance list, on the displayed picture; depth is the warp as if painted on the mirrors."""
+    scene = build(name, triangles=12000)
+    caster, shader = RayCaster(scene.geometry), HitShader(scene)
+    cameras = built_in_path(scene, "walk1").cameras(300, width=384, height=384, near=0.02)
+    state, own, painted, shares = None, [], [], []
+    for number in (150, 151, 152, 153, 154):
+        gbuffer = rasterize(scene, cameras[number])
+        pixels = reflective_pixels(scene, gbuffer)
+        weight = mirrored_share(scene, gbuffer, pixels)
+        before = state
+        made = reuse_reflections(pixels, gbuffer, lambda p: trace_reflections(caster, p, shader), state, None, weight)
+        state = made.state
+        if before is None:
+            continue
+        exact = trace_reflections(caster, pixels, shader)
+        other = depth_reprojection(before.key, pixels)
+        color = exact.color.reshape(-1, 3).clone()
+        color[pixels.pixel[other.found]] = other.color[other.found]
+        direct = shade(scene, gbuffer)
+
+        def shown(layer: ReflectionLayer, gbuffer: GBuffer = gbuffer, direct: Tensor = direct) -> Tensor:
+            return srgb_from_linear(blend_reflections(scene, gbuffer, direct, layer).clamp(0.0, 1.0))
+
+        truth, seen = shown(exact), exact.state > 0
+        own.append(float((shown(made.layer) - truth)[seen].abs().mean()))
+        layer = replace(exact, color=color.reshape(exact.color.shape))
+        painted.append(float((shown(layer) - truth)[seen].abs().mean()))
+        shares.append(made.report.traced_share)
+        assert not made.report.key_frame, shares
+    assert np.mean(own) < 1 / 255
+    assert np.mean(painted) > 5 * np.mean(own)
+    assert np.mean(shares) <= 0.25, shares
