@@ -16,6 +16,7 @@ PACKAGE = Path(__file__).resolve().parent.parent / "torchrender"
 ORDER = (
     "errors",
     "checks",
+    "clock",
     "kernels.compile",
     "numerics",
     "image_exr",

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -12,6 +10,7 @@ from torch import Tensor
 
 from torchrender.buffers import GBuffer, ReflectionLayer, ShadowMap
 from torchrender.checks import ArrayLike, as_vector, check_choice, check_range
+from torchrender.clock import StepClock
 from torchrender.effects.clustered_reflection import ClusterOptions, clustered_reflections
 from torchrender.effects.reflection_reuse import reuse_reflections
 from torchrender.effects.shadow_map import ShadowOptions, lights_visibility, render_shadow_map
@@ -97,7 +96,7 @@ def render(
         InputError: no camera of that name; a size or an option out of range.
     """
     options = options or RenderOptions()
-    clock = _Clock()
+    clock = StepClock()
     with clock.measure("total"):
         if not isinstance(scene, Scene):
             with clock.measure("load"):
@@ -208,16 +207,3 @@ def _average(radiance: Tensor, factor: int) -> Tensor:
     count, height, width, _ = radiance.shape
     cells = radiance.reshape(count, height // factor, factor, width // factor, factor, 3)
     return cells.mean(dim=(2, 4))
-
-
-class _Clock:
-    """Wall time per step."""
-
-    def __init__(self) -> None:
-        self.elapsed_ms: dict[str, float] = {}
-
-    @contextmanager
-    def measure(self, step: str) -> Iterator[None]:
-        begin = time.perf_counter()
-        yield
-        self.elapsed_ms[step] = 1e3 * (time.perf_counter() - begin)

@@ -258,7 +258,7 @@ def test_box_of_neighbours_matches_a_loop() -> None:
     scene = sphere_scene()
     _, pixels, _ = prepared(scene, looking(48))
     clusters = cluster_pixels(pixels, scene.diagonal)
-    chunks, owner, _ = clusters.chunks()
+    chunks, owner = clusters.chunks()
     rays = tuple(x.numpy() for x in (pixels.position, pixels.normal, pixels.direction))
     centre = torch.zeros(len(clusters), 3, dtype=torch.float64)
     axis = torch.nn.functional.normalize(torch.ones_like(centre), dim=-1)

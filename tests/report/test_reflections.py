@@ -24,7 +24,9 @@ def test_error_definitions() -> None:
 
 
 def test_a_tiny_study_makes_its_page(tmp_path: Path) -> None:
-    study = replace(QUICK, size=24, triangles=10_000, counts=(10_000,), outputs=(24,), rules=(1.0,), gloss_size=16)
+    study = replace(
+        QUICK, size=24, triangles=10_000, counts=(10_000,), outputs=(24,), rules=(1.0,), path=1, gloss_size=16
+    )
     record = run_study(study, tmp_path)
     write_study(record, tmp_path)
     page = (tmp_path / "reflections.md").read_text()

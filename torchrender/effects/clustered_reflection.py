@@ -8,16 +8,15 @@ Source: specification 03 (image-space reflections by clustered depth images), al
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
-from torchrender.buffers import RayHits, ReflectionLayer, ReflectionState
+from torchrender.buffers import RayHits, ReflectionLayer, ReflectionState, VisibilityBuffer
 from torchrender.checks import check_choice, check_range
+from torchrender.clock import StepClock
 from torchrender.errors import OptionError
 from torchrender.kernels.depth_march import UNKNOWN
 from torchrender.rays import RayCaster
@@ -129,7 +128,7 @@ def clustered_reflections(
     if options.missing == "trace" and caster is None:
         raise OptionError('missing="trace" needs a caster')
     own = torch.zeros(len(pixels), 3) if direct is None else direct.reshape(-1, 3).index_select(0, pixels.pixel)
-    clock = _Clock()
+    clock = StepClock()
     with clock.measure("clusters"):
         clusters = cluster_pixels(
             pixels,
@@ -153,28 +152,15 @@ def clustered_reflections(
     shading = _Shading(scene, pixels, shader, options, caster, own, clock)
     steps = 0
     for number in range(len(made)):
-        question = _ask(scene, pixels, made, number, options, clock)
-        steps += question.answer.steps
-        shading.add(question)
+        for question in _ask(scene, pixels, made, number, options, clock):
+            steps += question.answer.steps
+            shading.add(question)
     shading.flush()
     known = torch.isfinite(shading.distance)
     state = torch.where(known, int(ReflectionState.DEPTH_IMAGE), int(ReflectionState.ENVIRONMENT))
     state = torch.where(known & (shading.traced > 0), int(ReflectionState.TRACED), state)
     layer = reflection_layer(pixels, shading.color, shading.distance, state, made.clusters.cluster)
     return ClusteredReflections(layer, made, shading.unknown, steps, clock.elapsed_ms)
-
-
-class _Clock:
-    """Wall time of steps that come again and again."""
-
-    def __init__(self) -> None:
-        self.elapsed_ms: dict[str, float] = {}
-
-    @contextmanager
-    def measure(self, step: str) -> Iterator[None]:
-        begin = time.perf_counter()
-        yield
-        self.elapsed_ms[step] = self.elapsed_ms.get(step, 0.0) + 1e3 * (time.perf_counter() - begin)
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,33 +180,48 @@ def _ask(
     made: ClusterCameras,
     number: int,
     options: ClusterOptions,
-    clock: _Clock,
-) -> _Question:
-    """Send the rays of a cluster to its depth image."""
-    rows = made.clusters.members(number)
-    part = pixels.select(rows)
-    count = options.glossy_rays if bool((part.gloss > 0).any()) else 1
-    rays = reflected_rays(part) if count == 1 else lobe_rays(part, count)
-    nobody = torch.zeros(len(rows) * count, dtype=torch.bool)
-    if not bool(made.usable[number]) or len(rows) < options.min_cluster_pixels:
-        state = torch.full((len(nobody),), UNKNOWN, dtype=torch.uint8)
-        return _Question(rows, count, rays, ClusterAnswer(state, RayHits.misses(len(nobody)), 0), nobody)
-    if bool(made.planar[number]):
+    clock: StepClock,
+) -> Iterator[_Question]:
+    """Send the rays of a cluster to its depth image, not more than memory holds at a time."""
+    members = made.clusters.members(number)
+    part = pixels.select(members)
+    known = bool(made.usable[number]) and len(members) >= options.min_cluster_pixels
+    if known and bool(made.planar[number]):
         with clock.measure("depth images"):
             answer = mirror_view(scene.geometry, pixels, made, number, scene.diagonal)
-        return _Question(rows, 1, rays, answer, nobody)
-    reach = _far_plane(part.gloss, scene.diagonal, options).repeat_interleave(count)
-    climb = (rays.direction * part.geometric_normal.repeat_interleave(count, 0)).sum(-1)
+        yield _Question(members, 1, reflected_rays(part), answer, torch.zeros(len(members), dtype=torch.bool))
+        return
+    seen = None
+    if known:
+        with clock.measure("depth images"):
+            seen = cluster_image(scene.geometry, cluster_camera(made, number), part.position, options.cull)
+    concave = options.self_reflection == "diffuse" and _is_concave(part, made, number)
+    count = options.glossy_rays if bool((part.gloss > 0).any()) else 1
+    for some in torch.arange(len(members)).split(max(1, _RAYS // count)):
+        piece = part.select(some)
+        rays = reflected_rays(piece) if count == 1 else lobe_rays(piece, count)
+        with clock.measure("marching"):
+            answer = _march(scene, piece, rays, seen, options)
+        itself = torch.zeros(len(some) * count, dtype=torch.bool)
+        if concave:
+            hit = answer.hits.triangle
+            own = scene.geometry.object_id[hit.clamp_min(0)] == piece.object_id.repeat_interleave(count)
+            itself = (hit >= 0) & own
+        yield _Question(members[some], count, rays, answer, itself)
+
+
+def _march(
+    scene: Scene, piece: ReflectivePixels, rays: ReflectedRays, seen: VisibilityBuffer | None, options: ClusterOptions
+) -> ClusterAnswer:
+    """What rays meet in a depth image; nothing is known without one."""
+    total = len(rays.origin)
+    if seen is None:
+        return ClusterAnswer(torch.full((total,), UNKNOWN, dtype=torch.uint8), RayHits.misses(total), 0)
+    count = total // len(piece)
+    reach = _far_plane(piece.gloss, scene.diagonal, options).repeat_interleave(count)
+    climb = (rays.direction * piece.geometric_normal.repeat_interleave(count, 0)).sum(-1)
     ends = torch.where(climb > 0, reach / climb.clamp_min(1e-9), scene.diagonal).clamp_max(scene.diagonal)
-    with clock.measure("depth images"):
-        seen = cluster_image(scene.geometry, cluster_camera(made, number), part.position, options.cull)
-    with clock.measure("marching"):
-        answer = march_image(scene.geometry, seen, rays, (START * scene.diagonal, ends), options.epsilon)
-    if options.self_reflection == "diffuse" and _is_concave(part, made, number):
-        hit = answer.hits.triangle
-        own = scene.geometry.object_id[hit.clamp_min(0)] == part.object_id.repeat_interleave(count)
-        nobody = (hit >= 0) & own
-    return _Question(rows, count, rays, answer, nobody)
+    return march_image(scene.geometry, seen, rays, (START * scene.diagonal, ends), options.epsilon)
 
 
 def _far_plane(gloss: Tensor, diagonal: float, options: ClusterOptions) -> Tensor:
@@ -245,7 +246,7 @@ class _Shading:
         options: ClusterOptions,
         caster: Callable[[], RayCaster] | None,
         own: Tensor,
-        clock: _Clock,
+        clock: StepClock,
     ) -> None:
         self._clock = clock
         self._scene, self._pixels, self._shader, self._options = scene, pixels, shader, options

@@ -9,15 +9,14 @@ The scene must stand still between the pictures: whoever keeps the state drops i
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import torch
 from torch import Tensor
 
 from torchrender.buffers import GBuffer, ReflectionLayer, ReflectionState
+from torchrender.clock import StepClock
 from torchrender.errors import InputError
 from torchrender.reflection.key_frame import (
     CAUSES,
@@ -97,7 +96,7 @@ def reuse_reflections(
         raise InputError("reflections are reused between perspective cameras only")
     if state is None or state.renew or len(state.key.cameras) != len(gbuffer.cameras):
         return _key_frame(pixels, gbuffer, trace, options, weight)
-    clock = _Clock()
+    clock = StepClock()
     with clock.measure("match"):
         matches = match_reflections(state.key, gbuffer.cameras.eye, state.start, options)
     with clock.measure("shift"):
@@ -134,7 +133,7 @@ def reuse_reflections(
 def _key_frame(
     pixels: ReflectivePixels, gbuffer: GBuffer, trace: Trace, options: ReuseOptions, weight: Tensor | None
 ) -> ReusedReflections:
-    clock = _Clock()
+    clock = StepClock()
     with clock.measure("trace"):
         layer = trace(pixels)
     with clock.measure("key frame"):
@@ -155,16 +154,3 @@ def _start(state: ReuseState, matches: ReflectionMatches) -> Tensor:
 
 def _counts(values: Tensor, names: tuple[str, ...]) -> dict[str, int]:
     return dict(zip(names, torch.bincount(values.long(), minlength=len(names)).tolist(), strict=True))
-
-
-class _Clock:
-    """Wall time per step."""
-
-    def __init__(self) -> None:
-        self.elapsed_ms: dict[str, float] = {}
-
-    @contextmanager
-    def measure(self, step: str) -> Iterator[None]:
-        begin = time.perf_counter()
-        yield
-        self.elapsed_ms[step] = 1e3 * (time.perf_counter() - begin)

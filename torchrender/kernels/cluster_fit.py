@@ -24,7 +24,7 @@ def dot(a, i, v, j):
 
 
 @kernel(parallel=True)
-def moments(chunks, order, rays, column, row, out):
+def moments(chunks, _owner, order, rays, column, row, out):
     """Per chunk: count, sums of position, normal, direction, of ``I - r r^T`` (xx, xy, xz, yy, yz, zz) and of that
     times position; smallest and largest column and row."""
     position, normal, direction = rays

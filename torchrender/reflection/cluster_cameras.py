@@ -70,7 +70,6 @@ class _Bundle:
     origin: Tensor  # (3,) reference of the positions
     chunks: Array
     owner: Array
-    first: Array
     order: Array
 
     @classmethod
@@ -82,18 +81,26 @@ class _Bundle:
         )
 
     def regroup(self, clusters: PixelClusters) -> _Bundle:
-        chunks, owner, first = clusters.chunks()
-        return replace(self, clusters=clusters, chunks=chunks, owner=owner, first=first, order=clusters.order.numpy())
+        chunks, owner = clusters.chunks()
+        return replace(self, clusters=clusters, chunks=chunks, owner=owner, order=clusters.order.numpy())
 
-    def gather(self, kernel: Any, arguments: tuple[Any, ...], columns: str) -> Tensor:
-        """Run a chunk kernel and join its columns per cluster: "+" added up, "<" smallest, ">" largest."""
-        out = np.zeros((len(self.chunks), len(columns)))
-        kernel(self.chunks, *arguments, out)
-        joined = np.empty((len(self.first), len(columns)))
+    def gather(self, kernel: Any, arguments: tuple[Any, ...], columns: str, skip: Tensor | None = None) -> Tensor:
+        """Run a chunk kernel and join its columns per cluster: "+" added up, "<" smallest, ">" largest.
+
+        Clusters to ``skip`` (C,) get zeros, and cost nothing.
+        """
+        chosen = np.arange(len(self.chunks)) if skip is None else np.flatnonzero(~skip.numpy()[self.owner])
+        joined = np.zeros((len(self.clusters), len(columns)))
+        if not len(chosen):
+            return torch.from_numpy(joined)
+        owner = self.owner[chosen]
+        out = np.zeros((len(chosen), len(columns)))
+        kernel(self.chunks[chosen], owner, self.order, self.rays, *arguments, out)
+        first = np.flatnonzero(np.concatenate([[True], owner[1:] != owner[:-1]]))
         for sign, join in (("+", np.add), ("<", np.minimum), (">", np.maximum)):
-            chosen = [k for k, c in enumerate(columns) if c == sign]
-            if chosen:
-                joined[:, chosen] = join.reduceat(out[:, chosen], self.first, axis=0)
+            own = [k for k, c in enumerate(columns) if c == sign]
+            if own:
+                joined[np.ix_(owner[first], np.array(own))] = join.reduceat(out[:, own], first, axis=0)
         return torch.from_numpy(joined)
 
 
@@ -147,13 +154,13 @@ def _fit(
     width = pixels.shape[2]
     column, row = pixels.pixel % width, pixels.pixel // width % pixels.shape[1]
     places = (view(column, np.float64), view(row, np.float64))
-    sums = bundle.gather(cluster_fit.moments, (bundle.order, bundle.rays, *places), "+" * cluster_fit.SUMS + "<<>>")
+    sums = bundle.gather(cluster_fit.moments, places, "+" * cluster_fit.SUMS + "<<>>")
     count = sums[:, :1]
     middle, facing = sums[:, 1:4] / count, sums[:, 4:7] / count
     axis = torch.nn.functional.normalize(facing, dim=-1, eps=1e-300)
     spread = bundle.gather(
         cluster_fit.plane_spread,
-        (bundle.owner, bundle.order, bundle.rays, middle.numpy(), axis.numpy()),
+        (middle.numpy(), axis.numpy()),
         ">>>>",
     )
     extent = spread[:, 3].sqrt()
@@ -167,18 +174,18 @@ def _fit(
     height = ((eye - middle) * axis).sum(-1)
     mirrored = eye - 2.0 * height[:, None] * axis
     frame = torch.stack([middle, *_image_axes(pixels, bundle, axis), axis], dim=1)
-    boxes = _eye_boxes(bundle, frame, mirrored, reach, diagonal)
+    boxes = _eye_boxes(bundle, frame, mirrored, reach, diagonal, planar)
     shift, crossing = _shift(boxes)
     shift = torch.where(planar, 1.0, shift)
-    chosen = _centre(bundle, centre, frame, mirrored, shift, sums)
+    chosen = _centre(bundle, centre, frame, mirrored, shift, sums, planar)
     chosen = torch.where(planar[:, None], mirrored, chosen)
+    toward = sums[:, 7:10] / count
     many = count[:, 0] > 1
     side = (many & crossing & ~planar).long()
     side = torch.where(many & (facing.norm(dim=-1) < SPREAD_NORMALS), 2, side)
     side = torch.where(many & (-spread[:, 2] > FLAT_COSINE) & (residual > FLAT_RESIDUAL * extent), 3, side)
     clear = ((middle - chosen) * axis).sum(-1)
     frame[:, 0] += bundle.origin
-    toward = sums[:, 7:10] / count
     straight = (toward.norm(dim=-1, keepdim=True) > SPREAD_NORMALS) & (aim == "rays")
     view_axis = torch.where(straight, torch.nn.functional.normalize(toward, dim=-1, eps=1e-300), axis)
     made = ClusterCameras(
@@ -221,12 +228,14 @@ def _image_axes(pixels: ReflectivePixels, bundle: _Bundle, axis: Tensor) -> tupl
     return right, torch.linalg.cross(axis, right)
 
 
-def _eye_boxes(bundle: _Bundle, frame: Tensor, mirrored: Tensor, reach: Tensor, diagonal: float) -> Tensor:
+def _eye_boxes(
+    bundle: _Bundle, frame: Tensor, mirrored: Tensor, reach: Tensor, diagonal: float, skip: Tensor
+) -> Tensor:
     limits = torch.cat(
         [mirrored, reach[:, None], torch.tensor([[diagonal, STEEPEST]], dtype=torch.float64).expand(len(reach), 2)], 1
     )
-    arguments = (bundle.owner, bundle.order, bundle.rays, view(frame, np.float64), view(limits, np.float64))
-    return bundle.gather(cluster_fit.eye_boxes, arguments, "<<>><<>>" + "+" * 7)
+    arguments = (view(frame, np.float64), view(limits, np.float64))
+    return bundle.gather(cluster_fit.eye_boxes, arguments, "<<>><<>>" + "+" * 7, skip)
 
 
 def _shift(boxes: Tensor) -> tuple[Tensor, Tensor]:
@@ -242,7 +251,9 @@ def _shift(boxes: Tensor) -> tuple[Tensor, Tensor]:
     return f.clamp(*SHIFT_RANGE), crossing
 
 
-def _centre(bundle: _Bundle, centre: str, frame: Tensor, mirrored: Tensor, shift: Tensor, sums: Tensor) -> Tensor:
+def _centre(
+    bundle: _Bundle, centre: str, frame: Tensor, mirrored: Tensor, shift: Tensor, sums: Tensor, skip: Tensor
+) -> Tensor:
     """(C,3) centres of projection, about the bundle's origin."""
     thesis = frame[:, 0] + shift[:, None] * (mirrored - frame[:, 0])
     if centre == "thesis":
@@ -252,8 +263,7 @@ def _centre(bundle: _Bundle, centre: str, frame: Tensor, mirrored: Tensor, shift
     if centre == "least_squares":
         return nearest
     eyes = torch.stack([thesis, nearest, mirrored], dim=1).contiguous()
-    arguments = (bundle.owner, bundle.order, bundle.rays, eyes.numpy())
-    deviation = bundle.gather(cluster_fit.ray_deviation, arguments, "+++")
+    deviation = bundle.gather(cluster_fit.ray_deviation, (eyes.numpy(),), "+++", skip)
     return eyes[torch.arange(len(eyes)), deviation.argmin(dim=1)]
 
 
@@ -286,11 +296,8 @@ def _images(
     tail = torch.tensor([[diagonal, slope]], dtype=torch.float64).expand(len(made), 2)
     limits = torch.cat([made.eye - bundle.origin, made.reach[:, None], tail], dim=1)
     images = (place, view(pixels.pixel, np.int64), view(made.clusters.cluster, np.int64), width)
-    arguments = (
-        bundle.owner, bundle.order, bundle.rays, view(lens, np.float64), view(frame, np.float64),
-        view(limits, np.float64), images,
-    )  # fmt: skip
-    found = bundle.gather(cluster_fit.image_boxes, arguments, "<<>>+++<")
+    arguments = (view(lens, np.float64), view(frame, np.float64), view(limits, np.float64), images)
+    found = bundle.gather(cluster_fit.image_boxes, arguments, "<<>>+++<", made.planar)
     box = torch.where(torch.isfinite(found[:, :4]), found[:, :4], 0.0)
     clear = ((frame[:, 0] - limits[:, :3]) * frame[:, 3]).sum(-1).clamp_min(1e-4 * diagonal)
     single = _single_pitch(pixels, made.clusters) / clear

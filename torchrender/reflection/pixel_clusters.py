@@ -49,14 +49,14 @@ class PixelClusters:
         """Pixels of one cluster."""
         return self.order[int(self.starts[number]) : int(self.starts[number + 1])]
 
-    def chunks(self) -> tuple[Array, Array, Array]:
-        """(K,2) first and end in ``order``, the cluster of each chunk, and the first chunk of each cluster."""
+    def chunks(self) -> tuple[Array, Array]:
+        """(K,2) first and end in ``order``, and the cluster of each chunk."""
         starts = self.starts.numpy()
         counts = -(-(starts[1:] - starts[:-1]) // CHUNK)
         first = np.cumsum(counts) - counts
         owner = np.repeat(np.arange(len(counts)), counts)
         begin = starts[owner] + CHUNK * (np.arange(len(owner)) - first[owner])
-        return np.stack([begin, np.minimum(begin + CHUNK, starts[owner + 1])], axis=1), owner, first
+        return np.stack([begin, np.minimum(begin + CHUNK, starts[owner + 1])], axis=1), owner
 
 
 def compact(key: Tensor) -> PixelClusters:

@@ -44,7 +44,7 @@ class StudyOptions:
     counts: tuple[int, ...] = (63_000, 132_000, 289_000, 1_000_000, 3_000_000)
     outputs: tuple[int, ...] = (256, 512, 1024)
     rules: tuple[float, ...] = (0.25, 0.5, 1.0, 2.0)
-    path: int = 12  # views along each path
+    path: int = 8  # views along each path
     gloss_size: int = 256
     runs: int = 3
 
