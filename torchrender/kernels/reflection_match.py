@@ -24,7 +24,7 @@ VALID, BORDER, SILHOUETTE, RATIO, STEPS = 0, 1, 2, 3, 4
 BLOCK = 64  # pixels handed to a thread at once
 _NEIGHBOURS = 3  # feasible ones that a minimum needs around it
 _FARTHEST = 1.0  # pixels by which refinement may move a match
-_LEAPS, _FAR = 4, 16.0  # Gauss-Newton steps before the walk takes over, and pixels of the longest
+_LEAPS, _FAR, _HALVINGS = 8, 32.0, 4  # Gauss-Newton steps before the walk, pixels of the longest, and its halvings
 
 
 @kernel(inline=True)
@@ -181,7 +181,7 @@ def verdict(ids, size, y, x, best, own, around, ratio):
 
 @kernel(inline=True)
 def leap(surface, ids, size, y, x, own, point, endless, eye, ratio):
-    """The match found by Gauss-Newton steps alone, and whether they led to one: the walk decides where they did not.
+    """The match found by Gauss-Newton steps alone, and whether they led to one: else the walk goes on from there.
 
     Four neighbours stand for eight: a minimum is true if the residual there is small beside its change per pixel.
     """
@@ -214,9 +214,20 @@ def leap(surface, ids, size, y, x, own, point, endless, eye, ratio):
             mean = 0.25 * (math.sqrt(right_d) + math.sqrt(left_d) + math.sqrt(below_d) + math.sqrt(above_d))
             least = min(min(right_d, left_d), min(below_d, above_d))
             return y, x, step_y, step_x, here <= least and math.sqrt(here) <= ratio * mean
-        if not (abs(step_x) < _FAR and abs(step_y) < _FAR):
+        longest = max(abs(step_x), abs(step_y))
+        if not longest < np.inf:
             return y, x, 0.0, 0.0, False
-        y, x = y + np.int64(round(step_y)), x + np.int64(round(step_x))
+        part = min(1.0, _FAR / longest)
+        ny, nx = y, x
+        for _ in range(_HALVINGS):  # a step off the reflector is halved: the walk then begins near the outline
+            ny, nx = y + np.int64(round(part * step_y)), x + np.int64(round(part * step_x))
+            if 0 <= ny < height and 0 <= nx < width and ids[np.uintp(ny * width + nx)] == own:
+                break
+            part *= 0.5
+            ny, nx = y, x
+        if ny == y and nx == x:
+            return y, x, 0.0, 0.0, False
+        y, x = ny, nx
     return y, x, 0.0, 0.0, False
 
 
@@ -256,6 +267,10 @@ def match(surface, ids, reached, size, pixels, eye, start, options, end, offset,
                     offset[k, 1] = leapt_x - x0 + (dx if refined else 0.0)
                     cause[k], steps[k] = VALID, 0
                     continue
+                here = squared(plain, own_ids, np.uintp(y * width + x), own, point, endless, toward)
+                there_now = squared(plain, own_ids, np.uintp(leapt_y * width + leapt_x), own, point, endless, toward)
+                if there_now < here:
+                    y, x = leapt_y, leapt_x
             y, x, best, taken = walk(plain, own_ids, size, y, x, own, point, endless, toward, max_steps, around)
             steps[k] = min(taken, max_steps)
             end[k, 0], end[k, 1] = y - y0, x - x0
