@@ -222,7 +222,7 @@ def test_gloss_zero_is_the_mirror_and_small_gloss_is_near_it() -> None:
     assert torch.equal(mirror.layer.color, once.layer.color)
     _, nearly = clustered(sphere_scene(gloss=1e-4), cameras)
     assert float((mirror.layer.color - nearly.layer.color).abs().mean()) < 0.01
-    steps = [clustered(sphere_scene(gloss=g), cameras)[1].layer.color for g in (0.099, 0.101)]
+    steps = [clustered(sphere_scene(gloss=g), cameras, fade=True)[1].layer.color for g in (0.099, 0.101)]
     assert float((steps[0] - steps[1]).abs().mean()) < 0.01
 
 
@@ -230,7 +230,7 @@ def test_rough_surfaces_show_only_what_is_near() -> None:
     scene, cameras = mirror_scene(gloss=1.0), eye(20.0)
     gbuffer, pixels, shader = prepared(scene, cameras)
     direct = torch.full((*gbuffer.triangle.shape, 3), 0.37)
-    made = clustered_reflections(scene, pixels, shader, direct=direct)
+    made = clustered_reflections(scene, pixels, shader, ClusterOptions(fade=True), direct=direct)
     mirror = made.layer.state != ReflectionState.NONE
     assert bool((made.layer.color[mirror] == 0.37).all())  # the card is further than the far plane
 
@@ -246,7 +246,8 @@ def test_fade_follows_the_height() -> None:
             gloss=0.9,
         )
         gbuffer, pixels, shader = prepared(scene, cameras)
-        made = clustered_reflections(scene, pixels, shader, direct=torch.zeros(*gbuffer.triangle.shape, 3))
+        black = torch.zeros(*gbuffer.triangle.shape, 3)
+        made = clustered_reflections(scene, pixels, shader, ClusterOptions(fade=True), direct=black)
         colors.append(float(made.layer.color.mean()))
     assert all(a >= b - 1e-6 for a, b in pairwise(colors))
 

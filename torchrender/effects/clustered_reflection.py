@@ -66,7 +66,7 @@ class ClusterOptions:
     image_scale: float = 1.0  # sides of the depth images of curved clusters
     epsilon: float = 1e-4  # share of the depth that a ray must be behind the image
     glossy_rays: int = 8  # per glossy pixel; mirrors take one
-    fade: bool = True  # glossy reflections give way to the pixel's own colour with distance
+    fade: bool = False  # glossy reflections give way to the pixel's own colour with distance, as published
     min_cluster_pixels: int = 1  # smaller clusters take what ``missing`` says
     missing: str = "environment"  # rays that no depth image answers: "environment", or "trace"
     self_reflection: str = (

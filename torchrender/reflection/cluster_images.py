@@ -108,7 +108,10 @@ def reflector_depth(camera: Cameras, position: Tensor) -> Tensor:
     at = (uv[0][inside] / cell).long()
     least = torch.full((columns * rows,), torch.inf, dtype=torch.float64)
     least = least.scatter_reduce(0, at[:, 1] * columns + at[:, 0], z[0][inside], "amin")
-    least = torch.where(torch.isinf(least), 0.0, least).reshape(rows, columns)
+    least = least.reshape(1, 1, rows, columns)
+    around = -torch.nn.functional.max_pool2d(-least, 3, stride=1, padding=1)  # the rim lies between cells
+    least = torch.where(torch.isinf(least), around, least)[0, 0]
+    least = torch.where(torch.isinf(least), 0.0, least)
     fine = least.repeat_interleave(cell, 0).repeat_interleave(cell, 1)
     return fine[None, : camera.height, : camera.width]
 

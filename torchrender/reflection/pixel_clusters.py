@@ -165,7 +165,6 @@ def _planes(pixels: ReflectivePixels, diagonal: float, least: float) -> Tensor:
     """(N,) number of the plane that a pixel's flat neighbourhood lies in, -1 where there is no plane of that size."""
     none = torch.full((len(pixels),), -1, dtype=torch.int64)
     flat = (pixels.normal * pixels.geometric_normal).sum(-1) > FLAT_COSINE
-    flat &= pixels.gloss <= 0
     rows = flat.nonzero().reshape(-1)
     if len(rows) < least:
         return none

@@ -177,7 +177,7 @@ def _gloss(gloss: list[dict[str, Any]]) -> list[str]:
     return [
         "## Gloss (table 20)",
         "",
-        "Every reflector of the living room with the same gloss, without fading, against the same rays by the caster.",
+        "Every reflector of the living room with the same gloss, against the same rays by the caster.",
         "",
         *table(["gloss", "marching ms", "clustered ms", "traced ms", "PSNR", "published march; fps"], rows),
     ]

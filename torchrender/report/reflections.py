@@ -225,7 +225,7 @@ def gloss(room: Scene, study: StudyOptions) -> Iterator[dict[str, Any]]:
         stage = _stage(scene, study.gloss_size, 1)
         caster = RayCaster(scene.geometry)
         for rays in (8, 49):
-            made = stage.clustered(ClusterOptions(glossy_rays=rays, fade=False))
+            made = stage.clustered(ClusterOptions(glossy_rays=rays))
             reference = stage.picture(stage.traced(caster, rays))
             begin = time.perf_counter()
             stage.traced(rays=rays)
