@@ -35,6 +35,7 @@ ORDER = (
     "effects",
     "photo",
     "hit_shader",
+    "history",
     "walkthrough",
     "image",
     "passes",
@@ -44,6 +45,7 @@ ORDER = (
     "cli_output",
     "cli_voxels",
     "cli_points",
+    "cli_fly",
     "cli",
     "service",
 )

@@ -34,13 +34,16 @@ if TYPE_CHECKING:
     from torchrender.geometry.voxel_mesh import voxel_mesh
     from torchrender.geometry.voxel_solid import SolidOptions, voxelize_solid
     from torchrender.geometry.voxelize import SurfaceOptions, voxelize_surface
+    from torchrender.history import RenderHistory
     from torchrender.image import Image
     from torchrender.raster import rasterize, rasterize_depth
     from torchrender.rays import RayCaster
     from torchrender.reflection.reflectors import blend_reflections, reflective_pixels
+    from torchrender.reflection.reuse_options import ReuseOptions
     from torchrender.renderer import RenderOptions, render
     from torchrender.reprojection import ReprojectOptions, reproject
     from torchrender.scene.camera import Cameras
+    from torchrender.scene.camera_path import CameraPath, built_in_path, load_path
     from torchrender.scene.environment import Environment
     from torchrender.scene.info import scene_info
     from torchrender.scene.light import DirectionalLight, PointLight, RectLight, SpotLight
@@ -53,6 +56,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
+    "CameraPath",
     "Cameras",
     "ClusterOptions",
     "CollisionOptions",
@@ -70,8 +74,10 @@ __all__ = [
     "RayCaster",
     "RectLight",
     "ReflectionLayer",
+    "RenderHistory",
     "RenderOptions",
     "ReprojectOptions",
+    "ReuseOptions",
     "SamplingOptions",
     "Scene",
     "ShadowOptions",
@@ -89,9 +95,11 @@ __all__ = [
     "approximate_occluders",
     "blend_reflections",
     "build_patches",
+    "built_in_path",
     "clustered_reflections",
     "collide",
     "load",
+    "load_path",
     "load_points",
     "make_grid",
     "open_points",
@@ -121,6 +129,7 @@ __all__ = [
 ]
 
 _HOME = {
+    "CameraPath": "torchrender.scene.camera_path",
     "Cameras": "torchrender.scene.camera",
     "ClusterOptions": "torchrender.effects.clustered_reflection",
     "CollisionOptions": "torchrender.geometry.voxel_collision",
@@ -138,8 +147,10 @@ _HOME = {
     "RayCaster": "torchrender.rays",
     "RectLight": "torchrender.scene.light",
     "ReflectionLayer": "torchrender.buffers",
+    "RenderHistory": "torchrender.history",
     "RenderOptions": "torchrender.renderer",
     "ReprojectOptions": "torchrender.reprojection",
+    "ReuseOptions": "torchrender.reflection.reuse_options",
     "SamplingOptions": "torchrender.depth.options",
     "Scene": "torchrender.scene.model",
     "ShadowOptions": "torchrender.effects.shadow_map",
@@ -156,9 +167,11 @@ _HOME = {
     "approximate_occluders": "torchrender.geometry.light_occluders",
     "blend_reflections": "torchrender.reflection.reflectors",
     "build_patches": "torchrender.geometry.point_tree",
+    "built_in_path": "torchrender.scene.camera_path",
     "clustered_reflections": "torchrender.effects.clustered_reflection",
     "collide": "torchrender.geometry.voxel_collision",
     "load": "torchrender.scene.load",
+    "load_path": "torchrender.scene.camera_path",
     "load_points": "torchrender.geometry.point_load",
     "make_grid": "torchrender.geometry.voxel_grid",
     "open_points": "torchrender.geometry.point_file",

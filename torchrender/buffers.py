@@ -119,6 +119,7 @@ class ReflectionState(IntEnum):
     TRACED = 1  # the ray caster
     DEPTH_IMAGE = 2  # a cluster's depth image
     ENVIRONMENT = 3  # the ray left the scene, or its hit is not known
+    REUSED = 4  # a key frame of an earlier view
 
 
 @dataclass(frozen=True, eq=False)

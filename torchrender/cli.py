@@ -1,4 +1,4 @@
-"""The command ``torchrender``: render, info, depth, voxelize, points, scenes.
+"""The command ``torchrender``: render, fly, info, depth, voxelize, points, scenes.
 
 Everything heavy is imported inside functions, after the environment of the thread pools is set.
 """
@@ -8,14 +8,14 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from torchrender import __version__
-from torchrender.cli_output import check_output, progress
+from torchrender.cli_fly import add_fly, fly
+from torchrender.cli_output import check_output, image_size, progress
 from torchrender.cli_points import add_points, point_info, run_points
 from torchrender.cli_voxels import add_voxelize, run_voxelize, voxel_info
 from torchrender.errors import InputError, OptionError, TorchRenderError
@@ -34,7 +34,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = _parser().parse_args(argv)
     try:
         _set_up_threads(arguments.threads)
-        commands = {"render": _render, "info": _info, "depth": _depth, "scenes": _scenes}
+        commands = {"render": _render, "fly": fly, "info": _info, "depth": _depth, "scenes": _scenes}
         run = (commands | {"voxelize": _voxelize, "points": _points})[arguments.command]
         run(arguments)
     except TorchRenderError as error:
@@ -155,18 +155,6 @@ def _plain(value: object) -> str:
 # ----------------------------------------------------------------- arguments
 
 
-def image_size(text: str) -> tuple[int, int]:
-    """Width and height from ``1024x768``.
-
-    Raises:
-        OptionError: another form, or a side of zero.
-    """
-    match = re.fullmatch(r"([1-9]\d{0,5})[xX]([1-9]\d{0,5})", text.strip())
-    if match is None:
-        raise OptionError(f"--size must look like 1024x768, got {text!r}")
-    return int(match[1]), int(match[2])
-
-
 def numbers(name: str, text: str, count: int) -> list[float]:
     """``count`` finite numbers, separated by commas; the error names ``name``."""
     try:
@@ -236,7 +224,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--threads", type=int, metavar="N", help="processor threads to use (default: all)")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     _add_render(commands.add_parser("render", help="render a scene to a PNG, EXR or NPZ file"))
-    info = commands.add_parser("info", help="show what a scene or a voxel file holds")
+    add_fly(commands)
+    info = commands.add_parser("info", help="show what a scene, a cloud of points or a voxel file holds")
     _add_scene(info)
     info.add_argument("--json", action="store_true", help="print JSON")
     _add_depth(commands.add_parser("depth", help="write depth images of a scene from several viewpoints"))

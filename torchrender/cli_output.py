@@ -1,14 +1,15 @@
-"""What the command line writes: checks before the work, progress during it, files after it."""
+"""What the command line writes: sizes and checks before the work, progress during it, files after it."""
 
 from __future__ import annotations
 
 import json
+import re
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from torchrender.errors import ImageFileError
+from torchrender.errors import ImageFileError, OptionError
 
 if TYPE_CHECKING:
     from torchrender.buffers import DepthImages
@@ -18,6 +19,18 @@ T = TypeVar("T")
 
 _CHANNELS = ("Z", "id.triangle", "id.object", "layer")
 _ARRAYS = ("depth", "triangle", "object_id", "barycentric", "normal", "layer", "truncated")
+
+
+def image_size(text: str) -> tuple[int, int]:
+    """Width and height from ``1024x768``.
+
+    Raises:
+        OptionError: another form, or a side of zero.
+    """
+    match = re.fullmatch(r"([1-9]\d{0,5})[xX]([1-9]\d{0,5})", text.strip())
+    if match is None:
+        raise OptionError(f"--size must look like 1024x768, got {text!r}")
+    return int(match[1]), int(match[2])
 
 
 def check_output(path: Path, suffixes: Sequence[str]) -> None:

@@ -12,6 +12,7 @@ from torch import Tensor
 from torchrender.buffers import GBuffer
 from torchrender.checks import check_choice, check_range, check_tensor
 from torchrender.errors import ImageFileError
+from torchrender.history import RenderHistory
 from torchrender.image_io import write_image, write_npz
 from torchrender.numerics.color import srgb_from_linear
 from torchrender.numerics.tonemap import OPERATORS, auto_exposure, tone_map
@@ -37,6 +38,7 @@ class Image:
     timings_ms: Mapping[str, float] = field(default_factory=dict)  # wall time of each step
     exposure: float | None = 0.0  # EV for display; None: automatic, from the log-average luminance
     tone_map: str = "none"  # operator for display
+    history: RenderHistory | None = None  # for the next picture of a sequence; None where none was asked for
 
     def __post_init__(self) -> None:
         check_tensor("radiance", self.radiance, (*self.gbuffer.triangle.shape, 3))

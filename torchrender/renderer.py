@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from torch import Tensor
@@ -11,15 +12,23 @@ from torchrender.buffers import GBuffer, ReflectionLayer, ShadowMap
 from torchrender.checks import ArrayLike, as_vector, check_choice, check_range
 from torchrender.clock import StepClock
 from torchrender.effects.clustered_reflection import ClusterOptions, clustered_reflections
+from torchrender.effects.reflection_reuse import reuse_reflections
 from torchrender.effects.shadow_map import ShadowOptions, lights_visibility, render_shadow_map
 from torchrender.effects.traced_reflection import TraceOptions, environment_reflections, trace_reflections
 from torchrender.errors import InputError, OptionError
+from torchrender.history import RenderHistory
 from torchrender.hit_shader import HitShader
 from torchrender.image import Image
 from torchrender.numerics.tonemap import OPERATORS
 from torchrender.raster import rasterize
 from torchrender.rays import RayCaster
-from torchrender.reflection.reflectors import blend_reflections, reflective_pixels
+from torchrender.reflection.reflectors import (
+    ReflectivePixels,
+    blend_reflections,
+    mirrored_share,
+    reflective_pixels,
+)
+from torchrender.reflection.reuse_options import ReuseOptions
 from torchrender.scene.camera import Cameras
 from torchrender.scene.load import load
 from torchrender.scene.model import Scene, resized
@@ -42,6 +51,7 @@ class RenderOptions:
     reflections: str = "clustered"  # how reflectors mirror: "clustered", "traced", "environment" (one cube map), "off"
     reflection: ClusterOptions = field(default_factory=ClusterOptions)
     tracing: TraceOptions = field(default_factory=TraceOptions)
+    reuse: ReuseOptions = field(default_factory=ReuseOptions)  # of reflections, in pictures with a history
     supersample: int = 1  # 2: two by two samples per pixel
     background: ArrayLike | None = None  # linear colour of empty pixels; None: environment, else ambient light
     exposure: float | None = 0.0  # EV for display; None: automatic
@@ -65,6 +75,7 @@ def render(
     width: int | None = None,
     height: int | None = None,
     options: RenderOptions | None = None,
+    history: RenderHistory | None = None,
 ) -> Image:
     """Pictures of a scene, one per camera.
 
@@ -74,6 +85,9 @@ def render(
             frames the scene.
         width, height: size of the picture in pixels; the default is the size of ``camera`` where cameras are given,
             else 1024 x 768. Cameras of another shape keep their vertical opening angle.
+        history: ``RenderHistory()`` starts a sequence of pictures, ``image.history`` of one picture is for the next.
+            Shadow maps, ray caster and reflections are then used again as far as the scene has stood still; reused
+            reflections are close to traced ones, not the same. See :class:`torchrender.history.RenderHistory`.
 
     A scene without any light gets :meth:`Scene.with_default_light`. A scene without triangles gives its background.
 
@@ -87,19 +101,20 @@ def render(
         if not isinstance(scene, Scene):
             with clock.measure("load"):
                 scene = load(scene)
-        scene = scene.with_default_light()
+        past = _carried(history, scene, options)
+        scene = past.scene or scene
         cameras = _cameras(scene, camera, width, height)
         fine = cameras if options.supersample == 1 else cameras.scaled(options.supersample)
         with clock.measure("raster"):
             gbuffer = rasterize(scene, fine)
         with clock.measure("shadows"):
-            maps = _shadow_maps(scene, gbuffer, options)
+            maps = past.shadow_maps or _shadow_maps(scene, gbuffer, options)
             visibility = None if maps is None else lights_visibility(scene, gbuffer, options.shadow, maps)
         with clock.measure("shade"):
             radiance = shade(scene, gbuffer, visibility, background=options.background)
         if options.reflections != "off":
             with clock.measure("reflections"):
-                layer = _reflections(scene, gbuffer, maps, options, radiance)
+                layer, past = _reflections(scene, gbuffer, radiance, maps, options, past)
                 radiance = radiance if layer is None else blend_reflections(scene, gbuffer, radiance, layer)
         if fine is not cameras:
             with clock.measure("resolve"):
@@ -111,7 +126,29 @@ def render(
         timings_ms=clock.elapsed_ms,
         exposure=options.exposure,
         tone_map=options.tone_map,
+        history=None if history is None else replace(past, shadow_maps=_lasting(maps, options)),
     )
+
+
+def _carried(history: RenderHistory | None, scene: Scene, options: RenderOptions) -> RenderHistory:
+    """What an earlier picture left for one of this scene with these options; next to nothing without a history."""
+    background = None if options.background is None else tuple(as_vector("background", options.background).tolist())
+    settings = (
+        options.reflections,
+        options.reflection,
+        options.tracing,
+        options.reuse,
+        options.supersample,
+        background,
+    )
+    if history is None:
+        return RenderHistory(scene=scene.with_default_light(), wanted=False)
+    return history.carried(scene, (options.shadows, options.shadow), settings)
+
+
+def _lasting(maps: Sequence[ShadowMap] | None, options: RenderOptions) -> Sequence[ShadowMap] | None:
+    """Shadow maps that the next picture can use: cascades follow the eye."""
+    return maps if options.shadow.cascades == 1 else None
 
 
 def _cameras(scene: Scene, camera: Cameras | str | None, width: int | None, height: int | None) -> Cameras:
@@ -131,21 +168,38 @@ def _shadow_maps(scene: Scene, gbuffer: GBuffer, options: RenderOptions) -> list
 
 
 def _reflections(
-    scene: Scene, gbuffer: GBuffer, maps: list[ShadowMap] | None, options: RenderOptions, direct: Tensor
-) -> ReflectionLayer | None:
-    """What the reflectors in view mirror; None if there are none."""
+    scene: Scene,
+    gbuffer: GBuffer,
+    direct: Tensor,
+    maps: Sequence[ShadowMap] | None,
+    options: RenderOptions,
+    past: RenderHistory,
+) -> tuple[ReflectionLayer | None, RenderHistory]:
+    """What the reflectors in view mirror, None if there are none; and the history with it."""
     pixels = reflective_pixels(scene, gbuffer)
     if not len(pixels):
-        return None
-    shader = HitShader(scene, None if maps is None else options.shadow, maps, options.background)
+        return None, past
+    shader = past.shader or HitShader(scene, None if maps is None else options.shadow, maps, options.background)
+    past = replace(past, shader=shader)
     if options.reflections == "environment":
-        return environment_reflections(pixels, shader)
-    if options.reflections == "clustered":
-        made = clustered_reflections(
-            scene, pixels, shader, options.reflection, direct=direct, caster=lambda: RayCaster(scene.geometry)
-        )
-        return made.layer
-    return trace_reflections(RayCaster(scene.geometry), pixels, shader, options.tracing)
+        return environment_reflections(pixels, shader), past
+    caster = past.caster
+
+    def rays() -> RayCaster:
+        nonlocal caster
+        caster = caster or RayCaster(scene.geometry)
+        return caster
+
+    def trace(chosen: ReflectivePixels) -> ReflectionLayer:
+        """All pixels by the way that was asked for; the scattered few that cannot be reused by rays."""
+        if options.reflections == "clustered" and len(chosen) == len(pixels):
+            return clustered_reflections(scene, chosen, shader, options.reflection, direct=direct, caster=rays).layer
+        return trace_reflections(rays(), chosen, shader, options.tracing)
+
+    if not past.wanted or gbuffer.cameras.orthographic:
+        return trace(pixels), replace(past, caster=caster)
+    made = reuse_reflections(pixels, gbuffer, trace, past.reuse, options.reuse, mirrored_share(scene, gbuffer, pixels))
+    return made.layer, replace(past, caster=caster, reuse=made.state, report=made.report)
 
 
 def _average(radiance: Tensor, factor: int) -> Tensor:

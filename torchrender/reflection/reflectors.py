@@ -206,3 +206,12 @@ def _share(scene: Scene, material: Tensor, cosine: Tensor) -> tuple[Tensor, Tens
     degree = torch.tensor([m.specular if m.is_reflector else 0.0 for m in scene.materials])
     tint = torch.stack([m.specular_color for m in scene.materials])
     return schlick(degree[material], cosine), tint[material]
+
+
+def mirrored_share(scene: Scene, gbuffer: GBuffer, pixels: ReflectivePixels) -> Tensor:
+    """(N,) largest share, over the three colours, of what a pixel mirrors in its blended colour."""
+    material = gbuffer.material.reshape(-1)[pixels.pixel]
+    cosine = (pixels.normal * pixels.direction).sum(-1).abs().float()
+    degree = torch.tensor([m.specular if m.is_reflector else 0.0 for m in scene.materials])
+    tint = torch.stack([m.specular_color.amax() for m in scene.materials]).clamp_min(0.0)
+    return schlick(degree[material], cosine) * tint[material]
