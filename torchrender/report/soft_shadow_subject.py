@@ -24,7 +24,7 @@ class StudyOptions:
     """How much is measured."""
 
     scenes: tuple[str, ...] = SCENES
-    picture: int = 192  # pixels of the output's side where errors are taken
+    picture: int = 128  # pixels of the output's side where errors are taken
     timed_picture: int = 512  # and where times are
     size: int = 1024  # pixels of a reference image
     sizes: tuple[int, ...] = (512, 1024, 1536)

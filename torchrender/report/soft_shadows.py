@@ -25,8 +25,9 @@ from torchrender.report.soft_shadow_subject import QUICK, StudyOptions, Subject,
 from torchrender.report.soft_shadow_times import penumbra_cost, times
 from torchrender.scene.procedural import build
 
-PARTS = ("errors", "times")
 METHODS = ("nonredundant", "conventional", "depth_peeling")
+MESH_METHODS = {"grid": METHODS[:1], "splat": METHODS[:1]}  # ablations of non-redundant images
+PARTS = ("errors", "times")
 
 
 class _Errors:
@@ -52,7 +53,10 @@ class _Errors:
         return {
             "resolution": {str(size): row(1.0, size=size) for size in study.sizes},
             "light": {str(ratio): row(ratio) for ratio in study.ratios},
-            "mesh": {mesh: row(1.0, mesh=mesh) for mesh in study.meshes},
+            "mesh": {
+                mesh: {m: self.cell(replace(methods[m], mesh=mesh), 1.0) for m in MESH_METHODS.get(mesh, METHODS)}
+                for mesh in study.meshes
+            },
         }
 
     def reference(self, ratio: float, size: int) -> dict[str, LightVisibility]:
