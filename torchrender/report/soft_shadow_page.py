@@ -43,6 +43,8 @@ def write_page(record: dict[str, Any], folder: Path) -> None:
         "",
         f"{study['light_samples']}² light samples. Errors are means over covered pixels of {study['picture']}² "
         "pictures, scale 0 to 255, against the original triangles by the same procedure (A) and by rays (B).",
+        "Light, light cameras and picture go by the subject's box, which leaves out the outermost 5 percent of the",
+        "triangles at either end of each axis: as large as the light at ratio 1, which hangs 0.75 diagonals above it.",
         "",
         *_resolution(record["errors"]["resolution"]),
         *_light(record["errors"]["light"]),
@@ -129,7 +131,7 @@ def _times(record: dict[str, Any]) -> list[str]:
     lines = [
         f"## Time against scene size, {side}² pixels (table 11, figure 20)",
         "",
-        "Seconds, the better of two runs, nothing kept between them. Steps: images and meshes + tree + visibility.",
+        "Seconds, one run each, nothing kept between them. Steps: images and meshes + tree + visibility.",
         "Single rays (tree + tracing): one ray from every pixel to every light sample, traced for an even choice of",
         "pixels and scaled to all of them, by the ray caster and by Embree alone.",
         "",

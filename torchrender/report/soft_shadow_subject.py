@@ -30,15 +30,16 @@ class StudyOptions:
     sizes: tuple[int, ...] = (512, 1024, 1536)
     meshes: tuple[str, ...] = MESHES
     ratios: tuple[float, ...] = (0.25, 0.5, 1.0, 2.0, 4.0)  # light diagonal over scene diagonal
-    timed: tuple[str, ...] = ("city", "nest")
-    counts: tuple[int, ...] = (63_000, 250_000, 1_000_000, 3_000_000)
+    timed: tuple[tuple[str, int], ...] = (  # scenes and triangle counts
+        ("city", 63_000), ("city", 250_000), ("city", 1_000_000), ("city", 3_000_000), ("nest", 1_000_000)
+    )  # fmt: skip
     light_samples: int = 16
     ray_pixels: int = 400  # pixels whose rays the ray caster traces one by one
 
 
 QUICK = StudyOptions(
-    scenes=("city",), picture=48, timed_picture=64, size=96, sizes=(64, 96), ratios=(0.5, 1.0), timed=("city",),
-    counts=(5_000,), light_samples=4, ray_pixels=20,
+    scenes=("city",), picture=48, timed_picture=64, size=96, sizes=(64, 96), ratios=(0.5, 1.0),
+    timed=(("city", 5_000),), light_samples=4, ray_pixels=20,
 )  # fmt: skip
 
 
