@@ -11,6 +11,7 @@ import contextlib
 import logging
 import time
 from dataclasses import dataclass
+from typing import Any
 
 import msgspec
 from starlette.websockets import WebSocket, WebSocketDisconnect
@@ -115,13 +116,15 @@ class Stream:
 
     async def run(self) -> None:
         """Serve until either side ends the stream."""
-        session, tasks = self._session, []
+        session = self._session
+        tasks: list[asyncio.Task[None]] = []
         session.stream = self
         closed: Closed | None = None
         try:
             await self._greet()
             tasks = [asyncio.create_task(work()) for work in (self._receive, self._produce, self._watch)]
-            await asyncio.wait([*tasks, self._end], return_when=asyncio.FIRST_COMPLETED)
+            waiting: list[asyncio.Future[Any]] = [*tasks, self._end]
+            await asyncio.wait(waiting, return_when=asyncio.FIRST_COMPLETED)
             if self._end.done():
                 closed = self._end.result()
             else:
