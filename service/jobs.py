@@ -8,6 +8,10 @@ import msgspec
 
 from service.messages import Bits, CameraHeader, ColorCodec
 
+QUALITY_MOVING = 85
+QUALITY_STILL = 95  # where the client cannot read WebP
+LOSSLESS = 100  # with WebP
+
 Buffer = Literal[
     "radiance",
     "depth",

@@ -10,14 +10,12 @@ from torch import Tensor
 
 from service.cameras import header_of
 from service.codec import Array, checksum, display_bytes, encode_color, encode_depth, encode_mask
+from service.jobs import QUALITY_MOVING
 from service.layers import Layer
 from service.messages import Bits, ColorBlob, ColorCodec, DepthBlob, Keyframe, MaskBlob, encode, padded
 from torchrender.scene.camera import Cameras
 
 BITS: Bits = 16
-QUALITY_MOVING = 85
-QUALITY_STILL = 95
-LOSSLESS = 100
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,7 +10,7 @@ image look at the same point of the sky: no sky is sent twice.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import torch
 from torch import Tensor
@@ -25,9 +25,11 @@ from torchrender.raster import rasterize_visibility, surface_attributes
 from torchrender.reprojection import pixel_matrices
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
+from torchrender.shade import shade
 
 BASELINE = 0.06  # distance of the extra cameras in median depths of the first image
 MAX_BASELINE = 0.25
+PACKED_WIDTH = 256
 FEWEST = 3
 """New samples of the nine around a pixel below which its own is left out."""
 TOLERANCE = 2e-3
@@ -66,7 +68,7 @@ def extra_layers(
         new_sky = ~seen.covered[0] & ~sky_shown
         sky_shown = sky_shown | new_sky
         gbuffer = surface_attributes(scene, _only(seen, kept))
-        radiance = shade_samples(scene, gbuffer, options, past)
+        radiance = _shade_few(scene, gbuffer, options, past)
         layers.append(Layer(camera, gbuffer.depth[0], radiance[0], kept[0] | new_sky))
         known.append(gbuffer)
     return layers
@@ -156,3 +158,33 @@ def shade_samples(scene: Scene, gbuffer: GBuffer, options: RenderOptions, past: 
     if way != "off":
         buffers["reflection_layer"] = steps.mirror(frame)
     return steps.make_picture(frame)
+
+
+def _shade_few(scene: Scene, gbuffer: GBuffer, options: RenderOptions, past: RenderHistory) -> Tensor:
+    """The same for one image with few samples: they are put side by side, so that the rest costs nothing.
+
+    Empty pixels get the background.
+    """
+    covered = gbuffer.covered[0]
+    count = int(covered.sum())
+    height = -(-count // PACKED_WIDTH)
+    empty = {"triangle": -1, "object_id": -1, "material": -1, "depth": torch.inf}
+
+    def packed(name: str) -> Tensor:
+        values = getattr(gbuffer, name)[0][covered]
+        room = torch.full((height * PACKED_WIDTH, *values.shape[1:]), empty.get(name, 0), dtype=values.dtype)
+        room[:count] = values
+        return room.reshape(1, height, PACKED_WIDTH, *values.shape[1:])
+
+    background = shade(scene, _emptied(gbuffer), background=options.background).clone()
+    if count:
+        camera = gbuffer.cameras.sub_camera(0, 0, PACKED_WIDTH, height)
+        names = [f.name for f in fields(GBuffer) if f.name != "cameras"]
+        small = GBuffer(cameras=camera, **{name: packed(name) for name in names})
+        background[0][covered] = shade_samples(scene, small, options, past).reshape(-1, 3)[:count]
+    return background
+
+
+def _emptied(gbuffer: GBuffer) -> GBuffer:
+    nothing = torch.full_like(gbuffer.triangle, -1)
+    return replace(gbuffer, triangle=nothing, material=nothing, object_id=nothing)

@@ -42,7 +42,9 @@ def _picture_file(image: Image, job: Render) -> bytes:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"picture.{job.format}"
         if job.format == "npz" and job.buffers:
-            arrays: dict[str, Tensor] = {n: image.radiance if n == "radiance" else getattr(image.gbuffer, n) for n in job.buffers}
+            arrays: dict[str, Tensor] = {
+                n: image.radiance if n == "radiance" else getattr(image.gbuffer, n) for n in job.buffers
+            }
             write_npz(path, {**arrays, **camera_arrays(image.cameras)})
         else:
             image.save(path)

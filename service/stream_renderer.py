@@ -25,8 +25,8 @@ MOVING_BUDGET_MS = 150.0
 """Time for a moving keyframe where the session asks for no other."""
 STILL_FACTOR = 4.0
 """A refinement may take this many times the budget."""
-REFINE_MS = 250.0
-"""Without a budget a refinement is supersampled where the moving picture took less: nobody can interrupt it."""
+REFINE_MS = 150.0
+"""Without a budget a refinement is supersampled where the one before it took less: nobody can interrupt it."""
 MAX_FINE_PIXELS = 2**23
 
 
@@ -35,8 +35,8 @@ class SessionState:
     """What the renderer remembers of a session."""
 
     history: RenderHistory
-    picture_ms: float = 0.0  # of the last moving keyframe: its layer 0
-    layers_ms: float = 0.0  # and its extra layers
+    layers_ms: float = 0.0  # extra layers of the last moving keyframe
+    still_ms: float = 0.0  # layer 0 of the last refinement that was not supersampled
 
 
 class StreamRenderer:
@@ -70,7 +70,7 @@ class StreamRenderer:
         layers = extra_layers(image.scene, image.gbuffer, around, image.plan.options, past)
         layers_ms = 1e3 * (time.perf_counter() - begin)
         if not job.still:
-            state.picture_ms, state.layers_ms = first_ms, layers_ms
+            state.layers_ms = layers_ms
         each_ms = layers_ms / max(1, len(layers))
         messages += [layer_message(stamp, k + 1, layer, render_ms=each_ms) for k, layer in enumerate(layers)]
         finite = depth[torch.isfinite(depth)]
@@ -107,16 +107,20 @@ class StreamRenderer:
             state.history = image.history
             self._scenes[job.scene.id] = replace(image.history, reuse=None, report=None)
             return image, plan, image.history
-        if bounds.budget_ms is None and bounds.max_error is None:
-            options = RenderOptions(supersample=2.0 if self._affordable(state, job) else 1.0)
+        free = bounds.budget_ms is None and bounds.max_error is None
+        fine = free and self._affordable(state, job)
+        options = RenderOptions(supersample=2.0) if fine else None
+        begin = time.perf_counter()
         # A refinement is made anew, without reused reflections, and leaves the moving sequence as it was.
         image, plan = render_image(scene, camera, bounds, options, replace(state.history, reuse=None, wanted=False))
+        if free and not fine:
+            state.still_ms = 1e3 * (time.perf_counter() - begin)
         assert image.history is not None
         return image, plan, image.history
 
     def _affordable(self, state: SessionState, job: MakeKeyframe) -> bool:
         pixels = 4 * job.camera.width * job.camera.height
-        return 0.0 < state.picture_ms < REFINE_MS and pixels <= MAX_FINE_PIXELS
+        return 0.0 < state.still_ms < REFINE_MS and pixels <= MAX_FINE_PIXELS
 
 
 def _bounds(state: SessionState, job: MakeKeyframe) -> Bounds:
