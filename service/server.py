@@ -15,6 +15,9 @@ from service.logs import set_up_logs
 from service.settings import Settings
 from service.stream import MAX_MESSAGE_BYTES
 
+LINGER_S = 5.0
+"""After a close the peer may take this long to read what was sent before."""
+
 
 class StreamProtocol(WebSocketsSansIOProtocol):
     """Lets the application cut off a peer that does not read; closing would wait for it."""
@@ -25,6 +28,15 @@ class StreamProtocol(WebSocketsSansIOProtocol):
         scope: Any = getattr(self, "scope", None)
         if scope is not None:
             scope["extensions"]["torchrender.abort"] = self.transport.abort
+
+
+    async def send(self, message: Any) -> None:
+        """Also end connections that were refused or closed, whatever the peer does."""
+        await super().send(message)
+        if self.initial_response is not None and self.close_sent:
+            self.handshake_complete = True  # the refusal was the whole handshake
+        if message["type"] == "websocket.close":
+            self.loop.call_later(LINGER_S, self.transport.abort)
 
 
 class Server(uvicorn.Server):
