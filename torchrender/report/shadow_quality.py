@@ -46,7 +46,8 @@ def ray_cast_visibility(
     """Ground truth (B,H,W): the share of ``samples`` x ``samples`` points of a light that each pixel's surface sees.
 
     Lights without area take one ray whatever ``samples`` is. Rays start ``offset`` bounding-box diagonals above the
-    surface; surfaces that face away from a sample do not see it.
+    surface and end as far before the light, which may lie on a surface; surfaces that face away from a sample do not
+    see it.
     """
     covered = gbuffer.covered
     points = gbuffer.position[covered].double()
@@ -59,7 +60,8 @@ def ray_cast_visibility(
         directions = _towards(light, target, origins)
         facing = ((_towards(light, target, points) * normals).sum(-1) > 0).double()
         # The ray parameter is in units of the direction: 1 is the light itself.
-        limit = float("inf") if isinstance(light, DirectionalLight) else 1.0
+        limit = 1.0 - shift / directions.norm(dim=-1).clamp_min(shift)
+        limit = torch.full_like(limit, torch.inf) if isinstance(light, DirectionalLight) else limit
         total += facing * (~caster.occluded(origins, directions, t_max=limit)).double()
     image = torch.ones(gbuffer.triangle.shape)
     image[covered] = (total / len(targets)).float()
