@@ -55,7 +55,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _render(arguments: argparse.Namespace) -> None:
     from torchrender.image import SUFFIXES, numbered
-    from torchrender.renderer import RenderOptions, render
+    from torchrender.options import RenderOptions
+    from torchrender.renderer import render
 
     output = Path(arguments.output)
     check_output(output, SUFFIXES)

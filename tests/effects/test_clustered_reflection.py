@@ -24,10 +24,11 @@ from reflection_scenes import (
 from torchrender.buffers import ReflectionState
 from torchrender.effects.clustered_reflection import ClusterOptions, clustered_reflections
 from torchrender.errors import OptionError
+from torchrender.options import RenderOptions
 from torchrender.reflection.cluster_cameras import HALF_ANGLE_DEG, build_cluster_cameras, cluster_fit
 from torchrender.reflection.pixel_clusters import cluster_pixels, share_of_bins
 from torchrender.reflection.reflectors import reflective
-from torchrender.renderer import RenderOptions, render
+from torchrender.renderer import render
 from torchrender.report.metrics import mean_absolute_error, psnr
 from torchrender.report.reflection_errors import occlusion_errors
 from torchrender.scene.camera import Cameras

@@ -13,6 +13,9 @@ from torchrender.report.hard_cases import Subject
 Outputs = Mapping[str, Tensor]
 """Named results of an effect; lengths are in units of :attr:`Subject.unit`, so that twins can be compared."""
 
+SHAPE, VIEW, LIGHTS = frozenset({"scene"}), frozenset({"scene", "view"}), frozenset({"scene", "light"})
+"""What effects that do not depend on everything depend on."""
+
 TOLERANCE = 1e-3
 """Relative difference above which two values count as different."""
 
@@ -26,7 +29,7 @@ class Law:
     limit: float  # largest deviation that is no error
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class HardEffect:
     """An effect, or a step of the pipeline. A later one adds one record."""
 
@@ -36,8 +39,10 @@ class HardEffect:
     bounds: Callable[[Subject], Mapping[str, tuple[float, float]]]  # of each result of floats; +inf: may be infinite
     law: Law
     skip: Callable[[Subject], str | None] = lambda _: None  # why a case says nothing about the effect
+    about: frozenset[str] = frozenset({"scene", "view", "light"})  # what it depends on: cases that differ in that
     turns: bool = True  # the result does not depend on the axes of the world
-    rounding: float = 0.02  # share of pixels that may change when vertices are rounded to float32
+    rounding: float = 0.02  # share of values that may change when vertices are rounded to float32
+    twins: float = 0.02  # share of values that may differ between cases that must look the same
 
 
 def bounds_error(outputs: Outputs, bounds: Mapping[str, tuple[float, float]]) -> str | None:
@@ -65,6 +70,8 @@ def difference(first: Outputs, second: Outputs, tolerance: float = TOLERANCE) ->
 
     Floats differ by more than ``tolerance`` of the larger one, or of the result's mean size where that is more.
     """
+    if first.keys() != second.keys():
+        return 1.0
     return max((_share(first[name], second[name], tolerance) for name in first), default=0.0)
 
 

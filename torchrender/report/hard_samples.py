@@ -24,7 +24,7 @@ from torchrender.geometry.voxel_solid import SolidOptions, voxelize_solid
 from torchrender.geometry.voxelize import SurfaceOptions, voxelize_surface
 from torchrender.raster import rasterize
 from torchrender.report.hard_cases import Subject
-from torchrender.report.hard_effect import HardEffect, Law, Outputs, difference, mean_over
+from torchrender.report.hard_effect import SHAPE, VIEW, HardEffect, Law, Outputs, difference, mean_over
 from torchrender.reprojection import METHODS, reproject
 
 CELLS = 24
@@ -67,6 +67,7 @@ def _ordered(subject: Subject, outputs: Outputs) -> float:
 
 DEPTH_SAMPLING = HardEffect(
     name="depth_sampling",
+    about=VIEW,
     modules=("depth.sample",),
     run=_sampled,
     bounds=lambda _: {f"{name}: depth": (0.0, math.inf) for name in WAYS},
@@ -105,6 +106,7 @@ def _own_view(subject: Subject, _: Outputs) -> float:
 
 REPROJECTION = HardEffect(
     name="reprojection",
+    about=VIEW,
     modules=("reprojection",),
     run=_between,
     bounds=lambda _: {
@@ -142,6 +144,7 @@ def _surface(subject: Subject) -> Outputs:
 
 SURFACE_VOXELS = HardEffect(
     name="surface_voxels",
+    about=SHAPE,
     modules=("geometry.voxelize",),
     run=_surface,
     bounds=lambda _: {},
@@ -172,6 +175,7 @@ def _any_order(subject: Subject, outputs: Outputs) -> float:
 
 SOLID_VOXELS = HardEffect(
     name="solid_voxels",
+    about=SHAPE,
     modules=("geometry.voxel_solid",),
     run=_solid,
     bounds=lambda _: {},
@@ -201,6 +205,7 @@ def _other_way_round(subject: Subject, outputs: Outputs) -> float:
 
 VOXEL_VOLUME = HardEffect(
     name="voxel_volume",
+    about=VIEW,
     modules=("effects.voxel_volume", "geometry.voxel_attributes"),
     run=_volume,
     bounds=lambda _: {"color": (0.0, 1.0 + 1e-4), "coverage": (0.0, 1.0)},
@@ -210,6 +215,7 @@ VOXEL_VOLUME = HardEffect(
         limit=1e-4,
     ),
     turns=False,
+    twins=0.1,  # samples exactly between two cells fall to either
 )
 
 
@@ -245,6 +251,7 @@ def _white_stays_white(subject: Subject, _: Outputs) -> float:
 
 SPLAT = HardEffect(
     name="splat",
+    about=VIEW,
     modules=("effects.splat",),
     run=_points,
     bounds=lambda _: {

@@ -48,8 +48,8 @@ POINT = PointLight(position=torch.tensor([2.0, 4.0, 3.0]), intensity=torch.full(
 
 def rect(corner: tuple[float, ...], u: tuple[float, ...], v: tuple[float, ...], radiance: float = 4.0) -> RectLight:
     """A white rectangular light."""
-    parts = (torch.tensor(x) for x in (corner, u, v))
-    return RectLight(**dict(zip(("corner", "edge_u", "edge_v"), parts)), radiance=torch.full((3,), radiance))
+    place, edge_u, edge_v = (torch.tensor(x) for x in (corner, u, v))
+    return RectLight(corner=place, edge_u=edge_u, edge_v=edge_v, radiance=torch.full((3,), radiance))
 
 
 CEILING = rect((-1.0, 5.0, -1.0), (2.0, 0.0, 0.0), (0.0, 0.0, 2.0))
@@ -75,7 +75,7 @@ def block(size: tuple[float, ...], centre: tuple[float, ...], material: int) -> 
     return moved(replace(box(torch.tensor(size)), material=material), centre)
 
 
-def ball(radius: float, centre: tuple[float, ...], material: int, segments: int = 10) -> Mesh:
+def ball(radius: float, centre: tuple[float, ...], material: int, segments: int = 8) -> Mesh:
     """A sphere with its vertices on the grid of 1/16."""
     mesh = sphere(radius, segments)
     rounded = (mesh.vertices / STEP).round() * STEP
@@ -100,15 +100,20 @@ def lit(*meshes: Mesh, lights: tuple[Light, ...] = (CEILING, POINT)) -> Scene:
     return Scene(meshes=meshes, materials=MATERIALS, lights=lights, ambient=torch.full((3,), 0.1))
 
 
-def studio(**changes: Light) -> Scene:
-    """Floor, mirror wall, a red block, a glossy ball and a leaf with holes."""
+def plain() -> Scene:
+    """A wide floor and a mirror wall."""
+    return lit(floor(1e3), back_wall())
+
+
+def studio(*lights: Light | None) -> Scene:
+    """Floor, mirror wall, a red block, a glossy ball and a leaf with holes; None among the lights: there are none."""
     return lit(
         floor(),
         back_wall(),
         block((1.0, 1.5, 1.0), (-1.5, 0.75, -0.5), RED),
         ball(0.75, (1.25, 0.75, -0.5), CHROME),
         sheet((-0.5, 0.5, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), LEAF),
-        lights=tuple(changes.values()) or (CEILING, POINT),
+        lights=tuple(light for light in lights if light) if lights else (CEILING, POINT),
     )
 
 
@@ -116,13 +121,14 @@ def views(
     eye: tuple[float, ...] = (0.5, 2.5, 6.0),
     target: tuple[float, ...] = (0.0, 0.75, 0.0),
     *,
-    size: tuple[int, int] = (32, 24),
-    **options: float,
+    size: tuple[int, int] = (24, 18),
+    fov_deg: float = 45.0,
+    near: float = 0.01,
 ) -> Cameras:
     """Two cameras a little apart, the first at ``eye``; ``size`` is width and height."""
     eyes = torch.tensor([eye, eye], dtype=torch.float64)
     eyes[1, 0] += STEP
-    return Cameras.look_at(eyes, target, width=size[0], height=size[1], **{"fov_deg": 45.0, **options})
+    return Cameras.look_at(eyes, target, width=size[0], height=size[1], fov_deg=fov_deg, near=near)
 
 
 def placed(scene: Scene, cameras: Cameras, matrix: Tensor) -> tuple[Scene, Cameras]:
@@ -172,7 +178,7 @@ def degenerate() -> Scene:
     return lit(floor(), back_wall(), soup(flat, RED), soup(flat + 1.0, MIRROR))
 
 
-def coincident(copies: int = 4000) -> Scene:
+def coincident(copies: int = 2000) -> Scene:
     """Thousands of copies of a triangle, with another one of another material in the same place."""
     triangle = torch.tensor([[[-2.0, 0.5, 0.0], [2.0, 0.5, 0.0], [0.0, 3.0, 0.0]]], dtype=torch.float64)
     return lit(floor(), soup(triangle.expand(copies, 3, 3), RED), soup(triangle, MIRROR))
