@@ -47,7 +47,8 @@ ORDER = (
     "passes",
     "curves",
     "chooser",
-    "plan",
+    "knowledge",
+    "plans",
     "planner",
     "image",
     "renderer",
@@ -56,6 +57,8 @@ ORDER = (
     "cli_voxels",
     "cli_points",
     "cli_fly",
+    "cli_plan",
+    "cli_scene",
     "cli",
     "service",
 )

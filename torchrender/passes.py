@@ -65,7 +65,6 @@ PASSES: tuple[Pass, ...] = (
         knob=_knob(
             "samples per pixel and side",
             {f"{factor:g}": {"supersample": factor} for factor in (0.25, 0.35, 0.5, 0.7, 1.0, 2.0)},
-            ("4", {"supersample": 4.0}),
         ),
     ),
     Pass(
