@@ -45,6 +45,7 @@ def add_plan(commands: Any, add_scene: Callable[[argparse.ArgumentParser], None]
     tradeoff.add_argument("-o", "--output", default="docs/results", metavar="FOLDER", help="default docs/results")
     calibrate = commands.add_parser("calibrate", help="measure the curves that budgets rely on, on this machine")
     calibrate.add_argument("scenes", nargs="*", metavar="SCENE", help="default: all built-in scenes")
+    calibrate.add_argument("--errors", action="store_true", help="measure errors, too, where they are known")
     calibrate.add_argument("--size", type=int, default=512, metavar="N", help="pixels of a side (default 512)")
     calibrate.add_argument("-o", "--output", metavar="FILE", help="JSON file (default: where render looks for it)")
 
@@ -95,7 +96,7 @@ def run_tradeoff(arguments: argparse.Namespace) -> list[Path]:
 
 def run_calibrate(arguments: argparse.Namespace) -> Path:
     """Measure and write the curves; the file."""
-    from torchrender.curves import parse_curves, user_file
+    from torchrender.curves import load_curves, parse_curves, user_file
     from torchrender.image_io import write_atomically
     from torchrender.report.calibrate import calibrate
     from torchrender.report.foundation_page import text_writer
@@ -111,7 +112,8 @@ def run_calibrate(arguments: argparse.Namespace) -> Path:
         raise ImageFileError(path, "curves are written to a .json file")
     check_folder(path)
     scenes = [load(name) for name in arguments.scenes or SCENES]
-    curves = calibrate(scenes, size=arguments.size, tell=tell)
+    known = None if arguments.errors else load_curves()
+    curves = calibrate(scenes, size=arguments.size, known=known, tell=tell)
     parse_curves(curves, str(path))
     write_atomically(path, text_writer(json.dumps(curves, separators=(",", ":")) + "\n"))
     return path

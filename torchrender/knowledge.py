@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 from torchrender.chooser import Question
 from torchrender.curves import Curves, scene_key
@@ -11,7 +12,7 @@ from torchrender.history import RenderHistory
 from torchrender.options import RenderOptions
 from torchrender.pace import Pace
 from torchrender.passes import PASSES, Pass
-from torchrender.reasons import Outlook
+from torchrender.reasons import Outlook, reflectors_in_view
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
 from torchrender.work import Load, map_views
@@ -44,9 +45,20 @@ class Knowledge:
         """Name under which the scene was measured."""
         return scene_key(self.scene)
 
+    @cached_property
+    def _reflectors_in_view(self) -> int:
+        return reflectors_in_view(self.scene, self.cameras)
+
     def outlook(self, options: RenderOptions) -> Outlook:
         """The same for the reasons of passes."""
-        return Outlook(scene=self.scene, cameras=self.cameras, options=options, sequence=self.past.wanted)
+        return Outlook(
+            scene=self.scene,
+            cameras=self.cameras,
+            options=options,
+            reflectors_in_view=self._reflectors_in_view,
+            sequence=self.past.wanted,
+            mirrored=self.reflective_share,
+        )
 
 
 def make_load(knowledge: Knowledge, options: RenderOptions) -> Load:

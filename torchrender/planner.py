@@ -156,7 +156,8 @@ def _rows(knowledge: Knowledge, options: RenderOptions) -> tuple[PlanRow, ...]:
             if step.name == "reflection_reuse" and not reuses(knowledge, options):
                 time = _key_frame_ms(knowledge, options, load)
             error = knowledge.curves.error(step.name, setting, knowledge.name)
-            if step.knob.context.changes and not step.knob.context.matches(options):
+            unseen = step.knob.context.changes and not step.knob.context.matches(options)
+            if unseen or (step.hidden_by and _is_hidden(step, ordered, options)):
                 error = 0.0
         rows.append(
             PlanRow(
@@ -169,6 +170,12 @@ def _rows(knowledge: Knowledge, options: RenderOptions) -> tuple[PlanRow, ...]:
             )
         )
     return tuple(rows)
+
+
+def _is_hidden(step: Pass, running: Sequence[Pass], options: RenderOptions) -> bool:
+    """The pass's setting does not show: see :attr:`Pass.hidden_by`."""
+    others = [other for other in running if other.name in step.hidden_by]
+    return all(other.knob.current(options) in step.hidden_by[other.name] for other in others)
 
 
 def _key_frame_ms(knowledge: Knowledge, options: RenderOptions, load: Load) -> float | None:
@@ -222,7 +229,7 @@ def _repeated(question: Question, done: Mapping[str, float]) -> float:
     """What the tables predict for passes that are done: their real time is counted instead."""
     first = question.settings[question.passes[0].name][0]
     return sum(
-        predicted_ms(question, step, question.settings[step.name][0], question.loads[first])
+        predicted_ms(question, step, question.settings[step.name][0], question.loads[first]) or 0.0
         for step in question.passes
         if step.name in done
     )

@@ -13,7 +13,7 @@ from torchrender.frame import Frame
 from torchrender.history import RenderHistory
 from torchrender.image import Image
 from torchrender.options import RenderOptions
-from torchrender.passes import PASSES, Pass
+from torchrender.passes import Pass
 from torchrender.planner import CUSTOM, WANTED, Knowledge, check_buffers, check_wishes, make_load, make_plan
 from torchrender.plans import Plan
 from torchrender.scene.camera import Cameras
@@ -76,7 +76,7 @@ def render(
             curves=load_curves(),
             wanted=(WANTED, *options.buffers),
         )
-        run = _Run(knowledge, options, (budget_ms, max_error), clock)
+        run = Run(knowledge, options, (budget_ms, max_error), clock)
         image = run.image()
     plan = run.plan.measured(clock.elapsed_ms, run.amounts, clock.elapsed_ms["total"])
     kept = None if history is None else run.history(plan)
@@ -93,8 +93,8 @@ def view_of(scene: Scene, camera: Cameras | str | None, width: int | None, heigh
 
 
 @dataclass(eq=False)
-class _Run:
-    """A plan that is being run."""
+class Run:
+    """A plan that is made, and run by :meth:`image`."""
 
     knowledge: Knowledge
     wished: RenderOptions
@@ -113,7 +113,7 @@ class _Run:
 
     def image(self) -> Image:
         """Run the passes; a buffer is dropped once nobody needs it any more."""
-        steps = {step.name: step for step in PASSES}
+        steps = {step.name: step for step in self.knowledge.passes}
         done: list[str] = []
         while True:
             left = [row.name for row in self.plan.running if row.name not in done]
@@ -174,7 +174,7 @@ class _Run:
         for row in plan.running:
             if row.amounts is not None and row.measured_ms is not None:
                 raw = self.knowledge.curves.time_ms(row.name, row.setting, row.amounts, self.knowledge.name)
-                pace = pace.learned(row.name, row.setting, row.measured_ms, raw)
+                pace = pace.learned(row.name, row.setting, row.measured_ms, raw or 0.0)
         share = self.knowledge.reflective_share
         choice: Mapping[str, str] = {row.name: row.setting for row in plan.rows}
         pace = replace(pace, choice=choice, reflective_share=pace.reflective_share if share is None else share)

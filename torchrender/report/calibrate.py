@@ -16,7 +16,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from torchrender import __version__
-from torchrender.curves import FORMAT, scene_key
+from torchrender.curves import FORMAT, Curves, scene_key
 from torchrender.history import RenderHistory
 from torchrender.options import RenderOptions
 from torchrender.passes import PASSES
@@ -34,22 +34,35 @@ STEPS = max(len(step.knob.settings) for step in PASSES)
 SIZES = (128, 256, 512)
 NORMS = np.arange(0.75, 3.01, 0.05)
 
+SHORTEST_MS = 0.5
+"""Times below count as this in relative errors: nobody plans with them."""
+
 Tell = Callable[[str], None]
 
 
-def calibrate(scenes: Sequence[Scene], *, size: int = 512, tell: Tell) -> dict[str, Any]:
-    """Curves as a JSON object, for :func:`torchrender.curves.parse_curves`."""
+def calibrate(scenes: Sequence[Scene], *, size: int = 512, known: Curves | None = None, tell: Tell) -> dict[str, Any]:
+    """Curves as a JSON object, for :func:`torchrender.curves.parse_curves`.
+
+    Args:
+        size: pixels of a side of the pictures that errors are taken of, and of the largest that are timed.
+        known: curves whose errors are taken over for the scenes that they hold: errors do not depend on the machine.
+        tell: is told what was done, a line at a time.
+    """
     errors: dict[str, Any] = {}
+    joint: list[tuple[list[float], float]] = []
     seen: Observations = defaultdict(list)
     for scene in scenes:
-        views = views_of(scene, size)
-        errors[scene_key(scene)] = errors_of(scene, views)
-        tell(f"{scene.name}: errors measured")
-        for key, values in times_of(scene, [s for s in SIZES if s <= size]).items():
-            seen[key] += values
+        key = scene_key(scene)
+        if known is not None and key in known.scenes:
+            errors[key] = known.scenes[key]["passes"]
+        else:
+            errors[key] = errors_of(scene, views_of(scene, size))
+            joint += joint_errors(scene, size, errors[key])
+            tell(f"{scene.name}: errors measured")
+        for name, values in times_of(scene, [s for s in SIZES if s < size] + [size]).items():
+            seen[name] += values
         tell(f"{scene.name}: times measured")
-    joint = [pair for scene in scenes for pair in joint_errors(scene, size, errors[scene_key(scene)])]
-    return curves_from(errors, seen, joint)
+    return curves_from(errors, seen, fit_norm(joint) if joint or known is None else known.norm)
 
 
 def errors_of(scene: Scene, views: Sequence[Cameras]) -> dict[str, dict[str, dict[str, Any]]]:
@@ -80,12 +93,12 @@ def times_of(scene: Scene, sizes: Sequence[int]) -> Observations:
     for size in sizes:
         view = views_of(scene, size, 1)[0]
         for number in range(STEPS):
-            # Full resolution for small pictures only: the cost model knows pixels, not how they came about.
-            first = None if size == sizes[-1] and number < STEPS - 2 else "1"
-            _observe(scene, view, at_step(number, first=first), found)
-            if number == STEPS - 1:
-                loose = replace(at_step(1, first=first), reflections="traced")
-                _observe(scene, view, loose, found)
+            # The knob of the first pass at small and large pictures; its last setting at small ones, for it is slow.
+            turned = size == sizes[0] or (size == sizes[-1] and number < STEPS - 1)
+            options = replace(at_step(number, first=None if turned else "1"), reuse=None)
+            _observe(scene, view, options, found)
+        for number in range(2):  # traced reflections, used again by either setting
+            _observe(scene, view, replace(at_step(number, first="1"), reflections="traced"), found)
     return found
 
 
@@ -124,35 +137,41 @@ def joint_errors(
 
 
 def curves_from(
-    errors: Mapping[str, Any], seen: Mapping[tuple[str, str], Sequence[Any]], joint: Sequence[tuple[list[float], float]]
+    errors: Mapping[str, Any], seen: Mapping[tuple[str, str], Sequence[Any]], norm: float
 ) -> dict[str, Any]:
-    """Fits: weights by pass and setting, ratios by scene, and the exponent that errors add up with."""
+    """Curves as a JSON object: fits weights by pass and setting, and ratios by scene."""
     weights: dict[str, dict[str, list[float]]] = {}
     ratios: dict[str, dict[str, dict[str, float]]] = defaultdict(lambda: defaultdict(dict))
     for step in PASSES:
+        everything = [row for s in step.knob.settings for row in seen.get((step.name, s.name), ())]
         for setting in step.knob.settings:
-            rows = seen.get((step.name, setting.name), ())
+            rows = everything if step.one_cost else seen.get((step.name, setting.name), ())
             if not rows:
                 continue
             fitted = fit([r[1] for r in rows], [r[2] for r in rows])
             weights.setdefault(step.name, {})[setting.name] = [float(f"{w:.6g}") for w in fitted]
             for scene in {r[0] for r in rows}:
-                own = [ms / max(float(np.dot(fitted, a)), 1e-3) for s, a, ms in rows if s == scene]
+                own = [_slower(ms, float(np.dot(fitted, a))) for s, a, ms in rows if s == scene]
                 ratios[scene][step.name][setting.name] = round(statistics.median(own), 3)
     return {
         "format": FORMAT,
         "torchrender": __version__,
         "machine": machine_record(),
-        "norm": fit_norm(joint),
+        "norm": norm,
         "weights": weights,
         "scenes": {scene: {"passes": passes, "ratios": ratios.get(scene, {})} for scene, passes in errors.items()},
     }
 
 
+def _slower(measured_ms: float, predicted_ms: float) -> float:
+    return max(measured_ms, SHORTEST_MS) / max(predicted_ms, SHORTEST_MS)
+
+
 def fit(amounts: Sequence[Sequence[float]], times_ms: Sequence[float]) -> np.ndarray:
     """Weights, none negative, with the least squared *relative* errors of ``amounts @ weights``."""
-    table = np.asarray(amounts, float) / np.maximum(np.asarray(times_ms, float), 1e-3)[:, None]
-    weights, _ = nnls(table, np.ones(len(table)))
+    times = np.asarray(times_ms, float)
+    scale = np.maximum(times, SHORTEST_MS)
+    weights, _ = nnls(np.asarray(amounts, float) / scale[:, None], times / scale)
     return np.asarray(weights)
 
 

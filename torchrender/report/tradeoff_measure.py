@@ -11,12 +11,13 @@ import torch
 from torch import Tensor
 
 from torchrender.buffers import ReflectionState
+from torchrender.curves import load_curves
 from torchrender.history import RenderHistory
 from torchrender.image import Image
 from torchrender.knobs import Setting
+from torchrender.knowledge import Knowledge
 from torchrender.options import RenderOptions
 from torchrender.passes import PASSES, Pass
-from torchrender.reasons import Outlook
 from torchrender.renderer import render
 from torchrender.report.metrics import flip_map, psnr, relative_squared_error
 from torchrender.scene.camera import Cameras
@@ -25,7 +26,7 @@ from torchrender.scene.model import Scene
 
 Buffers = Mapping[str, Any]
 
-FRAMES = 4
+FRAMES = 3
 """Pictures of a short sequence: the first prepares, the others are measured."""
 
 
@@ -90,7 +91,8 @@ def views_of(scene: Scene, size: int, count: int = 2) -> list[Cameras]:
 def applies(step: Pass, scene: Scene, cameras: Cameras) -> bool:
     """The pass has something to do in this view."""
     options = step.knob.context.applied(RenderOptions())
-    return step.applies(Outlook(scene=scene, cameras=cameras, options=options, sequence=True)).runs
+    known = Knowledge(scene=scene, cameras=cameras, past=RenderHistory(), curves=load_curves())
+    return step.applies(known.outlook(options)).runs
 
 
 def measure_pass(
