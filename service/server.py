@@ -29,7 +29,6 @@ class StreamProtocol(WebSocketsSansIOProtocol):
         if scope is not None:
             scope["extensions"]["torchrender.abort"] = self.transport.abort
 
-
     async def send(self, message: Any) -> None:
         """Also end connections that were refused or closed, whatever the peer does."""
         await super().send(message)
