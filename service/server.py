@@ -60,15 +60,18 @@ class Server(uvicorn.Server):
         await super().shutdown(sockets)
 
 
+def socket_settings() -> dict[str, Any]:
+    """How uvicorn handles WebSockets: depth and colour are compressed already."""
+    return {"ws": StreamProtocol, "ws_per_message_deflate": False, "ws_max_size": MAX_MESSAGE_BYTES}
+
+
 def make_server(settings: Settings) -> Server:
     """A server for these settings, not yet running."""
     config = uvicorn.Config(
         make_app(settings),
         host=settings.host.strip("[]"),
         port=settings.port,
-        ws=StreamProtocol,
-        ws_per_message_deflate=False,
-        ws_max_size=MAX_MESSAGE_BYTES,
+        **socket_settings(),
         timeout_graceful_shutdown=max(1, int(settings.shutdown_s) - 3),
         log_config=None,
         access_log=False,
