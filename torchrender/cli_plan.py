@@ -41,12 +41,12 @@ def add_plan(commands: Any, add_scene: Callable[[argparse.ArgumentParser], None]
     tradeoff.add_argument("--triangles", type=int, metavar="N", help="size of a built-in scene, in triangles (about)")
     tradeoff.add_argument("--pass", dest="step", metavar="PASS", help="one pass (default: all that apply)")
     tradeoff.add_argument("--all", action="store_true", help="all built-in scenes, and one HTML page of them")
-    tradeoff.add_argument("--size", type=int, default=512, metavar="N", help="pixels of a side (default 512)")
+    tradeoff.add_argument("--side", type=int, default=512, metavar="N", help="pixels of a side (default 512)")
     tradeoff.add_argument("-o", "--output", default="docs/results", metavar="FOLDER", help="default docs/results")
     calibrate = commands.add_parser("calibrate", help="measure the curves that budgets rely on, on this machine")
     calibrate.add_argument("scenes", nargs="*", metavar="SCENE", help="default: all built-in scenes")
     calibrate.add_argument("--errors", action="store_true", help="measure errors, too, where they are known")
-    calibrate.add_argument("--size", type=int, default=512, metavar="N", help="pixels of a side (default 512)")
+    calibrate.add_argument("--side", type=int, default=512, metavar="N", help="pixels of a side (default 512)")
     calibrate.add_argument("-o", "--output", metavar="FILE", help="JSON file (default: where render looks for it)")
 
 
@@ -78,14 +78,14 @@ def run_tradeoff(arguments: argparse.Namespace) -> list[Path]:
         raise InputError("tradeoff needs a SCENE, or --all")
     if arguments.step is not None:
         find_pass(arguments.step)
-    if not 32 <= arguments.size <= 4096:
-        raise InputError(f"--size must be in [32, 4096], got {arguments.size}")
+    if not 32 <= arguments.side <= 4096:
+        raise InputError(f"--side must be in [32, 4096], got {arguments.side}")
     folder = Path(arguments.output)
     make_folder(folder)
     files, found = [], []
     for name in SCENES if arguments.all else (arguments.scene,):
         scene = load(name, size=arguments.triangles)
-        curves = measure(scene, size=arguments.size, name=arguments.step, pictures=True)
+        curves = measure(scene, size=arguments.side, name=arguments.step, pictures=True)
         files += write(folder, curves)
         found.append(curves)
         tell(f"{name}: measured")
@@ -103,8 +103,8 @@ def run_calibrate(arguments: argparse.Namespace) -> Path:
     from torchrender.scene.load import load
     from torchrender.scene.procedural import SCENES
 
-    if not 32 <= arguments.size <= 4096:
-        raise InputError(f"--size must be in [32, 4096], got {arguments.size}")
+    if not 32 <= arguments.side <= 4096:
+        raise InputError(f"--side must be in [32, 4096], got {arguments.side}")
     path = Path(arguments.output) if arguments.output else user_file()
     if arguments.output is None:
         make_folder(path.parent)
@@ -113,7 +113,7 @@ def run_calibrate(arguments: argparse.Namespace) -> Path:
     check_folder(path)
     scenes = [load(name) for name in arguments.scenes or SCENES]
     known = None if arguments.errors else load_curves()
-    curves = calibrate(scenes, size=arguments.size, known=known, tell=tell)
+    curves = calibrate(scenes, size=arguments.side, known=known, tell=tell)
     parse_curves(curves, str(path))
     write_atomically(path, text_writer(json.dumps(curves, separators=(",", ":")) + "\n"))
     return path

@@ -104,10 +104,10 @@ def test_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "box.png"
     assert main(["render", "cornell_box", "--size", "32x32", "-o", str(out), "--explain", "--budget-ms", "900"]) == 0
     assert "budget 900 ms" in capsys.readouterr().out
-    assert main(["tradeoff", "cornell_box", "--pass", "direct_light", "--size", "32", "-o", str(tmp_path)]) == 0
+    assert main(["tradeoff", "cornell_box", "--pass", "direct_light", "--side", "32", "-o", str(tmp_path)]) == 0
     assert (tmp_path / "tradeoff.html").is_file()
     curves = tmp_path / "mine.json"
-    assert main(["calibrate", "cornell_box", "--size", "32", "-o", str(curves)]) == 0
+    assert main(["calibrate", "cornell_box", "--side", "32", "-o", str(curves)]) == 0
     assert parse_curves(json.loads(curves.read_text()), "mine").scenes
 
 
@@ -116,8 +116,8 @@ def test_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     [
         (["tradeoff"], "SCENE, or --all"),
         (["tradeoff", "cornell_box", "--pass", "mirrors"], "known passes"),
-        (["tradeoff", "cornell_box", "--size", "1"], "--size must be in"),
-        (["calibrate", "cornell_box", "--size", "9999"], "--size must be in"),
+        (["tradeoff", "cornell_box", "--side", "1"], "--side must be in"),
+        (["calibrate", "cornell_box", "--side", "9999"], "--side must be in"),
         (["calibrate", "cornell_box", "-o", "curves.txt"], "json"),
         (["plan", "cornell_box", "--budget-ms", "nan"], "budget_ms must be > 0"),
         (["plan", "cornell_box", "--max-error", "2"], "max_error must be in"),
