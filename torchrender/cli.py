@@ -1,4 +1,4 @@
-"""The command ``torchrender``: render, fly, plan, tradeoff, calibrate, info, depth, voxelize, points, scenes.
+"""The command ``torchrender``: render, fly, plan, tradeoff, calibrate, info, depth, voxelize, points, scenes, serve.
 
 Everything heavy is imported inside functions, after the environment of the thread pools is set.
 """
@@ -19,6 +19,7 @@ from torchrender.cli_output import check_output, image_size, progress
 from torchrender.cli_plan import add_limits, add_plan, run_calibrate, run_plan, run_tradeoff
 from torchrender.cli_points import add_points, point_info, run_points
 from torchrender.cli_scene import add_scene, camera_of, exposure, load_scene, numbers
+from torchrender.cli_serve import add_load_test, add_serve, load_test_command, serve_command
 from torchrender.cli_voxels import add_voxelize, run_voxelize, voxel_info
 from torchrender.errors import InputError, TorchRenderError
 
@@ -161,6 +162,8 @@ _COMMANDS = {
     "voxelize": _voxelize,
     "points": _points,
     "scenes": _scenes,
+    "serve": serve_command,
+    "load-test": load_test_command,
 }
 
 # -------------------------------------------------------------------- values
@@ -210,6 +213,8 @@ def _parser() -> argparse.ArgumentParser:
     add_voxelize(commands.add_parser("voxelize", help="write a model as voxels, or a picture of them"))
     add_points(commands.add_parser("points", help="draw or compress a cloud of points"))
     commands.add_parser("scenes", help="list the built-in scenes")
+    add_serve(commands)
+    add_load_test(commands)
     return parser
 
 
