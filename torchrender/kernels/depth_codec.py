@@ -1,0 +1,93 @@
+"""Depth as streams carry it: inverse depth in whole codes, each less what its neighbours let expect.
+
+Planes are linear in inverse depth, so ``left + up - upper left`` predicts them almost perfectly and most residuals are
+-1, 0 or 1; zigzag order and separate planes of low and high bytes then let a byte compressor see long runs.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from torchrender.kernels.compile import kernel
+
+
+@kernel()
+def encode_planes(depth, near, levels, planes):
+    """Byte planes (2,H,W) of depth (H,W), and whether a surface was so far that its code 0 had to become 1."""
+    height, width = depth.shape
+    above = np.zeros(width + 1, np.int32)
+    lifted = False
+    scale = near * levels
+    for j in range(height):
+        left, corner = 0, 0
+        for i in range(width):
+            z = depth[j, i]
+            code = 0
+            if z < np.inf:
+                code = int(scale / z + 0.5)
+                if code < 1:
+                    code, lifted = 1, True
+            up = above[i]
+            # Modulo 2^16, read as a signed number.
+            residual = np.int32(np.int16(code - left - up + corner))
+            word = (residual << 1) ^ (residual >> 31)
+            planes[0, j, i] = word & 255
+            planes[1, j, i] = (word >> 8) & 255
+            above[i] = code
+            left, corner = code, up
+    return lifted
+
+
+@kernel()
+def decode_planes(planes, near, levels, codes, depth):
+    """Inverse of :func:`encode_planes`: codes (H,W) uint16 and depth (H,W), +inf where the code is 0."""
+    height, width = codes.shape
+    for j in range(height):
+        left, corner = 0, 0
+        for i in range(width):
+            word = np.int32(planes[0, j, i]) | (np.int32(planes[1, j, i]) << 8)
+            residual = (word >> 1) ^ -(word & 1)
+            up = np.int32(codes[j - 1, i]) if j > 0 else 0
+            code = (left + up - corner + residual) & 0xFFFF
+            codes[j, i] = code
+            depth[j, i] = near * levels / code if code > 0 else np.inf
+            left, corner = code, up
+
+
+@kernel()
+def display_codes(radiance, gain, table, codes):
+    """8-bit sRGB codes (N,) of linear light (N,) times ``gain``, clamped to [0,1], by a table over [0,1]."""
+    last = len(table) - 1
+    for k in range(len(radiance)):
+        value = radiance[k] * gain
+        if not value > 0.0:
+            codes[k] = table[0]
+        elif value >= 1.0:
+            codes[k] = table[last]
+        else:
+            codes[k] = table[int(value * last + 0.5)]
+
+
+@kernel()
+def spread_rows(codes, known):
+    """Give pixels of (H,W,3) that are not ``known`` the colour of the last known one in the row, else of the next.
+
+    What a lossy picture holds there is never shown, but its blocks reach into what is.
+    """
+    height, width = known.shape
+    for j in range(height):
+        first = -1
+        for i in range(width):
+            if known[j, i]:
+                if first < 0:
+                    first = i
+            elif first >= 0:
+                for c in range(3):
+                    codes[j, i, c] = codes[j, i - 1, c]
+        for i in range(max(first, 0)):
+            for c in range(3):
+                codes[j, i, c] = codes[j, first, c]
+        if first < 0:
+            for i in range(width):
+                for c in range(3):
+                    codes[j, i, c] = codes[j - 1, i, c] if j > 0 else 0
