@@ -29,10 +29,10 @@ function decodeDepth(header, blobs) {
 
 async function decodeKeyframe(buffer, maxPixels) {
   const begin = performance.now();
-  const { header, blobs } = decodeMessage(buffer);
+  const { header, blobs, payload } = decodeMessage(buffer);
   const { width, height, fx, fy } = header.camera;
   if (!(width > 0 && height > 0 && width * height <= maxPixels)) throw new Error(`keyframe of ${width} x ${height}`);
-  if (crc32(Object.values(blobs)) !== header.crc32) throw new Error("checksum does not match");
+  if (crc32(payload) !== header.crc32) throw new Error("checksum does not match");
   await ready;
   const type = `image/${header.color.codec}`;
   const options = { colorSpaceConversion: "none", premultiplyAlpha: "none" };

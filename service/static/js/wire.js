@@ -40,7 +40,10 @@ export function encodeMessage(type, header) {
   return message;
 }
 
-/** Type, header and blobs (by name, as views of `buffer`). Throws WireError where the message is not sound. */
+/**
+ * Type, header, blobs (by name, as views of `buffer`) and all bytes from the first blob on, which the checksum covers.
+ * Throws WireError where the message is not sound.
+ */
 export function decodeMessage(buffer) {
   if (buffer.byteLength < PREFIX) throw new WireError(`message of ${buffer.byteLength} bytes is too short`);
   const view = new DataView(buffer);
@@ -50,7 +53,9 @@ export function decodeMessage(buffer) {
   const length = view.getUint32(8, true);
   if (length > MAX_HEADER || PREFIX + length > buffer.byteLength) throw new WireError(`header of ${length} bytes`);
   const header = decode(new Uint8Array(buffer, PREFIX, length));
-  return { type, header, blobs: type === TYPE.KEYFRAME ? sliceBlobs(buffer, padded(PREFIX + length), header) : {} };
+  const start = Math.min(padded(PREFIX + length), buffer.byteLength);
+  const blobs = type === TYPE.KEYFRAME ? sliceBlobs(buffer, start, header) : {};
+  return { type, header, blobs, payload: new Uint8Array(buffer, start) };
 }
 
 function sliceBlobs(buffer, start, header) {
@@ -72,9 +77,9 @@ const CRC = new Uint32Array(256).map((_, n) => {
   return n;
 });
 
-/** CRC-32 (as zlib's) of several byte arrays one after the other. */
-export function crc32(parts) {
+/** CRC-32, as zlib computes it. */
+export function crc32(bytes) {
   let crc = 0xffffffff;
-  for (const bytes of parts) for (let i = 0; i < bytes.length; i++) crc = CRC[(crc ^ bytes[i]) & 255] ^ (crc >>> 8);
+  for (let i = 0; i < bytes.length; i++) crc = CRC[(crc ^ bytes[i]) & 255] ^ (crc >>> 8);
   return (crc ^ 0xffffffff) >>> 0;
 }
