@@ -17,7 +17,14 @@ class ServiceError(TorchRenderError):
 
 
 class ProtocolError(InputError):
-    """A message of the stream cannot be read; names the field and the limit."""
+    """A message of the stream cannot be read; names the field and the limit.
+
+    ``fatal``: it is no message of this protocol, so whatever follows cannot be trusted.
+    """
+
+    def __init__(self, reason: str, *, fatal: bool = False) -> None:
+        self.fatal = fatal
+        super().__init__(reason)
 
 
 class CodecError(InputError):

@@ -233,18 +233,20 @@ def decode(data: bytes | memoryview, accept: Sequence[Type] = tuple(Type), *, wh
     """
     data = memoryview(data)
     if len(data) < _FIXED.size:
-        raise ProtocolError(f"message must have at least {_FIXED.size} bytes, got {len(data)}")
+        raise ProtocolError(f"message must have at least {_FIXED.size} bytes, got {len(data)}", fatal=True)
     magic, major, kind, flags, length = _FIXED.unpack_from(data)
     if magic != MAGIC:
-        raise ProtocolError("message must start with TRDI")
+        raise ProtocolError("message must start with TRDI", fatal=True)
     if major != MAJOR:
-        raise ProtocolError(f"major version must be {MAJOR}, got {major}")
+        raise ProtocolError(f"major version must be {MAJOR}, got {major}", fatal=True)
     if kind not in accept:
-        raise ProtocolError(f"message type must be one of {', '.join(t.name for t in accept)}, got {kind}")
+        raise ProtocolError(f"message type must be one of {', '.join(t.name for t in accept)}, got {kind}", fatal=True)
     if flags:
-        raise ProtocolError(f"flags must be 0, got {flags}")
+        raise ProtocolError(f"flags must be 0, got {flags}", fatal=True)
     if length > MAX_HEADER_BYTES or _FIXED.size + length > len(data):
-        raise ProtocolError(f"header length must fit into the message and be <= {MAX_HEADER_BYTES}, got {length}")
+        raise ProtocolError(
+            f"header length must fit into the message and be <= {MAX_HEADER_BYTES}, got {length}", fatal=True
+        )
     try:
         message = _DECODERS[Type(kind)].decode(data[_FIXED.size : _FIXED.size + length])
     except (msgspec.MsgspecError, ValueError, OverflowError, RecursionError) as error:
@@ -253,7 +255,9 @@ def decode(data: bytes | memoryview, accept: Sequence[Type] = tuple(Type), *, wh
     start = _FIXED.size + length + -(_FIXED.size + length) % 8
     size = start + sum(n + -n % 8 for n in blob_lengths(message))
     if size > len(data) or (whole and size != len(data)):
-        raise ProtocolError(f"{Type(kind).name}: header and blobs need {size} bytes, the message has {len(data)}")
+        raise ProtocolError(
+            f"{Type(kind).name}: header and blobs need {size} bytes, the message has {len(data)}", fatal=True
+        )
     return Received(message, data[start:size], size)
 
 

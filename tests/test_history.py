@@ -12,8 +12,9 @@ from torchrender.effects.shadow_map import ShadowOptions
 from torchrender.errors import InputError
 from torchrender.history import RenderHistory
 from torchrender.image import Image
+from torchrender.options import RenderOptions
 from torchrender.reflection.reuse_options import ReuseOptions
-from torchrender.renderer import RenderOptions, render
+from torchrender.renderer import render
 from torchrender.scene.camera import Cameras
 from torchrender.scene.light import PointLight
 from torchrender.scene.material import Material

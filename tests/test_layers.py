@@ -35,11 +35,21 @@ ORDER = (
     "effects",
     "photo",
     "hit_shader",
+    "options",
+    "pace",
     "history",
     "walkthrough",
-    "image",
+    "knobs",
+    "frame",
+    "steps",
+    "reasons",
+    "work",
     "passes",
+    "curves",
+    "chooser",
+    "plan",
     "planner",
+    "image",
     "renderer",
     "report",
     "cli_output",
@@ -104,7 +114,7 @@ def functions(path: Path) -> Iterator[ast.FunctionDef | ast.AsyncFunctionDef]:
 
 def test_the_checks_see_the_package() -> None:
     assert "renderer" in MODULES
-    assert {"shade", "raster", "image"} <= internal_imports(MODULES["renderer"])
+    assert {"planner", "passes", "image"} <= internal_imports(MODULES["renderer"])
 
 
 @pytest.mark.parametrize("module", [name for name in MODULES if name])

@@ -52,7 +52,7 @@ def test_sun_above_a_roof() -> None:
     torch.testing.assert_close(radiance_at(image, [2.5, 0.0, 0.0]), torch.full((3,), 1.25))
     torch.testing.assert_close(radiance_at(image, [0.0, 0.0, 0.0]), torch.full((3,), 0.25))
     torch.testing.assert_close(radiance_at(image, [0.0, 1.0, 0.5]), torch.tensor([1.25, 0.0, 0.0]))
-    assert image.timings_ms["total"] >= image.timings_ms["raster"] > 0
+    assert image.timings_ms["total"] >= image.timings_ms["gbuffer"] > 0
 
 
 def test_without_shadows_the_floor_under_the_roof_is_lit() -> None:
@@ -124,7 +124,7 @@ def test_built_in_scene_by_name() -> None:
 
 
 def test_options_are_checked() -> None:
-    for wrong in ({"supersample": 3}, {"exposure": math.nan}, {"tone_map": "film"}):
+    for wrong in ({"supersample": 5.0}, {"supersample": math.nan}, {"exposure": math.nan}, {"tone_map": "film"}):
         with pytest.raises(OptionError):
             tr.RenderOptions(**wrong)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="background"):

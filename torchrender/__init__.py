@@ -36,11 +36,12 @@ if TYPE_CHECKING:
     from torchrender.geometry.voxelize import SurfaceOptions, voxelize_surface
     from torchrender.history import RenderHistory
     from torchrender.image import Image
+    from torchrender.options import RenderOptions
     from torchrender.raster import rasterize, rasterize_depth
     from torchrender.rays import RayCaster
     from torchrender.reflection.reflectors import blend_reflections, reflective_pixels
     from torchrender.reflection.reuse_options import ReuseOptions
-    from torchrender.renderer import RenderOptions, render
+    from torchrender.renderer import render
     from torchrender.reprojection import ReprojectOptions, reproject
     from torchrender.scene.camera import Cameras
     from torchrender.scene.camera_path import CameraPath, built_in_path, load_path
@@ -148,7 +149,7 @@ _HOME = {
     "RectLight": "torchrender.scene.light",
     "ReflectionLayer": "torchrender.buffers",
     "RenderHistory": "torchrender.history",
-    "RenderOptions": "torchrender.renderer",
+    "RenderOptions": "torchrender.options",
     "ReprojectOptions": "torchrender.reprojection",
     "ReuseOptions": "torchrender.reflection.reuse_options",
     "SamplingOptions": "torchrender.depth.options",

@@ -1,4 +1,4 @@
-"""The command ``torchrender``: render, fly, info, depth, voxelize, points, scenes.
+"""The command ``torchrender``: render, fly, info, depth, voxelize, points, scenes, serve.
 
 Everything heavy is imported inside functions, after the environment of the thread pools is set.
 """
@@ -17,6 +17,7 @@ from torchrender import __version__
 from torchrender.cli_fly import add_fly, fly
 from torchrender.cli_output import check_output, image_size, progress
 from torchrender.cli_points import add_points, point_info, run_points
+from torchrender.cli_serve import add_serve, serve_command
 from torchrender.cli_voxels import add_voxelize, run_voxelize, voxel_info
 from torchrender.errors import InputError, OptionError, TorchRenderError
 
@@ -35,7 +36,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         _set_up_threads(arguments.threads)
         commands = {"render": _render, "fly": fly, "info": _info, "depth": _depth, "scenes": _scenes}
-        run = (commands | {"voxelize": _voxelize, "points": _points})[arguments.command]
+        commands |= {"voxelize": _voxelize, "points": _points, "serve": serve_command}
+        run = commands[arguments.command]
         run(arguments)
     except TorchRenderError as error:
         print(f"torchrender: error: {error}", file=sys.stderr)
@@ -55,7 +57,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _render(arguments: argparse.Namespace) -> None:
     from torchrender.image import SUFFIXES, numbered
-    from torchrender.renderer import RenderOptions, render
+    from torchrender.options import RenderOptions
+    from torchrender.renderer import render
 
     output = Path(arguments.output)
     check_output(output, SUFFIXES)
@@ -232,6 +235,7 @@ def _parser() -> argparse.ArgumentParser:
     add_voxelize(commands.add_parser("voxelize", help="write a model as voxels, or a picture of them"))
     add_points(commands.add_parser("points", help="draw or compress a cloud of points"))
     commands.add_parser("scenes", help="list the built-in scenes")
+    add_serve(commands)
     return parser
 
 

@@ -44,8 +44,9 @@ def add_fly(commands: Any) -> None:
 def fly(arguments: argparse.Namespace) -> None:
     """Run the command."""
     from torchrender.history import RenderHistory
+    from torchrender.options import RenderOptions
     from torchrender.reflection.reuse_options import ReuseOptions
-    from torchrender.renderer import RenderOptions, render
+    from torchrender.renderer import render
     from torchrender.scene.load import load
 
     output = Path(arguments.output)

@@ -13,7 +13,9 @@ import torch
 
 from torchrender.buffers import ShadowMap
 from torchrender.effects.reflection_reuse import ReuseReport, ReuseState
+from torchrender.effects.soft_shadow import Occluders
 from torchrender.hit_shader import HitShader
+from torchrender.pace import Pace
 from torchrender.rays import RayCaster
 from torchrender.scene.model import Scene
 
@@ -35,28 +37,40 @@ class RenderHistory:
     given: Scene | None = None  # as it came
     scene: Scene | None = None  # as it was rendered: with a default light where it had none
     caster: RayCaster | None = None
-    shadow_maps: Sequence[ShadowMap] | None = None
+    occluders: Occluders | None = None
+    shadow_maps: Sequence[ShadowMap | None] | None = None
     shader: HitShader | None = None
     reuse: ReuseState | None = None
     report: ReuseReport | None = None  # how this picture's reflections were made; None: nothing mirrors
     shadow_settings: object = None  # options that the shadow maps were made with
+    background: object = None  # that reflections show
     settings: object = None  # options that the reflections were made with
+    pace: Pace | None = None  # what the pictures so far took, beside what was predicted
     wanted: bool = True  # a sequence: reflections are reused, not only made
 
-    def carried(self, scene: Scene, shadow_settings: object, settings: object) -> RenderHistory:
-        """What of this history holds for another picture: of ``scene``, with these options."""
-        fresh = RenderHistory(
-            given=scene, scene=scene.with_default_light(), shadow_settings=shadow_settings, settings=settings
-        )
-        if self.given is None or not _same_triangles(self.given, scene):
+    def of_scene(self, scene: Scene) -> RenderHistory:
+        """What of this history holds for another picture, of ``scene``, with the same options."""
+        fresh = RenderHistory(given=scene, scene=scene.with_default_light(), pace=self.pace, wanted=self.wanted)
+        if self.given is None:
             return fresh
-        fresh = replace(fresh, caster=self.caster)
-        if not _same(self.given.lights, scene.lights) or shadow_settings != self.shadow_settings:
+        if not _same_triangles(self.given, scene):
+            return replace(fresh, pace=None)
+        fresh = replace(fresh, caster=self.caster, occluders=self.occluders)
+        if not _same(self.given.lights, scene.lights):
             return fresh
-        fresh = replace(fresh, shadow_maps=self.shadow_maps)
-        if not _same_look(self.given, scene) or settings != self.settings:
+        fresh = replace(fresh, shadow_maps=self.shadow_maps, shadow_settings=self.shadow_settings)
+        if not _same_look(self.given, scene):
             return fresh
         return replace(self, report=None)
+
+    def with_options(self, shadow_settings: object, background: object, settings: object) -> RenderHistory:
+        """What of it holds with other options: of shadows, the background, and of reflections."""
+        kept = replace(self, shadow_settings=shadow_settings, background=background, settings=settings)
+        if shadow_settings != self.shadow_settings:
+            return replace(kept, shadow_maps=None, shader=None, reuse=None)
+        if background != self.background:
+            return replace(kept, shader=None, reuse=None)
+        return kept if settings == self.settings else replace(kept, reuse=None)
 
 
 def _same(first: Sequence[object], second: Sequence[object]) -> bool:

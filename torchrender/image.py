@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 
 import torch
@@ -16,7 +17,10 @@ from torchrender.history import RenderHistory
 from torchrender.image_io import write_image, write_npz
 from torchrender.numerics.color import srgb_from_linear
 from torchrender.numerics.tonemap import OPERATORS, auto_exposure, tone_map
+from torchrender.plan import Plan
+from torchrender.raster import rasterize
 from torchrender.scene.camera import Cameras
+from torchrender.scene.model import Scene
 
 SUFFIXES = (".png", ".exr", ".npz")
 
@@ -26,22 +30,25 @@ EXR_CHANNELS = ("R", "G", "B", "Z", "N.X", "N.Y", "N.Z", "id.triangle", "id.obje
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Image:
-    """B pictures of one size, in linear light, with their G-buffer and cameras.
+    """B pictures of one size, in linear light, with what they were made from.
 
     Raises:
-        InputError: radiance that does not fit the G-buffer.
+        InputError: radiance that does not fit the cameras.
         OptionError: a tone-mapping operator that does not exist, an exposure outside [-64, 64].
     """
 
     radiance: Tensor  # (B,H,W,3) linear
-    gbuffer: GBuffer  # at the size of the picture, also where the picture was supersampled
+    cameras: Cameras  # B
+    scene: Scene  # with its lights, as it was rendered
+    rendered: GBuffer | None = None  # what was shaded, if that has the picture's size
+    plan: Plan | None = None  # what was done and why, with predicted and measured times
     timings_ms: Mapping[str, float] = field(default_factory=dict)  # wall time of each step
     exposure: float | None = 0.0  # EV for display; None: automatic, from the log-average luminance
     tone_map: str = "none"  # operator for display
     history: RenderHistory | None = None  # for the next picture of a sequence; None where none was asked for
 
     def __post_init__(self) -> None:
-        check_tensor("radiance", self.radiance, (*self.gbuffer.triangle.shape, 3))
+        check_tensor("radiance", self.radiance, (len(self.cameras), self.cameras.height, self.cameras.width, 3))
         check_choice("tone_map", self.tone_map, OPERATORS)
         if self.exposure is not None:
             check_range("exposure", self.exposure, -64.0, 64.0)
@@ -49,10 +56,10 @@ class Image:
     def __len__(self) -> int:
         return int(self.radiance.shape[0])
 
-    @property
-    def cameras(self) -> Cameras:
-        """The B cameras."""
-        return self.gbuffer.cameras
+    @cached_property
+    def gbuffer(self) -> GBuffer:
+        """What every pixel of the picture sees; drawn on first use if the picture was rendered at another size."""
+        return rasterize(self.scene, self.cameras) if self.rendered is None else self.rendered
 
     def displayed(self) -> Tensor:
         """(B,H,W,3) linear values in [0,1]: exposed and tone mapped, one exposure for all views."""

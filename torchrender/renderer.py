@@ -1,71 +1,27 @@
-"""Scene and camera in, picture out: rasterise, find shadows, shade, add reflections where something mirrors."""
+"""Scene and camera in, picture out: makes a plan, runs its passes, and hands on what the next picture can use."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from torch import Tensor
-
-from torchrender.buffers import GBuffer, ReflectionLayer, ShadowMap
-from torchrender.checks import ArrayLike, as_vector, check_choice, check_range
+from torchrender.chooser import predicted_ms
 from torchrender.clock import StepClock
-from torchrender.effects.clustered_reflection import ClusterOptions, clustered_reflections
-from torchrender.effects.reflection_reuse import reuse_reflections
-from torchrender.effects.shadow_map import ShadowOptions, lights_visibility, render_shadow_map
-from torchrender.effects.traced_reflection import TraceOptions, environment_reflections, trace_reflections
-from torchrender.errors import InputError, OptionError
+from torchrender.curves import load_curves
+from torchrender.errors import InputError
+from torchrender.frame import Frame
 from torchrender.history import RenderHistory
-from torchrender.hit_shader import HitShader
 from torchrender.image import Image
-from torchrender.numerics.tonemap import OPERATORS
-from torchrender.raster import rasterize
-from torchrender.rays import RayCaster
-from torchrender.reflection.reflectors import (
-    ReflectivePixels,
-    blend_reflections,
-    mirrored_share,
-    reflective_pixels,
-)
-from torchrender.reflection.reuse_options import ReuseOptions
+from torchrender.options import RenderOptions
+from torchrender.passes import PASSES, Pass
+from torchrender.plan import Plan
+from torchrender.planner import CUSTOM, WANTED, Knowledge, check_wishes, make_load, make_plan, question_about
 from torchrender.scene.camera import Cameras
 from torchrender.scene.load import load
 from torchrender.scene.model import Scene, resized
-from torchrender.shade import shade
 
 DEFAULT_SIZE = (1024, 768)
-REFLECTIONS = ("clustered", "traced", "environment", "off")
-
-
-@dataclass(frozen=True, kw_only=True)
-class RenderOptions:
-    """How a picture is made.
-
-    Raises:
-        OptionError: a value outside its range; names it.
-    """
-
-    shadows: bool = True
-    shadow: ShadowOptions = field(default_factory=ShadowOptions)
-    reflections: str = "clustered"  # how reflectors mirror: "clustered", "traced", "environment" (one cube map), "off"
-    reflection: ClusterOptions = field(default_factory=ClusterOptions)
-    tracing: TraceOptions = field(default_factory=TraceOptions)
-    reuse: ReuseOptions = field(default_factory=ReuseOptions)  # of reflections, in pictures with a history
-    supersample: int = 1  # 2: two by two samples per pixel
-    background: ArrayLike | None = None  # linear colour of empty pixels; None: environment, else ambient light
-    exposure: float | None = 0.0  # EV for display; None: automatic
-    tone_map: str = "none"  # operator for display: none, reinhard or aces
-
-    def __post_init__(self) -> None:
-        check_choice("reflections", self.reflections, REFLECTIONS)
-        if self.supersample not in (1, 2):
-            raise OptionError(f"supersample must be 1 or 2, got {self.supersample}")
-        if self.background is not None:
-            as_vector("background", self.background)
-        if self.exposure is not None:
-            check_range("exposure", self.exposure, -64.0, 64.0)
-        check_choice("tone_map", self.tone_map, OPERATORS)
 
 
 def render(
@@ -76,6 +32,8 @@ def render(
     height: int | None = None,
     options: RenderOptions | None = None,
     history: RenderHistory | None = None,
+    budget_ms: float | None = None,
+    max_error: float | None = None,
 ) -> Image:
     """Pictures of a scene, one per camera.
 
@@ -88,70 +46,37 @@ def render(
         history: ``RenderHistory()`` starts a sequence of pictures, ``image.history`` of one picture is for the next.
             Shadow maps, ray caster and reflections are then used again as far as the scene has stood still; reused
             reflections are close to traced ones, not the same. See :class:`torchrender.history.RenderHistory`.
+        budget_ms: time that the picture may take, loading of the scene apart. The settings of all passes are chosen
+            for the least error within it. The picture is always complete; ``image.plan`` tells what was chosen, what
+            was predicted and what it took, and says so if the budget is not enough for the cheapest settings.
+        max_error: mean FLIP, in [0,1], that the picture may be away from one with every pass at its reference. The
+            quickest settings are chosen that keep it; with a budget, too, that comes first.
 
     A scene without any light gets :meth:`Scene.with_default_light`. A scene without triangles gives its background.
 
     Raises:
         SceneFileError: the scene cannot be loaded.
         InputError: no camera of that name; a size or an option out of range.
+        OptionError: ``budget_ms`` not positive, ``max_error`` outside [0, 1].
     """
-    options = options or RenderOptions()
+    check_wishes(budget_ms, max_error)
     clock = StepClock()
+    if not isinstance(scene, Scene):
+        with clock.measure("load"):
+            scene = load(scene)
     with clock.measure("total"):
-        if not isinstance(scene, Scene):
-            with clock.measure("load"):
-                scene = load(scene)
-        past = _carried(history, scene, options)
-        scene = past.scene or scene
-        cameras = _cameras(scene, camera, width, height)
-        fine = cameras if options.supersample == 1 else cameras.scaled(options.supersample)
-        with clock.measure("raster"):
-            gbuffer = rasterize(scene, fine)
-        with clock.measure("shadows"):
-            maps = past.shadow_maps or _shadow_maps(scene, gbuffer, options)
-            visibility = None if maps is None else lights_visibility(scene, gbuffer, options.shadow, maps)
-        with clock.measure("shade"):
-            radiance = shade(scene, gbuffer, visibility, background=options.background)
-        if options.reflections != "off":
-            with clock.measure("reflections"):
-                layer, past = _reflections(scene, gbuffer, radiance, maps, options, past)
-                radiance = radiance if layer is None else blend_reflections(scene, gbuffer, radiance, layer)
-        if fine is not cameras:
-            with clock.measure("resolve"):
-                radiance = _average(radiance, options.supersample)
-                gbuffer = rasterize(scene, cameras)
-    return Image(
-        radiance=radiance,
-        gbuffer=gbuffer,
-        timings_ms=clock.elapsed_ms,
-        exposure=options.exposure,
-        tone_map=options.tone_map,
-        history=None if history is None else replace(past, shadow_maps=_lasting(maps, options)),
-    )
+        cameras = view_of(scene, camera, width, height)
+        fresh = RenderHistory(scene=scene.with_default_light(), wanted=False)
+        past = fresh if history is None else history.of_scene(scene)
+        run = _Run(past.scene or scene, cameras, past, options or RenderOptions(), (budget_ms, max_error), clock)
+        image = run.image()
+    plan = run.plan.measured(clock.elapsed_ms, clock.elapsed_ms["total"])
+    kept = None if history is None else run.history(plan)
+    return replace(image, plan=plan, timings_ms=clock.elapsed_ms, history=kept)
 
 
-def _carried(history: RenderHistory | None, scene: Scene, options: RenderOptions) -> RenderHistory:
-    """What an earlier picture left for one of this scene with these options; next to nothing without a history."""
-    background = None if options.background is None else tuple(as_vector("background", options.background).tolist())
-    settings = (
-        options.reflections,
-        options.reflection,
-        options.tracing,
-        options.reuse,
-        options.supersample,
-        background,
-    )
-    if history is None:
-        return RenderHistory(scene=scene.with_default_light(), wanted=False)
-    return history.carried(scene, (options.shadows, options.shadow), settings)
-
-
-def _lasting(maps: Sequence[ShadowMap] | None, options: RenderOptions) -> Sequence[ShadowMap] | None:
-    """Shadow maps that the next picture can use: cascades follow the eye."""
-    return maps if options.shadow.cascades == 1 else None
-
-
-def _cameras(scene: Scene, camera: Cameras | str | None, width: int | None, height: int | None) -> Cameras:
+def view_of(scene: Scene, camera: Cameras | str | None, width: int | None, height: int | None) -> Cameras:
+    """The cameras that :func:`render` takes; same arguments and errors."""
     if isinstance(camera, Cameras):
         return resized(camera, width or camera.width, height or camera.height)
     if camera is not None and not isinstance(camera, str):
@@ -159,51 +84,91 @@ def _cameras(scene: Scene, camera: Cameras | str | None, width: int | None, heig
     return scene.camera(camera, width=width or DEFAULT_SIZE[0], height=height or DEFAULT_SIZE[1])
 
 
-def _shadow_maps(scene: Scene, gbuffer: GBuffer, options: RenderOptions) -> list[ShadowMap] | None:
-    """A map per light; None if shadows are off or there is nothing to shadow."""
-    if not options.shadows or not scene.lights or not bool(gbuffer.covered.any()):
-        return None
-    view = gbuffer.cameras if options.shadow.cascades > 1 else None
-    return [render_shadow_map(scene, light, options.shadow, camera=view) for light in scene.lights]
+@dataclass(eq=False)
+class _Run:
+    """A plan that is being run."""
 
+    scene: Scene
+    cameras: Cameras
+    past: RenderHistory
+    wished: RenderOptions
+    limits: tuple[float | None, float | None]  # budget, error bound
+    clock: StepClock
+    plan: Plan = field(init=False)
+    knowledge: Knowledge = field(init=False)
+    frame: Frame = field(init=False)
+    raw_ms: dict[str, float] = field(default_factory=dict)  # predictions of passes without corrections
 
-def _reflections(
-    scene: Scene,
-    gbuffer: GBuffer,
-    direct: Tensor,
-    maps: Sequence[ShadowMap] | None,
-    options: RenderOptions,
-    past: RenderHistory,
-) -> tuple[ReflectionLayer | None, RenderHistory]:
-    """What the reflectors in view mirror, None if there are none; and the history with it."""
-    pixels = reflective_pixels(scene, gbuffer)
-    if not len(pixels):
-        return None, past
-    shader = past.shader or HitShader(scene, None if maps is None else options.shadow, maps, options.background)
-    past = replace(past, shader=shader)
-    if options.reflections == "environment":
-        return environment_reflections(pixels, shader), past
-    caster = past.caster
+    def __post_init__(self) -> None:
+        self.knowledge = Knowledge(scene=self.scene, cameras=self.cameras, past=self.past, curves=load_curves())
+        with self.clock.measure("plan"):
+            self.plan = make_plan(self.knowledge, self.wished, *self.limits)
+        self.frame = Frame(scene=self.scene, cameras=self.cameras, options=self.wished, past=self.past)
+        self.frame.choose(self.plan.options)
 
-    def rays() -> RayCaster:
-        nonlocal caster
-        caster = caster or RayCaster(scene.geometry)
-        return caster
+    def image(self) -> Image:
+        """Run the passes; a buffer is dropped once nobody needs it any more."""
+        steps = {step.name: step for step in PASSES}
+        done: list[str] = []
+        while True:
+            left = [row.name for row in self.plan.running if row.name not in done]
+            if not left:
+                break
+            self._predict(steps[left[0]])
+            with self.clock.measure(left[0]):
+                made = steps[left[0]].run(self.frame)
+            self.frame.buffers[steps[left[0]].makes] = made
+            done.append(left[0])
+            if left[0] == "gbuffer":
+                self._look_again()
+                left = [left[0], *(row.name for row in self.plan.running if row.name not in done)]
+            self._forget([steps[name] for name in left[1:]])
+        rendered = self.frame.buffers.get("gbuffer")
+        same = rendered is not None and self.frame.options.supersample == 1
+        return Image(
+            radiance=self.frame.buffers[WANTED],
+            cameras=self.cameras,
+            scene=self.scene,
+            rendered=rendered if same else None,
+            exposure=self.wished.exposure,
+            tone_map=self.wished.tone_map,
+        )
 
-    def trace(chosen: ReflectivePixels) -> ReflectionLayer:
-        """All pixels by the way that was asked for; the scattered few that cannot be reused by rays."""
-        if options.reflections == "clustered" and len(chosen) == len(pixels):
-            return clustered_reflections(scene, chosen, shader, options.reflection, direct=direct, caster=rays).layer
-        return trace_reflections(rays(), chosen, shader, options.tracing)
+    def _look_again(self) -> None:
+        """The pixels that mirror are known now: reasons and, for a wish, the choice of what is left follow them."""
+        if not self.knowledge.outlook(self.frame.options).reflects:
+            return
+        with self.clock.measure("plan"):
+            mirrors, rendered = self.frame.reflectors(), self.frame.buffers["gbuffer"]
+            share = len(mirrors) / rendered.triangle.numel()
+            self.knowledge = replace(self.knowledge, past=self.frame.past, reflective_share=share)
+            spent = dict(self.clock.elapsed_ms)
+            self.plan = make_plan(self.knowledge, self.frame.options, *self.limits, spent_ms=spent)
+            self.frame.choose(self.plan.options)
 
-    if not past.wanted or gbuffer.cameras.orthographic:
-        return trace(pixels), replace(past, caster=caster)
-    made = reuse_reflections(pixels, gbuffer, trace, past.reuse, options.reuse, mirrored_share(scene, gbuffer, pixels))
-    return made.layer, replace(past, caster=caster, reuse=made.state, report=made.report)
+    def _predict(self, step: Pass) -> None:
+        setting = self.plan.row(step.name).setting
+        key_frame = step.name == "reflection_reuse" and (self.frame.past.reuse is None or self.frame.past.reuse.renew)
+        if setting != CUSTOM and not key_frame:
+            load_ = make_load(replace(self.knowledge, past=self.frame.past), self.frame.options)
+            self.raw_ms[step.name] = predicted_ms(question_about(self.knowledge), step, setting, load_, corrected=False)
 
+    def _forget(self, left: list[Pass]) -> None:
+        """Release the buffers that no pass asks for any more; the picture's own G-buffer stays with the picture."""
+        asked = {name for step in left for name in (*step.needs, *step.uses)} | {WANTED}
+        if self.frame.options.supersample == 1:
+            asked.add("gbuffer")
+        for name in [name for name in self.frame.buffers if name not in asked]:
+            del self.frame.buffers[name]
 
-def _average(radiance: Tensor, factor: int) -> Tensor:
-    """Mean over cells of ``factor`` x ``factor`` pixels, in linear light."""
-    count, height, width, _ = radiance.shape
-    cells = radiance.reshape(count, height // factor, factor, width // factor, factor, 3)
-    return cells.mean(dim=(2, 4))
+    def history(self, plan: Plan) -> RenderHistory:
+        """What the next picture of the sequence starts from."""
+        pace = self.knowledge.pace
+        for row in plan.running:
+            raw = self.raw_ms.get(row.name)
+            if raw is not None and row.measured_ms is not None:
+                pace = pace.learned(row.name, row.setting, row.measured_ms, raw)
+        share = self.knowledge.reflective_share
+        choice: Mapping[str, str] = {row.name: row.setting for row in plan.rows}
+        pace = replace(pace, choice=choice, reflective_share=pace.reflective_share if share is None else share)
+        return replace(self.frame.past, pace=pace)

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from torchrender.buffers import GBuffer, RaySurface
-from torchrender.checks import ArrayLike, as_vector, check_tensor
+from torchrender.checks import ArrayLike, as_vector, check_choice, check_tensor
 from torchrender.numerics.polygon_light import polygon_irradiance
 from torchrender.numerics.texture import color_pyramid, sample_texture
 from torchrender.scene.camera import Cameras
@@ -23,6 +23,8 @@ from torchrender.scene.model import Scene
 
 CHUNK = 1 << 15
 """Pixels shaded at a time: their intermediate values stay in the processor's cache."""
+
+AREA_LIGHTS = ("polygon", "centre")
 
 NEAREST_LIGHT = 1e-4
 """Closest distance to a point light that counts, in bounding-box diagonals: keeps inverse squares finite."""
@@ -77,7 +79,12 @@ class _Arrival:
 
 
 def shade(
-    scene: Scene, gbuffer: GBuffer, visibility: Tensor | None = None, *, background: ArrayLike | None = None
+    scene: Scene,
+    gbuffer: GBuffer,
+    visibility: Tensor | None = None,
+    *,
+    background: ArrayLike | None = None,
+    area_light: str = "polygon",
 ) -> Tensor:
     """Linear radiance (B,H,W,3) of a scene's G-buffer under its own lights.
 
@@ -85,6 +92,8 @@ def shade(
         visibility: shadow factors (B,L,H,W) in [0,1], one image per scene light; None: every light reaches everything.
         background: colour (3,) of empty pixels; None: the environment in that direction, or where there is none the
             scene's ambient light, which is the radiance of a surrounding of one colour.
+        area_light: irradiance of rectangles: "polygon", the exact one, or "centre", as if all came from their centre,
+            which is quicker and too bright close by.
 
     The diffuse part is Lambert's. The specular part is a Phong lobe about the mirrored eye direction with the factor
     (n + 2) / (2 pi): so normalised, a surface that faces the eye mirrors exactly its specular degree whatever the
@@ -95,7 +104,9 @@ def shade(
 
     Raises:
         InputError: ``visibility`` or ``background`` of a wrong shape.
+        OptionError: another ``area_light``.
     """
+    check_choice("area_light", area_light, AREA_LIGHTS)
     count, height, width = gbuffer.triangle.shape
     if visibility is not None:
         check_tensor("visibility", visibility, (count, len(scene.lights), height, width))
@@ -106,7 +117,8 @@ def shade(
     if len(rows):
         tables = _Tables.of(scene)
         parts = [
-            _shade_pixels(scene, _surface(tables, gbuffer, chunk), visibility, chunk) for chunk in rows.split(CHUNK)
+            _shade_pixels(scene, _surface(tables, gbuffer, chunk), visibility, chunk, area_light)
+            for chunk in rows.split(CHUNK)
         ]
         image = image.index_copy(0, rows, torch.cat(parts, dim=1).T)
     return image.reshape(count, height, width, 3)
@@ -149,13 +161,15 @@ def diffuse_color(scene: Scene, gbuffer: GBuffer) -> Tensor:
 # ------------------------------------------------------------------- pixels
 
 
-def _shade_pixels(scene: Scene, surface: _Surface, visibility: Tensor | None, rows: Tensor) -> Tensor:
+def _shade_pixels(
+    scene: Scene, surface: _Surface, visibility: Tensor | None, rows: Tensor, area_light: str = "polygon"
+) -> Tensor:
     """Radiance (3,N) of the covered pixels in the given flat rows."""
     diffuse = _ambient(scene, surface.normal)
     specular = torch.zeros(3, len(rows))
     reach = NEAREST_LIGHT * scene.diagonal
     for number, light in enumerate(scene.lights):
-        arrival = _arrival(light, surface, reach)
+        arrival = _arrival(light, surface, reach, area_light)
         amount = arrival.irradiance if visibility is None else arrival.irradiance * visibility[number, rows]
         color = arrival.color[:, None]
         diffuse = diffuse + color * (amount / math.pi)
@@ -235,9 +249,9 @@ def _phong_lobe(surface: _Surface, direction: Tensor) -> Tensor:
 # ------------------------------------------------------------------- lights
 
 
-def _arrival(light: Light, surface: _Surface, reach: float) -> _Arrival:
+def _arrival(light: Light, surface: _Surface, reach: float, area_light: str) -> _Arrival:
     if isinstance(light, RectLight):
-        return _from_rectangle(light, surface)
+        return _from_rectangle(light, surface, reach if area_light == "centre" else None)
     if isinstance(light, DirectionalLight):
         direction = -light.direction[:, None].expand_as(surface.position)
         return _Arrival(_cosine(surface, direction), direction, light.irradiance)
@@ -263,7 +277,8 @@ def _cosine(surface: _Surface, direction: Tensor) -> Tensor:
     return torch.where(above, cosine, 0.0)
 
 
-def _from_rectangle(light: RectLight, surface: _Surface) -> _Arrival:
+def _from_rectangle(light: RectLight, surface: _Surface, reach: float | None) -> _Arrival:
+    """The exact irradiance; with ``reach`` that of a small light at the centre, no closer than that."""
     corner, u, v = (light.corner - surface.origin).float(), light.edge_u, light.edge_v
     corners = torch.stack([corner, corner + u, corner + u + v, corner + v])
     # Plane tests as differences of two numbers per point: cheaper than vectors to each corner.
@@ -271,7 +286,12 @@ def _from_rectangle(light: RectLight, surface: _Surface) -> _Arrival:
     height = (corners @ surface.geometric_normal) - (surface.position * surface.geometric_normal).sum(0)
     sees = (along > 0) & (height > 0).any(0)
     offset = (corner + (u + v) / 2)[:, None] - surface.position
-    direction = offset / offset.square().sum(0).sqrt().clamp_min(1e-18)
+    square = offset.square().sum(0)
+    direction = offset / square.sqrt().clamp_min(1e-18)
+    if reach is not None:
+        emitted = -(light.normal[:, None] * direction).sum(0).clamp_max(0.0) * light.area
+        falloff = emitted / square.clamp_min(max(reach * reach, light.area / math.pi, 1e-12))
+        return _Arrival(torch.where(along > 0, _cosine(surface, direction) * falloff, 0.0), direction, light.radiance)
     amount = torch.zeros_like(along)
     chosen = sees.nonzero().reshape(-1)
     if len(chosen):

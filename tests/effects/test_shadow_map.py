@@ -20,9 +20,11 @@ from torchrender.effects.shadow_map import (
     render_shadow_map,
     shadow_factor,
 )
+from torchrender.effects.traced_shadow import traced_visibility
 from torchrender.errors import InputError, OptionError
 from torchrender.raster import rasterize
-from torchrender.report.shadow_quality import ray_cast_visibility, shadow_errors
+from torchrender.rays import RayCaster
+from torchrender.report.shadow_quality import shadow_errors
 from torchrender.scene.camera import Cameras, pinhole_matrix
 from torchrender.scene.light import DirectionalLight, PointLight, RectLight, SpotLight
 from torchrender.scene.light_camera import light_cameras
@@ -86,7 +88,7 @@ def towards(light, gbuffer):
 @pytest.mark.parametrize("name", LIGHTS)
 def test_equals_rays_away_from_edges_at_any_size(boxes, seen, name, size):
     light = LIGHTS[name]
-    reference = ray_cast_visibility(boxes, light, seen)
+    reference = traced_visibility(RayCaster(boxes.geometry), light, seen)
     found = light_visibility(boxes, light, seen, ShadowOptions(size=size))
     assert 0.1 < float(reference[seen.covered].mean()) < 0.9
     counted = in_cone(light, seen)
@@ -135,7 +137,7 @@ def test_edge_error_is_at_most_a_texel_and_a_half_and_halves_with_twice_the_texe
 def test_hard_mode_with_2048_texels_meets_its_target(boxes, seen):
     options = ShadowOptions(size=2048, filter="none")
     for light in (SUN, SPOT):
-        reference = ray_cast_visibility(boxes, light, seen)
+        reference = traced_visibility(RayCaster(boxes.geometry), light, seen)
         found = light_visibility(boxes, light, seen, options)
         assert float((wrong(found, reference, seen, 1.5 * 0.5) & in_cone(light, seen)).sum()) < 0.01 * float(
             seen.covered.sum()
@@ -162,7 +164,7 @@ def test_cascades_sharpen_near_shadows():
     wide = Scene(meshes=(floor(60.0), *(box((x, 0, z), (x + 1, 2, z + 1)) for x in (-3, 2) for z in (40, 20, 0, -30))))
     view = Cameras.look_at((0.0, 2.0, 50.0), (0.0, 1.0, 0.0), near=0.5, **VIEW)
     gbuffer = rasterize(wide, view)
-    reference = ray_cast_visibility(wide, SUN, gbuffer)
+    reference = traced_visibility(RayCaster(wide.geometry), SUN, gbuffer)
     one, four = (
         shadow_errors(
             light_visibility(wide, SUN, gbuffer, ShadowOptions(size=256, cascades=count)), reference, gbuffer.covered
@@ -332,7 +334,7 @@ def test_pcss_of_a_disc_blocker_agrees_with_light_samples():
         corner=torch.tensor([-0.25, 4.0, -0.25]), edge_u=torch.tensor([0.5, 0, 0]), edge_v=torch.tensor([0, 0, 0.5])
     )
     gbuffer = rasterize(scene, flat_image(60, 60))
-    reference = ray_cast_visibility(scene, light, gbuffer, samples=16)
+    reference = traced_visibility(RayCaster(scene.geometry), light, gbuffer, samples=16)
     soft = ShadowOptions(filter="pcss", taps=64, search_taps=32, rho_max=100.0)
     counted = gbuffer.covered & (gbuffer.position[..., 1] < 0.5)
     hard = shadow_errors(light_visibility(scene, light, gbuffer, ShadowOptions()), reference, counted)

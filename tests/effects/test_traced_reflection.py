@@ -13,11 +13,12 @@ from torchrender.effects.traced_reflection import TraceOptions, environment_refl
 from torchrender.errors import OptionError
 from torchrender.hit_shader import HitShader
 from torchrender.numerics.lobe import lobe_directions, reflect, schlick
+from torchrender.options import RenderOptions
 from torchrender.raster import rasterize
 from torchrender.ray_surface import ray_surface
 from torchrender.rays import RayCaster
 from torchrender.reflection.reflectors import blend_reflections, reflective, reflective_pixels
-from torchrender.renderer import RenderOptions, render
+from torchrender.renderer import render
 from torchrender.scene.camera import Cameras
 from torchrender.scene.light import PointLight
 from torchrender.scene.material import Material

@@ -1,26 +1,12 @@
-"""The reflection study: error definitions, and a tiny run from end to end."""
+"""The reflection study: a tiny run from end to end."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
 
-import pytest
-import torch
-
 from torchrender.image_io import read_image
-from torchrender.report.reflection_errors import channel_errors, psnr
 from torchrender.report.reflections import QUICK, run_study, write_study
-
-
-def test_error_definitions() -> None:
-    reference = torch.zeros(1, 2, 2, 3)
-    image = reference.clone()
-    image[0, 0, 0] = torch.tensor([1.0, 0.0, 0.5])
-    mask = torch.zeros(1, 2, 2, dtype=torch.bool)
-    mask[0, 0] = True
-    assert channel_errors(image, reference, mask).tolist() == pytest.approx([127.5, 0.0, 63.75])
-    assert psnr(image, reference) == pytest.approx(-10.0 * torch.tensor(1.25 / 12).log10().item())
 
 
 def test_a_tiny_study_makes_its_page(tmp_path: Path) -> None:

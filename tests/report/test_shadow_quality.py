@@ -9,13 +9,14 @@ import torch
 
 from shadow_scenes import box, flat_image, floor, on_plane, quad
 from torchrender.effects.shadow_map import ShadowOptions, render_shadow_map, shadow_factor
+from torchrender.effects.traced_shadow import traced_visibility
 from torchrender.errors import InputError
 from torchrender.raster import rasterize
+from torchrender.rays import RayCaster
 from torchrender.report.shadow_quality import (
     aliasing_ratio,
     contact_displacement,
     naive_shading,
-    ray_cast_visibility,
     shadow_errors,
 )
 from torchrender.scene.light import DirectionalLight, PointLight, RectLight
@@ -95,7 +96,7 @@ def test_ray_cast_truth_of_a_known_penumbra():
         corner=torch.tensor([-0.5, 2.0, -0.5]), edge_u=torch.tensor([1.0, 0, 0]), edge_v=torch.tensor([0, 0, 1.0])
     )
     gbuffer = rasterize(scene, flat_image(60, 48))
-    truth = ray_cast_visibility(scene, light, gbuffer, samples=8)
+    truth = traced_visibility(RayCaster(scene.geometry), light, gbuffer, samples=8)
     # On the floor the plate's edge x = 0 hides light positions left of -x: visible share 1/2 + x.
     floor_pixels = (gbuffer.object_id == 0) & (gbuffer.position[..., 0] < 0.4)
     x = gbuffer.position[..., 0][floor_pixels]
@@ -107,5 +108,5 @@ def test_ray_cast_truth_is_dark_behind_surfaces():
     scene = Scene(meshes=(box((-1, 0, -1), (1, 1, 1)),))
     up = DirectionalLight(direction=torch.tensor([0.0, 1.0, 0.0]))
     gbuffer = rasterize(scene, flat_image(40, 32))
-    assert float(ray_cast_visibility(scene, up, gbuffer)[gbuffer.covered].max()) == 0
-    assert float(ray_cast_visibility(scene, DOWN, gbuffer)[gbuffer.covered].min()) == 1
+    assert float(traced_visibility(RayCaster(scene.geometry), up, gbuffer)[gbuffer.covered].max()) == 0
+    assert float(traced_visibility(RayCaster(scene.geometry), DOWN, gbuffer)[gbuffer.covered].min()) == 1

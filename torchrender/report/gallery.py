@@ -19,7 +19,8 @@ from PIL import ImageDraw
 from torch import Tensor
 
 from torchrender.image_io import write_atomically
-from torchrender.renderer import RenderOptions, render
+from torchrender.options import RenderOptions
+from torchrender.renderer import render
 from torchrender.scene.camera import Cameras
 from torchrender.scene.light import PointLight
 from torchrender.scene.load import load

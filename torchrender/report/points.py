@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import sys
 import time
 from dataclasses import asdict, dataclass, replace
@@ -31,6 +30,7 @@ from torchrender.geometry.point_tree import PatchOptions, PatchSet, PlainNodes, 
 from torchrender.image_io import write_atomically, write_image
 from torchrender.report.foundation_page import text_writer
 from torchrender.report.machine import machine_record
+from torchrender.report.metrics import psnr
 from torchrender.report.point_models import (
     SCANS,
     Model,
@@ -165,7 +165,7 @@ def errors(drawn: PointImage, full: PointImage, truth: tuple[Tensor, Tensor] | N
     s = drawn.statistics[0]
     row: dict[str, Any] = {
         "drawn": s.drawn, "full": s.full, "reconstruction": s.reconstruction, "low_pass": s.low_pass,
-        "evaluations": s.evaluations, "psnr_full": psnr(drawn.image[0], full.image[0]),
+        "evaluations": s.evaluations, "psnr_full": float(psnr(drawn.image, full.image)),
     }  # fmt: skip
     if truth is not None:
         image, coverage = truth
@@ -173,7 +173,7 @@ def errors(drawn: PointImage, full: PointImage, truth: tuple[Tensor, Tensor] | N
         inside, outside = coverage > 0.999, coverage < 0.001
         partly = ~inside & ~outside
         row |= {
-            "psnr": psnr(drawn.image[0], image),
+            "psnr": float(psnr(drawn.image, image[None])),
             "ssim": float(structural_similarity(drawn.image[0].numpy(), image.numpy(), channel_axis=2, data_range=1.0)),
             "holes": int((inside & ~mask).sum()),
             "outline": float((mask & outside).sum()) / max(int(partly.sum()), 1),
@@ -194,7 +194,8 @@ def aliasing() -> tuple[dict[str, Any], list[Tensor]]:
     cases["adaptive, with levels"] = SplatOptions(shading="none")
     for name, options in cases.items():
         drawn = render_points(patches, camera, options)
-        rows[name] = {part: psnr(drawn.image[0, ..., 0][rows_of], value[rows_of]) for part, rows_of in parts.items()}
+        grey, wanted = drawn.image[..., :1], value[None, ..., None]
+        rows[name] = {part: float(psnr(grey, wanted, mask=chosen[None])) for part, chosen in parts.items()}
         rows[name]["holes"] = int((whole & ~drawn.mask[0]).sum())
         s = drawn.statistics[0]
         rows[name] |= {"full": s.full, "reconstruction": s.reconstruction, "low_pass": s.low_pass,
@@ -214,7 +215,7 @@ def compression(cloud: PointCloud, study: StudyOptions, folder: Path) -> dict[st
     for normals in ("angles", "octahedron"):
         packed = compress(plain, normals=normals)
         row = node_errors(plain, decompress(packed))
-        row["psnr"] = psnr(render_points(packed, camera).image, before.image)
+        row["psnr"] = float(psnr(render_points(packed, camera).image, before.image))
         out["normals"][normals] = row
     path = folder / ".points-study.trp"
     try:
@@ -307,12 +308,6 @@ def peer(study: StudyOptions) -> dict[str, Any]:
     }
     times = {name: t.record() for name, t in take_turns(work, runs=study.runs).items()}
     return {"points": count, "size": size, "ms": times, "pyvista": pyvista_points(cloud, camera, 3)}
-
-
-def psnr(image: Tensor, wanted: Tensor) -> float:
-    """Decibels for values in [0,1]; 120 for equal images."""
-    error = float((image.double() - wanted.double()).square().mean())
-    return 120.0 if error < 1e-12 else -10.0 * math.log10(error)
 
 
 def main() -> None:

@@ -1,4 +1,4 @@
-"""How far clustered reflections are from traced ones: missing surfaces, and colour."""
+"""Which surfaces clustered reflections miss."""
 
 from __future__ import annotations
 
@@ -64,13 +64,3 @@ def _recorded(seen: VisibilityBuffer, point: Tensor, normal: Tensor) -> Tensor:
         at = torch.minimum((corner + torch.tensor(step)).clamp_min(0).long(), limit - 1)
         found |= (seen.depth[0, at[:, 1], at[:, 0]].double() - depth).abs() <= tolerance
     return inside & found
-
-
-def channel_errors(image: Tensor, reference: Tensor, mask: Tensor) -> Tensor:
-    """(3,) mean absolute error per channel on the scale of 255, of display values (B,H,W,3) where ``mask`` (B,H,W)."""
-    return 255.0 * (image - reference).abs()[mask].mean(dim=0)
-
-
-def psnr(image: Tensor, reference: Tensor) -> float:
-    """Peak signal-to-noise ratio in dB of display values in [0,1]."""
-    return float(-10.0 * torch.log10((image.double() - reference.double()).square().mean()))

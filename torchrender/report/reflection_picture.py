@@ -12,7 +12,8 @@ import sys
 from pathlib import Path
 
 from torchrender.image_io import write_atomically
-from torchrender.renderer import RenderOptions, render
+from torchrender.options import RenderOptions
+from torchrender.renderer import render
 from torchrender.report.gallery import sheet
 from torchrender.scene.procedural import build
 

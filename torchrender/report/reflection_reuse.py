@@ -28,6 +28,7 @@ from torchrender.history import RenderHistory
 from torchrender.hit_shader import HitShader
 from torchrender.image_io import write_atomically, write_image
 from torchrender.numerics.color import linear_from_srgb, srgb_from_linear
+from torchrender.options import RenderOptions
 from torchrender.raster import rasterize
 from torchrender.rays import RayCaster
 from torchrender.reflection.key_frame import match_reflections
@@ -38,7 +39,7 @@ from torchrender.reflection.reflectors import (
     reflective_pixels,
 )
 from torchrender.reflection.reuse_options import ReuseOptions
-from torchrender.renderer import RenderOptions, render
+from torchrender.renderer import render
 from torchrender.report.machine import machine_record
 from torchrender.report.reflection_baselines import BaselineReflections, depth_reprojection, mirror_motion_vectors
 from torchrender.report.reflection_reuse_page import write_page

@@ -23,7 +23,8 @@ from torchrender.effects.clustered_reflection import ClusterOptions
 from torchrender.image_io import write_atomically
 from torchrender.rays import RayCaster
 from torchrender.report.machine import machine_record
-from torchrender.report.reflection_errors import channel_errors, occlusion_errors, psnr
+from torchrender.report.metrics import mean_absolute_error, psnr
+from torchrender.report.reflection_errors import occlusion_errors
 from torchrender.report.reflection_page import write_page
 from torchrender.report.reflection_stage import Stage
 from torchrender.report.timing import take_turns
@@ -123,8 +124,8 @@ def quality(stage: Stage) -> dict[str, Any]:
     for name, layer in layers.items():
         picture = stage.picture(layer)
         row[name] = {
-            "channels": channel_errors(picture, reference, stage.mask()).tolist(),
-            "psnr": psnr(picture, reference),
+            "channels": (255.0 * mean_absolute_error(picture, reference, mask=stage.mask())[0]).tolist(),
+            "psnr": float(psnr(picture, reference)),
         }
     return row
 
@@ -235,7 +236,7 @@ def gloss(room: Scene, study: StudyOptions) -> Iterator[dict[str, Any]]:
                 "marching": made.elapsed_ms.get("marching", 0.0),
                 "clustered": sum(made.elapsed_ms.values()),
                 "traced": 1e3 * (time.perf_counter() - begin),
-                "psnr": psnr(stage.picture(made.layer), reference),
+                "psnr": float(psnr(stage.picture(made.layer), reference)),
             }
 
 
@@ -262,7 +263,7 @@ def _measured(stage: Stage, options: ClusterOptions, study: StudyOptions) -> dic
         "clusters": len(made.cameras),
         "ms": timing.median,
         "occlusion": float(missed.float().mean()),
-        "psnr": psnr(stage.picture(made.layer), stage.reference),
+        "psnr": float(psnr(stage.picture(made.layer), stage.reference)),
     }
 
 

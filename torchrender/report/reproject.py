@@ -27,6 +27,7 @@ from torchrender.numerics.tonemap import tone_map
 from torchrender.raster import rasterize, surface_attributes
 from torchrender.report.foundation_page import text_writer
 from torchrender.report.machine import machine_line, machine_record
+from torchrender.report.metrics import psnr
 from torchrender.report.timing import take_turns
 from torchrender.report.torch_warp import torch_grid_warp
 from torchrender.reprojection import Reprojection, reproject
@@ -107,12 +108,12 @@ def compare(result: Reprojection, truth: GBuffer, wanted: Tensor) -> dict[str, f
     cameras: Cameras = truth.cameras
     off = (torch.where(known, result.depth, 1.0) - torch.where(known, truth.depth, 1.0)).abs()
     right = known & (off <= 2 * cameras.footprint(torch.where(known, truth.depth, 1.0)))
-    error = (mapped(result.color) - mapped(wanted)).square()
+    pictures = mapped(result.color), mapped(wanted)
     return {
         "valid": _share(known, truth.covered),
         "depth_right": _share(right, known),
-        "psnr_valid": _psnr(error, known),
-        "psnr_right": _psnr(error, right),
+        "psnr_valid": float(psnr(*pictures, mask=known)),
+        "psnr_right": float(psnr(*pictures, mask=right)),
     }
 
 
@@ -166,11 +167,6 @@ def page(record: dict[str, Any]) -> str:
 
 def _share(part: Tensor, whole: Tensor) -> float:
     return float(part.sum()) / max(int(whole.sum()), 1)
-
-
-def _psnr(error: Tensor, mask: Tensor) -> float:
-    mean = error[mask].double().mean() if bool(mask.any()) else torch.ones((), dtype=torch.float64)
-    return float(-10.0 * torch.log10(mean.clamp_min(1e-12)))
 
 
 if __name__ == "__main__":

@@ -19,11 +19,13 @@ from torch import Tensor
 
 from torchrender.buffers import GBuffer
 from torchrender.effects.shadow_map import ShadowOptions, light_visibility, render_shadow_map
+from torchrender.effects.traced_shadow import traced_visibility
 from torchrender.image_io import write_atomically
 from torchrender.raster import rasterize
+from torchrender.rays import RayCaster
 from torchrender.report.foundation_page import text_writer
 from torchrender.report.machine import machine_line, machine_record
-from torchrender.report.shadow_quality import contact_displacement, ray_cast_visibility, shadow_errors
+from torchrender.report.shadow_quality import contact_displacement, shadow_errors
 from torchrender.report.timing import take_turns
 from torchrender.scene.light import Light, RectLight
 from torchrender.scene.model import Scene
@@ -74,8 +76,12 @@ def main() -> None:
 def measure(scene: Scene, light: Light, size: tuple[int, int], runs: int) -> tuple[dict[str, Any], list[Tensor]]:
     """Figures of every setting for one light, and pictures of the ray reference and of some settings."""
     gbuffer = rasterize(scene, scene.camera(width=size[0], height=size[1]))
-    hard = ray_cast_visibility(scene, light, gbuffer)
-    soft = ray_cast_visibility(scene, light, gbuffer, samples=8) if isinstance(light, RectLight) else hard
+    hard = traced_visibility(RayCaster(scene.geometry), light, gbuffer)
+    soft = (
+        traced_visibility(RayCaster(scene.geometry), light, gbuffer, samples=8)
+        if isinstance(light, RectLight)
+        else hard
+    )
     facing = gbuffer.covered & _faces(light, gbuffer)
     found, pictures = {}, [soft[0]]
     for name, options in SETTINGS.items():

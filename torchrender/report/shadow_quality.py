@@ -11,8 +11,7 @@ from torchrender.buffers import GBuffer, ShadowMap
 from torchrender.checks import check_tensor
 from torchrender.effects.shadow_map import ShadowOptions
 from torchrender.numerics.shadow_compare import depth_bias, project_with_slope
-from torchrender.rays import RayCaster
-from torchrender.scene.light import DirectionalLight, Light, RectLight
+from torchrender.scene.light import Light, vectors_to
 from torchrender.scene.light_camera import choose_views, light_view
 from torchrender.scene.model import Scene
 from torchrender.shade import shade
@@ -38,32 +37,6 @@ def shadow_errors(visibility: Tensor, reference: Tensor, counted: Tensor) -> Sha
         false_light=float((difference > 0.5).sum()) / total,
         mean_error=float(difference.abs().sum()) / total,
     )
-
-
-def ray_cast_visibility(
-    scene: Scene, light: Light, gbuffer: GBuffer, *, samples: int = 1, offset: float = 1e-4
-) -> Tensor:
-    """Ground truth (B,H,W): the share of ``samples`` x ``samples`` points of a light that each pixel's surface sees.
-
-    Lights without area take one ray whatever ``samples`` is. Rays start ``offset`` bounding-box diagonals above the
-    surface; surfaces that face away from a sample do not see it.
-    """
-    covered = gbuffer.covered
-    points = gbuffer.position[covered].double()
-    normals = gbuffer.geometric_normal[covered].double()
-    caster, shift = RayCaster(scene.geometry), offset * scene.diagonal
-    origins = points + normals * shift
-    total = torch.zeros(len(points), dtype=torch.float64)
-    targets = light.samples(samples).double() if isinstance(light, RectLight) else torch.zeros(1, 3)
-    for target in targets:
-        directions = _towards(light, target, origins)
-        facing = ((_towards(light, target, points) * normals).sum(-1) > 0).double()
-        # The ray parameter is in units of the direction: 1 is the light itself.
-        limit = float("inf") if isinstance(light, DirectionalLight) else 1.0
-        total += facing * (~caster.occluded(origins, directions, t_max=limit)).double()
-    image = torch.ones(gbuffer.triangle.shape)
-    image[covered] = (total / len(targets)).float()
-    return image
 
 
 def naive_shading(scene: Scene, gbuffer: GBuffer, visibility: Tensor) -> Tensor:
@@ -114,7 +87,7 @@ def contact_displacement(gbuffer: GBuffer, light: Light, shadow_map: ShadowMap, 
     covered = gbuffer.covered
     points, normals = gbuffer.position[covered].double(), gbuffer.geometric_normal[covered].double()
     chosen = choose_views(points, shadow_map.cameras, options.reach + 0.5)
-    to_light = torch.nn.functional.normalize(_towards(light, None, points), dim=-1, eps=1e-30)
+    to_light = torch.nn.functional.normalize(vectors_to(light, points), dim=-1, eps=1e-30)
     cosine = (to_light * normals).sum(-1)
     sine = (1.0 - cosine.square()).clamp_min(0.0).sqrt()
     k = options.k if options.bias_mode == "slope" else 0.0
@@ -127,15 +100,6 @@ def contact_displacement(gbuffer: GBuffer, light: Light, shadow_map: ShadowMap, 
     image = torch.zeros(gbuffer.triangle.shape)
     image[covered] = torch.where(cosine > 0, moved, 0.0).float()
     return image
-
-
-def _towards(light: Light, target: Tensor | None, points: Tensor) -> Tensor:
-    """Vectors (N,3) from points to the light; to ``target`` on a rectangle, or to its centre."""
-    if isinstance(light, DirectionalLight):
-        return -light.direction.double().expand_as(points)
-    if isinstance(light, RectLight):
-        return (light.centre.double() if target is None else target) - points
-    return light.position.double() - points
 
 
 def _texels(points: Tensor, chosen: Tensor, shadow_map: ShadowMap) -> Tensor:

@@ -27,7 +27,8 @@ from torchrender.geometry.voxel_mesh import voxel_mesh
 from torchrender.geometry.voxel_solid import SolidOptions, voxelize_solid
 from torchrender.image_io import write_atomically
 from torchrender.numerics.color import srgb_from_linear
-from torchrender.renderer import RenderOptions, render
+from torchrender.options import RenderOptions
+from torchrender.renderer import render
 from torchrender.report.gallery import sheet
 from torchrender.scene import shapes
 from torchrender.scene.camera import Cameras

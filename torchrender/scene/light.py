@@ -118,3 +118,15 @@ class RectLight:
 
 
 Light = PointLight | DirectionalLight | SpotLight | RectLight
+
+
+def vectors_to(light: Light, points: Tensor, target: Tensor | None = None) -> Tensor:
+    """Vectors (N,3) float64 from points (N,3) to a light: to ``target`` (3,) on a rectangle, or to its centre.
+
+    Of parallel light the unit direction it comes from.
+    """
+    if isinstance(light, DirectionalLight):
+        return -light.direction.double().expand_as(points)
+    if isinstance(light, RectLight):
+        return (light.centre if target is None else target).double() - points
+    return light.position.double() - points

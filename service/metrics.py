@@ -1,0 +1,85 @@
+"""Counters, gauges and histograms in the text format of Prometheus."""
+
+from __future__ import annotations
+
+import bisect
+from collections import defaultdict
+
+PREFIX = "torchrender_"
+CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
+BUCKETS = (0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 30.0)
+
+HELP = {
+    "requests": "HTTP requests by route and status.",
+    "request_seconds": "Time until the response was complete.",
+    "job_seconds": "Time that a renderer worked on a job.",
+    "renderers_restarted": "Renderers that died or took too long.",
+    "keyframes": "Keyframes sent.",
+    "keyframe_bytes": "Bytes of all messages of those keyframes.",
+    "keyframe_latency_seconds": "From a pose's arrival to the acknowledgement of its keyframe.",
+    "stream_errors": "Messages that could not be used, by kind.",
+    "streams_dropped": "Streams that the server closed, by reason.",
+    "rejected": "Requests refused by a limit, by kind.",
+    "sessions": "Sessions, connected or not.",
+    "streams": "Streams that are connected.",
+    "jobs": "Jobs waiting or running.",
+    "scenes": "Scenes, built-in ones included.",
+}
+
+Labels = tuple[tuple[str, str], ...]
+
+
+class Metrics:
+    """What the service counts; used from one thread."""
+
+    def __init__(self) -> None:
+        self._counters: dict[tuple[str, Labels], float] = defaultdict(float)
+        self._histograms: dict[tuple[str, Labels], list[float]] = {}
+
+    def count(self, name: str, amount: float = 1.0, **labels: str) -> None:
+        """Add to a counter."""
+        self._counters[name, tuple(sorted(labels.items()))] += amount
+
+    def observe(self, name: str, seconds: float, **labels: str) -> None:
+        """Add to a histogram."""
+        key = name, tuple(sorted(labels.items()))
+        row = self._histograms.setdefault(key, [0.0] * (len(BUCKETS) + 2))
+        row[bisect.bisect_left(BUCKETS, seconds)] += 1
+        row[-1] += seconds
+
+    def text(self, gauges: dict[str, float]) -> str:
+        """All values, with ``gauges`` as they are now."""
+        lines: list[str] = []
+        for name, value in sorted(gauges.items()):
+            lines += [*_head(name, "gauge"), f"{PREFIX}{name} {value:g}"]
+        for name in sorted({name for name, _ in self._counters}):
+            lines += _head(f"{name}_total", "counter", name)
+            rows = sorted((labels, value) for (n, labels), value in self._counters.items() if n == name)
+            lines += [f"{PREFIX}{name}_total{_labels(labels)} {value:.17g}" for labels, value in rows]
+        for name in sorted({name for name, _ in self._histograms}):
+            lines += _head(name, "histogram")
+            for (other, labels), row in sorted(self._histograms.items()):
+                if other == name:
+                    lines += _histogram(name, labels, row)
+        return "\n".join(lines) + "\n"
+
+
+def _head(name: str, kind: str, documented: str | None = None) -> list[str]:
+    return [f"# HELP {PREFIX}{name} {HELP[documented or name]}", f"# TYPE {PREFIX}{name} {kind}"]
+
+
+def _labels(labels: Labels) -> str:
+    if not labels:
+        return ""
+    escaped = ((k, v.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n")) for k, v in labels)
+    return "{" + ",".join(f'{k}="{v}"' for k, v in escaped) + "}"
+
+
+def _histogram(name: str, labels: Labels, row: list[float]) -> list[str]:
+    lines, total = [], 0.0
+    for edge, count in zip((*(f"{b:g}" for b in BUCKETS), "+Inf"), row[:-1]):
+        total += count
+        lines.append(f"{PREFIX}{name}_bucket{_labels((*labels, ('le', edge)))} {total:g}")
+    lines.append(f"{PREFIX}{name}_sum{_labels(labels)} {row[-1]:.9g}")
+    lines.append(f"{PREFIX}{name}_count{_labels(labels)} {total:g}")
+    return lines

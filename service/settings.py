@@ -1,0 +1,127 @@
+"""Settings of the service: defaults, then a TOML file, then the environment, then the command line.
+
+Every field below is a key of the TOML file and, as ``TORCHRENDER_`` and its name in capitals, a variable of the
+environment. Lists are separated by commas there.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import os
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+import msgspec
+from msgspec import Meta
+
+from torchrender.errors import OptionError
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+Count = Annotated[int, Meta(ge=1, le=2**40)]
+Seconds = Annotated[float, Meta(gt=0.0, le=86400.0)]
+PREFIX = "TORCHRENDER_"
+LOOPBACK_NAMES = ("localhost", "127.0.0.1", "[::1]", "::1")
+BUILT_IN = ("living_room", "cornell_box", "washroom", "nest", "grass", "city", "tree")
+
+
+class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """How the service runs."""
+
+    host: str = "127.0.0.1"
+    port: Annotated[int, Meta(ge=0, le=65535)] = 8000
+    api_key: Annotated[str, Meta(min_length=16)] | None = None  # required on addresses other than loopback
+    allowed_origins: tuple[str, ...] = ()  # besides the service's own
+    allowed_hosts: tuple[str, ...] = ()  # names in the Host header besides loopback's; empty off loopback: all
+    data_dir: str = "torchrender-data"  # uploaded scenes
+    built_in: tuple[str, ...] = BUILT_IN
+    log_level: Annotated[str, Meta(pattern="^(debug|info|warning|error)$")] = "info"
+
+    threads: Annotated[int, Meta(ge=0, le=1024)] = 0  # of each renderer; 0: as many as there are cores, at most 4
+    renderers: Annotated[int, Meta(ge=0, le=256)] = 0  # processes; 0: cores divided by threads
+    renderer_memory_mb: Annotated[int, Meta(ge=512, le=2**24)] = 8192  # beyond what a fresh process needs
+    waiting: Count = 64  # jobs that may wait for one renderer
+    job_s: Seconds = 120.0  # a renderer that takes longer is stopped
+
+    max_body_bytes: Count = 2**20
+    max_upload_bytes: Count = 2**27
+    max_container_bytes: Count = 2**26
+    max_pixels: Count = 2**23  # of a picture, supersampling included
+    max_stream_pixels: Count = 2**21  # of a keyframe, overscan included
+    max_views: Count = 16
+    max_triangles: Count = 10_000_000
+    max_texture_pixels: Count = 2**26
+    max_scenes: Count = 256
+    max_store_bytes: Count = 2**34
+    max_kept_bytes: Count = 2**28  # keyframe containers kept in memory for reproject
+
+    max_sessions: Count = 64
+    ticket_s: Seconds = 60.0
+    resume_s: Seconds = 60.0
+    hello_s: Seconds = 10.0
+    stall_s: Seconds = 30.0
+    still_s: Seconds = 0.5
+    shutdown_s: Annotated[float, Meta(gt=0.0, le=60.0)] = 8.0
+
+    @property
+    def loopback(self) -> bool:
+        """The service is reachable from this machine only."""
+        if self.host == "localhost":
+            return True
+        try:
+            return ipaddress.ip_address(self.host.strip("[]")).is_loopback
+        except ValueError:
+            return False
+
+    @property
+    def renderer_threads(self) -> int:
+        """Threads of each renderer."""
+        return self.threads or min(os.cpu_count() or 1, 4)
+
+    @property
+    def renderer_count(self) -> int:
+        """Renderers that run at a time: cores divided by threads."""
+        return self.renderers or max(1, (os.cpu_count() or 1) // self.renderer_threads)
+
+
+def read_settings(
+    file: str | Path | None = None, environment: Mapping[str, str] | None = None, **given: Any
+) -> Settings:
+    """Settings from a TOML file (default: the one that ``TORCHRENDER_CONFIG`` names), environment and ``given``.
+
+    Raises:
+        OptionError: an unknown key, a wrong type, a value out of range, a file that cannot be read, or an address
+            other than loopback without an API key.
+    """
+    environment = os.environ if environment is None else environment
+    values: dict[str, Any] = {}
+    file = file or environment.get(PREFIX + "CONFIG")
+    if file:
+        try:
+            values |= tomllib.loads(Path(file).read_text())
+        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+            raise OptionError(f"settings file {file} cannot be read: {error}") from error
+    defaults = Settings()
+    for name in Settings.__struct_fields__:
+        text = environment.get(PREFIX + name.upper())
+        if text is not None:
+            several = isinstance(getattr(defaults, name), tuple)
+            values[name] = [part.strip() for part in text.split(",") if part.strip()] if several else text
+    values |= {name: value for name, value in given.items() if value is not None}
+    try:
+        settings = msgspec.convert(values, Settings, strict=False)
+    except msgspec.ValidationError as error:
+        raise OptionError(f"settings: {error}") from error
+    unknown = sorted(set(settings.built_in) - set(BUILT_IN))
+    if unknown:
+        raise OptionError(f"built_in must be a list out of {', '.join(BUILT_IN)}, got {', '.join(unknown)}")
+    if not settings.loopback and settings.api_key is None:
+        raise OptionError(
+            f"api_key is required (TORCHRENDER_API_KEY) to serve on {settings.host}: not a loopback address"
+        )
+    return settings

@@ -1,0 +1,138 @@
+"""Measured curves: what each setting of each pass costs, and how far its picture is from the reference.
+
+They ship with the package; ``torchrender calibrate`` measures them again and keeps them for this user. A file that is
+damaged or of another version is ignored with a warning.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from torchrender.scene.model import Scene
+
+FORMAT = 1
+MAX_BYTES = 8 << 20
+ENVIRONMENT = "TORCHRENDER_CURVES"
+
+
+class CurvesWarning(UserWarning):
+    """A file of curves cannot be used; the shipped ones are."""
+
+
+@dataclass(frozen=True, eq=False)
+class Curves:
+    """Weights of the amounts of work by pass and setting, and errors by scene, pass and setting."""
+
+    weights: Mapping[str, Mapping[str, Sequence[float]]]
+    scenes: Mapping[str, Mapping[str, Any]]
+    norm: float  # exponent with which errors of several passes add up
+    machine: Mapping[str, Any]
+    source: str
+
+    def time_ms(self, name: str, setting: str, amounts: Sequence[float], scene: str | None = None) -> float:
+        """Predicted time; 0 for what was never measured."""
+        weights = self.weights.get(name, {}).get(setting)
+        if weights is None:
+            return 0.0
+        usual = sum(w * a for w, a in zip(weights, amounts, strict=True))
+        own = self.scenes.get(scene or "", {}).get("ratios", {}).get(name, {})
+        return usual * float(own.get(setting, 1.0))
+
+    def error(self, name: str, setting: str, scene: str | None = None) -> float:
+        """Mean FLIP between a picture with this setting and one with the pass's reference, all else equal.
+
+        Of the scene itself if it was measured, else the mean of the scenes that the pass applied to.
+        """
+        own = self.record(name, setting, scene)
+        if own is not None:
+            return float(own["flip"])
+        found = [self.record(name, setting, known) for known in self.scenes]
+        values = [float(record["flip"]) for record in found if record is not None]
+        return sum(values) / len(values) if values else 0.0
+
+    def record(self, name: str, setting: str, scene: str | None) -> Mapping[str, Any] | None:
+        """What was measured; None if it was not."""
+        found = self.scenes.get(scene or "", {}).get("passes", {}).get(name, {}).get(setting)
+        return found if isinstance(found, dict) else None
+
+    def together(self, errors: Sequence[float]) -> float:
+        """The error of a picture whose passes have these."""
+        return float(np.sum(np.asarray(errors, float) ** self.norm) ** (1.0 / self.norm)) if len(errors) else 0.0
+
+
+def scene_key(scene: Scene) -> str:
+    """Name under which curves know a scene: its own, and its number of triangles."""
+    return f"{scene.name}/{scene.geometry.triangle_count}"
+
+
+def user_file() -> Path:
+    """Where ``torchrender calibrate`` keeps this user's curves: ``$TORCHRENDER_CURVES``, else the cache folder."""
+    named = os.environ.get(ENVIRONMENT)
+    if named:
+        return Path(named)
+    cache = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(cache) / "torchrender" / "curves.json"
+
+
+def load_curves() -> Curves:
+    """This user's curves where there are good ones, else those of the package."""
+    path = user_file()
+    try:
+        stamp = path.stat().st_mtime_ns
+    except OSError:
+        return shipped_curves()
+    return _user_curves(path, stamp) or shipped_curves()
+
+
+@lru_cache(maxsize=1)
+def shipped_curves() -> Curves:
+    """The curves that come with the package."""
+    text = (files("torchrender") / "data" / "curves.json").read_text()
+    return parse_curves(json.loads(text), "the package")
+
+
+@lru_cache(maxsize=4)
+def _user_curves(path: Path, stamp: int) -> Curves | None:
+    del stamp  # a file that changes is read anew
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise ValueError(f"larger than {MAX_BYTES} bytes")
+        return parse_curves(json.loads(path.read_text()), str(path))
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        reason = f"{type(error).__name__}: {error}"
+        warnings.warn(f"{path}: curves ignored, those of the package are used ({reason})", CurvesWarning, stacklevel=3)
+        return None
+
+
+def parse_curves(data: Mapping[str, Any], source: str) -> Curves:
+    """Curves out of a JSON object.
+
+    Raises:
+        ValueError: another format, or numbers that are not finite and positive.
+    """
+    if not isinstance(data, dict) or data.get("format") != FORMAT:
+        raise ValueError(f"not curves of format {FORMAT}")
+    for name, settings in data["weights"].items():
+        for setting, weights in settings.items():
+            if not all(isinstance(w, float | int) and math.isfinite(w) and w >= 0 for w in weights):
+                raise ValueError(f"weights of {name}, {setting} must be finite and not negative")
+    for scene, record in data["scenes"].items():
+        for name, settings in record["passes"].items():
+            for setting, measured in settings.items():
+                if not 0.0 <= float(measured["flip"]) <= 1.0:
+                    raise ValueError(f"error of {scene}, {name}, {setting} must be in [0, 1]")
+    norm = float(data["norm"])
+    if not 0.5 <= norm <= 8.0:
+        raise ValueError(f"norm must be in [0.5, 8], got {norm}")
+    return Curves(data["weights"], data["scenes"], norm, data.get("machine", {}), source)
