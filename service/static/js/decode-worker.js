@@ -48,12 +48,17 @@ async function decodeKeyframe(buffer, maxPixels) {
   return { header, codes, scale, quads, color, times, bytes: buffer.byteLength };
 }
 
-self.onmessage = async ({ data }) => {
-  const { serial, buffer, maxPixels } = data;
+async function answer({ serial, buffer, maxPixels }) {
   try {
     const image = await decodeKeyframe(buffer, maxPixels);
     self.postMessage({ serial, image }, [image.codes.buffer, image.quads.data.buffer, image.color]);
   } catch (error) {
     self.postMessage({ serial, error: String(error.message ?? error) });
   }
+}
+
+// One after the other: colours take unequal times, and layer 0 must not be overtaken.
+let last = Promise.resolve();
+self.onmessage = ({ data }) => {
+  last = last.then(() => answer(data));
 };

@@ -6,10 +6,14 @@ const SLOPE_LIMIT = 1.1; // a corner lies within this factor of its sample's dep
 const JOIN_FOOTPRINTS = 2; // corners closer than this many pixel widths are of one surface
 const JOIN_SLOPE = 0.5; // ... or than this share of the tangent plane's own change
 const ROUNDING = 1.5; // codes by which rounding may tear apart two corners
-const FLAT = 6e-4; // share of 1/z by which a sample may lie off the quad of its block: less than 0.1 pixel of parallax
+// Pixel widths by which a sample may lie off the quad of its block: an eye that moves by a twentieth of the distance
+// then sees it 0.04 pixels off.
+const FLAT_FOOTPRINTS = 0.8;
 const FLAT_CODES = 1.0;
 const LARGEST = 16; // pixels along a side of a block
-const OVERLAP = 0.02; // pixels by which quads overlap, so that rounding leaves no cracks between them
+// Pixels by which quads overlap, so that such errors and rounding leave no cracks between them.
+const OVERLAP = 0.01;
+const BLOCK_OVERLAP = 0.05;
 export const MISSING = 65535; // code of a pixel without sample
 
 /** The change of 1/z per pixel of one surface through three neighbours, of which the outer two may be missing. */
@@ -100,9 +104,10 @@ class QuadList {
       grown.set(this.data);
       this.data = grown;
     }
-    const e = OVERLAP / size;
-    const low = -OVERLAP;
-    const high = size + OVERLAP;
+    const overlap = size === 1 ? OVERLAP : BLOCK_OVERLAP;
+    const e = overlap / size;
+    const low = -overlap;
+    const high = size + overlap;
     this.data.set(
       [
         x + low, y + low, Math.max(0, scale * (a + e * (2 * a - b - d))),
@@ -115,8 +120,8 @@ class QuadList {
   }
 }
 
-/** Whether the block of `size` pixels at (x, y) is one plane to within the tolerance. */
-function isFlat(codes, corners, width, x, y, size) {
+/** Whether the block of `size` pixels at (x, y) is one plane to within `tolerance`, a share of 1/z. */
+function isFlat(codes, corners, width, x, y, size, tolerance) {
   const first = y * width + x;
   const last = first + (size - 1) * width;
   const a = corners[4 * first];
@@ -124,7 +129,7 @@ function isFlat(codes, corners, width, x, y, size) {
   const c = corners[4 * (last + size - 1) + 2];
   const d = corners[4 * (first + size - 1) + 3];
   if (codes[first] === MISSING || codes[last + size - 1] === MISSING) return false;
-  if (Math.abs(a + c - b - d) > FLAT_CODES + FLAT * Math.max(a, c)) return false;
+  if (Math.abs(a + c - b - d) > FLAT_CODES + tolerance * Math.max(a, c)) return false;
   const across = (d - a + c - b) / (2 * size);
   const down = (b - a + c - d) / (2 * size);
   const start = 0.25 * (a + b + c + d) - 0.5 * (size - 1) * (across + down);
@@ -132,7 +137,7 @@ function isFlat(codes, corners, width, x, y, size) {
     for (let column = 0, i = first + row * width; column < size; column++, i++) {
       const code = codes[i];
       const expected = start + row * down + column * across;
-      if (code === MISSING || Math.abs(code - expected) > FLAT_CODES + FLAT * code) return false;
+      if (code === MISSING || Math.abs(code - expected) > FLAT_CODES + tolerance * code) return false;
     }
   }
   return true;
@@ -147,6 +152,7 @@ function isFlat(codes, corners, width, x, y, size) {
 export function buildQuads(codes, width, height, scale, focal) {
   const corners = guessCorners(codes, width, height);
   joinCorners(codes, corners, width, height, focal);
+  const tolerance = FLAT_FOOTPRINTS / focal;
   const quads = new QuadList(Math.max(1024, (width * height) >> 3));
   const visit = (x, y, size) => {
     if (size === 1) {
@@ -154,7 +160,7 @@ export function buildQuads(codes, width, height, scale, focal) {
       if (codes[i] === MISSING) return;
       const c = 4 * i;
       quads.add(x, y, 1, corners[c], corners[c + 1], corners[c + 2], corners[c + 3], scale);
-    } else if (x + size <= width && y + size <= height && isFlat(codes, corners, width, x, y, size)) {
+    } else if (x + size <= width && y + size <= height && isFlat(codes, corners, width, x, y, size, tolerance)) {
       const last = (y + size - 1) * width + x;
       const a = corners[4 * (y * width + x)];
       const d = corners[4 * (y * width + x + size - 1) + 3];

@@ -30,7 +30,7 @@ const BACKDROP = [0.055, 0.063, 0.078];
 // Of surfaces that agree within these shares of 1/depth the preferred picture is shown: the newest keyframe, then earlier
 // ones, then extra layers. Samples of those stand alone, so their slope is often not known.
 const EARLIER_BIAS = 0.004;
-const EXTRA_BIAS = 0.02;
+const EXTRA_BIAS = 0.01;
 const STEP_BIAS = 0.001;
 
 const material = (vertexShader, fragmentShader, uniforms, depth) =>
