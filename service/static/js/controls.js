@@ -58,8 +58,10 @@ export class Walker {
 
   listen() {
     const { stage, stick } = this;
-    stage.addEventListener("keydown", (event) => {
-      if (event.ctrlKey || event.metaKey || event.altKey) return;
+    window.addEventListener("keydown", (event) => {
+      // Keys belong to the scene unless something else has the focus.
+      const elsewhere = ![stage, document.body].includes(document.activeElement);
+      if (elsewhere || event.ctrlKey || event.metaKey || event.altKey) return;
       if (event.code === "Home" || event.code === "KeyR") this.reset();
       else if (KEYS[event.code]) this.held.add(event.code);
       else return;
@@ -72,9 +74,10 @@ export class Walker {
       this.setStick(0, 0);
     };
     window.addEventListener("blur", release);
-    stage.addEventListener("blur", () => this.held.clear());
+    document.addEventListener("focusin", () => this.held.clear());
     stage.addEventListener("pointerdown", (event) => {
-      stage.focus({ preventScroll: true });
+      event.preventDefault(); // a click needs no focus ring
+      document.activeElement?.blur();
       stage.setPointerCapture(event.pointerId);
       this.pointers.set(event.pointerId, [event.clientX, event.clientY]);
     });

@@ -14,7 +14,7 @@ const RESOLUTIONS = [
   ["high", 960 * 540],
   ["full", 1280 * 720],
 ];
-const OVERSCAN = 1.15;
+const OVERSCAN = 1.2;
 const RETRY = 1500; // ms between attempts to get the list of scenes
 const RESIZE_WAIT = 400; // ms without a change of the window before the stream gets its new size
 
@@ -111,10 +111,9 @@ function showScenes(scenes) {
   $("scene").disabled = false;
   $("scene").addEventListener("change", () => {
     restart();
-    $("stage").focus();
+    $("scene").blur(); // so that the next key walks
   });
   restart();
-  $("stage").focus({ preventScroll: true });
 }
 
 function showContext(lost) {
@@ -165,8 +164,9 @@ function begin() {
   }
   expose();
   layOut();
-  for (const name of ["pointerup", "keyup"]) $("stage").addEventListener(name, () => $("help").classList.add("done"));
-  $("stick").addEventListener("pointerup", () => $("help").classList.add("done"));
+  const understood = () => $("help").classList.add("done");
+  for (const element of [$("stage"), $("stick")]) element.addEventListener("pointerup", understood);
+  window.addEventListener("keyup", (event) => event.code !== "Tab" && understood());
   let timer = 0;
   window.addEventListener("resize", () => {
     layOut();

@@ -47,7 +47,6 @@ export class Panel {
     $("toggle").setAttribute("aria-expanded", String(open));
     $("brief").hidden = open;
     if (open) $("panel").scrollTop = 0;
-    else $("toggle").focus();
   }
 
   settings() {
