@@ -136,7 +136,7 @@ export class Client {
     this.counts.frames++;
     const moved = this.walker.step(passed / 1000);
     if ((moved || this.dirty) && !this.lost) this.draw(now);
-    this.sendPose(now, moved);
+    this.sendPose(moved);
     if (this.counts.frames % 15 === 0) this.hooks.figures(this.stats);
   }
 
@@ -172,12 +172,13 @@ export class Client {
   }
 
   /** Tell the newest pose, at most every POSE_INTERVAL, and once more when the movement ends. */
-  sendPose(now, moved) {
+  sendPose(moved) {
+    const now = performance.now();
     const camera = this.walker.camera;
     if (this.state !== "live" || !camera || now - this.pose.sent < POSE_INTERVAL) return;
     if (identical(camera, this.pose.camera) && this.pose.moving === moved) return;
     const { velocity, spin } = this.walker;
-    const header = { seq: ++this.pose.seq, time_ms: performance.now(), camera, velocity, spin, moving: moved };
+    const header = { seq: ++this.pose.seq, time_ms: now, camera, velocity, spin, moving: moved };
     if (!moved) Object.assign(header, { velocity: [0, 0, 0], spin: [0, 0, 0] });
     if (this.stream.send(TYPE.POSE, header, { droppable: true })) this.pose = { ...this.pose, sent: now, camera, moving: moved };
   }

@@ -3,7 +3,7 @@
 import { PROTOCOL, TYPE, decodeMessage, encodeMessage } from "./wire.js";
 
 const FIRST_WAIT = 0.4; // seconds
-const LONGEST_WAIT = 8;
+const LONGEST_WAIT = 5;
 const OPEN_TIMEOUT = 8000; // ms until WELCOME
 const MAX_BUFFERED = 65536; // bytes that wait in the socket: then poses are left out, newer ones follow anyway
 
