@@ -9,7 +9,7 @@ from pathlib import Path
 from fastapi import FastAPI
 from starlette.staticfiles import StaticFiles
 
-from service import routes_scenes, routes_status, routes_stream
+from service import routes_pictures, routes_scenes, routes_status, routes_stream
 from service.guard import Guard
 from service.problems import add_error_handlers
 from service.settings import Settings
@@ -43,7 +43,7 @@ def make_app(settings: Settings) -> FastAPI:
     )
     app.state.service = state
     add_error_handlers(app)
-    for module in (routes_scenes, routes_stream, routes_status):
+    for module in (routes_scenes, routes_pictures, routes_stream, routes_status):
         app.include_router(module.router)
     if STATIC.is_dir():
         app.mount("/", StaticFiles(directory=STATIC, html=True), name="client")

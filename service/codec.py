@@ -25,7 +25,7 @@ from torch import Tensor
 from service.errors import CodecError
 from torchrender.checks import check_choice
 from torchrender.errors import OptionError
-from torchrender.kernels.depth_codec import decode_planes, display_codes, encode_planes, spread_rows
+from torchrender.kernels.depth_codec import decode_planes, display_codes, encode_planes, fill_blocks
 from torchrender.numerics.color import srgb_from_linear
 
 Array = np.ndarray[Any, Any]
@@ -34,6 +34,8 @@ DEPTH_CODECS = ("pz1",)
 COLOR_CODECS = ("jpeg", "webp")
 BITS = (12, 14, 16)
 _TABLE_SIZE = 2**16
+_BLOCK = 16
+"""Pixels of a JPEG block with halved colour resolution."""
 _FLOAT_ERROR = 2.0**-22
 """Depth is float32 on both sides."""
 _LOCAL = threading.local()
@@ -118,7 +120,7 @@ def encode_color(codes: Array, codec: str, *, quality: int, known: Tensor | None
         raise OptionError(f"quality must be in [1, 100], got {quality}")
     codes = np.ascontiguousarray(codes)
     if known is not None and not bool(known.all()):
-        spread_rows(codes, known.numpy())
+        fill_blocks(codes, known.numpy(), _BLOCK)
     if codec == "jpeg":
         sampling = "420" if quality < 90 else "444"
         return bytes(simplejpeg.encode_jpeg(codes, quality, colorspace="RGB", colorsubsampling=sampling))

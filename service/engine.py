@@ -1,13 +1,19 @@
-"""The one place where the service calls the renderer."""
+"""The one place where the service calls the renderer and its planner."""
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
+from service.errors import ServiceError
 from service.jobs import Bounds
+from torchrender.curves import load_curves
 from torchrender.history import RenderHistory
 from torchrender.image import Image
-from torchrender.renderer import RenderOptions, render
+from torchrender.options import RenderOptions
+from torchrender.passes import PASSES
+from torchrender.planner import plan
+from torchrender.renderer import render
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
 
@@ -20,28 +26,61 @@ def render_image(
     history: RenderHistory | None = None,
 ) -> tuple[Image, dict[str, Any]]:
     """A picture and its plan as plain values: what ran, why, and how long it took."""
-    del bounds
-    image = render(scene, camera, options=options, history=history)
-    return image, _plan_of(image)
+    image = render(
+        scene, camera, options=options, history=history, budget_ms=bounds.budget_ms, max_error=bounds.max_error
+    )
+    assert image.plan is not None
+    return image, image.plan.to_dict()
 
 
-def _plan_of(image: Image) -> dict[str, Any]:
-    steps = {name: ms for name, ms in image.timings_ms.items() if name != "total"}
-    rows = [
-        {
-            "pass": name,
-            "runs": True,
-            "reason": "always",
-            "settings": "",
-            "predicted_ms": None,
-            "measured_ms": round(ms, 2),
-        }
-        for name, ms in steps.items()
-    ]
-    return {
-        "rows": rows,
-        "predicted_ms": None,
-        "measured_ms": round(image.timings_ms["total"], 2),
-        "predicted_error": None,
-        "statement": "",
+def plan_image(scene: Scene, camera: Cameras, bounds: Bounds) -> dict[str, Any]:
+    """What :func:`render_image` would do, as plain values, with a table for readers under ``text``."""
+    made = plan(scene, camera, budget_ms=bounds.budget_ms, max_error=bounds.max_error)
+    return made.to_dict() | {"text": str(made)}
+
+
+def tradeoff(name: str) -> dict[str, Any]:
+    """Time against error of every setting of a pass.
+
+    Times are predictions for the amounts of work that the shipped scenes were measured with; errors are mean FLIP
+    against the pass's reference.
+
+    Raises:
+        ServiceError: 404, no pass of that name.
+    """
+    step = next((p for p in PASSES if p.name == name), None)
+    if step is None:
+        known = ", ".join(p.name for p in PASSES)
+        raise ServiceError(404, "no-such-pass", f"there is no pass {name[:80]!r}; known passes: {known}")
+    curves = load_curves()
+    scenes = {
+        scene: {setting: _plain(record) for setting, record in settings.items()}
+        for scene, passes in curves.scenes.items()
+        for pass_name, settings in passes["passes"].items()
+        if pass_name == name
     }
+    return {
+        "pass": name,
+        "summary": step.summary,
+        "knob": step.knob.name,
+        "reference": step.knob.reference.name,
+        "settings": [_setting(setting, scenes) for setting in step.knob.names],
+        "scenes": scenes,
+        "measured_on": dict(curves.machine),
+    }
+
+
+def _setting(setting: str, scenes: dict[str, dict[str, Any]]) -> dict[str, Any]:
+    """Means over the scenes in which the pass was measured; null where it never was."""
+    records = [measured[setting] for measured in scenes.values() if setting in measured]
+    row: dict[str, Any] = {"setting": setting}
+    for key in ("ms", "flip"):
+        values = [r[key] for r in records if isinstance(r.get(key), int | float)]
+        row["ms" if key == "ms" else "error"] = round(sum(values) / len(values), 5) if values else None
+    return row
+
+
+def _plain(record: Any) -> dict[str, Any]:
+    """JSON has no infinity."""
+    finite = {k: v for k, v in record.items() if not isinstance(v, float) or math.isfinite(v)}
+    return finite | {k: None for k in record if k not in finite}

@@ -2,11 +2,30 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 import msgspec
 
-from service.messages import CameraHeader
+from service.messages import Bits, CameraHeader, ColorCodec
+
+QUALITY_MOVING = 85
+QUALITY_STILL = 95  # where the client cannot read WebP
+LOSSLESS = 100  # with WebP
+
+Buffer = Literal[
+    "radiance",
+    "depth",
+    "triangle",
+    "object_id",
+    "material",
+    "barycentric",
+    "position",
+    "normal",
+    "geometric_normal",
+    "uv",
+    "color",
+]
+"""Arrays of an NPZ file; the cameras come with them."""
 
 
 class SceneSource(msgspec.Struct, frozen=True, kw_only=True):
@@ -63,7 +82,7 @@ class Render(msgspec.Struct, frozen=True, kw_only=True, tag=True):
     bounds: Bounds
     options: dict[str, Any]
     format: str  # "png", "exr" or "npz"
-    buffers: tuple[str, ...] = ()  # of an NPZ file; none named: all
+    buffers: tuple[Buffer, ...] = ()  # of an NPZ file; none named: all
 
 
 class Plan(msgspec.Struct, frozen=True, kw_only=True, tag=True):
@@ -86,8 +105,8 @@ class DepthImages(msgspec.Struct, frozen=True, kw_only=True, tag=True):
     scene: SceneSource
     views: tuple[View, ...]
     method: str
-    bits: int
-    color: str
+    bits: Bits
+    color: ColorCodec
     quality: int
     around: int = 1  # viewpoints around the only view
     spread: float = 0.2
@@ -118,7 +137,7 @@ class MakeKeyframe(msgspec.Struct, frozen=True, kw_only=True, tag=True):
     layers: int
     direction: tuple[float, ...]  # the camera is expected to go there, world axes; zero: anywhere
     baseline: float  # distance of the extra cameras; 0: from the depth of what is seen
-    color: str
+    color: ColorCodec
     quality: int
     bounds: Bounds
 
@@ -130,7 +149,8 @@ class Forget(msgspec.Struct, frozen=True, kw_only=True, tag=True):
     scene: str | None = None
 
 
-Job = Describe | Locate | Validate | Render | Plan | Tradeoff | DepthImages | Reproject | MakeKeyframe | Forget
+SceneJob = Describe | Locate | Render | Plan | DepthImages | MakeKeyframe
+Job = SceneJob | Validate | Tradeoff | Reproject | Forget
 
 
 class Failure(msgspec.Struct, frozen=True, kw_only=True):

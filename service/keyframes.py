@@ -10,14 +10,12 @@ from torch import Tensor
 
 from service.cameras import header_of
 from service.codec import Array, checksum, display_bytes, encode_color, encode_depth, encode_mask
+from service.jobs import QUALITY_MOVING
 from service.layers import Layer
-from service.messages import ColorBlob, DepthBlob, Keyframe, MaskBlob, encode, padded
+from service.messages import Bits, ColorBlob, ColorCodec, DepthBlob, Keyframe, MaskBlob, encode, padded
 from torchrender.scene.camera import Cameras
 
-BITS = 16
-QUALITY_MOVING = 85
-QUALITY_STILL = 95
-LOSSLESS = 100
+BITS: Bits = 16
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,8 +27,8 @@ class Stamp:
     pose: int = -1
     time_ms: float = 0.0
     still: bool = False
-    bits: int = BITS
-    color: str = "jpeg"
+    bits: Bits = BITS
+    color: ColorCodec = "jpeg"
     quality: int = QUALITY_MOVING  # 100: WebP without loss
 
 
@@ -71,9 +69,7 @@ def _message(
         layer=number,
         layers=stamp.layers,
         still=stamp.still,
-        depth=DepthBlob(
-            codec="pz1", bits=encoded.bits, near=encoded.near, length=len(encoded.data), error=encoded.error
-        ),
+        depth=DepthBlob(codec="pz1", bits=stamp.bits, near=encoded.near, length=len(encoded.data), error=encoded.error),
         color=ColorBlob(codec=stamp.color, length=len(blobs[1])),
         mask=None if known is None else MaskBlob(length=len(blobs[2])),
         crc32=crc32,

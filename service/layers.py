@@ -1,5 +1,8 @@
 """Extra layers of a keyframe: what cameras around the first one see and its depth image does not hold.
 
+Of the non-redundant samples (specification 01, section 5) only those are kept that an extra camera sees first: they are
+what moving a little brings to light. Few pixels are shaded and sent for them.
+
 Extra cameras keep the orientation and intrinsics of the first, so a pixel of theirs and the same pixel of the first
 image look at the same point of the sky: no sky is sent twice.
 """
@@ -7,25 +10,30 @@ image look at the same point of the sky: no sky is sent twice.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import torch
 from torch import Tensor
 
+from torchrender import steps
 from torchrender.buffers import GBuffer, VisibilityBuffer
-from torchrender.effects.shadow_map import lights_visibility
-from torchrender.effects.traced_reflection import environment_reflections, trace_reflections
+from torchrender.frame import Frame
 from torchrender.history import RenderHistory
-from torchrender.hit_shader import HitShader
-from torchrender.raster import FragmentTests, rasterize, rasterize_depth
-from torchrender.reflection.reflectors import blend_reflections, reflective_pixels
-from torchrender.renderer import RenderOptions
+from torchrender.kernels.known_samples import find_known
+from torchrender.options import RenderOptions
+from torchrender.raster import rasterize_visibility, surface_attributes
+from torchrender.reprojection import pixel_matrices
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
 from torchrender.shade import shade
 
 BASELINE = 0.06  # distance of the extra cameras in median depths of the first image
 MAX_BASELINE = 0.25
+PACKED_WIDTH = 256
+FEWEST = 3
+"""New samples of the nine around a pixel below which its own is left out."""
+TOLERANCE = 2e-3
+"""Share of its depth that a sample may be off and still be the same surface."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,32 +47,60 @@ class Layer:
 
 
 def extra_layers(
-    scene: Scene, first: GBuffer, cameras: Sequence[Cameras], options: RenderOptions, history: RenderHistory | None
+    scene: Scene, first: GBuffer, cameras: Sequence[Cameras], options: RenderOptions, past: RenderHistory
 ) -> list[Layer]:
-    """Non-redundant depth images (specification 01, section 5) from each of ``cameras``, shaded like a picture.
+    """What each of ``cameras`` sees and none before it holds, shaded like a picture.
+
+    Around every new sample its neighbours are kept, too, so that the layer overlaps what it continues.
 
     Args:
-        scene: as it was given to the renderer.
-        first: the one-camera G-buffer of layer 0.
+        scene: with its lights, as the picture of layer 0 has it.
+        first: the one-camera G-buffer of that picture.
         cameras: single cameras from :func:`cameras_around`.
-        history: what the picture of layer 0 left: shadow maps and ray caster are used again.
+        past: what that picture left.
     """
-    scene = scene.with_default_light() if history is None or history.scene is None else history.scene
     known: list[VisibilityBuffer] = [first]
     sky_shown = ~first.covered[0]
-    open_air = bool(sky_shown.any())
     layers = []
     for camera in cameras:
-        tests = FragmentTests(earlier=_together(known), test="depth_identity")
-        gbuffer = rasterize(scene, camera, tests=tests)
-        new_sky = torch.zeros_like(sky_shown)
-        if open_air:
-            new_sky = torch.isinf(rasterize_depth(scene.geometry, camera)[0]) & ~sky_shown
-            sky_shown = sky_shown | new_sky
-        radiance = _shaded(scene, gbuffer, options, history)
-        layers.append(Layer(camera, gbuffer.depth[0], radiance[0], gbuffer.covered[0] | new_sky))
+        seen = rasterize_visibility(scene.geometry, camera)
+        kept = _grown(_new_pixels(seen, known)) & seen.covered
+        new_sky = ~seen.covered[0] & ~sky_shown
+        sky_shown = sky_shown | new_sky
+        gbuffer = surface_attributes(scene, _only(seen, kept))
+        radiance = _shade_few(scene, gbuffer, options, past)
+        layers.append(Layer(camera, gbuffer.depth[0], radiance[0], kept[0] | new_sky))
         known.append(gbuffer)
     return layers
+
+
+def _new_pixels(seen: VisibilityBuffer, earlier: Sequence[VisibilityBuffer]) -> Tensor:
+    """(1,H,W) bool: no earlier image holds the sample."""
+    known = ~seen.covered
+    for image in earlier:
+        matrix = pixel_matrices(seen.cameras, image.cameras)[0]
+        arrays = [t[0].numpy() for t in (image.depth, image.triangle)]
+        find_known(seen.depth[0].numpy(), seen.triangle[0].numpy(), matrix, *arrays, TOLERANCE, known[0].numpy())
+    new = ~known
+    # Single pixels are cracks between samples, which clients close themselves.
+    beside = torch.nn.functional.avg_pool2d(new.float()[None], 3, stride=1, padding=1)[0] * 9.0
+    return new & (beside > FEWEST - 0.5)
+
+
+def _grown(mask: Tensor) -> Tensor:
+    """(1,H,W) bool with all eight neighbours."""
+    return torch.nn.functional.max_pool2d(mask.float()[None], 3, stride=1, padding=1)[0] > 0
+
+
+def _only(seen: VisibilityBuffer, kept: Tensor) -> VisibilityBuffer:
+    """Without the samples that are not kept."""
+    return VisibilityBuffer(
+        cameras=seen.cameras,
+        depth=torch.where(kept, seen.depth, torch.inf),
+        triangle=torch.where(kept, seen.triangle, -1),
+        object_id=torch.where(kept, seen.object_id, -1),
+        barycentric=torch.where(kept[..., None], seen.barycentric, 0.0),
+    )
 
 
 def cameras_around(
@@ -96,27 +132,59 @@ def cameras_around(
     return moved
 
 
-def _together(images: Sequence[VisibilityBuffer]) -> VisibilityBuffer:
-    names = ("depth", "triangle", "object_id", "barycentric")
-    parts = {name: torch.cat([getattr(image, name) for image in images]) for name in names}
-    return VisibilityBuffer(cameras=Cameras.cat([image.cameras for image in images]), **parts)
+def shade_samples(scene: Scene, gbuffer: GBuffer, options: RenderOptions, past: RenderHistory) -> Tensor:
+    """(B,H,W,3) linear radiance of samples that need not be the nearest surfaces, by the steps of a picture.
 
-
-def _shaded(scene: Scene, gbuffer: GBuffer, options: RenderOptions, history: RenderHistory | None) -> Tensor:
-    """(1,H,W,3) radiance of samples that need not be the nearest surfaces."""
-    maps = None if history is None else history.shadow_maps
-    visibility = None
+    Args:
+        scene: with its lights.
+        past: what a picture of the scene left: its shadow maps and ray caster are used again. Where there is a ray
+            caster mirrors are traced, else they show the scene's cube map: clusters are for whole pictures.
+    """
+    way = options.reflections
+    if way != "off":
+        way = "environment" if past.caster is None else "traced"
+    area = "pcss" if options.area_shadows == "sampled" else options.area_shadows
+    frame = Frame(scene=scene, cameras=gbuffer.cameras, options=options, past=past)
+    frame.choose(
+        replace(options, reflections=way, area_shadows=area, point_shadows="maps", reuse=None, supersample=1.0)
+    )
+    buffers = frame.buffers
+    buffers["gbuffer"] = gbuffer
     if options.shadows and scene.lights and bool(gbuffer.covered.any()):
-        visibility = lights_visibility(scene, gbuffer, options.shadow, maps)
-    radiance = shade(scene, gbuffer, visibility, background=options.background)
-    if options.reflections == "off":
-        return radiance
-    pixels = reflective_pixels(scene, gbuffer)
-    if not len(pixels):
-        return radiance
-    shader = None if history is None else history.shader
-    shader = shader or HitShader(scene, options.shadow if options.shadows else None, maps, options.background)
-    caster = None if history is None else history.caster
-    if caster is None:
-        return blend_reflections(scene, gbuffer, radiance, environment_reflections(pixels, shader))
-    return blend_reflections(scene, gbuffer, radiance, trace_reflections(caster, pixels, shader, options.tracing))
+        buffers["shadow_maps"] = steps.draw_shadow_maps(frame)
+        buffers["point_shadows"] = steps.find_point_shadows(frame)
+        buffers["area_shadows"] = steps.find_area_shadows(frame)
+    buffers["direct"] = steps.light_directly(frame)
+    if way != "off":
+        buffers["reflection_layer"] = steps.mirror(frame)
+    return steps.make_picture(frame)
+
+
+def _shade_few(scene: Scene, gbuffer: GBuffer, options: RenderOptions, past: RenderHistory) -> Tensor:
+    """The same for one image with few samples: they are put side by side, so that the rest costs nothing.
+
+    Empty pixels get the background.
+    """
+    covered = gbuffer.covered[0]
+    count = int(covered.sum())
+    height = -(-count // PACKED_WIDTH)
+    empty = {"triangle": -1, "object_id": -1, "material": -1, "depth": torch.inf}
+
+    def packed(name: str) -> Tensor:
+        values = getattr(gbuffer, name)[0][covered]
+        room = torch.full((height * PACKED_WIDTH, *values.shape[1:]), empty.get(name, 0), dtype=values.dtype)
+        room[:count] = values
+        return room.reshape(1, height, PACKED_WIDTH, *values.shape[1:])
+
+    background = shade(scene, _emptied(gbuffer), background=options.background).clone()
+    if count:
+        camera = gbuffer.cameras.sub_camera(0, 0, PACKED_WIDTH, height)
+        names = [f.name for f in fields(GBuffer) if f.name != "cameras"]
+        small = GBuffer(cameras=camera, **{name: packed(name) for name in names})
+        background[0][covered] = shade_samples(scene, small, options, past).reshape(-1, 3)[:count]
+    return background
+
+
+def _emptied(gbuffer: GBuffer) -> GBuffer:
+    nothing = torch.full_like(gbuffer.triangle, -1)
+    return replace(gbuffer, triangle=nothing, material=nothing, object_id=nothing)

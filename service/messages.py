@@ -99,11 +99,15 @@ class Pose(msgspec.Struct, frozen=True, kw_only=True):
     moving: bool = True
 
 
+Bits = Literal[12, 14, 16]
+ColorCodec = Literal["jpeg", "webp"]
+
+
 class DepthBlob(msgspec.Struct, frozen=True, kw_only=True):
     """How the depth blob is to be read."""
 
     codec: Literal["pz1"]
-    bits: Literal[12, 14, 16]
+    bits: Bits
     near: Positive
     length: Natural
     error: NotNegative
@@ -112,7 +116,7 @@ class DepthBlob(msgspec.Struct, frozen=True, kw_only=True):
 class ColorBlob(msgspec.Struct, frozen=True, kw_only=True):
     """How the colour blob is to be read."""
 
-    codec: Literal["jpeg", "webp"]
+    codec: ColorCodec
     length: Natural
 
 
@@ -176,7 +180,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True):
     """What the user wants from now on; null: no bound."""
 
     budget_ms: Annotated[float, Meta(ge=1.0, le=1e5)] | None = None
-    max_error: Annotated[float, Meta(gt=0.0, le=10.0)] | None = None
+    max_error: Annotated[float, Meta(ge=0.0, le=1.0)] | None = None
     layers: Annotated[int, Meta(ge=0, le=MAX_LAYERS)] | None = None
 
 

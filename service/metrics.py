@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bisect
 from collections import defaultdict
+from collections.abc import Mapping
 
 PREFIX = "torchrender_"
 CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
@@ -47,7 +48,7 @@ class Metrics:
         row[bisect.bisect_left(BUCKETS, seconds)] += 1
         row[-1] += seconds
 
-    def text(self, gauges: dict[str, float]) -> str:
+    def text(self, gauges: Mapping[str, float]) -> str:
         """All values, with ``gauges`` as they are now."""
         lines: list[str] = []
         for name, value in sorted(gauges.items()):

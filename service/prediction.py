@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+import msgspec
+
 from service.messages import CameraHeader, Pose
 
 MAX_LEAD_S = 1.0
@@ -28,7 +30,7 @@ def predicted(pose: Pose, lead_s: float) -> CameraHeader:
     eye = [m[4 * i + 3] + lead * pose.velocity[i] for i in range(3)]
     rows = [[*rotation[i], eye[i]] for i in range(3)] + [[0.0, 0.0, 0.0, 1.0]]
     matrix = tuple(value for row in rows for value in row)
-    return CameraHeader(world_from_camera=matrix, **_rest(pose.camera))
+    return msgspec.structs.replace(pose.camera, world_from_camera=matrix)
 
 
 def overscanned(camera: CameraHeader, overscan: float, max_pixels: int) -> CameraHeader:

@@ -6,10 +6,13 @@ from typing import Any
 
 import msgspec
 
+from service import jobs
 from service.cameras import camera_of_view, header_of
-from service.jobs import Describe, Forget, Job, Locate, MakeKeyframe
+from service.engine import plan_image, tradeoff
+from service.pictures import make_container, render_picture, reproject_picture
 from service.scene_cache import SceneCache, describe
 from service.stream_renderer import StreamRenderer
+from service.upload import validate
 from torchrender.errors import CameraError
 
 
@@ -20,31 +23,41 @@ class Renderer:
         self._scenes = SceneCache()
         self._streams = StreamRenderer()
 
-    def run(self, job: Job) -> dict[str, Any]:
+    def run(self, job: jobs.Job) -> dict[str, Any]:
         """The result of a job as plain values.
 
         Raises:
             TorchRenderError: the job cannot be done; the message is fit for the client.
         """
-        if isinstance(job, MakeKeyframe):
-            return self._streams.make(self._scenes.get(job.scene), job)
-        if isinstance(job, Describe):
-            return describe(self._scenes.get(job.scene))
-        if isinstance(job, Locate):
-            return self._locate(job)
-        if isinstance(job, Forget):
+        if isinstance(job, jobs.Forget):
             return self._forget(job)
-        raise NotImplementedError(type(job).__name__)
+        if isinstance(job, jobs.Validate):
+            return validate(job)
+        if isinstance(job, jobs.Reproject):
+            return reproject_picture(job)
+        if isinstance(job, jobs.Tradeoff):
+            return tradeoff(job.name)
+        return self._run_in_scene(job)
 
-    def _locate(self, job: Locate) -> dict[str, Any]:
-        camera = camera_of_view(self._scenes.get(job.scene), job.view)
+    def _run_in_scene(self, job: jobs.SceneJob) -> dict[str, Any]:
+        scene = self._scenes.get(job.scene)
+        if isinstance(job, jobs.MakeKeyframe):
+            return self._streams.make(scene, job)
+        if isinstance(job, jobs.Render):
+            return render_picture(scene, job)
+        if isinstance(job, jobs.DepthImages):
+            return make_container(scene, job)
+        if isinstance(job, jobs.Plan):
+            return plan_image(scene, camera_of_view(scene, job.view), job.bounds)
+        if isinstance(job, jobs.Describe):
+            return describe(scene)
+        camera = camera_of_view(scene, job.view)
         if camera.orthographic:
             raise CameraError("streams need a perspective camera")
         return {"camera": msgspec.to_builtins(header_of(camera))}
 
-    def _forget(self, job: Forget) -> dict[str, Any]:
-        if job.session is not None:
-            self._streams.forget(job.session)
+    def _forget(self, job: jobs.Forget) -> dict[str, Any]:
+        self._streams.forget(session=job.session, scene=job.scene)
         if job.scene is not None:
             self._scenes.forget(job.scene)
         return {}

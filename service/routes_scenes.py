@@ -20,6 +20,9 @@ MEDIA_TYPES = {
     "text/x-toml": "toml",
 }
 SceneParameter = Annotated[str, Path(pattern=r"^[a-z0-9_]{1,64}$", examples=["cornell_box"])]
+_THERE: dict[int | str, dict[str, Any]] = {
+    200: {"description": "The same scene is there already.", "model": SceneFacts}
+}
 _BINARY = {"schema": {"type": "string", "format": "binary"}}
 _TOML = {
     "schema": {"type": "string"},
@@ -38,8 +41,7 @@ async def list_scenes(request: Request) -> dict[str, Any]:
     "",
     status_code=201,
     response_model=SceneFacts,
-    responses={200: {"description": "The same scene is there already.", "model": SceneFacts}}
-    | problems(400, 403, 409, 413, 415, 422, 429, 503),
+    responses=_THERE | problems(400, 403, 409, 413, 415, 422, 429, 503),
     openapi_extra={
         "requestBody": {"required": True, "content": {"model/gltf-binary": _BINARY, "application/toml": _TOML}}
     },

@@ -13,6 +13,9 @@ from service.state import state_of
 from torchrender import __version__
 
 router = APIRouter(tags=["status"])
+_TEXT: dict[int | str, dict[str, Any]] = {
+    200: {"description": "Text format of Prometheus.", "content": {"text/plain": {}}}
+}
 
 
 @router.get("/health")
@@ -34,7 +37,7 @@ async def ready(request: Request) -> dict[str, Any]:
 @router.get(
     "/metrics",
     response_class=Response,
-    responses={200: {"description": "Text format of Prometheus.", "content": {"text/plain": {}}}} | problems(),
+    responses=_TEXT | problems(),
 )
 async def metrics(request: Request) -> Response:
     """Counters, gauges and histograms for Prometheus."""

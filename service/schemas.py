@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from service.jobs import Bounds, View
+from service.jobs import Bounds, Buffer, View
 from service.messages import MAX_LAYERS, CameraHeader
 
 Number = Annotated[float, Field(ge=-1e15, le=1e15, allow_inf_nan=False)]
@@ -17,7 +17,11 @@ SceneId = Annotated[str, Field(pattern=r"^[a-z0-9_]{1,64}$", description="of a b
 Budget = Annotated[
     float, Field(ge=1.0, le=1e5, allow_inf_nan=False, description="milliseconds that the picture may take")
 ]
-MaxError = Annotated[float, Field(gt=0.0, le=10.0, allow_inf_nan=False, description="error that the picture may have")]
+MaxError = Annotated[
+    float, Field(ge=0.0, le=1.0, allow_inf_nan=False, description="mean FLIP that the picture may be off")
+]
+
+Light = Annotated[float, Field(ge=0.0, le=1e6, allow_inf_nan=False)]
 
 IDENTITY = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0]
 
@@ -101,6 +105,80 @@ class SceneList(BaseModel):
     """All scenes."""
 
     scenes: list[SceneFacts]
+
+
+class RenderSettings(Strict):
+    """Settings of a picture that a budget or error bound may change."""
+
+    shadows: bool = True
+    reflections: Literal["clustered", "traced", "environment", "off"] = "clustered"
+    supersample: Annotated[float, Field(ge=0.25, le=2.0, allow_inf_nan=False)] = 1.0
+    background: Annotated[list[Light], Field(min_length=3, max_length=3)] | None = None
+    exposure: Annotated[float, Field(ge=-64.0, le=64.0, allow_inf_nan=False)] | None = 0.0
+    tone_map: Literal["none", "reinhard", "aces"] = "none"
+
+
+class RenderRequest(Strict):
+    """A picture."""
+
+    scene: SceneId
+    camera: Camera | None = Field(None, description="default: the scene's first camera")
+    width: Side = 640
+    height: Side = 360
+    options: RenderSettings = RenderSettings()
+    budget_ms: Budget | None = None
+    max_error: MaxError | None = None
+    buffers: Annotated[list[Buffer], Field(max_length=16, description="of an NPZ file; none: all")] = []
+
+    model_config = ConfigDict(
+        extra="forbid",
+        strict=True,
+        json_schema_extra={"examples": [{"scene": "cornell_box", "width": 160, "height": 120}]},
+    )
+
+
+class DepthImagesRequest(Strict):
+    """Depth images of a scene: of several cameras, or of viewpoints around one."""
+
+    scene: SceneId
+    cameras: Annotated[list[Camera], Field(max_length=64, description="none: the scene's first camera")] = []
+    around: Annotated[int, Field(ge=1, le=64, description="viewpoints around the only camera")] = 1
+    spread: Annotated[
+        float, Field(ge=0.0, le=2.0, allow_inf_nan=False, description="their distance, scene diagonals")
+    ] = 0.1
+    width: Side = 640
+    height: Side = 360
+    method: Literal["nonredundant", "conventional", "depth_peeling"] = "nonredundant"
+    bits: Literal[12, 14, 16] = 16
+    color: Literal["jpeg", "webp"] = "webp"
+    quality: Annotated[int, Field(ge=1, le=100, description="100 with webp: without loss")] = 100
+    options: RenderSettings = RenderSettings()
+
+    model_config = ConfigDict(
+        extra="forbid",
+        strict=True,
+        json_schema_extra={"examples": [{"scene": "cornell_box", "around": 3, "width": 160, "height": 120}]},
+    )
+
+
+class ReprojectRequest(Strict):
+    """A picture from depth images made before, or sent along."""
+
+    keyframes: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$", description="id of a container")] | None = None
+    container: Annotated[str, Field(min_length=4, description="a container as base64")] | None = None
+    camera: LookAt | PinholeCamera
+    width: Side = 640
+    height: Side = 360
+    method: Literal["hybrid", "grid", "splat"] = "hybrid"
+
+    @model_validator(mode="after")
+    def one_source(self) -> ReprojectRequest:
+        """Exactly one of both, and a target to look at."""
+        if (self.keyframes is None) == (self.container is None):
+            raise ValueError("give either keyframes or container")
+        if isinstance(self.camera, LookAt) and self.camera.target is None:
+            raise ValueError("camera.target is needed: a container has no centre")
+        return self
 
 
 class SessionRequest(Strict):

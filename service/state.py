@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import logging
 
 from starlette.requests import HTTPConnection
 
 from service.errors import ServiceError
 from service.jobs import Forget
+from service.kept import KeptContainers
 from service.metrics import Metrics
 from service.pool import Pool
 from service.sessions import Session, SessionStore
@@ -29,6 +29,7 @@ class ServiceState:
         self.metrics = Metrics()
         self.pool = Pool(settings, self.metrics)
         self.scenes = SceneStore(settings, self.pool)
+        self.kept = KeptContainers(settings.max_kept_bytes)
         self.sessions = SessionStore(settings, self._session_ended)
         self.around = Surroundings(settings=settings, sessions=self.sessions, pool=self.pool, metrics=self.metrics)
         self.stopping = False
@@ -88,13 +89,3 @@ def state_of(connection: HTTPConnection) -> ServiceState:
     """The state of the application that serves a request."""
     state: ServiceState = connection.app.state.service
     return state
-
-
-@contextlib.asynccontextmanager
-async def running(state: ServiceState):  # type: ignore[no-untyped-def]
-    """Start and stop around the life of the application."""
-    await state.start()
-    try:
-        yield
-    finally:
-        await state.stop()

@@ -11,13 +11,12 @@ import contextlib
 import logging
 import time
 from dataclasses import dataclass
+from typing import Any
 
-import msgspec
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from service.errors import ProtocolError, ServiceError
-from service.jobs import MakeKeyframe
-from service.keyframes import LOSSLESS, QUALITY_MOVING, QUALITY_STILL
+from service.jobs import LOSSLESS, QUALITY_MOVING, QUALITY_STILL, Bounds, MakeKeyframe
 from service.messages import (
     CREDITS,
     MAJOR,
@@ -36,8 +35,9 @@ from service.messages import (
     encode,
 )
 from service.metrics import Metrics
+from service.placement import Placement, Shown
 from service.pool import Pool
-from service.prediction import MAX_HOLES, needs_keyframe, overscanned, predicted, same_view
+from service.prediction import overscanned
 from service.problems import problem_of
 from service.sessions import Session, SessionStore
 from service.settings import Settings as ServiceSettings
@@ -62,26 +62,6 @@ class Closed(Exception):
         super().__init__(reason)
 
 
-@dataclass(frozen=True)
-class Shown:
-    """The newest keyframe."""
-
-    view: CameraHeader  # without overscan, after prediction
-    pose: CameraHeader  # that asked for it
-    overscan: float
-    typical_depth: float
-    still: bool
-
-
-@dataclass(eq=False)
-class Flight:
-    """A keyframe without acknowledgement."""
-
-    begun: float  # when its rendering began
-    timed: bool  # its round trip is like that of the next one
-    sent: float | None = None
-
-
 @dataclass(eq=False, kw_only=True)
 class Surroundings:
     """What every stream uses."""
@@ -100,13 +80,7 @@ class Stream:
         self._session = session
         self._around = around
         self._hello = Hello(versions=(MAJOR, MAJOR))
-        self._pose: Pose | None = None
-        self._pose_at = 0.0
-        self._moved_at = 0.0
-        self._holes = 0.0
-        self._fresh = True  # one keyframe is wanted whatever the pose
-        self._shown: Shown | None = None
-        self._on_the_way: dict[int, Flight] = {}  # by keyframe id
+        self._placement = Placement(around.settings.still_s, session.latency_s)
         self._errors = 0
         self._wake = asyncio.Event()
         self._end: asyncio.Future[Closed] = asyncio.get_running_loop().create_future()
@@ -115,13 +89,15 @@ class Stream:
 
     async def run(self) -> None:
         """Serve until either side ends the stream."""
-        session, tasks = self._session, []
+        session = self._session
+        tasks: list[asyncio.Task[None]] = []
         session.stream = self
         closed: Closed | None = None
         try:
             await self._greet()
             tasks = [asyncio.create_task(work()) for work in (self._receive, self._produce, self._watch)]
-            await asyncio.wait([*tasks, self._end], return_when=asyncio.FIRST_COMPLETED)
+            waiting: list[asyncio.Future[Any]] = [*tasks, self._end]
+            await asyncio.wait(waiting, return_when=asyncio.FIRST_COMPLETED)
             if self._end.done():
                 closed = self._end.result()
             else:
@@ -236,41 +212,21 @@ class Stream:
         return decode(data, accept).message
 
     def _take(self, message: Message) -> None:
-        now = time.monotonic()
+        now, placement, session = time.monotonic(), self._placement, self._session
         if isinstance(message, Pose):
-            self._take_pose(message, now)
+            placement.take_pose(message, now)
         elif isinstance(message, Ack):
-            self._take_ack(message, now)
+            trip = placement.take_ack(message, now)
+            session.latency_s = placement.latency_s
+            if trip is not None:
+                self._around.metrics.observe("keyframe_latency_seconds", trip)
         elif isinstance(message, Resync):
-            self._on_the_way.clear()
-            self._fresh = True
+            placement.resync()
         elif isinstance(message, Settings):
-            self._session.bounds = msgspec.structs.replace(
-                self._session.bounds, budget_ms=message.budget_ms, max_error=message.max_error
-            )
+            session.bounds = Bounds(budget_ms=message.budget_ms, max_error=message.max_error)
             if message.layers is not None:
-                self._session.layers = message.layers
-            self._fresh = True
-
-    def _take_ack(self, ack: Ack, now: float) -> None:
-        flight = self._on_the_way.pop(ack.id, None)
-        if flight is None:
-            return
-        self._holes = ack.holes
-        trip = now - flight.begun
-        self._around.metrics.observe("keyframe_latency_seconds", trip)
-        if flight.timed:
-            old = self._session.latency_s
-            self._session.latency_s = trip if old == 0.0 else 0.7 * old + 0.3 * trip
-
-    def _take_pose(self, pose: Pose, now: float) -> None:
-        """The mailbox has one slot; a pose that was overtaken on the way is not put there."""
-        old = self._pose
-        if old is not None and pose.seq < old.seq:
-            return
-        if old is None or not same_view(old.camera, pose.camera):
-            self._moved_at = now
-        self._pose, self._pose_at = pose, now
+                session.layers = message.layers
+            placement.refresh()
 
     async def _complain(self, error: ProtocolError | ServiceError) -> None:
         kind = error.kind if isinstance(error, ServiceError) else "invalid-message"
@@ -285,56 +241,47 @@ class Stream:
 
     async def _produce(self) -> None:
         while True:
-            kind = self._due()
+            now = time.monotonic()
+            kind = self._placement.due(now)
             if kind is None:
                 with contextlib.suppress(asyncio.TimeoutError):
-                    await asyncio.wait_for(self._wake.wait(), self._patience())
+                    await asyncio.wait_for(self._wake.wait(), self._placement.patience(now, TICK_S))
                 self._wake.clear()
-                continue
-            await self._keyframe(still=kind == "still")
-
-    def _due(self) -> str | None:
-        """Which kind of keyframe is wanted now: "moving", "still" or None."""
-        pose, shown = self._pose, self._shown
-        if pose is None or len(self._on_the_way) >= CREDITS:
-            return None
-        if self._fresh or shown is None:
-            return "moving"
-        view = predicted(pose, self._lead())
-        if needs_keyframe(shown.view, view, shown.typical_depth, shown.overscan):
-            return "moving"
-        if same_view(shown.pose, pose.camera) and not pose.moving:
-            moved = not same_view(shown.view, pose.camera)
-        else:
-            moved = True
-            if self._holes > MAX_HOLES and not same_view(shown.pose, pose.camera):
-                return "moving"
-        rested = time.monotonic() - self._moved_at >= self._around.settings.still_s
-        return "still" if rested and (moved or not shown.still) else None
-
-    def _patience(self) -> float:
-        """Seconds until something may become due without a message."""
-        return max(0.01, min(TICK_S, self._moved_at + self._around.settings.still_s - time.monotonic()))
-
-    def _lead(self) -> float:
-        """Seconds from the pose to the moment when its keyframe is shown."""
-        return time.monotonic() - self._pose_at + self._session.latency_s
+            else:
+                await self._keyframe(still=kind == "still")
 
     @property
     def _max_pixels(self) -> int:
         return min(self._around.settings.max_stream_pixels, self._hello.max_pixels)
 
     async def _keyframe(self, *, still: bool) -> None:
-        pose, session = self._pose, self._session
+        placement, session, now = self._placement, self._session, time.monotonic()
+        pose = placement.pose
         assert pose is not None
-        view = pose.camera if still else predicted(pose, self._lead())
+        view = pose.camera if still else placement.view(pose, now)
         camera = overscanned(view, session.overscan, self._max_pixels)
         number, session.next_id = session.next_id, session.next_id + 1
-        self._fresh = False
-        flight = self._on_the_way[number] = Flight(time.monotonic(), timed=not still)
+        flight = placement.begin(number, now, timed=not still)
+        try:
+            made = await self._around.pool.run(self._job(number, pose, camera, still), renderer=session.renderer)
+        except ServiceError as error:
+            await self._failed(error, number)
+            return
+        overscan = min(camera.width * view.fx / (camera.fx * view.width), session.overscan)
+        if not placement.done(number, Shown(view, overscan, made["typical_depth"], still)):
+            return  # a RESYNC came meanwhile
+        flight.sent = time.monotonic()
+        for message in made["messages"]:
+            await self._socket.send_bytes(message)
+        metrics = self._around.metrics
+        metrics.count("keyframes", kind="still" if still else "moving")
+        metrics.count("keyframe_bytes", sum(map(len, made["messages"])))
+
+    def _job(self, number: int, pose: Pose, camera: CameraHeader, still: bool) -> MakeKeyframe:
+        session = self._session
         lossless = still and "webp" in self._hello.color
         speed = sum(v * v for v in pose.velocity) ** 0.5 if pose.moving else 0.0
-        job = MakeKeyframe(
+        return MakeKeyframe(
             session=session.id,
             scene=session.scene,
             id=number,
@@ -349,39 +296,22 @@ class Stream:
             quality=LOSSLESS if lossless else QUALITY_STILL if still else QUALITY_MOVING,
             bounds=session.bounds,
         )
-        try:
-            made = await self._around.pool.run(job, renderer=session.renderer)
-        except ServiceError as error:
-            await self._failed(error, number)
-            return
-        overscan = min(camera.width * view.fx / (camera.fx * view.width), session.overscan)
-        self._shown = Shown(view, pose.camera, overscan, made["typical_depth"], still)
-        if number not in self._on_the_way:  # a RESYNC came meanwhile
-            return
-        self._holes = 0.0
-        flight.sent = time.monotonic()
-        for message in made["messages"]:
-            await self._socket.send_bytes(message)
-        metrics = self._around.metrics
-        metrics.count("keyframes", kind="still" if still else "moving")
-        metrics.count("keyframe_bytes", sum(map(len, made["messages"])))
 
     async def _failed(self, error: ServiceError, number: int) -> None:
         """Say so; a pose that cannot be rendered is not tried again, a busy renderer is."""
-        self._on_the_way.pop(number, None)
+        self._placement.failed(number)
         await self._complain(error)
         if error.status == 404:
             raise Closed(SCENE_GONE, "the scene was deleted")
-        self._fresh = True
         if error.status in (429, 503):
             await asyncio.sleep(error.retry_after_s or RETRY_S)
         else:
-            self._pose = None
+            self._placement.drop_pose()
 
     async def _watch(self) -> None:
         """Drop a client that does not acknowledge."""
         while True:
             await asyncio.sleep(TICK_S)
-            sent = [flight.sent for flight in self._on_the_way.values() if flight.sent is not None]
-            if sent and time.monotonic() - min(sent) > self._around.settings.stall_s:
+            sent = self._placement.oldest_sent()
+            if sent is not None and time.monotonic() - sent > self._around.settings.stall_s:
                 raise Closed(1008, "keyframes are not acknowledged")

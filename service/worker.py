@@ -1,7 +1,7 @@
 """The renderer process: reads jobs from its standard input, answers on its standard output.
 
-One message is eight bytes of length and msgpack. A process of its own keeps the server answering while all cores render,
-survives what a scene may do to memory, and can be stopped.
+One message is eight bytes of length and msgpack. A process of its own keeps the server answering while all cores
+render, survives what a scene may do to memory, and can be stopped.
 """
 
 from __future__ import annotations

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ast
+import subprocess
+import sys
 from collections.abc import Iterator
 from graphlib import TopologicalSorter
 from pathlib import Path
@@ -10,6 +12,7 @@ from pathlib import Path
 import pytest
 
 PACKAGE = Path(__file__).resolve().parent.parent / "torchrender"
+SERVICE = PACKAGE.parent / "service"
 
 # From the ground up; a module may import what stands before its own entry, and its own package. The longest entry that
 # a module's name starts with is the one that counts.
@@ -52,18 +55,22 @@ ORDER = (
     "image",
     "renderer",
     "report",
+    "client",
     "cli_output",
     "cli_voxels",
     "cli_points",
     "cli_fly",
+    "cli_serve",
     "cli",
-    "service",
 )
+ABOVE = ("client", "cli_serve")
+"""What may import the service, which stands beside the package."""
 MAX_LINES = 330
 MAX_FUNCTION_LINES = 60
 MAX_PARAMETERS = 8
 
 FILES = sorted(PACKAGE.rglob("*.py"))
+SERVICE_FILES = sorted(SERVICE.rglob("*.py"))
 
 
 def module_name(path: Path) -> str:
@@ -137,6 +144,18 @@ def test_effects_never_import_effects() -> None:
             assert not others, f"torchrender.{name} imports {others}"
 
 
+def test_only_its_client_and_command_import_the_service() -> None:
+    for name, path in MODULES.items():
+        if name.split(".")[0] not in ABOVE:
+            assert not [t for t in imports(path) if t.split(".")[0] == "service"], f"torchrender.{name}"
+
+
+def test_the_serving_process_does_not_load_the_renderer() -> None:
+    """It must answer at once and stay small, whatever its renderers do."""
+    code = "import sys, service.server; sys.exit(any(name in sys.modules for name in ('torch', 'numba')))"
+    assert subprocess.run([sys.executable, "-c", code], cwd=PACKAGE.parent, check=False).returncode == 0
+
+
 def test_only_kernels_import_numba() -> None:
     for name, path in MODULES.items():
         if not name.startswith("kernels"):
@@ -144,7 +163,7 @@ def test_only_kernels_import_numba() -> None:
             assert not used, f"torchrender.{name} imports {used}"
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(PACKAGE)))
+@pytest.mark.parametrize("path", FILES + SERVICE_FILES, ids=lambda path: str(path.relative_to(PACKAGE.parent)))
 def test_sizes(path: Path) -> None:
     lines = len(path.read_text().splitlines())
     assert lines <= MAX_LINES, f"{path.name} has {lines} lines: look for the missing idea"

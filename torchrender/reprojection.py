@@ -128,7 +128,7 @@ def _draw(
         draw_splats(*_splats(source, camera), bias, options.splat_scale, _size(camera), thread_count(), keys)
         return keys
     start = 0.5 if quads.centred else 0.0
-    arrays = (quads.depth.numpy(), quads.shape.numpy(), start, _pixel_matrices(source.cameras, camera))
+    arrays = (quads.depth.numpy(), quads.shape.numpy(), start, pixel_matrices(source.cameras, camera))
     draw_quads(*arrays, float(camera.near[0]), bias, _size(camera), thread_count(), keys)
     return keys
 
@@ -166,7 +166,7 @@ def _size(camera: Cameras) -> tuple[int, int]:
     return camera.width, camera.height
 
 
-def _pixel_matrices(source: Cameras, target: Cameras) -> np.ndarray:
+def pixel_matrices(source: Cameras, target: Cameras) -> np.ndarray:
     """(N,3,4): homogeneous pixel of the one target camera = z M[:, :3] (u, v, 1) + M[:, 3], for N source cameras."""
     project = target.intrinsics @ target.rotation
     shift = target.intrinsics @ target.camera_from_world[:, :3, 3:]

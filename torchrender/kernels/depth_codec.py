@@ -45,9 +45,9 @@ def decode_planes(planes, near, levels, codes, depth):
     for j in range(height):
         left, corner = 0, 0
         for i in range(width):
-            word = np.int32(planes[0, j, i]) | (np.int32(planes[1, j, i]) << 8)
+            word = int(planes[0, j, i]) | (int(planes[1, j, i]) << 8)
             residual = (word >> 1) ^ -(word & 1)
-            up = np.int32(codes[j - 1, i]) if j > 0 else 0
+            up = int(codes[j - 1, i]) if j > 0 else 0
             code = (left + up - corner + residual) & 0xFFFF
             codes[j, i] = code
             depth[j, i] = near * levels / code if code > 0 else np.inf
@@ -69,25 +69,31 @@ def display_codes(radiance, gain, table, codes):
 
 
 @kernel()
-def spread_rows(codes, known):
-    """Give pixels of (H,W,3) that are not ``known`` the colour of the last known one in the row, else of the next.
+def fill_blocks(codes, known, size):
+    """Give pixels of (H,W,3) that are not ``known`` the mean of the known ones in their block of ``size`` pixels.
 
-    What a lossy picture holds there is never shown, but its blocks reach into what is.
+    A block without any continues the block before it. What a lossy picture holds there is never shown, but blocks of
+    one colour take no room, and sharp edges would reach into what is shown.
     """
     height, width = known.shape
-    for j in range(height):
-        first = -1
-        for i in range(width):
-            if known[j, i]:
-                if first < 0:
-                    first = i
-            elif first >= 0:
+    mean = np.zeros(3, np.int64)
+    for top in range(0, height, size):
+        for left in range(0, width, size):
+            bottom, right = min(top + size, height), min(left + size, width)
+            total, count = np.zeros(3, np.int64), 0
+            for j in range(top, bottom):
+                for i in range(left, right):
+                    if known[j, i]:
+                        count += 1
+                        for c in range(3):
+                            total[c] += codes[j, i, c]
+            if count == (bottom - top) * (right - left):
+                continue
+            if count > 0:
                 for c in range(3):
-                    codes[j, i, c] = codes[j, i - 1, c]
-        for i in range(max(first, 0)):
-            for c in range(3):
-                codes[j, i, c] = codes[j, first, c]
-        if first < 0:
-            for i in range(width):
-                for c in range(3):
-                    codes[j, i, c] = codes[j - 1, i, c] if j > 0 else 0
+                    mean[c] = total[c] // count
+            for j in range(top, bottom):
+                for i in range(left, right):
+                    if not known[j, i]:
+                        for c in range(3):
+                            codes[j, i, c] = mean[c]

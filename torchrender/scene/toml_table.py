@@ -30,8 +30,13 @@ def parse_toml(path: Path, data: bytes) -> Table:
     Raises:
         SceneFileError: not UTF-8, or not TOML; the reason names line and column.
     """
+    return Table(path, "", parse_toml_values(path, data))
+
+
+def parse_toml_values(path: Path, data: bytes) -> dict[str, Any]:
+    """The plain values of a TOML file; errors as :func:`parse_toml`."""
     try:
-        return Table(path, "", tomllib.loads(data.decode("utf-8")))
+        return tomllib.loads(data.decode("utf-8"))
     except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
         raise SceneFileError(path, f"not a TOML file ({error})") from error
 

@@ -1,0 +1,295 @@
+"""A client of the service's stream: sends poses, receives depth images as tensors, and reprojects them itself.
+
+Needs the extra ``service``. See ``service/PROTOCOL.md`` for what goes over the wire.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import time
+import urllib.parse
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any
+
+import msgspec
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import ClientConnection
+from websockets.sync.client import connect as open_socket
+
+from service.cameras import cameras_of, header_of
+from service.containers import KeyframeImage, decode_keyframe, depth_images_of
+from service.errors import CodecError
+from service.messages import (
+    MAJOR,
+    SUBPROTOCOL,
+    Ack,
+    Bye,
+    Hello,
+    Keyframe,
+    Message,
+    Pose,
+    Problem,
+    Received,
+    Resync,
+    Settings,
+    Type,
+    Welcome,
+    decode,
+    encode,
+    split_blobs,
+)
+from torchrender.buffers import DepthImages
+from torchrender.client.session import StreamClosed, StreamError, post_session
+from torchrender.errors import InputError
+from torchrender.reprojection import Reprojection, ReprojectOptions, reproject
+from torchrender.scene.camera import Cameras
+
+MAX_MESSAGE_BYTES = 2**26
+FROM_SERVER = (Type.WELCOME, Type.KEYFRAME, Type.ERROR, Type.BYE)
+
+
+@dataclass(frozen=True, eq=False)
+class StreamedKeyframe:
+    """One keyframe: the picture of a camera and extra layers around it."""
+
+    id: int
+    pose: int  # number of the pose that asked for it, -1: none
+    still: bool  # a refinement of a view that stands still
+    images: tuple[KeyframeImage, ...]  # layer 0 first
+    plan: Mapping[str, Any] | None  # what ran and why
+    bytes: int  # of all messages
+    latency_ms: float  # from sending the pose to having decoded layer 0
+
+    def depth_images(self) -> DepthImages:
+        """All layers (N,H,W) as depth images of the package; sky is a surface very far away."""
+        return depth_images_of(self.images)
+
+
+class StreamClient:
+    """A stream of depth images of one scene. Use :meth:`connect`; works as a context manager.
+
+    Attributes:
+        camera: where the view starts.
+        scene: what the service says about the scene.
+        limits: of the stream.
+        kept: the newest keyframes, oldest first.
+    """
+
+    def __init__(self, socket: ClientConnection, session: Mapping[str, Any], keep: int) -> None:
+        self._socket = socket
+        self._number = 0
+        self._sent: dict[int, float] = {}
+        self._parts: list[tuple[KeyframeImage, int]] = []
+        self._first_ms = 0.0
+        self.session = dict(session)
+        self.kept: deque[StreamedKeyframe] = deque(maxlen=keep)
+        self._send(Hello(versions=(MAJOR, MAJOR), color=("jpeg", "webp")))
+        welcome = self._next(30.0).message
+        if not isinstance(welcome, Welcome):
+            raise StreamError(f"the service answered HELLO with {type(welcome).__name__}")
+        self.camera: Cameras = cameras_of(welcome.camera)
+        self.scene, self.limits, self.resume_ticket = welcome.scene, welcome.limits, welcome.resume
+
+    @classmethod
+    def connect(
+        cls,
+        url: str,
+        scene: str,
+        *,
+        size: tuple[int, int] = (640, 360),
+        api_key: str | None = None,
+        keep: int = 2,
+        timeout_s: float = 60.0,
+        **wishes: Any,
+    ) -> StreamClient:
+        """Make a session and open its stream.
+
+        Args:
+            url: of the service, such as ``http://127.0.0.1:8000``.
+            scene: id of a scene there.
+            size: width and height of the view, pixels.
+            keep: keyframes that :meth:`view` draws from.
+            timeout_s: for the service to answer; a scene that is not loaded yet takes seconds.
+            wishes: ``camera``, ``layers``, ``overscan``, ``budget_ms``, ``max_error`` as in ``POST /v1/sessions``.
+
+        Raises:
+            StreamError: the service refuses or cannot be reached. InputError: another kind of address.
+        """
+        parts = urllib.parse.urlsplit(url)
+        if parts.scheme not in ("http", "https") or not parts.netloc:
+            raise InputError(f"url must look like http://127.0.0.1:8000, got {url!r}")
+        body = {"scene": scene, "width": size[0], "height": size[1], **wishes}
+        session = post_session(f"{url.rstrip('/')}/v1/sessions", body, api_key, timeout_s)
+        return cls._open(url, session, session["ticket"], keep, timeout_s)
+
+    @classmethod
+    def _open(cls, url: str, session: Mapping[str, Any], ticket: str, keep: int, timeout_s: float) -> StreamClient:
+        address = "ws" + url.rstrip("/").removeprefix("http") + session["stream"]
+        try:
+            socket = open_socket(
+                address,
+                subprotocols=[SUBPROTOCOL, f"bearer.{ticket}"],  # type: ignore[list-item]
+                compression=None,
+                max_size=MAX_MESSAGE_BYTES,
+                open_timeout=timeout_s,
+            )
+        except InvalidStatus as error:
+            raise StreamError(f"the service refused the stream with {error.response.status_code}") from error
+        except (OSError, TimeoutError) as error:
+            raise StreamError(f"{url} cannot be reached ({error})") from error
+        return cls(socket, {**session, "url": url}, keep)
+
+    def reconnect(self, timeout_s: float = 60.0) -> StreamClient:
+        """The same session in a new connection, after this one has broken; kept keyframes go along.
+
+        Raises:
+            StreamError: the session is over: :meth:`connect` again.
+        """
+        self._socket.close()
+        keep = self.kept.maxlen or 1
+        other = self._open(self.session["url"], self.session, self.resume_ticket, keep, timeout_s)
+        other.kept.extend(self.kept)
+        return other
+
+    # --------------------------------------------------------------- talking
+
+    def send_pose(
+        self,
+        camera: Cameras,
+        *,
+        velocity: Sequence[float] = (0.0, 0.0, 0.0),
+        spin: Sequence[float] = (0.0, 0.0, 0.0),
+        moving: bool = True,
+    ) -> int:
+        """Tell where the view is; returns the pose's number.
+
+        Args:
+            camera: a single perspective camera.
+            velocity: scene units per second, world axes. spin: radians per second about the camera's axes.
+            moving: False: the view stands still, a refinement is welcome.
+
+        Raises:
+            InputError: several cameras, or an orthographic one. StreamClosed: the stream has ended.
+        """
+        if len(camera) != 1 or camera.orthographic:
+            raise InputError(f"camera must be a single perspective camera, got {len(camera)}")
+        self._number += 1
+        now = time.monotonic()
+        self._sent[self._number] = now
+        self._sent = dict(list(self._sent.items())[-256:])
+        rates = (tuple(map(float, velocity)), tuple(map(float, spin)))
+        header = header_of(camera)
+        self._send(
+            Pose(seq=self._number, time_ms=1e3 * now, camera=header, velocity=rates[0], spin=rates[1], moving=moving)
+        )
+        return self._number
+
+    def wish(
+        self, *, budget_ms: float | None = None, max_error: float | None = None, layers: int | None = None
+    ) -> None:
+        """Change what keyframes may cost or be off, and how many extra layers they have (None: as before)."""
+        self._send(Settings(budget_ms=budget_ms, max_error=max_error, layers=layers))
+
+    def resync(self) -> None:
+        """Ask for a fresh keyframe and forget parts of others."""
+        self._parts.clear()
+        self._send(Resync(last=self.kept[-1].id if self.kept else None))
+
+    def receive(self, timeout_s: float = 60.0, *, holes: float = 0.0) -> StreamedKeyframe:
+        """The next keyframe, complete with its layers; it is acknowledged and kept.
+
+        Args:
+            holes: share of pixels without a sample that the client sees now, for the server to act on.
+
+        Raises:
+            TimeoutError: none came in time. StreamError: the service refused a message. StreamClosed: the end.
+        """
+        end = time.monotonic() + timeout_s
+        while True:
+            received = self._next(max(0.0, end - time.monotonic()))
+            if isinstance(received.message, Keyframe):
+                keyframe = self._take(received, holes)
+                if keyframe is not None:
+                    return keyframe
+
+    def view(self, camera: Cameras, *, options: ReprojectOptions | None = None) -> Reprojection:
+        """The kept keyframes as other cameras see them, computed here.
+
+        Raises:
+            InputError: nothing was received yet.
+        """
+        if not self.kept:
+            raise InputError("nothing was received yet: call receive() first")
+        newest = self.kept[-1].images[0].depth.shape
+        fitting = [image for keyframe in self.kept for image in keyframe.images if image.depth.shape == newest]
+        return reproject(depth_images_of(fitting), camera, options=options)
+
+    def close(self) -> None:
+        """Say goodbye; the session ends."""
+        with contextlib.suppress(ConnectionClosed):
+            self._socket.send(encode(Bye(reason="the client is done")))
+        self._socket.close()
+
+    def __enter__(self) -> StreamClient:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self.close()
+
+    # --------------------------------------------------------------- private
+
+    def _take(self, received: Received, holes: float) -> StreamedKeyframe | None:
+        header = received.message
+        assert isinstance(header, Keyframe)
+        begin = time.monotonic()
+        try:
+            image = decode_keyframe(header, split_blobs(received), received.blobs)
+        except CodecError:
+            self.resync()
+            return None
+        if header.layer == 0:
+            self._parts.clear()
+            now = time.monotonic()
+            self._first_ms = 1e3 * (now - self._sent.get(header.pose, now))
+            decode_ms = 1e3 * (now - begin)
+            self._send(Ack(id=header.id, decode_ms=decode_ms, shown_ms=1e3 * now, holes=holes))
+        elif not self._parts or self._parts[0][0].header.id != header.id:
+            return None  # its first layer was lost in a resync
+        self._parts.append((image, received.size))
+        if len(self._parts) < header.layers:
+            return None
+        first = self._parts[0][0].header
+        images, size = tuple(p for p, _ in self._parts), sum(s for _, s in self._parts)
+        keyframe = StreamedKeyframe(first.id, first.pose, first.still, images, first.plan, size, self._first_ms)
+        self._parts.clear()
+        self.kept.append(keyframe)
+        return keyframe
+
+    def _next(self, timeout_s: float) -> Received:
+        try:
+            data = self._socket.recv(timeout_s)
+        except ConnectionClosed as error:
+            raise _closed(error) from error
+        if isinstance(data, str):
+            raise StreamError("the service sent text")
+        received = decode(data, FROM_SERVER)
+        message = received.message
+        if isinstance(message, Problem):
+            raise StreamError(message.detail, msgspec.to_builtins(message))
+        if isinstance(message, Bye):
+            raise StreamClosed(message.reason, message.retry_after_s)
+        return received
+
+    def _send(self, message: Message) -> None:
+        try:
+            self._socket.send(encode(message))
+        except ConnectionClosed as error:
+            raise _closed(error) from error
+
+
+def _closed(error: ConnectionClosed) -> StreamClosed:
+    code = error.rcvd.code if error.rcvd is not None else 1006
+    return StreamClosed(f"the stream was closed with {code}", 1.0 if code in (1006, 1012) else None)
