@@ -23,12 +23,11 @@ from typing import Any
 import msgspec
 import numpy as np
 import torch
-from torch import Tensor
 
 from service.cameras import cameras_of
-from service.codec import decode_color, decode_depth, decode_mask
+from service.containers import KeyframeImage, decode_keyframe, depth_images_of
 from service.messages import CameraHeader, Keyframe, Message, Type, decode, split_blobs
-from torchrender.buffers import DepthImages
+from torchrender.reprojection import reproject
 from torchrender.scene.camera import Cameras
 
 FLAGS = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
@@ -39,7 +38,8 @@ JPEG_READY = "() => window.torchrender?.keyframes.length > 0"
 COMPLETE = "() => { const k = window.torchrender?.keyframes[0]; return k && k.received === k.layers; }"
 ARRIVED = """() => {
     const k = window.torchrender.keyframes[0], here = window.torchrender.camera.world_from_camera;
-    return k.still && k.received === k.layers && k.camera.world_from_camera.every((v, n) => Math.abs(v - here[n]) < 1e-6);
+    const there = k.camera.world_from_camera;
+    return k.still && k.received === k.layers && there.every((v, n) => Math.abs(v - here[n]) < 1e-6);
 }"""
 REFINED = "() => { const k = window.torchrender?.keyframes[0]; return k && k.still && k.received === k.layers; }"
 
@@ -230,58 +230,21 @@ def moved(view: dict[str, Any], right: float, down: float, forward: float) -> di
     return view | {"world_from_camera": matrix.reshape(-1).tolist()}
 
 
-def images_of(messages: list[bytes]) -> DepthImages:
-    """KEYFRAME messages as depth images with display colours (sRGB values in [0,1]) and normals from the depths."""
-    cameras, depths, colors, normals = [], [], [], []
+def pictures_of(messages: list[bytes]) -> list[KeyframeImage]:
+    """KEYFRAME messages, decoded by the service's own code."""
+    found = []
     for data in messages:
         received = decode(data)
-        header = received.message
-        assert isinstance(header, Keyframe)
-        blobs = split_blobs(received)
-        size = {"width": header.camera.width, "height": header.camera.height}
-        depth = decode_depth(blobs[0], bits=header.depth.bits, near=header.depth.near, **size)
-        if header.mask is not None:
-            depth[~decode_mask(blobs[2], **size)] = math.inf
-        camera = cameras_of(header.camera)
-        cameras.append(camera)
-        depths.append(depth)
-        colors.append(torch.from_numpy(decode_color(blobs[1], header.color.codec, **size).astype(np.float32)) / 255)
-        normals.append(normals_of(depth, camera))
-    depth = torch.stack(depths)
-    ids = torch.where(torch.isfinite(depth), 0, -1)
-    return DepthImages(
-        cameras=Cameras.cat(cameras),
-        depth=depth,
-        triangle=ids,
-        object_id=ids,
-        barycentric=torch.zeros(*depth.shape, 2),
-        position=torch.zeros(*depth.shape, 3, dtype=torch.float64),
-        normal=torch.stack(normals),
-        color=torch.stack(colors),
-        layer=torch.zeros(depth.shape, dtype=torch.int32),
-        truncated=torch.zeros(depth.shape, dtype=torch.bool),
-        parameters={},
-    )
+        assert isinstance(received.message, Keyframe)
+        found.append(decode_keyframe(received.message, split_blobs(received), received.blobs))
+    return found
 
 
-def normals_of(depth: Tensor, camera: Cameras) -> Tensor:
-    """(H,W,3) normals of a depth image, from the flatter of the differences of 1/z to both neighbours.
-
-    The plane n.p = 1 has 1/z = n.K^-1 (u,v,1): from 1/z = a u + b v + c follows n = K^T (a,b,c).
-    """
-    inverse = (1.0 / depth.double()).numpy()
-    slopes = []
-    for axis in (1, 0):
-        step = np.diff(inverse, axis=axis)
-        edge = np.full_like(np.take(inverse, [0], axis), np.inf)
-        before, after = np.concatenate([edge, step], axis), np.concatenate([step, edge], axis)
-        slope = np.where(np.abs(before) < np.abs(after), before, after)
-        slopes.append(np.where(np.isfinite(slope), slope, 0.0))
-    v, u = np.mgrid[: depth.shape[0], : depth.shape[1]] + 0.5
-    rest = inverse - slopes[0] * u - slopes[1] * v
-    rows = np.stack([*slopes, rest], axis=-1) @ camera.intrinsics[0].numpy() @ camera.rotation[0].numpy()
-    length = np.linalg.norm(rows, axis=-1, keepdims=True)
-    return torch.from_numpy(-rows / np.maximum(length, 1e-300)).float()
+def reprojected(pictures: list[KeyframeImage], camera: Cameras) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
+    """What Python draws of them: display colours (H,W,3) uint8 and validity (H,W)."""
+    codes = torch.stack([picture.codes for picture in pictures]).float()
+    result = reproject(depth_images_of(pictures), camera, colors=codes)
+    return result.color[0].round().numpy().astype(np.uint8), result.valid[0].numpy()
 
 
 def psnr(first: np.ndarray[Any, Any], second: np.ndarray[Any, Any], counted: np.ndarray[Any, Any]) -> float:

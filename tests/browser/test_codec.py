@@ -96,7 +96,7 @@ def test_the_example_of_the_protocol_byte_for_byte(tools: Any) -> None:
     document = (Path(service_package.__file__).parent / "PROTOCOL.md").read_text()
     found = re.search(r"```hex ack\n(.*?)```", document, re.DOTALL)
     assert found
-    ack = '{ id: 7, decode_ms: 3.5, shown_ms: 1250.25, holes: 0.125 }'
+    ack = "{ id: 7, decode_ms: 3.5, shown_ms: 1250.25, holes: 0.125 }"
     assert base64.b64decode(run(tools, f"return text(encodeMessage(TYPE.ACK, {ack}));")) == bytes.fromhex(found[1])
 
 
@@ -108,7 +108,9 @@ def test_the_server_reads_what_the_page_sends(visit: Callable[..., Visit]) -> No
     assert hello.layers == 1
     poses, acks = page.messages(Type.POSE), page.messages(Type.ACK)
     assert isinstance(poses[0], Pose) and isinstance(acks[0], Ack)
-    assert msgspec.to_builtins(poses[-1].camera)["world_from_camera"] == tuple(page.state("camera")["world_from_camera"])
+    assert msgspec.to_builtins(poses[-1].camera)["world_from_camera"] == tuple(
+        page.state("camera")["world_from_camera"]
+    )
     assert acks[0].decode_ms > 0
 
 
@@ -140,5 +142,3 @@ def test_damaged_keyframes_are_refused(tools: Any, room: Visit, damage: str, com
     pixels, answer = run(tools, script, data=message)
     assert pixels > 0
     assert complaint in answer
-
-

@@ -185,7 +185,9 @@ def test_a_phone(visit: Callable[..., Visit]) -> None:
     assert (eye(page) - start) @ forward > 0, "the stick walks"
     page.page.locator("#toggle").tap()
     panel = page.page.locator("#panel").bounding_box()
-    assert panel and panel["x"] == 0 and panel["width"] == 390 and panel["y"] > 200, "the panel leaves room for the scene"
+    assert panel and panel["x"] == 0 and panel["width"] == 390 and panel["y"] > 200, (
+        "the panel leaves room for the scene"
+    )
     assert not page.problems
 
 

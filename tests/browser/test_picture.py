@@ -8,21 +8,20 @@ import numpy as np
 import pytest
 from PIL import Image as PilImage
 
-from browser_stage import Service, Visit, camera_of, grown, images_of, moved, psnr
-from torchrender.buffers import DepthImages
-from torchrender.reprojection import reproject
+from browser_stage import Service, Visit, camera_of, grown, moved, pictures_of, psnr, reprojected
+from service.containers import KeyframeImage
 
 DIRECTIONS = {"right": (1, 0, 0), "up": (0, -1, 0), "ahead": (0, 0, 1), "back and left": (-0.6, 0.5, -0.6)}
 
 
 @pytest.fixture(scope="package")
-def source(room: Visit) -> DepthImages:
+def source(room: Visit) -> list[KeyframeImage]:
     """The layers that the room's page shows, as Python reads them."""
-    return images_of(room.layers(room.state("keyframes")[0]["id"]))
+    return pictures_of(room.layers(room.state("keyframes")[0]["id"]))
 
 
-def typical_depth(source: DepthImages) -> float:
-    depth = source.depth[0]
+def typical_depth(source: list[KeyframeImage]) -> float:
+    depth = source[0].depth
     return float(depth[depth.isfinite()].median())
 
 
@@ -35,11 +34,12 @@ def test_the_page_shows_the_scene(room: Visit) -> None:
     assert room.state("stats")["holes"] == 0
 
 
-def test_a_still_view_is_the_source_picture(room: Visit, source: DepthImages) -> None:
+def test_a_still_view_is_the_source_picture(room: Visit, source: list[KeyframeImage]) -> None:
     shown, covered = room.capture(earlier=False, layers=False, fill=False)
     height, width = shown.shape[:2]
-    top, left = (source.cameras.height - height) // 2, (source.cameras.width - width) // 2
-    picture = (source.color[0].numpy() * 255).round()[top : top + height, left : left + width]
+    codes = source[0].codes.numpy()
+    top, left = (codes.shape[0] - height) // 2, (codes.shape[1] - width) // 2
+    picture = codes[top : top + height, left : left + width]
     assert covered.mean() > 0.999
     assert psnr(shown, picture, covered) >= 50.0
 
@@ -55,44 +55,39 @@ def test_the_canvas_shows_what_is_captured(room: Visit) -> None:
 
 
 @pytest.mark.parametrize("direction", DIRECTIONS)
-def test_the_warp_agrees_with_the_python_reprojection(room: Visit, source: DepthImages, direction: str) -> None:
+def test_the_warp_agrees_with_the_python_reprojection(room: Visit, source: list[KeyframeImage], direction: str) -> None:
     step = 0.04 * typical_depth(source)
     view = moved(room.state("camera"), *(step * way for way in DIRECTIONS[direction]))
     shown, covered = room.capture(camera=view, earlier=False, layers=False, fill=False)
-    result = reproject(source[0], camera_of(view))
-    valid = result.valid[0].numpy()
-    expected = (result.color[0].numpy() * 255).round()
+    expected, valid = reprojected(source[:1], camera_of(view))
     assert (covered != valid).mean() < 0.01
     off_holes = ~grown(~(covered & valid))
     assert off_holes.mean() > 0.8
     assert psnr(shown, expected, off_holes) >= 40.0
 
 
-def test_layers_agree_with_the_python_reprojection(room: Visit, source: DepthImages) -> None:
+def test_layers_agree_with_the_python_reprojection(room: Visit, source: list[KeyframeImage]) -> None:
     """Where surfaces of several images compete within a pixel the two may choose differently."""
     view = moved(room.state("camera"), 0.04 * typical_depth(source), 0.0, 0.0)
     shown, covered = room.capture(camera=view, earlier=False, fill=False)
-    result = reproject(source, camera_of(view))
-    valid = result.valid[0].numpy()
-    expected = (result.color[0].numpy() * 255).round()
+    expected, valid = reprojected(source, camera_of(view))
     assert (covered != valid).mean() < 0.01
     assert psnr(shown, expected, ~grown(~(covered & valid))) >= 33.0
-    difference = np.abs(shown - expected).max(axis=-1)[covered & valid]
+    difference = np.abs(shown.astype(int) - expected).max(axis=-1)[covered & valid]
     assert (difference > 16).mean() < 0.02
 
 
 @pytest.mark.parametrize("share", [0.02, 0.05])
-def test_layers_halve_the_holes(room: Visit, source: DepthImages, share: float) -> None:
-    """A step to the right and up by this share of the typical depth."""
-    step = share * typical_depth(source) / 2**0.5
-    view = moved(room.state("camera"), step, -step, 0.0)
+def test_layers_halve_the_holes(room: Visit, source: list[KeyframeImage], share: float) -> None:
+    """A step to the right by this share of the typical depth."""
+    view = moved(room.state("camera"), share * typical_depth(source), 0.0, 0.0)
     alone = 1 - room.capture(camera=view, earlier=False, layers=False)[1].mean()
     layered = 1 - room.capture(camera=view, earlier=False)[1].mean()
     assert alone > 0.003
     assert layered <= 0.5 * alone
 
 
-def test_small_holes_are_filled_from_what_lies_behind(room: Visit, source: DepthImages) -> None:
+def test_small_holes_are_filled_from_what_lies_behind(room: Visit, source: list[KeyframeImage]) -> None:
     view = moved(room.state("camera"), 0.03 * typical_depth(source), 0.0, 0.0)
     bare, covered = room.capture(camera=view, earlier=False, layers=False, fill=False)
     filled, _ = room.capture(camera=view, earlier=False, layers=False)

@@ -47,7 +47,7 @@ def test_delay_does_not_slow_the_picture(browser: Any, service: Service) -> None
         page.wait(COMPLETE)
         place, before = eye(page), page.state("stats")
         page.page.keyboard.down("KeyW")
-        page.wait("() => window.torchrender.stats.drawn >= %d" % (before["drawn"] + 3), 2000)
+        page.wait(f"() => window.torchrender.stats.drawn >= {before['drawn'] + 3}", 2000)
         assert np.abs(eye(page) - place).max() > 0
         page.page.keyboard.up("KeyW")
         page.wait(f"() => window.torchrender.stats.keyframes > {before['keyframes']}")

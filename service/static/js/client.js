@@ -212,8 +212,8 @@ export class Client {
   }
 
   /** Milliseconds for one frame of the warp, drawn and waited for, over `count` frames. */
-  measure(count = 20) {
-    const pictures = this.keyframes.pictures();
+  measure(count = 20, sources = {}) {
+    const pictures = this.keyframes.pictures(sources);
     const begin = performance.now();
     for (let k = 0; k < count; k++) {
       this.warp.warp(pictures, this.walker.camera, this.near);

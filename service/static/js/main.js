@@ -139,7 +139,7 @@ function expose() {
       return client.wishes?.scene ?? null;
     },
     capture: (options) => client.capture(options),
-    measure: (count) => client.measure(count),
+    measure: (count, sources) => client.measure(count, sources),
   });
 }
 

@@ -37,29 +37,30 @@ void main() {
   ivec2 last = textureSize(depth, 0) - 1;
   float z = source.z;
   float step = 2.0 * code_scale;
-  float own = at(clamp(ivec2(floor(source.xy)), ivec2(0), last));
-  if (own < 0.0 || abs(own - z) > RIP * max(own, z) + step) discard;
   vec2 place = source.xy - 0.5;
   vec2 t = fract(place);
   ivec2 low = ivec2(floor(place));
   ivec2 p0 = clamp(low, ivec2(0), last);
   ivec2 p1 = clamp(low + 1, ivec2(0), last);
   vec4 near = vec4(at(p0), at(ivec2(p1.x, p0.y)), at(ivec2(p0.x, p1.y)), at(p1));
+  float own = t.y < 0.5 ? (t.x < 0.5 ? near.x : near.y) : (t.x < 0.5 ? near.z : near.w);
+  if (own < 0.0 || abs(own - z) > RIP * max(own, z) + step) discard;
   vec4 weight = vec4(1.0 - t.x, t.x, 1.0 - t.x, t.x) * vec4(1.0 - t.y, 1.0 - t.y, t.y, t.y);
   bool whole = all(greaterThanEqual(near, vec4(0.0))) && abs(dot(near, weight) - z) <= PLANE * z + step;
-  if (!whole) {
-    vec4 surface = step + SURFACE * max(near, z);
-    vec4 alike = vec4(lessThanEqual(abs(near - z), surface)) * vec4(greaterThanEqual(near, vec4(0.0)));
-    weight *= alike;
-  }
-  float sum = dot(weight, vec4(1.0));
   vec3 c;
-  if (sum < 0.05) {
-    c = texelFetch(color, clamp(ivec2(floor(source.xy)), ivec2(0), last), 0).rgb;
+  if (whole) {
+    c = textureLod(color, source.xy / vec2(last + 1), 0.0).rgb;
   } else {
-    weight /= sum;
-    c = weight.x * texelFetch(color, p0, 0).rgb + weight.y * texelFetch(color, ivec2(p1.x, p0.y), 0).rgb
-      + weight.z * texelFetch(color, ivec2(p0.x, p1.y), 0).rgb + weight.w * texelFetch(color, p1, 0).rgb;
+    vec4 surface = step + SURFACE * max(near, z);
+    weight *= vec4(lessThanEqual(abs(near - z), surface)) * vec4(greaterThanEqual(near, vec4(0.0)));
+    float sum = dot(weight, vec4(1.0));
+    if (sum < 0.05) {
+      c = texelFetch(color, clamp(ivec2(floor(source.xy)), ivec2(0), last), 0).rgb;
+    } else {
+      weight /= sum;
+      c = weight.x * texelFetch(color, p0, 0).rgb + weight.y * texelFetch(color, ivec2(p1.x, p0.y), 0).rgb
+        + weight.z * texelFetch(color, ivec2(p0.x, p1.y), 0).rgb + weight.w * texelFetch(color, p1, 0).rgb;
+    }
   }
   // The buffer holds 1 - near / depth; steps of 3 % of the depth tell well enough what lies behind what.
   float key = clamp(1.0 + log2(max(1.0 - gl_FragCoord.z, 1e-9)) / OCTAVES, 0.0, 1.0);

@@ -7,8 +7,8 @@ const JOIN_FOOTPRINTS = 2; // corners closer than this many pixel widths are of 
 const JOIN_SLOPE = 0.5; // ... or than this share of the tangent plane's own change
 const ROUNDING = 1.5; // codes by which rounding may tear apart two corners
 // Pixel widths by which a sample may lie off the quad of its block: an eye that moves by a twentieth of the distance
-// then sees it 0.04 pixels off.
-const FLAT_FOOTPRINTS = 0.8;
+// then sees it 0.06 pixels off.
+const FLAT_FOOTPRINTS = 1.2;
 const FLAT_CODES = 1.0;
 const LARGEST = 16; // pixels along a side of a block
 // Pixels by which quads overlap, so that such errors and rounding leave no cracks between them.

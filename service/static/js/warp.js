@@ -7,6 +7,7 @@ import {
   ClampToEdgeWrapping,
   DataTexture,
   GLSL3,
+  LinearFilter,
   Mesh,
   NearestFilter,
   NoBlending,
@@ -44,10 +45,11 @@ const material = (vertexShader, fragmentShader, uniforms, depth) =>
     depthWrite: depth,
   });
 
-const exact = (texture) => {
+/** A texture whose bytes come through as they are. */
+const exact = (texture, filter) => {
   texture.colorSpace = NoColorSpace;
-  texture.minFilter = NearestFilter;
-  texture.magFilter = NearestFilter;
+  texture.minFilter = filter;
+  texture.magFilter = filter;
   texture.wrapS = ClampToEdgeWrapping;
   texture.wrapT = ClampToEdgeWrapping;
   texture.generateMipmaps = false;
@@ -128,9 +130,9 @@ export class Warp {
   /** Put a decoded image (of the decode worker) onto the GPU. */
   add(image) {
     const { width, height } = image.header.camera;
-    const depth = exact(new DataTexture(image.codes, width, height, RedIntegerFormat, UnsignedShortType));
+    const depth = exact(new DataTexture(image.codes, width, height, RedIntegerFormat, UnsignedShortType), NearestFilter);
     depth.internalFormat = "R16UI";
-    const color = exact(new Texture(image.color));
+    const color = exact(new Texture(image.color), LinearFilter);
     const uniforms = {
       clip_from_source: { value: null },
       depth: { value: depth },
