@@ -58,6 +58,7 @@ export class Client {
 
   wish(settings) {
     Object.assign(this.wishes, settings);
+    this.keyframes.outdate();
     this.stream.send(TYPE.SETTINGS, settings);
   }
 
@@ -69,7 +70,6 @@ export class Client {
   onWelcome(header, session) {
     const { camera } = header;
     this.diagonal = header.scene.diagonal ?? session.scene_diagonal;
-    this.keyframes.diagonal = this.diagonal;
     this.canvasSize(camera.width, camera.height);
     const again = this.ended?.scene === this.wishes.scene && this.walker.camera;
     if (!again) {
@@ -145,7 +145,7 @@ export class Client {
     if (!view || !this.keyframes.newest) return;
     const begin = performance.now();
     const sources = this.hooks.sources();
-    this.warp.warp(this.keyframes.pictures(sources), view, this.near);
+    this.warp.warp(this.keyframes.pictures(view, sources), view, this.near);
     this.warp.present({ fill: sources.fill });
     this.figures.warp.add(performance.now() - begin);
     this.dirty = false;
@@ -185,6 +185,8 @@ export class Client {
 
   get stats() {
     const { frame, warp, decode, latency } = this.figures;
+    const view = this.walker.camera;
+    const drawn = view ? this.keyframes.pictures(view, this.hooks.sources()) : [];
     return {
       ...this.counts,
       connections: this.stream.connections,
@@ -195,8 +197,8 @@ export class Client {
       holes: this.holes,
       bytes_per_second: this.traffic.perSecond(),
       keyframe_bytes: this.keyframes.newest?.bytes ?? 0,
-      pictures: this.keyframes.pictures(this.hooks.sources()).length,
-      quads: this.keyframes.pictures().reduce((sum, picture) => sum + picture.quads, 0),
+      pictures: drawn.length,
+      quads: drawn.reduce((sum, picture) => sum + picture.quads, 0),
     };
   }
 
@@ -204,7 +206,7 @@ export class Client {
 
   /** Draw another view (default: the present one) beside the loop and read it; the page shows the present one again. */
   capture({ camera = this.walker.camera, earlier = true, layers = true, fill = true } = {}) {
-    this.warp.warp(this.keyframes.pictures({ earlier, layers }), camera, this.near);
+    this.warp.warp(this.keyframes.pictures(camera, { earlier, layers }), camera, this.near);
     const pixels = this.warp.capture(fill);
     this.dirty = true;
     const { width, height } = this.warp.target;
@@ -213,7 +215,7 @@ export class Client {
 
   /** Milliseconds for one frame of the warp, drawn and waited for, over `count` frames. */
   measure(count = 20, sources = {}) {
-    const pictures = this.keyframes.pictures(sources);
+    const pictures = this.keyframes.pictures(this.walker.camera, sources);
     const begin = performance.now();
     for (let k = 0; k < count; k++) {
       this.warp.warp(pictures, this.walker.camera, this.near);

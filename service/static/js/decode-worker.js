@@ -27,6 +27,18 @@ function decodeDepth(header, blobs) {
   return codes;
 }
 
+/** Harmonic mean of the depths: how far things are for which parallax matters; infinite where there is only sky. */
+function typicalDepth(codes, scale) {
+  let sum = 0;
+  let count = 0;
+  for (let i = 0; i < codes.length; i += 7) {
+    if (codes[i] === MISSING || codes[i] === 0) continue;
+    sum += codes[i];
+    count++;
+  }
+  return count / (sum * scale);
+}
+
 async function decodeKeyframe(buffer, maxPixels) {
   const begin = performance.now();
   const { header, blobs, payload } = decodeMessage(buffer);
@@ -45,7 +57,8 @@ async function decodeKeyframe(buffer, maxPixels) {
   const color = await picture;
   if (color.width !== width || color.height !== height) throw new Error(`colour of ${color.width} x ${color.height}`);
   const times = { decode: unpacked - begin, quads: built - unpacked, all: performance.now() - begin };
-  return { header, codes, scale, quads, color, times, bytes: buffer.byteLength };
+  const typical = typicalDepth(codes, scale);
+  return { header, codes, scale, quads, typical, color, times, bytes: buffer.byteLength };
 }
 
 async function answer({ serial, buffer, maxPixels }) {

@@ -3,14 +3,16 @@
 import { angleBetween, eyeOf, length, subtract } from "./camera.js";
 
 const EARLIER = 3; // keyframes kept beside the newest
-const SAME_DISTANCE = 0.004; // of the scene's diagonal: a keyframe this near to a newer one adds nothing
+const LAYERED = 2; // keyframes of which extra layers are drawn
+const SAME_DISTANCE = 0.01; // of the typical depth: a keyframe this near to a newer one adds nothing
 const SAME_ANGLE = 0.02; // radians
+const BLUR_DISTANCE = 0.1; // of the typical depth: from here a keyframe looks half as sharp
+const NEWEST_BONUS = 1.3; // its shading fits best
 
 export class KeyframeSet {
   constructor(warp) {
     this.warp = warp;
     this.groups = []; // newest first; each has its picture (layer 0) and extra layers
-    this.diagonal = 1;
   }
 
   get newest() {
@@ -19,7 +21,7 @@ export class KeyframeSet {
 
   /** Take a decoded image; returns its keyframe if the picture is new, null for an extra layer or a late arrival. */
   add(image) {
-    const { id, layer, layers, still, camera } = image.header;
+    const { id, layer, layers, camera } = image.header;
     const known = this.groups.find((group) => group.id === id);
     if (layer > 0) {
       if (known) known.extra.push(this.warp.add(image));
@@ -28,27 +30,38 @@ export class KeyframeSet {
       return null;
     }
     if (known) this.drop(known);
-    const group = { id, still, camera, header: image.header, picture: this.warp.add(image), extra: [] };
+    const group = { id, camera, typical: image.typical, header: image.header, picture: this.warp.add(image), extra: [] };
     this.groups.unshift(group);
     if (layers === 1) this.dropRepeated(group);
-    while (this.groups.length > EARLIER + 1) this.drop(this.farthest());
+    while (this.groups.length > EARLIER + 1) this.drop(this.order(camera).filter((g) => g !== group).at(-1));
     return group;
   }
 
-  /** Earlier keyframes from nearly the same place hold nothing that a complete newer one lacks. */
+  /** Settings have changed: what was there before gives way to what comes. */
+  outdate() {
+    for (const group of this.groups) group.outdated = true;
+  }
+
+  /** Earlier keyframes from nearly the same place hold nothing that a complete newer one lacks, unless they are finer. */
   dropRepeated(group) {
-    for (const other of this.groups.filter((g) => g !== group && this.distance(g.camera, group.camera) < 1)) this.drop(other);
+    const repeats = (other) =>
+      length(subtract(eyeOf(other.camera), eyeOf(group.camera))) < SAME_DISTANCE * group.typical &&
+      angleBetween(other.camera, group.camera) < SAME_ANGLE &&
+      (other.outdated || other.camera.fx <= 1.01 * group.camera.fx);
+    for (const other of this.groups.filter((g) => g !== group && repeats(g))) this.drop(other);
   }
 
-  /** 1 where cameras are so far apart that both are worth keeping. */
-  distance(a, b) {
-    const step = length(subtract(eyeOf(a), eyeOf(b))) / (SAME_DISTANCE * this.diagonal);
-    return Math.max(step, angleBetween(a, b) / SAME_ANGLE);
+  /** How sharp a keyframe looks from `view`: its pixels, fewer the farther it was taken. */
+  sharpness(group, view) {
+    const step = length(subtract(eyeOf(group.camera), eyeOf(view))) / (BLUR_DISTANCE * group.typical);
+    const pixels = Math.min(group.camera.fx, view.fx) * (group === this.newest ? NEWEST_BONUS : 1);
+    return group.outdated ? 0 : pixels / (1 + step * step);
   }
 
-  farthest() {
-    const from = this.newest.camera;
-    return this.groups.slice(1).reduce((a, b) => (this.distance(b.camera, from) >= this.distance(a.camera, from) ? b : a));
+  /** Keyframes in the order of preference. */
+  order(view) {
+    const sharp = new Map(this.groups.map((group) => [group, this.sharpness(group, view)]));
+    return [...this.groups].sort((a, b) => sharp.get(b) - sharp.get(a));
   }
 
   drop(group) {
@@ -60,9 +73,10 @@ export class KeyframeSet {
     for (const group of [...this.groups]) this.drop(group);
   }
 
-  /** Pictures to draw, the preferred first: newest keyframe, earlier ones, extra layers from new to old. */
-  pictures({ earlier = true, layers = true } = {}) {
-    const groups = earlier ? this.groups : this.groups.slice(0, 1);
-    return [...groups.map((g) => g.picture), ...(layers ? groups.flatMap((g) => g.extra) : [])];
+  /** Pictures to draw, the preferred first: keyframes, then extra layers of the first ones. */
+  pictures(view, { earlier = true, layers = true } = {}) {
+    const groups = earlier ? this.order(view) : this.groups.slice(0, 1);
+    const extra = layers ? groups.slice(0, LAYERED).flatMap((group) => group.extra) : [];
+    return [...groups.map((group) => group.picture), ...extra];
   }
 }

@@ -11,8 +11,8 @@ void main() {
   gl_Position = clip_from_source * vec4(corner.xy, 1.0, corner.z);
 }`;
 
-// Colours are filtered only among texels of the fragment's surface: either all four lie on its plane, or those that do
-// not agree with its 1/z are left out. At the keyframe's own view the weights select one texel, whose bytes come through.
+// Colours are filtered only among texels that lie on the fragment's plane, by the rule that joins corners of samples (see
+// surface.js). At the keyframe's own view the weights select one texel, whose bytes come through.
 export const WARP_FRAGMENT = `
 precision highp float;
 precision highp int;
@@ -21,11 +21,11 @@ in vec3 source;
 uniform usampler2D depth;  // codes of 1/z; 65535 where there is no sample
 uniform sampler2D color;
 uniform float code_scale;  // 1/z of code 1
+uniform float join;        // share of 1/z by which texels of one surface may differ from its plane
 layout(location = 0) out vec4 picture;  // display colour; a > 0 tells that the pixel is covered, and how near it is
 
 const float RIP = 0.12;      // share of 1/z by which a fragment may differ from its texel
-const float SURFACE = 0.02;  // ... and by which a neighbouring texel may
-const float PLANE = 0.01;    // ... and the plane through four texels
+const float JOIN_SLOPE = 0.5;  // ... or by this share of the plane's own change
 const float OCTAVES = 12.0;
 
 float at(ivec2 p) {
@@ -44,15 +44,19 @@ void main() {
   ivec2 p1 = clamp(low + 1, ivec2(0), last);
   vec4 near = vec4(at(p0), at(ivec2(p1.x, p0.y)), at(ivec2(p0.x, p1.y)), at(p1));
   float own = t.y < 0.5 ? (t.x < 0.5 ? near.x : near.y) : (t.x < 0.5 ? near.z : near.w);
-  if (own < 0.0 || abs(own - z) > RIP * max(own, z) + step) discard;
-  vec4 weight = vec4(1.0 - t.x, t.x, 1.0 - t.x, t.x) * vec4(1.0 - t.y, 1.0 - t.y, t.y, t.y);
-  bool whole = all(greaterThanEqual(near, vec4(0.0))) && abs(dot(near, weight) - z) <= PLANE * z + step;
+  // 1/z is linear in u and v over a quad: its slopes follow from how all three change over the screen.
+  vec3 right = dFdx(source);
+  vec3 up = dFdy(source);
+  float area = right.x * up.y - right.y * up.x;
+  vec2 slope = area == 0.0 ? vec2(0.0) : vec2(right.z * up.y - up.z * right.y, up.z * right.x - right.z * up.x) / area;
+  vec4 change = slope.x * vec4(-t.x, 1.0 - t.x, -t.x, 1.0 - t.x) + slope.y * vec4(-t.y, -t.y, 1.0 - t.y, 1.0 - t.y);
+  vec4 allowed = step + join * max(near, z) + JOIN_SLOPE * abs(change);
+  vec4 alike = vec4(lessThanEqual(abs(near - z - change), allowed)) * vec4(greaterThanEqual(near, vec4(0.0)));
   vec3 c;
-  if (whole) {
+  if (alike == vec4(1.0)) {
     c = textureLod(color, source.xy / vec2(last + 1), 0.0).rgb;
   } else {
-    vec4 surface = step + SURFACE * max(near, z);
-    weight *= vec4(lessThanEqual(abs(near - z), surface)) * vec4(greaterThanEqual(near, vec4(0.0)));
+    vec4 weight = vec4(1.0 - t.x, t.x, 1.0 - t.x, t.x) * vec4(1.0 - t.y, 1.0 - t.y, t.y, t.y) * alike;
     float sum = dot(weight, vec4(1.0));
     if (sum < 0.05) {
       c = texelFetch(color, clamp(ivec2(floor(source.xy)), ivec2(0), last), 0).rgb;
@@ -63,6 +67,7 @@ void main() {
     }
   }
   // The buffer holds 1 - near / depth; steps of 3 % of the depth tell well enough what lies behind what.
+  if (own < 0.0 || abs(own - z) > RIP * max(own, z) + step) discard;  // last: derivatives need all fragments
   float key = clamp(1.0 + log2(max(1.0 - gl_FragCoord.z, 1e-9)) / OCTAVES, 0.0, 1.0);
   picture = vec4(c, (1.0 + 254.0 * key) / 255.0);
 }`;
