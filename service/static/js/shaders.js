@@ -11,8 +11,7 @@ void main() {
   gl_Position = clip_from_source * vec4(corner.xy, 1.0, corner.z);
 }`;
 
-// Colours are filtered only among texels that lie on the fragment's plane, by the rule that joins corners of samples (see
-// surface.js). At the keyframe's own view the weights select one texel, whose bytes come through.
+// Colours are filtered only among texels that lie about on the fragment's plane. At the keyframe's own view the weights select one texel, whose bytes come through.
 export const WARP_FRAGMENT = `
 precision highp float;
 precision highp int;
@@ -21,11 +20,12 @@ in vec3 source;
 uniform usampler2D depth;  // codes of 1/z; 65535 where there is no sample
 uniform sampler2D color;
 uniform float code_scale;  // 1/z of code 1
-uniform float join;        // share of 1/z by which texels of one surface may differ from its plane
+uniform float footprint;   // width of a pixel at distance 1
 layout(location = 0) out vec4 picture;  // display colour; a > 0 tells that the pixel is covered, and how near it is
 
 const float RIP = 0.12;      // share of 1/z by which a fragment may differ from its texel
-const float JOIN_SLOPE = 0.5;  // ... or by this share of the plane's own change
+const float APART = 3.0;     // footprints by which a neighbouring texel may lie off the fragment's plane
+const float STEEP = 1.0;     // ... or this share of the plane's own change
 const float OCTAVES = 12.0;
 
 float at(ivec2 p) {
@@ -50,7 +50,7 @@ void main() {
   float area = right.x * up.y - right.y * up.x;
   vec2 slope = area == 0.0 ? vec2(0.0) : vec2(right.z * up.y - up.z * right.y, up.z * right.x - right.z * up.x) / area;
   vec4 change = slope.x * vec4(-t.x, 1.0 - t.x, -t.x, 1.0 - t.x) + slope.y * vec4(-t.y, -t.y, 1.0 - t.y, 1.0 - t.y);
-  vec4 allowed = step + join * max(near, z) + JOIN_SLOPE * abs(change);
+  vec4 allowed = step + APART * footprint * max(near, z) + STEEP * abs(change);
   vec4 alike = vec4(lessThanEqual(abs(near - z - change), allowed)) * vec4(greaterThanEqual(near, vec4(0.0)));
   vec3 c;
   if (alike == vec4(1.0)) {

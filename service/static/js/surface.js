@@ -3,7 +3,7 @@
 // linear in 1/z over the image, so all of this is linear arithmetic on the codes.
 
 const SLOPE_LIMIT = 1.1; // a corner lies within this factor of its sample's depth
-export const JOIN_FOOTPRINTS = 2; // corners closer than this many pixel widths are of one surface
+const JOIN_FOOTPRINTS = 2; // corners closer than this many pixel widths are of one surface
 const JOIN_SLOPE = 0.5; // ... or than this share of the tangent plane's own change
 const ROUNDING = 1.5; // codes by which rounding may tear apart two corners
 // Pixel widths by which a sample may lie off the quad of its block: an eye that moves by a twentieth of the distance

@@ -24,7 +24,6 @@ import {
   WebGLRenderTarget,
 } from "../vendor/three/three.module.min.js";
 import { clipFromSource } from "./camera.js";
-import { JOIN_FOOTPRINTS } from "./surface.js";
 import { COUNT_FRAGMENT, COUNT_TILE, FILL_FRAGMENT, SCREEN_VERTEX, WARP_FRAGMENT, WARP_VERTEX } from "./shaders.js";
 
 const FILL_RADIUS = 8; // pixels
@@ -139,7 +138,7 @@ export class Warp {
       depth: { value: depth },
       color: { value: color },
       code_scale: { value: image.scale },
-      join: { value: JOIN_FOOTPRINTS / Math.min(image.header.camera.fx, image.header.camera.fy) },
+      footprint: { value: 1 / Math.min(image.header.camera.fx, image.header.camera.fy) },
     };
     const geometry = new BufferGeometry();
     geometry.setAttribute("corner", new BufferAttribute(image.quads.data, 3));
