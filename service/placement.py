@@ -102,7 +102,7 @@ class Placement:
         exact = same_view(shown.view, pose.camera)
         if self._holes > MAX_HOLES and not exact and now - self._moved_at < self._still_s:
             return "moving"
-        rested = now - self._moved_at >= self._still_s
+        rested = now - self._moved_at >= self._still_s and not self._going(pose, now)
         return "still" if rested and not (exact and shown.still) else None
 
     def patience(self, now: float, longest: float) -> float:
@@ -111,8 +111,12 @@ class Placement:
 
     def view(self, pose: Pose, now: float) -> CameraHeader:
         """Where the camera will be when a keyframe that is begun now is shown."""
-        age = now - self._pose_at
-        return pose.camera if age > STALE_S else predicted(pose, age + self.latency_s)
+        if not self._going(pose, now):
+            return pose.camera
+        return predicted(pose, now - self._pose_at + self.latency_s)
+
+    def _going(self, pose: Pose, now: float) -> bool:
+        return pose.moving and any((*pose.velocity, *pose.spin)) and now - self._pose_at <= STALE_S
 
     def begin(self, number: int, now: float, *, timed: bool) -> Flight:
         """A keyframe is begun: it takes a credit."""

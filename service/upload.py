@@ -36,7 +36,8 @@ MAX_NODES = 100_000
 MAX_TABLES = 10_000
 PROBE = (48, 27)
 _FILE_KEYS = ("file", "texture", "density_file")
-_SEGMENTS = 64
+_SEGMENTS = {"box": 2, "quad": 1, "plane": 1}
+"""Of shapes that do not say; others have 64."""
 _DAMAGE = (TypeError, KeyError, IndexError, AttributeError, ArithmeticError, RecursionError, struct.error)
 LOG = logging.getLogger("service.upload")
 
@@ -188,7 +189,8 @@ def _toml_triangles(table: dict[str, Any]) -> int:
         count = table.get("triangles")
         usual = SCENES[name].usual if name in SCENES else 0
         return count if isinstance(count, int) else usual
-    if "shape" in table:
-        segments = table.get("segments", _SEGMENTS)
+    shape = table.get("shape")
+    if isinstance(shape, str):
+        segments = table.get("segments", _SEGMENTS.get(shape, 64))
         return 4 * segments * segments if isinstance(segments, int) else 0
     return 0

@@ -10,11 +10,12 @@ import time
 import urllib.parse
 from collections import deque
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import TracebackType
 from typing import Any
 
 import msgspec
+import torch
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection
 from websockets.sync.client import connect as open_socket
@@ -218,14 +219,29 @@ class StreamClient:
     def view(self, camera: Cameras, *, options: ReprojectOptions | None = None) -> Reprojection:
         """The kept keyframes as other cameras see them, computed here.
 
+        The newest picture goes first; what it does not reach is filled from its extra layers and earlier keyframes.
+        ``source`` counts the newest keyframe's images first, then those of the one before it, and so on.
+
         Raises:
             InputError: nothing was received yet.
         """
         if not self.kept:
             raise InputError("nothing was received yet: call receive() first")
-        newest = self.kept[-1].images[0].depth.shape
-        fitting = [image for keyframe in self.kept for image in keyframe.images if image.depth.shape == newest]
-        return reproject(depth_images_of(fitting), camera, options=options)
+        camera = replace(camera, far=torch.full_like(camera.far, torch.inf))  # the sky is very far away
+        images = [image for keyframe in reversed(self.kept) for image in keyframe.images]
+        images = [image for image in images if image.depth.shape == images[0].depth.shape]
+        first = reproject(depth_images_of(images[:1]), camera, options=options)
+        if len(images) == 1 or bool(first.valid.all()):
+            return first
+        rest = reproject(depth_images_of(images[1:]), camera, options=options)
+        own = first.valid
+        return Reprojection(
+            cameras=camera,
+            color=torch.where(own[..., None], first.color, rest.color),
+            depth=torch.where(own, first.depth, rest.depth),
+            valid=own | rest.valid,
+            source=torch.where(own, first.source, torch.where(rest.valid, rest.source + 1, -1)),
+        )
 
     def close(self) -> None:
         """Say goodbye; the session ends."""

@@ -1,0 +1,162 @@
+"""When the next keyframe is due, and from where."""
+
+from __future__ import annotations
+
+import math
+
+import msgspec
+import pytest
+
+from service.messages import CREDITS, Ack, CameraHeader, Pose
+from service.placement import STALE_S, Placement, Shown
+from service.prediction import angle, distance, overscanned, predicted, same_view
+
+IDENTITY = tuple(float(i % 5 == 0) for i in range(16))
+CAMERA = CameraHeader(world_from_camera=IDENTITY, fx=50.0, fy=50.0, cx=32.0, cy=24.0, width=64, height=48, near=0.1)
+
+
+def moved(x: float = 0.0, turn: float = 0.0) -> CameraHeader:
+    c, s = math.cos(turn), math.sin(turn)
+    matrix = (c, 0.0, s, x, 0.0, 1.0, 0.0, 0.0, -s, 0.0, c, 0.0, 0.0, 0.0, 0.0, 1.0)
+    return msgspec.structs.replace(CAMERA, world_from_camera=matrix)
+
+
+def pose(seq: int = 1, camera: CameraHeader = CAMERA, **rest) -> Pose:
+    return Pose(seq=seq, time_ms=0.0, camera=camera, **rest)
+
+
+def shown(view: CameraHeader = CAMERA, still: bool = False, depth: float = 2.0) -> Shown:
+    return Shown(view, 1.2, depth, still)
+
+
+def started(still: bool = False) -> Placement:
+    """A client that stands at CAMERA since time 0 and has seen one keyframe."""
+    place = Placement(0.5, 0.0)
+    place.take_pose(pose(moving=False), 0.0)
+    place.begin(0, 0.0, timed=True)
+    place.done(0, shown(still=still))
+    place.take_ack(Ack(id=0), 0.1)
+    return place
+
+
+def test_the_first_keyframe_waits_for_a_pose():
+    place = Placement(0.5, 0.0)
+    assert place.due(0.0) is None
+    place.take_pose(pose(), 0.0)
+    assert place.due(0.0) == "moving"
+
+
+def test_a_view_at_rest_is_refined_once():
+    place = started()
+    assert place.due(0.4) is None
+    assert place.due(0.51) == "still"
+    place.begin(1, 0.51, timed=False)
+    place.done(1, shown(still=True))
+    assert place.due(5.0) is None
+    place.take_pose(pose(2, moving=True), 5.1)  # the same view, whatever the client calls it
+    assert place.due(9.0) is None
+
+
+def test_moving_far_enough_asks_for_a_keyframe():
+    place = started(still=True)
+    place.take_pose(pose(2, moved(0.02)), 1.0)
+    assert place.due(1.0) is None
+    place.take_pose(pose(3, moved(0.05)), 1.0)
+    assert place.due(1.0) == "moving"
+    place = started(still=True)
+    place.take_pose(pose(2, moved(turn=0.06)), 1.0)
+    assert place.due(1.0) == "moving"
+
+
+def test_holes_ask_for_a_keyframe_while_the_view_moves():
+    place = started(still=True)
+    place.begin(1, 1.0, timed=True)
+    place.done(1, shown())
+    place.take_ack(Ack(id=1, holes=0.05), 1.1)
+    assert place.due(1.1) == "still"
+    place.take_pose(pose(2, moved(0.01)), 1.2)
+    assert place.due(1.2) == "moving"
+
+
+def test_no_keyframe_without_a_credit():
+    place = started()
+    for number in range(1, 1 + CREDITS):
+        place.refresh()
+        assert place.due(1.0) == "moving"
+        place.begin(number, 1.0, timed=True)
+    place.refresh()
+    assert place.due(1.0) is None
+    place.take_ack(Ack(id=99), 1.0)
+    assert place.due(1.0) is None
+    place.take_ack(Ack(id=1), 1.0)
+    assert place.due(1.0) == "moving"
+
+
+def test_a_resync_gives_all_credits_back_and_wants_one_fresh_keyframe():
+    place = started(still=True)
+    place.begin(1, 1.0, timed=True)
+    place.begin(2, 1.0, timed=True)
+    place.resync()
+    assert place.due(1.0) == "moving"
+    assert not place.done(2, shown())
+    place.begin(3, 1.0, timed=True)
+    place.done(3, shown(still=True))
+    assert place.due(1.0) is None
+
+
+def test_only_the_newest_pose_counts():
+    place = started()
+    place.take_pose(pose(7, moved(1.0)), 1.0)
+    place.take_pose(pose(6, moved(2.0)), 1.0)
+    assert place.pose is not None and place.pose.seq == 7
+
+
+def test_the_camera_is_led_by_velocity_times_round_trip():
+    place = Placement(0.5, 0.0)
+    going = pose(velocity=(1.0, 0.0, 0.0))
+    place.take_pose(going, 0.0)
+    place.begin(0, 0.0, timed=True)
+    assert place.take_ack(Ack(id=0), 0.2) == pytest.approx(0.2)
+    place.take_pose(going, 1.0)
+    assert place.view(going, 1.0).world_from_camera[3] == pytest.approx(0.2)
+    assert place.view(going, 1.05).world_from_camera[3] == pytest.approx(0.25)
+    assert place.view(going, 1.0 + STALE_S + 0.01) == CAMERA  # who no longer speaks no longer moves
+    resting = pose(2, velocity=(1.0, 0.0, 0.0), moving=False)
+    assert predicted(resting, 0.3) == CAMERA
+
+
+def test_a_silent_client_does_not_cause_keyframes_for_ever():
+    place = started()
+    going = pose(2, velocity=(5.0, 0.0, 0.0))
+    place.take_pose(going, 1.0)
+    made, now = [], 1.0
+    while now < 10.0:
+        kind = place.due(now)
+        if kind is not None:
+            view = CAMERA if kind == "still" else place.view(going, now)
+            place.begin(len(made) + 1, now, timed=True)
+            place.done(len(made) + 1, shown(view, kind == "still"))
+            place.take_ack(Ack(id=len(made) + 1), now)
+            made.append(kind)
+        now += 0.01
+    assert made[-1] == "still"
+    assert made.count("still") == 1
+
+
+def test_prediction_turns_about_the_cameras_axes():
+    turning = pose(spin=(0.0, 0.5, 0.0))
+    ahead = predicted(turning, 0.2)
+    assert angle(CAMERA, ahead) == pytest.approx(0.1)
+    assert distance(CAMERA, ahead) == 0.0
+    assert same_view(predicted(turning, 100.0), predicted(turning, 1.0))  # no further than a second
+
+
+def test_overscan_keeps_the_view_in_the_middle():
+    wide = overscanned(CAMERA, 1.25, 10**6)
+    assert (wide.width, wide.height, wide.fx) == (80, 60, 50.0)
+    assert (wide.cx - CAMERA.cx, wide.cy - CAMERA.cy) == (8.0, 6.0)
+    tight = overscanned(CAMERA, 1.5, 64 * 48)
+    assert (tight.width, tight.height) == (64, 48)
+    coarse = overscanned(CAMERA, 1.2, 1000)
+    assert coarse.width * coarse.height <= 1000
+    assert coarse.fx / coarse.width == pytest.approx(50 / 64)

@@ -1,0 +1,170 @@
+"""Settings, negotiation, metrics, logs, kept containers and sessions."""
+
+from __future__ import annotations
+
+import json
+import logging
+import time
+
+import pytest
+
+from service.errors import ServiceError
+from service.jobs import Bounds, SceneSource
+from service.kept import KeptContainers
+from service.logs import JsonLines
+from service.messages import CameraHeader
+from service.metrics import Metrics
+from service.negotiation import negotiate
+from service.sessions import Session, SessionStore
+from service.settings import read_settings
+from torchrender.errors import OptionError
+
+OFFERED = ["image/png", "image/x-exr", "application/x-npz"]
+IDENTITY = tuple(float(i % 5 == 0) for i in range(16))
+CAMERA = CameraHeader(world_from_camera=IDENTITY, fx=9.0, fy=9.0, cx=4.0, cy=4.0, width=8, height=8, near=0.1)
+
+
+def test_settings_come_from_file_then_environment_then_arguments(tmp_path):
+    file = tmp_path / "service.toml"
+    file.write_text('port = 1111\nmax_views = 3\nbuilt_in = ["city"]\nstall_s = 4\n')
+    environment = {"TORCHRENDER_PORT": "2222", "TORCHRENDER_ALLOWED_ORIGINS": "http://a, http://b"}
+    settings = read_settings(file, environment, max_views=5)
+    assert (settings.port, settings.max_views, settings.stall_s) == (2222, 5, 4.0)
+    assert settings.built_in == ("city",)
+    assert settings.allowed_origins == ("http://a", "http://b")
+    assert read_settings(None, {"TORCHRENDER_CONFIG": str(file)}).port == 1111
+
+
+@pytest.mark.parametrize(
+    ("text", "environment", "reason"),
+    [
+        ("prot = 1", {}, "unknown field"),
+        ("port = 70000", {}, "port"),
+        ('port = "x"', {}, "port"),
+        ("port = ", {}, "cannot be read"),
+        ("", {"TORCHRENDER_MAX_VIEWS": "many"}, "max_views"),
+        ("", {"TORCHRENDER_STALL_S": "nan"}, "stall_s"),
+        ('built_in = ["castle"]', {}, "castle"),
+        ('api_key = "short"', {}, "api_key"),
+    ],
+)
+def test_settings_that_mean_nothing_are_refused(tmp_path, text, environment, reason):
+    file = tmp_path / "service.toml"
+    file.write_text(text)
+    with pytest.raises(OptionError, match=reason):
+        read_settings(file, environment)
+
+
+def test_other_addresses_than_loopback_need_a_key():
+    for host in ("0.0.0.0", "::", "192.168.1.4", "example.org"):
+        with pytest.raises(OptionError, match="TORCHRENDER_API_KEY"):
+            read_settings(None, {}, host=host)
+        assert not read_settings(None, {"TORCHRENDER_API_KEY": "k" * 16}, host=host).loopback
+    for host in ("127.0.0.1", "127.8.8.8", "::1", "localhost"):
+        assert read_settings(None, {}, host=host).loopback
+
+
+@pytest.mark.parametrize(
+    ("accept", "chosen"),
+    [
+        (None, "image/png"),
+        ("", "image/png"),
+        ("*/*", "image/png"),
+        ("image/x-exr", "image/x-exr"),
+        ("application/*", "application/x-npz"),
+        ("image/png;q=0.5, image/x-exr", "image/x-exr"),
+        ("image/*;q=0.2, application/x-npz;q=0.9", "application/x-npz"),
+        ("*/*, image/png;q=0", "image/x-exr"),
+        ("text/html, image/x-exr; Q=1", "image/x-exr"),
+    ],
+)
+def test_negotiation(accept, chosen):
+    assert negotiate(accept, OFFERED) == chosen
+
+
+@pytest.mark.parametrize("accept", ["text/html", "image/png;q=0", ";;,,", "image/png;q=nan", "image/png;q=x"])
+def test_nothing_acceptable(accept):
+    with pytest.raises(ServiceError) as caught:
+        negotiate(accept, OFFERED)
+    assert caught.value.status == 406
+
+
+def test_metrics_are_in_the_format_of_prometheus():
+    metrics = Metrics()
+    metrics.count("keyframes", kind="still")
+    metrics.count("keyframes", 2, kind='a"b\\')
+    metrics.observe("job_seconds", 0.03, kind="Render")
+    metrics.observe("job_seconds", 99.0, kind="Render")
+    lines = metrics.text({"streams": 3}).splitlines()
+    assert "torchrender_streams 3" in lines
+    assert 'torchrender_keyframes_total{kind="still"} 1' in lines
+    assert 'torchrender_keyframes_total{kind="a\\"b\\\\"} 2' in lines
+    assert 'torchrender_job_seconds_bucket{kind="Render",le="0.05"} 1' in lines
+    assert 'torchrender_job_seconds_bucket{kind="Render",le="+Inf"} 2' in lines
+    assert 'torchrender_job_seconds_count{kind="Render"} 2' in lines
+
+
+def test_logs_are_json_without_secrets():
+    record = logging.LogRecord("service", logging.INFO, "f", 1, "Authorization: Bearer %s", ("s3cr3t-key",), None)
+    record.session = "bearer.abcDEF_123-x"
+    line = JsonLines().format(record)
+    values = json.loads(line)
+    assert values["message"] == "Authorization: Bearer ***"
+    assert "s3cr3t" not in line and "abcDEF" not in line
+
+
+def test_kept_containers_make_room_for_newer_ones():
+    kept = KeptContainers(10)
+    first, second = kept.put(b"123456"), kept.put(b"abc")
+    assert kept.put(b"123456") == first
+    assert kept.get(second) == b"abc"
+    third = kept.put(b"ABCDE")
+    assert kept.get(third) == b"ABCDE" and kept.get(second) == b"abc"
+    with pytest.raises(ServiceError, match="dropped"):
+        kept.get(first)
+    assert kept.put(b"x" * 11) and len(kept._kept) == 0
+
+
+def make_session(name: str, lasts_s: float = 60.0) -> Session:
+    return Session(
+        id=name,
+        scene=SceneSource(id="cornell_box"),
+        facts={},
+        camera=CAMERA,
+        layers=0,
+        overscan=1.0,
+        bounds=Bounds(),
+        renderer=0,
+        expires=time.monotonic() + lasts_s,
+    )
+
+
+def test_tickets_work_once():
+    store = SessionStore(read_settings(None, {}, max_sessions=2), on_end=lambda _: None)
+    first = store.add(make_session("a"))
+    assert store.redeem(first).id == "a"
+    for bad in (first, "", "nonsense"):
+        with pytest.raises(ServiceError, match="unknown, used or expired") as caught:
+            store.redeem(bad)
+        assert caught.value.status == 403
+    second = store.ticket(store.of_scene("cornell_box")[0])
+    third = store.ticket(store.of_scene("cornell_box")[0])
+    with pytest.raises(ServiceError):
+        store.redeem(second)  # a newer one was given out
+    assert store.redeem(third).id == "a"
+
+
+def test_sessions_are_limited_and_expire():
+    ended: list[str] = []
+    store = SessionStore(read_settings(None, {}, max_sessions=2), on_end=lambda session: ended.append(session.id))
+    ticket = store.add(make_session("a", 0.02))
+    store.add(make_session("b"))
+    with pytest.raises(ServiceError, match="2 sessions") as caught:
+        store.add(make_session("c"))
+    assert caught.value.status == 429 and caught.value.retry_after_s is not None
+    time.sleep(0.03)
+    with pytest.raises(ServiceError):
+        store.redeem(ticket)
+    assert ended == ["a"]
+    store.add(make_session("c"))
+    assert len(store) == 2
