@@ -94,6 +94,8 @@ def test_settings_reach_the_server(visit: Callable[..., Visit]) -> None:
     page = visit()
     page.wait(JPEG_READY)
     page.page.evaluate("() => document.querySelector('#toggle').click()")
+    choose = "element => element.click()"
+    page.page.locator("input[value=budget]").evaluate(choose)
     page.page.locator("#bound").fill("20")
     page.page.locator("#layers").fill("3")
     page.page.wait_for_timeout(100)
@@ -101,7 +103,7 @@ def test_settings_reach_the_server(visit: Callable[..., Visit]) -> None:
     assert isinstance(sent[-1], Settings)
     assert sent[-1].layers == 3 and sent[-1].max_error is None
     assert sent[-1].budget_ms == pytest.approx(15 * (2000 / 15) ** 0.2, abs=1)
-    page.page.locator("input[value=error]").evaluate("element => element.click()")
+    page.page.locator("input[value=error]").evaluate(choose)
     page.page.wait_for_timeout(100)
     last = page.messages(Type.SETTINGS)[-1]
     assert isinstance(last, Settings)

@@ -37,6 +37,7 @@ export class Client {
     this.counts = { keyframes: 0, images: 0, frames: 0, drawn: 0, errors: 0, resyncs: 0 };
     this.holes = null;
     this.holesAt = 0;
+    this.holesOf = 0; // the picture that was measured, by its number
     this.dirty = true;
     this.ended = null; // what was streamed before, to know whether the view stays
     canvas.addEventListener("webglcontextlost", () => this.onContext(true));
@@ -135,12 +136,13 @@ export class Client {
     }
     this.counts.frames++;
     const moved = this.walker.step(passed / 1000);
-    if ((moved || this.dirty) && !this.lost) this.draw(now);
+    if ((moved || this.dirty) && !this.lost) this.draw();
+    this.measureHoles(now);
     this.sendPose(moved);
     if (this.counts.frames % 15 === 0) this.hooks.figures(this.stats);
   }
 
-  draw(now) {
+  draw() {
     const view = this.walker.camera;
     if (!view || !this.keyframes.newest) return;
     const begin = performance.now();
@@ -151,10 +153,14 @@ export class Client {
     this.dirty = false;
     this.counts.drawn++;
     this.acknowledge();
-    if (now - this.holesAt > HOLES_INTERVAL) {
-      this.holesAt = now;
-      this.warp.holeShare().then((share) => share !== null && (this.holes = share), () => {}); // fails with the context
-    }
+  }
+
+  /** Measure the hole share of the newest picture now and then, and once more when nothing moves. */
+  measureHoles(now) {
+    if (this.lost || this.holesOf === this.counts.drawn || now - this.holesAt < HOLES_INTERVAL) return;
+    this.holesAt = now;
+    this.holesOf = this.counts.drawn;
+    this.warp.holeShare().then((share) => share !== null && (this.holes = share), () => {}); // fails with the context
   }
 
   get near() {

@@ -18,7 +18,7 @@ export class Panel {
   constructor({ wish, resize, show, initial }) {
     this.frames = [];
     this.values = { budget: initial.budget_ms ?? 150, error: initial.max_error ?? 0.05 };
-    this.mode = initial.max_error ? "error" : "budget";
+    this.mode = initial.max_error ? "error" : initial.budget_ms ? "budget" : "auto";
     $("layers").value = initial.layers;
     for (const input of document.querySelectorAll("input[name=mode]")) {
       input.checked = input.value === this.mode;
@@ -64,7 +64,7 @@ export class Panel {
 
   showBound() {
     const error = this.mode === "error";
-    $("bound-row").hidden = this.mode === "none";
+    $("bound-row").hidden = this.mode === "auto";
     $("bound-name").textContent = error ? "largest error" : "budget";
     const value = this.values[error ? "error" : "budget"];
     $("bound").value = 100 * shareOf(error ? ERROR : BUDGET, value);
