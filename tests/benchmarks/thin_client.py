@@ -1,6 +1,6 @@
 """Figures and pictures of the thin client in headless Chromium: docs/results/thin-client.md and docs/client-*.png.
 
-``python tests/benchmarks/thin_client.py [--pictures | --figures] [--scenes living_room,city]``
+``python tests/benchmarks/thin_client.py [--pictures | --figures] [--scenes living_room,city] [--budget 500]``
 """
 
 from __future__ import annotations
@@ -176,11 +176,11 @@ Turning in the Cornell box for four seconds while the server renders on the same
 {table(["round trip", "frames/s drawn", "keyframes/s", "pose to picture"], delays(browser, service))}"""
 
 
-def screenshots(browser: Any, service: Service) -> None:
+def screenshots(browser: Any, service: Service, wishes: dict[str, Any]) -> None:
     """A session in the living room: desktop and phone, moving and still."""
     for name, options in (("desktop", DESKTOP), ("phone", PHONE)):
         context = browser.new_context(**options)
-        visit = Visit.begin(context, service.url, scene="living_room", layers=2)
+        visit = Visit.begin(context, service.url, scene="living_room", layers=2, **wishes)
         page = visit.page
         visit.wait(REFINED)
         visit.wait(ARRIVED)
@@ -209,6 +209,7 @@ def main() -> None:
     parser.add_argument("--pictures", action="store_true", help="screenshots only")
     parser.add_argument("--figures", action="store_true", help="figures only")
     parser.add_argument("--scenes", default=",".join(BUILT_IN))
+    parser.add_argument("--budget", type=float, help="milliseconds of a keyframe in the pictures; default: automatic")
     given = parser.parse_args()
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     from playwright.sync_api import sync_playwright
@@ -218,7 +219,7 @@ def main() -> None:
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=find_chromium(), args=list(FLAGS))
         if not given.figures:
-            screenshots(browser, service)
+            screenshots(browser, service, {} if given.budget is None else {"budget_ms": given.budget})
         if not given.pictures:
             text = figures(browser, service, given.scenes.split(","))
             (DOCS / "results" / "thin-client.md").write_text(text)

@@ -36,7 +36,7 @@ function typicalDepth(codes, scale) {
     sum += codes[i];
     count++;
   }
-  return count / (sum * scale);
+  return sum > 0 ? count / (sum * scale) : Infinity;
 }
 
 async function decodeKeyframe(buffer, maxPixels) {

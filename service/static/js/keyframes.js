@@ -8,6 +8,7 @@ const SAME_DISTANCE = 0.01; // of the typical depth: a keyframe this near to a n
 const SAME_ANGLE = 0.02; // radians
 const BLUR_DISTANCE = 0.1; // of the typical depth: from here a keyframe looks half as sharp
 const NEWEST_BONUS = 1.3; // its shading fits best
+const REFINED_BONUS = 3; // made without haste, while pictures of a moving view may hold fewer samples than pixels
 
 export class KeyframeSet {
   constructor(warp) {
@@ -33,7 +34,7 @@ export class KeyframeSet {
     const group = { id, camera, typical: image.typical, header: image.header, picture: this.warp.add(image), extra: [] };
     this.groups.unshift(group);
     if (layers === 1) this.dropRepeated(group);
-    while (this.groups.length > EARLIER + 1) this.drop(this.order(camera).filter((g) => g !== group).at(-1));
+    while (this.groups.length > EARLIER + 1) this.drop(this.order(camera).findLast((g) => g !== group));
     return group;
   }
 
@@ -44,18 +45,23 @@ export class KeyframeSet {
 
   /** Earlier keyframes from nearly the same place hold nothing that a complete newer one lacks, unless they are finer. */
   dropRepeated(group) {
+    const finer = (other) => !other.outdated && this.fineness(other) > 1.01 * this.fineness(group);
     const repeats = (other) =>
       length(subtract(eyeOf(other.camera), eyeOf(group.camera))) < SAME_DISTANCE * group.typical &&
       angleBetween(other.camera, group.camera) < SAME_ANGLE &&
-      (other.outdated || other.camera.fx <= 1.01 * group.camera.fx);
+      !finer(other);
     for (const other of this.groups.filter((g) => g !== group && repeats(g))) this.drop(other);
   }
 
-  /** How sharp a keyframe looks from `view`: its pixels, fewer the farther it was taken. */
+  fineness(group) {
+    return group.camera.fx * (group.header.still ? REFINED_BONUS : 1);
+  }
+
+  /** How well a keyframe looks from `view`: by its pixels, less the farther away it was taken. */
   sharpness(group, view) {
     const step = length(subtract(eyeOf(group.camera), eyeOf(view))) / (BLUR_DISTANCE * group.typical);
-    const pixels = Math.min(group.camera.fx, view.fx) * (group === this.newest ? NEWEST_BONUS : 1);
-    return group.outdated ? 0 : pixels / (1 + step * step);
+    const bonus = group === this.newest ? NEWEST_BONUS : 1;
+    return group.outdated ? 0 : (bonus * this.fineness(group)) / (1 + step * step);
   }
 
   /** Keyframes in the order of preference. */
