@@ -146,8 +146,8 @@ def figures(browser: Any, service: Service, scenes: Sequence[str]) -> str:
     return f"""# The thin client, measured
 
 Made by `python tests/benchmarks/thin_client.py --figures` in headless Chromium with software rendering (SwiftShader),
-{SIZE[0]} x {SIZE[1]} pixels unless stated, overscan 1.2, refined keyframes. {machine_line()}; load {load:.1f} at the
-end.
+{SIZE[0]} x {SIZE[1]} pixels unless stated, overscan 1.2, refined keyframes. {machine_line()}
+The machine's load was {load:.1f} at the end.
 
 ## Against the source picture and the Python reprojection
 

@@ -50,44 +50,70 @@ function guessCorners(codes, width, height) {
 /** Let the pixels around each image corner that lie on one surface share the mean of their guesses. */
 function joinCorners(codes, corners, width, height, focal) {
   const near = JOIN_FOOTPRINTS / focal;
-  const slot = new Int32Array(4); // where the four guesses around a corner are kept; -1 where there is no sample
-  const value = new Float64Array(4);
-  const sample = new Float64Array(4);
-  const group = new Int8Array(4);
+  const slots = [0, 0, 0, 0]; // where the four guesses around a corner are kept; -1 where there is no sample
   for (let y = 0; y <= height; y++) {
     for (let x = 0; x <= width; x++) {
       const base = y * width + x;
-      // Around the corner in a ring: upper left pixel (its corner 2), lower left (3), lower right (0), upper right (1).
-      slot[0] = y > 0 && x > 0 && codes[base - width - 1] !== MISSING ? 4 * (base - width - 1) + 2 : -1;
-      slot[1] = y < height && x > 0 && codes[base - 1] !== MISSING ? 4 * (base - 1) + 3 : -1;
-      slot[2] = y < height && x < width && codes[base] !== MISSING ? 4 * base : -1;
-      slot[3] = y > 0 && x < width && codes[base - width] !== MISSING ? 4 * (base - width) + 1 : -1;
-      for (let k = 0; k < 4; k++) {
-        value[k] = slot[k] < 0 ? 0 : corners[slot[k]];
-        sample[k] = slot[k] < 0 ? 0 : codes[slot[k] >> 2];
-        group[k] = k;
-      }
-      for (let k = 0; k < 4; k++) {
-        const next = (k + 1) & 3;
-        if (slot[k] < 0 || slot[next] < 0 || group[k] === group[next]) continue;
-        const change = Math.max(Math.abs(value[k] - sample[k]), Math.abs(value[next] - sample[next]));
-        const limit = ROUNDING + near * Math.max(sample[k], sample[next]) + JOIN_SLOPE * change;
-        if (Math.abs(value[k] - value[next]) > limit) continue;
-        const old = group[next];
-        for (let m = 0; m < 4; m++) if (group[m] === old) group[m] = group[k];
-      }
-      for (let k = 0; k < 4; k++) {
-        if (slot[k] < 0) continue;
-        let sum = 0;
-        let count = 0;
-        for (let m = 0; m < 4; m++)
-          if (slot[m] >= 0 && group[m] === group[k]) {
-            sum += value[m];
-            count++;
-          }
-        corners[slot[k]] = sum / count;
-      }
+      const inside = y > 0 && y < height && x > 0 && x < width;
+      if (inside && joinAll(codes, corners, base - width - 1, base - 1, base, base - width, near)) continue;
+      // In a ring: upper left pixel (its corner 2), lower left (3), lower right (0), upper right (1).
+      slots[0] = y > 0 && x > 0 && codes[base - width - 1] !== MISSING ? 4 * (base - width - 1) + 2 : -1;
+      slots[1] = y < height && x > 0 && codes[base - 1] !== MISSING ? 4 * (base - 1) + 3 : -1;
+      slots[2] = y < height && x < width && codes[base] !== MISSING ? 4 * base : -1;
+      slots[3] = y > 0 && x < width && codes[base - width] !== MISSING ? 4 * (base - width) + 1 : -1;
+      joinGroups(codes, corners, slots, near);
     }
+  }
+}
+
+/** The common cases, quickly: there is no sample, or all four guesses agree. Tells whether that is so. */
+function joinAll(codes, corners, a, b, c, d, near) {
+  if (codes[a] === MISSING || codes[b] === MISSING || codes[c] === MISSING || codes[d] === MISSING)
+    return codes[a] === MISSING && codes[b] === MISSING && codes[c] === MISSING && codes[d] === MISSING;
+  const va = corners[4 * a + 2];
+  const vb = corners[4 * b + 3];
+  const vc = corners[4 * c];
+  const vd = corners[4 * d + 1];
+  const spread = Math.max(va, vb, vc, vd) - Math.min(va, vb, vc, vd);
+  if (spread > ROUNDING + near * Math.min(codes[a], codes[b], codes[c], codes[d])) return false;
+  const mean = 0.25 * (va + vb + vc + vd);
+  corners[4 * a + 2] = mean;
+  corners[4 * b + 3] = mean;
+  corners[4 * c] = mean;
+  corners[4 * d + 1] = mean;
+  return true;
+}
+
+const group = [0, 1, 2, 3];
+const value = new Float64Array(4);
+
+/** Neighbours in the ring that agree become one group; every group takes its mean. */
+function joinGroups(codes, corners, slots, near) {
+  for (let k = 0; k < 4; k++) {
+    group[k] = k;
+    value[k] = slots[k] < 0 ? 0 : corners[slots[k]];
+  }
+  for (let k = 0; k < 4; k++) {
+    const next = (k + 1) & 3;
+    if (slots[k] < 0 || slots[next] < 0 || group[k] === group[next]) continue;
+    const own = codes[slots[k] >> 2];
+    const other = codes[slots[next] >> 2];
+    const change = Math.max(Math.abs(value[k] - own), Math.abs(value[next] - other));
+    const limit = ROUNDING + near * Math.max(own, other) + JOIN_SLOPE * change;
+    if (Math.abs(value[k] - value[next]) > limit) continue;
+    const old = group[next];
+    for (let m = 0; m < 4; m++) if (group[m] === old) group[m] = group[k];
+  }
+  for (let k = 0; k < 4; k++) {
+    if (slots[k] < 0) continue;
+    let sum = 0;
+    let count = 0;
+    for (let m = 0; m < 4; m++)
+      if (slots[m] >= 0 && group[m] === group[k]) {
+        sum += value[m];
+        count++;
+      }
+    corners[slots[k]] = sum / count;
   }
 }
 
@@ -96,6 +122,7 @@ class QuadList {
   constructor(capacity) {
     this.data = new Float32Array(12 * capacity);
     this.count = 0;
+    this.end = 0;
   }
 
   add(x, y, size, a, b, c, d, scale) {
@@ -108,15 +135,17 @@ class QuadList {
     const e = overlap / size;
     const low = -overlap;
     const high = size + overlap;
-    this.data.set(
-      [
-        x + low, y + low, Math.max(0, scale * (a + e * (2 * a - b - d))),
-        x + low, y + high, Math.max(0, scale * (b + e * (2 * b - a - c))),
-        x + high, y + high, Math.max(0, scale * (c + e * (2 * c - b - d))),
-        x + high, y + low, Math.max(0, scale * (d + e * (2 * d - a - c))),
-      ],
-      12 * this.count++,
-    );
+    this.corner(x + low, y + low, scale * (a + e * (2 * a - b - d)));
+    this.corner(x + low, y + high, scale * (b + e * (2 * b - a - c)));
+    this.corner(x + high, y + high, scale * (c + e * (2 * c - b - d)));
+    this.corner(x + high, y + low, scale * (d + e * (2 * d - a - c)));
+    this.count++;
+  }
+
+  corner(u, v, inverse) {
+    this.data[this.end++] = u;
+    this.data[this.end++] = v;
+    this.data[this.end++] = Math.max(0, inverse);
   }
 }
 
@@ -124,11 +153,11 @@ class QuadList {
 function isFlat(codes, corners, width, x, y, size, tolerance) {
   const first = y * width + x;
   const last = first + (size - 1) * width;
+  if (codes[first] === MISSING || codes[last + size - 1] === MISSING) return false;
   const a = corners[4 * first];
   const b = corners[4 * last + 1];
   const c = corners[4 * (last + size - 1) + 2];
   const d = corners[4 * (first + size - 1) + 3];
-  if (codes[first] === MISSING || codes[last + size - 1] === MISSING) return false;
   if (Math.abs(a + c - b - d) > FLAT_CODES + tolerance * Math.max(a, c)) return false;
   const across = (d - a + c - b) / (2 * size);
   const down = (b - a + c - d) / (2 * size);
@@ -167,8 +196,12 @@ export function buildQuads(codes, width, height, scale, focal) {
       quads.add(x, y, size, a, corners[4 * last + 1], corners[4 * (last + size - 1) + 2], d, scale);
     } else {
       const half = size >> 1;
-      for (const [i, j] of [[0, 0], [half, 0], [0, half], [half, half]])
-        if (x + i < width && y + j < height) visit(x + i, y + j, half);
+      const right = x + half < width;
+      const below = y + half < height;
+      visit(x, y, half);
+      if (right) visit(x + half, y, half);
+      if (below) visit(x, y + half, half);
+      if (right && below) visit(x + half, y + half, half);
     }
   };
   for (let y = 0; y < height; y += LARGEST) for (let x = 0; x < width; x += LARGEST) visit(x, y, LARGEST);
