@@ -16,12 +16,14 @@ const OVERLAP = 0.01;
 const BLOCK_OVERLAP = 0.05;
 export const MISSING = 65535; // code of a pixel without sample
 
+const beyond = (code) => code === MISSING || code === 0; // no sample, or sky: no surface that a slope could lead to
+
 /** The change of 1/z per pixel of one surface through three neighbours, of which the outer two may be missing. */
 function slope(before, own, after) {
   const left = own - before;
   const right = after - own;
-  if (before === MISSING) return after === MISSING ? 0 : right;
-  if (after === MISSING) return left;
+  if (beyond(before)) return beyond(after) ? 0 : right;
+  if (beyond(after)) return left;
   const small = Math.min(Math.abs(left), Math.abs(right));
   if (Math.abs(left - right) <= ROUNDING + 0.5 * small) return 0.5 * (left + right);
   return Math.abs(left) < Math.abs(right) ? left : right;
@@ -33,7 +35,7 @@ function guessCorners(codes, width, height) {
   for (let y = 0, i = 0; y < height; y++) {
     for (let x = 0; x < width; x++, i++) {
       const own = codes[i];
-      if (own === MISSING) continue;
+      if (beyond(own)) continue; // corners of the sky are 0, too
       const across = 0.5 * slope(x > 0 ? codes[i - 1] : MISSING, own, x + 1 < width ? codes[i + 1] : MISSING);
       const down = 0.5 * slope(y > 0 ? codes[i - width] : MISSING, own, y + 1 < height ? codes[i + width] : MISSING);
       const least = own / SLOPE_LIMIT;
