@@ -1,6 +1,7 @@
 # make demo   set up and render a picture
 # make test   set up, lint, type-check and run the tests
 # make bench  set up and write the report pages
+# make serve  set up and start the service on http://127.0.0.1:8000; PORT=8080 for another port
 #
 # PYTHON=python3.12      another interpreter (3.10 or newer) for the virtual environment
 # TORCH_INDEX=URL        a package index with CPU-only builds of torch, for a smaller download
@@ -8,6 +9,7 @@
 PYTHON ?= python3
 VENV ?= .venv
 TORCH_INDEX ?=
+PORT ?= 8000
 
 # Threads that spin while they wait make torch several times slower on a busy machine.
 export OMP_WAIT_POLICY ?= PASSIVE
@@ -16,7 +18,7 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 DEMO := out/demo.png
 
-.PHONY: demo test bench setup clean
+.PHONY: demo test bench serve setup clean
 
 demo: setup
 	@mkdir -p $(dir $(DEMO))
@@ -29,6 +31,9 @@ test: setup
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/python -m pytest
+
+serve: setup
+	$(BIN)/torchrender serve --port $(PORT)
 
 bench: $(VENV)/.stamp-bench
 	$(BIN)/python -m torchrender.report.foundation

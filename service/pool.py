@@ -46,6 +46,7 @@ class RendererProcess:
         self.name = name
         self.queue: asyncio.Queue[Waiting] = asyncio.Queue()
         self.busy = False
+        self._stopped = False  # ``wait_for`` may lose a cancellation that comes together with a reply
         self._process: asyncio.subprocess.Process | None = None
         self._task: asyncio.Task[None] | None = None
 
@@ -70,6 +71,7 @@ class RendererProcess:
 
     async def stop(self) -> None:
         """End the process; jobs that wait fail."""
+        self._stopped = True
         if self._task is not None:
             self._task.cancel()
             with contextlib.suppress(asyncio.CancelledError):
@@ -81,7 +83,7 @@ class RendererProcess:
         await self._end()
 
     async def _work(self) -> None:
-        while True:
+        while not self._stopped:
             waiting = await self.queue.get()
             if waiting.result.done():  # nobody waits any more
                 continue

@@ -15,6 +15,9 @@ from service.logs import set_up_logs
 from service.settings import Settings
 from service.stream import MAX_MESSAGE_BYTES
 
+LINGER_S = 5.0
+"""After a close the peer may take this long to read what was sent before."""
+
 
 class StreamProtocol(WebSocketsSansIOProtocol):
     """Lets the application cut off a peer that does not read; closing would wait for it."""
@@ -25,6 +28,14 @@ class StreamProtocol(WebSocketsSansIOProtocol):
         scope: Any = getattr(self, "scope", None)
         if scope is not None:
             scope["extensions"]["torchrender.abort"] = self.transport.abort
+
+    async def send(self, message: Any) -> None:
+        """Also end connections that were refused or closed, whatever the peer does."""
+        await super().send(message)
+        if self.initial_response is not None and self.close_sent:
+            self.handshake_complete = True  # the refusal was the whole handshake
+        if message["type"] == "websocket.close":
+            self.loop.call_later(LINGER_S, self.transport.abort)
 
 
 class Server(uvicorn.Server):
@@ -49,15 +60,18 @@ class Server(uvicorn.Server):
         await super().shutdown(sockets)
 
 
+def socket_settings() -> dict[str, Any]:
+    """How uvicorn handles WebSockets: depth and colour are compressed already."""
+    return {"ws": StreamProtocol, "ws_per_message_deflate": False, "ws_max_size": MAX_MESSAGE_BYTES}
+
+
 def make_server(settings: Settings) -> Server:
     """A server for these settings, not yet running."""
     config = uvicorn.Config(
         make_app(settings),
         host=settings.host.strip("[]"),
         port=settings.port,
-        ws=StreamProtocol,
-        ws_per_message_deflate=False,
-        ws_max_size=MAX_MESSAGE_BYTES,
+        **socket_settings(),
         timeout_graceful_shutdown=max(1, int(settings.shutdown_s) - 3),
         log_config=None,
         access_log=False,

@@ -7,7 +7,6 @@ and only when the view is about to run out of samples.
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import logging
 import time
 from dataclasses import dataclass
@@ -81,6 +80,7 @@ class Stream:
         self._around = around
         self._hello = Hello(versions=(MAJOR, MAJOR))
         self._placement = Placement(around.settings.still_s, session.latency_s)
+        self._welcomed = False
         self._errors = 0
         self._wake = asyncio.Event()
         self._end: asyncio.Future[Closed] = asyncio.get_running_loop().create_future()
@@ -124,7 +124,8 @@ class Stream:
         session, around = self._session, self._around
         if session.stream is self:
             around.sessions.release(session)
-            if closed is not None and closed.code in (1000, SCENE_GONE):
+            # Without a WELCOME there is no ticket to come back with.
+            if not self._welcomed or (closed is not None and closed.code in (1000, SCENE_GONE)):
                 around.sessions.end(session)
         if closed is None:
             return
@@ -138,6 +139,8 @@ class Stream:
                 abort()
 
     async def _say_goodbye(self, closed: Closed) -> None:
+        if closed.code == SCENE_GONE:
+            await self._complain(ServiceError(404, "no-such-scene", closed.reason))
         if closed.code != 1000:
             wait = RETRY_S if closed.code == 1012 else None
             await self._send(Bye(reason=closed.reason, retry_after_s=wait))
@@ -181,6 +184,7 @@ class Stream:
             scene={"id": session.scene.id} | {k: facts[k] for k in ("name", "triangles", "diagonal", "bounds")},
             camera=session.camera,
         )
+        self._welcomed = True
         await self._send(welcome)
 
     # --------------------------------------------------------------- messages
@@ -244,11 +248,18 @@ class Stream:
             now = time.monotonic()
             kind = self._placement.due(now)
             if kind is None:
-                with contextlib.suppress(asyncio.TimeoutError):
-                    await asyncio.wait_for(self._wake.wait(), self._placement.patience(now, TICK_S))
-                self._wake.clear()
+                await self._rest(self._placement.patience(now, TICK_S))
             else:
                 await self._keyframe(still=kind == "still")
+
+    async def _rest(self, seconds: float) -> None:
+        """Until a message comes, or so long. ``wait_for`` may lose a cancellation that comes with a message."""
+        timer = asyncio.get_running_loop().call_later(seconds, self._wake.set)
+        try:
+            await self._wake.wait()
+        finally:
+            timer.cancel()
+            self._wake.clear()
 
     @property
     def _max_pixels(self) -> int:
@@ -300,9 +311,9 @@ class Stream:
     async def _failed(self, error: ServiceError, number: int) -> None:
         """Say so; a pose that cannot be rendered is not tried again, a busy renderer is."""
         self._placement.failed(number)
-        await self._complain(error)
         if error.status == 404:
             raise Closed(SCENE_GONE, "the scene was deleted")
+        await self._complain(error)
         if error.status in (429, 503):
             await asyncio.sleep(error.retry_after_s or RETRY_S)
         else:

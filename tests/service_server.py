@@ -20,7 +20,8 @@ LIMITS = {
     "RENDERERS": "1",
     "MAX_PIXELS": "20000",
     "MAX_STREAM_PIXELS": "20000",
-    "MAX_SESSIONS": "8",
+    "MAX_SESSIONS": "16",
+    "RESUME_S": "4",
     "MAX_UPLOAD_BYTES": "200000",
     "MAX_CONTAINER_BYTES": "400000",
     "MAX_BODY_BYTES": "40000",
@@ -53,6 +54,7 @@ class RunningServer:
     process: subprocess.Popen[str]
     url: str
     log: list[str]
+    api_key: str | None = None
 
     @property
     def address(self) -> str:
@@ -77,7 +79,8 @@ class RunningServer:
     def session(self, **wishes: Any) -> dict[str, Any]:
         """A new session for a small view."""
         body = {"scene": "cornell_box", "width": 64, "height": 48, "layers": 0, **wishes}
-        answer = self.ask("POST", "/v1/sessions", body)
+        key = {} if self.api_key is None else {"authorization": f"Bearer {self.api_key}"}
+        answer = self.ask("POST", "/v1/sessions", body, **key)
         assert answer.status == 201, answer.body
         return dict(answer.json())
 

@@ -14,6 +14,7 @@ import pytest
 
 import torchrender
 from torchrender import cli
+from torchrender.cli_scene import numbers
 from torchrender.errors import OptionError
 from torchrender.image_io import read_image
 
@@ -140,10 +141,10 @@ def test_errors_are_one_line_with_exit_code_2(
 
 def test_image_size_and_numbers() -> None:
     assert cli.image_size("640x480") == (640, 480)
-    assert cli.numbers("x", "1,-2.5,3e1", 3) == [1.0, -2.5, 30.0]
+    assert numbers("x", "1,-2.5,3e1", 3) == [1.0, -2.5, 30.0]
     for wrong in ("nan,0,0", "1,2,3,4", "", "1;2;3", "inf,0,0"):
         with pytest.raises(OptionError, match="x must be 3 numbers"):
-            cli.numbers("x", wrong, 3)
+            numbers("x", wrong, 3)
 
 
 def fresh(code: str, **environment: str) -> str:

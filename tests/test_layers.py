@@ -50,7 +50,8 @@ ORDER = (
     "passes",
     "curves",
     "chooser",
-    "plan",
+    "knowledge",
+    "plans",
     "planner",
     "image",
     "renderer",
@@ -61,6 +62,8 @@ ORDER = (
     "cli_points",
     "cli_fly",
     "cli_serve",
+    "cli_plan",
+    "cli_scene",
     "cli",
 )
 ABOVE = ("client", "cli_serve")

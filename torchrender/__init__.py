@@ -37,6 +37,8 @@ if TYPE_CHECKING:
     from torchrender.history import RenderHistory
     from torchrender.image import Image
     from torchrender.options import RenderOptions
+    from torchrender.planner import plan
+    from torchrender.plans import Plan
     from torchrender.raster import rasterize, rasterize_depth
     from torchrender.rays import RayCaster
     from torchrender.reflection.reflectors import blend_reflections, reflective_pixels
@@ -70,6 +72,7 @@ __all__ = [
     "Medium",
     "Mesh",
     "OccluderOptions",
+    "Plan",
     "PointCloud",
     "PointLight",
     "RayCaster",
@@ -104,6 +107,7 @@ __all__ = [
     "load_points",
     "make_grid",
     "open_points",
+    "plan",
     "rasterize",
     "rasterize_depth",
     "read_voxels",
@@ -149,6 +153,7 @@ _HOME = {
     "RectLight": "torchrender.scene.light",
     "ReflectionLayer": "torchrender.buffers",
     "RenderHistory": "torchrender.history",
+    "Plan": "torchrender.plans",
     "RenderOptions": "torchrender.options",
     "ReprojectOptions": "torchrender.reprojection",
     "ReuseOptions": "torchrender.reflection.reuse_options",
@@ -181,6 +186,7 @@ _HOME = {
     "read_voxels": "torchrender.geometry.voxel_file",
     "reconstruct_hybrid": "torchrender.geometry.reconstruct",
     "reflective_pixels": "torchrender.reflection.reflectors",
+    "plan": "torchrender.planner",
     "render": "torchrender.renderer",
     "render_points": "torchrender.effects.splat",
     "render_volume": "torchrender.effects.voxel_volume",

@@ -82,11 +82,11 @@ def choose(question: Question, budget_ms: float | None, max_error: float | None,
     )
 
 
-def predicted_ms(question: Question, step: Pass, setting: str, load: Load, *, corrected: bool = True) -> float:
-    """Time of one pass at one setting."""
+def predicted_ms(question: Question, step: Pass, setting: str, load: Load) -> float | None:
+    """Time of one pass at one setting; None if it was never measured."""
     amounts = step.work(load, step.knob.setting(setting))
     usual = question.curves.time_ms(step.name, setting, amounts, question.scene)
-    return usual * question.pace.ratio(step.name, setting) if corrected else usual
+    return None if usual is None else usual * question.pace.ratio(step.name, setting)
 
 
 def _tables(question: Question, names: Sequence[str], open_: Sequence[Sequence[str]]) -> tuple[np.ndarray, np.ndarray]:
@@ -99,14 +99,15 @@ def _tables(question: Question, names: Sequence[str], open_: Sequence[Sequence[s
         table = np.zeros((shape[0], shape[axis]))
         for row, first in enumerate(open_[0]):
             for column, setting in enumerate(open_[axis]):
-                table[row, column] = predicted_ms(question, step, setting, question.loads[first])
+                table[row, column] = predicted_ms(question, step, setting, question.loads[first]) or 0.0
         cost = (
             _spread(table[:, 0] if axis == 0 else table, axis, len(shape))
             if axis
             else table.diagonal().reshape(-1, *[1] * (len(shape) - 1))
         )
         mistakes = np.array([_error(question, step, s) ** norm for s in open_[axis]])
-        errors = errors + mistakes.reshape(*[1] * axis, -1, *[1] * (len(shape) - axis - 1))
+        shown = mistakes.reshape(*[1] * axis, -1, *[1] * (len(shape) - axis - 1))
+        errors = errors + (shown * ~_hidden(step, names, open_) if step.hidden_by else shown)
         if step.name == "reflections" and reuse_axis is not None:
             cost = np.broadcast_to(cost, shape) * ~_reused(question, names, open_)
         elif axis == reuse_axis:
@@ -120,6 +121,16 @@ def _spread(table: np.ndarray, axis: int, dimensions: int) -> np.ndarray:
     shape = [1] * dimensions
     shape[0], shape[axis] = table.shape
     return table.reshape(shape)
+
+
+def _hidden(step: Pass, names: Sequence[str], open_: Sequence[Sequence[str]]) -> np.ndarray:
+    """Combinations in which the pass's settings do not show."""
+    mask = np.ones([len(s) for s in open_], bool)
+    for axis, name in enumerate(names):
+        if name in step.hidden_by:
+            hides = np.array([s in step.hidden_by[name] for s in open_[axis]])
+            mask = mask & hides.reshape(*[1] * axis, -1, *[1] * (len(open_) - axis - 1))
+    return mask
 
 
 def _reused(question: Question, names: Sequence[str], open_: Sequence[Sequence[str]]) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""The command ``torchrender``: render, fly, info, depth, voxelize, points, scenes, serve.
+"""The command ``torchrender``: render, fly, plan, tradeoff, calibrate, info, depth, voxelize, points, scenes, serve.
 
 Everything heavy is imported inside functions, after the environment of the thread pools is set.
 """
@@ -16,18 +16,17 @@ from typing import TYPE_CHECKING, TypeVar
 from torchrender import __version__
 from torchrender.cli_fly import add_fly, fly
 from torchrender.cli_output import check_output, image_size, progress
+from torchrender.cli_plan import add_limits, add_plan, run_calibrate, run_plan, run_tradeoff
 from torchrender.cli_points import add_points, point_info, run_points
-from torchrender.cli_serve import add_serve, serve_command
+from torchrender.cli_scene import add_scene, camera_of, exposure, load_scene, numbers
+from torchrender.cli_serve import add_load_test, add_serve, load_test_command, serve_command
 from torchrender.cli_voxels import add_voxelize, run_voxelize, voxel_info
-from torchrender.errors import InputError, OptionError, TorchRenderError
+from torchrender.errors import InputError, TorchRenderError
 
 if TYPE_CHECKING:
-    from torchrender.scene.camera import Cameras
-    from torchrender.scene.model import Scene
+    pass
 
 T = TypeVar("T")
-
-_CAMERA_KEYS = {"eye": 3, "target": 3, "up": 3, "fov": 1, "near": 1}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -35,10 +34,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = _parser().parse_args(argv)
     try:
         _set_up_threads(arguments.threads)
-        commands = {"render": _render, "fly": fly, "info": _info, "depth": _depth, "scenes": _scenes}
-        commands |= {"voxelize": _voxelize, "points": _points, "serve": serve_command}
-        run = commands[arguments.command]
-        run(arguments)
+        _COMMANDS[arguments.command](arguments)
     except TorchRenderError as error:
         print(f"torchrender: error: {error}", file=sys.stderr)
         return 2
@@ -67,25 +63,40 @@ def _render(arguments: argparse.Namespace) -> None:
         reflections=arguments.reflections,
         supersample=arguments.supersample,
         background=None if arguments.background is None else numbers("--background", arguments.background, 3),
-        exposure=_exposure(arguments.exposure),
+        exposure=exposure(arguments.exposure),
         tone_map=arguments.tone_map,
     )
     width, height = image_size(arguments.size)
-    scene = _load(arguments)
-    cameras = [_camera(scene, words, width, height) for words in arguments.camera or [[]]]
+    scene = load_scene(arguments)
+    cameras = [camera_of(scene, words, width, height) for words in arguments.camera or [[]]]
     for number, camera in enumerate(progress(cameras, "views")):
-        image = render(scene, camera, options=options)
+        image = render(scene, camera, options=options, budget_ms=arguments.budget_ms, max_error=arguments.max_error)
         file = numbered(output, number, len(cameras))
         image.save(file)
         steps = "  ".join(f"{step} {elapsed:.0f} ms" for step, elapsed in image.timings_ms.items())
         print(f"{file}  {width}x{height}  {scene.geometry.triangle_count:,} triangles  {steps}")
+        if arguments.explain:
+            print(image.plan)
+
+
+def _plan(arguments: argparse.Namespace) -> None:
+    print(run_plan(arguments, load_scene(arguments), camera_of))
+
+
+def _tradeoff(arguments: argparse.Namespace) -> None:
+    for file in run_tradeoff(arguments):
+        print(file)
+
+
+def _calibrate(arguments: argparse.Namespace) -> None:
+    print(run_calibrate(arguments))
 
 
 def _info(arguments: argparse.Namespace) -> None:
     from torchrender.scene.info import scene_info
 
     name = arguments.scene
-    info = voxel_info(name) if name.endswith(".npz") else point_info(name) or scene_info(_load(arguments))
+    info = voxel_info(name) if name.endswith(".npz") else point_info(name) or scene_info(load_scene(arguments))
     if arguments.json:
         print(json.dumps(info, indent=2))
         return
@@ -110,8 +121,8 @@ def _depth(arguments: argparse.Namespace) -> None:
         method=arguments.method, redundancy=arguments.redundancy, cull_backfaces=not arguments.two_sided
     )
     width, height = image_size(arguments.size)
-    scene = _load(arguments)
-    camera = _camera(scene, arguments.camera or [], width, height)
+    scene = load_scene(arguments)
+    camera = camera_of(scene, arguments.camera or [], width, height)
     cameras = viewpoints_around(scene, camera, arguments.views, spread=arguments.spread)
     images = sample_depth_images(scene, cameras, options)
     for file in write_depth(output, images):
@@ -128,7 +139,7 @@ def _voxelize(arguments: argparse.Namespace) -> None:
 
 def _points(arguments: argparse.Namespace) -> None:
     background = numbers("--background", arguments.background, 3)
-    for line in run_points(arguments, image_size(arguments.size), background, _camera):
+    for line in run_points(arguments, image_size(arguments.size), background, camera_of):
         print(line)
 
 
@@ -139,6 +150,21 @@ def _scenes(arguments: argparse.Namespace) -> None:
     for name, builder in SCENES.items():
         print(f"{name:14s} {builder.usual:>9,} triangles (at least {builder.fewest:,})")
 
+
+_COMMANDS = {
+    "render": _render,
+    "fly": fly,
+    "plan": _plan,
+    "tradeoff": _tradeoff,
+    "calibrate": _calibrate,
+    "info": _info,
+    "depth": _depth,
+    "voxelize": _voxelize,
+    "points": _points,
+    "scenes": _scenes,
+    "serve": serve_command,
+    "load-test": load_test_command,
+}
 
 # -------------------------------------------------------------------- values
 
@@ -156,55 +182,6 @@ def _plain(value: object) -> str:
 
 
 # ----------------------------------------------------------------- arguments
-
-
-def numbers(name: str, text: str, count: int) -> list[float]:
-    """``count`` finite numbers, separated by commas; the error names ``name``."""
-    try:
-        values = [float(part) for part in text.split(",")]
-    except ValueError:
-        values = []
-    if len(values) != count or not all(abs(v) < float("inf") for v in values):
-        raise OptionError(f"{name} must be {count} numbers separated by commas, got {text!r}")
-    return values
-
-
-def _exposure(text: str) -> float | None:
-    return None if text == "auto" else numbers("--exposure", text, 1)[0]
-
-
-def _load(arguments: argparse.Namespace) -> Scene:
-    from torchrender.scene.load import load
-
-    return load(arguments.scene, size=arguments.triangles)
-
-
-def _camera(scene: Scene, words: Sequence[str], width: int, height: int) -> Cameras:
-    """The scene's default camera, one of its cameras by name, or one described as ``eye=x,y,z target=x,y,z fov=50``."""
-    from torchrender.scene.camera import Cameras
-
-    parts = " ".join(words).split()
-    if not any("=" in part for part in parts):
-        return scene.camera(" ".join(words) or None, width=width, height=height)
-    given: dict[str, list[float]] = {}
-    for part in parts:
-        key, _, value = part.partition("=")
-        if key not in _CAMERA_KEYS:
-            raise OptionError(f"--camera: unknown key {key!r}; known keys: {', '.join(_CAMERA_KEYS)}")
-        given[key] = numbers(f"--camera {key}", value, _CAMERA_KEYS[key])
-    if "eye" not in given:
-        raise OptionError("--camera must give eye=x,y,z")
-    diagonal = scene.diagonal or 1.0
-    target = given.get("target", scene.bounds.mean(dim=0).tolist())
-    return Cameras.look_at(
-        given["eye"],
-        target,
-        width=width,
-        height=height,
-        fov_deg=given.get("fov", [50.0])[0],
-        up=given.get("up", [0.0, 1.0, 0.0]),
-        near=given.get("near", [1e-4 * diagonal])[0],
-    )
 
 
 def _set_up_threads(count: int | None) -> None:
@@ -228,24 +205,21 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     _add_render(commands.add_parser("render", help="render a scene to a PNG, EXR or NPZ file"))
     add_fly(commands)
+    add_plan(commands, add_scene)
     info = commands.add_parser("info", help="show what a scene, a cloud of points or a voxel file holds")
-    _add_scene(info)
+    add_scene(info)
     info.add_argument("--json", action="store_true", help="print JSON")
     _add_depth(commands.add_parser("depth", help="write depth images of a scene from several viewpoints"))
     add_voxelize(commands.add_parser("voxelize", help="write a model as voxels, or a picture of them"))
     add_points(commands.add_parser("points", help="draw or compress a cloud of points"))
     commands.add_parser("scenes", help="list the built-in scenes")
     add_serve(commands)
+    add_load_test(commands)
     return parser
 
 
-def _add_scene(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("scene", metavar="SCENE", help="a scene or mesh file, or the name of a built-in scene")
-    parser.add_argument("--triangles", type=int, metavar="N", help="size of a built-in scene, in triangles (about)")
-
-
 def _add_render(parser: argparse.ArgumentParser) -> None:
-    _add_scene(parser)
+    add_scene(parser)
     parser.add_argument("-o", "--output", required=True, metavar="FILE", help="picture to write: .png, .exr or .npz")
     parser.add_argument(
         "--camera",
@@ -256,7 +230,15 @@ def _add_render(parser: argparse.ArgumentParser) -> None:
         " give it several times for several pictures",
     )
     parser.add_argument("--size", default="1024x768", metavar="WxH", help="picture size in pixels (default 1024x768)")
-    parser.add_argument("--supersample", type=int, choices=(1, 2), default=1, help="2: two by two samples per pixel")
+    parser.add_argument(
+        "--supersample",
+        type=float,
+        default=1.0,
+        metavar="N",
+        help="samples per pixel and side: 2 is two by two, 0.5 one for four pixels (default 1)",
+    )
+    add_limits(parser)
+    parser.add_argument("--explain", action="store_true", help="say which passes ran, which did not, and why")
     parser.add_argument("--exposure", default="0", metavar="EV", help="powers of two, or auto (default 0)")
     parser.add_argument("--tone-map", choices=("none", "reinhard", "aces"), default="none", help="default none")
     parser.add_argument("--background", metavar="R,G,B", help="linear colour of empty pixels")
@@ -270,7 +252,7 @@ def _add_render(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_depth(parser: argparse.ArgumentParser) -> None:
-    _add_scene(parser)
+    add_scene(parser)
     parser.add_argument("-o", "--output", required=True, metavar="OUT", help="folder, .npz file, or .exr files")
     parser.add_argument("--views", type=int, default=3, metavar="N", help="number of viewpoints (default 3)")
     parser.add_argument("--spread", type=float, default=0.2, help="their distance in scene diagonals (default 0.2)")

@@ -37,6 +37,11 @@ def check_output(path: Path, suffixes: Sequence[str]) -> None:
     """Refuse an output that cannot be written before the work is done."""
     if path.suffix.lower() not in suffixes:
         raise ImageFileError(path, f"the output must be {', '.join(suffixes)}, not {path.suffix or 'without suffix'}")
+    check_folder(path)
+
+
+def check_folder(path: Path) -> None:
+    """Refuse a file in a folder that does not exist."""
     if not path.parent.is_dir():
         raise ImageFileError(path, f"folder {path.parent} does not exist")
 

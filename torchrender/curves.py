@@ -40,11 +40,11 @@ class Curves:
     machine: Mapping[str, Any]
     source: str
 
-    def time_ms(self, name: str, setting: str, amounts: Sequence[float], scene: str | None = None) -> float:
-        """Predicted time; 0 for what was never measured."""
+    def time_ms(self, name: str, setting: str, amounts: Sequence[float], scene: str | None = None) -> float | None:
+        """Predicted time; None for what was never measured."""
         weights = self.weights.get(name, {}).get(setting)
         if weights is None:
-            return 0.0
+            return None
         usual = sum(w * a for w, a in zip(weights, amounts, strict=True))
         own = self.scenes.get(scene or "", {}).get("ratios", {}).get(name, {})
         return usual * float(own.get(setting, 1.0))

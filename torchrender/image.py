@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -17,7 +18,7 @@ from torchrender.history import RenderHistory
 from torchrender.image_io import write_image, write_npz
 from torchrender.numerics.color import srgb_from_linear
 from torchrender.numerics.tonemap import OPERATORS, auto_exposure, tone_map
-from torchrender.plan import Plan
+from torchrender.plans import Plan
 from torchrender.raster import rasterize
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
@@ -41,6 +42,7 @@ class Image:
     cameras: Cameras  # B
     scene: Scene  # with its lights, as it was rendered
     rendered: GBuffer | None = None  # what was shaded, if that has the picture's size
+    buffers: Mapping[str, Any] = field(default_factory=dict)  # those that were asked for, by name
     plan: Plan | None = None  # what was done and why, with predicted and measured times
     timings_ms: Mapping[str, float] = field(default_factory=dict)  # wall time of each step
     exposure: float | None = 0.0  # EV for display; None: automatic, from the log-average luminance

@@ -7,8 +7,8 @@ make the same buffer, the first that applies makes it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 from torchrender import reasons, steps, work
@@ -32,6 +32,9 @@ class Pass:
     run: Callable[[Frame], Any]
     knob: Knob
     work: Callable[[Load, Setting], tuple[float, ...]]  # amounts that its time is a weighted sum of
+    one_cost: bool = False  # the weights are the same for all settings: these only change the amounts
+    hidden_by: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """Its settings do not show where each of these passes, if it runs, is at one of these settings."""
     summary: str  # one line for readers
 
 
@@ -61,11 +64,11 @@ PASSES: tuple[Pass, ...] = (
         applies=reasons.gbuffer,
         run=steps.draw_gbuffer,
         work=work.gbuffer,
+        one_cost=True,
         summary="rasterises what every pixel sees; its knob is the number of rendered pixels, which all others follow",
         knob=_knob(
             "samples per pixel and side",
             {f"{factor:g}": {"supersample": factor} for factor in (0.25, 0.35, 0.5, 0.7, 1.0, 2.0)},
-            ("4", {"supersample": 4.0}),
         ),
     ),
     Pass(
@@ -75,6 +78,8 @@ PASSES: tuple[Pass, ...] = (
         applies=reasons.shadow_map,
         run=steps.draw_shadow_maps,
         work=work.shadow_map,
+        one_cost=True,
+        hidden_by={"point_shadow": ("traced",), "soft_shadow": ("4 x 4", "8 x 8", "16 x 16")},
         summary="depth as lights see it",
         knob=_knob(
             "texels of a map's side",

@@ -6,54 +6,24 @@ and once more after the G-buffer, when the pixels that mirror are known and a pa
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from torchrender.checks import check_range
 from torchrender.chooser import Choice, Question, choose, predicted_ms
-from torchrender.curves import Curves, load_curves, scene_key
-from torchrender.errors import OptionError
+from torchrender.curves import Curves, load_curves
+from torchrender.errors import InputError, OptionError
 from torchrender.history import RenderHistory
+from torchrender.knowledge import WANTED, Knowledge, make_load, question_about, reusable, reuses
 from torchrender.options import RenderOptions
-from torchrender.pace import Pace
 from torchrender.passes import PASSES, Pass
-from torchrender.plan import Plan, PlanRow
+from torchrender.plans import Plan, PlanRow
 from torchrender.reasons import Outlook, Verdict
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
-from torchrender.work import Load, map_views
-
-WANTED = "picture"
-UNSEEN_SHARE = 0.3
-"""Share of the pixels that are taken to mirror before a picture of the scene was made."""
+from torchrender.work import Load
 
 CUSTOM = "custom"
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Knowledge:
-    """What the planner knows about a picture."""
-
-    scene: Scene
-    cameras: Cameras
-    past: RenderHistory
-    curves: Curves
-    passes: tuple[Pass, ...] = PASSES
-    reflective_share: float | None = None  # of the rendered pixels, once they are known
-
-    @property
-    def pace(self) -> Pace:
-        """What the sequence's pictures took so far."""
-        return self.past.pace or Pace()
-
-    @property
-    def name(self) -> str:
-        """Name under which the scene was measured."""
-        return scene_key(self.scene)
-
-    def outlook(self, options: RenderOptions) -> Outlook:
-        """The same for the reasons of passes."""
-        return Outlook(scene=self.scene, cameras=self.cameras, options=options, sequence=self.past.wanted)
 
 
 def check_wishes(budget_ms: float | None, max_error: float | None) -> None:
@@ -120,7 +90,19 @@ def _statement(plan: Plan, choice: Choice) -> str:
     return f"no settings reach an error of {plan.max_error:g}{where}: about {choice.predicted_error:.4f} is expected"
 
 
-def verdicts(passes: tuple[Pass, ...], outlook: Outlook) -> dict[str, Verdict]:
+def check_buffers(names: Sequence[str]) -> None:
+    """Refuse names of buffers that no pass makes.
+
+    Raises:
+        InputError: lists the known ones.
+    """
+    known = dict.fromkeys(step.makes for step in PASSES)
+    for name in names:
+        if name not in known:
+            raise InputError(f"no pass makes a buffer {name!r}; known buffers: {', '.join(known)}")
+
+
+def verdicts(passes: tuple[Pass, ...], outlook: Outlook, buffers: Sequence[str] = (WANTED,)) -> dict[str, Verdict]:
     """Whether each pass runs, by name: it applies, makes what nobody made before, and somebody wants it."""
     found: dict[str, Verdict] = {}
     makers: dict[str, Pass] = {}
@@ -132,7 +114,7 @@ def verdicts(passes: tuple[Pass, ...], outlook: Outlook) -> dict[str, Verdict]:
         if verdict.runs:
             makers[step.makes] = step
         found[step.name] = verdict
-    wanted, open_ = set(), [WANTED]
+    wanted, open_ = set(), [name for name in buffers if name in makers]
     while open_:
         step = makers[open_.pop()]
         if step.name not in wanted:
@@ -161,7 +143,7 @@ def in_order(passes: tuple[Pass, ...], runs: Mapping[str, Verdict]) -> list[Pass
 
 
 def _rows(knowledge: Knowledge, options: RenderOptions) -> tuple[PlanRow, ...]:
-    runs = verdicts(knowledge.passes, knowledge.outlook(options))
+    runs = verdicts(knowledge.passes, knowledge.outlook(options), knowledge.wanted)
     ordered = in_order(knowledge.passes, runs)
     rest = [step for step in knowledge.passes if not runs[step.name].runs]
     load, question = make_load(knowledge, options), question_about(knowledge)
@@ -174,7 +156,8 @@ def _rows(knowledge: Knowledge, options: RenderOptions) -> tuple[PlanRow, ...]:
             if step.name == "reflection_reuse" and not reuses(knowledge, options):
                 time = _key_frame_ms(knowledge, options, load)
             error = knowledge.curves.error(step.name, setting, knowledge.name)
-            if step.knob.context.changes and not step.knob.context.matches(options):
+            unseen = step.knob.context.changes and not step.knob.context.matches(options)
+            if unseen or (step.hidden_by and _is_hidden(step, ordered, options)):
                 error = 0.0
         rows.append(
             PlanRow(
@@ -189,12 +172,10 @@ def _rows(knowledge: Knowledge, options: RenderOptions) -> tuple[PlanRow, ...]:
     return tuple(rows)
 
 
-def reuses(knowledge: Knowledge, options: RenderOptions) -> bool:
-    """The history holds reflections that a picture with these options can use again."""
-    kept = _reusable(knowledge)
-    if kept is None:
-        return False
-    return all(step.knob.current(options) == kept[step.name] for step in knowledge.passes if step.name in kept)
+def _is_hidden(step: Pass, running: Sequence[Pass], options: RenderOptions) -> bool:
+    """The pass's setting does not show: see :attr:`Pass.hidden_by`."""
+    others = [other for other in running if other.name in step.hidden_by]
+    return all(other.knob.current(options) in step.hidden_by[other.name] for other in others)
 
 
 def _key_frame_ms(knowledge: Knowledge, options: RenderOptions, load: Load) -> float | None:
@@ -203,48 +184,6 @@ def _key_frame_ms(knowledge: Knowledge, options: RenderOptions, load: Load) -> f
         if step.name == "reflections":
             setting = step.knob.current(options)
             return None if setting == CUSTOM else predicted_ms(question_about(knowledge), step, setting, load)
-    return None
-
-
-def question_about(knowledge: Knowledge) -> Question:
-    """A question without open settings: for predictions."""
-    return Question(
-        passes=(), settings={}, loads={}, curves=knowledge.curves, scene=knowledge.name, pace=knowledge.pace,
-        reusable=None,
-    )  # fmt: skip
-
-
-def make_load(knowledge: Knowledge, options: RenderOptions) -> Load:
-    """What a picture with these options brings its passes."""
-    scene, past, cameras = knowledge.scene, knowledge.past, knowledge.cameras
-    view = cameras if options.supersample == 1 else cameras.scaled(options.supersample)
-    pixels = 1e-6 * len(view) * view.width * view.height
-    outlook = knowledge.outlook(options)
-    share = knowledge.reflective_share
-    if share is None:
-        share = knowledge.pace.reflective_share
-    if share is None:
-        share = UNSEEN_SHARE
-    maps = past.shadow_maps
-    return Load(
-        picture=1e-6 * len(cameras) * cameras.width * cameras.height,
-        pixels=pixels,
-        triangles=1e-6 * scene.geometry.triangle_count,
-        views=sum(map_views(light) for light in scene.lights),
-        map_size=None if maps is None or not any(m is not None for m in maps) else _map_size(past),
-        point_lights=outlook.point_lights,
-        area_lights=outlook.area_lights,
-        reflective=share * pixels if outlook.reflects else 0.0,
-        caster=past.caster is not None,
-        occluders=past.occluders is not None,
-        shader=past.shader is not None,
-    )
-
-
-def _map_size(past: RenderHistory) -> int | None:
-    for made in past.shadow_maps or ():
-        if made is not None:
-            return int(made.depth.shape[-1])
     return None
 
 
@@ -280,7 +219,7 @@ def _choice(
         curves=knowledge.curves,
         scene=knowledge.name,
         pace=knowledge.pace,
-        reusable=_reusable(knowledge),
+        reusable=reusable(knowledge),
     )
     done = {name: ms for name, ms in spent.items() if name in settings}
     return choose(question, budget_ms, max_error, sum(spent.values()) - _repeated(question, done))
@@ -290,18 +229,10 @@ def _repeated(question: Question, done: Mapping[str, float]) -> float:
     """What the tables predict for passes that are done: their real time is counted instead."""
     first = question.settings[question.passes[0].name][0]
     return sum(
-        predicted_ms(question, step, question.settings[step.name][0], question.loads[first])
+        predicted_ms(question, step, question.settings[step.name][0], question.loads[first]) or 0.0
         for step in question.passes
         if step.name in done
     )
-
-
-def _reusable(knowledge: Knowledge) -> Mapping[str, str] | None:
-    past = knowledge.past
-    if past.reuse is None or past.reuse.renew:
-        return None
-    choice = knowledge.pace.choice
-    return {name: choice[name] for name in ("gbuffer", "reflections") if name in choice}
 
 
 def plan(

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-import torch
 
 from torchrender.kernels.compile import view as numpy_view
 from torchrender.kernels.project import visible_clusters
@@ -31,29 +29,14 @@ class Outlook:
     scene: Scene
     cameras: Cameras
     options: RenderOptions
+    reflectors_in_view: int  # meshes that mirror whose bounding box meets the frustum of a camera
     sequence: bool = False  # a history was handed in
-
-    @cached_property
-    def reflectors_in_view(self) -> int:
-        """Meshes with a mirroring material whose bounding box meets the frustum of a camera."""
-        scene = self.scene
-        boxes = [
-            torch.stack([mesh.vertices.double().amin(0), mesh.vertices.double().amax(0)])
-            for mesh in scene.meshes
-            if scene.materials[mesh.material].is_reflector and len(mesh.vertices)
-        ]
-        if not boxes:
-            return 0
-        bounds = numpy_view(torch.stack(boxes), np.float64)
-        seen: set[int] = set()
-        for planes in self.cameras.frustum_planes():
-            seen.update(visible_clusters(bounds, numpy_view(planes, np.float64))[0].tolist())
-        return len(seen)
+    mirrored: float | None = None  # share of the pixels that mirror, once the G-buffer is known
 
     @property
     def has_reflectors(self) -> bool:
         """Some material of a mesh mirrors."""
-        return any(self.scene.materials[mesh.material].is_reflector for mesh in self.scene.meshes)
+        return len(self.scene.reflector_bounds) > 0
 
     @property
     def area_lights(self) -> int:
@@ -68,7 +51,18 @@ class Outlook:
     @property
     def reflects(self) -> bool:
         """Reflections are wanted and some reflector may be seen."""
-        return self.options.reflections != "off" and self.reflectors_in_view > 0
+        return self.options.reflections != "off" and self.reflectors_in_view > 0 and self.mirrored != 0
+
+
+def reflectors_in_view(scene: Scene, cameras: Cameras) -> int:
+    """Meshes that mirror whose bounding box meets the frustum of a camera."""
+    if not len(scene.reflector_bounds):
+        return 0
+    bounds = numpy_view(scene.reflector_bounds, np.float64)
+    seen: set[int] = set()
+    for planes in cameras.frustum_planes():
+        seen.update(visible_clusters(bounds, numpy_view(planes, np.float64))[0].tolist())
+    return len(seen)
 
 
 def counted(number: int, thing: str) -> str:
@@ -148,7 +142,11 @@ def reflections(outlook: Outlook) -> Verdict:
         return Verdict(False, "no material mirrors")
     if not outlook.reflectors_in_view:
         return Verdict(False, "no reflector meets the view frustum")
-    return Verdict(True, counted(outlook.reflectors_in_view, "reflector") + " may be in view")
+    if outlook.mirrored is None:
+        return Verdict(True, counted(outlook.reflectors_in_view, "reflector") + " may be in view")
+    if outlook.mirrored == 0:
+        return Verdict(False, "reflectors meet the view frustum, but no pixel shows one")
+    return Verdict(True, f"{100 * outlook.mirrored:.1f} % of the pixels mirror")
 
 
 def reflection_reuse(outlook: Outlook) -> Verdict:

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from torchrender.chooser import predicted_ms
 from torchrender.clock import StepClock
 from torchrender.curves import load_curves
 from torchrender.errors import InputError
@@ -14,9 +13,9 @@ from torchrender.frame import Frame
 from torchrender.history import RenderHistory
 from torchrender.image import Image
 from torchrender.options import RenderOptions
-from torchrender.passes import PASSES, Pass
-from torchrender.plan import Plan
-from torchrender.planner import CUSTOM, WANTED, Knowledge, check_wishes, make_load, make_plan, question_about
+from torchrender.passes import Pass
+from torchrender.planner import CUSTOM, WANTED, Knowledge, check_buffers, check_wishes, make_load, make_plan
+from torchrender.plans import Plan
 from torchrender.scene.camera import Cameras
 from torchrender.scene.load import load
 from torchrender.scene.model import Scene, resized
@@ -56,10 +55,12 @@ def render(
 
     Raises:
         SceneFileError: the scene cannot be loaded.
-        InputError: no camera of that name; a size or an option out of range.
+        InputError: no camera or buffer of that name; a size or an option out of range.
         OptionError: ``budget_ms`` not positive, ``max_error`` outside [0, 1].
     """
     check_wishes(budget_ms, max_error)
+    options = options or RenderOptions()
+    check_buffers(options.buffers)
     clock = StepClock()
     if not isinstance(scene, Scene):
         with clock.measure("load"):
@@ -68,9 +69,16 @@ def render(
         cameras = view_of(scene, camera, width, height)
         fresh = RenderHistory(scene=scene.with_default_light(), wanted=False)
         past = fresh if history is None else history.of_scene(scene)
-        run = _Run(past.scene or scene, cameras, past, options or RenderOptions(), (budget_ms, max_error), clock)
+        knowledge = Knowledge(
+            scene=past.scene or scene,
+            cameras=cameras,
+            past=past,
+            curves=load_curves(),
+            wanted=(WANTED, *options.buffers),
+        )
+        run = Run(knowledge, options, (budget_ms, max_error), clock)
         image = run.image()
-    plan = run.plan.measured(clock.elapsed_ms, clock.elapsed_ms["total"])
+    plan = run.plan.measured(clock.elapsed_ms, run.amounts, clock.elapsed_ms["total"])
     kept = None if history is None else run.history(plan)
     return replace(image, plan=plan, timings_ms=clock.elapsed_ms, history=kept)
 
@@ -85,36 +93,33 @@ def view_of(scene: Scene, camera: Cameras | str | None, width: int | None, heigh
 
 
 @dataclass(eq=False)
-class _Run:
-    """A plan that is being run."""
+class Run:
+    """A plan that is made, and run by :meth:`image`."""
 
-    scene: Scene
-    cameras: Cameras
-    past: RenderHistory
+    knowledge: Knowledge
     wished: RenderOptions
     limits: tuple[float | None, float | None]  # budget, error bound
     clock: StepClock
     plan: Plan = field(init=False)
-    knowledge: Knowledge = field(init=False)
     frame: Frame = field(init=False)
-    raw_ms: dict[str, float] = field(default_factory=dict)  # predictions of passes without corrections
+    amounts: dict[str, tuple[float, ...]] = field(default_factory=dict)  # of work, by pass
 
     def __post_init__(self) -> None:
-        self.knowledge = Knowledge(scene=self.scene, cameras=self.cameras, past=self.past, curves=load_curves())
+        known = self.knowledge
         with self.clock.measure("plan"):
             self.plan = make_plan(self.knowledge, self.wished, *self.limits)
-        self.frame = Frame(scene=self.scene, cameras=self.cameras, options=self.wished, past=self.past)
+        self.frame = Frame(scene=known.scene, cameras=known.cameras, options=self.wished, past=known.past)
         self.frame.choose(self.plan.options)
 
     def image(self) -> Image:
         """Run the passes; a buffer is dropped once nobody needs it any more."""
-        steps = {step.name: step for step in PASSES}
+        steps = {step.name: step for step in self.knowledge.passes}
         done: list[str] = []
         while True:
             left = [row.name for row in self.plan.running if row.name not in done]
             if not left:
                 break
-            self._predict(steps[left[0]])
+            self._weigh(steps[left[0]])
             with self.clock.measure(left[0]):
                 made = steps[left[0]].run(self.frame)
             self.frame.buffers[steps[left[0]].makes] = made
@@ -127,8 +132,9 @@ class _Run:
         same = rendered is not None and self.frame.options.supersample == 1
         return Image(
             radiance=self.frame.buffers[WANTED],
-            cameras=self.cameras,
-            scene=self.scene,
+            cameras=self.frame.cameras,
+            scene=self.frame.scene,
+            buffers={name: self.frame.buffers[name] for name in self.knowledge.wanted if name in self.frame.buffers},
             rendered=rendered if same else None,
             exposure=self.wished.exposure,
             tone_map=self.wished.tone_map,
@@ -146,16 +152,17 @@ class _Run:
             self.plan = make_plan(self.knowledge, self.frame.options, *self.limits, spent_ms=spent)
             self.frame.choose(self.plan.options)
 
-    def _predict(self, step: Pass) -> None:
+    def _weigh(self, step: Pass) -> None:
+        """Note how much work the pass has; a key frame of reuse is another pass's work."""
         setting = self.plan.row(step.name).setting
         key_frame = step.name == "reflection_reuse" and (self.frame.past.reuse is None or self.frame.past.reuse.renew)
         if setting != CUSTOM and not key_frame:
             load_ = make_load(replace(self.knowledge, past=self.frame.past), self.frame.options)
-            self.raw_ms[step.name] = predicted_ms(question_about(self.knowledge), step, setting, load_, corrected=False)
+            self.amounts[step.name] = step.work(load_, step.knob.setting(setting))
 
     def _forget(self, left: list[Pass]) -> None:
         """Release the buffers that no pass asks for any more; the picture's own G-buffer stays with the picture."""
-        asked = {name for step in left for name in (*step.needs, *step.uses)} | {WANTED}
+        asked = {name for step in left for name in (*step.needs, *step.uses)} | set(self.knowledge.wanted)
         if self.frame.options.supersample == 1:
             asked.add("gbuffer")
         for name in [name for name in self.frame.buffers if name not in asked]:
@@ -165,9 +172,9 @@ class _Run:
         """What the next picture of the sequence starts from."""
         pace = self.knowledge.pace
         for row in plan.running:
-            raw = self.raw_ms.get(row.name)
-            if raw is not None and row.measured_ms is not None:
-                pace = pace.learned(row.name, row.setting, row.measured_ms, raw)
+            if row.amounts is not None and row.measured_ms is not None:
+                raw = self.knowledge.curves.time_ms(row.name, row.setting, row.amounts, self.knowledge.name)
+                pace = pace.learned(row.name, row.setting, row.measured_ms, raw or 0.0)
         share = self.knowledge.reflective_share
         choice: Mapping[str, str] = {row.name: row.setting for row in plan.rows}
         pace = replace(pace, choice=choice, reflective_share=pace.reflective_share if share is None else share)

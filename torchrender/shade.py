@@ -39,18 +39,24 @@ class _Tables:
     shininess: Tensor  # (M,)
     emission: Tensor  # (3,M)
     textures: tuple[Tensor | None, ...]
-    origin: Tensor  # (3,) float64, the scene's centre
+    origin: Tensor  # (3,) float64 world space: where float32 positions are finest
 
     @classmethod
-    def of(cls, scene: Scene) -> _Tables:
-        materials = scene.materials
+    def of(cls, scene: Scene, cameras: Cameras | None = None) -> _Tables:
+        """Positions are finest at the scene's centre, or with perspective cameras where the first one stands: what is
+        near it must not suffer from a backdrop far away. An eye outside the scene's box counts as being at its side.
+        """
+        materials, bounds = scene.materials, scene.bounds
+        origin = bounds.mean(dim=0)
+        if cameras is not None and not cameras.orthographic:
+            origin = torch.minimum(torch.maximum(cameras.eye[0], bounds[0]), bounds[1])
         return cls(
             diffuse=torch.stack([m.diffuse for m in materials]),
             specular=torch.stack([m.specular * m.specular_color for m in materials], dim=1),
             shininess=torch.tensor([m.shininess for m in materials]),
             emission=torch.stack([m.emission for m in materials], dim=1),
             textures=tuple(m.diffuse_texture for m in materials),
-            origin=scene.bounds.mean(dim=0),
+            origin=origin,
         )
 
 
@@ -115,7 +121,7 @@ def shade(
     image = _background(scene, gbuffer.cameras, ~covered, background)
     rows = covered.nonzero().reshape(-1)
     if len(rows):
-        tables = _Tables.of(scene)
+        tables = _Tables.of(scene, gbuffer.cameras)
         parts = [
             _shade_pixels(scene, _surface(tables, gbuffer, chunk), visibility, chunk, area_light)
             for chunk in rows.split(CHUNK)

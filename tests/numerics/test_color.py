@@ -60,3 +60,19 @@ def test_luminance() -> None:
     assert luminance(torch.rand(2, 4, 5, 3)).shape == (2, 4, 5)
     with pytest.raises(InputError, match="linear must have shape"):
         luminance(torch.rand(4))
+
+
+@settings(deadline=None, max_examples=50)
+@given(
+    low=st.floats(-1e4, 1e4, width=32),
+    step=st.floats(0, 1e4, width=32),
+    dtype=st.sampled_from([torch.float32, torch.float64]),
+)
+def test_curves_rise_and_undo_each_other_in_both_precisions(low: float, step: float, dtype: torch.dtype) -> None:
+    value = torch.tensor([low, low + step], dtype=dtype)
+    eps = 1e-5 if dtype == torch.float32 else 1e-9  # the published constants leave a step of 1e-8 at the knee
+    for there, back in ((linear_from_srgb, srgb_from_linear), (srgb_from_linear, linear_from_srgb)):
+        found = there(value)
+        assert found.dtype == dtype
+        assert float(found[1]) >= float(found[0]) - eps
+        torch.testing.assert_close(back(found), value, rtol=10 * eps, atol=1e-6)

@@ -108,3 +108,27 @@ def test_line_and_point_give_nothing() -> None:
 def test_wrong_shapes_are_named() -> None:
     with pytest.raises(InputError, match="positions"):
         polygon_irradiance(SQUARE, torch.zeros(5, 3), torch.zeros(3, 5))
+
+
+@settings(deadline=None, max_examples=60)
+@given(
+    seed=st.integers(0, 2**31),
+    size=st.floats(-6, 6),
+    reach=st.floats(-6, 6),
+    dtype=st.sampled_from([torch.float32, torch.float64]),
+)
+def test_irradiance_lies_between_nothing_and_a_whole_sky(
+    seed: int, size: float, reach: float, dtype: torch.dtype
+) -> None:
+    """A light of radiance one can give pi at most, whatever its size and distance, in either precision."""
+    generator = torch.Generator().manual_seed(seed)
+    corner, u, v = torch.randn(3, 3, generator=generator, dtype=torch.float64) * 10**size
+    corners = torch.stack([corner, corner + u, corner + u + v, corner + v]).to(dtype)
+    places = (torch.randn(3, 24, generator=generator, dtype=torch.float64) * 10**reach).to(dtype)
+    places[:, :4] = corners.T  # on the light itself
+    normals = torch.nn.functional.normalize(torch.randn(3, 24, generator=generator, dtype=torch.float64), dim=0)
+    found = polygon_irradiance(corners, places, normals.to(dtype))
+    assert found.dtype == dtype
+    assert bool(((found >= 0) & (found <= math.pi * (1 + 1e-5))).all())
+    twice = polygon_irradiance(2 * corners, 2 * places, normals.to(dtype))
+    torch.testing.assert_close(twice, found, rtol=1e-5, atol=1e-6)  # only angles count

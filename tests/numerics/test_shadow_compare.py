@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import pytest
 import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from torchrender.numerics.shadow_compare import (
     LightView,
@@ -88,3 +90,32 @@ def test_disc_points_fill_the_disc(count):
     gaps = torch.cdist(points, points) + 9 * torch.eye(count)
     assert float(gaps.amin(1).min()) > 0.6 / count**0.5
     assert torch.equal(points, disc_points(count)) and not torch.equal(points, disc_points(count, 1))
+
+
+@settings(deadline=None, max_examples=50)
+@given(
+    seed=st.integers(0, 2**31),
+    size=st.floats(-6, 6),
+    orthographic=st.booleans(),
+    n=st.sampled_from([None, 0, 2]),
+    outside=st.sampled_from([None, 0.0, 1.0]),
+)
+def test_comparisons_stay_between_dark_and_lit(seed, size, orthographic, n, outside):
+    """Any plane at any scale, in front of the light and behind it: a number in [0, 1], a bias within its limits."""
+    scale = 10.0**size
+    generator = torch.Generator().manual_seed(seed)
+    light = view(orthographic)
+    light = light._replace(
+        translation=light.translation * scale, near=scale, far=9 * scale,
+        focal=tuple(f / scale for f in light.focal) if orthographic else light.focal,
+    )  # fmt: skip
+    points = 3 * scale * torch.randn(60, 3, generator=generator, dtype=torch.float64)
+    normals = torch.nn.functional.normalize(torch.randn(60, 3, generator=generator, dtype=torch.float64), dim=-1)
+    at = project_with_slope(points, normals, light)
+    assert not any(bool(torch.isnan(part).any()) for part in at)
+    bias, steep = depth_bias(at, light.far - light.near, (1e-4, 1.0, 0.02), 1.5)
+    assert bool(((bias >= 0) & (bias <= 0.02 * 8 * scale * (1 + 1e-9))).all())
+    depth = scale * (1 + 8 * torch.rand(60, 80, generator=generator))
+    depth[torch.rand(60, 80, generator=generator) < 0.2] = torch.inf
+    lit = soft_window(depth, at, (bias, steep), 1e-3 * scale, n, outside, orthographic)
+    assert bool(((lit >= 0) & (lit <= 1)).all())

@@ -123,3 +123,20 @@ def test_shapes_are_checked() -> None:
         build_pyramid(torch.zeros(4, 4))
     with pytest.raises(InputError, match="uv"):
         sample_texture(build_pyramid(picture(2, 2)), torch.zeros(5, 3))
+
+
+@settings(deadline=None, max_examples=60)
+@given(
+    size=st.tuples(st.integers(1, 9), st.integers(1, 9)),
+    seed=st.integers(0, 2**31),
+    scale=st.floats(0, 1e9),
+    footprint=st.floats(0, 1e3),
+    dtype=st.sampled_from([torch.float32, torch.float64]),
+)
+def test_values_stay_between_the_darkest_and_the_brightest_texel(size, seed, scale, footprint, dtype) -> None:
+    generator = torch.Generator().manual_seed(seed)
+    texture = torch.rand(*size, 3, generator=generator)
+    uv = (torch.randn(32, 2, generator=generator, dtype=torch.float64) * scale).to(dtype)
+    value = sample_texture(build_pyramid(texture), uv, torch.full((32,), footprint))
+    low, high = texture.amin((0, 1)), texture.amax((0, 1))
+    assert bool(((value >= low - 1e-6) & (value <= high + 1e-6)).all())

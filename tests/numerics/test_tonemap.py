@@ -6,6 +6,8 @@ import math
 
 import pytest
 import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from torchrender.errors import InputError, OptionError
 from torchrender.numerics.color import luminance
@@ -83,3 +85,21 @@ def test_errors_name_the_argument() -> None:
         tone_map(torch.zeros(3), exposure=math.nan)
     with pytest.raises(InputError, match="radiance"):
         tone_map(torch.zeros(3, 4))
+
+
+@pytest.mark.parametrize("operator", OPERATORS)
+@settings(deadline=None, max_examples=60)
+@given(
+    low=st.floats(0, 1e8),
+    step=st.floats(0, 1e8),
+    exposure=st.floats(-20, 20),
+    dtype=st.sampled_from([torch.float32, torch.float64]),
+)
+def test_more_light_is_never_darker(
+    operator: str, low: float, step: float, exposure: float, dtype: torch.dtype
+) -> None:
+    grey = torch.tensor([[low] * 3, [low + step] * 3], dtype=dtype)
+    value = tone_map(grey, operator, exposure=exposure)
+    assert value.dtype == dtype
+    assert bool(((value >= 0) & (value <= 1)).all())
+    assert bool((value[1] >= value[0] - 1e-6).all())

@@ -10,6 +10,7 @@ import time
 import urllib.parse
 from collections import deque
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from types import TracebackType
 from typing import Any
@@ -79,8 +80,9 @@ class StreamClient:
         kept: the newest keyframes, oldest first.
     """
 
-    def __init__(self, socket: ClientConnection, session: Mapping[str, Any], keep: int) -> None:
+    def __init__(self, socket: ClientConnection, open_: ExitStack, session: Mapping[str, Any], keep: int) -> None:
         self._socket = socket
+        self._open_parts = open_
         self._number = 0
         self._sent: dict[int, float] = {}
         self._parts: list[tuple[KeyframeImage, int]] = []
@@ -129,19 +131,22 @@ class StreamClient:
     @classmethod
     def _open(cls, url: str, session: Mapping[str, Any], ticket: str, keep: int, timeout_s: float) -> StreamClient:
         address = "ws" + url.rstrip("/").removeprefix("http") + session["stream"]
+        parts = ExitStack()
         try:
-            socket = open_socket(
-                address,
-                subprotocols=[SUBPROTOCOL, f"bearer.{ticket}"],  # type: ignore[list-item]
-                compression=None,
-                max_size=MAX_MESSAGE_BYTES,
-                open_timeout=timeout_s,
+            socket = parts.enter_context(
+                open_socket(
+                    address,
+                    subprotocols=[SUBPROTOCOL, f"bearer.{ticket}"],  # type: ignore[list-item]
+                    compression=None,
+                    max_size=MAX_MESSAGE_BYTES,
+                    open_timeout=timeout_s,
+                )
             )
         except InvalidStatus as error:
             raise StreamError(f"the service refused the stream with {error.response.status_code}") from error
         except (OSError, TimeoutError) as error:
             raise StreamError(f"{url} cannot be reached ({error})") from error
-        return cls(socket, {**session, "url": url}, keep)
+        return cls(socket, parts, {**session, "url": url}, keep)
 
     def reconnect(self, timeout_s: float = 60.0) -> StreamClient:
         """The same session in a new connection, after this one has broken; kept keyframes go along.
@@ -149,7 +154,7 @@ class StreamClient:
         Raises:
             StreamError: the session is over: :meth:`connect` again.
         """
-        self._socket.close()
+        self._open_parts.close()
         keep = self.kept.maxlen or 1
         other = self._open(self.session["url"], self.session, self.resume_ticket, keep, timeout_s)
         other.kept.extend(self.kept)
@@ -247,7 +252,7 @@ class StreamClient:
         """Say goodbye; the session ends."""
         with contextlib.suppress(ConnectionClosed):
             self._socket.send(encode(Bye(reason="the client is done")))
-        self._socket.close()
+        self._open_parts.close()
 
     def __enter__(self) -> StreamClient:
         return self

@@ -246,7 +246,7 @@ def _look_up(points: Tensor, normals: Tensor, light: Light, part: ShadowMap, opt
         numpy_view(table, np.float64),
         numpy_view(part.depth, np.float32),
         numpy_view(taps, np.float64),
-        _settings(light, part, options),
+        _settings(light, part, options, exact=points.dtype == torch.float64),
         out.view(-1).numpy(),
     )
     return out
@@ -260,7 +260,7 @@ def _source(light: Light) -> Tensor:
     return torch.cat([place.double(), torch.ones(1, dtype=torch.float64)])
 
 
-def _settings(light: Light, part: ShadowMap, options: ShadowOptions) -> LookupSettings:
+def _settings(light: Light, part: ShadowMap, options: ShadowOptions, *, exact: bool) -> LookupSettings:
     cameras = part.cameras
     near, size = float(cameras.near.min()), 0.0
     if options.filter == "pcss":
@@ -283,6 +283,7 @@ def _settings(light: Light, part: ShadowMap, options: ShadowOptions) -> LookupSe
         rho_max=float(options.rho_max),
         search_near=near,
         search_taps=options.search_taps,
+        exact=exact,
     )
 
 

@@ -175,6 +175,8 @@ def _factor(points, normals, index, light, views, maps, taps, s):
         u, v, depth = image_point(views, chosen, s.orthographic, x + step * nx, y + step * ny, z + step * nz)
     if outside_view(views, chosen, u, v, depth, 0.0, height, width):
         return s.outside
+    if s.exact:  # interpolated with float32 weights within one triangle, which is no larger than what the light sees
+        size = views[chosen, 17] - views[chosen, 16]
     r = receiver(views, chosen, s.orthographic, u, v, depth, (nx, ny, nz), cosine, size)
     return _filtered(maps, chosen, r, s, taps, index)
 

@@ -37,6 +37,7 @@ class LookupSettings(NamedTuple):
     rho_max: float  # PCSS: largest radius in texels
     search_near: float  # PCSS: depth before which there is no blocker
     search_taps: int  # first rows of the disc table; the rest are filter taps
+    exact: bool  # points are float64: what they are off does not grow with the distance from the origin
 
 
 class Receiver(NamedTuple):
@@ -103,7 +104,7 @@ def choose_view(views, s, x, y, z, height, width):
 
 @kernel()
 def receiver(views, i, orthographic, u, v, z, normal, cosine, size):
-    """The plane of the surface in the light's image. ``size``: sum of the point's absolute coordinates."""
+    """The plane of the surface in the light's image. ``size``: lengths whose float32 rounding the point may be off."""
     fu, fv = views[i, 12], views[i, 13]
     nx = views[i, 0] * normal[0] + views[i, 1] * normal[1] + views[i, 2] * normal[2]
     ny = views[i, 4] * normal[0] + views[i, 5] * normal[1] + views[i, 6] * normal[2]

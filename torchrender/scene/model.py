@@ -53,6 +53,16 @@ class Scene:
             return geometry
         return replace(geometry, cutout=build_cutout(self.materials, geometry.material))
 
+    @cached_property
+    def reflector_bounds(self) -> Tensor:
+        """(N,2,3) float64 bounding boxes of the meshes that mirror."""
+        boxes = [
+            torch.stack([mesh.vertices.double().amin(0), mesh.vertices.double().amax(0)])
+            for mesh in self.meshes
+            if self.materials[mesh.material].is_reflector and len(mesh.vertices)
+        ]
+        return torch.stack(boxes) if boxes else torch.zeros(0, 2, 3, dtype=torch.float64)
+
     @property
     def bounds(self) -> Tensor:
         """(2,3) float64 bounding box."""

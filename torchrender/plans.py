@@ -21,6 +21,7 @@ class PlanRow:
     predicted_ms: float | None = None
     predicted_error: float | None = None  # mean FLIP against the pass's reference
     measured_ms: float | None = None
+    amounts: tuple[float, ...] | None = None  # of work, once the pass ran; None where predictions do not cover it
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,9 +63,13 @@ class Plan:
                 return row
         raise KeyError(name)
 
-    def measured(self, times_ms: Mapping[str, float], total_ms: float) -> Plan:
-        """The plan with what its passes took."""
-        rows = tuple(replace(row, measured_ms=times_ms.get(row.name)) for row in self.rows)
+    def measured(
+        self, times_ms: Mapping[str, float], amounts: Mapping[str, tuple[float, ...]], total_ms: float
+    ) -> Plan:
+        """The plan with what its passes took, and for how much work."""
+        rows = tuple(
+            replace(row, measured_ms=times_ms.get(row.name), amounts=amounts.get(row.name)) for row in self.rows
+        )
         return replace(self, rows=rows, measured_ms=total_ms)
 
     def to_dict(self) -> dict[str, Any]:

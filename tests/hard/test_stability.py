@@ -1,0 +1,171 @@
+"""Every effect on every hard case: finite, bounded, repeatable, alike in both precisions, and true to a law.
+
+Effects and cases are records in ``torchrender/report``; ``python -m torchrender.report.stability`` writes what was
+measured to a page.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import torchrender.report.stability as stability
+from torchrender.effects.shadow_map import ShadowOptions, light_visibility
+from torchrender.passes import PASSES
+from torchrender.report.hard_cases import BASE, BY_NAME, CASES, Subject
+from torchrender.report.hard_effect import HardEffect, Law, Outputs, bounds_error, difference, same
+from torchrender.report.hard_numerics import NUMERICS, HardFunction
+from torchrender.report.stability import EFFECTS, Finding, examine, faults, pairs, run
+from torchrender.report.stability_page import page
+from torchrender.shade import shade
+
+PACKAGE = Path(stability.__file__).resolve().parent.parent
+PAIRS = list(pairs())
+
+
+@pytest.mark.parametrize(("effect", "case"), PAIRS, ids=[f"{effect.name}-{case.name}" for effect, case in PAIRS])
+def test_the_effect_is_stable(effect, case) -> None:
+    assert not examine(effect, case).faults
+
+
+@pytest.mark.parametrize("function", NUMERICS, ids=lambda f: f.name)
+@settings(deadline=None, max_examples=15)
+@given(seed=st.integers(0, 2**31))
+def test_numerical_functions_agree_in_both_precisions(function: HardFunction, seed: int) -> None:
+    short, long = function.results(200, seed)
+    assert (short.dtype, long.dtype) == (torch.float32, torch.float64)
+    assert bool(torch.isfinite(short).all() and torch.isfinite(long).all())
+    assert function.difference(200, seed) <= function.limit
+
+
+# ----------------------------------------------------------- nothing is left out
+
+
+def test_every_effect_has_a_record() -> None:
+    known = {module for effect in EFFECTS for module in effect.modules}
+    there = {f"effects.{path.stem}" for path in (PACKAGE / "effects").glob("*.py") if path.stem != "__init__"}
+    assert there <= known, f"add a record to torchrender/report/stability.py for {sorted(there - known)}"
+    assert all((PACKAGE / f"{module.replace('.', '/')}.py").is_file() for module in known)
+
+
+def test_every_pass_has_a_record() -> None:
+    known = {effect.name for effect in EFFECTS}
+    missing = [step.name for step in PASSES if step.name not in known]
+    assert not missing, f"add a record to torchrender/report/stability.py for {missing}"
+
+
+def test_names_are_unique_and_twins_exist() -> None:
+    assert len(BY_NAME) == len(CASES) and len({effect.name for effect in EFFECTS}) == len(EFFECTS)
+    assert all(case.twin in (None, BASE) for case in CASES)
+
+
+def test_every_effect_is_asked_about_most_of_its_cases() -> None:
+    """A record whose cases are all skipped would examine nothing."""
+    for effect in EFFECTS:
+        own = [case for e, case in PAIRS if e is effect]
+        used = [case for case in own if effect.skip(stability._subject(case.name)) is None]
+        assert len(used) >= 0.6 * len(own), effect.name
+
+
+# ------------------------------------------------------------ the suite can fail
+
+
+def effect_of(run, *, law: float = 0.0, bounds=(0.0, 1.0)) -> HardEffect:
+    return HardEffect(
+        name="value",
+        modules=(),
+        run=run,
+        bounds=lambda _: {"value": bounds},
+        law=Law(text="none", deviation=lambda *_: law, limit=0.01),
+    )
+
+
+def test_faults_are_found() -> None:
+    case = BY_NAME["tiny"]
+    calls: list[int] = []
+
+    def changing(_: Subject) -> Outputs:
+        calls.append(1)
+        return {"value": torch.full((4,), 0.1 * len(calls))}
+
+    def by_scale(subject: Subject) -> Outputs:
+        return {"value": torch.full((4,), min(subject.scene.diagonal, 1.0))}
+
+    def by_type(subject: Subject) -> Outputs:
+        return {"value": torch.full((4,), float(subject.scene.meshes[0].vertices.dtype == torch.float32))}
+
+    def fixed(value: float):
+        return lambda _: {"value": torch.full((4,), value)}
+
+    assert not examine(effect_of(fixed(0.5), law=0.005), replace(case, twin=None)).faults
+    for name, effect, word in (
+        ("NaN", effect_of(fixed(float("nan"))), "outside"),
+        ("infinite", effect_of(fixed(float("inf"))), "outside"),
+        ("negative", effect_of(fixed(-0.1)), "outside"),
+        ("law", effect_of(fixed(0.5), law=0.02), "law"),
+        ("law NaN", effect_of(fixed(0.5), law=float("nan")), "law"),
+        ("changing", effect_of(changing), "run again"),
+        ("absolute length", effect_of(by_scale), "twin"),
+        ("type", effect_of(by_type), "stored in"),
+    ):
+        found = examine(effect, case).faults
+        assert any(word in fault for fault in found), name
+
+
+def test_measures_of_difference() -> None:
+    first = {"a": torch.tensor([1.0, 2.0, float("inf"), 0.0]), "b": torch.tensor([1, 2])}
+    assert difference(first, first) == 0.0 and same(first, first)
+    other = {"a": torch.tensor([1.0, 2.1, float("inf"), 1e-6]), "b": torch.tensor([1, 2])}
+    assert difference(first, other) == 0.25 and not same(first, other)
+    other = {"a": torch.tensor([1.0, 2.0, 5.0, 0.0]), "b": torch.tensor([3, 4])}
+    assert difference(first, other) == 1.0
+    assert difference(first, {"a": first["a"][:2], "b": first["b"]}) == 1.0
+    assert bounds_error({"depth": torch.tensor([0.5, float("inf")])}, {"depth": (0.0, float("inf"))}) is None
+    wrong = bounds_error({"depth": torch.tensor([0.5, -1.0])}, {"depth": (0.0, float("inf"))})
+    assert wrong is not None and "1 of 2" in wrong
+
+
+def test_the_page_shows_faults(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    chosen = tuple(e for e in EFFECTS if e.name in ("gbuffer", "direct_light"))
+    monkeypatch.setattr(stability, "EFFECTS", chosen)
+    assert run(tmp_path, quick=True) == 0
+    record = json.loads((tmp_path / "stability.json").read_text())
+    text = (tmp_path / "stability.md").read_text()
+    assert "0 with one" in text and "| studio |" in text and record["numerics"]
+    bad = Finding(effect="gbuffer", case=BASE, law=0.5)
+    record["findings"][0] = {**vars(bad), "faults": faults(bad, EFFECTS[0])}
+    assert "1 with one" in page(record) and "**gbuffer, studio**: law: 0.5" in page(record)
+
+
+# ------------------------------------------------------- what the suite has found
+
+
+def test_contact_shadows_stay_in_place_far_from_the_origin() -> None:
+    """Positions are float64: no bias for float32 coordinates may lift the shadow of the block off its own foot."""
+    near, far = (BY_NAME[name].subject() for name in (BASE, "far away"))
+    options = ShadowOptions(size=256, filter="pcf", n=1)
+    for first, second in zip(near.scene.lights, far.scene.lights, strict=True):
+        found = light_visibility(near.scene, first, near.gbuffer, options)
+        moved = light_visibility(far.scene, second, far.gbuffer, options)
+        assert float((found - moved).abs().max()) < 1e-5
+        assert 0.02 < float((found[near.gbuffer.covered] == 0).double().mean()) < 0.9
+
+
+def test_a_backdrop_far_away_does_not_blur_the_light_near_the_eye() -> None:
+    """Shading counts positions from the eye: float32 steps at the backdrop's distance are larger than the scene."""
+    subject = BY_NAME[BASE].subject()
+    far = torch.tensor([[-1e9, -1e9, -1e9], [1e9, -1e9, -1e9], [0.0, 1e9, -1e9]], dtype=torch.float64)
+    backdrop = replace(subject.scene.meshes[0], vertices=far, faces=torch.tensor([[0, 1, 2]]), uv=None, normals=None)
+    scene = replace(subject.scene, meshes=(*subject.scene.meshes, backdrop))
+    wide = Subject(scene=scene, cameras=subject.cameras)
+    kept = subject.gbuffer.covered
+    # The light that a point sends no nearer than a share of the scene's diagonal: leave it out.
+    lights = (subject.scene.lights[0],)
+    images = [shade(replace(s.scene, lights=lights), s.gbuffer)[kept] for s in (subject, wide)]
+    torch.testing.assert_close(*images, rtol=1e-4, atol=1e-5)

@@ -1,0 +1,94 @@
+"""The Python client against a real server."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from service.codec import display_bytes
+from service_server import RunningServer
+from torchrender.client import StreamClient, StreamClosed, StreamedKeyframe, StreamError
+from torchrender.errors import InputError
+from torchrender.scene.camera import Cameras
+
+SIZE = (96, 72)
+
+
+def moved(camera: Cameras, x: float) -> Cameras:
+    matrix = camera.camera_from_world.clone()
+    matrix[:, 0, 3] -= x
+    return replace(camera, camera_from_world=matrix)
+
+
+def still_keyframe(client: StreamClient) -> StreamedKeyframe:
+    client.send_pose(client.camera, moving=False)
+    while not (keyframe := client.receive()).still:
+        pass
+    return keyframe
+
+
+def test_keyframes_come_as_tensors_and_are_reprojected_here(server: RunningServer) -> None:
+    with StreamClient.connect(server.url, "cornell_box", size=SIZE, layers=2, overscan=1.2) as client:
+        keyframe = still_keyframe(client)
+        images = keyframe.depth_images()
+        assert images.depth.shape == (3, 86, 115)
+        assert keyframe.plan is not None and keyframe.latency_ms > 0 and keyframe.bytes > 1000
+        unmoved = client.view(keyframe.images[0].camera)
+        assert bool(unmoved.valid.all())
+        error = display_bytes(unmoved.color[0]).astype(int) - keyframe.images[0].codes.numpy()
+        assert np.abs(error).max() <= 1  # far better than the 50 dB that are asked for
+        aside = client.view(moved(client.camera, 0.03))
+        assert aside.color.shape == (1, SIZE[1], SIZE[0], 3)
+        holes = float((~aside.valid).float().mean())
+        assert holes < 0.01
+        client.send_pose(moved(client.camera, 0.05), velocity=(0.2, 0.0, 0.0))
+        assert client.receive(holes=holes).id > keyframe.id
+
+
+def test_wishes_and_resync(server: RunningServer) -> None:
+    with StreamClient.connect(server.url, "cornell_box", size=SIZE, layers=0) as client:
+        last = still_keyframe(client)
+        client.wish(budget_ms=400.0, layers=1)
+        fresh = client.receive()
+        assert fresh.id > last.id and len(fresh.images) == 2
+        client.resync()
+        assert client.receive().id > fresh.id
+        assert [k.id for k in client.kept] == sorted(k.id for k in client.kept) and len(client.kept) == 2
+
+
+def test_reconnecting_keeps_the_keyframes(server: RunningServer) -> None:
+    client = StreamClient.connect(server.url, "cornell_box", size=SIZE, layers=0)
+    still_keyframe(client)
+    with client.reconnect() as other:
+        assert bool(other.view(other.camera).valid.any())
+        assert still_keyframe(other).id > other.kept[0].id
+        with pytest.raises(StreamClosed):
+            client.send_pose(client.camera)
+    with pytest.raises(StreamError, match="403"):
+        other.reconnect()
+
+
+def test_what_the_service_refuses_is_said(server: RunningServer) -> None:
+    for scene, wishes, status in (("nothing", {}, 404), ("cornell_box", {"layers": 9}, 422)):
+        with pytest.raises(StreamError) as caught:
+            StreamClient.connect(server.url, scene, size=SIZE, **wishes)
+        assert caught.value.problem["status"] == status
+    with pytest.raises(InputError, match="url must look like"):
+        StreamClient.connect("localhost:80", "cornell_box")
+    with pytest.raises(StreamError, match="cannot be reached"):
+        StreamClient.connect("http://127.0.0.1:9", "cornell_box", timeout_s=2)
+
+
+def test_bad_cameras(server: RunningServer) -> None:
+    with StreamClient.connect(server.url, "cornell_box", size=SIZE, camera={"name": "close"}) as client:
+        with pytest.raises(InputError, match="single perspective camera"):
+            client.send_pose(client.camera[[0, 0]])
+        with pytest.raises(InputError, match="nothing was received"):
+            client.view(client.camera)
+        huge = replace(client.camera, near=torch.tensor(1e18), far=torch.tensor(torch.inf))
+        client.send_pose(huge)
+        with pytest.raises(StreamError, match="near"):
+            client.receive()

@@ -1,0 +1,69 @@
+"""Arguments that several commands share: the scene, its camera, lists of numbers."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from torchrender.errors import OptionError
+
+if TYPE_CHECKING:
+    from torchrender.scene.camera import Cameras
+    from torchrender.scene.model import Scene
+
+_CAMERA_KEYS = {"eye": 3, "target": 3, "up": 3, "fov": 1, "near": 1}
+
+
+def add_scene(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("scene", metavar="SCENE", help="a scene or mesh file, or the name of a built-in scene")
+    parser.add_argument("--triangles", type=int, metavar="N", help="size of a built-in scene, in triangles (about)")
+
+
+def numbers(name: str, text: str, count: int) -> list[float]:
+    """``count`` finite numbers, separated by commas; the error names ``name``."""
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        values = []
+    if len(values) != count or not all(abs(v) < float("inf") for v in values):
+        raise OptionError(f"{name} must be {count} numbers separated by commas, got {text!r}")
+    return values
+
+
+def exposure(text: str) -> float | None:
+    return None if text == "auto" else numbers("--exposure", text, 1)[0]
+
+
+def load_scene(arguments: argparse.Namespace) -> Scene:
+    from torchrender.scene.load import load
+
+    return load(arguments.scene, size=arguments.triangles)
+
+
+def camera_of(scene: Scene, words: Sequence[str], width: int, height: int) -> Cameras:
+    """The scene's default camera, one of its cameras by name, or one described as ``eye=x,y,z target=x,y,z fov=50``."""
+    from torchrender.scene.camera import Cameras
+
+    parts = " ".join(words).split()
+    if not any("=" in part for part in parts):
+        return scene.camera(" ".join(words) or None, width=width, height=height)
+    given: dict[str, list[float]] = {}
+    for part in parts:
+        key, _, value = part.partition("=")
+        if key not in _CAMERA_KEYS:
+            raise OptionError(f"--camera: unknown key {key!r}; known keys: {', '.join(_CAMERA_KEYS)}")
+        given[key] = numbers(f"--camera {key}", value, _CAMERA_KEYS[key])
+    if "eye" not in given:
+        raise OptionError("--camera must give eye=x,y,z")
+    diagonal = scene.diagonal or 1.0
+    target = given.get("target", scene.bounds.mean(dim=0).tolist())
+    return Cameras.look_at(
+        given["eye"],
+        target,
+        width=width,
+        height=height,
+        fov_deg=given.get("fov", [50.0])[0],
+        up=given.get("up", [0.0, 1.0, 0.0]),
+        near=given.get("near", [1e-4 * diagonal])[0],
+    )

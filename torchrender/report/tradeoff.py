@@ -1,0 +1,133 @@
+"""Error-against-time curves of the passes of a picture: as JSON, a table, a plot, and one page for all scenes."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from torch import Tensor
+
+from torchrender.curves import scene_key
+from torchrender.image_io import write_atomically
+from torchrender.passes import PASSES
+from torchrender.report.foundation_page import text_writer
+from torchrender.report.machine import machine_line, machine_record
+from torchrender.report.tradeoff_measure import OWN, Measured, frontier, measure_pass, passes_named, views_of
+from torchrender.scene.model import Scene
+
+Found = Mapping[str, Mapping[str, Measured]]
+"""What was measured, by pass and setting."""
+
+
+@dataclass(frozen=True, eq=False)
+class SceneCurves:
+    """The curves of one scene."""
+
+    name: str
+    size: int  # pixels of a side
+    passes: Found
+    references: Mapping[str, Tensor | None]  # (H,W,3) sRGB, by pass
+
+    def record(self) -> dict[str, Any]:
+        """Plain values."""
+        return {
+            name: {
+                "reference": step.knob.reference.name,
+                "own_measure": OWN[name][0] if name in OWN else None,
+                "frontier": frontier({s: (m.ms, m.flip) for s, m in self.passes[name].items()}),
+                "settings": {setting: measured.record() for setting, measured in self.passes[name].items()},
+            }
+            for name, step in ((p.name, p) for p in PASSES)
+            if self.passes.get(name)
+        }
+
+
+def measure(scene: Scene, *, size: int = 512, name: str | None = None, pictures: bool = False) -> SceneCurves:
+    """Curves of one pass of a scene, or of all that have something to do there.
+
+    Raises:
+        InputError: no pass of that name.
+    """
+    views = views_of(scene, size)
+    found = {step.name: measure_pass(scene, views, step, pictures=pictures) for step in passes_named(name)}
+    return SceneCurves(
+        scene_key(scene),
+        size,
+        {name: settings for name, (settings, _) in found.items() if settings},
+        {name: shown for name, (_, shown) in found.items()},
+    )
+
+
+def write(folder: Path, curves: SceneCurves) -> list[Path]:
+    """``tradeoff-SCENE.json``, ``.md`` and, where matplotlib is installed, ``.png``."""
+    base = folder / f"tradeoff-{curves.name.partition('/')[0]}"
+    record = {"machine": machine_record(), "scene": curves.name, "size": curves.size, "passes": curves.record()}
+    writers: dict[str, Callable[[Path], None]] = {
+        ".json": text_writer(json.dumps(record, indent=1) + "\n"),
+        ".md": text_writer(table(curves)),
+    }
+    if _has_matplotlib():
+        writers[".png"] = lambda path: plot(path, curves)
+    files = []
+    for suffix, writer in writers.items():
+        path = base.with_name(base.name + suffix)
+        write_atomically(path, writer)
+        files.append(path)
+    return files
+
+
+def table(curves: SceneCurves) -> str:
+    """A Markdown page of the curves; settings on the frontier are marked."""
+    lines = [f"# Accuracy against time: {curves.name}", "", machine_line(), ""]
+    lines += [
+        f"{curves.size} x {curves.size} pixels. Errors against the pass's reference, all other passes as usual. They",
+        "are deterministic: where a row does not say otherwise, making the picture twice gave the same bits. Times are",
+        "those of the pass alone: the median of pictures of a sequence with its spread between the quartiles, and what",
+        "the first picture took, preparations included. * no other setting is both quicker and closer.",
+        "",
+    ]
+    for name, record in curves.record().items():
+        own = record["own_measure"]
+        lines += [f"## {name} (reference: {record['reference']})", ""]
+        head = ["setting", "mean FLIP", "PSNR dB", "relative MSE", *([own] if own else []), "ms", "spread", "first ms"]
+        lines += [f"| {' | '.join(head)} |", f"|{'---|' * len(head)}"]
+        for setting, values in record["settings"].items():
+            mark = " *" if setting in record["frontier"] else ""
+            note = "" if values["repeats"] else " (differs from run to run)"
+            cells = [f"{setting}{mark}{note}", f"{values['flip']:.4f}", f"{values['psnr']:.1f}"]
+            cells += [f"{values['relative_mse']:.3g}", *([_own(values["own"])] if own else [])]
+            cells += [f"{values['ms']:.1f}", f"{values['spread_ms']:.1f}", f"{values['first_ms']:.1f}"]
+            lines.append(f"| {' | '.join(cells)} |")
+        lines.append("")
+    return "\n".join(lines)
+
+
+def plot(path: Path, curves: SceneCurves) -> None:
+    """Error against time, a panel per pass."""
+    from matplotlib.figure import Figure
+
+    shown = [name for name in curves.passes if len(curves.passes[name]) > 1]
+    figure = Figure(figsize=(4.2 * min(len(shown), 4), 3.2 * -(-len(shown) // 4)), layout="constrained")
+    for number, name in enumerate(shown):
+        axes = figure.add_subplot(-(-len(shown) // 4), min(len(shown), 4), number + 1)
+        points = {s: (max(m.ms, 1e-2), m.flip) for s, m in curves.passes[name].items()}
+        best = frontier(points)
+        axes.plot([points[s][0] for s in best], [points[s][1] for s in best], color="0.7", zorder=0)
+        for setting, (time, error) in points.items():
+            axes.plot([time], [error], "o", color="tab:blue" if setting in best else "0.6")
+            axes.annotate(setting, (time, error), textcoords="offset points", xytext=(4, 4), fontsize=8)
+        axes.set(title=name, xlabel="ms", ylabel="mean FLIP", xscale="log")
+    figure.savefig(path, dpi=100, format="png")
+
+
+def _own(value: float | None) -> str:
+    return "" if value is None else f"{value:.4g}"
+
+
+def _has_matplotlib() -> bool:
+    from importlib.util import find_spec
+
+    return find_spec("matplotlib") is not None
