@@ -43,8 +43,9 @@ def overscanned(camera: CameraHeader, overscan: float, max_pixels: int) -> Camer
     width, height = max(1, int(camera.width * shrink)), max(1, int(camera.height * shrink))
     sx, sy = width / camera.width, height / camera.height
     factor = max(1.0, min(overscan, math.sqrt(max_pixels / (width * height))))
-    wide, high = max(width, int(width * factor)), max(height, int(height * factor))
-    left, top = (wide - width) / 2, (high - height) / 2
+    # As many pixels on both sides: pixels of the wider picture then coincide with those of the view.
+    left, top = (int(side * (factor - 1.0) / 2.0 + 1e-6) for side in (width, height))
+    wide, high = width + 2 * left, height + 2 * top
     return CameraHeader(
         world_from_camera=camera.world_from_camera,
         fx=camera.fx * sx,

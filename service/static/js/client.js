@@ -1,0 +1,234 @@
+// The thin client: a stream of keyframes in, a picture of the newest pose out, every animation frame.
+
+import { Decoder } from "./decoder.js";
+import { KeyframeSet } from "./keyframes.js";
+import { Rate, Smooth } from "./meter.js";
+import { MAX_PIXELS, Stream } from "./stream.js";
+import { Warp } from "./warp.js";
+import { TYPE } from "./wire.js";
+
+const POSE_INTERVAL = 50; // ms between poses
+const HOLES_INTERVAL = 250; // ms between readings of the hole share
+const CLIP_SHARE = 0.002; // of the scene's diagonal: what is nearer is cut off
+
+const identical = (a, b) => a !== null && b !== null && a.world_from_camera.every((v, k) => v === b.world_from_camera[k]);
+
+export class Client {
+  /** `hooks`: state(name, detail), keyframe(header), frame(ms), figures(stats), sources() of the samples to draw. */
+  constructor(canvas, walker, hooks) {
+    this.canvas = canvas;
+    this.walker = walker;
+    this.hooks = hooks;
+    this.warp = new Warp(canvas);
+    this.keyframes = new KeyframeSet(this.warp);
+    this.decoder = new Decoder();
+    this.stream = new Stream({
+      state: (name, detail) => this.onState(name, detail),
+      welcome: (header, session) => this.onWelcome(header, session),
+      keyframe: (buffer) => this.onKeyframe(buffer),
+      problem: (header) => console.warn(`server: ${header.title}: ${header.detail}`),
+    });
+    this.state = "closed";
+    this.lost = false;
+    this.acks = [];
+    this.pose = { seq: 0, sent: 0, camera: null, moving: false };
+    this.traffic = new Rate();
+    this.figures = { frame: new Smooth(), warp: new Smooth(), decode: new Smooth(), latency: new Smooth() };
+    this.counts = { keyframes: 0, images: 0, frames: 0, drawn: 0, errors: 0, resyncs: 0 };
+    this.holes = null;
+    this.holesAt = 0;
+    this.holesOf = 0; // the picture that was measured, by its number
+    this.dirty = true;
+    this.ended = null; // what was streamed before, to know whether the view stays
+    canvas.addEventListener("webglcontextlost", () => this.onContext(true));
+    canvas.addEventListener("webglcontextrestored", () => this.onContext(false));
+    requestAnimationFrame((now) => this.frame(now));
+  }
+
+  /** Stream a scene; `wishes` is the body of POST /v1/sessions. */
+  start(wishes, key) {
+    this.wishes = wishes;
+    this.acks = [];
+    if (this.ended?.scene !== wishes.scene) {
+      this.keyframes.clear();
+      this.walker.camera = null;
+      this.holes = null;
+    }
+    this.stream.start(wishes, key);
+  }
+
+  wish(settings) {
+    Object.assign(this.wishes, settings);
+    this.keyframes.outdate();
+    this.stream.send(TYPE.SETTINGS, settings);
+  }
+
+  onState(name, detail) {
+    this.state = name;
+    this.hooks.state(name, detail);
+  }
+
+  onWelcome(header, session) {
+    const { camera } = header;
+    this.diagonal = header.scene.diagonal ?? session.scene_diagonal;
+    this.canvasSize(camera.width, camera.height);
+    const again = this.ended?.scene === this.wishes.scene && this.walker.camera;
+    if (!again) {
+      this.keyframes.clear();
+      this.walker.place(camera, session.up, this.diagonal);
+    } else {
+      const { world_from_camera } = this.walker.camera;
+      this.walker.home = camera;
+      this.walker.camera = { ...camera, world_from_camera };
+    }
+    this.ended = { scene: this.wishes.scene };
+    this.acks = [];
+    this.pose.camera = null; // the server knows no pose yet
+    this.dirty = true;
+  }
+
+  canvasSize(width, height) {
+    this.warp.resize(width, height);
+    this.dirty = true;
+  }
+
+  async onKeyframe(buffer) {
+    const socket = this.stream.socket;
+    this.traffic.add(buffer.byteLength);
+    let image;
+    try {
+      image = await this.decoder.decode(buffer, MAX_PIXELS);
+    } catch (error) {
+      this.counts.errors++;
+      console.warn(`keyframe refused: ${error.message}`);
+      if (socket !== this.stream.socket) return;
+      this.counts.resyncs++;
+      this.stream.send(TYPE.RESYNC, { last: this.keyframes.newest?.id ?? null });
+      return;
+    }
+    if (socket !== this.stream.socket) return image.color.close(); // of a connection that has ended
+    this.counts.images++;
+    this.figures.decode.add(image.times.all);
+    const group = this.keyframes.add(image);
+    if (group) {
+      group.bytes = image.bytes;
+      group.decode_ms = image.times.all;
+      this.acks.push(group);
+      this.counts.keyframes++;
+      this.hooks.keyframe(image.header);
+    }
+    this.dirty = true;
+  }
+
+  onContext(lost) {
+    this.lost = lost;
+    this.dirty = true;
+    this.hooks.context(lost);
+  }
+
+  frame(now) {
+    requestAnimationFrame((next) => this.frame(next));
+    const passed = Math.min(100, now - (this.before ?? now));
+    this.before = now;
+    if (passed > 0) {
+      this.figures.frame.add(passed);
+      this.hooks.frame(passed);
+    }
+    this.counts.frames++;
+    const moved = this.walker.step(passed / 1000);
+    if ((moved || this.dirty) && !this.lost) this.draw();
+    this.measureHoles(now);
+    this.sendPose(moved);
+    if (this.counts.frames % 15 === 0) this.hooks.figures(this.stats);
+  }
+
+  draw() {
+    const view = this.walker.camera;
+    if (!view || !this.keyframes.newest) return;
+    const begin = performance.now();
+    const sources = this.hooks.sources();
+    this.warp.warp(this.keyframes.pictures(view, sources), view, this.near);
+    this.warp.present({ fill: sources.fill });
+    this.figures.warp.add(performance.now() - begin);
+    this.dirty = false;
+    this.counts.drawn++;
+    this.acknowledge();
+  }
+
+  /** Measure the hole share of the newest picture now and then, and once more when nothing moves. */
+  measureHoles(now) {
+    if (this.lost || this.holesOf === this.counts.drawn || now - this.holesAt < HOLES_INTERVAL) return;
+    this.holesAt = now;
+    this.holesOf = this.counts.drawn;
+    this.warp.holeShare().then((share) => share !== null && (this.holes = share), () => {}); // fails with the context
+  }
+
+  get near() {
+    return CLIP_SHARE * this.diagonal;
+  }
+
+  acknowledge() {
+    const shown = performance.now();
+    for (const group of this.acks.splice(0)) {
+      const { header } = group;
+      if (header.pose >= 0 && !header.still) this.figures.latency.add(shown - header.time_ms);
+      const holes = Math.min(1, Math.max(0, this.holes ?? 0));
+      this.stream.send(TYPE.ACK, { id: group.id, decode_ms: group.decode_ms, shown_ms: shown, holes });
+    }
+  }
+
+  /** Tell the newest pose, at most every POSE_INTERVAL, and once more when the movement ends. */
+  sendPose(moved) {
+    const now = performance.now();
+    const camera = this.walker.camera;
+    if (this.state !== "live" || !camera || now - this.pose.sent < POSE_INTERVAL) return;
+    if (identical(camera, this.pose.camera) && this.pose.moving === moved) return;
+    const { velocity, spin } = this.walker;
+    const header = { seq: ++this.pose.seq, time_ms: now, camera, velocity, spin, moving: moved };
+    if (!moved) Object.assign(header, { velocity: [0, 0, 0], spin: [0, 0, 0] });
+    if (this.stream.send(TYPE.POSE, header, { droppable: true })) this.pose = { ...this.pose, sent: now, camera, moving: moved };
+  }
+
+  get stats() {
+    const { frame, warp, decode, latency } = this.figures;
+    const view = this.walker.camera;
+    const drawn = view ? this.keyframes.pictures(view, this.hooks.sources()) : [];
+    return {
+      ...this.counts,
+      connections: this.stream.connections,
+      frame_ms: frame.value,
+      warp_ms: warp.value,
+      decode_ms: decode.value,
+      latency_ms: latency.value,
+      holes: this.holes,
+      bytes_per_second: this.traffic.perSecond(),
+      keyframe_bytes: this.keyframes.newest?.bytes ?? 0,
+      pictures: drawn.length,
+      quads: drawn.reduce((sum, picture) => sum + picture.quads, 0),
+    };
+  }
+
+  // ------------------------------------------------------------------ for window.torchrender
+
+  /** Draw another view (default: the present one) beside the loop and read it; the page shows the present one again. */
+  capture({ camera = this.walker.camera, earlier = true, layers = true, fill = true } = {}) {
+    this.warp.warp(this.keyframes.pictures(camera, { earlier, layers }), camera, this.near);
+    const pixels = this.warp.capture(fill);
+    this.dirty = true;
+    const { width, height } = this.warp.target;
+    return { width, height, pixels };
+  }
+
+  /** Milliseconds for one frame of the warp, drawn and waited for, over `count` frames. */
+  measure(count = 20, sources = {}) {
+    const pictures = this.keyframes.pictures(this.walker.camera, sources);
+    const begin = performance.now();
+    for (let k = 0; k < count; k++) {
+      this.warp.warp(pictures, this.walker.camera, this.near);
+      this.warp.present();
+      this.warp.finish();
+    }
+    this.dirty = true;
+    return (performance.now() - begin) / count;
+  }
+}

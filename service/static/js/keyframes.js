@@ -1,0 +1,88 @@
+// Which keyframes are kept and in what order they are drawn.
+
+import { angleBetween, eyeOf, length, subtract } from "./camera.js";
+
+const EARLIER = 3; // keyframes kept beside the newest
+const LAYERED = 2; // keyframes of which extra layers are drawn
+const SAME_DISTANCE = 0.01; // of the typical depth: a keyframe this near to a newer one adds nothing
+const SAME_ANGLE = 0.02; // radians
+const BLUR_DISTANCE = 0.1; // of the typical depth: from here a keyframe looks half as sharp
+const NEWEST_BONUS = 1.3; // its shading fits best
+const REFINED_BONUS = 3; // made without haste, while pictures of a moving view may hold fewer samples than pixels
+
+export class KeyframeSet {
+  constructor(warp) {
+    this.warp = warp;
+    this.groups = []; // newest first; each has its picture (layer 0) and extra layers
+  }
+
+  get newest() {
+    return this.groups[0] ?? null;
+  }
+
+  /** Take a decoded image; returns its keyframe if the picture is new, null for an extra layer or a late arrival. */
+  add(image) {
+    const { id, layer, layers, camera } = image.header;
+    const known = this.groups.find((group) => group.id === id);
+    if (layer > 0) {
+      if (known) known.extra.push(this.warp.add(image));
+      else image.color.close();
+      if (known === this.newest && known?.extra.length === layers - 1) this.dropRepeated(known);
+      return null;
+    }
+    if (known) this.drop(known);
+    const group = { id, camera, typical: image.typical, header: image.header, picture: this.warp.add(image), extra: [] };
+    this.groups.unshift(group);
+    if (layers === 1) this.dropRepeated(group);
+    while (this.groups.length > EARLIER + 1) this.drop(this.order(camera).findLast((g) => g !== group));
+    return group;
+  }
+
+  /** Settings have changed: what was there before gives way to what comes. */
+  outdate() {
+    for (const group of this.groups) group.outdated = true;
+  }
+
+  /** Earlier keyframes from nearly the same place hold nothing that a complete newer one lacks, unless they are finer. */
+  dropRepeated(group) {
+    const finer = (other) => !other.outdated && this.fineness(other) > 1.01 * this.fineness(group);
+    const repeats = (other) =>
+      length(subtract(eyeOf(other.camera), eyeOf(group.camera))) < SAME_DISTANCE * group.typical &&
+      angleBetween(other.camera, group.camera) < SAME_ANGLE &&
+      !finer(other);
+    for (const other of this.groups.filter((g) => g !== group && repeats(g))) this.drop(other);
+  }
+
+  fineness(group) {
+    return group.camera.fx * (group.header.still ? REFINED_BONUS : 1);
+  }
+
+  /** How well a keyframe looks from `view`: by its pixels, less the farther away it was taken. */
+  sharpness(group, view) {
+    const step = length(subtract(eyeOf(group.camera), eyeOf(view))) / (BLUR_DISTANCE * group.typical);
+    const bonus = group === this.newest ? NEWEST_BONUS : 1;
+    return group.outdated ? 0 : (bonus * this.fineness(group)) / (1 + step * step);
+  }
+
+  /** Keyframes in the order of preference. */
+  order(view) {
+    const sharp = new Map(this.groups.map((group) => [group, this.sharpness(group, view)]));
+    return [...this.groups].sort((a, b) => sharp.get(b) - sharp.get(a));
+  }
+
+  drop(group) {
+    this.groups = this.groups.filter((other) => other !== group);
+    for (const picture of [group.picture, ...group.extra]) this.warp.remove(picture);
+  }
+
+  clear() {
+    for (const group of [...this.groups]) this.drop(group);
+  }
+
+  /** Pictures to draw, the preferred first: keyframes, then extra layers of the first ones. */
+  pictures(view, { earlier = true, layers = true } = {}) {
+    const groups = earlier ? this.order(view) : this.groups.slice(0, 1);
+    const extra = layers ? groups.slice(0, LAYERED).flatMap((group) => group.extra) : [];
+    return [...groups.map((group) => group.picture), ...extra];
+  }
+}

@@ -1,0 +1,155 @@
+// Shaders of the warp (GLSL ES 3.00).
+
+/** Samples of one depth image: corner (u, v, 1/z) to clip space. Sky has 1/z = 0 and lands at infinity. */
+export const WARP_VERTEX = `
+precision highp float;
+in vec3 corner;
+uniform mat4 clip_from_source;
+out vec3 source;
+void main() {
+  source = corner;
+  gl_Position = clip_from_source * vec4(corner.xy, 1.0, corner.z);
+}`;
+
+// Colours are filtered only among texels that lie about on the fragment's plane. At the keyframe's own view the weights select one texel, whose bytes come through.
+export const WARP_FRAGMENT = `
+precision highp float;
+precision highp int;
+precision highp usampler2D;
+in vec3 source;
+uniform usampler2D depth;  // codes of 1/z; 65535 where there is no sample
+uniform sampler2D color;
+uniform float code_scale;  // 1/z of code 1
+uniform float footprint;   // width of a pixel at distance 1
+layout(location = 0) out vec4 picture;  // display colour; a > 0 tells that the pixel is covered, and how near it is
+
+const float RIP = 0.12;      // share of 1/z by which a fragment may differ from its texel
+const float APART = 3.0;     // footprints by which a neighbouring texel may lie off the fragment's plane
+const float STEEP = 1.0;     // ... or this share of the plane's own change
+const float OCTAVES = 12.0;
+
+float at(ivec2 p) {
+  uint code = texelFetch(depth, p, 0).r;
+  return code == 65535u ? -1.0 : float(code) * code_scale;
+}
+
+void main() {
+  ivec2 last = textureSize(depth, 0) - 1;
+  float z = source.z;
+  float step = 2.0 * code_scale;
+  vec2 place = source.xy - 0.5;
+  vec2 t = fract(place);
+  ivec2 low = ivec2(floor(place));
+  ivec2 p0 = clamp(low, ivec2(0), last);
+  ivec2 p1 = clamp(low + 1, ivec2(0), last);
+  vec4 near = vec4(at(p0), at(ivec2(p1.x, p0.y)), at(ivec2(p0.x, p1.y)), at(p1));
+  float own = t.y < 0.5 ? (t.x < 0.5 ? near.x : near.y) : (t.x < 0.5 ? near.z : near.w);
+  // 1/z is linear in u and v over a quad: its slopes follow from how all three change over the screen.
+  vec3 right = dFdx(source);
+  vec3 up = dFdy(source);
+  float area = right.x * up.y - right.y * up.x;
+  vec2 slope = area == 0.0 ? vec2(0.0) : vec2(right.z * up.y - up.z * right.y, up.z * right.x - right.z * up.x) / area;
+  vec4 change = slope.x * vec4(-t.x, 1.0 - t.x, -t.x, 1.0 - t.x) + slope.y * vec4(-t.y, -t.y, 1.0 - t.y, 1.0 - t.y);
+  vec4 allowed = step + APART * footprint * max(near, z) + STEEP * abs(change);
+  vec4 alike = vec4(lessThanEqual(abs(near - z - change), allowed)) * vec4(greaterThanEqual(near, vec4(0.0)));
+  vec3 c;
+  if (alike == vec4(1.0)) {
+    c = textureLod(color, source.xy / vec2(last + 1), 0.0).rgb;
+  } else {
+    vec4 weight = vec4(1.0 - t.x, t.x, 1.0 - t.x, t.x) * vec4(1.0 - t.y, 1.0 - t.y, t.y, t.y) * alike;
+    float sum = dot(weight, vec4(1.0));
+    if (sum < 0.05) {
+      c = texelFetch(color, clamp(ivec2(floor(source.xy)), ivec2(0), last), 0).rgb;
+    } else {
+      weight /= sum;
+      c = weight.x * texelFetch(color, p0, 0).rgb + weight.y * texelFetch(color, ivec2(p1.x, p0.y), 0).rgb
+        + weight.z * texelFetch(color, ivec2(p0.x, p1.y), 0).rgb + weight.w * texelFetch(color, p1, 0).rgb;
+    }
+  }
+  // The buffer holds 1 - near / depth; steps of 3 % of the depth tell well enough what lies behind what.
+  if (own < 0.0 || abs(own - z) > RIP * max(own, z) + step) discard;  // last: derivatives need all fragments
+  float key = clamp(1.0 + log2(max(1.0 - gl_FragCoord.z, 1e-9)) / OCTAVES, 0.0, 1.0);
+  picture = vec4(c, (1.0 + 254.0 * key) / 255.0);
+}`;
+
+export const SCREEN_VERTEX = `
+precision highp float;
+in vec3 position;
+void main() { gl_Position = vec4(position.xy, 0.0, 1.0); }`;
+
+// A hole gets the colours of the covered pixels around it, mostly of the farthest ones: what a hole hides lies behind.
+export const FILL_FRAGMENT = `
+precision highp float;
+precision highp int;
+uniform sampler2D warped;
+uniform vec3 backdrop;
+uniform int radius;  // 0: holes stay
+uniform bool mark;   // alpha 0 in holes, for captures
+layout(location = 0) out vec4 shown;
+
+const int DIRECTIONS = 12;
+const float BEHIND = 0.02;  // a quarter of an octave of depth
+
+void main() {
+  ivec2 own = ivec2(gl_FragCoord.xy);
+  ivec2 last = textureSize(warped, 0) - 1;
+  vec4 texel = texelFetch(warped, own, 0);
+  if (texel.a > 0.0) {
+    shown = vec4(texel.rgb, 1.0);
+    return;
+  }
+  vec4 found[DIRECTIONS];
+  float distances[DIRECTIONS];
+  float farthest = 2.0;
+  for (int k = 0; k < DIRECTIONS; k++) {
+    float angle = 6.2831853 * (float(k) + 0.25) / float(DIRECTIONS);
+    vec2 way = vec2(cos(angle), sin(angle));
+    found[k] = vec4(0.0);
+    for (int r = 1; r <= radius; r++) {
+      ivec2 p = own + ivec2(round(way * float(r)));
+      if (any(lessThan(p, ivec2(0))) || any(greaterThan(p, last))) break;
+      vec4 other = texelFetch(warped, p, 0);
+      if (other.a > 0.0) {
+        found[k] = other;
+        distances[k] = float(r);
+        farthest = min(farthest, other.a);
+        break;
+      }
+    }
+  }
+  vec3 sum = vec3(0.0);
+  float weights = 0.0;
+  float nearest = float(radius) + 1.0;
+  for (int k = 0; k < DIRECTIONS; k++) {
+    if (found[k].a == 0.0) continue;
+    float behind = found[k].a <= farthest + BEHIND ? 1.0 : 0.01;
+    float weight = behind / (distances[k] * distances[k]);
+    sum += weight * found[k].rgb;
+    weights += weight;
+    nearest = min(nearest, distances[k]);
+  }
+  float trust = weights > 0.0 ? 1.0 - smoothstep(0.5, 1.0, (nearest - 1.0) / float(max(radius, 1))) : 0.0;
+  shown = vec4(mix(backdrop, sum / max(weights, 1e-6), trust), mark ? 0.0 : 1.0);
+}`;
+
+// Covered pixels of each tile, as a count in the red and green bytes: the hole share needs no read-back of the picture.
+export const COUNT_FRAGMENT = `
+precision highp float;
+precision highp int;
+uniform sampler2D warped;
+layout(location = 0) out vec4 count;
+
+const int TILE = 16;
+
+void main() {
+  ivec2 first = ivec2(gl_FragCoord.xy) * TILE;
+  ivec2 size = textureSize(warped, 0);
+  int covered = 0;
+  for (int y = 0; y < TILE; y++)
+    for (int x = 0; x < TILE; x++) {
+      ivec2 p = first + ivec2(x, y);
+      if (all(lessThan(p, size)) && texelFetch(warped, p, 0).a > 0.0) covered++;
+    }
+  count = vec4(float(covered & 255) / 255.0, float(covered >> 8) / 255.0, 0.0, 1.0);
+}`;
+export const COUNT_TILE = 16;

@@ -1,0 +1,250 @@
+// Draws depth images from a new viewpoint: warp into a buffer, then fill small holes on the way to the canvas.
+
+import {
+  BufferAttribute,
+  BufferGeometry,
+  Camera,
+  ClampToEdgeWrapping,
+  DataTexture,
+  GLSL3,
+  LinearFilter,
+  Mesh,
+  NearestFilter,
+  NoBlending,
+  NoColorSpace,
+  RawShaderMaterial,
+  RedIntegerFormat,
+  RGBAFormat,
+  Scene,
+  Texture,
+  UnsignedByteType,
+  UnsignedShortType,
+  Vector3,
+  WebGLRenderer,
+  WebGLRenderTarget,
+} from "../vendor/three/three.module.min.js";
+import { clipFromSource } from "./camera.js";
+import { COUNT_FRAGMENT, COUNT_TILE, FILL_FRAGMENT, SCREEN_VERTEX, WARP_FRAGMENT, WARP_VERTEX } from "./shaders.js";
+
+const FILL_RADIUS = 8; // pixels
+const BACKDROP = [0.055, 0.063, 0.078];
+// Of surfaces that agree within these shares of 1/depth the preferred picture is shown: the newest keyframe, then earlier
+// ones, then extra layers. Samples of those stand alone, so their slope is often not known.
+const EARLIER_BIAS = 0.004;
+const EXTRA_BIAS = 0.01;
+const STEP_BIAS = 0.001;
+
+const material = (vertexShader, fragmentShader, uniforms, depth) =>
+  new RawShaderMaterial({
+    glslVersion: GLSL3,
+    vertexShader,
+    fragmentShader,
+    uniforms,
+    blending: NoBlending,
+    depthTest: depth,
+    depthWrite: depth,
+  });
+
+/** A texture whose bytes come through as they are. */
+const exact = (texture, filter) => {
+  texture.colorSpace = NoColorSpace;
+  texture.minFilter = filter;
+  texture.magFilter = filter;
+  texture.wrapS = ClampToEdgeWrapping;
+  texture.wrapT = ClampToEdgeWrapping;
+  texture.generateMipmaps = false;
+  texture.flipY = false;
+  texture.unpackAlignment = 2;
+  texture.needsUpdate = true;
+  return texture;
+};
+
+/** Corner order of all quads, shared by all pictures. */
+function quadIndex(count) {
+  const index = new Uint32Array(6 * count);
+  for (let q = 0; q < count; q++) index.set([4 * q, 4 * q + 1, 4 * q + 2, 4 * q, 4 * q + 2, 4 * q + 3], 6 * q);
+  return new BufferAttribute(index, 1);
+}
+
+export class Warp {
+  /** Throws where the browser has no WebGL2. */
+  constructor(canvas) {
+    this.renderer = new WebGLRenderer({ canvas, antialias: false, alpha: false, depth: false, stencil: false });
+    this.renderer.autoClear = false;
+    this.renderer.sortObjects = false;
+    this.renderer.setClearColor(0x000000, 0);
+    this.camera = new Camera();
+    this.scene = new Scene();
+    this.scene.matrixWorldAutoUpdate = false;
+    this.index = quadIndex(16384);
+    this.pictures = new Set();
+    this.target = null;
+    const triangle = new BufferGeometry();
+    triangle.setAttribute("position", new BufferAttribute(new Float32Array([-1, -1, 0, 3, -1, 0, -1, 3, 0]), 3));
+    this.fill = this.pass(triangle, FILL_FRAGMENT, {
+      warped: { value: null },
+      backdrop: { value: new Vector3(...BACKDROP) },
+      radius: { value: FILL_RADIUS },
+      mark: { value: false },
+    });
+    this.count = this.pass(triangle, COUNT_FRAGMENT, { warped: { value: null } });
+    this.counting = false;
+  }
+
+  pass(geometry, fragment, uniforms) {
+    const scene = new Scene();
+    const mesh = new Mesh(geometry, material(SCREEN_VERTEX, fragment, uniforms, false));
+    mesh.frustumCulled = false;
+    scene.add(mesh);
+    return { scene, uniforms };
+  }
+
+  get context() {
+    return this.renderer.getContext();
+  }
+
+  /** Size of the picture in pixels; the page's style scales it. */
+  resize(width, height) {
+    if (this.target?.width === width && this.target.height === height) return;
+    this.renderer.setPixelRatio(1);
+    this.renderer.setSize(width, height, false);
+    this.target?.dispose();
+    this.target = this.buffer(width, height, true);
+    this.counts?.dispose();
+    this.counts = this.buffer(Math.ceil(width / COUNT_TILE), Math.ceil(height / COUNT_TILE), false);
+  }
+
+  buffer(width, height, depthBuffer) {
+    return new WebGLRenderTarget(width, height, {
+      format: RGBAFormat,
+      type: UnsignedByteType,
+      colorSpace: NoColorSpace,
+      minFilter: NearestFilter,
+      magFilter: NearestFilter,
+      depthBuffer,
+      stencilBuffer: false,
+      generateMipmaps: false,
+    });
+  }
+
+  /** Put a decoded image (of the decode worker) onto the GPU. */
+  add(image) {
+    const { width, height } = image.header.camera;
+    const depth = exact(new DataTexture(image.codes, width, height, RedIntegerFormat, UnsignedShortType), NearestFilter);
+    depth.internalFormat = "R16UI";
+    const color = exact(new Texture(image.color), LinearFilter);
+    const uniforms = {
+      clip_from_source: { value: null },
+      depth: { value: depth },
+      color: { value: color },
+      code_scale: { value: image.scale },
+      footprint: { value: 1 / Math.min(image.header.camera.fx, image.header.camera.fy) },
+    };
+    const geometry = new BufferGeometry();
+    geometry.setAttribute("corner", new BufferAttribute(image.quads.data, 3));
+    const mesh = new Mesh(geometry, material(WARP_VERTEX, WARP_FRAGMENT, uniforms, true));
+    mesh.frustumCulled = false;
+    mesh.matrixAutoUpdate = false;
+    if (6 * image.quads.count > this.index.count) this.growIndex(image.quads.count);
+    geometry.setIndex(this.index);
+    geometry.setDrawRange(0, 6 * image.quads.count);
+    const { camera, layer } = image.header;
+    const picture = { camera, extra: layer > 0, mesh, uniforms, quads: image.quads.count, bitmap: image.color };
+    this.pictures.add(picture);
+    this.renderer.initTexture(depth);
+    this.renderer.initTexture(color);
+    return picture;
+  }
+
+  growIndex(count) {
+    const old = this.index;
+    this.index = quadIndex(Math.ceil(1.25 * count));
+    for (const picture of this.pictures) picture.mesh.geometry.setIndex(this.index);
+    // Three.js frees the buffer of an index with the geometry that it is set in.
+    const holder = new BufferGeometry();
+    holder.setIndex(old);
+    holder.dispose();
+  }
+
+  remove(picture) {
+    this.pictures.delete(picture);
+    const { mesh, uniforms } = picture;
+    mesh.geometry.setIndex(null); // the others still use it
+    mesh.geometry.dispose();
+    mesh.material.dispose();
+    uniforms.depth.value.dispose();
+    uniforms.color.value.dispose();
+    picture.bitmap.close();
+  }
+
+  /** Warp `pictures`, the preferred one first, into the buffer as `camera` sees them. `near`: clip distance. */
+  warp(pictures, camera, near) {
+    this.scene.clear();
+    pictures.forEach((picture, rank) => {
+      const bias = rank === 0 ? 0 : (picture.extra ? EXTRA_BIAS : EARLIER_BIAS) + rank * STEP_BIAS;
+      picture.uniforms.clip_from_source.value = clipFromSource(picture.camera, camera, near, bias);
+      this.scene.add(picture.mesh);
+    });
+    this.renderer.setRenderTarget(this.target);
+    this.renderer.clear(true, true, false);
+    this.renderer.render(this.scene, this.camera);
+  }
+
+  /** Fill small holes and show the picture. */
+  present({ fill = true, mark = false, target = null } = {}) {
+    this.fill.uniforms.warped.value = this.target.texture;
+    this.fill.uniforms.radius.value = fill ? FILL_RADIUS : 0;
+    this.fill.uniforms.mark.value = mark;
+    this.renderer.setRenderTarget(target);
+    this.renderer.render(this.fill.scene, this.camera);
+  }
+
+  drawCounts() {
+    this.count.uniforms.warped.value = this.target.texture;
+    this.renderer.setRenderTarget(this.counts);
+    this.renderer.render(this.count.scene, this.camera);
+  }
+
+  /** Share of the picture's pixels that no sample reaches, read without waiting; null while a reading is under way. */
+  async holeShare() {
+    if (this.counting || !this.target) return null;
+    this.counting = true;
+    try {
+      const { width, height } = this.counts;
+      const pixels = this.target.width * this.target.height;
+      const bytes = new Uint8Array(4 * width * height);
+      this.drawCounts();
+      await this.renderer.readRenderTargetPixelsAsync(this.counts, 0, 0, width, height, bytes);
+      let covered = 0;
+      for (let i = 0; i < bytes.length; i += 4) covered += bytes[i] + 256 * bytes[i + 1];
+      return 1 - covered / pixels;
+    } finally {
+      this.counting = false;
+    }
+  }
+
+  /** RGBA bytes of what `warp` drew, top row first; alpha is 255 where a sample reaches and 0 in holes. Waits. */
+  capture(fill) {
+    const { width, height } = this.target;
+    const target = this.buffer(width, height, false);
+    this.present({ fill, mark: true, target });
+    const bytes = new Uint8Array(4 * width * height);
+    this.read(target, width, height, bytes);
+    target.dispose();
+    const out = new Uint8Array(bytes.length);
+    for (let y = 0; y < height; y++) out.set(bytes.subarray(4 * width * y, 4 * width * (y + 1)), 4 * width * (height - 1 - y));
+    return out;
+  }
+
+  /** Wait until everything drawn so far is done. */
+  finish() {
+    this.read(this.target, 1, 1, new Uint8Array(4));
+  }
+
+  /** Read the lower left pixels of `target` at once. */
+  read(target, width, height, bytes) {
+    const gl = this.context;
+    gl.bindBuffer(gl.PIXEL_PACK_BUFFER, null); // a reading of the hole share may have left its own
+    this.renderer.readRenderTargetPixels(target, 0, 0, width, height, bytes);
+  }
+}

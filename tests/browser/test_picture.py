@@ -1,0 +1,103 @@
+"""What the client shows: against the source picture and against the Python reprojection."""
+
+from __future__ import annotations
+
+from io import BytesIO
+
+import numpy as np
+import pytest
+from PIL import Image as PilImage
+
+from browser_stage import Service, Visit, camera_of, grown, moved, pictures_of, psnr, reprojected
+from service.containers import KeyframeImage
+
+DIRECTIONS = {"right": (1, 0, 0), "up": (0, -1, 0), "ahead": (0, 0, 1), "back and left": (-0.6, 0.5, -0.6)}
+
+
+@pytest.fixture(scope="package")
+def source(room: Visit) -> list[KeyframeImage]:
+    """The layers that the room's page shows, as Python reads them."""
+    return pictures_of(room.layers(room.state("keyframes")[0]["id"]))
+
+
+def typical_depth(source: list[KeyframeImage]) -> float:
+    depth = source[0].depth
+    return float(depth[depth.isfinite()].median())
+
+
+def test_the_page_shows_the_scene(room: Visit) -> None:
+    assert room.state("state") == "live"
+    assert not room.problems
+    shown, covered = room.capture()
+    assert covered.all()
+    assert shown.std(axis=(0, 1)).min() > 20, "the picture is nearly blank"
+    assert room.state("stats")["holes"] == 0
+
+
+def test_a_still_view_is_the_source_picture(room: Visit, source: list[KeyframeImage]) -> None:
+    shown, covered = room.capture(earlier=False, layers=False, fill=False)
+    height, width = shown.shape[:2]
+    codes = source[0].codes.numpy()
+    top, left = (codes.shape[0] - height) // 2, (codes.shape[1] - width) // 2
+    picture = codes[top : top + height, left : left + width]
+    assert covered.mean() > 0.999
+    assert psnr(shown, picture, covered) >= 50.0
+
+
+def test_the_canvas_shows_what_is_captured(room: Visit) -> None:
+    """Canvas and window have the same size here, so no scaling comes between; the page's controls are hidden."""
+    hide = "shown => document.querySelectorAll('body > :not(main)').forEach(e => (e.style.display = shown))"
+    room.page.evaluate(hide, "none")
+    canvas = np.asarray(PilImage.open(BytesIO(room.page.locator("#stage").screenshot())).convert("RGB"))
+    room.page.evaluate(hide, "")
+    shown, covered = room.capture()
+    assert psnr(canvas, shown, covered) >= 50.0
+
+
+@pytest.mark.parametrize("direction", DIRECTIONS)
+def test_the_warp_agrees_with_the_python_reprojection(room: Visit, source: list[KeyframeImage], direction: str) -> None:
+    step = 0.04 * typical_depth(source)
+    view = moved(room.state("camera"), *(step * way for way in DIRECTIONS[direction]))
+    shown, covered = room.capture(camera=view, earlier=False, layers=False, fill=False)
+    expected, valid = reprojected(source[:1], camera_of(view))
+    assert (covered != valid).mean() < 0.01
+    off_holes = ~grown(~(covered & valid))
+    assert off_holes.mean() > 0.8
+    assert psnr(shown, expected, off_holes) >= 40.0
+
+
+def test_layers_agree_with_the_python_reprojection(room: Visit, source: list[KeyframeImage]) -> None:
+    """Where surfaces of several images compete within a pixel the two may choose differently."""
+    view = moved(room.state("camera"), 0.04 * typical_depth(source), 0.0, 0.0)
+    shown, covered = room.capture(camera=view, earlier=False, fill=False)
+    expected, valid = reprojected(source, camera_of(view))
+    assert (covered != valid).mean() < 0.01
+    assert psnr(shown, expected, ~grown(~(covered & valid))) >= 33.0
+    difference = np.abs(shown.astype(int) - expected).max(axis=-1)[covered & valid]
+    assert (difference > 16).mean() < 0.02
+
+
+@pytest.mark.parametrize("share", [0.02, 0.05])
+def test_layers_halve_the_holes(room: Visit, source: list[KeyframeImage], share: float) -> None:
+    """A step to the right by this share of the typical depth."""
+    view = moved(room.state("camera"), share * typical_depth(source), 0.0, 0.0)
+    alone = 1 - room.capture(camera=view, earlier=False, layers=False)[1].mean()
+    layered = 1 - room.capture(camera=view, earlier=False)[1].mean()
+    assert alone > 0.003
+    assert layered <= 0.5 * alone
+
+
+def test_small_holes_are_filled_from_what_lies_behind(room: Visit, source: list[KeyframeImage]) -> None:
+    view = moved(room.state("camera"), 0.03 * typical_depth(source), 0.0, 0.0)
+    bare, covered = room.capture(camera=view, earlier=False, layers=False, fill=False)
+    filled, _ = room.capture(camera=view, earlier=False, layers=False)
+    truth, known = room.capture(camera=view, earlier=False, fill=False)
+    assert (filled[covered] == bare[covered]).all()
+    holes = ~covered & known
+    assert holes.sum() > 100
+    assert psnr(filled, truth, holes) > psnr(bare, truth, holes) + 3.0
+
+
+def test_everything_comes_from_the_server(room: Visit, service: Service) -> None:
+    hosts = {url.split("/")[2] for url in room.requests if not url.startswith(("data:", "blob:"))}
+    assert hosts == {f"127.0.0.1:{service.port}"}
