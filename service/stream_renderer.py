@@ -11,7 +11,7 @@ import torch
 
 from service.cameras import cameras_of
 from service.engine import render_image
-from service.jobs import Bounds, MakeKeyframe, MakeLayers
+from service.jobs import BITS_MOVING, BITS_STILL, Bounds, MakeKeyframe, MakeLayers
 from service.keyframes import Stamp, first_message, layer_message
 from service.layers import cameras_around, extra_layers
 from torchrender.history import RenderHistory
@@ -71,6 +71,7 @@ class StreamRenderer:
             pose=job.pose,
             time_ms=job.time_ms,
             still=job.still,
+            bits=BITS_STILL if job.still else BITS_MOVING,
             color=job.color,
             quality=job.quality,
         )

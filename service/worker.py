@@ -23,7 +23,7 @@ from torchrender.errors import SceneFileError, TorchRenderError
 LENGTH = struct.Struct("<Q")
 _ENCODER = msgspec.msgpack.Encoder()
 _TEXT = 500
-NICENESS = 5
+NICENESS = 2
 """Renderers give way to the server, which has little to do but must do it at once."""
 
 

@@ -14,7 +14,7 @@ from service.cameras import cameras_of, header_of
 from service.codec import decode_color, decode_depth, display_bytes, encode_color, encode_depth
 from service.containers import KeyframeImage, depth_images_of, read_container
 from service.engine import render_image
-from service.jobs import Bounds
+from service.jobs import BITS_MOVING, Bounds
 from service.keyframes import Stamp, first_message, layer_message
 from service.layers import cameras_around, extra_layers
 from service.load_test.rows import Effort, Row
@@ -37,13 +37,13 @@ def codec_rows(effort: Effort) -> list[Row]:
     image, _ = render_image(scene, camera, Bounds(), RenderOptions(reflections="environment"))
     depth, radiance = image.gbuffer.depth[0], image.radiance[0]
     codes = display_bytes(radiance)
-    encoded, jpeg = encode_depth(depth), encode_color(codes, "jpeg", quality=85)
+    encoded, jpeg = encode_depth(depth, bits=BITS_MOVING), encode_color(codes, "jpeg", quality=85)
     size = {"width": 1280, "height": 720}
-    depth_ms = _median_ms(lambda: encode_depth(depth))
+    depth_ms = _median_ms(lambda: encode_depth(depth, bits=BITS_MOVING))
     display_ms = _median_ms(lambda: display_bytes(radiance))
     color_ms = _median_ms(lambda: encode_color(codes, "jpeg", quality=85))
     total = depth_ms + display_ms + color_ms
-    decode_ms = _median_ms(lambda: decode_depth(encoded.data, bits=16, near=encoded.near, **size))
+    decode_ms = _median_ms(lambda: decode_depth(encoded.data, bits=BITS_MOVING, near=encoded.near, **size))
     decode_ms += _median_ms(lambda: decode_color(jpeg, "jpeg", **size))
     kilobytes = (len(encoded.data) + len(jpeg)) / 1000
     parts = f"depth {depth_ms:.1f}, to sRGB {display_ms:.1f}, JPEG {color_ms:.1f}"
@@ -56,7 +56,7 @@ def codec_rows(effort: Effort) -> list[Row]:
             details={"depth_ms": depth_ms, "display_ms": display_ms, "color_ms": color_ms},
         ),
         Row(
-            what="the keyframe",
+            what=f"the keyframe, {BITS_MOVING} bits of depth while moving",
             goal="≤ 300 KB",
             measured=f"{kilobytes:.0f} KB (depth {len(encoded.data) / 1000:.0f}, colour {len(jpeg) / 1000:.0f})",
             met=kilobytes <= 300,
