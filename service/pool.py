@@ -12,6 +12,7 @@ import logging
 import os
 import sys
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -221,9 +222,9 @@ class Pool:
         """Of the processes that run."""
         return [r.pid for r in (*self._renderers, self._inspector) if r.pid is not None]
 
-    def choose(self) -> int:
-        """The renderer with the least to do."""
-        return min(range(len(self._renderers)), key=lambda k: self._renderers[k].load)
+    def choose(self, taken: Sequence[int] = ()) -> int:
+        """The renderer that comes least often in ``taken``, among equals the one with the least to do."""
+        return min(range(len(self._renderers)), key=lambda k: (taken.count(k), self._renderers[k].load))
 
     async def run(self, job: Job, *, renderer: int | None = None) -> dict[str, Any]:
         """The result of a job.

@@ -39,7 +39,7 @@ async def make_session(request: Request, body: SessionRequest) -> dict[str, Any]
     state.sessions.check_room()
     source = state.scenes.source(body.scene)
     facts = await state.scenes.facts(body.scene)
-    renderer = state.pool.choose()
+    renderer = state.pool.choose(state.sessions.renderers)
     found = await state.pool.run(Locate(scene=source, view=view), renderer=renderer)
     session = Session(
         id=secrets.token_hex(8),

@@ -56,6 +56,11 @@ class SessionStore:
         """The streams that are connected."""
         return [s.stream for s in self._sessions.values() if s.stream is not None]
 
+    @property
+    def renderers(self) -> list[int]:
+        """Of every session."""
+        return [s.renderer for s in self._sessions.values()]
+
     def check_room(self) -> None:
         """Refuse early.
 

@@ -29,6 +29,8 @@ KINDS = {"glb": "scene.glb", "toml": "scene.toml"}
 _HASH = re.compile(r"[0-9a-f]{64}")
 _UNFINISHED = ".unfinished-"
 _FACTS = "facts.json"
+MAX_UPLOADS = 8
+"""At a time: each holds a file of the greatest size on the disk before it is judged."""
 
 
 class SceneStore:
@@ -40,6 +42,7 @@ class SceneStore:
         self._folder = Path(settings.data_dir) / "scenes"
         self._built_in: dict[str, asyncio.Task[dict[str, Any]]] = {}
         self._uploads: dict[str, dict[str, Any]] = {}
+        self._receiving = 0
 
     def open(self) -> None:
         """Read what an earlier process left; remove what it did not finish."""
@@ -90,12 +93,15 @@ class SceneStore:
         """Check an upload and keep it; returns its facts and whether it is new.
 
         Raises:
-            ServiceError: 409 the store is full, 413 too large, 422 not a scene.
+            ServiceError: 409 the store is full, 413 too large, 422 not a scene, 429 too many at a time.
         """
         self._check_room(0)
+        if self._receiving >= MAX_UPLOADS:
+            raise ServiceError(429, "busy", f"{MAX_UPLOADS} scenes are being uploaded already", retry_after_s=5.0)
+        self._receiving += 1
         folder = self._folder / (_UNFINISHED + secrets.token_hex(8))
-        folder.mkdir()
         try:
+            folder.mkdir()
             file = folder / KINDS[kind]
             scene, size = await self._receive(body, file, kind)
             if scene in self._uploads:
@@ -111,6 +117,7 @@ class SceneStore:
             LOG.info("scene kept", extra={"scene": scene, "bytes": size, "triangles": facts["triangles"]})
             return self._uploads[scene], new
         finally:
+            self._receiving -= 1
             shutil.rmtree(folder, ignore_errors=True)
 
     async def delete(self, scene: str) -> None:

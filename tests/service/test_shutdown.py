@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
@@ -59,6 +60,12 @@ def test_a_stopped_server_says_goodbye_and_starts_again_with_its_scenes(tmp_path
         server.api_key = KEY
         renderers = renderers_of(server)
         assert len(renderers) == 2  # one that renders, one that looked at the upload
+        os.kill(int(renderers[0]), signal.SIGKILL)  # as when the system runs out of memory
+        body = {"scene": "cornell_box", "width": 32, "height": 24}
+        while (answer := server.ask("POST", "/v1/render", body, **key)).status == 503:
+            time.sleep(0.1)
+        assert answer.status == 200
+        renderers = renderers_of(server)
         stop_in_a_keyframe(server)
         assert server.process.returncode == -signal.SIGTERM
         assert not any(subprocess.run(["ps", "-p", pid], capture_output=True).returncode == 0 for pid in renderers)

@@ -18,7 +18,7 @@ from gltf_builder import Glb
 from service.errors import ServiceError
 from service.jobs import Validate
 from service.settings import Settings, read_settings
-from service.store import SceneStore
+from service.store import MAX_UPLOADS, SceneStore
 from service.upload import validate
 from service.worker import failure_of
 from torchrender.errors import SceneFileError, TorchRenderError
@@ -261,6 +261,18 @@ def test_at_once(tmp_path):
     made = asyncio.run(both())
     assert sum(new for _, new in made) == 1
     assert len(list((tmp_path / "scenes").iterdir())) == 1
+
+
+def test_too_many_at_once(tmp_path):
+    store = store_in(tmp_path)
+
+    async def many() -> list[object]:
+        uploads = (store.keep(chunks(b"scene %d" % k), "glb", None) for k in range(MAX_UPLOADS + 3))
+        return list(await asyncio.gather(*uploads, return_exceptions=True))
+
+    refused = [e for e in asyncio.run(many()) if isinstance(e, ServiceError)]
+    assert [e.status for e in refused] == [429] * 3
+    assert keep(store, b"later")[1]
 
 
 def test_what_is_refused_leaves_nothing(tmp_path):
