@@ -14,6 +14,7 @@ from service.engine import render_image
 from service.jobs import Bounds, MakeKeyframe
 from service.keyframes import Stamp, first_message, layer_message
 from service.layers import cameras_around, extra_layers
+from service.upscale import surface_colors
 from torchrender.history import RenderHistory
 from torchrender.image import Image
 from torchrender.options import RenderOptions
@@ -64,7 +65,8 @@ class StreamRenderer:
             color=job.color,
             quality=job.quality,
         )
-        messages = [first_message(stamp, camera, depth, image.radiance[0], render_ms=first_ms, plan=plan)]
+        colors = surface_colors(image)
+        messages = [first_message(stamp, camera, depth, colors, render_ms=first_ms, plan=plan)]
         begin = time.perf_counter()
         assert image.plan is not None
         layers = extra_layers(image.scene, image.gbuffer, around, image.plan.options, past)
