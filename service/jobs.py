@@ -125,7 +125,7 @@ class Reproject(msgspec.Struct, frozen=True, kw_only=True, tag=True):
 
 
 class MakeKeyframe(msgspec.Struct, frozen=True, kw_only=True, tag=True):
-    """One keyframe of a stream: layer 0 and extra layers around it."""
+    """Layer 0 of one keyframe of a stream."""
 
     session: str
     scene: SceneSource
@@ -134,12 +134,19 @@ class MakeKeyframe(msgspec.Struct, frozen=True, kw_only=True, tag=True):
     time_ms: float
     camera: CameraHeader
     still: bool
-    layers: int
+    layers: int  # extra ones, made by :class:`MakeLayers` afterwards
     direction: tuple[float, ...]  # the camera is expected to go there, world axes; zero: anywhere
     baseline: float  # distance of the extra cameras; 0: from the depth of what is seen
     color: ColorCodec
     quality: int
     bounds: Bounds
+
+
+class MakeLayers(msgspec.Struct, frozen=True, kw_only=True, tag=True):
+    """The extra layers of the keyframe that was made last for a session: so layer 0 need not wait for them."""
+
+    session: str
+    id: int
 
 
 class Forget(msgspec.Struct, frozen=True, kw_only=True, tag=True):
@@ -150,7 +157,7 @@ class Forget(msgspec.Struct, frozen=True, kw_only=True, tag=True):
 
 
 SceneJob = Describe | Locate | Render | Plan | DepthImages | MakeKeyframe
-Job = SceneJob | Validate | Tradeoff | Reproject | Forget
+Job = SceneJob | Validate | Tradeoff | Reproject | MakeLayers | Forget
 
 
 class Failure(msgspec.Struct, frozen=True, kw_only=True):

@@ -37,6 +37,8 @@ class Renderer:
             return reproject_picture(job)
         if isinstance(job, jobs.Tradeoff):
             return tradeoff(job.name)
+        if isinstance(job, jobs.MakeLayers):
+            return self._streams.make_layers(job)
         return self._run_in_scene(job)
 
     def _run_in_scene(self, job: jobs.SceneJob) -> dict[str, Any]:

@@ -11,9 +11,9 @@ from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIO
 from websockets.http11 import Request
 
 from service.app import make_app
+from service.greeting import MAX_MESSAGE_BYTES
 from service.logs import set_up_logs
 from service.settings import Settings
-from service.stream import MAX_MESSAGE_BYTES
 
 LINGER_S = 5.0
 """After a close the peer may take this long to read what was sent before."""

@@ -15,9 +15,9 @@ from typing import Any
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from service.errors import ProtocolError, ServiceError
-from service.jobs import LOSSLESS, QUALITY_MOVING, QUALITY_STILL, Bounds, MakeKeyframe
+from service.greeting import check_hello, welcome_of
+from service.jobs import LOSSLESS, QUALITY_MOVING, QUALITY_STILL, Bounds, MakeKeyframe, MakeLayers
 from service.messages import (
-    CREDITS,
     MAJOR,
     Ack,
     Bye,
@@ -29,7 +29,6 @@ from service.messages import (
     Resync,
     Settings,
     Type,
-    Welcome,
     decode,
     encode,
 )
@@ -43,7 +42,6 @@ from service.settings import Settings as ServiceSettings
 
 LOG = logging.getLogger("service.stream")
 FROM_CLIENT = (Type.HELLO, Type.POSE, Type.ACK, Type.RESYNC, Type.BYE, Type.SETTINGS)
-MAX_MESSAGE_BYTES = 65536
 MAX_ERRORS = 16
 SCENE_GONE = 4404
 TICK_S = 0.25
@@ -150,42 +148,19 @@ class Stream:
         settings, session = self._around.settings, self._session
         try:
             message = await asyncio.wait_for(self._next((Type.HELLO,)), settings.hello_s)
+            assert isinstance(message, Hello)
+            check_hello(message)
         except asyncio.TimeoutError:
             raise Closed(1002, "no HELLO came in time") from None
         except ProtocolError as error:
             await self._complain(error)
-            raise Closed(1002, "the first message must be HELLO") from error
-        assert isinstance(message, Hello)
-        low, high = message.versions
-        if not low <= MAJOR <= high:
-            await self._complain(ProtocolError(f"versions must include {MAJOR}, got {low} to {high}"))
-            raise Closed(1002, "no common version")
-        if "pz1" not in message.depth or "jpeg" not in message.color:
-            await self._complain(ProtocolError("depth must include pz1 and color must include jpeg"))
-            raise Closed(1002, "no common codec")
+            raise Closed(1002, "HELLO with a common version and codec must come first") from error
         self._hello = message
         if message.layers is not None:
             session.layers = min(session.layers, message.layers)
-        facts = session.facts
-        limits = {
-            "max_pixels": self._max_pixels,
-            "max_message_bytes": MAX_MESSAGE_BYTES,
-            "resume_s": settings.resume_s,
-            "stall_s": settings.stall_s,
-            "overscan": session.overscan,
-            "layers": session.layers,
-        }
-        welcome = Welcome(
-            version=MAJOR,
-            session=session.id,
-            resume=self._around.sessions.ticket(session),
-            credits=CREDITS,
-            limits=limits,
-            scene={"id": session.scene.id} | {k: facts[k] for k in ("name", "triangles", "diagonal", "bounds")},
-            camera=session.camera,
-        )
+        ticket = self._around.sessions.ticket(session)
         self._welcomed = True
-        await self._send(welcome)
+        await self._send(welcome_of(session, settings, ticket, self._max_pixels))
 
     # --------------------------------------------------------------- messages
 
@@ -282,11 +257,20 @@ class Stream:
         if not placement.done(number, Shown(view, overscan, made["typical_depth"], still)):
             return  # a RESYNC came meanwhile
         flight.sent = time.monotonic()
-        for message in made["messages"]:
+        self._around.metrics.count("keyframes", kind="still" if still else "moving")
+        await self._send_all(made["messages"])
+        if made["layers"]:
+            try:
+                more = await self._around.pool.run(MakeLayers(session=session.id, id=number), renderer=session.renderer)
+            except ServiceError as error:
+                await self._complain(error)
+                return
+            await self._send_all(more["messages"])
+
+    async def _send_all(self, messages: list[bytes]) -> None:
+        for message in messages:
             await self._socket.send_bytes(message)
-        metrics = self._around.metrics
-        metrics.count("keyframes", kind="still" if still else "moving")
-        metrics.count("keyframe_bytes", sum(map(len, made["messages"])))
+            self._around.metrics.count("keyframe_bytes", len(message))
 
     def _job(self, number: int, pose: Pose, camera: CameraHeader, still: bool) -> MakeKeyframe:
         session = self._session

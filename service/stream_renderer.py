@@ -11,7 +11,7 @@ import torch
 
 from service.cameras import cameras_of
 from service.engine import render_image
-from service.jobs import Bounds, MakeKeyframe
+from service.jobs import Bounds, MakeKeyframe, MakeLayers
 from service.keyframes import Stamp, first_message, layer_message
 from service.layers import cameras_around, extra_layers
 from service.upscale import surface_colors
@@ -31,13 +31,23 @@ REFINE_MS = 150.0
 MAX_FINE_PIXELS = 2**23
 
 
+@dataclass(frozen=True, eq=False)
+class Begun:
+    """A keyframe whose extra layers are still to be made."""
+
+    stamp: Stamp
+    image: Image
+    past: RenderHistory
+    around: list[Cameras]
+
+
 @dataclass
 class SessionState:
     """What the renderer remembers of a session."""
 
     history: RenderHistory
-    layers_ms: float = 0.0  # extra layers of the last moving keyframe
     still_ms: float = 0.0  # layer 0 of the last refinement that was not supersampled
+    begun: Begun | None = None
 
 
 class StreamRenderer:
@@ -48,12 +58,12 @@ class StreamRenderer:
         self._scenes: dict[str, RenderHistory] = {}  # what sessions of one scene share: maps, ray caster, pace
 
     def make(self, scene: Scene, job: MakeKeyframe) -> dict[str, Any]:
-        """The messages of one keyframe and what the server needs to place the next one."""
+        """The message of layer 0 and what the server needs to place the next keyframe."""
         state = self._state(job)
         camera = cameras_of(job.camera)
         begin = time.perf_counter()
         image, plan, past = self._picture(scene, camera, state, job)
-        first_ms = 1e3 * (time.perf_counter() - begin)
+        render_ms = 1e3 * (time.perf_counter() - begin)
         depth = image.gbuffer.depth[0]
         around = cameras_around(camera, depth, job.layers, direction=job.direction, baseline=job.baseline)
         stamp = Stamp(
@@ -65,22 +75,29 @@ class StreamRenderer:
             color=job.color,
             quality=job.quality,
         )
-        colors = surface_colors(image)
-        messages = [first_message(stamp, camera, depth, colors, render_ms=first_ms, plan=plan)]
-        begin = time.perf_counter()
-        assert image.plan is not None
-        layers = extra_layers(image.scene, image.gbuffer, around, image.plan.options, past)
-        layers_ms = 1e3 * (time.perf_counter() - begin)
-        if not job.still:
-            state.layers_ms = layers_ms
-        each_ms = layers_ms / max(1, len(layers))
-        messages += [layer_message(stamp, k + 1, layer, render_ms=each_ms) for k, layer in enumerate(layers)]
+        message = first_message(stamp, camera, depth, surface_colors(image), render_ms=render_ms, plan=plan)
+        state.begun = Begun(stamp, image, past, around) if around else None
         finite = depth[torch.isfinite(depth)]
         return {
-            "messages": messages,
-            "render_ms": first_ms + layers_ms,
+            "messages": [message],
+            "layers": len(around),
             "typical_depth": float(finite.median()) if len(finite) else 0.0,
         }
+
+    def make_layers(self, job: MakeLayers) -> dict[str, Any]:
+        """The messages of the extra layers; none where the session has gone on meanwhile."""
+        state = self._sessions.get(job.session)
+        begun = None if state is None else state.begun
+        if state is None or begun is None or begun.stamp.id != job.id:
+            return {"messages": []}
+        state.begun = None
+        begin = time.perf_counter()
+        image = begun.image
+        assert image.plan is not None
+        layers = extra_layers(image.scene, image.gbuffer, begun.around, image.plan.options, begun.past)
+        each_ms = 1e3 * (time.perf_counter() - begin) / len(layers)
+        messages = [layer_message(begun.stamp, k + 1, layer, render_ms=each_ms) for k, layer in enumerate(layers)]
+        return {"messages": messages}
 
     def forget(self, *, session: str | None = None, scene: str | None = None) -> None:
         """Drop what is kept for a session or a scene."""
@@ -102,7 +119,7 @@ class StreamRenderer:
         self, scene: Scene, camera: Cameras, state: SessionState, job: MakeKeyframe
     ) -> tuple[Image, dict[str, Any], RenderHistory]:
         """Layer 0, its plan, and what it left for the extra layers."""
-        bounds, options = _bounds(state, job), None
+        bounds, options = _bounds(job), None
         if not job.still:
             image, plan = render_image(scene, camera, bounds, options, state.history)
             assert image.history is not None
@@ -125,13 +142,11 @@ class StreamRenderer:
         return 0.0 < state.still_ms < REFINE_MS and pixels <= MAX_FINE_PIXELS
 
 
-def _bounds(state: SessionState, job: MakeKeyframe) -> Bounds:
-    """What layer 0 may cost: the budget is for the whole keyframe, and a refinement gets more of it."""
+def _bounds(job: MakeKeyframe) -> Bounds:
+    """What layer 0 may cost; a refinement gets more."""
     budget, error = job.bounds.budget_ms, job.bounds.max_error
     if job.still:
         return Bounds(budget_ms=None if budget is None else STILL_FACTOR * budget, max_error=error)
     if budget is None and error is None:
         budget = MOVING_BUDGET_MS
-    if budget is not None:
-        budget = max(budget - state.layers_ms, budget / 2)
     return Bounds(budget_ms=budget, max_error=error)

@@ -141,12 +141,13 @@ class Run:
         )
 
     def _look_again(self) -> None:
-        """The pixels that mirror are known now: reasons and, for a wish, the choice of what is left follow them."""
-        if not self.knowledge.outlook(self.frame.options).reflects:
+        """The pixels that mirror, and a part of the time, are known: reasons, and what is left to choose, follow."""
+        mirrors = self.knowledge.outlook(self.frame.options).reflects
+        if not mirrors and self.limits[0] is None:
             return
         with self.clock.measure("plan"):
-            mirrors, rendered = self.frame.reflectors(), self.frame.buffers["gbuffer"]
-            share = len(mirrors) / rendered.triangle.numel()
+            rendered = self.frame.buffers["gbuffer"].triangle.numel()
+            share = len(self.frame.reflectors()) / rendered if mirrors else None
             self.knowledge = replace(self.knowledge, past=self.frame.past, reflective_share=share)
             spent = dict(self.clock.elapsed_ms)
             self.plan = make_plan(self.knowledge, self.frame.options, *self.limits, spent_ms=spent)

@@ -18,7 +18,13 @@ class Row:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values."""
-        return {"what": self.what, "goal": self.goal, "measured": self.measured, "met": self.met, **self.details}
+        return {
+            "what": self.what,
+            "goal": self.goal,
+            "measured": self.measured,
+            "met": None if self.met is None else bool(self.met),
+            **self.details,
+        }
 
 
 @dataclass(frozen=True, kw_only=True)

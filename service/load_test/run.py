@@ -79,8 +79,8 @@ def page(sections: dict[str, list[Row]], record: dict[str, Any], effort: Effort)
         f"`{command}` on {machine_line(record)}",
         "",
         "Server, renderers and simulated clients share this machine. Delay, jitter and loss are simulated by a relay "
-        "on loopback; a lost segment costs one round trip and 200 ms, as TCP makes it. Latency is from sending a pose to "
-        "having its picture (layer 0).",
+        "on loopback; a lost segment costs one round trip and 200 ms, as TCP makes it. Latency is from sending a "
+        "pose to having its picture (layer 0).",
         "",
     ]
     for name, rows in sections.items():
