@@ -23,6 +23,8 @@ from torchrender.errors import SceneFileError, TorchRenderError
 LENGTH = struct.Struct("<Q")
 _ENCODER = msgspec.msgpack.Encoder()
 _TEXT = 500
+NICENESS = 5
+"""Renderers give way to the server, which has little to do but must do it at once."""
 
 
 def main() -> int:
@@ -30,6 +32,8 @@ def main() -> int:
     # Replies own the pipe; whatever else prints goes to the log.
     out = os.fdopen(os.dup(1), "wb", buffering=0)
     os.dup2(2, 1)
+    if hasattr(os, "nice"):
+        os.nice(NICENESS)
     # Interrupts from a terminal reach the whole group; the server ends its renderers itself.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     from service.renderer import Renderer

@@ -28,7 +28,7 @@ LIMITS = {
     "MAX_TRIANGLES": "20000",
     "MAX_TEXTURE_PIXELS": "65536",
     "MAX_VIEWS": "4",
-    "STALL_S": "1.5",
+    "STALL_S": "3",
     "HELLO_S": "1.0",
     "TICKET_S": "20",
     "STILL_S": "0.2",

@@ -155,14 +155,14 @@ async def stalled_rows(server: ServerUnderTest, effort: Effort) -> list[Row]:
     async with client(server, "cornell_box", **wishes) as first, client(server, "cornell_box", **wishes) as second:
         pair = (first, second)
         await _walk_all(pair, 1.0)
-        alone = await _p95(pair, effort.seconds)
+        alone = await _p95(pair, 2 * effort.seconds)
         async with client(server, "cornell_box", width=1280, height=720, layers=2) as stalled:
             await stalled.send_pose()
             await stalled.send_pose(0.1)
             begin = time.perf_counter()
             await _until_idle(server)  # the two keyframes that it may have are work like any other's
             await _walk_all(pair, 1.0)
-            beside = await _p95(pair, effort.seconds)
+            beside = await _p95(pair, 2 * effort.seconds)
             while server.gauge("streams") > 2 and time.perf_counter() - begin < 60:
                 await _walk_all(pair, 0.5)
             dropped = time.perf_counter() - begin

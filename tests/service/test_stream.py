@@ -368,7 +368,7 @@ def test_who_never_reads_is_cut_off_and_others_go_on(server: RunningServer) -> N
             protocol.send_binary(message)
         plain.sendall(b"".join(protocol.data_to_send()))
         with stream(server) as (other, its_welcome):
-            end, seq = time.monotonic() + 3.0, 0
+            end, seq = time.monotonic() + 4.0, 0
             while time.monotonic() < end:
                 seq += 1
                 other.send(pose(its_welcome.camera, seq, 0.1 * (seq % 7), moving=True))
