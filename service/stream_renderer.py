@@ -14,6 +14,7 @@ from service.engine import render_image
 from service.jobs import BITS_MOVING, BITS_STILL, Bounds, MakeKeyframe, MakeLayers
 from service.keyframes import Stamp, first_message, layer_message
 from service.layers import cameras_around, extra_layers
+from service.upscale import surface_colors
 from torchrender.history import RenderHistory
 from torchrender.image import Image
 from torchrender.options import RenderOptions
@@ -75,7 +76,7 @@ class StreamRenderer:
             color=job.color,
             quality=job.quality,
         )
-        message = first_message(stamp, camera, depth, image.radiance[0], render_ms=render_ms, plan=plan)
+        message = first_message(stamp, camera, depth, surface_colors(image), render_ms=render_ms, plan=plan)
         state.begun = Begun(stamp, image, past, around) if around else None
         finite = depth[torch.isfinite(depth)]
         return {

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from browser_stage import COMPLETE, JPEG_READY, REFINED, Relay, Service, Visit
+from browser_stage import COMPLETE, FRAME_MS, JPEG_READY, REFINED, Relay, Service, Visit
 
 
 def eye(visit: Visit) -> np.ndarray[Any, Any]:
@@ -85,6 +85,6 @@ def test_a_page_waits_for_its_server(browser: Any, service: Service) -> None:
         page.goto(f"{service.url}?scene=cornell_box&width=320&height=180")
         page.wait_for_function("() => document.querySelector('#status').dataset.state === 'waiting'")
         page.unroute("**/v1/scenes")
-        page.wait_for_function(JPEG_READY)
+        page.wait_for_function(JPEG_READY, timeout=FRAME_MS)
     finally:
         context.close()

@@ -21,6 +21,7 @@ uniform usampler2D depth;  // codes of 1/z; 65535 where there is no sample
 uniform sampler2D color;
 uniform float code_scale;  // 1/z of code 1
 uniform float footprint;   // width of a pixel at distance 1
+uniform bool trim;         // leave out what lies beside something nearer: there JPEG mixes the colours of both
 layout(location = 0) out vec4 picture;  // display colour; a > 0 tells that the pixel is covered, and how near it is
 
 const float RIP = 0.12;      // share of 1/z by which a fragment may differ from its texel
@@ -52,6 +53,7 @@ void main() {
   vec4 change = slope.x * vec4(-t.x, 1.0 - t.x, -t.x, 1.0 - t.x) + slope.y * vec4(-t.y, -t.y, 1.0 - t.y, 1.0 - t.y);
   vec4 allowed = step + APART * footprint * max(near, z) + STEEP * abs(change);
   vec4 alike = vec4(lessThanEqual(abs(near - z - change), allowed)) * vec4(greaterThanEqual(near, vec4(0.0)));
+  bool fringe = trim && any(greaterThan(near - z - change, allowed));
   vec3 c;
   if (alike == vec4(1.0)) {
     c = textureLod(color, source.xy / vec2(last + 1), 0.0).rgb;
@@ -67,7 +69,7 @@ void main() {
     }
   }
   // The buffer holds 1 - near / depth; steps of 3 % of the depth tell well enough what lies behind what.
-  if (own < 0.0 || abs(own - z) > RIP * max(own, z) + step) discard;  // last: derivatives need all fragments
+  if (fringe || own < 0.0 || abs(own - z) > RIP * max(own, z) + step) discard;  // last: derivatives need all fragments
   float key = clamp(1.0 + log2(max(1.0 - gl_FragCoord.z, 1e-9)) / OCTAVES, 0.0, 1.0);
   picture = vec4(c, (1.0 + 254.0 * key) / 255.0);
 }`;

@@ -138,6 +138,7 @@ export class Warp {
       depth: { value: depth },
       color: { value: color },
       code_scale: { value: image.scale },
+      trim: { value: false },
       footprint: { value: 1 / Math.min(image.header.camera.fx, image.header.camera.fy) },
     };
     const geometry = new BufferGeometry();
@@ -148,8 +149,9 @@ export class Warp {
     if (6 * image.quads.count > this.index.count) this.growIndex(image.quads.count);
     geometry.setIndex(this.index);
     geometry.setDrawRange(0, 6 * image.quads.count);
-    const { camera, layer } = image.header;
-    const picture = { camera, extra: layer > 0, mesh, uniforms, quads: image.quads.count, bitmap: image.color };
+    const { camera, layer, color: encoded } = image.header;
+    const lossy = layer === 0 && encoded.codec === "jpeg";
+    const picture = { camera, extra: layer > 0, lossy, mesh, uniforms, quads: image.quads.count, bitmap: image.color };
     this.pictures.add(picture);
     this.renderer.initTexture(depth);
     this.renderer.initTexture(color);
@@ -182,6 +184,7 @@ export class Warp {
     this.scene.clear();
     pictures.forEach((picture, rank) => {
       const bias = rank === 0 ? 0 : (picture.extra ? EXTRA_BIAS : EARLIER_BIAS) + rank * STEP_BIAS;
+      picture.uniforms.trim.value = rank > 0 && picture.lossy;
       picture.uniforms.clip_from_source.value = clipFromSource(picture.camera, camera, near, bias);
       this.scene.add(picture.mesh);
     });
