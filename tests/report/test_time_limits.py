@@ -77,7 +77,9 @@ def test_own_row_and_page() -> None:
         "machine": dict.fromkeys(("processor", "cores", "kernel_threads", "system", "python", "commit", "date"), "x"),
         "size": 16, "limits_ms": [500], "runs": 1, "samples": 1,
         "scenes": {"cornell_box": {"triangles": 96, "renderers": {
-            "torchrender": row, "Slow": {"version": "1", "free_ms": 900.0, "limits": slow}, "Gone": {"missing": "not installed | here"},
+            "torchrender": row,
+            "Slow": {"version": "1", "free_ms": 900.0, "limits": slow},
+            "Gone": {"missing": "not installed | here"},
         }}},
     }  # fmt: skip
     text = page(record)
