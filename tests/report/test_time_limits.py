@@ -22,7 +22,7 @@ from torchrender.scene.mesh import Mesh
 from torchrender.scene.model import Scene
 from torchrender.scene.procedural import build
 
-TINY = StudyOptions(scenes=("cornell_box",), size=16, limits_ms=(500,), runs=1, samples=1, reference_samples=2)
+TINY = StudyOptions(scenes=("cornell_box",), size=16, limits_ms=(500,), runs=1, samples=2)
 
 
 def textured() -> Scene:
@@ -77,11 +77,13 @@ def test_own_row_and_page() -> None:
         "machine": dict.fromkeys(("processor", "cores", "kernel_threads", "system", "python", "commit", "date"), "x"),
         "size": 16, "limits_ms": [500], "runs": 1, "samples": 1,
         "scenes": {"cornell_box": {"triangles": 96, "renderers": {
-            "torchrender": row, "Slow": {"version": "1", "limits": slow}, "Gone": {"missing": "not installed | here"},
+            "torchrender": row,
+            "Slow": {"version": "1", "free_ms": 900.0, "limits": slow},
+            "Gone": {"missing": "not installed | here"},
         }}},
     }  # fmt: skip
     text = page(record)
-    assert "| Slow 1 | 600 (700), 50.0 %, 0.250 |" in text
+    assert "| Slow 1 | 600 (700), 50.0 %, 0.250 | 900 |" in text
     assert "| Gone | not measured: not installed / here |" in text
     assert math.isfinite(found["ms"])
 

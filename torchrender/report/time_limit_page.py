@@ -22,7 +22,8 @@ def page(record: dict[str, Any]) -> str:
         "that all renderers see the same surfaces, lights and camera; each is loaded before its time is taken, and one "
         "picture is made beforehand. torchrender computes direct and ambient light, the others trace paths of up to "
         f"six segments and are asked for {record['samples']} samples per pixel: errors are against each renderer's own "
-        "picture without a limit and tell how far the limit took it from that, not who is nearer to nature. In each "
+        "picture without a limit, with the same samples, and tell how far the limit took it from that, not who is "
+        "nearer to nature. Cycles builds its scene anew for every picture; for the others that is done before. In each "
         f"cell: median ms of {record['runs']} runs (longest), the share of pixels with an answer, mean FLIP. **Bold**: "
         f"the median is within {100 * (KEPT - 1):.0f} % of the limit and every pixel has an answer.",
         "",
@@ -30,13 +31,15 @@ def page(record: dict[str, Any]) -> str:
     for name, scene in record["scenes"].items():
         lines += [f"## {name} ({scene['triangles']:,} triangles)", ""]
         limits = [str(limit) for limit in record["limits_ms"]]
-        lines += ["| | " + " | ".join(f"{limit} ms" for limit in limits) + " |", "|---" * (len(limits) + 1) + "|"]
+        head = ["", *(f"{limit} ms" for limit in limits), "no limit"]
+        lines += ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
         for renderer, row in scene["renderers"].items():
             version = f" {row['version']}" if "version" in row else ""
             if "missing" in row:
-                lines.append(f"| {renderer} | not measured: {_plain(row['missing'])} " + "| " * (len(limits) - 1) + "|")
+                lines.append(f"| {renderer} | not measured: {_plain(row['missing'])} " + "| " * len(limits) + "|")
                 continue
             cells = [_cell(row["limits"][limit], float(limit)) for limit in limits]
+            cells.append(f"{row['free_ms']:.0f}")
             lines.append(f"| {renderer}{version} | " + " | ".join(cells) + " |")
         notes = scene["renderers"]["torchrender"].get("notes", {})
         lines += ["", *(f"- torchrender at {limit} ms says: {_plain(text)}" for limit, text in notes.items())]
