@@ -38,7 +38,7 @@ class RenderOptions:
     tracing: TraceOptions = field(default_factory=TraceOptions)
     reuse: ReuseOptions | None = field(default_factory=ReuseOptions)  # in pictures with a history; None: never
     supersample: float = 1.0  # rendered pixels per picture pixel and side; 2: two by two; 0.5: a quarter of them
-    upscaling: str = "bicubic"  # from fewer rendered pixels to the picture's
+    upscaling: str = "bilinear"  # from fewer rendered pixels to the picture's
     buffers: tuple[str, ...] = ()  # what passes make that the picture shall carry, by name; rendered size
     background: ArrayLike | None = None  # linear colour of empty pixels; None: environment, else ambient light
     exposure: float | None = 0.0  # EV for display; None: automatic

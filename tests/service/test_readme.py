@@ -18,11 +18,7 @@ ADDRESS = "http://127.0.0.1:8000"
 
 
 def section() -> str:
-    """Of the README; until it is there, of the page that it will come from."""
-    for file in (ROOT / "README.md", ROOT / "docs" / "README-service-part.md"):
-        if file.exists() and HEADING in (text := file.read_text()):
-            return text.split(HEADING)[1].split("\n## ")[0]
-    raise AssertionError("no documentation of the service was found")
+    return (ROOT / "README.md").read_text().split(HEADING)[1].split("\n## ")[0]
 
 
 def adapted(text: str, server: RunningServer) -> str:

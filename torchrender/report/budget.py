@@ -55,7 +55,7 @@ class StudyOptions:
     frames: int = 23  # of each path: 207 over the nine paths of the built-in scenes
     budgets_ms: tuple[int, ...] = BUDGETS_MS
     checked: int = 2  # frames of each path whose error is measured
-    repeats: int = 7
+    repeats: int = 4
 
 
 QUICK = StudyOptions(scenes=("cornell_box",), size=48, frames=3, budgets_ms=(5, 1000), checked=1, repeats=3)

@@ -21,7 +21,7 @@ from torchrender.report.foundation_page import text_writer
 from torchrender.report.machine import machine_record
 from torchrender.report.tradeoff import SceneCurves
 
-SHOWN = 320
+SHOWN = 240
 """Pixels of a side of the pictures in the page."""
 
 
@@ -62,5 +62,5 @@ def picture_url(picture: Tensor | None) -> str:
     image = Pillow.fromarray(np.ascontiguousarray(codes))
     image.thumbnail((SHOWN, SHOWN), Pillow.Resampling.LANCZOS)
     data = io.BytesIO()
-    image.save(data, "JPEG", quality=82)
+    image.save(data, "JPEG", quality=74)
     return "data:image/jpeg;base64," + base64.b64encode(data.getvalue()).decode()
