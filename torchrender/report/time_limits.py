@@ -38,7 +38,7 @@ from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
 from torchrender.scene.procedural import build
 
-BEST = RenderOptions(area_shadows="sampled", point_shadows="traced", supersample=4.0)
+BEST = RenderOptions(area_shadows="sampled", point_shadows="traced", supersample=2.0)
 """torchrender without a limit, as accurate as it gets on scenes without mirrors."""
 
 PEERS = {
