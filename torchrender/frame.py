@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from torchrender.checks import as_vector
+from torchrender.effects.shadow_map import ShadowOptions
 from torchrender.effects.soft_shadow import Occluders, occluders
 from torchrender.history import RenderHistory
 from torchrender.hit_shader import HitShader
@@ -37,7 +38,7 @@ class Frame:
     def choose(self, options: RenderOptions) -> None:
         """Go on with other options; what the history holds for others is dropped."""
         background = None if options.background is None else tuple(as_vector("background", options.background).tolist())
-        shadow = (options.shadows, options.shadow)
+        shadow = (options.shadows, lasting_shadows(options))
         reflections = (options.reflections, options.reflection, options.tracing, options.reuse, options.supersample)
         self.options, self.past = options, self.past.with_options(shadow, background, reflections)
 
@@ -65,8 +66,17 @@ class Frame:
         """The shading of what rays hit, in the light of this picture."""
         if self.past.shader is None:
             maps = self.buffers.get("shadow_maps")
-            shadow = self.options.shadow if self.options.shadows and maps is not None else None
+            shadow = lasting_shadows(self.options) if self.options.shadows and maps is not None else None
             shader = HitShader(self.scene, shadow, maps, self.options.background)
             self.past = replace(self.past, shader=shader)
         assert self.past.shader is not None
         return self.past.shader
+
+
+def lasting_shadows(options: RenderOptions) -> ShadowOptions:
+    """Options that shadow maps are drawn with, and looked up with where mirrors show them.
+
+    The look-up of the picture itself may be the quickest one; neither maps nor mirrors are made anew for that.
+    """
+    shadow = options.shadow
+    return replace(shadow, filter="bilinear") if shadow.filter == "none" and shadow.soft is None else shadow

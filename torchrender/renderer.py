@@ -148,7 +148,9 @@ class Run:
         with self.clock.measure("plan"):
             rendered = self.frame.buffers["gbuffer"].triangle.numel()
             share = len(self.frame.reflectors()) / rendered if mirrors else None
-            self.knowledge = replace(self.knowledge, past=self.frame.past, reflective_share=share)
+            # The choice starts from the history as it came: what the first choice dropped may still serve.
+            self.frame.past = self.knowledge.past
+            self.knowledge = replace(self.knowledge, reflective_share=share)
             spent = dict(self.clock.elapsed_ms)
             self.plan = make_plan(self.knowledge, self.frame.options, *self.limits, spent_ms=spent)
             self.frame.choose(self.plan.options)

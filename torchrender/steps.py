@@ -14,7 +14,7 @@ from torchrender.effects.shadow_map import light_visibility, render_shadow_map
 from torchrender.effects.soft_shadow import soft_shadow
 from torchrender.effects.traced_reflection import environment_reflections, trace_reflections
 from torchrender.effects.traced_shadow import traced_visibility
-from torchrender.frame import Frame
+from torchrender.frame import Frame, lasting_shadows
 from torchrender.raster import rasterize
 from torchrender.reflection.reflectors import ReflectivePixels, blend_reflections, mirrored_share
 from torchrender.scene.light import RectLight
@@ -37,7 +37,8 @@ def draw_shadow_maps(frame: Frame) -> list[ShadowMap | None]:
         sampled = options.area_shadows == "sampled" if isinstance(light, RectLight) else options.point_shadows != "maps"
         if made[number] is None and (mirrored or not sampled):
             # With the border that penumbrae need, so that the same map serves both kinds of look-up.
-            how = replace(options.shadow, filter="pcss") if isinstance(light, RectLight) else options.shadow
+            how = lasting_shadows(options)
+            how = replace(how, filter="pcss", soft=None) if isinstance(light, RectLight) else how
             made[number] = render_shadow_map(scene, light, how, camera=view)
             drawn += 1
     if not drawn and frame.past.shadow_maps is not None:
@@ -72,7 +73,7 @@ def find_area_shadows(frame: Frame) -> dict[int, Tensor]:
         return dict(zip(lights, found.visibility.unbind(1), strict=True))
     maps = frame.buffers["shadow_maps"]
     if options.area_shadows == "pcss":
-        by_size = replace(options.shadow, filter="pcss")
+        by_size = replace(options.shadow, filter="pcss", soft=None)
     else:
         by_size = options.shadow
     return {n: light_visibility(frame.scene, light, gbuffer, by_size, maps[n]) for n, light in lights.items()}

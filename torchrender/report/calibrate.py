@@ -99,6 +99,11 @@ def times_of(scene: Scene, sizes: Sequence[int]) -> Observations:
             _observe(scene, view, options, found)
         for number in range(2):  # traced reflections, used again by either setting
             _observe(scene, view, replace(at_step(number, first="1"), reflections="traced"), found)
+        for number in (1, 3):  # those that sort the triangles by themselves: shadows come from maps
+            sorting = replace(at_step(number, first="1"), point_shadows="maps", reuse=None)
+            ways = ({"reflections": "traced"}, {"reflection": replace(sorting.reflection, missing="trace")})
+            for way in ways:
+                _observe(scene, view, replace(sorting, area_shadows="pcss", **way), found)
     return found
 
 
