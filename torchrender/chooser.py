@@ -105,7 +105,7 @@ def _tables(question: Question, names: Sequence[str], open_: Sequence[Sequence[s
             if axis
             else table.diagonal().reshape(-1, *[1] * (len(shape) - 1))
         )
-        mistakes = np.array([_error(question, step, s) ** norm for s in open_[axis]])
+        mistakes = np.array([setting_error(question, step, s) ** norm for s in open_[axis]])
         shown = mistakes.reshape(*[1] * axis, -1, *[1] * (len(shape) - axis - 1))
         errors = errors + (shown * ~_hidden(step, names, open_) if step.hidden_by else shown)
         if step.name == "reflections" and reuse_axis is not None:
@@ -147,7 +147,7 @@ def _reused(question: Question, names: Sequence[str], open_: Sequence[Sequence[s
     return mask
 
 
-def _error(question: Question, step: Pass, setting: str) -> float:
+def setting_error(question: Question, step: Pass, setting: str) -> float:
     """Error of a setting; where settings are compared in a context of their own, beyond the best of them."""
     found = question.curves.error(step.name, setting, question.scene)
     if not step.knob.context.changes:

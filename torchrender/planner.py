@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from torchrender.checks import check_range
-from torchrender.chooser import Choice, Question, choose, predicted_ms
+from torchrender.chooser import Choice, Question, choose, predicted_ms, setting_error
 from torchrender.curves import Curves, load_curves
 from torchrender.errors import InputError, OptionError
 from torchrender.history import RenderHistory
@@ -155,8 +155,8 @@ def _rows(knowledge: Knowledge, options: RenderOptions) -> tuple[PlanRow, ...]:
             time = predicted_ms(question, step, setting, load)
             if step.name == "reflection_reuse" and not reuses(knowledge, options):
                 time = _key_frame_ms(knowledge, options, load)
-            error = knowledge.curves.error(step.name, setting, knowledge.name)
-            unseen = step.knob.context.changes and not step.knob.context.matches(options)
+            error = setting_error(question, step, setting)
+            unseen = step.knob.context.changes and options.supersample >= 1
             if unseen or (step.hidden_by and _is_hidden(step, ordered, options)):
                 error = 0.0
         rows.append(

@@ -106,6 +106,7 @@ def test_gradient_reaches_the_texels() -> None:
 
 
 def test_pyramid_is_kept_while_the_texture_lives_and_follows_changes() -> None:
+    gc.collect()  # what earlier tests left goes first
     texture = picture(8, 8, 4)
     before = len(module._PYRAMIDS)
     first = color_pyramid(texture)
