@@ -11,6 +11,11 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 os.environ["TORCHRENDER_CURVES"] = os.devnull + "/none"
 
 import pytest
+from hypothesis import settings
+
+# The same examples in every run: a change that breaks a law fails where it is made, and nowhere by chance.
+settings.register_profile("repeatable", derandomize=True)
+settings.load_profile("repeatable")
 
 ROOT = Path(__file__).resolve().parent.parent
 

@@ -131,4 +131,6 @@ def test_irradiance_lies_between_nothing_and_a_whole_sky(
     assert found.dtype == dtype
     assert bool(((found >= 0) & (found <= math.pi * (1 + 1e-5))).all())
     twice = polygon_irradiance(2 * corners, 2 * places, normals.to(dtype))
-    torch.testing.assert_close(twice, found, rtol=1e-5, atol=1e-6)  # only angles count
+    # Only angles count; beside a corner of a tiny light squares of float32 lengths underflow.
+    close = {torch.float32: (1e-3, 1e-4), torch.float64: (1e-5, 1e-6)}[dtype]
+    torch.testing.assert_close(twice, found, rtol=close[0], atol=close[1])

@@ -57,8 +57,8 @@ class StudyOptions:
     scenes: tuple[str, ...] = ("cornell_box", "living_room")
     size: int = 512
     limits_ms: tuple[int, ...] = (50, 100, 200, 500, 1000, 2000)
-    runs: int = 3
-    samples: int = 32  # per pixel, that path tracers are asked for
+    runs: int = 2
+    samples: int = 16  # per pixel, that path tracers are asked for
 
 
 QUICK = StudyOptions(scenes=("cornell_box",), size=48, limits_ms=(50, 500), runs=1, samples=16)
