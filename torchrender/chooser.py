@@ -100,13 +100,9 @@ def _tables(question: Question, names: Sequence[str], open_: Sequence[Sequence[s
         for row, first in enumerate(open_[0]):
             for column, setting in enumerate(open_[axis]):
                 table[row, column] = predicted_ms(question, step, setting, question.loads[first]) or 0.0
-        cost = (
-            _spread(table[:, 0] if axis == 0 else table, axis, len(shape))
-            if axis
-            else table.diagonal().reshape(-1, *[1] * (len(shape) - 1))
-        )
+        cost = _spread(table, axis, len(shape)) if axis else _along(table.diagonal(), 0, len(shape))
         mistakes = np.array([setting_error(question, step, s) ** norm for s in open_[axis]])
-        shown = mistakes.reshape(*[1] * axis, -1, *[1] * (len(shape) - axis - 1))
+        shown = _along(mistakes, axis, len(shape))
         errors = errors + (shown * ~_hidden(step, names, open_) if step.hidden_by else shown)
         if step.name == "reflections" and reuse_axis is not None:
             cost = np.broadcast_to(cost, shape) * ~_reused(question, names, open_)
@@ -114,6 +110,11 @@ def _tables(question: Question, names: Sequence[str], open_: Sequence[Sequence[s
             cost = np.broadcast_to(cost, shape) * _reused(question, names, open_)
         times = times + cost
     return times, errors
+
+
+def _along(values: np.ndarray, axis: int, dimensions: int) -> np.ndarray:
+    """Values of one pass's settings along its axis of all combinations."""
+    return values.reshape(*[1] * axis, -1, *[1] * (dimensions - axis - 1))
 
 
 def _spread(table: np.ndarray, axis: int, dimensions: int) -> np.ndarray:
@@ -129,7 +130,7 @@ def _hidden(step: Pass, names: Sequence[str], open_: Sequence[Sequence[str]]) ->
     for axis, name in enumerate(names):
         if name in step.hidden_by:
             hides = np.array([s in step.hidden_by[name] for s in open_[axis]])
-            mask = mask & hides.reshape(*[1] * axis, -1, *[1] * (len(open_) - axis - 1))
+            mask = mask & _along(hides, axis, len(open_))
     return mask
 
 
@@ -143,7 +144,7 @@ def _reused(question: Question, names: Sequence[str], open_: Sequence[Sequence[s
             fits = np.array([s == question.reusable[name] for s in open_[axis]])
         else:
             continue
-        mask = mask & fits.reshape(*[1] * axis, -1, *[1] * (len(open_) - axis - 1))
+        mask = mask & _along(fits, axis, len(open_))
     return mask
 
 

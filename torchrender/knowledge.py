@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 from torchrender.chooser import Question
 from torchrender.curves import Curves, scene_key
@@ -34,6 +33,26 @@ class Knowledge:
     passes: tuple[Pass, ...] = PASSES
     wanted: tuple[str, ...] = (WANTED,)  # buffers
     reflective_share: float | None = None  # of the rendered pixels, once they are known
+    reflectors: int = -1  # in view; counted once, and kept by ``replace``
+
+    def __post_init__(self) -> None:
+        if self.reflectors < 0:
+            object.__setattr__(self, "reflectors", reflectors_in_view(self.scene, self.cameras))
+
+    @classmethod
+    def of(
+        cls,
+        scene: Scene,
+        cameras: Cameras,
+        history: RenderHistory | None,
+        curves: Curves,
+        buffers: Sequence[str] = (),
+    ) -> Knowledge:
+        """Before a picture of a scene as it was given; without a history it is one alone."""
+        alone = RenderHistory(scene=scene.with_default_light(), wanted=False)
+        past = alone if history is None else history.of_scene(scene)
+        wanted = (WANTED, *buffers)
+        return cls(scene=past.scene or scene, cameras=cameras, past=past, curves=curves, wanted=wanted)
 
     @property
     def pace(self) -> Pace:
@@ -45,17 +64,13 @@ class Knowledge:
         """Name under which the scene was measured."""
         return scene_key(self.scene)
 
-    @cached_property
-    def _reflectors_in_view(self) -> int:
-        return reflectors_in_view(self.scene, self.cameras)
-
     def outlook(self, options: RenderOptions) -> Outlook:
         """The same for the reasons of passes."""
         return Outlook(
             scene=self.scene,
             cameras=self.cameras,
             options=options,
-            reflectors_in_view=self._reflectors_in_view,
+            reflectors_in_view=self.reflectors,
             sequence=self.past.wanted,
             mirrored=self.reflective_share,
         )
@@ -72,13 +87,12 @@ def make_load(knowledge: Knowledge, options: RenderOptions) -> Load:
         share = knowledge.pace.reflective_share
     if share is None:
         share = UNSEEN_SHARE
-    maps = past.shadow_maps
     return Load(
         picture=1e-6 * len(cameras) * cameras.width * cameras.height,
         pixels=pixels,
         triangles=1e-6 * scene.geometry.triangle_count,
         views=sum(map_views(light) for light in scene.lights),
-        map_size=None if maps is None or not any(m is not None for m in maps) else _map_size(past),
+        map_size=_map_size(past),
         point_lights=outlook.point_lights,
         area_lights=outlook.area_lights,
         reflective=share * pixels if outlook.reflects else 0.0,

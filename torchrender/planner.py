@@ -194,15 +194,12 @@ def _choice(
     max_error: float | None,
     spent: Mapping[str, float],
 ) -> Choice:
-    outlook = knowledge.outlook(options)
     # Which passes apply must not depend on where their knobs stand now.
     open_options = replace(options, area_shadows="pcss", point_shadows="maps")
     if options.reflections != "off":
-        open_options = replace(open_options, reflections="clustered", reuse=options.reuse)
+        open_options = replace(open_options, reflections="clustered")
     outlook = knowledge.outlook(open_options)
     passes = [step for step in knowledge.passes if step.applies(outlook).runs]
-    if knowledge.reflective_share == 0.0:
-        passes = [step for step in passes if step.makes != "reflection_layer"]
     settings, loads = {}, {}
     for step in passes:
         names = step.knob.names
@@ -210,8 +207,7 @@ def _choice(
             names = (step.knob.current(options),)
         settings[step.name] = names
     for name in settings[passes[0].name]:
-        chosen = options if name == CUSTOM else passes[0].knob.setting(name).applied(options)
-        loads[name] = make_load(knowledge, chosen)
+        loads[name] = make_load(knowledge, passes[0].knob.setting(name).applied(options))
     question = Question(
         passes=passes,
         settings=settings,
@@ -221,17 +217,16 @@ def _choice(
         pace=knowledge.pace,
         reusable=reusable(knowledge),
     )
-    done = {name: ms for name, ms in spent.items() if name in settings}
-    return choose(question, budget_ms, max_error, sum(spent.values()) - _repeated(question, done))
+    return choose(question, budget_ms, max_error, sum(spent.values()) - _repeated(question, spent))
 
 
-def _repeated(question: Question, done: Mapping[str, float]) -> float:
+def _repeated(question: Question, spent: Mapping[str, float]) -> float:
     """What the tables predict for passes that are done: their real time is counted instead."""
     first = question.settings[question.passes[0].name][0]
     return sum(
         predicted_ms(question, step, question.settings[step.name][0], question.loads[first]) or 0.0
         for step in question.passes
-        if step.name in done
+        if step.name in spent
     )
 
 
@@ -251,11 +246,5 @@ def plan(
         OptionError: ``budget_ms`` not positive, ``max_error`` outside [0, 1].
     """
     check_wishes(budget_ms, max_error)
-    past = RenderHistory(scene=scene.with_default_light(), wanted=False) if history is None else history.of_scene(scene)
-    knowledge = Knowledge(
-        scene=past.scene or scene,
-        cameras=camera,
-        past=past,
-        curves=curves or load_curves(),
-    )
+    knowledge = Knowledge.of(scene, camera, history, curves or load_curves())
     return make_plan(knowledge, options or RenderOptions(), budget_ms, max_error)

@@ -67,15 +67,7 @@ def render(
             scene = load(scene)
     with clock.measure("total"):
         cameras = view_of(scene, camera, width, height)
-        fresh = RenderHistory(scene=scene.with_default_light(), wanted=False)
-        past = fresh if history is None else history.of_scene(scene)
-        knowledge = Knowledge(
-            scene=past.scene or scene,
-            cameras=cameras,
-            past=past,
-            curves=load_curves(),
-            wanted=(WANTED, *options.buffers),
-        )
+        knowledge = Knowledge.of(scene, cameras, history, load_curves(), options.buffers)
         run = Run(knowledge, options, (budget_ms, max_error), clock)
         image = run.image()
     plan = run.plan.measured(clock.elapsed_ms, run.amounts, clock.elapsed_ms["total"])
