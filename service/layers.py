@@ -47,7 +47,7 @@ class Layer:
 
 
 def extra_layers(
-    scene: Scene, first: GBuffer, cameras: Sequence[Cameras], options: RenderOptions, past: RenderHistory
+    scene: Scene, first: VisibilityBuffer, cameras: Sequence[Cameras], options: RenderOptions, past: RenderHistory
 ) -> list[Layer]:
     """What each of ``cameras`` sees and none before it holds, shaded like a picture.
 
@@ -55,11 +55,11 @@ def extra_layers(
 
     Args:
         scene: with its lights, as the picture of layer 0 has it.
-        first: the one-camera G-buffer of that picture.
+        first: what that picture's one camera sees.
         cameras: single cameras from :func:`cameras_around`.
         past: what that picture left.
     """
-    known: list[VisibilityBuffer] = [first]
+    known = [first]
     sky_shown = ~first.covered[0]
     layers = []
     for camera in cameras:

@@ -26,6 +26,8 @@ MOVING_BUDGET_MS = 150.0
 """Time for a moving keyframe where the session asks for no other."""
 STILL_FACTOR = 4.0
 """A refinement may take this many times the budget."""
+PACKING_SHARE = 0.5
+"""Of the budget, at most, that is kept free for making messages."""
 REFINE_MS = 150.0
 """Without a budget a refinement is supersampled where the one before it took less: nobody can interrupt it."""
 MAX_FINE_PIXELS = 2**23
@@ -46,6 +48,7 @@ class SessionState:
     """What the renderer remembers of a session."""
 
     history: RenderHistory
+    packing_ms: float = 0.0  # from the last picture to its message
     still_ms: float = 0.0  # layer 0 of the last refinement that was not supersampled
     begun: Begun | None = None
 
@@ -64,7 +67,7 @@ class StreamRenderer:
         begin = time.perf_counter()
         image, plan, past = self._picture(scene, camera, state, job)
         render_ms = 1e3 * (time.perf_counter() - begin)
-        depth = image.gbuffer.depth[0]
+        depth = image.visibility.depth[0]
         around = cameras_around(camera, depth, job.layers, direction=job.direction, baseline=job.baseline)
         stamp = Stamp(
             id=job.id,
@@ -78,7 +81,9 @@ class StreamRenderer:
         )
         message = first_message(stamp, camera, depth, surface_colors(image), render_ms=render_ms, plan=plan)
         state.begun = Begun(stamp, image, past, around) if around else None
-        finite = depth[torch.isfinite(depth)]
+        few = depth[::4, ::4]
+        finite = few[torch.isfinite(few)]
+        state.packing_ms = 1e3 * (time.perf_counter() - begin) - render_ms
         return {
             "messages": [message],
             "layers": len(around),
@@ -95,7 +100,7 @@ class StreamRenderer:
         begin = time.perf_counter()
         image = begun.image
         assert image.plan is not None
-        layers = extra_layers(image.scene, image.gbuffer, begun.around, image.plan.options, begun.past)
+        layers = extra_layers(image.scene, image.visibility, begun.around, image.plan.options, begun.past)
         each_ms = 1e3 * (time.perf_counter() - begin) / len(layers)
         messages = [layer_message(begun.stamp, k + 1, layer, render_ms=each_ms) for k, layer in enumerate(layers)]
         return {"messages": messages}
@@ -120,7 +125,7 @@ class StreamRenderer:
         self, scene: Scene, camera: Cameras, state: SessionState, job: MakeKeyframe
     ) -> tuple[Image, dict[str, Any], RenderHistory]:
         """Layer 0, its plan, and what it left for the extra layers."""
-        bounds, options = _bounds(job), None
+        bounds, options = _bounds(job, state.packing_ms), None
         if not job.still:
             image, plan = render_image(scene, camera, bounds, options, state.history)
             assert image.history is not None
@@ -143,11 +148,12 @@ class StreamRenderer:
         return 0.0 < state.still_ms < REFINE_MS and pixels <= MAX_FINE_PIXELS
 
 
-def _bounds(job: MakeKeyframe) -> Bounds:
-    """What layer 0 may cost; a refinement gets more."""
+def _bounds(job: MakeKeyframe, packing_ms: float) -> Bounds:
+    """What the picture of layer 0 may cost, which then takes ``packing_ms`` to become a message."""
     budget, error = job.bounds.budget_ms, job.bounds.max_error
-    if job.still:
-        return Bounds(budget_ms=None if budget is None else STILL_FACTOR * budget, max_error=error)
-    if budget is None and error is None:
+    if budget is None and error is None and not job.still:
         budget = MOVING_BUDGET_MS
+    if budget is not None:
+        budget *= STILL_FACTOR if job.still else 1.0
+        budget -= min(packing_ms, PACKING_SHARE * budget)
     return Bounds(budget_ms=budget, max_error=error)

@@ -80,6 +80,16 @@ def test_supersampling_averages_linear_radiance_and_keeps_the_gbuffer_size() -> 
     torch.testing.assert_close(image.gbuffer.depth, one.gbuffer.depth)
 
 
+def test_what_was_shaded_and_what_is_seen_are_told_apart() -> None:
+    scene = floor_and_roof(SUN)
+    few, one = tr.render(scene, SIDE, options=tr.RenderOptions(supersample=0.5)), tr.render(scene, SIDE)
+    assert few.rendered is not None and few.rendered.depth.shape == (1, 32, 48)
+    assert torch.equal(few.visibility.triangle, one.gbuffer.triangle)
+    assert torch.equal(few.gbuffer.triangle, one.gbuffer.triangle)
+    assert one.rendered is one.visibility is one.gbuffer
+    assert tr.render(scene, SIDE, options=tr.RenderOptions(supersample=2)).rendered is None
+
+
 def test_batch_of_cameras_equals_single_pictures() -> None:
     cameras = tr.Cameras.look_at(
         [[0.0, 3.0, 6.0], [1.0, 4.0, 5.0]], [[0.0, 0.0, 0.0]] * 2, width=48, height=32, near=0.1

@@ -11,7 +11,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchrender.buffers import GBuffer
+from torchrender.buffers import GBuffer, VisibilityBuffer
 from torchrender.checks import check_choice, check_range, check_tensor
 from torchrender.errors import ImageFileError
 from torchrender.history import RenderHistory
@@ -19,7 +19,7 @@ from torchrender.image_io import write_image, write_npz
 from torchrender.numerics.color import srgb_from_linear
 from torchrender.numerics.tonemap import OPERATORS, auto_exposure, tone_map
 from torchrender.plans import Plan
-from torchrender.raster import rasterize
+from torchrender.raster import rasterize, rasterize_visibility
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
 
@@ -41,7 +41,7 @@ class Image:
     radiance: Tensor  # (B,H,W,3) linear
     cameras: Cameras  # B
     scene: Scene  # with its lights, as it was rendered
-    rendered: GBuffer | None = None  # what was shaded, if that has the picture's size
+    rendered: GBuffer | None = None  # what was shaded, if that has no more pixels than the picture
     buffers: Mapping[str, Any] = field(default_factory=dict)  # those that were asked for, by name
     plan: Plan | None = None  # what was done and why, with predicted and measured times
     timings_ms: Mapping[str, float] = field(default_factory=dict)  # wall time of each step
@@ -61,7 +61,16 @@ class Image:
     @cached_property
     def gbuffer(self) -> GBuffer:
         """What every pixel of the picture sees; drawn on first use if the picture was rendered at another size."""
-        return rasterize(self.scene, self.cameras) if self.rendered is None else self.rendered
+        if self.rendered is not None and self.rendered.triangle.shape == self.radiance.shape[:3]:
+            return self.rendered
+        return rasterize(self.scene, self.cameras)
+
+    @cached_property
+    def visibility(self) -> VisibilityBuffer:
+        """Depth and ids of :attr:`gbuffer`: quicker where that would have to be drawn."""
+        if self.rendered is not None and self.rendered.triangle.shape == self.radiance.shape[:3]:
+            return self.rendered
+        return rasterize_visibility(self.scene.geometry, self.cameras)
 
     def displayed(self) -> Tensor:
         """(B,H,W,3) linear values in [0,1]: exposed and tone mapped, one exposure for all views."""

@@ -121,13 +121,12 @@ class Run:
                 left = [left[0], *(row.name for row in self.plan.running if row.name not in done)]
             self._forget([steps[name] for name in left[1:]])
         rendered = self.frame.buffers.get("gbuffer")
-        same = rendered is not None and self.frame.options.supersample == 1
         return Image(
             radiance=self.frame.buffers[WANTED],
             cameras=self.frame.cameras,
             scene=self.frame.scene,
             buffers={name: self.frame.buffers[name] for name in self.knowledge.wanted if name in self.frame.buffers},
-            rendered=rendered if same else None,
+            rendered=rendered if self.frame.options.supersample <= 1 else None,
             exposure=self.wished.exposure,
             tone_map=self.wished.tone_map,
         )
@@ -156,9 +155,9 @@ class Run:
             self.amounts[step.name] = step.work(load_, step.knob.setting(setting))
 
     def _forget(self, left: list[Pass]) -> None:
-        """Release the buffers that no pass asks for any more; the picture's own G-buffer stays with the picture."""
+        """Release the buffers that no pass asks for; a G-buffer that is no larger than the picture stays with it."""
         asked = {name for step in left for name in (*step.needs, *step.uses)} | set(self.knowledge.wanted)
-        if self.frame.options.supersample == 1:
+        if self.frame.options.supersample <= 1:
             asked.add("gbuffer")
         for name in [name for name in self.frame.buffers if name not in asked]:
             del self.frame.buffers[name]

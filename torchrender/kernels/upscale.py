@@ -11,33 +11,47 @@ from torchrender.kernels.compile import kernel
 
 
 @kernel(parallel=True)
-def spread_colors(colors, rendered, depth, same, left_over, out):
-    """``out`` (H,W,3): means of the four rendered pixels around each pixel, weighted by nearness and by depth.
+def spread_colors(colors, few, many, same, other_surface, left_over, out):
+    """``out`` (H,W,3): means of the rendered pixels around each pixel, weighted by nearness and by likeness.
 
-    ``colors`` (h,w,3) and ``rendered`` (h,w) depth are of the rendered pixels. Weights are bilinear times
-    ``exp(-(d / same)^2) + left_over`` for a difference d of inverse depth, as a share of the larger one.
+    Args:
+        colors: (h,w,3) of the rendered pixels.
+        few, many: (depth, surface) of the rendered pixels (h,w) and of all pixels (H,W): the camera depth, and a
+            number that pixels of one object and material share.
+        same: a difference d of inverse depth, as a share of the larger one, weighs ``exp(-(d / same)^2)``.
+        other_surface, left_over: ``other_surface`` is a factor for pixels of other surfaces, ``left_over`` is added to
+            all: they are better than nothing.
+
+    The four rendered pixels around a pixel count by their bilinear weights. Where none is of the pixel's surface,
+    which is thin then, the sixteen around it count, by tents twice as wide.
     """
-    height, width = depth.shape
-    rows, columns = rendered.shape
+    height, width = many[0].shape
+    rows, columns = few[0].shape
     for j in prange(height):
         y = (j + 0.5) * (rows / height) - 0.5
-        top = math.floor(y)
         for i in range(width):
             x = (i + 0.5) * (columns / width) - 0.5
-            left = math.floor(x)
-            own = 1.0 / depth[j, i]
-            red, green, blue, weights = 0.0, 0.0, 0.0, 0.0
-            for row in range(top, top + 2):
-                for column in range(left, left + 2):
-                    r, c = min(max(row, 0), rows - 1), min(max(column, 0), columns - 1)
-                    other = 1.0 / rendered[r, c]
-                    apart = abs(own - other) / max(own, other, 1e-30)
-                    weight = (1.0 - abs(y - row)) * (1.0 - abs(x - column))
-                    weight *= math.exp(-((apart / same) ** 2)) + left_over
-                    red += weight * colors[r, c, 0]
-                    green += weight * colors[r, c, 1]
-                    blue += weight * colors[r, c, 2]
-                    weights += weight
+            own, surface = 1.0 / many[0][j, i], many[1][j, i]
+            for reach in (1, 2):
+                red, green, blue, weights, likeness = 0.0, 0.0, 0.0, 0.0, 0.0
+                top, left = math.floor(y) + 1 - reach, math.floor(x) + 1 - reach
+                for row in range(top, top + 2 * reach):
+                    for column in range(left, left + 2 * reach):
+                        r, c = min(max(row, 0), rows - 1), min(max(column, 0), columns - 1)
+                        other = 1.0 / few[0][r, c]
+                        apart = abs(own - other) / max(own, other, 1e-30)
+                        like = math.exp(-((apart / same) ** 2))
+                        if few[1][r, c] != surface:
+                            like *= other_surface
+                        weight = (reach - abs(y - row)) * (reach - abs(x - column))
+                        likeness += weight * like
+                        weight *= like + left_over
+                        red += weight * colors[r, c, 0]
+                        green += weight * colors[r, c, 1]
+                        blue += weight * colors[r, c, 2]
+                        weights += weight
+                if likeness > other_surface * reach**4:
+                    break
             out[j, i, 0] = np.float32(red / weights)
             out[j, i, 1] = np.float32(green / weights)
             out[j, i, 2] = np.float32(blue / weights)
