@@ -23,6 +23,7 @@ from PIL import UnidentifiedImageError
 from torch import Tensor
 
 from service.errors import CodecError
+from service.messages import Bits
 from torchrender.checks import check_choice
 from torchrender.errors import OptionError
 from torchrender.kernels.depth_codec import decode_planes, display_codes, encode_planes, fill_blocks
@@ -32,7 +33,7 @@ Array = np.ndarray[Any, Any]
 
 DEPTH_CODECS = ("pz1",)
 COLOR_CODECS = ("jpeg", "webp")
-BITS = (12, 14, 16)
+BITS: tuple[Bits, ...] = (12, 14, 16)
 _TABLE_SIZE = 2**16
 _BLOCK = 16
 """Pixels of a JPEG block with halved colour resolution."""

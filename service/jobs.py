@@ -11,7 +11,6 @@ from service.messages import Bits, CameraHeader, ColorCodec
 QUALITY_MOVING = 85
 QUALITY_STILL = 95  # where the client cannot read WebP
 LOSSLESS = 100  # with WebP
-BITS_MOVING: Bits = 14
 BITS_STILL: Bits = 16
 
 Buffer = Literal[

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import dataclass
 from typing import Any
@@ -9,13 +10,16 @@ from typing import Any
 from torch import Tensor
 
 from service.cameras import header_of
-from service.codec import Array, checksum, display_bytes, encode_color, encode_depth, encode_mask
-from service.jobs import QUALITY_MOVING
+from service.codec import BITS, Array, checksum, display_bytes, encode_color, encode_depth, encode_mask
+from service.jobs import BITS_STILL, QUALITY_MOVING
 from service.layers import Layer
 from service.messages import Bits, ColorBlob, ColorCodec, DepthBlob, Keyframe, MaskBlob, encode, padded
 from torchrender.scene.camera import Cameras
 
-BITS: Bits = 16
+REACH = 0.25
+"""Of the typical depth: as far as a client may go from a keyframe before the next one is there."""
+SLIP = 0.125
+"""Pixels by which samples may then be off because their depth is rounded."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,9 +31,24 @@ class Stamp:
     pose: int = -1
     time_ms: float = 0.0
     still: bool = False
-    bits: Bits = BITS
+    bits: Bits = BITS_STILL
     color: ColorCodec = "jpeg"
     quality: int = QUALITY_MOVING  # 100: WebP without loss
+
+
+def enough_bits(focal: float, nearest: float, typical: float) -> Bits:
+    """The fewest bits of depth that keep samples within ``SLIP`` pixels of their place, else the most there are.
+
+    Rounding ``nearest / z`` to half of one of ``2^bits - 1`` levels moves a sample by ``focal * shift / nearest`` times
+    that error, for an eye that is ``shift`` away from the keyframe's.
+
+    Args:
+        focal: pixels. nearest, typical: depths, scene units; +inf where nothing is seen.
+    """
+    if not nearest < math.inf:
+        return BITS[0]
+    slip = focal * REACH * typical / nearest * 0.5
+    return next((bits for bits in BITS if slip <= SLIP * (2**bits - 1)), BITS[-1])
 
 
 def first_message(

@@ -11,8 +11,8 @@ import torch
 
 from service.cameras import cameras_of
 from service.engine import render_image
-from service.jobs import BITS_MOVING, BITS_STILL, Bounds, MakeKeyframe, MakeLayers
-from service.keyframes import Stamp, first_message, layer_message
+from service.jobs import BITS_STILL, Bounds, MakeKeyframe, MakeLayers
+from service.keyframes import Stamp, enough_bits, first_message, layer_message
 from service.layers import cameras_around, extra_layers
 from service.upscale import surface_colors
 from torchrender.history import RenderHistory
@@ -68,6 +68,9 @@ class StreamRenderer:
         image, plan, past = self._picture(scene, camera, state, job)
         render_ms = 1e3 * (time.perf_counter() - begin)
         depth = image.visibility.depth[0]
+        few = depth[::4, ::4]
+        finite = few[torch.isfinite(few)]
+        typical = float(finite.median()) if len(finite) else 0.0
         around = cameras_around(camera, depth, job.layers, direction=job.direction, baseline=job.baseline)
         stamp = Stamp(
             id=job.id,
@@ -75,19 +78,17 @@ class StreamRenderer:
             pose=job.pose,
             time_ms=job.time_ms,
             still=job.still,
-            bits=BITS_STILL if job.still else BITS_MOVING,
+            bits=BITS_STILL if job.still else enough_bits(job.camera.fx, float(depth.min()), typical),
             color=job.color,
             quality=job.quality,
         )
         message = first_message(stamp, camera, depth, surface_colors(image), render_ms=render_ms, plan=plan)
         state.begun = Begun(stamp, image, past, around) if around else None
-        few = depth[::4, ::4]
-        finite = few[torch.isfinite(few)]
         state.packing_ms = 1e3 * (time.perf_counter() - begin) - render_ms
         return {
             "messages": [message],
             "layers": len(around),
-            "typical_depth": float(finite.median()) if len(finite) else 0.0,
+            "typical_depth": typical,
         }
 
     def make_layers(self, job: MakeLayers) -> dict[str, Any]:

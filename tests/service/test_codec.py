@@ -18,6 +18,7 @@ from service.codec import (
     encode_mask,
 )
 from service.errors import CodecError
+from service.keyframes import REACH, SLIP, enough_bits
 from torchrender.errors import OptionError
 from torchrender.kernels.depth_codec import encode_planes, fill_blocks
 from torchrender.numerics.color import srgb_from_linear
@@ -161,3 +162,20 @@ def test_what_nobody_sees_becomes_plain():
     mean = codes[known].astype(int).sum(axis=0) // 6
     assert (filled[:16, 16:32][~known[:16, 16:32]] == mean).all()
     assert (filled[16:, 32:] == mean).all()  # a block without any continues the one before
+
+
+@pytest.mark.parametrize(("nearest", "expected"), [(1.0, 12), (0.1, 16), (0.25, 14), (1e-3, 16), (torch.inf, 12)])
+def test_moving_pictures_get_as_many_bits_as_keep_samples_in_place(nearest, expected):
+    """Seen by an eye that has gone a quarter of the typical depth, samples are within an eighth of a pixel."""
+    focal, typical = 600.0, 4.0
+    bits = enough_bits(focal, nearest, typical)
+    assert bits == expected
+    if nearest in (torch.inf, 1e-3):
+        return
+    depth = (nearest / torch.linspace(1.0, 0.01, 64 * 64)).reshape(64, 64)
+    encoded = encode_depth(depth, bits=bits)
+    again = decode_depth(encoded.data, width=64, height=64, bits=bits, near=encoded.near)
+    shift = focal * REACH * typical
+    slip = float((shift / depth.double() - shift / again.double()).abs().max())
+    assert slip <= 1.01 * SLIP
+    assert bits == BITS[0] or 4.0 * slip > SLIP

@@ -13,13 +13,15 @@ from service.messages import Keyframe, Type, decode
 from service.stream_renderer import MOVING_BUDGET_MS, PACKING_SHARE, STILL_FACTOR, StreamRenderer
 from torchrender.scene.load import load
 
+HUNDRED = Bounds(budget_ms=100.0)
+
 
 @pytest.fixture(scope="module")
 def scene():
     return load("cornell_box")
 
 
-def budgets(scene, count: int, *, still: bool = False, bounds: Bounds = Bounds(budget_ms=100.0)) -> list[float | None]:
+def budgets(scene, count: int, *, still: bool = False, bounds: Bounds = HUNDRED) -> list[float | None]:
     """Of the pictures inside ``count`` keyframes of one session."""
     renderer, camera = StreamRenderer(), header_of(scene.camera(width=64, height=48))
     found = []
