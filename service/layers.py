@@ -27,7 +27,7 @@ from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
 from torchrender.shade import shade
 
-BASELINE = 0.06  # distance of the extra cameras in median depths of the first image
+BASELINE = 0.08  # distance of the extra cameras in median depths of the first image
 MAX_BASELINE = 0.25
 PACKED_WIDTH = 256
 FEWEST = 3

@@ -21,6 +21,8 @@ ROUND_TRIPS_MS = (20, 100, 250)
 JITTER_S = 0.02
 LOSS = 0.01
 SETTLE_S = 3.0
+RECONNECTS = 7
+PAUSE_S = 0.5
 
 
 async def interactive_rows(server: ServerUnderTest, effort: Effort) -> list[Row]:
@@ -59,7 +61,7 @@ async def delay_rows(server: ServerUnderTest, effort: Effort) -> list[Row]:
                 resume = one.welcome.resume
                 rate = one.received / effort.seconds
                 one.socket.transport.abort()  # as when a phone changes its network
-            first, render = await _reconnect(server, resume, link.port, one.welcome.camera)
+            back = await _reconnect(server, resume, link.port, one.welcome.camera)
         rows.append(
             Row(
                 what=f"{round_trip} ms round trip, ±20 ms jitter each way, 1 % loss",
@@ -69,25 +71,38 @@ async def delay_rows(server: ServerUnderTest, effort: Effort) -> list[Row]:
                 details={"keyframes_per_s": rate, "p50_ms": latency[0], "p95_ms": latency[1]},
             )
         )
+        first, render = (statistics.median(column) for column in zip(*back))
         bound = round_trip + render + 1e3 * (2 * JITTER_S) + 20.0
         rows.append(
             Row(
                 what=f"reconnect with {round_trip} ms round trip: HELLO to the first keyframe",
                 goal="one round trip + render",
-                measured=f"{first:.0f} ms, of these {render:.0f} ms render",
+                measured=f"{first:.0f} ms, of these {render:.0f} ms render (medians of {RECONNECTS}; "
+                f"longest {max(back)[0]:.0f} ms)",
                 met=first <= bound,
-                details={"first_ms": first, "render_ms": render},
+                details={"first_ms": first, "render_ms": render, "all_ms": [ms for ms, _ in back]},
             )
         )
     return rows
 
 
-async def _reconnect(server: ServerUnderTest, ticket: str, port: int, camera: CameraHeader) -> tuple[float, float]:
-    """Milliseconds from HELLO to layer 0, and of its rendering; HELLO and the first pose go out together."""
-    async with open_stream(server, ticket, port, pose_at=camera) as one:
-        while (keyframe := await one.receive()) is None:
-            pass
-        return 1e3 * (time.perf_counter() - one.opened_at), keyframe.render_ms
+async def _reconnect(
+    server: ServerUnderTest, ticket: str, port: int, camera: CameraHeader
+) -> list[tuple[float, float]]:
+    """Milliseconds from HELLO to layer 0, and of its rendering; HELLO and the first pose go out together.
+
+    Now and then a segment is lost, so it is done several times.
+    """
+    found = []
+    for _ in range(RECONNECTS):
+        async with open_stream(server, ticket, port, pose_at=camera) as one:
+            while (keyframe := await one.receive()) is None:
+                pass
+            found.append((1e3 * (time.perf_counter() - one.opened_at), keyframe.render_ms))
+            await asyncio.sleep(PAUSE_S)
+            ticket = one.welcome.resume
+            one.socket.transport.abort()
+    return found
 
 
 async def health_rows(server: ServerUnderTest, effort: Effort) -> list[Row]:

@@ -58,7 +58,7 @@ def run_load_test(folder: Path, effort: Effort) -> bool:
 
 
 async def _measure(sections: dict[str, list[Row]], effort: Effort) -> None:
-    settings = {"max_sessions": "200", "log_level": "warning"}
+    settings = {"max_sessions": "1000", "log_level": "warning"}
     with running_server(**settings) as server:
         await asyncio.to_thread(server.get, "/v1/scenes")
         sample = await faults.sample_keyframe(server, effort)
