@@ -27,11 +27,13 @@ from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
 from torchrender.shade import shade
 
-BASELINE = 0.08  # distance of the extra cameras in median depths of the first image
+BASELINE = 0.09  # distance of the extra cameras in median depths of the first image
 MAX_BASELINE = 0.25
 PACKED_WIDTH = 256
 FEWEST = 3
 """New samples of the nine around a pixel below which its own is left out."""
+CONTINUES = 0.02
+"""Share of its depth by which a neighbour of a new sample may be nearer and still continue its surface."""
 TOLERANCE = 2e-3
 """Share of its depth that a sample may be off and still be the same surface."""
 
@@ -51,7 +53,7 @@ def extra_layers(
 ) -> list[Layer]:
     """What each of ``cameras`` sees and none before it holds, shaded like a picture.
 
-    Around every new sample its neighbours are kept, too, so that the layer overlaps what it continues.
+    Every new sample is continued by a pixel to all sides, so that the layer overlaps what is beside it.
 
     Args:
         scene: with its lights, as the picture of layer 0 has it.
@@ -64,12 +66,12 @@ def extra_layers(
     layers = []
     for camera in cameras:
         seen = rasterize_visibility(scene.geometry, camera)
-        kept = _grown(_new_pixels(seen, known)) & seen.covered
+        kept, nearest = _grown(_new_pixels(seen, known), seen.depth)
         new_sky = ~seen.covered[0] & ~sky_shown
         sky_shown = sky_shown | new_sky
         gbuffer = surface_attributes(scene, _only(seen, kept))
         radiance = _shade_few(scene, gbuffer, options, past)
-        layers.append(Layer(camera, gbuffer.depth[0], radiance[0], kept[0] | new_sky))
+        layers.append(_extended(Layer(camera, gbuffer.depth[0], radiance[0], kept[0] | new_sky), seen, nearest))
         known.append(gbuffer)
     return layers
 
@@ -87,9 +89,31 @@ def _new_pixels(seen: VisibilityBuffer, earlier: Sequence[VisibilityBuffer]) -> 
     return new & (beside > FEWEST - 0.5)
 
 
-def _grown(mask: Tensor) -> Tensor:
-    """(1,H,W) bool with all eight neighbours."""
-    return torch.nn.functional.max_pool2d(mask.float()[None], 3, stride=1, padding=1)[0] > 0
+def _grown(new: Tensor, depth: Tensor) -> tuple[Tensor, Tensor]:
+    """Which samples are sent, and what continues behind the rest.
+
+    Returns:
+        (1,H,W) bool: new samples and those of their eight neighbours that do not lie in front of them.
+        (H,W) int64: flat index of the nearest new sample among the nine around a pixel, -1 where there is none.
+    """
+    far = torch.where(new, depth, torch.inf)
+    negative, where = torch.nn.functional.max_pool2d(-far, 3, stride=1, padding=1, return_indices=True)
+    beside = torch.isfinite(negative)
+    kept = new | (beside & (depth >= -(1.0 - CONTINUES) * negative) & torch.isfinite(depth))
+    return kept, torch.where(beside, where, -1)[0]
+
+
+def _extended(layer: Layer, seen: VisibilityBuffer, nearest: Tensor) -> Layer:
+    """With new samples continued by a pixel behind what hides them, where otherwise a crack would open.
+
+    What lies in front is known already; sent again, it would hide what is beside its outline once the eye moves.
+    """
+    hidden = (nearest >= 0) & seen.covered[0] & ~layer.known
+    source = nearest[hidden]
+    depth, radiance = layer.depth.clone(), layer.radiance.clone()
+    depth[hidden] = layer.depth.reshape(-1)[source]
+    radiance[hidden] = layer.radiance.reshape(-1, 3)[source]
+    return replace(layer, depth=depth, radiance=radiance, known=layer.known | hidden)
 
 
 def _only(seen: VisibilityBuffer, kept: Tensor) -> VisibilityBuffer:

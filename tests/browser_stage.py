@@ -25,9 +25,9 @@ import numpy as np
 import torch
 
 from service.cameras import cameras_of
-from service.containers import KeyframeImage, decode_keyframe, depth_images_of
+from service.containers import KeyframeImage, decode_keyframe
 from service.messages import CameraHeader, Keyframe, Message, Type, decode, split_blobs
-from torchrender.reprojection import reproject
+from torchrender.client.drawing import draw_keyframes
 from torchrender.scene.camera import Cameras
 
 FLAGS = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
@@ -243,7 +243,7 @@ def pictures_of(messages: list[bytes]) -> list[KeyframeImage]:
 def reprojected(pictures: list[KeyframeImage], camera: Cameras) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
     """What Python draws of them: display colours (H,W,3) uint8 and validity (H,W)."""
     codes = torch.stack([picture.codes for picture in pictures]).float()
-    result = reproject(depth_images_of(pictures), camera, colors=codes)
+    result = draw_keyframes(pictures, camera, colors=codes)
     return result.color[0].round().numpy().astype(np.uint8), result.valid[0].numpy()
 
 

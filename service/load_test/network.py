@@ -23,6 +23,7 @@ LOSS = 0.01
 SETTLE_S = 3.0
 RECONNECTS = 7
 PAUSE_S = 0.5
+STALLS = 3
 
 
 async def interactive_rows(server: ServerUnderTest, effort: Effort) -> list[Row]:
@@ -165,29 +166,39 @@ async def transport_rows(sample: bytes, effort: Effort) -> list[Row]:
 
 
 async def stalled_rows(server: ServerUnderTest, effort: Effort) -> list[Row]:
-    """One client that does not acknowledge beside others."""
+    """Clients that do not acknowledge, one after the other, beside two that walk; these are also watched without them.
+
+    Single latencies scatter by a fifth, so before, during and after each stall all count.
+    """
     wishes = {"width": 160, "height": 90, "layers": 0}
+    alone: list[float] = []
+    beside: list[float] = []
+    dropped, waiting = 0.0, 0
     async with client(server, "cornell_box", **wishes) as first, client(server, "cornell_box", **wishes) as second:
         pair = (first, second)
         await _walk_all(pair, 1.0)
-        alone = await _p95(pair, 2 * effort.seconds)
-        async with client(server, "cornell_box", width=1280, height=720, layers=2) as stalled:
-            await stalled.send_pose()
-            await stalled.send_pose(0.1)
-            begin = time.perf_counter()
-            await _until_idle(server)  # the two keyframes that it may have are work like any other's
-            await _walk_all(pair, 1.0)
-            beside = await _p95(pair, 2 * effort.seconds)
-            while server.gauge("streams") > 2 and time.perf_counter() - begin < 60:
-                await _walk_all(pair, 0.5)
-            dropped = time.perf_counter() - begin
-            waiting = await _count(stalled)
-    change = 100 * (beside / alone - 1)
+        alone += await _latencies(pair, effort.seconds)
+        for _ in range(1 if effort.quick else STALLS):
+            async with client(server, "cornell_box", width=1280, height=720, layers=2) as stalled:
+                await stalled.send_pose()
+                await stalled.send_pose(0.1)
+                begin = time.perf_counter()
+                await _until_idle(server)  # the two keyframes that it may have are work like any other's
+                await _walk_all(pair, 1.0)
+                beside += await _latencies(pair, 2 * effort.seconds)
+                while server.gauge("streams") > 2 and time.perf_counter() - begin < 60:
+                    await _walk_all(pair, 0.5)
+                dropped = max(dropped, time.perf_counter() - begin)
+                waiting = max(waiting, await _count(stalled))
+            alone += await _latencies(pair, 2 * effort.seconds)
+    usual, disturbed = percentile(alone, 0.95), percentile(beside, 0.95)
+    change = 100 * (disturbed / usual - 1)
     return [
         Row(
             what="a stalled reader: p95 of two other sessions",
             goal="+10 % at most",
-            measured=f"{change:+.0f} % ({1e3 * alone:.0f} → {1e3 * beside:.0f} ms)",
+            measured=f"{change:+.0f} % ({1e3 * usual:.0f} → {1e3 * disturbed:.0f} ms; {len(alone)} and {len(beside)} "
+            f"keyframes)",
             met=change <= 10.0,
         ),
         Row(what="a stalled reader: keyframes on the way", goal="≤ 2", measured=str(waiting), met=waiting <= 2),
@@ -216,11 +227,11 @@ async def _until_idle(server: ServerUnderTest) -> None:
         await asyncio.sleep(0.2)
 
 
-async def _p95(clients: tuple[LoadClient, ...], seconds: float) -> float:
+async def _latencies(clients: tuple[LoadClient, ...], seconds: float) -> list[float]:
     for one in clients:
         one.latencies_s.clear()
     await _walk_all(clients, seconds)
-    return percentile([value for one in clients for value in one.latencies_s], 0.95)
+    return [value for one in clients for value in one.latencies_s]
 
 
 async def _walk_all(clients: tuple[LoadClient, ...], seconds: float) -> None:

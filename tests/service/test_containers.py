@@ -21,9 +21,12 @@ from service.pictures import make_container
 from torchrender.errors import CameraError
 from torchrender.history import RenderHistory
 from torchrender.options import RenderOptions
+from torchrender.raster import rasterize_visibility
 from torchrender.reprojection import reproject
 from torchrender.scene.camera import Cameras
 from torchrender.scene.load import load
+from torchrender.scene.material import Material
+from torchrender.scene.mesh import Mesh
 from torchrender.scene.model import Scene
 
 SIZE = (64, 48)
@@ -44,6 +47,13 @@ def keyframe(scene: Scene, camera: Cameras, count: int, **stamp) -> list[bytes]:
     mark = Stamp(id=5, layers=1 + count, color="webp", quality=100, **stamp)
     first = first_message(mark, camera, image.gbuffer.depth[0], image.radiance[0], render_ms=1.0, plan=None)
     return [first, *(layer_message(mark, k + 1, layer, render_ms=1.0) for k, layer in enumerate(layers))]
+
+
+def square(side: float, z: float, material: int) -> Mesh:
+    """Facing +z."""
+    h = side / 2
+    corners = torch.tensor([[-h, -h, z], [h, -h, z], [h, h, z], [-h, h, z]])
+    return Mesh(vertices=corners, faces=torch.tensor([[0, 1, 2], [0, 2, 3]]), material=material)
 
 
 def read(messages: list[bytes]):
@@ -108,6 +118,37 @@ def test_extra_layers_hold_little_and_nothing_twice(scene):
     sky = sum((image.known & torch.isinf(image.depth)).int() for image in extra)
     assert int(sky.max()) <= 1
     assert not bool((sky.bool() & torch.isinf(first.depth)).any())
+
+
+def test_extra_layers_stay_behind_the_picture_at_its_own_eye(scene):
+    """What comes out from behind an outline must not nibble at the outline."""
+    camera = scene.camera(width=2 * SIZE[0], height=2 * SIZE[1])
+    images = read(keyframe(scene, camera, 2))
+    first, rest = (reproject(depth_images_of(part), camera) for part in (images[:1], images[1:]))
+    front = rest.valid & (rest.depth < 0.99 * first.depth)
+    assert float(rest.valid.float().mean()) > 0.01
+    assert float(front.float().mean()) < 2e-3
+
+
+def test_new_samples_continue_behind_what_hid_them():
+    """A plate before a wall: beside its outline the wall goes on, with the wall's depth and colour."""
+    wall, plate = torch.tensor([0.1, 0.6, 0.2]), torch.tensor([0.9, 0.0, 0.0])
+    scene = Scene(
+        meshes=[square(4.0, 0.0, 0), square(0.5, 1.0, 1)],
+        materials=[Material(diffuse=torch.zeros(3), emission=color) for color in (wall, plate)],
+        ambient=torch.zeros(3),
+    )
+    camera = Cameras.look_at((0.0, 0.0, 3.0), (0.0, 0.0, 0.0), width=96, height=64)
+    image, _ = render_image(scene, camera, Bounds(), PLAIN, RenderHistory())
+    around = cameras_around(camera, image.visibility.depth[0], 2)
+    for layer in extra_layers(image.scene, image.visibility, around, PLAIN, image.history):
+        samples = layer.known & torch.isfinite(layer.depth)
+        assert int(samples.sum()) > 20
+        assert torch.allclose(layer.depth[samples], torch.tensor(3.0))
+        assert torch.allclose(layer.radiance[samples], wall, atol=1e-5)
+        seen = rasterize_visibility(scene.geometry, layer.camera)
+        behind = samples & (seen.depth[0] < 2.5)
+        assert int(behind.sum()) >= 5
 
 
 def test_the_first_extra_camera_goes_where_the_client_goes(scene):

@@ -11,12 +11,11 @@ import urllib.parse
 from collections import deque
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from types import TracebackType
 from typing import Any
 
 import msgspec
-import torch
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection
 from websockets.sync.client import connect as open_socket
@@ -44,9 +43,10 @@ from service.messages import (
     split_blobs,
 )
 from torchrender.buffers import DepthImages
+from torchrender.client.drawing import draw_keyframes
 from torchrender.client.session import StreamClosed, StreamError, post_session
 from torchrender.errors import InputError
-from torchrender.reprojection import Reprojection, ReprojectOptions, reproject
+from torchrender.reprojection import Reprojection, ReprojectOptions
 from torchrender.scene.camera import Cameras
 
 MAX_MESSAGE_BYTES = 2**26
@@ -224,7 +224,8 @@ class StreamClient:
     def view(self, camera: Cameras, *, options: ReprojectOptions | None = None) -> Reprojection:
         """The kept keyframes as other cameras see them, computed here.
 
-        The newest picture goes first; what it does not reach is filled from its extra layers and earlier keyframes.
+        The newest picture goes first; what it does not reach, and what stands in front of it, comes from its extra
+        layers and earlier keyframes.
         ``source`` counts the newest keyframe's images first, then those of the one before it, and so on.
 
         Raises:
@@ -232,21 +233,9 @@ class StreamClient:
         """
         if not self.kept:
             raise InputError("nothing was received yet: call receive() first")
-        camera = replace(camera, far=torch.full_like(camera.far, torch.inf))  # the sky is very far away
         images = [image for keyframe in reversed(self.kept) for image in keyframe.images]
         images = [image for image in images if image.depth.shape == images[0].depth.shape]
-        first = reproject(depth_images_of(images[:1]), camera, options=options)
-        if len(images) == 1 or bool(first.valid.all()):
-            return first
-        rest = reproject(depth_images_of(images[1:]), camera, options=options)
-        own = first.valid
-        return Reprojection(
-            cameras=camera,
-            color=torch.where(own[..., None], first.color, rest.color),
-            depth=torch.where(own, first.depth, rest.depth),
-            valid=own | rest.valid,
-            source=torch.where(own, first.source, torch.where(rest.valid, rest.source + 1, -1)),
-        )
+        return draw_keyframes(images, camera, options=options)
 
     def close(self) -> None:
         """Say goodbye; the session ends."""

@@ -64,7 +64,8 @@ async function decodeKeyframe(buffer, maxPixels) {
 async function answer({ serial, buffer, maxPixels }) {
   try {
     const image = await decodeKeyframe(buffer, maxPixels);
-    self.postMessage({ serial, image }, [image.codes.buffer, image.quads.data.buffer, image.color]);
+    const quads = image.quads;
+    self.postMessage({ serial, image }, [image.codes.buffer, quads.data.buffer, quads.joined.buffer, image.color]);
   } catch (error) {
     self.postMessage({ serial, error: String(error.message ?? error) });
   }

@@ -11,27 +11,31 @@ void main() {
   gl_Position = clip_from_source * vec4(corner.xy, 1.0, corner.z);
 }`;
 
-// Colours are filtered only among texels that lie about on the fragment's plane. At the keyframe's own view the weights select one texel, whose bytes come through.
+// Colours are filtered only among texels of one surface. At the keyframe's own view the weights select one texel, whose
+// bytes come through.
 export const WARP_FRAGMENT = `
 precision highp float;
 precision highp int;
 precision highp usampler2D;
 in vec3 source;
-uniform usampler2D depth;  // codes of 1/z; 65535 where there is no sample
+uniform usampler2D depth;   // codes of 1/z; 65535 where there is no sample
+uniform usampler2D joined;  // which of the four texels around each corner are of one surface
 uniform sampler2D color;
 uniform float code_scale;  // 1/z of code 1
-uniform float footprint;   // width of a pixel at distance 1
 uniform bool trim;         // leave out what lies beside something nearer: there JPEG mixes the colours of both
 layout(location = 0) out vec4 picture;  // display colour; a > 0 tells that the pixel is covered, and how near it is
 
 const float RIP = 0.12;      // share of 1/z by which a fragment may differ from its texel
-const float APART = 3.0;     // footprints by which a neighbouring texel may lie off the fragment's plane
-const float STEEP = 1.0;     // ... or this share of the plane's own change
+const float NEARER = 0.02;   // share of 1/z by which a texel of another surface must be nearer to spoil colours
 const float OCTAVES = 12.0;
 
 float at(ivec2 p) {
   uint code = texelFetch(depth, p, 0).r;
   return code == 65535u ? -1.0 : float(code) * code_scale;
+}
+
+vec3 color_at(ivec2 p) {
+  return texelFetch(color, p, 0).rgb;
 }
 
 void main() {
@@ -42,34 +46,29 @@ void main() {
   vec2 t = fract(place);
   ivec2 low = ivec2(floor(place));
   ivec2 p0 = clamp(low, ivec2(0), last);
-  ivec2 p1 = clamp(low + 1, ivec2(0), last);
-  vec4 near = vec4(at(p0), at(ivec2(p1.x, p0.y)), at(ivec2(p0.x, p1.y)), at(p1));
-  float own = t.y < 0.5 ? (t.x < 0.5 ? near.x : near.y) : (t.x < 0.5 ? near.z : near.w);
-  // 1/z is linear in u and v over a quad: its slopes follow from how all three change over the screen.
-  vec3 right = dFdx(source);
-  vec3 up = dFdy(source);
-  float area = right.x * up.y - right.y * up.x;
-  vec2 slope = area == 0.0 ? vec2(0.0) : vec2(right.z * up.y - up.z * right.y, up.z * right.x - right.z * up.x) / area;
-  vec4 change = slope.x * vec4(-t.x, 1.0 - t.x, -t.x, 1.0 - t.x) + slope.y * vec4(-t.y, -t.y, 1.0 - t.y, 1.0 - t.y);
-  vec4 allowed = step + APART * footprint * max(near, z) + STEEP * abs(change);
-  vec4 alike = vec4(lessThanEqual(abs(near - z - change), allowed)) * vec4(greaterThanEqual(near, vec4(0.0)));
-  bool fringe = trim && any(greaterThan(near - z - change, allowed));
+  ivec2 p3 = clamp(low + 1, ivec2(0), last);
+  ivec2 p1 = ivec2(p3.x, p0.y);
+  ivec2 p2 = ivec2(p0.x, p3.y);
+  ivec2 own = t.y < 0.5 ? (t.x < 0.5 ? p0 : p1) : (t.x < 0.5 ? p2 : p3);
+  float near = at(own);
+  if (near < 0.0 || abs(near - z) > RIP * max(near, z) + step) discard;
+  uint word = texelFetch(joined, clamp(low + 1, ivec2(0), last + 1), 0).r;
+  uint label = (word >> (2u * ((t.x < 0.5 ? 0u : 1u) + (t.y < 0.5 ? 0u : 2u)))) & 3u;
+  uvec4 labels = (uvec4(word) >> uvec4(0u, 2u, 4u, 6u)) & 3u;
+  vec4 alike = vec4(equal(labels, uvec4(label)));
   vec3 c;
   if (alike == vec4(1.0)) {
     c = textureLod(color, source.xy / vec2(last + 1), 0.0).rgb;
   } else {
-    vec4 weight = vec4(1.0 - t.x, t.x, 1.0 - t.x, t.x) * vec4(1.0 - t.y, 1.0 - t.y, t.y, t.y) * alike;
-    float sum = dot(weight, vec4(1.0));
-    if (sum < 0.05) {
-      c = texelFetch(color, clamp(ivec2(floor(source.xy)), ivec2(0), last), 0).rgb;
-    } else {
-      weight /= sum;
-      c = weight.x * texelFetch(color, p0, 0).rgb + weight.y * texelFetch(color, ivec2(p1.x, p0.y), 0).rgb
-        + weight.z * texelFetch(color, ivec2(p0.x, p1.y), 0).rgb + weight.w * texelFetch(color, p1, 0).rgb;
+    if (trim) {
+      vec4 around = vec4(at(p0), at(p1), at(p2), at(p3)) * (1.0 - alike);
+      if (any(greaterThan(around, vec4((1.0 + NEARER) * z + step)))) discard;
     }
+    vec4 weight = vec4(1.0 - t.x, t.x, 1.0 - t.x, t.x) * vec4(1.0 - t.y, 1.0 - t.y, t.y, t.y) * alike;
+    weight /= dot(weight, vec4(1.0));
+    c = weight.x * color_at(p0) + weight.y * color_at(p1) + weight.z * color_at(p2) + weight.w * color_at(p3);
   }
   // The buffer holds 1 - near / depth; steps of 3 % of the depth tell well enough what lies behind what.
-  if (fringe || own < 0.0 || abs(own - z) > RIP * max(own, z) + step) discard;  // last: derivatives need all fragments
   float key = clamp(1.0 + log2(max(1.0 - gl_FragCoord.z, 1e-9)) / OCTAVES, 0.0, 1.0);
   picture = vec4(c, (1.0 + 254.0 * key) / 255.0);
 }`;

@@ -49,8 +49,13 @@ function guessCorners(codes, width, height) {
   return corners;
 }
 
-/** Let the pixels around each image corner that lie on one surface share the mean of their guesses. */
+/**
+ * Let the pixels around each image corner that lie on one surface share the mean of their guesses. Returns who shares
+ * each of the (width + 1) x (height + 1) corners: bits 2k and 2k + 1 hold the group of the upper left, upper right, lower
+ * left and lower right pixel.
+ */
 function joinCorners(codes, corners, width, height, focal) {
+  const joined = new Uint8Array((width + 1) * (height + 1)); // 0: all four
   const near = JOIN_FOOTPRINTS / focal;
   const slots = [0, 0, 0, 0]; // where the four guesses around a corner are kept; -1 where there is no sample
   for (let y = 0; y <= height; y++) {
@@ -64,8 +69,10 @@ function joinCorners(codes, corners, width, height, focal) {
       slots[2] = y < height && x < width && codes[base] !== MISSING ? 4 * base : -1;
       slots[3] = y > 0 && x < width && codes[base - width] !== MISSING ? 4 * (base - width) + 1 : -1;
       joinGroups(codes, corners, slots, near);
+      joined[y * (width + 1) + x] = group[0] | (group[3] << 2) | (group[1] << 4) | (group[2] << 6);
     }
   }
+  return joined;
 }
 
 /** The common cases, quickly: there is no sample, or all four guesses agree. Tells whether that is so. */
@@ -175,14 +182,15 @@ function isFlat(codes, corners, width, x, y, size, tolerance) {
 }
 
 /**
- * Quads of a depth image: `data` holds u, v (source pixels) and 1/z of four corners each, `count` is their number.
+ * Quads of a depth image: `data` holds u, v (source pixels) and 1/z of four corners each, `count` is their number,
+ * `joined` tells which pixels around a corner are of one surface, see `joinCorners`.
  *
  * `codes` are inverse depths near/z times `levels`, MISSING where there is no sample; `scale` is 1/z of code 1; `focal`
  * the focal length in pixels.
  */
 export function buildQuads(codes, width, height, scale, focal) {
   const corners = guessCorners(codes, width, height);
-  joinCorners(codes, corners, width, height, focal);
+  const joined = joinCorners(codes, corners, width, height, focal);
   const tolerance = FLAT_FOOTPRINTS / focal;
   const quads = new QuadList(Math.max(1024, (width * height) >> 3));
   const visit = (x, y, size) => {
@@ -207,5 +215,5 @@ export function buildQuads(codes, width, height, scale, focal) {
     }
   };
   for (let y = 0; y < height; y += LARGEST) for (let x = 0; x < width; x += LARGEST) visit(x, y, LARGEST);
-  return { data: quads.data.slice(0, 12 * quads.count), count: quads.count };
+  return { data: quads.data.slice(0, 12 * quads.count), count: quads.count, joined };
 }

@@ -23,7 +23,7 @@ import {
   WebGLRenderer,
   WebGLRenderTarget,
 } from "../vendor/three/three.module.min.js";
-import { clipFromSource } from "./camera.js";
+import { clipFromSource, eyeOf, length, subtract } from "./camera.js";
 import { COUNT_FRAGMENT, COUNT_TILE, FILL_FRAGMENT, SCREEN_VERTEX, WARP_FRAGMENT, WARP_VERTEX } from "./shaders.js";
 
 const FILL_RADIUS = 8; // pixels
@@ -33,6 +33,9 @@ const BACKDROP = [0.055, 0.063, 0.078];
 const EARLIER_BIAS = 0.004;
 const EXTRA_BIAS = 0.01;
 const STEP_BIAS = 0.001;
+// Seen from the very eye of the preferred picture nothing can come out from behind anything: others only fill holes.
+const SAME_EYE = 0.05; // in clip distances
+const FILL_BIAS = 0.9;
 
 const material = (vertexShader, fragmentShader, uniforms, depth) =>
   new RawShaderMaterial({
@@ -132,14 +135,18 @@ export class Warp {
     const { width, height } = image.header.camera;
     const depth = exact(new DataTexture(image.codes, width, height, RedIntegerFormat, UnsignedShortType), NearestFilter);
     depth.internalFormat = "R16UI";
+    const shared = new DataTexture(image.quads.joined, width + 1, height + 1, RedIntegerFormat, UnsignedByteType);
+    const joined = exact(shared, NearestFilter);
+    joined.internalFormat = "R8UI";
+    joined.unpackAlignment = 1;
     const color = exact(new Texture(image.color), LinearFilter);
     const uniforms = {
       clip_from_source: { value: null },
       depth: { value: depth },
+      joined: { value: joined },
       color: { value: color },
       code_scale: { value: image.scale },
       trim: { value: false },
-      footprint: { value: 1 / Math.min(image.header.camera.fx, image.header.camera.fy) },
     };
     const geometry = new BufferGeometry();
     geometry.setAttribute("corner", new BufferAttribute(image.quads.data, 3));
@@ -154,6 +161,7 @@ export class Warp {
     const picture = { camera, extra: layer > 0, lossy, mesh, uniforms, quads: image.quads.count, bitmap: image.color };
     this.pictures.add(picture);
     this.renderer.initTexture(depth);
+    this.renderer.initTexture(joined);
     this.renderer.initTexture(color);
     return picture;
   }
@@ -175,6 +183,7 @@ export class Warp {
     mesh.geometry.dispose();
     mesh.material.dispose();
     uniforms.depth.value.dispose();
+    uniforms.joined.value.dispose();
     uniforms.color.value.dispose();
     picture.bitmap.close();
   }
@@ -182,8 +191,10 @@ export class Warp {
   /** Warp `pictures`, the preferred one first, into the buffer as `camera` sees them. `near`: clip distance. */
   warp(pictures, camera, near) {
     this.scene.clear();
+    const step = pictures.length ? length(subtract(eyeOf(pictures[0].camera), eyeOf(camera))) : 0;
+    const least = step < SAME_EYE * near ? FILL_BIAS : 0;
     pictures.forEach((picture, rank) => {
-      const bias = rank === 0 ? 0 : (picture.extra ? EXTRA_BIAS : EARLIER_BIAS) + rank * STEP_BIAS;
+      const bias = rank === 0 ? 0 : Math.max(least, picture.extra ? EXTRA_BIAS : EARLIER_BIAS) + rank * STEP_BIAS;
       picture.uniforms.trim.value = rank > 0 && picture.lossy;
       picture.uniforms.clip_from_source.value = clipFromSource(picture.camera, camera, near, bias);
       this.scene.add(picture.mesh);
