@@ -19,6 +19,8 @@ from torchrender.scene.camera import Cameras
 
 SKY = 1e4
 """Distance at which the sky is drawn, in depths of the farthest surface."""
+THIN = 0.02
+"""Share of 1/z by which both neighbours of a sample must be farther, or nearer, for it to be of neither's surface."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +122,7 @@ def plane_normals(depth: Tensor, camera: Cameras) -> Tensor:
 
     A plane's inverse depth is linear in pixel coordinates, ``1/z = m.(u,v,1)``, and its normal is ``-K^T m``. Along
     each axis the neighbour with the more similar inverse depth is taken, which is the one on the same surface; a sample
-    without neighbours faces the camera.
+    without neighbours faces the camera, and so does one between two much farther or much nearer ones, as on a cord.
     """
     inverse = torch.where(torch.isfinite(depth), 1.0 / depth.double(), torch.nan)
     du, dv = _slope(inverse, 1), _slope(inverse, 0)
@@ -132,9 +134,10 @@ def plane_normals(depth: Tensor, camera: Cameras) -> Tensor:
 
 
 def _slope(inverse: Tensor, axis: int) -> Tensor:
-    """One-sided difference along an axis, the smaller of the two; 0 where neither neighbour is there."""
+    """One-sided difference along an axis, the smaller of the two; 0 where neither neighbour is of the same surface."""
     step = inverse.diff(dim=axis)
     edge = torch.full_like(inverse.narrow(axis, 0, 1), torch.nan)
     after, before = torch.cat([step, edge], dim=axis), torch.cat([edge, step], dim=axis)
     smaller = torch.where(before.isnan() | (after.abs() <= before.abs()), after, before)
-    return torch.nan_to_num(smaller)
+    alone = (before * after < 0.0) & (smaller.abs() > THIN * inverse)
+    return torch.nan_to_num(torch.where(alone, 0.0, smaller))

@@ -181,6 +181,14 @@ def test_a_sample_without_neighbours_faces_the_camera():
     assert plane_normals(depth, camera)[1, 1].tolist() == pytest.approx([0.0, 0.0, 1.0], abs=1e-6)
 
 
+def test_a_cord_faces_the_camera():
+    """One pixel wide, before a wall; the sample beside it is of the wall, as before."""
+    camera = Cameras.look_at((0.0, 0.0, 2.0), (0.0, 0.0, 0.0), width=5, height=5)
+    depth = torch.full((5, 5), 3.0)
+    depth[:, 2] = 2.0
+    assert torch.allclose(plane_normals(depth, camera), torch.tensor([0.0, 0.0, 1.0]).expand(5, 5, 3), atol=1e-6)
+
+
 @pytest.mark.parametrize("method", ["conventional", "nonredundant", "depth_peeling"])
 def test_containers_of_every_sampling_method(scene, method):
     view = View(width=SIZE[0], height=SIZE[1])
