@@ -152,9 +152,10 @@ The machine's load was {load:.1f} at the end.
 ## Against the source picture and the Python reprojection
 
 PSNR in dB over display colours. *Still*: the view of the keyframe itself, goal 50. *Moved*: steps of 4 % of the typical
-depth to the right, left, up and ahead against `torchrender.reproject` of the same depth images, off holes (pixels
-beside a hole of either are left out), goal 40. With extra layers, samples of several images compete within a pixel, and
-the two sides choose differently: Python prefers the nearest camera, the client the first image.
+depth to the right, left, up and ahead against the Python client's reprojection of the same depth images, off holes
+(pixels beside a hole of either are left out), goal 40. With extra layers, samples of several images compete within a
+pixel. Both sides show the keyframe unless an extra sample lies one per cent nearer; among extra samples Python prefers
+the nearest camera, the client the first image, and thin geometry makes that visible.
 
 {table(["scene", "still", "moved, keyframe alone", "moved, two extra layers"], agreed)}
 ## Holes
