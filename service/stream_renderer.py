@@ -14,7 +14,6 @@ from service.engine import render_image
 from service.jobs import BITS_STILL, Bounds, MakeKeyframe, MakeLayers
 from service.keyframes import Stamp, enough_bits, first_message, layer_message
 from service.layers import cameras_around, extra_layers
-from service.upscale import surface_colors
 from torchrender.history import RenderHistory
 from torchrender.image import Image
 from torchrender.options import RenderOptions
@@ -82,7 +81,7 @@ class StreamRenderer:
             color=job.color,
             quality=job.quality,
         )
-        message = first_message(stamp, camera, depth, surface_colors(image), render_ms=render_ms, plan=plan)
+        message = first_message(stamp, camera, depth, image.radiance[0], render_ms=render_ms, plan=plan)
         state.begun = Begun(stamp, image, past, around) if around else None
         state.packing_ms = 1e3 * (time.perf_counter() - begin) - render_ms
         return {

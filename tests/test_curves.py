@@ -16,7 +16,7 @@ from torchrender.scene.load import load
 def small() -> dict[str, Any]:
     record = {"flip": 0.2, "psnr": 20.0}
     return {
-        "format": 1,
+        "format": 2,
         "norm": 2.0,
         "weights": {"gbuffer": {"1": [1.0, 10.0, 5.0]}},
         "scenes": {
@@ -69,7 +69,7 @@ def test_a_users_file_comes_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         "{",
         "[]",
         "null",
-        '{"format": 1}',
+        '{"format": 2}',
         '{"format": 7, "weights": {}}',
         '{"format":1,"norm":2,"weights":[],"scenes":{}}',
     ],

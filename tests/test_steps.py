@@ -16,7 +16,7 @@ from torchrender.scene.light import DirectionalLight, RectLight
 from torchrender.scene.model import Scene
 from torchrender.steps import resampled
 
-MODES = ("nearest", "bilinear", "bicubic")
+MODES = ("nearest", "bilinear")
 
 
 @settings(deadline=None, max_examples=40)
@@ -39,8 +39,8 @@ def test_scaled_up_light_is_never_negative_and_keeps_its_place(mode: str) -> Non
 
 def test_fewer_pixels_are_means() -> None:
     fine = torch.rand(1, 12, 12, 3, generator=torch.Generator().manual_seed(1))
-    torch.testing.assert_close(resampled(fine, (4, 6), "bicubic")[0, 0, 0], fine[0, :3, :2].mean(dim=(0, 1)))
-    odd = resampled(fine, (5, 5), "bicubic")
+    torch.testing.assert_close(resampled(fine, (4, 6), "bilinear")[0, 0, 0], fine[0, :3, :2].mean(dim=(0, 1)))
+    odd = resampled(fine, (5, 5), "bilinear")
     torch.testing.assert_close(odd.mean(), fine.mean(), atol=0.05, rtol=0.0)
 
 

@@ -21,7 +21,7 @@ import numpy as np
 
 from torchrender.scene.model import Scene
 
-FORMAT = 1
+FORMAT = 2
 MAX_BYTES = 8 << 20
 ENVIRONMENT = "TORCHRENDER_CURVES"
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from torchrender.buffers import VisibilityBuffer
 from torchrender.checks import as_vector
 from torchrender.effects.shadow_map import ShadowOptions
 from torchrender.effects.soft_shadow import Occluders, occluders
 from torchrender.history import RenderHistory
 from torchrender.hit_shader import HitShader
 from torchrender.options import RenderOptions
+from torchrender.raster import rasterize_visibility
 from torchrender.rays import RayCaster
 from torchrender.reflection.reflectors import ReflectivePixels, reflective_pixels
 from torchrender.scene.camera import Cameras
@@ -28,6 +30,7 @@ class Frame:
     past: RenderHistory
     buffers: dict[str, Any] = field(default_factory=dict)
     mirrors: ReflectivePixels | None = None  # found once, whoever asks first
+    seen: VisibilityBuffer | None = None  # by all pixels of the picture, where fewer are rendered
 
     @property
     def view(self) -> Cameras:
@@ -41,6 +44,12 @@ class Frame:
         shadow = (options.shadows, lasting_shadows(options))
         reflections = (options.reflections, options.reflection, options.tracing, options.reuse, options.supersample)
         self.options, self.past = options, self.past.with_options(shadow, background, reflections)
+
+    def visibility(self) -> VisibilityBuffer:
+        """What every pixel of the picture sees, drawn on first use."""
+        if self.seen is None:
+            self.seen = rasterize_visibility(self.scene.geometry, self.cameras)
+        return self.seen
 
     def reflectors(self) -> ReflectivePixels:
         """The reflective pixels of the G-buffer."""

@@ -42,6 +42,7 @@ class Image:
     cameras: Cameras  # B
     scene: Scene  # with its lights, as it was rendered
     rendered: GBuffer | None = None  # what was shaded, if that has no more pixels than the picture
+    seen: VisibilityBuffer | None = None  # by the picture's own pixels, if it was drawn for the scaling
     buffers: Mapping[str, Any] = field(default_factory=dict)  # those that were asked for, by name
     plan: Plan | None = None  # what was done and why, with predicted and measured times
     timings_ms: Mapping[str, float] = field(default_factory=dict)  # wall time of each step
@@ -70,7 +71,7 @@ class Image:
         """Depth and ids of :attr:`gbuffer`: quicker where that would have to be drawn."""
         if self.rendered is not None and self.rendered.triangle.shape == self.radiance.shape[:3]:
             return self.rendered
-        return rasterize_visibility(self.scene.geometry, self.cameras)
+        return self.seen or rasterize_visibility(self.scene.geometry, self.cameras)
 
     def displayed(self) -> Tensor:
         """(B,H,W,3) linear values in [0,1]: exposed and tone mapped, one exposure for all views."""

@@ -16,7 +16,7 @@ from torchrender.shade import AREA_LIGHTS
 REFLECTIONS = ("clustered", "traced", "environment", "off")
 POINT_SHADOWS = ("maps", "traced")
 AREA_SHADOWS = ("pcss", "hard", "sampled")
-UPSCALING = ("bicubic", "bilinear", "nearest")
+UPSCALING = ("joint", "bilinear", "nearest")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,7 +38,7 @@ class RenderOptions:
     tracing: TraceOptions = field(default_factory=TraceOptions)
     reuse: ReuseOptions | None = field(default_factory=ReuseOptions)  # in pictures with a history; None: never
     supersample: float = 1.0  # rendered pixels per picture pixel and side; 2: two by two; 0.5: a quarter of them
-    upscaling: str = "bilinear"  # from fewer rendered pixels to the picture's
+    upscaling: str = "joint"  # of fewer rendered pixels: "joint": along the surfaces seen, "bilinear", or "nearest"
     buffers: tuple[str, ...] = ()  # what passes make that the picture shall carry, by name; rendered size
     background: ArrayLike | None = None  # linear colour of empty pixels; None: environment, else ambient light
     exposure: float | None = 0.0  # EV for display; None: automatic

@@ -185,8 +185,7 @@ PASSES: tuple[Pass, ...] = (
         summary="blends reflections in and brings the picture to its size",
         knob=_knob(
             "upscaling",
-            {name: {"upscaling": name} for name in ("nearest", "bilinear", "bicubic")},
-            ("no upscaling", {"supersample": 1.0}),
+            {name: {"upscaling": name} for name in ("nearest", "bilinear", "joint")},
             context={"supersample": 0.5},
         ),
     ),

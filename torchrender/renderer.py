@@ -127,6 +127,7 @@ class Run:
             scene=self.frame.scene,
             buffers={name: self.frame.buffers[name] for name in self.knowledge.wanted if name in self.frame.buffers},
             rendered=rendered if self.frame.options.supersample <= 1 else None,
+            seen=self.frame.seen,
             exposure=self.wished.exposure,
             tone_map=self.wished.tone_map,
         )

@@ -9,6 +9,7 @@ from torch import Tensor
 
 from torchrender.buffers import GBuffer, ReflectionLayer, ShadowMap
 from torchrender.effects.clustered_reflection import clustered_reflections
+from torchrender.effects.joint_upsampling import joint_upsampled
 from torchrender.effects.reflection_reuse import reuse_reflections
 from torchrender.effects.shadow_map import light_visibility, render_shadow_map
 from torchrender.effects.soft_shadow import soft_shadow
@@ -134,11 +135,22 @@ def make_picture(frame: Frame) -> Tensor:
     if layer is not None:
         radiance = blend_reflections(frame.scene, frame.buffers["gbuffer"], radiance, layer)
     size = (frame.cameras.height, frame.cameras.width)
-    return radiance if radiance.shape[1:3] == size else resampled(radiance, size, frame.options.upscaling)
+    rows, columns = radiance.shape[1:3]
+    if (rows, columns) == size:
+        return radiance
+    # The compiled scaling knows no gradients: who wants some gets the bilinear one.
+    if frame.options.upscaling == "joint" and (rows < size[0] or columns < size[1]) and not radiance.requires_grad:
+        materials = frame.scene.geometry.material
+        return joint_upsampled(radiance, frame.buffers["gbuffer"], frame.visibility(), materials)
+    return resampled(radiance, size, frame.options.upscaling)
 
 
 def resampled(radiance: Tensor, size: tuple[int, int], upscaling: str) -> Tensor:
-    """Linear radiance (B,h,w,3) at another size (H,W): means where there are more samples, else scaled up."""
+    """Linear radiance (B,h,w,3) at another size (H,W): means where there are more samples, else scaled up.
+
+    Args:
+        upscaling: "nearest", else bilinear.
+    """
     height, width = size
     count, rows, columns, _ = radiance.shape
     if rows % height == 0 and columns % width == 0:
@@ -149,7 +161,5 @@ def resampled(radiance: Tensor, size: tuple[int, int], upscaling: str) -> Tensor
     elif upscaling == "nearest":
         planes = torch.nn.functional.interpolate(planes, size=size, mode="nearest-exact")
     else:
-        planes = torch.nn.functional.interpolate(planes, size=size, mode=upscaling, align_corners=False)
-        # Cubic weights are negative at places: light beside something much brighter would be less than none.
-        planes = planes.clamp_min(0.0)
+        planes = torch.nn.functional.interpolate(planes, size=size, mode="bilinear", align_corners=False)
     return planes.permute(0, 2, 3, 1).contiguous()

@@ -93,6 +93,9 @@ def reflections(load: Load, setting: Setting) -> tuple[float, ...]:
 
 
 def resolve(load: Load, setting: Setting) -> tuple[float, ...]:
-    """Once; pixels of the picture; rendered pixels; reflective ones."""
-    del setting
-    return (1.0, load.picture, load.pixels, load.reflective)
+    """Once; rendered pixels; reflective ones; where these are fewer than the picture's: its pixels, and its triangles
+    if they guide the scaling."""
+    fewer = load.pixels < load.picture
+    guided = fewer and setting.changes.get("upscaling") == "joint"
+    picture, triangles = load.picture if fewer else 0.0, load.triangles if guided else 0.0
+    return (1.0, load.pixels, load.reflective, picture, triangles)

@@ -49,13 +49,13 @@ def budgets(scene, count: int, *, still: bool = False, bounds: Bounds = HUNDRED)
 
 def test_a_budget_is_for_the_whole_keyframe(scene, monkeypatch) -> None:
     """What it took to pack the one before is kept free, half of the budget at most."""
-    slow = stream_renderer.surface_colors
+    slow = stream_renderer.first_message
 
-    def slower(image):
+    def slower(*arguments, **options):
         time.sleep(pause)
-        return slow(image)
+        return slow(*arguments, **options)
 
-    monkeypatch.setattr(stream_renderer, "surface_colors", slower)
+    monkeypatch.setattr(stream_renderer, "first_message", slower)
     pause = 0.02
     first, second = budgets(scene, 2)
     assert first == 100.0

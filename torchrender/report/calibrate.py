@@ -125,8 +125,7 @@ def joint_errors(
     view = views_of(scene, size, 1)[0][:1]
     exact = RenderOptions(reuse=None)
     for step in PASSES:
-        if step.name != "resolve":
-            exact = step.knob.reference.applied(exact)
+        exact = step.knob.reference.applied(exact)
     wanted = render(scene, view, options=exact).displayed()
     found = []
     for number in range(STEPS - 1):
@@ -135,7 +134,7 @@ def joint_errors(
         alone = [
             float(errors[row.name][row.setting]["flip"])
             for row in image.plan.running
-            if row.name != "resolve" and row.setting in errors.get(row.name, {})
+            if row.setting in errors.get(row.name, {}) and row.predicted_error
         ]
         found.append((alone, float(flip(image.displayed(), wanted)[0])))
     return found

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import torch
@@ -11,9 +11,11 @@ from torch import Tensor
 
 from torchrender.buffers import GBuffer, ReflectionLayer
 from torchrender.effects.clustered_reflection import ClusterOptions, clustered_reflections
+from torchrender.effects.joint_upsampling import joint_upsampled
 from torchrender.effects.reflection_reuse import ReuseState, reuse_reflections
 from torchrender.effects.traced_reflection import environment_reflections, trace_reflections
-from torchrender.options import UPSCALING, RenderOptions
+from torchrender.options import RenderOptions
+from torchrender.raster import rasterize
 from torchrender.rays import RayCaster
 from torchrender.reflection.reflectors import reflective_pixels
 from torchrender.renderer import render
@@ -144,6 +146,7 @@ REFLECTION_REUSE = HardEffect(
 
 # ------------------------------------------------------------- whole picture
 
+FILTERS = ("nearest", "bilinear")
 SIZES = ((7, 5), (48, 64), (12, 97))  # height and width: fewer pixels, more, and both
 
 
@@ -151,14 +154,14 @@ def _resampled(subject: Subject) -> Outputs:
     radiance = shade(subject.scene, subject.gbuffer)
     return {
         f"{way} {height} x {width}": resampled(radiance, (height, width), way)
-        for way in UPSCALING
+        for way in FILTERS
         for height, width in SIZES
     }
 
 
 def _grey_stays_grey(subject: Subject, _: Outputs) -> float:
     grey = torch.full((*subject.gbuffer.triangle.shape, 3), 0.4)
-    parts = [resampled(grey, size, way) for way in UPSCALING for size in SIZES]
+    parts = [resampled(grey, size, way) for way in FILTERS for size in SIZES]
     return max(float((part - 0.4).abs().max()) for part in parts)
 
 
@@ -167,11 +170,42 @@ RESOLVE = HardEffect(
     about=VIEW,
     modules=("steps",),
     run=_resampled,
-    # Cubic weights overshoot at corners, by less than half.
-    bounds=lambda s: {f"{way} {h} x {w}": (0.0, 1.45 * s.radiance_limit) for way in UPSCALING for h, w in SIZES},
+    bounds=lambda s: {f"{way} {h} x {w}": (0.0, s.radiance_limit) for way in FILTERS for h, w in SIZES},
     law=Law(
         text="a picture of one colour keeps it at any size: largest difference", deviation=_grey_stays_grey, limit=1e-6
     ),
+)
+
+
+FEWER = (0.5, 0.3)
+"""Rendered pixels per pixel and side."""
+
+
+def _scaled_up(subject: Subject, radiance: Callable[[GBuffer], Tensor]) -> list[Tensor]:
+    scene, made = subject.scene, []
+    for factor in FEWER:
+        few = rasterize(scene, subject.cameras.scaled(factor))
+        made.append(joint_upsampled(radiance(few), few, subject.gbuffer, scene.geometry.material))
+    return made
+
+
+def _guided(subject: Subject) -> Outputs:
+    made = _scaled_up(subject, lambda few: shade(subject.scene, few))
+    return {f"by {1 / factor:g}": radiance for factor, radiance in zip(FEWER, made, strict=True)}
+
+
+def _grey_stays_grey_guided(subject: Subject, _: Outputs) -> float:
+    made = _scaled_up(subject, lambda few: torch.full((*few.triangle.shape, 3), 0.4))
+    return max(float((part - 0.4).abs().max()) for part in made)
+
+
+JOINT_UPSAMPLING = HardEffect(
+    name="joint upsampling",
+    about=VIEW,
+    modules=("effects.joint_upsampling",),
+    run=_guided,
+    bounds=lambda s: {f"by {1 / factor:g}": (0.0, s.radiance_limit) for factor in FEWER},
+    law=Law(text="a picture of one colour keeps it: largest difference", deviation=_grey_stays_grey_guided, limit=1e-6),
 )
 
 
@@ -204,5 +238,6 @@ PICTURE = HardEffect(
 )
 
 MIRRORS = (
-    REFLECTIONS, TRACED_REFLECTIONS, ENVIRONMENT_REFLECTIONS, REFLECTION_REUSE, RESOLVE, PICTURE,
+    REFLECTIONS, TRACED_REFLECTIONS, ENVIRONMENT_REFLECTIONS, REFLECTION_REUSE, RESOLVE, JOINT_UPSAMPLING,
+    PICTURE,
 )  # fmt: skip

@@ -11,37 +11,43 @@ from torchrender.kernels.compile import kernel
 
 
 @kernel(parallel=True)
-def spread_colors(colors, few, many, same, other_surface, left_over, out):
+def spread_colors(colors, few, many, materials, limits, out):
     """``out`` (H,W,3): means of the rendered pixels around each pixel, weighted by nearness and by likeness.
 
     Args:
         colors: (h,w,3) of the rendered pixels.
-        few, many: (depth, surface) of the rendered pixels (h,w) and of all pixels (H,W): the camera depth, and a
-            number that pixels of one object and material share.
-        same: a difference d of inverse depth, as a share of the larger one, weighs ``exp(-(d / same)^2)``.
-        other_surface, left_over: ``other_surface`` is a factor for pixels of other surfaces, ``left_over`` is added to
-            all: they are better than nothing.
+        few, many: (depth, triangle, object) of the rendered pixels (h,w) and of all pixels (H,W); triangle -1: nothing.
+        materials: (F,) by triangle. Pixels of one object and material are of one surface.
+        limits: same, other_surface, left_over. A difference d of inverse depth, as a share of the larger one, weighs
+            ``exp(-(d / same)^2)``; ``other_surface`` is a factor for pixels of other surfaces; ``left_over`` is added
+            to all: they are better than nothing.
 
     The four rendered pixels around a pixel count by their bilinear weights. Where none is of the pixel's surface,
     which is thin then, the sixteen around it count, by tents twice as wide.
     """
-    height, width = many[0].shape
-    rows, columns = few[0].shape
+    depth, triangle, owner = many
+    rough_depth, rough_triangle, rough_owner = few
+    same, other_surface, left_over = limits
+    height, width = depth.shape
+    rows, columns = rough_depth.shape
     for j in prange(height):
         y = (j + 0.5) * (rows / height) - 0.5
         for i in range(width):
             x = (i + 0.5) * (columns / width) - 0.5
-            own, surface = 1.0 / many[0][j, i], many[1][j, i]
+            own, face = 1.0 / depth[j, i], triangle[j, i]
+            material = materials[face] if face >= 0 else -1
             for reach in (1, 2):
                 red, green, blue, weights, likeness = 0.0, 0.0, 0.0, 0.0, 0.0
                 top, left = math.floor(y) + 1 - reach, math.floor(x) + 1 - reach
                 for row in range(top, top + 2 * reach):
                     for column in range(left, left + 2 * reach):
                         r, c = min(max(row, 0), rows - 1), min(max(column, 0), columns - 1)
-                        other = 1.0 / few[0][r, c]
+                        other, seen = 1.0 / rough_depth[r, c], rough_triangle[r, c]
                         apart = abs(own - other) / max(own, other, 1e-30)
                         like = math.exp(-((apart / same) ** 2))
-                        if few[1][r, c] != surface:
+                        if seen != face and (
+                            seen < 0 or materials[seen] != material or rough_owner[r, c] != owner[j, i]
+                        ):
                             like *= other_surface
                         weight = (reach - abs(y - row)) * (reach - abs(x - column))
                         likeness += weight * like
