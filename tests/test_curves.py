@@ -40,7 +40,7 @@ def test_times_are_weighted_sums_and_errors_means() -> None:
 @pytest.mark.parametrize(
     "damage",
     [
-        {"format": 2},
+        {"format": 1},
         {"norm": 0.0},
         {"norm": float("nan")},
         {"weights": {"gbuffer": {"1": [float("nan")]}}},
