@@ -29,6 +29,8 @@ PACKING_SHARE = 0.5
 """Of the budget, at most, that is kept free for making messages."""
 REFINE_MS = 150.0
 """Without a budget a refinement is supersampled where the one before it took less: nobody can interrupt it."""
+STREAMED = RenderOptions(upscaling="joint", fixed=("resolve",))
+"""The depth of all pixels is sent anyway, and colours must not stick to the wrong surface when the view moves."""
 MAX_FINE_PIXELS = 2**23
 
 
@@ -125,7 +127,7 @@ class StreamRenderer:
         self, scene: Scene, camera: Cameras, state: SessionState, job: MakeKeyframe
     ) -> tuple[Image, dict[str, Any], RenderHistory]:
         """Layer 0, its plan, and what it left for the extra layers."""
-        bounds, options = _bounds(job, state.packing_ms), None
+        bounds, options = _bounds(job, state.packing_ms), STREAMED
         if not job.still:
             image, plan = render_image(scene, camera, bounds, options, state.history)
             assert image.history is not None
@@ -134,7 +136,7 @@ class StreamRenderer:
             return image, plan, image.history
         free = bounds.budget_ms is None and bounds.max_error is None
         fine = free and self._affordable(state, job)
-        options = RenderOptions(supersample=2.0) if fine else None
+        options = replace(STREAMED, supersample=2.0 if fine else 1.0)
         begin = time.perf_counter()
         # A refinement is made anew, without reused reflections, and leaves the moving sequence as it was.
         image, plan = render_image(scene, camera, bounds, options, replace(state.history, reuse=None, wanted=False))

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 
 LEARNING = 0.5
 """Weight of the newest picture in a ratio."""
+
+FADING = 0.85
+"""Power that a ratio takes with every picture which does not use its setting: one slow picture, as where kernels are
+loaded for the first time, must not keep a setting out for good."""
 
 LIMIT = 8.0
 """Largest correction of a prediction, up or down."""
@@ -27,6 +31,11 @@ class Pace:
             return own
         others = [value for (known, _), value in self.ratios.items() if known == name]
         return sum(others) / len(others) if others else 1.0
+
+    def aged(self, used: Collection[tuple[str, str]]) -> Pace:
+        """After another picture: ratios of settings that it did not use fade towards 1."""
+        kept = {key: ratio if key in used else ratio**FADING for key, ratio in self.ratios.items()}
+        return replace(self, ratios=kept)
 
     def learned(self, name: str, setting: str, measured_ms: float, raw_ms: float) -> Pace:
         """With what a pass took where the uncorrected prediction was ``raw_ms``; too short ones teach nothing."""

@@ -16,7 +16,7 @@ from torchrender.errors import InputError, OptionError
 from torchrender.history import RenderHistory
 from torchrender.knowledge import WANTED, Knowledge, make_load, question_about, reusable, reuses
 from torchrender.options import RenderOptions
-from torchrender.passes import PASSES, Pass
+from torchrender.passes import PASSES, Pass, find_pass
 from torchrender.plans import Plan, PlanRow
 from torchrender.reasons import Outlook, Verdict
 from torchrender.scene.camera import Cameras
@@ -88,6 +88,18 @@ def _statement(plan: Plan, choice: Choice) -> str:
         return f"a budget of {plan.budget_ms:g} ms leaves little headroom: the cheapest settings are taken"
     where = "" if plan.budget_ms is None else f" within {plan.budget_ms:g} ms"
     return f"no settings reach an error of {plan.max_error:g}{where}: about {choice.predicted_error:.4f} is expected"
+
+
+def check_fixed(options: RenderOptions) -> None:
+    """Refuse to hold passes that there are not, or that stand where no setting of their knob is.
+
+    Raises:
+        InputError: names the pass.
+    """
+    for name in options.fixed:
+        step = find_pass(name)
+        if step.knob.current(options) == CUSTOM:
+            raise InputError(f"fixed: {name} stands at none of its settings {', '.join(step.knob.names)}")
 
 
 def check_buffers(names: Sequence[str]) -> None:
@@ -203,7 +215,7 @@ def _choice(
     settings, loads = {}, {}
     for step in passes:
         names = step.knob.names
-        if step.name in spent:
+        if step.name in spent or step.name in options.fixed:
             names = (step.knob.current(options),)
         settings[step.name] = names
     for name in settings[passes[0].name]:
@@ -244,7 +256,10 @@ def plan(
 
     Raises:
         OptionError: ``budget_ms`` not positive, ``max_error`` outside [0, 1].
+        InputError: ``options.fixed`` names no pass.
     """
     check_wishes(budget_ms, max_error)
+    options = options or RenderOptions()
+    check_fixed(options)
     knowledge = Knowledge.of(scene, camera, history, curves or load_curves())
-    return make_plan(knowledge, options or RenderOptions(), budget_ms, max_error)
+    return make_plan(knowledge, options, budget_ms, max_error)

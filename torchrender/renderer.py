@@ -14,7 +14,16 @@ from torchrender.history import RenderHistory
 from torchrender.image import Image
 from torchrender.options import RenderOptions
 from torchrender.passes import Pass
-from torchrender.planner import CUSTOM, WANTED, Knowledge, check_buffers, check_wishes, make_load, make_plan
+from torchrender.planner import (
+    CUSTOM,
+    WANTED,
+    Knowledge,
+    check_buffers,
+    check_fixed,
+    check_wishes,
+    make_load,
+    make_plan,
+)
 from torchrender.plans import Plan
 from torchrender.scene.camera import Cameras
 from torchrender.scene.load import load
@@ -55,12 +64,13 @@ def render(
 
     Raises:
         SceneFileError: the scene cannot be loaded.
-        InputError: no camera or buffer of that name; a size or an option out of range.
+        InputError: no camera, buffer or pass of that name; a size or an option out of range.
         OptionError: ``budget_ms`` not positive, ``max_error`` outside [0, 1].
     """
     check_wishes(budget_ms, max_error)
     options = options or RenderOptions()
     check_buffers(options.buffers)
+    check_fixed(options)
     clock = StepClock()
     if not isinstance(scene, Scene):
         with clock.measure("load"):
@@ -165,7 +175,7 @@ class Run:
 
     def history(self, plan: Plan) -> RenderHistory:
         """What the next picture of the sequence starts from."""
-        pace = self.knowledge.pace
+        pace = self.knowledge.pace.aged({(row.name, row.setting) for row in plan.running})
         for row in plan.running:
             if row.amounts is not None and row.measured_ms is not None:
                 raw = self.knowledge.curves.time_ms(row.name, row.setting, row.amounts, self.knowledge.name)
