@@ -18,7 +18,7 @@ MIDDLE = (slice(6, 10), slice(10, 16))
 def image(depth: torch.Tensor, grey: int) -> KeyframeImage:
     known = torch.isfinite(depth)
     codes = torch.full((*depth.shape, 3), grey, dtype=torch.uint8)
-    return KeyframeImage(header=cast(Any, None), camera=CAMERA, depth=depth, codes=codes, known=known)
+    return KeyframeImage(header=cast("Any", None), camera=CAMERA, depth=depth, codes=codes, known=known)
 
 
 def wall(z: float) -> torch.Tensor:
