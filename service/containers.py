@@ -122,7 +122,8 @@ def plane_normals(depth: Tensor, camera: Cameras) -> Tensor:
 
     A plane's inverse depth is linear in pixel coordinates, ``1/z = m.(u,v,1)``, and its normal is ``-K^T m``. Along
     each axis the neighbour with the more similar inverse depth is taken, which is the one on the same surface; a sample
-    without neighbours faces the camera, and so does one between two much farther or much nearer ones, as on a cord.
+    without neighbours faces the camera, and so does one whose neighbours are both much farther or nearer, as on a cord,
+    or the only one is.
     """
     inverse = torch.where(torch.isfinite(depth), 1.0 / depth.double(), torch.nan)
     du, dv = _slope(inverse, 1), _slope(inverse, 0)
@@ -139,5 +140,5 @@ def _slope(inverse: Tensor, axis: int) -> Tensor:
     edge = torch.full_like(inverse.narrow(axis, 0, 1), torch.nan)
     after, before = torch.cat([step, edge], dim=axis), torch.cat([edge, step], dim=axis)
     smaller = torch.where(before.isnan() | (after.abs() <= before.abs()), after, before)
-    alone = (before * after < 0.0) & (smaller.abs() > THIN * inverse)
+    alone = ~(before * after >= 0.0) & (smaller.abs() > THIN * inverse)  # a missing neighbour is NaN
     return torch.nan_to_num(torch.where(alone, 0.0, smaller))

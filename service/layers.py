@@ -34,6 +34,10 @@ FEWEST = 3
 """New samples of the nine around a pixel below which its own is left out."""
 CONTINUES = 0.02
 """Share of its depth by which a neighbour of a new sample may be nearer and still continue its surface."""
+ELSEWHERE = 0.4
+"""Share of new samples from which an extra camera stands inside or behind something: nothing of it is sent."""
+ALIKE = 0.9
+"""Cosine above which two ways to go bring the same to light."""
 TOLERANCE = 2e-3
 """Share of its depth that a sample may be off and still be the same surface."""
 
@@ -66,8 +70,10 @@ def extra_layers(
     layers = []
     for camera in cameras:
         seen = rasterize_visibility(scene.geometry, camera)
-        kept, nearest = _grown(_new_pixels(seen, known), seen.depth)
-        new_sky = ~seen.covered[0] & ~sky_shown
+        new, new_sky = _new_pixels(seen, known), ~seen.covered[0] & ~sky_shown
+        if float((new[0] | new_sky).float().mean()) > ELSEWHERE:
+            new, new_sky = torch.zeros_like(new), torch.zeros_like(new_sky)
+        kept, nearest = _grown(new, seen.depth)
         sky_shown = sky_shown | new_sky
         gbuffer = surface_attributes(scene, _only(seen, kept))
         radiance = _shade_few(scene, gbuffer, options, past)
@@ -147,7 +153,8 @@ def cameras_around(
     ahead = torch.as_tensor(direction, dtype=torch.float64)
     if float(ahead.norm()) > 0.0:
         ahead = ahead / ahead.norm()
-        ways = [ahead, *sorted(ways, key=lambda way: -float(way @ ahead))]
+        ways.sort(key=lambda way: -float(way @ ahead))
+        ways = [ahead, *(way for way in ways if float(way @ ahead) < ALIKE), *ways]
     moved = []
     for way in ways[:count]:
         matrix = camera.camera_from_world.clone()

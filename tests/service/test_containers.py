@@ -189,6 +189,40 @@ def test_a_cord_faces_the_camera():
     assert torch.allclose(plane_normals(depth, camera), torch.tensor([0.0, 0.0, 1.0]).expand(5, 5, 3), atol=1e-6)
 
 
+def test_a_sample_whose_only_neighbour_is_of_another_surface_faces_the_camera():
+    """At the border of a mask, beside something near."""
+    camera = Cameras.look_at((0.0, 0.0, 2.0), (0.0, 0.0, 0.0), width=5, height=5)
+    depth = torch.full((5, 5), torch.inf)
+    depth[:, :2], depth[:, 2] = 0.1, 3.0
+    assert torch.allclose(plane_normals(depth, camera)[:, 2], torch.tensor([0.0, 0.0, 1.0]).expand(5, 3), atol=1e-6)
+
+
+def test_extra_cameras_go_different_ways(scene):
+    camera = scene.camera(width=SIZE[0], height=SIZE[1])
+    right = camera.rotation[0, 0]
+    around = cameras_around(camera, torch.full((4, 4), 2.0), 4, direction=right.tolist())
+    steps = [torch.nn.functional.normalize(c.eye[0] - camera.eye[0], dim=0) for c in around]
+    assert float(steps[0] @ right) == pytest.approx(1.0)
+    for k, step in enumerate(steps):
+        assert all(float(step @ other) < 0.9 for other in steps[:k])
+
+
+def test_nothing_is_sent_of_a_camera_that_stands_behind_something():
+    """To the left there is a wall, through which the extra camera would look at a room that nobody sees."""
+    side = torch.tensor([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])  # x to y, y to z, z to x
+    wall, end = square(40.0, 0.0, 0), square(6.0, 0.0, 0)
+    screen = replace(end, vertices=end.vertices @ side.T + torch.tensor([-0.05, 0.0, 1.0]))
+    scene = Scene(meshes=[wall, screen], ambient=torch.ones(3))
+    camera = Cameras.look_at((0.0, 0.0, 4.0), (0.0, 0.0, 0.0), width=96, height=64)
+    image, _ = render_image(scene, camera, Bounds(), PLAIN, RenderHistory())
+    around = cameras_around(camera, image.visibility.depth[0], 2)
+    shares = []
+    for layer in extra_layers(image.scene, image.visibility, around, PLAIN, image.history):
+        shares.append(float(layer.known.float().mean()))
+    assert shares[1] == 0.0
+    assert shares[0] < 0.4
+
+
 @pytest.mark.parametrize("method", ["conventional", "nonredundant", "depth_peeling"])
 def test_containers_of_every_sampling_method(scene, method):
     view = View(width=SIZE[0], height=SIZE[1])

@@ -5,7 +5,7 @@
 const SLOPE_LIMIT = 1.1; // a corner lies within this factor of its sample's depth
 const JOIN_FOOTPRINTS = 2; // corners closer than this many pixel widths are of one surface
 const JOIN_SLOPE = 0.5; // ... or than this share of the tangent plane's own change
-const THIN = 0.02; // share of 1/z by which both neighbours must be farther, or nearer, for a sample to stand alone
+const THIN = 0.02; // share of 1/z by which all neighbours must be farther, or nearer, for a sample to stand alone
 const ROUNDING = 1.5; // codes by which rounding may tear apart two corners
 // Pixel widths by which a sample may lie off the quad of its block: an eye that moves by a twentieth of the distance
 // then sees it 0.06 pixels off.
@@ -23,11 +23,12 @@ const beyond = (code) => code === MISSING || code === 0; // no sample, or sky: n
 function slope(before, own, after) {
   const left = own - before;
   const right = after - own;
-  if (beyond(before)) return beyond(after) ? 0 : right;
-  if (beyond(after)) return left;
+  const most = THIN * own;
+  if (beyond(before)) return beyond(after) || Math.abs(right) > most ? 0 : right;
+  if (beyond(after)) return Math.abs(left) > most ? 0 : left;
   const small = Math.min(Math.abs(left), Math.abs(right));
   if (Math.abs(left - right) <= ROUNDING + 0.5 * small) return 0.5 * (left + right);
-  if (left * right < 0 && small > THIN * own) return 0; // a cord: neither neighbour is of its surface
+  if (left * right < 0 && small > most) return 0; // a cord: neither neighbour is of its surface
   return Math.abs(left) < Math.abs(right) ? left : right;
 }
 
