@@ -89,7 +89,7 @@ function askKey(then) {
 async function loadScenes() {
   for (;;) {
     try {
-      const { scenes } = await request("/v1/scenes", { key });
+      const { scenes } = await request("/v1/scenes", { key, patience: 10_000 });
       return scenes;
     } catch (error) {
       if (error instanceof ServiceError && error.status === 401) await new Promise(askKey);

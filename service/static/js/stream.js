@@ -5,6 +5,7 @@ import { PROTOCOL, TYPE, decodeMessage, encodeMessage } from "./wire.js";
 const FIRST_WAIT = 0.4; // seconds
 const LONGEST_WAIT = 5;
 const OPEN_TIMEOUT = 8000; // ms until WELCOME
+const PATIENCE = 60_000; // ms for an answer: a scene that is not loaded yet takes seconds, a lost request for ever
 const MAX_BUFFERED = 65536; // bytes that wait in the socket: then poses are left out, newer ones follow anyway
 
 export class ServiceError extends Error {
@@ -16,10 +17,10 @@ export class ServiceError extends Error {
 }
 
 /** JSON of a request to the service; an error tells the problem document's detail. */
-export async function request(path, { key, ...options } = {}) {
+export async function request(path, { key, patience = PATIENCE, ...options } = {}) {
   const headers = { Accept: "application/json", ...options.headers };
   if (key) headers.Authorization = `Bearer ${key}`;
-  const response = await fetch(path, { ...options, headers });
+  const response = await fetch(path, { ...options, headers, signal: AbortSignal.timeout(patience) });
   const body = await response.json().catch(() => ({}));
   if (!response.ok) {
     const wait = Number(response.headers.get("Retry-After"));
