@@ -20,7 +20,7 @@ from torchrender.scene.camera import Cameras
 SKY = 1e4
 """Distance at which the sky is drawn, in depths of the farthest surface."""
 THIN = 0.02
-"""Share of 1/z by which both neighbours of a sample must be farther, or nearer, for it to be of neither's surface."""
+"""Share of 1/z by which all neighbours of a sample must be farther, or nearer, for it to be of none's surface."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from dataclasses import dataclass
 from typing import Any
@@ -43,10 +42,8 @@ def enough_bits(focal: float, nearest: float, typical: float) -> Bits:
     that error, for an eye that is ``shift`` away from the keyframe's.
 
     Args:
-        focal: pixels. nearest, typical: depths, scene units; +inf where nothing is seen.
+        focal: pixels. nearest, typical: depths, scene units; where nothing is seen +inf and 0.
     """
-    if not nearest < math.inf:
-        return BITS[0]
     slip = focal * REACH * typical / nearest * 0.5
     return next((bits for bits in BITS if slip <= SLIP * (2**bits - 1)), BITS[-1])
 

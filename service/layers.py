@@ -133,6 +133,12 @@ def _only(seen: VisibilityBuffer, kept: Tensor) -> VisibilityBuffer:
     )
 
 
+def typical_depth(depth: Tensor) -> float:
+    """Median of finite depths; 0 where there is none."""
+    finite = depth[torch.isfinite(depth)]
+    return float(finite.median()) if len(finite) else 0.0
+
+
 def cameras_around(
     camera: Cameras, depth: Tensor, count: int, *, direction: Sequence[float] = (0, 0, 0), baseline: float = 0.0
 ) -> list[Cameras]:
@@ -145,8 +151,7 @@ def cameras_around(
     """
     if not count:
         return []
-    finite = depth[torch.isfinite(depth)]
-    typical = float(finite.median()) if len(finite) else 10.0 * float(camera.near[0])
+    typical = typical_depth(depth) or 10.0 * float(camera.near[0])
     reach = min(max(baseline, BASELINE * typical), MAX_BASELINE * typical)
     right, down = camera.rotation[0, 0], camera.rotation[0, 1]
     ways = [right, -right, -down, down]

@@ -7,13 +7,11 @@ from collections import OrderedDict
 from dataclasses import dataclass, replace
 from typing import Any
 
-import torch
-
 from service.cameras import cameras_of
 from service.engine import render_image
 from service.jobs import BITS_STILL, Bounds, MakeKeyframe, MakeLayers
 from service.keyframes import Stamp, enough_bits, first_message, layer_message
-from service.layers import cameras_around, extra_layers
+from service.layers import cameras_around, extra_layers, typical_depth
 from torchrender.history import RenderHistory
 from torchrender.image import Image
 from torchrender.options import RenderOptions
@@ -69,9 +67,7 @@ class StreamRenderer:
         image, plan, past = self._picture(scene, camera, state, job)
         render_ms = 1e3 * (time.perf_counter() - begin)
         depth = image.visibility.depth[0]
-        few = depth[::4, ::4]
-        finite = few[torch.isfinite(few)]
-        typical = float(finite.median()) if len(finite) else 0.0
+        typical = typical_depth(depth[::4, ::4])
         around = cameras_around(camera, depth, job.layers, direction=job.direction, baseline=job.baseline)
         stamp = Stamp(
             id=job.id,
@@ -127,9 +123,9 @@ class StreamRenderer:
         self, scene: Scene, camera: Cameras, state: SessionState, job: MakeKeyframe
     ) -> tuple[Image, dict[str, Any], RenderHistory]:
         """Layer 0, its plan, and what it left for the extra layers."""
-        bounds, options = _bounds(job, state.packing_ms), STREAMED
+        bounds = _bounds(job, state.packing_ms)
         if not job.still:
-            image, plan = render_image(scene, camera, bounds, options, state.history)
+            image, plan = render_image(scene, camera, bounds, STREAMED, state.history)
             assert image.history is not None
             state.history = image.history
             self._scenes[job.scene.id] = replace(image.history, reuse=None, report=None)

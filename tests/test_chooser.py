@@ -136,6 +136,7 @@ def test_predictions_learn_within_limits() -> None:
     assert pace.learned("gbuffer", "1", 40.0, 10.0).ratio("gbuffer", "1") == pytest.approx(3.0)
     assert Pace().learned("a", "b", 1e9, 1.0).ratio("a", "b") == LIMIT
     assert Pace().learned("a", "b", 1.0, 1e9).ratio("a", "b") == 1 / LIMIT
+    assert Pace().learned("a", "b", 5.0, 0.0) == Pace()
 
 
 def test_what_one_picture_took_does_not_count_for_ever() -> None:
@@ -145,4 +146,3 @@ def test_what_one_picture_took_does_not_count_for_ever() -> None:
         pace = pace.aged({("a", "c")})
     assert 1.0 < pace.ratio("a", "b") < 1.2
     assert pace.ratio("a", "c") == 2.0
-    assert Pace().learned("a", "b", 5.0, 0.0) == Pace()

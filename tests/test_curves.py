@@ -71,7 +71,7 @@ def test_a_users_file_comes_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         "null",
         '{"format": 2}',
         '{"format": 7, "weights": {}}',
-        '{"format":1,"norm":2,"weights":[],"scenes":{}}',
+        '{"format":2,"norm":2,"weights":[],"scenes":{}}',
     ],
 )
 def test_a_damaged_file_is_ignored_with_a_warning(text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

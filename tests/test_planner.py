@@ -314,25 +314,23 @@ def test_curves_without_measurements_predict_nothing(box: Scene) -> None:
     assert plan.predicted_ms is None and "in all" in str(plan)
 
 
-def test_a_budget_leaves_fixed_passes_alone() -> None:
-    scene = load("cornell_box")
-    camera = scene.camera(width=64, height=48)
+def test_a_budget_leaves_fixed_passes_alone(box: Scene) -> None:
+    camera = view(box, 64)
     for upscaling in ("nearest", "joint"):
         options = RenderOptions(upscaling=upscaling, fixed=("resolve",))
-        made = tr.plan(scene, camera, options=options, budget_ms=5.0)
+        made = tr.plan(box, camera, options=options, budget_ms=5.0)
         assert made.options.upscaling == upscaling
         assert made.options.supersample < 1
-        assert tr.render(scene, camera, options=options, budget_ms=5.0).plan.options.upscaling == upscaling
+        assert tr.render(box, camera, options=options, budget_ms=5.0).plan.options.upscaling == upscaling
 
 
-def test_what_cannot_be_fixed_is_named() -> None:
-    scene = load("cornell_box")
-    camera = scene.camera(width=8, height=8)
+def test_what_cannot_be_fixed_is_named(box: Scene) -> None:
+    camera = view(box, 8)
     for options, words in (
         (RenderOptions(fixed=("fog",)), "no pass 'fog'"),
         (RenderOptions(fixed=("gbuffer",), supersample=1.3), "gbuffer stands at none of its settings"),
     ):
         with pytest.raises(InputError, match=words):
-            tr.plan(scene, camera, options=options, budget_ms=5.0)
+            tr.plan(box, camera, options=options, budget_ms=5.0)
         with pytest.raises(InputError, match=words):
-            tr.render(scene, camera, options=options)
+            tr.render(box, camera, options=options)

@@ -62,16 +62,18 @@ class Image:
     @cached_property
     def gbuffer(self) -> GBuffer:
         """What every pixel of the picture sees; drawn on first use if the picture was rendered at another size."""
-        if self.rendered is not None and self.rendered.triangle.shape == self.radiance.shape[:3]:
-            return self.rendered
-        return rasterize(self.scene, self.cameras)
+        return self._shaded_whole or rasterize(self.scene, self.cameras)
 
     @cached_property
     def visibility(self) -> VisibilityBuffer:
         """Depth and ids of :attr:`gbuffer`: quicker where that would have to be drawn."""
-        if self.rendered is not None and self.rendered.triangle.shape == self.radiance.shape[:3]:
-            return self.rendered
-        return self.seen or rasterize_visibility(self.scene.geometry, self.cameras)
+        return self._shaded_whole or self.seen or rasterize_visibility(self.scene.geometry, self.cameras)
+
+    @property
+    def _shaded_whole(self) -> GBuffer | None:
+        """What was shaded, if that has the picture's size."""
+        whole = self.rendered is not None and self.rendered.triangle.shape == self.radiance.shape[:3]
+        return self.rendered if whole else None
 
     def displayed(self) -> Tensor:
         """(B,H,W,3) linear values in [0,1]: exposed and tone mapped, one exposure for all views."""

@@ -8,7 +8,6 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-import torch
 
 from service.cameras import cameras_of, header_of
 from service.codec import decode_color, decode_depth, display_bytes, encode_color, encode_depth
@@ -16,7 +15,7 @@ from service.containers import KeyframeImage, depth_images_of, read_container
 from service.engine import render_image
 from service.jobs import Bounds
 from service.keyframes import Stamp, enough_bits, first_message, layer_message
-from service.layers import cameras_around, extra_layers
+from service.layers import cameras_around, extra_layers, typical_depth
 from service.load_test.rows import Effort, Row
 from torchrender.history import RenderHistory
 from torchrender.options import RenderOptions
@@ -37,7 +36,7 @@ def codec_rows(effort: Effort) -> list[Row]:
     image, _ = render_image(scene, camera, Bounds(), RenderOptions(reflections="environment"))
     depth, radiance = image.gbuffer.depth[0], image.radiance[0]
     codes = display_bytes(radiance)
-    bits = enough_bits(header_of(camera).fx, float(depth.min()), float(depth[torch.isfinite(depth)].median()))
+    bits = enough_bits(header_of(camera).fx, float(depth.min()), typical_depth(depth))
     encoded, jpeg = encode_depth(depth, bits=bits), encode_color(codes, "jpeg", quality=85)
     size = {"width": 1280, "height": 720}
     depth_ms = _median_ms(lambda: encode_depth(depth, bits=bits))
@@ -111,7 +110,7 @@ def _psnr(image: KeyframeImage) -> float:
 def _holes(name: str, images: list[KeyframeImage], share: float) -> Row:
     """Mean over steps to both sides, in the middle of the view."""
     depth = images[0].depth
-    step = share * float(depth[torch.isfinite(depth)].median())
+    step = share * typical_depth(depth)
     alone, together = [], []
     for sign in (-1.0, 1.0):
         view = _aside(images[0].camera, sign * step)

@@ -134,6 +134,7 @@ def joint_errors(
         alone = [
             float(errors[row.name][row.setting]["flip"])
             for row in image.plan.running
+            # A plan predicts no error for a setting that does not show.
             if row.setting in errors.get(row.name, {}) and row.predicted_error
         ]
         found.append((alone, float(flip(image.displayed(), wanted)[0])))

@@ -200,7 +200,7 @@ def _grey_stays_grey_guided(subject: Subject, _: Outputs) -> float:
 
 
 JOINT_UPSAMPLING = HardEffect(
-    name="joint upsampling",
+    name="joint_upsampling",
     about=VIEW,
     modules=("effects.joint_upsampling",),
     run=_guided,
