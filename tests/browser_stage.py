@@ -16,6 +16,7 @@ import sys
 import tempfile
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -188,6 +189,18 @@ class Visit:
         """Until a JavaScript condition holds."""
         self.page.wait_for_function(condition, timeout=timeout)
 
+    def rest(self) -> None:
+        """Until what was pressed, dragged and let go is done and the view stands still."""
+        frames = self.state("stats")["frames"]
+        self.wait(f"() => window.torchrender.stats.frames > {frames + 1} && !window.torchrender.moving")
+
+    def hold(self, key: str, seconds: float = 0.4) -> None:
+        """Press a key for a while, and wait until the view stands still."""
+        self.page.keyboard.down(key)
+        self.page.wait_for_timeout(1000 * seconds)
+        self.page.keyboard.up(key)
+        self.rest()
+
     def state(self, name: str) -> Any:
         """A property of ``window.torchrender``."""
         return self.page.evaluate(f"() => window.torchrender.{name}")
@@ -207,6 +220,13 @@ class Visit:
     def messages(self, kind: Type) -> list[Message]:
         """What the page sent, of one type."""
         return [decode(data).message for data in self.sent if data[5] == kind]
+
+    def wait_for_message(self, kind: Type, fits: Callable[[Any], bool]) -> None:
+        """Until the page has sent a message of one type that fits."""
+        end = time.monotonic() + FRAME_MS / 1000
+        while not any(fits(message) for message in self.messages(kind)):
+            assert time.monotonic() < end, f"none of {self.messages(kind)} fits"
+            self.page.wait_for_timeout(20)
 
     def layers(self, number: int) -> list[bytes]:
         """The messages of keyframe ``number``, layer by layer."""

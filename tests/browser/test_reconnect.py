@@ -14,13 +14,6 @@ def eye(visit: Visit) -> np.ndarray[Any, Any]:
     return np.array(visit.state("camera")["world_from_camera"]).reshape(4, 4)[:3, 3]
 
 
-def walk(visit: Visit) -> None:
-    visit.page.keyboard.down("KeyS")
-    visit.page.wait_for_timeout(300)
-    visit.page.keyboard.up("KeyS")
-    visit.page.wait_for_timeout(300)
-
-
 def test_a_dropped_connection_resumes_its_session(browser: Any, service: Service) -> None:
     relay = Relay(service.port)
     context = browser.new_context()
@@ -64,7 +57,7 @@ def test_a_killed_server_is_survived(visit: Callable[..., Visit], service: Servi
     page.wait("() => window.torchrender.state === 'waiting'", 10_000)
     assert "reconnecting" in page.page.locator("#status").inner_text()
     place = eye(page)
-    walk(page)
+    page.hold("KeyS", 0.3)
     assert np.abs(eye(page) - place).max() > 0, "walking goes on without a server"
     assert page.capture()[1].mean() > 0.5
     place, count = eye(page), page.state("stats")["keyframes"]

@@ -135,10 +135,10 @@ export class Client {
       this.hooks.frame(passed);
     }
     this.counts.frames++;
-    const moved = this.walker.step(passed / 1000);
-    if ((moved || this.dirty) && !this.lost) this.draw();
+    this.moving = this.walker.step(passed / 1000);
+    if ((this.moving || this.dirty) && !this.lost) this.draw();
     this.measureHoles(now);
-    this.sendPose(moved);
+    this.sendPose();
     if (this.counts.frames % 15 === 0) this.hooks.figures(this.stats);
   }
 
@@ -178,8 +178,9 @@ export class Client {
   }
 
   /** Tell the newest pose, at most every POSE_INTERVAL, and once more when the movement ends. */
-  sendPose(moved) {
+  sendPose() {
     const now = performance.now();
+    const moved = this.moving;
     const camera = this.walker.camera;
     if (this.state !== "live" || !camera || now - this.pose.sent < POSE_INTERVAL) return;
     if (identical(camera, this.pose.camera) && this.pose.moving === moved) return;

@@ -132,6 +132,9 @@ function expose() {
     get camera() {
       return structuredClone(client.walker.camera);
     },
+    get moving() {
+      return client.moving;
+    },
     get keyframes() {
       return client.keyframes.groups.map(({ header, extra }) => structuredClone({ ...header, received: 1 + extra.length }));
     },
