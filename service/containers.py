@@ -121,9 +121,9 @@ def plane_normals(depth: Tensor, camera: Cameras) -> Tensor:
     """(H,W,3) unit world normals that face the camera, from depth (H,W).
 
     A plane's inverse depth is linear in pixel coordinates, ``1/z = m.(u,v,1)``, and its normal is ``-K^T m``. Along
-    each axis the neighbour with the more similar inverse depth is taken, which is the one on the same surface; a sample
-    without neighbours faces the camera, and so does one whose neighbours are both much farther or nearer, as on a cord,
-    or the only one is.
+    each axis it is the mean of both neighbours' where these agree, and else that of the neighbour with the more similar
+    inverse depth, which is the one on the same surface. A sample without neighbours faces the camera, and so does one
+    whose neighbours are both much farther or nearer, as on a cord, or the only one is.
     """
     inverse = torch.where(torch.isfinite(depth), 1.0 / depth.double(), torch.nan)
     du, dv = _slope(inverse, 1), _slope(inverse, 0)
@@ -135,10 +135,11 @@ def plane_normals(depth: Tensor, camera: Cameras) -> Tensor:
 
 
 def _slope(inverse: Tensor, axis: int) -> Tensor:
-    """One-sided difference along an axis, the smaller of the two; 0 where neither neighbour is of the same surface."""
+    """The change along an axis on one surface; 0 where neither neighbour is of it. As static/js/surface.js does it."""
     step = inverse.diff(dim=axis)
     edge = torch.full_like(inverse.narrow(axis, 0, 1), torch.nan)
     after, before = torch.cat([step, edge], dim=axis), torch.cat([edge, step], dim=axis)
     smaller = torch.where(before.isnan() | (after.abs() <= before.abs()), after, before)
     alone = ~(before * after >= 0.0) & (smaller.abs() > THIN * inverse)  # a missing neighbour is NaN
-    return torch.nan_to_num(torch.where(alone, 0.0, smaller))
+    agree = (after - before).abs() <= 0.5 * smaller.abs()
+    return torch.nan_to_num(torch.where(agree, 0.5 * (after + before), torch.where(alone, 0.0, smaller)))

@@ -9,6 +9,7 @@ import pytest
 from PIL import Image as PilImage
 
 from browser_stage import Service, Visit, camera_of, grown, moved, pictures_of, psnr, reprojected
+from browser_surface import drawn_exactly, page_image
 from service.containers import KeyframeImage
 
 DIRECTIONS = {"right": (1, 0, 0), "up": (0, -1, 0), "ahead": (0, 0, 1), "back and left": (-0.6, 0.5, -0.6)}
@@ -77,6 +78,22 @@ def test_layers_agree_with_the_python_reprojection(room: Visit, source: list[Key
     assert psnr(shown, expected, ~grown(~(covered & valid))) >= 36.0
     difference = np.abs(shown.astype(int) - expected).max(axis=-1)[covered & valid]
     assert (difference > 16).mean() < 0.02
+
+
+@pytest.mark.parametrize("direction", DIRECTIONS)
+@pytest.mark.parametrize("layers", [0, 2])
+def test_the_surfaces_are_those_of_python(
+    room: Visit, source: list[KeyframeImage], layers: int, direction: str
+) -> None:
+    """Without the rounding of the browser's graphics."""
+    messages = room.layers(room.state("keyframes")[0]["id"])
+    images = [page_image(room.page, *pair) for pair in zip(messages, source, strict=True)][: layers + 1]
+    step = 0.041 * typical_depth(source)
+    view = camera_of(moved(room.state("camera"), *(step * way for way in DIRECTIONS[direction])))
+    shown, covered = drawn_exactly(images, view)
+    expected, valid = reprojected(source[: layers + 1], view)
+    assert (covered != valid).mean() < 0.002
+    assert psnr(shown, expected, ~grown(~(covered & valid))) >= 46.0
 
 
 @pytest.mark.parametrize("share", [0.02, 0.05])

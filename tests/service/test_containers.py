@@ -174,6 +174,19 @@ def test_normals_of_a_plane():
     assert float((found[inside] - wanted).abs().amax()) < 1e-3
 
 
+def test_normals_of_a_bent_surface_are_between_those_towards_both_sides():
+    """A parabola of inverse depth: the mean of both differences is its derivative, either alone is half a step off."""
+    camera = Cameras.look_at((0.0, 0.0, 2.0), (0.0, 0.0, 0.0), width=24, height=3, fov_deg=60.0)
+    u = torch.arange(24, dtype=torch.float64) + 0.5
+    inverse = 0.5 + 2e-4 * u**2
+    found = plane_normals((1.0 / inverse).expand(3, 24), camera)[1, 12].double() @ camera.rotation[0].T
+    slope = 4e-4 * u[12]
+    focal, centre = camera.intrinsics[0, 0, 0], camera.intrinsics[0, 0, 2]
+    rest = inverse[12] - slope * (u[12] - centre)
+    wanted = -torch.stack([focal * slope, torch.zeros_like(rest), rest])
+    assert torch.allclose(found, wanted / wanted.norm(), atol=1e-5)
+
+
 def test_a_sample_without_neighbours_faces_the_camera():
     camera = Cameras.look_at((0.0, 0.0, 2.0), (0.0, 0.0, 0.0), width=3, height=3)
     depth = torch.full((3, 3), torch.inf)

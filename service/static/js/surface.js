@@ -3,6 +3,7 @@
 // linear in 1/z over the image, so all of this is linear arithmetic on the codes.
 
 const SLOPE_LIMIT = 1.1; // a corner lies within this factor of its sample's depth
+// The tolerances of the Python reconstruction (torchrender/geometry/corners.py), so that both draw the same surfaces.
 const JOIN_FOOTPRINTS = 2; // corners closer than this many pixel widths are of one surface
 const JOIN_SLOPE = 0.5; // ... or than this share of the tangent plane's own change
 const THIN = 0.02; // share of 1/z by which all neighbours must be farther, or nearer, for a sample to stand alone
@@ -12,8 +13,8 @@ const ROUNDING = 1.5; // codes by which rounding may tear apart two corners
 const FLAT_FOOTPRINTS = 1.2;
 const FLAT_CODES = 1.0;
 const LARGEST = 16; // pixels along a side of a block
-// Pixels by which quads overlap, so that such errors and rounding leave no cracks between them.
-const OVERLAP = 0.01;
+// Pixels by which blocks overlap their neighbours, so that such errors and rounding leave no cracks between them. Single
+// quads share their corners to the bit and need none.
 const BLOCK_OVERLAP = 0.05;
 export const MISSING = 65535; // code of a pixel without sample
 
@@ -99,22 +100,23 @@ function joinAll(codes, corners, a, b, c, d, near) {
 const group = [0, 1, 2, 3];
 const value = new Float64Array(4);
 
-/** Neighbours in the ring that agree become one group; every group takes its mean. */
+/** Pixels whose guesses agree become one group, by way of others, too; every group takes its mean. */
 function joinGroups(codes, corners, slots, near) {
   for (let k = 0; k < 4; k++) {
     group[k] = k;
     value[k] = slots[k] < 0 ? 0 : corners[slots[k]];
   }
   for (let k = 0; k < 4; k++) {
-    const next = (k + 1) & 3;
-    if (slots[k] < 0 || slots[next] < 0 || group[k] === group[next]) continue;
-    const own = codes[slots[k] >> 2];
-    const other = codes[slots[next] >> 2];
-    const change = Math.max(Math.abs(value[k] - own), Math.abs(value[next] - other));
-    const limit = ROUNDING + near * Math.max(own, other) + JOIN_SLOPE * change;
-    if (Math.abs(value[k] - value[next]) > limit) continue;
-    const old = group[next];
-    for (let m = 0; m < 4; m++) if (group[m] === old) group[m] = group[k];
+    for (let next = k + 1; next < 4; next++) {
+      if (slots[k] < 0 || slots[next] < 0 || group[k] === group[next]) continue;
+      const own = codes[slots[k] >> 2];
+      const other = codes[slots[next] >> 2];
+      const change = Math.min(Math.abs(value[k] - own), Math.abs(value[next] - other));
+      const limit = ROUNDING + near * Math.min(own, other) + JOIN_SLOPE * change;
+      if (Math.abs(value[k] - value[next]) > limit) continue;
+      const old = group[next];
+      for (let m = 0; m < 4; m++) if (group[m] === old) group[m] = group[k];
+    }
   }
   for (let k = 0; k < 4; k++) {
     if (slots[k] < 0) continue;
@@ -143,7 +145,7 @@ class QuadList {
       grown.set(this.data);
       this.data = grown;
     }
-    const overlap = size === 1 ? OVERLAP : BLOCK_OVERLAP;
+    const overlap = size === 1 ? 0 : BLOCK_OVERLAP;
     const e = overlap / size;
     const low = -overlap;
     const high = size + overlap;
