@@ -67,7 +67,7 @@ class StreamRenderer:
         image, plan, past = self._picture(scene, camera, state, job)
         render_ms = 1e3 * (time.perf_counter() - begin)
         depth = image.visibility.depth[0]
-        typical = typical_depth(depth[::4, ::4])
+        typical = typical_depth(depth)
         around = cameras_around(camera, depth, job.layers, direction=job.direction, baseline=job.baseline)
         stamp = Stamp(
             id=job.id,
