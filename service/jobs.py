@@ -150,6 +150,16 @@ class MakeLayers(msgspec.Struct, frozen=True, kw_only=True, tag=True):
     id: int
 
 
+class SmoothKeyframe(msgspec.Struct, frozen=True, kw_only=True, tag=True):
+    """One more picture of the refinement that was made last for a session, part of a pixel aside.
+
+    With the last of them comes their mean, as layer 0 of the keyframe ``id``.
+    """
+
+    session: str
+    id: int
+
+
 class Forget(msgspec.Struct, frozen=True, kw_only=True, tag=True):
     """Drop what is kept for a session or a scene."""
 
@@ -158,7 +168,7 @@ class Forget(msgspec.Struct, frozen=True, kw_only=True, tag=True):
 
 
 SceneJob = Describe | Locate | Render | Plan | DepthImages | MakeKeyframe
-Job = SceneJob | Validate | Tradeoff | Reproject | MakeLayers | Forget
+Job = SceneJob | Validate | Tradeoff | Reproject | MakeLayers | SmoothKeyframe | Forget
 
 
 class Failure(msgspec.Struct, frozen=True, kw_only=True):

@@ -30,6 +30,7 @@ class Stamp:
     pose: int = -1
     time_ms: float = 0.0
     still: bool = False
+    samples: int = 1
     bits: Bits = BITS_STILL
     color: ColorCodec = "jpeg"
     quality: int = QUALITY_MOVING  # 100: WebP without loss
@@ -85,6 +86,7 @@ def _message(
         layer=number,
         layers=stamp.layers,
         still=stamp.still,
+        samples=stamp.samples,
         depth=DepthBlob(codec="pz1", bits=stamp.bits, near=encoded.near, length=len(encoded.data), error=encoded.error),
         color=ColorBlob(codec=stamp.color, length=len(blobs[1])),
         mask=None if known is None else MaskBlob(length=len(blobs[2])),

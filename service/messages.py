@@ -136,6 +136,7 @@ class Keyframe(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     layer: Annotated[int, Meta(ge=0, le=255)]
     layers: Annotated[int, Meta(ge=1, le=256)]
     still: bool
+    samples: Annotated[int, Meta(ge=1, le=256)] = 1  # pictures whose mean the colours are
     depth: DepthBlob
     color: ColorBlob
     mask: MaskBlob | None = None

@@ -5,7 +5,7 @@ Nothing here waits or sends; times are seconds of any one clock.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from service.messages import CREDITS, Ack, CameraHeader, Pose
 from service.prediction import MAX_HOLES, needs_keyframe, predicted, same_view
@@ -23,6 +23,7 @@ class Shown:
     overscan: float
     typical_depth: float
     still: bool
+    smooth: bool = False  # or cannot become so
 
 
 @dataclass(eq=False)
@@ -91,7 +92,7 @@ class Placement:
     # ------------------------------------------------------------ for server
 
     def due(self, now: float) -> str | None:
-        """Which kind of keyframe is wanted: "moving", "still" or None."""
+        """Which kind of keyframe is wanted: "moving", "still", "smooth" (still, the mean of several) or None."""
         pose, shown = self.pose, self._shown
         if pose is None or len(self._flights) >= CREDITS:
             return None
@@ -103,7 +104,11 @@ class Placement:
         if self._holes > MAX_HOLES and not exact and now - self._moved_at < self._still_s:
             return "moving"
         rested = now - self._moved_at >= self._still_s and not self._going(pose, now)
-        return "still" if rested and not (exact and shown.still) else None
+        if not rested:
+            return None
+        if not (exact and shown.still):
+            return "still"
+        return None if shown.smooth else "smooth"
 
     def patience(self, now: float, longest: float) -> float:
         """Seconds until something may become due without a message."""
@@ -128,6 +133,11 @@ class Placement:
         """It is rendered; whether anybody still waits for it."""
         self._shown, self._holes = shown, 0.0
         return number in self._flights
+
+    def smoothed(self) -> None:
+        """The view at rest is there as the mean of several pictures, or will not be."""
+        assert self._shown is not None
+        self._shown = replace(self._shown, smooth=True)
 
     def failed(self, number: int) -> None:
         """It is not coming."""

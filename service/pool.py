@@ -212,6 +212,10 @@ class Pool:
         """All renderers run."""
         return all(r.ready for r in self._renderers)
 
+    def idle(self, renderer: int) -> bool:
+        """Whether a renderer (of :meth:`choose`) has nothing to do."""
+        return self._renderers[renderer].load == 0
+
     @property
     def waiting(self) -> int:
         """Jobs waiting or running."""

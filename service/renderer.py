@@ -39,6 +39,8 @@ class Renderer:
             return tradeoff(job.name)
         if isinstance(job, jobs.MakeLayers):
             return self._streams.make_layers(job)
+        if isinstance(job, jobs.SmoothKeyframe):
+            return self._streams.smooth(job)
         return self._run_in_scene(job)
 
     def _run_in_scene(self, job: jobs.SceneJob) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from service.errors import ProtocolError, ServiceError
 from service.greeting import check_hello, welcome_of
-from service.jobs import LOSSLESS, QUALITY_MOVING, QUALITY_STILL, Bounds, MakeKeyframe, MakeLayers
+from service.jobs import LOSSLESS, QUALITY_MOVING, QUALITY_STILL, Bounds, MakeKeyframe, MakeLayers, SmoothKeyframe
 from service.messages import (
     MAJOR,
     Ack,
@@ -33,7 +33,7 @@ from service.messages import (
     encode,
 )
 from service.metrics import Metrics
-from service.placement import Placement, Shown
+from service.placement import Flight, Placement, Shown
 from service.pool import Pool
 from service.prediction import overscanned
 from service.problems import problem_of
@@ -222,8 +222,10 @@ class Stream:
         while True:
             now = time.monotonic()
             kind = self._placement.due(now)
-            if kind is None:
+            if kind is None or (kind == "smooth" and not self._around.pool.idle(self._session.renderer)):
                 await self._rest(self._placement.patience(now, TICK_S))
+            elif kind == "smooth":
+                await self._smooth()
             else:
                 await self._keyframe(still=kind == "still")
 
@@ -256,8 +258,31 @@ class Stream:
         overscan = min(camera.width * view.fx / (camera.fx * view.width), session.overscan)
         if not placement.done(number, Shown(view, overscan, made["typical_depth"], still)):
             return  # a RESYNC came meanwhile
+        await self._deliver(number, flight, made, "still" if still else "moving")
+
+    async def _smooth(self) -> None:
+        """One more picture of the view at rest, and the keyframe if it was the last."""
+        placement, session = self._placement, self._session
+        job = SmoothKeyframe(session=session.id, id=session.next_id)
+        try:
+            made = await self._around.pool.run(job, renderer=session.renderer)
+        except ServiceError as error:
+            LOG.warning("a refinement stays as it is: %s", error.detail)
+            placement.smoothed()
+            return
+        if made["left"] or placement.due(time.monotonic()) != "smooth":
+            return
+        placement.smoothed()
+        if made["messages"]:
+            session.next_id += 1
+            flight = placement.begin(job.id, time.monotonic(), timed=False)
+            await self._deliver(job.id, flight, made, "smooth")
+
+    async def _deliver(self, number: int, flight: Flight, made: dict[str, Any], kind: str) -> None:
+        """Send layer 0, then make and send the others."""
+        session = self._session
         flight.sent = time.monotonic()
-        self._around.metrics.count("keyframes", kind="still" if still else "moving")
+        self._around.metrics.count("keyframes", kind=kind)
         await self._send_all(made["messages"])
         if made["layers"]:
             try:

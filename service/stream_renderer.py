@@ -7,9 +7,11 @@ from collections import OrderedDict
 from dataclasses import dataclass, replace
 from typing import Any
 
+from torch import Tensor
+
 from service.cameras import cameras_of
 from service.engine import render_image
-from service.jobs import BITS_STILL, Bounds, MakeKeyframe, MakeLayers
+from service.jobs import BITS_STILL, Bounds, MakeKeyframe, MakeLayers, SmoothKeyframe
 from service.keyframes import Stamp, enough_bits, first_message, layer_message
 from service.layers import cameras_around, extra_layers, typical_depth
 from torchrender.history import RenderHistory
@@ -25,11 +27,12 @@ STILL_FACTOR = 4.0
 """A refinement may take this many times the budget."""
 PACKING_SHARE = 0.5
 """Of the budget, at most, that is kept free for making messages."""
-REFINE_MS = 150.0
-"""Without a budget a refinement is supersampled where the one before it took less: nobody can interrupt it."""
 STREAMED = RenderOptions(upscaling="joint", fixed=("resolve",))
 """The depth of all pixels is sent anyway, and colours must not stick to the wrong surface when the view moves."""
-MAX_FINE_PIXELS = 2**23
+ASIDE = ((-0.375, -0.125), (0.125, -0.375), (0.375, 0.125), (-0.125, 0.375))
+"""Pixels by which the further pictures of a refinement are moved: with the first, five places in every pixel."""
+MAX_REFINED = 4
+"""Refinements that are kept to be gone on with: each holds a whole picture."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,13 +45,25 @@ class Begun:
     around: list[Cameras]
 
 
+@dataclass(eq=False)
+class Refinement:
+    """A picture of a view at rest, and the light of all its pictures so far."""
+
+    begun: Begun
+    scene: Scene
+    camera: Cameras
+    bounds: Bounds
+    light: Tensor  # (H,W,3) sum over the pictures, each as bright as can be displayed at most
+    render_ms: float
+    count: int = 1
+
+
 @dataclass
 class SessionState:
     """What the renderer remembers of a session."""
 
     history: RenderHistory
     packing_ms: float = 0.0  # from the last picture to its message
-    still_ms: float = 0.0  # layer 0 of the last refinement that was not supersampled
     begun: Begun | None = None
 
 
@@ -58,13 +73,15 @@ class StreamRenderer:
     def __init__(self) -> None:
         self._sessions: OrderedDict[str, SessionState] = OrderedDict()
         self._scenes: dict[str, RenderHistory] = {}  # what sessions of one scene share: maps, ray caster, pace
+        self._refined: OrderedDict[str, Refinement] = OrderedDict()
 
     def make(self, scene: Scene, job: MakeKeyframe) -> dict[str, Any]:
         """The message of layer 0 and what the server needs to place the next keyframe."""
         state = self._state(job)
         camera = cameras_of(job.camera)
         begin = time.perf_counter()
-        image, plan, past = self._picture(scene, camera, state, job)
+        bounds = _bounds(job, state.packing_ms)
+        image, plan, past = self._picture(scene, camera, state, job, bounds)
         render_ms = 1e3 * (time.perf_counter() - begin)
         depth = image.visibility.depth[0]
         typical = typical_depth(depth)
@@ -80,7 +97,14 @@ class StreamRenderer:
             quality=job.quality,
         )
         message = first_message(stamp, camera, depth, image.radiance[0], render_ms=render_ms, plan=plan)
-        state.begun = Begun(stamp, image, past, around) if around else None
+        begun = Begun(stamp, image, past, around)
+        state.begun = begun if around else None
+        self._refined.pop(job.session, None)
+        if job.still:
+            light = image.radiance[0].clamp(max=1.0)
+            self._refined[job.session] = Refinement(begun, scene, camera, bounds, light, render_ms)
+            while len(self._refined) > MAX_REFINED:
+                self._refined.popitem(last=False)
         state.packing_ms = 1e3 * (time.perf_counter() - begin) - render_ms
         return {
             "messages": [message],
@@ -103,10 +127,38 @@ class StreamRenderer:
         messages = [layer_message(begun.stamp, k + 1, layer, render_ms=each_ms) for k, layer in enumerate(layers)]
         return {"messages": messages}
 
+    def smooth(self, job: SmoothKeyframe) -> dict[str, Any]:
+        """One more picture of a refinement; ``left`` tells how many are missing, with the last comes the message.
+
+        Nothing is left and no message comes where the session has gone on meanwhile. One picture at a time, so that
+        a view that moves again waits for none but that one.
+        """
+        state, refined = self._sessions.get(job.session), self._refined.get(job.session)
+        if state is None or refined is None:
+            return {"messages": [], "left": 0}
+        begin = time.perf_counter()
+        camera, begun = refined.camera, refined.begun
+        aside = camera.sub_camera(*ASIDE[refined.count - 1], camera.width, camera.height)
+        past = replace(begun.past, reuse=None, wanted=False)
+        image, plan = render_image(refined.scene, aside, refined.bounds, STREAMED, past)
+        refined.light += image.radiance[0].clamp(max=1.0)
+        refined.count += 1
+        refined.render_ms += 1e3 * (time.perf_counter() - begin)
+        left = 1 + len(ASIDE) - refined.count
+        if left:
+            return {"messages": [], "left": left}
+        del self._refined[job.session]
+        stamp = replace(begun.stamp, id=job.id, samples=refined.count)
+        depth, light = begun.image.visibility.depth[0], refined.light / refined.count
+        message = first_message(stamp, camera, depth, light, render_ms=refined.render_ms, plan=plan)
+        state.begun = replace(begun, stamp=stamp) if begun.around else None
+        return {"messages": [message], "left": 0, "layers": len(begun.around)}
+
     def forget(self, *, session: str | None = None, scene: str | None = None) -> None:
         """Drop what is kept for a session or a scene."""
         if session is not None:
             self._sessions.pop(session, None)
+            self._refined.pop(session, None)
         if scene is not None:
             self._scenes.pop(scene, None)
 
@@ -120,30 +172,19 @@ class StreamRenderer:
         return state
 
     def _picture(
-        self, scene: Scene, camera: Cameras, state: SessionState, job: MakeKeyframe
+        self, scene: Scene, camera: Cameras, state: SessionState, job: MakeKeyframe, bounds: Bounds
     ) -> tuple[Image, dict[str, Any], RenderHistory]:
         """Layer 0, its plan, and what it left for the extra layers."""
-        bounds = _bounds(job, state.packing_ms)
         if not job.still:
             image, plan = render_image(scene, camera, bounds, STREAMED, state.history)
             assert image.history is not None
             state.history = image.history
             self._scenes[job.scene.id] = replace(image.history, reuse=None, report=None)
             return image, plan, image.history
-        free = bounds.budget_ms is None and bounds.max_error is None
-        fine = free and self._affordable(state, job)
-        options = replace(STREAMED, supersample=2.0 if fine else 1.0)
-        begin = time.perf_counter()
         # A refinement is made anew, without reused reflections, and leaves the moving sequence as it was.
-        image, plan = render_image(scene, camera, bounds, options, replace(state.history, reuse=None, wanted=False))
-        if free and not fine:
-            state.still_ms = 1e3 * (time.perf_counter() - begin)
+        image, plan = render_image(scene, camera, bounds, STREAMED, replace(state.history, reuse=None, wanted=False))
         assert image.history is not None
         return image, plan, image.history
-
-    def _affordable(self, state: SessionState, job: MakeKeyframe) -> bool:
-        pixels = 4 * job.camera.width * job.camera.height
-        return 0.0 < state.still_ms < REFINE_MS and pixels <= MAX_FINE_PIXELS
 
 
 def _bounds(job: MakeKeyframe, packing_ms: float) -> Bounds:

@@ -40,9 +40,9 @@ COMPLETE = "() => { const k = window.torchrender?.keyframes[0]; return k && k.re
 ARRIVED = """() => {
     const k = window.torchrender.keyframes[0], here = window.torchrender.camera.world_from_camera;
     const there = k.camera.world_from_camera;
-    return k.still && k.received === k.layers && there.every((v, n) => Math.abs(v - here[n]) < 1e-6);
+    return k.samples > 1 && k.received === k.layers && there.every((v, n) => Math.abs(v - here[n]) < 1e-6);
 }"""
-REFINED = "() => { const k = window.torchrender?.keyframes[0]; return k && k.still && k.received === k.layers; }"
+REFINED = "() => { const k = window.torchrender?.keyframes[0]; return k && k.samples > 1 && k.received === k.layers; }"
 
 
 def find_chromium() -> str | None:

@@ -25,7 +25,7 @@ def moved(camera: Cameras, x: float) -> Cameras:
 
 def still_keyframe(client: StreamClient) -> StreamedKeyframe:
     client.send_pose(client.camera, moving=False)
-    while not (keyframe := client.receive()).still:
+    while (keyframe := client.receive()).samples == 1:
         pass
     return keyframe
 

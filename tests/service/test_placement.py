@@ -46,12 +46,14 @@ def test_the_first_keyframe_waits_for_a_pose():
     assert place.due(0.0) == "moving"
 
 
-def test_a_view_at_rest_is_refined_once():
+def test_a_view_at_rest_is_refined_and_smoothed_once():
     place = started()
     assert place.due(0.4) is None
     assert place.due(0.51) == "still"
     place.begin(1, 0.51, timed=False)
     place.done(1, shown(still=True))
+    assert place.due(0.6) == "smooth"
+    place.smoothed()
     assert place.due(5.0) is None
     place.take_pose(pose(2, moving=True), 5.1)  # the same view, whatever the client calls it
     assert place.due(9.0) is None
@@ -101,7 +103,7 @@ def test_a_resync_gives_all_credits_back_and_wants_one_fresh_keyframe():
     assert not place.done(2, shown())
     place.begin(3, 1.0, timed=True)
     place.done(3, shown(still=True))
-    assert place.due(1.0) is None
+    assert place.due(1.0) == "smooth"
 
 
 def test_only_the_newest_pose_counts():
@@ -132,14 +134,17 @@ def test_a_silent_client_does_not_cause_keyframes_for_ever():
     made, now = [], 1.0
     while now < 10.0:
         kind = place.due(now)
-        if kind is not None:
+        if kind == "smooth":
+            place.smoothed()
+            made.append(kind)
+        elif kind is not None:
             view = CAMERA if kind == "still" else place.view(going, now)
             place.begin(len(made) + 1, now, timed=True)
             place.done(len(made) + 1, shown(view, kind == "still"))
             place.take_ack(Ack(id=len(made) + 1), now)
             made.append(kind)
         now += 0.01
-    assert made[-1] == "still"
+    assert made[-2:] == ["still", "smooth"]
     assert made.count("still") == 1
 
 

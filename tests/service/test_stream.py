@@ -120,7 +120,9 @@ def test_a_keyframe_then_its_refinement(server: RunningServer) -> None:
         assert first.plan is not None and extra.plan is None
         assert first.mask is None and extra.mask is not None
         still, _ = receive_keyframe(ws), receive_keyframe(ws)
-        assert still.still and still.color.codec == "webp"
+        assert still.still and still.color.codec == "webp" and still.samples == 1
+        smooth, _ = receive_keyframe(ws), receive_keyframe(ws)
+        assert smooth.still and smooth.samples == 5 and smooth.id == still.id + 1
         with pytest.raises(TimeoutError):
             ws.recv(0.7)
 
@@ -139,7 +141,8 @@ def test_settings_bring_a_fresh_keyframe(server: RunningServer) -> None:
     with stream(server) as (ws, welcome):
         ws.send(pose(welcome.camera))
         assert receive_keyframe(ws).layers == 1
-        assert receive_keyframe(ws).still
+        while receive_keyframe(ws).samples == 1:
+            pass
         ws.send(encode(Settings(budget_ms=500.0, layers=1)))
         fresh = receive_keyframe(ws)
         assert fresh.layers == 2 and fresh.plan is not None and fresh.plan["budget_ms"] is not None

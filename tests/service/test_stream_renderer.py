@@ -3,14 +3,26 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from service import stream_renderer
 from service.cameras import header_of
-from service.jobs import Bounds, MakeKeyframe, SceneSource
-from service.messages import Keyframe, Type, decode
-from service.stream_renderer import MOVING_BUDGET_MS, PACKING_SHARE, STILL_FACTOR, StreamRenderer
+from service.codec import display_bytes
+from service.containers import KeyframeImage, read_container
+from service.jobs import Bounds, MakeKeyframe, MakeLayers, SceneSource, SmoothKeyframe
+from service.stream_renderer import (
+    ASIDE,
+    MAX_REFINED,
+    MOVING_BUDGET_MS,
+    PACKING_SHARE,
+    STILL_FACTOR,
+    STREAMED,
+    StreamRenderer,
+)
+from torchrender.renderer import render
 from torchrender.scene.load import load
 
 HUNDRED = Bounds(budget_ms=100.0)
@@ -21,29 +33,38 @@ def scene():
     return load("cornell_box")
 
 
+def job(scene, number: int = 0, **rest) -> MakeKeyframe:
+    given = {
+        "session": "one",
+        "scene": SceneSource(id="cornell_box"),
+        "id": number,
+        "pose": number,
+        "time_ms": 0.0,
+        "camera": header_of(scene.camera(width=64, height=48)),
+        "still": False,
+        "layers": 0,
+        "direction": (0.0, 0.0, 0.0),
+        "baseline": 0.0,
+        "color": "jpeg",
+        "quality": 85,
+        "bounds": HUNDRED,
+    }
+    return MakeKeyframe(**given | rest)
+
+
+def picture_of(data: bytes) -> KeyframeImage:
+    return read_container(data, max_pixels=10**6, max_images=1)[0]
+
+
 def budgets(scene, count: int, *, still: bool = False, bounds: Bounds = HUNDRED) -> list[float | None]:
     """Of the pictures inside ``count`` keyframes of one session."""
-    renderer, camera = StreamRenderer(), header_of(scene.camera(width=64, height=48))
+    renderer = StreamRenderer()
     found = []
     for number in range(count):
-        job = MakeKeyframe(
-            session="one",
-            scene=SceneSource(id="cornell_box"),
-            id=number,
-            pose=number,
-            time_ms=0.0,
-            camera=camera,
-            still=still,
-            layers=0,
-            direction=(0.0, 0.0, 0.0),
-            baseline=0.0,
-            color="jpeg",
-            quality=85,
-            bounds=bounds,
-        )
-        message = decode(renderer.make(scene, job)["messages"][0], (Type.KEYFRAME,)).message
-        assert isinstance(message, Keyframe) and message.plan is not None
-        found.append(message.plan["budget_ms"])
+        made = renderer.make(scene, job(scene, number, still=still, bounds=bounds))
+        plan = picture_of(made["messages"][0]).header.plan
+        assert plan is not None
+        found.append(plan["budget_ms"])
     return found
 
 
@@ -68,3 +89,48 @@ def test_refinements_may_cost_more_and_moving_pictures_have_a_budget_anyway(scen
     assert budgets(scene, 1, still=True) == [STILL_FACTOR * 100.0]
     assert budgets(scene, 1, bounds=Bounds()) == [MOVING_BUDGET_MS]
     assert budgets(scene, 1, still=True, bounds=Bounds()) == [None]
+
+
+STILL = {"still": True, "bounds": Bounds(), "color": "webp", "quality": 100}
+
+
+def test_a_refinement_becomes_the_mean_of_five_pictures(scene) -> None:
+    renderer = StreamRenderer()
+    first = picture_of(renderer.make(scene, job(scene, 1, layers=2, **STILL))["messages"][0])
+    assert first.header.samples == 1
+    renderer.make_layers(MakeLayers(session="one", id=1))
+    steps = [renderer.smooth(SmoothKeyframe(session="one", id=2)) for _ in ASIDE]
+    assert [step["left"] for step in steps] == [3, 2, 1, 0]
+    assert not any(step["messages"] for step in steps[:-1])
+    last = picture_of(steps[-1]["messages"][0])
+    assert (last.header.id, last.header.samples, last.header.layers, last.header.still) == (2, 5, 3, True)
+    assert last.header.pose == first.header.pose
+    assert (last.depth == first.depth).all()
+    assert len(renderer.make_layers(MakeLayers(session="one", id=2))["messages"]) == 2
+    camera = scene.camera(width=64, height=48)
+    reference = display_bytes(render(scene, camera, options=replace(STREAMED, supersample=4.0)).radiance[0]).astype(
+        float
+    )
+    errors = [np.abs(picture.codes.numpy() - reference).mean() for picture in (first, last)]
+    assert errors[1] < 0.5 * errors[0]
+
+
+def test_a_refinement_that_was_overtaken_is_not_gone_on_with(scene) -> None:
+    renderer = StreamRenderer()
+    gone = {"messages": [], "left": 0}
+    assert renderer.smooth(SmoothKeyframe(session="one", id=1)) == gone
+    renderer.make(scene, job(scene, 1, **STILL))
+    assert renderer.smooth(SmoothKeyframe(session="one", id=2))["left"] == 3
+    renderer.make(scene, job(scene, 2))
+    assert renderer.smooth(SmoothKeyframe(session="one", id=3)) == gone
+    renderer.make(scene, job(scene, 3, **STILL))
+    renderer.forget(session="one")
+    assert renderer.smooth(SmoothKeyframe(session="one", id=4)) == gone
+
+
+def test_few_refinements_are_kept(scene) -> None:
+    renderer = StreamRenderer()
+    for number in range(MAX_REFINED + 1):
+        renderer.make(scene, job(scene, number, session=str(number), **STILL))
+    left = [renderer.smooth(SmoothKeyframe(session=str(k), id=9))["left"] for k in range(MAX_REFINED + 1)]
+    assert left == [0] + [3] * MAX_REFINED

@@ -60,6 +60,7 @@ class StreamedKeyframe:
     id: int
     pose: int  # number of the pose that asked for it, -1: none
     still: bool  # a refinement of a view that stands still
+    samples: int  # pictures whose mean its colours are
     images: tuple[KeyframeImage, ...]  # layer 0 first
     plan: Mapping[str, Any] | None  # what ran and why
     bytes: int  # of all messages
@@ -273,7 +274,8 @@ class StreamClient:
             return None
         first = self._parts[0][0].header
         images, size = tuple(p for p, _ in self._parts), sum(s for _, s in self._parts)
-        keyframe = StreamedKeyframe(first.id, first.pose, first.still, images, first.plan, size, self._first_ms)
+        kind = (first.still, first.samples)
+        keyframe = StreamedKeyframe(first.id, first.pose, *kind, images, first.plan, size, self._first_ms)
         self._parts.clear()
         self.kept.append(keyframe)
         return keyframe

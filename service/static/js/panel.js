@@ -4,6 +4,7 @@ const $ = (id) => document.getElementById(id);
 const BUDGET = [15, 2000]; // ms, ends of the logarithmic slider
 const ERROR = [0.002, 0.3]; // FLIP
 const NAMES = { connecting: "connecting", live: "live", waiting: "reconnecting", failed: "stopped", closed: "closed" };
+const KINDS = ["· moving", "· refined, nothing moves", "· refined, outlines smooth"];
 const CHART_FRAMES = 148;
 const CHART_MS = 50; // height of the chart
 
@@ -82,7 +83,7 @@ export class Panel {
   showPlan(header) {
     const plan = header.plan;
     if (!plan) return;
-    $("plan-kind").textContent = header.still ? "· refined, nothing moves" : "· moving";
+    $("plan-kind").textContent = KINDS[!header.still ? 0 : header.samples > 1 ? 2 : 1];
     $("plan-statement").textContent = plan.statement ?? "";
     $("plan").replaceChildren(...(plan.rows ?? []).map((row) => this.planRow(row)));
     $("plan").append(this.planRow({ pass: "together", runs: true, ...plan, reason: "", settings: "" }));
