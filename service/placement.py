@@ -5,14 +5,17 @@ Nothing here waits or sends; times are seconds of any one clock.
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass, replace
+from statistics import median_low
 
 from service.messages import CREDITS, Ack, CameraHeader, Pose
 from service.prediction import MAX_HOLES, needs_keyframe, predicted, same_view
 
 STALE_S = 0.5
 """A pose that was not renewed for so long no longer moves."""
-_SMOOTHING = 0.3
+TRIPS = 5
+"""Round trips whose median counts: one that was slow, because something was loaded or compiled, leads nobody astray."""
 
 
 @dataclass(frozen=True)
@@ -40,12 +43,12 @@ class Placement:
 
     Args:
         still_s: rest after which a view is refined.
-        latency_s: from the start of a render to the acknowledgement, as far as known; 0: not yet.
+        latency_s: :attr:`latency_s` of an earlier connection, 0: not known.
     """
 
     def __init__(self, still_s: float, latency_s: float) -> None:
         self._still_s = still_s
-        self.latency_s = latency_s
+        self._trips = deque([latency_s] if latency_s else [], maxlen=TRIPS)
         self.pose: Pose | None = None
         self._pose_at = 0.0
         self._moved_at = 0.0
@@ -53,6 +56,11 @@ class Placement:
         self._fresh = True  # one keyframe is wanted whatever the pose
         self._shown: Shown | None = None
         self._flights: dict[int, Flight] = {}
+
+    @property
+    def latency_s(self) -> float:
+        """From the start of a render to the acknowledgement, the median of the last ones; 0: not known yet."""
+        return median_low(self._trips) if self._trips else 0.0
 
     # ------------------------------------------------------------ from client
 
@@ -73,7 +81,7 @@ class Placement:
         self._holes = ack.holes
         trip = now - flight.begun
         if flight.timed:
-            self.latency_s = (1 - _SMOOTHING) * self.latency_s + _SMOOTHING * trip if self.latency_s else trip
+            self._trips.append(trip)
         return trip
 
     def resync(self) -> None:

@@ -127,6 +127,19 @@ def test_the_camera_is_led_by_velocity_times_round_trip():
     assert predicted(resting, 0.3) == CAMERA
 
 
+def test_one_slow_round_trip_does_not_lead_the_camera_astray():
+    """The first picture of a scene may take long: kernels are compiled, maps are drawn."""
+    place = Placement(0.5, 0.0)
+    place.take_pose(pose(velocity=(1.0, 0.0, 0.0)), 0.0)
+    now = 0.0
+    for number, (trip, latency) in enumerate([(25.0, 25.0), (0.1, 0.1), (0.3, 0.3), (0.2, 0.2)]):
+        place.begin(number, now, timed=True)
+        now += trip
+        place.take_ack(Ack(id=number), now)
+        assert place.latency_s == pytest.approx(latency)
+    assert Placement(0.5, 0.2).latency_s == 0.2
+
+
 def test_a_silent_client_does_not_cause_keyframes_for_ever():
     place = started()
     going = pose(2, velocity=(5.0, 0.0, 0.0))

@@ -2,7 +2,7 @@
 
 import { Decoder } from "./decoder.js";
 import { KeyframeSet } from "./keyframes.js";
-import { Rate, Smooth } from "./meter.js";
+import { Median, Rate, Smooth } from "./meter.js";
 import { MAX_PIXELS, Stream } from "./stream.js";
 import { Warp } from "./warp.js";
 import { TYPE } from "./wire.js";
@@ -33,7 +33,7 @@ export class Client {
     this.acks = [];
     this.pose = { seq: 0, sent: 0, camera: null, moving: false };
     this.traffic = new Rate();
-    this.figures = { frame: new Smooth(), warp: new Smooth(), decode: new Smooth(), latency: new Smooth() };
+    this.figures = { frame: new Smooth(), warp: new Smooth(), decode: new Smooth(), latency: new Median() };
     this.counts = { keyframes: 0, images: 0, frames: 0, drawn: 0, errors: 0, resyncs: 0 };
     this.holes = null;
     this.holesAt = 0;

@@ -18,6 +18,25 @@ export class Rate {
   }
 }
 
+const RECENT = 9;
+
+/** Median of the last values: one that was very slow, such as the first, does not show for long. */
+export class Median {
+  constructor() {
+    this.recent = [];
+  }
+
+  add(value) {
+    this.recent.push(value);
+    if (this.recent.length > RECENT) this.recent.shift();
+  }
+
+  get value() {
+    const sorted = [...this.recent].sort((a, b) => a - b);
+    return sorted.length ? sorted[(sorted.length - 1) >> 1] : null;
+  }
+}
+
 /** Mean that forgets: each new value weighs a tenth. */
 export class Smooth {
   constructor() {
