@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from torchrender.scene.model import Scene
 
 Found = Mapping[str, Mapping[str, Measured]]
 """What was measured, by pass and setting."""
+LABEL_WIDTH, LABEL_HEIGHT = 90.0, 13.0  # pixels of a plot that a setting's name may take
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,17 +111,51 @@ def plot(path: Path, curves: SceneCurves) -> None:
     from matplotlib.figure import Figure
 
     shown = [name for name in curves.passes if len(curves.passes[name]) > 1]
-    figure = Figure(figsize=(4.2 * min(len(shown), 4), 3.2 * -(-len(shown) // 4)), layout="constrained")
+    figure = Figure(figsize=(4.2 * min(len(shown), 4), 3.2 * -(-len(shown) // 4)), dpi=100, layout="constrained")
+    named = []
     for number, name in enumerate(shown):
         axes = figure.add_subplot(-(-len(shown) // 4), min(len(shown), 4), number + 1)
         points = {s: (max(m.ms, 1e-2), m.flip) for s, m in curves.passes[name].items()}
         best = frontier(points)
         axes.plot([points[s][0] for s in best], [points[s][1] for s in best], color="0.7", zorder=0)
+        axes.set(title=name, xlabel="ms", ylabel="mean FLIP", xscale="log")
+        axes.margins(0.12, 0.16)
         for setting, (time, error) in points.items():
             axes.plot([time], [error], "o", color="tab:blue" if setting in best else "0.6")
-            axes.annotate(setting, (time, error), textcoords="offset points", xytext=(4, 4), fontsize=8)
-        axes.set(title=name, xlabel="ms", ylabel="mean FLIP", xscale="log")
-    figure.savefig(path, dpi=100, format="png")
+        _time_ticks(axes, [time for time, _ in points.values()])
+        named.append((axes, points))
+    figure.draw_without_rendering()  # names are placed in pixels
+    for axes, points in named:
+        _label(axes, points)
+    figure.savefig(path, format="png")
+
+
+def _time_ticks(axes: Any, times: Sequence[float]) -> None:
+    """Plain numbers, few enough to stand side by side."""
+    from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator, StrMethodFormatter
+
+    ratio = max(times) / min(times)
+    subs = (1.0, 2.0, 5.0) if ratio < 30 else (1.0,)
+    axes.xaxis.set_major_locator(MaxNLocator(4) if ratio < 4 else LogLocator(subs=subs, numticks=8))
+    axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axes.xaxis.set_minor_locator(NullLocator())
+
+
+def _label(axes: Any, points: Mapping[str, tuple[float, float]]) -> None:
+    """Names beside their points, those on the right half to the left; names that would meet go one below the other."""
+    place = axes.transData.transform
+    low, high = axes.get_window_extent().intervalx
+    taken: list[tuple[float, float]] = []
+    best = frontier(points)
+    for setting, point in sorted(points.items(), key=lambda item: (item[0] not in best, -item[1][0])):
+        x, y = place(point)
+        beyond = x > (low + high) / 2
+        lift = 4.0
+        while any(abs(x - u) < LABEL_WIDTH and abs(y + lift - v) < LABEL_HEIGHT for u, v in taken):
+            lift += LABEL_HEIGHT
+        taken.append((x, y + lift))
+        side = {"ha": "right", "xytext": (-5, lift)} if beyond else {"ha": "left", "xytext": (5, lift)}
+        axes.annotate(setting, point, textcoords="offset pixels", fontsize=8, **side)
 
 
 def _own(value: float | None) -> str:

@@ -192,7 +192,7 @@ def _mean(values: Sequence[Measured]) -> Measured:
     )
 
 
-def frontier(points: dict[str, tuple[float, float]]) -> list[str]:
+def frontier(points: Mapping[str, tuple[float, float]]) -> list[str]:
     """Names of the points (time, error) that no other beats in both, from fast to exact."""
     best: list[str] = []
     for name, (_, error) in sorted(points.items(), key=lambda item: item[1]):
