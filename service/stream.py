@@ -16,12 +16,11 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from service.errors import ProtocolError, ServiceError
 from service.greeting import check_hello, welcome_of
-from service.jobs import LOSSLESS, QUALITY_MOVING, QUALITY_STILL, Bounds, MakeKeyframe, MakeLayers, SmoothKeyframe
+from service.jobs import Bounds
 from service.messages import (
     MAJOR,
     Ack,
     Bye,
-    CameraHeader,
     Hello,
     Message,
     Pose,
@@ -33,10 +32,10 @@ from service.messages import (
     encode,
 )
 from service.metrics import Metrics
-from service.placement import Flight, Placement, Shown
+from service.placement import Placement
 from service.pool import Pool
-from service.prediction import overscanned
 from service.problems import problem_of
+from service.producer import Producer
 from service.sessions import Session, SessionStore
 from service.settings import Settings as ServiceSettings
 
@@ -47,7 +46,6 @@ SCENE_GONE = 4404
 TICK_S = 0.25
 CLOSE_S = 1.0
 RETRY_S = 1.0
-REACH_S = 0.5  # extra cameras stand where the client will be after this time
 
 
 class Closed(Exception):
@@ -219,15 +217,27 @@ class Stream:
     # -------------------------------------------------------------- keyframes
 
     async def _produce(self) -> None:
+        session, around, placement = self._session, self._around, self._placement
+        producer = Producer(
+            session=session,
+            placement=placement,
+            pool=around.pool,
+            metrics=around.metrics,
+            max_pixels=self._max_pixels,
+            webp="webp" in self._hello.color,
+            send=self._socket.send_bytes,
+            complain=self._complain,
+        )
         while True:
             now = time.monotonic()
-            kind = self._placement.due(now)
-            if kind is None or (kind == "smooth" and not self._around.pool.idle(self._session.renderer)):
-                await self._rest(self._placement.patience(now, TICK_S))
-            elif kind == "smooth":
-                await self._smooth()
-            else:
-                await self._keyframe(still=kind == "still")
+            kind = placement.due(now)
+            if kind is None or (kind == "smooth" and not around.pool.idle(session.renderer)):
+                await self._rest(placement.patience(now, TICK_S))
+                continue
+            try:
+                await producer.make(kind)
+            except ServiceError as error:
+                await self._failed(error)
 
     async def _rest(self, seconds: float) -> None:
         """Until a message comes, or so long. ``wait_for`` may lose a cancellation that comes with a message."""
@@ -242,84 +252,8 @@ class Stream:
     def _max_pixels(self) -> int:
         return min(self._around.settings.max_stream_pixels, self._hello.max_pixels)
 
-    async def _keyframe(self, *, still: bool) -> None:
-        placement, session, now = self._placement, self._session, time.monotonic()
-        pose = placement.pose
-        assert pose is not None
-        view = pose.camera if still else placement.view(pose, now)
-        camera = overscanned(view, session.overscan, self._max_pixels)
-        number, session.next_id = session.next_id, session.next_id + 1
-        flight = placement.begin(number, now, timed=not still)
-        try:
-            made = await self._around.pool.run(self._job(number, pose, camera, still), renderer=session.renderer)
-        except ServiceError as error:
-            await self._failed(error, number)
-            return
-        overscan = min(camera.width * view.fx / (camera.fx * view.width), session.overscan)
-        if not placement.done(number, Shown(view, overscan, made["typical_depth"], still)):
-            return  # a RESYNC came meanwhile
-        await self._deliver(number, flight, made, "still" if still else "moving")
-
-    async def _smooth(self) -> None:
-        """One more picture of the view at rest, and the keyframe if it was the last."""
-        placement, session = self._placement, self._session
-        job = SmoothKeyframe(session=session.id, id=session.next_id)
-        try:
-            made = await self._around.pool.run(job, renderer=session.renderer)
-        except ServiceError as error:
-            LOG.warning("a refinement stays as it is: %s", error.detail)
-            placement.smoothed()
-            return
-        if made["left"] or placement.due(time.monotonic()) != "smooth":
-            return
-        placement.smoothed()
-        if made["messages"]:
-            session.next_id += 1
-            flight = placement.begin(job.id, time.monotonic(), timed=False)
-            await self._deliver(job.id, flight, made, "smooth")
-
-    async def _deliver(self, number: int, flight: Flight, made: dict[str, Any], kind: str) -> None:
-        """Send layer 0, then make and send the others."""
-        session = self._session
-        flight.sent = time.monotonic()
-        self._around.metrics.count("keyframes", kind=kind)
-        await self._send_all(made["messages"])
-        if made["layers"]:
-            try:
-                more = await self._around.pool.run(MakeLayers(session=session.id, id=number), renderer=session.renderer)
-            except ServiceError as error:
-                await self._complain(error)
-                return
-            await self._send_all(more["messages"])
-
-    async def _send_all(self, messages: list[bytes]) -> None:
-        for message in messages:
-            await self._socket.send_bytes(message)
-            self._around.metrics.count("keyframe_bytes", len(message))
-
-    def _job(self, number: int, pose: Pose, camera: CameraHeader, still: bool) -> MakeKeyframe:
-        session = self._session
-        lossless = still and "webp" in self._hello.color
-        speed = sum(v * v for v in pose.velocity) ** 0.5 if pose.moving else 0.0
-        return MakeKeyframe(
-            session=session.id,
-            scene=session.scene,
-            id=number,
-            pose=pose.seq,
-            time_ms=pose.time_ms,
-            camera=camera,
-            still=still,
-            layers=session.layers,
-            direction=pose.velocity if speed else (0.0, 0.0, 0.0),
-            baseline=speed * REACH_S,
-            color="webp" if lossless else "jpeg",
-            quality=LOSSLESS if lossless else QUALITY_STILL if still else QUALITY_MOVING,
-            bounds=session.bounds,
-        )
-
-    async def _failed(self, error: ServiceError, number: int) -> None:
+    async def _failed(self, error: ServiceError) -> None:
         """Say so; a pose that cannot be rendered is not tried again, a busy renderer is."""
-        self._placement.failed(number)
         if error.status == 404:
             raise Closed(SCENE_GONE, "the scene was deleted")
         await self._complain(error)

@@ -1,0 +1,148 @@
+"""From what is due to what is sent, with a renderer that answers as it is told."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+import pytest
+
+from service.errors import ServiceError
+from service.jobs import Bounds, Job, MakeKeyframe, MakeLayers, SceneSource, SmoothKeyframe
+from service.messages import Ack, CameraHeader, Pose
+from service.metrics import Metrics
+from service.placement import Placement
+from service.producer import Producer
+from service.sessions import Session
+
+IDENTITY = tuple(float(i % 5 == 0) for i in range(16))
+CAMERA = CameraHeader(world_from_camera=IDENTITY, fx=50.0, fy=50.0, cx=32.0, cy=24.0, width=64, height=48, near=0.1)
+
+
+class Renderer:
+    """Stands for the pool: notes jobs, answers, and lets things happen meanwhile."""
+
+    def __init__(self) -> None:
+        self.jobs: list[Job] = []
+        self.left = 3
+        self.fails = False
+        self.meanwhile: Callable[[], None] = lambda: None
+
+    async def run(self, job: Job, *, renderer: int | None = None) -> dict[str, Any]:
+        assert renderer == 0
+        self.jobs.append(job)
+        self.meanwhile()
+        if self.fails:
+            raise ServiceError(422, "too-slow", "too slow")
+        if isinstance(job, MakeKeyframe):
+            return {"messages": [b"first"], "layers": job.layers, "typical_depth": 2.0}
+        if isinstance(job, MakeLayers):
+            return {"messages": [b"extra"]}
+        assert isinstance(job, SmoothKeyframe)
+        self.left -= 1
+        return {"messages": [] if self.left else [b"smooth"], "left": self.left, "layers": 1}
+
+
+class Stage:
+    """A producer whose client stands at CAMERA."""
+
+    def __init__(self) -> None:
+        self.renderer = Renderer()
+        self.sent: list[bytes] = []
+        self.problems: list[ServiceError] = []
+        self.placement = Placement(0.0, 0.0)
+        self.session = Session(
+            id="one",
+            scene=SceneSource(id="box"),
+            facts={},
+            camera=CAMERA,
+            layers=1,
+            overscan=1.2,
+            bounds=Bounds(),
+            renderer=0,
+            expires=0.0,
+        )
+        self.producer = Producer(
+            session=self.session,
+            placement=self.placement,
+            pool=self.renderer,  # type: ignore[arg-type]
+            metrics=Metrics(),
+            max_pixels=10**6,
+            webp=True,
+            send=self.send,
+            complain=self.complain,
+        )
+        self.stand(CAMERA)
+
+    async def send(self, data: bytes) -> None:
+        self.sent.append(data)
+
+    async def complain(self, error: ServiceError) -> None:
+        self.problems.append(error)
+
+    def stand(self, camera: CameraHeader, seq: int = 1) -> None:
+        self.placement.take_pose(Pose(seq=seq, time_ms=0.0, camera=camera, moving=False), 0.0)
+
+    def go_on(self) -> str | None:
+        """Do what is due, as the stream does; the client acknowledges at once."""
+        kind = self.placement.due(1.0)
+        if kind is not None:
+            asyncio.run(self.producer.make(kind))
+            for number in range(self.session.next_id):
+                self.placement.take_ack(Ack(id=number), 1.0)
+        return kind
+
+
+def test_a_view_at_rest_is_made_refined_and_smoothed() -> None:
+    stage = Stage()
+    assert [stage.go_on() for _ in range(6)] == ["moving", "still", "smooth", "smooth", "smooth", None]
+    assert stage.sent == [b"first", b"extra"] * 2 + [b"smooth", b"extra"]
+    keyframes = [job for job in stage.renderer.jobs if isinstance(job, MakeKeyframe)]
+    assert [(job.id, job.still, job.color) for job in keyframes] == [(0, False, "jpeg"), (1, True, "webp")]
+    assert {job.id for job in stage.renderer.jobs if isinstance(job, SmoothKeyframe)} == {2}
+    assert stage.session.next_id == 3
+
+
+@pytest.mark.parametrize("change", ["moved", "settings"])
+def test_what_happens_during_the_last_picture_goes_first(change: str) -> None:
+    stage = Stage()
+    for _ in range(4):
+        stage.go_on()
+    aside = msgspec.structs.replace(CAMERA, world_from_camera=(*IDENTITY[:3], 1.0, *IDENTITY[4:]))
+    happens = {"moved": lambda: stage.stand(aside, 2), "settings": stage.placement.refresh}
+    stage.renderer.meanwhile = happens[change]
+    before = len(stage.sent)
+    assert stage.go_on() == "smooth"
+    stage.renderer.meanwhile = lambda: None
+    assert len(stage.sent) == before, "the picture of what was wanted before is not sent"
+    assert stage.go_on() == "moving"
+
+
+def test_a_refinement_that_fails_stays_as_it_is() -> None:
+    stage = Stage()
+    stage.go_on(), stage.go_on()
+    stage.renderer.fails = True
+    assert stage.go_on() == "smooth"
+    assert stage.go_on() is None and not stage.problems
+
+
+def test_a_keyframe_that_fails_is_told_and_its_credit_comes_back() -> None:
+    stage = Stage()
+    stage.renderer.fails = True
+    for _ in range(5):  # more than there are credits
+        assert stage.placement.due(1.0) == "moving"
+        with pytest.raises(ServiceError, match="too slow"):
+            stage.go_on()
+
+
+def test_layers_that_fail_are_told_and_layer_0_stays() -> None:
+    stage = Stage()
+
+    def fail_later() -> None:
+        stage.renderer.fails = isinstance(stage.renderer.jobs[-1], MakeLayers)
+
+    stage.renderer.meanwhile = fail_later
+    stage.go_on()
+    assert stage.sent == [b"first"] and len(stage.problems) == 1
