@@ -139,8 +139,7 @@ class StreamRenderer:
         begin = time.perf_counter()
         camera, begun = refined.camera, refined.begun
         aside = camera.sub_camera(*ASIDE[refined.count - 1], camera.width, camera.height)
-        past = replace(begun.past, reuse=None, wanted=False)
-        image, plan = render_image(refined.scene, aside, refined.bounds, STREAMED, past)
+        image, plan = _at_rest(refined.scene, aside, refined.bounds, begun.past)
         refined.light += image.radiance[0].clamp(max=1.0)
         refined.count += 1
         refined.render_ms += 1e3 * (time.perf_counter() - begin)
@@ -181,10 +180,14 @@ class StreamRenderer:
             state.history = image.history
             self._scenes[job.scene.id] = replace(image.history, reuse=None, report=None)
             return image, plan, image.history
-        # A refinement is made anew, without reused reflections, and leaves the moving sequence as it was.
-        image, plan = render_image(scene, camera, bounds, STREAMED, replace(state.history, reuse=None, wanted=False))
+        image, plan = _at_rest(scene, camera, bounds, state.history)
         assert image.history is not None
         return image, plan, image.history
+
+
+def _at_rest(scene: Scene, camera: Cameras, bounds: Bounds, past: RenderHistory) -> tuple[Image, dict[str, Any]]:
+    """A picture of a refinement: made anew, without reused reflections, and no part of the moving sequence."""
+    return render_image(scene, camera, bounds, STREAMED, replace(past, reuse=None, wanted=False))
 
 
 def _bounds(job: MakeKeyframe, packing_ms: float) -> Bounds:

@@ -217,13 +217,11 @@ class Visit:
 
     def capture(self, **options: Any) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
         """The client's own picture (H,W,3) uint8 and which pixels samples cover (H,W) bool."""
-        script = """options => {
-            const { width, height, pixels } = window.torchrender.capture(options);
-            let text = "";
-            for (let i = 0; i < pixels.length; i += 8192) text += String.fromCharCode(...pixels.subarray(i, i + 8192));
-            return [width, height, btoa(text)];
-        }"""
-        width, height, text = self.page.evaluate(script, options)
+        script = """
+            const { width, height, pixels } = window.torchrender.capture(given.options);
+            return [width, height, text(pixels)];
+        """
+        width, height, text = run_script(self.page, script, options=options)
         pixels = np.frombuffer(base64.b64decode(text), np.uint8).reshape(height, width, 4)
         return pixels[..., :3], pixels[..., 3] > 0
 
@@ -246,6 +244,21 @@ class Visit:
             if isinstance(message, Keyframe) and message.id == number:
                 found[message.layer] = data
         return [found[layer] for layer in sorted(found)]
+
+
+def run_script(page: Any, script: str, **values: Any) -> Any:
+    """What a script in the page returns; ``values`` are its ``given``. Byte strings travel as base64, both ways."""
+    packed = {k: base64.b64encode(v).decode() if isinstance(v, bytes) else v for k, v in values.items()}
+    helpers = """
+        const bytes = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
+        const text = (array) => {
+            const bytes = new Uint8Array(array.buffer, array.byteOffset, array.byteLength);
+            let out = "";
+            for (let i = 0; i < bytes.length; i += 8192) out += String.fromCharCode(...bytes.subarray(i, i + 8192));
+            return btoa(out);
+        };
+    """
+    return page.evaluate(f"async (given) => {{ {helpers} {script} }}", packed)
 
 
 def camera_of(view: dict[str, Any]) -> Cameras:

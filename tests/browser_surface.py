@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from browser_stage import run_script
 from service.containers import KeyframeImage
 from torchrender.reprojection import pixel_matrices
 from torchrender.scene.camera import Cameras
@@ -21,20 +22,13 @@ from torchrender.scene.camera import Cameras
 EXTRA_BIAS, STEP_BIAS = 0.01, 0.001  # of warp.js
 RIP = 0.12  # of shaders.js
 
-SCRIPT = """async (message) => {
+SCRIPT = """
     const { Decoder } = await import("/js/decoder.js");
     const decoder = new Decoder();
-    const buffer = Uint8Array.from(atob(message), (c) => c.charCodeAt(0)).buffer;
-    const { codes, scale, quads } = await decoder.decode(buffer, 1e8);
+    const { codes, scale, quads } = await decoder.decode(bytes(given.message).buffer, 1e8);
     decoder.worker.terminate();
-    const text = (array) => {
-        const bytes = new Uint8Array(array.buffer, array.byteOffset, array.byteLength);
-        let out = "";
-        for (let i = 0; i < bytes.length; i += 8192) out += String.fromCharCode(...bytes.subarray(i, i + 8192));
-        return btoa(out);
-    };
     return { scale, codes: text(codes), corners: text(quads.data), joined: text(quads.joined) };
-}"""
+"""
 
 
 @dataclass
@@ -51,7 +45,7 @@ class PageImage:
 def page_image(page: Any, message: bytes, image: KeyframeImage) -> PageImage:
     """Decode a KEYFRAME message in the page; ``image``: as Python decodes it."""
     height, width = image.depth.shape
-    got = page.evaluate(SCRIPT, base64.b64encode(message).decode())
+    got = run_script(page, SCRIPT, message=message)
     codes, corners, joined = (base64.b64decode(got[name]) for name in ("codes", "corners", "joined"))
     return PageImage(
         image,

@@ -195,9 +195,7 @@ def screenshots(browser: Any, service: Service, wishes: dict[str, Any]) -> None:
         visit.wait(REFINED)
         visit.wait(ARRIVED)
         for seconds in (0.5, 0.5):  # there and on: keyframes of the way have come
-            page.keyboard.down("KeyW")
-            page.wait_for_timeout(1000 * seconds)
-            page.keyboard.up("KeyW")
+            visit.hold("KeyW", seconds)
             page.wait_for_timeout(2500)
         page.keyboard.down("KeyD")
         page.wait_for_timeout(350)

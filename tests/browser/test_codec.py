@@ -14,7 +14,7 @@ import pytest
 import torch
 
 import service as service_package
-from browser_stage import JPEG_READY, Visit
+from browser_stage import JPEG_READY, Visit, run_script
 from service.codec import decode_depth, encode_depth, encode_mask
 from service.messages import Ack, Pose, Type, decode
 
@@ -51,18 +51,15 @@ def tools(browser: Any, service: Any) -> Any:
 
 
 def run(page: Any, script: str, **values: Any) -> Any:
-    """A script of the client's modules; byte strings travel as base64."""
-    packed = {k: base64.b64encode(v).decode() if isinstance(v, bytes) else v for k, v in values.items()}
-    helpers = """
-        const bytes = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
-        const text = (bytes) => btoa(Array.from(bytes, (b) => String.fromCharCode(b)).join(""));
+    """A script with the client's modules at hand."""
+    modules = """
         const { ZSTDDecoder } = await import("/vendor/zstddec/zstddec.mjs");
         const { undoPrediction, unpackBits } = await import("/js/depth-codec.js");
         const { TYPE, crc32, decodeMessage, encodeMessage } = await import("/js/wire.js");
         const zstd = new ZSTDDecoder();
         await zstd.init();
     """
-    return page.evaluate(f"async (given) => {{ {helpers} {script} }}", packed)
+    return run_script(page, modules + script, **values)
 
 
 @pytest.mark.parametrize("bits", [12, 14, 16])

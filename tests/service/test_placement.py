@@ -10,9 +10,7 @@ import pytest
 from service.messages import CREDITS, Ack, CameraHeader, Pose
 from service.placement import STALE_S, Placement, Shown
 from service.prediction import angle, distance, overscanned, predicted, same_view
-
-IDENTITY = tuple(float(i % 5 == 0) for i in range(16))
-CAMERA = CameraHeader(world_from_camera=IDENTITY, fx=50.0, fy=50.0, cx=32.0, cy=24.0, width=64, height=48, near=0.1)
+from service_parts import CAMERA
 
 
 def moved(x: float = 0.0, turn: float = 0.0) -> CameraHeader:

@@ -10,15 +10,12 @@ import msgspec
 import pytest
 
 from service.errors import ServiceError
-from service.jobs import Bounds, Job, MakeKeyframe, MakeLayers, SceneSource, SmoothKeyframe
+from service.jobs import Job, MakeKeyframe, MakeLayers, SmoothKeyframe
 from service.messages import Ack, CameraHeader, Pose
 from service.metrics import Metrics
 from service.placement import Placement
 from service.producer import Producer
-from service.sessions import Session
-
-IDENTITY = tuple(float(i % 5 == 0) for i in range(16))
-CAMERA = CameraHeader(world_from_camera=IDENTITY, fx=50.0, fy=50.0, cx=32.0, cy=24.0, width=64, height=48, near=0.1)
+from service_parts import CAMERA, IDENTITY, make_session
 
 
 class Renderer:
@@ -53,17 +50,7 @@ class Stage:
         self.sent: list[bytes] = []
         self.problems: list[ServiceError] = []
         self.placement = Placement(0.0, 0.0)
-        self.session = Session(
-            id="one",
-            scene=SceneSource(id="box"),
-            facts={},
-            camera=CAMERA,
-            layers=1,
-            overscan=1.2,
-            bounds=Bounds(),
-            renderer=0,
-            expires=0.0,
-        )
+        self.session = make_session("one", layers=1, overscan=1.2)
         self.producer = Producer(
             session=self.session,
             placement=self.placement,

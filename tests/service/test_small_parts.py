@@ -9,19 +9,16 @@ import time
 import pytest
 
 from service.errors import ServiceError
-from service.jobs import Bounds, SceneSource
 from service.kept import KeptContainers
 from service.logs import JsonLines
-from service.messages import CameraHeader
 from service.metrics import Metrics
 from service.negotiation import negotiate
-from service.sessions import Session, SessionStore
+from service.sessions import SessionStore
 from service.settings import read_settings
+from service_parts import make_session
 from torchrender.errors import OptionError
 
 OFFERED = ["image/png", "image/x-exr", "application/x-npz"]
-IDENTITY = tuple(float(i % 5 == 0) for i in range(16))
-CAMERA = CameraHeader(world_from_camera=IDENTITY, fx=9.0, fy=9.0, cx=4.0, cy=4.0, width=8, height=8, near=0.1)
 
 
 def test_settings_come_from_file_then_environment_then_arguments(tmp_path):
@@ -123,20 +120,6 @@ def test_kept_containers_make_room_for_newer_ones():
     with pytest.raises(ServiceError, match="dropped"):
         kept.get(first)
     assert kept.put(b"x" * 11) and len(kept._kept) == 0
-
-
-def make_session(name: str, lasts_s: float = 60.0) -> Session:
-    return Session(
-        id=name,
-        scene=SceneSource(id="cornell_box"),
-        facts={},
-        camera=CAMERA,
-        layers=0,
-        overscan=1.0,
-        bounds=Bounds(),
-        renderer=0,
-        expires=time.monotonic() + lasts_s,
-    )
 
 
 def test_tickets_work_once():

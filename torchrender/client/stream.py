@@ -274,8 +274,16 @@ class StreamClient:
             return None
         first = self._parts[0][0].header
         images, size = tuple(p for p, _ in self._parts), sum(s for _, s in self._parts)
-        kind = (first.still, first.samples)
-        keyframe = StreamedKeyframe(first.id, first.pose, *kind, images, first.plan, size, self._first_ms)
+        keyframe = StreamedKeyframe(
+            id=first.id,
+            pose=first.pose,
+            still=first.still,
+            samples=first.samples,
+            images=images,
+            plan=first.plan,
+            bytes=size,
+            latency_ms=self._first_ms,
+        )
         self._parts.clear()
         self.kept.append(keyframe)
         return keyframe

@@ -123,10 +123,10 @@ def plot(path: Path, curves: SceneCurves) -> None:
         for setting, (time, error) in points.items():
             axes.plot([time], [error], "o", color="tab:blue" if setting in best else "0.6")
         _time_ticks(axes, [time for time, _ in points.values()])
-        named.append((axes, points))
+        named.append((axes, points, best))
     figure.draw_without_rendering()  # names are placed in pixels
-    for axes, points in named:
-        _label(axes, points)
+    for axes, points, best in named:
+        _label(axes, points, best)
     figure.savefig(path, format="png")
 
 
@@ -141,12 +141,11 @@ def _time_ticks(axes: Any, times: Sequence[float]) -> None:
     axes.xaxis.set_minor_locator(NullLocator())
 
 
-def _label(axes: Any, points: Mapping[str, tuple[float, float]]) -> None:
-    """Names beside their points, those on the right half to the left; names that would meet go one below the other."""
+def _label(axes: Any, points: Mapping[str, tuple[float, float]], best: Sequence[str]) -> None:
+    """Names beside their points, those on the right half to the left; names that would meet stand above each other."""
     place = axes.transData.transform
     low, high = axes.get_window_extent().intervalx
     taken: list[tuple[float, float]] = []
-    best = frontier(points)
     for setting, point in sorted(points.items(), key=lambda item: (item[0] not in best, -item[1][0])):
         x, y = place(point)
         beyond = x > (low + high) / 2

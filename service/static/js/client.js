@@ -31,6 +31,7 @@ export class Client {
     this.state = "closed";
     this.lost = false;
     this.acks = [];
+    this.moving = false;
     this.pose = { seq: 0, sent: 0, camera: null, moving: false };
     this.traffic = new Rate();
     this.figures = { frame: new Smooth(), warp: new Smooth(), decode: new Smooth(), latency: new Median() };
