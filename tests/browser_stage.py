@@ -25,11 +25,11 @@ import msgspec
 import numpy as np
 import torch
 
-from service.cameras import cameras_of
-from service.containers import KeyframeImage, decode_keyframe
-from service.messages import CameraHeader, Keyframe, Message, Type, decode, split_blobs
 from torchrender.client.drawing import draw_keyframes
 from torchrender.scene.camera import Cameras
+from torchrender.wire.cameras import cameras_of
+from torchrender.wire.containers import KeyframeImage, decode_keyframe
+from torchrender.wire.messages import CameraHeader, Keyframe, Message, Type, decode, split_blobs
 
 FLAGS = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 START_S = 60.0
@@ -68,7 +68,14 @@ class Service:
 
     def start(self) -> None:
         """Returns when it answers."""
-        command = [sys.executable, "-c", "from torchrender.cli import main; main()", "serve", "--data", self.folder]
+        command = [
+            sys.executable,
+            "-c",
+            "from torchrender.cli.main import main; main()",
+            "serve",
+            "--data",
+            self.folder,
+        ]
         command += ["--port", str(self.port)]
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, env=self.environment, text=True)
         assert self.process.stdout is not None

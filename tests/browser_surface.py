@@ -15,9 +15,9 @@ import numpy as np
 from numba import njit
 
 from browser_stage import run_script
-from service.containers import KeyframeImage
-from torchrender.reprojection import pixel_matrices
+from torchrender.reconstruct.reproject import pixel_matrices
 from torchrender.scene.camera import Cameras
+from torchrender.wire.containers import KeyframeImage
 
 EXTRA_BIAS, STEP_BIAS = 0.01, 0.001  # of warp.js
 RIP = 0.12  # of shaders.js

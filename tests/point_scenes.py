@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import torch
 
-from torchrender.geometry.point_cloud import PointCloud
+from torchrender.points.cloud import PointCloud
 
 
 def sphere_cloud(count: int, *, seed: int = 0, radius: float | None = None, colored: bool = True) -> PointCloud:

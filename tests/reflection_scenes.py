@@ -8,12 +8,12 @@ import torch
 from torch import Tensor
 
 from torchrender.buffers import GBuffer, RayHits, ReflectionLayer
-from torchrender.effects.clustered_reflection import ClusteredReflections, ClusterOptions, clustered_reflections
-from torchrender.effects.traced_reflection import TraceOptions, trace_reflections
-from torchrender.hit_shader import HitShader
+from torchrender.effects.reflections.clustered import ClusteredReflections, ClusterOptions, clustered_reflections
+from torchrender.effects.reflections.reflectors import START, ReflectivePixels, reflective_pixels
+from torchrender.effects.reflections.traced import TraceOptions, trace_reflections
+from torchrender.pipeline.hit_shader import HitShader
 from torchrender.raster import rasterize
 from torchrender.rays import RayCaster
-from torchrender.reflection.reflectors import START, ReflectivePixels, reflective_pixels
 from torchrender.scene.camera import Cameras
 from torchrender.scene.light import PointLight
 from torchrender.scene.material import Material

@@ -6,8 +6,8 @@ import torch
 from torch import Tensor
 
 from torchrender.buffers import GBuffer, ReflectionLayer, ReflectionState
-from torchrender.reflection.key_frame import ReflectionKeyFrame, make_key_frame
-from torchrender.reflection.reuse_options import ReuseOptions
+from torchrender.effects.reflections.key_frame import ReflectionKeyFrame, make_key_frame
+from torchrender.effects.reflections.reuse_options import ReuseOptions
 from torchrender.scene.camera import Cameras
 from torchrender.scene.material import Material
 from torchrender.scene.mesh import Mesh

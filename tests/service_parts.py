@@ -5,9 +5,9 @@ from __future__ import annotations
 import time
 from typing import Any
 
-from service.jobs import Bounds, SceneSource
-from service.messages import CameraHeader
-from service.sessions import Session
+from torchrender.wire.messages import CameraHeader
+from torchrender_service.renderers.jobs import Bounds, SceneSource
+from torchrender_service.streams.sessions import Session
 
 IDENTITY = tuple(float(i % 5 == 0) for i in range(16))
 CAMERA = CameraHeader(world_from_camera=IDENTITY, fx=50.0, fy=50.0, cx=32.0, cy=24.0, width=64, height=48, near=0.1)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from torchrender.cli import main
+from torchrender.cli.main import main
 from torchrender.scene.procedural import SCENES
 
 README = (Path(__file__).resolve().parent.parent / "README.md").read_text()

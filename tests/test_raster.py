@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from torchrender.errors import InputError, OptionError
-from torchrender.kernels.project import visible_clusters
+from torchrender.kernels.raster.project import visible_clusters
 from torchrender.raster import FragmentTests, rasterize, rasterize_depth, rasterize_visibility
 from torchrender.rays import RayCaster
 from torchrender.scene.camera import Cameras

@@ -15,7 +15,7 @@ from torch import Tensor
 import torchrender as tr
 from torchrender.depth.viewpoints import viewpoints_around
 from torchrender.errors import ImageFileError, InputError, OptionError
-from torchrender.image_io import read_image
+from torchrender.images.files import read_image
 
 UP = torch.tensor([0.0, 0.0, 1.0])
 

@@ -7,7 +7,7 @@ import torch
 import trimesh
 from torch import Tensor
 
-from torchrender.geometry.voxel_grid import VoxelGrid
+from torchrender.voxels.grid import VoxelGrid
 
 SLACK = 1e-9
 

@@ -12,39 +12,30 @@ if TYPE_CHECKING:
     from torchrender.buffers import DepthImages, GBuffer, ReflectionLayer, VisibilityBuffer
     from torchrender.depth.options import SamplingOptions
     from torchrender.depth.sample import sample_depth_images, sample_offset_images
-    from torchrender.effects.clustered_reflection import ClusterOptions, clustered_reflections
-    from torchrender.effects.shadow_map import ShadowOptions
-    from torchrender.effects.soft_shadow import SoftShadowOptions, soft_shadow
-    from torchrender.effects.splat import render_points
-    from torchrender.effects.traced_reflection import TraceOptions, trace_reflections
-    from torchrender.effects.voxel_volume import render_volume
+    from torchrender.effects.reflections.clustered import ClusterOptions, clustered_reflections
+    from torchrender.effects.reflections.reflectors import blend_reflections, reflective_pixels
+    from torchrender.effects.reflections.reuse_options import ReuseOptions
+    from torchrender.effects.reflections.traced import TraceOptions, trace_reflections
+    from torchrender.effects.shadows.occluders import OccluderOptions, approximate_occluders
+    from torchrender.effects.shadows.shadow_map import ShadowOptions
+    from torchrender.effects.shadows.soft_shadow import SoftShadowOptions, soft_shadow
     from torchrender.errors import TorchRenderError
-    from torchrender.geometry.light_occluders import OccluderOptions, approximate_occluders
-    from torchrender.geometry.point_cloud import PointCloud
-    from torchrender.geometry.point_file import open_points, write_points
-    from torchrender.geometry.point_load import load_points
-    from torchrender.geometry.point_options import SplatOptions
-    from torchrender.geometry.point_tree import build_patches
-    from torchrender.geometry.reconstruct import reconstruct_hybrid
-    from torchrender.geometry.voxel_attributes import voxelize_attributes, voxelize_scene
-    from torchrender.geometry.voxel_collision import CollisionOptions, collide
-    from torchrender.geometry.voxel_file import read_voxels, write_voxels
-    from torchrender.geometry.voxel_functions import voxelize_implicit, voxelize_parametric
-    from torchrender.geometry.voxel_grid import VoxelGrid, Voxels, make_grid
-    from torchrender.geometry.voxel_mesh import voxel_mesh
-    from torchrender.geometry.voxel_solid import SolidOptions, voxelize_solid
-    from torchrender.geometry.voxelize import SurfaceOptions, voxelize_surface
-    from torchrender.history import RenderHistory
     from torchrender.image import Image
-    from torchrender.options import RenderOptions
-    from torchrender.planner import plan
-    from torchrender.plans import Plan
+    from torchrender.pipeline.history import RenderHistory
+    from torchrender.pipeline.options import RenderOptions
+    from torchrender.planning.plan import Plan
+    from torchrender.planning.planner import plan
+    from torchrender.points.cloud import PointCloud
+    from torchrender.points.draw import render_points
+    from torchrender.points.file import open_points, write_points
+    from torchrender.points.load import load_points
+    from torchrender.points.options import SplatOptions
+    from torchrender.points.tree import build_patches
     from torchrender.raster import rasterize, rasterize_depth
     from torchrender.rays import RayCaster
-    from torchrender.reflection.reflectors import blend_reflections, reflective_pixels
-    from torchrender.reflection.reuse_options import ReuseOptions
+    from torchrender.reconstruct.hybrid import reconstruct_hybrid
+    from torchrender.reconstruct.reproject import ReprojectOptions, reproject
     from torchrender.renderer import render
-    from torchrender.reprojection import ReprojectOptions, reproject
     from torchrender.scene.camera import Cameras
     from torchrender.scene.camera_path import CameraPath, built_in_path, load_path
     from torchrender.scene.environment import Environment
@@ -55,6 +46,15 @@ if TYPE_CHECKING:
     from torchrender.scene.medium import Medium
     from torchrender.scene.mesh import Mesh
     from torchrender.scene.model import Scene
+    from torchrender.voxels.attributes import voxelize_attributes, voxelize_scene
+    from torchrender.voxels.collision import CollisionOptions, collide
+    from torchrender.voxels.file import read_voxels, write_voxels
+    from torchrender.voxels.functions import voxelize_implicit, voxelize_parametric
+    from torchrender.voxels.grid import VoxelGrid, Voxels, make_grid
+    from torchrender.voxels.mesh import voxel_mesh
+    from torchrender.voxels.solid import SolidOptions, voxelize_solid
+    from torchrender.voxels.surface import SurfaceOptions, voxelize_surface
+    from torchrender.voxels.volume import render_volume
 
 __version__ = "0.1.0"
 
@@ -136,8 +136,8 @@ __all__ = [
 _HOME = {
     "CameraPath": "torchrender.scene.camera_path",
     "Cameras": "torchrender.scene.camera",
-    "ClusterOptions": "torchrender.effects.clustered_reflection",
-    "CollisionOptions": "torchrender.geometry.voxel_collision",
+    "ClusterOptions": "torchrender.effects.reflections.clustered",
+    "CollisionOptions": "torchrender.voxels.collision",
     "DepthImages": "torchrender.buffers",
     "DirectionalLight": "torchrender.scene.light",
     "Environment": "torchrender.scene.environment",
@@ -146,65 +146,65 @@ _HOME = {
     "Material": "torchrender.scene.material",
     "Medium": "torchrender.scene.medium",
     "Mesh": "torchrender.scene.mesh",
-    "OccluderOptions": "torchrender.geometry.light_occluders",
-    "PointCloud": "torchrender.geometry.point_cloud",
+    "OccluderOptions": "torchrender.effects.shadows.occluders",
+    "PointCloud": "torchrender.points.cloud",
     "PointLight": "torchrender.scene.light",
     "RayCaster": "torchrender.rays",
     "RectLight": "torchrender.scene.light",
     "ReflectionLayer": "torchrender.buffers",
-    "RenderHistory": "torchrender.history",
-    "Plan": "torchrender.plans",
-    "RenderOptions": "torchrender.options",
-    "ReprojectOptions": "torchrender.reprojection",
-    "ReuseOptions": "torchrender.reflection.reuse_options",
+    "RenderHistory": "torchrender.pipeline.history",
+    "Plan": "torchrender.planning.plan",
+    "RenderOptions": "torchrender.pipeline.options",
+    "ReprojectOptions": "torchrender.reconstruct.reproject",
+    "ReuseOptions": "torchrender.effects.reflections.reuse_options",
     "SamplingOptions": "torchrender.depth.options",
     "Scene": "torchrender.scene.model",
-    "ShadowOptions": "torchrender.effects.shadow_map",
-    "SoftShadowOptions": "torchrender.effects.soft_shadow",
-    "SolidOptions": "torchrender.geometry.voxel_solid",
-    "SplatOptions": "torchrender.geometry.point_options",
+    "ShadowOptions": "torchrender.effects.shadows.shadow_map",
+    "SoftShadowOptions": "torchrender.effects.shadows.soft_shadow",
+    "SolidOptions": "torchrender.voxels.solid",
+    "SplatOptions": "torchrender.points.options",
     "SpotLight": "torchrender.scene.light",
-    "SurfaceOptions": "torchrender.geometry.voxelize",
+    "SurfaceOptions": "torchrender.voxels.surface",
     "TorchRenderError": "torchrender.errors",
-    "TraceOptions": "torchrender.effects.traced_reflection",
+    "TraceOptions": "torchrender.effects.reflections.traced",
     "VisibilityBuffer": "torchrender.buffers",
-    "VoxelGrid": "torchrender.geometry.voxel_grid",
-    "Voxels": "torchrender.geometry.voxel_grid",
-    "approximate_occluders": "torchrender.geometry.light_occluders",
-    "blend_reflections": "torchrender.reflection.reflectors",
-    "build_patches": "torchrender.geometry.point_tree",
+    "VoxelGrid": "torchrender.voxels.grid",
+    "Voxels": "torchrender.voxels.grid",
+    "approximate_occluders": "torchrender.effects.shadows.occluders",
+    "blend_reflections": "torchrender.effects.reflections.reflectors",
+    "build_patches": "torchrender.points.tree",
     "built_in_path": "torchrender.scene.camera_path",
-    "clustered_reflections": "torchrender.effects.clustered_reflection",
-    "collide": "torchrender.geometry.voxel_collision",
+    "clustered_reflections": "torchrender.effects.reflections.clustered",
+    "collide": "torchrender.voxels.collision",
     "load": "torchrender.scene.load",
     "load_path": "torchrender.scene.camera_path",
-    "load_points": "torchrender.geometry.point_load",
-    "make_grid": "torchrender.geometry.voxel_grid",
-    "open_points": "torchrender.geometry.point_file",
+    "load_points": "torchrender.points.load",
+    "make_grid": "torchrender.voxels.grid",
+    "open_points": "torchrender.points.file",
     "rasterize": "torchrender.raster",
     "rasterize_depth": "torchrender.raster",
-    "read_voxels": "torchrender.geometry.voxel_file",
-    "reconstruct_hybrid": "torchrender.geometry.reconstruct",
-    "reflective_pixels": "torchrender.reflection.reflectors",
-    "plan": "torchrender.planner",
+    "read_voxels": "torchrender.voxels.file",
+    "reconstruct_hybrid": "torchrender.reconstruct.hybrid",
+    "reflective_pixels": "torchrender.effects.reflections.reflectors",
+    "plan": "torchrender.planning.planner",
     "render": "torchrender.renderer",
-    "render_points": "torchrender.effects.splat",
-    "render_volume": "torchrender.effects.voxel_volume",
-    "reproject": "torchrender.reprojection",
+    "render_points": "torchrender.points.draw",
+    "render_volume": "torchrender.voxels.volume",
+    "reproject": "torchrender.reconstruct.reproject",
     "sample_depth_images": "torchrender.depth.sample",
     "sample_offset_images": "torchrender.depth.sample",
     "scene_info": "torchrender.scene.info",
-    "soft_shadow": "torchrender.effects.soft_shadow",
-    "trace_reflections": "torchrender.effects.traced_reflection",
-    "voxel_mesh": "torchrender.geometry.voxel_mesh",
-    "voxelize_attributes": "torchrender.geometry.voxel_attributes",
-    "voxelize_implicit": "torchrender.geometry.voxel_functions",
-    "voxelize_parametric": "torchrender.geometry.voxel_functions",
-    "voxelize_scene": "torchrender.geometry.voxel_attributes",
-    "voxelize_solid": "torchrender.geometry.voxel_solid",
-    "voxelize_surface": "torchrender.geometry.voxelize",
-    "write_points": "torchrender.geometry.point_file",
-    "write_voxels": "torchrender.geometry.voxel_file",
+    "soft_shadow": "torchrender.effects.shadows.soft_shadow",
+    "trace_reflections": "torchrender.effects.reflections.traced",
+    "voxel_mesh": "torchrender.voxels.mesh",
+    "voxelize_attributes": "torchrender.voxels.attributes",
+    "voxelize_implicit": "torchrender.voxels.functions",
+    "voxelize_parametric": "torchrender.voxels.functions",
+    "voxelize_scene": "torchrender.voxels.attributes",
+    "voxelize_solid": "torchrender.voxels.solid",
+    "voxelize_surface": "torchrender.voxels.surface",
+    "write_points": "torchrender.points.file",
+    "write_voxels": "torchrender.voxels.file",
 }
 
 

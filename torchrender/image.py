@@ -14,11 +14,11 @@ from torch import Tensor
 from torchrender.buffers import GBuffer, VisibilityBuffer
 from torchrender.checks import check_choice, check_range, check_tensor
 from torchrender.errors import ImageFileError
-from torchrender.history import RenderHistory
-from torchrender.image_io import write_image, write_npz
+from torchrender.images.files import write_image, write_npz
 from torchrender.numerics.color import srgb_from_linear
 from torchrender.numerics.tonemap import OPERATORS, auto_exposure, tone_map
-from torchrender.plans import Plan
+from torchrender.pipeline.history import RenderHistory
+from torchrender.planning.plan import Plan
 from torchrender.raster import rasterize, rasterize_visibility
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene

@@ -21,10 +21,10 @@ from torch import Tensor
 from torchrender.buffers import GBuffer, VisibilityBuffer
 from torchrender.checks import check_choice, check_tensor
 from torchrender.errors import InputError
-from torchrender.kernels import draw_view
-from torchrender.kernels.attributes import interpolate
 from torchrender.kernels.compile import view as numpy_view
-from torchrender.kernels.draw_view import NO_EARLIER, NO_HOLES, NO_IDS, NO_LIMITS, TriangleArrays, View
+from torchrender.kernels.raster import draw_view
+from torchrender.kernels.raster.attributes import interpolate
+from torchrender.kernels.raster.draw_view import NO_EARLIER, NO_HOLES, NO_IDS, NO_LIMITS, TriangleArrays, View
 from torchrender.scene.camera import Cameras
 from torchrender.scene.mesh import Geometry
 from torchrender.scene.model import Scene

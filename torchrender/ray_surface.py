@@ -8,8 +8,8 @@ from torch import Tensor
 
 from torchrender.buffers import RayHits, RaySurface
 from torchrender.checks import check_tensor
-from torchrender.kernels.attributes import interpolate_hits
 from torchrender.kernels.compile import view
+from torchrender.kernels.raster.attributes import interpolate_hits
 from torchrender.raster import attribute_arrays, empty_attributes
 from torchrender.scene.model import Scene
 

@@ -1,6 +1,6 @@
 """The ray caster: first hits, next hits and occlusion of a scene's triangles.
 
-Visibility is decided in float64 by a watertight test (:mod:`torchrender.kernels.bvh`), so no ray slips through a
+Visibility is decided in float64 by a watertight test (:mod:`torchrender.kernels.rays.bvh`), so no ray slips through a
 shared edge or vertex. With Embree, float32 only narrows down where that test has to look: Embree traces slightly grown
 triangles and so bounds the nearest hit from below; the float64 tree searches a short piece of the ray from there on.
 """
@@ -20,10 +20,10 @@ from torch import Tensor
 from torchrender.buffers import RayHits
 from torchrender.checks import check_choice, check_finite, check_tensor
 from torchrender.errors import InputError, OptionError
-from torchrender.kernels.bvh import TIE, Rays, build_bvh, trace
 from torchrender.kernels.compile import view
-from torchrender.kernels.embree import SLACK, aim, grown_triangles
-from torchrender.kernels.ray_holes import hits_in_holes
+from torchrender.kernels.rays.bvh import TIE, Rays, build_bvh, trace
+from torchrender.kernels.rays.embree import SLACK, aim, grown_triangles
+from torchrender.kernels.rays.ray_holes import hits_in_holes
 from torchrender.scene.mesh import Geometry
 
 BACKENDS = ("auto", "embree", "bvh")

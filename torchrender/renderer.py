@@ -7,14 +7,15 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from torchrender.clock import StepClock
-from torchrender.curves import load_curves
 from torchrender.errors import InputError
-from torchrender.frame import Frame
-from torchrender.history import RenderHistory
 from torchrender.image import Image
-from torchrender.options import RenderOptions
-from torchrender.passes import Pass
-from torchrender.planner import (
+from torchrender.passes.table import Pass
+from torchrender.pipeline.frame import Frame
+from torchrender.pipeline.history import RenderHistory
+from torchrender.pipeline.options import RenderOptions
+from torchrender.planning.curves import load_curves
+from torchrender.planning.plan import Plan
+from torchrender.planning.planner import (
     CUSTOM,
     WANTED,
     Knowledge,
@@ -24,7 +25,6 @@ from torchrender.planner import (
     make_load,
     make_plan,
 )
-from torchrender.plans import Plan
 from torchrender.scene.camera import Cameras
 from torchrender.scene.load import load
 from torchrender.scene.model import Scene, resized
@@ -53,7 +53,7 @@ def render(
             else 1024 x 768. Cameras of another shape keep their vertical opening angle.
         history: ``RenderHistory()`` starts a sequence of pictures, ``image.history`` of one picture is for the next.
             Shadow maps, ray caster and reflections are then used again as far as the scene has stood still; reused
-            reflections are close to traced ones, not the same. See :class:`torchrender.history.RenderHistory`.
+            reflections are close to traced ones, not the same. See :class:`torchrender.pipeline.history.RenderHistory`.
         budget_ms: time that the picture may take, loading of the scene apart. The settings of all passes are chosen
             for the least error within it. The picture is always complete; ``image.plan`` tells what was chosen, what
             was predicted and what it took, and says so if the budget is not enough for the cheapest settings.

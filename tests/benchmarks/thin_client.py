@@ -35,8 +35,8 @@ from browser_stage import (
     reprojected,
 )
 from browser_surface import drawn_exactly, page_image
-from service.settings import BUILT_IN
-from torchrender.report.machine import machine_line
+from torchrender.quality.machine import machine_line
+from torchrender_service.settings import BUILT_IN
 
 LOG = logging.getLogger("thin_client")
 DOCS = Path(__file__).resolve().parents[2] / "docs"

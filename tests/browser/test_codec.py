@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 import torch
 
-import service as service_package
+import torchrender_service as service_package
 from browser_stage import JPEG_READY, Visit, run_script
-from service.codec import decode_depth, encode_depth, encode_mask
-from service.messages import Ack, Pose, Type, decode
+from torchrender.wire.codec import decode_depth, encode_depth, encode_mask
+from torchrender.wire.messages import Ack, Pose, Type, decode
 
 
 def images() -> dict[str, torch.Tensor]:

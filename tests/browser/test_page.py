@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from browser_stage import ARRIVED, COMPLETE, JPEG_READY, REFINED, Service, Visit
-from service.messages import Pose, Type
+from torchrender.wire.messages import Pose, Type
 
 PHONE = {"viewport": {"width": 390, "height": 780}, "has_touch": True, "is_mobile": True, "device_scale_factor": 2}
 

@@ -10,7 +10,7 @@ from PIL import Image as PilImage
 
 from browser_stage import Service, Visit, camera_of, grown, moved, pictures_of, psnr, reprojected
 from browser_surface import drawn_exactly, page_image
-from service.containers import KeyframeImage
+from torchrender.wire.containers import KeyframeImage
 
 DIRECTIONS = {"right": (1, 0, 0), "up": (0, -1, 0), "ahead": (0, 0, 1), "back and left": (-0.6, 0.5, -0.6)}
 

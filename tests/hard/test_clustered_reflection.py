@@ -22,13 +22,13 @@ from reflection_scenes import (
     traced,
 )
 from torchrender.buffers import ReflectionState
-from torchrender.effects.clustered_reflection import ClusteredReflections, clustered_reflections
+from torchrender.effects.reflections.cluster_cameras import build_cluster_cameras
+from torchrender.effects.reflections.clustered import ClusteredReflections, clustered_reflections
+from torchrender.effects.reflections.pixel_clusters import cluster_pixels
+from torchrender.effects.reflections.reflectors import ReflectivePixels, reflective, reflective_pixels
 from torchrender.kernels import depth_march
-from torchrender.options import RenderOptions
+from torchrender.pipeline.options import RenderOptions
 from torchrender.raster import rasterize
-from torchrender.reflection.cluster_cameras import build_cluster_cameras
-from torchrender.reflection.pixel_clusters import cluster_pixels
-from torchrender.reflection.reflectors import ReflectivePixels, reflective, reflective_pixels
 from torchrender.renderer import render
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene

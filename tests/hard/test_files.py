@@ -16,9 +16,9 @@ from PIL import Image
 
 from gltf_builder import TRIANGLE, Glb
 from torchrender.errors import ImageFileError, MeshError, SceneFileError, TorchRenderError
-from torchrender.image_io import MAX_PIXELS, read_image, read_image_bytes, write_image
+from torchrender.images.files import MAX_PIXELS, read_image, read_image_bytes, write_image
+from torchrender.scene.files.volume_file import read_volume
 from torchrender.scene.load import load
-from torchrender.scene.volume_file import read_volume
 
 MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl", ".toml")
 IMAGE_SUFFIXES = (".png", ".jpg", ".hdr", ".exr")

@@ -11,12 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from point_scenes import joined, random_cloud, sheet_cloud, sphere_cloud
-from torchrender.effects.splat import render_points
-from torchrender.geometry.point_cloud import PointCloud
-from torchrender.geometry.point_codec import compress
-from torchrender.geometry.point_options import PointImage, SplatOptions
-from torchrender.geometry.point_select import SelectionOptions
-from torchrender.geometry.point_tree import PatchOptions, build_patches
+from torchrender.points.cloud import PointCloud
+from torchrender.points.codec import compress
+from torchrender.points.draw import render_points
+from torchrender.points.options import PointImage, SplatOptions
+from torchrender.points.select import SelectionOptions
+from torchrender.points.tree import PatchOptions, build_patches
 from torchrender.scene.camera import Cameras
 
 MODES = ("adaptive", "full", "reconstruction", "low_pass", "squares")

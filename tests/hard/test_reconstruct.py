@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from depth_scenes import both, depth_images, front_camera, offset_camera, wall
-from torchrender.geometry.corners import ReconstructOptions, fit_corners
-from torchrender.geometry.reconstruct import reconstruct_hybrid
-from torchrender.geometry.splat import reconstruct_splat
 from torchrender.rays import RayCaster
-from torchrender.reprojection import reproject
+from torchrender.reconstruct.corners import ReconstructOptions, fit_corners
+from torchrender.reconstruct.discs import reconstruct_splat
+from torchrender.reconstruct.hybrid import reconstruct_hybrid
+from torchrender.reconstruct.reproject import reproject
 from torchrender.scene import shapes
 from torchrender.scene.camera import Cameras
 from torchrender.scene.mesh import Mesh

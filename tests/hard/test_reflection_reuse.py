@@ -9,15 +9,15 @@ import torch
 
 from reuse_scenes import eye_camera, mirror_key, mirror_scene, rectangle, views_of
 from torchrender.buffers import ReflectionState
-from torchrender.effects.reflection_reuse import ReuseState, reuse_reflections
-from torchrender.effects.traced_reflection import trace_reflections
-from torchrender.hit_shader import HitShader
+from torchrender.effects.reflections.key_frame import make_key_frame, match_reflections
+from torchrender.effects.reflections.moved import shift_reflections, warp_to_view
+from torchrender.effects.reflections.reflectors import reflective_pixels
+from torchrender.effects.reflections.reuse import ReuseState, reuse_reflections
+from torchrender.effects.reflections.reuse_options import ReuseOptions
+from torchrender.effects.reflections.traced import trace_reflections
+from torchrender.pipeline.hit_shader import HitShader
 from torchrender.raster import rasterize
 from torchrender.rays import RayCaster
-from torchrender.reflection.key_frame import make_key_frame, match_reflections
-from torchrender.reflection.moved import shift_reflections, warp_to_view
-from torchrender.reflection.reflectors import reflective_pixels
-from torchrender.reflection.reuse_options import ReuseOptions
 from torchrender.scene.camera import Cameras
 from torchrender.scene.light import PointLight
 from torchrender.scene.material import Material

@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 
 from shadow_scenes import box, floor, on_plane, plane_map, quad
 from torchrender.buffers import ShadowMap
-from torchrender.effects.shadow_map import ShadowOptions, light_visibility, render_shadow_map, shadow_factor
+from torchrender.effects.shadows.light_cameras import light_cameras
+from torchrender.effects.shadows.shadow_map import ShadowOptions, light_visibility, render_shadow_map, shadow_factor
 from torchrender.raster import rasterize
 from torchrender.scene.camera import Cameras, pinhole_matrix
 from torchrender.scene.light import DirectionalLight, PointLight, SpotLight
-from torchrender.scene.light_camera import light_cameras
 from torchrender.scene.mesh import Mesh
 from torchrender.scene.model import Scene
 

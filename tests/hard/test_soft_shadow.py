@@ -6,11 +6,11 @@ import pytest
 import torch
 
 from shadow_scenes import box, flat_image, floor, quad
-from torchrender.effects.soft_shadow import SoftShadowOptions, soft_shadow
+from torchrender.effects.shadows.light_samples import corner_grid, light_grid
+from torchrender.effects.shadows.soft_shadow import SoftShadowOptions, soft_shadow
 from torchrender.raster import rasterize
 from torchrender.scene.camera import Cameras
 from torchrender.scene.light import RectLight
-from torchrender.scene.light_grid import corner_grid, light_grid
 from torchrender.scene.model import Scene
 
 VISIBILITIES = ("ray", "shadow_map")

@@ -15,14 +15,14 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import torchrender.report.stability as stability
-from torchrender.effects.shadow_map import ShadowOptions, light_visibility
-from torchrender.passes import PASSES
-from torchrender.report.hard_cases import BASE, BY_NAME, CASES, Subject
-from torchrender.report.hard_effect import HardEffect, Law, Outputs, bounds_error, difference, same
-from torchrender.report.hard_numerics import NUMERICS, HardFunction
-from torchrender.report.stability import EFFECTS, Finding, examine, faults, pairs, run
-from torchrender.report.stability_page import page
+import torchrender.report.stability.study as stability
+from torchrender.effects.shadows.shadow_map import ShadowOptions, light_visibility
+from torchrender.passes.table import PASSES
+from torchrender.report.stability.cases import BASE, BY_NAME, CASES, Subject
+from torchrender.report.stability.effect import HardEffect, Law, Outputs, bounds_error, difference, same
+from torchrender.report.stability.numerics import NUMERICS, HardFunction
+from torchrender.report.stability.page import page
+from torchrender.report.stability.study import EFFECTS, Finding, examine, faults, pairs, run
 from torchrender.shade import shade
 
 PACKAGE = Path(stability.__file__).resolve().parent.parent

@@ -10,13 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from torchrender.errors import InputError
-from torchrender.geometry.voxel_collision import CollisionOptions, collide
-from torchrender.geometry.voxel_grid import VoxelGrid, Voxels, make_grid
-from torchrender.geometry.voxel_solid import LeakWarning, SolidOptions, voxelize_solid
-from torchrender.geometry.voxelize import SurfaceOptions, voxelize_surface
 from torchrender.rays import RayCaster
 from torchrender.scene import shapes
 from torchrender.scene.mesh import Mesh, concatenate
+from torchrender.voxels.collision import CollisionOptions, collide
+from torchrender.voxels.grid import VoxelGrid, Voxels, make_grid
+from torchrender.voxels.solid import LeakWarning, SolidOptions, voxelize_solid
+from torchrender.voxels.surface import SurfaceOptions, voxelize_surface
 from voxel_shapes import ball_grid, cube, icosphere, inside_convex, together, unit_grid
 
 AXES = ("x", "y", "z")

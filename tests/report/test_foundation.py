@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import torch
 
+from torchrender.quality.machine import machine_line, machine_record
+from torchrender.quality.timing import Timing, take_turns
 from torchrender.raster import rasterize_visibility
 from torchrender.report import foundation, foundation_page
-from torchrender.report.machine import machine_line, machine_record
-from torchrender.report.peers import opengl_raster
-from torchrender.report.timing import Timing, take_turns
+from torchrender.report.foundation.peers import opengl_raster
 from torchrender.scene.procedural import build
 
 

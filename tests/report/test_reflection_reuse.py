@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import pytest
 
-from torchrender.report.reflection_reuse import QUICK, run
-from torchrender.report.reflection_reuse_page import intervals
+from torchrender.report.reuse.page import intervals
+from torchrender.report.reuse.study import QUICK, run
 
 
 def test_intervals_between_key_frames() -> None:
@@ -37,7 +37,7 @@ def test_the_page_and_its_figures(tmp_path) -> None:
 
 
 def test_published_numbers_agree_with_the_specification() -> None:
-    from torchrender.report.reflection_reuse_page import PUBLISHED_22, PUBLISHED_23
+    from torchrender.report.reuse.page import PUBLISHED_22, PUBLISHED_23
 
     for values in PUBLISHED_23.values():
         assert sum(v for k, v in values.items() if k != "total") == pytest.approx(values["total"], abs=0.3)

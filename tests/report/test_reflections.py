@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from torchrender.image_io import read_image
-from torchrender.report.reflections import QUICK, run_study, write_study
+from torchrender.images.files import read_image
+from torchrender.report.reflections.study import QUICK, run_study, write_study
 
 
 def test_a_tiny_study_makes_its_page(tmp_path: Path) -> None:

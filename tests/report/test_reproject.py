@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from torchrender.image_io import read_image
-from torchrender.report.reproject import SCENES, run
+from torchrender.images.files import read_image
+from torchrender.report.reproject.study import SCENES, run
 
 
 def test_a_tiny_run_writes_its_page(tmp_path: Path) -> None:

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from torchrender.report import sampling
-from torchrender.report.sampling_published import AVAILABLE, KINDS, TIMES
-from torchrender.report.subject import subject_box
+from torchrender.report.common.subject import subject_box
+from torchrender.report.sampling.published import AVAILABLE, KINDS, TIMES
 from torchrender.scene.procedural import build
 
 pytest.importorskip("matplotlib")

@@ -8,12 +8,12 @@ import pytest
 import torch
 
 from shadow_scenes import box, flat_image, floor, on_plane, quad
-from torchrender.effects.shadow_map import ShadowOptions, render_shadow_map, shadow_factor
-from torchrender.effects.traced_shadow import traced_visibility
+from torchrender.effects.shadows.shadow_map import ShadowOptions, render_shadow_map, shadow_factor
+from torchrender.effects.shadows.traced import traced_visibility
 from torchrender.errors import InputError
 from torchrender.raster import rasterize
 from torchrender.rays import RayCaster
-from torchrender.report.shadow_quality import (
+from torchrender.report.shadow_maps.quality import (
     aliasing_ratio,
     contact_displacement,
     naive_shading,

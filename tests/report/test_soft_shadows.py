@@ -8,12 +8,12 @@ from pathlib import Path
 import pytest
 import torch
 
-from torchrender.effects.soft_shadow import LightVisibility, SoftShadowOptions, count_bits, soft_shadow
-from torchrender.image_io import read_image
+from torchrender.effects.shadows.soft_shadow import LightVisibility, SoftShadowOptions, count_bits, soft_shadow
+from torchrender.images.files import read_image
 from torchrender.raster import rasterize
-from torchrender.report.soft_shadow_errors import error_images, mean_errors
-from torchrender.report.soft_shadow_subject import QUICK, study_light
-from torchrender.report.soft_shadows import run
+from torchrender.report.soft_shadows.errors import error_images, mean_errors
+from torchrender.report.soft_shadows.study import run
+from torchrender.report.soft_shadows.subject import QUICK, study_light
 from torchrender.scene.procedural import build
 
 

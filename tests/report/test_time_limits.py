@@ -12,9 +12,9 @@ import torch
 import trimesh
 
 from torchrender.report import time_limits
-from torchrender.report.time_limit_page import page
-from torchrender.report.time_limit_scene import export_scene, plain_scene
-from torchrender.report.time_limits import PEERS, StudyOptions, other, own, study
+from torchrender.report.time_limits.page import page
+from torchrender.report.time_limits.scene import export_scene, plain_scene
+from torchrender.report.time_limits.study import PEERS, StudyOptions, other, own, study
 from torchrender.scene.camera import Cameras
 from torchrender.scene.light import DirectionalLight, PointLight, SpotLight
 from torchrender.scene.material import Material

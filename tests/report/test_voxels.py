@@ -8,13 +8,13 @@ import pytest
 import torch
 
 from torchrender.errors import OptionError
-from torchrender.geometry.voxel_grid import make_grid
-from torchrender.geometry.voxel_solid import voxelize_solid
-from torchrender.geometry.voxelize import SurfaceOptions, voxelize_surface
-from torchrender.report.voxel_baselines import layered_depths, slices, three_sheets
-from torchrender.report.voxel_models import bumpy_ring
-from torchrender.report.voxel_peers import SURFACES, agreement, peer_solid, peer_surface
-from torchrender.report.voxels import QUICK, run
+from torchrender.report.voxels.baselines import layered_depths, slices, three_sheets
+from torchrender.report.voxels.models import bumpy_ring
+from torchrender.report.voxels.peers import SURFACES, agreement, peer_solid, peer_surface
+from torchrender.report.voxels.study import QUICK, run
+from torchrender.voxels.grid import make_grid
+from torchrender.voxels.solid import voxelize_solid
+from torchrender.voxels.surface import SurfaceOptions, voxelize_surface
 
 THIN = SurfaceOptions(mode="thin")
 

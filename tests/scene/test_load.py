@@ -10,10 +10,10 @@ import torch
 from PIL import Image
 
 from torchrender.errors import InputError, SceneFileError
+from torchrender.scene.files.texture_file import MissingTextureWarning
 from torchrender.scene.load import load
 from torchrender.scene.mesh import Mesh
 from torchrender.scene.smooth import crease_normals
-from torchrender.scene.texture_file import MissingTextureWarning
 
 # Triangles, extent and whether the surface is closed, from the description of the data.
 MESHES = {

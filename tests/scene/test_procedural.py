@@ -13,10 +13,11 @@ from hypothesis import strategies as st
 from torchrender.errors import InputError
 from torchrender.raster import rasterize
 from torchrender.scene.camera import Cameras
+from torchrender.scene.files.scene_file import load_scene_file
 from torchrender.scene.mesh import Mesh
 from torchrender.scene.model import Scene
 from torchrender.scene.procedural import MAX_TRIANGLES, SCENES, build
-from torchrender.scene.procedural.curves import (
+from torchrender.scene.procedural.parts.curves import (
     blades,
     cylinder,
     lathe,
@@ -26,8 +27,8 @@ from torchrender.scene.procedural.curves import (
     torus,
     tubes,
 )
-from torchrender.scene.procedural.furniture import carpet, curtain, pile, towel
-from torchrender.scene.procedural.shapes import (
+from torchrender.scene.procedural.parts.furniture import carpet, curtain, pile, towel
+from torchrender.scene.procedural.parts.shapes import (
     Part,
     box,
     boxes,
@@ -38,9 +39,8 @@ from torchrender.scene.procedural.shapes import (
     rounded_box,
     sheet,
 )
-from torchrender.scene.procedural.textures import noise, rug
-from torchrender.scene.procedural.vessels import basin_tap, bottle, bowl, dome, kettle, shade, stand, teapot, vase
-from torchrender.scene.scene_file import load_scene_file
+from torchrender.scene.procedural.parts.textures import noise, rug
+from torchrender.scene.procedural.parts.vessels import basin_tap, bottle, bowl, dome, kettle, shade, stand, teapot, vase
 
 ROOT = Path(__file__).resolve().parents[2]
 USUAL = {"nest": 67_000, "grass": 56_000, "city": 50_000, "tree": 113_000, "living_room": 280_000, "washroom": 90_000}

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from torchrender.errors import InputError, MeshError, OptionError
-from torchrender.kernels.project import BLOCK
+from torchrender.kernels.raster.project import BLOCK
 from torchrender.scene.cutout import build_cutout
 from torchrender.scene.environment import Environment, latlong_directions
 from torchrender.scene.light import DirectionalLight, PointLight, RectLight, SpotLight

@@ -16,8 +16,8 @@ import pytest
 from PIL import Image as PilImage
 
 from gltf_builder import Glb
-from service.containers import read_container
 from service_server import RunningServer
+from torchrender.wire.containers import read_container
 
 IDENTITY = [float(i % 5 == 0) for i in range(16)]
 PINHOLE = {

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 import torch
 
-from service.codec import display_bytes
 from service_server import RunningServer
 from torchrender.client import StreamClient, StreamClosed, StreamedKeyframe, StreamError
 from torchrender.errors import InputError
 from torchrender.scene.camera import Cameras
+from torchrender.wire.codec import display_bytes
 
 SIZE = (96, 72)
 

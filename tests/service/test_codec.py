@@ -7,7 +7,10 @@ import pytest
 import torch
 import zstandard
 
-from service.codec import (
+from torchrender.errors import OptionError
+from torchrender.kernels.warp.depth_codec import encode_planes, fill_blocks
+from torchrender.numerics.color import srgb_from_linear
+from torchrender.wire.codec import (
     BITS,
     decode_color,
     decode_depth,
@@ -17,11 +20,8 @@ from service.codec import (
     encode_depth,
     encode_mask,
 )
-from service.errors import CodecError
-from service.keyframes import REACH, SLIP, enough_bits
-from torchrender.errors import OptionError
-from torchrender.kernels.depth_codec import encode_planes, fill_blocks
-from torchrender.numerics.color import srgb_from_linear
+from torchrender.wire.errors import CodecError
+from torchrender_service.renderers.keyframes import REACH, SLIP, enough_bits
 
 
 def some_depth(height: int, width: int, seed: int = 0) -> torch.Tensor:

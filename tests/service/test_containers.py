@@ -8,26 +8,26 @@ import numpy as np
 import pytest
 import torch
 
-from service.cameras import cameras_of, header_of
-from service.codec import display_bytes
-from service.containers import depth_images_of, plane_normals, read_container
-from service.engine import render_image
-from service.errors import CodecError, ProtocolError
-from service.jobs import Bounds, DepthImages, SceneSource, View
-from service.keyframes import Stamp, first_message, layer_message
-from service.layers import cameras_around, extra_layers
-from service.messages import CameraHeader, decode
-from service.pictures import make_container
 from torchrender.errors import CameraError
-from torchrender.history import RenderHistory
-from torchrender.options import RenderOptions
+from torchrender.pipeline.history import RenderHistory
+from torchrender.pipeline.options import RenderOptions
 from torchrender.raster import rasterize_visibility
-from torchrender.reprojection import reproject
+from torchrender.reconstruct.reproject import reproject
 from torchrender.scene.camera import Cameras
 from torchrender.scene.load import load
 from torchrender.scene.material import Material
 from torchrender.scene.mesh import Mesh
 from torchrender.scene.model import Scene
+from torchrender.wire.cameras import cameras_of, header_of
+from torchrender.wire.codec import display_bytes
+from torchrender.wire.containers import depth_images_of, plane_normals, read_container
+from torchrender.wire.errors import CodecError, ProtocolError
+from torchrender.wire.messages import CameraHeader, decode
+from torchrender_service.renderers.engine import render_image
+from torchrender_service.renderers.jobs import Bounds, DepthImages, SceneSource, View
+from torchrender_service.renderers.keyframes import Stamp, first_message, layer_message
+from torchrender_service.renderers.layers import cameras_around, extra_layers
+from torchrender_service.renderers.pictures import make_container
 
 SIZE = (64, 48)
 PLAIN = RenderOptions(reflections="off")

@@ -6,9 +6,9 @@ from typing import Any, cast
 
 import torch
 
-from service.containers import KeyframeImage
 from torchrender.client.drawing import NEARER, draw_keyframes
 from torchrender.scene.camera import Cameras
+from torchrender.wire.containers import KeyframeImage
 
 CAMERA = Cameras.look_at((0.0, 0.0, 0.0), (0.0, 0.0, -1.0), width=24, height=16)
 CORNER = (slice(0, 5), slice(0, 5))

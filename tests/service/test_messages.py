@@ -12,8 +12,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from service.errors import ProtocolError
-from service.messages import (
+from torchrender.kernels.warp.depth_codec import encode_planes
+from torchrender.wire.errors import ProtocolError
+from torchrender.wire.messages import (
     Ack,
     Bye,
     CameraHeader,
@@ -32,10 +33,9 @@ from service.messages import (
     padded,
     split_blobs,
 )
-from service.stream import FROM_CLIENT
-from torchrender.kernels.depth_codec import encode_planes
+from torchrender_service.streams.stream import FROM_CLIENT
 
-DOCUMENT = (Path(__file__).resolve().parents[2] / "service" / "PROTOCOL.md").read_text()
+DOCUMENT = (Path(__file__).resolve().parents[2] / "service" / "torchrender_service" / "PROTOCOL.md").read_text()
 IDENTITY = tuple(float(i % 5 == 0) for i in range(16))
 CAMERA = CameraHeader(world_from_camera=IDENTITY, fx=100.0, fy=100.0, cx=32.0, cy=24.0, width=64, height=48, near=0.1)
 MESSAGES = (

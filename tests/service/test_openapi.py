@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 
-from service.app import make_app
-from service.settings import read_settings
 from service_server import RunningServer
+from torchrender_service.settings import read_settings
+from torchrender_service.web.app import make_app
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")

@@ -7,10 +7,10 @@ import math
 import msgspec
 import pytest
 
-from service.messages import CREDITS, Ack, CameraHeader, Pose
-from service.placement import STALE_S, Placement, Shown
-from service.prediction import angle, distance, overscanned, predicted, same_view
 from service_parts import CAMERA
+from torchrender.wire.messages import CREDITS, Ack, CameraHeader, Pose
+from torchrender_service.streams.placement import STALE_S, Placement, Shown
+from torchrender_service.streams.prediction import angle, distance, overscanned, predicted, same_view
 
 
 def moved(x: float = 0.0, turn: float = 0.0) -> CameraHeader:

@@ -9,13 +9,13 @@ from typing import Any
 import msgspec
 import pytest
 
-from service.errors import ServiceError
-from service.jobs import Job, MakeKeyframe, MakeLayers, SmoothKeyframe
-from service.messages import Ack, CameraHeader, Pose
-from service.metrics import Metrics
-from service.placement import Placement
-from service.producer import Producer
 from service_parts import CAMERA, IDENTITY, make_session
+from torchrender.wire.messages import Ack, CameraHeader, Pose
+from torchrender_service.errors import ServiceError
+from torchrender_service.metrics import Metrics
+from torchrender_service.renderers.jobs import Job, MakeKeyframe, MakeLayers, SmoothKeyframe
+from torchrender_service.streams.placement import Placement
+from torchrender_service.streams.producer import Producer
 
 
 class Renderer:

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from service.settings import Settings
 from service_server import RunningServer
+from torchrender_service.settings import Settings
 
 ROOT = Path(__file__).resolve().parents[2]
 HEADING = "## Service\n"

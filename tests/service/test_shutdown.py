@@ -12,8 +12,8 @@ import pytest
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from service.messages import SUBPROTOCOL, Ack, Bye, Hello, Keyframe, Pose, Welcome, decode, encode
 from service_server import RunningServer, start_server, stop_server
+from torchrender.wire.messages import SUBPROTOCOL, Ack, Bye, Hello, Keyframe, Pose, Welcome, decode, encode
 
 BOX = b'name = "box"\n[[geometry]]\nshape = "box"\nsize = 1.0\n'
 KEY = "a-key-of-enough-letters"

@@ -8,15 +8,15 @@ import time
 
 import pytest
 
-from service.errors import ServiceError
-from service.kept import KeptContainers
-from service.logs import JsonLines
-from service.metrics import Metrics
-from service.negotiation import negotiate
-from service.sessions import SessionStore
-from service.settings import read_settings
 from service_parts import make_session
 from torchrender.errors import OptionError
+from torchrender_service.errors import ServiceError
+from torchrender_service.logs import JsonLines
+from torchrender_service.metrics import Metrics
+from torchrender_service.settings import read_settings
+from torchrender_service.streams.sessions import SessionStore
+from torchrender_service.web.kept import KeptContainers
+from torchrender_service.web.negotiation import negotiate
 
 OFFERED = ["image/png", "image/x-exr", "application/x-npz"]
 

@@ -20,7 +20,8 @@ from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Subprotocol
 from websockets.uri import parse_uri
 
-from service.messages import (
+from service_server import RunningServer
+from torchrender.wire.messages import (
     SUBPROTOCOL,
     Ack,
     Bye,
@@ -36,7 +37,6 @@ from service.messages import (
     decode,
     encode,
 )
-from service_server import RunningServer
 
 BOX = b'name = "box"\n[[geometry]]\nshape = "box"\nsize = 1.0\n'
 HELLO = encode(Hello(versions=(1, 1), color=("jpeg", "webp")))

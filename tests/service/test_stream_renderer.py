@@ -8,12 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from service import stream_renderer
-from service.cameras import header_of
-from service.codec import display_bytes
-from service.containers import KeyframeImage, read_container
-from service.jobs import Bounds, MakeKeyframe, MakeLayers, SceneSource, SmoothKeyframe
-from service.stream_renderer import (
+from torchrender.renderer import render
+from torchrender.scene.load import load
+from torchrender.wire.cameras import header_of
+from torchrender.wire.codec import display_bytes
+from torchrender.wire.containers import KeyframeImage, read_container
+from torchrender_service.renderers import stream_renderer
+from torchrender_service.renderers.jobs import Bounds, MakeKeyframe, MakeLayers, SceneSource, SmoothKeyframe
+from torchrender_service.renderers.stream_renderer import (
     ASIDE,
     MAX_REFINED,
     MOVING_BUDGET_MS,
@@ -22,8 +24,6 @@ from service.stream_renderer import (
     STREAMED,
     StreamRenderer,
 )
-from torchrender.renderer import render
-from torchrender.scene.load import load
 
 HUNDRED = Bounds(budget_ms=100.0)
 

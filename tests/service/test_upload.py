@@ -15,13 +15,13 @@ import pytest
 from PIL import Image as PilImage
 
 from gltf_builder import Glb
-from service.errors import ServiceError
-from service.jobs import Validate
-from service.settings import Settings, read_settings
-from service.store import MAX_UPLOADS, SceneStore
-from service.upload import validate
-from service.worker import failure_of
 from torchrender.errors import SceneFileError, TorchRenderError
+from torchrender_service.errors import ServiceError
+from torchrender_service.renderers.jobs import Validate
+from torchrender_service.renderers.upload import validate
+from torchrender_service.renderers.worker import failure_of
+from torchrender_service.scenes.store import MAX_UPLOADS, SceneStore
+from torchrender_service.settings import Settings, read_settings
 
 BOX = b'name = "box"\n[[geometry]]\nshape = "box"\nsize = 1.0\n'
 

@@ -8,9 +8,9 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from service.containers import KeyframeImage, depth_images_of
-from torchrender.reprojection import Reprojection, ReprojectOptions, reproject
+from torchrender.reconstruct.reproject import Reprojection, ReprojectOptions, reproject
 from torchrender.scene.camera import Cameras
+from torchrender.wire.containers import KeyframeImage, depth_images_of
 
 NEARER = 0.01
 """Share of its depth by which a sample of another image must lie in front of one of the first to be shown instead."""

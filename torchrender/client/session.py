@@ -10,9 +10,9 @@ from typing import Any
 
 import msgspec
 
-from service.cameras import header_of
 from torchrender.errors import TorchRenderError
 from torchrender.scene.camera import Cameras
+from torchrender.wire.cameras import header_of
 
 
 class StreamError(TorchRenderError):

@@ -1,6 +1,6 @@
 """A client of the service's stream: sends poses, receives depth images as tensors, and reprojects them itself.
 
-Needs the extra ``service``. See ``service/PROTOCOL.md`` for what goes over the wire.
+Needs the extra ``service``. See ``service/torchrender_service/PROTOCOL.md`` for what goes over the wire.
 """
 
 from __future__ import annotations
@@ -20,10 +20,16 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection
 from websockets.sync.client import connect as open_socket
 
-from service.cameras import cameras_of, header_of
-from service.containers import KeyframeImage, decode_keyframe, depth_images_of
-from service.errors import CodecError
-from service.messages import (
+from torchrender.buffers import DepthImages
+from torchrender.client.drawing import draw_keyframes
+from torchrender.client.session import StreamClosed, StreamError, post_session
+from torchrender.errors import InputError
+from torchrender.reconstruct.reproject import Reprojection, ReprojectOptions
+from torchrender.scene.camera import Cameras
+from torchrender.wire.cameras import cameras_of, header_of
+from torchrender.wire.containers import KeyframeImage, decode_keyframe, depth_images_of
+from torchrender.wire.errors import CodecError
+from torchrender.wire.messages import (
     MAJOR,
     SUBPROTOCOL,
     Ack,
@@ -42,12 +48,6 @@ from service.messages import (
     encode,
     split_blobs,
 )
-from torchrender.buffers import DepthImages
-from torchrender.client.drawing import draw_keyframes
-from torchrender.client.session import StreamClosed, StreamError, post_session
-from torchrender.errors import InputError
-from torchrender.reprojection import Reprojection, ReprojectOptions
-from torchrender.scene.camera import Cameras
 
 MAX_MESSAGE_BYTES = 2**26
 FROM_SERVER = (Type.WELCOME, Type.KEYFRAME, Type.ERROR, Type.BYE)

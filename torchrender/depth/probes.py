@@ -10,7 +10,7 @@ from torch import Tensor
 
 from torchrender.buffers import VisibilityBuffer
 from torchrender.kernels.compile import view as numpy_view
-from torchrender.kernels.fragments import redundant_samples
+from torchrender.kernels.raster.fragments import redundant_samples
 from torchrender.raster import FragmentTests, earlier_arrays, view_arrays
 from torchrender.scene.camera import Cameras
 from torchrender.scene.mesh import Geometry

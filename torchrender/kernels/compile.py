@@ -27,33 +27,60 @@ from torchrender import __version__
 numba_config.THREADING_LAYER_PRIORITY = ["omp", "tbb", "workqueue"]
 
 _FOLDER = Path(__file__).parent
-_IMPORT = re.compile(r"^\s*(?:from|import) torchrender\.kernels(?:\.(\w+)| import ([\w, ]+))", re.MULTILINE)
+_IMPORT = re.compile(
+    r"^\s*(?:from torchrender\.kernels(?P<inside>[\w.]*) import (?P<names>\([^)]*\)|[\w, ]+)"
+    r"|import torchrender\.kernels\.(?P<whole>[\w.]+))",
+    re.MULTILINE,
+)
+
+
+def _is_module(name: str) -> bool:
+    return bool(name) and (_FOLDER / f"{name.replace('.', '/')}.py").is_file()
+
+
+@cache
+def _imported(name: str) -> frozenset[str]:
+    """Kernel modules that the file of ``name`` imports, as dotted names below this folder."""
+    found = set()
+    for match in _IMPORT.finditer((_FOLDER / f"{name.replace('.', '/')}.py").read_text()):
+        if match["whole"]:
+            found.add(match["whole"])
+            continue
+        inside = match["inside"].lstrip(".")
+        names = re.findall(r"(\w+)(?:\s+as\s+\w+)?", re.sub(r"#[^\n]*", "", match["names"]))
+        found |= {inside, *(f"{inside}.{one}" if inside else one for one in names)}
+    return frozenset(one for one in found if _is_module(one))
 
 
 @cache
 def _sources(name: str) -> frozenset[str]:
-    """Names of the kernel files that ``name`` depends on, itself included."""
+    """Dotted names of the kernel modules that ``name`` depends on, itself included."""
     found: set[str] = set()
     waiting = {name}
     while waiting:
         here = waiting.pop()
         found.add(here)
-        imports = _IMPORT.findall((_FOLDER / f"{here}.py").read_text())
-        names = {name.strip() for one, several in imports for name in (one or several).split(",")}
-        waiting |= {n for n in names if (_FOLDER / f"{n}.py").is_file()} - found
+        waiting |= _imported(here) - found
     return frozenset(found)
 
 
 @cache
 def cache_folder(name: str) -> Path:
-    """Where the compiled kernels of file ``name`` are kept between processes."""
+    """Where the compiled kernels of module ``name``, such as ``raster.tiles``, are kept between processes."""
     named = os.environ.get("NUMBA_CACHE_DIR")
     if named:
         return Path(named)
     digest = hashlib.sha256()
     for source in sorted(_sources(name)):
-        digest.update((_FOLDER / f"{source}.py").read_bytes())
+        digest.update((_FOLDER / f"{source.replace('.', '/')}.py").read_bytes())
     return _cache_base() / "torchrender" / __version__ / f"{name}-{digest.hexdigest()[:12]}"
+
+
+def _module_name(file: str) -> str:
+    """Dotted name below this folder; the bare stem of a file elsewhere, as in tests."""
+    path = Path(file).resolve()
+    inside = path.relative_to(_FOLDER.resolve()) if path.is_relative_to(_FOLDER.resolve()) else Path(path.name)
+    return ".".join(inside.with_suffix("").parts)
 
 
 @cache
@@ -76,7 +103,7 @@ def kernel(*, parallel: bool = False, inline: bool = False) -> Callable[[Callabl
 
     def decorate(function: Callable[..., Any]) -> Any:
         before = numba_config.CACHE_DIR
-        numba_config.CACHE_DIR = str(cache_folder(Path(function.__code__.co_filename).stem))
+        numba_config.CACHE_DIR = str(cache_folder(_module_name(function.__code__.co_filename)))
         try:
             options: dict[str, Any] = {"cache": True, "error_model": "numpy", "nogil": True, "parallel": parallel}
             if inline:

@@ -17,9 +17,9 @@ from torch import Tensor
 from torchrender.checks import check_finite, check_tensor
 from torchrender.errors import InputError, SceneFileError
 from torchrender.scene.camera import Cameras
+from torchrender.scene.files.source import read_bytes
+from torchrender.scene.files.toml_table import Table, parse_toml
 from torchrender.scene.model import Scene
-from torchrender.scene.source import read_bytes
-from torchrender.scene.toml_table import Table, parse_toml
 
 USUAL_FRAMES = 500
 """Frames of a built-in walk: steps of less than a centimetre, as a slow walk has at 60 pictures a second."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from torchrender.errors import InputError, SceneFileError
+from torchrender.scene.files.scene_file import load_scene_file
+from torchrender.scene.files.source import MESH_SUFFIXES, SCENE_SUFFIX, SUPPORTED, build_procedural, load_mesh_file
 from torchrender.scene.model import Scene
-from torchrender.scene.scene_file import load_scene_file
-from torchrender.scene.source import MESH_SUFFIXES, SCENE_SUFFIX, SUPPORTED, build_procedural, load_mesh_file
 
 
 def load(path_or_name: str | Path, *, size: int | None = None) -> Scene:

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from torchrender.errors import MeshError
-from torchrender.kernels.clusters import cluster_boxes, spatial_order, vertex_blocks
+from torchrender.kernels.raster.culling_clusters import cluster_boxes, spatial_order, vertex_blocks
 from torchrender.scene.cutout import Cutout
 
 CLUSTER = 128

@@ -11,11 +11,11 @@ from torch import Tensor
 
 from torchrender.errors import InputError, SceneFileError
 from torchrender.scene import shapes
+from torchrender.scene.files.source import MAX_SIZE, build_procedural, load_mesh_file
+from torchrender.scene.files.toml_table import Table
 from torchrender.scene.mesh import Mesh
 from torchrender.scene.model import Scene
 from torchrender.scene.place import place_cameras, place_light, place_medium, place_mesh
-from torchrender.scene.source import MAX_SIZE, build_procedural, load_mesh_file
-from torchrender.scene.toml_table import Table
 
 KEPT = ("lights", "cameras", "environment", "ambient", "media")
 """What a geometry's own scene may bring along besides its meshes."""

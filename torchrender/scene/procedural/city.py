@@ -9,10 +9,10 @@ import numpy as np
 from torchrender.scene.camera import Cameras
 from torchrender.scene.light import DirectionalLight
 from torchrender.scene.model import Scene
-from torchrender.scene.procedural.assembly import Assembly, as_tensor, sky, view
-from torchrender.scene.procedural.curves import cylinder, sphere, torus
-from torchrender.scene.procedural.shapes import Array, Part, box, boxes, merge, repeat_pattern
-from torchrender.scene.procedural.textures import blend, bricks, mottled
+from torchrender.scene.procedural.parts.assembly import Assembly, as_tensor, sky, view
+from torchrender.scene.procedural.parts.curves import cylinder, sphere, torus
+from torchrender.scene.procedural.parts.shapes import Array, Part, box, boxes, merge, repeat_pattern
+from torchrender.scene.procedural.parts.textures import blend, bricks, mottled
 
 USUAL, FEWEST = 50_000, 2_000
 BLOCK, STREET = 52.0, 16.0  # metres

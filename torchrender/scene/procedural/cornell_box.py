@@ -7,8 +7,8 @@ import torch
 
 from torchrender.scene.light import RectLight
 from torchrender.scene.model import Scene
-from torchrender.scene.procedural.assembly import Assembly, as_tensor, view
-from torchrender.scene.procedural.shapes import Index, gridded_box, yaw_matrix
+from torchrender.scene.procedural.parts.assembly import Assembly, as_tensor, view
+from torchrender.scene.procedural.parts.shapes import Index, gridded_box, yaw_matrix
 
 USUAL, FEWEST = 96, 96
 WIDE, HIGH, DEEP, WALL = 0.5528, 0.5488, 0.5592, 0.02

@@ -6,10 +6,10 @@ import numpy as np
 
 from torchrender.scene.light import DirectionalLight
 from torchrender.scene.model import Scene
-from torchrender.scene.procedural.assembly import Assembly, as_tensor, sky, view
-from torchrender.scene.procedural.curves import blades, lathe, leaves, sphere, spline, tubes
-from torchrender.scene.procedural.shapes import Array, Part, merge, sheet, smooth_normals, unit
-from torchrender.scene.procedural.textures import blend, mottled
+from torchrender.scene.procedural.parts.assembly import Assembly, as_tensor, sky, view
+from torchrender.scene.procedural.parts.curves import blades, lathe, leaves, sphere, spline, tubes
+from torchrender.scene.procedural.parts.shapes import Array, Part, merge, sheet, smooth_normals, unit
+from torchrender.scene.procedural.parts.textures import blend, mottled
 
 USUAL, FEWEST = 56_000, 3_000
 HALF = 9.0  # half the side of the ground, metres

@@ -7,13 +7,13 @@ import numpy as np
 from torchrender.scene.light import Light, PointLight, RectLight, SpotLight
 from torchrender.scene.material import Material
 from torchrender.scene.model import Scene
-from torchrender.scene.procedural import furniture as fu
-from torchrender.scene.procedural import vessels as ve
-from torchrender.scene.procedural.assembly import Assembly, as_tensor, fitted, view
-from torchrender.scene.procedural.curves import cylinder, sphere, torus, tube
-from torchrender.scene.procedural.palettes import living_room_palette
-from torchrender.scene.procedural.room import Shell, door, skirting
-from torchrender.scene.procedural.shapes import (
+from torchrender.scene.procedural.parts import furniture as fu
+from torchrender.scene.procedural.parts import vessels as ve
+from torchrender.scene.procedural.parts.assembly import Assembly, as_tensor, fitted, view
+from torchrender.scene.procedural.parts.curves import cylinder, sphere, torus, tube
+from torchrender.scene.procedural.parts.palettes import living_room_palette
+from torchrender.scene.procedural.parts.room import Shell, door, skirting
+from torchrender.scene.procedural.parts.shapes import (
     Part,
     box,
     frame,

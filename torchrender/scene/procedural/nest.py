@@ -7,10 +7,10 @@ import numpy as np
 from torchrender.scene.environment import Environment
 from torchrender.scene.light import DirectionalLight
 from torchrender.scene.model import Scene
-from torchrender.scene.procedural.assembly import Assembly, as_tensor, sky, view
-from torchrender.scene.procedural.curves import leaves, sphere, spline, tube, tubes
-from torchrender.scene.procedural.shapes import Array, Part, merge, pitch_matrix, tilt_matrix, unit, yaw_matrix
-from torchrender.scene.procedural.textures import blend, mottled, noise, wood
+from torchrender.scene.procedural.parts.assembly import Assembly, as_tensor, sky, view
+from torchrender.scene.procedural.parts.curves import leaves, sphere, spline, tube, tubes
+from torchrender.scene.procedural.parts.shapes import Array, Part, merge, pitch_matrix, tilt_matrix, unit, yaw_matrix
+from torchrender.scene.procedural.parts.textures import blend, mottled, noise, wood
 
 USUAL, FEWEST = 67_000, 3_000
 RIM, BOWL = 0.105, 0.075  # radius of the rim's middle and depth of the bowl, metres

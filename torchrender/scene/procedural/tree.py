@@ -6,10 +6,10 @@ import numpy as np
 
 from torchrender.scene.light import DirectionalLight
 from torchrender.scene.model import Scene
-from torchrender.scene.procedural.assembly import Assembly, as_tensor, sky, view
-from torchrender.scene.procedural.curves import UP, blades, leaves, sphere, tubes
-from torchrender.scene.procedural.shapes import Array, Part, sheet, unit
-from torchrender.scene.procedural.textures import blend, mottled, wood
+from torchrender.scene.procedural.parts.assembly import Assembly, as_tensor, sky, view
+from torchrender.scene.procedural.parts.curves import UP, blades, leaves, sphere, tubes
+from torchrender.scene.procedural.parts.shapes import Array, Part, sheet, unit
+from torchrender.scene.procedural.parts.textures import blend, mottled, wood
 
 USUAL, FEWEST = 113_000, 3_000
 SUN = (-0.58, 0.68, 0.46)

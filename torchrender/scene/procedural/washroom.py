@@ -7,13 +7,13 @@ import numpy as np
 from torchrender.scene.light import Light, PointLight, RectLight, SpotLight
 from torchrender.scene.material import Material
 from torchrender.scene.model import Scene
-from torchrender.scene.procedural import furniture as fu
-from torchrender.scene.procedural import vessels as ve
-from torchrender.scene.procedural.assembly import Assembly, as_tensor, fitted, view
-from torchrender.scene.procedural.palettes import washroom_palette
-from torchrender.scene.procedural.room import Shell, door
-from torchrender.scene.procedural.tiling import WINDOW, H, X, Z, tiled_room
-from torchrender.scene.procedural.washroom_fixtures import (
+from torchrender.scene.procedural.parts import furniture as fu
+from torchrender.scene.procedural.parts import vessels as ve
+from torchrender.scene.procedural.parts.assembly import Assembly, as_tensor, fitted, view
+from torchrender.scene.procedural.parts.palettes import washroom_palette
+from torchrender.scene.procedural.parts.room import Shell, door
+from torchrender.scene.procedural.parts.tiling import WINDOW, H, X, Z, tiled_room
+from torchrender.scene.procedural.parts.washroom_fixtures import (
     paper_and_bin,
     pipes,
     shelves,

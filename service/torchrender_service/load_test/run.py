@@ -1,0 +1,107 @@
+"""Runs everything and writes ``service.md`` and ``service.json``."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import sys
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+from torchrender.images.files import write_atomically
+from torchrender.quality.machine import machine_line, machine_record
+from torchrender_service.load_test import faults, network, pictures
+from torchrender_service.load_test.driver import ServerUnderTest, running_server
+from torchrender_service.load_test.rows import Effort, Row
+
+Measurement = Callable[[ServerUnderTest, Effort], Awaitable[list[Row]]]
+ON_SERVER: tuple[tuple[str, Measurement], ...] = (
+    ("Latency", network.interactive_rows),
+    ("Latency", network.delay_rows),
+    ("Load", network.health_rows),
+    ("Faults", network.stalled_rows),
+    ("Faults", faults.message_rows),
+    ("Faults", faults.connection_rows),
+    ("Load", faults.soak_rows),
+    ("Faults", faults.shutdown_rows),
+)
+ELSEWHERE = (
+    Row(
+        what="the page's own frame rate, and its warp against the Python reprojection",
+        goal="unchanged by the link; ≥ 40 dB off holes",
+        measured="by the browser tests",
+        met=None,
+    ),
+    Row(
+        what="contract fuzzing of the OpenAPI description (schemathesis)",
+        goal="zero 5xx",
+        measured="by tests/service/test_openapi.py",
+        met=None,
+    ),
+)
+
+
+def run_load_test(folder: Path, effort: Effort) -> bool:
+    """Measure everything; whether all goals were met."""
+    sections: dict[str, list[Row]] = {"Keyframes": pictures.codec_rows(effort), "Views and holes": []}
+    _tell(sections["Keyframes"])
+    sections["Views and holes"] = pictures.view_rows(effort)
+    _tell(sections["Views and holes"])
+    asyncio.run(_measure(sections, effort))
+    sections["Measured elsewhere"] = list(ELSEWHERE)
+    record = machine_record()
+    found = {name: [row.to_dict() for row in rows] for name, rows in sections.items()}
+    _write(folder / "service.json", json.dumps({"machine": record, "quick": effort.quick, "rows": found}, indent=1))
+    _write(folder / "service.md", page(sections, record, effort))
+    return all(row.met is not False for rows in sections.values() for row in rows)
+
+
+async def _measure(sections: dict[str, list[Row]], effort: Effort) -> None:
+    settings = {"max_sessions": "1000", "log_level": "warning"}
+    with running_server(**settings) as server:
+        await asyncio.to_thread(server.get, "/v1/scenes")
+        sample = await faults.sample_keyframe(server, effort)
+        sections["Load"] = await network.transport_rows(sample, effort)
+        _tell(sections["Load"])
+        for name, measure in ON_SERVER:
+            rows = await measure(server, effort)
+            sections.setdefault(name, []).extend(rows)
+            _tell(rows)
+
+
+def page(sections: dict[str, list[Row]], record: dict[str, Any], effort: Effort) -> str:
+    """The page as Markdown."""
+    command = "torchrender load-test" + (" --quick" if effort.quick else "")
+    lines = [
+        "# The service, measured",
+        "",
+        f"`{command}` on {machine_line(record)}",
+        "",
+        "Server, renderers and simulated clients share this machine. Delay, jitter and loss are simulated by a relay "
+        "on loopback; a lost segment costs one round trip and 200 ms, as TCP makes it. Latency is from sending a "
+        "pose to having its picture (layer 0).",
+        "",
+    ]
+    for name, rows in sections.items():
+        lines += [f"## {name}", "", "| what | goal | measured | |", "|---|---|---|---|"]
+        lines += [f"| {r.what} | {r.goal} | {r.measured} | {_mark(r.met)} |" for r in rows]
+        lines.append("")
+    return "\n".join(lines)
+
+
+def _mark(met: bool | None) -> str:
+    return "" if met is None else "met" if met else "**missed**"
+
+
+def _tell(rows: list[Row]) -> None:
+    for row in rows:
+        sys.stderr.write(f"{_mark(row.met) or '-':10s} {row.what}: {row.measured} (goal: {row.goal})\n")
+    sys.stderr.flush()
+
+
+def _write(path: Path, text: str) -> None:
+    def write(temporary: Path) -> None:
+        temporary.write_text(text + "\n")
+
+    write_atomically(path, write)

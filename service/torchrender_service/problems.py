@@ -1,0 +1,104 @@
+"""Problem documents (RFC 9457): the one place where errors become responses."""
+
+from __future__ import annotations
+
+import json
+import logging
+from typing import Any
+
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from starlette.exceptions import HTTPException
+from starlette.responses import Response
+
+from torchrender.errors import SceneFileError, TorchRenderError
+from torchrender_service.errors import ServiceError
+
+LOG = logging.getLogger("service")
+MEDIA_TYPE = "application/problem+json"
+PREFIX = "urn:torchrender:problem:"
+TITLES = {
+    400: "Bad request",
+    401: "An API key or ticket is needed",
+    403: "Not allowed",
+    404: "Not found",
+    405: "Method not allowed",
+    406: "No such representation",
+    409: "Conflict",
+    413: "Too large",
+    415: "Unsupported media type",
+    421: "Not a name of this service",
+    422: "A value cannot be used",
+    429: "Too many requests",
+    500: "Internal error",
+    503: "Not available now",
+}
+_KINDS = {404: "not-found", 405: "method-not-allowed", 400: "bad-request"}
+_SHOWN_ERRORS = 16
+
+
+def problem_of(error: ServiceError) -> dict[str, Any]:
+    """The document of an error."""
+    return {
+        "type": PREFIX + error.kind,
+        "title": TITLES.get(error.status, "Error"),
+        "status": error.status,
+        "detail": error.detail.encode("utf-8", "backslashreplace").decode(),
+    }
+
+
+def problem_response(error: ServiceError, **extra: Any) -> Response:
+    """The response of an error."""
+    headers = {}
+    if error.retry_after_s is not None:
+        headers["Retry-After"] = str(max(1, round(error.retry_after_s)))
+    if error.status == 401:
+        headers["WWW-Authenticate"] = "Bearer"
+    content = json.dumps(problem_of(error) | extra)
+    return Response(content, status_code=error.status, media_type=MEDIA_TYPE, headers=headers)
+
+
+def service_error(error: Exception) -> ServiceError:
+    """Any error of the package as one of the service."""
+    if isinstance(error, ServiceError):
+        return error
+    if isinstance(error, SceneFileError):
+        where = f"{error.key}: " if error.key else ""
+        return ServiceError(422, "scene-file", where + error.reason)
+    if isinstance(error, TorchRenderError):
+        return ServiceError(422, "invalid-value", str(error))
+    return ServiceError(500, "internal", "the server met an error of its own; it is in the log")
+
+
+def add_error_handlers(app: FastAPI) -> None:
+    """Turn every error into a problem document."""
+
+    @app.exception_handler(TorchRenderError)
+    async def known(request: Request, error: TorchRenderError) -> Response:
+        del request
+        return problem_response(service_error(error))
+
+    @app.exception_handler(RequestValidationError)
+    async def invalid(request: Request, error: RequestValidationError) -> Response:
+        del request
+        # The values themselves are left out: they may be NaN, huge, or not even text.
+        found = [{"at": _place(e["loc"]), "reason": str(e["msg"])} for e in error.errors()[:_SHOWN_ERRORS]]
+        detail = "; ".join(f"{e['at']}: {e['reason']}" for e in found)
+        return problem_response(ServiceError(422, "invalid-value", detail[:2000]), errors=found)
+
+    @app.exception_handler(HTTPException)
+    async def http(request: Request, error: HTTPException) -> Response:
+        del request
+        kind = _KINDS.get(error.status_code, "http")
+        response = problem_response(ServiceError(error.status_code, kind, str(error.detail)))
+        response.headers.update(error.headers or {})
+        return response
+
+    @app.exception_handler(Exception)
+    async def unknown(request: Request, error: Exception) -> Response:
+        LOG.error("%s %s failed", request.method, request.url.path, exc_info=error)
+        return problem_response(service_error(error))
+
+
+def _place(parts: Any) -> str:
+    return ".".join(str(part) for part in parts).encode("utf-8", "backslashreplace").decode()

@@ -1,0 +1,1 @@
+"""The processes that render, what they are asked for, and what they keep."""

@@ -1,0 +1,191 @@
+"""What the service asks its renderers to do. Plain records: the process that serves never loads the renderer itself."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import msgspec
+
+from torchrender.wire.messages import Bits, CameraHeader, ColorCodec
+
+QUALITY_MOVING = 85
+QUALITY_STILL = 95  # where the client cannot read WebP
+LOSSLESS = 100  # with WebP
+BITS_STILL: Bits = 16
+
+Buffer = Literal[
+    "radiance",
+    "depth",
+    "triangle",
+    "object_id",
+    "material",
+    "barycentric",
+    "position",
+    "normal",
+    "geometric_normal",
+    "uv",
+    "color",
+]
+"""Arrays of an NPZ file; the cameras come with them."""
+
+
+class SceneSource(msgspec.Struct, frozen=True, kw_only=True):
+    """Where a renderer finds a scene: a file, or None for the built-in scene of that name."""
+
+    id: str
+    path: str | None = None
+
+
+class View(msgspec.Struct, frozen=True, kw_only=True):
+    """A camera in one of three forms, and the size of its picture."""
+
+    width: int
+    height: int
+    name: str | None = None  # of one of the scene's cameras; None with all others None: its first
+    pose: CameraHeader | None = None
+    look_at: dict[str, Any] | None = None  # eye, target, up, fov_deg, near
+
+
+class Bounds(msgspec.Struct, frozen=True, kw_only=True):
+    """What a picture may cost, or how far it may be off."""
+
+    budget_ms: float | None = None
+    max_error: float | None = None
+
+
+class Describe(msgspec.Struct, frozen=True, kw_only=True, tag=True):
+    """Facts about a scene."""
+
+    scene: SceneSource
+
+
+class Locate(msgspec.Struct, frozen=True, kw_only=True, tag=True):
+    """The camera that a view means, as messages carry it."""
+
+    scene: SceneSource
+    view: View
+
+
+class Validate(msgspec.Struct, frozen=True, kw_only=True, tag=True):
+    """Facts about a file that was uploaded, after checks of what it declares."""
+
+    path: str
+    kind: str  # "glb" or "toml"
+    max_triangles: int
+    max_texture_pixels: int
+
+
+class Render(msgspec.Struct, frozen=True, kw_only=True, tag=True):
+    """A picture as a file."""
+
+    scene: SceneSource
+    view: View
+    bounds: Bounds
+    options: dict[str, Any]
+    format: str  # "png", "exr" or "npz"
+    buffers: tuple[Buffer, ...] = ()  # of an NPZ file; none named: all
+
+
+class Plan(msgspec.Struct, frozen=True, kw_only=True, tag=True):
+    """What a picture would need."""
+
+    scene: SceneSource
+    view: View
+    bounds: Bounds
+
+
+class Tradeoff(msgspec.Struct, frozen=True, kw_only=True, tag=True):
+    """Time against error of one pass."""
+
+    name: str
+
+
+class DepthImages(msgspec.Struct, frozen=True, kw_only=True, tag=True):
+    """Depth images of a scene as a container of keyframe messages."""
+
+    scene: SceneSource
+    views: tuple[View, ...]
+    method: str
+    bits: Bits
+    color: ColorCodec
+    quality: int
+    around: int = 1  # viewpoints around the only view
+    spread: float = 0.2
+    options: dict[str, Any] = {}
+
+
+class Reproject(msgspec.Struct, frozen=True, kw_only=True, tag=True):
+    """A picture from a container of keyframes."""
+
+    container: bytes
+    view: View
+    method: str
+    format: str  # "png" or "npz"
+    max_pixels: int
+    max_images: int
+
+
+class MakeKeyframe(msgspec.Struct, frozen=True, kw_only=True, tag=True):
+    """Layer 0 of one keyframe of a stream."""
+
+    session: str
+    scene: SceneSource
+    id: int
+    pose: int
+    time_ms: float
+    camera: CameraHeader
+    still: bool
+    layers: int  # extra ones, made by :class:`MakeLayers` afterwards
+    direction: tuple[float, ...]  # the camera is expected to go there, world axes; zero: anywhere
+    baseline: float  # distance of the extra cameras; 0: from the depth of what is seen
+    color: ColorCodec
+    quality: int
+    bounds: Bounds
+
+
+class MakeLayers(msgspec.Struct, frozen=True, kw_only=True, tag=True):
+    """The extra layers of the keyframe that was made last for a session: so layer 0 need not wait for them."""
+
+    session: str
+    id: int
+
+
+class SmoothKeyframe(msgspec.Struct, frozen=True, kw_only=True, tag=True):
+    """One more picture of the refinement that was made last for a session, part of a pixel aside.
+
+    With the last of them comes their mean, as layer 0 of the keyframe ``id``.
+    """
+
+    session: str
+    id: int
+
+
+class Forget(msgspec.Struct, frozen=True, kw_only=True, tag=True):
+    """Drop what is kept for a session or a scene."""
+
+    session: str | None = None
+    scene: str | None = None
+
+
+SceneJob = Describe | Locate | Render | Plan | DepthImages | MakeKeyframe
+Job = SceneJob | Validate | Tradeoff | Reproject | MakeLayers | SmoothKeyframe | Forget
+
+
+class Failure(msgspec.Struct, frozen=True, kw_only=True):
+    """Why a job was not done."""
+
+    status: int
+    kind: str
+    detail: str
+
+
+class Reply(msgspec.Struct, frozen=True, kw_only=True):
+    """What a renderer answers."""
+
+    result: dict[str, Any] | None = None
+    failure: Failure | None = None
+
+
+JOB_ENCODER = msgspec.msgpack.Encoder()
+JOB_DECODER = msgspec.msgpack.Decoder(Job)
+REPLY_DECODER = msgspec.msgpack.Decoder(Reply)

@@ -1,0 +1,229 @@
+"""Extra layers of a keyframe: what cameras around the first one see and its depth image does not hold.
+
+Of the non-redundant samples (specification 01, section 5) only those are kept that an extra camera sees first: they are
+what moving a little brings to light. Few pixels are shaded and sent for them.
+
+Extra cameras keep the orientation and intrinsics of the first, so a pixel of theirs and the same pixel of the first
+image look at the same point of the sky: no sky is sent twice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+
+import torch
+from torch import Tensor
+
+from torchrender.buffers import GBuffer, VisibilityBuffer
+from torchrender.kernels.warp.known_samples import find_known
+from torchrender.passes import resolve as steps
+from torchrender.pipeline.frame import Frame
+from torchrender.pipeline.history import RenderHistory
+from torchrender.pipeline.options import RenderOptions
+from torchrender.raster import rasterize_visibility, surface_attributes
+from torchrender.reconstruct.reproject import pixel_matrices
+from torchrender.scene.camera import Cameras
+from torchrender.scene.model import Scene
+from torchrender.shade import shade
+
+BASELINE = 0.09  # distance of the extra cameras in median depths of the first image
+MAX_BASELINE = 0.25
+MANY_PIXELS = 2**14  # a median of all of them would take longer than packing their depths
+PACKED_WIDTH = 256
+FEWEST = 3
+"""New samples of the nine around a pixel below which its own is left out."""
+CONTINUES = 0.02
+"""Share of its depth by which a neighbour of a new sample may be nearer and still continue its surface."""
+ELSEWHERE = 0.4
+"""Share of new samples from which an extra camera stands inside or behind something: nothing of it is sent."""
+ALIKE = 0.9
+"""Cosine above which two ways to go bring the same to light."""
+TOLERANCE = 2e-3
+"""Share of its depth that a sample may be off and still be the same surface."""
+
+
+@dataclass(frozen=True, eq=False)
+class Layer:
+    """One extra depth image with its colours."""
+
+    camera: Cameras
+    depth: Tensor  # (H,W); +inf where there is no surface
+    radiance: Tensor  # (H,W,3) linear
+    known: Tensor  # (H,W) bool: a sample, or sky that no earlier layer shows
+
+
+def extra_layers(
+    scene: Scene, first: VisibilityBuffer, cameras: Sequence[Cameras], options: RenderOptions, past: RenderHistory
+) -> list[Layer]:
+    """What each of ``cameras`` sees and none before it holds, shaded like a picture.
+
+    Every new sample is continued by a pixel to all sides, so that the layer overlaps what is beside it.
+
+    Args:
+        scene: with its lights, as the picture of layer 0 has it.
+        first: what that picture's one camera sees.
+        cameras: single cameras from :func:`cameras_around`.
+        past: what that picture left.
+    """
+    known = [first]
+    sky_shown = ~first.covered[0]
+    layers = []
+    for camera in cameras:
+        seen = rasterize_visibility(scene.geometry, camera)
+        new, new_sky = _new_pixels(seen, known), ~seen.covered[0] & ~sky_shown
+        if float((new[0] | new_sky).float().mean()) > ELSEWHERE:
+            new, new_sky = torch.zeros_like(new), torch.zeros_like(new_sky)
+        kept, nearest = _grown(new, seen.depth)
+        sky_shown = sky_shown | new_sky
+        gbuffer = surface_attributes(scene, _only(seen, kept))
+        radiance = _shade_few(scene, gbuffer, options, past)
+        layers.append(_extended(Layer(camera, gbuffer.depth[0], radiance[0], kept[0] | new_sky), seen, nearest))
+        known.append(gbuffer)
+    return layers
+
+
+def _new_pixels(seen: VisibilityBuffer, earlier: Sequence[VisibilityBuffer]) -> Tensor:
+    """(1,H,W) bool: no earlier image holds the sample."""
+    known = ~seen.covered
+    for image in earlier:
+        matrix = pixel_matrices(seen.cameras, image.cameras)[0]
+        arrays = [t[0].numpy() for t in (image.depth, image.triangle)]
+        find_known(seen.depth[0].numpy(), seen.triangle[0].numpy(), matrix, *arrays, TOLERANCE, known[0].numpy())
+    new = ~known
+    # Single pixels are cracks between samples, which clients close themselves.
+    beside = torch.nn.functional.avg_pool2d(new.float()[None], 3, stride=1, padding=1)[0] * 9.0
+    return new & (beside > FEWEST - 0.5)
+
+
+def _grown(new: Tensor, depth: Tensor) -> tuple[Tensor, Tensor]:
+    """Which samples are sent, and what continues behind the rest.
+
+    Returns:
+        (1,H,W) bool: new samples and those of their eight neighbours that do not lie in front of them.
+        (H,W) int64: flat index of the nearest new sample among the nine around a pixel, -1 where there is none.
+    """
+    far = torch.where(new, depth, torch.inf)
+    negative, where = torch.nn.functional.max_pool2d(-far, 3, stride=1, padding=1, return_indices=True)
+    beside = torch.isfinite(negative)
+    kept = new | (beside & (depth >= -(1.0 - CONTINUES) * negative) & torch.isfinite(depth))
+    return kept, torch.where(beside, where, -1)[0]
+
+
+def _extended(layer: Layer, seen: VisibilityBuffer, nearest: Tensor) -> Layer:
+    """With new samples continued by a pixel behind what hides them, where otherwise a crack would open.
+
+    What lies in front is known already; sent again, it would hide what is beside its outline once the eye moves.
+    """
+    hidden = (nearest >= 0) & seen.covered[0] & ~layer.known
+    source = nearest[hidden]
+    depth, radiance = layer.depth.clone(), layer.radiance.clone()
+    depth[hidden] = layer.depth.reshape(-1)[source]
+    radiance[hidden] = layer.radiance.reshape(-1, 3)[source]
+    return replace(layer, depth=depth, radiance=radiance, known=layer.known | hidden)
+
+
+def _only(seen: VisibilityBuffer, kept: Tensor) -> VisibilityBuffer:
+    """Without the samples that are not kept."""
+    return VisibilityBuffer(
+        cameras=seen.cameras,
+        depth=torch.where(kept, seen.depth, torch.inf),
+        triangle=torch.where(kept, seen.triangle, -1),
+        object_id=torch.where(kept, seen.object_id, -1),
+        barycentric=torch.where(kept[..., None], seen.barycentric, 0.0),
+    )
+
+
+def typical_depth(depth: Tensor) -> float:
+    """Median of finite depths (H,W), in large images of one in sixteen; 0 where there is none."""
+    step = 4 if depth.numel() >= MANY_PIXELS else 1
+    sparse = depth[::step, ::step]
+    finite = sparse[torch.isfinite(sparse)]
+    return float(finite.median()) if len(finite) else 0.0
+
+
+def cameras_around(
+    camera: Cameras, depth: Tensor, count: int, *, direction: Sequence[float] = (0, 0, 0), baseline: float = 0.0
+) -> list[Cameras]:
+    """``count`` cameras beside a single one: first where it is going, then to both sides, up and down.
+
+    Args:
+        depth: (H,W) what the camera sees.
+        direction: where it is going, world axes; zero where it stands.
+        baseline: how far, scene units; kept between ``BASELINE`` and ``MAX_BASELINE`` median depths.
+    """
+    if not count:
+        return []
+    typical = typical_depth(depth) or 10.0 * float(camera.near[0])
+    reach = min(max(baseline, BASELINE * typical), MAX_BASELINE * typical)
+    right, down = camera.rotation[0, 0], camera.rotation[0, 1]
+    ways = [right, -right, -down, down]
+    ahead = torch.as_tensor(direction, dtype=torch.float64)
+    if float(ahead.norm()) > 0.0:
+        ahead = ahead / ahead.norm()
+        ways.sort(key=lambda way: -float(way @ ahead))
+        ways = [ahead, *(way for way in ways if float(way @ ahead) < ALIKE), *ways]
+    moved = []
+    for way in ways[:count]:
+        matrix = camera.camera_from_world.clone()
+        matrix[0, :3, 3] -= camera.rotation[0] @ (reach * way)
+        moved.append(replace(camera, camera_from_world=matrix))
+    return moved
+
+
+def shade_samples(scene: Scene, gbuffer: GBuffer, options: RenderOptions, past: RenderHistory) -> Tensor:
+    """(B,H,W,3) linear radiance of samples that need not be the nearest surfaces, by the steps of a picture.
+
+    Args:
+        scene: with its lights.
+        past: what a picture of the scene left: its shadow maps and ray caster are used again. Where there is a ray
+            caster mirrors are traced, else they show the scene's cube map: clusters are for whole pictures.
+    """
+    way = options.reflections
+    if way != "off":
+        way = "environment" if past.caster is None else "traced"
+    area = "pcss" if options.area_shadows == "sampled" else options.area_shadows
+    frame = Frame(scene=scene, cameras=gbuffer.cameras, options=options, past=past)
+    frame.choose(
+        replace(options, reflections=way, area_shadows=area, point_shadows="maps", reuse=None, supersample=1.0)
+    )
+    buffers = frame.buffers
+    buffers["gbuffer"] = gbuffer
+    if options.shadows and scene.lights and bool(gbuffer.covered.any()):
+        buffers["shadow_maps"] = steps.draw_shadow_maps(frame)
+        buffers["point_shadows"] = steps.find_point_shadows(frame)
+        buffers["area_shadows"] = steps.find_area_shadows(frame)
+    buffers["direct"] = steps.light_directly(frame)
+    if way != "off":
+        buffers["reflection_layer"] = steps.mirror(frame)
+    return steps.make_picture(frame)
+
+
+def _shade_few(scene: Scene, gbuffer: GBuffer, options: RenderOptions, past: RenderHistory) -> Tensor:
+    """The same for one image with few samples: they are put side by side, so that the rest costs nothing.
+
+    Empty pixels get the background.
+    """
+    covered = gbuffer.covered[0]
+    count = int(covered.sum())
+    height = -(-count // PACKED_WIDTH)
+    empty = {"triangle": -1, "object_id": -1, "material": -1, "depth": torch.inf}
+
+    def packed(name: str) -> Tensor:
+        values = getattr(gbuffer, name)[0][covered]
+        room = torch.full((height * PACKED_WIDTH, *values.shape[1:]), empty.get(name, 0), dtype=values.dtype)
+        room[:count] = values
+        return room.reshape(1, height, PACKED_WIDTH, *values.shape[1:])
+
+    background = shade(scene, _emptied(gbuffer), background=options.background).clone()
+    if count:
+        camera = gbuffer.cameras.sub_camera(0, 0, PACKED_WIDTH, height)
+        names = [f.name for f in fields(GBuffer) if f.name != "cameras"]
+        small = GBuffer(cameras=camera, **{name: packed(name) for name in names})
+        background[0][covered] = shade_samples(scene, small, options, past).reshape(-1, 3)[:count]
+    return background
+
+
+def _emptied(gbuffer: GBuffer) -> GBuffer:
+    nothing = torch.full_like(gbuffer.triangle, -1)
+    return replace(gbuffer, triangle=nothing, material=nothing, object_id=nothing)

@@ -1,0 +1,107 @@
+"""Pictures, depth images and reprojections that single requests ask for."""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from torchrender.depth.options import SamplingOptions
+from torchrender.depth.sample import sample_depth_images
+from torchrender.depth.viewpoints import viewpoints_around
+from torchrender.image import Image, camera_arrays
+from torchrender.images.files import write_image, write_npz
+from torchrender.pipeline.history import RenderHistory
+from torchrender.pipeline.options import RenderOptions
+from torchrender.raster import surface_attributes
+from torchrender.reconstruct.reproject import Reprojection, reproject
+from torchrender.scene.camera import Cameras
+from torchrender.scene.model import Scene
+from torchrender.wire.codec import display_bytes
+from torchrender.wire.containers import depth_images_of, read_container
+from torchrender_service.errors import ServiceError
+from torchrender_service.renderers.engine import render_image
+from torchrender_service.renderers.jobs import DepthImages, Render, Reproject
+from torchrender_service.renderers.keyframes import Stamp, first_message, layer_message
+from torchrender_service.renderers.layers import Layer, shade_samples
+from torchrender_service.renderers.views import camera_of_view
+
+
+def render_picture(scene: Scene, job: Render) -> dict[str, Any]:
+    """A picture as the bytes of a file, with its plan and times."""
+    options = RenderOptions(**job.options)
+    image, plan = render_image(scene, camera_of_view(scene, job.view), job.bounds, options)
+    return {"file": _picture_file(image, job), "plan": plan, "timings_ms": dict(image.timings_ms)}
+
+
+def _picture_file(image: Image, job: Render) -> bytes:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"picture.{job.format}"
+        if job.format == "npz" and job.buffers:
+            arrays: dict[str, Tensor] = {
+                n: image.radiance if n == "radiance" else getattr(image.gbuffer, n) for n in job.buffers
+            }
+            write_npz(path, {**arrays, **camera_arrays(image.cameras)})
+        else:
+            image.save(path)
+        return path.read_bytes()
+
+
+def make_container(scene: Scene, job: DepthImages) -> dict[str, Any]:
+    """Depth images of several cameras, as keyframe messages one after the other.
+
+    Image 0 is layer 0. The others say with their mask where they hold a sample; conventional images hold the sky, too.
+    """
+    cameras = _cameras(scene, job)
+    options = SamplingOptions(method=job.method, pixel_test="depth_identity", cull_backfaces=False, count_layers=False)
+    images = sample_depth_images(scene, cameras, options)
+    lit = scene.with_default_light()
+    past = replace(RenderHistory().of_scene(scene), wanted=False)
+    radiance = shade_samples(lit, surface_attributes(lit, images), RenderOptions(**job.options), past)
+    stamp = Stamp(id=0, layers=len(images), still=True, bits=job.bits, color=job.color, quality=job.quality)
+    messages = []
+    for k in range(len(images)):
+        camera, depth = images.cameras[k], images.depth[k]
+        known = images.covered[k] | (job.method == "conventional")
+        if k == 0:
+            messages.append(first_message(stamp, camera, depth, radiance[k], render_ms=0.0, plan=None))
+        else:
+            messages.append(layer_message(stamp, k, Layer(camera, depth, radiance[k], known), render_ms=0.0))
+    return {"container": b"".join(messages), "images": len(images)}
+
+
+def _cameras(scene: Scene, job: DepthImages) -> Cameras:
+    cameras = Cameras.cat([camera_of_view(scene, view) for view in job.views])
+    if cameras.orthographic:
+        raise ServiceError(422, "invalid-value", "depth images need perspective cameras")
+    return viewpoints_around(scene, cameras, job.around, spread=job.spread) if job.around > 1 else cameras
+
+
+def reproject_picture(job: Reproject) -> dict[str, Any]:
+    """The view of another camera as the bytes of a file; transparent, or not ``valid``, where no sample reaches."""
+    images = read_container(job.container, max_pixels=job.max_pixels, max_images=job.max_images)
+    assert job.view.pose is not None or job.view.look_at is not None
+    camera = camera_of_view(Scene(), job.view)
+    made = reproject(depth_images_of(images), camera, method=job.method)
+    return {"file": _reprojected_file(made, job.format), "valid_share": float(made.valid.float().mean())}
+
+
+def _reprojected_file(made: Reprojection, kind: str) -> bytes:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"picture.{kind}"
+        if kind == "npz":
+            arrays: dict[str, Tensor] = {
+                "color": made.color,
+                "srgb": torch.from_numpy(display_bytes(made.color[0]))[None],
+                "depth": made.depth,
+                "valid": made.valid,
+                "source": made.source,
+            }
+            write_npz(path, {**arrays, **camera_arrays(made.cameras)})
+        else:
+            write_image(path, torch.cat([made.color[0], made.valid[0, ..., None].float()], dim=-1))
+        return path.read_bytes()

@@ -1,0 +1,201 @@
+"""Keyframes of streams inside a renderer, with what each session's pictures leave for the next one."""
+
+from __future__ import annotations
+
+import time
+from collections import OrderedDict
+from dataclasses import dataclass, replace
+from typing import Any
+
+from torch import Tensor
+
+from torchrender.image import Image
+from torchrender.pipeline.history import RenderHistory
+from torchrender.pipeline.options import RenderOptions
+from torchrender.scene.camera import Cameras
+from torchrender.scene.model import Scene
+from torchrender.wire.cameras import cameras_of
+from torchrender_service.renderers.engine import render_image
+from torchrender_service.renderers.jobs import BITS_STILL, Bounds, MakeKeyframe, MakeLayers, SmoothKeyframe
+from torchrender_service.renderers.keyframes import Stamp, enough_bits, first_message, layer_message
+from torchrender_service.renderers.layers import cameras_around, extra_layers, typical_depth
+
+MAX_SESSIONS = 256
+MOVING_BUDGET_MS = 150.0
+"""Time for a moving keyframe where the session asks for no other."""
+STILL_FACTOR = 4.0
+"""A refinement may take this many times the budget."""
+PACKING_SHARE = 0.5
+"""Of the budget, at most, that is kept free for making messages."""
+STREAMED = RenderOptions(upscaling="joint", fixed=("resolve",))
+"""The depth of all pixels is sent anyway, and colours must not stick to the wrong surface when the view moves."""
+ASIDE = ((-0.375, -0.125), (0.125, -0.375), (0.375, 0.125), (-0.125, 0.375))
+"""Pixels by which the further pictures of a refinement are moved: with the first, five places in every pixel."""
+MAX_REFINED = 4
+"""Refinements that are kept to be gone on with: each holds a whole picture."""
+
+
+@dataclass(frozen=True, eq=False)
+class Begun:
+    """A keyframe whose extra layers are still to be made."""
+
+    stamp: Stamp
+    image: Image
+    past: RenderHistory
+    around: list[Cameras]
+
+
+@dataclass(eq=False)
+class Refinement:
+    """A picture of a view at rest, and the light of all its pictures so far."""
+
+    begun: Begun
+    scene: Scene
+    camera: Cameras
+    bounds: Bounds
+    light: Tensor  # (H,W,3) sum over the pictures, each as bright as can be displayed at most
+    render_ms: float
+    count: int = 1
+
+
+@dataclass
+class SessionState:
+    """What the renderer remembers of a session."""
+
+    history: RenderHistory
+    packing_ms: float = 0.0  # from the last picture to its message
+    begun: Begun | None = None
+
+
+class StreamRenderer:
+    """Makes keyframes."""
+
+    def __init__(self) -> None:
+        self._sessions: OrderedDict[str, SessionState] = OrderedDict()
+        self._scenes: dict[str, RenderHistory] = {}  # what sessions of one scene share: maps, ray caster, pace
+        self._refined: OrderedDict[str, Refinement] = OrderedDict()
+
+    def make(self, scene: Scene, job: MakeKeyframe) -> dict[str, Any]:
+        """The message of layer 0 and what the server needs to place the next keyframe."""
+        state = self._state(job)
+        camera = cameras_of(job.camera)
+        begin = time.perf_counter()
+        bounds = _bounds(job, state.packing_ms)
+        image, plan, past = self._picture(scene, camera, state, job, bounds)
+        render_ms = 1e3 * (time.perf_counter() - begin)
+        depth = image.visibility.depth[0]
+        typical = typical_depth(depth)
+        around = cameras_around(camera, depth, job.layers, direction=job.direction, baseline=job.baseline)
+        stamp = Stamp(
+            id=job.id,
+            layers=1 + len(around),
+            pose=job.pose,
+            time_ms=job.time_ms,
+            still=job.still,
+            bits=BITS_STILL if job.still else enough_bits(job.camera.fx, float(depth.min()), typical),
+            color=job.color,
+            quality=job.quality,
+        )
+        message = first_message(stamp, camera, depth, image.radiance[0], render_ms=render_ms, plan=plan)
+        begun = Begun(stamp, image, past, around)
+        state.begun = begun if around else None
+        self._refined.pop(job.session, None)
+        if job.still:
+            light = image.radiance[0].clamp(max=1.0)
+            self._refined[job.session] = Refinement(begun, scene, camera, bounds, light, render_ms)
+            while len(self._refined) > MAX_REFINED:
+                self._refined.popitem(last=False)
+        state.packing_ms = 1e3 * (time.perf_counter() - begin) - render_ms
+        return {
+            "messages": [message],
+            "layers": len(around),
+            "typical_depth": typical,
+        }
+
+    def make_layers(self, job: MakeLayers) -> dict[str, Any]:
+        """The messages of the extra layers; none where the session has gone on meanwhile."""
+        state = self._sessions.get(job.session)
+        begun = None if state is None else state.begun
+        if state is None or begun is None or begun.stamp.id != job.id:
+            return {"messages": []}
+        state.begun = None
+        begin = time.perf_counter()
+        image = begun.image
+        assert image.plan is not None
+        layers = extra_layers(image.scene, image.visibility, begun.around, image.plan.options, begun.past)
+        each_ms = 1e3 * (time.perf_counter() - begin) / len(layers)
+        messages = [layer_message(begun.stamp, k + 1, layer, render_ms=each_ms) for k, layer in enumerate(layers)]
+        return {"messages": messages}
+
+    def smooth(self, job: SmoothKeyframe) -> dict[str, Any]:
+        """One more picture of a refinement; ``left`` tells how many are missing, with the last comes the message.
+
+        Nothing is left and no message comes where the session has gone on meanwhile. One picture at a time, so that
+        a view that moves again waits for none but that one.
+        """
+        state, refined = self._sessions.get(job.session), self._refined.get(job.session)
+        if state is None or refined is None:
+            return {"messages": [], "left": 0}
+        begin = time.perf_counter()
+        camera, begun = refined.camera, refined.begun
+        aside = camera.sub_camera(*ASIDE[refined.count - 1], camera.width, camera.height)
+        image, plan = _at_rest(refined.scene, aside, refined.bounds, begun.past)
+        refined.light += image.radiance[0].clamp(max=1.0)
+        refined.count += 1
+        refined.render_ms += 1e3 * (time.perf_counter() - begin)
+        left = 1 + len(ASIDE) - refined.count
+        if left:
+            return {"messages": [], "left": left}
+        del self._refined[job.session]
+        stamp = replace(begun.stamp, id=job.id, samples=refined.count)
+        depth, light = begun.image.visibility.depth[0], refined.light / refined.count
+        message = first_message(stamp, camera, depth, light, render_ms=refined.render_ms, plan=plan)
+        state.begun = replace(begun, stamp=stamp) if begun.around else None
+        return {"messages": [message], "left": 0, "layers": len(begun.around)}
+
+    def forget(self, *, session: str | None = None, scene: str | None = None) -> None:
+        """Drop what is kept for a session or a scene."""
+        if session is not None:
+            self._sessions.pop(session, None)
+            self._refined.pop(session, None)
+        if scene is not None:
+            self._scenes.pop(scene, None)
+
+    def _state(self, job: MakeKeyframe) -> SessionState:
+        state = self._sessions.get(job.session)
+        if state is None:
+            state = self._sessions[job.session] = SessionState(self._scenes.get(job.scene.id, RenderHistory()))
+        self._sessions.move_to_end(job.session)
+        while len(self._sessions) > MAX_SESSIONS:
+            self._sessions.popitem(last=False)
+        return state
+
+    def _picture(
+        self, scene: Scene, camera: Cameras, state: SessionState, job: MakeKeyframe, bounds: Bounds
+    ) -> tuple[Image, dict[str, Any], RenderHistory]:
+        """Layer 0, its plan, and what it left for the extra layers."""
+        if not job.still:
+            image, plan = render_image(scene, camera, bounds, STREAMED, state.history)
+            assert image.history is not None
+            state.history = image.history
+            self._scenes[job.scene.id] = replace(image.history, reuse=None, report=None)
+            return image, plan, image.history
+        image, plan = _at_rest(scene, camera, bounds, state.history)
+        assert image.history is not None
+        return image, plan, image.history
+
+
+def _at_rest(scene: Scene, camera: Cameras, bounds: Bounds, past: RenderHistory) -> tuple[Image, dict[str, Any]]:
+    """A picture of a refinement: made anew, without reused reflections, and no part of the moving sequence."""
+    return render_image(scene, camera, bounds, STREAMED, replace(past, reuse=None, wanted=False))
+
+
+def _bounds(job: MakeKeyframe, packing_ms: float) -> Bounds:
+    """What the picture of layer 0 may cost, which then takes ``packing_ms`` to become a message."""
+    budget, error = job.bounds.budget_ms, job.bounds.max_error
+    if budget is None and error is None and not job.still:
+        budget = MOVING_BUDGET_MS
+    if budget is not None:
+        budget *= STILL_FACTOR if job.still else 1.0
+        budget -= min(packing_ms, PACKING_SHARE * budget)
+    return Bounds(budget_ms=budget, max_error=error)

@@ -1,0 +1,1 @@
+"""Scenes that clients bring: uploads, and where they are kept."""

@@ -1,0 +1,157 @@
+"""When a stream needs its next keyframe, and from where: the newest pose, what is shown, and what is on the way.
+
+Nothing here waits or sends; times are seconds of any one clock.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, replace
+from statistics import median_low
+
+from torchrender.wire.messages import CREDITS, Ack, CameraHeader, Pose
+from torchrender_service.streams.prediction import MAX_HOLES, needs_keyframe, predicted, same_view
+
+STALE_S = 0.5
+"""A pose that was not renewed for so long no longer moves."""
+TRIPS = 5
+"""Round trips whose median counts: one that was slow, because something was loaded or compiled, leads nobody astray."""
+
+
+@dataclass(frozen=True)
+class Shown:
+    """The newest keyframe."""
+
+    view: CameraHeader  # without overscan, after prediction
+    overscan: float
+    typical_depth: float
+    still: bool
+    smooth: bool = False  # or cannot become so
+
+
+@dataclass(eq=False)
+class Flight:
+    """A keyframe without acknowledgement."""
+
+    begun: float  # when its rendering began
+    timed: bool  # its round trip is like that of the next one
+    sent: float | None = None
+
+
+class Placement:
+    """What one stream knows about its client.
+
+    Args:
+        still_s: rest after which a view is refined.
+        latency_s: :attr:`latency_s` of an earlier connection, 0: not known.
+    """
+
+    def __init__(self, still_s: float, latency_s: float) -> None:
+        self._still_s = still_s
+        self._trips = deque([latency_s] if latency_s else [], maxlen=TRIPS)
+        self.pose: Pose | None = None
+        self._pose_at = 0.0
+        self._moved_at = 0.0
+        self._holes = 0.0
+        self._fresh = True  # one keyframe is wanted whatever the pose
+        self._shown: Shown | None = None
+        self._flights: dict[int, Flight] = {}
+
+    @property
+    def latency_s(self) -> float:
+        """From the start of a render to the acknowledgement, the median of the last ones; 0: not known yet."""
+        return median_low(self._trips) if self._trips else 0.0
+
+    # ------------------------------------------------------------ from client
+
+    def take_pose(self, pose: Pose, now: float) -> None:
+        """The mailbox has one slot; a pose that was overtaken on the way is not put there."""
+        old = self.pose
+        if old is not None and pose.seq < old.seq:
+            return
+        if old is None or not same_view(old.camera, pose.camera):
+            self._moved_at = now
+        self.pose, self._pose_at = pose, now
+
+    def take_ack(self, ack: Ack, now: float) -> float | None:
+        """Give a credit back; returns the seconds since the render began, None for an id that is not on the way."""
+        flight = self._flights.pop(ack.id, None)
+        if flight is None:
+            return None
+        self._holes = ack.holes
+        trip = now - flight.begun
+        if flight.timed:
+            self._trips.append(trip)
+        return trip
+
+    def resync(self) -> None:
+        """All credits are free again, and one fresh keyframe is wanted."""
+        self._flights.clear()
+        self._fresh = True
+
+    def refresh(self) -> None:
+        """One fresh keyframe is wanted: settings have changed."""
+        self._fresh = True
+
+    def drop_pose(self) -> None:
+        """The pose cannot be rendered: wait for another one."""
+        self.pose = None
+
+    # ------------------------------------------------------------ for server
+
+    def due(self, now: float) -> str | None:
+        """Which kind of keyframe is wanted: "moving", "still", "smooth" (still, the mean of several) or None."""
+        pose, shown = self.pose, self._shown
+        if pose is None or len(self._flights) >= CREDITS:
+            return None
+        if self._fresh or shown is None:
+            return "moving"
+        if needs_keyframe(shown.view, self.view(pose, now), shown.typical_depth, shown.overscan):
+            return "moving"
+        exact = same_view(shown.view, pose.camera)
+        if self._holes > MAX_HOLES and not exact and now - self._moved_at < self._still_s:
+            return "moving"
+        rested = now - self._moved_at >= self._still_s and not self._going(pose, now)
+        if not rested:
+            return None
+        if not (exact and shown.still):
+            return "still"
+        return None if shown.smooth else "smooth"
+
+    def patience(self, now: float, longest: float) -> float:
+        """Seconds until something may become due without a message."""
+        return max(0.01, min(longest, self._moved_at + self._still_s - now))
+
+    def view(self, pose: Pose, now: float) -> CameraHeader:
+        """Where the camera will be when a keyframe that is begun now is shown."""
+        if not self._going(pose, now):
+            return pose.camera
+        return predicted(pose, now - self._pose_at + self.latency_s)
+
+    def _going(self, pose: Pose, now: float) -> bool:
+        return pose.moving and any((*pose.velocity, *pose.spin)) and now - self._pose_at <= STALE_S
+
+    def begin(self, number: int, now: float, *, timed: bool) -> Flight:
+        """A keyframe is begun: it takes a credit."""
+        self._fresh = False
+        flight = self._flights[number] = Flight(now, timed)
+        return flight
+
+    def done(self, number: int, shown: Shown) -> bool:
+        """It is rendered; whether anybody still waits for it."""
+        self._shown, self._holes = shown, 0.0
+        return number in self._flights
+
+    def smoothed(self) -> None:
+        """The view at rest is there as the mean of several pictures, or will not be."""
+        assert self._shown is not None
+        self._shown = replace(self._shown, smooth=True)
+
+    def failed(self, number: int) -> None:
+        """It is not coming."""
+        self._flights.pop(number, None)
+        self._fresh = True
+
+    def oldest_sent(self) -> float | None:
+        """When the longest unacknowledged keyframe was sent; None: there is none."""
+        return min((f.sent for f in self._flights.values() if f.sent is not None), default=None)

@@ -1,0 +1,128 @@
+"""Makes the keyframes of one stream, when its placement says that one is due."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from typing import Any
+
+from torchrender.wire.messages import CameraHeader, Pose
+from torchrender_service.errors import ServiceError
+from torchrender_service.metrics import Metrics
+from torchrender_service.renderers.jobs import (
+    LOSSLESS,
+    QUALITY_MOVING,
+    QUALITY_STILL,
+    MakeKeyframe,
+    MakeLayers,
+    SmoothKeyframe,
+)
+from torchrender_service.renderers.pool import Pool
+from torchrender_service.streams.placement import Flight, Placement, Shown
+from torchrender_service.streams.prediction import overscanned
+from torchrender_service.streams.sessions import Session
+
+LOG = logging.getLogger("torchrender_service.streams.producer")
+REACH_S = 0.5  # extra cameras stand where the client will be after this time
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Producer:
+    """Asks the session's renderer and hands its messages on, layer 0 before the others are begun."""
+
+    session: Session
+    placement: Placement
+    pool: Pool
+    metrics: Metrics
+    max_pixels: int
+    webp: bool  # the client reads it
+    send: Callable[[bytes], Awaitable[None]]
+    complain: Callable[[ServiceError], Awaitable[None]]
+
+    async def make(self, kind: str) -> None:
+        """One keyframe, or for "smooth" one of its pictures.
+
+        Raises:
+            ServiceError: there is none, the renderer says why.
+        """
+        if kind == "smooth":
+            await self._smooth()
+        else:
+            await self._keyframe(still=kind == "still")
+
+    async def _keyframe(self, *, still: bool) -> None:
+        placement, session, now = self.placement, self.session, time.monotonic()
+        pose = placement.pose
+        assert pose is not None
+        view = pose.camera if still else placement.view(pose, now)
+        camera = overscanned(view, session.overscan, self.max_pixels)
+        number, session.next_id = session.next_id, session.next_id + 1
+        flight = placement.begin(number, now, timed=not still)
+        try:
+            made = await self.pool.run(self._job(number, pose, camera, still), renderer=session.renderer)
+        except ServiceError:
+            placement.failed(number)
+            raise
+        overscan = min(camera.width * view.fx / (camera.fx * view.width), session.overscan)
+        if not placement.done(number, Shown(view, overscan, made["typical_depth"], still)):
+            return  # a RESYNC came meanwhile
+        await self._deliver(number, flight, made, "still" if still else "moving")
+
+    async def _smooth(self) -> None:
+        """One more picture of the view at rest, and the keyframe if it was the last."""
+        placement, session = self.placement, self.session
+        job = SmoothKeyframe(session=session.id, id=session.next_id)
+        try:
+            made = await self.pool.run(job, renderer=session.renderer)
+        except ServiceError as error:
+            LOG.warning("a refinement stays as it is: %s", error.detail)
+            placement.smoothed()
+            return
+        if made["left"] or placement.due(time.monotonic()) != "smooth":
+            return
+        placement.smoothed()
+        if made["messages"]:
+            session.next_id += 1
+            flight = placement.begin(job.id, time.monotonic(), timed=False)
+            await self._deliver(job.id, flight, made, "smooth")
+
+    async def _deliver(self, number: int, flight: Flight, made: dict[str, Any], kind: str) -> None:
+        """Send layer 0, then make and send the others."""
+        session = self.session
+        flight.sent = time.monotonic()
+        self.metrics.count("keyframes", kind=kind)
+        await self._send_all(made["messages"])
+        if made["layers"]:
+            try:
+                more = await self.pool.run(MakeLayers(session=session.id, id=number), renderer=session.renderer)
+            except ServiceError as error:
+                await self.complain(error)
+                return
+            await self._send_all(more["messages"])
+
+    async def _send_all(self, messages: list[bytes]) -> None:
+        for message in messages:
+            await self.send(message)
+            self.metrics.count("keyframe_bytes", len(message))
+
+    def _job(self, number: int, pose: Pose, camera: CameraHeader, still: bool) -> MakeKeyframe:
+        session = self.session
+        lossless = still and self.webp
+        speed = sum(v * v for v in pose.velocity) ** 0.5 if pose.moving else 0.0
+        return MakeKeyframe(
+            session=session.id,
+            scene=session.scene,
+            id=number,
+            pose=pose.seq,
+            time_ms=pose.time_ms,
+            camera=camera,
+            still=still,
+            layers=session.layers,
+            direction=pose.velocity if speed else (0.0, 0.0, 0.0),
+            baseline=speed * REACH_S,
+            color="webp" if lossless else "jpeg",
+            quality=LOSSLESS if lossless else QUALITY_STILL if still else QUALITY_MOVING,
+            bounds=session.bounds,
+        )

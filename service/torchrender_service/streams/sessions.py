@@ -1,0 +1,125 @@
+"""Sessions and their one-use tickets."""
+
+from __future__ import annotations
+
+import secrets
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from torchrender.wire.messages import CameraHeader
+from torchrender_service.errors import ServiceError
+from torchrender_service.renderers.jobs import Bounds, SceneSource
+from torchrender_service.settings import Settings
+
+
+class Connection(Protocol):
+    """What a session knows of the stream that is connected."""
+
+    def end(self, code: int, reason: str) -> None:
+        """Close with a code."""
+
+
+@dataclass(eq=False, kw_only=True)
+class Session:
+    """What a client asked for, and what the server learned about it; outlives a connection for a while."""
+
+    id: str
+    scene: SceneSource
+    facts: dict[str, object]  # about the scene
+    camera: CameraHeader
+    layers: int
+    overscan: float
+    bounds: Bounds
+    renderer: int
+    expires: float  # monotonic time after which it is gone, unless a stream is connected
+    next_id: int = 0  # of the next keyframe
+    latency_s: float = 0.0  # from a pose's arrival to its keyframe's acknowledgement; 0: not known yet
+    stream: Connection | None = field(default=None, repr=False)
+
+
+class SessionStore:
+    """All sessions of the process.
+
+    Args:
+        on_end: called with each session that is gone.
+    """
+
+    def __init__(self, settings: Settings, on_end: Callable[[Session], None]) -> None:
+        self._settings = settings
+        self._on_end = on_end
+        self._sessions: dict[str, Session] = {}
+        self._tickets: dict[str, str] = {}
+
+    def __len__(self) -> int:
+        return len(self._sessions)
+
+    @property
+    def streams(self) -> list[Connection]:
+        """The streams that are connected."""
+        return [s.stream for s in self._sessions.values() if s.stream is not None]
+
+    @property
+    def renderers(self) -> list[int]:
+        """Of every session."""
+        return [s.renderer for s in self._sessions.values()]
+
+    def check_room(self) -> None:
+        """Refuse early.
+
+        Raises:
+            ServiceError: 429, as many sessions as may be.
+        """
+        self.expire()
+        if len(self._sessions) >= self._settings.max_sessions:
+            soonest = min(s.expires for s in self._sessions.values()) - time.monotonic()
+            wait = min(max(soonest, 1.0), self._settings.ticket_s)
+            limit = self._settings.max_sessions
+            raise ServiceError(429, "too-many-sessions", f"there are {limit} sessions already", retry_after_s=wait)
+
+    def add(self, session: Session) -> str:
+        """Keep a session; returns its ticket."""
+        self.check_room()
+        self._sessions[session.id] = session
+        return self.ticket(session)
+
+    def ticket(self, session: Session) -> str:
+        """A new one-use ticket; the session's earlier ones no longer work."""
+        self._tickets = {t: s for t, s in self._tickets.items() if s != session.id}
+        ticket = secrets.token_urlsafe(24)
+        self._tickets[ticket] = session.id
+        return ticket
+
+    def redeem(self, ticket: str) -> Session:
+        """The session of a ticket, which is used up.
+
+        Raises:
+            ServiceError: 403, unknown, used or expired.
+        """
+        self.expire()
+        session = self._sessions.get(self._tickets.pop(ticket, ""))
+        if session is None:
+            raise ServiceError(403, "ticket", "the ticket is unknown, used or expired: make a new session")
+        return session
+
+    def release(self, session: Session) -> None:
+        """A stream has ended: wait a while for the next one."""
+        session.stream = None
+        session.expires = time.monotonic() + self._settings.resume_s
+
+    def end(self, session: Session) -> None:
+        """Forget a session and its tickets."""
+        if self._sessions.pop(session.id, None) is not None:
+            self._tickets = {t: s for t, s in self._tickets.items() if s != session.id}
+            self._on_end(session)
+
+    def expire(self) -> None:
+        """Forget the sessions whose time is over."""
+        now = time.monotonic()
+        for session in [s for s in self._sessions.values() if s.stream is None and s.expires < now]:
+            self.end(session)
+
+    def of_scene(self, scene: str) -> list[Session]:
+        """Sessions that show a scene."""
+        return [s for s in self._sessions.values() if s.scene.id == scene]

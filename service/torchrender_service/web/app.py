@@ -1,0 +1,51 @@
+"""The application."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+from fastapi import FastAPI
+from starlette.staticfiles import StaticFiles
+
+from torchrender import __version__
+from torchrender_service.problems import add_error_handlers
+from torchrender_service.settings import Settings
+from torchrender_service.web import routes_pictures, routes_scenes, routes_status, routes_stream
+from torchrender_service.web.guard import Guard
+from torchrender_service.web.state import ServiceState
+
+STATIC = Path(__file__).parent.parent / "static"
+
+
+def make_app(settings: Settings) -> FastAPI:
+    """The service with these settings; it starts its renderers when the server starts it."""
+    state = ServiceState(settings)
+
+    @asynccontextmanager
+    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        del app
+        await state.start()
+        try:
+            yield
+        finally:
+            await state.stop()
+
+    app = FastAPI(
+        title="torchrender",
+        version=__version__,
+        description="Scenes, pictures and streams of depth images. Errors are problem documents (RFC 9457).",
+        lifespan=lifespan,
+        docs_url=None,  # its page would load scripts from elsewhere
+        redoc_url=None,
+        openapi_url="/v1/openapi.json",
+    )
+    app.state.service = state
+    add_error_handlers(app)
+    for module in (routes_scenes, routes_pictures, routes_stream, routes_status):
+        app.include_router(module.router)
+    if STATIC.is_dir():
+        app.mount("/", StaticFiles(directory=STATIC, html=True), name="client")
+    app.add_middleware(Guard, settings=settings, metrics=state.metrics)
+    return app

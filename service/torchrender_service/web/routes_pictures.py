@@ -1,0 +1,191 @@
+"""Pictures, depth images, reprojections, plans and curves."""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import json
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Path, Query, Request, Response
+
+from torchrender.wire.messages import CONTENT_TYPE
+from torchrender_service.errors import ServiceError
+from torchrender_service.renderers.jobs import Bounds, DepthImages, Plan, Render, Reproject, Tradeoff, View
+from torchrender_service.web.negotiation import negotiate
+from torchrender_service.web.schemas import (
+    Budget,
+    DepthImagesRequest,
+    MaxError,
+    RenderRequest,
+    ReprojectRequest,
+    SceneId,
+    Side,
+    bounds_of,
+    problems,
+    view_of,
+)
+from torchrender_service.web.state import ServiceState, state_of
+
+router = APIRouter(prefix="/v1", tags=["pictures"])
+
+PICTURES = {"image/png": "png", "image/x-exr": "exr", "application/x-npz": "npz"}
+REPROJECTIONS = {"image/png": "png", "application/x-npz": "npz"}
+MAX_PLAN_BYTES = 6000  # many clients and proxies take 8 KB of headers
+_BINARY = {"schema": {"type": "string", "format": "binary"}}
+
+
+def _binary(description: str, types: Any, **headers: str) -> dict[int | str, dict[str, Any]]:
+    """The 200 response of a route that answers with a file."""
+    described = {name: {"description": text, "schema": {"type": "string"}} for name, text in headers.items()}
+    return {200: {"description": description, "content": dict.fromkeys(types, _BINARY), "headers": described}}
+
+
+@router.post(
+    "/render",
+    response_class=Response,
+    responses=_binary(
+        "The picture, as Accept asks: PNG (sRGB), EXR (radiance, depth, normals, ids) or NPZ (every buffer).",
+        PICTURES,
+        **{"Torchrender-Plan": "what ran and why, JSON", "Server-Timing": "milliseconds of each pass"},
+    )
+    | problems(400, 403, 404, 406, 413, 422, 429, 503),
+)
+async def render(request: Request, body: RenderRequest) -> Response:
+    """Render a picture."""
+    state = state_of(request)
+    media_type = negotiate(request.headers.get("accept"), list(PICTURES))
+    view = view_of(body.camera, body.width, body.height)
+    _check_pixels(state, view, body.options.supersample)
+    job = Render(
+        scene=state.scenes.source(body.scene),
+        view=view,
+        bounds=bounds_of(body.budget_ms, body.max_error),
+        options=body.options.model_dump(),
+        format=PICTURES[media_type],
+        buffers=tuple(body.buffers),
+    )
+    made = await state.pool.run(job)
+    headers = {"Torchrender-Plan": _plan_header(made["plan"]), "Server-Timing": _timing(made["timings_ms"])}
+    return Response(made["file"], media_type=media_type, headers=headers)
+
+
+@router.post(
+    "/depth-images",
+    response_class=Response,
+    responses=_binary(
+        "Keyframe messages one after the other, see PROTOCOL.md.",
+        [CONTENT_TYPE],
+        **{"Torchrender-Keyframes": "id for POST /v1/reproject"},
+    )
+    | problems(400, 403, 404, 413, 422, 429, 503),
+)
+async def depth_images(request: Request, body: DepthImagesRequest) -> Response:
+    """Sample depth images with colours."""
+    state = state_of(request)
+    views = [view_of(camera, body.width, body.height) for camera in body.cameras]
+    views = views or [view_of(None, body.width, body.height)]
+    count = max(len(views), body.around)
+    if count > state.settings.max_views:
+        raise ServiceError(422, "too-many-views", f"at most {state.settings.max_views} views, got {count}")
+    if len(views) > 1 and body.around > 1:
+        raise ServiceError(422, "invalid-value", "around needs a single camera")
+    for view in views:
+        _check_pixels(state, view, count=count)
+    job = DepthImages(
+        scene=state.scenes.source(body.scene),
+        views=tuple(views),
+        method=body.method,
+        bits=body.bits,
+        color=body.color,
+        quality=body.quality,
+        around=body.around,
+        spread=body.spread,
+        options=body.options.model_dump(),
+    )
+    made = await state.pool.run(job)
+    name = state.kept.put(made["container"])
+    return Response(made["container"], media_type=CONTENT_TYPE, headers={"Torchrender-Keyframes": name})
+
+
+@router.post(
+    "/reproject",
+    response_class=Response,
+    responses=_binary(
+        "PNG whose alpha is the validity mask, or NPZ with color, depth, valid and source.",
+        REPROJECTIONS,
+        **{"Torchrender-Valid-Share": "share of pixels that a sample reaches"},
+    )
+    | problems(400, 403, 404, 406, 413, 422, 429, 503),
+)
+async def reproject(request: Request, body: ReprojectRequest) -> Response:
+    """The view of a new camera out of depth images alone."""
+    state = state_of(request)
+    media_type = negotiate(request.headers.get("accept"), list(REPROJECTIONS))
+    view = view_of(body.camera, body.width, body.height)
+    _check_pixels(state, view)
+    if body.keyframes is not None:
+        container = state.kept.get(body.keyframes)
+    else:
+        try:
+            container = base64.b64decode(body.container or "", validate=True)
+        except (binascii.Error, ValueError) as error:
+            raise ServiceError(422, "invalid-value", "container must be base64") from error
+    job = Reproject(
+        container=container,
+        view=view,
+        method=body.method,
+        format=REPROJECTIONS[media_type],
+        max_pixels=state.settings.max_pixels // 4,
+        max_images=state.settings.max_views,
+    )
+    made = await state.pool.run(job)
+    headers = {"Torchrender-Valid-Share": f"{made['valid_share']:.6f}"}
+    return Response(made["file"], media_type=media_type, headers=headers)
+
+
+@router.get("/plan", responses=problems(404, 422, 429, 503))
+async def plan(
+    request: Request,
+    scene: Annotated[SceneId, Query(examples=["cornell_box"])],
+    camera: Annotated[str | None, Query(min_length=1, max_length=200)] = None,
+    width: Annotated[Side, Query()] = 640,
+    height: Annotated[Side, Query()] = 360,
+    budget_ms: Annotated[Budget | None, Query()] = None,
+    max_error: Annotated[MaxError | None, Query()] = None,
+) -> dict[str, Any]:
+    """What would run for a picture, and why."""
+    state = state_of(request)
+    view = View(width=width, height=height, name=camera)
+    _check_pixels(state, view)
+    bounds = Bounds(budget_ms=budget_ms, max_error=max_error)
+    return await state.pool.run(Plan(scene=state.scenes.source(scene), view=view, bounds=bounds))
+
+
+@router.get("/tradeoff/{name}", responses=problems(404, 422, 429, 503))
+async def tradeoff(
+    request: Request, name: Annotated[str, Path(pattern=r"^[a-z_]{1,40}$", examples=["soft_shadow"])]
+) -> dict[str, Any]:
+    """Time against error of the settings of one pass."""
+    return await state_of(request).pool.run(Tradeoff(name=name))
+
+
+def _check_pixels(state: ServiceState, view: View, supersample: float = 1.0, count: int = 1) -> None:
+    limit = state.settings.max_pixels
+    pixels = view.width * view.height * max(1.0, supersample) ** 2 * count
+    if pixels > limit:
+        detail = f"width x height, all samples and views counted, must be at most {limit}, got {pixels:.0f}"
+        raise ServiceError(422, "too-many-pixels", detail)
+
+
+def _plan_header(plan: dict[str, Any]) -> str:
+    """The plan as one line of ASCII; without reasons where it would be too long."""
+    text = json.dumps(plan, separators=(",", ":"))
+    if len(text) > MAX_PLAN_BYTES:
+        rows = [{k: v for k, v in row.items() if k != "reason"} for row in plan["rows"]]
+        text = json.dumps(plan | {"rows": rows}, separators=(",", ":"))
+    return text[:MAX_PLAN_BYTES]
+
+
+def _timing(timings_ms: dict[str, float]) -> str:
+    return ", ".join(f"{name};dur={ms:.2f}" for name, ms in timings_ms.items())

@@ -1,0 +1,51 @@
+"""Health, readiness and metrics."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fastapi import APIRouter, Request, Response
+
+from torchrender import __version__
+from torchrender_service.errors import ServiceError
+from torchrender_service.metrics import CONTENT_TYPE
+from torchrender_service.web.schemas import problems
+from torchrender_service.web.state import state_of
+
+router = APIRouter(tags=["status"])
+_TEXT: dict[int | str, dict[str, Any]] = {
+    200: {"description": "Text format of Prometheus.", "content": {"text/plain": {}}}
+}
+
+
+@router.get("/health")
+async def health() -> dict[str, Any]:
+    """The server answers."""
+    return {"status": "ok", "version": __version__}
+
+
+@router.get("/ready", responses=problems(503))
+async def ready(request: Request) -> dict[str, Any]:
+    """All renderers run, and the server is not stopping."""
+    state = state_of(request)
+    if state.stopping or not state.pool.ready:
+        what = "stopping" if state.stopping else "starting"
+        raise ServiceError(503, what, f"the server is {what}", retry_after_s=2.0)
+    return {"status": "ready"}
+
+
+@router.get(
+    "/metrics",
+    response_class=Response,
+    responses=_TEXT | problems(),
+)
+async def metrics(request: Request) -> Response:
+    """Counters, gauges and histograms for Prometheus."""
+    state = state_of(request)
+    gauges = {
+        "sessions": len(state.sessions),
+        "streams": len(state.sessions.streams),
+        "jobs": state.pool.waiting,
+        "scenes": len(state.scenes.names),
+    }
+    return Response(state.metrics.text(gauges), media_type=CONTENT_TYPE)

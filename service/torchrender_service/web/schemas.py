@@ -1,0 +1,250 @@
+"""Bodies of requests and responses; the OpenAPI description is made from them."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from torchrender.wire.messages import MAX_LAYERS, CameraHeader
+from torchrender_service.renderers.jobs import Bounds, Buffer, View
+
+Number = Annotated[float, Field(ge=-1e15, le=1e15, allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0.0, le=1e15, allow_inf_nan=False)]
+Side = Annotated[int, Field(ge=1, le=16384, description="pixels")]
+Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
+SceneId = Annotated[str, Field(pattern=r"^[a-z0-9_]{1,64}$", description="of a built-in or an uploaded scene")]
+Budget = Annotated[
+    float, Field(ge=1.0, le=1e5, allow_inf_nan=False, description="milliseconds that the picture may take")
+]
+MaxError = Annotated[
+    float, Field(ge=0.0, le=1.0, allow_inf_nan=False, description="mean FLIP that the picture may be off")
+]
+
+Light = Annotated[float, Field(ge=0.0, le=1e6, allow_inf_nan=False)]
+
+IDENTITY = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0]
+
+
+class Strict(BaseModel):
+    """No unknown fields, no silent conversions."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+
+class NamedCamera(Strict):
+    """One of the scene's cameras."""
+
+    name: Annotated[str, Field(min_length=1, max_length=200)]
+
+
+class LookAt(Strict):
+    """A camera by where it stands and what it looks at."""
+
+    eye: Vector
+    target: Vector | None = Field(None, description="default: the scene's centre")
+    up: Vector = [0.0, 1.0, 0.0]
+    fov_deg: Annotated[float, Field(gt=0.0, lt=179.0, allow_inf_nan=False)] = 50.0
+    near: Positive | None = Field(None, description="default: 1/10000 of the scene's diagonal")
+
+
+class PinholeCamera(Strict):
+    """A pinhole camera: x right, y down, z forward; pixel centres at halves."""
+
+    world_from_camera: Annotated[
+        list[Number], Field(min_length=16, max_length=16, description="rigid, row by row", examples=[IDENTITY])
+    ]
+    fx: Positive
+    fy: Positive
+    cx: Number
+    cy: Number
+    width: Side
+    height: Side
+    near: Positive
+
+    def header(self) -> CameraHeader:
+        """As messages carry it."""
+        return CameraHeader(**{**self.model_dump(), "world_from_camera": tuple(self.world_from_camera)})
+
+    @classmethod
+    def of(cls, header: CameraHeader) -> PinholeCamera:
+        """From a message."""
+        names = ("fx", "fy", "cx", "cy", "width", "height", "near")
+        matrix = list(header.world_from_camera)
+        return cls(world_from_camera=matrix, **{name: getattr(header, name) for name in names})
+
+
+Camera = NamedCamera | LookAt | PinholeCamera
+
+
+class Problem(BaseModel):
+    """What is wrong, as in RFC 9457."""
+
+    type: str
+    title: str
+    status: int
+    detail: str
+
+
+class SceneFacts(BaseModel):
+    """A scene."""
+
+    id: str
+    name: str
+    built_in: bool
+    kind: Literal["procedural", "glb", "toml"]
+    bytes: int
+    triangles: int
+    lights: int
+    cameras: list[str]
+    bounds: list[list[float]]
+    diagonal: float
+
+
+class SceneList(BaseModel):
+    """All scenes."""
+
+    scenes: list[SceneFacts]
+
+
+class RenderSettings(Strict):
+    """Settings of a picture that a budget or error bound may change."""
+
+    shadows: bool = True
+    reflections: Literal["clustered", "traced", "environment", "off"] = "clustered"
+    supersample: Annotated[float, Field(ge=0.25, le=2.0, allow_inf_nan=False)] = 1.0
+    background: Annotated[list[Light], Field(min_length=3, max_length=3)] | None = None
+    exposure: Annotated[float, Field(ge=-64.0, le=64.0, allow_inf_nan=False)] | None = 0.0
+    tone_map: Literal["none", "reinhard", "aces"] = "none"
+
+
+class RenderRequest(Strict):
+    """A picture."""
+
+    scene: SceneId
+    camera: Camera | None = Field(None, description="default: the scene's first camera")
+    width: Side = 640
+    height: Side = 360
+    options: RenderSettings = RenderSettings()
+    budget_ms: Budget | None = None
+    max_error: MaxError | None = None
+    buffers: Annotated[list[Buffer], Field(max_length=16, description="of an NPZ file; none: all")] = []
+
+    model_config = ConfigDict(
+        extra="forbid",
+        strict=True,
+        json_schema_extra={"examples": [{"scene": "cornell_box", "width": 160, "height": 120}]},
+    )
+
+
+class DepthImagesRequest(Strict):
+    """Depth images of a scene: of several cameras, or of viewpoints around one."""
+
+    scene: SceneId
+    cameras: Annotated[list[Camera], Field(max_length=64, description="none: the scene's first camera")] = []
+    around: Annotated[int, Field(ge=1, le=64, description="viewpoints around the only camera")] = 1
+    spread: Annotated[
+        float, Field(ge=0.0, le=2.0, allow_inf_nan=False, description="their distance, scene diagonals")
+    ] = 0.1
+    width: Side = 640
+    height: Side = 360
+    method: Literal["nonredundant", "conventional", "depth_peeling"] = "nonredundant"
+    bits: Literal[12, 14, 16] = 16
+    color: Literal["jpeg", "webp"] = "webp"
+    quality: Annotated[int, Field(ge=1, le=100, description="100 with webp: without loss")] = 100
+    options: RenderSettings = RenderSettings()
+
+    model_config = ConfigDict(
+        extra="forbid",
+        strict=True,
+        json_schema_extra={"examples": [{"scene": "cornell_box", "around": 3, "width": 160, "height": 120}]},
+    )
+
+
+class ReprojectRequest(Strict):
+    """A picture from depth images made before, or sent along."""
+
+    keyframes: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$", description="id of a container")] | None = None
+    container: Annotated[str, Field(min_length=4, description="a container as base64")] | None = None
+    camera: LookAt | PinholeCamera
+    width: Side = 640
+    height: Side = 360
+    method: Literal["hybrid", "grid", "splat"] = "hybrid"
+
+    @model_validator(mode="after")
+    def one_source(self) -> ReprojectRequest:
+        """Exactly one of both, and a target to look at."""
+        if (self.keyframes is None) == (self.container is None):
+            raise ValueError("give either keyframes or container")
+        if isinstance(self.camera, LookAt) and self.camera.target is None:
+            raise ValueError("camera.target is needed: a container has no centre")
+        return self
+
+
+class SessionRequest(Strict):
+    """What a stream should show."""
+
+    scene: SceneId
+    width: Side = 640
+    height: Side = 360
+    camera: Camera | None = Field(None, description="where to start; default: the scene's first camera")
+    layers: Annotated[int, Field(ge=0, le=MAX_LAYERS, description="extra layers of each keyframe")] = 1
+    overscan: Annotated[float, Field(ge=1.0, le=1.5, allow_inf_nan=False)] = 1.2
+    budget_ms: Budget | None = None
+    max_error: MaxError | None = None
+
+    model_config = ConfigDict(
+        extra="forbid",
+        strict=True,
+        json_schema_extra={"examples": [{"scene": "cornell_box", "width": 320, "height": 180, "layers": 1}]},
+    )
+
+
+class SessionMade(BaseModel):
+    """A session and the ticket that opens its stream once."""
+
+    session: str
+    ticket: str
+    expires_s: float
+    stream: str
+    camera: PinholeCamera
+    scene_diagonal: float
+    up: list[float]
+
+
+def view_of(camera: Camera | None, width: int, height: int) -> View:
+    """The camera of a request as renderers take it. A pinhole camera brings its own size."""
+    if isinstance(camera, PinholeCamera):
+        return View(width=camera.width, height=camera.height, pose=camera.header())
+    if isinstance(camera, LookAt):
+        return View(width=width, height=height, look_at=camera.model_dump())
+    return View(width=width, height=height, name=None if camera is None else camera.name)
+
+
+def bounds_of(budget_ms: float | None, max_error: float | None) -> Bounds:
+    """What a picture may cost or be off."""
+    return Bounds(budget_ms=budget_ms, max_error=max_error)
+
+
+PROBLEMS: dict[int | str, dict[str, Any]] = {
+    code: {"description": text, "content": {"application/problem+json": {"schema": Problem.model_json_schema()}}}
+    for code, text in {
+        400: "The body cannot be parsed.",
+        401: "The API key is missing or wrong.",
+        403: "Not allowed.",
+        404: "There is nothing of that name.",
+        406: "None of the accepted media types can be made.",
+        409: "The store is full.",
+        413: "The body is too large.",
+        415: "The body is of another media type.",
+        421: "The Host header names another service.",
+        422: "A value is out of range or does not fit the scene.",
+        429: "Too many sessions or requests; Retry-After says when to try again.",
+        503: "The server is starting or stopping, or a renderer was lost.",
+    }.items()
+}
+
+
+def problems(*codes: int) -> dict[int | str, dict[str, Any]]:
+    """Responses of a route besides its own."""
+    return {code: PROBLEMS[code] for code in (401, 421, *codes)}

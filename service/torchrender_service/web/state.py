@@ -1,0 +1,91 @@
+"""What all routes share."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+
+from starlette.requests import HTTPConnection
+
+from torchrender_service.errors import ServiceError
+from torchrender_service.metrics import Metrics
+from torchrender_service.renderers.jobs import Forget
+from torchrender_service.renderers.pool import Pool
+from torchrender_service.scenes.store import SceneStore
+from torchrender_service.settings import Settings
+from torchrender_service.streams.sessions import Session, SessionStore
+from torchrender_service.streams.stream import SCENE_GONE, Surroundings
+from torchrender_service.web.kept import KeptContainers
+
+LOG = logging.getLogger("service")
+EXPIRE_S = 1.0
+
+
+class ServiceState:
+    """Settings, renderers, scenes and sessions of one service."""
+
+    def __init__(self, settings: Settings) -> None:
+        self.settings = settings
+        self.metrics = Metrics()
+        self.pool = Pool(settings, self.metrics)
+        self.scenes = SceneStore(settings, self.pool)
+        self.kept = KeptContainers(settings.max_kept_bytes)
+        self.sessions = SessionStore(settings, self._session_ended)
+        self.around = Surroundings(settings=settings, sessions=self.sessions, pool=self.pool, metrics=self.metrics)
+        self.stopping = False
+        self._tasks: list[asyncio.Task[None]] = []
+
+    async def start(self) -> None:
+        """Open the store and start the renderers."""
+        self.scenes.open()
+        self.pool.start()
+        self._tasks = [asyncio.create_task(self._expire()), asyncio.create_task(self._warm_up())]
+
+    async def stop(self) -> None:
+        """End everything."""
+        await self.stop_streams()
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        await self.pool.stop()
+
+    async def stop_streams(self) -> None:
+        """Say goodbye to all clients and wait until they are told; no new sessions from now on."""
+        self.stopping = True
+        for stream in self.sessions.streams:
+            stream.end(1012, "the server is stopping")
+        for _ in range(40):
+            if not self.sessions.streams:
+                break
+            await asyncio.sleep(0.05)
+
+    def scene_deleted(self, scene: str) -> None:
+        """End the sessions that show it."""
+        for session in self.sessions.of_scene(scene):
+            if session.stream is not None:
+                session.stream.end(SCENE_GONE, "the scene was deleted")
+            else:
+                self.sessions.end(session)
+
+    def _session_ended(self, session: Session) -> None:
+        self.pool.forget(Forget(session=session.id))
+
+    async def _expire(self) -> None:
+        while True:
+            await asyncio.sleep(EXPIRE_S)
+            self.sessions.expire()
+
+    async def _warm_up(self) -> None:
+        """Start every renderer and learn about the built-in scenes, so that the first client need not wait."""
+        try:
+            await self.pool.warm_up()
+            for scene in self.settings.built_in:
+                await self.scenes.facts(scene)
+        except ServiceError as error:
+            LOG.error("warm-up failed: %s", error.detail)
+
+
+def state_of(connection: HTTPConnection) -> ServiceState:
+    """The state of the application that serves a request."""
+    state: ServiceState = connection.app.state.service
+    return state

@@ -1,0 +1,73 @@
+"""``torchrender fly``: frames or a film, with statistics."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from torchrender.cli.main import main
+from torchrender.images.files import read_image
+
+SMALL = ["fly", "washroom", "--triangles", "7500", "--size", "40x30", "--frames", "4"]
+
+
+def test_frames_and_statistics(tmp_path, capsys) -> None:
+    out = tmp_path / "frames"
+    assert main([*SMALL, "-o", str(out)]) == 0
+    files = sorted(out.glob("frame_*.png"))
+    assert len(files) == 4 and tuple(read_image(files[0]).shape) == (30, 40, 3)
+    assert not bool((read_image(files[0]) == read_image(files[-1])).all())
+    records = json.loads((out / "statistics.json").read_text())
+    assert [r["frame"] for r in records] == [0, 1, 2, 3]
+    assert records[0]["key_frame"] and records[0]["reused_share"] == 0.0
+    assert all(0.0 <= r["reused_share"] <= 1.0 and r["ms"] > 0 and r["reflective"] > 0 for r in records)
+    assert (out / "statistics.png").stat().st_size > 1000
+    assert "reused" in capsys.readouterr().out
+
+
+def test_a_film(tmp_path) -> None:
+    import cv2
+
+    out = tmp_path / "walk.mp4"
+    assert main([*SMALL, "-o", str(out), "--path", "walk2", "--seed", "2", "--size", "41x31"]) == 0
+    film = cv2.VideoCapture(str(out))
+    shapes = []
+    while True:
+        good, picture = film.read()
+        if not good:
+            break
+        shapes.append(picture.shape)
+    assert shapes == [(30, 40, 3)] * 4  # even sides
+    assert len(json.loads((tmp_path / "walk.json").read_text())) == 4
+    assert {p.name for p in tmp_path.iterdir()} == {"walk.mp4", "walk.json", "walk.png"}
+
+
+def test_without_reuse_and_along_a_file(tmp_path) -> None:
+    poses = {"pose": [{"eye": [0, 1, 3.5], "target": [0, 1, 0]}, {"eye": [0.2, 1, 3.4], "target": [0, 1, 0]}]}
+    (tmp_path / "p.json").write_text(json.dumps(poses))
+    words = ["fly", "cornell_box", "--frames", "2", "--size", "24x24", "--path", str(tmp_path / "p.json")]
+    assert main([*words, "--no-reuse", "-o", str(tmp_path / "out")]) == 0
+    records = json.loads((tmp_path / "out" / "statistics.json").read_text())
+    assert len(records) == 2 and "reused_share" not in records[0]
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (["-o", "film.avi"], ".mp4"),
+        (["-o", "none/film.mp4"], "does not exist"),
+        (["-o", "out", "--path", "nowhere"], "walk1"),
+        (["-o", "out", "--path", "none.toml"], "none.toml"),
+        (["-o", "out", "--frames", "0"], "frames"),
+        (["-o", "out", "--fps", "0"], "--fps"),
+        (["-o", "out", "--threshold", "2"], "key_frame_threshold"),
+        (["-o", "out", "--size", "0x3"], "--size"),
+        (["-o", "film.mp4", "--size", "1x1"], "2x2"),
+    ],
+)
+def test_wrong_input_is_one_line(words, named, tmp_path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main([*SMALL, *words]) == 2
+    assert named in capsys.readouterr().err
+    assert not list(tmp_path.glob("*.mp4"))

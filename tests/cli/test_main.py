@@ -1,0 +1,200 @@
+"""The command line: what it writes, what it says, and that errors are one line and exit code 2."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import torchrender
+from torchrender.cli import main as cli
+from torchrender.cli.arguments import numbers
+from torchrender.errors import OptionError
+from torchrender.images.files import read_image
+
+ROOT = Path(__file__).resolve().parents[2]
+
+OBJ = """
+v -1 0 -1
+v 1 0 -1
+v 0 0 1
+v 0 1.5 0
+f 1 2 3
+f 1 4 2
+f 2 4 3
+f 3 4 1
+"""
+
+
+@pytest.fixture
+def obj(tmp_path: Path) -> Path:
+    path = tmp_path / "never seen before.obj"
+    path.write_text(OBJ)
+    return path
+
+
+def run(*arguments: object) -> int:
+    return cli.main([str(a) for a in arguments])
+
+
+def test_render_writes_a_picture_of_an_unknown_file(
+    obj: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    output = tmp_path / "out.png"
+    assert run("render", obj, "-o", output, "--size", "64x48") == 0
+    said = capsys.readouterr().out
+    assert str(output) in said and "4 triangles" in said and "total" in said
+    picture = read_image(output)
+    assert picture.shape == (48, 64, 3)
+    assert float(picture.std()) > 0.02
+
+
+def test_render_takes_cameras_size_and_look(obj: Path, tmp_path: Path) -> None:
+    output = tmp_path / "views.png"
+    look = ("--supersample", 2, "--exposure", "auto", "--tone-map", "reinhard", "--background", "0,0,1", "--no-shadows")
+    eyes = ("--camera", "eye=0,1,4", "target=0,0.5,0", "fov=40", "--camera", "eye=0,9,0 up=0,0,-1")
+    assert run("render", obj, "-o", output, "--size", "32x32", *eyes, *look) == 0
+    files = [tmp_path / "views_000.png", tmp_path / "views_001.png"]
+    pictures = [read_image(file) for file in files]
+    assert all(float(p[0, 0, 2]) > 0.2 and float(p[0, 0, 0]) == 0.0 for p in pictures)
+    assert not output.exists()
+
+
+def test_render_size_of_a_procedural_scene(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("render", "nest", "--triangles", 5000, "-o", tmp_path / "n.npz", "--size", "40x30") == 0
+    count = int(capsys.readouterr().out.split(" triangles")[0].split()[-1].replace(",", ""))
+    assert abs(count - 5000) <= 500
+    with np.load(tmp_path / "n.npz") as data:
+        assert data["radiance"].shape == (1, 30, 40, 3)
+
+
+def test_info(obj: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("info", obj) == 0
+    said = capsys.readouterr().out
+    assert "triangles" in said and "warning: no light" in said
+    assert run("info", obj, "--json") == 0
+    assert json.loads(capsys.readouterr().out)["triangles"] == 4
+
+
+def test_depth_as_npz(obj: Path, tmp_path: Path) -> None:
+    assert run("depth", obj, "--views", 3, "--size", "32x24", "-o", tmp_path / "d.npz") == 0
+    with np.load(tmp_path / "d.npz") as data:
+        assert data["depth"].shape == data["triangle"].shape == data["object_id"].shape == (3, 24, 32)
+        assert data["camera_from_world"].shape == (3, 4, 4)
+        assert ((data["triangle"] >= 0) == np.isfinite(data["depth"])).all()
+        assert (data["triangle"] >= 0).any()
+
+
+@pytest.mark.parametrize("form", ["folder", "views.exr"])
+def test_depth_as_exr(form: str, obj: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("depth", obj, "--views", 2, "--size", "32x24", "-o", tmp_path / form) == 0
+    files = [Path(line) for line in capsys.readouterr().out.split("\n") if line]
+    cameras = json.loads(files[-1].read_text())
+    assert [f.name for f in files[:-1]] == cameras["files"]
+    assert len(files) == 3 and all(f.is_file() for f in files)
+    assert cameras["image_size"] == [32, 24]
+    assert cameras["far"] == [None, None]
+
+
+def test_scenes_lists_the_built_in_ones(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("scenes") == 0
+    assert "living_room" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["render", "no_such_scene", "-o", "a.png"], "no_such_scene"),
+        (["render", "missing.glb", "-o", "a.png"], "missing.glb"),
+        (["render", "nest", "-o", "a.jpg"], ".png"),
+        (["render", "nest", "-o", "nowhere/a.png"], "nowhere"),
+        (["render", "nest", "-o", "a.png", "--size", "10"], "--size"),
+        (["render", "nest", "-o", "a.png", "--size", "0x5"], "--size"),
+        (["render", "nest", "-o", "a.png", "--exposure", "bright"], "--exposure"),
+        (["render", "nest", "-o", "a.png", "--background", "1,2"], "--background"),
+        (["render", "nest", "--triangles", "3000", "-o", "a.png", "--camera", "eye=1,2"], "--camera eye"),
+        (["render", "nest", "--triangles", "3000", "-o", "a.png", "--camera", "zoom=2"], "zoom"),
+        (["render", "nest", "--triangles", "3000", "-o", "a.png", "--camera", "target=0,0,0"], "eye=x,y,z"),
+        (["render", "nest", "--triangles", "3000", "-o", "a.png", "--camera", "balcony"], "balcony"),
+        (["render", "nest", "--triangles", "1", "-o", "a.png"], "triangles"),
+        (["depth", "nest", "--triangles", "3000", "-o", "a.npz", "--views", "0"], "count"),
+        (["depth", "nest", "-o", "a.png"], ".npz"),
+        (["--threads", "0", "scenes"], "--threads"),
+    ],
+)
+def test_errors_are_one_line_with_exit_code_2(
+    arguments: list[str], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(arguments) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("torchrender: error: ") and error.count("\n") == 1
+    assert said in error
+    assert not list(tmp_path.iterdir())
+
+
+def test_image_size_and_numbers() -> None:
+    assert cli.image_size("640x480") == (640, 480)
+    assert numbers("x", "1,-2.5,3e1", 3) == [1.0, -2.5, 30.0]
+    for wrong in ("nan,0,0", "1,2,3,4", "", "1;2;3", "inf,0,0"):
+        with pytest.raises(OptionError, match="x must be 3 numbers"):
+            numbers("x", wrong, 3)
+
+
+def fresh(code: str, **environment: str) -> str:
+    clean = {k: v for k, v in os.environ.items() if not k.startswith("OMP_")}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=clean | environment)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip()
+
+
+def test_importing_the_package_and_its_command_line_loads_nothing_heavy() -> None:
+    code = (
+        "import sys, torchrender.cli.main; print([m for m in ('torch', 'numpy', 'numba', 'cv2') if m in sys.modules])"
+    )
+    assert fresh(code) == "[]"
+
+
+def test_thread_settings_are_made_before_torch_is_imported() -> None:
+    code = "import os, sys; from torchrender.cli import main as cli; cli._set_up_threads(1);"
+    code += " assert 'torch' not in sys.modules;"
+    code += " import torch; print(os.environ['OMP_WAIT_POLICY'], torch.get_num_threads())"
+    assert fresh(code) == "PASSIVE 1"
+
+
+def test_public_names_exist_and_are_listed() -> None:
+    for name in torchrender.__all__:
+        assert getattr(torchrender, name) is not None
+    assert set(torchrender.__all__) == {*torchrender._HOME, "__version__"}
+    assert set(torchrender.__all__) <= set(dir(torchrender))
+    with pytest.raises(AttributeError, match="no attribute 'rendr'"):
+        _ = torchrender.rendr  # type: ignore[attr-defined]
+
+
+def test_version_is_the_one_of_the_project_file(capsys: pytest.CaptureFixture[str]) -> None:
+    declared = re.search(r'^version = "(.+)"$', (ROOT / "pyproject.toml").read_text(), re.MULTILINE)
+    assert declared is not None and torchrender.__version__ == declared[1]
+    with pytest.raises(SystemExit) as end:
+        cli.main(["--version"])
+    assert end.value.code == 0
+    assert torchrender.__version__ in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("redundancy", ["pixel", "visibility"])
+def test_depth_pictures_of_sample_kinds(redundancy: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    options = ["--method", "nonredundant", "--redundancy", redundancy, "--views", 2, "--size", "32x32", "--show"]
+    assert run("depth", "nest", "--triangles", 3000, *options, "-o", tmp_path / "out") == 0
+    said = capsys.readouterr().out
+    assert "redundant 0.0 %" in said
+    assert sorted(p.name for p in (tmp_path / "out").glob("*.png")) == ["kinds_000.png", "kinds_001.png"]
+    assert run("depth", "nest", "--triangles", 3000, *options[:-1], "-o", tmp_path / "set.npz") == 0
+    with np.load(tmp_path / "set.npz") as data:
+        assert data["layer"].max() >= 1
+        assert data["normal"].shape == (2, 32, 32, 3)
+        assert not data["truncated"].any()

@@ -1,0 +1,40 @@
+"""Samples of rectangular lights, and the parts that they fall into."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from torchrender.effects.shadows.light_samples import light_grid
+from torchrender.scene.light import RectLight
+
+BOX = torch.tensor([[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]], dtype=torch.float64)
+
+
+def grid(per_side: int, edge_v: tuple[float, float, float] = (0.3, 0.0, 2.0)):
+    light = RectLight(
+        corner=torch.tensor([-0.5, 3.0, -0.5]), edge_u=torch.tensor([1.0, 0.2, 0.0]), edge_v=torch.tensor(edge_v)
+    )
+    return light_grid(light, BOX, per_side=per_side, size=64)
+
+
+@pytest.mark.parametrize("per_side", [1, 3, 4, 5, 16])
+def test_parts_hold_their_samples_and_cover_the_light(per_side: int) -> None:
+    g = grid(per_side)
+    part, outlines = g.tiles(per_side, 4)
+    assert len(outlines) == (-(-per_side // 4)) ** 2
+    corner, u, v = outlines[part].unbind(1)
+    edges = torch.stack([u, v, torch.linalg.cross(u, v)], dim=2)
+    a, b, height = torch.linalg.solve(edges, g.samples - corner).unbind(1)
+    for share in (a, b):
+        assert bool(((share > 0) & (share < 1)).all())
+    assert float(height.abs().max()) < 1e-12
+    assert int(torch.bincount(part).max()) <= 16
+    area = torch.linalg.cross(outlines[:, 1], outlines[:, 2]).norm(dim=1).sum()
+    assert float(area) == pytest.approx(float(torch.linalg.cross(g.outline[1], g.outline[2]).norm()))
+
+
+@pytest.mark.parametrize("edge_v", [(0.0, 0.0, 0.0), (2.0, 0.4, 0.0)])
+def test_a_line_is_one_part_even_of_sixteen_samples(edge_v: tuple[float, float, float]) -> None:
+    part, outlines = grid(16, edge_v).tiles(16, 4)
+    assert len(part) == 16 and len(outlines) == 1 and int(part.max()) == 0

@@ -1,0 +1,198 @@
+"""Histories of pictures: what is used again, and what a change takes away."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+from reuse_scenes import rectangle
+from torchrender.effects.reflections.reuse_options import ReuseOptions
+from torchrender.effects.shadows.shadow_map import ShadowOptions
+from torchrender.errors import InputError
+from torchrender.image import Image
+from torchrender.pipeline.history import RenderHistory
+from torchrender.pipeline.options import RenderOptions
+from torchrender.renderer import render
+from torchrender.scene.camera import Cameras
+from torchrender.scene.light import PointLight
+from torchrender.scene.material import Material
+from torchrender.scene.model import Scene
+
+TRACED = RenderOptions(reflections="traced")
+
+
+def mirror_room() -> Scene:
+    board = (torch.arange(4)[:, None] + torch.arange(4)) % 2
+    checks = (0.2 + 0.6 * board.float())[..., None].expand(4, 4, 3).contiguous()
+    return Scene(
+        meshes=(
+            rectangle([-2.0, -1.5, 0.0], [4.0, 0.0, 0.0], [0.0, 3.0, 0.0], 0),
+            rectangle([4.0, -3.0, 5.0], [-8.0, 0.0, 0.0], [0.0, 6.0, 0.0], 1),
+        ),
+        materials=(
+            Material(name="mirror", specular=0.9, diffuse=torch.zeros(3)),
+            Material(name="wall", diffuse=torch.ones(3), diffuse_texture=checks),
+        ),
+        lights=(PointLight(position=torch.tensor([0.0, 0.0, 2.0]), intensity=torch.full((3,), 12.0)),),
+        ambient=torch.full((3,), 0.1),
+    )
+
+
+def camera(x: float = 0.3, size: int = 48) -> Cameras:
+    return Cameras.look_at([x, 0.1, 3.0], [0.1, 0.0, 0.0], width=size, height=size, fov_deg=50.0)
+
+
+def started(scene: Scene, options: RenderOptions = TRACED) -> RenderHistory:
+    history = render(scene, camera(), options=options, history=RenderHistory()).history
+    assert history is not None and history.report is not None and history.report.key_frame
+    return history
+
+
+def following(scene: Scene, history: RenderHistory, options: RenderOptions = TRACED) -> Image:
+    return render(scene, camera(0.33), options=options, history=history)
+
+
+def test_a_sequence_is_close_to_single_pictures() -> None:
+    scene = mirror_room()
+    history = started(scene)
+    image = following(scene, history)
+    assert image.history is not None and image.history.report is not None
+    assert not image.history.report.key_frame and image.history.report.traced_share < 0.4
+    alone = render(scene, camera(0.33), options=TRACED)
+    assert alone.history is None
+    difference = (image.radiance - alone.radiance).abs()
+    assert float(difference.max()) > 0.0 and float(difference.mean()) < 0.5 / 255
+
+
+def test_a_history_is_a_value() -> None:
+    """Going on twice from one history gives the same picture twice; the history itself stays what it was."""
+    scene = mirror_room()
+    history = started(scene)
+    before = dict(vars(history))
+    first, second = following(scene, history), following(scene, history)
+    assert torch.equal(first.radiance, second.radiance)
+    assert all(before[name] is getattr(history, name) for name in before)
+
+
+def test_what_stands_still_is_kept() -> None:
+    scene = mirror_room()
+    history = started(scene)
+    after = following(scene, history).history
+    assert after is not None
+    for name in ("scene", "caster", "shadow_maps", "shader"):
+        assert getattr(after, name) is getattr(history, name) is not None, name
+    assert after.reuse is not None and history.reuse is not None and after.reuse.key is history.reuse.key
+
+
+def moved(scene: Scene) -> Scene:
+    wall = scene.meshes[1]
+    vertices = wall.vertices + torch.tensor([0.2, 0.0, 0.0], dtype=wall.vertices.dtype)
+    return replace(scene, meshes=(scene.meshes[0], replace(wall, vertices=vertices)))
+
+
+def relit(scene: Scene) -> Scene:
+    return replace(scene, lights=(replace(scene.lights[0], intensity=torch.full((3,), 20.0)),))
+
+
+def repainted(scene: Scene) -> Scene:
+    return replace(scene, materials=(scene.materials[0], replace(scene.materials[1], diffuse=torch.full((3,), 0.4))))
+
+
+def dimmed(scene: Scene) -> Scene:
+    return replace(scene, ambient=torch.full((3,), 0.3))
+
+
+@pytest.mark.parametrize(
+    ("change", "keeps"),
+    [(moved, ()), (relit, ("caster",)), (repainted, ("caster", "shadow_maps")), (dimmed, ("caster", "shadow_maps"))],
+)
+def test_a_change_takes_away_what_it_could_show_in(change, keeps: tuple[str, ...]) -> None:
+    scene = mirror_room()
+    history = started(scene)
+    other = change(scene)
+    image = following(other, history)
+    assert image.history is not None and image.history.report is not None and image.history.report.key_frame
+    for name in ("caster", "shadow_maps"):
+        assert (getattr(image.history, name) is getattr(history, name)) == (name in keeps), name
+    alone = render(other, camera(0.33), options=TRACED)
+    assert torch.allclose(image.radiance, alone.radiance, atol=1e-6)
+
+
+def test_options_that_change_start_anew() -> None:
+    scene = mirror_room()
+    history = started(scene)
+    for options, maps_kept in (
+        (replace(TRACED, reuse=ReuseOptions(contrast=0.5)), True),
+        (replace(TRACED, background=(1.0, 0.0, 0.0)), True),
+        (replace(TRACED, shadow=ShadowOptions(filter="pcf")), False),
+        (replace(TRACED, shadows=False), False),
+    ):
+        image = following(scene, history, options)
+        assert image.history is not None and image.history.report is not None and image.history.report.key_frame
+        assert (image.history.shadow_maps is history.shadow_maps) == maps_kept
+        alone = render(scene, camera(0.33), options=options)
+        assert torch.allclose(image.radiance, alone.radiance, atol=1e-6)
+
+
+def test_scenes_without_mirrors_light_or_triangles_have_histories_too() -> None:
+    plain = replace(mirror_room(), materials=(Material(name="a"), Material(name="b")))
+    dark = replace(plain, lights=(), ambient=torch.zeros(3))
+    for scene in (plain, dark, Scene()):
+        image = render(scene, camera(), history=RenderHistory())
+        again = render(scene, camera(0.33), history=image.history)
+        assert again.history is not None and again.history.report is None
+        assert again.history.scene is image.history.scene  # type: ignore[union-attr]
+        alone = render(scene, camera(0.33))
+        assert torch.equal(again.radiance, alone.radiance)
+
+
+def test_supersampling_batches_and_orthographic_cameras() -> None:
+    scene = mirror_room()
+    options = replace(TRACED, supersample=2)
+    history = started(scene, options)
+    assert not following(scene, history, options).history.report.key_frame  # type: ignore[union-attr]
+    pair = Cameras.cat([camera(0.3), camera(0.4)])
+    image = render(scene, pair, options=TRACED, history=RenderHistory())
+    assert not render(scene, pair, options=TRACED, history=image.history).history.report.key_frame  # type: ignore[union-attr]
+    flat = replace(camera(), orthographic=True, far=torch.tensor([20.0], dtype=torch.float64))
+    flat = replace(flat, intrinsics=flat.intrinsics / torch.tensor([[8.0], [8.0], [1.0]], dtype=torch.float64))
+    again = render(scene, flat, options=TRACED, history=RenderHistory())
+    assert torch.equal(again.radiance, render(scene, flat, options=TRACED).radiance)
+
+
+def test_every_source_of_reflections_works_with_a_history() -> None:
+    scene = mirror_room()
+    for name in ("clustered", "environment", "off"):
+        options = RenderOptions(reflections=name)
+        first = render(scene, camera(), options=options, history=RenderHistory())
+        second = render(scene, camera(0.33), options=options, history=first.history)
+        alone = render(scene, camera(0.33), options=options)
+        assert float((second.radiance - alone.radiance).abs().mean()) < 2 / 255
+
+
+def test_a_camera_cut_gives_a_whole_picture_and_then_a_key_frame() -> None:
+    scene = mirror_room()
+    history = started(scene)
+    cut = Cameras.look_at([-1.5, 1.0, 0.6], [0.8, -0.4, 0.0], width=48, height=48, fov_deg=50.0)
+    image = render(scene, cut, options=TRACED, history=history)
+    alone = render(scene, cut, options=TRACED)
+    assert float((image.radiance - alone.radiance).abs().mean()) < 1 / 255
+    assert image.history.report.next_key_frame  # type: ignore[union-attr]
+    after = render(scene, cut, options=TRACED, history=image.history)
+    assert after.history.report.key_frame  # type: ignore[union-attr]
+    assert torch.allclose(after.radiance, alone.radiance, atol=1e-6)
+
+
+def test_another_picture_size_is_served_by_the_same_key_frame() -> None:
+    scene = mirror_room()
+    image = render(scene, camera(0.32, 64), options=TRACED, history=started(scene))
+    assert not image.history.report.key_frame  # type: ignore[union-attr]
+    alone = render(scene, camera(0.32, 64), options=TRACED)
+    assert float((image.radiance - alone.radiance).abs().mean()) < 1 / 255
+
+
+def test_a_camera_of_no_scene_is_still_an_error() -> None:
+    with pytest.raises(InputError, match="no camera"):
+        render(mirror_room(), "nowhere", history=RenderHistory())

@@ -1,0 +1,112 @@
+"""Curves: what is read, what is refused, and what is ignored with a warning."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from torchrender.planning import curves as module
+from torchrender.planning.curves import (
+    Curves,
+    CurvesWarning,
+    load_curves,
+    parse_curves,
+    scene_key,
+    shipped_curves,
+    user_file,
+)
+from torchrender.scene.load import load
+
+
+def small() -> dict[str, Any]:
+    record = {"flip": 0.2, "psnr": 20.0}
+    return {
+        "format": 2,
+        "norm": 2.0,
+        "weights": {"gbuffer": {"1": [1.0, 10.0, 5.0]}},
+        "scenes": {
+            "a/1": {"passes": {"gbuffer": {"1": record}}, "ratios": {"gbuffer": {"1": 2.0}}},
+            "b/2": {"passes": {"gbuffer": {"1": {**record, "flip": 0.4}}}},
+        },
+    }
+
+
+def test_times_are_weighted_sums_and_errors_means() -> None:
+    curves = parse_curves(small(), "test")
+    assert curves.time_ms("gbuffer", "1", (1.0, 0.5, 2.0)) == pytest.approx(16.0)
+    assert curves.time_ms("gbuffer", "1", (1.0, 0.5, 2.0), "a/1") == pytest.approx(32.0)
+    assert curves.time_ms("gbuffer", "2", (1.0, 0.5, 2.0)) is None
+    assert curves.error("gbuffer", "1", "a/1") == 0.2
+    assert curves.error("gbuffer", "1", "unknown") == pytest.approx(0.3)
+    assert curves.together([0.3, 0.4]) == pytest.approx(0.5)
+    assert curves.together([]) == 0.0
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        {"format": 1},
+        {"norm": 0.0},
+        {"norm": float("nan")},
+        {"weights": {"gbuffer": {"1": [float("nan")]}}},
+        {"weights": {"gbuffer": {"1": [-1.0]}}},
+        {"scenes": {"a": {"passes": {"gbuffer": {"1": {"flip": 2.0}}}}}},
+    ],
+)
+def test_other_versions_and_numbers_that_mean_nothing_are_refused(damage: dict[str, Any]) -> None:
+    with pytest.raises(ValueError):
+        parse_curves({**small(), **damage}, "test")
+
+
+def test_a_users_file_comes_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "mine.json"
+    monkeypatch.setenv("TORCHRENDER_CURVES", str(path))
+    assert user_file() == path
+    assert load_curves() is shipped_curves()
+    path.write_text(json.dumps(small()))
+    assert load_curves().source == str(path)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "{",
+        "[]",
+        "null",
+        '{"format": 2}',
+        '{"format": 7, "weights": {}}',
+        '{"format":2,"norm":2,"weights":[],"scenes":{}}',
+    ],
+)
+def test_a_damaged_file_is_ignored_with_a_warning(text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "mine.json"
+    path.write_text(text)
+    monkeypatch.setenv("TORCHRENDER_CURVES", str(path))
+    with pytest.warns(CurvesWarning, match=r"mine\.json: curves ignored, those of the package are used"):
+        found = load_curves()
+    assert found is shipped_curves()
+
+
+def test_a_huge_file_is_not_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "mine.json"
+    path.write_text(json.dumps(small()))
+    monkeypatch.setattr(module, "MAX_BYTES", 10)
+    monkeypatch.setenv("TORCHRENDER_CURVES", str(path))
+    with pytest.warns(CurvesWarning, match="larger than 10 bytes"):
+        assert load_curves() is shipped_curves()
+
+
+def test_the_cache_folder_follows_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("TORCHRENDER_CURVES", raising=False)
+    monkeypatch.setenv("XDG_CACHE_HOME", "/somewhere")
+    assert user_file() == Path("/somewhere/torchrender/curves.json")
+
+
+def test_a_scene_is_known_by_name_and_size() -> None:
+    scene = load("cornell_box")
+    assert scene_key(scene) == f"cornell_box/{scene.geometry.triangle_count}"
+    assert isinstance(shipped_curves(), Curves)

@@ -1,0 +1,336 @@
+"""Plans: what runs and why, in what order, within which budget; and that nothing else is paid for."""
+
+from __future__ import annotations
+
+import gc
+import math
+import weakref
+from dataclasses import replace
+from itertools import pairwise
+
+import pytest
+import torch
+
+import torchrender as tr
+from torchrender.errors import InputError, OptionError
+from torchrender.passes.outlook import Verdict
+from torchrender.passes.table import PASSES, Pass, find_pass
+from torchrender.pipeline.history import RenderHistory
+from torchrender.pipeline.options import RenderOptions
+from torchrender.planning.curves import Curves, load_curves
+from torchrender.planning.knowledge import WANTED, Knowledge
+from torchrender.planning.plan import Plan
+from torchrender.planning.planner import in_order, verdicts
+from torchrender.renderer import Run
+from torchrender.scene.camera import Cameras
+from torchrender.scene.load import load
+from torchrender.scene.model import Scene
+
+
+@pytest.fixture(scope="module")
+def washroom() -> Scene:
+    return load("washroom", size=7000)
+
+
+@pytest.fixture(scope="module")
+def grass() -> Scene:
+    return load("grass", size=3000)
+
+
+@pytest.fixture(scope="module")
+def box() -> Scene:
+    return load("cornell_box")
+
+
+def view(scene: Scene, size: int = 40) -> Cameras:
+    return scene.camera(width=size, height=size)
+
+
+def running(plan: Plan) -> list[str]:
+    return [row.name for row in plan.running]
+
+
+# ------------------------------------------------------------------ reasons
+
+
+def test_only_what_the_scene_calls_for(grass: Scene, box: Scene, washroom: Scene) -> None:
+    assert running(tr.plan(grass, view(grass))) == ["gbuffer", "shadow_map", "point_shadow", "direct_light", "resolve"]
+    assert running(tr.plan(box, view(box))) == ["gbuffer", "shadow_map", "soft_shadow", "direct_light", "resolve"]
+    names = ["gbuffer", "shadow_map", "point_shadow", "soft_shadow", "direct_light", "reflections", "resolve"]
+    assert running(tr.plan(washroom, view(washroom))) == names
+    names[5] = "reflection_reuse"
+    assert running(tr.plan(washroom, view(washroom), history=RenderHistory())) == names
+
+
+def test_reasons_name_the_cause(grass: Scene, washroom: Scene) -> None:
+    plan = tr.plan(grass, view(grass))
+    assert "hard shadows by shadow map instead" in plan.row("soft_shadow").reason
+    assert plan.row("reflections").reason == "no material mirrors"
+    off = tr.plan(washroom, view(washroom), options=RenderOptions(shadows=False, reflections="off"))
+    assert off.row("shadow_map").reason == off.row("soft_shadow").reason == "shadows are turned off"
+    assert off.row("reflections").reason == "reflections are turned off"
+    low, high = washroom.bounds
+    outside = (high + (high - low)).tolist()
+    away = Cameras.look_at(outside, [2 * x for x in outside], width=16, height=16, near=0.1)
+    assert tr.plan(washroom, away).row("reflections").reason == "no reflector meets the view frustum"
+    alone = tr.plan(washroom, view(washroom), options=RenderOptions(area_shadows="sampled", reflections="off"))
+    assert (
+        "lights without area" in alone.row("shadow_map").reason and "area light" not in alone.row("shadow_map").reason
+    )
+
+
+def test_mirrors_in_the_frustum_that_no_pixel_shows() -> None:
+    """Known only after the G-buffer: a mirror behind a wall."""
+    wall = tr.Mesh(
+        vertices=torch.tensor([[-5.0, -5, 0], [5, -5, 0], [5, 5, 0], [-5, 5, 0]]),
+        faces=torch.tensor([[0, 1, 2], [0, 2, 3]]),
+    )
+    hidden = tr.Mesh(vertices=wall.vertices * 0.1 - torch.tensor([0.0, 0, 1]), faces=wall.faces, material=1)
+    materials = (tr.Material(), tr.Material(specular=0.9, shininess=1e4))
+    assert materials[1].is_reflector
+    scene = tr.Scene(meshes=(wall, hidden), materials=materials)
+    camera = Cameras.look_at([0.0, 0, 4], [0.0, 0, 0], width=16, height=16, near=0.1)
+    assert tr.plan(scene, camera).row("reflections").runs
+    image = tr.render(scene, camera)
+    assert image.plan is not None
+    assert not image.plan.row("reflections").runs and "no pixel" in image.plan.row("reflections").reason
+    assert "reflections" not in image.timings_ms
+
+
+def test_the_plan_prints_itself(washroom: Scene) -> None:
+    text = str(tr.plan(washroom, view(washroom)))
+    for step in PASSES:
+        assert step.name in text
+    assert "no history was given" in text and "in all" in text
+    record = tr.plan(washroom, view(washroom), budget_ms=200).to_dict()
+    assert record["rows"][0]["pass"] == "gbuffer" and record["rows"][0]["runs"]
+    assert record["budget_ms"] == 200 and record["predicted_ms"] > 0 and 0 <= record["predicted_error"] <= 1
+
+
+# -------------------------------------------------------------------- order
+
+
+def stand_in(name: str, makes: str, needs: tuple[str, ...] = (), uses: tuple[str, ...] = ()) -> Pass:
+    return replace(PASSES[0], name=name, makes=makes, needs=needs, uses=uses, applies=lambda _: Verdict(True, "."))
+
+
+def test_passes_run_after_those_they_ask() -> None:
+    steps = (
+        stand_in("last", WANTED, ("b",), ("c",)),
+        stand_in("second", "b", ("a",)),
+        stand_in("third", "c", ("b",)),
+        stand_in("first", "a"),
+        stand_in("unwanted", "d"),
+        stand_in("late", "a"),
+    )
+    found = verdicts(steps, None)  # type: ignore[arg-type]
+    assert found["unwanted"].reason == "nobody asks for what it makes" and found["late"].reason == "done by first"
+    assert [s.name for s in in_order(steps, found)] == ["first", "second", "third", "last"]
+    assert verdicts(steps, None, (WANTED, "d"))["unwanted"].runs  # type: ignore[arg-type]
+    circle = (stand_in("x", "x", ("y",)), stand_in("y", "y", ("x",)), stand_in("end", WANTED, ("x",)))
+    with pytest.raises(OptionError, match="wait for each other: x, y, end"):
+        in_order(circle, verdicts(circle, None))  # type: ignore[arg-type]
+
+
+def test_buffers_are_released_after_their_last_reader(washroom: Scene) -> None:
+    """What nobody asks for any more is gone before the picture is put together."""
+    kept: list[weakref.ref[torch.Tensor]] = []
+    alive: list[bool] = []
+
+    def watched(frame: object) -> object:
+        made = find_pass("point_shadow").run(frame)  # type: ignore[arg-type]
+        kept.extend(weakref.ref(image) for image in made.values())
+        return made
+
+    def at_the_end(frame: object) -> object:
+        gc.collect()
+        alive.extend(ref() is not None for ref in kept)
+        return find_pass("resolve").run(frame)  # type: ignore[arg-type]
+
+    changed = {"point_shadow": watched, "resolve": at_the_end}
+    steps = tuple(replace(s, run=changed.get(s.name, s.run)) for s in PASSES)
+    camera = view(washroom)
+    past = RenderHistory(scene=washroom, wanted=False)
+    known = Knowledge(scene=washroom, cameras=camera, past=past, curves=load_curves(), passes=steps)
+    Run(known, RenderOptions(), (None, None), _clock()).image()
+    assert alive and not any(alive)
+
+
+def _clock() -> object:
+    from torchrender.clock import StepClock
+
+    return StepClock()
+
+
+def test_wanted_buffers_come_with_the_picture(washroom: Scene) -> None:
+    image = tr.render(washroom, view(washroom), options=RenderOptions(buffers=("reflection_layer", "direct")))
+    layer, direct = image.buffers["reflection_layer"], image.buffers["direct"]
+    assert layer.color.shape == direct.shape == (1, 40, 40, 3)
+    assert not torch.equal(direct, image.radiance)
+    with pytest.raises(InputError, match="known buffers: gbuffer, shadow_maps"):
+        tr.render(washroom, view(washroom), options=RenderOptions(buffers=("deph",)))
+
+
+def test_a_diffuse_scene_runs_the_same_with_the_other_passes_deleted(grass: Scene) -> None:
+    few = tuple(s for s in PASSES if s.name not in ("soft_shadow", "reflections", "reflection_reuse"))
+    camera, pictures = view(grass), []
+    for steps in (PASSES, few):
+        past = RenderHistory(scene=grass, wanted=False)
+        known = Knowledge(scene=grass, cameras=camera, past=past, curves=load_curves(), passes=steps)
+        clock = _clock()
+        pictures.append(Run(known, RenderOptions(), (None, None), clock).image())  # type: ignore[arg-type]
+        ran = set(clock.elapsed_ms)  # type: ignore[attr-defined]
+        assert ran == {"plan", "gbuffer", "shadow_map", "point_shadow", "direct_light", "resolve"}
+    assert torch.equal(pictures[0].radiance, pictures[1].radiance)
+
+
+# ------------------------------------------------------------------ budgets
+
+
+@pytest.mark.parametrize(
+    "wish", [{"budget_ms": 0}, {"budget_ms": -5.0}, {"budget_ms": math.nan}, {"budget_ms": math.inf}]
+)
+def test_budgets_that_mean_nothing(box: Scene, wish: dict[str, float]) -> None:
+    with pytest.raises(OptionError, match="budget_ms must be"):
+        tr.render(box, view(box), **wish)  # type: ignore[arg-type]
+
+
+def test_error_bounds_that_mean_nothing(box: Scene) -> None:
+    for wrong in (-0.1, 1.5, math.nan):
+        with pytest.raises(OptionError, match="max_error must be"):
+            tr.plan(box, view(box), max_error=wrong)
+    with pytest.raises(OptionError, match="budget_ms must be a number"):
+        tr.plan(box, view(box), budget_ms="fast")  # type: ignore[arg-type]
+
+
+def test_an_impossible_budget_gives_the_cheapest_complete_picture(washroom: Scene) -> None:
+    image = tr.render(washroom, view(washroom), budget_ms=1e-3)
+    assert image.plan is not None and not image.plan.possible
+    assert "not enough" in image.plan.statement and image.plan.statement in str(image.plan)
+    assert image.plan.row("gbuffer").setting == "0.25" and image.plan.row("reflections").setting == "environment"
+    assert image.radiance.shape == (1, 40, 40, 3) and bool(torch.isfinite(image.radiance).all())
+    assert float((image.radiance.sum(-1) > 0).float().mean()) > 0.99
+    assert image.gbuffer.depth.shape == (1, 40, 40)
+
+
+def test_a_huge_budget_gives_the_reference(box: Scene) -> None:
+    plan = tr.plan(box, view(box), budget_ms=1e8)
+    assert plan.possible and not plan.statement
+    for row in plan.running:
+        knob = find_pass(row.name).knob
+        if row.name not in ("resolve", "shadow_map"):
+            assert row.setting == knob.reference.name, row
+    assert plan.predicted_error == pytest.approx(0.0, abs=1e-6)
+
+
+def test_more_budget_is_never_worse(washroom: Scene) -> None:
+    errors = [
+        tr.plan(washroom, view(washroom, 512), budget_ms=ms).predicted_error for ms in (100, 200, 400, 1e3, 1e4, 1e6)
+    ]
+    assert all(b <= a + 1e-9 for a, b in pairwise(errors)) and errors[0] > errors[-1]
+
+
+def test_a_tighter_bound_is_never_quicker(washroom: Scene) -> None:
+    plans = [tr.plan(washroom, view(washroom, 512), max_error=e) for e in (0.3, 0.1, 0.03, 0.01)]
+    times = [plan.predicted_ms for plan in plans]
+    assert all(a <= b for a, b in pairwise(times))
+    assert all(p.predicted_error <= e for p, e in zip(plans, (0.3, 0.1, 0.03, 0.01), strict=True) if p.possible)
+
+
+def test_a_bound_of_zero_is_the_reference_or_a_statement(washroom: Scene) -> None:
+    plan = tr.plan(washroom, view(washroom), max_error=0.0)
+    if not plan.possible:
+        assert "no settings reach an error of 0" in plan.statement
+    assert plan.row("reflections").setting == "traced" and plan.row("gbuffer").setting == "2"
+
+
+def test_conflicting_wishes_are_said(washroom: Scene) -> None:
+    plan = tr.plan(washroom, view(washroom, 512), budget_ms=150, max_error=0.001)
+    assert not plan.possible and plan.statement
+    both = tr.plan(washroom, view(washroom, 512), budget_ms=1e6, max_error=0.05)
+    assert both.possible and both.predicted_error <= 0.05
+    alone = tr.plan(washroom, view(washroom, 512), max_error=0.05)
+    assert both.predicted_ms == pytest.approx(alone.predicted_ms)
+
+
+def test_wishes_for_passes_that_are_off_stay_off(washroom: Scene) -> None:
+    options = RenderOptions(reflections="off", shadows=False)
+    plan = tr.plan(washroom, view(washroom), options=options, budget_ms=1e6)
+    assert running(plan) == ["gbuffer", "direct_light", "resolve"]
+
+
+# ---------------------------------------------------------------- sequences
+
+
+def test_a_sequence_learns_what_passes_take(grass: Scene) -> None:
+    """Predictions that are wrong by a factor are right after a few pictures."""
+    curves = load_curves()
+    wrong = replace(curves, weights={
+        name: {s: [4.0 * w for w in weights] for s, weights in settings.items()}
+        for name, settings in curves.weights.items()
+    })  # fmt: skip
+    camera = view(grass, 64)
+    history = RenderHistory().of_scene(grass)
+    ratios = []
+    for _ in range(5):
+        known = Knowledge(scene=history.scene or grass, cameras=camera, past=history, curves=wrong)
+        clock = _clock()
+        run = Run(known, RenderOptions(), (None, None), clock)  # type: ignore[arg-type]
+        run.image()
+        plan = run.plan.measured(clock.elapsed_ms, run.amounts, 1.0)  # type: ignore[attr-defined]
+        row = plan.row("gbuffer")
+        assert row.predicted_ms and row.measured_ms
+        ratios.append(abs(math.log(row.predicted_ms / row.measured_ms)))
+        history = run.history(plan).of_scene(grass)
+    assert history.pace is not None and history.pace.choice["gbuffer"] == "1"
+    assert min(ratios[1:]) < ratios[0]
+
+
+def test_a_choice_before_the_gbuffer_drops_nothing_that_the_next_one_uses(washroom: Scene) -> None:
+    """Maps drawn once serve all pictures of a sequence whose choice comes out the same."""
+    history, maps = RenderHistory(), []
+    for _ in range(4):
+        image = tr.render(washroom, view(washroom, 64), history=history, budget_ms=1e-3)
+        assert image.history is not None
+        history = image.history
+        maps.append(history.shadow_maps)
+    assert maps[0] is not None and all(later is maps[0] for later in maps[1:])
+    assert history.shader is not None
+
+
+def test_a_scene_that_changes_while_a_sequence_runs(washroom: Scene) -> None:
+    history: RenderHistory | None = RenderHistory()
+    scenes = (washroom, replace(washroom, meshes=washroom.meshes[:-1]), washroom)
+    for scene in scenes:
+        image = tr.render(scene, view(scene), history=history, budget_ms=300)
+        history = image.history
+        assert bool(torch.isfinite(image.radiance).all())
+        assert image.gbuffer.triangle.max() < scene.geometry.triangle_count
+
+
+def test_curves_without_measurements_predict_nothing(box: Scene) -> None:
+    empty = Curves({}, {}, 1.5, {}, "nothing")
+    plan = tr.plan(box, view(box), curves=empty)
+    assert plan.predicted_ms is None and "in all" in str(plan)
+
+
+def test_a_budget_leaves_fixed_passes_alone(box: Scene) -> None:
+    camera = view(box, 64)
+    for upscaling in ("nearest", "joint"):
+        options = RenderOptions(upscaling=upscaling, fixed=("resolve",))
+        made = tr.plan(box, camera, options=options, budget_ms=5.0)
+        assert made.options.upscaling == upscaling
+        assert made.options.supersample < 1
+        assert tr.render(box, camera, options=options, budget_ms=5.0).plan.options.upscaling == upscaling
+
+
+def test_what_cannot_be_fixed_is_named(box: Scene) -> None:
+    camera = view(box, 8)
+    for options, words in (
+        (RenderOptions(fixed=("fog",)), "no pass 'fog'"),
+        (RenderOptions(fixed=("gbuffer",), supersample=1.3), "gbuffer stands at none of its settings"),
+    ):
+        with pytest.raises(InputError, match=words):
+            tr.plan(box, camera, options=options, budget_ms=5.0)
+        with pytest.raises(InputError, match=words):
+            tr.render(box, camera, options=options)

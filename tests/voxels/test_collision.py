@@ -1,0 +1,53 @@
+"""Collision of two bodies by shared voxels (specification 05, section 8)."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from torchrender.errors import InputError, OptionError
+from torchrender.scene import shapes
+from torchrender.scene.mesh import concatenate
+from torchrender.voxels.collision import CollisionOptions, collide
+from torchrender.voxels.solid import SolidOptions, voxelize_solid
+
+
+def moved(x: float) -> torch.Tensor:
+    matrix = torch.eye(4)
+    matrix[0, 3] = x
+    return matrix
+
+
+def test_shared_voxels_are_those_of_both_bodies() -> None:
+    ball = concatenate([shapes.sphere(1.0, 32)])
+    found = collide(ball, ball, CollisionOptions(resolution=120), world_from_second=moved(1.2))
+    assert found.touching and found.shared is not None and found.count == found.shared.count == len(found.cells)
+    sets = [
+        voxelize_solid(v[None], ball.faces, found.shared.grid, SolidOptions(surface=True))[0]
+        for v in (ball.vertices, ball.vertices + torch.tensor([1.2, 0, 0]))
+    ]
+    assert (sets[0] & sets[1]).equals(found.shared)
+    # The lens between two unit balls 1.2 apart.
+    lens = 2 * torch.pi * 0.4**2 * (1 - 0.4 / 3)
+    assert found.count * found.cell**3 == pytest.approx(lens, rel=0.1)
+    assert torch.allclose(found.centroid, torch.tensor([0.6, 0, 0]).double(), atol=1e-6)
+    assert found.bounds[0, 0] == pytest.approx(0.2, abs=2 * found.cell)
+    assert found.bounds[1, 0] == pytest.approx(1.0, abs=2 * found.cell)
+
+
+def test_placing_both_is_placing_one() -> None:
+    ball, ring = concatenate([shapes.sphere(0.5, 16)]), concatenate([shapes.torus(1.0, 0.2, 24)])
+    one = collide(ball, ring, world_from_first=moved(1.0))
+    both = collide(ball, ring, world_from_first=moved(4.0), world_from_second=moved(3.0))
+    assert one.count == pytest.approx(both.count, rel=0.02) and one.touching
+    assert not collide(ball, ring).touching  # in the hole of the ring, though the boxes overlap
+
+
+def test_wrong_placements_are_refused() -> None:
+    ball = concatenate([shapes.sphere(1.0, 8)])
+    with pytest.raises(InputError, match="world_from_second must have shape"):
+        collide(ball, ball, world_from_second=torch.eye(3))
+    with pytest.raises(InputError, match="world_from_first must be finite"):
+        collide(ball, ball, world_from_first=torch.eye(4) * float("nan"))
+    with pytest.raises(OptionError, match="resolution must be"):
+        CollisionOptions(resolution=0)

@@ -1,0 +1,7 @@
+"""``python -m torchrender.cli``."""
+
+import sys
+
+from torchrender.cli.main import main
+
+sys.exit(main())

@@ -1,0 +1,195 @@
+"""The command ``torchrender fly``: pictures along a camera path, each with what the one before it left to reuse."""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import json
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from torchrender.cli.output import check_output, image_size, make_folder, progress
+from torchrender.errors import ImageFileError, InputError, OptionError
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from torchrender.image import Image
+    from torchrender.scene.camera_path import CameraPath
+    from torchrender.scene.model import Scene
+
+
+def add_fly(commands: Any) -> None:
+    """Describe the command to the parser."""
+    parser = commands.add_parser("fly", help="render a camera path, reusing reflections, to a film or a folder")
+    parser.add_argument("scene", metavar="SCENE", help="a scene or mesh file, or the name of a built-in scene")
+    parser.add_argument("--triangles", type=int, metavar="N", help="size of a built-in scene, in triangles (about)")
+    parser.add_argument("-o", "--output", required=True, metavar="OUT", help="film.mp4, or a folder for PNG files")
+    parser.add_argument(
+        "--path",
+        default="",
+        metavar="PATH",
+        help="walk1 or walk2 (rooms), orbit, or a TOML or JSON file of poses (default: walk1, else orbit)",
+    )
+    parser.add_argument("--frames", type=int, default=240, metavar="N", help="number of pictures (default 240)")
+    parser.add_argument("--fps", type=float, default=30.0, help="pictures per second of a film (default 30)")
+    parser.add_argument("--size", default="512x512", metavar="WxH", help="picture size in pixels (default 512x512)")
+    parser.add_argument("--seed", type=int, default=0, help="variation of a walk (default 0: none)")
+    parser.add_argument("--threshold", type=float, default=0.3, help="share traced anew that asks for a key frame")
+    parser.add_argument("--no-reuse", action="store_true", help="every picture from nothing, for comparison")
+
+
+def fly(arguments: argparse.Namespace) -> None:
+    """Run the command."""
+    from torchrender.effects.reflections.reuse_options import ReuseOptions
+    from torchrender.pipeline.history import RenderHistory
+    from torchrender.pipeline.options import RenderOptions
+    from torchrender.renderer import render
+    from torchrender.scene.load import load
+
+    output = Path(arguments.output)
+    film = bool(output.suffix)
+    if film:
+        check_output(output, (".mp4",))
+    if not 1.0 <= arguments.fps <= 240.0:
+        raise OptionError(f"--fps must be in [1, 240], got {arguments.fps}")
+    width, height = image_size(arguments.size)
+    options = RenderOptions(reuse=ReuseOptions(key_frame_threshold=arguments.threshold))
+    scene = load(arguments.scene, size=arguments.triangles)
+    path = _path(scene, arguments.path, arguments.seed)
+    cameras = path.cameras(arguments.frames, width=width, height=height, near=1e-3 * (scene.diagonal or 1.0))
+    if not film:
+        make_folder(output)
+    history = None if arguments.no_reuse else RenderHistory()
+    records: list[dict[str, Any]] = []
+
+    def pictures() -> Iterator[Tensor]:
+        nonlocal history
+        for number in progress(range(len(cameras)), "frames"):
+            image = render(scene, cameras[number], options=options, history=history)
+            history = image.history
+            records.append(_record(number, image))
+            yield image.displayed()[0]
+
+    files = _write_film(output, pictures(), arguments.fps) if film else _write_frames(output, pictures())
+    files += _write_statistics(output, records)
+    for line in (*(str(f) for f in files[-3:]), _summary(records)):
+        sys.stdout.write(line + "\n")
+
+
+def _path(scene: Scene, name: str, seed: int) -> CameraPath:
+    from torchrender.scene.camera_path import built_in_path, load_path, walks_of
+
+    if Path(name).suffix.lower() in (".toml", ".json"):
+        return load_path(name)
+    return built_in_path(scene, name or (*walks_of(scene), "orbit")[0], seed)
+
+
+def _record(number: int, image: Image) -> dict[str, Any]:
+    """What a picture cost, for the statistics."""
+    record: dict[str, Any] = {"frame": number, "ms": round(image.timings_ms["total"], 2)}
+    record["steps_ms"] = {k: round(v, 2) for k, v in image.timings_ms.items() if k != "total"}
+    report = None if image.history is None else image.history.report
+    if report is not None:
+        record |= {
+            "key_frame": report.key_frame,
+            "reflective": report.reflective,
+            "reused_share": round(1.0 - report.traced_share, 4),
+            "search_steps": round(report.search_steps, 3),
+            "matches": dict(report.matches),
+            "pixels": dict(report.pixels),
+            "reflection_ms": {k: round(v, 2) for k, v in report.times_ms.items()},
+        }
+    return record
+
+
+def _summary(records: list[dict[str, Any]]) -> str:
+    mean = sum(r["ms"] for r in records) / len(records)
+    line = f"{len(records)} frames, {mean:.0f} ms each"
+    reused = [r for r in records if r.get("reflective")]
+    if reused:
+        keys = sum(r["key_frame"] for r in reused)
+        share = sum(r["reused_share"] for r in reused) / len(reused)
+        line += f"; {100 * share:.0f} % of reflective pixels reused, {keys} key frames"
+    return line
+
+
+def _write_frames(folder: Path, pictures: Iterator[Tensor]) -> list[Path]:
+    from torchrender.images.files import write_image
+
+    files = []
+    for number, picture in enumerate(pictures):
+        files.append(folder / f"frame_{number:04d}.png")
+        write_image(files[-1], picture)
+    return files
+
+
+def _write_film(path: Path, pictures: Iterator[Tensor], fps: float) -> list[Path]:
+    """One film file, whole or not at all."""
+    from torchrender.images.files import write_atomically
+
+    write_atomically(path, lambda temporary: _encode(temporary, pictures, fps))
+    return [path]
+
+
+def _encode(path: Path, pictures: Iterator[Tensor], fps: float) -> None:
+    import cv2
+    import numpy as np
+
+    from torchrender.numerics.color import srgb_from_linear
+
+    writer = None
+    for picture in pictures:
+        codes = (srgb_from_linear(picture) * 255.0 + 0.5).to("cpu").numpy().astype(np.uint8)[..., ::-1]
+        if writer is None:
+            # Films have even sides: an odd row or column is left out.
+            size = (codes.shape[1] // 2 * 2, codes.shape[0] // 2 * 2)
+            if min(size) < 2:
+                raise InputError(f"a film needs pictures of at least 2x2 pixels, got {codes.shape[1]}x{codes.shape[0]}")
+            writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), fps, size)
+            if not writer.isOpened():
+                raise ImageFileError(path, "OpenCV cannot write MP4 films here; give a folder for PNG files")
+        writer.write(np.ascontiguousarray(codes[: size[1], : size[0]]))
+    if writer is not None:
+        writer.release()
+
+
+def _write_statistics(output: Path, records: list[dict[str, Any]]) -> list[Path]:
+    """Statistics of every frame as JSON, and as a plot where matplotlib is installed."""
+    from torchrender.images.files import write_atomically
+
+    base = output.with_suffix("") if output.suffix else output / "statistics"
+    described, plot = base.with_name(base.name + ".json"), base.with_name(base.name + ".png")
+    text = json.dumps(records, indent=1) + "\n"
+
+    def write(path: Path) -> None:
+        path.write_text(text)
+
+    write_atomically(described, write)
+    if importlib.util.find_spec("matplotlib") is None:
+        return [described]
+    write_atomically(plot, lambda path: _plot(path, records))
+    return [described, plot]
+
+
+def _plot(path: Path, records: list[dict[str, Any]]) -> None:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8, 4.5), layout="constrained")
+    top, bottom = figure.subplots(2, 1, sharex=True)
+    frames = [r["frame"] for r in records]
+    top.plot(frames, [r["ms"] for r in records], color="0.2")
+    top.set_ylabel("ms")
+    usual = sorted(r["ms"] for r in records)[int(0.95 * (len(records) - 1))]
+    top.set_ylim(0, 1.3 * max(usual, 1e-3))  # the first picture prepares the scene: it would hide the others
+    mirrors = [r for r in records if "reused_share" in r]
+    bottom.plot([r["frame"] for r in mirrors], [100 * r["reused_share"] for r in mirrors], color="tab:blue")
+    for r in mirrors:
+        if r["key_frame"]:
+            bottom.axvline(r["frame"], color="tab:red", linewidth=0.8)
+    bottom.set_ylabel("reused, % (red: key frames)")
+    bottom.set_ylim(0, 100)
+    bottom.set_xlabel("frame")
+    figure.savefig(path, dpi=110)

@@ -1,0 +1,279 @@
+"""The command ``torchrender``: render, fly, plan, tradeoff, calibrate, info, depth, voxelize, points, scenes, serve.
+
+Everything heavy is imported inside functions, after the environment of the thread pools is set.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
+
+from torchrender import __version__
+from torchrender.cli.arguments import add_scene, camera_of, exposure, load_scene, numbers
+from torchrender.cli.fly import add_fly, fly
+from torchrender.cli.output import check_output, image_size, progress
+from torchrender.cli.plan import add_limits, add_plan, run_calibrate, run_plan, run_tradeoff
+from torchrender.cli.points import add_points, point_info, run_points
+from torchrender.cli.serve import add_load_test, add_serve, load_test_command, serve_command
+from torchrender.cli.voxelize import add_voxelize, run_voxelize, voxel_info
+from torchrender.errors import InputError, TorchRenderError
+
+if TYPE_CHECKING:
+    pass
+
+T = TypeVar("T")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; returns the exit code: 0 done, 2 wrong input (said in one line on stderr)."""
+    arguments = _parser().parse_args(argv)
+    try:
+        _set_up_threads(arguments.threads)
+        _COMMANDS[arguments.command](arguments)
+    except TorchRenderError as error:
+        print(f"torchrender: error: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("torchrender: interrupted", file=sys.stderr)
+        return 130
+    except BrokenPipeError:
+        # The reader of our output is gone (for instance ``head``); keep Python from complaining at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    return 0
+
+
+# ------------------------------------------------------------------ commands
+
+
+def _render(arguments: argparse.Namespace) -> None:
+    from torchrender.image import SUFFIXES, numbered
+    from torchrender.pipeline.options import RenderOptions
+    from torchrender.renderer import render
+
+    output = Path(arguments.output)
+    check_output(output, SUFFIXES)
+    options = RenderOptions(
+        shadows=not arguments.no_shadows,
+        reflections=arguments.reflections,
+        supersample=arguments.supersample,
+        background=None if arguments.background is None else numbers("--background", arguments.background, 3),
+        exposure=exposure(arguments.exposure),
+        tone_map=arguments.tone_map,
+    )
+    width, height = image_size(arguments.size)
+    scene = load_scene(arguments)
+    cameras = [camera_of(scene, words, width, height) for words in arguments.camera or [[]]]
+    for number, camera in enumerate(progress(cameras, "views")):
+        image = render(scene, camera, options=options, budget_ms=arguments.budget_ms, max_error=arguments.max_error)
+        file = numbered(output, number, len(cameras))
+        image.save(file)
+        steps = "  ".join(f"{step} {elapsed:.0f} ms" for step, elapsed in image.timings_ms.items())
+        print(f"{file}  {width}x{height}  {scene.geometry.triangle_count:,} triangles  {steps}")
+        if arguments.explain:
+            print(image.plan)
+
+
+def _plan(arguments: argparse.Namespace) -> None:
+    print(run_plan(arguments, load_scene(arguments), camera_of))
+
+
+def _tradeoff(arguments: argparse.Namespace) -> None:
+    for file in run_tradeoff(arguments):
+        print(file)
+
+
+def _calibrate(arguments: argparse.Namespace) -> None:
+    print(run_calibrate(arguments))
+
+
+def _info(arguments: argparse.Namespace) -> None:
+    from torchrender.scene.info import scene_info
+
+    name = arguments.scene
+    info = voxel_info(name) if name.endswith(".npz") else point_info(name) or scene_info(load_scene(arguments))
+    if arguments.json:
+        print(json.dumps(info, indent=2))
+        return
+    warnings = info.pop("warnings", [])
+    for key, value in info.items():
+        print(f"{key.replace('_', ' '):22s} {_plain(value)}")
+    for warning in warnings:
+        print(f"warning: {warning}")
+
+
+def _depth(arguments: argparse.Namespace) -> None:
+    from torchrender.cli.output import write_depth, write_kinds
+    from torchrender.depth.kinds import sample_kinds
+    from torchrender.depth.options import SamplingOptions
+    from torchrender.depth.sample import sample_depth_images
+    from torchrender.depth.viewpoints import viewpoints_around
+
+    output = Path(arguments.output)
+    if output.suffix:
+        check_output(output, (".npz", ".exr"))
+    options = SamplingOptions(
+        method=arguments.method, redundancy=arguments.redundancy, cull_backfaces=not arguments.two_sided
+    )
+    width, height = image_size(arguments.size)
+    scene = load_scene(arguments)
+    camera = camera_of(scene, arguments.camera or [], width, height)
+    cameras = viewpoints_around(scene, camera, arguments.views, spread=arguments.spread)
+    images = sample_depth_images(scene, cameras, options)
+    for file in write_depth(output, images):
+        print(file)
+    if arguments.show:
+        kinds = sample_kinds(scene, cameras, images)
+        for line in write_kinds(output, images, kinds):
+            print(line)
+
+
+def _voxelize(arguments: argparse.Namespace) -> None:
+    run_voxelize(arguments, image_size(arguments.size))
+
+
+def _points(arguments: argparse.Namespace) -> None:
+    background = numbers("--background", arguments.background, 3)
+    for line in run_points(arguments, image_size(arguments.size), background, camera_of):
+        print(line)
+
+
+def _scenes(arguments: argparse.Namespace) -> None:
+    from torchrender.scene.procedural import SCENES
+
+    del arguments
+    for name, builder in SCENES.items():
+        print(f"{name:14s} {builder.usual:>9,} triangles (at least {builder.fewest:,})")
+
+
+_COMMANDS = {
+    "render": _render,
+    "fly": fly,
+    "plan": _plan,
+    "tradeoff": _tradeoff,
+    "calibrate": _calibrate,
+    "info": _info,
+    "depth": _depth,
+    "voxelize": _voxelize,
+    "points": _points,
+    "scenes": _scenes,
+    "serve": serve_command,
+    "load-test": load_test_command,
+}
+
+# -------------------------------------------------------------------- values
+
+
+def _plain(value: object) -> str:
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, int) and not isinstance(value, bool):
+        return f"{value:,}"
+    if isinstance(value, dict):
+        return ", ".join(f"{count} {name}" for name, count in value.items()) or "none"
+    if isinstance(value, list):
+        return ", ".join(f"({_plain(v)})" if isinstance(v, list) else _plain(v) for v in value) or "none"
+    return "none" if value is None else str(value)
+
+
+# ----------------------------------------------------------------- arguments
+
+
+def _set_up_threads(count: int | None) -> None:
+    """Must run before torch and numba are imported."""
+    # On a busy machine threads that spin while they wait made torch several times slower.
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    if count is None:
+        return
+    if count < 1:
+        raise InputError(f"--threads must be >= 1, got {count}")
+    for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
+        os.environ[name] = str(count)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="torchrender", description="Real-time approximation of complex 3D scenes by depth images, on the CPU."
+    )
+    parser.add_argument("--version", action="version", version=f"torchrender {__version__}")
+    parser.add_argument("--threads", type=int, metavar="N", help="processor threads to use (default: all)")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    _add_render(commands.add_parser("render", help="render a scene to a PNG, EXR or NPZ file"))
+    add_fly(commands)
+    add_plan(commands, add_scene)
+    info = commands.add_parser("info", help="show what a scene, a cloud of points or a voxel file holds")
+    add_scene(info)
+    info.add_argument("--json", action="store_true", help="print JSON")
+    _add_depth(commands.add_parser("depth", help="write depth images of a scene from several viewpoints"))
+    add_voxelize(commands.add_parser("voxelize", help="write a model as voxels, or a picture of them"))
+    add_points(commands.add_parser("points", help="draw or compress a cloud of points"))
+    commands.add_parser("scenes", help="list the built-in scenes")
+    add_serve(commands)
+    add_load_test(commands)
+    return parser
+
+
+def _add_render(parser: argparse.ArgumentParser) -> None:
+    add_scene(parser)
+    parser.add_argument("-o", "--output", required=True, metavar="FILE", help="picture to write: .png, .exr or .npz")
+    parser.add_argument(
+        "--camera",
+        nargs="+",
+        action="append",
+        metavar="CAMERA",
+        help="name of one of the scene's cameras, or eye=x,y,z [target=x,y,z] [up=x,y,z] [fov=DEGREES] [near=Z];"
+        " give it several times for several pictures",
+    )
+    parser.add_argument("--size", default="1024x768", metavar="WxH", help="picture size in pixels (default 1024x768)")
+    parser.add_argument(
+        "--supersample",
+        type=float,
+        default=1.0,
+        metavar="N",
+        help="samples per pixel and side: 2 is two by two, 0.5 one for four pixels (default 1)",
+    )
+    add_limits(parser)
+    parser.add_argument("--explain", action="store_true", help="say which passes ran, which did not, and why")
+    parser.add_argument("--exposure", default="0", metavar="EV", help="powers of two, or auto (default 0)")
+    parser.add_argument("--tone-map", choices=("none", "reinhard", "aces"), default="none", help="default none")
+    parser.add_argument("--background", metavar="R,G,B", help="linear colour of empty pixels")
+    parser.add_argument("--no-shadows", action="store_true", help="light reaches everything")
+    parser.add_argument(
+        "--reflections",
+        choices=("clustered", "traced", "environment", "off"),
+        default="clustered",
+        help="how mirrors mirror: by depth images of pixel clusters, by rays, by one cube map (default clustered)",
+    )
+
+
+def _add_depth(parser: argparse.ArgumentParser) -> None:
+    add_scene(parser)
+    parser.add_argument("-o", "--output", required=True, metavar="OUT", help="folder, .npz file, or .exr files")
+    parser.add_argument("--views", type=int, default=3, metavar="N", help="number of viewpoints (default 3)")
+    parser.add_argument("--spread", type=float, default=0.2, help="their distance in scene diagonals (default 0.2)")
+    parser.add_argument(
+        "--method",
+        choices=("conventional", "nonredundant", "depth_peeling"),
+        default="conventional",
+        help="first hits; only what earlier views do not have; or layer after layer from the middle"
+        " (default conventional)",
+    )
+    parser.add_argument(
+        "--redundancy",
+        choices=("pixel", "visibility"),
+        default="pixel",
+        help="what earlier views have: what their pixels store, or what they could see (default pixel)",
+    )
+    parser.add_argument("--two-sided", action="store_true", help="sample back faces, too")
+    parser.add_argument(
+        "--show",
+        action="store_true",
+        help="also write pictures: redundant samples red, hidden ones blue, useful ones among them green",
+    )
+    parser.add_argument("--camera", nargs="+", metavar="CAMERA", help="middle of the viewpoints, as for render")
+    parser.add_argument("--size", default="1024x1024", metavar="WxH", help="size of each image (default 1024x1024)")

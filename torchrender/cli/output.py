@@ -1,0 +1,109 @@
+"""What the command line writes: sizes and checks before the work, progress during it, files after it."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
+
+from torchrender.errors import ImageFileError, OptionError
+
+if TYPE_CHECKING:
+    from torchrender.buffers import DepthImages
+    from torchrender.depth.kinds import SampleKinds
+
+T = TypeVar("T")
+
+_CHANNELS = ("Z", "id.triangle", "id.object", "layer")
+_ARRAYS = ("depth", "triangle", "object_id", "barycentric", "normal", "layer", "truncated")
+
+
+def image_size(text: str) -> tuple[int, int]:
+    """Width and height from ``1024x768``.
+
+    Raises:
+        OptionError: another form, or a side of zero.
+    """
+    match = re.fullmatch(r"([1-9]\d{0,5})[xX]([1-9]\d{0,5})", text.strip())
+    if match is None:
+        raise OptionError(f"--size must look like 1024x768, got {text!r}")
+    return int(match[1]), int(match[2])
+
+
+def check_output(path: Path, suffixes: Sequence[str]) -> None:
+    """Refuse an output that cannot be written before the work is done."""
+    if path.suffix.lower() not in suffixes:
+        raise ImageFileError(path, f"the output must be {', '.join(suffixes)}, not {path.suffix or 'without suffix'}")
+    check_folder(path)
+
+
+def check_folder(path: Path) -> None:
+    """Refuse a file in a folder that does not exist."""
+    if not path.parent.is_dir():
+        raise ImageFileError(path, f"folder {path.parent} does not exist")
+
+
+def make_folder(path: Path) -> None:
+    """Make a folder and those above it."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ImageFileError(path, error.strerror or str(error)) from error
+
+
+def progress(items: Iterable[T], unit: str) -> Iterable[T]:
+    """A progress bar on stderr for more than one item, if somebody is watching."""
+    known = list(items)
+    if len(known) < 2 or not sys.stderr.isatty():
+        return known
+    from tqdm import tqdm
+
+    return tqdm(known, unit=unit, file=sys.stderr)
+
+
+def write_depth(output: Path, images: DepthImages) -> list[Path]:
+    """Depth images: one NPZ file, or an EXR file per image with ``cameras.json``."""
+    import torch
+
+    from torchrender.image import camera_arrays, numbered
+    from torchrender.images.files import write_image, write_npz
+
+    if output.suffix == ".npz":
+        write_npz(output, {**{name: getattr(images, name) for name in _ARRAYS}, **camera_arrays(images.cameras)})
+        return [output]
+    if output.suffix == ".exr":
+        pattern, described = output, output.with_name(f"{output.stem}_cameras.json")
+    else:
+        make_folder(output)
+        pattern, described = output / "depth.exr", output / "cameras.json"
+    files = [numbered(pattern, number, len(images)) for number in range(len(images))]
+    for number, file in enumerate(progress(files, "files")):
+        planes = [images.depth, images.triangle, images.object_id, images.layer]
+        write_image(file, torch.stack([p[number].float() for p in planes], dim=-1), channels=_CHANNELS)
+    lists = {name: value.tolist() for name, value in camera_arrays(images.cameras).items()}
+    # JSON knows no infinity: a missing far plane is null.
+    lists["far"] = [None if far == float("inf") else far for far in lists["far"]]
+    try:
+        described.write_text(json.dumps({"files": [f.name for f in files], **lists}, indent=1) + "\n")
+    except OSError as error:
+        raise ImageFileError(described, error.strerror or str(error)) from error
+    return [*files, described]
+
+
+def write_kinds(output: Path, images: DepthImages, kinds: SampleKinds) -> Iterator[str]:
+    """Pictures of the images coloured by kind of sample, beside the depth files; yields a line about each."""
+    from torchrender.depth.picture import kinds_picture
+    from torchrender.image import numbered
+    from torchrender.images.files import write_image
+
+    pattern = output.with_name(f"{output.stem}_kinds.png") if output.suffix else output / "kinds.png"
+    for number, picture in enumerate(kinds_picture(images, kinds)):
+        file = numbered(pattern, number, len(images))
+        write_image(file, picture)
+        counts = {name: int(getattr(kinds, name)[number].sum()) for name in ("redundant", "hidden", "useful")}
+        filled = max(int(images.covered[number].sum()), 1)
+        shares = ", ".join(f"{name} {100 * count / filled:.1f} %" for name, count in counts.items())
+        yield f"{file}  filled {100 * filled / picture[..., 0].numel():.1f} %; of these {shares}"

@@ -1,0 +1,125 @@
+"""The commands ``plan``, ``tradeoff`` and ``calibrate``: what a picture would do and cost, and how that is known."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from torchrender.cli.output import check_folder, image_size, make_folder
+from torchrender.errors import ImageFileError, InputError
+
+if TYPE_CHECKING:
+    from torchrender.scene.camera import Cameras
+    from torchrender.scene.model import Scene
+
+FindCamera = Callable[["Scene", Sequence[str], int, int], "Cameras"]
+
+
+def add_limits(parser: argparse.ArgumentParser) -> None:
+    """Budget and error bound of a picture."""
+    parser.add_argument("--budget-ms", type=float, metavar="MS", help="time that the picture may take")
+    parser.add_argument(
+        "--max-error", type=float, metavar="FLIP", help="mean FLIP, in [0,1], that it may be away from the reference"
+    )
+
+
+def add_plan(commands: Any, add_scene: Callable[[argparse.ArgumentParser], None]) -> None:
+    """Describe the commands to the parser."""
+    plan = commands.add_parser("plan", help="show which passes a picture takes and why, and what they would cost")
+    add_scene(plan)
+    plan.add_argument("--camera", nargs="+", metavar="CAMERA", help="as for render")
+    plan.add_argument("--size", default="1024x768", metavar="WxH", help="picture size in pixels (default 1024x768)")
+    plan.add_argument("--sequence", action="store_true", help="as one of a sequence of pictures")
+    plan.add_argument("--json", action="store_true", help="print JSON")
+    add_limits(plan)
+    tradeoff = commands.add_parser("tradeoff", help="measure error against time of the settings of passes")
+    tradeoff.add_argument("scene", nargs="?", metavar="SCENE", help="a scene or mesh file, or a built-in scene")
+    tradeoff.add_argument("--triangles", type=int, metavar="N", help="size of a built-in scene, in triangles (about)")
+    tradeoff.add_argument("--pass", dest="step", metavar="PASS", help="one pass (default: all that apply)")
+    tradeoff.add_argument("--all", action="store_true", help="all built-in scenes, and one HTML page of them")
+    tradeoff.add_argument("--side", type=int, default=512, metavar="N", help="pixels of a side (default 512)")
+    tradeoff.add_argument("-o", "--output", default="docs/results", metavar="FOLDER", help="default docs/results")
+    calibrate = commands.add_parser("calibrate", help="measure the curves that budgets rely on, on this machine")
+    calibrate.add_argument("scenes", nargs="*", metavar="SCENE", help="default: all built-in scenes")
+    calibrate.add_argument("--errors", action="store_true", help="measure errors, too, where they are known")
+    calibrate.add_argument("--side", type=int, default=512, metavar="N", help="pixels of a side (default 512)")
+    calibrate.add_argument("-o", "--output", metavar="FILE", help="JSON file (default: where render looks for it)")
+
+
+def run_plan(arguments: argparse.Namespace, scene: Scene, find_camera: FindCamera) -> str:
+    """Text of the command ``plan``."""
+    from torchrender.pipeline.history import RenderHistory
+    from torchrender.planning.planner import plan
+
+    width, height = image_size(arguments.size)
+    made = plan(
+        scene,
+        find_camera(scene, arguments.camera or [], width, height),
+        history=RenderHistory() if arguments.sequence else None,
+        budget_ms=arguments.budget_ms,
+        max_error=arguments.max_error,
+    )
+    return json.dumps(made.to_dict(), indent=1) if arguments.json else str(made)
+
+
+def run_tradeoff(arguments: argparse.Namespace) -> list[Path]:
+    """Measure and write; the files."""
+    from torchrender.passes.table import find_pass
+    from torchrender.scene.load import load
+    from torchrender.scene.procedural import SCENES
+    from torchrender.tuning.tradeoff import measure, write
+    from torchrender.tuning.tradeoff_page import write_page
+
+    if arguments.all == (arguments.scene is not None):
+        raise InputError("tradeoff needs a SCENE, or --all")
+    if arguments.step is not None:
+        find_pass(arguments.step)
+    if not 32 <= arguments.side <= 4096:
+        raise InputError(f"--side must be in [32, 4096], got {arguments.side}")
+    folder = Path(arguments.output)
+    make_folder(folder)
+    files, found = [], []
+    for name in SCENES if arguments.all else (arguments.scene,):
+        scene = load(name, size=arguments.triangles)
+        curves = measure(scene, size=arguments.side, name=arguments.step, pictures=True)
+        files += write(folder, curves)
+        found.append(curves)
+        tell(f"{name}: measured")
+    files.append(folder / "tradeoff.html")
+    write_page(files[-1], found)
+    return files
+
+
+def run_calibrate(arguments: argparse.Namespace) -> Path:
+    """Measure and write the curves; the file."""
+    from torchrender.images.files import write_atomically
+    from torchrender.planning.curves import load_curves, parse_curves, user_file
+    from torchrender.quality.pages import text_writer
+    from torchrender.scene.load import load
+    from torchrender.scene.procedural import SCENES
+    from torchrender.tuning.calibrate import calibrate
+
+    if not 32 <= arguments.side <= 4096:
+        raise InputError(f"--side must be in [32, 4096], got {arguments.side}")
+    path = Path(arguments.output) if arguments.output else user_file()
+    if arguments.output is None:
+        make_folder(path.parent)
+    elif path.suffix != ".json":
+        raise ImageFileError(path, "curves are written to a .json file")
+    check_folder(path)
+    scenes = [load(name) for name in arguments.scenes or SCENES]
+    known = None if arguments.errors else load_curves()
+    curves = calibrate(scenes, size=arguments.side, known=known, tell=tell)
+    parse_curves(curves, str(path))
+    write_atomically(path, text_writer(json.dumps(curves, separators=(",", ":")) + "\n"))
+    return path
+
+
+def tell(line: str) -> None:
+    """Progress, for who watches."""
+    sys.stderr.write(line + "\n")
+    sys.stderr.flush()

@@ -1,0 +1,131 @@
+"""The subcommand ``torchrender points``: draws point models, and compresses them."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from torchrender.cli.output import check_output
+from torchrender.errors import OptionError
+
+if TYPE_CHECKING:
+    from torchrender.points.tree import PatchSet
+    from torchrender.scene.camera import Cameras
+
+COMPRESSED = ".trp"
+
+CameraOf = Callable[[Any, list[str], int, int], "Cameras"]
+
+
+def add_points(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the subcommand."""
+    parser.add_argument("cloud", metavar="CLOUD", help="points (.ply, .trp), or a mesh or scene, which is sampled")
+    parser.add_argument(
+        "-o", "--output", required=True, metavar="FILE", help="picture (.png, .exr) or compressed points (.trp)"
+    )
+    parser.add_argument("--samples", type=int, metavar="N", help="points to sample a mesh by (default 1,000,000)")
+    parser.add_argument(
+        "--filter",
+        choices=("adaptive", "full", "reconstruction", "low_pass", "squares"),
+        default="adaptive",
+        help="the cheapest EWA filter that is good enough, always one of them, or opaque squares (default adaptive)",
+    )
+    parser.add_argument("--tau", type=float, default=2.0, metavar="PX", help="greatest radius of a point (default 2)")
+    parser.add_argument("--two-sided", action="store_true", help="draw points seen from behind, too")
+    parser.add_argument("--background", default="0,0,0", metavar="R,G,B", help="linear colour of empty pixels")
+    parser.add_argument("--camera", nargs="+", metavar="CAMERA", help="as for render")
+    parser.add_argument("--size", default="1024x768", metavar="WxH", help="picture size in pixels (default 1024x768)")
+
+
+def run_points(
+    arguments: argparse.Namespace, size: tuple[int, int], background: list[float], camera_of: CameraOf
+) -> Iterator[str]:
+    """Draw or compress; yields a line about what was written."""
+    output = Path(arguments.output)
+    check_output(output, (".png", ".exr", COMPRESSED))
+    from torchrender.points.file import write_points
+
+    if output.suffix.lower() == COMPRESSED:
+        patches = _patches(arguments)
+        written = write_points(output, patches)
+        share = written / patches.point_count
+        yield f"{output}  {patches.point_count:,} points  {written:,} bytes  {share:.1f} a point, tree included"
+        return
+    from torchrender.images.files import write_image
+    from torchrender.points.draw import render_points
+    from torchrender.points.options import SplatOptions
+    from torchrender.points.select import SelectionOptions
+
+    selection = SelectionOptions(tau_coarse=arguments.tau, tau_fine=max(0.3, min(2.0, 0.35 * arguments.tau)))
+    options = SplatOptions(
+        filter=arguments.filter,
+        selection=selection,
+        two_sided=True if arguments.two_sided else None,
+        background=(background[0], background[1], background[2]),
+    )
+    patches = _patches(arguments)
+    camera = camera_of(patches, arguments.camera or [], *size)
+    drawn = render_points(patches, camera, options)
+    if output.suffix.lower() == ".exr":
+        import torch
+
+        planes = torch.cat([drawn.image[0], drawn.depth[0][..., None]], dim=-1)
+        write_image(output, planes, channels=("R", "G", "B", "Z"))
+    else:
+        write_image(output, drawn.image[0])
+    found = drawn.statistics[0]
+    steps = "  ".join(f"{step} {elapsed:.0f} ms" for step, elapsed in found.ms.items())
+    yield f"{output}  {size[0]}x{size[1]}  {found.points:,} points, {found.drawn:,} drawn  {steps}"
+
+
+def _patches(arguments: argparse.Namespace) -> PatchSet:
+    from torchrender.points.file import open_points
+    from torchrender.points.load import load_points
+    from torchrender.points.tree import build_patches
+
+    if Path(arguments.cloud).suffix.lower() == COMPRESSED:
+        if arguments.samples is not None:
+            raise OptionError("--samples is for meshes only")
+        return open_points(arguments.cloud)
+    return build_patches(load_points(arguments.cloud, samples=arguments.samples))
+
+
+def point_info(name: str) -> dict[str, Any] | None:
+    """What a file of points holds, as plain values; None for anything else."""
+    path = Path(name)
+    if path.suffix.lower() == COMPRESSED:
+        from torchrender.points.file import open_points
+
+        patches = open_points(path)
+        headers = patches.headers
+        return {
+            "name": patches.name,
+            "points": patches.point_count,
+            "patches": len(headers),
+            "levels": headers.levels,
+            "nodes": len(patches.nodes),
+            "bytes_per_node": patches.nodes.node_bytes,
+            "bytes": path.stat().st_size,
+            "colors": patches.nodes.has_color,
+            "two_sided": patches.two_sided,
+            "radius": [float(headers.radius[:, -1, 0].min()), float(headers.radius[:, -1, 2].max())],
+            "bounds": patches.bounds.tolist(),
+            "diagonal": patches.diagonal,
+        }
+    from torchrender.points.load import holds_points, load_points
+
+    if not holds_points(path):
+        return None
+    cloud = load_points(path)
+    assert cloud.radius is not None
+    return {
+        "name": cloud.name,
+        "points": len(cloud),
+        "colors": cloud.color is not None,
+        "two_sided": cloud.two_sided,
+        "radius": [float(cloud.radius.min()), float(cloud.radius.max())],
+        "bounds": cloud.bounds.tolist(),
+        "diagonal": cloud.diagonal,
+    }

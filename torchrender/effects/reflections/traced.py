@@ -1,0 +1,83 @@
+"""Reflections by rays: mirror and glossy, for all reflective pixels or a few; and the environment map as baseline.
+
+One bounce: what a ray meets is shaded as in the main picture, and if that mirrors in turn, it mirrors the environment.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from torchrender.buffers import ReflectionLayer, ReflectionState
+from torchrender.checks import check_range
+from torchrender.effects.reflections.reflectors import (
+    START,
+    RayShader,
+    ReflectedRays,
+    ReflectivePixels,
+    lobe_rays,
+    mean_distance,
+    reflected_rays,
+    reflection_layer,
+)
+from torchrender.rays import RayCaster
+
+_RAYS = 1 << 19  # cast together: bounds the memory of their hits
+
+
+@dataclass(frozen=True, kw_only=True)
+class TraceOptions:
+    """How reflections are traced.
+
+    Raises:
+        OptionError: a value outside its range; names it.
+    """
+
+    glossy_rays: int = 8  # per glossy pixel; mirrors take one
+
+    def __post_init__(self) -> None:
+        check_range("glossy_rays", self.glossy_rays, 1, 1024)
+
+
+def trace_reflections(
+    caster: RayCaster, pixels: ReflectivePixels, shader: RayShader, options: TraceOptions | None = None
+) -> ReflectionLayer:
+    """What the pixels mirror, by the ray caster.
+
+    The distance of a glossy pixel is the mean over the rays of its lobe that hit something.
+
+    Args:
+        caster: of the scene's geometry.
+        pixels: from :func:`torchrender.effects.reflections.reflectors.reflective_pixels`; a mask there re-traces few.
+        shader: gives hits their colour.
+    """
+    options = options or TraceOptions()
+    color, distance = torch.zeros(len(pixels), 3), torch.full((len(pixels),), torch.inf)
+    mirror = pixels.gloss <= 0
+    for chosen, count in ((mirror, 1), (~mirror, options.glossy_rays)):
+        for rows in chosen.nonzero().reshape(-1).split(max(1, _RAYS // count)):
+            part = pixels.select(rows)
+            rays = reflected_rays(part) if count == 1 else lobe_rays(part, count)
+            found, length = trace_rays(caster, rays, shader)
+            color[rows] = found.reshape(-1, count, 3).mean(dim=1)
+            distance[rows] = mean_distance(length.reshape(-1, count))
+    state = torch.where(torch.isfinite(distance), int(ReflectionState.TRACED), int(ReflectionState.ENVIRONMENT))
+    return reflection_layer(pixels, color, distance, state)
+
+
+def trace_rays(caster: RayCaster, rays: ReflectedRays, shader: RayShader) -> tuple[Tensor, Tensor]:
+    """Radiance (N,3) along the rays and the lengths (N,) float64 at which they hit, +inf where they do not."""
+    low, high = caster.geometry.bounds
+    hits = caster.first_hit(rays.origin, rays.direction, t_min=START * float((high - low).norm()))
+    return shader(rays, hits), hits.t
+
+
+def environment_reflections(pixels: ReflectivePixels, shader: RayShader) -> ReflectionLayer:
+    """What the pixels mirror if everything were infinitely far away: one look into the scene from its centre."""
+    color = torch.zeros(len(pixels), 3)
+    if len(pixels):
+        color = shader.environment(pixels.direction)
+    state = torch.full((len(pixels),), int(ReflectionState.ENVIRONMENT))
+    return reflection_layer(pixels, color, torch.full((len(pixels),), torch.inf), state)

@@ -1,0 +1,1 @@
+"""Which light reaches what: shadow maps, sampled area lights, rays."""

@@ -1,0 +1,1 @@
+"""Pictures at more pixels than were shaded."""

@@ -1,0 +1,1 @@
+"""Picture files in and out, always linear light in memory."""

@@ -1,0 +1,149 @@
+"""Counting the surfaces in front of what each pixel stores: the rasteriser's loop over tiles without a depth buffer."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import prange
+
+from torchrender.kernels.atomics import fetch_add
+from torchrender.kernels.compile import kernel
+from torchrender.kernels.raster.coverage import TILE_HEIGHT, TILE_WIDTH, edge, spans
+from torchrender.kernels.raster.fragments import is_hole
+from torchrender.kernels.raster.planes import barycentric_planes, key_plane
+from torchrender.kernels.raster.project import SUBPIXEL, snapped_x, snapped_y
+from torchrender.kernels.raster.tiles import HALF, fetch, tile_corner_box
+
+
+@kernel(inline=True)
+def row_ends(corners, box, origin, first, last):
+    """Fill the covered span of each row; ``box`` x0, y0, x1, y1 in the tile, ``origin`` of the tile from the centre."""
+    a, b, c = corners
+    x0, y0, x1, y1 = box
+    px = (origin[0] + x0) * SUBPIXEL + HALF
+    py = (origin[1] + y0) * SUBPIXEL + HALF
+    ax, ay = snapped_x(a), snapped_y(a)
+    area = (snapped_x(b) - ax) * (snapped_y(c) - ay) - (snapped_y(b) - ay) * (snapped_x(c) - ax)
+    sign = 1 if area > 0 else -1
+    width, rows = x1 - x0 + 1, y1 - y0 + 1
+    for y in range(np.uintp(rows)):
+        first[y] = 0
+        last[y] = width - 1
+    value, step_x, step_y = edge(a, b, sign, px, py)
+    spans(value, step_x, step_y, rows, width, first, last)
+    value, step_x, step_y = edge(b, c, sign, px, py)
+    spans(value, step_x, step_y, rows, width, first, last)
+    value, step_x, step_y = edge(c, a, sign, px, py)
+    spans(value, step_x, step_y, rows, width, first, last)
+
+
+@kernel(inline=True)
+def count_row(t, keys, limits, depth, triangle, count, touching):
+    """Add one triangle to a row; ``keys`` = (first key, step, least, greatest), ``limits`` = (eps, eps, far)."""
+    base, step, low, high = keys
+    relative, absolute, far = limits
+    for x in range(np.uintp(depth.shape[0])):
+        key = min(max(base + step * np.float64(x), low), high)
+        z = np.float32(1.0 / key)
+        here = depth[x]
+        # As the depth test decides: equal depths go to the lower id.
+        nearer = ((z < here) | ((z == here) & (t < triangle[x]))) & (z <= far)
+        count[x] += np.int32(nearer)
+        touching[x] |= nearer & (np.float64(z) * (1.0 + relative) + absolute >= np.float64(here))
+
+
+@kernel()
+def count_holed(t, keys, limits, spot, weights, faces, holes, depth, triangle, count, touching):
+    """As :func:`count_row` for a triangle with holes; ``spot``: first pixel from the image centre."""
+    base, step, low, high = keys
+    px, py = spot
+    ux, uy, uc, vx, vy, vc = weights
+    for x in range(depth.shape[0]):
+        key = min(max(base + step * x, low), high)
+        u, v = (ux * (px + x) + uy * py + uc) / key, (vx * (px + x) + vy * py + vc) / key
+        if not is_hole(t, u, v, faces, holes):
+            part = slice(x, x + 1)
+            count_row(
+                t,
+                (base + step * x, step, low, high),
+                limits,
+                depth[part],
+                triangle[part],
+                count[part],
+                touching[part],
+            )
+
+
+@kernel()
+def count_triangle(t, box, place, ends, scene, view, holes, stored, limits, outputs):
+    """Add one triangle to the pixels of a tile that it covers."""
+    first, last = ends
+    x0, y0, y1 = box
+    left, top, origin = place
+    kx, ky, kc, low, high = key_plane(scene[0], scene[2], t, view)
+    holed = holes[0].shape[0] > 0 and holes[0][t] >= 0
+    weights = barycentric_planes(scene[0], scene[2], t, False)
+    for y in range(y0, y1 + 1):
+        begin, end = x0 + first[y - y0], x0 + last[y - y0]
+        if begin > end:
+            continue
+        px, py = origin[0] + begin + 0.5, origin[1] + y + 0.5
+        keys = (kc + ky * py + kx * px, kx, low, high)
+        part = slice(left + begin, left + end + 1)
+        depth, triangle = stored[0][top + y, part], stored[1][top + y, part]
+        count, touching = outputs[0][top + y, part], outputs[1][top + y, part]
+        if holed:
+            count_holed(t, keys, limits, (px, py), weights, scene[2], holes, depth, triangle, count, touching)
+        else:
+            count_row(t, keys, limits, depth, triangle, count, touching)
+
+
+@kernel(inline=True)
+def is_needed(depth, left, top, right, bottom):
+    """True if something can be nearer than what is stored somewhere in the tile."""
+    for y in range(np.uintp(top), np.uintp(bottom + 1)):
+        for x in range(np.uintp(left), np.uintp(right + 1)):
+            if depth[y, x] > 0.0:
+                return True
+    return False
+
+
+@kernel()
+def count_tile(scene, bins, view, holes, stored, eps, k, ends, outputs):
+    """Count in tile ``k``."""
+    packed, faces, corners, owners = scene[1], scene[2], scene[4], scene[5]
+    _, starts, entries = bins
+    width, height = int(view[0]), int(view[1])
+    columns = (width + TILE_WIDTH - 1) // TILE_WIDTH
+    left, top = (k % columns) * TILE_WIDTH, (k // columns) * TILE_HEIGHT
+    right, bottom = min(left + TILE_WIDTH, width) - 1, min(top + TILE_HEIGHT, height) - 1
+    if not is_needed(stored[0], left, top, right, bottom):
+        return
+    place = (left, top, (left - (width >> 1), top - (height >> 1)))
+    limits = (eps[0], eps[1], view[3])
+    for n in range(starts[k], starts[k + 1]):
+        t, a, b, c = fetch(entries[n], packed, faces, corners, owners)
+        x0, y0, x1, y1 = tile_corner_box(a, b, c, (left, top, right, bottom), width >> 1, height >> 1)
+        if x0 > x1 or y0 > y1:
+            continue
+        box = (x0 - left, y0 - top, x1 - left, y1 - top)
+        row_ends((a, b, c), box, place[2], ends[0], ends[1])
+        count_triangle(t, (box[0], box[1], box[3]), place, ends, scene, view, holes, stored, limits, outputs)
+
+
+@kernel(parallel=True)
+def count_tiles(scene, bins, view, holes, stored, eps, scratch, outputs):
+    """Count nearer surfaces in every tile.
+
+    ``stored`` = (depth (H,W) float32, triangle (H,W)), ``eps`` = (relative, absolute) distance of touching surfaces,
+    ``scratch`` = (row ends of each thread (threads,2,rows), counter), ``outputs`` = (count (H,W) int32, touching (H,W)
+    bool), all zero; perspective views only.
+    """
+    order = bins[0]
+    ends, counter = scratch
+    for thread in prange(ends.shape[0]):
+        own = (ends[thread, 0], ends[thread, 1])
+        while True:
+            turn = fetch_add(counter, 0, 1)
+            if turn >= order.shape[0]:
+                break
+            count_tile(scene, bins, view, holes, stored, eps, order[turn], own, outputs)

@@ -1,0 +1,175 @@
+"""Which pixels a triangle covers, and the depth test there: exact integer edges, float64 depth.
+
+Edge functions on snapped positions with a tie rule give a pixel centre on a shared edge or vertex to exactly one
+triangle. Tiles are flat arrays of TILE_WIDTH x TILE_HEIGHT pixels."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from torchrender.kernels.compile import kernel
+from torchrender.kernels.raster.fragments import has_surface, has_triangle, is_hole, only_identity
+from torchrender.kernels.raster.planes import barycentric_planes
+from torchrender.kernels.raster.project import SUBPIXEL, snapped_x, snapped_y
+
+HAIR = 1e-6  # pixels by which a span's ends are guessed too wide before the exact test
+TILE_WIDTH, TILE_HEIGHT = 64, 32
+
+
+@kernel(inline=True)
+def edge(a, b, sign, px, py):
+    """Edge a-b at a snapped point, its steps per pixel in x and y, and the tie rule folded into the value."""
+    ax, ay = snapped_x(a), snapped_y(a)
+    dx = (snapped_x(b) - ax) * sign
+    dy = (snapped_y(b) - ay) * sign
+    owns = dy > 0 or (dy == 0 and dx < 0)
+    value = dx * (py - ay) - dy * (px - ax) - (0 if owns else 1)
+    return value, -dy * SUBPIXEL, dx * SUBPIXEL
+
+
+@kernel(inline=True)
+def spans(value, step_x, step_y, rows, width, first, last):
+    """Narrow ``first[y]..last[y]`` (inclusive) to the pixels where ``value + step_x x + step_y y >= 0``; exact.
+
+    The division only guesses, a hair too wide; one exact integer test decides. Counters are unsigned because signed
+    ones bring numba's test for negative indices into the loop, which then does not vectorise.
+    """
+    if step_x == 0:
+        for y in range(np.uintp(rows)):
+            last[y] = last[y] if value + step_y * np.int64(y) >= 0 else -1
+        return
+    inverse = -1.0 / float(step_x)
+    limit = float(width)
+    if step_x > 0:
+        for y in range(np.uintp(rows)):
+            e = value + step_y * np.int64(y)
+            guess = float(e) * inverse
+            guess = 0.0 if guess < 0.0 else guess
+            guess = limit if guess > limit else guess
+            x = np.int64(math.ceil(guess - HAIR))
+            x += np.int64(e + step_x * x < 0)
+            first[y] = max(first[y], x)
+    else:
+        for y in range(np.uintp(rows)):
+            e = value + step_y * np.int64(y)
+            guess = float(e) * inverse
+            guess = -1.0 if guess < -1.0 else guess
+            guess = limit if guess > limit else guess
+            x = np.int64(math.floor(guess + HAIR))
+            x -= np.int64(e + step_x * x < 0)
+            last[y] = min(last[y], x)
+
+
+@kernel(inline=True)
+def covered_bits(edges, width, rows):
+    """One bit for each covered pixel of a small box, rows of ``width`` bits; edges are given at its first pixel."""
+    e0, dx0, dy0, e1, dx1, dy1, e2, dx2, dy2 = edges
+    bits = np.int64(0)
+    place = np.int64(0)
+    for _ in range(rows):
+        f0, f1, f2 = e0, e1, e2
+        for _ in range(width):
+            bits |= np.int64((f0 | f1 | f2) >= 0) << place
+            place += 1
+            f0 += dx0
+            f1 += dx1
+            f2 += dx2
+        e0 += dy0
+        e1 += dy1
+        e2 += dy2
+    return bits
+
+
+@kernel(inline=True)
+def fill(t, plane, box, first, last, keys, ids):
+    """Keep the triangle where it is nearer, in the spans of its rows."""
+    kx, ky, kc, low, high = plane
+    x0, y0, y1 = box
+    owner = np.int32(t)
+    count = 0
+    for y in range(y1 - y0 + 1):
+        begin, end = first[y], last[y]
+        if begin > end:
+            continue
+        count += end - begin + 1
+        base = kc + ky * (y0 + y)
+        row = (y0 + y) * TILE_WIDTH
+        base -= kx * row
+        for x in range(np.uintp(row + x0 + begin), np.uintp(row + x0 + end + 1)):
+            key = min(max(base + kx * np.float64(x), low), high)
+            here = keys[x]
+            nearer = (key > here) | ((key == here) & (owner < ids[x]))
+            keys[x] = key if nearer else here
+            ids[x] = owner if nearer else ids[x]
+    return count
+
+
+@kernel(inline=True)
+def fill_small(t, plane, box, bits, keys, ids):
+    """Keep the triangle where it is nearer, at the set bits of a small box x0, y0, x1, y1 in the tile."""
+    kx, ky, kc, low, high = plane
+    x0, y0, x1, y1 = box
+    for y in range(y0, y1 + 1):
+        base = kc + ky * y
+        for x in range(x0, x1 + 1):
+            if bits & 1:
+                key = min(max(base + kx * x, low), high)
+                place = np.uintp(y * TILE_WIDTH + x)
+                here = keys[place]
+                if key > here or (key == here and t < ids[place]):
+                    keys[place] = key
+                    ids[place] = t
+            bits >>= 1
+
+
+@kernel()
+def fill_tested(t, plane, spot, spans_of, scene, view, tests, keys, ids):
+    """As :func:`fill`, but a fragment that would win must also pass the tests.
+
+    ``spot`` = (x0, y0, y1 in the tile, tile left, tile top in the image).
+    """
+    kx, ky, kc, low, high = plane
+    x0, y0, y1, left, top = spot
+    first, last = spans_of
+    faces, orthographic = scene[2], view[4] != 0.0
+    (limit_keys, limit_ids), earlier, holes = tests
+    known, pixels, near = earlier[0], earlier[1], earlier[2]
+    limited, compared = limit_keys.shape[0] > 0, known.shape[0] > 0
+    plain = compared and only_identity(earlier[5])
+    holed = holes[0].shape[0] > 0 and holes[0][t] >= 0
+    shift_x = left + 0.5 - (np.int64(view[0]) >> 1)
+    shift_y = top + 0.5 - (np.int64(view[1]) >> 1)
+    ux, uy, uc, vx, vy, vc = barycentric_planes(scene[0], faces, t, orthographic)
+    count = 0
+    for y in range(y0, y1 + 1):
+        begin, end = first[y - y0], last[y - y0]
+        if begin > end:
+            continue
+        count += end - begin + 1
+        base = kc + ky * y
+        py = y + shift_y
+        for x in range(np.uintp(x0 + begin), np.uintp(x0 + end + 1)):
+            key = min(max(base + kx * np.float64(x), low), high)
+            place = np.uintp(y * TILE_WIDTH) + x
+            here = keys[place]
+            if key < here or (key == here and t > ids[place]):
+                continue
+            if limited:
+                row, column = np.uintp(top + y), np.uintp(left) + x
+                if not key < limit_keys[row, column] or limit_ids[row, column] == t:
+                    continue
+            px = np.float64(x) + shift_x
+            if holed:
+                weight = 1.0 if orthographic else 1.0 / key
+                if is_hole(t, (ux * px + uy * py + uc) * weight, (vx * px + vy * py + vc) * weight, faces, holes):
+                    continue
+            if plain:
+                if has_triangle(t, px, py, key, known, pixels, near):
+                    continue
+            elif compared and has_surface(t, px, py, key, (kx, ky), earlier):
+                continue
+            keys[place] = key
+            ids[place] = t
+    return count

@@ -1,0 +1,1 @@
+"""Compiled loops of ray casting and of marches through depth images."""

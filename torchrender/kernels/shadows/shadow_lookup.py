@@ -1,0 +1,203 @@
+"""One pass over pixels: into the light's image, bias, compare, average.
+
+Sources: Reeves, Salesin, Cook, Rendering antialiased shadows with depth maps, 1987 (compare first, then average);
+Fernando, Percentage-closer soft shadows, 2005.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+
+from torchrender.kernels.compile import kernel
+from torchrender.kernels.shadows.shadow_receiver import (
+    choose_view,
+    image_point,
+    outside_view,
+    plane_depth,
+    receiver,
+    with_reach,
+)
+
+NEAREST_TEXEL, WINDOW, DISC, PCSS, AVERAGE_DEPTH = 0, 1, 2, 3, 4
+
+_BLOCK, _PARTS = 512, 64
+
+
+@kernel()
+def _tap(maps, face, row, column, r, s):
+    """1 or 0 for lit or not, and the depth of the blocker (+inf if there is none)."""
+    height, width = maps.shape[1], maps.shape[2]
+    if row < 0 or column < 0 or row >= height or column >= width:
+        if not s.cube:
+            return s.outside, np.inf
+        row = min(max(row, 0), height - 1)
+        column = min(max(column, 0), width - 1)
+    depth = np.float64(maps[face, row, column])
+    if depth == np.inf:
+        return 1.0, np.inf
+    z, bias = r.z, r.bias
+    if r.plane:
+        plane = plane_depth(r, s.orthographic, column + 0.5, row + 0.5)
+        if not math.isnan(plane):
+            z, bias = plane, s.b0 * r.range + r.rounding
+    if z <= depth + bias:
+        return 1.0, np.inf
+    return 0.0, depth
+
+
+@kernel()
+def _window(maps, face, r, s):
+    """(2n+1)^2 bilinear taps as one window of (2n+2)^2 compared texels with summed weights."""
+    n = s.n
+    left, top = math.floor(r.u - 0.5), math.floor(r.v - 0.5)
+    a, b = r.u - 0.5 - left, r.v - 0.5 - top
+    total = 0.0
+    for j in range(-n, n + 2):
+        weight_v = (1.0 - b) if j == -n else (b if j == n + 1 else 1.0)
+        row = 0.0
+        for i in range(-n, n + 2):
+            weight_u = (1.0 - a) if i == -n else (a if i == n + 1 else 1.0)
+            if weight_u > 0.0:
+                row += weight_u * _tap(maps, face, top + j, left + i, r, s)[0]
+        total += weight_v * row
+    return min(total / ((2.0 * n + 1.0) * (2.0 * n + 1.0)), 1.0)
+
+
+@kernel()
+def _average_depth(maps, face, r):
+    """Wrong on purpose: compares with the bilinear mean of four depths, a depth that belongs to no surface."""
+    left, top = math.floor(r.u - 0.5), math.floor(r.v - 0.5)
+    a, b = r.u - 0.5 - left, r.v - 0.5 - top
+    mean = 0.0
+    for j in range(2):
+        for i in range(2):
+            weight = (a if i else 1.0 - a) * (b if j else 1.0 - b)
+            row = min(max(top + j, 0), maps.shape[1] - 1)
+            column = min(max(left + i, 0), maps.shape[2] - 1)
+            if weight > 0.0:
+                mean += weight * np.float64(maps[face, row, column])
+    return 1.0 if r.z <= mean + r.bias else 0.0
+
+
+@kernel()
+def _disc(maps, face, r, s, taps, first, last, turn, radius_u, radius_v):
+    """Share of lit taps in a disc, and number and mean depth of the blockers."""
+    cosine, sine = math.cos(turn), math.sin(turn)
+    lit, blockers, depth_sum = 0.0, 0, 0.0
+    for i in range(first, last):
+        x = cosine * taps[i, 0] - sine * taps[i, 1]
+        y = sine * taps[i, 0] + cosine * taps[i, 1]
+        row, column = math.floor(r.v + radius_v * y), math.floor(r.u + radius_u * x)
+        share, depth = _tap(maps, face, row, column, r, s)
+        lit += share
+        if depth < np.inf:
+            blockers += 1
+            depth_sum += depth
+    return lit / max(last - first, 1), blockers, depth_sum / max(blockers, 1)
+
+
+@kernel()
+def _pcss(maps, face, r, s, taps, turn):
+    """Blocker search, penumbra width at the receiver, then a disc of that width."""
+    width = s.light_size
+    if s.orthographic:
+        search = 0.5 * width * max(r.z - s.search_near, 0.0)
+    else:
+        search = 0.5 * width * max(r.z - s.search_near, 0.0) / (s.search_near * r.z)
+    longer = max(r.focal_u, r.focal_v)
+    search = min(max(search, 1.0 / longer), s.rho_max / longer)
+    here = with_reach(r, s, search * r.focal_u, search * r.focal_v)
+    _, blockers, mean = _disc(
+        maps, face, here, s, taps, 0, s.search_taps, turn, search * r.focal_u, search * r.focal_v
+    )  # fmt: skip
+    if blockers == 0 or (not s.orthographic and not mean > 0.0):
+        return 1.0
+    gap = max(r.z - mean, 0.0)
+    radius = 0.5 * width * gap if s.orthographic else 0.5 * width * gap / (mean * r.z)
+    radius = min(max(radius, 1.0 / longer), s.rho_max / longer)
+    here = with_reach(r, s, radius * r.focal_u, radius * r.focal_v)
+    return _disc(
+        maps, face, here, s, taps, s.search_taps, taps.shape[0], turn, radius * r.focal_u, radius * r.focal_v
+    )[0]  # fmt: skip
+
+
+@kernel()
+def _angle(index):
+    """An angle in [0, 2 pi) from the pixel's index: the finaliser of MurmurHash3."""
+    h = np.uint32(index)
+    h = np.uint32((h ^ (h >> np.uint32(16))) * np.uint32(0x85EBCA6B))
+    h = np.uint32((h ^ (h >> np.uint32(13))) * np.uint32(0xC2B2AE35))
+    h ^= h >> np.uint32(16)
+    return 2.0 * math.pi * (h / 4294967296.0)
+
+
+@kernel()
+def _filtered(maps, face, r, s, taps, index):
+    if s.filter == WINDOW:
+        return _window(maps, face, with_reach(r, s, s.n + 0.5, s.n + 0.5), s)
+    if s.filter == DISC:
+        here = with_reach(r, s, s.radius, s.radius)
+        return _disc(maps, face, here, s, taps, s.search_taps, taps.shape[0], _angle(index), s.radius, s.radius)[0]
+    if s.filter == PCSS:
+        return _pcss(maps, face, r, s, taps, _angle(index))
+    here = with_reach(r, s, 0.0, 0.0)
+    if s.filter == AVERAGE_DEPTH:
+        return _average_depth(maps, face, here)
+    return _tap(maps, face, math.floor(r.v), math.floor(r.u), here, s)[0]
+
+
+@kernel()
+def _factor(points, normals, index, light, views, maps, taps, s):
+    """Visibility of one point; a zero normal or a point that is not finite stands for no surface."""
+    x, y, z = np.float64(points[index, 0]), np.float64(points[index, 1]), np.float64(points[index, 2])
+    nx, ny, nz = np.float64(normals[index, 0]), np.float64(normals[index, 1]), np.float64(normals[index, 2])
+    length = math.sqrt(nx * nx + ny * ny + nz * nz)
+    size = abs(x) + abs(y) + abs(z)
+    if not (length > 0.0 and size < np.inf):
+        return 1.0
+    nx, ny, nz = nx / length, ny / length, nz / length
+    lx, ly, lz = light[0] - light[3] * x, light[1] - light[3] * y, light[2] - light[3] * z
+    away = math.sqrt(lx * lx + ly * ly + lz * lz)
+    facing = nx * lx + ny * ly + nz * lz
+    if not facing > 0.0:
+        return 0.0
+    cosine = min(facing / away, 1.0)
+    height, width = maps.shape[1], maps.shape[2]
+    chosen = choose_view(views, s, x, y, z, height, width)
+    u, v, depth = image_point(views, chosen, s.orthographic, x, y, z)
+    if s.k_n > 0.0 and depth > views[chosen, 16]:
+        step = s.k_n * math.sqrt(1.0 - cosine * cosine) / min(views[chosen, 12], views[chosen, 13])
+        if not s.orthographic:
+            step *= depth
+        u, v, depth = image_point(views, chosen, s.orthographic, x + step * nx, y + step * ny, z + step * nz)
+    if outside_view(views, chosen, u, v, depth, 0.0, height, width):
+        return s.outside
+    if s.exact:  # interpolated with float32 weights within one triangle, which is no larger than what the light sees
+        size = views[chosen, 17] - views[chosen, 16]
+    r = receiver(views, chosen, s.orthographic, u, v, depth, (nx, ny, nz), cosine, size)
+    return _filtered(maps, chosen, r, s, taps, index)
+
+
+@kernel(parallel=True)
+def shadow_lookup(points, normals, light, views, maps, taps, settings, out):
+    """Visibility of one light at N points.
+
+    Args:
+        points: (N,3) float32 or float64 world positions.
+        normals: (N,3) float32 geometric normals that face the viewer; zero: no surface, result 1.
+        light: (4,) float64: position and 1, or the direction towards a parallel light and 0.
+        views: (V,18) float64: 3x4 world-to-view matrix, fx, fy, cx, cy, near, far.
+        maps: (V,H,W) float32 depths, +inf where empty.
+        taps: (search_taps + M, 2) float64 points in the unit disc.
+        settings: :class:`LookupSettings`.
+        out: (N,) float32, written.
+    """
+    count = points.shape[0]
+    # The schedule is static: strided blocks give every thread its share of the costly pixels.
+    for part in numba.prange(_PARTS):
+        for start in range(np.int64(part) * _BLOCK, count, _PARTS * _BLOCK):
+            for i in range(start, min(start + _BLOCK, count)):
+                out[i] = _factor(points, normals, i, light, views, maps, taps, settings)

@@ -1,0 +1,1 @@
+"""Compiled loops that show depth images from elsewhere."""

@@ -1,0 +1,255 @@
+"""Quads of depth images straight into another camera's image, without a mesh in between.
+
+One 64-bit key per target pixel: the upper half is the float32 bits of 1/depth times the image's bias (they grow towards
+the camera), the lower half the complement of the quad's number, so that an atomic maximum finds the nearest quad, the
+first of equal ones, whatever the order of threads. Corners are snapped to 1/4096 pixel; edges are integers with a tie
+rule, so joined quads neither overlap nor gap. Triangles that reach the near plane or far outside the image take a slow
+way.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import prange
+
+from torchrender.kernels.atomics import fetch_add, store_max
+from torchrender.kernels.compile import kernel
+from torchrender.kernels.warp.corners import DIAGONAL, FIRST, SECOND
+
+SUBPIXEL = 1 << 12
+HALF = SUBPIXEL >> 1
+BITS = 12
+GUARD = float(1 << 17)  # pixels; snapped positions stay below 2**29
+LIFT = 1 << 30  # makes snapped positions positive, so that cutting off is rounding down
+OUTSIDE = np.int32(-(2**31))
+CHUNK = 256  # quads projected together
+ROWS = 8  # rows handed to a thread at once
+
+
+@kernel(inline=True)
+def project_row(values, first, across, row, matrix, near, bias, x, y, q):
+    """Snapped position and biased 1/depth of one corner of up to CHUNK quads; OUTSIDE where it has none.
+
+    ``values``: corner depths of a row; corner ``i`` is at column ``first + i + across`` of the source image.
+    """
+    a0, a1, a2 = matrix[0, 0], matrix[1, 0], matrix[2, 0]
+    b0 = matrix[0, 1] * row + matrix[0, 2]
+    b1 = matrix[1, 1] * row + matrix[1, 2]
+    b2 = matrix[2, 1] * row + matrix[2, 2]
+    c0, c1, c2 = matrix[0, 3], matrix[1, 3], matrix[2, 3]
+    begin = np.uintp(first)
+    for i in range(np.uintp(min(x.shape[0], values.shape[0] - first))):
+        z = np.float64(values[begin + i])
+        u = np.float64(begin + i) + across
+        depth = z * (a2 * u + b2) + c2
+        inverse = 1.0 / depth
+        px = (z * (a0 * u + b0) + c0) * inverse
+        py = (z * (a1 * u + b1) + c1) * inverse
+        good = (depth >= near) & (depth < np.inf) & (abs(px) < GUARD) & (abs(py) < GUARD)
+        px = px if good else 0.0
+        py = py if good else 0.0
+        sx = np.int32(px * SUBPIXEL + (LIFT + 0.5)) - np.int32(LIFT)
+        x[i] = sx if good else OUTSIDE
+        y[i] = np.int32(py * SUBPIXEL + (LIFT + 0.5)) - np.int32(LIFT)
+        q[i] = inverse * bias
+
+
+@kernel(inline=True)
+def key_of(inverse_depth, number):
+    return (np.uint64(np.float32(inverse_depth).view(np.uint32)) << np.uint64(32)) | (
+        np.uint64(0xFFFFFFFF) - np.uint64(number)
+    )
+
+
+@kernel(inline=True)
+def keep(keys, place, inverse_depth, number):
+    key = key_of(inverse_depth, number)
+    if key > keys[np.uintp(place)]:
+        store_max(keys, place, key)
+
+
+@kernel(inline=True)
+def edge(ax, ay, bx, by, px, py):
+    """Edge function of a-b at a snapped point, tie rule folded in, and its steps per pixel."""
+    dx, dy = bx - ax, by - ay
+    owns = dy > 0 or (dy == 0 and dx < 0)
+    return dx * (py - ay) - dy * (px - ax) - (0 if owns else 1), -dy * SUBPIXEL, dx * SUBPIXEL
+
+
+@kernel(inline=True)
+def draw(a, b, c, number, width, height, keys):
+    """One triangle of snapped corners (x, y, 1/depth) in front-facing order; the others are left out."""
+    ax, ay, qa = a
+    bx, by, qb = b
+    cx, cy, qc = c
+    area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+    if area <= 0:
+        return
+    x0 = max((min(ax, min(bx, cx)) - HALF + SUBPIXEL - 1) >> BITS, 0)
+    x1 = min((max(ax, max(bx, cx)) - HALF) >> BITS, width - 1)
+    y0 = max((min(ay, min(by, cy)) - HALF + SUBPIXEL - 1) >> BITS, 0)
+    y1 = min((max(ay, max(by, cy)) - HALF) >> BITS, height - 1)
+    if x0 > x1 or y0 > y1:
+        return
+    px, py = x0 * SUBPIXEL + HALF, y0 * SUBPIXEL + HALF
+    ea, dax, day = edge(bx, by, cx, cy, px, py)
+    eb, dbx, dby = edge(cx, cy, ax, ay, px, py)
+    ec, dcx, dcy = edge(ax, ay, bx, by, px, py)
+    scale = 1.0 / np.float64(area)
+    for v in range(y0, y1 + 1):
+        fa, fb, fc = ea, eb, ec
+        for u in range(x0, x1 + 1):
+            if (fa | fb | fc) >= 0:
+                keep(keys, v * width + u, (fa * qa + fb * qb + (area - fa - fb) * qc) * scale, number)
+            fa += dax
+            fb += dbx
+            fc += dcx
+        ea += day
+        eb += dby
+        ec += dcy
+
+
+@kernel()
+def point(i, row, across, down, z, matrix):
+    """Homogeneous target pixel (X, Y, Z) of a corner."""
+    u, v = np.float64(i) + across, row + down
+    x = z * (matrix[0, 0] * u + (matrix[0, 1] * v + matrix[0, 2])) + matrix[0, 3]
+    y = z * (matrix[1, 0] * u + (matrix[1, 1] * v + matrix[1, 2])) + matrix[1, 3]
+    w = z * (matrix[2, 0] * u + (matrix[2, 1] * v + matrix[2, 2])) + matrix[2, 3]
+    return x, y, w
+
+
+@kernel()
+def cross(a, b):
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@kernel()
+def visible_box(a, b, c, near, width, height):
+    """First and last pixel that the part of a triangle with depth >= near can cover; homogeneous corners."""
+    low_x, low_y, high_x, high_y = np.inf, np.inf, -np.inf, -np.inf
+    corners = (a, b, c)
+    for k in range(3):
+        p, n = corners[k], corners[(k + 1) % 3]
+        if p[2] >= near:
+            x, y = p[0] / p[2], p[1] / p[2]
+            low_x, high_x, low_y, high_y = min(low_x, x), max(high_x, x), min(low_y, y), max(high_y, y)
+        if (p[2] >= near) != (n[2] >= near):
+            t = (near - p[2]) / (n[2] - p[2])
+            x, y = (p[0] + t * (n[0] - p[0])) / near, (p[1] + t * (n[1] - p[1])) / near
+            low_x, high_x, low_y, high_y = min(low_x, x), max(high_x, x), min(low_y, y), max(high_y, y)
+    x0 = math.ceil(max(low_x - 0.5 - 1.0 / SUBPIXEL, 0.0))
+    y0 = math.ceil(max(low_y - 0.5 - 1.0 / SUBPIXEL, 0.0))
+    x1 = math.floor(min(high_x - 0.5 + 1.0 / SUBPIXEL, width - 1.0))
+    y1 = math.floor(min(high_y - 0.5 + 1.0 / SUBPIXEL, height - 1.0))
+    return np.int64(x0), np.int64(y0), np.int64(x1), np.int64(y1)
+
+
+@kernel()
+def draw_clipped(a, b, c, near, bias, number, width, height, keys):
+    """One triangle of homogeneous corners (X, Y, Z), any of them behind the camera.
+
+    Homogeneous edge functions need no clipping (Olano and Greer, Triangle scan conversion using 2D homogeneous
+    coordinates, 1997).
+    """
+    ea, eb, ec = cross(b, c), cross(c, a), cross(a, b)
+    volume = a[0] * ea[0] + a[1] * ea[1] + a[2] * ea[2]
+    if not volume > 0.0:
+        return
+    x0, y0, x1, y1 = visible_box(a, b, c, near, width, height)
+    for v in range(y0, y1 + 1):
+        for u in range(x0, x1 + 1):
+            px, py = u + 0.5, v + 0.5
+            fa = ea[0] * px + ea[1] * py + ea[2]
+            fb = eb[0] * px + eb[1] * py + eb[2]
+            fc = ec[0] * px + ec[1] * py + ec[2]
+            if fa >= 0.0 and fb >= 0.0 and fc >= 0.0:
+                q = (fa + fb + fc) / volume
+                if q > 0.0 and q * near <= 1.0:
+                    keep(keys, v * width + u, q * bias, number)
+
+
+@kernel()
+def draw_quad_clipped(i, row, start, z, shape, matrix, near, bias, number, width, height, keys):
+    """Both triangles of a quad that reaches the near plane or the guard band; ``z`` its four corner depths."""
+    c0 = point(i, row, start, 0.0, z[0], matrix)
+    c1 = point(i, row, start, 1.0, z[1], matrix)
+    c2 = point(i, row, start + 1.0, 1.0, z[2], matrix)
+    c3 = point(i, row, start + 1.0, 0.0, z[3], matrix)
+    if shape & DIAGONAL:
+        c0, c1, c2, c3 = c1, c2, c3, c0
+    if shape & FIRST and max(c0[2], max(c1[2], c2[2])) >= near:
+        draw_clipped(c0, c2, c1, near, bias, number, width, height, keys)
+    if shape & SECOND and max(c0[2], max(c2[2], c3[2])) >= near:
+        draw_clipped(c2, c0, c3, near, bias, number, width, height, keys)
+
+
+@kernel()
+def draw_row(j, corners, shape, start, matrix, near, bias, number, size, spare, keys):
+    """Row ``j`` of one image's quads. ``number``: of its first quad."""
+    width, height = size
+    xs, ys, qs = spare
+    row = np.float64(j) + start
+    columns = corners.shape[2]
+    bound_x, bound_y = np.int32(width * SUBPIXEL), np.int32(height * SUBPIXEL)
+    for first in range(0, columns, CHUNK):
+        project_row(corners[j, 0], first, start, row, matrix, near, bias, xs[0], ys[0], qs[0])
+        project_row(corners[j, 1], first, start, row + 1.0, matrix, near, bias, xs[1], ys[1], qs[1])
+        project_row(corners[j, 2], first, start + 1.0, row + 1.0, matrix, near, bias, xs[2], ys[2], qs[2])
+        project_row(corners[j, 3], first, start + 1.0, row, matrix, near, bias, xs[3], ys[3], qs[3])
+        for i in range(np.uintp(min(CHUNK, columns - first))):
+            bits = shape[j, np.uintp(first) + i]
+            if bits == 0:
+                continue
+            me = number + first + np.int64(i)
+            x0, x1, x2, x3 = xs[0, i], xs[1, i], xs[2, i], xs[3, i]
+            if x0 == OUTSIDE or x1 == OUTSIDE or x2 == OUTSIDE or x3 == OUTSIDE:
+                column = first + np.int64(i)
+                z = (
+                    np.float64(corners[j, 0, column]),
+                    np.float64(corners[j, 1, column]),
+                    np.float64(corners[j, 2, column]),
+                    np.float64(corners[j, 3, column]),
+                )
+                draw_quad_clipped(column, row, start, z, bits, matrix, near, bias, me, width, height, keys)
+                continue
+            y0, y1, y2, y3 = ys[0, i], ys[1, i], ys[2, i], ys[3, i]
+            if max(max(x0, x1), max(x2, x3)) < 0 or min(min(x0, x1), min(x2, x3)) > bound_x:
+                continue
+            if max(max(y0, y1), max(y2, y3)) < 0 or min(min(y0, y1), min(y2, y3)) > bound_y:
+                continue
+            c0 = (np.int64(x0), np.int64(y0), qs[0, i])
+            c1 = (np.int64(x1), np.int64(y1), qs[1, i])
+            c2 = (np.int64(x2), np.int64(y2), qs[2, i])
+            c3 = (np.int64(x3), np.int64(y3), qs[3, i])
+            if bits & DIAGONAL:
+                c0, c1, c2, c3 = c1, c2, c3, c0
+            if bits & FIRST:
+                draw(c0, c2, c1, me, width, height, keys)
+            if bits & SECOND:
+                draw(c2, c0, c3, me, width, height, keys)
+
+
+@kernel(parallel=True)
+def draw_quads(corners, shape, start, matrices, near, bias, size, threads, keys):
+    """Draw the quads of B images into ``keys`` (H*W,) uint64, zero where nothing is.
+
+    ``corners`` (B,h,4,w), ``shape`` (B,h,w); ``start``: column and row of the first quad's first corner;
+    ``matrices`` (B,3,4): homogeneous target pixel = z M[:, :3] (u, v, 1) + M[:, 3];
+    ``bias`` (B,) factors of 1/depth, just below one for images that others go before; ``size`` = target width, height.
+    """
+    count, rows, _, columns = corners.shape
+    blocks = (rows + ROWS - 1) // ROWS
+    counter = np.zeros(1, np.int64)
+    for _ in prange(threads):
+        spare = (np.zeros((4, CHUNK), np.int32), np.zeros((4, CHUNK), np.int32), np.zeros((4, CHUNK)))
+        while True:
+            turn = fetch_add(counter, 0, 1)
+            if turn >= count * blocks:
+                break
+            b, first = turn // blocks, (turn % blocks) * ROWS
+            for j in range(first, min(first + ROWS, rows)):
+                number = (b * rows + j) * columns
+                draw_row(j, corners[b], shape[b], start, matrices[b], near, bias[b], number, size, spare, keys)

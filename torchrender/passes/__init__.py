@@ -1,0 +1,1 @@
+"""The passes of a picture: one file each, and the table that lists them."""

@@ -1,0 +1,1 @@
+"""Which passes a picture calls for, with which settings, at what cost, and why."""

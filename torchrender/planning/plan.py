@@ -1,0 +1,129 @@
+"""A plan: which passes make a picture, which do not and why, with what settings, and what that is expected to cost."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from torchrender.pipeline.options import RenderOptions
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlanRow:
+    """One pass of a plan."""
+
+    name: str
+    runs: bool
+    reason: str
+    setting: str  # of its knob; "custom" where the options are at none of them
+    predicted_ms: float | None = None
+    predicted_error: float | None = None  # mean FLIP against the pass's reference
+    measured_ms: float | None = None
+    amounts: tuple[float, ...] | None = None  # of work, once the pass ran; None where predictions do not cover it
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan:
+    """The passes in the order in which they run, then those that do not.
+
+    ``str(plan)`` is a table for readers. Predictions come from measured curves and hold as far as the scene is like
+    those that were measured; see ``torchrender calibrate``.
+    """
+
+    rows: tuple[PlanRow, ...]
+    options: RenderOptions
+    budget_ms: float | None = None
+    max_error: float | None = None
+    possible: bool = True  # the wishes can be met, by the predictions
+    statement: str = ""
+    predicted_error: float | None = None  # mean FLIP of the whole picture; None where a setting was never measured
+    measured_ms: float | None = None
+
+    @property
+    def running(self) -> tuple[PlanRow, ...]:
+        """Rows of the passes that run, in order."""
+        return tuple(row for row in self.rows if row.runs)
+
+    @property
+    def predicted_ms(self) -> float | None:
+        """Time of all passes; None where one was never measured."""
+        times = [row.predicted_ms for row in self.running]
+        return None if any(t is None for t in times) else sum(t for t in times if t is not None)
+
+    def row(self, name: str) -> PlanRow:
+        """The row of a pass.
+
+        Raises:
+            KeyError: there is none of that name.
+        """
+        for row in self.rows:
+            if row.name == name:
+                return row
+        raise KeyError(name)
+
+    def measured(
+        self, times_ms: Mapping[str, float], amounts: Mapping[str, tuple[float, ...]], total_ms: float
+    ) -> Plan:
+        """The plan with what its passes took, and for how much work."""
+        rows = tuple(
+            replace(row, measured_ms=times_ms.get(row.name), amounts=amounts.get(row.name)) for row in self.rows
+        )
+        return replace(self, rows=rows, measured_ms=total_ms)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON."""
+        return {
+            "rows": [
+                {
+                    "pass": row.name,
+                    "runs": row.runs,
+                    "reason": row.reason,
+                    "settings": row.setting,
+                    "predicted_ms": _rounded(row.predicted_ms, 2),
+                    "predicted_error": _rounded(row.predicted_error, 5),
+                    "measured_ms": _rounded(row.measured_ms, 2),
+                }
+                for row in self.rows
+            ],
+            "budget_ms": self.budget_ms,
+            "max_error": self.max_error,
+            "possible": self.possible,
+            "statement": self.statement,
+            "predicted_ms": _rounded(self.predicted_ms, 2),
+            "measured_ms": _rounded(self.measured_ms, 2),
+            "predicted_error": _rounded(self.predicted_error, 5),
+        }
+
+    def __str__(self) -> str:
+        cells = [("pass", "setting", "predicted", "took", "why")]
+        for row in self.rows:
+            setting = row.setting if row.runs else "-"
+            cells.append((row.name, setting, _ms(row.predicted_ms), _ms(row.measured_ms), row.reason))
+        total = ("in all", "", _ms(self.predicted_ms), _ms(self.measured_ms), self._wishes())
+        widths = [max(len(line[column]) for line in (*cells, total)) for column in range(4)]
+        lines = []
+        marks = (" ", *("+" if row.runs else "." for row in self.rows), " ")
+        for number, (mark, line) in enumerate(zip(marks, (*cells, total), strict=True)):
+            text = f"{mark} {line[0]:<{widths[0]}}  {line[1]:<{widths[1]}}  {line[2]:>{widths[2]}}"
+            lines.append(f"{text}  {line[3]:>{widths[3]}}  {line[4]}".rstrip())
+            if number == 0:
+                lines.append("-" * max(len(lines[0]), 60))
+        return "\n".join([*lines, *([self.statement] if self.statement else [])])
+
+    def _wishes(self) -> str:
+        parts = [] if self.predicted_error is None else [f"error about {self.predicted_error:.4f} (mean FLIP)"]
+        if self.budget_ms is not None:
+            parts.append(f"budget {self.budget_ms:g} ms")
+        if self.max_error is not None:
+            parts.append(f"error bound {self.max_error:g}")
+        return ", ".join(parts)
+
+
+def _ms(value: float | None) -> str:
+    return "" if value is None else f"{value:.1f} ms"
+
+
+def _rounded(value: float | None, digits: int) -> float | None:
+    return None if value is None or not math.isfinite(value) else round(value, digits)

@@ -1,0 +1,1 @@
+"""Point models: files, trees, compression, drawing."""

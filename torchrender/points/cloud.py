@@ -1,0 +1,112 @@
+"""Point clouds: surfaces sampled by discs with a position, a normal, a radius and a colour."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from torchrender.checks import check_finite, check_tensor
+from torchrender.errors import InputError
+from torchrender.scene.camera import Cameras, framing_camera
+
+RADIUS_NEIGHBOUR = 6
+RADIUS_SCALE = 0.75
+NORMAL_NEIGHBOURS = 16
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PointCloud:
+    """P points. What is missing may be estimated: see :meth:`completed`.
+
+    A normal that is zero or not finite is unknown: such a point is drawn as a disc that faces the eye. A radius that
+    is not finite, zero or negative is unknown.
+
+    Raises:
+        InputError: wrong shapes, no points, positions or colours that are not finite.
+    """
+
+    position: Tensor  # (P,3) float64, scene units
+    normal: Tensor | None = None  # (P,3) float32 unit; zero: unknown
+    radius: Tensor | None = None  # (P,) float32 scene units; zero: unknown
+    color: Tensor | None = None  # (P,3) float32 linear; None: light grey
+    two_sided: bool = False  # the sides of the normals are not known
+    name: str = "points"
+
+    def __post_init__(self) -> None:
+        count = check_tensor("position", self.position, ("P", 3)).shape[0]
+        if not count:
+            raise InputError("position must hold at least one point")
+        object.__setattr__(self, "position", check_finite("position", self.position.detach().double().contiguous()))
+        if self.normal is not None:
+            normal = check_tensor("normal", self.normal, (count, 3)).detach().double()
+            normal = torch.where(torch.isfinite(normal).all(1, keepdim=True), normal, 0.0)
+            # Scaled first: the square of a very long or very short vector does not fit its type.
+            normal = normal / normal.abs().amax(1, keepdim=True).clamp_min(1e-300)
+            object.__setattr__(self, "normal", torch.nn.functional.normalize(normal, dim=1).float().contiguous())
+        if self.radius is not None:
+            radius = check_tensor("radius", self.radius, (count,)).detach().float()
+            radius = torch.where(torch.isfinite(radius) & (radius > 0), radius, 0.0)
+            object.__setattr__(self, "radius", radius.contiguous())
+        if self.color is not None:
+            color = check_finite("color", check_tensor("color", self.color, (count, 3)).detach().float())
+            object.__setattr__(self, "color", color.contiguous())
+
+    def __len__(self) -> int:
+        return int(self.position.shape[0])
+
+    @property
+    def bounds(self) -> Tensor:
+        """(2,3) float64 bounding box of the centres."""
+        return torch.stack([self.position.amin(0), self.position.amax(0)])
+
+    @property
+    def diagonal(self) -> float:
+        """Length of the bounding-box diagonal, scene units."""
+        low, high = self.bounds
+        return float((high - low).norm())
+
+    def camera(self, name: str | None = None, *, width: int, height: int) -> Cameras:
+        """A camera that frames the points."""
+        return framing_cloud(self.bounds, name, width, height)
+
+    def completed(self) -> PointCloud:
+        """This cloud with a normal and a radius at every point, estimated where there is none.
+
+        Radius: 0.75 times the distance to the 6th nearest neighbour. Normal: smallest eigenvector of the covariance of
+        the 16 nearest neighbours, turned to the side of the normals that are given; where none is given, outwards,
+        side by side along a minimum spanning tree, and ``two_sided`` is set where that is not sure. Points that all
+        lie at one place get a radius of 1e-3 and keep a normal of zero. Source: specification 06, section 2.
+        """
+        missing_radius = torch.ones(len(self), dtype=torch.bool) if self.radius is None else self.radius == 0
+        missing_normal = torch.ones(len(self), dtype=torch.bool) if self.normal is None else (self.normal == 0).all(1)
+        if not bool(missing_radius.any() | missing_normal.any()):
+            return self
+        from torchrender.points.normals import estimate_normals, estimate_radii
+
+        radius = torch.zeros(len(self)) if self.radius is None else self.radius
+        if bool(missing_radius.any()):
+            rows = missing_radius.numpy()
+            estimate = estimate_radii(self.position.numpy(), rows, RADIUS_NEIGHBOUR, RADIUS_SCALE)
+            radius = radius.clone()
+            radius[missing_radius] = torch.from_numpy(estimate.astype(np.float32))
+            positive = radius[radius > 0]
+            usual = float(positive.median()) if len(positive) else 1e-3
+            radius = torch.where(radius > 0, radius, usual)
+        normal, two_sided = self.normal, self.two_sided
+        if bool(missing_normal.any()):
+            known = None if bool(missing_normal.all()) or normal is None else normal.numpy()
+            found, sure = estimate_normals(self.position.numpy(), known, NORMAL_NEIGHBOURS)
+            estimated = torch.from_numpy(found.astype(np.float32))
+            normal = estimated if normal is None else torch.where(missing_normal[:, None], estimated, normal)
+            two_sided = two_sided or not sure
+        return replace(self, normal=normal, radius=radius, two_sided=two_sided)
+
+
+def framing_cloud(bounds: Tensor, name: str | None, width: int, height: int) -> Cameras:
+    """A camera that frames a box; points bring no cameras of their own, so a ``name`` is an error."""
+    if name is not None:
+        raise InputError(f"points have no camera {name!r}; describe one as eye=x,y,z")
+    return framing_camera(bounds[None], width=width, height=height)

@@ -1,0 +1,1 @@
+"""Measures of pictures, of time, and of the machine."""

@@ -1,0 +1,1 @@
+"""Surfaces out of depth images, and depth images seen from elsewhere."""

@@ -1,0 +1,134 @@
+"""Quads that stand for the samples of depth images: one per filled pixel, joined where samples lie on one surface.
+
+Source: specification 02, sections 3.1 to 3.3 and 10. Loops run in :mod:`torchrender.kernels.warp.corners`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from torchrender.buffers import DepthImages
+from torchrender.checks import check_range, check_tensor
+from torchrender.errors import InputError
+from torchrender.kernels.compile import thread_count, view
+from torchrender.kernels.warp import corners as kernels
+
+SAME_VIEW = 1e-6  # pixels that an offset camera may be off
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReconstructOptions:
+    """How samples become quads.
+
+    A corner of the offset image belongs to a sample if it lies within ``tau_a`` footprints plus ``tau_b`` times the
+    tangent plane's own change of depth of that tangent plane.
+
+    Raises:
+        OptionError: a value outside its range; names it.
+    """
+
+    tau_a: float = 2.0  # footprints
+    tau_b: float = 0.5
+    rho: float = 1.1  # a guessed corner lies within [z / rho, z * rho] of its sample's depth z
+    match_id: bool = False  # a corner must also show the sample's object
+    merge_guesses: bool = True  # neighbours whose guesses agree share one corner: closes cracks between them
+    adaptive_split: bool = True  # split quads along the diagonal with the smaller depth difference
+
+    def __post_init__(self) -> None:
+        check_range("tau_a", self.tau_a, 0.5, 8.0)
+        check_range("tau_b", self.tau_b, 0.0, 1.0)
+        check_range("rho", self.rho, 1.01, 2.0)
+
+
+@dataclass(frozen=True, eq=False)
+class SampleQuads:
+    """The quads of B depth images, before they become a mesh: four corner depths for each pixel.
+
+    Corners 0 to 3 are top left, bottom left, bottom right and top right. ``centred`` quads (grid reconstruction) have
+    the centres of 2 x 2 pixels as corners, and one quad less in each direction. ``joined`` and ``shape`` are bit
+    fields, see :mod:`torchrender.kernels.warp.corners`.
+    """
+
+    images: DepthImages
+    depth: Tensor  # (B,h,4,w) float32 camera z; +inf where there is none
+    shape: Tensor  # (B,h,w) uint8 triangles of each quad and its diagonal; 0 where there is none
+    joined: Tensor  # (B,H+1,W+1) int32 which of the four pixels around each image corner share a surface
+    centred: bool
+
+    @property
+    def quad_count(self) -> int:
+        return int((self.shape != 0).sum())
+
+
+def fit_corners(
+    images: DepthImages, offset_images: DepthImages | None = None, options: ReconstructOptions | None = None
+) -> SampleQuads:
+    """Corner depths of the quad of every sample of B images (B,H,W): hybrid reconstruction without its mesh.
+
+    A corner that the offset image confirms is taken from there; any other is guessed from the sample's tangent plane.
+    Without offset images every corner is guessed, and neighbours whose guesses agree share the mean of them.
+
+    Args:
+        images: perspective depth images with unit normals (a zero normal stands for a plane that faces the camera).
+        offset_images: the same views through ``images.cameras.sub_camera(-0.5, -0.5, W + 1, H + 1)``.
+        options: tolerances.
+
+    Raises:
+        InputError: orthographic cameras, or offset images of other views.
+    """
+    options = options or ReconstructOptions()
+    cameras = images.cameras
+    if cameras.orthographic:
+        raise InputError("images must come from perspective cameras")
+    count, height, width = images.depth.shape
+    corner = np.empty((count, height, 4, width), np.float32)  # every element is written
+    joined = np.empty((count, height + 1, width + 1), np.int32)
+    shape = np.empty((count, height, width), np.uint8)
+    none = np.zeros((count, 0, 0), np.int64)
+    match = options.match_id
+    source = (
+        view(images.depth, np.float32),
+        view(check_tensor("images.normal", images.normal, (count, height, width, 3)), np.float32),
+        view(images.object_id, np.int64) if match else none,
+    )
+    offset = (np.zeros((count, 0, 0), np.float32), none)
+    if offset_images is not None:
+        _check_offset(images, offset_images)
+        ids = view(offset_images.object_id, np.int64) if match else none
+        offset = (view(offset_images.depth, np.float32), ids)
+    merge = options.merge_guesses or offset_images is None
+    kernels.fit(
+        source, offset, pixel_normals(images), corner_limits(images, options), merge, thread_count(), corner, joined
+    )
+    kernels.split(corner, options.adaptive_split, shape)
+    depth, bits, words = (torch.from_numpy(a) for a in (corner, shape, joined))
+    return SampleQuads(images, depth, bits, words, centred=False)
+
+
+def pixel_normals(images: DepthImages) -> np.ndarray:
+    """(B,3,3) from a world normal to the row m with n.d(u,v) = m.(u,v,1), where d is the ray with camera z = 1."""
+    cameras = images.cameras
+    return np.ascontiguousarray((torch.linalg.inv(cameras.intrinsics).transpose(1, 2) @ cameras.rotation).numpy())
+
+
+def corner_limits(images: DepthImages, options: ReconstructOptions) -> np.ndarray:
+    """(B,4): tau_a times the footprint at unit depth, tau_b, rho, near."""
+    cameras = images.cameras
+    size = cameras.footprint(torch.ones(len(cameras), dtype=torch.float64))
+    rows = [size * options.tau_a] + [torch.full_like(size, v) for v in (options.tau_b, options.rho)] + [cameras.near]
+    return np.ascontiguousarray(torch.stack(rows, dim=1).numpy())
+
+
+def _check_offset(images: DepthImages, offset: DepthImages) -> None:
+    count, height, width = images.depth.shape
+    check_tensor("offset_images.depth", offset.depth, (count, height + 1, width + 1))
+    wanted, given = images.cameras.sub_camera(-0.5, -0.5, width + 1, height + 1), offset.cameras
+    shift = (wanted.intrinsics - given.intrinsics).abs().amax() if count else 0.0
+    turn = (wanted.camera_from_world - given.camera_from_world).abs() if count else torch.zeros(1)
+    scale = wanted.camera_from_world.abs().amax() if count else 1.0
+    if float(shift) > SAME_VIEW or float(turn.amax()) > 1e-9 * float(scale):
+        raise InputError("offset_images must show the views of images shifted by half a pixel: see sub_camera")

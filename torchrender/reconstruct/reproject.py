@@ -1,0 +1,205 @@
+"""The picture from a new viewpoint, out of depth images alone.
+
+Every sample becomes a quad (hybrid reconstruction, the default), neighbouring samples become triangles (grid), or every
+sample becomes a disc (splat); what is nearest in the new camera is kept. Source: specification 02, sections 3 and 10.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from torchrender.buffers import DepthImages
+from torchrender.checks import check_choice, check_range, check_tensor
+from torchrender.errors import InputError
+from torchrender.kernels.compile import thread_count, view
+from torchrender.kernels.warp.resolve import resolve
+from torchrender.kernels.warp.splat import draw_splats
+from torchrender.kernels.warp.warp import draw_quads
+from torchrender.reconstruct.corners import ReconstructOptions, SampleQuads, fit_corners
+from torchrender.reconstruct.discs import facing_normals
+from torchrender.reconstruct.grid import fit_grid
+from torchrender.scene.camera import Cameras
+
+LEAD = 5e-4
+"""Of surfaces that agree within this share of their depth, the one recorded nearest to the new camera is kept."""
+
+METHODS = ("hybrid", "grid", "splat")
+FILTERS = ("bilinear", "nearest")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReprojectOptions:
+    """How depth images are drawn from a new viewpoint.
+
+    Raises:
+        OptionError: a value outside its range; names it.
+    """
+
+    method: str = "hybrid"
+    color_filter: str = "bilinear"  # among samples of one surface; "nearest": each sample keeps its own colour
+    splat_scale: float = 1.0  # disc radius; below 1 leaves holes, above overdraws
+    reconstruct: ReconstructOptions = field(default_factory=ReconstructOptions)
+
+    def __post_init__(self) -> None:
+        check_choice("method", self.method, METHODS)
+        check_choice("color_filter", self.color_filter, FILTERS)
+        check_range("splat_scale", self.splat_scale, 0.7, 2.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Reprojection:
+    """B pictures from new viewpoints."""
+
+    cameras: Cameras
+    color: Tensor  # (B,H,W,3) linear; 0 where no sample reaches
+    depth: Tensor  # (B,H,W) camera z; +inf where no sample reaches
+    valid: Tensor  # (B,H,W) bool: some sample reaches the pixel
+    source: Tensor  # (B,H,W) int64 depth image that the pixel comes from, -1 where there is none
+
+
+def reproject(
+    images: DepthImages | SampleQuads,
+    cameras: Cameras,
+    *,
+    offset_images: DepthImages | None = None,
+    colors: Tensor | None = None,
+    options: ReprojectOptions | None = None,
+    method: str | None = None,
+) -> Reprojection:
+    """Pictures of B cameras from N depth images (N,H,W), with the pixels that the depth images know marked valid.
+
+    Surfaces seen from behind are not drawn. Where images agree on a surface, the one whose camera is nearest to the new
+    one goes first (its colours and resolution fit best), then the earlier one; so they do not mingle pixel by pixel.
+    The result does not depend on the number of threads.
+
+    Args:
+        images: perspective depth images; or quads that were fitted before, to draw many views of the same images.
+        cameras: B perspective cameras of any size.
+        offset_images: the images' views shifted by half a pixel (see :func:`fit_corners`); without them the hybrid
+            quads' corners are guessed from the samples' tangent planes and agreed on between neighbours.
+        colors: (N,H,W,3) colours to use instead of those of the images.
+        options: method and tolerances; ``method`` overrides the one in ``options``.
+
+    Raises:
+        InputError: orthographic cameras, colours of another shape, or more than 2^32 - 2 samples.
+        OptionError: an unknown method.
+    """
+    options = options or ReprojectOptions()
+    method = check_choice("method", method or options.method, METHODS)
+    source = images.images if isinstance(images, SampleQuads) else images
+    count, height, width = source.depth.shape
+    colors = check_tensor("colors", source.color if colors is None else colors, (count, height, width, 3))
+    if cameras.orthographic or source.cameras.orthographic:
+        raise InputError("images and cameras must be perspective")
+    if source.depth.numel() >= 2**32 - 1:
+        raise InputError(f"images must hold fewer than 2^32 - 1 samples, got {source.depth.numel()}")
+    quads = _quads(images, offset_images, options, method)
+    shape = (len(cameras), cameras.height, cameras.width)
+    outputs = (
+        np.empty((*shape, 3), np.float32),
+        np.empty(shape, np.float32),
+        np.empty(shape, np.bool_),
+        np.empty(shape, np.int64),
+    )
+    texels = view(colors, np.float32)
+    smooth = options.color_filter == "bilinear" and quads is not None
+    pixel_arrays = _pixel_arrays(source, quads)
+    for k in range(len(cameras)):
+        camera = cameras[k]
+        bias = _bias(source.cameras, camera)
+        keys = _draw(source, quads, camera, bias, options)
+        limits = (float(camera.near[0]) * (1.0 - 1e-6), float(camera.far[0]))
+        back = _pixel_matrices_back(camera, source.cameras)
+        resolve(keys, pixel_arrays, back, bias, limits, texels, smooth, tuple(a[k] for a in outputs))
+    return Reprojection(cameras, *(torch.from_numpy(a) for a in outputs))
+
+
+def _draw(
+    source: DepthImages, quads: SampleQuads | None, camera: Cameras, bias: np.ndarray, options: ReprojectOptions
+) -> np.ndarray:
+    """(H*W,) uint64 keys of the nearest quads, or discs where there are no quads; see the kernels."""
+    keys = np.zeros(camera.height * camera.width, np.uint64)
+    if quads is None:
+        draw_splats(*_splats(source, camera), bias, options.splat_scale, _size(camera), thread_count(), keys)
+        return keys
+    start = 0.5 if quads.centred else 0.0
+    arrays = (quads.depth.numpy(), quads.shape.numpy(), start, pixel_matrices(source.cameras, camera))
+    draw_quads(*arrays, float(camera.near[0]), bias, _size(camera), thread_count(), keys)
+    return keys
+
+
+def _quads(
+    images: DepthImages | SampleQuads, offset_images: DepthImages | None, options: ReprojectOptions, method: str
+) -> SampleQuads | None:
+    if isinstance(images, SampleQuads):
+        if method == "splat" or images.centred != (method == "grid"):
+            raise InputError(f"images are quads of another method than {method}")
+        return images
+    if method == "hybrid":
+        return fit_corners(images, offset_images, options.reconstruct)
+    return fit_grid(images, options.reconstruct) if method == "grid" else None
+
+
+def _pixel_arrays(images: DepthImages, quads: SampleQuads | None) -> tuple[int, int, np.ndarray, bool]:
+    """What :func:`resolve` needs to know about the quads; discs have no neighbours."""
+    if quads is not None:
+        return int(quads.shape.shape[1]), int(quads.shape.shape[2]), quads.joined.numpy(), quads.centred
+    return int(images.depth.shape[1]), int(images.depth.shape[2]), np.zeros((len(images), 0, 0), np.int32), False
+
+
+def _bias(source: Cameras, target: Cameras) -> np.ndarray:
+    """(N,) factors of 1/depth: one for the camera nearest to the target, less by LEAD or a little for each further one.
+
+    All together they stay within four times LEAD, about the tolerance of the reconstruction.
+    """
+    distance = (source.eye - target.eye).norm(dim=1)
+    rank = torch.argsort(torch.argsort(distance, stable=True), stable=True)
+    return (1.0 - rank * min(LEAD, 4 * LEAD / max(len(source), 1))).numpy()
+
+
+def _size(camera: Cameras) -> tuple[int, int]:
+    return camera.width, camera.height
+
+
+def pixel_matrices(source: Cameras, target: Cameras) -> np.ndarray:
+    """(N,3,4): homogeneous pixel of the one target camera = z M[:, :3] (u, v, 1) + M[:, 3], for N source cameras."""
+    project = target.intrinsics @ target.rotation
+    shift = target.intrinsics @ target.camera_from_world[:, :3, 3:]
+    inverse = source.world_from_camera
+    turn = project @ inverse[:, :3, :3] @ torch.linalg.inv(source.intrinsics)
+    return np.ascontiguousarray(torch.cat([turn, project @ inverse[:, :3, 3:] + shift], dim=2).numpy())
+
+
+def _pixel_matrices_back(target: Cameras, source: Cameras) -> np.ndarray:
+    """(N,3,4) the other way: homogeneous pixels of N source cameras from pixel and depth of the one target camera."""
+    project = source.intrinsics @ source.rotation
+    shift = source.intrinsics @ source.camera_from_world[:, :3, 3:]
+    inverse = target.world_from_camera
+    turn = project @ inverse[:, :3, :3] @ torch.linalg.inv(target.intrinsics)
+    return np.ascontiguousarray(torch.cat([turn, project @ inverse[:, :3, 3:] + shift], dim=2).numpy())
+
+
+def _splats(images: DepthImages, camera: Cameras) -> tuple[Any, ...]:
+    """Depth, normal, and per image: camera from pixel, camera from world normal, footprint; and the intrinsics."""
+    source = images.cameras
+    inverse = source.world_from_camera
+    rotation = camera.rotation
+    turn = rotation @ inverse[:, :3, :3] @ torch.linalg.inv(source.intrinsics)
+    eye = rotation @ inverse[:, :3, 3:] + camera.camera_from_world[:, :3, 3:]
+    size = source.footprint(torch.ones(len(source), dtype=torch.float64))
+    own_rays = inverse[:, :3, :3] @ torch.linalg.inv(source.intrinsics)
+    return (
+        view(images.depth, np.float32),
+        view(facing_normals(images), np.float32),
+        np.ascontiguousarray(torch.cat([turn, eye], dim=2).numpy()),
+        np.ascontiguousarray(own_rays.numpy()),
+        np.ascontiguousarray(rotation[0].numpy()),
+        size.numpy(),
+        np.ascontiguousarray(camera.intrinsics[0].numpy()),
+        float(camera.near[0]),
+    )

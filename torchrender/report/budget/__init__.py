@@ -1,0 +1,1 @@
+"""How well time budgets are kept."""

@@ -1,0 +1,5 @@
+"""``python -m torchrender.report.budget``."""
+
+from torchrender.report.budget.study import main
+
+main()

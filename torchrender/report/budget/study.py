@@ -1,0 +1,212 @@
+"""Budgets measured: are they kept, is the picture complete, is its error what was predicted, and is it worth it?
+
+``python -m torchrender.report.budget [--quick] [-o docs/results]`` writes ``budget.md``, ``.json`` and a plot.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import statistics
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from torchrender.clock import StepClock
+from torchrender.image import Image
+from torchrender.images.files import write_atomically
+from torchrender.passes.table import PASSES
+from torchrender.pipeline.history import RenderHistory
+from torchrender.pipeline.options import RenderOptions
+from torchrender.planning.curves import load_curves
+from torchrender.planning.knowledge import Knowledge
+from torchrender.planning.search import HEADROOM
+from torchrender.quality.machine import machine_record
+from torchrender.quality.metrics import coverage, flip
+from torchrender.quality.pages import text_writer
+from torchrender.renderer import Run, render
+from torchrender.report.budget.page import page, plot
+from torchrender.scene.camera import Cameras
+from torchrender.scene.camera_path import built_in_path, walks_of
+from torchrender.scene.load import load
+from torchrender.scene.model import Scene
+from torchrender.scene.procedural import SCENES
+from torchrender.tuning.calibrate import at_step
+
+BUDGETS_MS = (50, 100, 200, 500)
+TOLERANCE = 1.1
+"""A budget counts as kept up to this factor."""
+
+PRESETS = {"draft": 0, "low": 1, "medium": 2, "high": 3}
+"""Fixed settings to compare with: all knobs at their step of that number, at full resolution from "medium" on."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class StudyOptions:
+    """How much is measured."""
+
+    scenes: tuple[str, ...] = tuple(SCENES)
+    size: int = 512
+    frames: int = 23  # of each path: 207 over the nine paths of the built-in scenes
+    budgets_ms: tuple[int, ...] = BUDGETS_MS
+    checked: int = 2  # frames of each path whose error is measured
+    repeats: int = 4
+
+
+QUICK = StudyOptions(scenes=("cornell_box",), size=48, frames=3, budgets_ms=(5, 1000), checked=1, repeats=3)
+
+
+def paths(study: StudyOptions) -> Iterator[tuple[str, Scene, Cameras]]:
+    """Every walk of the rooms, and an orbit of each other scene, at the speed of 240 pictures for the whole path."""
+    for name in study.scenes:
+        scene = load(name)
+        for path in walks_of(scene) or ("orbit",):
+            walk = built_in_path(scene, path).cameras(
+                240, width=study.size, height=study.size, near=1e-3 * (scene.diagonal or 1.0)
+            )
+            yield f"{name} {path}", scene, walk[torch.arange(60, 60 + study.frames)]
+
+
+def exact_options() -> RenderOptions:
+    """Every pass at its reference."""
+    options = RenderOptions(reuse=None)
+    for step in PASSES:
+        if not step.knob.context.changes:
+            options = step.knob.reference.applied(options)
+    return replace(options, reuse=None)
+
+
+def budgets(study: StudyOptions) -> list[dict[str, Any]]:
+    """A record for every frame of every path and budget."""
+    records = []
+    for name, scene, walk in paths(study):
+        places = [round((i + 1) * (len(walk) - 1) / study.checked) for i in range(study.checked)]
+        wanted = {at: render(scene, walk[at], options=exact_options()).displayed() for at in places}
+        for budget in study.budgets_ms:
+            history: RenderHistory | None = RenderHistory()
+            for number in range(len(walk)):
+                image = render(scene, walk[number], history=history, budget_ms=budget)
+                history = image.history
+                records.append(_record(name, budget, number, image, wanted.get(number)))
+        sys.stderr.write(f"{name}: {sum(r['kept'] for r in records if r['path'] == name)} kept\n")
+    return records
+
+
+def _record(name: str, budget: float, number: int, image: Image, wanted: Tensor | None) -> dict[str, Any]:
+    plan = image.plan
+    assert plan is not None
+    share = coverage(image.radiance)
+    record: dict[str, Any] = {
+        "path": name,
+        "budget_ms": budget,
+        "frame": number,
+        "ms": round(image.timings_ms["total"], 2),
+        "predicted_ms": round(plan.predicted_ms or 0.0, 2),
+        "possible": plan.possible,
+        "kept": image.timings_ms["total"] <= TOLERANCE * budget,
+        "complete": float(share.complete.min()),
+        "predicted_error": plan.predicted_error,
+        "settings": {row.name: row.setting for row in plan.running},
+    }
+    if wanted is not None:
+        record["error"] = float(flip(image.displayed(), wanted)[0])
+    return record
+
+
+def presets(study: StudyOptions) -> list[dict[str, Any]]:
+    """Fixed settings beside the planner's: at their time, and at their error. Still sequences, medians."""
+    found = []
+    for name in study.scenes:
+        scene = load(name)
+        camera = scene.camera(width=study.size, height=study.size)
+        wanted = render(scene, camera, options=exact_options()).displayed()
+        for preset, step in PRESETS.items():
+            fixed = at_step(step, RenderOptions(), first=None if step < 2 else "1")
+            ms, image = _steady(scene, camera, study.repeats, options=replace(fixed, reuse=None))
+            error = float(flip(image.displayed(), wanted)[0])
+            time, timed = _steady(scene, camera, study.repeats, budget_ms=ms / HEADROOM)
+            bound, bounded = _steady(scene, camera, study.repeats, max_error=min(max(error, 1e-4), 1.0))
+            found.append(
+                {
+                    "scene": name,
+                    "preset": preset,
+                    "ms": ms,
+                    "error": error,
+                    "at_its_time": {"ms": time, "error": float(flip(timed.displayed(), wanted)[0])},
+                    "at_its_error": {"ms": bound, "error": float(flip(bounded.displayed(), wanted)[0])},
+                }
+            )
+        sys.stderr.write(f"{name}: presets measured\n")
+    return found
+
+
+def _steady(scene: Scene, camera: Cameras, repeats: int, **wishes: Any) -> tuple[float, Image]:
+    """Median time of the later pictures of a still sequence without reuse, and the last one."""
+    history: RenderHistory | None = RenderHistory()
+    wishes.setdefault("options", RenderOptions(reuse=None))
+    times: list[float] = []
+    image = None
+    for _ in range(repeats + 2):
+        image = render(scene, camera, history=history, **wishes)
+        history = image.history
+        times.append(image.timings_ms["total"])
+    assert image is not None
+    return statistics.median(times[2:]), image
+
+
+def deleted_passes(study: StudyOptions) -> list[dict[str, Any]]:
+    """Diffuse scenes with all passes in the table, and with those deleted that do not apply; pictures take turns."""
+    found = []
+    for name in study.scenes:
+        scene = load(name)
+        if any(m.is_reflector for m in scene.materials):
+            continue
+        camera = scene.camera(width=study.size, height=study.size)
+        image = render(scene, camera)
+        assert image.plan is not None
+        ran = {row.name for row in image.plan.running}
+        times: dict[bool, list[float]] = {True: [], False: []}
+        for number in range(2 * study.repeats):
+            whole = number % 2 == 0
+            steps = PASSES if whole else tuple(s for s in PASSES if s.name in ran)
+            past = RenderHistory(scene=scene, wanted=False)
+            known = Knowledge(scene=scene, cameras=camera, past=past, curves=load_curves(), passes=steps)
+            clock = StepClock()
+            with clock.measure("total"):
+                Run(known, RenderOptions(), (None, None), clock).image()
+            times[whole].append(clock.elapsed_ms["total"])
+        whole_ms, few_ms = statistics.median(times[True]), statistics.median(times[False])
+        found.append({"scene": name, "all_ms": whole_ms, "few_ms": few_ms, "ratio": whole_ms / few_ms})
+    return found
+
+
+def run(study: StudyOptions, folder: Path) -> list[Path]:
+    """Measure and write."""
+    record = {
+        "machine": machine_record(),
+        "study": {"size": study.size, "frames": study.frames, "tolerance": TOLERANCE},
+        "budgets": budgets(study),
+        "presets": presets(study),
+        "deleted": deleted_passes(study),
+    }
+    files = [folder / f"budget{suffix}" for suffix in (".json", ".png", ".md")]
+    write_atomically(files[0], text_writer(json.dumps(record, indent=1) + "\n"))
+    write_atomically(files[1], lambda path: plot(path, record))
+    write_atomically(files[2], text_writer(page(record)))
+    return files
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """The command."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="a check that takes seconds")
+    parser.add_argument("-o", "--output", type=Path, default=Path("docs/results"))
+    arguments = parser.parse_args(argv)
+    arguments.output.mkdir(parents=True, exist_ok=True)
+    for file in run(QUICK if arguments.quick else StudyOptions(), arguments.output):
+        sys.stdout.write(f"{file}\n")

@@ -1,0 +1,1 @@
+"""The rasteriser, rays and the first picture, beside others."""

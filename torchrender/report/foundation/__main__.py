@@ -1,0 +1,5 @@
+"""``python -m torchrender.report.foundation``."""
+
+from torchrender.report.foundation.study import main
+
+main()

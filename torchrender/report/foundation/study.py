@@ -1,0 +1,192 @@
+"""Measure the rasteriser and the first picture: ``python -m torchrender.report.foundation [--quick]``.
+
+Writes ``docs/results/foundation.md``, ``.json`` and plots. All times of one table come from one run in which the
+candidates take turns.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from torchrender.images.files import write_atomically
+from torchrender.kernels.compile import thread_count
+from torchrender.quality.machine import machine_record
+from torchrender.quality.pages import text_writer
+from torchrender.quality.timing import Timing, take_turns
+from torchrender.raster import rasterize_visibility
+from torchrender.rays import RayCaster
+from torchrender.report.foundation.page import write_page
+from torchrender.report.foundation.peers import open3d_rays, opengl_raster
+from torchrender.scene.camera import Cameras
+from torchrender.scene.mesh import Geometry
+from torchrender.scene.model import Scene
+from torchrender.scene.procedural import build
+
+SCENES = ("grass", "city", "living_room")
+EDGE = 1e-2  # pixels whose smallest barycentric weight is below this count as "at an edge"
+
+
+def main() -> None:
+    """Run every measurement and write the page."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("--quick", action="store_true", help="small images and few runs, to check that it works")
+    parser.add_argument("-o", "--output", type=Path, default=Path("docs/results"), help="folder to write into")
+    arguments = parser.parse_args()
+    size, runs = (256, 3) if arguments.quick else (1024, 11)
+    million = 100_000 if arguments.quick else 1_000_000
+    record: dict[str, Any] = {"machine": machine_record(), "size": size, "quick": arguments.quick}
+    record["gbuffer"] = {name: compare(build(name), size, runs) for name in _progress(SCENES, "scenes")}
+    record["million"] = compare(build("city", triangles=million), size, max(3, runs // 2))
+    record["floor_ms"] = write_floor(size, runs)
+    record["triangles"] = triangle_sweep(size, runs, 200_000 if arguments.quick else 3_000_000)
+    record["pixels"] = pixel_sweep(max(3, runs // 2), 512 if arguments.quick else 4096)
+    record["in_view"] = view_share(size, runs)
+    record["start"] = start_up(arguments.quick)
+    record["peak_memory_mib"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
+    arguments.output.mkdir(parents=True, exist_ok=True)
+    write_atomically(arguments.output / "foundation.json", text_writer(json.dumps(record, indent=1) + "\n"))
+    write_page(record, arguments.output)
+    sys.stderr.write(f"wrote {arguments.output / 'foundation.md'}\n")
+
+
+def compare(scene: Scene, size: int, runs: int) -> dict[str, Any]:
+    """G-buffer times beside open3d and software OpenGL, and agreement with the ray caster."""
+    geometry, camera = scene.geometry, scene.camera(width=size, height=size)
+    fields = (geometry.vertices, geometry.faces, geometry.object_id, geometry.material, None, None, None, geometry.runs)
+    candidates: dict[str, Any] = {
+        "torchrender": lambda: rasterize_visibility(geometry, camera),
+        "torchrender_fresh": lambda: rasterize_visibility(Geometry(*fields), camera),  # clusters are built anew
+    }
+    notes = {}
+    rays = open3d_rays(geometry, camera, thread_count())
+    if isinstance(rays, str):
+        notes["open3d"] = rays
+    else:
+        candidates["open3d_build"], candidates["open3d"] = rays
+    drawn = opengl_raster(geometry, camera)
+    if isinstance(drawn, str):
+        notes["opengl"] = drawn
+    else:
+        candidates["opengl"], notes["opengl"] = drawn
+    times = take_turns(candidates, runs=runs)
+    return {
+        "triangles": geometry.triangle_count,
+        "ms": {name: timing.record() for name, timing in times.items()},
+        "notes": notes,
+        "agreement": agreement(scene, size),
+    }
+
+
+def agreement(scene: Scene, size: int) -> dict[str, float]:
+    """Share of equal triangle ids away from edges, and the largest relative depth error there, against Embree rays."""
+    geometry, camera = scene.geometry, scene.camera(width=size, height=size)
+    seen = rasterize_visibility(geometry, camera)
+    origins, directions = (a.reshape(-1, 3) for a in camera.rays())
+    hits = RayCaster(geometry).first_hit(origins, directions, t_min=float(camera.near[0]))
+    ids, depth = seen.triangle.reshape(-1), seen.depth.reshape(-1).double()
+    weights = seen.barycentric.reshape(-1, 2)
+    least = torch.minimum(weights.amin(1), 1 - weights.sum(1))
+    inner = (ids >= 0) & (least > EDGE)
+    same = inner & (ids == hits.triangle)
+    error = ((depth - hits.t).abs() / hits.t)[same]
+    return {
+        "pixels": int(inner.sum()),
+        "same_id": float(same.sum() / inner.sum().clamp_min(1)),
+        "same_id_with_edges": float(((ids == hits.triangle) & (ids >= 0)).sum() / (ids >= 0).sum().clamp_min(1)),
+        "same_coverage": float(((ids >= 0) == (hits.triangle >= 0)).double().mean()),
+        "depth_error_max": float(error.max()) if error.numel() else 0.0,
+    }
+
+
+def write_floor(size: int, runs: int) -> dict[str, float]:
+    """Time to write the buffers once into memory that is already mapped, by one call of ``fill`` each."""
+    buffers: list[np.ndarray[Any, Any]] = [
+        np.zeros((size, size), np.float32),
+        np.zeros((size, size), np.int64),
+        np.zeros((size, size), np.int64),
+        np.zeros((size, size, 2), np.float32),
+    ]
+    tensors = [torch.from_numpy(b) for b in buffers]
+    timing = take_turns({"fill": lambda: [t.fill_(1) for t in tensors]}, runs=runs)["fill"]
+    return {**timing.record(), "mib": sum(b.nbytes for b in buffers) / 2**20}
+
+
+def triangle_sweep(size: int, runs: int, most: int) -> list[dict[str, float]]:
+    """Time against the number of triangles: grass from its usual size up."""
+    rows = []
+    for count in _progress(
+        [n for n in (63_000, 125_000, 250_000, 500_000, 1_000_000, 3_000_000) if n <= most], "sizes"
+    ):
+        scene = build("grass", triangles=count)
+        camera = scene.camera(width=size, height=size)
+        geometry = scene.geometry
+        timing = _time(geometry, camera, max(3, runs // 2))
+        rows.append({"triangles": geometry.triangle_count, **timing.record()})
+    return rows
+
+
+def pixel_sweep(runs: int, most: int) -> list[dict[str, float]]:
+    """Time against image size on the living room."""
+    scene = build("living_room")
+    rows = []
+    for side in [s for s in (256, 512, 1024, 2048, 4096) if s <= most]:
+        camera = scene.camera(width=side, height=side)
+        timing = _time(scene.geometry, camera, runs)
+        rows.append({"side": side, **timing.record()})
+    return rows
+
+
+def view_share(size: int, runs: int) -> list[dict[str, float]]:
+    """Time against the share of the scene in view: the city through narrower and narrower lenses."""
+    scene = build("city", triangles=1_000_000)
+    whole = scene.camera(width=size, height=size)
+    rows = []
+    for zoom in (1.0, 2.0, 4.0, 8.0, 16.0):
+        k = whole.intrinsics.clone()
+        k[:, (0, 1), (0, 1)] *= zoom
+        camera = type(whole)(whole.camera_from_world, k, size, size, whole.near, whole.far)
+        planes = camera.frustum_planes()[0]
+        bounds = scene.geometry.cluster_bounds
+        corners = torch.stack([bounds[:, (a, b, c), (0, 1, 2)] for a in (0, 1) for b in (0, 1) for c in (0, 1)], 1)
+        inside = ~(corners @ planes[:, :3].T + planes[:, 3] < 0).all(1).any(1)
+        timing = _time(scene.geometry, camera, runs)
+        rows.append({"zoom": zoom, "share_in_view": float(inside.double().mean()), **timing.record()})
+    return rows
+
+
+def _time(geometry: Geometry, camera: Cameras, runs: int) -> Timing:
+    return take_turns({"": lambda: rasterize_visibility(geometry, camera)}, runs=runs)[""]
+
+
+def start_up(quick: bool) -> dict[str, float]:
+    """Seconds of a whole ``torchrender render`` process: with kernels cached, and with an empty cache."""
+    with tempfile.TemporaryDirectory() as folder:
+        command = [sys.executable, "-m", "torchrender.cli.main", "render", "cornell_box", "-o", f"{folder}/p.png"]
+        seconds = {"cached": min(_process(command) for _ in range(1 if quick else 4))}
+        if not quick:
+            seconds["very_first"] = _process(command, NUMBA_CACHE_DIR=f"{folder}/cache")
+    return seconds
+
+
+def _process(command: list[str], **environment: str) -> float:
+    begin = time.perf_counter()
+    subprocess.run(command, check=True, capture_output=True, env={**os.environ, **environment})
+    return time.perf_counter() - begin
+
+
+def _progress(items: Any, unit: str) -> Any:
+    from tqdm import tqdm
+
+    return tqdm(items, desc=unit, disable=not sys.stderr.isatty())

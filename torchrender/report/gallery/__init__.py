@@ -1,0 +1,1 @@
+"""Pictures of every scene on one sheet."""

@@ -1,0 +1,5 @@
+"""``python -m torchrender.report.gallery``."""
+
+from torchrender.report.gallery.study import main
+
+main()

@@ -1,0 +1,1 @@
+"""Point models: size, speed, accuracy."""

@@ -1,0 +1,5 @@
+"""``python -m torchrender.report.points``."""
+
+from torchrender.report.points.study import main
+
+main()

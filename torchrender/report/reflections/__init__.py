@@ -1,0 +1,1 @@
+"""Clustered reflections against rays."""

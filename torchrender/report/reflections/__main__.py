@@ -1,0 +1,5 @@
+"""``python -m torchrender.report.reflections``."""
+
+from torchrender.report.reflections.study import main
+
+main()

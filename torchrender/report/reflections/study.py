@@ -1,0 +1,299 @@
+"""Reflections measured: clustered depth images beside ray tracing and the environment map.
+
+``python -m torchrender.report.reflections [--quick] [-o docs/results]`` writes ``reflections.md``, ``.json`` and a
+picture. Every time counts what a scene that changes with every frame has to do again; candidates take turns.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import torch
+from PIL import Image as Picture
+from torch import Tensor
+
+from torchrender.effects.reflections.clustered import ClusterOptions
+from torchrender.images.files import write_atomically
+from torchrender.quality.machine import machine_record
+from torchrender.quality.metrics import mean_absolute_error, psnr
+from torchrender.quality.timing import take_turns
+from torchrender.rays import RayCaster
+from torchrender.report.reflections.errors import occlusion_errors
+from torchrender.report.reflections.page import write_page
+from torchrender.report.reflections.stage import Stage
+from torchrender.scene.camera import Cameras
+from torchrender.scene.model import Scene
+from torchrender.scene.procedural import build
+
+SCENES = ("living_room", "washroom")
+THESIS = ClusterOptions(centre="thesis", aim="normal", plane_share=float("inf"), camera_share=0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class StudyOptions:
+    """How much is measured."""
+
+    size: int = 512  # pixels of the pictures' side, 2 x 2 samples each
+    triangles: int | None = None  # of the rooms; None: their usual number
+    counts: tuple[int, ...] = (63_000, 132_000, 289_000, 1_000_000, 3_000_000)
+    outputs: tuple[int, ...] = (256, 512, 1024)
+    rules: tuple[float, ...] = (0.25, 0.5, 1.0, 2.0)
+    path: int = 8  # views along each path
+    gloss_size: int = 256
+    runs: int = 3
+
+
+QUICK = StudyOptions(
+    size=64, triangles=20_000, counts=(10_000, 20_000), outputs=(32, 64), rules=(0.5, 1.0), path=2,
+    gloss_size=32, runs=1,
+)  # fmt: skip
+
+
+def main() -> None:
+    """Command-line entry."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="small pictures: a test of the command")
+    parser.add_argument("-o", "--output", default="docs/results", metavar="FOLDER")
+    arguments = parser.parse_args()
+    folder = Path(arguments.output)
+    folder.mkdir(parents=True, exist_ok=True)
+    write_study(run_study(QUICK if arguments.quick else StudyOptions(), folder), folder)
+
+
+def run_study(study: StudyOptions, folder: Path) -> dict[str, Any]:
+    """All measurements; the picture of both rooms goes to ``folder``."""
+    record: dict[str, Any] = {"machine": machine_record(), "study": asdict(study)}
+    rooms = {name: _room(name, study) for name in SCENES}
+    stages = {name: _stage(scene, study.size, 2) for name, scene in rooms.items()}
+    parts: dict[str, Callable[[], Any]] = {
+        "quality": lambda: {name: quality(stage) for name, stage in stages.items()},
+        "times": lambda: {name: times(stage, study.runs) for name, stage in stages.items()},
+        "clusters": lambda: [sweep(stages["living_room"], m, study) for m in study.rules],
+        "scale": lambda: [image_scale(stages["living_room"], s, study) for s in (0.5, 1.0, 2.0)],
+        "output": lambda: [output_size(rooms["living_room"], n, study) for n in study.outputs],
+        "triangles": lambda: [triangle_count(n, study) for n in study.counts],
+        "paths": lambda: {name: path(rooms[name], study) for name in SCENES},
+        "gloss": lambda: list(gloss(rooms["living_room"], study)),
+        "share": lambda: [pixel_share(stages["washroom"], s, study) for s in (0.0, 0.01, 0.1, 0.3, 1.0)],
+        "choices": lambda: {name: choices(stage, study) for name, stage in stages.items()},
+    }
+    for name, part in parts.items():
+        begin = time.perf_counter()
+        record[name] = part()
+        sys.stderr.write(f"{name}: {time.perf_counter() - begin:.1f} s\n")
+    save_picture(torch.cat([error_picture(s) for s in stages.values()], dim=1), folder / "reflections.jpg")
+    return record
+
+
+def write_study(record: dict[str, Any], folder: Path) -> None:
+    """The record as JSON and page."""
+    text = json.dumps(record, indent=1, default=float) + "\n"
+
+    def write(path: Path) -> None:
+        path.write_text(text)
+
+    write_atomically(folder / "reflections.json", write)
+    write_page(record, folder)
+
+
+# -------------------------------------------------------------------- parts
+
+
+def quality(stage: Stage) -> dict[str, Any]:
+    """Errors of clustered reflections and of the environment map against rays."""
+    reference = stage.reference
+    made = stage.clustered()
+    missed = occlusion_errors(stage.scene, stage.pixels, made.cameras, stage.true_hits)
+    planar = made.cameras.clusters.sizes[made.cameras.planar].sum() / len(stage.pixels)
+    row: dict[str, Any] = {
+        "reflective": stage.share,
+        "clusters": len(made.cameras),
+        "planar": float(planar),
+        "occlusion": float(missed.float().mean()),
+        "unanswered": float(made.unknown.mean()),
+    }
+    layers = {"clustered": made.layer, "environment": stage.environment()}
+    layers["hybrid"] = stage.clustered(ClusterOptions(missing="trace")).layer
+    for name, layer in layers.items():
+        picture = stage.picture(layer)
+        row[name] = {
+            "channels": (255.0 * mean_absolute_error(picture, reference, mask=stage.mask())[0]).tolist(),
+            "psnr": float(psnr(picture, reference)),
+        }
+    return row
+
+
+def times(stage: Stage, runs: int) -> dict[str, Any]:
+    """Whole reflection passes in turn, and the steps of the clustered one and of rays."""
+    candidates: dict[str, Callable[[], object]] = {
+        "clustered": stage.clustered,
+        "traced": stage.traced,
+        "environment": stage.environment,
+    }
+    plain = stage.plain_embree()
+    if plain is not None:
+        candidates["plain Embree"] = plain
+    measured = {k: t.record() for k, t in take_turns(candidates, runs=runs, warm_up=1).items()}
+    begin = time.perf_counter()
+    caster = RayCaster(stage.scene.geometry)
+    built = time.perf_counter()
+    stage.traced_hits(caster)
+    cast = time.perf_counter()
+    return {
+        "candidates": measured,
+        "clustered": dict(stage.clustered().elapsed_ms),
+        "traced": {"tree": 1e3 * (built - begin), "rays": 1e3 * (cast - built)},
+    }
+
+
+def sweep(stage: Stage, m: float, study: StudyOptions) -> dict[str, Any]:
+    """Table 15: cluster count against time and errors."""
+    return _measured(stage, ClusterOptions(m=m, camera_share=0.0), study) | {"m": m}
+
+
+def image_scale(stage: Stage, scale: float, study: StudyOptions) -> dict[str, Any]:
+    """Table 17: size of the depth images."""
+    return _measured(stage, ClusterOptions(image_scale=scale), study) | {"scale": scale}
+
+
+def choices(stage: Stage, study: StudyOptions) -> dict[str, Any]:
+    """The thesis's cameras and clusters beside what is beyond it."""
+    named = {
+        "as published": THESIS,
+        "+ planes apart": replace(THESIS, plane_share=ClusterOptions().plane_share),
+        "+ small clusters join": replace(THESIS, **_defaults("plane_share", "camera_share")),
+        "+ cameras look along their rays": replace(THESIS, **_defaults("plane_share", "camera_share", "aim")),
+        "+ best centre (default)": ClusterOptions(),
+        "missing rays traced": ClusterOptions(missing="trace"),
+    }
+    return {name: _measured(stage, options, study) for name, options in named.items()}
+
+
+def output_size(scene: Scene, size: int, study: StudyOptions) -> dict[str, Any]:
+    """Table 16: pixels of the picture."""
+    return _race(_stage(scene, size, 1), study) | {"size": size}
+
+
+def triangle_count(count: int, study: StudyOptions) -> dict[str, Any]:
+    """Table 18: triangles of the room."""
+    scene = build("living_room", triangles=count)
+    runs = study.runs if count <= 300_000 else 1
+    return _race(_stage(scene, study.size, 1), replace(study, runs=runs)) | {"triangles": scene.geometry.triangle_count}
+
+
+def pixel_share(stage: Stage, share: float, study: StudyOptions) -> dict[str, Any]:
+    """Cost of few reflective pixels."""
+    part = stage.only(share)
+    timing = take_turns({"clustered": part.clustered}, runs=study.runs, warm_up=1)["clustered"]
+    return {"pixels": len(part.pixels), "ms": timing.median}
+
+
+def path(scene: Scene, study: StudyOptions) -> dict[str, Any]:
+    """Tables 13, 19 and 21: clusters, planar share and occlusion error along a path through the scene's cameras."""
+    caster = RayCaster(scene.geometry)
+    rows = []
+    for cameras in _path_cameras(scene, study.path, study.size):
+        stage = Stage.of(scene, cameras)
+        made = stage.clustered()
+        count = max(len(stage.pixels), 1)
+        missed = occlusion_errors(scene, stage.pixels, made.cameras, stage.traced_hits(caster))
+        rows.append(
+            {
+                "reflective": stage.share,
+                "clusters": len(made.cameras),
+                "planar": float(made.cameras.clusters.sizes[made.cameras.planar].sum()) / count,
+                "occlusion": float(missed.float().sum()) / count,
+                "ms": sum(made.elapsed_ms.values()),
+            }
+        )
+    keys = rows[0].keys()
+    return {k: {"max": max(r[k] for r in rows), "mean": sum(r[k] for r in rows) / len(rows)} for k in keys}
+
+
+def gloss(room: Scene, study: StudyOptions) -> Iterator[dict[str, Any]]:
+    """Table 20: lobes of several widths."""
+    for degree in (0.1, 0.5):
+        materials = tuple(replace(m, gloss=degree) if m.is_reflector else m for m in room.materials)
+        scene = replace(room, materials=materials)
+        scene.__dict__["geometry"] = room.geometry
+        stage = _stage(scene, study.gloss_size, 1)
+        caster = RayCaster(scene.geometry)
+        for rays in (8, 49):
+            made = stage.clustered(ClusterOptions(glossy_rays=rays))
+            reference = stage.picture(stage.traced(caster, rays))
+            begin = time.perf_counter()
+            stage.traced(rays=rays)
+            yield {
+                "gloss": degree,
+                "rays": rays,
+                "marching": made.elapsed_ms.get("marching", 0.0),
+                "clustered": sum(made.elapsed_ms.values()),
+                "traced": 1e3 * (time.perf_counter() - begin),
+                "psnr": float(psnr(stage.picture(made.layer), reference)),
+            }
+
+
+# ------------------------------------------------------------------ helpers
+
+
+def error_picture(stage: Stage) -> Tensor:
+    """(1,h,3w,3) display values: clustered, traced, and their difference times 50."""
+    made, reference = stage.picture(stage.clustered().layer), stage.reference
+    return torch.cat([made, reference, (50.0 * (made - reference).abs()).clamp(0.0, 1.0)], dim=2)
+
+
+def save_picture(display: Tensor, file: Path) -> None:
+    """Display values (1,h,w,3) as a JPEG."""
+    picture = Picture.fromarray((display[0] * 255.0).round().byte().numpy())
+    write_atomically(file, lambda path: picture.save(path, "JPEG", quality=85))
+
+
+def _measured(stage: Stage, options: ClusterOptions, study: StudyOptions) -> dict[str, Any]:
+    made = stage.clustered(options)
+    missed = occlusion_errors(stage.scene, stage.pixels, made.cameras, stage.true_hits, options)
+    timing = take_turns({"it": lambda: stage.clustered(options)}, runs=study.runs, warm_up=0)["it"]
+    return {
+        "clusters": len(made.cameras),
+        "ms": timing.median,
+        "occlusion": float(missed.float().mean()),
+        "psnr": float(psnr(stage.picture(made.layer), stage.reference)),
+    }
+
+
+def _race(stage: Stage, study: StudyOptions) -> dict[str, Any]:
+    candidates: dict[str, Callable[[], object]] = {"clustered": stage.clustered, "traced": stage.traced}
+    plain = stage.plain_embree()
+    if plain is not None:
+        candidates["plain Embree"] = plain
+    timing = take_turns(candidates, runs=study.runs, warm_up=1 if study.runs > 1 else 0)
+    return {"pixels": len(stage.pixels)} | {name: t.median for name, t in timing.items()}
+
+
+def _defaults(*names: str) -> dict[str, Any]:
+    return {name: getattr(ClusterOptions(), name) for name in names}
+
+
+def _room(name: str, study: StudyOptions) -> Scene:
+    return build(name) if study.triangles is None else build(name, triangles=study.triangles)
+
+
+def _stage(scene: Scene, size: int, supersample: int) -> Stage:
+    return Stage.of(scene, scene.camera(width=size, height=size), supersample)
+
+
+def _path_cameras(scene: Scene, count: int, size: int) -> Iterator[Cameras]:
+    """Views on straight pieces between the scene's cameras, eye and target alike."""
+    cameras = [scene.camera(name, width=size, height=size) for name in scene.cameras]
+    eyes = torch.cat([c.eye for c in cameras])
+    targets = eyes + torch.cat([c.forward for c in cameras])
+    for place in torch.linspace(0.0, len(cameras) - 1.0, count).tolist():
+        first = min(int(place), len(cameras) - 2)
+        eye, target = (torch.lerp(x[first], x[first + 1], place - first) for x in (eyes, targets))
+        yield Cameras.look_at(eye, target, width=size, height=size, fov_deg=60.0, near=float(cameras[0].near[0]))

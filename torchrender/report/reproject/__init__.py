@@ -1,0 +1,1 @@
+"""Reprojection: speed and holes."""

@@ -1,0 +1,5 @@
+"""``python -m torchrender.report.reproject``."""
+
+from torchrender.report.reproject.study import main
+
+main()

@@ -1,0 +1,1 @@
+"""Reflections used again over time."""

@@ -1,0 +1,5 @@
+"""``python -m torchrender.report.reuse``."""
+
+from torchrender.report.reuse.study import main
+
+main()

@@ -1,0 +1,1 @@
+"""Which depth images hold how much of a scene."""

@@ -1,0 +1,5 @@
+"""``python -m torchrender.report.sampling``."""
+
+from torchrender.report.sampling.study import main
+
+main()

@@ -1,0 +1,183 @@
+"""Measure depth-image sampling as the thesis does: ``python -m torchrender.report.sampling [--quick]``.
+
+Tables 2 to 7 on the built-in nest, grass, city and tree beside the published numbers, and the resolution study of
+figures 13 to 15. Writes ``docs/results/sampling.md``, ``.json`` and pictures.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+import time
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import torch
+from PIL import Image as Picture
+from torch import Tensor
+
+from torchrender.depth.kinds import median_triangle_pixels, sample_kinds
+from torchrender.depth.metrics import MetricOptions, SamplingMetrics, Share, sampling_metrics
+from torchrender.depth.options import SamplingOptions
+from torchrender.depth.picture import kinds_picture
+from torchrender.depth.sample import sample_depth_images
+from torchrender.images.files import write_atomically
+from torchrender.numerics.color import srgb_from_linear
+from torchrender.numerics.transforms import look_at_matrix
+from torchrender.quality.machine import machine_record
+from torchrender.quality.pages import text_writer
+from torchrender.quality.timing import take_turns
+from torchrender.report.common.subject import own_direction, subject_box
+from torchrender.report.sampling.page import write_page
+from torchrender.scene.camera import Cameras
+from torchrender.scene.model import Scene
+from torchrender.scene.procedural import build
+
+METHODS = {"C": "conventional", "N": "nonredundant", "P": "depth_peeling"}
+
+
+# Redundancy and test of each set of tables; the last one is beyond the thesis.
+TABLES = {
+    "pixel": {"redundancy": "pixel"},
+    "visibility": {"redundancy": "visibility"},
+    "captured": {"redundancy": "pixel", "pixel_test": "captured"},
+}
+SCENES = ("nest", "grass", "city", "tree")
+
+# Where the viewpoint triangle stands, in diagonals of the subject's box: the subject fills 60 to 90 percent of the
+# pictures, and the side is tuned as the specification asks: conventional redundancy between 50 and 85 percent.
+DISTANCE = {"nest": 0.9}
+USUAL_DISTANCE = 0.6
+SIDE = 0.09
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How long the study takes."""
+
+    size: int  # images of the pixel tables
+    frames: int
+    stride: int
+    ray_size: int  # images of the visibility tables: resolution does not enter there
+    ray_frames: int
+    sizes: tuple[int, ...]  # resolution study
+    study_frames: int
+    runs: int
+
+    @classmethod
+    def quick(cls) -> Effort:
+        """Fifty frames and every fourth pixel."""
+        return cls(256, 50, 4, 64, 10, (64, 128, 256), 5, 3)
+
+    @classmethod
+    def full(cls) -> Effort:
+        """About six minutes on two cores."""
+        return cls(1024, 300, 8, 192, 50, (256, 512, 1024, 2048), 20, 7)
+
+
+def main() -> None:
+    """Run the study and write the page."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("--quick", action="store_true", help="50 frames, every fourth pixel, small images")
+    parser.add_argument("--scenes", nargs="+", choices=SCENES, default=list(SCENES))
+    parser.add_argument("-o", "--output", type=Path, default=Path("docs/results"), help="folder to write into")
+    arguments = parser.parse_args()
+    effort = Effort.quick() if arguments.quick else Effort.full()
+    begin = time.perf_counter()
+    scenes = {}
+    for name in arguments.scenes:
+        scenes[name] = study(name, build(name), effort, arguments.output)
+        sys.stderr.write(f"{name}: done after {time.perf_counter() - begin:.0f} s\n")
+    record = {"machine": machine_record(), "effort": vars(effort), "scenes": scenes}
+    write_atomically(arguments.output / "sampling.json", text_writer(json.dumps(record, indent=1) + "\n"))
+    write_page(record, arguments.output)
+    sys.stderr.write(f"wrote {arguments.output / 'sampling.md'}\n")
+
+
+def study(name: str, scene: Scene, effort: Effort, output: Path) -> dict[str, Any]:
+    """Everything about one scene, as plain values; writes its picture."""
+    output.mkdir(parents=True, exist_ok=True)
+    distance = DISTANCE.get(name, USUAL_DISTANCE)
+    cameras = viewpoints(scene, distance, effort.size)
+    images = sample_depth_images(scene, cameras, SamplingOptions())
+    kinds = sample_kinds(scene, cameras, images, frames=min(effort.frames, 50))
+    write_strip(output / f"sampling-{name}.png", kinds_picture(images, kinds))
+    small = viewpoints(scene, distance, effort.ray_size)
+    tables = {
+        key: measure(scene, small, options, MetricOptions(frames=effort.ray_frames, stride=2))
+        if key == "visibility"
+        else measure(scene, cameras, options, MetricOptions(frames=effort.frames, stride=effort.stride))
+        for key, options in TABLES.items()
+    }
+    plain = measure(scene, small, TABLES["visibility"], MetricOptions(frames=effort.study_frames))
+    sizes = {}
+    for size in effort.sizes:
+        options = MetricOptions(frames=effort.study_frames, stride=max(1, size // effort.sizes[0]))
+        sizes[size] = measure(scene, viewpoints(scene, distance, size), TABLES["pixel"], options)
+    return {
+        "triangles": scene.geometry.triangle_count,
+        "median_triangle_pixels": median_triangle_pixels(scene, images),
+        "tables": tables,
+        "resolution": {"pixel": sizes, "visibility": plain},
+        "ms": time_methods(scene, cameras, effort.runs),
+    }
+
+
+def viewpoints(scene: Scene, distance: float, size: int) -> Cameras:
+    """Three cameras at the corners of an equilateral triangle that looks at the scene's subject from its own side."""
+    low, high = subject_box(scene)
+    diagonal, target, direction = float((high - low).norm()), (low + high) / 2, own_direction(scene)
+    centre = target + direction * distance * diagonal
+    right, down = look_at_matrix(centre, target, torch.tensor([0.0, 1.0, 0.0], dtype=torch.float64))[:2, :3]
+    radius = SIDE * diagonal / math.sqrt(3.0)
+    angles = [2.0 * math.pi * k / 3 - math.pi / 2 for k in range(3)]
+    eyes = torch.stack([centre + radius * (math.cos(a) * right + math.sin(a) * down) for a in angles])
+    return Cameras.look_at(eyes, target, width=size, height=size, fov_deg=45.0, near=1e-3 * diagonal)
+
+
+def measure(scene: Scene, cameras: Cameras, sampling: dict[str, Any], options: MetricOptions) -> dict[str, Any]:
+    """Metrics of the three methods."""
+    sets = [
+        sample_depth_images(scene, cameras, SamplingOptions(method=method, **sampling)) for method in METHODS.values()
+    ]
+    found = sampling_metrics(scene, cameras, sets, options)
+    return {letter: as_values(m) for letter, m in zip(METHODS, found, strict=True)}
+
+
+def as_values(metrics: SamplingMetrics) -> dict[str, Any]:
+    """Percentages and standard errors; None for nothing out of nothing."""
+    names = ("filled", "truncated", "redundant", "hidden", "hidden_of_all", "useful")
+    values: dict[str, Any] = {name: [percent(share) for share in getattr(metrics, name)] for name in names}
+    least = metrics.least_available
+    return {**values, "available": percent(metrics.mean_available), "least": None if least is None else 100.0 * least}
+
+
+def percent(share: Share) -> tuple[float | None, float]:
+    """Value and standard error in percent."""
+    return None if share.value is None else 100.0 * share.value, 100.0 * share.error
+
+
+def time_methods(scene: Scene, cameras: Cameras, runs: int) -> dict[str, Any]:
+    """Milliseconds of three images by each method with pixel redundancy; the methods take turns."""
+
+    candidates = {
+        letter: partial(sample_depth_images, scene, cameras, SamplingOptions(method=method))
+        for letter, method in METHODS.items()
+    }
+    timings = take_turns(candidates, runs=runs)
+    return {letter: timing.record() for letter, timing in timings.items()}
+
+
+def write_strip(path: Path, pictures: Tensor) -> None:
+    """Linear pictures (B,H,W,3) side by side as one PNG of 512 rows at most."""
+    step = max(1, pictures.shape[1] // 512)
+    count, height, width, _ = pictures.shape
+    rows, columns = height // step, width // step
+    cells = pictures[:, : rows * step, : columns * step].reshape(count, rows, step, columns, step, 3).mean(dim=(2, 4))
+    strip = srgb_from_linear(torch.cat(list(cells), dim=1).clamp(0, 1))
+    image = Picture.fromarray((strip * 255 + 0.5).to(torch.uint8).numpy())
+    write_atomically(path, lambda p: image.save(p, format="PNG"))

@@ -1,0 +1,112 @@
+"""How good a shadow map is: texel density, detached contact shadows, and wrong pixels against ray-cast shadows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from torchrender.buffers import GBuffer, ShadowMap
+from torchrender.checks import check_tensor
+from torchrender.effects.shadows.light_cameras import choose_views, light_view
+from torchrender.effects.shadows.shadow_map import ShadowOptions
+from torchrender.numerics.shadow_compare import depth_bias, project_with_slope
+from torchrender.scene.light import Light, vectors_to
+from torchrender.scene.model import Scene
+from torchrender.shade import shade
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShadowErrors:
+    """Shares of the covered pixels that face the light."""
+
+    false_shadow: float  # dark by more than a half although lit
+    false_light: float
+    mean_error: float  # mean absolute difference of the shadow factors
+
+
+def shadow_errors(visibility: Tensor, reference: Tensor, counted: Tensor) -> ShadowErrors:
+    """Compare shadow factors (B,H,W) over the ``counted`` pixels (B,H,W) bool; all zero if there are none."""
+    for name, value in (("reference", reference), ("counted", counted)):
+        check_tensor(name, value, tuple(visibility.shape))
+    difference = (visibility - reference)[counted].double()
+    total = max(len(difference), 1)
+    return ShadowErrors(
+        false_shadow=float((difference < -0.5).sum()) / total,
+        false_light=float((difference > 0.5).sum()) / total,
+        mean_error=float(difference.abs().sum()) / total,
+    )
+
+
+def naive_shading(scene: Scene, gbuffer: GBuffer, visibility: Tensor) -> Tensor:
+    """The baseline of specification 07, section 5: the shadow factors (B,L,H,W) darken everything, ambient light too.
+
+    Radiance (B,H,W,3) where :func:`torchrender.shade.shade` keeps the ambient part. Several lights count by their mean.
+    """
+    check_tensor("visibility", visibility, (len(gbuffer.cameras), len(scene.lights), *gbuffer.depth.shape[1:]))
+    return shade(scene, gbuffer, None) * visibility.mean(dim=1)[..., None]
+
+
+def aliasing_ratio(gbuffer: GBuffer, shadow_map: ShadowMap) -> Tensor:
+    """Pixels per texel (B,H,W): ``1 / |det d(u,v)/d(pixel)|`` along the visible surface; 0 where empty.
+
+    Above one, several pixels share a texel and stairs show; no filter cures that, only a larger or tighter map. The
+    derivative is exact for the tangent plane of each pixel. Texels seen edge-on count 1e6 at most.
+    """
+    cameras, covered = gbuffer.cameras, gbuffer.covered
+    result = torch.zeros(gbuffer.triangle.shape)
+    centres = cameras.pixel_centres()
+    for index in range(len(cameras)):
+        rows = covered[index]
+        if not bool(rows.any()):
+            continue
+        view = cameras[index]
+        step = torch.zeros(3, int(rows.sum()), 2, dtype=torch.float64)
+        step[1, :, 0] = step[2, :, 1] = 1e-3
+        pixels = centres[rows] + step
+        origins, directions = (x.reshape(3, -1, 3) for x in view.rays(pixels.reshape(1, -1, 2)))
+        point = gbuffer.position[index][rows].double()
+        normal = gbuffer.geometric_normal[index][rows].double()
+        slant = (directions * normal).sum(-1)
+        slant = torch.where(slant.abs() > 1e-12, slant, 1e-12)
+        hit = origins + directions * (((point - origins) * normal).sum(-1) / slant)[..., None]
+        uv = _texels(hit, choose_views(point, shadow_map.cameras, 0.0), shadow_map) / 1e-3
+        along, down = uv[1] - uv[0], uv[2] - uv[0]
+        area = (along[:, 0] * down[:, 1] - along[:, 1] * down[:, 0]).abs()
+        result[index][rows] = (1.0 / area.nan_to_num(0.0).clamp_min(1e-6)).float()
+    return result
+
+
+def contact_displacement(gbuffer: GBuffer, light: Light, shadow_map: ShadowMap, options: ShadowOptions) -> Tensor:
+    """How far the bias can push a contact shadow along the receiver, scene units (B,H,W); 0 where nothing is lit.
+
+    A caster closer than the bias b along the light's ray is missed; on a surface at angle theta to the light that
+    leaves a lit strip of width ``b sin(theta)``.
+    """
+    covered = gbuffer.covered
+    points, normals = gbuffer.position[covered].double(), gbuffer.geometric_normal[covered].double()
+    chosen = choose_views(points, shadow_map.cameras, options.reach + 0.5)
+    to_light = torch.nn.functional.normalize(vectors_to(light, points), dim=-1, eps=1e-30)
+    cosine = (to_light * normals).sum(-1)
+    sine = (1.0 - cosine.square()).clamp_min(0.0).sqrt()
+    k = options.k if options.bias_mode == "slope" else 0.0
+    moved = torch.zeros(len(points), dtype=torch.float64)
+    for index in range(len(shadow_map.cameras)):
+        rows, view = chosen == index, light_view(shadow_map.cameras, index)
+        at = project_with_slope(points[rows], normals[rows], view)
+        bias, _ = depth_bias(at, view.far - view.near, (options.b0, k, options.b_max), options.reach)
+        moved[rows] = bias * sine[rows]
+    image = torch.zeros(gbuffer.triangle.shape)
+    image[covered] = torch.where(cosine > 0, moved, 0.0).float()
+    return image
+
+
+def _texels(points: Tensor, chosen: Tensor, shadow_map: ShadowMap) -> Tensor:
+    """Texel coordinates (K,N,2) of points (K,N,3), each in the view ``chosen`` (N,) for it; NaN behind the light."""
+    uv = torch.full((*points.shape[:2], 2), torch.nan, dtype=torch.float64)
+    for index in range(len(shadow_map.cameras)):
+        rows = chosen == index
+        found, _ = shadow_map.cameras[index].project(points[:, rows].reshape(1, -1, 3))
+        uv[:, rows] = found.reshape(len(points), -1, 2)
+    return uv

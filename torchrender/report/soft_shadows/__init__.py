@@ -1,0 +1,1 @@
+"""Soft shadows against many rays."""

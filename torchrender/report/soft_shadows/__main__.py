@@ -1,0 +1,5 @@
+"""``python -m torchrender.report.soft_shadows``."""
+
+from torchrender.report.soft_shadows.study import main
+
+main()

@@ -1,0 +1,1 @@
+"""Every pass over every hard case."""

@@ -1,0 +1,5 @@
+"""``python -m torchrender.report.stability``."""
+
+from torchrender.report.stability.study import main
+
+main()

@@ -1,0 +1,163 @@
+"""Run every effect over every hard case: ``python -m torchrender.report.stability [--quick]``.
+
+Writes ``docs/results/stability.md`` and ``.json``. Each pair of effect and case is examined once more with one thread
+and with vertices that went through float32; results must be finite, bounded, the same bit by bit whatever the number of
+threads, nearly the same in both precisions, and obey the effect's law. ``tests/hard/test_stability.py`` asserts it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from torchrender.images.files import write_atomically
+from torchrender.kernels.threads import limited_threads
+from torchrender.quality.machine import machine_record
+from torchrender.quality.pages import text_writer
+from torchrender.report.stability.cases import BY_NAME, CASES, HardCase, Subject
+from torchrender.report.stability.effect import HardEffect, Outputs, bounds_error, difference, same
+from torchrender.report.stability.light import LIGHT
+from torchrender.report.stability.mirrors import MIRRORS
+from torchrender.report.stability.numerics import NUMERICS
+from torchrender.report.stability.page import page
+from torchrender.report.stability.samples import SAMPLES
+
+EFFECTS: tuple[HardEffect, ...] = (*LIGHT, *MIRRORS, *SAMPLES)
+"""Everything that is examined. A new effect is one more record here."""
+
+NUMBERS = 2000  # random arguments of each numerical function
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finding:
+    """What came of one effect on one case."""
+
+    effect: str
+    case: str
+    skipped: str | None = None  # why the case says nothing about the effect
+    bounds: str | None = None  # the first value that is not finite or out of bounds
+    repeats: bool = True  # bit by bit the same again, with one thread
+    stored: bool = True  # float32 and float64 tensors of the same numbers give the same bit by bit
+    rounding: float | None = None  # share of values that change when vertices are rounded to float32
+    law: float = 0.0  # deviation from the effect's law
+    twin: float | None = None  # share of values that differ from the case that must look the same
+    seconds: float = 0.0
+    faults: tuple[str, ...] = ()  # what must not be, in words
+
+
+def pairs() -> Iterator[tuple[HardEffect, HardCase]]:
+    """Every effect with every case that differs from the others in what the effect depends on."""
+    for effect in EFFECTS:
+        for case in CASES:
+            if case.about in effect.about:
+                yield effect, case
+
+
+def examine(effect: HardEffect, case: HardCase) -> Finding:
+    """Run an effect on a case in all the ways that must agree."""
+    begin = time.perf_counter()
+    subject = _subject(case.name)
+    reason = effect.skip(subject)
+    if reason is not None:
+        return Finding(effect=effect.name, case=case.name, skipped=reason)
+    found = effect.run(subject)
+    with limited_threads(1):
+        again = effect.run(case.subject())
+    finding = Finding(
+        effect=effect.name,
+        case=case.name,
+        bounds=bounds_error(found, effect.bounds(subject)),
+        repeats=same(found, again),
+        law=effect.law.deviation(subject, found),
+    )
+    if case.about != "light":  # the same vertices as in the first case, seen in the same way
+        rounded = effect.run(_subject(case.name, rounded=True))
+        finding = replace(finding, rounding=difference(found, rounded))
+        if case.twin is not None:  # it holds for all cases or for none: a few will do
+            stored = same(rounded, effect.run(case.subject().stored(torch.float64, rounded=True)))
+            finding = replace(finding, stored=stored)
+    if case.twin is not None and (effect.turns or not case.turned):
+        finding = replace(finding, twin=difference(found, _usual(effect, case.twin)))
+    return replace(finding, faults=tuple(faults(finding, effect)), seconds=time.perf_counter() - begin)
+
+
+def faults(finding: Finding, effect: HardEffect) -> list[str]:
+    """What must not be, in words; empty if all is well."""
+    found = [] if finding.bounds is None else [finding.bounds]
+    found += [] if finding.repeats else ["differs when run again, with one thread"]
+    found += [] if finding.stored else ["depends on the type that vertices are stored in"]
+    limits = {"rounding": effect.rounding, "law": effect.law.limit, "twin": effect.twins}
+    for name, limit in limits.items():
+        value = getattr(finding, name)
+        if value is not None and not value <= limit:  # NaN is a fault
+            found.append(f"{name}: {value:.3g}, limit {limit:g}")
+    return found
+
+
+@lru_cache(maxsize=2 * len(CASES))
+def _subject(case: str, *, rounded: bool = False) -> Subject:
+    """What all effects share of a case; what is run again starts from nothing."""
+    subject = BY_NAME[case].subject()
+    return subject.stored(torch.float32, rounded=True) if rounded else subject
+
+
+@lru_cache(maxsize=len(EFFECTS))
+def _usual(effect: HardEffect, case: str) -> Outputs:
+    """Results on the case that others must look like."""
+    return effect.run(_subject(case))
+
+
+def numbers() -> dict[str, float]:
+    """Largest relative difference between float32 and float64 of every numerical function, on the same arguments."""
+    return {function.name: function.difference(NUMBERS) for function in NUMERICS}
+
+
+def study(quick: bool) -> dict[str, Any]:
+    """All findings; ``quick``: of a few cases."""
+    chosen = [pair for pair in pairs() if not quick or pair[1] in CASES[:4]]
+    findings = []
+    for effect, case in chosen:
+        findings.append(examine(effect, case))
+        if findings[-1].faults:
+            sys.stderr.write(f"{effect.name}, {case.name}: {'; '.join(findings[-1].faults)}\n")
+    return {
+        "machine": machine_record(),
+        "effects": [
+            {
+                "name": e.name, "law": e.law.text, "limit": e.law.limit, "rounding": e.rounding, "twins": e.twins,
+                "modules": e.modules,
+            }
+            for e in EFFECTS
+        ],
+        "cases": [{"name": c.name, "why": c.why, "twin": c.twin} for c in CASES],
+        "findings": [asdict(f) for f in findings],
+        "numerics": numbers(),
+    }  # fmt: skip
+
+
+def main() -> None:
+    """The command; its exit status is 1 if something must not be."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("--quick", action="store_true", help="a few cases, to check that it works")
+    parser.add_argument("-o", "--output", type=Path, default=Path("docs/results"), help="folder to write into")
+    given = parser.parse_args()
+    sys.exit(1 if run(given.output, quick=given.quick) else 0)
+
+
+def run(folder: Path, *, quick: bool = False) -> int:
+    """Write the page and the record; the number of pairs with a fault."""
+    folder.mkdir(parents=True, exist_ok=True)
+    record = study(quick)
+    write_atomically(folder / "stability.json", text_writer(json.dumps(record, indent=1) + "\n"))
+    write_atomically(folder / "stability.md", text_writer(page(record)))
+    sys.stderr.write(f"wrote {folder / 'stability.md'}\n")
+    return sum(bool(finding["faults"]) for finding in record["findings"])

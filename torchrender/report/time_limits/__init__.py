@@ -1,0 +1,1 @@
+"""Who keeps a time limit, and with what picture."""

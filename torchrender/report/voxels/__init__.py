@@ -1,0 +1,1 @@
+"""Voxels: speed and accuracy."""

@@ -1,0 +1,5 @@
+"""``python -m torchrender.report.voxels``."""
+
+from torchrender.report.voxels.study import main
+
+main()

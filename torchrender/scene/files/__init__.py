@@ -1,0 +1,1 @@
+"""Scene files: glTF, OBJ, PLY, STL, MTL, TOML, volumes and textures."""

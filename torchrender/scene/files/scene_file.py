@@ -1,0 +1,266 @@
+"""TOML scene files: what is in the scene, where it stands, what it is made of, what lights it and who looks at it.
+
+A file holds ``name``, ``ambient`` and any number of ``[[geometry]]``, ``[[material]]``, ``[[light]]``, ``[[medium]]``
+and ``[[camera]]`` tables, and at most one ``[environment]``. Every key is checked; entries count from zero in messages.
+Colours are linear RGB (one number or three) or sRGB ``"#rrggbb"``. Paths are relative to the scene file. The keys of
+each table are documented at the function that reads it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from torchrender.errors import SceneFileError
+from torchrender.images.files import read_image
+from torchrender.scene.camera import MAX_SIDE, Cameras, look_at_matrix, pinhole_matrix
+from torchrender.scene.environment import Environment
+from torchrender.scene.files.source import read_bytes
+from torchrender.scene.files.texture_file import as_texture
+from torchrender.scene.files.toml_table import Table, parse_toml
+from torchrender.scene.files.volume_file import read_volume
+from torchrender.scene.light import DirectionalLight, Light, PointLight, RectLight, SpotLight
+from torchrender.scene.material import Material
+from torchrender.scene.medium import Medium
+from torchrender.scene.mesh import Mesh
+from torchrender.scene.model import Scene
+from torchrender.scene.scene_geometry import read_geometry
+
+
+def load_scene_file(path: str | Path) -> Scene:
+    """The scene that a TOML file describes. A file without geometry gives an empty scene.
+
+    Raises:
+        SceneFileError: the file, a key in it or a file it names cannot be used; says which and why.
+    """
+    path = Path(path)
+    table = parse_toml(path, read_bytes(path))
+    name = table.text("name", path.stem)
+    textures: dict[Path, Tensor] = {}
+    materials = [_material(t, textures) for t in table.tables("material")]
+    rows = {m.name: k for k, m in enumerate(materials)}
+    if len(rows) < len(materials):
+        double = next(k for k, m in enumerate(materials) if rows[m.name] != k)
+        raise table.error(f"material[{rows[materials[double].name]}].name", "is used twice")
+    lights = tuple(_light(t) for t in table.tables("light"))
+    cameras = _cameras(table.tables("camera"))
+    media = tuple(_medium(t) for t in table.tables("medium"))
+    environment = _environment(table.table("environment"))
+    names = {"light": "lights", "camera": "cameras", "medium": "media"}
+    defined = frozenset(names.get(k, k) for k in (*names, "environment", "ambient") if k in table)
+    scene = Scene(
+        materials=tuple(materials),
+        lights=lights,
+        cameras=cameras,
+        media=media,
+        environment=environment,
+        ambient=table.color("ambient", torch.zeros(3)),
+        name=name,
+    )
+    for entry in table.tables("geometry"):
+        part, override = read_geometry(entry, rows, defined)
+        scene = _joined(scene, part, override)
+    table.finish()
+    return scene if scene.materials else replace(scene, materials=(Material(name="default"),))
+
+
+def _joined(scene: Scene, part: Scene, override: int | None) -> Scene:
+    """Both scenes in one: materials and objects of ``part`` come behind those of ``scene``, which wins elsewhere."""
+    offset = len(scene.materials)
+    first = 1 + max((_object(k, m) for k, m in enumerate(scene.meshes)), default=-1)
+    meshes = [
+        replace(m, material=m.material + offset if override is None else override, object_id=first + _object(k, m))
+        for k, m in enumerate(part.meshes)
+    ]
+    return replace(
+        scene,
+        meshes=(*scene.meshes, *meshes),
+        materials=scene.materials if override is not None else (*scene.materials, *part.materials),
+        lights=(*scene.lights, *part.lights),
+        media=(*scene.media, *part.media),
+        cameras={**scene.cameras, **{k: v for k, v in part.cameras.items() if k not in scene.cameras}},
+        environment=scene.environment or part.environment,
+        ambient=scene.ambient if bool((scene.ambient > 0).any()) else part.ambient,
+    )
+
+
+def _object(index: int, mesh: Mesh) -> int:
+    return index if mesh.object_id is None else mesh.object_id
+
+
+def _material(table: Table, textures: dict[Path, Tensor]) -> Material:
+    """Keys as :class:`~torchrender.scene.material.Material`; ``texture`` names a picture, ``name`` is required."""
+    name = table.text("name")
+    path = table.file("texture", None)
+    if path is not None and path not in textures:
+        textures[path] = as_texture(_picture(table, "texture", path))
+    with table.reporting():
+        material = Material(
+            name=name,
+            # A texture is shown as it is unless a colour is given.
+            diffuse=table.color("diffuse", torch.full((3,), 0.8 if path is None else 1.0)),
+            diffuse_texture=None if path is None else textures[path],
+            specular=table.number("specular", 0.0, 0.0, 1.0),
+            specular_color=table.color("specular_color", torch.ones(3)),
+            gloss=table.number("gloss", 0.0, 0.0, 1.0),
+            shininess=table.number("shininess", 32.0, 0.0, 1e6),
+            emission=table.color("emission", torch.zeros(3)),
+            alpha_cutoff=table.number("alpha_cutoff", None, 0.0, 1.0),
+        )
+    table.finish()
+    return material
+
+
+def _picture(table: Table, key: str, path: Path) -> Tensor:
+    try:
+        return read_image(path)
+    except SceneFileError as error:
+        raise table.error(key, str(error)) from error
+
+
+def _light(table: Table) -> Light:
+    """``type`` is point, directional, spot or rect; keys as in :mod:`~torchrender.scene.light`.
+
+    Directional and spot lights take ``target`` in place of ``direction``; a directional light with a target also
+    takes the ``position`` it looks from.
+    """
+    kind = table.choice("type", tuple(_LIGHTS))
+    name = table.text("name", kind)
+    with table.reporting():
+        light = _LIGHTS[kind](table, name)
+    table.finish()
+    return light
+
+
+def _direction(table: Table, position: Tensor | None) -> Tensor:
+    if ("target" in table) == ("direction" in table):
+        raise table.error("", "needs either direction or target")
+    if "direction" in table:
+        key, direction = "direction", table.vector("direction")
+    else:
+        if position is None:
+            position = table.vector("position")
+        key, direction = "target", table.vector("target") - position
+    if not direction.norm() > 0:
+        raise table.error(key, "gives no direction: its length is zero")
+    return direction
+
+
+def _point(table: Table, name: str) -> Light:
+    return PointLight(position=table.vector("position"), intensity=table.color("intensity", torch.ones(3)), name=name)
+
+
+def _directional(table: Table, name: str) -> Light:
+    irradiance = table.color("irradiance", torch.ones(3))
+    return DirectionalLight(direction=_direction(table, None), irradiance=irradiance, name=name)
+
+
+def _spot(table: Table, name: str) -> Light:
+    position = table.vector("position")
+    outer = table.number("outer_deg", 30.0, 0.1, 89.0)
+    return SpotLight(
+        position=position,
+        direction=_direction(table, position),
+        intensity=table.color("intensity", torch.ones(3)),
+        inner_deg=table.number("inner_deg", min(20.0, outer), 0.0, outer),
+        outer_deg=outer,
+        name=name,
+    )
+
+
+def _rect(table: Table, name: str) -> Light:
+    return RectLight(
+        corner=table.vector("corner"),
+        edge_u=table.vector("edge_u"),
+        edge_v=table.vector("edge_v"),
+        radiance=table.color("radiance", torch.ones(3)),
+        name=name,
+    )
+
+
+_LIGHTS: dict[str, Callable[[Table, str], Light]] = {
+    "point": _point,
+    "directional": _directional,
+    "spot": _spot,
+    "rect": _rect,
+}
+
+
+def _environment(table: Table | None) -> Environment | None:
+    """``file`` (latitude-longitude picture) or ``color``; ``intensity``, ``rotation_deg``."""
+    if table is None:
+        return None
+    if ("file" in table) == ("color" in table):
+        raise table.error("", "needs either file or color")
+    intensity, rotation = table.number("intensity", 1.0, 0.0), table.number("rotation_deg", 0.0)
+    if "color" in table:
+        radiance, name = table.color("color").reshape(1, 1, 3), "constant"
+    else:
+        path = table.file("file")
+        radiance, name = as_texture(_picture(table, "file", path))[..., :3].contiguous(), path.stem
+        # A few negative texels come from filtering in the program that wrote the picture.
+        radiance = radiance.clamp_min(0.0)
+    table.finish()
+    with table.reporting():
+        return Environment(radiance=radiance, intensity=intensity, rotation_deg=rotation, name=name)
+
+
+def _medium(table: Table) -> Medium:
+    """Keys as :class:`~torchrender.scene.medium.Medium`; ``density`` is a number, ``density_file`` a grid file."""
+    density = table.number("density", 1.0, 0.0)
+    path = table.file("density_file", None)
+    if path is not None:
+        try:
+            density = read_volume(path) * density
+        except SceneFileError as error:
+            raise table.error("density_file", str(error)) from error
+    with table.reporting():
+        medium = Medium(
+            low=table.vector("low"),
+            high=table.vector("high"),
+            absorption=table.color("absorption", torch.zeros(3)),
+            scattering=table.color("scattering", torch.full((3,), 0.1)),
+            emission=table.color("emission", torch.zeros(3)),
+            asymmetry=table.number("asymmetry", 0.0, -0.99, 0.99),
+            density=density,
+            name=table.text("name", "medium"),
+        )
+    table.finish()
+    return medium
+
+
+def _cameras(tables: list[Table]) -> dict[str, Cameras]:
+    """``eye``, ``target``; ``name``, ``up``, ``near``, ``far``, ``width``, ``height``, and either ``fov_deg``
+    (vertical) or, for an orthographic camera, ``view_height`` in scene units. The first camera is the default.
+    """
+    cameras: dict[str, Cameras] = {}
+    for k, table in enumerate(tables):
+        name = table.text("name", f"camera {k}")
+        if name in cameras:
+            raise table.error("name", f"{name!r} is used twice")
+        cameras[name] = _camera(table)
+        table.finish()
+    return cameras
+
+
+def _camera(table: Table) -> Cameras:
+    eye, target = table.vector("eye"), table.vector("target")
+    up = table.vector("up", 3, torch.tensor([0.0, 1.0, 0.0], dtype=torch.float64))
+    width, height = table.integer("width", 1280, 1, MAX_SIDE), table.integer("height", 720, 1, MAX_SIDE)
+    flat = "view_height" in table
+    if flat and "fov_deg" in table:
+        raise table.error("fov_deg", "does not go with view_height: the camera is orthographic")
+    near, far = table.number("near", 0.01), table.number("far", 1e6 if flat else math.inf)
+    with table.reporting():
+        if not flat:
+            fov = table.number("fov_deg", 50.0, 0.01, 179.0)
+            return Cameras.look_at(eye, target, width=width, height=height, fov_deg=fov, up=up, near=near, far=far)
+        scale = height / table.number("view_height", low=1e-12)
+        k = pinhole_matrix(scale, scale, width / 2, height / 2)[None]
+        low, high = (torch.tensor(v, dtype=torch.float64) for v in (near, far))
+        return Cameras(look_at_matrix(eye, target, up)[None], k, width, height, low, high, orthographic=True)

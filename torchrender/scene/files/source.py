@@ -1,0 +1,70 @@
+"""Where scenes come from: mesh files by suffix, built-in procedural scenes by name."""
+
+from __future__ import annotations
+
+import difflib
+from pathlib import Path
+
+from torchrender.checks import check_range
+from torchrender.errors import InputError, SceneFileError
+from torchrender.scene.model import Scene
+
+MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl")
+SCENE_SUFFIX = ".toml"
+SUPPORTED = ", ".join((SCENE_SUFFIX, *MESH_SUFFIXES))
+MAX_FILE_BYTES = 2**31
+MAX_SIZE = 50_000_000
+
+
+def load_mesh_file(path: Path) -> Scene:
+    """A GLB, glTF, OBJ, PLY or STL file as a scene; errors as :func:`~torchrender.scene.load.load`."""
+    suffix = path.suffix.lower()
+    if suffix not in MESH_SUFFIXES:
+        raise SceneFileError(path, f"no mesh file; supported: {', '.join(MESH_SUFFIXES)}")
+    data = read_bytes(path)
+    # Each reader brings libraries that take a visible share of a program's start: only the one wanted is loaded.
+    if suffix in (".glb", ".gltf"):
+        from torchrender.scene.files.gltf import read_gltf
+
+        return read_gltf(path, data)
+    from torchrender.scene.files.mesh_file import read_mesh_file
+
+    return read_mesh_file(path, data)
+
+
+def read_bytes(path: Path) -> bytes:
+    """The content of a file.
+
+    Raises:
+        SceneFileError: missing, a folder, unreadable, empty or larger than ``MAX_FILE_BYTES``.
+    """
+    try:
+        size = path.stat().st_size
+        if path.is_file() and size > MAX_FILE_BYTES:
+            raise SceneFileError(path, f"has {size} bytes, the limit is {MAX_FILE_BYTES}")
+        data = path.read_bytes()
+    except FileNotFoundError as error:
+        raise SceneFileError(path, "no such file") from error
+    except OSError as error:
+        raise SceneFileError(path, error.strerror or str(error)) from error
+    if not data:
+        raise SceneFileError(path, "the file is empty")
+    return data
+
+
+def build_procedural(name: str, triangles: int | None = None, seed: int = 0) -> Scene:
+    """A built-in scene by name.
+
+    Raises:
+        InputError: unknown name; the message lists the known ones.
+    """
+    # Building scenes is slower to import than reading files, and not every program needs it.
+    from torchrender.scene.procedural import SCENES, build
+
+    if name not in SCENES:
+        near = difflib.get_close_matches(name, SCENES, n=1)
+        hint = f"; did you mean {near[0]!r}?" if near else ""
+        raise InputError(f"no scene is named {name!r}; known: {', '.join(sorted(SCENES))}; files: {SUPPORTED}{hint}")
+    if triangles is not None:
+        check_range("size", triangles, 1, MAX_SIZE)
+    return build(name, triangles=triangles, seed=seed)

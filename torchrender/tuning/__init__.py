@@ -1,0 +1,1 @@
+"""Measures what every setting costs and errs by, on this machine."""

@@ -1,0 +1,189 @@
+"""Curves measured on this machine: weights of the cost models, errors of every setting, and how errors add up.
+
+Times are fitted to pictures of several scenes and sizes, with all knobs turned step by step together, in short
+sequences: every pass of every picture is one observation. Errors are those of ``tradeoff_measure``.
+"""
+
+from __future__ import annotations
+
+import statistics
+from collections import defaultdict
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from scipy.optimize import nnls
+
+from torchrender import __version__
+from torchrender.passes.table import PASSES
+from torchrender.pipeline.history import RenderHistory
+from torchrender.pipeline.options import RenderOptions
+from torchrender.planning.curves import FORMAT, Curves, scene_key
+from torchrender.quality.machine import machine_record
+from torchrender.quality.metrics import flip
+from torchrender.renderer import render
+from torchrender.scene.camera import Cameras
+from torchrender.scene.model import Scene
+from torchrender.tuning.measure import FRAMES, Measured, measure_pass, views_of
+
+Observations = dict[tuple[str, str], list[tuple[str, tuple[float, ...], float]]]
+"""Scene, amounts of work and milliseconds, by pass and setting."""
+
+STEPS = max(len(step.knob.settings) for step in PASSES)
+SIZES = (128, 256, 512)
+NORMS = np.arange(0.75, 3.01, 0.05)
+
+SHORTEST_MS = 0.5
+"""Times below count as this in relative errors: nobody plans with them."""
+
+Tell = Callable[[str], None]
+
+
+def calibrate(scenes: Sequence[Scene], *, size: int = 512, known: Curves | None = None, tell: Tell) -> dict[str, Any]:
+    """Curves as a JSON object, for :func:`torchrender.planning.curves.parse_curves`.
+
+    Args:
+        size: pixels of a side of the pictures that errors are taken of, and of the largest that are timed.
+        known: curves whose errors are taken over for the scenes that they hold: errors do not depend on the machine.
+        tell: is told what was done, a line at a time.
+    """
+    errors: dict[str, Any] = {}
+    joint: list[tuple[list[float], float]] = []
+    seen: Observations = defaultdict(list)
+    for scene in scenes:
+        key = scene_key(scene)
+        if known is not None and key in known.scenes:
+            errors[key] = known.scenes[key]["passes"]
+        else:
+            errors[key] = errors_of(scene, views_of(scene, size))
+            joint += joint_errors(scene, size, errors[key])
+            tell(f"{scene.name}: errors measured")
+        for name, values in times_of(scene, [s for s in SIZES if s < size] + [size]).items():
+            seen[name] += values
+        tell(f"{scene.name}: times measured")
+    return curves_from(errors, seen, fit_norm(joint) if joint or known is None else known.norm)
+
+
+def errors_of(scene: Scene, views: Sequence[Cameras]) -> dict[str, dict[str, dict[str, Any]]]:
+    """Records of every setting of every pass that has something to do."""
+    found: dict[str, dict[str, Measured]] = {step.name: measure_pass(scene, views, step)[0] for step in PASSES}
+    return {
+        name: {setting: measured.record() for setting, measured in settings.items()}
+        for name, settings in found.items()
+        if settings
+    }
+
+
+def at_step(number: int, base: RenderOptions | None = None, first: str | None = None) -> RenderOptions:
+    """All knobs at their setting ``number`` (those with fewer stay at their last), the first pass at ``first``."""
+    options = base or RenderOptions()
+    for step in PASSES:
+        names = step.knob.names
+        name = names[min(number, len(names) - 1)]
+        if step.name == PASSES[0].name and first is not None:
+            name = first
+        options = step.knob.setting(name).applied(options)
+    return options
+
+
+def times_of(scene: Scene, sizes: Sequence[int]) -> Observations:
+    """What passes took in short sequences at every step of the knobs and several sizes."""
+    found: Observations = defaultdict(list)
+    for size in sizes:
+        view = views_of(scene, size, 1)[0]
+        for number in range(STEPS):
+            # The knob of the first pass at small and large pictures; its last setting at small ones, for it is slow.
+            turned = size == sizes[0] or (size == sizes[-1] and number < STEPS - 1)
+            options = replace(at_step(number, first=None if turned else "1"), reuse=None)
+            _observe(scene, view, options, found)
+        for number in range(2):  # traced reflections, used again by either setting
+            _observe(scene, view, replace(at_step(number, first="1"), reflections="traced"), found)
+        for number in (1, 3):  # those that sort the triangles by themselves: shadows come from maps
+            sorting = replace(at_step(number, first="1"), point_shadows="maps", reuse=None)
+            ways = ({"reflections": "traced"}, {"reflection": replace(sorting.reflection, missing="trace")})
+            for way in ways:
+                _observe(scene, view, replace(sorting, area_shadows="pcss", **way), found)
+    return found
+
+
+def _observe(scene: Scene, view: Cameras, options: RenderOptions, found: Observations) -> None:
+    history = RenderHistory()
+    for number in range(FRAMES):
+        image = render(scene, view[number], options=options, history=history)
+        history = image.history or RenderHistory()
+        assert image.plan is not None
+        for row in image.plan.running:
+            if row.amounts is not None and any(row.amounts) and row.measured_ms is not None:
+                found[row.name, row.setting].append((scene_key(scene), row.amounts, row.measured_ms))
+
+
+def joint_errors(
+    scene: Scene, size: int, errors: Mapping[str, Mapping[str, Mapping[str, Any]]]
+) -> list[tuple[list[float], float]]:
+    """Errors of the passes alone, and of the picture with all of them, for every step of the knobs."""
+    view = views_of(scene, size, 1)[0][:1]
+    exact = RenderOptions(reuse=None)
+    for step in PASSES:
+        exact = step.knob.reference.applied(exact)
+    wanted = render(scene, view, options=exact).displayed()
+    found = []
+    for number in range(STEPS - 1):
+        image = render(scene, view, options=replace(at_step(number), reuse=None))
+        assert image.plan is not None
+        alone = [
+            float(errors[row.name][row.setting]["flip"])
+            for row in image.plan.running
+            # A plan predicts no error for a setting that does not show.
+            if row.setting in errors.get(row.name, {}) and row.predicted_error
+        ]
+        found.append((alone, float(flip(image.displayed(), wanted)[0])))
+    return found
+
+
+def curves_from(
+    errors: Mapping[str, Any], seen: Mapping[tuple[str, str], Sequence[Any]], norm: float
+) -> dict[str, Any]:
+    """Curves as a JSON object: fits weights by pass and setting, and ratios by scene."""
+    weights: dict[str, dict[str, list[float]]] = {}
+    ratios: dict[str, dict[str, dict[str, float]]] = defaultdict(lambda: defaultdict(dict))
+    for step in PASSES:
+        everything = [row for s in step.knob.settings for row in seen.get((step.name, s.name), ())]
+        for setting in step.knob.settings:
+            rows = everything if step.one_cost else seen.get((step.name, setting.name), ())
+            if not rows:
+                continue
+            fitted = fit([r[1] for r in rows], [r[2] for r in rows])
+            weights.setdefault(step.name, {})[setting.name] = [float(f"{w:.6g}") for w in fitted]
+            for scene in {r[0] for r in rows}:
+                own = [_slower(ms, float(np.dot(fitted, a))) for s, a, ms in rows if s == scene]
+                ratios[scene][step.name][setting.name] = round(statistics.median(own), 3)
+    return {
+        "format": FORMAT,
+        "torchrender": __version__,
+        "machine": machine_record(),
+        "norm": norm,
+        "weights": weights,
+        "scenes": {scene: {"passes": passes, "ratios": ratios.get(scene, {})} for scene, passes in errors.items()},
+    }
+
+
+def _slower(measured_ms: float, predicted_ms: float) -> float:
+    return max(measured_ms, SHORTEST_MS) / max(predicted_ms, SHORTEST_MS)
+
+
+def fit(amounts: Sequence[Sequence[float]], times_ms: Sequence[float]) -> np.ndarray:
+    """Weights, none negative, with the least squared *relative* errors of ``amounts @ weights``."""
+    times = np.asarray(times_ms, float)
+    scale = np.maximum(times, SHORTEST_MS)
+    weights, _ = nnls(np.asarray(amounts, float) / scale[:, None], times / scale)
+    return np.asarray(weights)
+
+
+def fit_norm(joint: Sequence[tuple[Sequence[float], float]]) -> float:
+    """The exponent p of ``(sum e^p)^(1/p)`` with the least squared logarithm of predicted by measured error."""
+    pairs = [(np.asarray(alone, float), whole) for alone, whole in joint if whole > 1e-6 and max(alone, default=0) > 0]
+    if not pairs:
+        return 1.5
+    cost = [sum(np.log(np.sum(alone**p) ** (1 / p) / whole) ** 2 for alone, whole in pairs) for p in NORMS]
+    return round(float(NORMS[int(np.argmin(cost))]), 2)

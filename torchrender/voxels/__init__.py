@@ -1,0 +1,1 @@
+"""Scenes as voxels, and their drawing."""

@@ -1,0 +1,101 @@
+"""Surface voxels of triangle meshes, each triangle once. Source: specification 05, section 4."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from torchrender.checks import check_choice, check_finite, check_tensor
+from torchrender.errors import InputError
+from torchrender.kernels.compile import thread_count, view
+from torchrender.kernels.voxels.surface import classify, mark_surface
+from torchrender.voxels.grid import WORD, VoxelGrid, Voxels, empty_words, flat
+
+MODES = ("conservative", "thin")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SurfaceOptions:
+    """``conservative`` marks every cell whose closed box meets a triangle: no leaks. ``thin`` samples the dominant axis
+    at the centres of cell columns, as the source does: fewer cells, and triangles smaller than a column may vanish.
+
+    Raises:
+        OptionError: an unknown mode.
+    """
+
+    mode: str = "conservative"
+
+    def __post_init__(self) -> None:
+        check_choice("mode", self.mode, MODES)
+
+
+def voxelize_surface(vertices: Tensor, faces: Tensor, grid: VoxelGrid, options: SurfaceOptions | None = None) -> Voxels:
+    """Cells that the triangles meet.
+
+    Args:
+        vertices: (B,V,3) float, scene units.
+        faces: (F,3) integer, shared by the batch.
+        grid: B grids; parts of the mesh outside are left out.
+
+    Returns:
+        Voxels, with ``stats``: ``pairs`` of triangle and cell, and ``flat`` triangles, which have no area and are
+        skipped.
+
+    Raises:
+        InputError: wrong shapes, vertices that are not finite, faces that name missing vertices.
+    """
+    options = options or SurfaceOptions()
+    points, triangles = checked_mesh(vertices, faces, grid)
+    words = empty_words(grid)
+    tally = np.zeros(3, np.int64)
+    for b in range(len(grid)):
+        tally[0] = 0
+        thin = options.mode == "thin"
+        mark_surface(points[b], triangles, place(grid, b), thin, room(grid), thread_count(), flat(words[b]), tally)
+    return Voxels(words, grid, {"pairs": int(tally[1]), "flat": int(tally[2])})
+
+
+def dominant_axes(vertices: Tensor, faces: Tensor) -> Tensor:
+    """(F,) int8 axis in which each triangle's projection is largest (the lowest wins ties), -1 without area."""
+    points, triangles = _checked(vertices[None], faces)
+    axes = np.zeros(len(triangles), np.int8)
+    classify(points[0], triangles, axes)
+    return torch.from_numpy(axes)
+
+
+def checked_mesh(vertices: Tensor, faces: Tensor, grid: VoxelGrid) -> tuple[np.ndarray, np.ndarray]:
+    """(B,V,3) float64 and (F,3) int32 for the kernels.
+
+    Raises:
+        InputError: as in :func:`voxelize_surface`.
+    """
+    check_tensor("vertices", vertices, (len(grid), "V", 3))
+    return _checked(vertices, faces)
+
+
+def _checked(vertices: Tensor, faces: Tensor) -> tuple[np.ndarray, np.ndarray]:
+    check_tensor("vertices", vertices, ("B", "V", 3))
+    check_finite("vertices", vertices)
+    check_tensor("faces", faces, ("F", 3))
+    if faces.is_floating_point():
+        raise InputError(f"faces must be integers, got {faces.dtype}")
+    if faces.numel():
+        low, high = (int(x) for x in torch.aminmax(faces))
+        if low < 0 or high >= vertices.shape[1]:
+            raise InputError(f"faces must index {vertices.shape[1]} vertices, got {low} to {high}")
+    return view(vertices, np.float64), view(faces, np.int32)
+
+
+def place(grid: VoxelGrid, batch: int) -> tuple[np.ndarray, float, np.ndarray]:
+    """Origin, cells per unit, and nx, ny, nz and bits per row of one grid, for the kernels."""
+    dims = np.array([*grid.dims, grid.words * WORD], np.int64)
+    return grid.origin[batch].numpy(), 1.0 / float(grid.cell[batch]), dims
+
+
+def room(grid: VoxelGrid) -> int:
+    """Most cells that one triangle can meet: four in each column of its dominant axis, and some."""
+    nx, ny, nz = grid.dims
+    return 6 * max(nx * ny, ny * nz, nz * nx) + 64

@@ -1,0 +1,48 @@
+"""Cameras of messages as cameras of the renderer, and back."""
+
+from __future__ import annotations
+
+import torch
+
+from torchrender.errors import CameraError
+from torchrender.scene.camera import Cameras
+from torchrender.wire.messages import CameraHeader
+
+RIGID_TOLERANCE = 1e-3
+
+
+def cameras_of(header: CameraHeader) -> Cameras:
+    """One camera.
+
+    Raises:
+        CameraError: ``world_from_camera`` is no rotation and translation.
+    """
+    matrix = torch.tensor(header.world_from_camera, dtype=torch.float64).reshape(4, 4)
+    rotation = matrix[:3, :3]
+    off = float((rotation @ rotation.T - torch.eye(3, dtype=torch.float64)).abs().max())
+    last = torch.tensor([0.0, 0.0, 0.0, 1.0], dtype=torch.float64)
+    if not off <= RIGID_TOLERANCE or float(torch.linalg.det(rotation)) < 0 or not torch.equal(matrix[3], last):
+        raise CameraError("world_from_camera must be a rotation and a translation, row by row")
+    # Clients compute in single precision: the nearest rotation makes it exact again.
+    u, _, v = torch.linalg.svd(rotation)
+    pose = torch.eye(4, dtype=torch.float64)
+    pose[:3, :3] = (u @ v).T
+    pose[:3, 3] = -(u @ v).T @ matrix[:3, 3]
+    k = torch.tensor([[header.fx, 0.0, header.cx], [0.0, header.fy, header.cy], [0.0, 0.0, 1.0]], dtype=torch.float64)
+    near, far = torch.tensor(header.near, dtype=torch.float64), torch.tensor(torch.inf, dtype=torch.float64)
+    return Cameras(pose[None], k[None], header.width, header.height, near, far)
+
+
+def header_of(camera: Cameras) -> CameraHeader:
+    """The header of a single perspective camera."""
+    k = camera.intrinsics[0]
+    return CameraHeader(
+        world_from_camera=tuple(camera.world_from_camera[0].reshape(-1).tolist()),
+        fx=float(k[0, 0]),
+        fy=float(k[1, 1]),
+        cx=float(k[0, 2]),
+        cy=float(k[1, 2]),
+        width=camera.width,
+        height=camera.height,
+        near=float(camera.near[0]),
+    )
