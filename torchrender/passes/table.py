@@ -50,10 +50,10 @@ def _knob(
     return Knob(name, made, made[-1] if reference is None else Setting(*reference), Setting("context", context or {}))
 
 
-def _clustered(m: float, scale: float, missing: str) -> dict[str, Any]:
+def _clustered(bin_factor: float, scale: float, missing: str) -> dict[str, Any]:
     return {
         "reflections": "clustered",
-        "reflection.m": m,
+        "reflection.bin_factor": bin_factor,
         "reflection.image_scale": scale,
         "reflection.missing": missing,
     }
