@@ -24,7 +24,7 @@ from torchrender.report.stability.cases import SHADOW, Subject
 from torchrender.report.stability.effect import SHAPE, VIEW, HardEffect, Law, Outputs, difference, displayed
 from torchrender.shade import shade
 
-FEW = ClusterOptions(m=0.25)
+FEW = ClusterOptions(bin_factor=0.25)
 
 Bounds = Mapping[str, tuple[float, float]]
 
