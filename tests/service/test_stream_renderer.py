@@ -42,7 +42,7 @@ def job(scene, number: int = 0, **rest) -> MakeKeyframe:
         "time_ms": 0.0,
         "camera": header_of(scene.camera(width=64, height=48)),
         "still": False,
-        "layers": 0,
+        "extra_layers": 0,
         "direction": (0.0, 0.0, 0.0),
         "baseline": 0.0,
         "color": "jpeg",
@@ -96,7 +96,7 @@ STILL = {"still": True, "bounds": Bounds(), "color": "webp", "quality": 100}
 
 def test_a_refinement_becomes_the_mean_of_five_pictures(scene) -> None:
     renderer = StreamRenderer()
-    first = picture_of(renderer.make(scene, job(scene, 1, layers=2, **STILL))["messages"][0])
+    first = picture_of(renderer.make(scene, job(scene, 1, extra_layers=2, **STILL))["messages"][0])
     assert first.header.samples == 1
     renderer.make_layers(MakeLayers(session="one", id=1))
     steps = [renderer.smooth(SmoothKeyframe(session="one", id=2)) for _ in ASIDE]
