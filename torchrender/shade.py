@@ -32,12 +32,12 @@ NEAREST_LIGHT = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class _Tables:
-    """The M materials of a scene, side by side."""
+    """The M materials of a scene as shading reads them."""
 
-    diffuse: Tensor  # (M,3)
-    specular: Tensor  # (3,M) degree times tint
-    shininess: Tensor  # (M,)
-    emission: Tensor  # (3,M)
+    diffuse: Tensor  # (M+1,3)
+    specular: Tensor  # (3,M+1) degree times tint
+    shininess: Tensor  # (M+1,)
+    emission: Tensor  # (3,M+1)
     textures: tuple[Tensor | None, ...]
     origin: Tensor  # (3,) float64 world space: where float32 positions are finest
 
@@ -46,16 +46,16 @@ class _Tables:
         """Positions are finest at the scene's centre, or with perspective cameras where the first one stands: what is
         near it must not suffer from a backdrop far away. An eye outside the scene's box counts as being at its side.
         """
-        materials, bounds = scene.materials, scene.bounds
+        table, bounds = scene.material_table, scene.bounds
         origin = bounds.mean(dim=0)
         if cameras is not None and not cameras.orthographic:
             origin = torch.minimum(torch.maximum(cameras.eye[0], bounds[0]), bounds[1])
         return cls(
-            diffuse=torch.stack([m.diffuse for m in materials]),
-            specular=torch.stack([m.specular * m.specular_color for m in materials], dim=1),
-            shininess=torch.tensor([m.shininess for m in materials]),
-            emission=torch.stack([m.emission for m in materials], dim=1),
-            textures=tuple(m.diffuse_texture for m in materials),
+            diffuse=table.diffuse,
+            specular=table.highlight.T.contiguous(),
+            shininess=table.shininess,
+            emission=table.emission.T.contiguous(),
+            textures=tuple(m.diffuse_texture for m in scene.materials),
             origin=origin,
         )
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from torchrender.kernels.compile import view as numpy_view
+from torchrender.arrays import view as numpy_view
 from torchrender.kernels.raster.project import visible_clusters
 from torchrender.pipeline.options import RenderOptions
 from torchrender.scene.camera import Cameras

@@ -68,7 +68,6 @@ class HitShader:
             None if cascaded and isinstance(light, DirectionalLight) else made
             for light, made in zip(scene.lights, maps, strict=True)
         ]
-        self._mirrors = torch.tensor([m.is_reflector for m in scene.materials] + [False])
 
     def __call__(self, rays: ReflectedRays, hits: RayHits) -> Tensor:
         """Radiance (N,3) towards the rays' origins."""
@@ -111,7 +110,7 @@ class HitShader:
         width = rays.width[rows] + rays.spread[rows] * found.t
         surface = ray_surface(self.scene, rays.origin[rows], direction, found, width)
         radiance = shade_hits(self.scene, surface, self._visibility(surface))
-        mirrors = self._mirrors[surface.material].nonzero().reshape(-1)
+        mirrors = self.scene.material_table.is_reflector[surface.material].nonzero().reshape(-1)
         if len(mirrors):
             normal = surface.normal[mirrors]
             onward = reflect(-surface.to_eye[mirrors], normal)

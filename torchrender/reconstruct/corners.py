@@ -11,10 +11,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchrender.arrays import view
 from torchrender.buffers import DepthImages
 from torchrender.checks import check_range, check_tensor
 from torchrender.errors import InputError
-from torchrender.kernels.compile import thread_count, view
+from torchrender.kernels.compile import thread_count
 from torchrender.kernels.warp import corners as kernels
 
 SAME_VIEW = 1e-6  # pixels that an offset camera may be off

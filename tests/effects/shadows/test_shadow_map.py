@@ -11,7 +11,7 @@ import torch
 
 from shadow_scenes import box, edge_distance, flat_image, floor, on_plane, plane_map, quad
 from torchrender.buffers import ShadowMap
-from torchrender.effects import shadow_map as module
+from torchrender.effects.shadows import shadow_map as module
 from torchrender.effects.shadows.light_cameras import light_cameras
 from torchrender.effects.shadows.shadow_map import (
     FILTERS,

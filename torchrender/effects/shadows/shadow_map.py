@@ -15,11 +15,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchrender.arrays import view as numpy_view
 from torchrender.buffers import GBuffer, ShadowMap
 from torchrender.checks import check_choice, check_range, check_tensor
 from torchrender.effects.shadows.light_cameras import cascade_cameras, choose_views, light_cameras, light_view
 from torchrender.errors import InputError, OptionError
-from torchrender.kernels.compile import view as numpy_view
 from torchrender.kernels.shadows.shadow_lookup import AVERAGE_DEPTH, DISC, NEAREST_TEXEL, PCSS, WINDOW, shadow_lookup
 from torchrender.kernels.shadows.shadow_receiver import CONSTANT, RECEIVER_PLANE, SLOPE, LookupSettings
 from torchrender.numerics.shadow_compare import depth_bias, disc_points, project_with_slope, soft_window

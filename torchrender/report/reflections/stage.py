@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchrender.arrays import view
 from torchrender.buffers import GBuffer, RayHits, ReflectionLayer
 from torchrender.effects.reflections.clustered import ClusteredReflections, ClusterOptions, clustered_reflections
 from torchrender.effects.reflections.reflectors import (
@@ -23,7 +24,7 @@ from torchrender.effects.reflections.reflectors import (
 )
 from torchrender.effects.reflections.traced import TraceOptions, environment_reflections, trace_reflections
 from torchrender.effects.shadows.shadow_map import ShadowOptions, lights_visibility, render_shadow_map
-from torchrender.kernels.compile import thread_count, view
+from torchrender.kernels.compile import thread_count
 from torchrender.numerics.color import srgb_from_linear
 from torchrender.pipeline.hit_shader import HitShader
 from torchrender.raster import rasterize
