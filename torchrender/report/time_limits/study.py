@@ -42,9 +42,9 @@ BEST = RenderOptions(area_shadows="sampled", point_shadows="traced", supersample
 """torchrender without a limit, as accurate as it gets on scenes without mirrors."""
 
 PEERS = {
-    "Mitsuba": ("time_limit_mitsuba", {"variant": "scalar_rgb"}),
-    "Mitsuba, LLVM": ("time_limit_mitsuba", {"variant": "llvm_ad_rgb"}),
-    "Blender Cycles": ("time_limit_cycles", {}),
+    "Mitsuba": ("time_limits.mitsuba", {"variant": "scalar_rgb"}),
+    "Mitsuba, LLVM": ("time_limits.mitsuba", {"variant": "llvm_ad_rgb"}),
+    "Blender Cycles": ("time_limits.cycles", {}),
 }
 REFERENCE = "reference"
 PATIENCE = 1200.0  # seconds after which a process is given up
