@@ -85,7 +85,7 @@ class StreamRenderer:
         render_ms = 1e3 * (time.perf_counter() - begin)
         depth = image.visibility.depth[0]
         typical = typical_depth(depth)
-        around = cameras_around(camera, depth, job.layers, direction=job.direction, baseline=job.baseline)
+        around = cameras_around(camera, depth, job.extra_layers, direction=job.direction, baseline=job.baseline)
         stamp = Stamp(
             id=job.id,
             layers=1 + len(around),
@@ -108,7 +108,7 @@ class StreamRenderer:
         state.packing_ms = 1e3 * (time.perf_counter() - begin) - render_ms
         return {
             "messages": [message],
-            "layers": len(around),
+            "extra_layers": len(around),
             "typical_depth": typical,
         }
 
@@ -151,7 +151,7 @@ class StreamRenderer:
         depth, light = begun.image.visibility.depth[0], refined.light / refined.count
         message = first_message(stamp, camera, depth, light, render_ms=refined.render_ms, plan=plan)
         state.begun = replace(begun, stamp=stamp) if begun.around else None
-        return {"messages": [message], "left": 0, "layers": len(begun.around)}
+        return {"messages": [message], "left": 0, "extra_layers": len(begun.around)}
 
     def forget(self, *, session: str | None = None, scene: str | None = None) -> None:
         """Drop what is kept for a session or a scene."""

@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 
 from torchrender.arrays import view as numpy_view
-from torchrender.buffers import GBuffer, ShadowMap
+from torchrender.buffers import GBuffer, RaySurface, ShadowMap
 from torchrender.checks import check_choice, check_range, check_tensor
 from torchrender.effects.shadows.light_cameras import cascade_cameras, choose_views, light_cameras, light_view
 from torchrender.errors import InputError, OptionError
@@ -197,18 +197,18 @@ def options_for(light: Light, scene: Scene, options: ShadowOptions | None = None
 def light_visibility(
     scene: Scene,
     light: Light,
-    gbuffer: GBuffer,
+    gbuffer: GBuffer | RaySurface,
     options: ShadowOptions | None = None,
     shadow_map: ShadowMap | None = None,
 ) -> Tensor:
-    """Shadow factor (B,H,W) of one light at a G-buffer's points; empty pixels are 1.
+    """Shadow factor (B,H,W) of one light at a G-buffer's points, or at those of an image of ray hits; empty ones are 1.
 
     A rectangle is seen from its centre: its shadows are hard, or with filter "pcss" as wide as a square of its area
     makes them. Pass the map of an earlier call while scene and light stand still.
     """
     options = options_for(light, scene, options)
     if shadow_map is None:
-        view = gbuffer.cameras if options.cascades > 1 else None
+        view = gbuffer.cameras if options.cascades > 1 and isinstance(gbuffer, GBuffer) else None
         shadow_map = render_shadow_map(scene, light, options, camera=view)
     return shadow_factor(gbuffer.position, gbuffer.geometric_normal, light, shadow_map, options)
 

@@ -132,7 +132,7 @@ def _texels_by_rays(subject: Subject, _: Outputs) -> float:
 SHADOW_MAP = HardEffect(
     name="shadow_map",
     about=LIGHTS,
-    modules=("effects.shadow_map",),
+    modules=("effects.shadows.shadow_map",),
     run=_shadow_maps,
     bounds=lambda subject: {f"light {k}": (0.0, math.inf) for k in range(len(subject.scene.lights))},
     law=Law(
@@ -175,7 +175,7 @@ def _hard_shadows_by_rays(subject: Subject, outputs: Outputs) -> float:
 
 POINT_SHADOW = HardEffect(
     name="point_shadow",
-    modules=("effects.shadow_map",),
+    modules=("effects.shadows.shadow_map",),
     run=_light_visibility,
     bounds=lambda s: {f"{name}, light {k}": (0.0, 1.0) for name in FILTERS for k in range(len(s.scene.lights))},
     law=Law(
@@ -199,7 +199,7 @@ def _traced_shadows(subject: Subject, backend: str = "auto") -> Outputs:
 
 TRACED_SHADOW = HardEffect(
     name="traced_shadow",
-    modules=("effects.traced_shadow", "rays"),
+    modules=("effects.shadows.traced", "rays"),
     run=_traced_shadows,
     bounds=lambda subject: {f"light {k}": (0.0, 1.0) for k in range(len(subject.scene.lights))},
     law=Law(
@@ -234,7 +234,7 @@ def _soft_shadows_by_rays(subject: Subject, outputs: Outputs) -> float:
 SOFT_SHADOW = HardEffect(
     name="soft_shadow",
     about=LIGHTS,
-    modules=("effects.soft_shadow", "geometry.light_occluders"),
+    modules=("effects.shadows.soft_shadow", "effects.shadows.occluders"),
     run=_soft_shadows,
     bounds=lambda _: dict.fromkeys(("scene", "depth images"), (0.0, 1.0)),
     law=Law(

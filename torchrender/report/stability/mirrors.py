@@ -56,7 +56,7 @@ def _mean_color_error(first: Tensor, second: Tensor, subject: Subject) -> float:
 
 REFLECTIONS = HardEffect(
     name="reflections",
-    modules=("effects.clustered_reflection",),
+    modules=("effects.reflections.clustered",),
     run=lambda s: _layer(clustered_reflections(s.scene, s.pixels, s.shader, FEW).layer, s),
     bounds=_layer_bounds,
     law=Law(
@@ -71,7 +71,7 @@ REFLECTIONS = HardEffect(
 TRACED_REFLECTIONS = HardEffect(
     name="traced_reflections",
     about=VIEW,
-    modules=("effects.traced_reflection",),
+    modules=("effects.reflections.traced",),
     run=lambda s: _layer(_traced(s), s),
     bounds=_layer_bounds,
     law=Law(
@@ -93,7 +93,7 @@ def _some_alone(subject: Subject, outputs: Outputs) -> float:
 ENVIRONMENT_REFLECTIONS = HardEffect(
     name="environment_reflections",
     about=SHAPE,
-    modules=("effects.traced_reflection",),
+    modules=("effects.reflections.traced",),
     run=lambda s: _layer(environment_reflections(s.pixels, s.shader), s),
     bounds=_layer_bounds,
     law=Law(
@@ -131,7 +131,7 @@ def _reused(subject: Subject) -> Outputs:
 REFLECTION_REUSE = HardEffect(
     name="reflection_reuse",
     about=VIEW,
-    modules=("effects.reflection_reuse",),
+    modules=("effects.reflections.reuse",),
     run=_reused,
     bounds=lambda s: dict.fromkeys(("key", "still", "moved"), (0.0, s.radiance_limit)),
     law=Law(
@@ -168,7 +168,7 @@ def _grey_stays_grey(subject: Subject, _: Outputs) -> float:
 RESOLVE = HardEffect(
     name="resolve",
     about=VIEW,
-    modules=("steps",),
+    modules=("passes.resolve",),
     run=_resampled,
     bounds=lambda s: {f"{way} {h} x {w}": (0.0, s.radiance_limit) for way in FILTERS for h, w in SIZES},
     law=Law(
@@ -202,7 +202,7 @@ def _grey_stays_grey_guided(subject: Subject, _: Outputs) -> float:
 JOINT_UPSAMPLING = HardEffect(
     name="joint_upsampling",
     about=VIEW,
-    modules=("effects.joint_upsampling",),
+    modules=("effects.upsampling.joint",),
     run=_guided,
     bounds=lambda s: {f"by {1 / factor:g}": (0.0, s.radiance_limit) for factor in FEWER},
     law=Law(text="a picture of one colour keeps it: largest difference", deviation=_grey_stays_grey_guided, limit=1e-6),
