@@ -13,7 +13,7 @@ from torch import Tensor
 from torchrender.image import Image
 from torchrender.passes.contract import Pass
 from torchrender.passes.settings import Setting
-from torchrender.passes.table import PASSES, find_pass
+from torchrender.passes.table import GBUFFER, PASSES, find_pass
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
 from torchrender.quality.metrics import flip_map, psnr, relative_squared_error
@@ -108,7 +108,7 @@ class _Sequence:
 
 
 def _sequence(scene: Scene, view: Cameras, step: Pass, setting: Setting) -> _Sequence:
-    buffers = () if step.own is None else ("gbuffer", step.own.buffer.name)
+    buffers = () if step.own is None else (GBUFFER.name, step.own.buffer.name)
     options, history = replace(options_at(step, setting), buffers=buffers), RenderHistory()
     images: list[Image] = []
     for number in (*range(FRAMES), FRAMES - 1):
