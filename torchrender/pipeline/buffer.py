@@ -73,7 +73,7 @@ class Buffer(Generic[T]):
         """
         if not isinstance(value, (self.kind, *self.also)):
             raise InputError(f"{self.name} must be {self.kind.__name__}, got {type(value).__name__}")
-        return cast(T, value)
+        return cast("T", value)
 
 
 def same(first: tuple[Any, ...], second: tuple[Any, ...]) -> bool:

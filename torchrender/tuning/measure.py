@@ -26,6 +26,9 @@ from torchrender.scene.model import Scene
 
 Buffers = Mapping[str, Any]
 
+SIDE = 512
+"""Pixels of a side of the pictures that errors are taken of."""
+
 FRAMES = 3
 """Pictures of a short sequence: the first prepares, the others are measured."""
 

@@ -84,10 +84,10 @@ def mirror_error(found: Mapping[str, Any], reference: Mapping[str, Any]) -> floa
 OWN = OwnMeasure(title="mirrored light, of 255", buffer=REFLECTIONS, error=mirror_error)
 
 
-def _clusters(m: float, scale: float, missing: str) -> dict[str, Any]:
+def _clusters(bin_factor: float, scale: float, missing: str) -> dict[str, Any]:
     return {
         "reflections": "clustered",
-        "reflection.m": m,
+        "reflection.bin_factor": bin_factor,
         "reflection.image_scale": scale,
         "reflection.missing": missing,
     }
@@ -95,7 +95,7 @@ def _clusters(m: float, scale: float, missing: str) -> dict[str, Any]:
 
 # ---------------------------------------------------------------- hard cases
 
-FEW = ClusterOptions(m=0.25)
+FEW = ClusterOptions(bin_factor=0.25)
 
 
 def _layer(layer: ReflectionLayer, subject: Subject) -> Outputs:
