@@ -9,12 +9,14 @@ from typing import Any
 
 from torch import Tensor
 
-from torchrender.buffers import GBuffer, RaySurface
+from torchrender.buffers import GBuffer, RaySurface, ShadowMap
 from torchrender.clock import StepClock
 from torchrender.errors import InputError
 from torchrender.image import Image
 from torchrender.passes.contract import Buffers, Pass
 from torchrender.passes.light.direct_light import DIRECT_LIGHT
+from torchrender.passes.light.shadow_map import SHADOW_MAP
+from torchrender.passes.mirrors.hit_shader import HIT_SHADER
 from torchrender.passes.outlook import Outlook
 from torchrender.passes.picture.composite import COMPOSITE
 from torchrender.passes.seen.picture_visibility import PICTURE_VISIBILITY
@@ -23,6 +25,7 @@ from torchrender.passes.table import GBUFFER, PASSES, PICTURE
 from torchrender.pipeline.buffer import Buffer
 from torchrender.pipeline.frame import Frame
 from torchrender.pipeline.history import RenderHistory
+from torchrender.pipeline.hit_shader import HitShader
 from torchrender.pipeline.options import RenderOptions
 from torchrender.planning.costs import Knowledge
 from torchrender.planning.curves import load_curves
@@ -131,6 +134,21 @@ def make_buffers(
     knowledge = Knowledge.of(scene, cameras, options or RenderOptions(), None, load_curves())
     run = Run(replace(knowledge, wanted=wanted, given=tuple(given or ())), (None, None), StepClock())
     return run.buffers(given or {})
+
+
+def hit_shader(
+    scene: Scene, options: RenderOptions | None = None, maps: Sequence[ShadowMap | None] | None = None
+) -> HitShader:
+    """Colours of what rays hit in a scene, as a picture with these options has them.
+
+    Args:
+        scene: with its lights.
+        maps: shadow maps, one per light; drawn where missing.
+    """
+    place = Cameras.look_at([0.0, 0.0, 1.0], [0.0, 0.0, 0.0], width=1, height=1, near=1e-3)  # nobody looks from there
+    given = {} if maps is None else {SHADOW_MAP: tuple(maps)}
+    shader: HitShader = make_buffers(scene, place, (HIT_SHADER,), options, given=given)[HIT_SHADER]
+    return shader
 
 
 def view_of(scene: Scene, camera: Cameras | str | None, width: int | None, height: int | None) -> Cameras:

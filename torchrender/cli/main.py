@@ -11,7 +11,7 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from torchrender import __version__
 from torchrender.cli.arguments import add_scene, add_size, camera_of, exposure, given, load_scene, numbers
