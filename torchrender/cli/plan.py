@@ -79,7 +79,7 @@ def run_tradeoff(arguments: argparse.Namespace) -> list[Path]:
         raise InputError("tradeoff needs a SCENE, or --all")
     if arguments.step is not None:
         find_pass(arguments.step)
-    if not 32 <= arguments.side <= 4096:
+    if arguments.side is not None and not 32 <= arguments.side <= 4096:
         raise InputError(f"--side must be in [32, 4096], got {arguments.side}")
     folder = Path(arguments.output)
     make_folder(folder)
@@ -104,7 +104,7 @@ def run_calibrate(arguments: argparse.Namespace) -> Path:
     from torchrender.scene.procedural import SCENES
     from torchrender.tuning.calibrate import calibrate
 
-    if not 32 <= arguments.side <= 4096:
+    if arguments.side is not None and not 32 <= arguments.side <= 4096:
         raise InputError(f"--side must be in [32, 4096], got {arguments.side}")
     path = Path(arguments.output) if arguments.output else user_file()
     if arguments.output is None:
