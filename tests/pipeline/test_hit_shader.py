@@ -10,10 +10,9 @@ from torchrender.buffers import RayHits
 from torchrender.effects.reflections.reflectors import ReflectedRays
 from torchrender.effects.reflections.traced import TraceOptions
 from torchrender.numerics.texture import build_pyramid, sample_texture
-from torchrender.pipeline.hit_shader import HitShader
 from torchrender.pipeline.options import RenderOptions
 from torchrender.rays import RayCaster
-from torchrender.renderer import render
+from torchrender.renderer import hit_shader, render
 from torchrender.scene.camera import Cameras
 from torchrender.scene.material import Material
 from torchrender.scene.model import Scene
@@ -47,7 +46,7 @@ def shaded(scene: Scene, distance: float, width: float, spread: float) -> tuple[
         origin, direction, torch.full((200,), width).double(), torch.full((200,), spread, dtype=torch.float64)
     )
     uv = torch.stack([0.5 - place[:, 0] / SIDE, 0.5 + place[:, 1] / SIDE], dim=1)
-    return HitShader(scene)(rays, hits), uv
+    return hit_shader(scene)(rays, hits), uv
 
 
 @pytest.mark.parametrize("distance", [1.0, 3.0, 20.0])

@@ -17,7 +17,7 @@ from torchrender.buffers import DepthImages
 from torchrender.kernels.warp import corner_mesh
 from torchrender.kernels.warp.corners import DIAGONAL, FIRST, SECOND
 from torchrender.reconstruct.corners import ReconstructOptions, SampleQuads, fit_corners
-from torchrender.reconstruct.grid import fit_grid
+from torchrender.reconstruct.grid_mesh import fit_grid
 from torchrender.scene.mesh import Geometry, Mesh
 
 

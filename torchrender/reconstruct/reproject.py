@@ -23,7 +23,7 @@ from torchrender.kernels.warp.splat import draw_splats
 from torchrender.kernels.warp.warp import draw_quads
 from torchrender.reconstruct.corners import ReconstructOptions, SampleQuads, fit_corners
 from torchrender.reconstruct.discs import facing_normals
-from torchrender.reconstruct.grid import fit_grid
+from torchrender.reconstruct.grid_mesh import fit_grid
 from torchrender.scene.camera import Cameras
 
 LEAD = 5e-4
@@ -126,7 +126,7 @@ def _draw(
     """(H*W,) uint64 keys of the nearest quads, or discs where there are no quads; see the kernels."""
     keys = np.zeros(camera.height * camera.width, np.uint64)
     if quads is None:
-        draw_splats(*_splats(source, camera), bias, options.splat_scale, _size(camera), thread_count(), keys)
+        draw_splats(*_discs(source, camera), bias, options.splat_scale, _size(camera), thread_count(), keys)
         return keys
     start = 0.5 if quads.centred else 0.0
     arrays = (quads.depth.numpy(), quads.shape.numpy(), start, pixel_matrices(source.cameras, camera))
@@ -185,7 +185,7 @@ def _pixel_matrices_back(target: Cameras, source: Cameras) -> np.ndarray:
     return np.ascontiguousarray(torch.cat([turn, project @ inverse[:, :3, 3:] + shift], dim=2).numpy())
 
 
-def _splats(images: DepthImages, camera: Cameras) -> tuple[Any, ...]:
+def _discs(images: DepthImages, camera: Cameras) -> tuple[Any, ...]:
     """Depth, normal, and per image: camera from pixel, camera from world normal, footprint; and the intrinsics."""
     source = images.cameras
     inverse = source.world_from_camera

@@ -22,6 +22,9 @@ from torchrender.scene.camera import Cameras
 from torchrender.scene.camera_path import built_in_path, walks_of
 from torchrender.scene.model import Scene
 
+SIDE = 512
+"""Pixels of a side of the pictures that errors are taken of."""
+
 FRAMES = 3
 """Pictures of a short sequence: the first prepares, the others are measured."""
 

@@ -19,7 +19,7 @@ from torchrender.errors import InputError
 from torchrender.kernels.reflections import match as kernels
 from torchrender.kernels.reflections.shift import FAINT
 from torchrender.reconstruct.corners import ReconstructOptions
-from torchrender.reconstruct.grid import fit_grid
+from torchrender.reconstruct.grid_mesh import fit_grid
 from torchrender.scene.camera import Cameras
 
 CAUSES = ("valid", "border", "silhouette", "ratio", "steps")

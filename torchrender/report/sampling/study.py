@@ -19,10 +19,10 @@ from PIL import Image as Picture
 from torch import Tensor
 
 from torchrender.depth.kinds import median_triangle_pixels, sample_kinds
-from torchrender.depth.metrics import MetricOptions, SamplingMetrics, Share, sampling_metrics
 from torchrender.depth.options import SamplingOptions
 from torchrender.depth.picture import kinds_picture
 from torchrender.depth.sample import sample_depth_images
+from torchrender.depth.sampling_metrics import SamplingMetricOptions, SamplingMetrics, Share, sampling_metrics
 from torchrender.images.files import write_atomically
 from torchrender.numerics.color import srgb_from_linear
 from torchrender.numerics.transforms import look_at_matrix
@@ -105,15 +105,15 @@ def study(name: str, scene: Scene, effort: Effort, output: Path) -> dict[str, An
     write_strip(output / f"sampling-{name}.png", kinds_picture(images, kinds))
     small = viewpoints(scene, distance, effort.ray_size)
     tables = {
-        key: measure(scene, small, options, MetricOptions(frames=effort.ray_frames, stride=2))
+        key: measure(scene, small, options, SamplingMetricOptions(frames=effort.ray_frames, stride=2))
         if key == "visibility"
-        else measure(scene, cameras, options, MetricOptions(frames=effort.frames, stride=effort.stride))
+        else measure(scene, cameras, options, SamplingMetricOptions(frames=effort.frames, stride=effort.stride))
         for key, options in TABLES.items()
     }
-    plain = measure(scene, small, TABLES["visibility"], MetricOptions(frames=effort.study_frames))
+    plain = measure(scene, small, TABLES["visibility"], SamplingMetricOptions(frames=effort.study_frames))
     sizes = {}
     for size in effort.sizes:
-        options = MetricOptions(frames=effort.study_frames, stride=max(1, size // effort.sizes[0]))
+        options = SamplingMetricOptions(frames=effort.study_frames, stride=max(1, size // effort.sizes[0]))
         sizes[size] = measure(scene, viewpoints(scene, distance, size), TABLES["pixel"], options)
     return {
         "triangles": scene.geometry.triangle_count,
@@ -136,7 +136,7 @@ def viewpoints(scene: Scene, distance: float, size: int) -> Cameras:
     return Cameras.look_at(eyes, target, width=size, height=size, fov_deg=45.0, near=1e-3 * diagonal)
 
 
-def measure(scene: Scene, cameras: Cameras, sampling: dict[str, Any], options: MetricOptions) -> dict[str, Any]:
+def measure(scene: Scene, cameras: Cameras, sampling: dict[str, Any], options: SamplingMetricOptions) -> dict[str, Any]:
     """Metrics of the three methods."""
     sets = [
         sample_depth_images(scene, cameras, SamplingOptions(method=method, **sampling)) for method in METHODS.values()
