@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ from torchrender.passes.outlook import Outlook
 from torchrender.passes.picture.composite import COMPOSITE
 from torchrender.passes.seen.picture_visibility import PICTURE_VISIBILITY
 from torchrender.passes.settings import CUSTOM
-from torchrender.passes.table import GBUFFER, PASSES, PICTURE
+from torchrender.passes.table import GBUFFER, PICTURE
 from torchrender.pipeline.buffer import Buffer
 from torchrender.pipeline.frame import Frame
 from torchrender.pipeline.history import RenderHistory
@@ -45,7 +45,6 @@ def render(
     history: RenderHistory | None = None,
     budget_ms: float | None = None,
     max_error: float | None = None,
-    passes: Sequence[Pass] = PASSES,
 ) -> Image:
     """Pictures of a scene, one per camera.
 
@@ -63,7 +62,6 @@ def render(
             was predicted and what it took, and says so if the budget is not enough for the cheapest settings.
         max_error: mean FLIP, in [0,1], that the picture may be away from one with every pass at its reference. The
             quickest settings are chosen that keep it; with a budget, too, that comes first.
-        passes: the table of passes to render with: the built-in ones, and others beside them.
 
     A scene without any light gets :meth:`Scene.with_default_light`. A scene without triangles gives its background.
 
@@ -74,14 +72,14 @@ def render(
     """
     check_wishes(budget_ms, max_error)
     options = options or RenderOptions()
-    check_names(options, passes)
+    check_names(options)
     clock = StepClock()
     if not isinstance(scene, Scene):
         with clock.measure("load"):
             scene = load(scene)
     with clock.measure("total"):
         cameras = view_of(scene, camera, width, height)
-        knowledge = Knowledge.of(scene, cameras, options, history, load_curves(), passes)
+        knowledge = Knowledge.of(scene, cameras, options, history, load_curves())
         run = Run(knowledge, (budget_ms, max_error), clock)
         image = run.image()
     plan = run.plan.measured(clock.elapsed_ms, run.amounts, clock.elapsed_ms["total"])
@@ -94,8 +92,6 @@ def shade_samples(
     samples: GBuffer,
     options: RenderOptions | None = None,
     history: RenderHistory | None = None,
-    *,
-    passes: Sequence[Pass] = PASSES,
 ) -> Tensor:
     """Radiance (B,H,W,3) of samples that need not be the nearest surfaces, by the passes of a picture.
 
@@ -108,10 +104,10 @@ def shade_samples(
         history: what a picture of the scene left: what lasts is used again.
     """
     history = RenderHistory.alone() if history is None else replace(history, sequence=False)
-    knowledge = Knowledge.of(scene, samples.cameras, options or RenderOptions(), history, load_curves(), passes)
+    knowledge = Knowledge.of(scene, samples.cameras, options or RenderOptions(), history, load_curves())
     past = knowledge.outlook.history
     chosen = knowledge.outlook.options
-    for step in passes:
+    for step in knowledge.passes:
         chosen = step.over_samples(chosen, past)
     outlook = replace(knowledge.outlook.at(chosen), samples=samples)
     run = Run(replace(knowledge, outlook=outlook, wanted=(COMPOSITE,), given=(GBUFFER,)), (None, None), StepClock())

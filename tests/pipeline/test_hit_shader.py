@@ -12,7 +12,8 @@ from torchrender.effects.reflections.traced import TraceOptions
 from torchrender.numerics.texture import build_pyramid, sample_texture
 from torchrender.pipeline.options import RenderOptions
 from torchrender.rays import RayCaster
-from torchrender.renderer import hit_shader, render
+from torchrender.renderer import render
+from torchrender.report.common.hits import hit_shader
 from torchrender.scene.camera import Cameras
 from torchrender.scene.material import Material
 from torchrender.scene.model import Scene

@@ -171,7 +171,7 @@ def deleted_passes(study: StudyOptions) -> list[dict[str, Any]]:
         for number in range(2 * study.repeats):
             whole = number % 2 == 0
             steps = PASSES if whole else tuple(s for s in PASSES if s.name in ran)
-            image = render(scene, camera, passes=steps)
+            image = render(scene, camera, options=RenderOptions(passes=steps))
             times[whole].append(image.timings_ms["total"])
         whole_ms, few_ms = statistics.median(times[True]), statistics.median(times[False])
         found.append({"scene": name, "all_ms": whole_ms, "few_ms": few_ms, "ratio": whole_ms / few_ms})
