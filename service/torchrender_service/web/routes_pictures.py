@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import binascii
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Path, Query, Request, Response
@@ -36,21 +36,21 @@ MAX_PLAN_BYTES = 6000  # many clients and proxies take 8 KB of headers
 _BINARY = {"schema": {"type": "string", "format": "binary"}}
 
 
-def _binary(description: str, types: Any, **headers: str) -> dict[int | str, dict[str, Any]]:
-    """The 200 response of a route that answers with a file."""
+def _file(description: str, types: Sequence[str], **headers: str) -> dict[str, Any]:
+    """How a route that answers with a file is described."""
     described = {name: {"description": text, "schema": {"type": "string"}} for name, text in headers.items()}
-    return {200: {"description": description, "content": dict.fromkeys(types, _BINARY), "headers": described}}
+    made = {"description": description, "content": dict.fromkeys(types, _BINARY), "headers": described}
+    codes = (400, 403, 404, 413, 422, 429, 503) if len(types) == 1 else (400, 403, 404, 406, 413, 422, 429, 503)
+    return {"response_class": Response, "responses": {200: made} | problems(*codes)}
 
 
 @router.post(
     "/render",
-    response_class=Response,
-    responses=_binary(
+    **_file(
         "The picture, as Accept asks: PNG (sRGB), EXR (radiance, depth, normals, ids) or NPZ (every buffer).",
-        PICTURES,
+        [*PICTURES],
         **{"Torchrender-Plan": "what ran and why, JSON", "Server-Timing": "milliseconds of each pass"},
-    )
-    | problems(400, 403, 404, 406, 413, 422, 429, 503),
+    ),
 )
 async def render(request: Request, body: RenderRequest) -> Response:
     """Render a picture."""
@@ -70,13 +70,11 @@ async def render(request: Request, body: RenderRequest) -> Response:
 
 @router.post(
     "/depth-images",
-    response_class=Response,
-    responses=_binary(
+    **_file(
         "Keyframe messages one after the other, see PROTOCOL.md.",
         [CONTENT_TYPE],
         **{"Torchrender-Keyframes": "id for POST /v1/reproject"},
-    )
-    | problems(400, 403, 404, 413, 422, 429, 503),
+    ),
 )
 async def depth_images(request: Request, body: DepthImagesRequest) -> Response:
     """Sample depth images with colours."""
@@ -108,13 +106,11 @@ async def depth_images(request: Request, body: DepthImagesRequest) -> Response:
 
 @router.post(
     "/reproject",
-    response_class=Response,
-    responses=_binary(
+    **_file(
         "PNG whose alpha is the validity mask, or NPZ with color, depth, valid and source.",
-        REPROJECTIONS,
+        [*REPROJECTIONS],
         **{"Torchrender-Valid-Share": "share of pixels that a sample reaches"},
-    )
-    | problems(400, 403, 404, 406, 413, 422, 429, 503),
+    ),
 )
 async def reproject(request: Request, body: ReprojectRequest) -> Response:
     """The view of a new camera out of depth images alone."""
