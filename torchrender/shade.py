@@ -86,18 +86,19 @@ class _Arrival:
 
 def shade(
     scene: Scene,
-    gbuffer: GBuffer,
+    samples: GBuffer | RaySurface,
     visibility: Tensor | None = None,
     *,
     background: ArrayLike | None = None,
     area_light: str = "polygon",
 ) -> Tensor:
-    """Linear radiance (B,H,W,3) of a scene's G-buffer under its own lights.
+    """Linear radiance (B,H,W,3) of a scene's G-buffer under its own lights, or of what rays hit (as an image).
 
     Args:
+        samples: what cameras see; or :attr:`RaySurface.image`, whose light goes back along its rays.
         visibility: shadow factors (B,L,H,W) in [0,1], one image per scene light; None: every light reaches everything.
         background: colour (3,) of empty pixels; None: the environment in that direction, or where there is none the
-            scene's ambient light, which is the radiance of a surrounding of one colour.
+            scene's ambient light, which is the radiance of a surrounding of one colour. Rays that hit nothing give 0.
         area_light: irradiance of rectangles: "polygon", the exact one, or "centre", as if all came from their centre,
             which is quicker and too bright close by.
 
@@ -109,48 +110,30 @@ def shade(
     geometric surface gives nothing; cosines use the shading normal. Differentiable in colours and intensities.
 
     Raises:
-        InputError: ``visibility`` or ``background`` of a wrong shape.
+        InputError: ``visibility`` or ``background`` of a wrong shape, or samples that are no image.
         OptionError: another ``area_light``.
     """
     check_choice("area_light", area_light, AREA_LIGHTS)
-    count, height, width = gbuffer.triangle.shape
+    check_tensor("samples.material", samples.material, ("B", "H", "W"))
+    count, height, width = samples.material.shape
     if visibility is not None:
         check_tensor("visibility", visibility, (count, len(scene.lights), height, width))
         visibility = visibility.permute(1, 0, 2, 3).reshape(len(scene.lights), -1)
-    covered = gbuffer.covered.reshape(-1)
-    image = _background(scene, gbuffer.cameras, ~covered, background)
+    covered = samples.covered.reshape(-1)
+    cameras = samples.cameras if isinstance(samples, GBuffer) else None
+    if cameras is None:
+        image = torch.zeros(len(covered), 3)
+    else:
+        image = _background(scene, cameras, ~covered, background)
     rows = covered.nonzero().reshape(-1)
     if len(rows):
-        tables = _Tables.of(scene, gbuffer.cameras)
+        tables = _Tables.of(scene, cameras)
         parts = [
-            _shade_pixels(scene, _surface(tables, gbuffer, chunk), visibility, chunk, area_light)
+            _shade_pixels(scene, _surface(tables, samples, chunk), visibility, chunk, area_light)
             for chunk in rows.split(CHUNK)
         ]
         image = image.index_copy(0, rows, torch.cat(parts, dim=1).T)
     return image.reshape(count, height, width, 3)
-
-
-def shade_hits(scene: Scene, surface: RaySurface, visibility: Tensor | None = None) -> Tensor:
-    """Linear radiance (N,3) that leaves the hits of N rays towards their origins; 0 for rays that hit nothing.
-
-    The same light and materials as :func:`shade`.
-
-    Args:
-        visibility: shadow factors (L,N) in [0,1]; None: every light reaches everything.
-
-    Raises:
-        InputError: ``visibility`` of a wrong shape.
-    """
-    count = len(surface.material)
-    if visibility is not None:
-        check_tensor("visibility", visibility, (len(scene.lights), count))
-    image = torch.zeros(count, 3)
-    rows = (surface.material >= 0).nonzero().reshape(-1)
-    if not len(rows):
-        return image
-    tables = _Tables.of(scene)
-    parts = [_shade_pixels(scene, _surface(tables, surface, chunk), visibility, chunk) for chunk in rows.split(CHUNK)]
-    return image.index_copy(0, rows, torch.cat(parts, dim=1).T)
 
 
 def diffuse_color(scene: Scene, gbuffer: GBuffer) -> Tensor:
@@ -167,9 +150,7 @@ def diffuse_color(scene: Scene, gbuffer: GBuffer) -> Tensor:
 # ------------------------------------------------------------------- pixels
 
 
-def _shade_pixels(
-    scene: Scene, surface: _Surface, visibility: Tensor | None, rows: Tensor, area_light: str = "polygon"
-) -> Tensor:
+def _shade_pixels(scene: Scene, surface: _Surface, visibility: Tensor | None, rows: Tensor, area_light: str) -> Tensor:
     """Radiance (3,N) of the covered pixels in the given flat rows."""
     diffuse = _ambient(scene, surface.normal)
     specular = torch.zeros(3, len(rows))

@@ -10,6 +10,7 @@ from typing import Any
 from torch import Tensor
 
 from torchrender.image import Image
+from torchrender.passes.picture import resample
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
 from torchrender.scene.camera import Cameras
@@ -27,7 +28,7 @@ STILL_FACTOR = 4.0
 """A refinement may take this many times the budget."""
 PACKING_SHARE = 0.5
 """Of the budget, at most, that is kept free for making messages."""
-STREAMED = RenderOptions(upscaling="joint", fixed=("resolve",))
+STREAMED = RenderOptions(upscaling="joint", fixed=(resample.PASS.name,))
 """The depth of all pixels is sent anyway, and colours must not stick to the wrong surface when the view moves."""
 ASIDE = ((-0.375, -0.125), (0.125, -0.375), (0.375, 0.125), (-0.125, 0.375))
 """Pixels by which the further pictures of a refinement are moved: with the first, five places in every pixel."""
@@ -122,7 +123,8 @@ class StreamRenderer:
         begin = time.perf_counter()
         image = begun.image
         assert image.plan is not None
-        layers = extra_layers(image.scene, image.visibility, begun.around, image.plan.options, begun.past)
+        scene = begun.past.given or image.scene
+        layers = extra_layers(scene, image.visibility, begun.around, image.plan.options, begun.past)
         each_ms = 1e3 * (time.perf_counter() - begin) / len(layers)
         messages = [layer_message(begun.stamp, k + 1, layer, render_ms=each_ms) for k, layer in enumerate(layers)]
         return {"messages": messages}
@@ -178,7 +180,7 @@ class StreamRenderer:
             image, plan = render_image(scene, camera, bounds, STREAMED, state.history)
             assert image.history is not None
             state.history = image.history
-            self._scenes[job.scene.id] = replace(image.history, reuse=None, report=None)
+            self._scenes[job.scene.id] = image.history.shared()
             return image, plan, image.history
         image, plan = _at_rest(scene, camera, bounds, state.history)
         assert image.history is not None
@@ -187,7 +189,7 @@ class StreamRenderer:
 
 def _at_rest(scene: Scene, camera: Cameras, bounds: Bounds, past: RenderHistory) -> tuple[Image, dict[str, Any]]:
     """A picture of a refinement: made anew, without reused reflections, and no part of the moving sequence."""
-    return render_image(scene, camera, bounds, STREAMED, replace(past, reuse=None, wanted=False))
+    return render_image(scene, camera, bounds, STREAMED, replace(past.shared(), sequence=False))
 
 
 def _bounds(job: MakeKeyframe, packing_ms: float) -> Bounds:

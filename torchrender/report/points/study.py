@@ -6,8 +6,6 @@ filter against supersampled references, errors of compression, models of up to t
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
 import time
 from dataclasses import asdict, dataclass, replace
@@ -20,7 +18,7 @@ import torch
 from skimage.metrics import structural_similarity
 from torch import Tensor
 
-from torchrender.images.files import write_atomically, write_image
+from torchrender.images.files import write_image
 from torchrender.points.cloud import PointCloud
 from torchrender.points.codec import compress, decompress, half_extent
 from torchrender.points.draw import render_points
@@ -30,8 +28,9 @@ from torchrender.points.select import SelectionOptions
 from torchrender.points.tree import PatchOptions, PatchSet, PlainNodes, build_patches
 from torchrender.quality.machine import machine_record
 from torchrender.quality.metrics import psnr
-from torchrender.quality.pages import text_writer
+from torchrender.quality.pages import write_record
 from torchrender.quality.timing import take_turns
+from torchrender.report.common.command import study_parser
 from torchrender.report.points.models import (
     SCANS,
     Model,
@@ -92,7 +91,7 @@ def run(study: StudyOptions, folder: Path) -> dict[str, Any]:
     record["scaling"] = {str(n): _step(f"{n:,} points", lambda n=n: scaling(n, study)) for n in study.counts}
     record["one_pixel"] = _step("all in one pixel", lambda: one_pixel(study))
     record["peer"] = _step("pyvista", lambda: peer(study))
-    write_atomically(folder / "points.json", text_writer(json.dumps(record, indent=1) + "\n"))
+    write_record(folder / "points.json", record)
     write_page(record, folder)
     return record
 
@@ -183,7 +182,7 @@ def errors(drawn: PointImage, full: PointImage, truth: tuple[Tensor, Tensor] | N
 
 def aliasing() -> tuple[dict[str, Any], list[Tensor]]:
     """A checkered ground to the horizon, against 16 x 16 rays a pixel: the whole, and its minified part."""
-    patches = build_patches(ground(), PatchOptions(n_max=256))
+    patches = build_patches(ground(), PatchOptions(max_points=256))
     camera = Cameras.look_at([0.0, 1.5, 0.0], [0.0, 0.0, -8.0], width=128, height=128, fov_deg=50, near=0.1)
     value, share, distance = ground_reference(camera, 16)
     whole = share > 0.999
@@ -285,7 +284,7 @@ def one_pixel(study: StudyOptions) -> dict[str, Any]:
         normal=torch.tensor([0.0, 0.0, 1.0]).expand(count, 3),
         radius=torch.full((count,), 1e-6),
     )
-    patches = build_patches(cloud, PatchOptions(n_max=65536))
+    patches = build_patches(cloud, PatchOptions(max_points=65536))
     camera = Cameras.look_at([0.0, 0.0, 3.0], [0.0, 0.0, 0.0], width=study.size, height=study.size)
     out: dict[str, Any] = {"points": count}
     for name, selection in (("levels", SelectionOptions()), ("deepest", DEEPEST)):
@@ -312,9 +311,6 @@ def peer(study: StudyOptions) -> dict[str, Any]:
 
 def main() -> None:
     """The command."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--quick", action="store_true", help="small models and pictures: checks that it works")
-    parser.add_argument("-o", "--output", type=Path, default=Path("docs/results"), help="folder to write into")
-    given = parser.parse_args()
+    given = study_parser(__doc__, quick="small models and pictures: checks that it works").parse_args()
     run(QUICK if given.quick else StudyOptions(), given.output)
     sys.stderr.write(f"wrote {given.output / 'points.md'}\n")

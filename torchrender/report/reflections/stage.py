@@ -27,8 +27,10 @@ from torchrender.effects.shadows.shadow_map import ShadowOptions, lights_visibil
 from torchrender.kernels.compile import thread_count
 from torchrender.numerics.color import srgb_from_linear
 from torchrender.pipeline.hit_shader import HitShader
+from torchrender.pipeline.options import RenderOptions
 from torchrender.raster import rasterize
 from torchrender.rays import RayCaster
+from torchrender.report.common.hits import hit_shader
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
 from torchrender.shade import shade
@@ -52,7 +54,7 @@ class Stage:
         shadow = ShadowOptions()
         maps = [render_shadow_map(scene, light, shadow) for light in scene.lights]
         direct = shade(scene, gbuffer, lights_visibility(scene, gbuffer, shadow, maps))
-        shader = HitShader(scene, shadow, maps)
+        shader = hit_shader(scene, RenderOptions(shadow=shadow), maps)
         shader.environment(torch.tensor([[0.0, 1.0, 0.0]]))  # the cube map is drawn once, outside all times
         return cls(scene, gbuffer, direct, shader, reflective_pixels(scene, gbuffer), supersample)
 

@@ -6,8 +6,6 @@ figures 13 to 15. Writes ``docs/results/sampling.md``, ``.json`` and pictures.
 
 from __future__ import annotations
 
-import argparse
-import json
 import math
 import sys
 import time
@@ -29,8 +27,9 @@ from torchrender.images.files import write_atomically
 from torchrender.numerics.color import srgb_from_linear
 from torchrender.numerics.transforms import look_at_matrix
 from torchrender.quality.machine import machine_record
-from torchrender.quality.pages import text_writer
+from torchrender.quality.pages import write_record
 from torchrender.quality.timing import take_turns
+from torchrender.report.common.command import study_parser
 from torchrender.report.common.subject import own_direction, subject_box
 from torchrender.report.sampling.page import write_page
 from torchrender.scene.camera import Cameras
@@ -81,10 +80,8 @@ class Effort:
 
 def main() -> None:
     """Run the study and write the page."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--quick", action="store_true", help="50 frames, every fourth pixel, small images")
+    parser = study_parser(__doc__, quick="50 frames, every fourth pixel, small images")
     parser.add_argument("--scenes", nargs="+", choices=SCENES, default=list(SCENES))
-    parser.add_argument("-o", "--output", type=Path, default=Path("docs/results"), help="folder to write into")
     arguments = parser.parse_args()
     effort = Effort.quick() if arguments.quick else Effort.full()
     begin = time.perf_counter()
@@ -93,7 +90,7 @@ def main() -> None:
         scenes[name] = study(name, build(name), effort, arguments.output)
         sys.stderr.write(f"{name}: done after {time.perf_counter() - begin:.0f} s\n")
     record = {"machine": machine_record(), "effort": vars(effort), "scenes": scenes}
-    write_atomically(arguments.output / "sampling.json", text_writer(json.dumps(record, indent=1) + "\n"))
+    write_record(arguments.output / "sampling.json", record)
     write_page(record, arguments.output)
     sys.stderr.write(f"wrote {arguments.output / 'sampling.md'}\n")
 

@@ -13,14 +13,13 @@ from torchrender.buffers import DepthImages
 from torchrender.depth.options import SamplingOptions
 from torchrender.depth.sample import sample_depth_images
 from torchrender.errors import InputError
+from torchrender.passes.hard import SHAPE, VIEW, HardEffect, Law, Outputs, Subject, difference, mean_over
 from torchrender.points.cloud import PointCloud
 from torchrender.points.draw import render_points
 from torchrender.points.load import sample_points
 from torchrender.points.options import SplatOptions
 from torchrender.raster import rasterize
 from torchrender.reconstruct.reproject import METHODS, reproject
-from torchrender.report.stability.cases import Subject
-from torchrender.report.stability.effect import SHAPE, VIEW, HardEffect, Law, Outputs, difference, mean_over
 from torchrender.voxels.attributes import voxelize_scene
 from torchrender.voxels.grid import VoxelGrid, make_grid
 from torchrender.voxels.solid import SolidOptions, voxelize_solid
