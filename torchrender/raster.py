@@ -35,8 +35,8 @@ from torchrender.kernels.raster.records import (
     Holes,
     Limits,
     Nearer,
+    Refusals,
     Stored,
-    Tests,
     Visible,
 )
 from torchrender.scene.camera import Cameras
@@ -175,7 +175,7 @@ def _triangle_arrays(geometry: Geometry) -> TriangleArrays:
     )
 
 
-def _views(geometry: Geometry, cameras: Cameras, tests: FragmentTests | None) -> Iterator[tuple[View, Tests]]:
+def _views(geometry: Geometry, cameras: Cameras, tests: FragmentTests | None) -> Iterator[tuple[View, Refusals]]:
     """Each camera as the kernels read it, with its fragment tests."""
     planes = cameras.frustum_planes().numpy()
     world_from_camera = cameras.world_from_camera.numpy()
@@ -190,7 +190,7 @@ def _views(geometry: Geometry, cameras: Cameras, tests: FragmentTests | None) ->
         if tests is not None:
             limits = _limits(cameras, k, tests)
             earlier = earlier_arrays(cameras, k, tests, view)
-        yield view, Tests(limits, earlier, holes)
+        yield view, Refusals(limits, earlier, holes)
 
 
 def view_arrays(cameras: Cameras, k: int, world_from_camera: Array, planes: Array) -> View:

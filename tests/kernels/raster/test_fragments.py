@@ -1,4 +1,4 @@
-"""Tests that refuse fragments, against loops over images and pixels."""
+"""Refusals that refuse fragments, against loops over images and pixels."""
 
 from __future__ import annotations
 

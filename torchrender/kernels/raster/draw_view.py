@@ -12,7 +12,7 @@ from torchrender.kernels.compile import thread_count
 from torchrender.kernels.raster import binning, project, tiles
 from torchrender.kernels.raster import count_layers as layers
 from torchrender.kernels.raster.coverage import TILE_HEIGHT, TILE_WIDTH
-from torchrender.kernels.raster.records import Bins, Buffers, Frame, Holes, Nearer, Stored, Tests, Triangles, Visible
+from torchrender.kernels.raster.records import Bins, Buffers, Frame, Holes, Nearer, Refusals, Stored, Triangles, Visible
 from torchrender.kernels.raster.resolve import CACHED
 
 Array = np.ndarray[Any, Any]
@@ -46,7 +46,7 @@ class View:
     frame: Frame
 
 
-def draw_view(triangles: TriangleArrays, view: View, cull: str, tests: Tests, outputs: Visible) -> None:
+def draw_view(triangles: TriangleArrays, view: View, cull: str, tests: Refusals, outputs: Visible) -> None:
     """Fill ``outputs``."""
     scene, bins = _prepare(triangles, view, cull)
     tiles.render_tiles(scene, bins, view.frame, *tests, _buffers(thread_count()), outputs)

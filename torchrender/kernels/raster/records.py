@@ -82,7 +82,7 @@ class Holes(NamedTuple):
     uv: np.ndarray  # (V,2) float32
 
 
-class Tests(NamedTuple):
+class Refusals(NamedTuple):
     """What may refuse a fragment before it enters the depth buffer."""
 
     limits: Limits

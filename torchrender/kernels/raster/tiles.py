@@ -22,7 +22,7 @@ from torchrender.kernels.raster.coverage import (
 )
 from torchrender.kernels.raster.planes import key_plane
 from torchrender.kernels.raster.project import SUBPIXEL, snapped_x, snapped_y
-from torchrender.kernels.raster.records import Buffers, Tests
+from torchrender.kernels.raster.records import Buffers, Refusals
 from torchrender.kernels.raster.resolve import resolve
 
 SMALL = 24  # boxes of at most this many pixels are tested pixel by pixel
@@ -167,4 +167,4 @@ def render_tiles(scene, bins, frame, limits, earlier, holes, buffers, outputs):
             if turn >= order.shape[0]:
                 break
             own = Buffers(keys[thread], ids[thread], spans_of[thread], known[thread], planes[thread])
-            render_tile(scene, bins, frame, Tests(limits, earlier, holes), order[turn], own, outputs)
+            render_tile(scene, bins, frame, Refusals(limits, earlier, holes), order[turn], own, outputs)
