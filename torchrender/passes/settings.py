@@ -19,8 +19,8 @@ CUSTOM = "custom"
 class Setting:
     """One setting: its name, and the options it stands for.
 
-    A dot leads into a group (``"shadow.size"``); ``"effects.fog"`` is the entry ``fog`` of the options of further
-    passes, a whole record.
+    Dots lead into groups: ``"shadow.size"``, ``"effects.haze.steps"``. What leads to an entry of ``effects`` that is
+    not there changes nothing: nobody asked for that pass.
     """
 
     name: str
@@ -30,13 +30,8 @@ class Setting:
         """The options with this setting. They are not checked again: a table's settings are valid."""
         made = copy.copy(options)
         for path, value in self.changes.items():
-            group, _, name = path.rpartition(".")
-            held = getattr(made, group) if group else None
-            if isinstance(held, Mapping):
-                value = {**held, name: value}
-            elif group:
-                value = replace(held, **{name: value})  # type: ignore[type-var]
-            object.__setattr__(made, group or name, value)
+            first, *rest = path.split(".")
+            object.__setattr__(made, first, _changed(getattr(made, first), rest, value))
         return made
 
     def matches(self, options: RenderOptions) -> bool:
@@ -44,10 +39,20 @@ class Setting:
         for path, wanted in self.changes.items():
             value: Any = options
             for name in path.split("."):
-                value = value.get(name) if isinstance(value, Mapping) else getattr(value, name)
+                value = value.get(name) if isinstance(value, Mapping) else getattr(value, name, None)
             if value != wanted:
                 return False
         return True
+
+
+def _changed(held: Any, path: list[str], value: Any) -> Any:
+    """``held`` with the entry at the end of a path replaced."""
+    if not path:
+        return value
+    name, *rest = path
+    if isinstance(held, Mapping):
+        return {**held, name: _changed(held[name], rest, value)} if name in held else held
+    return replace(held, **{name: _changed(getattr(held, name), rest, value)})
 
 
 @dataclass(frozen=True)
