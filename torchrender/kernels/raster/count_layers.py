@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import prange
 
-from torchrender.kernels.atomics import fetch_add
+from torchrender.kernels.atomics import borrowed, fetch_add
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.raster.binning import HALF, pixel_box
 from torchrender.kernels.raster.coverage import TILE_HEIGHT, TILE_WIDTH, edge, spans
@@ -121,7 +121,8 @@ def is_needed(depth, left, top, right, bottom):
 @kernel()
 def count_tile(scene, bins, frame, holes, stored, work, k, outputs):
     """Count in tile ``k``; ``work`` = (distance of touching surfaces, relative and absolute; row ends)."""
-    eps, ends = work
+    scene, holes, stored, outputs = borrowed(scene), borrowed(holes), borrowed(stored), borrowed(outputs)
+    eps, ends = borrowed(work)
     starts, entries = bins.starts, bins.entries
     width, height = frame.width, frame.height
     columns = (width + TILE_WIDTH - 1) // TILE_WIDTH
