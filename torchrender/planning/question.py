@@ -12,8 +12,9 @@ from collections.abc import Collection, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import product
+from typing import Any
 
-from torchrender.passes.contract import Buffers, Pass
+from torchrender.passes.contract import Buffers, Pass, nothing_asked
 from torchrender.passes.outlook import Outlook
 from torchrender.passes.settings import CUSTOM, Setting
 from torchrender.pipeline.buffer import same
@@ -30,8 +31,9 @@ class Alike:
     """Settings of one pass that ask for the same, and at which the same holds and applies."""
 
     settings: tuple[str, ...]
-    inputs: Buffers
-    holds: frozenset[Hashable]  # lasting buffers and passes that are lost at these settings
+    inputs: frozenset[AnyBuffer]  # asked for where the pass starts afresh
+    inputs_kept: frozenset[AnyBuffer]  # where what it makes was kept
+    lost: frozenset[Hashable]  # names of passes that do not apply because of these settings, and of what does not hold
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,20 +116,20 @@ class Question:
 
     # ------------------------------------------------------------------- modes
 
-    def modes(self) -> Iterator[Mode]:
-        """Every choice of a class per pass that differs in what runs."""
-        steps = [step for step in self.knowledge.passes if step.name in self._hopeful]
-        split = [self._alike(step) for step in steps]
+    def modes(self, count: Setting) -> Iterator[Mode]:
+        """Every choice of a class per pass, at a number of pixels."""
+        steps = [step for step in self.knowledge.passes if self._matters(step, count)]
+        split = [self._alike(step, count) for step in steps]
         for choice in product(*split):
             yield self._mode({step.name: alike for step, alike in zip(steps, choice, strict=True)})
 
-    def mode_of(self, combination: Combination) -> Mode:
+    def mode_of(self, combination: Combination, count: Setting) -> Mode:
         """The mode of one combination."""
         classes = {}
         for step in self.knowledge.passes:
-            if step.name in self._hopeful:
+            if self._matters(step, count):
                 name = combination.get(step.name, CUSTOM)
-                classes[step.name] = next(alike for alike in self._alike(step) if name in alike.settings)
+                classes[step.name] = next(alike for alike in self._alike(step, count) if name in alike.settings)
         return self._mode(classes)
 
     @property
@@ -163,21 +165,41 @@ class Question:
         kept = outlook.history.kept.get(step.continues.name) if step.continues is not None else None
         return outlook.at(self._exact if kept is None else kept.settings)
 
-    def _alike(self, step: Pass) -> list[Alike]:
-        """The pass's open settings by class."""
+    def _alike(self, step: Pass, count: Setting) -> list[Alike]:
+        """The pass's open settings by class, at a number of pixels; the first pass stands at that."""
         memo = self.__dict__.setdefault("_classes", {})
-        if step.name not in memo:
-            found: dict[tuple[frozenset[AnyBuffer], frozenset[Hashable]], list[str]] = {}
-            blended = layers(self.knowledge.passes) if step.blends else ()
-            for setting in self.open.get(step.name, (Setting(CUSTOM, {}),)):
-                asked = step.asked(self.knowledge.outlook.at(setting.applied(self._exact)))
-                inputs = frozenset((*asked, *step.uses, *blended))
-                found.setdefault((inputs, self._lost(step, setting)), []).append(setting.name)
-            memo[step.name] = [Alike(tuple(names), tuple(i), lost) for (i, lost), names in found.items()]
-        return memo[step.name]
+        if (step.name, count.name) not in memo:
+            found: dict[tuple[Any, ...], list[str]] = {}
+            first = step is self.knowledge.passes[0]
+            for setting in (count,) if first else self.open.get(step.name, (Setting(CUSTOM, {}),)):
+                fresh, kept = (self._inputs(step, setting, count, afresh) for afresh in (True, False))
+                found.setdefault((fresh, kept, self._lost(step, setting)), []).append(setting.name)
+            memo[step.name, count.name] = [Alike(tuple(names), *alike) for alike, names in found.items()]
+        return memo[step.name, count.name]
+
+    def _inputs(self, step: Pass, setting: Setting, count: Setting, fresh: bool) -> frozenset[AnyBuffer]:
+        blended = layers(self.knowledge.passes) if step.blends else ()
+        asked: Buffers = step.needs
+        if step.asks is not nothing_asked:
+            outlook = self.knowledge.outlook.at(count.applied(setting.applied(self._exact)))
+            if step.makes.lasting is not None:
+                outlook = self._with_or_without(outlook, step, fresh)
+            asked = step.asked(outlook)
+        return frozenset((*asked, *step.uses, *blended))
+
+    def _matters(self, step: Pass, count: Setting) -> bool:
+        """The pass may run, or its settings decide about others."""
+        return step.name in self._hopeful or any(alike.lost for alike in self._alike(step, count))
 
     def _lost(self, step: Pass, setting: Setting) -> frozenset[Hashable]:
         """Passes that do not apply, and lasting buffers that do not hold, because of this setting."""
+        memo = self.__dict__.setdefault("_losses", {})
+        key = (step.name, setting.name)
+        if key not in memo:
+            memo[key] = self._find_lost(step, setting)
+        return memo[key]
+
+    def _find_lost(self, step: Pass, setting: Setting) -> frozenset[Hashable]:
         lost: set[Hashable] = set()
         for other in self.knowledge.passes:
             if other.by_settings and other.name in self._hopeful:
@@ -194,8 +216,9 @@ class Question:
 
     def _mode(self, classes: Mapping[str, Alike]) -> Mode:
         """Who runs: as :func:`torchrender.planning.graph.resolve` has it, from what the classes say."""
-        lost = frozenset().union(*(alike.holds for alike in classes.values())) if classes else frozenset()
-        applying = [step for step in self.knowledge.passes if step.name in classes and step.name not in lost]
+        lost: frozenset[Hashable] = frozenset().union(*(alike.lost for alike in classes.values()))
+        kept = self.knowledge.outlook.history.kept
+        applying = [step for step in self.knowledge.passes if step.name in self._hopeful - lost]
         makers: dict[AnyBuffer, Pass] = {}
         for step in applying:
             if step.makes not in makers:
@@ -210,14 +233,15 @@ class Question:
             if step.name in chosen:
                 continue
             chosen.add(step.name)
-            for buffer in classes[step.name].inputs:
+            holds = step.makes.name in kept and (step.makes.name,) not in lost
+            alike = classes[step.name]
+            for buffer in alike.inputs_kept if holds else alike.inputs:
                 if buffer in makers:
                     waiting.append(makers[buffer])
                 if step.makes.lasting is None:
                     seen.add(buffer)
         running = tuple(step for step in applying if step.name in chosen)
         shown = frozenset(s.name for s in running if s.makes.lasting is None or s.makes in seen)
-        kept = self.knowledge.outlook.history.kept
         fresh = frozenset(s.name for s in running if s.makes.name not in kept or (s.makes.name,) in lost)
         return Mode(classes, running, shown, fresh)
 

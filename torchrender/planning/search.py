@@ -70,7 +70,7 @@ def choose(question: Question, budget_ms: float | None, max_error: float | None,
     Where nothing meets the wish: the quickest for a budget, the most exact for an error bound.
     """
     norm = question.knowledge.curves.norm
-    parts = [_part(question, mode, count) for mode in question.modes() for count in question.counts]
+    parts = [_part(question, mode, count) for count in question.counts for mode in question.modes(count)]
     time_limit = np.inf if budget_ms is None else HEADROOM * budget_ms - spent_ms
     error_limit = np.inf if max_error is None else max_error**norm
     found, possible = None, False
@@ -97,7 +97,7 @@ def choose(question: Question, budget_ms: float | None, max_error: float | None,
 def cost_of(question: Question, combination: Combination) -> tuple[float, float]:
     """Time, and error to the power of the norm, of one combination."""
     count = next(c for c in question.counts if c.name == combination.get(question.knowledge.passes[0].name, c.name))
-    mode = question.mode_of(combination)
+    mode = question.mode_of(combination, count)
     time, error = 0.0, 0.0
     for step in mode.running:
         setting = combination.get(step.name, mode.classes[step.name].settings[0])
@@ -249,8 +249,8 @@ def _loyal(question: Question, found: Found, limits: tuple[float, float], axis: 
     good = cost[axis] <= factor * found.cost[axis] + (1e-6**question.knowledge.curves.norm if axis else 0.0)
     if not good or cost[0] > limits[0] or cost[1] > limits[1]:
         return found
-    mode = question.mode_of(last)
     count = next(c for c in question.counts if c.name == last.get(question.knowledge.passes[0].name, c.name))
+    mode = question.mode_of(last, count)
     part = _part(question, mode, count)
     places = tuple(names.index(last[name]) for name, names in zip(part.names, part.settings, strict=True))
     return _at(part, places)
