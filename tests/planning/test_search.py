@@ -78,7 +78,7 @@ def question(
     known = Knowledge(outlook=outlook, curves=random_curves(passes, outlook, chance), passes=tuple(passes))
     made = Question.about(known, options)
     few = {name: rows[:: thin if len(rows) > 3 else 1] for name, rows in made.open.items()}
-    return replace(made, open=few)
+    return replace(made, open=few, _memo={})
 
 
 def twin_cost(asked: Question, combination: Mapping[str, str]) -> tuple[float, float]:
@@ -172,10 +172,10 @@ def test_both_wishes(asked) -> None:
         assert clash.predicted_error == pytest.approx(least)
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(seed=st.integers(0, 10**6), share=st.floats(0.0, 1.0), after=st.booleans())
 def test_any_costs_and_any_budget(seed: int, share: float, after: bool) -> None:
-    found = question(seed, history=STARTED if after else None, thin=4)
+    found = question(seed, history=STARTED if after else None, thin=5)
     costs = list(all_costs(found).values())
     times = sorted(t for t, _ in costs)
     budget = times[int(share * (len(times) - 1))] / HEADROOM * (1 + 1e-9)
@@ -283,10 +283,8 @@ def test_spent_exactly_as_predicted_gives_the_same_plan() -> None:
     first = choose(found, budget, None)
     gbuffer = found.knowledge.passes[0]
     count = next(s for s in found.open["gbuffer"] if s.name == first.settings["gbuffer"])
-    spent = found.time_ms(gbuffer, count.name, count, True)
-    late = replace(
-        found, done=frozenset({"gbuffer"}), open={**found.open, "gbuffer": (count,)}, _times={}, _errors={}
-    )
+    spent = found.time_ms(gbuffer, count, count, True)
+    late = replace(found, done=frozenset({"gbuffer"}), open={**found.open, "gbuffer": (count,)}, _memo={})
     second = choose(late, budget, None, spent_ms=spent)
     assert second.predicted_error == pytest.approx(first.predicted_error)
     assert second.predicted_ms == pytest.approx(first.predicted_ms)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -28,11 +27,14 @@ class Setting:
 
     def applied(self, options: RenderOptions) -> RenderOptions:
         """The options with this setting. They are not checked again: a table's settings are valid."""
-        made = copy.copy(options)
-        for path, value in self.changes.items():
-            first, *rest = path.split(".")
-            object.__setattr__(made, first, _changed(getattr(made, first), rest, value))
+        made = options
+        for path, value in self._paths:
+            made = _changed(made, path, value)
         return made
+
+    @cached_property
+    def _paths(self) -> tuple[tuple[tuple[str, ...], Any], ...]:
+        return tuple((tuple(path.split(".")), value) for path, value in self.changes.items())
 
     def matches(self, options: RenderOptions) -> bool:
         """The options are what this setting stands for."""
@@ -45,14 +47,17 @@ class Setting:
         return True
 
 
-def _changed(held: Any, path: list[str], value: Any) -> Any:
-    """``held`` with the entry at the end of a path replaced."""
+def _changed(held: Any, path: tuple[str, ...], value: Any) -> Any:
+    """``held`` with the entry at the end of a path replaced; records are copied without a check."""
     if not path:
         return value
-    name, *rest = path
-    if isinstance(held, Mapping):
+    name, rest = path[0], path[1:]
+    if isinstance(held, dict):
         return {**held, name: _changed(held[name], rest, value)} if name in held else held
-    return replace(held, **{name: _changed(getattr(held, name), rest, value)})
+    made = object.__new__(type(held))
+    made.__dict__.update(held.__dict__)
+    made.__dict__[name] = _changed(held.__dict__[name], rest, value)
+    return made
 
 
 @dataclass(frozen=True)

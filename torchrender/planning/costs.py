@@ -68,8 +68,11 @@ class Knowledge:
         return None if usual is None else usual * self.pace.ratio(step.name, setting)
 
     def setting_error(self, step: Pass, setting: str, options: RenderOptions) -> float:
-        """Error of a setting; where settings are compared in a context of their own, beyond the best of them."""
-        if not step.settings.shows(options):
+        """Error of a setting; where settings are compared in a context of their own, beyond the best of them.
+
+        A pass that knows one way has none.
+        """
+        if not step.settings.is_choice or not step.settings.shows(options):
             return 0.0
         found = self.curves.error(step.name, setting, self.name)
         if not step.settings.context.changes:
