@@ -14,18 +14,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import torchrender as tr
-from torchrender.passes.contract import Pass, always
+from torchrender.passes.contract import Pass
 from torchrender.passes.outlook import Outlook
-from torchrender.passes.settings import Setting, Settings
-from torchrender.passes.table import PASSES, PICTURE
-from torchrender.pipeline.buffer import Buffer, Lasting
+from torchrender.passes.table import PASSES
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
 from torchrender.pipeline.pace import LIMIT, Pace
 from torchrender.planning.costs import Knowledge, is_seen
-from torchrender.planning.curves import Curves
 from torchrender.planning.question import Question
 from torchrender.planning.search import HEADROOM, Choice, choose, cost_of
+from torchrender.report.planning.tables import made_up, options_of, random_curves
 from torchrender.scene.light import PointLight, RectLight
 from torchrender.scene.model import Scene
 
@@ -48,18 +46,6 @@ def room() -> Scene:
 SCENE = room()
 CAMERA = tr.Cameras.look_at([0.0, 1.0, 2.0], [0.0, 0.0, 0.0], width=64, height=48, near=0.1)
 STARTED = tr.render(SCENE, CAMERA, options=RenderOptions(reflections="traced"), history=RenderHistory()).history
-
-
-def random_curves(passes: Sequence[Pass], outlook: Outlook, chance: random.Random) -> Curves:
-    weights, records = {}, {}
-    for step in passes:
-        length = len(step.amounts(outlook))
-        names = step.settings.names
-        weights[step.name] = {s: [chance.uniform(0, 40) for _ in range(length)] for s in names}
-        records[step.name] = {s: {"flip": chance.choice((0.0, chance.uniform(0, 0.2)))} for s in names}
-    norm = chance.choice((1.0, 1.5, 2.0))
-    known = Curves(weights, {}, norm, {}, "chance")
-    return replace(known, scenes={Knowledge(outlook=outlook, curves=known).name: {"passes": records}})
 
 
 def question(
@@ -187,37 +173,6 @@ def test_any_costs_and_any_budget(seed: int, share: float, after: bool) -> None:
 
 
 # --------------------------------------------------------------- other tables
-
-SHARED: Buffer[object] = Buffer("shared", object, lasting=Lasting(lambda _: ()))
-
-
-def made_up(count: int, chance: random.Random, *, asking: int = 0) -> tuple[Pass, ...]:
-    """Passes that all the picture needs; the first sets the pixels, some ask for a shared thing at some settings."""
-    buffers = [Buffer(f"b{k}", object) for k in range(count - 2)]
-
-    def step(name: str, makes: Buffer[object], rows: Sequence[str], asks: bool) -> Pass:
-        exact = rows[len(rows) // 2 :]
-        choices = tuple(Setting(row, {f"effects.{name}": row}) for row in rows)
-        return Pass(
-            name=name, summary=".", makes=makes, applies=always("."), run=lambda _: None,
-            settings=Settings("s", choices, choices[-1]), amounts=lambda outlook: (1.0, outlook.pixels),
-            asks=lambda outlook: (SHARED,) if asks and outlook.options.effects[name] in exact else (),
-        )  # fmt: skip
-
-    first = replace(PASSES[0], needs=(), checkpoint=None)
-    middle = [
-        step(f"p{k}", b, [f"s{n}" for n in range(chance.randint(2, 5))], k < asking) for k, b in enumerate(buffers)
-    ]
-    node = Pass(
-        name="shared", summary=".", makes=SHARED, applies=always("."), run=lambda _: None, amounts=lambda _: (1.0, 0.0)
-    )
-    last = replace(step("end", PICTURE, ["only"], False), needs=(first.makes, *buffers))
-    return (first, *middle, *([node] if asking else []), last)
-
-
-def options_of(passes: Sequence[Pass]) -> RenderOptions:
-    others = [step for step in passes[1:] if step.settings.is_choice or step.name == "end"]
-    return RenderOptions(effects={step.name: step.settings.names[0] for step in others})
 
 
 @pytest.mark.parametrize("seed", range(4))
