@@ -1,0 +1,466 @@
+"""A scene that takes the style of photos, and what a person may change about it afterwards.
+
+The stages are those of specification 11: views, a material for each object from each view, and a choice among them.
+Every change gives a new :class:`Style`; only what it touches is computed again.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from torchrender.checks import as_vector, check_finite, check_range
+from torchrender.clock import StepClock
+from torchrender.errors import InputError
+from torchrender.photo.style import finish
+from torchrender.photo.style.adjacency import Smoothness, adjacency
+from torchrender.photo.style.candidates import (
+    Candidates,
+    fit_candidates,
+    fit_region,
+    start_choice,
+    thinned,
+    without_doubles,
+)
+from torchrender.photo.style.cost import CostParts, StyleCost
+from torchrender.photo.style.dominant import palette
+from torchrender.photo.style.objects import StyleObjects, cut_scene
+from torchrender.photo.style.options import StyleOptions, StyleWarning
+from torchrender.photo.style.photograph import Photo, prepare_photo
+from torchrender.photo.style.prior import prior_cost, roles
+from torchrender.photo.style.search import SearchResult, tabu_search
+from torchrender.photo.style.statistics import ColorStatistics, StyleTables, build_tables
+from torchrender.photo.style.terms import ViewTerms, default_light, mean_terms, pictures, view_terms
+from torchrender.photo.style.views import Views, look, make_views
+from torchrender.scene.camera import Cameras
+from torchrender.scene.files.scene_write import write_scene
+from torchrender.scene.model import Scene
+
+Progress = Callable[[str, int], None]
+Region = Sequence[float]
+_LISTED = 8
+
+
+@dataclass(frozen=True, eq=False)
+class StyleProblem:
+    """What does not change while a person locks, picks and searches again."""
+
+    scene: Scene
+    objects: StyleObjects
+    options: StyleOptions
+    photos: tuple[Photo, ...]
+    views: Views
+    terms: tuple[ViewTerms, ...]
+    light: Tensor  # (3,) float64
+    near: Tensor  # (m,m) bool neighbours
+    role: Tensor  # (m,) int64, see prior
+    cosine: Tensor  # (m,) float64 mean d of each object
+    colors: Tensor  # (m,3) float64 mean reflectance of its present materials
+
+    @property
+    def width(self) -> int:
+        """Numbers in a material row."""
+        return 10 if self.options.fit.spec_color else 8
+
+
+@dataclass(frozen=True, eq=False)
+class Style:
+    """The style of photos on a scene. m objects, n views, C candidates."""
+
+    problem: StyleProblem
+    candidates: Candidates
+    tables: StyleTables
+    usable: Tensor  # (m,C) bool candidates that the search may take, before locks
+    locked: Mapping[int, int]  # object -> candidate
+    kept: frozenset[int]  # objects locked to the material they came with
+    weights: tuple[float, ...] | None  # of the palette's colours in the photos' statistics
+    highlights: Mapping[int, tuple[float, float]]
+    sliders: tuple[float, float, float]
+    start: np.ndarray  # (m,) choice that the search started from
+    result: SearchResult
+    before: CostParts  # F of the start
+    after: CostParts  # F of the choice
+    timings_ms: Mapping[str, float]
+    _cache: dict[str, Tensor] = field(default_factory=dict)
+
+    # --------------------------------------------------------------- reading
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the m objects."""
+        return self.problem.objects.names
+
+    @property
+    def choice(self) -> Tensor:
+        """(m,) int64 chosen candidate of each object."""
+        return torch.from_numpy(self.result.choice.copy())
+
+    @property
+    def unseen(self) -> tuple[str, ...]:
+        """Objects that got no candidate: the neutral material."""
+        without = ~self.candidates.valid.any(dim=1)
+        return tuple(self.names[i] for i in without.nonzero().reshape(-1).tolist() if i not in self.locked)
+
+    @property
+    def history(self) -> tuple[float, ...]:
+        """F of the start and after every move of the search."""
+        return self.result.history
+
+    @property
+    def materials(self) -> Tensor:
+        """(m,8|10) float64 rows ``[k_a, k_d, k_s, alpha]`` with all later changes."""
+        rows = self.candidates.materials[torch.arange(len(self.names)), self.choice].clone()
+        for index, (specular, exponent) in self.highlights.items():
+            rows[index, 6:-1], rows[index, -1] = specular, exponent
+        free = torch.tensor([i not in self.kept for i in range(len(rows))])
+        rows[free] = finish.adjusted(rows[free], self.problem.cosine[free], self.sliders)
+        return rows
+
+    @property
+    def scene(self) -> Scene:
+        """The scene with its new materials; lit as the fit assumes if nothing else lights it."""
+        problem, rows = self.problem, self.materials
+        colors = finish.albedo(rows, problem.cosine)
+        made = [
+            None
+            if i in self.kept
+            else finish.as_material(
+                name, colors[i].float(), float(rows[i, 6:-1].mean()), float(rows[i, -1])
+            )
+            for i, name in enumerate(self.names)
+        ]  # fmt: skip
+        ratios = colors / problem.colors.clamp_min(1e-4) if problem.options.keep_textures else None
+        styled = finish.styled_scene(problem.scene, problem.objects, made, ratios)
+        return finish.with_style_light(styled, problem.views, problem.light)
+
+    def pictures(self) -> Tensor:
+        """(n,H,W,3) float32 linear renderings of the views by Phong's model, as the search sees them."""
+        views, scene = self.problem.views, self.problem.scene
+        glow = torch.stack([m.emission for m in scene.materials]).clamp(0.0, 1.0)
+        rest = torch.where(
+            views.gbuffer.covered[..., None], glow[views.gbuffer.material.clamp_min(0)], torch.tensor(0.8)
+        )
+        return pictures(views, self.problem.terms, self.materials, rest)
+
+    def palette(self, colors: int = 5) -> tuple[Tensor, Tensor]:
+        """Main colours of the photos: Lab (k,3) and their shares (k,) of the pixels, most frequent first."""
+        lab, weight = self._photo_pixels()
+        centres, label = palette(lab, colors, seed=self.problem.options.seed)
+        share = torch.bincount(label, weight, minlength=len(centres))
+        return centres, share / share.sum()
+
+    def save(self, path: str | Path) -> list[Path]:
+        """Write the scene as ``.glb``, or as ``.toml`` with a GLB file beside it; returns the files.
+
+        Raises:
+            SceneFileError: another suffix, missing folder, or a file that cannot be written.
+        """
+        return write_scene(path, self.scene)
+
+    # -------------------------------------------------------------- changing
+
+    def lock(self, *words: str) -> Style:
+        """Keep the present choice for these objects and search again; names, ``#number`` or patterns.
+
+        Raises:
+            InputError: a word that fits no object.
+        """
+        found = self.problem.objects.find(words)
+        return self._searched(locked={**self.locked, **{i: int(self.result.choice[i]) for i in found}})
+
+    def unlock(self, *words: str) -> Style:
+        """Free these objects (none named: all) and search again."""
+        found = self.problem.objects.find(words) if words else range(len(self.names))
+        locked = {i: c for i, c in self.locked.items() if i not in found}
+        return self._searched(locked=locked, kept=self.kept - set(found))
+
+    def keep(self, *words: str) -> Style:
+        """Keep the materials that these objects came with, and search for the others again."""
+        found = self.problem.objects.find(words)
+        if not found:
+            return self
+        problem = self.problem
+        rows = finish.own_rows(problem.scene, problem.objects, problem.colors, problem.width)
+        return self._with_column(rows, found)._searched(kept=self.kept | set(found))
+
+    def choose(self, word: str, candidate: int) -> Style:
+        """Lock an object to one of its candidates, by number, and search for the others again.
+
+        Raises:
+            InputError: no such object, or no valid candidate of that number.
+        """
+        index = self.problem.objects.one(word)
+        if not 0 <= candidate < self.usable.shape[1] or not bool(self.candidates.valid[index, candidate]):
+            known = self.candidates.valid[index].nonzero().reshape(-1).tolist()
+            raise InputError(f"candidate of {self.names[index]!r} must be one of {known}, got {candidate}")
+        return self._searched(locked={**self.locked, index: candidate}, kept=self.kept - {index})
+
+    def pick(self, word: str, region: Region, photo: int = 0) -> Style:
+        """Give an object the material of a region of a photo, lock it, and search for the others again.
+
+        Args:
+            word: names one object.
+            region: left, top, right, bottom in pixels of the photo as it was given.
+            photo: which photo, from 0.
+
+        Raises:
+            InputError: no or several objects, a region outside the photo, no such photo.
+        """
+        index = self.problem.objects.one(word)
+        return self._picked({index: (region, photo)})
+
+    def with_palette(self, weights: Sequence[float]) -> Style:
+        """Search again for photos in which the palette's colours count more or less: 1 as they are, 0 not at all.
+
+        ``weights`` belong to the colours of :meth:`palette` with as many colours.
+
+        Raises:
+            InputError: no weight, or all of them zero. OptionError: one outside [0, 100].
+        """
+        values = tuple(float(w) for w in weights)
+        for k, value in enumerate(values):
+            check_range(f"weights[{k}]", value, 0.0, 100.0)
+        if not any(values):
+            raise InputError("weights must hold at least one number above zero")
+        return self._searched(weights=values)
+
+    def adjusted(self, *, lightness: float = 0.0, saturation: float = 0.0, warmth: float = 0.0) -> Style:
+        """All new materials lighter, more saturated, warmer; each in [-1,1], 0 for as they are. Nothing is searched.
+
+        Raises:
+            OptionError: a number outside [-1, 1].
+        """
+        sliders = (lightness, saturation, warmth)
+        for name, value in zip(("lightness", "saturation", "warmth"), sliders, strict=True):
+            check_range(name, value, -1.0, 1.0)
+        return replace(self, sliders=tuple(float(v) for v in sliders))
+
+    def add_highlight(self, word: str, specular: float, exponent: float = 20.0) -> Style:
+        """Give objects a highlight of height ``specular`` in [0,1] and a Phong exponent in [1,200].
+
+        Raises:
+            InputError: no such object. OptionError: a number outside its range.
+        """
+        check_range("specular", specular, 0.0, 1.0)
+        check_range("exponent", exponent, 1.0, 200.0)
+        found = self.problem.objects.find([word])
+        return replace(self, highlights={**self.highlights, **dict.fromkeys(found, (specular, exponent))})
+
+    # --------------------------------------------------------------- private
+
+    def cost(self) -> StyleCost:
+        """F as a function of the choice."""
+        options, problem = self.problem.options.search, self.problem
+        weight = options.smooth_weight
+        if weight is None:
+            weight = 0.05 * len(problem.views) / len(self.names)
+        own = None
+        if options.prior_weight > 0:
+            own = prior_cost(problem.role, self.tables.mean_lightness(), options.prior_weight)
+        return StyleCost(
+            self.tables,
+            self.wanted(),
+            Smoothness.of(self.candidates.materials, problem.near, options.smooth),
+            smooth_weight=weight,
+            prior=own,
+            units=options.units,
+        )
+
+    def wanted(self) -> ColorStatistics:
+        """Colour statistics of the photos, each of them with the same weight."""
+        lab, weight = self._photo_pixels()
+        if self.weights is not None:
+            _, label = palette(lab, len(self.weights), seed=self.problem.options.seed)
+            weight = weight * torch.tensor(self.weights, dtype=torch.float64)[label]
+        return ColorStatistics.of(lab, self.problem.options.search.bins, weight)
+
+    def free(self) -> np.ndarray:
+        """(m,C) bool candidates that the search may take, locks counted."""
+        usable = self.usable.clone()
+        for index, column in self.locked.items():
+            usable[index] = False
+            usable[index, column] = True
+        return usable.numpy()
+
+    def _photo_pixels(self) -> tuple[Tensor, Tensor]:
+        """Lab (N,3) of all photos, and weights (N,) that sum to one for each."""
+        if "lab" not in self._cache:
+            labs = [p.lab for p in self.problem.photos]
+            self._cache["lab"] = torch.cat(labs)
+            self._cache["weight"] = torch.cat([torch.full((len(x),), 1.0 / len(x), dtype=torch.float64) for x in labs])
+        return self._cache["lab"], self._cache["weight"]
+
+    def _with_column(self, rows: Tensor, found: Sequence[int]) -> Style:
+        """One candidate more, to which the objects ``found`` are locked."""
+        chosen = torch.zeros(len(self.names), dtype=torch.bool)
+        chosen[list(found)] = True
+        more = build_tables(self.problem.terms, rows[:, None], self.problem.options.search.bins)
+        column = self.usable.shape[1]
+        return replace(
+            self,
+            candidates=self.candidates.with_column(rows, chosen),
+            tables=self.tables.joined(more),
+            # For others than those locked to it, it is no choice.
+            usable=torch.cat([self.usable, torch.zeros(len(chosen), 1, dtype=torch.bool)], dim=1),
+            locked={**self.locked, **dict.fromkeys(found, column)},
+        )
+
+    def _picked(self, picks: Mapping[int, tuple[Region, int]]) -> Style:
+        problem = self.problem
+        rows = self.candidates.materials[torch.arange(len(self.names)), self.choice].clone()
+        for index, (region, photo) in picks.items():
+            if not 0 <= photo < len(problem.photos):
+                raise InputError(f"photo must be in [0, {len(problem.photos) - 1}], got {photo}")
+            pixels = problem.photos[photo].region(region)
+            rows[index] = fit_region(pixels, index, problem.views, problem.terms, problem.options.fit)
+        return self._with_column(rows, list(picks))._searched(kept=self.kept - set(picks))
+
+    def _searched(self, progress: Progress | None = None, **changes: object) -> Style:
+        """With some fields changed, searched again from the start."""
+        clock = StepClock()
+        changed = replace(self, **changes)  # type: ignore[arg-type]
+        with clock.measure("search"):
+            free = changed.free()
+            start = start_choice(changed.candidates.materials, torch.from_numpy(free), self.problem.options.seed)
+            cost = changed.cost()
+            step = None if progress is None else lambda k: progress("search", k)
+            result = tabu_search(cost, start.numpy(), free, self.problem.options.search, step)
+        return replace(
+            changed,
+            start=start.numpy(),
+            result=result,
+            before=cost.parts(start.numpy()),
+            after=cost.parts(result.choice),
+            timings_ms={**changed.timings_ms, **clock.elapsed_ms},
+        )
+
+
+def style_scene(
+    scene: Scene,
+    photos: Tensor | Sequence[Tensor],
+    options: StyleOptions | None = None,
+    *,
+    cameras: Cameras | None = None,
+    light: Sequence[float] | Tensor | None = None,
+    keep: Sequence[str] = (),
+    pick: Mapping[str, Region] | None = None,
+    progress: Progress | None = None,
+) -> Style:
+    """Materials for a scene from the colours of one or several photos.
+
+    Args:
+        scene: meshes that are objects already; materials that emit light stay.
+        photos: linear light (H,W,C), as ``read_image`` gives it; several count alike.
+        options: what may be chosen.
+        cameras: 1 to 15 views instead of generated ones; their size counts, not that of the options.
+        light: (3,) position of the white point light that the fit assumes; default 5 % below the top centre.
+        keep: objects that keep the material they have: names, ``#number`` or patterns.
+        pick: regions of the first photo (left, top, right, bottom in pixels) whose material an object takes.
+        progress: called with the name of the stage and a count whenever one gets on.
+
+    Raises:
+        InputError: no photo or a bad one, no object, names that fit nothing, regions outside the photo.
+
+    Warns:
+        StyleWarning: objects that no view shows, which get a neutral material.
+    """
+    options = options or StyleOptions()
+    tell = progress or (lambda stage, count: None)
+    given = [photos] if isinstance(photos, Tensor) else list(photos)
+    if not given:
+        raise InputError("photos must hold at least one photo")
+    clock = StepClock()
+    with clock.measure("photo"):
+        prepared = tuple(
+            prepare_photo(p, "photo" if len(given) == 1 else f"photos[{k}]") for k, p in enumerate(given)
+        )  # fmt: skip
+    objects = cut_scene(scene, options.cut)
+    held = objects.find(keep)
+    picked = {objects.one(word): (region, 0) for word, region in (pick or {}).items()}
+    for region, _ in picked.values():
+        prepared[0].region(region)
+    tell("views", 0)
+    with clock.measure("views"):
+        views = look(
+            scene, objects, cameras if cameras is not None else make_views(scene, objects, options),
+            options.visible_share,
+        )  # fmt: skip
+    position = default_light(scene) if light is None else as_vector("light", light, 3, torch.float64)
+    check_finite("light", position)
+    with clock.measure("views"):
+        terms = view_terms(scene, views, position, options.keep_textures)
+    tell("fit", len(views))
+    with clock.measure("fit"):
+        candidates = fit_candidates(prepared, views, terms, options)
+    tell("tables", candidates.materials.shape[1])
+    with clock.measure("tables"):
+        tables = build_tables(terms, candidates.materials, options.search.bins)
+    tell("neighbours", len(objects))
+    with clock.measure("neighbours"):
+        near = adjacency(scene, objects, options.seed)
+    problem = StyleProblem(
+        scene=scene,
+        objects=objects,
+        options=options,
+        photos=prepared,
+        views=views,
+        terms=terms,
+        light=position,
+        near=near,
+        role=roles(scene, objects),
+        cosine=mean_terms(terms, len(objects)),
+        colors=finish.own_colors(scene, objects, views),
+    )
+    style = _first(problem, candidates, tables, clock)
+    if held:
+        rows = finish.own_rows(scene, objects, problem.colors, problem.width)
+        style = replace(style._with_column(rows, held), kept=frozenset(held))
+    if picked:
+        style = style._picked(picked)
+    style = style._searched(progress)
+    _warn_unseen(style)
+    return style
+
+
+def _first(problem: StyleProblem, candidates: Candidates, tables: StyleTables, clock: StepClock) -> Style:
+    """A style that nothing was searched for yet."""
+    usable = without_doubles(candidates)
+    if problem.options.search.cluster is not None:
+        usable = thinned(candidates.materials, usable, problem.options.search.cluster, problem.options.seed)
+    nothing = np.zeros(len(problem.objects), dtype=np.int64)
+    parts = CostParts(0.0, 0.0, 0.0, 0.0, 0.0)
+    return Style(
+        problem=problem,
+        candidates=candidates,
+        tables=tables,
+        usable=usable,
+        locked={},
+        kept=frozenset(),
+        weights=None,
+        highlights={},
+        sliders=(0.0, 0.0, 0.0),
+        start=nothing,
+        result=SearchResult(nothing, 0.0, (0.0,), (tuple(nothing.tolist()),), (False,), "no move"),
+        before=parts,
+        after=parts,
+        timings_ms=clock.elapsed_ms,
+    )
+
+
+def _warn_unseen(style: Style) -> None:
+    names = style.unseen
+    if names:
+        listed = ", ".join(repr(n) for n in names[:_LISTED])
+        more = f" and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
+        warnings.warn(
+            f"{len(names)} of {len(style.names)} objects are too small in every view and get a neutral material:"
+            f" {listed}{more}",
+            StyleWarning,
+            stacklevel=3,
+        )
