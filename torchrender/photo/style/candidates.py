@@ -30,6 +30,13 @@ class Candidates:
     materials: Tensor  # (m,C,8|10) float64
     valid: Tensor  # (m,C) bool
 
+    @property
+    def rendered(self) -> Tensor:
+        """(m,C) bool candidates that can be chosen: valid ones, and the first, neutral one of an object without any."""
+        out = self.valid.clone()
+        out[:, 0] |= ~self.valid.any(dim=1)
+        return out
+
     def with_column(self, rows: Tensor, chosen: Tensor) -> Candidates:
         """One candidate more: ``rows`` (m,8|10), of use for the objects ``chosen`` (m,) bool."""
         materials = torch.cat([self.materials, rows[:, None]], dim=1)

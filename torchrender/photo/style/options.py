@@ -55,7 +55,7 @@ class SearchOptions:
     stop_at: float = 0.0  # cost at which it ends at once
     smooth: str = "laplacian"  # "laplacian": the sum of differences to neighbours; "tv": sum of their lengths
     smooth_weight: float | None = None  # None: 0.05 views / objects
-    prior_weight: float = 0.0  # ceiling and walls light, floor middle, furniture darker; 0: not asked for
+    prior_weight: float = 1.0  # ceiling and walls light, floor middle, furniture darker; 0: any lightness
     bins: int = 32  # of the (a,b) histogram, per side
     units: str = "normalized"  # "raw": means and deviations in Lab units, as printed
     cluster: int | None = None  # candidates an object keeps at most, medoids of clusters; None: all

@@ -190,9 +190,8 @@ def _shiny(system: _System, prior: _Prior, alpha0: float) -> Array:
     free = _free(matrix, right)
     low, high = 1.0 - 1.0 / alpha0, MAX_EXPONENT / alpha0 - 1.0
     specular, delta = free[-2], free[-1]
-    if free.min(initial=0.0, where=np.arange(size) < size - 1) >= 0.0 and free[:-1].max() <= 1.0:
-        if -low * specular <= delta <= high * specular:
-            return free
+    if free[:-1].min() >= 0.0 and free[:-1].max() <= 1.0 and -low * specular <= delta <= high * specular:
+        return free
     change = np.eye(size)
     change[-2:, -2:] = np.array([[1.0, 1.0], [high, -low]]) / (low + high)
     ceiling = np.ones(size)

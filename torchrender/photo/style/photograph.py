@@ -77,7 +77,8 @@ class Photo:
 def prepare_photo(image: Tensor, name: str = "photo") -> Photo:
     """A photo from linear light (H,W,1..4), as :func:`~torchrender.images.files.read_image` gives it.
 
-    Grey becomes RGB. Light above one (HDR) is exposed, brighter or darker, so that its brightest fiftieth lies above 0.9, and clamped.
+    Grey becomes RGB. Light above one (HDR) is exposed, brighter or darker, so that its brightest fiftieth lies above
+    0.9, and clamped.
     Transparent parts are laid on white, with a warning.
 
     Raises:

@@ -239,7 +239,7 @@ class Style:
         sliders = (lightness, saturation, warmth)
         for name, value in zip(("lightness", "saturation", "warmth"), sliders, strict=True):
             check_range(name, value, -1.0, 1.0)
-        return replace(self, sliders=tuple(float(v) for v in sliders))
+        return replace(self, sliders=(float(lightness), float(saturation), float(warmth)))
 
     def add_highlight(self, word: str, specular: float, exponent: float = 20.0) -> Style:
         """Give objects a highlight of height ``specular`` in [0,1] and a Phong exponent in [1,200].
@@ -300,7 +300,7 @@ class Style:
         """One candidate more, to which the objects ``found`` are locked."""
         chosen = torch.zeros(len(self.names), dtype=torch.bool)
         chosen[list(found)] = True
-        more = build_tables(self.problem.terms, rows[:, None], self.problem.options.search.bins)
+        more = build_tables(self.problem.terms, rows[:, None], self.problem.options.search.bins, chosen[:, None])
         column = self.usable.shape[1]
         return replace(
             self,
@@ -371,7 +371,7 @@ def style_scene(
         StyleWarning: objects that no view shows, which get a neutral material.
     """
     options = options or StyleOptions()
-    tell = progress or (lambda stage, count: None)
+    tell = progress or _silent
     given = [photos] if isinstance(photos, Tensor) else list(photos)
     if not given:
         raise InputError("photos must hold at least one photo")
@@ -400,7 +400,7 @@ def style_scene(
         candidates = fit_candidates(prepared, views, terms, options)
     tell("tables", candidates.materials.shape[1])
     with clock.measure("tables"):
-        tables = build_tables(terms, candidates.materials, options.search.bins)
+        tables = build_tables(terms, candidates.materials, options.search.bins, candidates.rendered)
     tell("neighbours", len(objects))
     with clock.measure("neighbours"):
         near = adjacency(scene, objects, options.seed)
@@ -426,6 +426,10 @@ def style_scene(
     style = style._searched(progress)
     _warn_unseen(style)
     return style
+
+
+def _silent(stage: str, count: int) -> None:
+    del stage, count
 
 
 def _first(problem: StyleProblem, candidates: Candidates, tables: StyleTables, clock: StepClock) -> Style:

@@ -17,7 +17,7 @@ _PAPER = 1.0
 def contact_sheet(style: Style, *, columns: int | None = None) -> Tensor:
     """(H,W,3) linear light: the photos as the first pictures, then all views, row by row."""
     views = style.pictures()
-    count, height, width, _ = views.shape
+    height, width = views.shape[1:3]
     tiles = [_fitted(p.pixels, width, height) for p in style.problem.photos] + list(views)
     across = columns or math.ceil(math.sqrt(len(tiles)))
     down = math.ceil(len(tiles) / across)

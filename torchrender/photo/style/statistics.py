@@ -59,7 +59,9 @@ def ab_bin(lab: Tensor, bins: int) -> Tensor:
     return cell[:, 0] * bins + cell[:, 1]
 
 
-def style_terms(wanted: ColorStatistics, seen: ColorStatistics, units: str = "normalized") -> tuple[float, float, float]:
+def style_terms(
+    wanted: ColorStatistics, seen: ColorStatistics, units: str = "normalized"
+) -> tuple[float, float, float]:
     """The three parts of E: means, deviations, histograms; symmetric, and 0 for a picture and itself.
 
     Raises:
@@ -118,10 +120,16 @@ class StyleTables:
         return total / np.maximum(pixels, 1.0)[:, None]
 
 
-def build_tables(terms: Sequence[ViewTerms], materials: Tensor, bins: int = 32) -> StyleTables:
-    """Tables of candidates (m,C,8|10), rendering every view once with every candidate."""
+def build_tables(
+    terms: Sequence[ViewTerms], materials: Tensor, bins: int = 32, wanted: Tensor | None = None
+) -> StyleTables:
+    """Tables of candidates (m,C,8|10), rendering every view once with every candidate.
+
+    Only those ``wanted`` (m,C) bool are rendered (None: all); the rows of others are zero.
+    """
     count, columns = materials.shape[:2]
-    parts = [_view_table(view, materials, bins) for view in terms]
+    wanted = torch.ones(count, columns, dtype=torch.bool) if wanted is None else wanted
+    parts = [_view_table(view, materials, bins, wanted) for view in terms]
     used = torch.zeros(bins * bins, dtype=torch.bool)
     for _, _, _, histogram in parts:
         used |= (histogram > 0).any(dim=0).any(dim=0)
@@ -145,18 +153,21 @@ def build_tables(terms: Sequence[ViewTerms], materials: Tensor, bins: int = 32) 
     )
 
 
-def _view_table(view: ViewTerms, materials: Tensor, bins: int) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+def _view_table(view: ViewTerms, materials: Tensor, bins: int, wanted: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """Of one view: objects (p,), pixels (p,), sums (p,C,5), counts (p,C,bins^2) float32."""
     pixels = torch.bincount(view.object, minlength=len(materials))
     present = (pixels > 0).nonzero().reshape(-1)
     place = torch.zeros(len(materials), dtype=torch.int64)
     place[present] = torch.arange(len(present))
-    own = place[view.object]
     columns = materials.shape[1]
     sums = torch.zeros(len(present), columns, 5, dtype=torch.float64)
     counts = torch.zeros(len(present), columns, bins * bins)
     for c in range(columns):
-        lab = lab_from_linear(radiance(view, materials[:, c]))
+        part = view.of(wanted[:, c])
+        if not len(part.row):
+            continue
+        own = place[part.object]
+        lab = lab_from_linear(radiance(part, materials[:, c]))
         a, b = lab[:, 1], lab[:, 2]
         for k, value in enumerate((a, b, a * a, b * b, lab[:, 0])):
             sums[:, c, k] = torch.bincount(own, value, minlength=len(present))

@@ -32,6 +32,20 @@ class ViewTerms:
     log_mirror: Tensor  # (N,) float64 ln s, -inf where s is 0
     gain: Tensor | None  # (N,3) float64 pattern of the object's texture, mean one; None: no texture is kept
 
+    def of(self, chosen: Tensor) -> ViewTerms:
+        """The pixels of the objects that are chosen, (m,) bool."""
+        if bool(chosen.all()):
+            return self
+        rows = chosen[self.object].nonzero().reshape(-1)
+        return ViewTerms(
+            object=self.object[rows],
+            row=self.row[rows],
+            diffuse=self.diffuse[rows],
+            mirror=self.mirror[rows],
+            log_mirror=self.log_mirror[rows],
+            gain=None if self.gain is None else self.gain[rows],
+        )
+
 
 def default_light(scene: Scene) -> Tensor:
     """(3,) float64: 5 % of the height below the top centre of the scene's box."""

@@ -24,7 +24,9 @@ EYE_SHARE, TARGET_SHARE = 0.55, 0.4  # of the scene's height
 SHRINK = 0.05
 CLEAR = 0.3  # of the way to the target
 AIMED_SHARE = 0.02  # of the picture that an aimed view gives its object
-MIN_FOV_DEG = 12.0
+MIN_FOV_DEG = 20.0
+STEPS = 17  # tried on the way to the target
+SMALL = (160, 120)  # pixels of pictures that only count objects
 TRIED = 24  # objects considered for one more view
 
 
@@ -80,12 +82,14 @@ def make_views(scene: Scene, objects: StyleObjects, options: StyleOptions) -> Ca
     target = _target(scene)
     rim = _rim(scene, options.views)
     inside = _is_room(caster, rim, scene)
-    eyes = _clear(caster, rim, target) if inside else _orbit(scene, options.views)
-    near = 1e-3 * scene.diagonal
-    cameras = Cameras.look_at(
-        eyes, target, width=options.width, height=options.height, fov_deg=FOV_DEG, near=near
-    )  # fmt: skip
+    eyes = _inside(scene, objects, (caster, rim, target)) if inside else _orbit(scene, options.views)
+    cameras = _cameras(scene, eyes, target, (options.width, options.height))
     return _complete(scene, objects, cameras, options)
+
+
+def _cameras(scene: Scene, eyes: Tensor, target: Tensor, size: tuple[int, int]) -> Cameras:
+    near = 1e-3 * scene.diagonal
+    return Cameras.look_at(eyes, target, width=size[0], height=size[1], fov_deg=FOV_DEG, near=near)
 
 
 # ---------------------------------------------------------------------- eyes
@@ -143,16 +147,33 @@ def _is_room(caster: RayCaster, rim: Tensor, scene: Scene) -> bool:
     return len(scene.meshes) > 2 or float(back.double().mean()) < 0.9
 
 
-def _clear(caster: RayCaster, eyes: Tensor, target: Tensor) -> Tensor:
-    """The eyes, moved towards the target until 30 % of the way there is clear, at most by 80 % of it."""
-    steps = torch.linspace(0.0, 0.8, 17, dtype=torch.float64)
-    tried = torch.lerp(eyes[:, None], target.expand_as(eyes)[:, None], steps[:, None])  # (n,17,3)
+def _inside(scene: Scene, objects: StyleObjects, stage: tuple[RayCaster, Tensor, Tensor]) -> Tensor:
+    """(n,3) eyes within a room: on the way from the rim to the target, the first that have 30 % of it clear.
+
+    An eye that shows less than half as many objects as most do (it may stand behind a wall of a room with corners)
+    goes on to where the most are seen.
+    """
+    caster, rim, target = stage
+    steps = torch.linspace(0.0, 0.8, STEPS, dtype=torch.float64)
+    tried = torch.lerp(rim[:, None], target.expand_as(rim)[:, None], steps[:, None])  # (n,STEPS,3)
     flat = tried.reshape(-1, 3)
-    toward = target - flat
-    hit = caster.first_hit(flat, toward, t_max=CLEAR).hit.reshape(tried.shape[:2])
-    clear = ~hit
-    first = torch.where(clear.any(dim=1), clear.long().argmax(dim=1), 0)
-    return tried[torch.arange(len(eyes)), first]
+    hit = caster.first_hit(flat, target - flat, t_max=CLEAR).hit.reshape(tried.shape[:2])
+    first = torch.where((~hit).any(dim=1), (~hit).long().argmax(dim=1), 0)
+    eyes = tried[torch.arange(len(rim)), first]
+    shown = _shown(scene, objects, eyes, target)
+    for k in (shown < 0.5 * float(shown.double().median())).nonzero().reshape(-1).tolist():
+        open_ways = (~hit[k]).nonzero().reshape(-1)
+        if len(open_ways):
+            found = _shown(scene, objects, tried[k, open_ways], target)
+            eyes[k] = tried[k, open_ways[found.argmax()]]
+    return eyes
+
+
+def _shown(scene: Scene, objects: StyleObjects, eyes: Tensor, target: Tensor) -> Tensor:
+    """(n,) number of objects that cover 0.3 % of a small picture from each eye."""
+    cameras = _cameras(scene, eyes, target, SMALL)
+    seen = _objects_of(objects, rasterize_visibility(scene.geometry, cameras).triangle)
+    return (count_pixels(seen, len(objects)) >= 0.003 * SMALL[0] * SMALL[1]).sum(dim=0)
 
 
 def _orbit(scene: Scene, count: int) -> Tensor:
