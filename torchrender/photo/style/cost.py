@@ -63,7 +63,8 @@ class StyleCost:
         shares = self._terms(*self._totals(choice), np.arange(self.views))
         own = float(self._prior[np.arange(self.objects), choice].sum()) if self._has_prior else 0.0
         smooth = self._weight * self._smoothness.total(choice) if self._weight else 0.0
-        return CostParts(*(float(p.sum()) for p in shares), smooth, own)
+        mean, deviation, histogram = (float(p.sum()) for p in shares)
+        return CostParts(mean, deviation, histogram, smooth, own)
 
     def total(self, choice: np.ndarray) -> float:
         """F of a choice."""

@@ -1,4 +1,4 @@
-"""Scenes as files: GLB alone, or a TOML scene file for what GLB cannot hold, with the meshes in a GLB file beside it."""
+"""Scenes as files: GLB alone, or TOML for what GLB cannot hold, with the meshes in a GLB file beside it."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def write_scene(path: str | Path, scene: Scene) -> list[Path]:
     written = [path, body]
     data = glb_bytes(bare, body)
     write_atomically(body, _bytes(data))
-    tables = [("geometry", {"file": body.name})]
+    tables: list[tuple[str, dict[str, object]]] = [("geometry", {"file": body.name})]
     tables += [("light", _light(light)) for light in scene.lights]
     tables += [("camera", _camera(name, camera)) for name, camera in scene.cameras.items()]
     for number, medium in enumerate(scene.media):
@@ -63,7 +63,7 @@ def write_scene(path: str | Path, scene: Scene) -> list[Path]:
         sky = path.with_name(f"{path.stem}_environment.exr")
         write_image(sky, scene.environment.radiance)
         written.append(sky)
-        own = {
+        own: dict[str, object] = {
             "file": sky.name,
             "intensity": scene.environment.intensity,
             "rotation_deg": scene.environment.rotation_deg,
