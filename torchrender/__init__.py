@@ -22,8 +22,9 @@ if TYPE_CHECKING:
     from torchrender.errors import TorchRenderError
     from torchrender.image import Image
     from torchrender.photo.style.options import FitOptions, SearchOptions, StyleOptions
-    from torchrender.photo.style.session import Style, style_scene
+    from torchrender.photo.style.session import Style
     from torchrender.photo.style.sheet import contact_sheet
+    from torchrender.photo.style.transfer import style_scene
     from torchrender.pipeline.history import RenderHistory
     from torchrender.pipeline.options import RenderOptions
     from torchrender.planning.plan import Plan
@@ -211,7 +212,7 @@ _HOME = {
     "sample_offset_images": "torchrender.depth.sample",
     "scene_info": "torchrender.scene.info",
     "soft_shadow": "torchrender.effects.shadows.soft_shadow",
-    "style_scene": "torchrender.photo.style.session",
+    "style_scene": "torchrender.photo.style.transfer",
     "trace_reflections": "torchrender.effects.reflections.traced",
     "voxel_mesh": "torchrender.voxels.mesh",
     "voxelize_attributes": "torchrender.voxels.attributes",

@@ -70,7 +70,7 @@ def run_style(arguments: argparse.Namespace) -> None:
     options = _options(arguments)
     pick = _picks(arguments.pick)
     from torchrender.images.files import read_image
-    from torchrender.photo.style.session import style_scene
+    from torchrender.photo.style.transfer import style_scene
 
     photos = [read_image(path) for path in arguments.photo]
     with warnings.catch_warnings(record=True) as said:
@@ -166,7 +166,7 @@ def _report(style: Style, every: bool) -> list[str]:
 class _Bar:
     """Progress on stderr: one bar for the stages, which names the one that runs."""
 
-    STAGES = ("views", "fit", "tables", "neighbours", "search")
+    STAGES = ("views", "neighbours", "fit", "tables", "search")
 
     def __init__(self) -> None:
         from tqdm import tqdm

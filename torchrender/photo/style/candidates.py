@@ -10,11 +10,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchrender.photo.dominant import dominant_pixels
 from torchrender.photo.lab import lab_from_linear
-from torchrender.photo.style.dominant import dominant_pixels
+from torchrender.photo.photograph import Photo, resized
 from torchrender.photo.style.options import NEUTRAL, FitOptions, StyleOptions
 from torchrender.photo.style.phong import fit_phong
-from torchrender.photo.style.photograph import Photo, resized
 from torchrender.photo.style.terms import ViewTerms
 from torchrender.photo.style.views import Views
 

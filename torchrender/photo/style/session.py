@@ -6,7 +6,6 @@ Every change gives a new :class:`Style`; only what it touches is computed again.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -15,30 +14,26 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchrender.checks import as_vector, check_finite, check_range
+from torchrender.checks import check_range
 from torchrender.clock import StepClock
 from torchrender.errors import InputError
+from torchrender.photo.dominant import palette
+from torchrender.photo.photograph import Photo
 from torchrender.photo.style import finish
-from torchrender.photo.style.adjacency import Smoothness, adjacency
+from torchrender.photo.style.adjacency import Smoothness
 from torchrender.photo.style.candidates import (
     Candidates,
-    fit_candidates,
     fit_region,
     start_choice,
-    thinned,
-    without_doubles,
 )
 from torchrender.photo.style.cost import CostParts, StyleCost
-from torchrender.photo.style.dominant import palette
-from torchrender.photo.style.objects import StyleObjects, cut_scene
-from torchrender.photo.style.options import StyleOptions, StyleWarning
-from torchrender.photo.style.photograph import Photo, prepare_photo
-from torchrender.photo.style.prior import prior_cost, roles
+from torchrender.photo.style.objects import StyleObjects
+from torchrender.photo.style.options import StyleOptions
+from torchrender.photo.style.prior import prior_cost
 from torchrender.photo.style.search import SearchResult, tabu_search
 from torchrender.photo.style.statistics import ColorStatistics, StyleTables, build_tables
-from torchrender.photo.style.terms import ViewTerms, default_light, mean_terms, pictures, view_terms
-from torchrender.photo.style.views import Views, look, make_views
-from torchrender.scene.camera import Cameras
+from torchrender.photo.style.terms import ViewTerms, pictures
+from torchrender.photo.style.views import Views
 from torchrender.scene.files.scene_write import write_scene
 from torchrender.scene.model import Scene
 
@@ -172,13 +167,13 @@ class Style:
             InputError: a word that fits no object.
         """
         found = self.problem.objects.find(words)
-        return self._searched(locked={**self.locked, **{i: int(self.result.choice[i]) for i in found}})
+        return self.searched(locked={**self.locked, **{i: int(self.result.choice[i]) for i in found}})
 
     def unlock(self, *words: str) -> Style:
         """Free these objects (none named: all) and search again."""
         found = self.problem.objects.find(words) if words else range(len(self.names))
         locked = {i: c for i, c in self.locked.items() if i not in found}
-        return self._searched(locked=locked, kept=self.kept - set(found))
+        return self.searched(locked=locked, kept=self.kept - set(found))
 
     def keep(self, *words: str) -> Style:
         """Keep the materials that these objects came with, and search for the others again."""
@@ -187,7 +182,7 @@ class Style:
             return self
         problem = self.problem
         rows = finish.own_rows(problem.scene, problem.objects, problem.colors, problem.width)
-        return self._with_column(rows, found)._searched(kept=self.kept | set(found))
+        return self.with_column(rows, found).searched(kept=self.kept | set(found))
 
     def choose(self, word: str, candidate: int) -> Style:
         """Lock an object to one of its candidates, by number, and search for the others again.
@@ -199,7 +194,7 @@ class Style:
         if not 0 <= candidate < self.usable.shape[1] or not bool(self.candidates.valid[index, candidate]):
             known = self.candidates.valid[index].nonzero().reshape(-1).tolist()
             raise InputError(f"candidate of {self.names[index]!r} must be one of {known}, got {candidate}")
-        return self._searched(locked={**self.locked, index: candidate}, kept=self.kept - {index})
+        return self.searched(locked={**self.locked, index: candidate}, kept=self.kept - {index})
 
     def pick(self, word: str, region: Region, photo: int = 0) -> Style:
         """Give an object the material of a region of a photo, lock it, and search for the others again.
@@ -213,7 +208,7 @@ class Style:
             InputError: no or several objects, a region outside the photo, no such photo.
         """
         index = self.problem.objects.one(word)
-        return self._picked({index: (region, photo)})
+        return self.picked({index: (region, photo)}).searched()
 
     def with_palette(self, weights: Sequence[float]) -> Style:
         """Search again for photos in which the palette's colours count more or less: 1 as they are, 0 not at all.
@@ -228,7 +223,7 @@ class Style:
             check_range(f"weights[{k}]", value, 0.0, 100.0)
         if not any(values):
             raise InputError("weights must hold at least one number above zero")
-        return self._searched(weights=values)
+        return self.searched(weights=values)
 
     def adjusted(self, *, lightness: float = 0.0, saturation: float = 0.0, warmth: float = 0.0) -> Style:
         """All new materials lighter, more saturated, warmer; each in [-1,1], 0 for as they are. Nothing is searched.
@@ -296,7 +291,7 @@ class Style:
             self._cache["weight"] = torch.cat([torch.full((len(x),), 1.0 / len(x), dtype=torch.float64) for x in labs])
         return self._cache["lab"], self._cache["weight"]
 
-    def _with_column(self, rows: Tensor, found: Sequence[int]) -> Style:
+    def with_column(self, rows: Tensor, found: Sequence[int]) -> Style:
         """One candidate more, to which the objects ``found`` are locked."""
         chosen = torch.zeros(len(self.names), dtype=torch.bool)
         chosen[list(found)] = True
@@ -311,7 +306,7 @@ class Style:
             locked={**self.locked, **dict.fromkeys(found, column)},
         )
 
-    def _picked(self, picks: Mapping[int, tuple[Region, int]]) -> Style:
+    def picked(self, picks: Mapping[int, tuple[Region, int]]) -> Style:
         problem = self.problem
         rows = self.candidates.materials[torch.arange(len(self.names)), self.choice].clone()
         for index, (region, photo) in picks.items():
@@ -319,9 +314,9 @@ class Style:
                 raise InputError(f"photo must be in [0, {len(problem.photos) - 1}], got {photo}")
             pixels = problem.photos[photo].region(region)
             rows[index] = fit_region(pixels, index, problem.views, problem.terms, problem.options.fit)
-        return self._with_column(rows, list(picks))._searched(kept=self.kept - set(picks))
+        return replace(self.with_column(rows, list(picks)), kept=self.kept - set(picks))
 
-    def _searched(self, progress: Progress | None = None, **changes: object) -> Style:
+    def searched(self, progress: Progress | None = None, **changes: object) -> Style:
         """With some fields changed, searched again from the start."""
         clock = StepClock()
         changed = replace(self, **changes)  # type: ignore[arg-type]
@@ -338,133 +333,4 @@ class Style:
             before=cost.parts(start.numpy()),
             after=cost.parts(result.choice),
             timings_ms={**changed.timings_ms, **clock.elapsed_ms},
-        )
-
-
-def style_scene(
-    scene: Scene,
-    photos: Tensor | Sequence[Tensor],
-    options: StyleOptions | None = None,
-    *,
-    cameras: Cameras | None = None,
-    light: Sequence[float] | Tensor | None = None,
-    keep: Sequence[str] = (),
-    pick: Mapping[str, Region] | None = None,
-    progress: Progress | None = None,
-) -> Style:
-    """Materials for a scene from the colours of one or several photos.
-
-    Args:
-        scene: meshes that are objects already; materials that emit light stay.
-        photos: linear light (H,W,C), as ``read_image`` gives it; several count alike.
-        options: what may be chosen.
-        cameras: 1 to 15 views instead of generated ones; their size counts, not that of the options.
-        light: (3,) position of the white point light that the fit assumes; default 5 % below the top centre.
-        keep: objects that keep the material they have: names, ``#number`` or patterns.
-        pick: regions of the first photo (left, top, right, bottom in pixels) whose material an object takes.
-        progress: called with the name of the stage and a count whenever one gets on.
-
-    Raises:
-        InputError: no photo or a bad one, no object, names that fit nothing, regions outside the photo.
-
-    Warns:
-        StyleWarning: objects that no view shows, which get a neutral material.
-    """
-    options = options or StyleOptions()
-    tell = progress or _silent
-    given = [photos] if isinstance(photos, Tensor) else list(photos)
-    if not given:
-        raise InputError("photos must hold at least one photo")
-    clock = StepClock()
-    with clock.measure("photo"):
-        prepared = tuple(
-            prepare_photo(p, "photo" if len(given) == 1 else f"photos[{k}]") for k, p in enumerate(given)
-        )  # fmt: skip
-    objects = cut_scene(scene, options.cut)
-    held = objects.find(keep)
-    picked = {objects.one(word): (region, 0) for word, region in (pick or {}).items()}
-    for region, _ in picked.values():
-        prepared[0].region(region)
-    tell("views", 0)
-    with clock.measure("views"):
-        views = look(
-            scene, objects, cameras if cameras is not None else make_views(scene, objects, options),
-            options.visible_share,
-        )  # fmt: skip
-    position = default_light(scene) if light is None else as_vector("light", light, 3, torch.float64)
-    check_finite("light", position)
-    with clock.measure("views"):
-        terms = view_terms(scene, views, position, options.keep_textures)
-    tell("fit", len(views))
-    with clock.measure("fit"):
-        candidates = fit_candidates(prepared, views, terms, options)
-    tell("tables", candidates.materials.shape[1])
-    with clock.measure("tables"):
-        tables = build_tables(terms, candidates.materials, options.search.bins, candidates.rendered)
-    tell("neighbours", len(objects))
-    with clock.measure("neighbours"):
-        near = adjacency(scene, objects, options.seed)
-    problem = StyleProblem(
-        scene=scene,
-        objects=objects,
-        options=options,
-        photos=prepared,
-        views=views,
-        terms=terms,
-        light=position,
-        near=near,
-        role=roles(scene, objects),
-        cosine=mean_terms(terms, len(objects)),
-        colors=finish.own_colors(scene, objects, views),
-    )
-    style = _first(problem, candidates, tables, clock)
-    if held:
-        rows = finish.own_rows(scene, objects, problem.colors, problem.width)
-        style = replace(style._with_column(rows, held), kept=frozenset(held))
-    if picked:
-        style = style._picked(picked)
-    style = style._searched(progress)
-    _warn_unseen(style)
-    return style
-
-
-def _silent(stage: str, count: int) -> None:
-    del stage, count
-
-
-def _first(problem: StyleProblem, candidates: Candidates, tables: StyleTables, clock: StepClock) -> Style:
-    """A style that nothing was searched for yet."""
-    usable = without_doubles(candidates)
-    if problem.options.search.cluster is not None:
-        usable = thinned(candidates.materials, usable, problem.options.search.cluster, problem.options.seed)
-    nothing = np.zeros(len(problem.objects), dtype=np.int64)
-    parts = CostParts(0.0, 0.0, 0.0, 0.0, 0.0)
-    return Style(
-        problem=problem,
-        candidates=candidates,
-        tables=tables,
-        usable=usable,
-        locked={},
-        kept=frozenset(),
-        weights=None,
-        highlights={},
-        sliders=(0.0, 0.0, 0.0),
-        start=nothing,
-        result=SearchResult(nothing, 0.0, (0.0,), (tuple(nothing.tolist()),), (False,), "no move"),
-        before=parts,
-        after=parts,
-        timings_ms=clock.elapsed_ms,
-    )
-
-
-def _warn_unseen(style: Style) -> None:
-    names = style.unseen
-    if names:
-        listed = ", ".join(repr(n) for n in names[:_LISTED])
-        more = f" and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
-        warnings.warn(
-            f"{len(names)} of {len(style.names)} objects are too small in every view and get a neutral material:"
-            f" {listed}{more}",
-            StyleWarning,
-            stacklevel=3,
         )

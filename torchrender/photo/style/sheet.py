@@ -7,7 +7,7 @@ import math
 import torch
 from torch import Tensor
 
-from torchrender.photo.style.photograph import resized
+from torchrender.photo.photograph import resized
 from torchrender.photo.style.session import Style
 
 GAP = 8

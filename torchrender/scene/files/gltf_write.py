@@ -14,9 +14,7 @@ glTF knows no rectangle lights, environments, ambient light or media: a :class:`
 from __future__ import annotations
 
 import io
-import json
 import math
-import struct
 import warnings
 from pathlib import Path
 from typing import Any
@@ -30,14 +28,11 @@ from torchrender.errors import SceneFileError
 from torchrender.images.files import write_atomically
 from torchrender.numerics.color import srgb_from_linear
 from torchrender.scene.camera import Cameras
+from torchrender.scene.files.gltf_document import GlbDocument
 from torchrender.scene.light import DirectionalLight, Light, PointLight, SpotLight
 from torchrender.scene.material import DIELECTRIC_F0, Material
 from torchrender.scene.mesh import Mesh
 from torchrender.scene.model import Scene
-
-MAX_BYTES = 2**32 - 1
-_FLOAT, _UINT = 5126, 5125
-_VERTICES, _INDICES = 34962, 34963
 
 
 class LossWarning(UserWarning):
@@ -77,7 +72,7 @@ def glb_bytes(scene: Scene, name: str | Path = "scene.glb") -> bytes:
         out.camera(title, camera)
     for light in scene.lights:
         out.light(light)
-    return out.finish(name)
+    return out.content(name)
 
 
 def metallic_roughness(material: Material) -> tuple[Tensor, float, float]:
@@ -127,54 +122,19 @@ def off_centre(camera: Cameras) -> bool:
 _PUNCTUAL = (PointLight, SpotLight, DirectionalLight)
 
 
-class _Writer:
-    """JSON and binary chunk in the making."""
+class _Writer(GlbDocument):
+    """What scenes hold, as entries of the document."""
 
     def __init__(self, name: str) -> None:
-        self._json: dict[str, Any] = {
-            "asset": {"version": "2.0", "generator": "torchrender"},
-            "scene": 0,
-            "scenes": [{"name": name, "nodes": []}],
-        }
-        self._binary = bytearray()
+        super().__init__(name)
         self._textures: dict[int, int] = {}
-        self._extensions: set[str] = set()
-
-    def _add(self, group: str, entry: dict[str, Any]) -> int:
-        entries = self._json.setdefault(group, [])
-        entries.append(entry)
-        return len(entries) - 1
-
-    def _node(self, entry: dict[str, Any]) -> None:
-        self._json["scenes"][0]["nodes"].append(self._add("nodes", entry))
-
-    def _view(self, data: bytes, target: int | None = None) -> int:
-        self._binary += b"\0" * (-len(self._binary) % 4)
-        entry: dict[str, Any] = {"buffer": 0, "byteOffset": len(self._binary), "byteLength": len(data)}
-        if target is not None:
-            entry["target"] = target
-        self._binary += data
-        return self._add("bufferViews", entry)
-
-    def _accessor(self, values: np.ndarray, kind: str, *, limits: bool = False) -> int:
-        integer = values.dtype.kind in "iu"
-        values = np.ascontiguousarray(values, dtype="<u4" if integer else "<f4")
-        entry = {
-            "bufferView": self._view(values.tobytes(), _INDICES if integer else _VERTICES),
-            "componentType": _UINT if integer else _FLOAT,
-            "count": len(values),
-            "type": kind,
-        }
-        if limits:
-            entry |= {"min": values.min(axis=0).tolist(), "max": values.max(axis=0).tolist()}
-        return self._add("accessors", entry)
 
     # ------------------------------------------------------------- materials
 
     def materials(self, scene: Scene) -> None:
         """All materials, used or not: meshes name them by number."""
         for material in scene.materials:
-            self._add("materials", self._material(material))
+            self.add("materials", self._material(material))
 
     def _material(self, material: Material) -> dict[str, Any]:
         base, metal, rough = metallic_roughness(material)
@@ -203,7 +163,7 @@ class _Writer:
             out |= {"alphaMode": "MASK", "alphaCutoff": float(material.alpha_cutoff)}
         if extensions:
             out["extensions"] = extensions
-            self._extensions |= set(extensions)
+            self.extensions |= set(extensions)
         return out
 
     def _texture(self, texture: Tensor) -> int:
@@ -214,10 +174,10 @@ class _Writer:
         codes = (planes * 255.0 + 0.5).to(torch.uint8).numpy()
         file = io.BytesIO()
         Image.fromarray(codes).save(file, format="PNG")
-        image = self._add("images", {"bufferView": self._view(file.getvalue()), "mimeType": "image/png"})
-        if "samplers" not in self._json:
-            self._add("samplers", {"magFilter": 9729, "minFilter": 9987, "wrapS": 10497, "wrapT": 10497})
-        index = self._add("textures", {"source": image, "sampler": 0})
+        image = self.add("images", {"bufferView": self.view(file.getvalue()), "mimeType": "image/png"})
+        if "samplers" not in self.json:
+            self.add("samplers", {"magFilter": 9729, "minFilter": 9987, "wrapS": 10497, "wrapT": 10497})
+        index = self.add("textures", {"source": image, "sampler": 0})
         self._textures[id(texture)] = index
         return index
 
@@ -234,8 +194,8 @@ class _Writer:
             middle = (corners.amin(dim=0) + corners.amax(dim=0)) / 2
             name = _shared_name(meshes)
             primitives = [self._primitive(m, middle) for m in meshes]
-            mesh_index = self._add("meshes", {"name": name, "primitives": primitives})
-            self._node({"name": name, "mesh": mesh_index, "translation": middle.tolist()})
+            mesh_index = self.add("meshes", {"name": name, "primitives": primitives})
+            self.node({"name": name, "mesh": mesh_index, "translation": middle.tolist()})
 
     def _primitive(self, mesh: Mesh, middle: Tensor) -> dict[str, Any]:
         vertices, faces, normals = (mesh.vertices.double() - middle).numpy(), mesh.faces.numpy(), mesh.normals
@@ -248,16 +208,16 @@ class _Writer:
         else:
             own = torch.nn.functional.normalize(normals.double(), dim=1).numpy()
         attributes = {
-            "POSITION": self._accessor(vertices, "VEC3", limits=True),
-            "NORMAL": self._accessor(own, "VEC3"),
+            "POSITION": self.accessor(vertices, "VEC3", limits=True),
+            "NORMAL": self.accessor(own, "VEC3"),
         }
         if mesh.uv is not None:
             uv = mesh.uv.numpy() if rows is None else mesh.uv.numpy()[rows]
-            attributes["TEXCOORD_0"] = self._accessor(np.stack([uv[:, 0], 1.0 - uv[:, 1]], axis=1), "VEC2")
+            attributes["TEXCOORD_0"] = self.accessor(np.stack([uv[:, 0], 1.0 - uv[:, 1]], axis=1), "VEC2")
         if mesh.colors is not None:
             colors = mesh.colors.numpy() if rows is None else mesh.colors.numpy()[rows]
-            attributes["COLOR_0"] = self._accessor(colors, "VEC3")
-        indices = self._accessor(faces.reshape(-1).astype(np.uint32), "SCALAR")
+            attributes["COLOR_0"] = self.accessor(colors, "VEC3")
+        indices = self.accessor(faces.reshape(-1).astype(np.uint32), "SCALAR")
         return {"attributes": attributes, "indices": indices, "material": mesh.material, "mode": 4}
 
     # ---------------------------------------------------- cameras and lights
@@ -274,10 +234,10 @@ class _Writer:
         else:
             lens |= {"yfov": 2 * math.atan2(camera.height / 2, fy), "aspectRatio": camera.width / camera.height}
             entry = {"type": "perspective", "perspective": lens}
-        index = self._add("cameras", entry)
+        index = self.add("cameras", entry)
         matrix = camera.world_from_camera[0].clone()
         matrix[:3, 1:3] *= -1.0
-        self._node({"name": name, "camera": index, "matrix": matrix.T.reshape(-1).tolist()})
+        self.node({"name": name, "camera": index, "matrix": matrix.T.reshape(-1).tolist()})
 
     def light(self, light: Light) -> None:
         """A punctual light at a node of its own; others are named in the warning."""
@@ -304,27 +264,11 @@ class _Writer:
                 "innerConeAngle": math.radians(light.inner_deg),
                 "outerConeAngle": math.radians(light.outer_deg),
             }
-        self._extensions.add("KHR_lights_punctual")
-        lights = self._json.setdefault("extensions", {}).setdefault("KHR_lights_punctual", {"lights": []})["lights"]
+        self.extensions.add("KHR_lights_punctual")
+        lights = self.json.setdefault("extensions", {}).setdefault("KHR_lights_punctual", {"lights": []})["lights"]
         lights.append(entry)
         node["extensions"] = {"KHR_lights_punctual": {"light": len(lights) - 1}}
-        self._node(node)
-
-    # ---------------------------------------------------------------- finish
-
-    def finish(self, name: str | Path) -> bytes:
-        """Header and both chunks."""
-        if self._extensions:
-            self._json["extensionsUsed"] = sorted(self._extensions)
-        self._binary += b"\0" * (-len(self._binary) % 4)
-        self._json["buffers"] = [{"byteLength": len(self._binary)}]
-        text = json.dumps(self._json, separators=(",", ":"), allow_nan=False).encode()
-        text += b" " * (-len(text) % 4)
-        total = 12 + 8 + len(text) + 8 + len(self._binary)
-        if total > MAX_BYTES:
-            raise SceneFileError(name, f"a GLB file has at most {MAX_BYTES} bytes, this scene needs {total}")
-        head = struct.pack("<4sII", b"glTF", 2, total) + struct.pack("<II", len(text), 0x4E4F534A)
-        return head + text + struct.pack("<II", len(self._binary), 0x004E4942) + bytes(self._binary)
+        self.node(node)
 
 
 def _corner_normals(mesh: Mesh, rows: np.ndarray) -> np.ndarray:

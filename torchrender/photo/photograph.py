@@ -1,4 +1,4 @@
-"""Photos as the style transfer uses them: exposed, of a bounded size, laid over a view."""
+"""Photos in working size: exposed, bounded, laid over a view."""
 
 from __future__ import annotations
 
@@ -15,10 +15,15 @@ from torchrender.checks import check_choice, check_finite
 from torchrender.errors import InputError
 from torchrender.numerics.color import luminance
 from torchrender.photo.lab import lab_from_linear
-from torchrender.photo.style.options import StyleWarning
 
 MAX_PIXELS = 2**20
 """Larger photos are averaged down to this: a style needs no more, and colour statistics hardly change."""
+
+
+class PhotoWarning(UserWarning):
+    """Something in a photo is not used as it is."""
+
+
 _HIGHLIGHT = 0.98
 _HIGHLIGHT_VALUE = 0.9
 
@@ -118,7 +123,7 @@ def resized(pixels: Tensor, width: int, height: int) -> Tensor:
 def _on_white(pixels: Tensor, name: str) -> Tensor:
     color, alpha = pixels[..., :-1], pixels[..., -1:].clamp(0.0, 1.0)
     if bool((alpha < 1.0).any()):
-        warnings.warn(f"{name} is partly transparent: it is laid on white", StyleWarning, stacklevel=4)
+        warnings.warn(f"{name} is partly transparent: it is laid on white", PhotoWarning, stacklevel=4)
         color = color * alpha + (1.0 - alpha)
     return color
 
