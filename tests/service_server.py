@@ -89,7 +89,7 @@ def start_server(data: Path, **settings: str) -> RunningServer:
     """Start a server and wait until it says where it is."""
     environment = {k: v for k, v in os.environ.items() if not k.startswith("TORCHRENDER_")}
     environment |= {f"TORCHRENDER_{k}": v for k, v in {**LIMITS, **settings}.items()}
-    command = [sys.executable, "-m", "torchrender.cli.main", "serve", "--port", "0", "--data", str(data)]
+    command = [sys.executable, "-m", "torchrender.cli", "serve", "--port", "0", "--data", str(data)]
     pipe = subprocess.PIPE
     process = subprocess.Popen(command, env=environment, stdout=pipe, stderr=pipe, text=True)
     assert process.stdout is not None and process.stderr is not None

@@ -19,6 +19,7 @@ HOMES = {"torchrender": ROOT / "torchrender", "torchrender_service": ROOT / "ser
 # entry that a module's name starts with is the one that counts, so a folder may be split over several entries.
 ORDER = (
     "torchrender.errors",
+    "torchrender.extras",
     "torchrender.checks",
     "torchrender.clock",
     "torchrender.arrays",

@@ -6,7 +6,7 @@ Empty pixel: depth +inf, id -1, normal 0, everything else 0.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from enum import IntEnum
 from typing import Any
 
@@ -100,7 +100,11 @@ class ShadowMap:
 
 @dataclass(frozen=True, eq=False)
 class RaySurface:
-    """The surfaces that N rays hit, with what shading needs; rows of rays that hit nothing hold zeros, material -1."""
+    """The surfaces that rays hit, with what shading needs; rows of rays that hit nothing hold zeros, material -1.
+
+    Fields have the rays' shape, (N,...); as :attr:`image` they are samples (1,1,N,...) that passes take in place of a
+    G-buffer's.
+    """
 
     position: Tensor  # (N,3) float64 world space
     normal: Tensor  # (N,3) unit shading normal that faces the ray's origin
@@ -110,6 +114,16 @@ class RaySurface:
     color: Tensor  # (N,3) interpolated vertex colour
     material: Tensor  # (N,) int64
     to_eye: Tensor  # (N,3) float32 unit, back along the ray
+
+    @property
+    def image(self) -> RaySurface:
+        """The same as an image of one row."""
+        return RaySurface(**{field.name: getattr(self, field.name)[None, None] for field in fields(self)})
+
+    @property
+    def covered(self) -> Tensor:
+        """(N,) bool: a surface was hit."""
+        return self.material >= 0
 
 
 class ReflectionState(IntEnum):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 
@@ -23,6 +24,15 @@ class CameraError(InputError):
 
 class MeshError(InputError):
     """A mesh is not usable: bad indices, NaN or infinite vertices; the message names the mesh."""
+
+
+class MissingExtraError(TorchRenderError, ImportError):
+    """A part of the package needs packages that the base installation leaves out; ``extra`` brings them."""
+
+    def __init__(self, extra: str, what: str, missing: Sequence[str]) -> None:
+        self.extra = extra
+        self.missing = tuple(missing)
+        super().__init__(f'{what} needs {", ".join(missing)}: pip install "torchrender[{extra}]"')
 
 
 class SceneFileError(TorchRenderError):

@@ -18,10 +18,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchrender.arrays import view as numpy_view
 from torchrender.buffers import GBuffer, VisibilityBuffer
 from torchrender.checks import check_choice, check_tensor
 from torchrender.errors import InputError
-from torchrender.kernels.compile import view as numpy_view
 from torchrender.kernels.raster import draw_view
 from torchrender.kernels.raster.attributes import interpolate
 from torchrender.kernels.raster.draw_view import NO_EARLIER, NO_HOLES, NO_IDS, NO_LIMITS, TriangleArrays, View

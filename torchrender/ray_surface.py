@@ -6,9 +6,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchrender.arrays import view
 from torchrender.buffers import RayHits, RaySurface
 from torchrender.checks import check_tensor
-from torchrender.kernels.compile import view
 from torchrender.kernels.raster.attributes import interpolate_hits
 from torchrender.raster import attribute_arrays, empty_attributes
 from torchrender.scene.model import Scene

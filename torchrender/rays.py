@@ -17,10 +17,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchrender.arrays import view
 from torchrender.buffers import RayHits
 from torchrender.checks import check_choice, check_finite, check_tensor
 from torchrender.errors import InputError, OptionError
-from torchrender.kernels.compile import view
 from torchrender.kernels.rays.bvh import TIE, Rays, build_bvh, trace
 from torchrender.kernels.rays.embree import SLACK, aim, grown_triangles
 from torchrender.kernels.rays.ray_holes import hits_in_holes

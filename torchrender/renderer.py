@@ -2,29 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
+from torch import Tensor
+
+from torchrender.buffers import GBuffer, RaySurface, ShadowMap
 from torchrender.clock import StepClock
 from torchrender.errors import InputError
 from torchrender.image import Image
-from torchrender.passes.table import Pass
+from torchrender.passes.contract import Buffers, Pass
+from torchrender.passes.light.direct_light import DIRECT_LIGHT
+from torchrender.passes.light.shadow_map import SHADOW_MAP
+from torchrender.passes.mirrors.hit_shader import HIT_SHADER
+from torchrender.passes.outlook import Outlook
+from torchrender.passes.picture.composite import COMPOSITE
+from torchrender.passes.seen.picture_visibility import PICTURE_VISIBILITY
+from torchrender.passes.settings import CUSTOM
+from torchrender.passes.table import GBUFFER, PASSES, PICTURE
+from torchrender.pipeline.buffer import Buffer
 from torchrender.pipeline.frame import Frame
 from torchrender.pipeline.history import RenderHistory
+from torchrender.pipeline.hit_shader import HitShader
 from torchrender.pipeline.options import RenderOptions
+from torchrender.planning.costs import Knowledge
 from torchrender.planning.curves import load_curves
+from torchrender.planning.graph import Graph
 from torchrender.planning.plan import Plan
-from torchrender.planning.planner import (
-    CUSTOM,
-    WANTED,
-    Knowledge,
-    check_buffers,
-    check_fixed,
-    check_wishes,
-    make_load,
-    make_plan,
-)
+from torchrender.planning.planner import check_names, check_wishes, make_plan
 from torchrender.scene.camera import Cameras
 from torchrender.scene.load import load
 from torchrender.scene.model import Scene, resized
@@ -42,6 +49,7 @@ def render(
     history: RenderHistory | None = None,
     budget_ms: float | None = None,
     max_error: float | None = None,
+    passes: Sequence[Pass] = PASSES,
 ) -> Image:
     """Pictures of a scene, one per camera.
 
@@ -59,6 +67,7 @@ def render(
             was predicted and what it took, and says so if the budget is not enough for the cheapest settings.
         max_error: mean FLIP, in [0,1], that the picture may be away from one with every pass at its reference. The
             quickest settings are chosen that keep it; with a budget, too, that comes first.
+        passes: the table of passes to render with: the built-in ones, and others beside them.
 
     A scene without any light gets :meth:`Scene.with_default_light`. A scene without triangles gives its background.
 
@@ -69,20 +78,77 @@ def render(
     """
     check_wishes(budget_ms, max_error)
     options = options or RenderOptions()
-    check_buffers(options.buffers)
-    check_fixed(options)
+    check_names(options, passes)
     clock = StepClock()
     if not isinstance(scene, Scene):
         with clock.measure("load"):
             scene = load(scene)
     with clock.measure("total"):
         cameras = view_of(scene, camera, width, height)
-        knowledge = Knowledge.of(scene, cameras, history, load_curves(), options.buffers)
-        run = Run(knowledge, options, (budget_ms, max_error), clock)
+        knowledge = Knowledge.of(scene, cameras, options, history, load_curves(), passes)
+        run = Run(knowledge, (budget_ms, max_error), clock)
         image = run.image()
     plan = run.plan.measured(clock.elapsed_ms, run.amounts, clock.elapsed_ms["total"])
     kept = None if history is None else run.history(plan)
     return replace(image, plan=plan, timings_ms=clock.elapsed_ms, history=kept)
+
+
+def shade_samples(
+    scene: Scene,
+    samples: GBuffer,
+    options: RenderOptions | None = None,
+    history: RenderHistory | None = None,
+    *,
+    passes: Sequence[Pass] = PASSES,
+) -> Tensor:
+    """Radiance (B,H,W,3) of samples that need not be the nearest surfaces, by the passes of a picture.
+
+    Each pass runs at the setting that it has for samples which are not the eye's (:attr:`Pass.over_samples`), and all
+    layers are blended as in a picture.
+
+    Args:
+        scene: as it was given to the picture.
+        samples: (B,H,W) of the scene; empty ones get the background.
+        history: what a picture of the scene left: what lasts is used again.
+    """
+    history = RenderHistory.alone() if history is None else replace(history, sequence=False)
+    knowledge = Knowledge.of(scene, samples.cameras, options or RenderOptions(), history, load_curves(), passes)
+    past = knowledge.outlook.history
+    chosen = knowledge.outlook.options
+    for step in passes:
+        chosen = step.over_samples(chosen, past)
+    outlook = replace(knowledge.outlook.at(chosen), samples=samples)
+    run = Run(replace(knowledge, outlook=outlook, wanted=(COMPOSITE,), given=(GBUFFER,)), (None, None), StepClock())
+    return run.buffers({GBUFFER: samples})[COMPOSITE]
+
+
+def make_buffers(
+    scene: Scene,
+    cameras: Cameras,
+    wanted: Buffers,
+    options: RenderOptions | None = None,
+    *,
+    given: Mapping[Buffer[Any], Any] | None = None,
+) -> dict[Buffer[Any], Any]:
+    """Buffers of a picture that is not made to its end, by name; those in ``given`` are taken as they are."""
+    knowledge = Knowledge.of(scene, cameras, options or RenderOptions(), None, load_curves())
+    run = Run(replace(knowledge, wanted=wanted, given=tuple(given or ())), (None, None), StepClock())
+    return run.buffers(given or {})
+
+
+def hit_shader(
+    scene: Scene, options: RenderOptions | None = None, maps: Sequence[ShadowMap | None] | None = None
+) -> HitShader:
+    """Colours of what rays hit in a scene, as a picture with these options has them.
+
+    Args:
+        scene: with its lights.
+        maps: shadow maps, one per light; drawn where missing.
+    """
+    place = Cameras.look_at([0.0, 0.0, 1.0], [0.0, 0.0, 0.0], width=1, height=1, near=1e-3)  # nobody looks from there
+    given = {} if maps is None else {SHADOW_MAP: tuple(maps)}
+    shader: HitShader = make_buffers(scene, place, (HIT_SHADER,), options, given=given)[HIT_SHADER]
+    return shader
 
 
 def view_of(scene: Scene, camera: Cameras | str | None, width: int | None, height: int | None) -> Cameras:
@@ -99,88 +165,138 @@ class Run:
     """A plan that is made, and run by :meth:`image`."""
 
     knowledge: Knowledge
-    wished: RenderOptions
     limits: tuple[float | None, float | None]  # budget, error bound
     clock: StepClock
     plan: Plan = field(init=False)
-    frame: Frame = field(init=False)
-    amounts: dict[str, tuple[float, ...]] = field(default_factory=dict)  # of work, by pass
-
-    def __post_init__(self) -> None:
-        known = self.knowledge
-        with self.clock.measure("plan"):
-            self.plan = make_plan(self.knowledge, self.wished, *self.limits)
-        self.frame = Frame(scene=known.scene, cameras=known.cameras, options=self.wished, past=known.past)
-        self.frame.choose(self.plan.options)
+    graph: Graph = field(init=False)
+    values: dict[Buffer[Any], Any] = field(init=False, default_factory=dict)
+    lasting: dict[Buffer[Any], Any] = field(init=False, default_factory=dict)  # made here, for the next picture
+    amounts: dict[str, tuple[float, ...]] = field(init=False, default_factory=dict)  # of work, by pass
+    done: list[str] = field(init=False, default_factory=list)  # passes that ran
+    found: dict[str, float] = field(init=False, default_factory=dict)  # quantities, since the plan was made
 
     def image(self) -> Image:
-        """Run the passes; a buffer is dropped once nobody needs it any more."""
-        steps = {step.name: step for step in self.knowledge.passes}
-        done: list[str] = []
-        while True:
-            left = [row.name for row in self.plan.running if row.name not in done]
-            if not left:
-                break
-            self._weigh(steps[left[0]])
-            with self.clock.measure(left[0]):
-                made = steps[left[0]].run(self.frame)
-            self.frame.buffers[steps[left[0]].makes] = made
-            done.append(left[0])
-            if left[0] == "gbuffer":
-                self._look_again()
-                left = [left[0], *(row.name for row in self.plan.running if row.name not in done)]
-            self._forget([steps[name] for name in left[1:]])
-        rendered = self.frame.buffers.get("gbuffer")
+        """The picture."""
+        self.buffers({})
+        outlook, wanted = self.knowledge.outlook, self.knowledge.wanted
         return Image(
-            radiance=self.frame.buffers[WANTED],
-            cameras=self.frame.cameras,
-            scene=self.frame.scene,
-            buffers={name: self.frame.buffers[name] for name in self.knowledge.wanted if name in self.frame.buffers},
-            rendered=rendered if self.frame.options.supersample <= 1 else None,
-            seen=self.frame.seen,
-            exposure=self.wished.exposure,
-            tone_map=self.wished.tone_map,
+            radiance=self.values[PICTURE],
+            cameras=outlook.cameras,
+            scene=outlook.scene,
+            buffers={buffer.name: self.values[buffer] for buffer in wanted if buffer in self.values},
+            rendered=self.values.get(GBUFFER) if self.plan.options.supersample <= 1 else None,
+            seen=self.values.get(PICTURE_VISIBILITY),
+            exposure=outlook.options.exposure,
+            tone_map=outlook.options.tone_map,
         )
 
-    def _look_again(self) -> None:
-        """The pixels that mirror, and a part of the time, are known: reasons, and what is left to choose, follow."""
-        mirrors = self.knowledge.outlook(self.frame.options).reflects
-        if not mirrors and self.limits[0] is None:
-            return
+    def buffers(self, given: Mapping[Buffer[Any], Any]) -> dict[Buffer[Any], Any]:
+        """Run the passes; a buffer is dropped once nobody needs it any more."""
+        self.values.update(given)
+        self._choose(self.knowledge.outlook.options)
+        while True:
+            left = [step for step in self.graph.running if step.name not in self.done]
+            if not left:
+                return self.values
+            step, rest = left[0], left[1:]
+            self._weigh(step)
+            with self.clock.measure(step.name):
+                self._take(step, step.run(self._frame()))
+            self.done.append(step.name)
+            if step.checkpoint is not None:
+                self.found |= step.checkpoint(self._frame())
+                if not rest or rest[0].checkpoint is None:
+                    self._look_again()
+            self._forget()
+
+    def _choose(self, options: RenderOptions) -> None:
+        """Make the plan, with other options if that is what it comes to."""
         with self.clock.measure("plan"):
-            rendered = self.frame.buffers["gbuffer"].triangle.numel()
-            share = len(self.frame.reflectors()) / rendered if mirrors else None
-            # The choice starts from the history as it came: what the first choice dropped may still serve.
-            self.frame.past = self.knowledge.past
-            self.knowledge = replace(self.knowledge, reflective_share=share)
-            spent = dict(self.clock.elapsed_ms)
-            self.plan = make_plan(self.knowledge, self.frame.options, *self.limits, spent_ms=spent)
-            self.frame.choose(self.plan.options)
+            took = self.clock.elapsed_ms
+            done = {name: took[name] for name in self.done}
+            spent = sum(ms for name, ms in took.items() if name not in ("load", "total"))
+            self.plan = make_plan(self.knowledge, options, *self.limits, done=done, spent_ms=spent)
+            self.graph = self.knowledge.graph(self.plan.options)
+
+    def _look_again(self) -> None:
+        """More is known, and a part of the time is spent: reasons, and what is left to choose, follow."""
+        if self.found or self.limits[0] is not None:
+            self.knowledge, self.found = self.knowledge.found_out(**self.found), {}
+            self._choose(self.plan.options)
+
+    def _frame(self) -> Frame:
+        """What the next pass gets."""
+        outlook = self.knowledge.outlook
+        return Frame(
+            scene=outlook.scene,
+            cameras=outlook.cameras,
+            options=self.plan.options,
+            history=outlook.history,
+            values=self.values,
+            asked=self.graph.asked,
+            hits=self._over_hits,
+        )
+
+    def _over_hits(self, given: Mapping[Buffer[Any], Any]) -> OverHits:
+        """The same passes, over what rays hit."""
+        outlook = self.knowledge.outlook
+        options = self.plan.options
+        for step in self.knowledge.passes:
+            options = step.over_hits(options, outlook.history)
+        alone = replace(outlook.history, sequence=False, kept={})
+        over = replace(outlook, options=options, history=alone, known={}, facts={})
+        knowledge = replace(self.knowledge, outlook=over, wanted=(DIRECT_LIGHT,), given=())
+        return OverHits(knowledge, dict(given))
+
+    def _take(self, step: Pass, made: Any) -> None:
+        values = made if step.also else (made,)
+        for buffer, value in zip(step.makes_all, values, strict=True):
+            self.values[buffer] = buffer.checked(value)
+            if buffer.lasting is not None:
+                self.lasting[buffer] = value
 
     def _weigh(self, step: Pass) -> None:
-        """Note how much work the pass has; a key frame of reuse is another pass's work."""
-        setting = self.plan.row(step.name).setting
-        key_frame = step.name == "reflection_reuse" and (self.frame.past.reuse is None or self.frame.past.reuse.renew)
-        if setting != CUSTOM and not key_frame:
-            load_ = make_load(replace(self.knowledge, past=self.frame.past), self.frame.options)
-            self.amounts[step.name] = step.work(load_, step.knob.setting(setting))
+        """Note how much work the pass has."""
+        if self.plan.row(step.name).setting != CUSTOM:
+            self.amounts[step.name] = step.amounts(self.knowledge.outlook.at(self.plan.options))
 
-    def _forget(self, left: list[Pass]) -> None:
+    def _forget(self) -> None:
         """Release the buffers that no pass asks for; a G-buffer that is no larger than the picture stays with it."""
-        asked = {name for step in left for name in (*step.needs, *step.uses)} | set(self.knowledge.wanted)
-        if self.frame.options.supersample <= 1:
-            asked.add("gbuffer")
-        for name in [name for name in self.frame.buffers if name not in asked]:
-            del self.frame.buffers[name]
+        left = {step.makes for step in self.graph.running if step.name not in self.done}
+        kept = set(self.knowledge.wanted) | {PICTURE_VISIBILITY}
+        if self.plan.options.supersample <= 1:
+            kept.add(GBUFFER)
+        for buffer in list(self.values):
+            if buffer not in kept and not self.graph.asked.get(buffer, frozenset()) & left:
+                del self.values[buffer]
 
     def history(self, plan: Plan) -> RenderHistory:
         """What the next picture of the sequence starts from."""
-        pace = self.knowledge.pace.aged({(row.name, row.setting) for row in plan.running})
+        known = self.knowledge
+        settings = {step.name: step.settings.current(plan.options) for step in known.passes}
+        pace = known.pace.aged({(row.name, row.setting) for row in plan.running})
         for row in plan.running:
             if row.amounts is not None and row.measured_ms is not None:
-                raw = self.knowledge.curves.time_ms(row.name, row.setting, row.amounts, self.knowledge.name)
+                raw = known.curves.time_ms(row.name, row.setting, row.amounts, known.name)
                 pace = pace.learned(row.name, row.setting, row.measured_ms, raw or 0.0)
-        share = self.knowledge.reflective_share
-        choice: Mapping[str, str] = {row.name: row.setting for row in plan.rows}
-        pace = replace(pace, choice=choice, reflective_share=pace.reflective_share if share is None else share)
-        return replace(self.frame.past, pace=pace)
+        pace = replace(pace, choice=settings, known={**pace.known, **known.outlook.known})
+        past = known.outlook.history.with_picture(self.lasting.items(), plan.options)
+        return replace(past, pace=pace)
+
+
+@dataclass(eq=False)
+class OverHits:
+    """The passes of a picture over what rays hit; what lasts is made once, for all calls."""
+
+    knowledge: Knowledge
+    given: dict[Buffer[Any], Any]
+
+    def __call__(self, samples: GBuffer | RaySurface) -> Tensor:
+        """Radiance (B,H,W,3) of samples (B,H,W), reflections left out."""
+        cameras = samples.cameras if isinstance(samples, GBuffer) else self.knowledge.outlook.cameras
+        outlook: Outlook = replace(self.knowledge.outlook, samples=samples, cameras=cameras)
+        known = replace(self.knowledge, outlook=outlook, given=(GBUFFER, *self.given))
+        run = Run(known, (None, None), StepClock())
+        radiance: Tensor = run.buffers({GBUFFER: samples, **self.given})[DIRECT_LIGHT]
+        self.given |= run.lasting
+        return radiance

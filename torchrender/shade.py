@@ -32,12 +32,12 @@ NEAREST_LIGHT = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class _Tables:
-    """The M materials of a scene, side by side."""
+    """The M materials of a scene as shading reads them."""
 
-    diffuse: Tensor  # (M,3)
-    specular: Tensor  # (3,M) degree times tint
-    shininess: Tensor  # (M,)
-    emission: Tensor  # (3,M)
+    diffuse: Tensor  # (M+1,3)
+    specular: Tensor  # (3,M+1) degree times tint
+    shininess: Tensor  # (M+1,)
+    emission: Tensor  # (3,M+1)
     textures: tuple[Tensor | None, ...]
     origin: Tensor  # (3,) float64 world space: where float32 positions are finest
 
@@ -46,16 +46,16 @@ class _Tables:
         """Positions are finest at the scene's centre, or with perspective cameras where the first one stands: what is
         near it must not suffer from a backdrop far away. An eye outside the scene's box counts as being at its side.
         """
-        materials, bounds = scene.materials, scene.bounds
+        table, bounds = scene.material_table, scene.bounds
         origin = bounds.mean(dim=0)
         if cameras is not None and not cameras.orthographic:
             origin = torch.minimum(torch.maximum(cameras.eye[0], bounds[0]), bounds[1])
         return cls(
-            diffuse=torch.stack([m.diffuse for m in materials]),
-            specular=torch.stack([m.specular * m.specular_color for m in materials], dim=1),
-            shininess=torch.tensor([m.shininess for m in materials]),
-            emission=torch.stack([m.emission for m in materials], dim=1),
-            textures=tuple(m.diffuse_texture for m in materials),
+            diffuse=table.diffuse,
+            specular=table.highlight.T.contiguous(),
+            shininess=table.shininess,
+            emission=table.emission.T.contiguous(),
+            textures=tuple(m.diffuse_texture for m in scene.materials),
             origin=origin,
         )
 
@@ -86,18 +86,19 @@ class _Arrival:
 
 def shade(
     scene: Scene,
-    gbuffer: GBuffer,
+    samples: GBuffer | RaySurface,
     visibility: Tensor | None = None,
     *,
     background: ArrayLike | None = None,
     area_light: str = "polygon",
 ) -> Tensor:
-    """Linear radiance (B,H,W,3) of a scene's G-buffer under its own lights.
+    """Linear radiance (B,H,W,3) of a scene's G-buffer under its own lights, or of what rays hit (as an image).
 
     Args:
+        samples: what cameras see; or :attr:`RaySurface.image`, whose light goes back along its rays.
         visibility: shadow factors (B,L,H,W) in [0,1], one image per scene light; None: every light reaches everything.
         background: colour (3,) of empty pixels; None: the environment in that direction, or where there is none the
-            scene's ambient light, which is the radiance of a surrounding of one colour.
+            scene's ambient light, which is the radiance of a surrounding of one colour. Rays that hit nothing give 0.
         area_light: irradiance of rectangles: "polygon", the exact one, or "centre", as if all came from their centre,
             which is quicker and too bright close by.
 
@@ -109,48 +110,30 @@ def shade(
     geometric surface gives nothing; cosines use the shading normal. Differentiable in colours and intensities.
 
     Raises:
-        InputError: ``visibility`` or ``background`` of a wrong shape.
+        InputError: ``visibility`` or ``background`` of a wrong shape, or samples that are no image.
         OptionError: another ``area_light``.
     """
     check_choice("area_light", area_light, AREA_LIGHTS)
-    count, height, width = gbuffer.triangle.shape
+    check_tensor("samples.material", samples.material, ("B", "H", "W"))
+    count, height, width = samples.material.shape
     if visibility is not None:
         check_tensor("visibility", visibility, (count, len(scene.lights), height, width))
         visibility = visibility.permute(1, 0, 2, 3).reshape(len(scene.lights), -1)
-    covered = gbuffer.covered.reshape(-1)
-    image = _background(scene, gbuffer.cameras, ~covered, background)
+    covered = samples.covered.reshape(-1)
+    cameras = samples.cameras if isinstance(samples, GBuffer) else None
+    if cameras is None:
+        image = torch.zeros(len(covered), 3)
+    else:
+        image = _background(scene, cameras, ~covered, background)
     rows = covered.nonzero().reshape(-1)
     if len(rows):
-        tables = _Tables.of(scene, gbuffer.cameras)
+        tables = _Tables.of(scene, cameras)
         parts = [
-            _shade_pixels(scene, _surface(tables, gbuffer, chunk), visibility, chunk, area_light)
+            _shade_pixels(scene, _surface(tables, samples, chunk), visibility, chunk, area_light)
             for chunk in rows.split(CHUNK)
         ]
         image = image.index_copy(0, rows, torch.cat(parts, dim=1).T)
     return image.reshape(count, height, width, 3)
-
-
-def shade_hits(scene: Scene, surface: RaySurface, visibility: Tensor | None = None) -> Tensor:
-    """Linear radiance (N,3) that leaves the hits of N rays towards their origins; 0 for rays that hit nothing.
-
-    The same light and materials as :func:`shade`.
-
-    Args:
-        visibility: shadow factors (L,N) in [0,1]; None: every light reaches everything.
-
-    Raises:
-        InputError: ``visibility`` of a wrong shape.
-    """
-    count = len(surface.material)
-    if visibility is not None:
-        check_tensor("visibility", visibility, (len(scene.lights), count))
-    image = torch.zeros(count, 3)
-    rows = (surface.material >= 0).nonzero().reshape(-1)
-    if not len(rows):
-        return image
-    tables = _Tables.of(scene)
-    parts = [_shade_pixels(scene, _surface(tables, surface, chunk), visibility, chunk) for chunk in rows.split(CHUNK)]
-    return image.index_copy(0, rows, torch.cat(parts, dim=1).T)
 
 
 def diffuse_color(scene: Scene, gbuffer: GBuffer) -> Tensor:
@@ -167,9 +150,7 @@ def diffuse_color(scene: Scene, gbuffer: GBuffer) -> Tensor:
 # ------------------------------------------------------------------- pixels
 
 
-def _shade_pixels(
-    scene: Scene, surface: _Surface, visibility: Tensor | None, rows: Tensor, area_light: str = "polygon"
-) -> Tensor:
+def _shade_pixels(scene: Scene, surface: _Surface, visibility: Tensor | None, rows: Tensor, area_light: str) -> Tensor:
     """Radiance (3,N) of the covered pixels in the given flat rows."""
     diffuse = _ambient(scene, surface.normal)
     specular = torch.zeros(3, len(rows))

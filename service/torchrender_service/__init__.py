@@ -1,4 +1,5 @@
-"""The service: scenes, pictures and streams of depth images over REST and WebSocket.
+"""The service: scenes, pictures and streams of depth images over REST and WebSocket. Needs the extra ``service``."""
 
-Importing this package needs nothing beyond the base installation; its modules need the extra ``service``.
-"""
+from torchrender.extras import check_extra
+
+check_extra("service", "the service")

@@ -14,7 +14,7 @@ from starlette.responses import Response
 from torchrender.errors import SceneFileError, TorchRenderError
 from torchrender_service.errors import ServiceError
 
-LOG = logging.getLogger("service")
+LOG = logging.getLogger("torchrender_service.problems")
 MEDIA_TYPE = "application/problem+json"
 PREFIX = "urn:torchrender:problem:"
 TITLES = {

@@ -27,7 +27,7 @@ def test_compress_then_draw_then_describe(tmp_path, capsys):
 def test_a_picture_with_depth(tmp_path):
     picture = tmp_path / "box.exr"
     words = ["points", "cornell_box", "--samples", "2000", "-o", str(picture), "--size", "32x32"]
-    assert main([*words, "--filter", "squares", "--two-sided", "--tau", "4"]) == 0
+    assert main([*words, "--filter", "squares", "--two-sided", "--radius", "4"]) == 0
     assert read_image(picture).shape[:2] == (32, 32)
 
 
@@ -48,7 +48,7 @@ def test_info_of_a_cloud(tmp_path, capsys):
         (["none.trp", "-o", "a.png"], "no such file"),
         (["cornell_box", "-o", "a.jpg"], "the output must be .png, .exr, .trp"),
         (["bad.trp", "-o", "a.png"], "no file of compressed points"),
-        (["cornell_box", "-o", "a.png", "--tau", "99"], "tau_coarse"),
+        (["cornell_box", "-o", "a.png", "--radius", "99"], "coarse_radius"),
         (["bad.trp", "-o", "a.png", "--samples", "9"], "--samples is for meshes only"),
         (["cornell_box", "--samples", "0", "-o", "a.png"], "count"),
     ],

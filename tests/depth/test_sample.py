@@ -118,7 +118,7 @@ def test_one_pass_equals_algorithm_1(nest: Scene) -> None:
             found[store] = layer.triangle[0][store]
             open_pixels &= redundant
             layers[open_pixels] += 1
-            eps = PIXEL.eps_relative * layer.depth.double() + PIXEL.eps_scene * nest.diagonal
+            eps = PIXEL.relative_tolerance * layer.depth.double() + PIXEL.scene_tolerance * nest.diagonal
             peel = FragmentTests(beyond=layer.depth + eps, skip=layer.triangle)
         assert not bool(open_pixels.any())
         # Surfaces closer than eps_t that are no copies of each other may be told apart differently.
@@ -242,8 +242,8 @@ def test_options_and_cameras_are_checked(nest: Scene) -> None:
         ({"method": "x"}, "method"),
         ({"redundancy": "strict"}, "redundancy"),
         ({"max_skips": 0}, "max_skips"),
-        ({"eps_vis": 1.0}, "eps_vis"),
-        ({"eps_relative": 0.0}, "eps_relative"),
+        ({"visibility_tolerance": 1.0}, "visibility_tolerance"),
+        ({"relative_tolerance": 0.0}, "relative_tolerance"),
         ({"quality_ratio": 0.5}, "quality_ratio"),
         ({"size": (0, 4)}, "size"),
         ({"layers": 0}, "layers"),

@@ -26,7 +26,7 @@ from torchrender.effects.reflections.cluster_cameras import build_cluster_camera
 from torchrender.effects.reflections.clustered import ClusteredReflections, clustered_reflections
 from torchrender.effects.reflections.pixel_clusters import cluster_pixels
 from torchrender.effects.reflections.reflectors import ReflectivePixels, reflective, reflective_pixels
-from torchrender.kernels import depth_march
+from torchrender.kernels.rays import depth_march
 from torchrender.pipeline.options import RenderOptions
 from torchrender.raster import rasterize
 from torchrender.renderer import render

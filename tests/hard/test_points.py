@@ -184,7 +184,7 @@ def test_a_million_points_in_one_pixel():
     position = torch.randn(count, 3, generator=g).double() * 1e-4
     cloud = PointCloud(position=position, normal=torch.tensor([0.0, 0.0, 1.0]).expand(count, 3),
                        radius=torch.full((count,), 1e-5), color=torch.full((count, 3), 0.5))  # fmt: skip
-    patches = build_patches(cloud, PatchOptions(n_max=65536))
+    patches = build_patches(cloud, PatchOptions(max_points=65536))
     drawn = check(render_points(patches, CAMERA, SplatOptions(shading="none")))
     assert drawn.statistics[0].nodes < 0.02 * count
     every = SplatOptions(shading="none", selection=SelectionOptions(level="deepest"))

@@ -35,12 +35,14 @@ def test_any_normals_keep_corners_near_their_sample(seed: int, rho: float, merge
     images.normal[:] = torch.where(torch.rand(1, 10, 10, 1, generator=generator) < 0.5, edge_on, normal)
     images.normal[0, 0] = 0.0
     images.depth[:] = torch.rand(1, 10, 10, generator=generator) * 3 + 1
-    quads = fit_corners(images, None, ReconstructOptions(rho=rho, merge_guesses=merge))
+    quads = fit_corners(images, None, ReconstructOptions(guess_ratio=rho, merge_guesses=merge))
     ratio = quads.depth / images.depth[:, :, None]
     # Merged corners are means of values that each lie within rho of their own sample and within both tolerances.
     assert float(ratio.min()) > 0.2 and float(ratio.max()) < 5.0
     lone = fit_corners(
-        images, depth_images(Scene(), offset_camera(images.cameras)), ReconstructOptions(rho=rho, merge_guesses=False)
+        images,
+        depth_images(Scene(), offset_camera(images.cameras)),
+        ReconstructOptions(guess_ratio=rho, merge_guesses=False),
     )
     ratio = lone.depth / images.depth[:, :, None]
     assert float(ratio.min()) >= 1 / rho - 1e-6 and float(ratio.max()) <= rho + 1e-6

@@ -20,7 +20,7 @@ from torchrender.scene.mesh import Mesh
 from torchrender.scene.model import Scene
 
 CASES = [
-    ShadowOptions(size=size, filter=name, n=n, bias=bias, rho_max=8.0, light_width=0.3)
+    ShadowOptions(size=size, filter=name, filter_radius=n, bias=bias, largest_radius=8.0, light_width=0.3)
     for size, name, n, bias in [
         (128, "none", 0, "slope"), (128, "bilinear", 0, "slope"), ((96, 160), "pcf", 1, "slope"),
         (128, "none", 0, "receiver_plane"), (128, "pcf", 3, "receiver_plane"), (128, "pcf", 3, "slope"),
@@ -62,7 +62,7 @@ LIGHTS = {
 
 
 @pytest.mark.parametrize("name", LIGHTS)
-@pytest.mark.parametrize("options", CASES, ids=lambda o: f"{o.filter}{o.n}-{o.bias_mode}-{o.size}")
+@pytest.mark.parametrize("options", CASES, ids=lambda o: f"{o.filter}{o.filter_radius}-{o.bias_mode}-{o.size}")
 @settings(deadline=None, max_examples=20)
 @given(tilt_deg=st.floats(0, 85), turn=st.floats(0, 6.28), seed=st.integers(0, 99))
 def test_tilted_planes_do_not_shadow_themselves(name, options, tilt_deg, turn, seed):
@@ -75,7 +75,7 @@ def test_tilted_planes_do_not_shadow_themselves(name, options, tilt_deg, turn, s
 def test_constant_bias_does_shadow_tilted_planes():
     """What the remedies are for: 0.2 % of the depth range is too little from some tilt on, on every light."""
     for light in LIGHTS.values():
-        constant = ShadowOptions(size=128, bias="constant", b0=2e-3, filter="none")
+        constant = ShadowOptions(size=128, bias="constant", constant_bias=2e-3, filter="none")
         assert float(plane_case(light, 5.0, 1.0, constant, 0).min()) == 1
         failed = plane_case(light, 75.0, 1.0, constant, 0)
         assert 0.05 < float((failed == 0).double().mean()) < 0.95

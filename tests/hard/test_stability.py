@@ -149,7 +149,7 @@ def test_the_page_shows_faults(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
 def test_contact_shadows_stay_in_place_far_from_the_origin() -> None:
     """Positions are float64: no bias for float32 coordinates may lift the shadow of the block off its own foot."""
     near, far = (BY_NAME[name].subject() for name in (BASE, "far away"))
-    options = ShadowOptions(size=256, filter="pcf", n=1)
+    options = ShadowOptions(size=256, filter="pcf", filter_radius=1)
     for first, second in zip(near.scene.lights, far.scene.lights, strict=True):
         found = light_visibility(near.scene, first, near.gbuffer, options)
         moved = light_visibility(far.scene, second, far.gbuffer, options)

@@ -41,7 +41,7 @@ def slow_decode(codes: np.ndarray, half: np.ndarray, short: int, palette: np.nda
 
 @pytest.mark.parametrize("normals", ["angles", "octahedron"])
 def test_round_trip_within_the_stated_errors(normals):
-    plain = build_patches(random_cloud(4000), PatchOptions(n_max=512, sigma_max=1 / 3, cone_max_deg=180))
+    plain = build_patches(random_cloud(4000), PatchOptions(max_points=512, max_variation=1 / 3, max_cone_deg=180))
     packed = compress(plain, normals=normals)
     assert packed.nodes.access.codes.shape == (len(plain.nodes), 8) and packed.nodes.access.codes.dtype == np.uint8
     found = decompress(packed).nodes
@@ -65,7 +65,7 @@ def test_round_trip_within_the_stated_errors(normals):
 
 @pytest.mark.parametrize("normals", ["angles", "octahedron"])
 def test_decoding_is_that_of_a_slow_twin(normals):
-    plain = build_patches(random_cloud(200), PatchOptions(n_max=256, n_min=64))
+    plain = build_patches(random_cloud(200), PatchOptions(max_points=256, min_points=64))
     packed = compress(plain, normals=normals)
     found, half, short = decompress(packed).nodes, half_extent(plain.headers).numpy(), short_axis(plain.headers)
     for patch in range(len(half)):

@@ -34,14 +34,14 @@ def slow_ellipse(o, n, r, k, mode, options):
     covariance = a @ (np.eye(3) - np.outer(n, n)) @ a.T
     det = fx * fy * abs(o @ n) / o[2] ** 3
     h = {
-        "full": r * r * covariance + options.r_h**2 * np.eye(2),
+        "full": r * r * covariance + options.low_pass_radius**2 * np.eye(2),
         "reconstruction": r * r * covariance,
-        "low_pass": options.r_h**2 * np.eye(2),
+        "low_pass": options.low_pass_radius**2 * np.eye(2),
     }[mode]
     if mode == "reconstruction":
         least = np.linalg.eigvalsh(h)[0]
         h = h + max(1e-4 - least, 0) * np.eye(2)
-    return h, det / (2 * math.pi * options.kappa**2 * math.sqrt(np.linalg.det(h)))
+    return h, det / (2 * math.pi * options.gaussian_width**2 * math.sqrt(np.linalg.det(h)))
 
 
 def slow_splat(cloud: PointCloud, camera: Cameras, mode: str, options: SplatOptions):
@@ -71,10 +71,10 @@ def slow_splat(cloud: PointCloud, camera: Cameras, mode: str, options: SplatOpti
                 z = (n @ o) / slope if slope < 0 else math.inf
                 pixel = o[2] / max(k[0, 0], k[1, 1])
                 tangent = math.tan(math.acos(min(1.0, -(n @ o) / np.linalg.norm(o))))
-                spread = options.r_h * pixel * min(max(tangent, 1.0), 16.0)
+                spread = options.low_pass_radius * pixel * min(max(tangent, 1.0), 16.0)
                 z = o[2] if mode == "low_pass" else min(max(z, o[2] - r), o[2] + r)
-                epsilon = options.eps_scale * (r + (pixel if mode == "reconstruction" else spread))
-                fragments.append((y, x, z, epsilon, scale * math.exp(-q / (2 * options.kappa**2)), color))
+                epsilon = options.depth_tolerance * (r + (pixel if mode == "reconstruction" else spread))
+                fragments.append((y, x, z, epsilon, scale * math.exp(-q / (2 * options.gaussian_width**2)), color))
     nearest = np.full((height, width), math.inf)
     for y, x, z, *_ in fragments:
         nearest[y, x] = min(nearest[y, x], z)
@@ -125,7 +125,7 @@ def test_low_pass_stamps_are_those_of_a_slow_twin_but_for_their_places(r_h):
     normal = torch.tensor([0.0, 0.0, 1.0]).expand(50, 3).contiguous()
     cloud = PointCloud(position=world, normal=normal, radius=torch.full((50,), 0.01),
                        color=torch.rand(50, 3, generator=g))  # fmt: skip
-    options = SplatOptions(filter="low_pass", shading="none", selection=DEEPEST, r_h=r_h)
+    options = SplatOptions(filter="low_pass", shading="none", selection=DEEPEST, low_pass_radius=r_h)
     drawn = render_points(cloud, camera, options)
     image, depth, weight = slow_splat(cloud, camera, "low_pass", options)
     np.testing.assert_array_equal(drawn.mask[0].numpy(), weight > 0)
@@ -189,7 +189,9 @@ def test_culled_and_unculled_pictures_agree():
 def test_no_thresholds_is_full_ewa_bit_by_bit(choice, test):
     patches = build_patches(sphere_cloud(5000))
     camera = patches.camera(width=120, height=120)
-    first = render_points(patches, camera, SplatOptions(c_min=0.0, c_max=math.inf, choice=choice, test=test))
+    first = render_points(
+        patches, camera, SplatOptions(low_pass_below=0.0, reconstruction_above=math.inf, choice=choice, test=test)
+    )
     second = render_points(patches, camera, SplatOptions(filter="full"))
     for name in ("image", "depth", "weight"):
         assert torch.equal(getattr(first, name), getattr(second, name))
@@ -203,7 +205,7 @@ def blocks(image: torch.Tensor) -> torch.Tensor:
 
 def ground_pictures():
     """The checkered ground at 128² in each mode and a reference of 16 by 16 rays a pixel, near and far half."""
-    cloud = build_patches(checkered_ground(), PatchOptions(n_max=256))
+    cloud = build_patches(checkered_ground(), PatchOptions(max_points=256))
     camera = Cameras.look_at([0.0, 1.5, 0.0], [0.0, 0.0, -8.0], width=128, height=128, fov_deg=50, near=0.1)
     fine = camera.scaled(16)
     _, rays = fine.rays()
@@ -295,7 +297,7 @@ def test_threads_do_not_change_the_picture():
 
 
 def test_modes_follow_size_on_screen_and_silhouettes_are_full():
-    patches = build_patches(sphere_cloud(30_000), PatchOptions(n_max=256))
+    patches = build_patches(sphere_cloud(30_000), PatchOptions(max_points=256))
     modes = {}
     for distance in (1.6, 400.0):
         camera = Cameras.look_at([0.0, 0.0, distance], [0.0, 0.0, 0.0], width=512, height=512, fov_deg=20)
@@ -346,10 +348,10 @@ def test_a_background_fills_what_no_point_covers():
 
 def test_wrong_options_and_cameras_are_named():
     for wrong in (
-        {"kappa": 0.1},
+        {"gaussian_width": 0.1},
         {"filter": "bilinear"},
-        {"c_max": 0.5},
-        {"r_h": math.nan},
+        {"reconstruction_above": 0.5},
+        {"low_pass_radius": math.nan},
         {"light": (0.0, 0.0, 0.0)},
     ):
         with pytest.raises(OptionError, match=next(iter(wrong))):

@@ -21,7 +21,7 @@ from torchrender.scene.camera import Cameras
 
 @pytest.fixture(scope="module")
 def model():
-    return build_patches(sphere_cloud(20_000), PatchOptions(n_max=512))
+    return build_patches(sphere_cloud(20_000), PatchOptions(max_points=512))
 
 
 @pytest.fixture

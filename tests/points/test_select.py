@@ -69,17 +69,17 @@ def test_boxes_outside_the_view_are_left_out_and_no_others():
 
 
 def test_levels_are_the_coarsest_that_project_small_enough():
-    patches = build_patches(sphere_cloud(30_000), PatchOptions(n_max=1024))
+    patches = build_patches(sphere_cloud(30_000), PatchOptions(max_points=1024))
     headers = patches.headers
     camera = Cameras.look_at([0.0, 0.0, 4.0], [0.0, 0.0, 0.0], width=128, height=128)
-    options = SelectionOptions(tau_coarse=1.5, tau_fine=0.5, cull=False)
+    options = SelectionOptions(coarse_radius=1.5, fine_radius=0.5, cull=False)
     found = select_patches(headers, camera, options, two_sided=False, margin=1.0)
     focal, eye = float(camera.intrinsics[0, 0, 0]), camera.eye[0]
     for row, patch in enumerate(found.chosen.tolist()):
         low, high = headers.box[patch]
         distance = float((torch.minimum(torch.maximum(eye, low), high) - eye).norm())
-        fine = bool(found.silhouette[row]) or float(headers.sigma[patch]) > options.sigma_hi
-        fine = fine or float(headers.cone[patch, 3]) > math.radians(options.alpha_hi_deg)
+        fine = bool(found.silhouette[row]) or float(headers.sigma[patch]) > options.curved_variation
+        fine = fine or float(headers.cone[patch, 3]) > math.radians(options.curved_cone_deg)
         tau = 0.5 if fine else 1.5
         depth = int((headers.start[patch, 1:] > headers.start[patch, :-1]).sum()) - 1
         fits = [k for k in range(depth + 1) if focal * float(headers.radius[patch, k, 2]) / distance <= tau]
@@ -87,7 +87,7 @@ def test_levels_are_the_coarsest_that_project_small_enough():
 
 
 def test_silhouettes_lie_around_the_outline():
-    patches = build_patches(sphere_cloud(30_000), PatchOptions(n_max=512))
+    patches = build_patches(sphere_cloud(30_000), PatchOptions(max_points=512))
     camera = Cameras.look_at([0.0, 0.0, 5.0], [0.0, 0.0, 0.0], width=128, height=128)
     found = select_patches(patches.headers, camera, SelectionOptions(), two_sided=False, margin=1.0)
     # The outline of a unit sphere seen from five units away lies at z = 0.2.
@@ -108,9 +108,9 @@ def test_an_eye_inside_a_patch_culls_nothing_of_it():
 
 
 def test_options_check_themselves():
-    with pytest.raises(OptionError, match="tau_coarse"):
-        SelectionOptions(tau_coarse=0.1)
-    with pytest.raises(OptionError, match="tau_fine must be <="):
-        SelectionOptions(tau_coarse=0.6, tau_fine=0.7)
+    with pytest.raises(OptionError, match="coarse_radius"):
+        SelectionOptions(coarse_radius=0.1)
+    with pytest.raises(OptionError, match="fine_radius must be <="):
+        SelectionOptions(coarse_radius=0.6, fine_radius=0.7)
     with pytest.raises(OptionError, match="level"):
         SelectionOptions(level="finest")

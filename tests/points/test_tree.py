@@ -28,7 +28,7 @@ def world_position(patches: PatchSet, patch: int, rows: range) -> torch.Tensor:
 
 @pytest.mark.parametrize("cloud", [sphere_cloud(20_000), random_cloud(3000)], ids=["sphere", "noise"])
 def test_every_point_lies_in_exactly_one_patch_and_in_its_deepest_level(cloud):
-    patches = build_patches(cloud, PatchOptions(n_max=512))
+    patches = build_patches(cloud, PatchOptions(max_points=512))
     found = torch.cat([world_position(patches, p, level_rows(patches, p)[-1]) for p in range(len(patches.headers))])
     assert int(patches.headers.count.sum()) == len(found) == len(cloud)
     mine, theirs = (a.numpy()[np.lexsort(a.numpy().T.round(4))] for a in (found, cloud.position))
@@ -53,7 +53,9 @@ def halves(count: int) -> list[list[int]]:
 @pytest.mark.parametrize("count", [1, 2, 3, 5, 64, 77, 1000])
 def test_nodes_are_those_of_a_slow_twin(count):
     cloud = random_cloud(count, seed=count)
-    patches = build_patches(cloud, PatchOptions(n_max=1024, n_min=1000, sigma_max=1 / 3, cone_max_deg=180))
+    patches = build_patches(
+        cloud, PatchOptions(max_points=1024, min_points=1000, max_variation=1 / 3, max_cone_deg=180)
+    )
     assert len(patches.headers) == 1
     rows = level_rows(patches, 0)
     sizes = halves(count)
@@ -90,7 +92,7 @@ def test_nodes_are_those_of_a_slow_twin(count):
 
 
 def test_parent_spheres_contain_those_of_their_children():
-    patches = build_patches(random_cloud(5000), PatchOptions(n_max=512, sigma_max=1 / 3, cone_max_deg=180))
+    patches = build_patches(random_cloud(5000), PatchOptions(max_points=512, max_variation=1 / 3, max_cone_deg=180))
     for p in range(len(patches.headers)):
         rows = level_rows(patches, p)
         sizes = halves(int(patches.headers.count[p]))
@@ -111,18 +113,18 @@ def test_the_tree_has_at_most_three_nodes_a_point():
 
 
 def test_patches_keep_their_thresholds_and_are_large_where_it_is_flat():
-    options = PatchOptions(n_max=1024, n_min=32, sigma_max=0.01, cone_max_deg=20)
+    options = PatchOptions(max_points=1024, min_points=32, max_variation=0.01, max_cone_deg=20)
     patches = build_patches(sphere_cloud(20_000), options)
     headers = patches.headers
-    small = headers.count <= options.n_min
-    flat = (headers.sigma <= options.sigma_max) & (headers.cone[:, 3] <= math.radians(options.cone_max_deg) + 1e-9)
-    assert bool((small | (flat & (headers.count <= options.n_max))).all())
+    small = headers.count <= options.min_points
+    flat = (headers.sigma <= options.max_variation) & (headers.cone[:, 3] <= math.radians(options.max_cone_deg) + 1e-9)
+    assert bool((small | (flat & (headers.count <= options.max_points))).all())
     rough = build_patches(random_cloud(20_000), options)
     assert rough.headers.count.float().mean() < 0.2 * headers.count.float().mean()
 
 
 def test_cones_hold_all_normals_and_levels_their_radii():
-    patches = build_patches(sphere_cloud(5000), PatchOptions(n_max=512))
+    patches = build_patches(sphere_cloud(5000), PatchOptions(max_points=512))
     headers, nodes = patches.headers, patches.nodes
     for p in range(len(headers)):
         for level, rows in enumerate(level_rows(patches, p)):
@@ -136,13 +138,13 @@ def test_cones_hold_all_normals_and_levels_their_radii():
 def test_flatness_is_the_smallest_eigenvalue_over_their_sum():
     for seed in range(5):
         cloud = random_cloud(200, seed=seed)
-        patches = build_patches(cloud, PatchOptions(n_min=500, n_max=512))
+        patches = build_patches(cloud, PatchOptions(min_points=500, max_points=512))
         values = torch.linalg.eigvalsh(torch.cov(cloud.position.T, correction=0))
         assert float(patches.headers.sigma[0]) == pytest.approx(float(values[0] / values.sum()), rel=1e-6)
 
 
 def test_the_same_tree_every_time():
-    first, second = (build_patches(sphere_cloud(30_000), PatchOptions(n_max=512)) for _ in range(2))
+    first, second = (build_patches(sphere_cloud(30_000), PatchOptions(max_points=512)) for _ in range(2))
     assert torch.equal(first.nodes.position, second.nodes.position)
     assert torch.equal(first.headers.start, second.headers.start)
 
@@ -156,7 +158,7 @@ def test_any_cloud_gives_a_sound_tree(count, seed, scale, repeated):
         position = position[torch.randint(0, count, (count,), generator=g)]
     normal = torch.randn(count, 3, generator=g)
     radius = 10.0 ** (torch.rand(count, generator=g) * 8 - 4) * scale
-    patches = build_patches(PointCloud(position=position, normal=normal, radius=radius), PatchOptions(n_min=16))
+    patches = build_patches(PointCloud(position=position, normal=normal, radius=radius), PatchOptions(min_points=16))
     assert int(patches.headers.count.sum()) == count
     assert bool(torch.isfinite(patches.nodes.position).all() and torch.isfinite(patches.nodes.radius).all())
     length = patches.nodes.normal.norm(dim=1)
@@ -170,7 +172,7 @@ def test_wrong_input_is_named():
         PointCloud(position=torch.tensor([[0.0, math.nan, 0.0]]))
     with pytest.raises(InputError, match="radius"):
         PointCloud(position=torch.zeros(2, 3), radius=torch.zeros(3))
-    with pytest.raises(OptionError, match="n_max"):
-        PatchOptions(n_max=10)
-    with pytest.raises(OptionError, match="n_min"):
-        PatchOptions(n_max=256, n_min=512)
+    with pytest.raises(OptionError, match="max_points"):
+        PatchOptions(max_points=10)
+    with pytest.raises(OptionError, match="min_points"):
+        PatchOptions(max_points=256, min_points=512)

@@ -54,9 +54,11 @@ def twin_corners(images: DepthImages, offset: DepthImages, options: ReconstructO
                     same = not options.match_id or bool(
                         offset.object_id[b, j + dv, i + du] == images.object_id[b, j, i]
                     )
-                    margin = options.tau_a * footprint * z + options.tau_b * abs(target - z)
+                    margin = options.footprint_tolerance * footprint * z + options.slope_tolerance * abs(target - z)
                     ok = same and abs(seen - target) <= margin
-                    guess = max(min(max(target, z / options.rho), z * options.rho), float(camera.near[0]))
+                    guess = max(
+                        min(max(target, z / options.guess_ratio), z * options.guess_ratio), float(camera.near[0])
+                    )
                     depth[b, j, c, i] = seen if ok else guess
                     true[b, j, c, i] = ok
     return depth, true
@@ -286,10 +288,10 @@ def test_what_is_refused() -> None:
         reconstruct_hybrid(images, images)
     with pytest.raises(InputError, match="half a pixel"):
         reconstruct_hybrid(images, depth_images(scene_of_shapes(), front_camera(9)))
-    with pytest.raises(OptionError, match="tau_a"):
-        ReconstructOptions(tau_a=0.1)
-    with pytest.raises(OptionError, match="rho"):
-        ReconstructOptions(rho=3.0)
+    with pytest.raises(OptionError, match="footprint_tolerance"):
+        ReconstructOptions(footprint_tolerance=0.1)
+    with pytest.raises(OptionError, match="guess_ratio"):
+        ReconstructOptions(guess_ratio=3.0)
     with pytest.raises(OptionError, match="scale"):
         reconstruct_splat(images, scale=3.0)
     with pytest.raises(InputError, match="pixels"):

@@ -7,7 +7,8 @@ import torch
 from torchrender.quality.machine import machine_line, machine_record
 from torchrender.quality.timing import Timing, take_turns
 from torchrender.raster import rasterize_visibility
-from torchrender.report import foundation, foundation_page
+from torchrender.report.foundation import page as foundation_page
+from torchrender.report.foundation import study as foundation
 from torchrender.report.foundation.peers import opengl_raster
 from torchrender.scene.procedural import build
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from torchrender.report import sampling
 from torchrender.report.common.subject import subject_box
+from torchrender.report.sampling import study as sampling
 from torchrender.report.sampling.published import AVAILABLE, KINDS, TIMES
 from torchrender.scene.procedural import build
 

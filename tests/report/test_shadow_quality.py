@@ -78,7 +78,7 @@ def test_contact_displacement_bounds_what_is_measured():
     x = torch.linspace(1e-4, 0.6, 3000)
     points = on_plane(torch.stack([x, torch.zeros_like(x), torch.full_like(x, 0.3)], 1), torch.tensor([0.0, 1, 0]))
     for b0 in (2e-3, 1e-2):
-        options = ShadowOptions(size=512, bias="constant", b0=b0, filter="none")
+        options = ShadowOptions(size=512, bias="constant", constant_bias=b0, filter="none")
         cast = render_shadow_map(scene, sun, options)
         lit = shadow_factor(*points, sun, cast, options)[0, 0] > 0
         strip = float(x[lit].max()) if bool(lit.any()) else 0.0

@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from service_parts import CAMERA, IDENTITY, make_session
+from service_parts import CAMERA, IDENTITY, Actor, FakePool, make_session
 from torchrender.wire.messages import Ack, CameraHeader, Pose
 from torchrender_service.errors import ServiceError
 from torchrender_service.metrics import Metrics
@@ -18,43 +18,41 @@ from torchrender_service.streams.placement import Placement
 from torchrender_service.streams.producer import Producer
 
 
-class Renderer:
-    """Stands for the pool: notes jobs, answers, and lets things happen meanwhile."""
+class Scripted(FakePool):
+    """Answers as it is told, and lets things happen meanwhile."""
 
     def __init__(self) -> None:
-        self.jobs: list[Job] = []
+        super().__init__()
         self.left = 3
         self.fails = False
         self.meanwhile: Callable[[], None] = lambda: None
 
-    async def run(self, job: Job, *, renderer: int | None = None) -> dict[str, Any]:
-        assert renderer == 0
-        self.jobs.append(job)
+    def answer(self, job: Job) -> dict[str, Any]:
         self.meanwhile()
         if self.fails:
             raise ServiceError(422, "too-slow", "too slow")
         if isinstance(job, MakeKeyframe):
-            return {"messages": [b"first"], "layers": job.layers, "typical_depth": 2.0}
+            return {"messages": [b"first"], "extra_layers": job.extra_layers, "typical_depth": 2.0}
         if isinstance(job, MakeLayers):
             return {"messages": [b"extra"]}
         assert isinstance(job, SmoothKeyframe)
         self.left -= 1
-        return {"messages": [] if self.left else [b"smooth"], "left": self.left, "layers": 1}
+        return {"messages": [] if self.left else [b"smooth"], "left": self.left, "extra_layers": 1}
 
 
 class Stage:
     """A producer whose client stands at CAMERA."""
 
     def __init__(self) -> None:
-        self.renderer = Renderer()
+        self.pool = Scripted()
         self.sent: list[bytes] = []
         self.problems: list[ServiceError] = []
         self.placement = Placement(0.0, 0.0)
-        self.session = make_session("one", layers=1, overscan=1.2)
+        self.session = make_session("one", extra_layers=1, overscan=1.2, renderer=Actor("ours"))
         self.producer = Producer(
             session=self.session,
             placement=self.placement,
-            pool=self.renderer,  # type: ignore[arg-type]
+            pool=self.pool,
             metrics=Metrics(),
             max_pixels=10**6,
             webp=True,
@@ -86,10 +84,11 @@ def test_a_view_at_rest_is_made_refined_and_smoothed() -> None:
     stage = Stage()
     assert [stage.go_on() for _ in range(6)] == ["moving", "still", "smooth", "smooth", "smooth", None]
     assert stage.sent == [b"first", b"extra"] * 2 + [b"smooth", b"extra"]
-    keyframes = [job for job in stage.renderer.jobs if isinstance(job, MakeKeyframe)]
+    keyframes = [job for _, job in stage.pool.jobs if isinstance(job, MakeKeyframe)]
     assert [(job.id, job.still, job.color) for job in keyframes] == [(0, False, "jpeg"), (1, True, "webp")]
-    assert {job.id for job in stage.renderer.jobs if isinstance(job, SmoothKeyframe)} == {2}
+    assert {job.id for _, job in stage.pool.jobs if isinstance(job, SmoothKeyframe)} == {2}
     assert stage.session.next_id == 3
+    assert {address for address, _ in stage.pool.jobs} == {"ours"}, "what pictures share is kept in one renderer"
 
 
 @pytest.mark.parametrize("change", ["moved", "settings"])
@@ -99,10 +98,10 @@ def test_what_happens_during_the_last_picture_goes_first(change: str) -> None:
         stage.go_on()
     aside = msgspec.structs.replace(CAMERA, world_from_camera=(*IDENTITY[:3], 1.0, *IDENTITY[4:]))
     happens = {"moved": lambda: stage.stand(aside, 2), "settings": stage.placement.refresh}
-    stage.renderer.meanwhile = happens[change]
+    stage.pool.meanwhile = happens[change]
     before = len(stage.sent)
     assert stage.go_on() == "smooth"
-    stage.renderer.meanwhile = lambda: None
+    stage.pool.meanwhile = lambda: None
     assert len(stage.sent) == before, "the picture of what was wanted before is not sent"
     assert stage.go_on() == "moving"
 
@@ -110,14 +109,14 @@ def test_what_happens_during_the_last_picture_goes_first(change: str) -> None:
 def test_a_refinement_that_fails_stays_as_it_is() -> None:
     stage = Stage()
     stage.go_on(), stage.go_on()
-    stage.renderer.fails = True
+    stage.pool.fails = True
     assert stage.go_on() == "smooth"
     assert stage.go_on() is None and not stage.problems
 
 
 def test_a_keyframe_that_fails_is_told_and_its_credit_comes_back() -> None:
     stage = Stage()
-    stage.renderer.fails = True
+    stage.pool.fails = True
     for _ in range(5):  # more than there are credits
         assert stage.placement.due(1.0) == "moving"
         with pytest.raises(ServiceError, match="too slow"):
@@ -128,8 +127,8 @@ def test_layers_that_fail_are_told_and_layer_0_stays() -> None:
     stage = Stage()
 
     def fail_later() -> None:
-        stage.renderer.fails = isinstance(stage.renderer.jobs[-1], MakeLayers)
+        stage.pool.fails = isinstance(stage.pool.jobs[-1][1], MakeLayers)
 
-    stage.renderer.meanwhile = fail_later
+    stage.pool.meanwhile = fail_later
     stage.go_on()
     assert stage.sent == [b"first"] and len(stage.problems) == 1

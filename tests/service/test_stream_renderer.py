@@ -7,7 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 
+from reflection_scenes import looking, mirror_scene
 from torchrender.renderer import render
 from torchrender.scene.load import load
 from torchrender.wire.cameras import header_of
@@ -42,7 +44,7 @@ def job(scene, number: int = 0, **rest) -> MakeKeyframe:
         "time_ms": 0.0,
         "camera": header_of(scene.camera(width=64, height=48)),
         "still": False,
-        "layers": 0,
+        "extra_layers": 0,
         "direction": (0.0, 0.0, 0.0),
         "baseline": 0.0,
         "color": "jpeg",
@@ -96,7 +98,7 @@ STILL = {"still": True, "bounds": Bounds(), "color": "webp", "quality": 100}
 
 def test_a_refinement_becomes_the_mean_of_five_pictures(scene) -> None:
     renderer = StreamRenderer()
-    first = picture_of(renderer.make(scene, job(scene, 1, layers=2, **STILL))["messages"][0])
+    first = picture_of(renderer.make(scene, job(scene, 1, extra_layers=2, **STILL))["messages"][0])
     assert first.header.samples == 1
     renderer.make_layers(MakeLayers(session="one", id=1))
     steps = [renderer.smooth(SmoothKeyframe(session="one", id=2)) for _ in ASIDE]
@@ -113,6 +115,52 @@ def test_a_refinement_becomes_the_mean_of_five_pictures(scene) -> None:
     )
     errors = [np.abs(picture.codes.numpy() - reference).mean() for picture in (first, last)]
     assert errors[1] < 0.5 * errors[0]
+
+
+@pytest.mark.parametrize("bright", range(1 + len(ASIDE)))
+def test_a_pixel_too_bright_in_one_picture_counts_as_white_once(scene, monkeypatch, bright) -> None:
+    """Light beyond white would else outshine the other pictures: edges of lamps would stay jagged."""
+    usual = stream_renderer.render_image
+    count = 0
+
+    def painted(*arguments, **options):
+        """Black, but for one pixel of one of the pictures."""
+        nonlocal count
+        image, plan = usual(*arguments, **options)
+        radiance = torch.zeros_like(image.radiance)
+        radiance[0, 20, 30] = 50.0 if count == bright else 0.0
+        count += 1
+        return replace(image, radiance=radiance), plan
+
+    monkeypatch.setattr(stream_renderer, "render_image", painted)
+    renderer = StreamRenderer()
+    renderer.make(scene, job(scene, 1, **STILL))
+    steps = [renderer.smooth(SmoothKeyframe(session="one", id=2)) for _ in ASIDE]
+    codes = picture_of(steps[-1]["messages"][0]).codes
+    expected = torch.zeros(48, 64, 3)
+    expected[20, 30] = 1.0 / (1 + len(ASIDE))
+    assert count == 1 + len(ASIDE)
+    assert np.array_equal(codes.numpy(), display_bytes(expected))
+
+
+def test_a_new_session_shares_what_a_scene_has_but_no_reflections(monkeypatch) -> None:
+    """Reused reflections are of the views before, and those were another client's."""
+    usual, given = stream_renderer.render_image, []
+
+    def noting(scene, camera, bounds, options=None, history=None):
+        given.append(history)
+        return usual(scene, camera, bounds, options, history)
+
+    monkeypatch.setattr(stream_renderer, "render_image", noting)
+    renderer, scene = StreamRenderer(), mirror_scene()
+    monkeypatch.setattr(stream_renderer, "MOVING_BUDGET_MS", None)  # which might rule reuse out
+    wish = {"bounds": Bounds(), "camera": header_of(looking(48))}
+    for number, session in enumerate(("one", "one", "one", "two")):
+        renderer.make(scene, job(scene, number, session=session, **wish))
+    assert given[0].caster is None and given[0].reuse is None
+    assert given[2].reuse is not None, "the scene mirrors, and the same session goes on"
+    assert given[3].reuse is None
+    assert given[3].caster is not None and given[3].caster is given[2].caster
 
 
 def test_a_refinement_that_was_overtaken_is_not_gone_on_with(scene) -> None:

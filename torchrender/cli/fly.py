@@ -89,9 +89,11 @@ def _path(scene: Scene, name: str, seed: int) -> CameraPath:
 
 def _record(number: int, image: Image) -> dict[str, Any]:
     """What a picture cost, for the statistics."""
+    from torchrender.passes.mirrors.key_frame import reuse_report
+
     record: dict[str, Any] = {"frame": number, "ms": round(image.timings_ms["total"], 2)}
     record["steps_ms"] = {k: round(v, 2) for k, v in image.timings_ms.items() if k != "total"}
-    report = None if image.history is None else image.history.report
+    report = reuse_report(image.history)
     if report is not None:
         record |= {
             "key_frame": report.key_frame,

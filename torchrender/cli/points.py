@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -32,7 +33,7 @@ def add_points(parser: argparse.ArgumentParser) -> None:
         default="adaptive",
         help="the cheapest EWA filter that is good enough, always one of them, or opaque squares (default adaptive)",
     )
-    parser.add_argument("--tau", type=float, default=2.0, metavar="PX", help="greatest radius of a point (default 2)")
+    parser.add_argument("--radius", type=float, metavar="PX", help="greatest radius of a drawn point (default 2)")
     parser.add_argument("--two-sided", action="store_true", help="draw points seen from behind, too")
     parser.add_argument("--background", default="0,0,0", metavar="R,G,B", help="linear colour of empty pixels")
     parser.add_argument("--camera", nargs="+", metavar="CAMERA", help="as for render")
@@ -58,7 +59,11 @@ def run_points(
     from torchrender.points.options import SplatOptions
     from torchrender.points.select import SelectionOptions
 
-    selection = SelectionOptions(tau_coarse=arguments.tau, tau_fine=max(0.3, min(2.0, 0.35 * arguments.tau)))
+    selection = SelectionOptions()
+    if arguments.radius is not None:  # the finer one keeps its ratio, within its range
+        ratio = selection.fine_radius / selection.coarse_radius
+        fine = max(0.3, min(2.0, ratio * arguments.radius))
+        selection = replace(selection, coarse_radius=arguments.radius, fine_radius=fine)
     options = SplatOptions(
         filter=arguments.filter,
         selection=selection,

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import sys
 from pathlib import Path
 from typing import Any
 
 from torchrender.cli.output import make_folder
-from torchrender.errors import InputError, OptionError
-
-_NEEDED = ("fastapi", "uvicorn", "websockets", "msgspec", "zstandard", "simplejpeg")
+from torchrender.errors import OptionError
 
 
 def add_serve(commands: Any) -> None:
@@ -25,23 +22,11 @@ def add_serve(commands: Any) -> None:
 
 def serve_command(arguments: argparse.Namespace) -> None:
     """Run the command."""
-    check_service_installed()
     from torchrender_service.settings import read_settings
     from torchrender_service.web.server import serve
 
     given = {"host": arguments.host, "port": arguments.port, "data_dir": arguments.data, "threads": arguments.threads}
     serve(read_settings(arguments.config, **given))
-
-
-def check_service_installed() -> None:
-    """Say what to install where the extra is missing.
-
-    Raises:
-        InputError: names the missing packages.
-    """
-    missing = [name for name in _NEEDED if importlib.util.find_spec(name) is None]
-    if missing:
-        raise InputError(f"the service needs {', '.join(missing)}: pip install 'torchrender[service]'")
 
 
 def add_load_test(commands: Any) -> None:
@@ -54,7 +39,6 @@ def add_load_test(commands: Any) -> None:
 
 def load_test_command(arguments: argparse.Namespace) -> None:
     """Run the command."""
-    check_service_installed()
     if not 10.0 <= arguments.soak <= 86400.0:
         raise OptionError(f"--soak must be in [10, 86400], got {arguments.soak}")
     from torchrender_service.load_test.rows import Effort

@@ -1,6 +1,6 @@
 """A client of the service's stream: sends poses, receives depth images as tensors, and reprojects them itself.
 
-Needs the extra ``service``. See ``service/torchrender_service/PROTOCOL.md`` for what goes over the wire.
+``PROTOCOL.md`` of the package ``torchrender_service`` tells what goes over the wire.
 """
 
 from __future__ import annotations

@@ -50,7 +50,7 @@ def fragment_tests(options: SamplingOptions, known: VisibilityBuffer) -> Fragmen
 def _nearest_new(scene: Scene, camera: Cameras, known: VisibilityBuffer, options: SamplingOptions) -> Samples:
     """The nearest surface in each pixel of one camera that ``known`` does not hold."""
     geometry, tests = scene.geometry, fragment_tests(options, known)
-    eps = (options.eps_relative, options.eps_scene * scene.diagonal)
+    eps = (options.relative_tolerance, options.scene_tolerance * scene.diagonal)
     seen = rasterize_visibility(geometry, camera, cull=options.cull, tests=tests)
     if not options.count_layers:
         return Samples.first_hits(seen)

@@ -49,7 +49,7 @@ def _walk(rays: RayVisibility, first: Samples, number: int, viewpoints: Cameras)
         if not len(flat):
             return first
         first.layer.view(-1)[flat] += 1
-        behind = t * (1.0 + options.eps_relative) + options.eps_scene * rays.diagonal
+        behind = t * (1.0 + options.relative_tolerance) + options.scene_tolerance * rays.diagonal
         hits = rays.next_surface(origins, directions, behind, triangle, float(camera.far[0]))
         _store(first, flat, hits, rays.geometry.object_id)
         hit = hits.hit

@@ -32,9 +32,9 @@ class SamplingOptions:
     cull_backfaces: bool = True
     size: tuple[int, int] | None = None  # (width, height) of the images; None: those of the cameras
     layers: int | None = None  # images of depth peeling; None: as many as cameras
-    eps_relative: float = 1e-5  # step past a hit: eps_relative * depth + eps_scene * bounding-box diagonal
-    eps_scene: float = 1e-6
-    eps_vis: float = 1e-4  # relative difference of ray parameters below which two hits are one point
+    relative_tolerance: float = 1e-5  # step past a hit: this share of its depth, and ...
+    scene_tolerance: float = 1e-6  # ... this share of the bounding box's diagonal
+    visibility_tolerance: float = 1e-4  # relative difference of ray parameters below which two hits are one point
     max_skips: int = 64  # surfaces looked at per pixel before it is given up as truncated
     count_layers: bool = True  # pixel redundancy; False: quicker, layers stay zero, nothing counts as truncated, and a
     # copy in the plane of a known surface counts as new
@@ -53,9 +53,9 @@ class SamplingOptions:
             check_range("size[1]", self.size[1], 1, 32768)
         if self.layers is not None:
             check_range("layers", self.layers, 1, 512)
-        check_range("eps_relative", self.eps_relative, 1e-7, 1e-3)
-        check_range("eps_scene", self.eps_scene, 0.0, 1e-3)
-        check_range("eps_vis", self.eps_vis, 1e-6, 1e-2)
+        check_range("relative_tolerance", self.relative_tolerance, 1e-7, 1e-3)
+        check_range("scene_tolerance", self.scene_tolerance, 0.0, 1e-3)
+        check_range("visibility_tolerance", self.visibility_tolerance, 1e-6, 1e-2)
         check_range("max_skips", self.max_skips, 1, 512)
 
     @property

@@ -40,4 +40,4 @@ def peel(scene: Scene, cameras: Cameras, options: SamplingOptions) -> Samples:
 def step_past(depth: torch.Tensor, scene: Scene, options: SamplingOptions) -> torch.Tensor:
     """Depth float64 at which a search goes on behind a surface at ``depth``; +inf stays."""
     depth = depth.double()
-    return depth + options.eps_relative * depth + options.eps_scene * scene.diagonal
+    return depth + options.relative_tolerance * depth + options.scene_tolerance * scene.diagonal

@@ -8,8 +8,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchrender.arrays import view as numpy_view
 from torchrender.buffers import VisibilityBuffer
-from torchrender.kernels.compile import view as numpy_view
 from torchrender.kernels.raster.fragments import redundant_samples
 from torchrender.raster import FragmentTests, earlier_arrays, view_arrays
 from torchrender.scene.camera import Cameras

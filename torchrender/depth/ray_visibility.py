@@ -109,7 +109,9 @@ class RayVisibility:
 
     def _blockers(self, line: _Lines) -> RayHits:
         # Ray parameter 1 is the point.
-        return self.next_surface(line.origins, line.directions, line.t, line.ignore, 1.0 - self.options.eps_vis)
+        return self.next_surface(
+            line.origins, line.directions, line.t, line.ignore, 1.0 - self.options.visibility_tolerance
+        )
 
     def _faces(self, triangles: Tensor, eye: Tensor) -> Tensor:
         """(N,) bool: the triangle's front side is turned to ``eye``."""
@@ -131,7 +133,7 @@ class _Lines:
     def behind(self, hits: RayHits, keep: Tensor, options: SamplingOptions, diagonal: float) -> _Lines:
         """The rays to keep, to go on behind their hits by ``eps_t``."""
         depth = self.depth[keep]
-        t = hits.t[keep] * (1.0 + options.eps_relative) + options.eps_scene * diagonal / depth
+        t = hits.t[keep] * (1.0 + options.relative_tolerance) + options.scene_tolerance * diagonal / depth
         return _Lines(self.rows[keep], self.origins[keep], self.directions[keep], t, hits.triangle[keep], depth)
 
 

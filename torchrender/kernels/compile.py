@@ -16,10 +16,8 @@ from pathlib import Path
 from typing import Any
 
 import numba
-import numpy as np
 from numba import config as numba_config
 from numba import njit
-from torch import Tensor
 
 from torchrender import __version__
 
@@ -118,8 +116,3 @@ def kernel(*, parallel: bool = False, inline: bool = False) -> Callable[[Callabl
 def thread_count() -> int:
     """Threads that parallel kernels use now."""
     return int(numba.get_num_threads())
-
-
-def view(tensor: Tensor, dtype: type | np.dtype[Any]) -> np.ndarray[Any, Any]:
-    """A contiguous numpy view of a CPU tensor, copied only where type or layout differ."""
-    return np.ascontiguousarray(tensor.detach().cpu().numpy(), dtype=dtype)

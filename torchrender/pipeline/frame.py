@@ -1,36 +1,41 @@
-"""One picture in the making: what its passes ask for and hand on."""
+"""One picture in the making: what its passes ask for."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Protocol, TypeVar
 
-from torchrender.buffers import VisibilityBuffer
-from torchrender.checks import as_vector
-from torchrender.effects.reflections.reflectors import ReflectivePixels, reflective_pixels
-from torchrender.effects.shadows.shadow_map import ShadowOptions
-from torchrender.effects.shadows.soft_shadow import Occluders, occluders
+from torch import Tensor
+
+from torchrender.buffers import GBuffer, RaySurface
+from torchrender.pipeline.buffer import Buffer, Layer
 from torchrender.pipeline.history import RenderHistory
-from torchrender.pipeline.hit_shader import HitShader
 from torchrender.pipeline.options import RenderOptions
-from torchrender.raster import rasterize_visibility
-from torchrender.rays import RayCaster
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
 
+T = TypeVar("T")
 
-@dataclass(eq=False, kw_only=True)
+
+class SampleRenderer(Protocol):
+    """The passes of the picture over other samples: see :meth:`Frame.over_hits`."""
+
+    def __call__(self, samples: GBuffer | RaySurface) -> Tensor:
+        """Radiance (B,H,W,3) of samples (B,H,W), reflections left out."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Frame:
-    """A picture in the making. Passes read ``buffers`` by name and return what they make; nothing outlives the frame
-    but what is written to ``past``, which becomes the history of the next picture."""
+    """A picture in the making. Passes read buffers and return what they make; they write nothing else."""
 
-    scene: Scene
+    scene: Scene  # with its lights
     cameras: Cameras  # of the picture
     options: RenderOptions
-    past: RenderHistory
-    buffers: dict[str, Any] = field(default_factory=dict)
-    mirrors: ReflectivePixels | None = None  # found once, whoever asks first
-    seen: VisibilityBuffer | None = None  # by all pixels of the picture, where fewer are rendered
+    history: RenderHistory
+    values: Mapping[Buffer[Any], Any]  # made so far
+    asked: Mapping[Buffer[Any], frozenset[Buffer[Any]]]  # what is asked for, and by the makers of what
+    hits: Callable[[Mapping[Buffer[Any], Any]], SampleRenderer] = field(repr=False)
 
     @property
     def view(self) -> Cameras:
@@ -38,54 +43,26 @@ class Frame:
         factor = self.options.supersample
         return self.cameras if factor == 1 else self.cameras.scaled(factor)
 
-    def choose(self, options: RenderOptions) -> None:
-        """Go on with other options; what the history holds for others is dropped."""
-        background = None if options.background is None else tuple(as_vector("background", options.background).tolist())
-        shadow = (options.shadows, lasting_shadows(options))
-        reflections = (options.reflections, options.reflection, options.tracing, options.reuse, options.supersample)
-        self.options, self.past = options, self.past.with_options(shadow, background, reflections)
+    def __getitem__(self, buffer: Buffer[T]) -> T:
+        return buffer.checked(self.values[buffer])
 
-    def visibility(self) -> VisibilityBuffer:
-        """What every pixel of the picture sees, drawn on first use."""
-        if self.seen is None:
-            self.seen = rasterize_visibility(self.scene.geometry, self.cameras)
-        return self.seen
+    def get(self, buffer: Buffer[T]) -> T | None:
+        """A buffer that may not be there."""
+        return self[buffer] if buffer in self.values else None
 
-    def reflectors(self) -> ReflectivePixels:
-        """The reflective pixels of the G-buffer."""
-        if self.mirrors is None:
-            self.mirrors = reflective_pixels(self.scene, self.buffers["gbuffer"])
-        return self.mirrors
+    def askers(self, buffer: Buffer[Any]) -> frozenset[Buffer[Any]]:
+        """What the passes that ask for a buffer make of it."""
+        return self.asked.get(buffer, frozenset())
 
-    def caster(self) -> RayCaster:
-        """The scene's ray caster, built on first use."""
-        if self.past.caster is None:
-            self.past = replace(self.past, caster=RayCaster(self.scene.geometry))
-        assert self.past.caster is not None
-        return self.past.caster
+    def earlier(self, buffer: Buffer[T]) -> T | None:
+        """What an earlier picture left of a buffer, while it still holds."""
+        return self.history.get(buffer, self.options)
 
-    def occluders(self) -> Occluders:
-        """The scene's triangles, sorted for soft shadows on first use."""
-        if self.past.occluders is None:
-            self.past = replace(self.past, occluders=occluders(self.scene.geometry))
-        assert self.past.occluders is not None
-        return self.past.occluders
+    def layers(self) -> Iterator[tuple[Layer[Any], Any]]:
+        """What is blended into the picture, in order."""
+        found = [(buffer.layer, value) for buffer, value in self.values.items() if buffer.layer is not None]
+        yield from sorted(found, key=lambda pair: pair[0].order)
 
-    def shader(self) -> HitShader:
-        """The shading of what rays hit, in the light of this picture."""
-        if self.past.shader is None:
-            maps = self.buffers.get("shadow_maps")
-            shadow = lasting_shadows(self.options) if self.options.shadows and maps is not None else None
-            shader = HitShader(self.scene, shadow, maps, self.options.background)
-            self.past = replace(self.past, shader=shader)
-        assert self.past.shader is not None
-        return self.past.shader
-
-
-def lasting_shadows(options: RenderOptions) -> ShadowOptions:
-    """Options that shadow maps are drawn with, and looked up with where mirrors show them.
-
-    The look-up of the picture itself may be the quickest one; neither maps nor mirrors are made anew for that.
-    """
-    shadow = options.shadow
-    return replace(shadow, filter="bilinear") if shadow.filter == "none" and shadow.soft is None else shadow
+    def over_hits(self, given: Mapping[Buffer[Any], Any]) -> SampleRenderer:
+        """The same passes, at the settings that they have for the hits of rays, with these buffers at hand."""
+        return self.hits(given)

@@ -6,27 +6,45 @@ kept in the package itself: ``render(scene, camera, history=...)`` takes a histo
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, TypeVar
 
-import torch
-
-from torchrender.buffers import ShadowMap
-from torchrender.effects.reflections.reuse import ReuseReport, ReuseState
-from torchrender.effects.shadows.soft_shadow import Occluders
-from torchrender.pipeline.hit_shader import HitShader
+from torchrender.pipeline.buffer import Buffer, look_of, same, triangles_of
+from torchrender.pipeline.options import RenderOptions
 from torchrender.pipeline.pace import Pace
-from torchrender.rays import RayCaster
 from torchrender.scene.model import Scene
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, eq=False)
+class Kept:
+    """Something that outlives its picture, and what it was made from."""
+
+    buffer: Buffer[Any]
+    value: Any
+    scene: tuple[Any, ...]
+    options: tuple[Any, ...]
+    settings: RenderOptions  # of the picture that made it
+    picture: int  # its number in the sequence
+
+    def holds(self, scene: Scene, options: RenderOptions | None = None) -> bool:
+        """It was made from the same; ``options`` None: whatever they are."""
+        lasting = self.buffer.lasting
+        assert lasting is not None
+        if not same(self.scene, lasting.scene(scene)):
+            return False
+        return options is None or same(self.options, lasting.options(options))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class RenderHistory:
     """Start a sequence with ``RenderHistory()``; go on with ``image.history``.
 
-    A part is used again only while what it was made from is the same. Scenes are frozen values: meshes, materials,
-    lights, environments and media count as the same if they are the same objects, so an object that moves is a new
-    mesh in a new scene, and everything that could show it is made anew.
+    A part is used again only while what it was made from is the same (:class:`torchrender.pipeline.buffer.Lasting`).
+    Scenes are frozen values: meshes, materials, lights, environments and media count as the same if they are the same
+    objects, so an object that moves is a new mesh in a new scene, and everything that could show it is made anew.
 
     - another mesh, or another material with holes: nothing is kept;
     - other lights or shadow options: the ray caster is kept;
@@ -36,59 +54,47 @@ class RenderHistory:
 
     given: Scene | None = None  # as it came
     scene: Scene | None = None  # as it was rendered: with a default light where it had none
-    caster: RayCaster | None = None
-    occluders: Occluders | None = None
-    shadow_maps: Sequence[ShadowMap | None] | None = None
-    shader: HitShader | None = None
-    reuse: ReuseState | None = None
-    report: ReuseReport | None = None  # how this picture's reflections were made; None: nothing mirrors
-    shadow_settings: object = None  # options that the shadow maps were made with
-    background: object = None  # that reflections show
-    settings: object = None  # options that the reflections were made with
+    kept: Mapping[str, Kept] = field(default_factory=dict)  # by name of the buffer
     pace: Pace | None = None  # what the pictures so far took, beside what was predicted
-    wanted: bool = True  # a sequence: reflections are reused, not only made
+    pictures: int = 0  # made so far
+    sequence: bool = True  # what belongs to one sequence is used again, too
+
+    @classmethod
+    def alone(cls) -> RenderHistory:
+        """Of a picture that is part of no sequence."""
+        return cls(sequence=False)
 
     def of_scene(self, scene: Scene) -> RenderHistory:
-        """What of this history holds for another picture, of ``scene``, with the same options."""
-        fresh = RenderHistory(given=scene, scene=scene.with_default_light(), pace=self.pace, wanted=self.wanted)
-        if self.given is None:
-            return fresh
-        if not _same_triangles(self.given, scene):
-            return replace(fresh, pace=None)
-        fresh = replace(fresh, caster=self.caster, occluders=self.occluders)
-        if not _same(self.given.lights, scene.lights):
-            return fresh
-        fresh = replace(fresh, shadow_maps=self.shadow_maps, shadow_settings=self.shadow_settings)
-        if not _same_look(self.given, scene):
-            return fresh
-        return replace(self, report=None)
+        """This history before a picture of ``scene``: with the scene as it will be rendered."""
+        if self.given is not None and self.scene is not None and same(look_of(self.given), look_of(scene)):
+            return self
+        stands = self.given is None or same(triangles_of(self.given), triangles_of(scene))
+        return replace(self, given=scene, scene=scene.with_default_light(), pace=self.pace if stands else None)
 
-    def with_options(self, shadow_settings: object, background: object, settings: object) -> RenderHistory:
-        """What of it holds with other options: of shadows, the background, and of reflections."""
-        kept = replace(self, shadow_settings=shadow_settings, background=background, settings=settings)
-        if shadow_settings != self.shadow_settings:
-            return replace(kept, shadow_maps=None, shader=None, reuse=None)
-        if background != self.background:
-            return replace(kept, shader=None, reuse=None)
-        return kept if settings == self.settings else replace(kept, reuse=None)
+    def get(self, buffer: Buffer[T], options: RenderOptions | None = None) -> T | None:
+        """What is kept of a buffer, if it was made from the same scene, and with ``options`` from the same of these."""
+        kept = self.kept.get(buffer.name)
+        if kept is None or kept.buffer is not buffer or self.given is None:
+            return None
+        return buffer.checked(kept.value) if kept.holds(self.given, options) else None
 
+    def newest(self, buffer: Buffer[T]) -> T | None:
+        """What the last picture made of a buffer; None if it did not."""
+        kept = self.kept.get(buffer.name)
+        return buffer.checked(kept.value) if kept is not None and kept.picture == self.pictures else None
 
-def _same(first: Sequence[object], second: Sequence[object]) -> bool:
-    return len(first) == len(second) and all(a is b for a, b in zip(first, second, strict=True))
+    def with_picture(self, made: Iterable[tuple[Buffer[Any], Any]], options: RenderOptions) -> RenderHistory:
+        """After a picture that made these."""
+        assert self.given is not None
+        number = self.pictures + 1
+        kept = {name: one for name, one in self.kept.items() if one.holds(self.given)}
+        for buffer, value in made:
+            if buffer.lasting is not None:
+                origin = buffer.lasting.scene(self.given), buffer.lasting.options(options)
+                kept[buffer.name] = Kept(buffer, value, *origin, options, number)
+        return replace(self, kept=kept, pictures=number)
 
-
-def _same_triangles(first: Scene, second: Scene) -> bool:
-    """Rays hit the same: the same meshes, and the same holes in them."""
-    if not _same(first.meshes, second.meshes):
-        return False
-    holes = any(m.alpha_cutoff is not None for m in (*first.materials, *second.materials))
-    return not holes or _same(first.materials, second.materials)
-
-
-def _same_look(first: Scene, second: Scene) -> bool:
-    return (
-        _same(first.materials, second.materials)
-        and _same(first.media, second.media)
-        and first.environment is second.environment
-        and torch.equal(first.ambient, second.ambient)
-    )
+    def shared(self) -> RenderHistory:
+        """Without what belongs to one sequence: for another one of the same scene."""
+        kept = {n: one for n, one in self.kept.items() if one.buffer.lasting is not None and one.buffer.lasting.shared}
+        return replace(self, kept=kept)

@@ -1,32 +1,22 @@
-"""The colour of what rays hit, in the light of the main picture: its materials, textures, lights and shadows."""
+"""The colour of what rays hit, in the light of the main picture."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
 from functools import cached_property
 
 import torch
 from torch import Tensor
 
-from torchrender.buffers import RayHits, RaySurface, ShadowMap
+from torchrender.buffers import RayHits
 from torchrender.checks import ArrayLike, as_vector
 from torchrender.effects.reflections.reflectors import ReflectedRays, blend_colors
-from torchrender.effects.shadows.shadow_map import (
-    ShadowOptions,
-    lights_visibility,
-    options_for,
-    render_shadow_map,
-    shadow_factor,
-)
 from torchrender.numerics.lobe import reflect
+from torchrender.pipeline.frame import SampleRenderer
 from torchrender.raster import rasterize
 from torchrender.ray_surface import ray_surface
 from torchrender.scene.camera import Cameras
 from torchrender.scene.environment import Environment
-from torchrender.scene.light import DirectionalLight
 from torchrender.scene.model import Scene
-from torchrender.shade import shade, shade_hits
 
 CUBE_SIZE = 128
 """Pixels along the edge of the cube map of the scene (specification 03, section 3)."""
@@ -46,29 +36,14 @@ class HitShader:
     """Shades the hits of rays into a scene; a :class:`torchrender.effects.reflections.reflectors.RayShader`.
 
     Args:
-        shadow: None: every light reaches everything.
-        shadow_maps: those that the main picture used, one per light; drawn here where missing.
+        light: the passes of the picture over other samples, reflections left out.
         background: colour of what surrounds the scene; None: its environment, or its ambient light.
     """
 
-    def __init__(
-        self,
-        scene: Scene,
-        shadow: ShadowOptions | None = None,
-        shadow_maps: Sequence[ShadowMap | None] | None = None,
-        background: ArrayLike | None = None,
-    ) -> None:
+    def __init__(self, scene: Scene, light: SampleRenderer, background: ArrayLike | None = None) -> None:
         self.scene = scene
         self.background = background
-        # Cascades follow the eye's frustum, and reflected rays leave it: they get one map of everything.
-        self._shadow = None if shadow is None else replace(shadow, cascades=1)
-        maps = shadow_maps or [None] * len(scene.lights)
-        cascaded = shadow is not None and shadow.cascades > 1
-        self._maps = [
-            None if cascaded and isinstance(light, DirectionalLight) else made
-            for light, made in zip(scene.lights, maps, strict=True)
-        ]
-        self._mirrors = torch.tensor([m.is_reflector for m in scene.materials] + [False])
+        self._light = light
 
     def __call__(self, rays: ReflectedRays, hits: RayHits) -> Tensor:
         """Radiance (N,3) towards the rays' origins."""
@@ -110,8 +85,8 @@ class HitShader:
         direction = rays.direction[rows]
         width = rays.width[rows] + rays.spread[rows] * found.t
         surface = ray_surface(self.scene, rays.origin[rows], direction, found, width)
-        radiance = shade_hits(self.scene, surface, self._visibility(surface))
-        mirrors = self._mirrors[surface.material].nonzero().reshape(-1)
+        radiance = self._light(surface.image)[0, 0]
+        mirrors = self.scene.material_table.is_reflector[surface.material].nonzero().reshape(-1)
         if len(mirrors):
             normal = surface.normal[mirrors]
             onward = reflect(-surface.to_eye[mirrors], normal)
@@ -121,24 +96,6 @@ class HitShader:
             own, material = radiance[mirrors], surface.material[mirrors]
             radiance[mirrors] = blend_colors(self.scene, material, cosine, own, mirrored)
         return radiance
-
-    def _visibility(self, surface: RaySurface) -> Tensor | None:
-        """Shadow factors (L,N)."""
-        if self._shadow is None or not self.scene.lights:
-            return None
-        points, normals = surface.position[None, None], surface.geometric_normal[None, None]
-        self._draw_maps()
-        factors = [
-            shadow_factor(points, normals, light, made, options_for(light, self.scene, self._shadow))[0, 0]
-            for light, made in zip(self.scene.lights, self._maps, strict=True)
-            if made is not None
-        ]
-        return torch.stack(factors)
-
-    def _draw_maps(self) -> None:
-        for number, light in enumerate(self.scene.lights):
-            if self._maps[number] is None:
-                self._maps[number] = render_shadow_map(self.scene, light, self._shadow)
 
     @cached_property
     def _cube(self) -> Environment:
@@ -155,9 +112,4 @@ class HitShader:
         near = torch.tensor(1e-3 * (scene.diagonal or 1.0), dtype=torch.float64)
         far = torch.tensor(torch.inf, dtype=torch.float64)
         cameras = Cameras(matrices, intrinsics.expand(6, 3, 3), CUBE_SIZE, CUBE_SIZE, near, far)
-        gbuffer = rasterize(scene, cameras)
-        visibility = None
-        if self._shadow is not None and scene.lights:
-            self._draw_maps()
-            visibility = lights_visibility(scene, gbuffer, self._shadow, self._maps)
-        return Environment.from_cube(shade(scene, gbuffer, visibility, background=self.background))
+        return Environment.from_cube(self._light(rasterize(scene, cameras)))

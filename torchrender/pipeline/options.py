@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 from torchrender.checks import ArrayLike, as_vector, check_choice, check_range
 from torchrender.effects.reflections.clustered import ClusterOptions
@@ -40,6 +42,7 @@ class RenderOptions:
     supersample: float = 1.0  # rendered pixels per picture pixel and side; 2: two by two; 0.5: a quarter of them
     upscaling: str = "joint"  # of fewer rendered pixels: "joint": along the surfaces seen, "bilinear", or "nearest"
     buffers: tuple[str, ...] = ()  # what passes make that the picture shall carry, by name; rendered size
+    effects: Mapping[str, Any] = field(default_factory=dict)  # options of further passes, by name of the pass
     fixed: tuple[str, ...] = ()  # passes whose settings a budget or an error bound must leave as they are
     background: ArrayLike | None = None  # linear colour of empty pixels; None: environment, else ambient light
     exposure: float | None = 0.0  # EV for display; None: automatic
@@ -57,3 +60,17 @@ class RenderOptions:
         if self.exposure is not None:
             check_range("exposure", self.exposure, -64.0, 64.0)
         check_choice("tone_map", self.tone_map, OPERATORS)
+
+
+def lasting_shadows(options: RenderOptions) -> ShadowOptions:
+    """Options that shadow maps are drawn with, and looked up with where mirrors show them.
+
+    The look-up of the picture itself may be the quickest one; neither maps nor mirrors are made anew for that.
+    """
+    shadow = options.shadow
+    return replace(shadow, filter="bilinear") if shadow.filter == "none" and shadow.soft is None else shadow
+
+
+def plain_background(options: RenderOptions) -> tuple[float, ...] | None:
+    """The background as plain numbers, to be compared."""
+    return None if options.background is None else tuple(as_vector("background", options.background).tolist())

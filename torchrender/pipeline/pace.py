@@ -22,7 +22,7 @@ class Pace:
 
     ratios: Mapping[tuple[str, str], float] = field(default_factory=dict)
     choice: Mapping[str, str] = field(default_factory=dict)  # setting by pass
-    reflective_share: float | None = None  # of the last picture's pixels
+    known: Mapping[str, float] = field(default_factory=dict)  # quantities that the last pictures found out
 
     def ratio(self, name: str, setting: str) -> float:
         """Correction of a prediction: of this setting, else the mean of the pass's other settings, else 1."""

@@ -1,16 +1,19 @@
-"""The choice of settings for a budget or an error bound, over all passes of a picture at once."""
+"""The choice of settings for a budget or an error bound, over all passes of a picture at once.
+
+Inside a mode (:mod:`torchrender.planning.question`) times and errors add up, so that Pareto fronts can be folded pass
+by pass. Lagrange multipliers say beforehand which modes cannot hold the answer, and in the others which partial choices
+cannot: what is left to fold is small, and the answer is that of an exhaustive search.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from torchrender.passes.load import Load
-from torchrender.passes.table import Pass
-from torchrender.pipeline.pace import Pace
-from torchrender.planning.curves import Curves
+from torchrender.passes.settings import Setting
+from torchrender.planning.question import Combination, Mode, Question
 
 HEADROOM = 0.85
 """Share of a budget that predictions may fill: pictures vary, and so does the machine."""
@@ -18,28 +21,47 @@ HEADROOM = 0.85
 LOYALTY = 1.1
 """The last choice stays while nothing else is better by more than this factor."""
 
+MULTIPLIERS = 24
+"""Prices of time in errors, or of errors in time, that bounds are taken from."""
+
+ROUNDING = 1e-9
+"""Relative difference below which two sums count as equal."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Choice:
     """Settings by pass, and what is expected of them."""
 
-    settings: Mapping[str, str]
+    settings: Combination
     predicted_ms: float  # of the whole picture, what was spent included
     predicted_error: float
     possible: bool  # the wish can be met, by the predictions
 
 
-@dataclass(frozen=True, kw_only=True)
-class Question:
-    """What is to decide. The first pass sets the number of pixels: ``loads`` has an entry for each setting of it."""
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A mode at one number of pixels: independent settings of P passes, whose costs add up."""
 
-    passes: Sequence[Pass]  # that apply, the first with ``loads`` by its settings
-    settings: Mapping[str, Sequence[str]]  # open ones by pass; one that is decided has a single entry
-    loads: Mapping[str, Load]
-    curves: Curves
-    scene: str | None
-    pace: Pace
-    reusable: Mapping[str, str] | None  # settings that reuse needs to stay as they are; None: nothing to reuse yet
+    count: Setting
+    mode: Mode
+    base: tuple[float, float]  # time and error of what is settled
+    names: tuple[str, ...]  # of the P passes
+    settings: tuple[tuple[str, ...], ...]
+    costs: tuple[np.ndarray, ...]  # of each pass (S,2): times, and errors to the power of the norm
+    leasts: tuple[float, float]  # sums of times and errors that no choice is below
+
+    def least(self, axis: int) -> float:
+        """The least sum of times (0) or errors (1)."""
+        return self.leasts[axis]
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """One combination."""
+
+    part: Part
+    places: tuple[int, ...]
+    cost: tuple[float, float]
 
 
 def choose(question: Question, budget_ms: float | None, max_error: float | None, spent_ms: float = 0.0) -> Choice:
@@ -47,128 +69,207 @@ def choose(question: Question, budget_ms: float | None, max_error: float | None,
 
     Where nothing meets the wish: the quickest for a budget, the most exact for an error bound.
     """
-    names = [p.name for p in question.passes]
-    open_ = [list(question.settings[name]) for name in names]
-    times, errors = _tables(question, names, open_)
-    norm = question.curves.norm
-    error = errors ** (1.0 / norm)
-    kept = _index(open_, names, question.pace.choice)
-    if budget_ms is not None:
-        allowed = times + spent_ms <= HEADROOM * budget_ms
-        possible = bool(allowed.any())
-        if possible and max_error is not None:
-            good = allowed & (error <= max_error)
-            # Both wishes: the quickest of those that meet both, else what the budget can give.
-            best = _least(np.where(good, times, np.inf)) if good.any() else _best_within(allowed, error, times)
-            possible = bool(good.any())
-        elif possible:
-            best = _best_within(allowed, error, times)
-            if kept is not None and allowed[kept] and error[kept] <= LOYALTY * error[best] + 1e-6:
-                best = kept
-        else:
-            best = _least(times)
-    else:
-        good = error <= (np.inf if max_error is None else max_error)
-        possible = bool(good.any())
-        best = _least(np.where(good, times, np.inf)) if possible else _best_within(times < np.inf, error, times)
-        if possible and kept is not None and good[kept] and times[kept] <= LOYALTY * times[best]:
-            best = kept
-    chosen = {name: names_[i] for name, names_, i in zip(names, open_, best, strict=True)}
+    norm = question.knowledge.curves.norm
+    parts = [_part(question, mode, count) for mode in question.modes() for count in question.counts]
+    time_limit = np.inf if budget_ms is None else HEADROOM * budget_ms - spent_ms
+    error_limit = np.inf if max_error is None else max_error**norm
+    found, possible = None, False
+    if max_error is not None or budget_ms is None:
+        # Both wishes: the quickest of those that meet both, else what the budget can give.
+        found = _best(parts, 0, error_limit)
+        possible = found is not None and found.cost[0] <= time_limit * (1 + ROUNDING)
+    if not possible and budget_ms is not None:
+        found = _best(parts, 1, time_limit)
+        possible = found is not None and max_error is None
+    if found is None:
+        found = _cheapest(parts, 0 if budget_ms is not None else 1)
+    elif possible and (budget_ms is None or max_error is None):
+        found = _loyal(question, found, (time_limit, error_limit), 1 if budget_ms is not None else 0)
+    time, error = found.cost
     return Choice(
-        settings=chosen,
-        predicted_ms=float(times[best]) + spent_ms,
-        predicted_error=float(error[best]),
+        settings=_combination(question, found),
+        predicted_ms=time + spent_ms,
+        predicted_error=max(error, 0.0) ** (1.0 / norm),
         possible=possible,
     )
 
 
-def predicted_ms(question: Question, step: Pass, setting: str, load: Load) -> float | None:
-    """Time of one pass at one setting; None if it was never measured."""
-    amounts = step.work(load, step.knob.setting(setting))
-    usual = question.curves.time_ms(step.name, setting, amounts, question.scene)
-    return None if usual is None else usual * question.pace.ratio(step.name, setting)
+def cost_of(question: Question, combination: Combination) -> tuple[float, float]:
+    """Time, and error to the power of the norm, of one combination."""
+    count = next(c for c in question.counts if c.name == combination.get(question.knowledge.passes[0].name, c.name))
+    mode = question.mode_of(combination)
+    time, error = 0.0, 0.0
+    for step in mode.running:
+        setting = combination.get(step.name, mode.classes[step.name].settings[0])
+        time += question.time_ms(step, setting, count, step.name in mode.fresh)
+        error += question.error(step, setting, count) if step.name in mode.seen else 0.0
+    return time, error
 
 
-def _tables(question: Question, names: Sequence[str], open_: Sequence[Sequence[str]]) -> tuple[np.ndarray, np.ndarray]:
-    """Times, and errors to the power of the norm, of every combination: an axis per pass."""
-    shape = tuple(len(settings) for settings in open_)
-    times, errors = np.zeros(shape), np.zeros(shape)
-    norm = question.curves.norm
-    reuse_axis = names.index("reflection_reuse") if "reflection_reuse" in names else None
-    for axis, step in enumerate(question.passes):
-        table = np.zeros((shape[0], shape[axis]))
-        for row, first in enumerate(open_[0]):
-            for column, setting in enumerate(open_[axis]):
-                table[row, column] = predicted_ms(question, step, setting, question.loads[first]) or 0.0
-        cost = _spread(table, axis, len(shape)) if axis else _along(table.diagonal(), 0, len(shape))
-        mistakes = np.array([setting_error(question, step, s) ** norm for s in open_[axis]])
-        shown = _along(mistakes, axis, len(shape))
-        errors = errors + (shown * ~_hidden(step, names, open_) if step.hidden_by else shown)
-        if step.name == "reflections" and reuse_axis is not None:
-            cost = np.broadcast_to(cost, shape) * ~_reused(question, names, open_)
-        elif axis == reuse_axis:
-            cost = np.broadcast_to(cost, shape) * _reused(question, names, open_)
-        times = times + cost
-    return times, errors
-
-
-def _along(values: np.ndarray, axis: int, dimensions: int) -> np.ndarray:
-    """Values of one pass's settings along its axis of all combinations."""
-    return values.reshape(*[1] * axis, -1, *[1] * (dimensions - axis - 1))
-
-
-def _spread(table: np.ndarray, axis: int, dimensions: int) -> np.ndarray:
-    """A table (first pass, this pass) along the axes of all combinations."""
-    shape = [1] * dimensions
-    shape[0], shape[axis] = table.shape
-    return table.reshape(shape)
-
-
-def _hidden(step: Pass, names: Sequence[str], open_: Sequence[Sequence[str]]) -> np.ndarray:
-    """Combinations in which the pass's settings do not show."""
-    mask = np.ones([len(s) for s in open_], bool)
-    for axis, name in enumerate(names):
-        if name in step.hidden_by:
-            hides = np.array([s in step.hidden_by[name] for s in open_[axis]])
-            mask = mask & _along(hides, axis, len(open_))
-    return mask
-
-
-def _reused(question: Question, names: Sequence[str], open_: Sequence[Sequence[str]]) -> np.ndarray:
-    """Combinations whose reflections come out of the key frame: as it was made, and reuse not off."""
-    mask = np.full([len(s) for s in open_], question.reusable is not None)
-    for axis, name in enumerate(names):
-        if name == "reflection_reuse":
-            fits = np.array([s != "off" for s in open_[axis]])
-        elif question.reusable is not None and name in question.reusable:
-            fits = np.array([s == question.reusable[name] for s in open_[axis]])
+def _part(question: Question, mode: Mode, count: Setting) -> Part:
+    first = question.knowledge.passes[0].name
+    base, leasts, names, settings, costs = [0.0, 0.0], [0.0, 0.0], [], [], []
+    for step in mode.running:
+        own = (count.name,) if step.name == first else mode.classes[step.name].settings
+        fresh, seen = step.name in mode.fresh, step.name in mode.seen
+        rows = [(question.time_ms(step, s, count, fresh), question.error(step, s, count) if seen else 0.0) for s in own]
+        leasts = [leasts[k] + min(row[k] for row in rows) for k in range(2)]
+        if len(rows) == 1:
+            base[0], base[1] = base[0] + rows[0][0], base[1] + rows[0][1]
         else:
-            continue
-        mask = mask & _along(fits, axis, len(open_))
-    return mask
+            names.append(step.name)
+            settings.append(own)
+            costs.append(np.array(rows))
+    pair = (base[0], base[1]), (leasts[0], leasts[1])
+    return Part(count, mode, pair[0], tuple(names), tuple(settings), tuple(costs), pair[1])
 
 
-def setting_error(question: Question, step: Pass, setting: str) -> float:
-    """Error of a setting; where settings are compared in a context of their own, beyond the best of them."""
-    found = question.curves.error(step.name, setting, question.scene)
-    if not step.knob.context.changes:
-        return found
-    best = min(question.curves.error(step.name, s, question.scene) for s in step.knob.names)
-    return max(found - best, 0.0)
-
-
-def _index(open_: Sequence[Sequence[str]], names: Sequence[str], choice: Mapping[str, str]) -> tuple[int, ...] | None:
-    """Place of the last choice among the combinations; None if it is not there."""
-    if not all(choice.get(name) in settings for name, settings in zip(names, open_, strict=True)):
+def _best(parts: list[Part], axis: int, limit: float) -> Found | None:
+    """The least time (0) or error (1) with no more than ``limit`` of the other; None if there is nothing."""
+    other = 1 - axis
+    open_ = [part for part in parts if part.least(other) <= limit * (1 + ROUNDING)]
+    if not open_:
         return None
-    return tuple(list(settings).index(choice[name]) for name, settings in zip(names, open_, strict=True))
+    best: Found | None = None
+    for part in sorted(open_, key=lambda part: part.least(axis)):
+        if best is not None and part.least(axis) > best.cost[axis] * (1 + ROUNDING):
+            break
+        bound, price, found = _bound(part, axis, limit)
+        best = _better(best, found, axis)
+        if best is None or bound <= best.cost[axis] * (1 + ROUNDING):
+            best = _better(best, _fold(part, axis, limit, price, best), axis)
+    return best
 
 
-def _least(values: np.ndarray) -> tuple[int, ...]:
-    return tuple(int(i) for i in np.unravel_index(int(values.argmin()), values.shape))
+def _better(first: Found | None, second: Found | None, axis: int) -> Found | None:
+    if first is None or second is None:
+        return second if first is None else first
+    return second if _order(second, axis) < _order(first, axis) else first
 
 
-def _best_within(allowed: np.ndarray, error: np.ndarray, times: np.ndarray) -> tuple[int, ...]:
-    """The allowed combination with the least error, and of equal ones the quickest."""
-    least = np.where(allowed, error, np.inf).min()
-    return _least(np.where(allowed & (error <= least * (1 + 1e-9) + 1e-12), times, np.inf))
+def _order(found: Found, axis: int) -> tuple[float, float]:
+    """Sort key: of equal ones the least of the other."""
+    return float(f"{found.cost[axis]:.12g}"), found.cost[1 - axis]
+
+
+def _bound(part: Part, axis: int, limit: float) -> tuple[float, float, Found | None]:
+    """A lower bound of the answer, the price of the other cost that gives it, and the best choice met on the way."""
+    other = 1 - axis
+    if not part.costs:
+        return part.base[axis], 0.0, Found(part, (), part.base)
+    if not np.isfinite(limit):
+        quickest = _at(part, tuple(int(np.lexsort((cost[:, other], cost[:, axis]))[0]) for cost in part.costs))
+        return quickest.cost[axis], 0.0, quickest
+    spread = [np.ptp(cost, axis=0) for cost in part.costs]
+    large = max(float(s[axis]) for s in spread) or 1.0
+    small = max(float(s[other]) for s in spread) or 1.0
+    prices = np.concatenate([[0.0], np.geomspace(1e-4, 1e4, MULTIPLIERS) * large / small])
+    bound = np.full(len(prices), part.base[axis]) + prices * (part.base[other] - limit)
+    places = np.zeros((len(prices), len(part.costs)), int)
+    sums = np.full((len(prices), 2), part.base)
+    for number, cost in enumerate(part.costs):
+        priced = cost[:, axis][None] + prices[:, None] * cost[:, other][None]
+        places[:, number] = priced.argmin(axis=1)
+        bound += priced[np.arange(len(prices)), places[:, number]]
+        sums += cost[places[:, number]]
+    best = int(bound.argmax())
+    fits = sums[:, other] <= limit * (1 + ROUNDING)
+    found = None
+    if fits.any():
+        rows = np.where(fits, sums[:, axis], np.inf)
+        found = _at(part, tuple(int(n) for n in places[int(rows.argmin())]))
+    return float(bound[best]), float(prices[best]), found
+
+
+def _at(part: Part, places: tuple[int, ...]) -> Found:
+    total = np.array(part.base)
+    for cost, place in zip(part.costs, places, strict=True):
+        total = total + cost[place]
+    return Found(part, places, (float(total[0]), float(total[1])))
+
+
+def _fold(part: Part, axis: int, limit: float, price: float, best: Found | None) -> Found | None:
+    """The best choice of a part, by Pareto fronts folded pass by pass; None if none is better than ``best``.
+
+    A partial choice is dropped if another one is no worse in both costs, or if even the cheapest rest leaves it over
+    the limit or, by the price, over the best choice known.
+    """
+    other = 1 - axis
+    slack = 1 + ROUNDING
+    allowed = limit * slack
+    beaten = np.inf if best is None else best.cost[axis] * slack + 1e-300
+    rest_other = _rest([float(cost[:, other].min()) for cost in part.costs])
+    rest_own = _rest([float(cost[:, axis].min()) for cost in part.costs])
+    rest_both = _rest([float((cost[:, axis] + price * cost[:, other]).min()) for cost in part.costs])
+    cap = beaten + price * allowed if price > 0 else np.inf
+    front: list[tuple[float, float, tuple[int, ...]]] = [(part.base[axis], part.base[other], ())]
+    for number, cost in enumerate(part.costs):
+        rows = [(float(row[axis]), float(row[other])) for row in cost]
+        grown = []
+        for own, foreign, places in front:
+            for place, (a, b) in enumerate(rows):
+                mine, theirs = own + a, foreign + b
+                if (
+                    theirs + rest_other[number] <= allowed
+                    and mine + rest_own[number] <= beaten
+                    and mine + price * theirs + rest_both[number] <= cap
+                ):
+                    grown.append((mine, theirs, (*places, place)))
+        grown.sort(key=lambda entry: entry[:2])
+        front, lowest = [], np.inf
+        for entry in grown:
+            if entry[1] < lowest:
+                front.append(entry)
+                lowest = entry[1]
+    return _at(part, front[0][2]) if front else None
+
+
+def _rest(least: list[float]) -> list[float]:
+    """Sums of what comes after each place."""
+    sums, total = [], 0.0
+    for value in reversed(least):
+        sums.append(total)
+        total += value
+    return sums[::-1]
+
+
+def _cheapest(parts: list[Part], axis: int) -> Found:
+    """The least of one cost, and of equal ones the least of the other."""
+    found = [_bound(part, axis, np.inf)[2] for part in parts]
+    return min((one for one in found if one is not None), key=lambda one: _order(one, axis))
+
+
+def _loyal(question: Question, found: Found, limits: tuple[float, float], axis: int) -> Found:
+    """The last picture's choice, if it is allowed and about as good."""
+    last: Mapping[str, str] = question.knowledge.pace.choice
+    if not all(last.get(name) in {s.name for s in open_} for name, open_ in question.open.items()):
+        return found
+    cost = cost_of(question, {name: last[name] for name in question.open})
+    factor = LOYALTY ** (question.knowledge.curves.norm if axis else 1.0)
+    good = cost[axis] <= factor * found.cost[axis] + (1e-6**question.knowledge.curves.norm if axis else 0.0)
+    if not good or cost[0] > limits[0] or cost[1] > limits[1]:
+        return found
+    mode = question.mode_of(last)
+    count = next(c for c in question.counts if c.name == last.get(question.knowledge.passes[0].name, c.name))
+    part = _part(question, mode, count)
+    places = tuple(names.index(last[name]) for name, names in zip(part.names, part.settings, strict=True))
+    return _at(part, places)
+
+
+def _combination(question: Question, found: Found) -> dict[str, str]:
+    """The settings; passes that do not run keep theirs where the mode lets them."""
+    part = found.part
+    chosen = {name: names[place] for name, names, place in zip(part.names, part.settings, found.places, strict=True)}
+    combination = {}
+    for step in question.knowledge.passes:
+        open_ = [setting.name for setting in question.open.get(step.name, ())]
+        if not open_:
+            continue
+        alike = part.mode.classes.get(step.name)
+        names = open_ if alike is None else [name for name in open_ if name in alike.settings]
+        current = step.settings.current(question.options)
+        usual = current if current in names else names[0]
+        combination[step.name] = (
+            part.count.name if step is question.knowledge.passes[0] else chosen.get(step.name, usual)
+        )
+    return combination

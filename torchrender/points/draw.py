@@ -113,7 +113,8 @@ def _draw(
     def tick() -> None:
         ticks.append(time.perf_counter())
 
-    selection = select_patches(patches.headers, camera, options.selection, two_sided=two_sided, margin=options.r_h)
+    margin = options.low_pass_radius
+    selection = select_patches(patches.headers, camera, options.selection, two_sided=two_sided, margin=margin)
     tick()
     nodes, rows = patches.nodes.gather(patches, selection.chosen, selection.level)
     work = _work(patches, camera, options, selection, nodes, rows)
@@ -166,13 +167,13 @@ def patch_modes(patches: PatchSet, camera: Cameras, options: SplatOptions, selec
     cosine = ((axis * centre).sum(1) / centre.norm(dim=1).clamp_min(1e-300)).abs()
     radius = headers.radius[chosen, selection.level, 1]
     scale = float(camera.intrinsics[0, 0, 0] * camera.intrinsics[0, 1, 1])
-    area = radius**2 * scale * cosine / z**2 / options.r_h**2
+    area = radius**2 * scale * cosine / z**2 / options.low_pass_radius**2
     if options.test == "eigen":
         # The axes of a disc at the middle of the view: r f / z, and that times the cosine.
         wide = area / cosine.clamp_min(1e-300)
-        reconstruct, smooth = area * cosine > options.c_max, wide < options.c_min
+        reconstruct, smooth = area * cosine > options.reconstruction_above, wide < options.low_pass_below
     else:
-        reconstruct, smooth = area > options.c_max, widest(camera) * area < options.c_min
+        reconstruct, smooth = area > options.reconstruction_above, widest(camera) * area < options.low_pass_below
     modes = torch.full((count,), ewa.FULL)
     modes[reconstruct] = ewa.RECONSTRUCTION
     modes[smooth] = ewa.LOW_PASS
@@ -220,6 +221,7 @@ def _project(
     color = torch.zeros(1, 3) if nodes.color is None else nodes.color
     usual = float(patches.headers.radius[:, -1, 1].mean())
     low, high = float(camera.near[0]), float(camera.far[0])
+    radius, weight = options.low_pass_radius, 1.0 / (2 * math.pi * options.gaussian_width**2)
     ewa.project_points(
         (nodes.position.numpy(), nodes.normal.numpy(), nodes.radius.numpy(), color.numpy()),
         nodes.color is not None,
@@ -232,8 +234,8 @@ def _project(
         camera.intrinsics[0].contiguous().numpy(),
         (low, high),
         (camera.width, camera.height),
-        (options.r_h, 1.0 / (2 * math.pi * options.kappa**2), options.eps_scale, usual * usual, float(not two_sided)),
-        (options.r_h**2, options.c_min, options.c_max, widest(camera), float(options.test == "eigen")),
+        (radius, weight, options.depth_tolerance, usual * usual, float(not two_sided)),
+        (radius**2, *options.area_limits, widest(camera), float(options.test == "eigen")),
         (*light.tolist(), options.ambient, float(lit), _PLAIN),
         TILE,
         thread_count(),
@@ -272,9 +274,9 @@ def _tiles(
         entries,
         start,
         -(-image.shape[1] // TILE),
-        np.float32(options.r_h),
-        low_pass_stamps(options.r_h, options.kappa, STEPS).numpy(),
-        kernel_polynomial(options.kappa).numpy(),
+        np.float32(options.low_pass_radius),
+        low_pass_stamps(options.low_pass_radius, options.gaussian_width, STEPS).numpy(),
+        kernel_polynomial(options.gaussian_width).numpy(),
         np.array(background, np.float32),
         thread_count(),
         image,

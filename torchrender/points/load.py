@@ -167,7 +167,7 @@ def _colors(scene: Scene, triangle: Tensor, chosen: Tensor, weights: Tensor, spa
     """Diffuse reflectance of each point, textures filtered to the spacing of the points."""
     geometry = scene.geometry
     material = geometry.material[triangle]
-    color = torch.stack([m.diffuse for m in scene.materials])[material].clone()
+    color = scene.material_table.diffuse[material].clone()
     if geometry.colors is not None:
         color = color * (weights[:, :, None] * geometry.colors[chosen]).sum(1)
     if geometry.uv is None:

@@ -33,24 +33,29 @@ class SplatOptions:
     test: str = "area"
     shading: str = "point"
     selection: SelectionOptions = field(default_factory=SelectionOptions)
-    c_min: float = 0.3  # 0 to 1: below this ratio of areas the low-pass alone is used; 0: never
-    c_max: float = 3.0  # >= 1: above it the reconstruction alone; inf: never
-    r_h: float = 1.0  # cut-off radius of the low-pass, pixels, 0.5 to 2
-    kappa: float = 0.5  # standard deviation over cut-off radius, 0.35 to 1
-    eps_scale: float = 2.0  # depth tolerance over radius and pixel, 0.5 to 6
+    low_pass_below: float = 0.3  # c_min, 0 to 1: below this ratio of areas the low-pass alone is used; 0: never
+    reconstruction_above: float = 3.0  # c_max, at least 1: above it the reconstruction alone; inf: never
+    low_pass_radius: float = 1.0  # r_h: cut-off radius of the low-pass, pixels, 0.5 to 2
+    gaussian_width: float = 0.5  # kappa: standard deviation over cut-off radius, 0.35 to 1
+    depth_tolerance: float = 2.0  # over radius and pixel, 0.5 to 6
     two_sided: bool | None = None  # None: as the points say
     light: tuple[float, float, float] | None = None  # direction to the light, world space; None: from the eye
     ambient: float = 0.25  # share of the light that comes from everywhere, 0 to 1
     background: tuple[float, float, float] = (0.0, 0.0, 0.0)  # linear colour where nothing is
 
+    @property
+    def area_limits(self) -> tuple[float, float]:
+        """Ratios of areas below which the low-pass alone is used, and above which the reconstruction alone."""
+        return self.low_pass_below, self.reconstruction_above
+
     def __post_init__(self) -> None:
         for name, choices in (("filter", FILTERS), ("choice", CHOICES), ("test", TESTS), ("shading", SHADING)):
             check_choice(name, getattr(self, name), choices)
-        check_range("c_min", self.c_min, 0.0, 1.0)
-        check_range("c_max", self.c_max, 1.0, math.inf)
-        check_range("r_h", self.r_h, 0.5, 2.0)
-        check_range("kappa", self.kappa, 0.35, 1.0)
-        check_range("eps_scale", self.eps_scale, 0.5, 6.0)
+        check_range("low_pass_below", self.low_pass_below, 0.0, 1.0)
+        check_range("reconstruction_above", self.reconstruction_above, 1.0, math.inf)
+        check_range("low_pass_radius", self.low_pass_radius, 0.5, 2.0)
+        check_range("gaussian_width", self.gaussian_width, 0.35, 1.0)
+        check_range("depth_tolerance", self.depth_tolerance, 0.5, 6.0)
         check_range("ambient", self.ambient, 0.0, 1.0)
         for name in ("light", "background"):
             value = getattr(self, name)

@@ -22,19 +22,19 @@ class SelectionOptions:
 
     cull: bool = True  # leave out patches outside the view, and those that show their back
     level: str = "auto"  # "deepest": every point itself
-    tau_coarse: float = 2.0  # greatest projected radius, pixels, 0.5 to 8
-    tau_fine: float = 0.7  # the same for silhouettes and curved patches, 0.3 to 2
-    sigma_hi: float = 0.01  # a patch less flat than this counts as curved
-    alpha_hi_deg: float = 25.0  # so does one whose cone of normals is wider
+    coarse_radius: float = 2.0  # tau: greatest projected radius, pixels, 0.5 to 8
+    fine_radius: float = 0.7  # the same for silhouettes and curved patches, 0.3 to 2
+    curved_variation: float = 0.01  # sigma_hi: a patch less flat than this counts as curved
+    curved_cone_deg: float = 25.0  # alpha_hi: so does one whose cone of normals is wider
 
     def __post_init__(self) -> None:
         check_choice("level", self.level, LEVELS)
-        check_range("tau_coarse", self.tau_coarse, 0.5, 8.0)
-        check_range("tau_fine", self.tau_fine, 0.3, 2.0)
-        check_range("sigma_hi", self.sigma_hi, 0.0, 1 / 3)
-        check_range("alpha_hi_deg", self.alpha_hi_deg, 0.0, 180.0)
-        if self.tau_fine > self.tau_coarse:
-            raise OptionError(f"tau_fine must be <= tau_coarse {self.tau_coarse}, got {self.tau_fine}")
+        check_range("coarse_radius", self.coarse_radius, 0.5, 8.0)
+        check_range("fine_radius", self.fine_radius, 0.3, 2.0)
+        check_range("curved_variation", self.curved_variation, 0.0, 1 / 3)
+        check_range("curved_cone_deg", self.curved_cone_deg, 0.0, 180.0)
+        if self.fine_radius > self.coarse_radius:
+            raise OptionError(f"fine_radius must be <= coarse_radius {self.coarse_radius}, got {self.fine_radius}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,8 +65,8 @@ def select_patches(
     focal = float(camera.intrinsics[0, (0, 1), (0, 1)].max())
     nearest = (headers.box[:, 0] - eye).clamp_min(0) + (eye - headers.box[:, 1]).clamp_min(0)
     distance = nearest.norm(dim=1).clamp_min(float(camera.near[0]))
-    curved = (headers.sigma > options.sigma_hi) | (headers.cone[:, 3] > math.radians(options.alpha_hi_deg))
-    tau = torch.where(silhouette | curved, options.tau_fine, options.tau_coarse)
+    curved = (headers.sigma > options.curved_variation) | (headers.cone[:, 3] > math.radians(options.curved_cone_deg))
+    tau = torch.where(silhouette | curved, options.fine_radius, options.coarse_radius)
     depth = (headers.start[:, 1:] > headers.start[:, :-1]).sum(1) - 1
     level = depth
     if options.level == "auto":

@@ -25,21 +25,21 @@ from torchrender.scene.camera import Cameras
 class PatchOptions:
     """When a piece of a point model is a patch.
 
-    A piece of at most ``n_min`` points is one, and so is one of at most ``n_max`` points that is flat enough.
+    A piece of at most ``min_points`` points is one, and so is one of at most ``max_points`` points that is flat enough.
     """
 
-    n_max: int = 4096  # points, 256 to 65536
-    n_min: int = 64  # points, 8 to 1024
-    sigma_max: float = 0.02  # smallest eigenvalue of the covariance over their sum, 0 (plane) to 1/3
-    cone_max_deg: float = 35.0  # half angle of the cone of its normals
+    max_points: int = 4096  # n_max, 256 to 65536
+    min_points: int = 64  # n_min, 8 to 1024
+    max_variation: float = 0.02  # sigma_max: smallest eigenvalue of the covariance over their sum, 0 (plane) to 1/3
+    max_cone_deg: float = 35.0  # alpha_max: half angle of the cone of its normals
 
     def __post_init__(self) -> None:
-        check_range("n_max", self.n_max, 256, 65536)
-        check_range("n_min", self.n_min, 8, 1024)
-        check_range("sigma_max", self.sigma_max, 0.0, 1 / 3)
-        check_range("cone_max_deg", self.cone_max_deg, 0.0, 180.0)
-        if self.n_min > self.n_max:
-            raise OptionError(f"n_min must be <= n_max {self.n_max}, got {self.n_min}")
+        check_range("max_points", self.max_points, 256, 65536)
+        check_range("min_points", self.min_points, 8, 1024)
+        check_range("max_variation", self.max_variation, 0.0, 1 / 3)
+        check_range("max_cone_deg", self.max_cone_deg, 0.0, 180.0)
+        if self.min_points > self.max_points:
+            raise OptionError(f"min_points must be <= max_points {self.max_points}, got {self.min_points}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,8 +204,8 @@ def _cut(
     position: np.ndarray, normal: np.ndarray, order: np.ndarray, key: np.ndarray, options: PatchOptions
 ) -> np.ndarray:
     """Runs (N,2) of ``order`` that are patches; each round splits the pieces that are none yet."""
-    limits = np.array([options.sigma_max, math.radians(options.cone_max_deg)])
-    counts = np.array([options.n_min, options.n_max], dtype=np.int64)
+    limits = np.array([options.max_variation, math.radians(options.max_cone_deg)])
+    counts = np.array([options.min_points, options.max_points], dtype=np.int64)
     segments = np.array([[0, len(order)]], dtype=np.int64)
     done = []
     while len(segments):

@@ -11,10 +11,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchrender.arrays import view
 from torchrender.buffers import DepthImages
 from torchrender.checks import check_range, check_tensor
 from torchrender.errors import InputError
-from torchrender.kernels.compile import thread_count, view
+from torchrender.kernels.compile import thread_count
 from torchrender.kernels.warp import corners as kernels
 
 SAME_VIEW = 1e-6  # pixels that an offset camera may be off
@@ -24,24 +25,24 @@ SAME_VIEW = 1e-6  # pixels that an offset camera may be off
 class ReconstructOptions:
     """How samples become quads.
 
-    A corner of the offset image belongs to a sample if it lies within ``tau_a`` footprints plus ``tau_b`` times the
-    tangent plane's own change of depth of that tangent plane.
+    A corner of the offset image belongs to a sample if it lies within ``footprint_tolerance`` (tau_a) footprints plus
+    ``slope_tolerance`` (tau_b) times the tangent plane's own change of depth of that tangent plane.
 
     Raises:
         OptionError: a value outside its range; names it.
     """
 
-    tau_a: float = 2.0  # footprints
-    tau_b: float = 0.5
-    rho: float = 1.1  # a guessed corner lies within [z / rho, z * rho] of its sample's depth z
+    footprint_tolerance: float = 2.0  # footprints
+    slope_tolerance: float = 0.5
+    guess_ratio: float = 1.1  # a guessed corner lies within [z / rho, z * rho] of its sample's depth z: rho
     match_id: bool = False  # a corner must also show the sample's object
     merge_guesses: bool = True  # neighbours whose guesses agree share one corner: closes cracks between them
     adaptive_split: bool = True  # split quads along the diagonal with the smaller depth difference
 
     def __post_init__(self) -> None:
-        check_range("tau_a", self.tau_a, 0.5, 8.0)
-        check_range("tau_b", self.tau_b, 0.0, 1.0)
-        check_range("rho", self.rho, 1.01, 2.0)
+        check_range("footprint_tolerance", self.footprint_tolerance, 0.5, 8.0)
+        check_range("slope_tolerance", self.slope_tolerance, 0.0, 1.0)
+        check_range("guess_ratio", self.guess_ratio, 1.01, 2.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,10 +117,11 @@ def pixel_normals(images: DepthImages) -> np.ndarray:
 
 
 def corner_limits(images: DepthImages, options: ReconstructOptions) -> np.ndarray:
-    """(B,4): tau_a times the footprint at unit depth, tau_b, rho, near."""
+    """(B,4): footprint tolerance at unit depth, slope tolerance, guess ratio, near."""
     cameras = images.cameras
     size = cameras.footprint(torch.ones(len(cameras), dtype=torch.float64))
-    rows = [size * options.tau_a] + [torch.full_like(size, v) for v in (options.tau_b, options.rho)] + [cameras.near]
+    same = (torch.full_like(size, value) for value in (options.slope_tolerance, options.guess_ratio))
+    rows = [size * options.footprint_tolerance, *same, cameras.near]
     return np.ascontiguousarray(torch.stack(rows, dim=1).numpy())
 
 

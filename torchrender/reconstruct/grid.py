@@ -8,9 +8,9 @@ from __future__ import annotations
 import numpy as np
 import torch
 
+from torchrender.arrays import view
 from torchrender.buffers import DepthImages
 from torchrender.errors import InputError
-from torchrender.kernels.compile import view
 from torchrender.kernels.warp.depth_grid import fit_blocks
 from torchrender.reconstruct.corners import ReconstructOptions, SampleQuads, corner_limits, pixel_normals
 

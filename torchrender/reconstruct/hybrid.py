@@ -12,8 +12,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchrender.arrays import view
 from torchrender.buffers import DepthImages
-from torchrender.kernels.compile import view
 from torchrender.kernels.warp import corner_mesh
 from torchrender.kernels.warp.corners import DIAGONAL, FIRST, SECOND
 from torchrender.reconstruct.corners import ReconstructOptions, SampleQuads, fit_corners

@@ -13,10 +13,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchrender.arrays import view
 from torchrender.buffers import DepthImages
 from torchrender.checks import check_choice, check_range, check_tensor
 from torchrender.errors import InputError
-from torchrender.kernels.compile import thread_count, view
+from torchrender.kernels.compile import thread_count
 from torchrender.kernels.warp.resolve import resolve
 from torchrender.kernels.warp.splat import draw_splats
 from torchrender.kernels.warp.warp import draw_quads

@@ -15,6 +15,7 @@ from torchrender.scene.cutout import build_cutout
 from torchrender.scene.environment import Environment
 from torchrender.scene.light import DirectionalLight, Light
 from torchrender.scene.material import Material
+from torchrender.scene.material_table import MaterialTable, wants_gradient
 from torchrender.scene.medium import Medium
 from torchrender.scene.mesh import Geometry, Mesh, concatenate
 
@@ -52,6 +53,16 @@ class Scene:
         if geometry.uv is None:
             return geometry
         return replace(geometry, cutout=build_cutout(self.materials, geometry.material))
+
+    @property
+    def material_table(self) -> MaterialTable:
+        """The materials' numbers side by side: built once, or anew in each call where a colour wants a gradient."""
+        return MaterialTable.of(self.materials) if wants_gradient(self.materials) else self._material_table
+
+    @cached_property
+    def _material_table(self) -> MaterialTable:
+        with torch.inference_mode(False):  # whoever asks first must not decide what can be derived later
+            return MaterialTable.of(self.materials)
 
     @cached_property
     def reflector_bounds(self) -> Tensor:

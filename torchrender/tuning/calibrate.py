@@ -1,6 +1,6 @@
 """Curves measured on this machine: weights of the cost models, errors of every setting, and how errors add up.
 
-Times are fitted to pictures of several scenes and sizes, with all knobs turned step by step together, in short
+Times are fitted to pictures of several scenes and sizes, with all settings turned step by step together, in short
 sequences: every pass of every picture is one observation. Errors are those of ``tradeoff_measure``.
 """
 
@@ -9,13 +9,13 @@ from __future__ import annotations
 import statistics
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from scipy.optimize import nnls
 
 from torchrender import __version__
+from torchrender.passes.settings import Setting
 from torchrender.passes.table import PASSES
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
@@ -25,12 +25,12 @@ from torchrender.quality.metrics import flip
 from torchrender.renderer import render
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
-from torchrender.tuning.measure import FRAMES, Measured, measure_pass, views_of
+from torchrender.tuning.measure import FRAMES, Measured, measure_pass, turned_off, views_of
 
 Observations = dict[tuple[str, str], list[tuple[str, tuple[float, ...], float]]]
 """Scene, amounts of work and milliseconds, by pass and setting."""
 
-STEPS = max(len(step.knob.settings) for step in PASSES)
+STEPS = max(len(step.settings.all) for step in PASSES)
 SIZES = (128, 256, 512)
 NORMS = np.arange(0.75, 3.01, 0.05)
 
@@ -76,34 +76,34 @@ def errors_of(scene: Scene, views: Sequence[Cameras]) -> dict[str, dict[str, dic
 
 
 def at_step(number: int, base: RenderOptions | None = None, first: str | None = None) -> RenderOptions:
-    """All knobs at their setting ``number`` (those with fewer stay at their last), the first pass at ``first``."""
-    options = base or RenderOptions()
+    """All passes at their setting ``number`` (those with fewer stay at their last), the first one at ``first``.
+
+    Passes that can be off are off.
+    """
+    options = turned_off(base or RenderOptions())
     for step in PASSES:
-        names = step.knob.names
-        name = names[min(number, len(names) - 1)]
-        if step.name == PASSES[0].name and first is not None:
-            name = first
-        options = step.knob.setting(name).applied(options)
+        if step.off is None:
+            names = step.settings.names
+            name = names[min(number, len(names) - 1)]
+            chosen = first if step is PASSES[0] and first is not None else name
+            options = step.settings.named(chosen).applied(options)
     return options
 
 
 def times_of(scene: Scene, sizes: Sequence[int]) -> Observations:
-    """What passes took in short sequences at every step of the knobs and several sizes."""
+    """What passes took in short sequences at every step of their settings and several sizes."""
     found: Observations = defaultdict(list)
     for size in sizes:
         view = views_of(scene, size, 1)[0]
         for number in range(STEPS):
-            # The knob of the first pass at small and large pictures; its last setting at small ones, for it is slow.
+            # Numbers of pixels at small and large pictures; the largest at small ones, for it is slow.
             turned = size == sizes[0] or (size == sizes[-1] and number < STEPS - 1)
-            options = replace(at_step(number, first=None if turned else "1"), reuse=None)
-            _observe(scene, view, options, found)
-        for number in range(2):  # traced reflections, used again by either setting
-            _observe(scene, view, replace(at_step(number, first="1"), reflections="traced"), found)
-        for number in (1, 3):  # those that sort the triangles by themselves: shadows come from maps
-            sorting = replace(at_step(number, first="1"), point_shadows="maps", reuse=None)
-            ways = ({"reflections": "traced"}, {"reflection": replace(sorting.reflection, missing="trace")})
-            for way in ways:
-                _observe(scene, view, replace(sorting, area_shadows="pcss", **way), found)
+            _observe(scene, view, at_step(number, first=None if turned else "1"), found)
+        for step in PASSES:
+            on = [setting for setting in step.settings.all if setting.name != step.off]
+            for number, setting in enumerate(on if step.off is not None else ()):
+                usual = Setting("measured with", step.measured_with).applied(at_step(number, first="1"))
+                _observe(scene, view, setting.applied(usual), found)
     return found
 
 
@@ -121,15 +121,15 @@ def _observe(scene: Scene, view: Cameras, options: RenderOptions, found: Observa
 def joint_errors(
     scene: Scene, size: int, errors: Mapping[str, Mapping[str, Mapping[str, Any]]]
 ) -> list[tuple[list[float], float]]:
-    """Errors of the passes alone, and of the picture with all of them, for every step of the knobs."""
+    """Errors of the passes alone, and of the picture with all of them, for every step of the settings."""
     view = views_of(scene, size, 1)[0][:1]
-    exact = RenderOptions(reuse=None)
+    exact = RenderOptions()
     for step in PASSES:
-        exact = step.knob.reference.applied(exact)
+        exact = step.settings.reference.applied(exact)
     wanted = render(scene, view, options=exact).displayed()
     found = []
     for number in range(STEPS - 1):
-        image = render(scene, view, options=replace(at_step(number), reuse=None))
+        image = render(scene, view, options=at_step(number))
         assert image.plan is not None
         alone = [
             float(errors[row.name][row.setting]["flip"])
@@ -148,8 +148,8 @@ def curves_from(
     weights: dict[str, dict[str, list[float]]] = {}
     ratios: dict[str, dict[str, dict[str, float]]] = defaultdict(lambda: defaultdict(dict))
     for step in PASSES:
-        everything = [row for s in step.knob.settings for row in seen.get((step.name, s.name), ())]
-        for setting in step.knob.settings:
+        everything = [row for s in step.settings.all for row in seen.get((step.name, s.name), ())]
+        for setting in step.settings.all:
             rows = everything if step.one_cost else seen.get((step.name, setting.name), ())
             if not rows:
                 continue

@@ -3,28 +3,24 @@
 from __future__ import annotations
 
 import statistics
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from torchrender.buffers import ReflectionState
 from torchrender.image import Image
-from torchrender.passes.knobs import Setting
-from torchrender.passes.table import PASSES, Pass
+from torchrender.passes.contract import Pass
+from torchrender.passes.settings import Setting
+from torchrender.passes.table import PASSES, find_pass
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
-from torchrender.planning.curves import load_curves
-from torchrender.planning.knowledge import Knowledge
 from torchrender.quality.metrics import flip_map, psnr, relative_squared_error
 from torchrender.renderer import render
 from torchrender.scene.camera import Cameras
 from torchrender.scene.camera_path import built_in_path, walks_of
 from torchrender.scene.model import Scene
-
-Buffers = Mapping[str, Any]
 
 FRAMES = 3
 """Pictures of a short sequence: the first prepares, the others are measured."""
@@ -37,7 +33,7 @@ class Measured:
     flip: float  # mean, of the displayed picture
     psnr: float  # dB, of the displayed picture
     relative_mse: float  # of radiance
-    own: float | None  # the effect's own measure; see OWN
+    own: float | None  # the effect's own measure, if it has one
     ms: float  # median of the pass alone, in a sequence: what lasts is there already
     spread_ms: float  # between the quartiles
     first_ms: float  # in a single picture, preparations included
@@ -54,31 +50,6 @@ class Measured:
         return {**rounded, "runs": self.runs, "repeats": self.repeats}
 
 
-def _visibility_error(found: Buffers, reference: Buffers, name: str) -> float:
-    """Mean absolute error of the share of light that arrives, over pixels with a surface."""
-    covered = reference["gbuffer"].covered
-    pairs = [(found[name][n], reference[name][n]) for n in reference[name]]
-    return float(torch.stack([(a - b).abs()[covered].mean() for a, b in pairs]).mean())
-
-
-def _mirror_error(found: Buffers, reference: Buffers, name: str) -> float:
-    """Mean absolute error of the mirrored radiance, 0 to 255, clipped at white, over pixels that mirror."""
-    wanted = reference[name]
-    chosen = wanted.state != ReflectionState.NONE
-    pair = [layer.color[chosen].clamp(0.0, 1.0) for layer in (found[name], wanted)]
-    return 255.0 * float((pair[0] - pair[1]).abs().mean())
-
-
-OWN: dict[str, tuple[str, str, Callable[[Buffers, Buffers, str], float]]] = {
-    "shadow_map": ("visibility error", "point_shadows", _visibility_error),
-    "point_shadow": ("visibility error", "point_shadows", _visibility_error),
-    "soft_shadow": ("visibility error", "area_shadows", _visibility_error),
-    "reflections": ("mirrored light, of 255", "reflection_layer", _mirror_error),
-    "reflection_reuse": ("mirrored light, of 255", "reflection_layer", _mirror_error),
-}
-"""The measure of an effect itself: its name, the buffer that it is of, and the function."""
-
-
 def views_of(scene: Scene, size: int, count: int = 2) -> list[Cameras]:
     """Short sequences (FRAMES cameras each): around the scene's first camera, and on from places along its path."""
     path = built_in_path(scene, (*walks_of(scene), "orbit")[0])
@@ -88,40 +59,43 @@ def views_of(scene: Scene, size: int, count: int = 2) -> list[Cameras]:
     return [walk[torch.arange(start, start + FRAMES)] for start in starts]
 
 
-def applies(step: Pass, scene: Scene, cameras: Cameras) -> bool:
-    """The pass has something to do in this view."""
-    options = step.knob.context.applied(RenderOptions())
-    known = Knowledge(scene=scene, cameras=cameras, past=RenderHistory(), curves=load_curves())
-    return step.applies(known.outlook(options)).runs
-
-
 def measure_pass(
     scene: Scene, views: Sequence[Cameras], step: Pass, *, pictures: bool = False
 ) -> tuple[dict[str, Measured], Tensor | None]:
-    """Every setting of a pass, means over the views in which it applies; empty where it applies to none.
+    """Every setting of a pass, means over the views in which it runs; empty where it runs in none.
 
     With ``pictures`` also the reference (H,W,3) sRGB of the first of these views.
     """
-    seen = [view for view in views if applies(step, scene, view[:1])]
     lit = scene.with_default_light()
-    found: dict[str, list[Measured]] = {setting.name: [] for setting in step.knob.settings}
+    found: dict[str, list[Measured]] = {setting.name: [] for setting in step.settings.all}
     shown = None
-    for number, view in enumerate(seen):
-        reference = _sequence(lit, view, step, step.knob.reference)
-        if pictures and number == 0:
+    for view in views:
+        first = _sequence(lit, view, step, step.settings.all[0])
+        if first.image.plan is None or not first.image.plan.row(step.name).runs:
+            continue
+        reference = _sequence(lit, view, step, step.settings.reference)
+        with_picture = pictures and shown is None
+        if with_picture:
             shown = reference.image.to_srgb()[0]
-        for setting in step.knob.settings:
-            made = _sequence(lit, view, step, setting)
-            found[setting.name].append(_compare(made, reference, step, pictures and number == 0))
+        for setting in step.settings.all:
+            made = first if setting is step.settings.all[0] else _sequence(lit, view, step, setting)
+            found[setting.name].append(_compare(made, reference, step, with_picture))
     return {name: _mean(values) for name, values in found.items() if values}, shown
 
 
+def turned_off(options: RenderOptions, but: Pass | None = None) -> RenderOptions:
+    """All passes that can be off at that, but one."""
+    for step in PASSES:
+        if step.off is not None and step is not but:
+            options = step.settings.named(step.off).applied(options)
+    return options
+
+
 def options_at(step: Pass, setting: Setting) -> RenderOptions:
-    """The usual options with one pass at a setting; only the pass that reuses reflections does."""
-    usual = RenderOptions() if step.name == "reflection_reuse" else RenderOptions(reuse=None)
-    if step.name == "reflection_reuse":
-        usual = replace(usual, reflections="traced")
-    return setting.applied(step.knob.context.applied(usual))
+    """The usual options with one pass at a setting, and all others that can be off at that."""
+    usual = turned_off(RenderOptions(), but=step)
+    usual = Setting("measured with", step.measured_with).applied(usual)
+    return setting.applied(step.settings.context.applied(usual))
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,7 +108,7 @@ class _Sequence:
 
 
 def _sequence(scene: Scene, view: Cameras, step: Pass, setting: Setting) -> _Sequence:
-    buffers = ("gbuffer", OWN[step.name][1]) if step.name in OWN else ()
+    buffers = () if step.own is None else ("gbuffer", step.own.buffer.name)
     options, history = replace(options_at(step, setting), buffers=buffers), RenderHistory()
     images: list[Image] = []
     for number in (*range(FRAMES), FRAMES - 1):
@@ -149,13 +123,12 @@ def _sequence(scene: Scene, view: Cameras, step: Pass, setting: Setting) -> _Seq
 def _compare(made: _Sequence, reference: _Sequence, step: Pass, picture: bool) -> Measured:
     shown, wanted = made.image.displayed().float(), reference.image.displayed().float()
     difference = flip_map(shown, wanted)
-    # Shadow maps last: what they cost is what they cost at first.
-    steady = made.times_ms[:1] if step.name == "shadow_map" else made.times_ms[1:]
+    # What lasts costs what it costs at first.
+    steady = made.times_ms[:1] if step.prepares else made.times_ms[1:]
     quarters = statistics.quantiles(steady, n=4) if len(steady) > 1 else [steady[0]] * 3
-    name = OWN.get(step.name)
     own = None
-    if name is not None and reference.image.buffers.get(name[1]) is not None:
-        own = name[2](made.image.buffers, reference.image.buffers, name[1])
+    if step.own is not None and step.own.buffer.name in reference.image.buffers:
+        own = step.own.error(made.image.buffers, reference.image.buffers)
     return Measured(
         flip=float(difference.mean()),
         psnr=float(psnr(shown, wanted)[0]),
@@ -202,7 +175,5 @@ def frontier(points: Mapping[str, tuple[float, float]]) -> list[str]:
 
 
 def passes_named(name: str | None) -> tuple[Pass, ...]:
-    """One pass, or all of them."""
-    from torchrender.passes.table import find_pass
-
-    return PASSES if name is None else (find_pass(name),)
+    """One pass, or all that have a choice."""
+    return tuple(step for step in PASSES if step.settings.is_choice) if name is None else (find_pass(name),)

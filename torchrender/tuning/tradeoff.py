@@ -16,7 +16,7 @@ from torchrender.planning.curves import scene_key
 from torchrender.quality.machine import machine_line, machine_record
 from torchrender.quality.pages import text_writer
 from torchrender.scene.model import Scene
-from torchrender.tuning.measure import OWN, Measured, frontier, measure_pass, passes_named, views_of
+from torchrender.tuning.measure import Measured, frontier, measure_pass, passes_named, views_of
 
 Found = Mapping[str, Mapping[str, Measured]]
 """What was measured, by pass and setting."""
@@ -36,8 +36,8 @@ class SceneCurves:
         """Plain values."""
         return {
             name: {
-                "reference": step.knob.reference.name,
-                "own_measure": OWN[name][0] if name in OWN else None,
+                "reference": step.settings.reference.name,
+                "own_measure": None if step.own is None else step.own.title,
                 "frontier": frontier({s: (m.ms, m.flip) for s, m in self.passes[name].items()}),
                 "settings": {setting: measured.record() for setting, measured in self.passes[name].items()},
             }

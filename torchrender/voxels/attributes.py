@@ -218,7 +218,7 @@ def _colors(scene: Scene, fragments: SurfaceFragments, uv: Tensor) -> Tensor:
     """(M,3) diffuse colour at each fragment; texels as fine as a cell is in texture space."""
     geometry = scene.geometry
     material = geometry.material[fragments.triangle]
-    color = torch.stack([m.diffuse.float() for m in scene.materials])[material].double()
+    color = scene.material_table.diffuse[material].double()
     corners = _corners(geometry.colors, geometry, fragments)
     if corners is not None:
         color = color * fragments.interpolate(corners)

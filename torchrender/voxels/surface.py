@@ -8,9 +8,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchrender.arrays import view
 from torchrender.checks import check_choice, check_finite, check_tensor
 from torchrender.errors import InputError
-from torchrender.kernels.compile import thread_count, view
+from torchrender.kernels.compile import thread_count
 from torchrender.kernels.voxels.surface import classify, mark_surface
 from torchrender.voxels.grid import WORD, VoxelGrid, Voxels, empty_words, flat
 

@@ -14,9 +14,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchrender.arrays import view
 from torchrender.checks import ArrayLike, as_vector, check_finite, check_range, check_tensor
 from torchrender.errors import InputError
-from torchrender.kernels.compile import view
 from torchrender.kernels.voxels.volume_march import BRICK, march
 from torchrender.numerics.color import srgb_from_linear, srgb_table
 from torchrender.scene.camera import Cameras

@@ -88,7 +88,7 @@ def running_server(**settings: str) -> Iterator[ServerUnderTest]:
     with tempfile.TemporaryDirectory() as folder, (Path(folder) / "log").open("w") as log:
         environment = {k: v for k, v in os.environ.items() if not k.startswith(PREFIX)}
         environment |= {f"{PREFIX}{k.upper()}": v for k, v in settings.items()}
-        command = [sys.executable, "-m", "torchrender.cli.main", "serve", "--port", "0", "--data", folder]
+        command = [sys.executable, "-m", "torchrender.cli", "serve", "--port", "0", "--data", folder]
         process = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=log, text=True)
         try:
             assert process.stdout is not None

@@ -62,9 +62,9 @@ def tradeoff(name: str) -> dict[str, Any]:
     return {
         "pass": name,
         "summary": step.summary,
-        "knob": step.knob.name,
-        "reference": step.knob.reference.name,
-        "settings": [_setting(setting, scenes) for setting in step.knob.names],
+        "knob": step.settings.title,
+        "reference": step.settings.reference.name,
+        "settings": [_setting(setting, scenes) for setting in step.settings.names],
         "scenes": scenes,
         "measured_on": dict(curves.machine),
     }

@@ -151,7 +151,7 @@ class MakeKeyframe(msgspec.Struct, frozen=True, kw_only=True, tag=True):
     time_ms: float
     camera: CameraHeader
     still: bool
-    layers: int  # extra ones, made by :class:`MakeLayers` afterwards
+    extra_layers: int  # made by :class:`MakeLayers` afterwards
     direction: tuple[float, ...]  # the camera is expected to go there, world axes; zero: anywhere
     baseline: float  # distance of the extra cameras; 0: from the depth of what is seen
     color: ColorCodec

@@ -17,12 +17,13 @@ from torch import Tensor
 
 from torchrender.buffers import GBuffer, VisibilityBuffer
 from torchrender.kernels.warp.known_samples import find_known
-from torchrender.passes import resolve as steps
-from torchrender.pipeline.frame import Frame
+from torchrender.passes.contract import Pass
+from torchrender.passes.table import PASSES
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
 from torchrender.raster import rasterize_visibility, surface_attributes
 from torchrender.reconstruct.reproject import pixel_matrices
+from torchrender.renderer import shade_samples
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
 from torchrender.shade import shade
@@ -54,17 +55,23 @@ class Layer:
 
 
 def extra_layers(
-    scene: Scene, first: VisibilityBuffer, cameras: Sequence[Cameras], options: RenderOptions, past: RenderHistory
+    scene: Scene,
+    first: VisibilityBuffer,
+    cameras: Sequence[Cameras],
+    options: RenderOptions,
+    past: RenderHistory,
+    passes: Sequence[Pass] = PASSES,
 ) -> list[Layer]:
     """What each of ``cameras`` sees and none before it holds, shaded like a picture.
 
     Every new sample is continued by a pixel to all sides, so that the layer overlaps what is beside it.
 
     Args:
-        scene: with its lights, as the picture of layer 0 has it.
+        scene: as it was given to the picture of layer 0.
         first: what that picture's one camera sees.
         cameras: single cameras from :func:`cameras_around`.
         past: what that picture left.
+        passes: that it was made with.
     """
     known = [first]
     sky_shown = ~first.covered[0]
@@ -77,7 +84,7 @@ def extra_layers(
         kept, nearest = _grown(new, seen.depth)
         sky_shown = sky_shown | new_sky
         gbuffer = surface_attributes(scene, _only(seen, kept))
-        radiance = _shade_few(scene, gbuffer, options, past)
+        radiance = _shade_few(scene, gbuffer, options, past, passes)
         layers.append(_extended(Layer(camera, gbuffer.depth[0], radiance[0], kept[0] | new_sky), seen, nearest))
         known.append(gbuffer)
     return layers
@@ -171,36 +178,10 @@ def cameras_around(
     return moved
 
 
-def shade_samples(scene: Scene, gbuffer: GBuffer, options: RenderOptions, past: RenderHistory) -> Tensor:
-    """(B,H,W,3) linear radiance of samples that need not be the nearest surfaces, by the steps of a picture.
-
-    Args:
-        scene: with its lights.
-        past: what a picture of the scene left: its shadow maps and ray caster are used again. Where there is a ray
-            caster mirrors are traced, else they show the scene's cube map: clusters are for whole pictures.
-    """
-    way = options.reflections
-    if way != "off":
-        way = "environment" if past.caster is None else "traced"
-    area = "pcss" if options.area_shadows == "sampled" else options.area_shadows
-    frame = Frame(scene=scene, cameras=gbuffer.cameras, options=options, past=past)
-    frame.choose(
-        replace(options, reflections=way, area_shadows=area, point_shadows="maps", reuse=None, supersample=1.0)
-    )
-    buffers = frame.buffers
-    buffers["gbuffer"] = gbuffer
-    if options.shadows and scene.lights and bool(gbuffer.covered.any()):
-        buffers["shadow_maps"] = steps.draw_shadow_maps(frame)
-        buffers["point_shadows"] = steps.find_point_shadows(frame)
-        buffers["area_shadows"] = steps.find_area_shadows(frame)
-    buffers["direct"] = steps.light_directly(frame)
-    if way != "off":
-        buffers["reflection_layer"] = steps.mirror(frame)
-    return steps.make_picture(frame)
-
-
-def _shade_few(scene: Scene, gbuffer: GBuffer, options: RenderOptions, past: RenderHistory) -> Tensor:
-    """The same for one image with few samples: they are put side by side, so that the rest costs nothing.
+def _shade_few(
+    scene: Scene, gbuffer: GBuffer, options: RenderOptions, past: RenderHistory, passes: Sequence[Pass]
+) -> Tensor:
+    """Radiance (1,H,W,3) of one image with few samples: they are put side by side, so that the rest costs nothing.
 
     Empty pixels get the background.
     """
@@ -215,12 +196,13 @@ def _shade_few(scene: Scene, gbuffer: GBuffer, options: RenderOptions, past: Ren
         room[:count] = values
         return room.reshape(1, height, PACKED_WIDTH, *values.shape[1:])
 
-    background = shade(scene, _emptied(gbuffer), background=options.background).clone()
+    lit = past.of_scene(scene).scene or scene
+    background = shade(lit, _emptied(gbuffer), background=options.background).clone()
     if count:
         camera = gbuffer.cameras.sub_camera(0, 0, PACKED_WIDTH, height)
         names = [f.name for f in fields(GBuffer) if f.name != "cameras"]
         small = GBuffer(cameras=camera, **{name: packed(name) for name in names})
-        background[0][covered] = shade_samples(scene, small, options, past).reshape(-1, 3)[:count]
+        background[0][covered] = shade_samples(scene, small, options, past, passes=passes).reshape(-1, 3)[:count]
     return background
 
 

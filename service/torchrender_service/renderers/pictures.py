@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tempfile
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +14,10 @@ from torchrender.depth.sample import sample_depth_images
 from torchrender.depth.viewpoints import viewpoints_around
 from torchrender.image import Image, camera_arrays
 from torchrender.images.files import write_image, write_npz
-from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
 from torchrender.raster import surface_attributes
 from torchrender.reconstruct.reproject import Reprojection, reproject
+from torchrender.renderer import shade_samples
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
 from torchrender.wire.codec import display_bytes
@@ -27,7 +26,7 @@ from torchrender_service.errors import ServiceError
 from torchrender_service.renderers.engine import render_image
 from torchrender_service.renderers.jobs import DepthImages, Render, Reproject
 from torchrender_service.renderers.keyframes import Stamp, first_message, layer_message
-from torchrender_service.renderers.layers import Layer, shade_samples
+from torchrender_service.renderers.layers import Layer
 from torchrender_service.renderers.views import camera_of_view
 
 
@@ -59,9 +58,7 @@ def make_container(scene: Scene, job: DepthImages) -> dict[str, Any]:
     cameras = _cameras(scene, job)
     options = SamplingOptions(method=job.method, pixel_test="depth_identity", cull_backfaces=False, count_layers=False)
     images = sample_depth_images(scene, cameras, options)
-    lit = scene.with_default_light()
-    past = replace(RenderHistory().of_scene(scene), wanted=False)
-    radiance = shade_samples(lit, surface_attributes(lit, images), RenderOptions(**job.options), past)
+    radiance = shade_samples(scene, surface_attributes(scene, images), RenderOptions(**job.options))
     stamp = Stamp(id=0, layers=len(images), still=True, bits=job.bits, color=job.color, quality=job.quality)
     messages = []
     for k in range(len(images)):

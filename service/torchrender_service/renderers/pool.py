@@ -12,12 +12,13 @@ import logging
 import os
 import sys
 import time
-from collections.abc import Sequence
+from collections import Counter
 from dataclasses import dataclass, field
 from typing import Any
 
 from torchrender_service.errors import ServiceError
 from torchrender_service.metrics import Metrics
+from torchrender_service.renderers.contract import RendererHandle
 from torchrender_service.renderers.jobs import JOB_ENCODER, REPLY_DECODER, Forget, Job
 from torchrender_service.renderers.worker import LENGTH
 from torchrender_service.settings import Settings
@@ -182,8 +183,15 @@ class RendererProcess:
             await process.wait()
 
 
+@dataclass(frozen=True, eq=False)
+class AssignedProcess(RendererHandle):
+    """A renderer of this pool; every session has a handle of its own."""
+
+    process: RendererProcess
+
+
 class Pool:
-    """All renderers, and one apart that looks at uploads before they are kept."""
+    """All renderers, and one apart that looks at uploads before they are kept: a ``RendererPool`` of processes."""
 
     def __init__(self, settings: Settings, metrics: Metrics) -> None:
         count, memory = settings.renderer_count, settings.renderer_memory_mb
@@ -191,6 +199,7 @@ class Pool:
         self._renderers = [RendererProcess(settings, metrics, str(k), memory) for k in range(count)]
         # A file that is built to exhaust memory or time only stops this one.
         self._inspector = RendererProcess(settings, metrics, "inspector", memory // 2)
+        self._assigned: set[RendererHandle] = set()
         self._closed = False
 
     def start(self) -> None:
@@ -212,9 +221,20 @@ class Pool:
         """All renderers run."""
         return all(r.ready for r in self._renderers)
 
-    def idle(self, renderer: int) -> bool:
-        """Whether a renderer (of :meth:`choose`) has nothing to do."""
-        return self._renderers[renderer].load == 0
+    def assign(self) -> RendererHandle:
+        """The renderer that the fewest sessions have, among equals the one with the least to do."""
+        sessions = Counter(self._process(handle).name for handle in self._assigned)
+        handle = AssignedProcess(min(self._renderers, key=lambda r: (sessions[r.name], r.load)))
+        self._assigned.add(handle)
+        return handle
+
+    def release(self, renderer: RendererHandle) -> None:
+        """The session is over; a second time does nothing."""
+        self._assigned.discard(renderer)
+
+    def idle(self, renderer: RendererHandle) -> bool:
+        """Whether a renderer has nothing to do."""
+        return self._process(renderer).load == 0
 
     @property
     def waiting(self) -> int:
@@ -226,20 +246,17 @@ class Pool:
         """Of the processes that run."""
         return [r.pid for r in (*self._renderers, self._inspector) if r.pid is not None]
 
-    def choose(self, taken: Sequence[int] = ()) -> int:
-        """The renderer that comes least often in ``taken``, among equals the one with the least to do."""
-        return min(range(len(self._renderers)), key=lambda k: (taken.count(k), self._renderers[k].load))
-
-    async def run(self, job: Job, *, renderer: int | None = None) -> dict[str, Any]:
+    async def run(self, job: Job, *, renderer: RendererHandle | None = None) -> dict[str, Any]:
         """The result of a job.
 
         Args:
-            renderer: from :meth:`choose`; None: the one with the least to do.
+            renderer: of :meth:`assign`; None: the one with the least to do.
 
         Raises:
             ServiceError: what the renderer says about the job, 429 where too many jobs wait, 503 while stopping.
         """
-        return await self._put(self._renderers[self.choose() if renderer is None else renderer], job)
+        chosen = min(self._renderers, key=lambda r: r.load) if renderer is None else self._process(renderer)
+        return await self._put(chosen, job)
 
     async def inspect(self, job: Job) -> dict[str, Any]:
         """The result of a job that may do harm, from the process apart."""
@@ -253,6 +270,11 @@ class Pool:
                 # Nobody asks for the outcome.
                 future.add_done_callback(lambda done: done.cancelled() or done.exception())
                 renderer.queue.put_nowait(Waiting(job, future))
+
+    def _process(self, renderer: RendererHandle) -> RendererProcess:
+        if not isinstance(renderer, AssignedProcess) or renderer.process not in self._renderers:
+            raise TypeError(f"renderer must be a handle of this pool, got {renderer!r}")
+        return renderer.process
 
     async def _put(self, renderer: RendererProcess, job: Job) -> dict[str, Any]:
         if self._closed:

@@ -27,7 +27,7 @@ STILL_FACTOR = 4.0
 """A refinement may take this many times the budget."""
 PACKING_SHARE = 0.5
 """Of the budget, at most, that is kept free for making messages."""
-STREAMED = RenderOptions(upscaling="joint", fixed=("resolve",))
+STREAMED = RenderOptions(upscaling="joint", fixed=("resample",))
 """The depth of all pixels is sent anyway, and colours must not stick to the wrong surface when the view moves."""
 ASIDE = ((-0.375, -0.125), (0.125, -0.375), (0.375, 0.125), (-0.125, 0.375))
 """Pixels by which the further pictures of a refinement are moved: with the first, five places in every pixel."""
@@ -85,7 +85,7 @@ class StreamRenderer:
         render_ms = 1e3 * (time.perf_counter() - begin)
         depth = image.visibility.depth[0]
         typical = typical_depth(depth)
-        around = cameras_around(camera, depth, job.layers, direction=job.direction, baseline=job.baseline)
+        around = cameras_around(camera, depth, job.extra_layers, direction=job.direction, baseline=job.baseline)
         stamp = Stamp(
             id=job.id,
             layers=1 + len(around),
@@ -108,7 +108,7 @@ class StreamRenderer:
         state.packing_ms = 1e3 * (time.perf_counter() - begin) - render_ms
         return {
             "messages": [message],
-            "layers": len(around),
+            "extra_layers": len(around),
             "typical_depth": typical,
         }
 
@@ -122,7 +122,8 @@ class StreamRenderer:
         begin = time.perf_counter()
         image = begun.image
         assert image.plan is not None
-        layers = extra_layers(image.scene, image.visibility, begun.around, image.plan.options, begun.past)
+        scene = begun.past.given or image.scene
+        layers = extra_layers(scene, image.visibility, begun.around, image.plan.options, begun.past)
         each_ms = 1e3 * (time.perf_counter() - begin) / len(layers)
         messages = [layer_message(begun.stamp, k + 1, layer, render_ms=each_ms) for k, layer in enumerate(layers)]
         return {"messages": messages}
@@ -151,7 +152,7 @@ class StreamRenderer:
         depth, light = begun.image.visibility.depth[0], refined.light / refined.count
         message = first_message(stamp, camera, depth, light, render_ms=refined.render_ms, plan=plan)
         state.begun = replace(begun, stamp=stamp) if begun.around else None
-        return {"messages": [message], "left": 0, "layers": len(begun.around)}
+        return {"messages": [message], "left": 0, "extra_layers": len(begun.around)}
 
     def forget(self, *, session: str | None = None, scene: str | None = None) -> None:
         """Drop what is kept for a session or a scene."""
@@ -178,7 +179,7 @@ class StreamRenderer:
             image, plan = render_image(scene, camera, bounds, STREAMED, state.history)
             assert image.history is not None
             state.history = image.history
-            self._scenes[job.scene.id] = replace(image.history, reuse=None, report=None)
+            self._scenes[job.scene.id] = image.history.shared()
             return image, plan, image.history
         image, plan = _at_rest(scene, camera, bounds, state.history)
         assert image.history is not None
@@ -187,7 +188,7 @@ class StreamRenderer:
 
 def _at_rest(scene: Scene, camera: Cameras, bounds: Bounds, past: RenderHistory) -> tuple[Image, dict[str, Any]]:
     """A picture of a refinement: made anew, without reused reflections, and no part of the moving sequence."""
-    return render_image(scene, camera, bounds, STREAMED, replace(past, reuse=None, wanted=False))
+    return render_image(scene, camera, bounds, STREAMED, replace(past.shared(), sequence=False))
 
 
 def _bounds(job: MakeKeyframe, packing_ms: float) -> Bounds:

@@ -36,9 +36,9 @@ def main() -> int:
         os.nice(NICENESS)
     # Interrupts from a terminal reach the whole group; the server ends its renderers itself.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    from torchrender_service.renderers.renderer import Renderer
+    from torchrender_service.renderers.job_runner import JobRunner
 
-    renderer = Renderer()
+    runner = JobRunner()
     _limit_memory(int(os.environ.get("TORCHRENDER_RENDERER_LIMIT_MB", "0")))
     _send(out, _ENCODER.encode(Reply(result={"ready": True})))
     while True:
@@ -46,7 +46,7 @@ def main() -> int:
         if data is None:
             return 0
         try:
-            reply = Reply(result=renderer.run(JOB_DECODER.decode(data)))
+            reply = Reply(result=runner.run(JOB_DECODER.decode(data)))
         except Exception as error:
             reply = Reply(failure=failure_of(error))
         _send(out, _ENCODER.encode(reply))

@@ -20,8 +20,8 @@ from pathlib import Path
 from typing import Any
 
 from torchrender_service.errors import ServiceError
+from torchrender_service.renderers.contract import RendererPool
 from torchrender_service.renderers.jobs import Describe, Forget, SceneSource, Validate
-from torchrender_service.renderers.pool import Pool
 from torchrender_service.settings import Settings
 
 LOG = logging.getLogger("torchrender_service.scenes.store")
@@ -36,7 +36,7 @@ MAX_UPLOADS = 8
 class SceneStore:
     """All scenes that can be rendered."""
 
-    def __init__(self, settings: Settings, pool: Pool) -> None:
+    def __init__(self, settings: Settings, pool: RendererPool) -> None:
         self._settings = settings
         self._pool = pool
         self._folder = Path(settings.data_dir) / "scenes"

@@ -33,7 +33,7 @@ def welcome_of(session: Session, settings: Settings, ticket: str, max_pixels: in
         "resume_s": settings.resume_s,
         "stall_s": settings.stall_s,
         "overscan": session.overscan,
-        "layers": session.layers,
+        "layers": session.extra_layers,
     }
     return Welcome(
         version=MAJOR,

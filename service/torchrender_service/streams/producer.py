@@ -11,6 +11,7 @@ from typing import Any
 from torchrender.wire.messages import CameraHeader, Pose
 from torchrender_service.errors import ServiceError
 from torchrender_service.metrics import Metrics
+from torchrender_service.renderers.contract import RendererPool
 from torchrender_service.renderers.jobs import (
     LOSSLESS,
     QUALITY_MOVING,
@@ -19,7 +20,6 @@ from torchrender_service.renderers.jobs import (
     MakeLayers,
     SmoothKeyframe,
 )
-from torchrender_service.renderers.pool import Pool
 from torchrender_service.streams.placement import Flight, Placement, Shown
 from torchrender_service.streams.prediction import overscanned
 from torchrender_service.streams.sessions import Session
@@ -34,7 +34,7 @@ class Producer:
 
     session: Session
     placement: Placement
-    pool: Pool
+    pool: RendererPool
     metrics: Metrics
     max_pixels: int
     webp: bool  # the client reads it
@@ -94,7 +94,7 @@ class Producer:
         flight.sent = time.monotonic()
         self.metrics.count("keyframes", kind=kind)
         await self._send_all(made["messages"])
-        if made["layers"]:
+        if made["extra_layers"]:
             try:
                 more = await self.pool.run(MakeLayers(session=session.id, id=number), renderer=session.renderer)
             except ServiceError as error:
@@ -119,7 +119,7 @@ class Producer:
             time_ms=pose.time_ms,
             camera=camera,
             still=still,
-            layers=session.layers,
+            extra_layers=session.extra_layers,
             direction=pose.velocity if speed else (0.0, 0.0, 0.0),
             baseline=speed * REACH_S,
             color="webp" if lossless else "jpeg",

@@ -10,6 +10,7 @@ from typing import Protocol
 
 from torchrender.wire.messages import CameraHeader
 from torchrender_service.errors import ServiceError
+from torchrender_service.renderers.contract import RendererHandle
 from torchrender_service.renderers.jobs import Bounds, SceneSource
 from torchrender_service.settings import Settings
 
@@ -29,14 +30,14 @@ class Session:
     scene: SceneSource
     facts: dict[str, object]  # about the scene
     camera: CameraHeader
-    layers: int
+    extra_layers: int
     overscan: float
     bounds: Bounds
-    renderer: int
+    renderer: RendererHandle
     expires: float  # monotonic time after which it is gone, unless a stream is connected
     next_id: int = 0  # of the next keyframe
     latency_s: float = 0.0  # from a pose's arrival to its keyframe's acknowledgement; 0: not known yet
-    stream: Connection | None = field(default=None, repr=False)
+    connection: Connection | None = field(default=None, repr=False)  # set and cleared by the store alone
 
 
 class SessionStore:
@@ -56,14 +57,9 @@ class SessionStore:
         return len(self._sessions)
 
     @property
-    def streams(self) -> list[Connection]:
+    def connections(self) -> list[Connection]:
         """The streams that are connected."""
-        return [s.stream for s in self._sessions.values() if s.stream is not None]
-
-    @property
-    def renderers(self) -> list[int]:
-        """Of every session."""
-        return [s.renderer for s in self._sessions.values()]
+        return [s.connection for s in self._sessions.values() if s.connection is not None]
 
     def check_room(self) -> None:
         """Refuse early.
@@ -103,10 +99,19 @@ class SessionStore:
             raise ServiceError(403, "ticket", "the ticket is unknown, used or expired: make a new session")
         return session
 
-    def release(self, session: Session) -> None:
-        """A stream has ended: wait a while for the next one."""
-        session.stream = None
+    def connect(self, session: Session, connection: Connection) -> None:
+        """A stream begins. An older one ends: the client opened this one before that was found dead."""
+        if session.connection is not None:
+            session.connection.end(1008, "the session goes on in another connection")
+        session.connection = connection
+
+    def release(self, session: Session, connection: Connection) -> bool:
+        """A stream has ended: wait a while for the next one; False where that is there already."""
+        if session.connection is not connection:
+            return False
+        session.connection = None
         session.expires = time.monotonic() + self._settings.resume_s
+        return True
 
     def end(self, session: Session) -> None:
         """Forget a session and its tickets."""
@@ -117,7 +122,7 @@ class SessionStore:
     def expire(self) -> None:
         """Forget the sessions whose time is over."""
         now = time.monotonic()
-        for session in [s for s in self._sessions.values() if s.stream is None and s.expires < now]:
+        for session in [s for s in self._sessions.values() if s.connection is None and s.expires < now]:
             self.end(session)
 
     def of_scene(self, scene: str) -> list[Session]:

@@ -32,8 +32,8 @@ from torchrender.wire.messages import (
 from torchrender_service.errors import ServiceError
 from torchrender_service.metrics import Metrics
 from torchrender_service.problems import problem_of
+from torchrender_service.renderers.contract import RendererPool
 from torchrender_service.renderers.jobs import Bounds
-from torchrender_service.renderers.pool import Pool
 from torchrender_service.settings import Settings as ServiceSettings
 from torchrender_service.streams.greeting import check_hello, welcome_of
 from torchrender_service.streams.placement import Placement
@@ -64,7 +64,7 @@ class Surroundings:
 
     settings: ServiceSettings
     sessions: SessionStore
-    pool: Pool
+    pool: RendererPool
     metrics: Metrics
 
 
@@ -88,7 +88,7 @@ class Stream:
         """Serve until either side ends the stream."""
         session = self._session
         tasks: list[asyncio.Task[None]] = []
-        session.stream = self
+        self._around.sessions.connect(session, self)
         closed: Closed | None = None
         try:
             await self._greet()
@@ -119,11 +119,10 @@ class Stream:
     async def _finish(self, closed: Closed | None) -> None:
         """Say goodbye in a short time; a peer that does not read is cut off."""
         session, around = self._session, self._around
-        if session.stream is self:
-            around.sessions.release(session)
-            # Without a WELCOME there is no ticket to come back with.
-            if not self._welcomed or (closed is not None and closed.code in (1000, SCENE_GONE)):
-                around.sessions.end(session)
+        # Without a WELCOME there is no ticket to come back with.
+        over = not self._welcomed or (closed is not None and closed.code in (1000, SCENE_GONE))
+        if around.sessions.release(session, self) and over:
+            around.sessions.end(session)
         if closed is None:
             return
         around.metrics.count("streams_dropped", reason=str(closed.code))
@@ -156,7 +155,7 @@ class Stream:
             raise Closed(1002, "HELLO with a common version and codec must come first") from error
         self._hello = message
         if message.layers is not None:
-            session.layers = min(session.layers, message.layers)
+            session.extra_layers = min(session.extra_layers, message.layers)
         ticket = self._around.sessions.ticket(session)
         self._welcomed = True
         await self._send(welcome_of(session, settings, ticket, self._max_pixels))
@@ -203,7 +202,7 @@ class Stream:
         elif isinstance(message, Settings):
             session.bounds = Bounds(budget_ms=message.budget_ms, max_error=message.max_error)
             if message.layers is not None:
-                session.layers = message.layers
+                session.extra_layers = message.layers
             placement.refresh()
 
     async def _complain(self, error: ProtocolError | ServiceError) -> None:

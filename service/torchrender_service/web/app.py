@@ -11,17 +11,22 @@ from starlette.staticfiles import StaticFiles
 
 from torchrender import __version__
 from torchrender_service.problems import add_error_handlers
+from torchrender_service.renderers.pool import Pool
 from torchrender_service.settings import Settings
 from torchrender_service.web import routes_pictures, routes_scenes, routes_status, routes_stream, routes_style
 from torchrender_service.web.guard import Guard
-from torchrender_service.web.state import ServiceState
+from torchrender_service.web.state import MakePool, ServiceState
 
 STATIC = Path(__file__).parent.parent / "static"
 
 
-def make_app(settings: Settings) -> FastAPI:
-    """The service with these settings; it starts its renderers when the server starts it."""
-    state = ServiceState(settings)
+def make_app(settings: Settings, make_pool: MakePool = Pool) -> FastAPI:
+    """The service with these settings; it starts its renderers when the server starts it.
+
+    Args:
+        make_pool: who renders; default: processes of this machine.
+    """
+    state = ServiceState(settings, make_pool)
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:

@@ -17,7 +17,7 @@ from torchrender_service.metrics import Metrics
 from torchrender_service.problems import problem_response
 from torchrender_service.settings import LOOPBACK_NAMES, Settings
 
-LOG = logging.getLogger("service.access")
+LOG = logging.getLogger("torchrender_service.web.guard")
 SAFE = ("GET", "HEAD", "OPTIONS")
 _SECURITY = ((b"x-content-type-options", b"nosniff"), (b"referrer-policy", b"no-referrer"))
 

@@ -44,7 +44,7 @@ async def metrics(request: Request) -> Response:
     state = state_of(request)
     gauges = {
         "sessions": len(state.sessions),
-        "streams": len(state.sessions.streams),
+        "streams": len(state.sessions.connections),
         "jobs": state.pool.waiting,
         "scenes": len(state.scenes.names),
     }

@@ -12,7 +12,8 @@ from fastapi import APIRouter, Request, WebSocket
 from torchrender.wire.messages import SUBPROTOCOL, CameraHeader
 from torchrender_service.errors import ServiceError
 from torchrender_service.problems import problem_response
-from torchrender_service.renderers.jobs import Locate
+from torchrender_service.renderers.contract import RendererHandle
+from torchrender_service.renderers.jobs import Locate, View
 from torchrender_service.streams.sessions import Session
 from torchrender_service.streams.stream import Stream
 from torchrender_service.web.guard import check_host, check_origin
@@ -37,30 +38,39 @@ async def make_session(request: Request, body: SessionRequest) -> dict[str, Any]
         detail = f"width x height must be at most {limit}, got {view.width} x {view.height}"
         raise ServiceError(422, "too-many-pixels", detail)
     state.sessions.check_room()
-    source = state.scenes.source(body.scene)
-    facts = await state.scenes.facts(body.scene)
-    renderer = state.pool.choose(state.sessions.renderers)
+    renderer = state.pool.assign()
+    try:
+        session = await _prepared(state, body, view, renderer)
+        ticket = state.sessions.add(session)
+    except BaseException:  # also where the client goes away meanwhile
+        state.pool.release(renderer)
+        raise
+    return {
+        "session": session.id,
+        "ticket": ticket,
+        "expires_s": state.settings.ticket_s,
+        "stream": "/v1/stream",
+        "camera": PinholeCamera.of(session.camera),
+        "scene_diagonal": session.facts["diagonal"],
+        "up": [0.0, 1.0, 0.0],
+    }
+
+
+async def _prepared(state: ServiceState, body: SessionRequest, view: View, renderer: RendererHandle) -> Session:
+    """A session whose renderer knows its scene and first view."""
+    source, facts = state.scenes.source(body.scene), await state.scenes.facts(body.scene)
     found = await state.pool.run(Locate(scene=source, view=view), renderer=renderer)
-    session = Session(
+    return Session(
         id=secrets.token_hex(8),
         scene=source,
         facts=facts,
         camera=msgspec.convert(found["camera"], CameraHeader),
-        layers=body.layers,
+        extra_layers=body.layers,
         overscan=body.overscan,
         bounds=bounds_of(body.budget_ms, body.max_error),
         renderer=renderer,
         expires=time.monotonic() + state.settings.ticket_s,
     )
-    return {
-        "session": session.id,
-        "ticket": state.sessions.add(session),
-        "expires_s": state.settings.ticket_s,
-        "stream": "/v1/stream",
-        "camera": PinholeCamera.of(session.camera),
-        "scene_diagonal": facts["diagonal"],
-        "up": [0.0, 1.0, 0.0],
-    }
 
 
 @router.websocket("/stream")
@@ -74,8 +84,6 @@ async def stream(socket: WebSocket) -> None:
         await socket.send_denial_response(problem_response(error))
         return
     await socket.accept(subprotocol=SUBPROTOCOL)
-    if session.stream is not None:  # the client opened a new connection before the old one was found dead
-        session.stream.end(1008, "the session goes on in another connection")
     await Stream(socket, session, state.around).run()
 
 

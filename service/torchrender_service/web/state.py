@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import logging
+from collections.abc import Callable
 
 from starlette.requests import HTTPConnection
 
 from torchrender_service.errors import ServiceError
 from torchrender_service.metrics import Metrics
+from torchrender_service.renderers.contract import RendererPool
 from torchrender_service.renderers.jobs import Forget
 from torchrender_service.renderers.pool import Pool
 from torchrender_service.scenes.store import SceneStore
@@ -17,17 +19,18 @@ from torchrender_service.streams.sessions import Session, SessionStore
 from torchrender_service.streams.stream import SCENE_GONE, Surroundings
 from torchrender_service.web.kept import KeptContainers
 
-LOG = logging.getLogger("service")
+LOG = logging.getLogger("torchrender_service.web.state")
 EXPIRE_S = 1.0
+MakePool = Callable[[Settings, Metrics], RendererPool]
 
 
 class ServiceState:
     """Settings, renderers, scenes and sessions of one service."""
 
-    def __init__(self, settings: Settings) -> None:
+    def __init__(self, settings: Settings, make_pool: MakePool = Pool) -> None:
         self.settings = settings
         self.metrics = Metrics()
-        self.pool = Pool(settings, self.metrics)
+        self.pool = make_pool(settings, self.metrics)
         self.scenes = SceneStore(settings, self.pool)
         self.kept = KeptContainers(settings.max_kept_bytes)
         self.sessions = SessionStore(settings, self._session_ended)
@@ -52,23 +55,24 @@ class ServiceState:
     async def stop_streams(self) -> None:
         """Say goodbye to all clients and wait until they are told; no new sessions from now on."""
         self.stopping = True
-        for stream in self.sessions.streams:
-            stream.end(1012, "the server is stopping")
+        for connection in self.sessions.connections:
+            connection.end(1012, "the server is stopping")
         for _ in range(40):
-            if not self.sessions.streams:
+            if not self.sessions.connections:
                 break
             await asyncio.sleep(0.05)
 
     def scene_deleted(self, scene: str) -> None:
         """End the sessions that show it."""
         for session in self.sessions.of_scene(scene):
-            if session.stream is not None:
-                session.stream.end(SCENE_GONE, "the scene was deleted")
+            if session.connection is not None:
+                session.connection.end(SCENE_GONE, "the scene was deleted")
             else:
                 self.sessions.end(session)
 
     def _session_ended(self, session: Session) -> None:
         self.pool.forget(Forget(session=session.id))
+        self.pool.release(session.renderer)
 
     async def _expire(self) -> None:
         while True:

@@ -181,7 +181,7 @@ def test_more_clusters_do_not_miss_more() -> None:
     scene = sphere_scene()
     errors = []
     for m in (0.05, 0.25, 1.0):
-        pixels, made = clustered(scene, looking(), m=m, camera_share=0.0)
+        pixels, made = clustered(scene, looking(), bin_factor=m, camera_share=0.0)
         errors.append(float(occlusion_errors(scene, pixels, made.cameras, true_hits(scene, pixels)).float().mean()))
     assert errors[0] >= errors[1] - 0.005 and errors[1] >= errors[2] - 0.005
     assert errors[0] > errors[2]
@@ -189,8 +189,8 @@ def test_more_clusters_do_not_miss_more() -> None:
 
 def test_rays_left_open_can_be_traced() -> None:
     scene, cameras = sphere_scene(), looking()
-    _, plain = clustered(scene, cameras, m=0.05)
-    _, hybrid = clustered(scene, cameras, m=0.05, missing="trace")
+    _, plain = clustered(scene, cameras, bin_factor=0.05)
+    _, hybrid = clustered(scene, cameras, bin_factor=0.05, missing="trace")
     reference = traced(scene, cameras)
     assert 0.1 < float(plain.unknown.mean()) < 0.8
     error = [float((x.layer.color - reference.color).abs().mean()) for x in (plain, hybrid)]
@@ -278,7 +278,13 @@ def test_box_of_neighbours_matches_a_loop() -> None:
 
 
 def test_options_name_what_is_wrong() -> None:
-    for name, value in (("m", 0.0), ("bins", (0, 8)), ("centre", "middle"), ("epsilon", 1.0), ("missing", "guess")):
+    for name, value in (
+        ("bin_factor", 0.0),
+        ("bins", (0, 8)),
+        ("centre", "middle"),
+        ("depth_tolerance", 1.0),
+        ("missing", "guess"),
+    ):
         with pytest.raises(OptionError, match=name):
             ClusterOptions(**{name: value})
     scene = mirror_scene()

@@ -11,7 +11,7 @@ import torch
 
 from shadow_scenes import box, edge_distance, flat_image, floor, on_plane, plane_map, quad
 from torchrender.buffers import ShadowMap
-from torchrender.effects import shadow_map as module
+from torchrender.effects.shadows import shadow_map as module
 from torchrender.effects.shadows.light_cameras import light_cameras
 from torchrender.effects.shadows.shadow_map import (
     FILTERS,
@@ -151,7 +151,9 @@ def test_point_light_in_a_room_has_no_seams():
     inside = Cameras.look_at((0.0, 1.5, 1.9), (0.3, 1.0, -2.0), fov_deg=110.0, **VIEW)
     gbuffer = rasterize(scene, inside)
     for name in ("none", "bilinear", "pcf", "poisson", "pcss"):
-        options = ShadowOptions(size=256, filter=name, n=2, rho_max=8.0, light_width=0.1, bias="receiver_plane")
+        options = ShadowOptions(
+            size=256, filter=name, filter_radius=2, largest_radius=8.0, light_width=0.1, bias="receiver_plane"
+        )
         found = light_visibility(scene, light, gbuffer, options)
         walls = gbuffer.geometric_normal.abs()
         creases = torch.stack([edge_distance(walls[..., axis] > 0.5) for axis in range(3)]).amin(0)
@@ -305,7 +307,7 @@ def penumbra(cast, light, options) -> float:
 
 
 def test_pcss_penumbra_grows_linearly_with_the_distance_of_the_blocker():
-    options = ShadowOptions(filter="pcss", light_width=0.5, taps=128, search_taps=64, rho_max=128.0)
+    options = ShadowOptions(filter="pcss", light_width=0.5, taps=128, search_taps=64, largest_radius=128.0)
     for height in (0.5, 1.0, 2.0):
         light, cast = half_plane(height)
         wanted = 0.5 * height / (4.0 - height)
@@ -322,7 +324,7 @@ def test_pcss_of_a_directional_light_follows_its_angle():
     plate = quad((-6.0, 1.0, 6.0), (6.0, 0, 0), (0, 0, -12.0))
     scene = Scene(meshes=(floor(3.0), plate))
     sun = DirectionalLight(direction=torch.tensor([0.0, -1.0, 0.0]))
-    options = ShadowOptions(filter="pcss", light_angle_deg=12.0, taps=128, search_taps=64, rho_max=128.0)
+    options = ShadowOptions(filter="pcss", light_angle_deg=12.0, taps=128, search_taps=64, largest_radius=128.0)
     wanted = 2 * math.tan(math.radians(6.0)) * 1.0
     assert penumbra(render_shadow_map(scene, sun, options), sun, options) == pytest.approx(wanted, rel=0.25)
 
@@ -335,7 +337,7 @@ def test_pcss_of_a_disc_blocker_agrees_with_light_samples():
     )
     gbuffer = rasterize(scene, flat_image(60, 60))
     reference = traced_visibility(RayCaster(scene.geometry), light, gbuffer, samples=16)
-    soft = ShadowOptions(filter="pcss", taps=64, search_taps=32, rho_max=100.0)
+    soft = ShadowOptions(filter="pcss", taps=64, search_taps=32, largest_radius=100.0)
     counted = gbuffer.covered & (gbuffer.position[..., 1] < 0.5)
     hard = shadow_errors(light_visibility(scene, light, gbuffer, ShadowOptions()), reference, counted)
     found = shadow_errors(light_visibility(scene, light, gbuffer, soft), reference, counted)
@@ -373,9 +375,10 @@ def test_soft_gradients_equal_finite_differences():
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        ("size", 32), ("size", (512, 9000)), ("filter", "box"), ("bias", "auto"), ("b0", 0.1), ("k", 5.0), ("n", 8),
-        ("taps", 3), ("light_width", 0.0), ("rho_max", 0.5), ("outside", "grey"), ("cull", "both"), ("soft", 0.0),
-        ("cascades", 0), ("normal_offset", 4.0), ("b_max", math.nan), ("light_angle_deg", 0.0), ("search_taps", 500),
+        ("size", 32), ("size", (512, 9000)), ("filter", "box"), ("bias", "auto"), ("constant_bias", 0.1),
+        ("slope_bias", 5.0), ("filter_radius", 8), ("taps", 3), ("light_width", 0.0), ("largest_radius", 0.5),
+        ("outside", "grey"), ("cull", "both"), ("soft", 0.0), ("cascades", 0), ("normal_offset", 4.0),
+        ("largest_bias", math.nan), ("light_angle_deg", 0.0), ("search_taps", 500),
     ],
 )  # fmt: skip
 def test_options_name_what_is_wrong(name, value):
@@ -391,12 +394,11 @@ def test_soft_needs_a_small_filter_and_a_slope_bias():
 
 def test_defaults_are_those_of_the_method():
     options = ShadowOptions()
-    assert (options.shape, options.b0, options.k, options.b_max, options.normal_offset) == (
+    assert (options.shape, options.constant_bias, options.slope_bias, options.largest_bias, options.normal_offset) == (
         (1024, 1024), 1e-4, 1.0, 0.02, 0.0,
     )  # fmt: skip
-    assert (options.filter, options.n, options.search_taps, options.taps, options.rho_max, options.bias_mode) == (
-        "bilinear", 1, 16, 32, 32.0, "slope",
-    )  # fmt: skip
+    assert (options.filter, options.filter_radius, options.bias_mode) == ("bilinear", 1, "slope")
+    assert (options.search_taps, options.taps, options.largest_radius) == (16, 32, 32.0)
     assert ShadowOptions(filter="pcss").bias_mode == "receiver_plane"
 
 

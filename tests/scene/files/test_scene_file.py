@@ -10,12 +10,12 @@ from PIL import Image
 
 from gltf_builder import Glb
 from torchrender.errors import SceneFileError
+from torchrender.scene.files.scene_geometry import rotation_xyz
 from torchrender.scene.light import DirectionalLight, PointLight, RectLight, SpotLight
 from torchrender.scene.load import load
 from torchrender.scene.mesh import Mesh
 from torchrender.scene.model import Scene
 from torchrender.scene.place import place_cameras, place_light, place_medium, similarity_scale
-from torchrender.scene.scene_geometry import rotation_xyz
 
 
 def scene_of(folder: Path, text: str) -> Scene:

@@ -16,9 +16,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchrender.arrays import view
 from torchrender.effects.reflections.pixel_clusters import PixelClusters, split
 from torchrender.effects.reflections.reflectors import ReflectivePixels
-from torchrender.kernels.compile import view
 from torchrender.kernels.reflections import cluster_fit
 
 AIMS = ("rays", "normal")

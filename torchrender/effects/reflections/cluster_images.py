@@ -13,10 +13,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchrender.arrays import view
 from torchrender.buffers import RayHits, VisibilityBuffer
 from torchrender.effects.reflections.cluster_cameras import ClusterCameras
 from torchrender.effects.reflections.reflectors import START, ReflectedRays, ReflectivePixels
-from torchrender.kernels.compile import view
 from torchrender.kernels.rays.depth_march import BLOCK, CLEAR, GROUP, HIT, march_rays, nearest_depths
 from torchrender.raster import FragmentTests, rasterize_visibility
 from torchrender.scene.camera import Cameras

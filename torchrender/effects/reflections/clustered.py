@@ -58,13 +58,13 @@ class ClusterOptions:
 
     bins: tuple[int, int] = (13, 8)  # of azimuth and polar angle, for a reflector that fills the view by itself
     scale_rule: str = "sqrt_share"  # how a reflector's share of the view scales its bins
-    m: float = 1.0  # factor on the number of bins: fewer clusters are faster and miss more
+    bin_factor: float = 1.0  # factor m on the number of bins: fewer clusters are faster and miss more
     plane_share: float = 5e-4  # planes with this share of a picture are clusters of their own; inf: bins alone
     camera_share: float = 2e-4  # curved clusters with a smaller share of a picture join another one; 0: bins alone
     centre: str = "best"  # of projection: "thesis", "least_squares", or for each cluster the better one
     aim: str = "rays"  # view axis of curved clusters: mean direction of the "rays", or "normal" of the fitting plane
     image_scale: float = 1.0  # sides of the depth images of curved clusters
-    epsilon: float = 1e-4  # share of the depth that a ray must be behind the image
+    depth_tolerance: float = 1e-4  # share epsilon of the depth that a ray must be behind the image
     glossy_rays: int = 8  # per glossy pixel; mirrors take one
     fade: bool = False  # glossy reflections give way to the pixel's own colour with distance, as published
     min_cluster_pixels: int = 1  # smaller clusters take what ``missing`` says
@@ -87,9 +87,9 @@ class ClusterOptions:
         check_choice("self_reflection", self.self_reflection, ("mirror", "diffuse"))
         check_range("plane_share", self.plane_share, 0.0)
         check_range("camera_share", self.camera_share, 0.0, 1.0)
-        check_range("m", self.m, 0.01, 16.0)
+        check_range("bin_factor", self.bin_factor, 0.01, 16.0)
         check_range("image_scale", self.image_scale, 0.1, 4.0)
-        check_range("epsilon", self.epsilon, 0.0, 1e-2)
+        check_range("depth_tolerance", self.depth_tolerance, 0.0, 1e-2)
         check_range("glossy_rays", self.glossy_rays, 1, 1024)
         check_range("min_cluster_pixels", self.min_cluster_pixels, 1, 1 << 20)
 
@@ -135,7 +135,7 @@ def clustered_reflections(
             scene.diagonal,
             bins=options.bins,
             rule=options.scale_rule,
-            m=options.m,
+            m=options.bin_factor,
             plane_share=options.plane_share,
             camera_share=options.camera_share,
         )
@@ -221,7 +221,7 @@ def _march(
     reach = _far_plane(piece.gloss, scene.diagonal, options).repeat_interleave(count)
     climb = (rays.direction * piece.geometric_normal.repeat_interleave(count, 0)).sum(-1)
     ends = torch.where(climb > 0, reach / climb.clamp_min(1e-9), scene.diagonal).clamp_max(scene.diagonal)
-    return march_image(scene.geometry, seen, rays, (START * scene.diagonal, ends), options.epsilon)
+    return march_image(scene.geometry, seen, rays, (START * scene.diagonal, ends), options.depth_tolerance)
 
 
 def _far_plane(gloss: Tensor, diagonal: float, options: ClusterOptions) -> Tensor:

@@ -11,11 +11,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchrender.arrays import view
 from torchrender.buffers import DepthImages, GBuffer, ReflectionLayer, ReflectionState
 from torchrender.checks import check_tensor
 from torchrender.effects.reflections.reuse_options import ReuseOptions
 from torchrender.errors import InputError
-from torchrender.kernels.compile import view
 from torchrender.kernels.reflections import match as kernels
 from torchrender.kernels.reflections.shift import FAINT
 from torchrender.reconstruct.corners import ReconstructOptions

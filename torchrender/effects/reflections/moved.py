@@ -11,11 +11,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchrender.arrays import view
 from torchrender.checks import check_tensor
 from torchrender.effects.reflections.key_frame import ReflectionKeyFrame, ReflectionMatches
 from torchrender.effects.reflections.reflectors import ReflectivePixels
 from torchrender.effects.reflections.reuse_options import ReuseOptions
-from torchrender.kernels.compile import view
 from torchrender.kernels.reflections.gather import gather
 from torchrender.kernels.reflections.shift import SURE, draw_moved, resolve_moved
 from torchrender.scene.camera import Cameras

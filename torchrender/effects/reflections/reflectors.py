@@ -77,11 +77,10 @@ class RayShader(Protocol):
 
 def reflective(scene: Scene, gbuffer: GBuffer) -> Tensor:
     """(B,H,W) bool: a reflector is seen there, and has a normal."""
-    table = torch.tensor([m.is_reflector for m in scene.materials] + [False])
-    if not bool(table.any()):
+    is_reflector = scene.material_table.is_reflector
+    if not bool(is_reflector.any()):
         return torch.zeros(gbuffer.material.shape, dtype=torch.bool)
-    seen = table[gbuffer.material]  # the last entry stands for -1, empty
-    return seen & (gbuffer.normal.square().sum(-1) > 0.25)
+    return is_reflector[gbuffer.material] & (gbuffer.normal.square().sum(-1) > 0.25)
 
 
 def reflective_pixels(scene: Scene, gbuffer: GBuffer, mask: Tensor | None = None) -> ReflectivePixels:
@@ -108,7 +107,6 @@ def reflective_pixels(scene: Scene, gbuffer: GBuffer, mask: Tensor | None = None
         length = offset.norm(dim=-1)
         view = offset / length.clamp_min(1e-300)[:, None]
         angle = size[camera] * depth / length.clamp_min(1e-300)
-    gloss = torch.tensor([m.gloss for m in scene.materials], dtype=torch.float64)
     return ReflectivePixels(
         shape=(gbuffer.material.shape[0], gbuffer.material.shape[1], gbuffer.material.shape[2]),
         cameras=cameras,
@@ -118,7 +116,7 @@ def reflective_pixels(scene: Scene, gbuffer: GBuffer, mask: Tensor | None = None
         geometric_normal=flat,
         view=view,
         direction=_mirrored(view, normal, flat),
-        gloss=gloss[gbuffer.material.reshape(-1)[pixel]],
+        gloss=scene.material_table.gloss[gbuffer.material.reshape(-1)[pixel]],
         object_id=gbuffer.object_id.reshape(-1)[pixel],
         depth=depth,
         length=length,
@@ -203,15 +201,13 @@ def blend_colors(scene: Scene, material: Tensor, cosine: Tensor, direct: Tensor,
 
 def _share(scene: Scene, material: Tensor, cosine: Tensor) -> tuple[Tensor, Tensor]:
     """Share (N,) of mirrored light and its tint (N,3)."""
-    degree = torch.tensor([m.specular if m.is_reflector else 0.0 for m in scene.materials])
-    tint = torch.stack([m.specular_color for m in scene.materials])
-    return schlick(degree[material], cosine), tint[material]
+    table = scene.material_table
+    return schlick(table.mirrored[material], cosine), table.tint[material]
 
 
 def mirrored_share(scene: Scene, gbuffer: GBuffer, pixels: ReflectivePixels) -> Tensor:
     """(N,) largest share, over the three colours, of what a pixel mirrors in its blended colour."""
     material = gbuffer.material.reshape(-1)[pixels.pixel]
     cosine = (pixels.normal * pixels.direction).sum(-1).abs().float()
-    degree = torch.tensor([m.specular if m.is_reflector else 0.0 for m in scene.materials])
-    tint = torch.stack([m.specular_color.amax() for m in scene.materials]).clamp_min(0.0)
-    return schlick(degree[material], cosine) * tint[material]
+    table = scene.material_table
+    return schlick(table.mirrored[material], cosine) * table.tint.amax(dim=1).clamp_min(0.0)[material]

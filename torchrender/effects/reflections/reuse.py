@@ -95,7 +95,8 @@ def reuse_reflections(
     if gbuffer.cameras.orthographic:
         raise InputError("reflections are reused between perspective cameras only")
     if state is None or state.renew or len(state.key.cameras) != len(gbuffer.cameras):
-        return _key_frame(pixels, gbuffer, trace, options, weight)
+        layer = trace(pixels)
+        return ReusedReflections(layer, *begin_reuse(pixels, gbuffer, layer, options, weight))
     clock = StepClock()
     with clock.measure("match"):
         matches = match_reflections(state.key, gbuffer.cameras.eye, state.start, options)
@@ -130,20 +131,23 @@ def reuse_reflections(
     return ReusedReflections(layer, ReuseState(state.key, _start(state, matches), renew), report)
 
 
-def _key_frame(
-    pixels: ReflectivePixels, gbuffer: GBuffer, trace: Trace, options: ReuseOptions, weight: Tensor | None
-) -> ReusedReflections:
+def begin_reuse(
+    pixels: ReflectivePixels,
+    gbuffer: GBuffer,
+    layer: ReflectionLayer,
+    options: ReuseOptions | None = None,
+    weight: Tensor | None = None,
+) -> tuple[ReuseState, ReuseReport]:
+    """The state after a key frame, whose reflections ``layer`` are all known; other arguments and errors as above."""
     clock = StepClock()
-    with clock.measure("trace"):
-        layer = trace(pixels)
     with clock.measure("key frame"):
         shares = None
         if weight is not None:
             shares = torch.zeros(gbuffer.depth.numel()).index_copy(0, pixels.pixel, weight.float())
             shares = shares.reshape(gbuffer.depth.shape)
-        key = make_key_frame(gbuffer, layer, options, shares)
+        key = make_key_frame(gbuffer, layer, options or ReuseOptions(), shares)
     report = ReuseReport(key_frame=True, reflective=len(pixels), traced=len(pixels), times_ms=clock.elapsed_ms)
-    return ReusedReflections(layer, ReuseState(key), report)
+    return ReuseState(key), report
 
 
 def _start(state: ReuseState, matches: ReflectionMatches) -> Tensor:

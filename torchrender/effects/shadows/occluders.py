@@ -45,7 +45,7 @@ class OccluderOptions:
     layers: int = 4  # of depth peeling, all seen from the light's centre
     redundancy: str = "pixel"  # or "visibility": by rays, at many times the cost
     pixel_test: str | None = None  # of redundancy "pixel"; None: "identity" for triangles, else "captured"
-    rho: float = 1.01  # guessed corners: spikes of edge-on surfaces would cast shadows of their own
+    guess_ratio: float = 1.01  # rho of guessed corners: spikes of edge-on surfaces would cast shadows of their own
 
     def __post_init__(self) -> None:
         check_choice("method", self.method, METHODS)
@@ -105,7 +105,10 @@ def rebuild(scene: Scene, images: DepthImages, options: OccluderOptions) -> Reco
     """A mesh of every image."""
     if options.mesh == "hybrid":
         return reconstruct_hybrid(
-            images, sample_offset_images(scene, images), ReconstructOptions(rho=options.rho), colors=False
+            images,
+            sample_offset_images(scene, images),
+            ReconstructOptions(guess_ratio=options.guess_ratio),
+            colors=False,
         )
     makers: dict[str, Callable[..., Reconstruction]] = {"grid": reconstruct_grid, "splat": reconstruct_splat}
     return makers[options.mesh](images, colors=False)

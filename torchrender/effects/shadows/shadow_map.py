@@ -15,11 +15,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchrender.buffers import GBuffer, ShadowMap
+from torchrender.arrays import view as numpy_view
+from torchrender.buffers import GBuffer, RaySurface, ShadowMap
 from torchrender.checks import check_choice, check_range, check_tensor
 from torchrender.effects.shadows.light_cameras import cascade_cameras, choose_views, light_cameras, light_view
 from torchrender.errors import InputError, OptionError
-from torchrender.kernels.compile import view as numpy_view
 from torchrender.kernels.shadows.shadow_lookup import AVERAGE_DEPTH, DISC, NEAREST_TEXEL, PCSS, WINDOW, shadow_lookup
 from torchrender.kernels.shadows.shadow_receiver import CONSTANT, RECEIVER_PLANE, SLOPE, LookupSettings
 from torchrender.numerics.shadow_compare import depth_bias, disc_points, project_with_slope, soft_window
@@ -44,11 +44,11 @@ FILTERS = {
 class ShadowOptions:
     """How shadow maps are drawn and looked up. Lengths marked as shares are shares of the map's far - near.
 
-    ``filter``: "none", "bilinear", "pcf" ((2n+1)^2 bilinear taps), "poisson" (a disc of n + 1/2 texels, turned per
-    pixel), "pcss" (penumbrae from the size of the light), or "average_depth": the mistake of averaging depths before
-    comparing, kept for comparison only. ``bias``: "slope", "receiver_plane", "constant"; None takes "slope" for
-    filters that reach at most 1.5 texels; wider ones would need a slope bias that lifts contact shadows, and take the
-    receiver plane (with ``soft``: always "slope").
+    ``filter``: "none", "bilinear", "pcf" ((2n+1)^2 bilinear taps, n = ``filter_radius``), "poisson" (a disc of
+    n + 1/2 texels, turned per pixel), "pcss" (penumbrae from the size of the light), or "average_depth": the mistake of
+    averaging depths before comparing, kept for comparison only. ``bias``: "slope", "receiver_plane", "constant"; None
+    takes "slope" for filters that reach at most 1.5 texels; wider ones would need a slope bias that lifts contact
+    shadows, and take the receiver plane (with ``soft``: always "slope").
 
     Raises:
         OptionError: a value outside its range, or a combination that does not exist; names the option.
@@ -56,17 +56,17 @@ class ShadowOptions:
 
     size: int | tuple[int, int] = 1024  # texels of a side, or (height, width)
     bias: str | None = None
-    b0: float = 1e-4  # share; constant part of the bias
-    k: float = 1.0  # factor of the slope; 1 is a rigorous bound for planes
-    b_max: float = 0.02  # share; largest bias: where slopes ask for more, the receiver plane takes over
+    constant_bias: float = 1e-4  # share; constant part of the bias, b0
+    slope_bias: float = 1.0  # factor k of the slope; 1 is a rigorous bound for planes
+    largest_bias: float = 0.02  # share; largest bias, b_max: where slopes ask for more, the receiver plane takes over
     normal_offset: float = 0.0  # texels that points move along their normal at grazing light
     filter: str = "bilinear"
-    n: int = 1  # radius of "pcf" in texels
+    filter_radius: int = 1  # radius n of "pcf" and "poisson" in texels
     search_taps: int = 16  # "pcss": blocker search
     taps: int = 32  # "poisson", "pcss"
     light_width: float | None = None  # "pcss", scene units; None: the rectangle's side, else 0.1 scene radius
     light_angle_deg: float = 0.53  # "pcss": angular diameter of a directional light; the sun's
-    rho_max: float = 32.0  # "pcss": largest radius in texels
+    largest_radius: float = 32.0  # "pcss": largest radius rho_max of a penumbra in texels
     outside: str = "lit"  # what lies outside the map: "lit" or "shadow"
     cull: str = "none"  # faces left out of the map: "none", "back", "front" (less acne on closed, thick bodies)
     soft: float | None = None  # share; width tau of a comparison with gradients, sigmoid(b / tau) on lit surfaces
@@ -81,8 +81,9 @@ class ShadowOptions:
         check_choice("filter", self.filter, tuple(FILTERS))
         check_choice("outside", self.outside, ("lit", "shadow"))
         check_choice("cull", self.cull, ("none", "back", "front"))
-        limits = {"b0": (0.0, 0.01), "k": (0.0, 4.0), "b_max": (0.0, 1.0), "normal_offset": (0.0, 3.0), "n": (0, 7)}
-        limits |= {"search_taps": (4, 128), "taps": (4, 128), "rho_max": (1.0, 128.0), "cascades": (1, 8)}
+        limits = {"constant_bias": (0.0, 0.01), "slope_bias": (0.0, 4.0), "largest_bias": (0.0, 1.0)}
+        limits |= {"normal_offset": (0.0, 3.0), "filter_radius": (0, 7), "largest_radius": (1.0, 128.0)}
+        limits |= {"search_taps": (4, 128), "taps": (4, 128), "cascades": (1, 8)}
         for name, (low, high) in limits.items():
             check_range(name, getattr(self, name), low, high)
         check_range("light_angle_deg", self.light_angle_deg, 1e-3, 90.0)
@@ -108,12 +109,12 @@ class ShadowOptions:
     @property
     def window(self) -> int:
         """Radius in texels of the window of bilinear taps."""
-        return self.n if self.filter == "pcf" else 0
+        return self.filter_radius if self.filter == "pcf" else 0
 
     @property
     def reach(self) -> float:
         """Texels beyond its own that a lookup may touch."""
-        widest = {"none": 0.0, "poisson": self.n + 0.5, "pcss": self.rho_max}
+        widest = {"none": 0.0, "poisson": self.filter_radius + 0.5, "pcss": self.largest_radius}
         return widest.get(self.filter, self.window + 0.5)
 
 
@@ -196,18 +197,18 @@ def options_for(light: Light, scene: Scene, options: ShadowOptions | None = None
 def light_visibility(
     scene: Scene,
     light: Light,
-    gbuffer: GBuffer,
+    gbuffer: GBuffer | RaySurface,
     options: ShadowOptions | None = None,
     shadow_map: ShadowMap | None = None,
 ) -> Tensor:
-    """Shadow factor (B,H,W) of one light at a G-buffer's points; empty pixels are 1.
+    """Shadow factor (B,H,W) of one light at a G-buffer's points, or at those of an image of ray hits; empty ones are 1.
 
     A rectangle is seen from its centre: its shadows are hard, or with filter "pcss" as wide as a square of its area
     makes them. Pass the map of an earlier call while scene and light stand still.
     """
     options = options_for(light, scene, options)
     if shadow_map is None:
-        view = gbuffer.cameras if options.cascades > 1 else None
+        view = gbuffer.cameras if options.cascades > 1 and isinstance(gbuffer, GBuffer) else None
         shadow_map = render_shadow_map(scene, light, options, camera=view)
     return shadow_factor(gbuffer.position, gbuffer.geometric_normal, light, shadow_map, options)
 
@@ -272,15 +273,15 @@ def _settings(light: Light, part: ShadowMap, options: ShadowOptions, *, exact: b
         bias=BIASES[options.bias_mode],
         filter=FILTERS[options.filter],
         n=options.window,
-        radius=options.n + 0.5,
+        radius=options.filter_radius + 0.5,
         reach=float(options.reach) + 0.5,
-        b0=float(options.b0),
-        k=float(options.k),
-        b_max=float(options.b_max),
+        b0=float(options.constant_bias),
+        k=float(options.slope_bias),
+        b_max=float(options.largest_bias),
         k_n=float(options.normal_offset),
         outside=1.0 if options.outside == "lit" else 0.0,
         light_size=size,
-        rho_max=float(options.rho_max),
+        rho_max=float(options.largest_radius),
         search_near=near,
         search_taps=options.search_taps,
         exact=exact,
@@ -314,9 +315,9 @@ def _look_up_soft(points: Tensor, normals: Tensor, light: Light, part: ShadowMap
         view = light_view(cameras, index)
         at = project_with_slope(points[rows], normals[rows], view)
         span = view.far - view.near
-        k = options.k if options.bias_mode == "slope" else 0.0
+        slope = options.slope_bias if options.bias_mode == "slope" else 0.0
         reach = 0.0 if options.filter == "none" else options.window + 0.5
-        bias = depth_bias(at, span, (options.b0, k, options.b_max), reach)
+        bias = depth_bias(at, span, (options.constant_bias, slope, options.largest_bias), reach)
         window = None if options.filter == "none" else options.window
         clamped = None if len(cameras) > 1 and not cameras.orthographic else outside
         factor = soft_window(part.depth[index], at, bias, tau * span, window, clamped, cameras.orthographic)

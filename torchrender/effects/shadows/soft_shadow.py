@@ -24,12 +24,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchrender.arrays import view as numpy_view
 from torchrender.buffers import GBuffer
 from torchrender.checks import check_choice, check_range
 from torchrender.effects.shadows.light_samples import LightGrid, light_grid
 from torchrender.errors import InputError, OptionError
 from torchrender.kernels.compile import thread_count
-from torchrender.kernels.compile import view as numpy_view
 from torchrender.kernels.rays.bvh_build import Bvh, build_bvh
 from torchrender.kernels.shadows.soft_shadow import LightViews, light_bits, look_up
 from torchrender.raster import rasterize_depth

@@ -10,10 +10,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchrender.arrays import view
 from torchrender.buffers import VisibilityBuffer
 from torchrender.checks import check_tensor
 from torchrender.errors import InputError
-from torchrender.kernels.compile import view
 from torchrender.kernels.warp.joint_upsampling import spread_colors
 
 SAME_SURFACE = 0.04

@@ -17,19 +17,16 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchrender.clock import StepClock
 from torchrender.image import Image
 from torchrender.images.files import write_atomically
 from torchrender.passes.table import PASSES
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
-from torchrender.planning.curves import load_curves
-from torchrender.planning.knowledge import Knowledge
 from torchrender.planning.search import HEADROOM
 from torchrender.quality.machine import machine_record
 from torchrender.quality.metrics import coverage, flip
 from torchrender.quality.pages import text_writer
-from torchrender.renderer import Run, render
+from torchrender.renderer import render
 from torchrender.report.budget.page import page, plot
 from torchrender.scene.camera import Cameras
 from torchrender.scene.camera_path import built_in_path, walks_of
@@ -37,6 +34,7 @@ from torchrender.scene.load import load
 from torchrender.scene.model import Scene
 from torchrender.scene.procedural import SCENES
 from torchrender.tuning.calibrate import at_step
+from torchrender.tuning.measure import turned_off
 
 BUDGETS_MS = (50, 100, 200, 500)
 TOLERANCE = 1.1
@@ -74,11 +72,11 @@ def paths(study: StudyOptions) -> Iterator[tuple[str, Scene, Cameras]]:
 
 def exact_options() -> RenderOptions:
     """Every pass at its reference."""
-    options = RenderOptions(reuse=None)
+    options = RenderOptions()
     for step in PASSES:
-        if not step.knob.context.changes:
-            options = step.knob.reference.applied(options)
-    return replace(options, reuse=None)
+        if not step.settings.context.changes:
+            options = step.settings.reference.applied(options)
+    return turned_off(options)
 
 
 def budgets(study: StudyOptions) -> list[dict[str, Any]]:
@@ -174,12 +172,8 @@ def deleted_passes(study: StudyOptions) -> list[dict[str, Any]]:
         for number in range(2 * study.repeats):
             whole = number % 2 == 0
             steps = PASSES if whole else tuple(s for s in PASSES if s.name in ran)
-            past = RenderHistory(scene=scene, wanted=False)
-            known = Knowledge(scene=scene, cameras=camera, past=past, curves=load_curves(), passes=steps)
-            clock = StepClock()
-            with clock.measure("total"):
-                Run(known, RenderOptions(), (None, None), clock).image()
-            times[whole].append(clock.elapsed_ms["total"])
+            image = render(scene, camera, passes=steps)
+            times[whole].append(image.timings_ms["total"])
         whole_ms, few_ms = statistics.median(times[True]), statistics.median(times[False])
         found.append({"scene": name, "all_ms": whole_ms, "few_ms": few_ms, "ratio": whole_ms / few_ms})
     return found

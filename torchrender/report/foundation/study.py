@@ -173,7 +173,7 @@ def _time(geometry: Geometry, camera: Cameras, runs: int) -> Timing:
 def start_up(quick: bool) -> dict[str, float]:
     """Seconds of a whole ``torchrender render`` process: with kernels cached, and with an empty cache."""
     with tempfile.TemporaryDirectory() as folder:
-        command = [sys.executable, "-m", "torchrender.cli.main", "render", "cornell_box", "-o", f"{folder}/p.png"]
+        command = [sys.executable, "-m", "torchrender.cli", "render", "cornell_box", "-o", f"{folder}/p.png"]
         seconds = {"cached": min(_process(command) for _ in range(1 if quick else 4))}
         if not quick:
             seconds["very_first"] = _process(command, NUMBA_CACHE_DIR=f"{folder}/cache")

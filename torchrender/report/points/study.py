@@ -183,7 +183,7 @@ def errors(drawn: PointImage, full: PointImage, truth: tuple[Tensor, Tensor] | N
 
 def aliasing() -> tuple[dict[str, Any], list[Tensor]]:
     """A checkered ground to the horizon, against 16 x 16 rays a pixel: the whole, and its minified part."""
-    patches = build_patches(ground(), PatchOptions(n_max=256))
+    patches = build_patches(ground(), PatchOptions(max_points=256))
     camera = Cameras.look_at([0.0, 1.5, 0.0], [0.0, 0.0, -8.0], width=128, height=128, fov_deg=50, near=0.1)
     value, share, distance = ground_reference(camera, 16)
     whole = share > 0.999
@@ -285,7 +285,7 @@ def one_pixel(study: StudyOptions) -> dict[str, Any]:
         normal=torch.tensor([0.0, 0.0, 1.0]).expand(count, 3),
         radius=torch.full((count,), 1e-6),
     )
-    patches = build_patches(cloud, PatchOptions(n_max=65536))
+    patches = build_patches(cloud, PatchOptions(max_points=65536))
     camera = Cameras.look_at([0.0, 0.0, 3.0], [0.0, 0.0, 0.0], width=study.size, height=study.size)
     out: dict[str, Any] = {"points": count}
     for name, selection in (("levels", SelectionOptions()), ("deepest", DEEPEST)):

@@ -140,7 +140,7 @@ def _sweeps(record: dict[str, Any]) -> list[str]:
         "",
         "Living room, bins scaled by m. More clusters cost more and miss less.",
         "",
-        *table(["m", *head], [_row(str(r["m"]), r) for r in record["clusters"]]),
+        *table(["factor m on bins", *head], [_row(str(r["bin_factor"]), r) for r in record["clusters"]]),
         "## Size of the depth images (table 17; published: 15, 15, 14 frames a second)",
         "",
         *table(["scale per side", *head], [_row(str(r["scale"]), r) for r in record["scale"]]),

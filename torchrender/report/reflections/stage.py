@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchrender.arrays import view
 from torchrender.buffers import GBuffer, RayHits, ReflectionLayer
 from torchrender.effects.reflections.clustered import ClusteredReflections, ClusterOptions, clustered_reflections
 from torchrender.effects.reflections.reflectors import (
@@ -23,11 +24,13 @@ from torchrender.effects.reflections.reflectors import (
 )
 from torchrender.effects.reflections.traced import TraceOptions, environment_reflections, trace_reflections
 from torchrender.effects.shadows.shadow_map import ShadowOptions, lights_visibility, render_shadow_map
-from torchrender.kernels.compile import thread_count, view
+from torchrender.kernels.compile import thread_count
 from torchrender.numerics.color import srgb_from_linear
 from torchrender.pipeline.hit_shader import HitShader
+from torchrender.pipeline.options import RenderOptions
 from torchrender.raster import rasterize
 from torchrender.rays import RayCaster
+from torchrender.renderer import hit_shader
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
 from torchrender.shade import shade
@@ -51,7 +54,7 @@ class Stage:
         shadow = ShadowOptions()
         maps = [render_shadow_map(scene, light, shadow) for light in scene.lights]
         direct = shade(scene, gbuffer, lights_visibility(scene, gbuffer, shadow, maps))
-        shader = HitShader(scene, shadow, maps)
+        shader = hit_shader(scene, RenderOptions(shadow=shadow), maps)
         shader.environment(torch.tensor([[0.0, 1.0, 0.0]]))  # the cube map is drawn once, outside all times
         return cls(scene, gbuffer, direct, shader, reflective_pixels(scene, gbuffer), supersample)
 

@@ -155,7 +155,7 @@ def times(stage: Stage, runs: int) -> dict[str, Any]:
 
 def sweep(stage: Stage, m: float, study: StudyOptions) -> dict[str, Any]:
     """Table 15: cluster count against time and errors."""
-    return _measured(stage, ClusterOptions(m=m, camera_share=0.0), study) | {"m": m}
+    return _measured(stage, ClusterOptions(bin_factor=m, camera_share=0.0), study) | {"bin_factor": m}
 
 
 def image_scale(stage: Stage, scale: float, study: StudyOptions) -> dict[str, Any]:

@@ -40,7 +40,7 @@ from torchrender.pipeline.options import RenderOptions
 from torchrender.quality.machine import machine_record
 from torchrender.raster import rasterize
 from torchrender.rays import RayCaster
-from torchrender.renderer import render
+from torchrender.renderer import hit_shader, render
 from torchrender.report.reflections.baselines import BaselineReflections, depth_reprojection, mirror_motion_vectors
 from torchrender.report.reuse.page import write_page
 from torchrender.scene.camera import Cameras
@@ -90,7 +90,7 @@ class Stage:
         near = 1e-3 * scene.diagonal
         cameras = built_in_path(scene, walk).cameras(study.walk_frames, width=study.size, height=study.size, near=near)
         first = max(0, (study.walk_frames - study.frames) // 2)
-        shader = HitShader(scene, shadows, maps)
+        shader = hit_shader(scene, RenderOptions(shadow=shadows), maps)
         return cls(scene, cameras[first : first + study.frames], RayCaster(scene.geometry), shader, shadows, maps)
 
     def trace(self, pixels: ReflectivePixels) -> ReflectionLayer:

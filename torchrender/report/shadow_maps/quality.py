@@ -90,12 +90,14 @@ def contact_displacement(gbuffer: GBuffer, light: Light, shadow_map: ShadowMap, 
     to_light = torch.nn.functional.normalize(vectors_to(light, points), dim=-1, eps=1e-30)
     cosine = (to_light * normals).sum(-1)
     sine = (1.0 - cosine.square()).clamp_min(0.0).sqrt()
-    k = options.k if options.bias_mode == "slope" else 0.0
+    slope = options.slope_bias if options.bias_mode == "slope" else 0.0
     moved = torch.zeros(len(points), dtype=torch.float64)
     for index in range(len(shadow_map.cameras)):
         rows, view = chosen == index, light_view(shadow_map.cameras, index)
         at = project_with_slope(points[rows], normals[rows], view)
-        bias, _ = depth_bias(at, view.far - view.near, (options.b0, k, options.b_max), options.reach)
+        bias, _ = depth_bias(
+            at, view.far - view.near, (options.constant_bias, slope, options.largest_bias), options.reach
+        )
         moved[rows] = bias * sine[rows]
     image = torch.zeros(gbuffer.triangle.shape)
     image[covered] = torch.where(cosine > 0, moved, 0.0).float()

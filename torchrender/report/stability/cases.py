@@ -16,10 +16,12 @@ from torch import Tensor
 
 from torchrender.buffers import GBuffer
 from torchrender.effects.reflections.reflectors import ReflectivePixels, reflective_pixels
-from torchrender.effects.shadows.shadow_map import ShadowOptions
+from torchrender.passes.hard import SMALL_SHADOW
 from torchrender.pipeline.hit_shader import HitShader
+from torchrender.pipeline.options import RenderOptions
 from torchrender.raster import rasterize
 from torchrender.rays import RayCaster
+from torchrender.renderer import hit_shader
 from torchrender.report.stability import scenes as make
 from torchrender.scene.camera import Cameras
 from torchrender.scene.light import DirectionalLight, PointLight, RectLight
@@ -28,12 +30,11 @@ from torchrender.shade import NEAREST_LIGHT
 
 BASE = "studio"
 TINY, HUGE = 2.0**-20, 2.0**20  # about a millionth and a million; powers of two scale without rounding
-SHADOW = ShadowOptions(size=128, search_taps=8, taps=8)
 FAR = (786432.0, -655360.0, 917504.0)  # float32 steps there are 1/16
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Subject:
+class Case:
     """A scene and its cameras, with what several effects take from them, made on first use."""
 
     scene: Scene
@@ -58,7 +59,7 @@ class Subject:
     @cached_property
     def shader(self) -> HitShader:
         """Colours of what rays hit."""
-        return HitShader(self.scene, SHADOW)
+        return hit_shader(self.scene, RenderOptions(shadow=SMALL_SHADOW))
 
     @property
     def area_lights(self) -> list[RectLight]:
@@ -82,11 +83,11 @@ class Subject:
             most = max(most, float(material.emission.max()) + sent + lobe * arriving / (2.0 * math.pi))
         return 1.001 * (most + surrounding)
 
-    def single(self, number: int) -> Subject:
-        """With one of the cameras alone."""
-        return replace(self, cameras=self.cameras[number])
+    def with_cameras(self, cameras: Cameras) -> Case:
+        """The same scene, seen by others."""
+        return replace(self, cameras=cameras)
 
-    def stored(self, dtype: torch.dtype, *, rounded: bool) -> Subject:
+    def stored(self, dtype: torch.dtype, *, rounded: bool) -> Case:
         """With vertices of this type; ``rounded``: after they went through float32."""
 
         def vertices(value: Tensor) -> Tensor:
@@ -119,12 +120,12 @@ class HardCase:
     turned: bool = False  # the axes of the world are other ones than the twin's
     about: str = "scene"  # where it differs from the first case: "scene", only "view", or only "light"
 
-    def subject(self) -> Subject:
+    def subject(self) -> Case:
         """Built anew at each call."""
         scene, cameras = self.scene(), self.views()
         if self.matrix is not None:
             scene, cameras = make.placed(scene, cameras, self.matrix())
-        return Subject(scene=scene, cameras=cameras, unit=self.unit)
+        return Case(scene=scene, cameras=cameras, unit=self.unit)
 
 
 def _point(*position: float) -> PointLight:

@@ -13,14 +13,13 @@ from torchrender.buffers import DepthImages
 from torchrender.depth.options import SamplingOptions
 from torchrender.depth.sample import sample_depth_images
 from torchrender.errors import InputError
+from torchrender.passes.hard import SHAPE, VIEW, HardEffect, Law, Outputs, Subject, difference, mean_over
 from torchrender.points.cloud import PointCloud
 from torchrender.points.draw import render_points
 from torchrender.points.load import sample_points
 from torchrender.points.options import SplatOptions
 from torchrender.raster import rasterize
 from torchrender.reconstruct.reproject import METHODS, reproject
-from torchrender.report.stability.cases import Subject
-from torchrender.report.stability.effect import SHAPE, VIEW, HardEffect, Law, Outputs, difference, mean_over
 from torchrender.voxels.attributes import voxelize_scene
 from torchrender.voxels.grid import VoxelGrid, make_grid
 from torchrender.voxels.solid import SolidOptions, voxelize_solid
@@ -105,9 +104,9 @@ def _own_view(subject: Subject, _: Outputs) -> float:
 
 
 REPROJECTION = HardEffect(
-    name="reprojection",
+    name="reconstruct.reproject",
     about=VIEW,
-    modules=("reprojection",),
+    modules=("reconstruct.reproject",),
     run=_between,
     bounds=lambda _: {
         f"{method}: {part}": limits
@@ -145,7 +144,7 @@ def _surface(subject: Subject) -> Outputs:
 SURFACE_VOXELS = HardEffect(
     name="surface_voxels",
     about=SHAPE,
-    modules=("geometry.voxelize",),
+    modules=("voxels.surface",),
     run=_surface,
     bounds=lambda _: {},
     law=Law(
@@ -176,7 +175,7 @@ def _any_order(subject: Subject, outputs: Outputs) -> float:
 SOLID_VOXELS = HardEffect(
     name="solid_voxels",
     about=SHAPE,
-    modules=("geometry.voxel_solid",),
+    modules=("voxels.solid",),
     run=_solid,
     bounds=lambda _: {},
     law=Law(
@@ -206,7 +205,7 @@ def _other_way_round(subject: Subject, outputs: Outputs) -> float:
 VOXEL_VOLUME = HardEffect(
     name="voxel_volume",
     about=VIEW,
-    modules=("effects.voxel_volume", "geometry.voxel_attributes"),
+    modules=("voxels.volume", "voxels.attributes"),
     run=_volume,
     bounds=lambda _: {"color": (0.0, 1.0 + 1e-4), "coverage": (0.0, 1.0)},
     law=Law(
@@ -252,7 +251,7 @@ def _white_stays_white(subject: Subject, _: Outputs) -> float:
 SPLAT = HardEffect(
     name="splat",
     about=VIEW,
-    modules=("effects.splat",),
+    modules=("points.draw",),
     run=_points,
     bounds=lambda _: {
         f"{name}: {part}": limits

@@ -21,18 +21,18 @@ import torch
 
 from torchrender.images.files import write_atomically
 from torchrender.kernels.threads import limited_threads
+from torchrender.passes.hard import HardEffect, Outputs, bounds_error, difference, same
+from torchrender.passes.table import PASSES
 from torchrender.quality.machine import machine_record
 from torchrender.quality.pages import text_writer
-from torchrender.report.stability.cases import BY_NAME, CASES, HardCase, Subject
-from torchrender.report.stability.effect import HardEffect, Outputs, bounds_error, difference, same
-from torchrender.report.stability.light import LIGHT
-from torchrender.report.stability.mirrors import MIRRORS
+from torchrender.report.stability.cases import BY_NAME, CASES, Case, HardCase
 from torchrender.report.stability.numerics import NUMERICS
 from torchrender.report.stability.page import page
+from torchrender.report.stability.picture import PICTURE
 from torchrender.report.stability.samples import SAMPLES
 
-EFFECTS: tuple[HardEffect, ...] = (*LIGHT, *MIRRORS, *SAMPLES)
-"""Everything that is examined. A new effect is one more record here."""
+EFFECTS: tuple[HardEffect, ...] = (*(record for step in PASSES for record in step.hard), PICTURE, *SAMPLES)
+"""Everything that is examined: the records of all passes, and those of what is no pass."""
 
 NUMBERS = 2000  # random arguments of each numerical function
 
@@ -104,7 +104,7 @@ def faults(finding: Finding, effect: HardEffect) -> list[str]:
 
 
 @lru_cache(maxsize=2 * len(CASES))
-def _subject(case: str, *, rounded: bool = False) -> Subject:
+def _subject(case: str, *, rounded: bool = False) -> Case:
     """What all effects share of a case; what is run again starts from nothing."""
     subject = BY_NAME[case].subject()
     return subject.stored(torch.float32, rounded=True) if rounded else subject

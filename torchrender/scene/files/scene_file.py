@@ -20,6 +20,7 @@ from torchrender.errors import SceneFileError
 from torchrender.images.files import read_image
 from torchrender.scene.camera import MAX_SIDE, Cameras, look_at_matrix, pinhole_matrix
 from torchrender.scene.environment import Environment
+from torchrender.scene.files.scene_geometry import read_geometry
 from torchrender.scene.files.source import read_bytes
 from torchrender.scene.files.texture_file import as_texture
 from torchrender.scene.files.toml_table import Table, parse_toml
@@ -29,7 +30,6 @@ from torchrender.scene.material import Material
 from torchrender.scene.medium import Medium
 from torchrender.scene.mesh import Mesh
 from torchrender.scene.model import Scene
-from torchrender.scene.scene_geometry import read_geometry
 
 
 def load_scene_file(path: str | Path) -> Scene:

@@ -1,4 +1,4 @@
-"""Jobs of the service carried out by the package: the inside of a renderer process."""
+"""Jobs of the service carried out by the package, inside a renderer process."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from torchrender_service.renderers.upload import validate
 from torchrender_service.renderers.views import camera_of_view
 
 
-class Renderer:
+class JobRunner:
     """Carries out one job after the other."""
 
     def __init__(self) -> None:

@@ -1,14 +1,64 @@
-"""What the stability suite knows about an effect: how to run it on a case, what bounds hold, and a law or reference."""
+"""What the stability suite knows about a pass: how to run it on a case, what bounds hold, and a law or reference."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Protocol
 
 import torch
 from torch import Tensor
 
-from torchrender.report.stability.cases import Subject
+from torchrender.buffers import GBuffer
+from torchrender.effects.reflections.reflectors import RayShader, ReflectivePixels
+from torchrender.effects.shadows.shadow_map import ShadowOptions
+from torchrender.rays import RayCaster
+from torchrender.scene.camera import Cameras
+from torchrender.scene.light import Light, RectLight
+from torchrender.scene.model import Scene
+
+SMALL_SHADOW = ShadowOptions(size=128, search_taps=8, taps=8)
+"""Shadow maps of the suite: enough for its small pictures."""
+
+
+class Subject(Protocol):
+    """A scene and its cameras, with what several passes take from them."""
+
+    @property
+    def scene(self) -> Scene: ...
+    @property
+    def cameras(self) -> Cameras: ...
+    @property
+    def unit(self) -> float:
+        """Scene units per unit of the case that must look the same."""
+
+    @property
+    def gbuffer(self) -> GBuffer:
+        """What the cameras see."""
+
+    @property
+    def caster(self) -> RayCaster:
+        """Rays into the scene."""
+
+    @property
+    def pixels(self) -> ReflectivePixels:
+        """Pixels that mirror."""
+
+    @property
+    def shader(self) -> RayShader:
+        """Colours of what rays hit, with shadows by :data:`SMALL_SHADOW`."""
+
+    @property
+    def area_lights(self) -> list[RectLight]:
+        """The rectangular lights."""
+
+    @property
+    def radiance_limit(self) -> float:
+        """No surface can send more than this."""
+
+    def with_cameras(self, cameras: Cameras) -> Subject:
+        """The same scene, seen by others."""
+
 
 Outputs = Mapping[str, Tensor]
 """Named results of an effect; lengths are in units of :attr:`Subject.unit`, so that twins can be compared."""
@@ -98,3 +148,27 @@ def mean_over(error: Tensor, chosen: Tensor) -> float:
 def displayed(radiance: Tensor) -> Tensor:
     """Values in [0,1]: differences in what a screen clips do not show."""
     return radiance.clamp(0.0, 1.0)
+
+
+def no_lights(subject: Subject) -> str | None:
+    """Why a case says nothing about shadows."""
+    return None if subject.scene.lights else "no light"
+
+
+def no_mirrors(subject: Subject) -> str | None:
+    """Why a case says nothing about reflections."""
+    return None if len(subject.pixels) else "nothing in view mirrors"
+
+
+def receives(subject: Subject, light: Light) -> Tensor:
+    """(B,H,W) bool: a surface to whose side the light sends; the other side of a rectangle is not asked for shadows."""
+    seen = subject.gbuffer
+    if not isinstance(light, RectLight) or not light.area > 0:
+        return seen.covered
+    before = ((seen.position - light.centre.double()) * light.normal.double()).sum(dim=-1) > 0
+    return seen.covered & before
+
+
+def radiance_bounds(subject: Subject) -> Mapping[str, tuple[float, float]]:
+    """Of a picture."""
+    return {"radiance": (0.0, subject.radiance_limit)}

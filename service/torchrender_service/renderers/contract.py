@@ -1,0 +1,62 @@
+"""What the server needs of whoever renders for it; :mod:`torchrender_service.renderers.pool` does it with processes."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+from torchrender_service.renderers.jobs import Forget, Job
+
+
+class RendererHandle:
+    """One renderer, as whoever got it from a pool holds it.
+
+    Every pool derives its own and alone looks inside: a process of this machine, or an actor of another one.
+    """
+
+    __slots__ = ()
+
+
+class RendererPool(Protocol):
+    """Carries out jobs, each in one of its renderers."""
+
+    @property
+    def ready(self) -> bool:
+        """All renderers run."""
+
+    @property
+    def waiting(self) -> int:
+        """Jobs waiting or running."""
+
+    def start(self) -> None:
+        """Begin to take jobs."""
+
+    async def warm_up(self) -> None:
+        """Start all renderers."""
+
+    async def stop(self) -> None:
+        """End all renderers; jobs that wait fail."""
+
+    def assign(self) -> RendererHandle:
+        """The renderer for the jobs of a new session, until :meth:`release`; as few sessions as possible share it."""
+
+    def release(self, renderer: RendererHandle) -> None:
+        """The session is over. A handle that was released before does nothing."""
+
+    def idle(self, renderer: RendererHandle) -> bool:
+        """Whether a renderer of :meth:`assign` has nothing to do."""
+
+    async def run(self, job: Job, *, renderer: RendererHandle | None = None) -> dict[str, Any]:
+        """The result of a job.
+
+        Args:
+            renderer: of :meth:`assign`; None: the one with the least to do.
+
+        Raises:
+            ServiceError: what the renderer says about the job, 429 where too many jobs wait, 503 while stopping.
+        """
+
+    async def inspect(self, job: Job) -> dict[str, Any]:
+        """The result of a job that may do harm, apart from the others. Errors as :meth:`run`."""
+
+    def forget(self, job: Forget) -> None:
+        """Tell all renderers that run, without waiting."""

@@ -1,0 +1,108 @@
+"""The pool of processes, without letting any of them render: who gets which renderer, and what they get to know."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from service_parts import Actor
+from torchrender_service.errors import ServiceError
+from torchrender_service.metrics import Metrics
+from torchrender_service.renderers.contract import RendererPool
+from torchrender_service.renderers.jobs import Forget
+from torchrender_service.renderers.pool import Pool
+from torchrender_service.settings import read_settings
+
+KEY = "a-key-of-enough-letters"
+
+
+def make_pool(**settings: Any) -> Pool:
+    return Pool(read_settings(None, {}, **settings), Metrics())
+
+
+def test_sessions_are_spread_and_give_their_renderer_back() -> None:
+    pool: RendererPool = make_pool(renderers=2)
+
+    async def busy(*handles: Any) -> list[bool]:
+        """Which of these renderers a job of the first one keeps busy; nobody works on it."""
+        task = asyncio.create_task(pool.run(Forget(), renderer=handles[0]))
+        await asyncio.sleep(0)
+        found = [not pool.idle(handle) for handle in handles]
+        task.cancel()
+        return found
+
+    first, second, third, fourth = (pool.assign() for _ in range(4))
+    assert asyncio.run(busy(first, second, third, fourth)) == [True, False, True, False]
+    pool = make_pool(renderers=2)
+    first, second = pool.assign(), pool.assign()
+    pool.release(first)
+    pool.release(first)  # a second time does not count
+    third = pool.assign()
+    assert asyncio.run(busy(third, first, second)) == [True, True, False]
+
+
+def test_a_handle_of_another_pool_is_refused() -> None:
+    pool = make_pool(renderers=1)
+    for handle in (Actor("far away"), make_pool(renderers=1).assign()):
+        with pytest.raises(TypeError, match="handle of this pool"):
+            asyncio.run(pool.run(Forget(), renderer=handle))
+        with pytest.raises(TypeError, match="handle of this pool"):
+            pool.idle(handle)
+
+
+@pytest.mark.parametrize("inspected", [False, True])
+def test_as_many_jobs_as_may_wait_and_not_one_more(inspected: bool) -> None:
+    pool = make_pool(renderers=1, waiting=3)
+
+    async def fill() -> list[BaseException | dict[str, Any]]:
+        put = pool.inspect if inspected else pool.run
+        tasks = [asyncio.create_task(put(Forget())) for _ in range(4)]
+        await asyncio.sleep(0)
+        assert [task.done() for task in tasks] == [False, False, False, True]
+        assert pool.waiting == (0 if inspected else 3)
+        await pool.stop()
+        with pytest.raises(ServiceError, match="stopping"):
+            await put(Forget())
+        return await asyncio.gather(*tasks, return_exceptions=True)
+
+    errors = asyncio.run(fill())
+    assert [error.status for error in errors if isinstance(error, ServiceError)] == [503, 503, 503, 429]
+    assert isinstance(errors[-1], ServiceError) and errors[-1].retry_after_s is not None
+
+
+def test_renderers_never_learn_the_api_key(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A scene that takes a renderer over must not find it there."""
+    noted = tmp_path / "environment.json"
+    note = f"import json, os; json.dump(dict(os.environ), open({str(noted)!r}, 'w'))"
+    begin = asyncio.create_subprocess_exec
+
+    async def instead(*command: str, **rest: Any) -> asyncio.subprocess.Process:
+        assert not any(KEY in word for word in command)
+        return await begin(sys.executable, "-c", note, **rest)
+
+    monkeypatch.setattr(asyncio, "create_subprocess_exec", instead)
+    monkeypatch.setenv("TORCHRENDER_API_KEY", KEY)
+    settings = read_settings(None, os.environ, renderers=1, threads=3)
+    assert settings.api_key == KEY
+    pool = Pool(settings, Metrics())
+
+    async def ask() -> None:
+        pool.start()
+        try:
+            for put in (pool.run, pool.inspect):
+                with pytest.raises(ServiceError, match="does not start"):
+                    await put(Forget())
+                environment = json.loads(noted.read_text())
+                assert environment["NUMBA_NUM_THREADS"] == "3"
+                assert not any(KEY in value for value in environment.values())
+                noted.unlink()
+        finally:
+            await pool.stop()
+
+    asyncio.run(ask())

@@ -1,0 +1,1 @@
+"""Shadows, and light that arrives without detour."""

@@ -1,0 +1,98 @@
+"""The pass ``direct_light``: light that arrives without detour, emission, background."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import torch
+from torch import Tensor
+
+from torchrender.buffers import GBuffer
+from torchrender.passes.contract import Amounts, Pass
+from torchrender.passes.hard import HardEffect, Law, Outputs, Subject, radiance_bounds
+from torchrender.passes.light.visibility import POINT_SHADOW, SOFT_SHADOW
+from torchrender.passes.outlook import Outlook, Verdict, counted
+from torchrender.passes.seen.gbuffer import GBUFFER
+from torchrender.passes.settings import settings
+from torchrender.pipeline.buffer import Buffer, Layer, Order
+from torchrender.pipeline.frame import Frame
+from torchrender.pipeline.history import RenderHistory
+from torchrender.pipeline.options import RenderOptions
+from torchrender.scene.model import Scene
+from torchrender.shade import shade
+
+
+def _under_all(scene: Scene, gbuffer: GBuffer, radiance: Tensor, direct: Tensor) -> Tensor:
+    """What surfaces send lies under everything else."""
+    del scene, gbuffer, radiance
+    return direct
+
+
+DIRECT_LIGHT = Buffer("direct_light", Tensor, layer=Layer(Order.DIRECT, _under_all))
+"""Radiance (B,H,W,3)."""
+
+
+def applies(outlook: Outlook) -> Verdict:
+    """Every picture needs it."""
+    return Verdict(True, "light of " + counted(len(outlook.scene.lights), "light") + ", ambient light, background")
+
+
+def run(frame: Frame) -> Tensor:
+    """Radiance (B,H,W,3) without reflections."""
+    scene, gbuffer = frame.scene, frame[GBUFFER]
+    point, soft = frame.get(POINT_SHADOW), frame.get(SOFT_SHADOW)
+    found: dict[int, Tensor] = {**(point or {}), **(soft or {})}
+    visibility = None
+    if found:
+        lit = torch.ones(gbuffer.material.shape)
+        visibility = torch.stack([found.get(number, lit) for number in range(len(scene.lights))], dim=1)
+    options = frame.options
+    return shade(scene, gbuffer, visibility, background=options.background, area_light=options.area_light)
+
+
+def amounts(outlook: Outlook) -> Amounts:
+    """Once; pixels; pixels times lights, without and with area."""
+    pixels = outlook.pixels
+    return (1.0, pixels, pixels * outlook.point_lights, pixels * outlook.area_lights)
+
+
+def over_hits(options: RenderOptions, history: RenderHistory) -> RenderOptions:
+    """Mirrors show exact light whatever the picture takes: what they show may last longer than its options."""
+    del history
+    return replace(options, area_light="polygon")
+
+
+def _light_by_light(subject: Subject, outputs: Outputs) -> float:
+    scene, seen = subject.scene, subject.gbuffer
+    dark = replace(scene, lights=())
+    rest = shade(dark, seen)
+    parts = [shade(replace(scene, lights=(light,)), seen) - rest for light in scene.lights]
+    total = torch.stack([rest, *parts]).double().sum(dim=0)
+    return float((total - outputs["radiance"]).abs().max() / total.abs().max().clamp_min(1e-30))
+
+
+HARD = HardEffect(
+    name="direct_light",
+    modules=("shade",),
+    run=lambda subject: {"radiance": shade(subject.scene, subject.gbuffer)},
+    bounds=radiance_bounds,
+    law=Law(
+        text="the light of all lights is the sum of theirs: largest difference, of the brightest pixel",
+        deviation=_light_by_light,
+        limit=1e-5,
+    ),
+)
+
+PASS = Pass(
+    name="direct_light",
+    summary="light that arrives without detour",
+    makes=DIRECT_LIGHT,
+    needs=(GBUFFER,),
+    uses=(POINT_SHADOW, SOFT_SHADOW),
+    applies=applies,
+    run=run,
+    settings=settings("irradiance of rectangles", {name: {"area_light": name} for name in ("centre", "polygon")}),
+    amounts=amounts,
+    over_hits=over_hits,
+    hard=(HARD,),
+)

@@ -1,0 +1,156 @@
+"""The pass ``point_shadow``: hard shadows of lights without area."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from torch import Tensor
+
+from torchrender.effects.shadows.shadow_map import FILTERS, light_visibility, render_shadow_map
+from torchrender.effects.shadows.traced import traced_visibility
+from torchrender.passes.contract import Amounts, Buffers, OwnMeasure, Pass
+from torchrender.passes.hard import (
+    SMALL_SHADOW,
+    HardEffect,
+    Law,
+    Outputs,
+    Subject,
+    difference,
+    mean_over,
+    no_lights,
+    receives,
+)
+from torchrender.passes.light.shadow_map import SHADOW_MAP
+from torchrender.passes.light.visibility import POINT_SHADOW, visibility_error
+from torchrender.passes.outlook import Outlook, Verdict, counted, no_shadows
+from torchrender.passes.seen.gbuffer import GBUFFER
+from torchrender.passes.seen.ray_caster import RAY_CASTER
+from torchrender.passes.settings import settings
+from torchrender.pipeline.frame import Frame
+from torchrender.pipeline.history import RenderHistory
+from torchrender.pipeline.options import RenderOptions, lasting_shadows
+from torchrender.rays import RayCaster
+from torchrender.scene.light import RectLight
+
+
+def applies(outlook: Outlook) -> Verdict:
+    """Lights without area cast hard shadows."""
+    nothing = no_shadows(outlook)
+    if nothing is not None:
+        return nothing
+    if not outlook.point_lights:
+        return Verdict(False, "every light has an area")
+    return Verdict(True, counted(outlook.point_lights, "light") + " without area: hard shadows")
+
+
+def asks(outlook: Outlook) -> Buffers:
+    """Rays or maps."""
+    return (RAY_CASTER,) if outlook.options.point_shadows == "traced" else (SHADOW_MAP,)
+
+
+def run(frame: Frame) -> dict[int, Tensor]:
+    """Visibility (B,H,W) of the lights without area, by their number."""
+    lights = {n: light for n, light in enumerate(frame.scene.lights) if not isinstance(light, RectLight)}
+    gbuffer = frame[GBUFFER]
+    if frame.options.point_shadows == "traced":
+        return {n: traced_visibility(frame[RAY_CASTER], light, gbuffer) for n, light in lights.items()}
+    maps, options = frame[SHADOW_MAP], frame.options.shadow
+    return {n: light_visibility(frame.scene, light, gbuffer, options, maps[n]) for n, light in lights.items()}
+
+
+def amounts(outlook: Outlook) -> Amounts:
+    """Once; look-ups."""
+    return (1.0, outlook.point_lights * outlook.pixels)
+
+
+def over_samples(options: RenderOptions, history: RenderHistory) -> RenderOptions:
+    """Few samples are not worth a ray caster."""
+    del history
+    return replace(options, point_shadows="maps")
+
+
+def over_hits(options: RenderOptions, history: RenderHistory) -> RenderOptions:
+    """By maps of everything: cascades follow the eye's frustum, and reflected rays leave it."""
+    del history
+    return replace(options, point_shadows="maps", shadow=replace(lasting_shadows(options), cascades=1))
+
+
+def _filters(subject: Subject) -> Outputs:
+    scene, found = subject.scene, {}
+    for number, light in enumerate(scene.lights):
+        # The widest border serves all filters.
+        cast = render_shadow_map(scene, light, replace(SMALL_SHADOW, filter="pcss"))
+        for name in FILTERS:
+            options = replace(SMALL_SHADOW, filter=name)
+            found[f"{name}, light {number}"] = light_visibility(scene, light, subject.gbuffer, options, cast)
+    return found
+
+
+def _maps_by_rays(subject: Subject, outputs: Outputs) -> float:
+    worst = 0.0
+    for number, light in enumerate(subject.scene.lights):
+        rays = traced_visibility(subject.caster, light, subject.gbuffer)
+        wrong = (outputs[f"none, light {number}"] - rays).abs() > 0.5
+        worst = max(worst, mean_over(wrong.float(), receives(subject, light)))
+    return worst
+
+
+HARD = HardEffect(
+    name="point_shadow",
+    modules=("effects.shadows.shadow_map",),
+    run=_filters,
+    bounds=lambda s: {f"{name}, light {k}": (0.0, 1.0) for name in FILTERS for k in range(len(s.scene.lights))},
+    law=Law(
+        text="where filter none says lit or dark, rays to the light (to the middle of one with an area) say the same: "
+        "share of pixels where not",
+        deviation=_maps_by_rays,
+        limit=0.05,
+    ),
+    skip=no_lights,
+    turns=False,
+)
+
+
+def _traced(subject: Subject, backend: str = "auto") -> Outputs:
+    caster = subject.caster if backend == "auto" else RayCaster(subject.scene.geometry, backend)
+    return {
+        f"light {k}": traced_visibility(caster, light, subject.gbuffer, samples=2)
+        for k, light in enumerate(subject.scene.lights)
+    }
+
+
+HARD_RAYS = HardEffect(
+    name="traced_shadow",
+    modules=("effects.shadows.traced", "rays"),
+    run=_traced,
+    bounds=lambda subject: {f"light {k}": (0.0, 1.0) for k in range(len(subject.scene.lights))},
+    law=Law(
+        text="two ray casters, Embree and the tree, agree: share of pixels where not",
+        deviation=lambda s, found: difference(found, _traced(s, "bvh")),
+        limit=0.0,
+    ),
+    skip=no_lights,
+)
+
+PASS = Pass(
+    name="point_shadow",
+    summary="hard shadows of lights without area",
+    makes=POINT_SHADOW,
+    needs=(GBUFFER,),
+    asks=asks,
+    applies=applies,
+    run=run,
+    settings=settings(
+        "look-up",
+        {
+            "nearest": {"point_shadows": "maps", "shadow.filter": "none"},
+            "bilinear": {"point_shadows": "maps", "shadow.filter": "bilinear"},
+            "traced": {"point_shadows": "traced", "shadow.filter": "bilinear"},
+        },
+    ),
+    amounts=amounts,
+    own=OwnMeasure(title="visibility error", buffer=POINT_SHADOW, error=visibility_error(POINT_SHADOW)),
+    over_samples=over_samples,
+    over_hits=over_hits,
+    hard=(HARD, HARD_RAYS),
+)

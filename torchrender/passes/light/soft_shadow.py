@@ -1,0 +1,138 @@
+"""The pass ``soft_shadow``: shadows of rectangular lights."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import torch
+from torch import Tensor
+
+from torchrender.effects.shadows.occluders import OccluderOptions, approximate_occluders
+from torchrender.effects.shadows.shadow_map import light_visibility
+from torchrender.effects.shadows.soft_shadow import SoftShadowOptions, soft_shadow
+from torchrender.effects.shadows.traced import traced_visibility
+from torchrender.passes.contract import Amounts, Buffers, OwnMeasure, Pass
+from torchrender.passes.hard import LIGHTS, HardEffect, Law, Outputs, Subject, mean_over, receives
+from torchrender.passes.light.shadow_map import SHADOW_MAP
+from torchrender.passes.light.visibility import SOFT_SHADOW, visibility_error
+from torchrender.passes.outlook import Outlook, Verdict, counted, no_shadows
+from torchrender.passes.seen.gbuffer import GBUFFER
+from torchrender.passes.seen.occluders import OCCLUDERS
+from torchrender.passes.settings import settings
+from torchrender.pipeline.frame import Frame
+from torchrender.pipeline.history import RenderHistory
+from torchrender.pipeline.options import RenderOptions
+from torchrender.rays import RayCaster
+from torchrender.scene.light import RectLight
+
+
+def applies(outlook: Outlook) -> Verdict:
+    """Lights with an area have penumbrae."""
+    nothing = no_shadows(outlook)
+    if nothing is not None:
+        return nothing
+    if not outlook.area_lights:
+        return Verdict(False, "no light has an area: hard shadows by shadow map instead")
+    return Verdict(True, counted(outlook.area_lights, "light") + " with an area")
+
+
+def asks(outlook: Outlook) -> Buffers:
+    """Triangles or maps."""
+    return (OCCLUDERS,) if outlook.options.area_shadows == "sampled" else (SHADOW_MAP,)
+
+
+def run(frame: Frame) -> dict[int, Tensor]:
+    """Visibility (B,H,W) of the rectangular lights, by their number."""
+    lights = {n: light for n, light in enumerate(frame.scene.lights) if isinstance(light, RectLight)}
+    gbuffer, options = frame[GBUFFER], frame.options
+    if options.area_shadows == "sampled":
+        rectangles = list(lights.values())
+        found = soft_shadow(frame[OCCLUDERS], rectangles, gbuffer, options.soft_shadow, bounds=frame.scene.bounds)
+        return dict(zip(lights, found.visibility.unbind(1), strict=True))
+    maps = frame[SHADOW_MAP]
+    if options.area_shadows == "pcss":
+        by_size = replace(options.shadow, filter="pcss", soft=None)
+    else:
+        by_size = options.shadow
+    return {n: light_visibility(frame.scene, light, gbuffer, by_size, maps[n]) for n, light in lights.items()}
+
+
+def amounts(outlook: Outlook) -> Amounts:
+    """Once; look-ups."""
+    return (1.0, outlook.area_lights * outlook.pixels)
+
+
+def over_samples(options: RenderOptions, history: RenderHistory) -> RenderOptions:
+    """Few samples, from anywhere: penumbrae by map."""
+    del history
+    return replace(options, area_shadows="pcss") if options.area_shadows == "sampled" else options
+
+
+def over_hits(options: RenderOptions, history: RenderHistory) -> RenderOptions:
+    """Mirrors show hard shadows."""
+    del history
+    return replace(options, area_shadows="hard")
+
+
+FEW = SoftShadowOptions(light_samples=4)
+
+
+def _visibility(subject: Subject) -> Outputs:
+    scene, lights = subject.scene, subject.area_lights
+    options = OccluderOptions(mesh="hybrid", size=32)
+    casters = [approximate_occluders(scene, light, options) for light in lights]
+    parts = [soft_shadow(c, light, subject.gbuffer, FEW, bounds=scene.bounds) for c, light in zip(casters, lights)]
+    return {
+        "scene": soft_shadow(scene.geometry, lights, subject.gbuffer, FEW).visibility,
+        "depth images": torch.cat([p.visibility for p in parts], dim=1),
+    }
+
+
+def _by_rays(subject: Subject, outputs: Outputs) -> float:
+    # The effect takes textured sheets as closed.
+    caster = RayCaster(replace(subject.scene.geometry, cutout=None))
+    rays = [traced_visibility(caster, light, subject.gbuffer, samples=4) for light in subject.area_lights]
+    error = (outputs["scene"] - torch.stack(rays, dim=1)).abs()
+    chosen = torch.stack([receives(subject, light) for light in subject.area_lights], dim=1)
+    return mean_over(error, chosen)
+
+
+HARD = HardEffect(
+    name="soft_shadow",
+    about=LIGHTS,
+    modules=("effects.shadows.soft_shadow", "effects.shadows.occluders"),
+    run=_visibility,
+    bounds=lambda _: dict.fromkeys(("scene", "depth images"), (0.0, 1.0)),
+    law=Law(
+        text="with the scene's own triangles: mean difference to the share of 16 rays that reach the light",
+        deviation=_by_rays,
+        limit=0.05,
+    ),
+    skip=lambda subject: None if subject.area_lights else "no area light",
+    turns=False,
+)
+
+PASS = Pass(
+    name="soft_shadow",
+    summary="shadows of rectangular lights",
+    makes=SOFT_SHADOW,
+    needs=(GBUFFER,),
+    asks=asks,
+    applies=applies,
+    run=run,
+    settings=settings(
+        "way, light samples",
+        {
+            "hard": {"area_shadows": "hard"},
+            "pcss": {"area_shadows": "pcss"},
+            "4 x 4": {"area_shadows": "sampled", "soft_shadow.light_samples": 4},
+            "8 x 8": {"area_shadows": "sampled", "soft_shadow.light_samples": 8},
+            "16 x 16": {"area_shadows": "sampled", "soft_shadow.light_samples": 16},
+        },
+    ),
+    amounts=amounts,
+    own=OwnMeasure(title="visibility error", buffer=SOFT_SHADOW, error=visibility_error(SOFT_SHADOW)),
+    over_samples=over_samples,
+    over_hits=over_hits,
+    hard=(HARD,),
+)

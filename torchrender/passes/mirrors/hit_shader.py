@@ -1,0 +1,102 @@
+"""The pass ``hit_shader``: colours of what rays hit, in the light of the picture. Lasts while that does."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from torchrender.effects.reflections.reflectors import ReflectedRays
+from torchrender.effects.shadows.shadow_map import lights_visibility
+from torchrender.passes.contract import Amounts, Buffers, Pass, always
+from torchrender.passes.hard import (
+    SMALL_SHADOW,
+    HardEffect,
+    Law,
+    Outputs,
+    Subject,
+    displayed,
+    mean_over,
+    radiance_bounds,
+)
+from torchrender.passes.light.shadow_map import SHADOW_MAP
+from torchrender.passes.outlook import Outlook, no_shadows
+from torchrender.pipeline.buffer import Buffer, Lasting, look_of
+from torchrender.pipeline.frame import Frame
+from torchrender.pipeline.hit_shader import HitShader
+from torchrender.pipeline.options import RenderOptions, lasting_shadows, plain_background
+from torchrender.shade import shade
+
+
+def look_made_with(options: RenderOptions) -> tuple[Any, ...]:
+    """What of the options shows in the colours of hits."""
+    return (options.shadows, lasting_shadows(options), plain_background(options))
+
+
+HIT_SHADER = Buffer("hit_shader", HitShader, lasting=Lasting(look_of, look_made_with))
+
+
+def asks(outlook: Outlook) -> Buffers:
+    """The picture's maps, unless they follow the eye: then it gets others, of everything."""
+    if outlook.kept(HIT_SHADER) is not None or outlook.options.shadow.cascades > 1 or no_shadows(outlook):
+        return ()
+    return (SHADOW_MAP,)
+
+
+def run(frame: Frame) -> HitShader:
+    """That of an earlier picture, else one that shades hits by the passes of this picture."""
+    earlier = frame.earlier(HIT_SHADER)
+    if earlier is not None:
+        return earlier
+    maps = frame.get(SHADOW_MAP) if frame.options.shadow.cascades == 1 else None
+    over_hits = frame.over_hits({} if maps is None else {SHADOW_MAP: maps})
+    return HitShader(frame.scene, over_hits, frame.options.background)
+
+
+def amounts(outlook: Outlook) -> Amounts:
+    """Once, for the view from the scene's centre, if that was not drawn before."""
+    return (0.0,) if outlook.kept(HIT_SHADER) is not None else (1.0,)
+
+
+def _seen_by_rays(subject: Subject) -> Outputs:
+    origins, directions = (rays.reshape(-1, 3) for rays in subject.cameras.rays())
+    hits = subject.caster.first_hit(origins, directions)
+    none = torch.zeros(len(origins), dtype=torch.float64)
+    toward = torch.nn.functional.normalize(directions, dim=-1)
+    return {"radiance": subject.shader(ReflectedRays(origins, toward, none, none), hits)}
+
+
+def _as_the_picture(subject: Subject, outputs: Outputs) -> float:
+    scene, seen = subject.scene, subject.gbuffer
+    wanted = shade(scene, seen, lights_visibility(scene, seen, SMALL_SHADOW)).reshape(-1, 3)
+    mirrors = torch.tensor([m.is_reflector for m in scene.materials] + [False])[seen.material]
+    plain = seen.covered & ~mirrors
+    error: Tensor = (displayed(outputs["radiance"]) - displayed(wanted)).abs().mean(dim=-1)
+    return mean_over(error, plain.reshape(-1))
+
+
+HARD = HardEffect(
+    name="hit_shader",
+    modules=("pipeline.hit_shader", "ray_surface"),
+    run=_seen_by_rays,
+    bounds=radiance_bounds,
+    law=Law(
+        text="rays of the camera bring what the picture shows where nothing mirrors: mean display difference",
+        deviation=_as_the_picture,
+        limit=0.02,
+    ),
+    turns=False,  # what is mirrored in mirrors comes from a cube map along the axes
+)
+
+PASS = Pass(
+    name="hit_shader",
+    summary="shades what rays hit in the light of the picture",
+    makes=HIT_SHADER,
+    asks=asks,
+    applies=always("rays hit something"),
+    run=run,
+    amounts=amounts,
+    prepares=True,
+    hard=(HARD,),
+)

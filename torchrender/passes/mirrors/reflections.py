@@ -1,0 +1,193 @@
+"""The pass ``reflections``: what reflective pixels mirror."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from torchrender.buffers import ReflectionLayer, ReflectionState
+from torchrender.effects.reflections.clustered import ClusterOptions, clustered_reflections
+from torchrender.effects.reflections.reflectors import blend_reflections
+from torchrender.effects.reflections.traced import environment_reflections, trace_reflections
+from torchrender.passes.contract import Amounts, Buffers, OwnMeasure, Pass
+from torchrender.passes.hard import SHAPE, VIEW, HardEffect, Law, Outputs, Subject, difference, displayed, no_mirrors
+from torchrender.passes.light.direct_light import DIRECT_LIGHT
+from torchrender.passes.mirrors.hit_shader import HIT_SHADER
+from torchrender.passes.mirrors.reflective_pixel import REFLECTIVE_PIXEL, mirrors, reflective
+from torchrender.passes.outlook import Outlook
+from torchrender.passes.seen.gbuffer import GBUFFER
+from torchrender.passes.seen.ray_caster import RAY_CASTER
+from torchrender.passes.settings import settings
+from torchrender.pipeline.buffer import Buffer, Layer, Order
+from torchrender.pipeline.frame import Frame
+from torchrender.pipeline.history import RenderHistory
+from torchrender.pipeline.options import RenderOptions
+from torchrender.rays import RayCaster
+
+REFLECTIONS: Buffer[ReflectionLayer] = Buffer(
+    "reflections", ReflectionLayer, layer=Layer(Order.REFLECTION, blend_reflections)
+)
+
+
+def asks(outlook: Outlook) -> Buffers:
+    """Rays, at the settings that cast some."""
+    options = outlook.options
+    rest = options.reflections == "clustered" and options.reflection.missing == "trace"
+    return (HIT_SHADER, RAY_CASTER) if options.reflections == "traced" or rest else (HIT_SHADER,)
+
+
+def run(frame: Frame) -> ReflectionLayer:
+    """What the reflective pixels mirror."""
+    options, pixels, shader = frame.options, frame[REFLECTIVE_PIXEL], frame[HIT_SHADER]
+    if options.reflections == "environment":
+        return environment_reflections(pixels, shader)
+    if options.reflections == "traced":
+        return trace_reflections(frame[RAY_CASTER], pixels, shader, options.tracing)
+    caster = frame.get(RAY_CASTER)
+    made = clustered_reflections(
+        frame.scene,
+        pixels,
+        shader,
+        options.reflection,
+        direct=frame[DIRECT_LIGHT],
+        caster=None if caster is None else lambda: caster,
+    )
+    return made.layer
+
+
+def amounts(outlook: Outlook) -> Amounts:
+    """Once; reflective pixels; triangles in the clusters' pictures."""
+    drawn = outlook.triangles if outlook.options.reflections == "clustered" else 0.0
+    return (1.0, reflective(outlook), drawn)
+
+
+def over_samples(options: RenderOptions, history: RenderHistory) -> RenderOptions:
+    """Where there is a ray caster rays, else the scene's cube map: clusters are for whole pictures."""
+    if options.reflections == "off":
+        return options
+    return replace(options, reflections="environment" if history.get(RAY_CASTER) is None else "traced")
+
+
+def mirror_error(found: Mapping[str, Any], reference: Mapping[str, Any]) -> float:
+    """Mean absolute error of the mirrored radiance, 0 to 255, clipped at white, over pixels that mirror."""
+    wanted: ReflectionLayer = reference[REFLECTIONS.name]
+    chosen = wanted.state != ReflectionState.NONE
+    pair = [layer.color[chosen].clamp(0.0, 1.0) for layer in (found[REFLECTIONS.name], wanted)]
+    return 255.0 * float((pair[0] - pair[1]).abs().mean())
+
+
+OWN = OwnMeasure(title="mirrored light, of 255", buffer=REFLECTIONS, error=mirror_error)
+
+
+def _clusters(bin_factor: float, scale: float, missing: str) -> dict[str, Any]:
+    return {
+        "reflections": "clustered",
+        "reflection.bin_factor": bin_factor,
+        "reflection.image_scale": scale,
+        "reflection.missing": missing,
+    }
+
+
+# ---------------------------------------------------------------- hard cases
+
+FEW = ClusterOptions(bin_factor=0.25)
+
+
+def _layer(layer: ReflectionLayer, subject: Subject) -> Outputs:
+    return {"color": layer.color, "distance": layer.distance / subject.unit, "length": layer.direction.norm(dim=-1)}
+
+
+def _layer_bounds(subject: Subject) -> Mapping[str, tuple[float, float]]:
+    return {"color": (0.0, subject.radiance_limit), "distance": (0.0, math.inf), "length": (0.0, 1.0 + 1e-5)}
+
+
+def _traced(subject: Subject, backend: str = "auto") -> ReflectionLayer:
+    caster = subject.caster if backend == "auto" else RayCaster(subject.scene.geometry, backend)
+    return trace_reflections(caster, subject.pixels, subject.shader)
+
+
+def mean_color_error(first: Tensor, second: Tensor, subject: Subject) -> float:
+    """Mean difference of display values over the pixels that mirror."""
+    error = (displayed(first) - displayed(second)).abs().reshape(-1, 3)
+    return float(error[subject.pixels.pixel].mean())
+
+
+def _some_alone(subject: Subject, outputs: Outputs) -> float:
+    some = subject.pixels.select(torch.arange(len(subject.pixels))[::3])
+    alone = environment_reflections(some, subject.shader).color.reshape(-1, 3)[some.pixel]
+    return difference({"color": outputs["color"].reshape(-1, 3)[some.pixel]}, {"color": alone})
+
+
+# In all of them, what no ray answers comes from a cube map along the axes: they do not turn.
+HARD = (
+    HardEffect(
+        name="reflections",
+        modules=("effects.reflections.clustered",),
+        run=lambda s: _layer(clustered_reflections(s.scene, s.pixels, s.shader, FEW).layer, s),
+        bounds=_layer_bounds,
+        law=Law(
+            text="mean difference of display values to traced reflections",
+            deviation=lambda s, found: mean_color_error(found["color"], _traced(s).color, s),
+            limit=0.1,
+        ),
+        skip=no_mirrors,
+        turns=False,
+    ),
+    HardEffect(
+        name="traced_reflections",
+        about=VIEW,
+        modules=("effects.reflections.traced",),
+        run=lambda s: _layer(_traced(s), s),
+        bounds=_layer_bounds,
+        law=Law(
+            text="two ray casters, Embree and the tree, agree: share of values where not",
+            deviation=lambda s, found: difference(found, _layer(_traced(s, "bvh"), s)),
+            limit=0.0,
+        ),
+        skip=no_mirrors,
+        turns=False,
+    ),
+    HardEffect(
+        name="environment_reflections",
+        about=SHAPE,
+        modules=("effects.reflections.traced",),
+        run=lambda s: _layer(environment_reflections(s.pixels, s.shader), s),
+        bounds=_layer_bounds,
+        law=Law(
+            text="every third pixel alone mirrors what it mirrors among all: share of values that differ",
+            deviation=_some_alone,
+            limit=0.0,
+        ),
+        skip=no_mirrors,
+        turns=False,
+    ),
+)
+
+PASS = Pass(
+    name="reflections",
+    summary="what mirrors show",
+    makes=REFLECTIONS,
+    needs=(GBUFFER, REFLECTIVE_PIXEL, DIRECT_LIGHT),
+    asks=asks,
+    applies=mirrors,
+    run=run,
+    settings=settings(
+        "way",
+        {
+            "environment": {"reflections": "environment"},
+            "few clusters": _clusters(0.25, 0.5, "environment"),
+            "clusters": _clusters(1.0, 1.0, "environment"),
+            "clusters, rest traced": _clusters(1.0, 1.0, "trace"),
+            "traced": {"reflections": "traced"},
+        },
+    ),
+    amounts=amounts,
+    own=OWN,
+    over_samples=over_samples,
+    hard=HARD,
+)

@@ -1,0 +1,165 @@
+"""The pass ``resample``: brings the picture to its size."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import torch
+from torch import Tensor
+
+from torchrender.buffers import GBuffer
+from torchrender.effects.upsampling.joint import joint_upsampled
+from torchrender.passes.contract import Amounts, Buffers, Pass
+from torchrender.passes.hard import VIEW, HardEffect, Law, Outputs, Subject
+from torchrender.passes.outlook import Outlook, Verdict
+from torchrender.passes.picture.composite import COMPOSITE
+from torchrender.passes.seen.gbuffer import GBUFFER
+from torchrender.passes.seen.picture_visibility import PICTURE_VISIBILITY
+from torchrender.passes.settings import settings
+from torchrender.pipeline.buffer import Buffer
+from torchrender.pipeline.frame import Frame
+from torchrender.raster import rasterize
+from torchrender.shade import shade
+
+PICTURE = Buffer("picture", Tensor)
+"""Radiance (B,H,W,3) at the picture's size."""
+
+
+def applies(outlook: Outlook) -> Verdict:
+    """Every picture has a size."""
+    factor = outlook.options.supersample
+    if factor == 1:
+        return Verdict(True, "one sample per pixel: handed on as it is")
+    return Verdict(True, f"mean of {factor:g} x {factor:g} samples" if factor > 1 else f"scaled up by {1 / factor:g}")
+
+
+def asks(outlook: Outlook) -> Buffers:
+    """What all pixels see, as a guide."""
+    guided = outlook.options.upscaling == "joint" and outlook.options.supersample < 1
+    return (PICTURE_VISIBILITY,) if guided else ()
+
+
+def run(frame: Frame) -> Tensor:
+    """Radiance (B,H,W,3) at the picture's size."""
+    radiance = frame[COMPOSITE]
+    size = (frame.cameras.height, frame.cameras.width)
+    rows, columns = radiance.shape[1:3]
+    if (rows, columns) == size:
+        return radiance
+    guide = frame.get(PICTURE_VISIBILITY)
+    # The compiled scaling knows no gradients: who wants some gets the bilinear one.
+    if guide is not None and (rows < size[0] or columns < size[1]) and not radiance.requires_grad:
+        return joint_upsampled(radiance, frame[GBUFFER], guide, frame.scene.geometry.material)
+    return resampled(radiance, size, frame.options.upscaling)
+
+
+def resampled(radiance: Tensor, size: tuple[int, int], upscaling: str) -> Tensor:
+    """Linear radiance (B,h,w,3) at another size (H,W): means where there are more samples, else scaled up.
+
+    Args:
+        upscaling: "nearest", else bilinear.
+    """
+    height, width = size
+    count, rows, columns, _ = radiance.shape
+    if rows % height == 0 and columns % width == 0:
+        return radiance.reshape(count, height, rows // height, width, columns // width, 3).mean(dim=(2, 4))
+    planes = radiance.permute(0, 3, 1, 2)
+    if rows >= height and columns >= width:
+        planes = torch.nn.functional.interpolate(planes, size=size, mode="area")
+    elif upscaling == "nearest":
+        planes = torch.nn.functional.interpolate(planes, size=size, mode="nearest-exact")
+    else:
+        planes = torch.nn.functional.interpolate(planes, size=size, mode="bilinear", align_corners=False)
+    return planes.permute(0, 2, 3, 1).contiguous()
+
+
+def amounts(outlook: Outlook) -> Amounts:
+    """Once; rendered pixels, if they are not the picture's; the picture's, if these are more."""
+    factor = outlook.options.supersample
+    rendered = 0.0 if factor == 1 else outlook.pixels
+    return (1.0, rendered, outlook.picture_pixels if factor < 1 else 0.0)
+
+
+# ---------------------------------------------------------------- hard cases
+
+FILTERS = ("nearest", "bilinear")
+SIZES = ((7, 5), (48, 64), (12, 97))  # height and width: fewer pixels, more, and both
+FEWER = (0.5, 0.3)
+"""Rendered pixels per pixel and side."""
+
+
+def _resampled(subject: Subject) -> Outputs:
+    radiance = shade(subject.scene, subject.gbuffer)
+    return {
+        f"{way} {height} x {width}": resampled(radiance, (height, width), way)
+        for way in FILTERS
+        for height, width in SIZES
+    }
+
+
+def _grey_stays_grey(subject: Subject, _: Outputs) -> float:
+    grey = torch.full((*subject.gbuffer.triangle.shape, 3), 0.4)
+    parts = [resampled(grey, size, way) for way in FILTERS for size in SIZES]
+    return max(float((part - 0.4).abs().max()) for part in parts)
+
+
+def _scaled_up(subject: Subject, radiance: Callable[[GBuffer], Tensor]) -> list[Tensor]:
+    scene, made = subject.scene, []
+    for factor in FEWER:
+        few = rasterize(scene, subject.cameras.scaled(factor))
+        made.append(joint_upsampled(radiance(few), few, subject.gbuffer, scene.geometry.material))
+    return made
+
+
+def _guided(subject: Subject) -> Outputs:
+    made = _scaled_up(subject, lambda few: shade(subject.scene, few))
+    return {f"by {1 / factor:g}": radiance for factor, radiance in zip(FEWER, made, strict=True)}
+
+
+def _grey_stays_grey_guided(subject: Subject, _: Outputs) -> float:
+    made = _scaled_up(subject, lambda few: torch.full((*few.triangle.shape, 3), 0.4))
+    return max(float((part - 0.4).abs().max()) for part in made)
+
+
+HARD = (
+    HardEffect(
+        name="resample",
+        about=VIEW,
+        modules=("passes.picture.resample",),
+        run=_resampled,
+        bounds=lambda s: {f"{way} {h} x {w}": (0.0, s.radiance_limit) for way in FILTERS for h, w in SIZES},
+        law=Law(
+            text="a picture of one colour keeps it at any size: largest difference",
+            deviation=_grey_stays_grey,
+            limit=1e-6,
+        ),
+    ),
+    HardEffect(
+        name="joint_upsampling",
+        about=VIEW,
+        modules=("effects.upsampling.joint",),
+        run=_guided,
+        bounds=lambda s: {f"by {1 / factor:g}": (0.0, s.radiance_limit) for factor in FEWER},
+        law=Law(
+            text="a picture of one colour keeps it: largest difference", deviation=_grey_stays_grey_guided, limit=1e-6
+        ),
+    ),
+)
+
+PASS = Pass(
+    name="resample",
+    summary="brings the picture to its size",
+    makes=PICTURE,
+    needs=(GBUFFER, COMPOSITE),
+    asks=asks,
+    applies=applies,
+    run=run,
+    settings=settings(
+        "upscaling",
+        {name: {"upscaling": name} for name in ("nearest", "bilinear", "joint")},
+        context={"supersample": 0.5},
+        shows=lambda options: options.supersample < 1,
+    ),
+    amounts=amounts,
+    hard=HARD,
+)

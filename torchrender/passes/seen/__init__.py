@@ -1,0 +1,1 @@
+"""What the picture sees, and what rays and lights need to see."""

@@ -1,0 +1,86 @@
+"""What is known about a picture's costs: times and errors of its passes at their settings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+from torchrender.passes.contract import Amounts, Buffers, Pass
+from torchrender.passes.outlook import Outlook
+from torchrender.passes.table import PASSES, PICTURE
+from torchrender.pipeline.history import RenderHistory
+from torchrender.pipeline.options import RenderOptions
+from torchrender.pipeline.pace import Pace
+from torchrender.planning.curves import Curves, scene_key
+from torchrender.planning.graph import Graph, resolve
+from torchrender.scene.camera import Cameras
+from torchrender.scene.model import Scene
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Knowledge:
+    """What the planner knows about a picture."""
+
+    outlook: Outlook  # its options are those that were wished for
+    curves: Curves
+    passes: tuple[Pass, ...] = PASSES
+    wanted: Buffers = (PICTURE,)
+    given: Buffers = ()
+    name: str = field(default="", repr=False)  # under which the scene was measured
+
+    def __post_init__(self) -> None:
+        if not self.name:
+            object.__setattr__(self, "name", scene_key(self.outlook.scene))
+
+    @classmethod
+    def of(
+        cls,
+        scene: Scene,
+        cameras: Cameras,
+        options: RenderOptions,
+        history: RenderHistory | None,
+        curves: Curves,
+        passes: Sequence[Pass] = PASSES,
+    ) -> Knowledge:
+        """Before a picture of a scene as it was given; without a history it is one alone."""
+        past = (RenderHistory.alone() if history is None else history).of_scene(scene)
+        outlook = Outlook(scene=past.scene or scene, cameras=cameras, options=options, history=past)
+        known = {buffer.name: buffer for step in passes for buffer in step.makes_all}
+        asked = tuple(known[name] for name in options.buffers if name in known)
+        return cls(outlook=outlook, curves=curves, passes=tuple(passes), wanted=(PICTURE, *asked))
+
+    @property
+    def pace(self) -> Pace:
+        """What the sequence's pictures took so far."""
+        return self.outlook.history.pace or Pace()
+
+    def found_out(self, **known: float) -> Knowledge:
+        """With quantities that a pass found out."""
+        outlook = replace(self.outlook, known={**self.outlook.known, **known})
+        return replace(self, outlook=outlook)
+
+    def graph(self, options: RenderOptions) -> Graph:
+        """Which passes run with these options."""
+        return resolve(self.passes, self.outlook.at(options), self.wanted, self.given)
+
+    def predicted_ms(self, step: Pass, setting: str, amounts: Amounts) -> float | None:
+        """Time of one pass at one setting for this much work; None if it was never measured."""
+        usual = self.curves.time_ms(step.name, setting, amounts, self.name)
+        return None if usual is None else usual * self.pace.ratio(step.name, setting)
+
+    def setting_error(self, step: Pass, setting: str, options: RenderOptions) -> float:
+        """Error of a setting; where settings are compared in a context of their own, beyond the best of them."""
+        if not step.settings.shows(options):
+            return 0.0
+        found = self.curves.error(step.name, setting, self.name)
+        if not step.settings.context.changes:
+            return found
+        best = min(self.curves.error(step.name, s, self.name) for s in step.settings.names)
+        return max(found - best, 0.0)
+
+
+def is_seen(step: Pass, graph: Graph) -> bool:
+    """The pass's setting shows: what lasts does only where the picture itself asks for it."""
+    if step.makes.lasting is None:
+        return True
+    return any(asker.lasting is None for asker in graph.asked.get(step.makes, ()))
