@@ -14,12 +14,12 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from torchrender.report.stability.effect import HardEffect, Law, Outputs, bounds_error, difference, same
 
 import torchrender.report.stability.study as stability
 from torchrender.effects.shadows.shadow_map import ShadowOptions, light_visibility
 from torchrender.passes.table import PASSES
 from torchrender.report.stability.cases import BASE, BY_NAME, CASES, Subject
-from torchrender.report.stability.effect import HardEffect, Law, Outputs, bounds_error, difference, same
 from torchrender.report.stability.numerics import NUMERICS, HardFunction
 from torchrender.report.stability.page import page
 from torchrender.report.stability.study import EFFECTS, Finding, examine, faults, pairs, run

@@ -58,7 +58,7 @@ def test_sheet_and_facts(server: RunningServer) -> None:
     [
         (b"no picture", {}, 422, "no PNG or JPEG"),
         (b"", {}, 422, "no PNG or JPEG"),
-        (photo()[:200], {}, 422, "damaged"),
+        (photo()[:100], {}, 422, "damaged"),
         (photo(300, 300), {}, 422, "65536 pixels"),
         (photo(), {"scene": "nowhere"}, 404, "no scene"),
         (photo(), {"lock": "sofa"}, 422, "no object is named 'sofa'"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -73,7 +74,7 @@ class Photo:
         last, below = max(first + 1, round(right * x)), max(above + 1, round(bottom * y))
         return self.pixels[above:below, first:last]
 
-    @property
+    @cached_property
     def lab(self) -> Tensor:
         """(N,3) float64 Lab of all pixels."""
         return lab_from_linear(self.pixels.reshape(-1, 3).double())

@@ -7,7 +7,7 @@ Every change gives a new :class:`Style`; only what it touches is computed again.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -31,7 +31,13 @@ from torchrender.photo.style.objects import StyleObjects
 from torchrender.photo.style.options import StyleOptions
 from torchrender.photo.style.prior import prior_cost
 from torchrender.photo.style.search import SearchResult, tabu_search
-from torchrender.photo.style.statistics import ColorStatistics, StyleTables, build_tables
+from torchrender.photo.style.statistics import (
+    ColorStatistics,
+    StyleTables,
+    build_tables,
+    photo_pixels,
+    photo_statistics,
+)
 from torchrender.photo.style.terms import ViewTerms, pictures
 from torchrender.photo.style.views import Views
 from torchrender.scene.files.scene_write import write_scene
@@ -82,7 +88,6 @@ class Style:
     before: CostParts  # F of the start
     after: CostParts  # F of the choice
     timings_ms: Mapping[str, float]
-    _cache: dict[str, Tensor] = field(default_factory=dict)
 
     # --------------------------------------------------------------- reading
 
@@ -145,7 +150,7 @@ class Style:
 
     def palette(self, colors: int = 5) -> tuple[Tensor, Tensor]:
         """Main colours of the photos: Lab (k,3) and their shares (k,) of the pixels, most frequent first."""
-        lab, weight = self._photo_pixels()
+        lab, weight = photo_pixels(self.problem.photos)
         centres, label = palette(lab, colors, seed=self.problem.options.seed)
         share = torch.bincount(label, weight, minlength=len(centres))
         return centres, share / share.sum()
@@ -185,11 +190,7 @@ class Style:
         return self.with_column(rows, found).searched(kept=self.kept | set(found))
 
     def choose(self, word: str, candidate: int) -> Style:
-        """Lock an object to one of its candidates, by number, and search for the others again.
-
-        Raises:
-            InputError: no such object, or no valid candidate of that number.
-        """
+        """Lock an object to one of its valid candidates, by number, and search for the others again."""
         index = self.problem.objects.one(word)
         if not 0 <= candidate < self.usable.shape[1] or not bool(self.candidates.valid[index, candidate]):
             known = self.candidates.valid[index].nonzero().reshape(-1).tolist()
@@ -269,11 +270,8 @@ class Style:
 
     def wanted(self) -> ColorStatistics:
         """Colour statistics of the photos, each of them with the same weight."""
-        lab, weight = self._photo_pixels()
-        if self.weights is not None:
-            _, label = palette(lab, len(self.weights), seed=self.problem.options.seed)
-            weight = weight * torch.tensor(self.weights, dtype=torch.float64)[label]
-        return ColorStatistics.of(lab, self.problem.options.search.bins, weight)
+        options = self.problem.options
+        return photo_statistics(self.problem.photos, options.search.bins, self.weights, options.seed)
 
     def free(self) -> np.ndarray:
         """(m,C) bool candidates that the search may take, locks counted."""
@@ -282,14 +280,6 @@ class Style:
             usable[index] = False
             usable[index, column] = True
         return usable.numpy()
-
-    def _photo_pixels(self) -> tuple[Tensor, Tensor]:
-        """Lab (N,3) of all photos, and weights (N,) that sum to one for each."""
-        if "lab" not in self._cache:
-            labs = [p.lab for p in self.problem.photos]
-            self._cache["lab"] = torch.cat(labs)
-            self._cache["weight"] = torch.cat([torch.full((len(x),), 1.0 / len(x), dtype=torch.float64) for x in labs])
-        return self._cache["lab"], self._cache["weight"]
 
     def with_column(self, rows: Tensor, found: Sequence[int]) -> Style:
         """One candidate more, to which the objects ``found`` are locked."""
@@ -317,20 +307,23 @@ class Style:
         return replace(self.with_column(rows, list(picks)), kept=self.kept - set(picks))
 
     def searched(self, progress: Progress | None = None, **changes: object) -> Style:
-        """With some fields changed, searched again from the start."""
+        """With some fields changed, searched again: from the usual start, and from what was chosen before.
+
+        So nothing gets worse by locking what is there already.
+        """
         clock = StepClock()
         changed = replace(self, **changes)  # type: ignore[arg-type]
+        options = self.problem.options
         with clock.measure("search"):
             free = changed.free()
-            start = start_choice(changed.candidates.materials, torch.from_numpy(free), self.problem.options.seed)
             cost = changed.cost()
+            start = start_choice(changed.candidates.materials, torch.from_numpy(free), options.seed).numpy()
+            before = np.where(free[np.arange(len(start)), self.result.choice], self.result.choice, start)
             step = None if progress is None else lambda k: progress("search", k)
-            result = tabu_search(cost, start.numpy(), free, self.problem.options.search, step)
-        return replace(
-            changed,
-            start=start.numpy(),
-            result=result,
-            before=cost.parts(start.numpy()),
-            after=cost.parts(result.choice),
-            timings_ms={**changed.timings_ms, **clock.elapsed_ms},
-        )
+            result = tabu_search(cost, start, free, options.search, step)
+            if self.result.iterations and not np.array_equal(before, start):
+                again = tabu_search(cost, before, free, options.search, step)
+                result = again if again.cost < result.cost else result
+        timings = {**changed.timings_ms, **clock.elapsed_ms}
+        parts = cost.parts(start), cost.parts(result.choice)
+        return replace(changed, start=start, result=result, before=parts[0], after=parts[1], timings_ms=timings)

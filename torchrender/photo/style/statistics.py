@@ -15,7 +15,9 @@ from torch import Tensor
 
 from torchrender.checks import check_choice, check_range, check_tensor
 from torchrender.errors import InputError
+from torchrender.photo.dominant import palette
 from torchrender.photo.lab import lab_from_linear
+from torchrender.photo.photograph import Photo
 from torchrender.photo.style.terms import ViewTerms, radiance
 
 AB_RANGE = 128.0
@@ -51,6 +53,23 @@ class ColorStatistics:
         square = weight @ ab.square() / total
         counts = torch.bincount(ab_bin(lab, bins), weight, minlength=bins * bins)
         return cls(mean, (square - mean.square()).clamp_min(0.0).sqrt(), counts / total)
+
+
+def photo_pixels(photos: Sequence[Photo]) -> tuple[Tensor, Tensor]:
+    """Lab (N,3) of all pixels of all photos, and weights (N,) that sum to one for each photo."""
+    weights = [torch.full((len(p.lab),), 1.0 / len(p.lab), dtype=torch.float64) for p in photos]
+    return torch.cat([p.lab for p in photos]), torch.cat(weights)
+
+
+def photo_statistics(
+    photos: Sequence[Photo], bins: int = 32, weights: Sequence[float] | None = None, seed: int = 0
+) -> ColorStatistics:
+    """Of photos that count alike; ``weights`` multiply what the colours of their palette of that size count."""
+    lab, weight = photo_pixels(photos)
+    if weights is not None:
+        _, label = palette(lab, len(weights), seed=seed)
+        weight = weight * torch.tensor(list(weights), dtype=torch.float64)[label]
+    return ColorStatistics.of(lab, bins, weight)
 
 
 def ab_bin(lab: Tensor, bins: int) -> Tensor:

@@ -18,7 +18,7 @@ from torchrender.photo.style import finish
 from torchrender.photo.style.adjacency import adjacency
 from torchrender.photo.style.candidates import Candidates, fit_candidates, thinned, without_doubles
 from torchrender.photo.style.cost import CostParts
-from torchrender.photo.style.objects import cut_scene
+from torchrender.photo.style.objects import StyleObjects, cut_scene
 from torchrender.photo.style.options import StyleOptions, StyleWarning
 from torchrender.photo.style.prior import roles
 from torchrender.photo.style.search import SearchResult
@@ -68,15 +68,12 @@ def style_scene(
         prepared = _prepared(photos)
     objects = cut_scene(scene, options.cut)
     # Names and regions are checked before the work, not after it.
-    held = objects.find(keep)
-    picked = {objects.one(word): (region, 0) for word, region in (pick or {}).items()}
-    for region, _ in picked.values():
-        prepared[0].region(region)
+    wishes = _wishes(objects, prepared[0], keep, pick or {})
     position = default_light(scene) if light is None else as_vector("light", light, 3, torch.float64)
     tell("views", 0)
     with clock.measure("views"):
-        cameras = make_views(scene, objects, options) if cameras is None else cameras
-        views = look(scene, objects, cameras, options.visible_share)
+        shown = make_views(scene, objects, options) if cameras is None else cameras
+        views = look(scene, objects, shown, options.visible_share)
         terms = view_terms(scene, views, position, options.keep_textures)
     tell("neighbours", len(objects))
     with clock.measure("neighbours"):
@@ -93,7 +90,7 @@ def style_scene(
             cosine=mean_terms(terms, len(objects)),
             colors=finish.own_colors(scene, objects, views),
         )
-    return _fitted(problem, clock, tell, (held, picked))
+    return _fitted(problem, clock, tell, wishes)
 
 
 def _prepared(photos: Tensor | Sequence[Tensor]) -> tuple[Photo, ...]:
@@ -102,6 +99,20 @@ def _prepared(photos: Tensor | Sequence[Tensor]) -> tuple[Photo, ...]:
         raise InputError("photos must hold at least one photo")
     names = ["photo"] if len(given) == 1 else [f"photos[{k}]" for k in range(len(given))]
     return tuple(prepare_photo(photo, name) for photo, name in zip(given, names, strict=True))
+
+
+def _wishes(
+    objects: StyleObjects, photo: Photo, keep: Sequence[str], pick: Mapping[str, Region]
+) -> tuple[list[int], dict[int, tuple[Region, int]]]:
+    """Objects that keep their material, and regions of photos by object."""
+    picked = {objects.one(word): (region, 0) for word, region in pick.items()}
+    for region, _ in picked.values():
+        photo.region(region)
+    held = objects.find(keep)
+    both = [objects.names[i] for i in held if i in picked]
+    if both:
+        raise InputError(f"{both[0]!r} cannot both keep its material and take one from the photo")
+    return held, picked
 
 
 def _fitted(
