@@ -5,15 +5,19 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import torch
+from scipy.sparse.csgraph import connected_components
 from torch import Tensor
 
 from torchrender.checks import check_range, check_tensor
 
 MAX_ITERATIONS = 30
+SAME = 8.0
+"""Clusters whose centres are nearer than this in Lab are one colour: several seeds within the majority's colour split
+it, and the minority would come out largest."""
 
 
 def dominant_pixels(lab: Tensor, seeds: int = 4) -> Tensor:
-    """(N,) bool: the largest cluster of Lab pixels (N,3).
+    """(N,) bool: the largest cluster of Lab pixels (N,3), clusters of nearly the same colour taken as one.
 
     Lloyd's iterations from ``seeds`` pixels at even spacing through the list, at most 30; an empty cluster starts
     again at the farthest pixel (OpenCV's k-means). One seed keeps everything; so do fewer pixels than seeds, and
@@ -32,9 +36,11 @@ def dominant_pixels(lab: Tensor, seeds: int = 4) -> Tensor:
     nearest = ((points[:, None] - starts[None]) ** 2).sum(axis=2).argmin(axis=1)
     labels = nearest.astype(np.int32)[:, None]
     until = (cv2.TERM_CRITERIA_MAX_ITER | cv2.TERM_CRITERIA_EPS, MAX_ITERATIONS, 1e-3)
-    _, found, _ = cv2.kmeans(points, seeds, labels, until, 1, cv2.KMEANS_USE_INITIAL_LABELS)
-    found = found[:, 0]
-    return torch.from_numpy(found == np.bincount(found, minlength=seeds).argmax())
+    _, found, centres = cv2.kmeans(points, seeds, labels, until, 1, cv2.KMEANS_USE_INITIAL_LABELS)
+    near = np.linalg.norm(centres[:, None] - centres[None], axis=2) < SAME
+    _, color = connected_components(near, directed=False)
+    found = color[found[:, 0]]
+    return torch.from_numpy(found == np.bincount(found).argmax())
 
 
 def palette(lab: Tensor, colors: int = 5, *, seed: int = 0) -> tuple[Tensor, Tensor]:

@@ -85,10 +85,16 @@ class Smoothness:
 
     def total(self, choice: np.ndarray) -> float:
         """Of one choice (m,) of candidates."""
-        k = self.features[np.arange(len(choice)), choice]
+        return float(self.totals(choice[None])[0])
+
+    def totals(self, choices: np.ndarray) -> np.ndarray:
+        """(B,) of many choices (B,m)."""
+        k = self.features[np.arange(choices.shape[1]), choices]  # (B,m,F)
         if self.kind == "laplacian":
-            return float(np.linalg.norm(self.near.sum(axis=1)[:, None] * k - self.near @ k, axis=1).sum())
-        return float((self.near * np.linalg.norm(k[:, None] - k[None], axis=2)).sum())
+            gradient = self.near.sum(axis=1)[:, None] * k - self.near @ k
+            return np.linalg.norm(gradient, axis=2).sum(axis=1)
+        first, second = np.nonzero(self.near)
+        return np.linalg.norm(k[:, first] - k[:, second], axis=2).sum(axis=1)
 
     def moves(self, choice: np.ndarray) -> np.ndarray:
         """(m,C) how much the total changes if one object takes another candidate."""

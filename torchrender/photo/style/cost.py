@@ -10,7 +10,7 @@ from torchrender.photo.style.adjacency import Smoothness
 from torchrender.photo.style.statistics import UNITS, ColorStatistics, StyleTables
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class CostParts:
     """F and what it is made of."""
 
@@ -69,6 +69,21 @@ class StyleCost:
     def total(self, choice: np.ndarray) -> float:
         """F of a choice."""
         return self.parts(choice).total
+
+    def totals(self, choices: np.ndarray) -> np.ndarray:
+        """(B,) F of many choices (B,m) at once."""
+        rows = np.arange(len(self._object))
+        chosen = choices[:, self._object]
+        out = np.zeros(len(choices))
+        own_sums, own_counts = self._sums[rows, chosen], self._counts[rows, chosen]
+        for j, pairs in enumerate(self._of_view):
+            terms = self._terms(own_sums[:, pairs].sum(axis=1), own_counts[:, pairs].sum(axis=1), np.array(j))
+            out += sum(terms)
+        if self._weight:
+            out += self._weight * self._smoothness.totals(choices)
+        if self._has_prior:
+            out += self._prior[np.arange(self.objects), choices].sum(axis=1)
+        return out
 
     def start(self, choice: np.ndarray) -> Moves:
         """The neighbourhood of a choice, kept up to date as it moves."""

@@ -42,7 +42,7 @@ def roles(scene: Scene, objects: StyleObjects) -> Tensor:
 
 
 def prior_cost(role: Tensor, lightness: np.ndarray, weight: float) -> np.ndarray:
-    """(m,C) ``weight (excess / 100)^2`` of mean lightness (m,C), L, outside the range of the object's role."""
+    """(m,C) ``weight excess / 100`` of mean lightness (m,C), L, outside the range of the object's role."""
     low, high = np.array(LIGHTNESS)[role.numpy()].T
     excess = np.maximum(low[:, None] - lightness, 0.0) + np.maximum(lightness - high[:, None], 0.0)
-    return weight * (excess / 100.0) ** 2
+    return weight * excess / 100.0

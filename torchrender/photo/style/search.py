@@ -146,9 +146,11 @@ def exhaustive(cost: StyleCost, usable: np.ndarray, start: np.ndarray) -> Search
     count = int(np.prod([float(len(c)) for c in columns]))
     if count > MAX_EXHAUSTIVE:
         raise InputError(f"an exhaustive search tries at most {MAX_EXHAUSTIVE} choices, there are {count}")
-    found = min(itertools.product(*columns), key=lambda c: cost.total(np.array(c)))
-    total = cost.total(np.array(found))
-    return SearchResult(np.array(found), total, (total,), (tuple(found),), (False,), "no move")
+    choices = np.array(list(itertools.product(*columns)), dtype=np.int64)
+    totals = np.concatenate([cost.totals(part) for part in np.array_split(choices, len(choices) // 256 + 1)])
+    found = choices[int(totals.argmin())]
+    total = cost.total(found)
+    return SearchResult(found, total, (total,), (tuple(found.tolist()),), (False,), "no move")
 
 
 def random_choice(usable: np.ndarray, start: np.ndarray, seed: int) -> np.ndarray:

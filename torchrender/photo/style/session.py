@@ -45,7 +45,7 @@ from torchrender.scene.model import Scene
 
 Progress = Callable[[str, int], None]
 Region = Sequence[float]
-_LISTED = 8
+USUAL_VIEWS = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -258,7 +258,9 @@ class Style:
             weight = 0.05 * len(problem.views) / len(self.names)
         own = None
         if options.prior_weight > 0:
-            own = prior_cost(problem.role, self.tables.mean_lightness(), options.prior_weight)
+            # The views' part of F grows with their number.
+            strength = options.prior_weight * len(problem.views) / USUAL_VIEWS
+            own = prior_cost(problem.role, self.tables.mean_lightness(), strength)
         return StyleCost(
             self.tables,
             self.wanted(),
