@@ -59,6 +59,7 @@ def add_style(commands: Any) -> None:
     parser.add_argument("--no-highlights", action="store_true", help="matt materials")
     for name, meaning in (("lightness", "lighter"), ("saturation", "more saturated"), ("warmth", "warmer")):
         parser.add_argument(f"--{name}", type=float, default=0.0, metavar="X", help=f"-1 to 1: {meaning} (default 0)")
+    parser.add_argument("--add-light", action="store_true", help="a scene without light gets the one the fit assumes")
     parser.add_argument("--list", action="store_true", help="also list every object with its new colour")
 
 
@@ -82,7 +83,7 @@ def run_style(arguments: argparse.Namespace) -> None:
         style = style.adjusted(
             lightness=arguments.lightness, saturation=arguments.saturation, warmth=arguments.warmth
         )  # fmt: skip
-        files = style.save(output)
+        files = style.save(output, add_light=arguments.add_light)
     for text in dict.fromkeys(str(w.message) for w in said):
         print(f"torchrender: warning: {text}", file=sys.stderr)
     for line in _report(style, arguments.list):

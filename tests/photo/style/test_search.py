@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 import torch
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from torchrender.errors import InputError, OptionError
@@ -80,6 +80,7 @@ def test_the_optimum_is_found_in_most_random_problems() -> None:
     assert np.mean(gaps) < 0.01
 
 
+@settings(deadline=None, max_examples=40)
 @given(st.integers(0, 10_000))
 def test_laws_of_the_search(seed: int) -> None:
     cost = problem(seed, objects=4, columns=4)

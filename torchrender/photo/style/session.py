@@ -124,7 +124,7 @@ class Style:
 
     @property
     def scene(self) -> Scene:
-        """The scene with its new materials; lit as the fit assumes if nothing else lights it."""
+        """The scene with its new materials; nothing else of it changes."""
         problem, rows = self.problem, self.materials
         colors = finish.albedo(rows, problem.cosine)
         made = [
@@ -136,8 +136,7 @@ class Style:
             for i, name in enumerate(self.names)
         ]  # fmt: skip
         ratios = colors / problem.colors.clamp_min(1e-4) if problem.options.keep_textures else None
-        styled = finish.styled_scene(problem.scene, problem.objects, made, ratios)
-        return finish.with_style_light(styled, problem.views, problem.light)
+        return finish.styled_scene(problem.scene, problem.objects, made, ratios)
 
     def pictures(self) -> Tensor:
         """(n,H,W,3) float32 linear renderings of the views by Phong's model, as the search sees them."""
@@ -155,22 +154,21 @@ class Style:
         share = torch.bincount(label, weight, minlength=len(centres))
         return centres, share / share.sum()
 
-    def save(self, path: str | Path) -> list[Path]:
+    def save(self, path: str | Path, *, add_light: bool = False) -> list[Path]:
         """Write the scene as ``.glb``, or as ``.toml`` with a GLB file beside it; returns the files.
+
+        ``add_light``: a scene that nothing lights gets the light that the fit assumes.
 
         Raises:
             SceneFileError: another suffix, missing folder, or a file that cannot be written.
         """
-        return write_scene(path, self.scene)
+        problem, scene = self.problem, self.scene
+        return write_scene(path, finish.with_style_light(scene, problem.views, problem.light) if add_light else scene)
 
     # -------------------------------------------------------------- changing
 
     def lock(self, *words: str) -> Style:
-        """Keep the present choice for these objects and search again; names, ``#number`` or patterns.
-
-        Raises:
-            InputError: a word that fits no object.
-        """
+        """Keep the present choice for these objects and search again; names, ``#number`` or patterns."""
         found = self.problem.objects.find(words)
         return self.searched(locked={**self.locked, **{i: int(self.result.choice[i]) for i in found}})
 
@@ -212,9 +210,7 @@ class Style:
         return self.picked({index: (region, photo)}).searched()
 
     def with_palette(self, weights: Sequence[float]) -> Style:
-        """Search again for photos in which the palette's colours count more or less: 1 as they are, 0 not at all.
-
-        ``weights`` belong to the colours of :meth:`palette` with as many colours.
+        """Search again with the colours of :meth:`palette` counting more or less: 1 as they are, 0 not at all.
 
         Raises:
             InputError: no weight, or all of them zero. OptionError: one outside [0, 100].

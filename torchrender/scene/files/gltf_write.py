@@ -298,7 +298,8 @@ def _turn_from_minus_z(direction: np.ndarray) -> list[float]:
 
 def _shared_name(meshes: list[Mesh]) -> str:
     head = meshes[0].name.split("/")[0]
-    return head if all(m.name.split("/")[0] == head for m in meshes) else meshes[0].name
+    shared = len(meshes) > 1 and all(m.name.split("/")[0] == head for m in meshes)
+    return head if shared else meshes[0].name
 
 
 def _plain(values: Tensor) -> list[float]:
