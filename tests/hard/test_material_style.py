@@ -138,7 +138,7 @@ def test_equal_candidates_leave_no_move() -> None:
     same = torch.zeros(2, 3, 8, dtype=torch.float64)
     same[1, 2, 0] = 0.5
     valid = torch.tensor([[True, True, True], [False, True, True]])
-    kept = without_doubles(Candidates(same, valid))
+    kept = without_doubles(Candidates(same, valid, torch.zeros(2, 3)))
     assert kept.tolist() == [[True, False, False], [False, True, True]]
 
 
@@ -149,10 +149,11 @@ def test_saturated_pixels_are_left_out_of_the_fit() -> None:
     blown[::3] = 1.0
     mirror = torch.zeros(400, dtype=torch.float64)
     options = FitOptions(seeds=1)
-    clean, burnt = (fit_pixels(c.float(), (d, mirror), options) for c in (color, blown))
-    assert clean is not None and burnt is not None and torch.allclose(clean, burnt, atol=0.02)
-    white = fit_pixels(torch.ones(400, 3), (d, mirror), options)
-    assert white is not None and float(white[0]) > 0.2
+    found = [fit_pixels(c.float(), (d, mirror), options) for c in (color, blown, torch.ones(400, 3))]
+    assert None not in found
+    (clean, good), (burnt, bad), (white, _) = found
+    assert torch.allclose(clean, burnt, atol=0.02) and good < 0.01 < bad
+    assert float(white[0]) > 0.2
     limit = float(linear_from_srgb(torch.tensor(0.98)))
     assert float(clean[0] + clean[3]) < limit
     assert fit_pixels(torch.ones(49, 3), (d[:49], mirror[:49]), options) is None

@@ -29,6 +29,7 @@ class Candidates:
 
     materials: Tensor  # (m,C,8|10) float64
     valid: Tensor  # (m,C) bool
+    misfit: Tensor  # (m,C) float64 in [0,1]: how far the photo over the object is from the material, 0 where not valid
 
     @property
     def rendered(self) -> Tensor:
@@ -40,7 +41,8 @@ class Candidates:
     def with_column(self, rows: Tensor, chosen: Tensor) -> Candidates:
         """One candidate more: ``rows`` (m,8|10), of use for the objects ``chosen`` (m,) bool."""
         materials = torch.cat([self.materials, rows[:, None]], dim=1)
-        return Candidates(materials, torch.cat([self.valid, chosen[:, None]], dim=1))
+        misfit = torch.cat([self.misfit, torch.zeros(len(rows), 1, dtype=torch.float64)], dim=1)
+        return Candidates(materials, torch.cat([self.valid, chosen[:, None]], dim=1), misfit)
 
 
 def neutral(width: int = 8) -> Tensor:
@@ -49,22 +51,27 @@ def neutral(width: int = 8) -> Tensor:
     return row if width == 8 else torch.cat([row[:6], row[6:7].expand(3), row[7:]])
 
 
-def fit_pixels(color: Tensor, terms: tuple[Tensor, Tensor], options: FitOptions) -> Tensor | None:
-    """Material row of one object from the photo's pixels (N,3) over it; None where too few are left.
+def fit_pixels(color: Tensor, terms: tuple[Tensor, Tensor], options: FitOptions) -> tuple[Tensor, float] | None:
+    """Material row of one object from the photo's pixels (N,3) over it, and its misfit; None where too few are left.
 
     ``terms`` are d and s, (N,) each. The pixels are thinned, the largest colour cluster is kept, and saturated pixels
-    are left out unless nothing else is there: a blown-out wall is at least white.
+    are left out unless nothing else is there: a blown-out wall is at least white. The misfit is the mean distance in
+    Lab of all pixels to what the material shows there, over 100: small where the photo has one thing behind the whole
+    object.
     """
     if len(color) > options.max_pixels:
         rows = torch.arange(options.max_pixels) * len(color) // options.max_pixels
         color, terms = color[rows], (terms[0][rows], terms[1][rows])
-    kept = dominant_pixels(lab_from_linear(color.double()).float(), options.seeds)
+    lab = lab_from_linear(color.double())
+    kept = dominant_pixels(lab.float(), options.seeds)
     # 0.98 of the code in the picture file.
     clean = kept & (color.amax(dim=1) <= ((SATURATED + 0.055) / 1.055) ** 2.4)
     kept = clean if int(clean.sum()) >= MIN_PIXELS else kept
     if int(kept.sum()) < MIN_PIXELS:
         return None
-    return fit_phong(color[kept], terms[0][kept], terms[1][kept], options)
+    row = fit_phong(color[kept], terms[0][kept], terms[1][kept], options)
+    shown = row[:3] + terms[0][:, None] * row[3:6] + row[6:-1] * terms[1][:, None].pow(row[-1])
+    return row, min(float((lab_from_linear(shown) - lab).norm(dim=1).mean()) / 100.0, 1.0)
 
 
 def fit_candidates(
@@ -74,6 +81,7 @@ def fit_candidates(
     count, width = len(views.visible), 10 if options.fit.spec_color else 8
     made = neutral(width).expand(count, len(photos) * len(views), width).clone()
     valid = torch.zeros(made.shape[:2], dtype=torch.bool)
+    misfit = torch.zeros(made.shape[:2], dtype=torch.float64)
     shape = (views.cameras.width, views.cameras.height)
     for p, photo in enumerate(photos):
         laid = photo.laid_over(*shape, options.place).reshape(-1, 3)
@@ -82,10 +90,11 @@ def fit_candidates(
             ends = torch.bincount(view.object, minlength=count).cumsum(0).tolist()
             for i in views.visible[:, j].nonzero().reshape(-1).tolist():
                 own = order[(ends[i - 1] if i else 0) : ends[i]]
-                row = fit_pixels(laid[view.row[own]], (view.diffuse[own], view.mirror[own]), options.fit)
-                if row is not None:
-                    made[i, p * len(views) + j], valid[i, p * len(views) + j] = row, True
-    return Candidates(made, valid)
+                found = fit_pixels(laid[view.row[own]], (view.diffuse[own], view.mirror[own]), options.fit)
+                if found is not None:
+                    place = i, p * len(views) + j
+                    (made[place], misfit[place]), valid[place] = found, True
+    return Candidates(made, valid, misfit)
 
 
 def fit_region(pixels: Tensor, index: int, views: Views, terms: tuple[ViewTerms, ...], options: FitOptions) -> Tensor:
@@ -103,7 +112,7 @@ def fit_region(pixels: Tensor, index: int, views: Views, terms: tuple[ViewTerms,
         laid = resized(pixels, int(column.max()) - left + 1, int(row.max()) - top + 1)
         made = fit_pixels(laid[row - top, column - left], (view.diffuse[own], view.mirror[own]), options)
         if made is not None:
-            return made
+            return made[0]
     flat = pixels.reshape(-1, 3).double()
     kept = dominant_pixels(lab_from_linear(flat).float(), options.seeds)
     color = flat[kept].mean(dim=0)

@@ -19,15 +19,16 @@ class CostParts:
     histogram: float
     smooth: float
     prior: float
+    fit: float
 
     @property
     def total(self) -> float:
         """F."""
-        return self.mean + self.deviation + self.histogram + self.smooth + self.prior
+        return self.mean + self.deviation + self.histogram + self.smooth + self.prior + self.fit
 
 
 class StyleCost:
-    """``F = sum_j E(S, V_j) + w_s smoothness + prior`` of choices (m,) of candidates.
+    """``F = sum_j E(S, V_j) + w_s smoothness + prior + misfit`` of choices (m,) of candidates.
 
     Views without any pixel of an object cost nothing. Bins that the photo leaves empty add nothing to an
     intersection, so they are left out.
@@ -41,6 +42,7 @@ class StyleCost:
         *,
         smooth_weight: float,
         prior: np.ndarray | None = None,
+        misfit: np.ndarray | None = None,
         units: str = "normalized",
     ) -> None:
         histogram = wanted.histogram.numpy()
@@ -53,18 +55,20 @@ class StyleCost:
         self._scale = UNITS[units] ** 2
         self._pixels = np.bincount(tables.view, tables.count, minlength=tables.views)
         self._smoothness, self._weight = smoothness, smooth_weight
-        self._prior = np.zeros(tables.sums.shape[:1]) if prior is None else prior
-        self._has_prior = prior is not None
+        nothing = np.zeros((tables.objects, tables.sums.shape[1]))
+        self._prior = nothing if prior is None else prior
+        self._misfit = nothing if misfit is None else misfit
+        self._own = self._prior + self._misfit  # of each object's candidates, whatever the others have
         self._of_view = [np.flatnonzero(tables.view == j) for j in range(tables.views)]
         self.objects, self.columns, self.views = tables.objects, int(tables.sums.shape[1]), tables.views
 
     def parts(self, choice: np.ndarray) -> CostParts:
         """F of a choice, part by part."""
         shares = self._terms(*self._totals(choice), np.arange(self.views))
-        own = float(self._prior[np.arange(self.objects), choice].sum()) if self._has_prior else 0.0
+        prior, fit = (float(t[np.arange(self.objects), choice].sum()) for t in (self._prior, self._misfit))
         smooth = self._weight * self._smoothness.total(choice) if self._weight else 0.0
         mean, deviation, histogram = (float(p.sum()) for p in shares)
-        return CostParts(mean, deviation, histogram, smooth, own)
+        return CostParts(mean, deviation, histogram, smooth, prior, fit)
 
     def total(self, choice: np.ndarray) -> float:
         """F of a choice."""
@@ -81,9 +85,7 @@ class StyleCost:
             out += sum(terms)
         if self._weight:
             out += self._weight * self._smoothness.totals(choices)
-        if self._has_prior:
-            out += self._prior[np.arange(self.objects), choices].sum(axis=1)
-        return out
+        return out + self._own[np.arange(self.objects), choices].sum(axis=1)
 
     def start(self, choice: np.ndarray) -> Moves:
         """The neighbourhood of a choice, kept up to date as it moves."""
@@ -135,8 +137,7 @@ class Moves:
         np.add.at(out, cost._object, self._change)
         if cost._weight:
             out += cost._weight * cost._smoothness.moves(self.choice)
-        if cost._has_prior:
-            out += cost._prior - cost._prior[np.arange(cost.objects), self.choice][:, None]
+        out += cost._own - cost._own[np.arange(cost.objects), self.choice][:, None]
         return self.total + out
 
     def move(self, index: int, column: int) -> None:
@@ -165,5 +166,5 @@ class Moves:
     def _recount(self) -> float:
         cost = self._cost
         smooth = cost._weight * cost._smoothness.total(self.choice) if cost._weight else 0.0
-        own = float(cost._prior[np.arange(cost.objects), self.choice].sum()) if cost._has_prior else 0.0
+        own = float(cost._own[np.arange(cost.objects), self.choice].sum())
         return float(self._now.sum()) + smooth + own

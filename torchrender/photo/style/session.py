@@ -249,20 +249,17 @@ class Style:
     def cost(self) -> StyleCost:
         """F as a function of the choice."""
         options, problem = self.problem.options.search, self.problem
-        weight = options.smooth_weight
-        if weight is None:
-            weight = 0.05 * len(problem.views) / len(self.names)
-        own = None
-        if options.prior_weight > 0:
-            # The views' part of F grows with their number.
-            strength = options.prior_weight * len(problem.views) / USUAL_VIEWS
-            own = prior_cost(problem.role, self.tables.mean_lightness(), strength)
+        # The views' part of F grows with their number, and an object's share in it falls with that of objects.
+        share = len(problem.views) / len(self.names)
+        weight = 0.05 * share if options.smooth_weight is None else options.smooth_weight
+        strength = options.prior_weight * len(problem.views) / USUAL_VIEWS
         return StyleCost(
             self.tables,
             self.wanted(),
             Smoothness.of(self.candidates.materials, problem.near, options.smooth),
             smooth_weight=weight,
-            prior=own,
+            prior=prior_cost(problem.role, self.tables.mean_lightness(), strength),
+            misfit=options.fit_weight * share * self.candidates.misfit.numpy(),
             units=options.units,
         )
 

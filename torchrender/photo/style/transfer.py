@@ -150,7 +150,7 @@ def _first(problem: StyleProblem, candidates: Candidates, tables: StyleTables, c
     if problem.options.search.cluster is not None:
         usable = thinned(candidates.materials, usable, problem.options.search.cluster, problem.options.seed)
     nothing = np.zeros(len(problem.objects), dtype=np.int64)
-    parts = CostParts(0.0, 0.0, 0.0, 0.0, 0.0)
+    parts = CostParts(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     return Style(
         problem=problem,
         candidates=candidates,

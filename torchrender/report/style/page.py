@@ -92,7 +92,7 @@ def _costs(record: dict[str, Any]) -> list[str]:
         for c in record["costs"]
     ]  # fmt: skip
     u = record["unclustered"]
-    parts = ("mean", "deviation", "histogram", "smooth", "prior")
+    parts = ("mean", "deviation", "histogram", "smooth", "prior", "fit")
     terms = [
         (c["scene"], c["photo"], *(f"{c['before'][p]:.3f} → {c['after'][p]:.3f}" for p in parts))
         for c in record["costs"]
@@ -132,7 +132,8 @@ def _known(record: dict[str, Any]) -> list[str]:
     return [
         "## Known materials: the stand-in for people who correct by hand",
         "",
-        "The photo is a view of the scene in its own colours; the scene is stripped of them. An object needs correction"
+        "Scenes as large as the source's, 5 to 17 objects: of each room the fifteen largest. The photo is a view of the"
+        " scene in its own colours; the scene is stripped of them. An object needs correction"
         " where its mean colour over all views is more than 10 CIEDE2000 off. *Best candidates*: what would still be"
         " wrong with the best candidate of each object, the limit of any choice.",
         "",

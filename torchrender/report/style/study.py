@@ -35,6 +35,9 @@ from torchrender.report.style.page import write_page
 from torchrender.report.style.picture import draw_gallery
 from torchrender.scene.model import Scene
 
+SOURCE_OBJECTS = 15
+"""The scenes of the source have 5 to 17 objects; of larger scenes the largest objects are taken where that matters."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class StudyOptions:
@@ -125,7 +128,7 @@ def optimum_share(style: Style, seeds: int, objects: int = 5, columns: int = 6) 
 
 def time_row(scene: Scene, photo: str, options: StyleOptions) -> dict[str, Any]:
     """All of the time for fifteen objects and ten views, warm; a lock; tables against rendering."""
-    part = subjects.largest(scene, 15)
+    part = subjects.largest(scene, SOURCE_OBJECTS)
     styled(part, photo, options)  # kernels are compiled once per installation
     begin = time.perf_counter()
     style = styled(part, photo, options)
@@ -226,13 +229,13 @@ def run(study: StudyOptions, folder: Path) -> dict[str, Any]:
     }
     say("known materials")
     record["known"] = [
-        known_row(name, scene, study.options, registered)
+        known_row(name, subjects.largest(scene, SOURCE_OBJECTS), study.options, registered)
         for name, scene in rooms.items()
         for registered in (True, False)
     ]
     say("times and settings")
     record["time"] = time_row(rooms[first], photo, study.options)
-    record["settings"] = settings_rows(subjects.largest(rooms[first], 15), photo, study.options)
+    record["settings"] = settings_rows(subjects.largest(rooms[first], SOURCE_OBJECTS), photo, study.options)
     if study.gallery:
         say("gallery")
         draw_gallery(styles, folder)
