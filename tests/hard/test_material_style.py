@@ -193,3 +193,8 @@ def test_lamps_keep_their_light() -> None:
     style = style_scene(replace(scene, materials=materials), striped_photo(), QUICK)
     assert style.problem.objects.kept == ("ball",) and "ball" not in style.names
     assert [m.name for m in style.scene.materials if float(m.emission.max()) > 0] == ["ball"]
+    glimmer = (*scene.materials[:-1], replace(scene.materials[-1], emission=torch.full((3,), 0.01)))
+    style = style_scene(replace(scene, materials=glimmer), striped_photo(), QUICK)
+    new = style.scene.materials[style.scene.meshes[-1].material]
+    assert "ball" in style.names and new.emission.tolist() == pytest.approx([0.01] * 3)
+    assert new.diffuse.tolist() != scene.materials[-1].diffuse.tolist()

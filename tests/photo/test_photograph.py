@@ -41,6 +41,9 @@ def test_transparency_is_laid_on_white() -> None:
     with pytest.warns(PhotoWarning, match="transparent"):
         photo = prepare_photo(image)
     assert float(photo.pixels[0, 0, 0]) == 0.0 and float(photo.pixels[9, 0, 0]) == 1.0
+    with pytest.warns(PhotoWarning, match="wholly transparent"):
+        photo = prepare_photo(torch.cat([torch.full((5, 5, 3), 0.3), torch.zeros(5, 5, 1)], dim=2))
+    assert float(photo.pixels.mean()) == pytest.approx(0.3)
 
 
 def test_crop_keeps_the_shape_of_things_and_stretch_does_not() -> None:

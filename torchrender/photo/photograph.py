@@ -123,6 +123,9 @@ def resized(pixels: Tensor, width: int, height: int) -> Tensor:
 
 def _on_white(pixels: Tensor, name: str) -> Tensor:
     color, alpha = pixels[..., :-1], pixels[..., -1:].clamp(0.0, 1.0)
+    if float(alpha.max()) == 0.0:
+        warnings.warn(f"{name} is wholly transparent: its alpha is not used", PhotoWarning, stacklevel=4)
+        return color
     if bool((alpha < 1.0).any()):
         warnings.warn(f"{name} is partly transparent: it is laid on white", PhotoWarning, stacklevel=4)
         color = color * alpha + (1.0 - alpha)

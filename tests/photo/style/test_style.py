@@ -45,6 +45,11 @@ def test_views_of_a_room_stand_inside_and_show_everything() -> None:
 
 def test_a_thing_is_seen_from_outside() -> None:
     scene = tr.Scene(meshes=(sphere(1.0, 32),), materials=(Material(),))
+    cup = sphere(1.0, 32)
+    low = cup.vertices[cup.faces][..., 1].amax(dim=1) < 0.7
+    open_thing = tr.Scene(meshes=(replace(cup, faces=cup.faces[low]),), materials=(Material(),))
+    eyes = make_views(open_thing, cut_scene(open_thing), QUICK).eye
+    assert bool((eyes.norm(dim=1) > 1.2).all())
     cameras = make_views(scene, cut_scene(scene), QUICK)
     assert bool((cameras.eye.norm(dim=1) > 1.2).all())
     seen = look(scene, cut_scene(scene), cameras)

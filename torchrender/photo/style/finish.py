@@ -135,11 +135,13 @@ def styled_scene(scene: Scene, objects: StyleObjects, made: Sequence[Material | 
             continue
         rows: dict[int, int] = {}
         for number in objects.meshes[index]:
-            old = meshes[number].material if ratios is not None else -1
+            before = scene.materials[meshes[number].material]
+            glows = bool((before.emission > 0).any())
+            old = meshes[number].material if ratios is not None or glows else -1
             if old not in rows:
                 rows[old] = len(materials)
-                chosen = material if ratios is None else _patterned(scene.materials[old], material, ratios[index])
-                materials.append(chosen)
+                chosen = material if ratios is None else _patterned(before, material, ratios[index])
+                materials.append(replace(chosen, emission=before.emission) if glows else chosen)
             colors = meshes[number].colors if ratios is not None else None
             meshes[number] = replace(meshes[number], material=rows[old], colors=colors)
     used = sorted({m.material for m in meshes})

@@ -16,12 +16,14 @@ from torchrender.scene.mesh import Mesh
 from torchrender.scene.model import Scene
 
 MAX_OBJECTS = 5000
+GLOWS = 0.05
+"""Radiance from which a mesh is a light source; less is a detail that glows, and stays in the new material."""
 _LISTED = 12
 
 
 @dataclass(frozen=True, eq=False)
 class StyleObjects:
-    """m objects of a scene. Meshes that emit light are none of them: they keep their material."""
+    """m objects of a scene. Light sources are none of them: they keep their material."""
 
     names: tuple[str, ...]  # m different names
     meshes: tuple[tuple[int, ...], ...]  # places in Scene.meshes
@@ -79,7 +81,7 @@ def cut_scene(scene: Scene, cut: str = "object") -> StyleObjects:
     for number, mesh in enumerate(scene.meshes):
         if not len(mesh.faces):
             continue
-        if bool((scene.materials[mesh.material].emission > 0).any()):
+        if float(scene.materials[mesh.material].emission.max()) >= GLOWS:
             kept.append(mesh.name)
             continue
         own = number if mesh.object_id is None else mesh.object_id

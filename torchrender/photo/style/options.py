@@ -56,7 +56,7 @@ class SearchOptions:
     smooth: str = "laplacian"  # "laplacian": the sum of differences to neighbours; "tv": sum of their lengths
     smooth_weight: float | None = None  # None: 0.05 views / objects
     prior_weight: float = 1.0  # ceiling and walls light, floor middle, furniture darker; 0: any lightness
-    fit_weight: float = 0.5  # of candidates' misfit to the photo, times views / objects; 0: as published
+    fit_weight: float = 1.0  # of candidates' misfit to the photo, times views / objects; 0: as published
     bins: int = 32  # of the (a,b) histogram, per side
     units: str = "normalized"  # "raw": means and deviations in Lab units, as printed
     cluster: int | None = None  # candidates an object keeps at most, medoids of clusters; None: all

@@ -129,7 +129,7 @@ def _is_room(caster: RayCaster, rim: Tensor, scene: Scene) -> bool:
     """Whether most level rays away from the middle meet something that faces it.
 
     A solid thing seen from within shows its back. Walls may be turned either way, too, but a scene of one or two meshes
-    that shows nothing but backs is a thing, not a room.
+    that shows mostly backs is a thing, not a room.
     """
     centre = scene.bounds.mean(dim=0)
     outward = rim - centre
@@ -144,7 +144,7 @@ def _is_room(caster: RayCaster, rim: Tensor, scene: Scene) -> bool:
         return False
     facing = scene.geometry.face_normals[hits.triangle[hits.hit]].double()
     back = (facing * outward[hits.hit]).sum(dim=1) > 0
-    return len(scene.meshes) > 2 or float(back.double().mean()) < 0.9
+    return len(scene.meshes) > 2 or float(back.double().mean()) < 0.5
 
 
 def _inside(scene: Scene, objects: StyleObjects, stage: tuple[RayCaster, Tensor, Tensor]) -> Tensor:
