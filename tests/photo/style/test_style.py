@@ -18,6 +18,7 @@ from torchrender.photo.style.options import NEUTRAL, FitOptions, SearchOptions, 
 from torchrender.photo.style.prior import CEILING, FLOOR, FURNITURE, WALL, roles
 from torchrender.photo.style.session import Style
 from torchrender.photo.style.statistics import rendered_distance
+from torchrender.photo.style.terms import default_light
 from torchrender.photo.style.transfer import style_scene
 from torchrender.photo.style.views import look, make_views
 from torchrender.scene.material import Material
@@ -52,6 +53,7 @@ def test_a_thing_is_seen_from_outside() -> None:
     assert bool((eyes.norm(dim=1) > 1.2).all())
     cameras = make_views(scene, cut_scene(scene), QUICK)
     assert bool((cameras.eye.norm(dim=1) > 1.2).all())
+    assert float(default_light(scene, cameras).norm()) > 2.0 > float(default_light(scene).norm())
     seen = look(scene, cut_scene(scene), cameras)
     assert bool(seen.visible.all()) and bool((seen.pixels.sum(dim=0) < 80 * 60).all())
 

@@ -13,12 +13,14 @@ import torch
 from torch import Tensor
 
 from torchrender.photo.style.views import Views
+from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
 from torchrender.shade import diffuse_color
 
 DARK_MIRROR = 1e-4
 """Below it a highlight is none: s^alpha ln s tends to 0."""
 LIGHT_BELOW_TOP = 0.05
+LIGHT_OUTSIDE = (0.6, 1.5, 0.8)  # from the middle, in diagonals
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,10 +49,16 @@ class ViewTerms:
         )
 
 
-def default_light(scene: Scene) -> Tensor:
-    """(3,) float64: 5 % of the height below the top centre of the scene's box."""
+def default_light(scene: Scene, cameras: Cameras | None = None) -> Tensor:
+    """(3,) float64: 5 % of the height below the top centre of the scene's box.
+
+    Of a scene that all cameras see from outside its box the light is outside, too, above and to a side: within the box
+    it would stand inside the thing.
+    """
     low, high = scene.bounds
     light = (low + high) / 2
+    if cameras is not None and not bool(((cameras.eye >= low) & (cameras.eye <= high)).all(dim=1).any()):
+        return light + scene.diagonal * torch.tensor(LIGHT_OUTSIDE, dtype=torch.float64)
     light[1] = high[1] - LIGHT_BELOW_TOP * (high[1] - low[1])
     return light
 

@@ -50,7 +50,8 @@ def style_scene(
         photos: linear light (H,W,C), as ``read_image`` gives it; several count alike.
         options: what may be chosen.
         cameras: 1 to 15 views instead of generated ones; their size counts, not that of the options.
-        light: (3,) position of the white point light that the fit assumes; default 5 % below the top centre.
+        light: (3,) position of the white point light that the fit assumes; default 5 % below the top centre, or
+            outside where all views are.
         keep: objects that keep the material they have: names, ``#number`` or patterns.
         pick: regions of the first photo (left, top, right, bottom in pixels) whose material an object takes.
         progress: called with the name of the stage and a count whenever one gets on.
@@ -69,11 +70,12 @@ def style_scene(
     objects = cut_scene(scene, options.cut)
     # Names and regions are checked before the work, not after it.
     wishes = _wishes(objects, prepared[0], keep, pick or {})
-    position = default_light(scene) if light is None else as_vector("light", light, 3, torch.float64)
+    given = None if light is None else as_vector("light", light, 3, torch.float64)
     tell("views", 0)
     with clock.measure("views"):
         shown = make_views(scene, objects, options) if cameras is None else cameras
         views = look(scene, objects, shown, options.visible_share)
+        position = default_light(scene, shown) if given is None else given
         terms = view_terms(scene, views, position, options.keep_textures)
     tell("neighbours", len(objects))
     with clock.measure("neighbours"):
