@@ -167,7 +167,7 @@ def _report(style: Style, every: bool) -> list[str]:
 class _Bar:
     """Progress on stderr: one bar for the stages, which names the one that runs."""
 
-    STAGES = ("views", "neighbours", "fit", "tables", "search")
+    STAGES = ("views", "fit", "tables", "search")
 
     def __init__(self) -> None:
         from tqdm import tqdm

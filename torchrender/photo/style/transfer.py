@@ -46,7 +46,7 @@ def style_scene(
     """Materials for a scene from the colours of one or several photos.
 
     Args:
-        scene: meshes that are objects already; materials that emit light stay.
+        scene: meshes that are objects already; light sources keep their material.
         photos: linear light (H,W,C), as ``read_image`` gives it; several count alike.
         options: what may be chosen.
         cameras: 1 to 15 views instead of generated ones; their size counts, not that of the options.
@@ -68,7 +68,6 @@ def style_scene(
     with clock.measure("photo"):
         prepared = _prepared(photos)
     objects = cut_scene(scene, options.cut)
-    # Names and regions are checked before the work, not after it.
     wishes = _wishes(objects, prepared[0], keep, pick or {})
     given = None if light is None else as_vector("light", light, 3, torch.float64)
     tell("views", 0)
@@ -77,7 +76,6 @@ def style_scene(
         views = look(scene, objects, shown, options.visible_share)
         position = default_light(scene, shown) if given is None else given
         terms = view_terms(scene, views, position, options.keep_textures)
-    tell("neighbours", len(objects))
     with clock.measure("neighbours"):
         problem = StyleProblem(
             scene=scene,
