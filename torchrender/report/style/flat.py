@@ -19,6 +19,7 @@ from torchrender.photo.style.terms import pictures
 
 GREY = (0.1, 0.1, 0.1, 0.5, 0.5, 0.5, 0.0, 20.0)
 WIDTH, HEIGHT = 640, 480
+LEAST_SPREAD = 0.1  # of a or b; less is rounding on grey
 Transfer = Callable[[Tensor, Tensor], Tensor]
 
 
@@ -28,7 +29,7 @@ def reinhard(picture: Tensor, photo: Tensor) -> Tensor:
     for channel in (1, 2):
         mean, deviation = own[..., channel].mean(), own[..., channel].std()
         wanted, spread = other[..., channel].mean(), other[..., channel].std()
-        scale = spread / deviation if float(deviation) > 1e-6 else 0.0
+        scale = spread / deviation if float(deviation) > LEAST_SPREAD else 0.0
         own[..., channel] = (own[..., channel] - mean) * scale + wanted
     return linear_from_lab(own).clamp(0.0, 1.0).float()
 
