@@ -53,7 +53,7 @@ def test_costs_and_the_page(tmp_path: Path) -> None:
             "costs": [row],
             "unclustered": {"found": 1.0, "chroma": 1.0, "chroma_clustered": 2.0},
             "optimum": share,
-            "flat": flat_rows(style),
+            "flat": [{"photo": "kitchen", **r} for r in flat_rows(style)],
             "known": [{"scene": "room", "registered": True, "objects": 3, "shown": 2, **known}],
             "time": {
                 "objects": 3, "views": 8, "total_s": 1.0, "lock_s": 0.1, "pick_s": 0.1, "table_error": 0.0,

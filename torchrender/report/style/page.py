@@ -39,17 +39,21 @@ def write_page(record: dict[str, Any], folder: Path) -> None:
 def _targets(record: dict[str, Any]) -> list[str]:
     rooms = [c for c in record["costs"] if c["scene"] not in ("garden", "city")]
     ratios: dict[str, list[float]] = {}
+    published: dict[str, list[float]] = {}
     for c in rooms:
         ratios.setdefault(c["scene"], []).append(c["found"] / c["start"])
-    good = sum(max(r) <= 0.9 for r in ratios.values())
+        published.setdefault(c["scene"], []).append(c["published"]["found"] / c["published"]["start"])
+    good, plain = (sum(max(r) <= 0.9 for r in table.values()) for table in (ratios, published))
     below = all(
-        c["found"] <= min(c["single"][0], c["random"][0], c["start"], c["greedy"]) + 1e-9 for c in record["costs"]
+        c["found"] <= min(c["single"][0], c["random"][0], c["start"], c["greedy"]) + 1e-9
+        and c["published"]["found"] <= min(c["published"][k] for k in ("start", "single", "greedy")) + 1e-9
+        for c in record["costs"]
     )
     known = [k for k in record["known"] if k["registered"]]
     loose = [k for k in record["known"] if not k["registered"]]
     t = record["time"]
-    matcher = next((f for f in record["flat"] if f["way"] == "color-matcher"), None)
-    ours = next(f for f in record["flat"] if f["way"] == "materials")
+    matcher = _average(record["flat"], "color-matcher")
+    ours = _average(record["flat"], "materials")
     rows = [
         ("objects that need correction, registered", "≤ 30 %", _share(_mean(known, "wrong")) + _each(known, "wrong")),
         (
@@ -60,7 +64,10 @@ def _targets(record: dict[str, Any]) -> list[str]:
             "objects that need correction, unregistered", "≤ random choice",
             f"{_share(_mean(loose, 'wrong'))} against {_share(_mean(loose, 'wrong_random'))}",
         ),
-        ("F after / before search", "≤ 0.9 on 3 of 4 scenes", f"on {good} of {len(ratios)} with every photo"),
+        (
+            "F after / before search", "≤ 0.9 on 3 of 4 scenes",
+            f"on {good} of {len(ratios)} with every photo; as published on {plain}",
+        ),
         ("largest F after / before of all runs", "≤ 1", f"{max(c['found'] / c['start'] for c in record['costs']):.3f}"),
         ("F below every baseline (a), (c), (d), (e)", "always", "yes" if below else "no"),
         ("optimum found, m = 5, n = 6", "≥ 85 %", _share(record["optimum"]["share"])),
@@ -70,7 +77,7 @@ def _targets(record: dict[str, Any]) -> list[str]:
         ("table against whole rendering", "1e-6", f"{t['table_error']:.1e}"),
         ("table faster than rendering neighbours", "≥ 100×", f"{t['render_ms'] / t['table_ms']:,.0f}×"),
     ]  # fmt: skip
-    if matcher is not None:
+    if matcher is not None and ours is not None:
         share = ours["ab_distance"] / max(matcher["ab_distance"], 1e-9)
         common = ours["histogram"] / max(matcher["histogram"], 1e-9)
         rows += [
@@ -82,12 +89,13 @@ def _targets(record: dict[str, Any]) -> list[str]:
 
 def _costs(record: dict[str, Any]) -> list[str]:
     head = ("scene", "photo", "objects", "unseen", "valid", "(a) best view", "(a) mean", "(c) random", "(d) start",
-            "(e) greedy", "search", "after / before", "moves")  # fmt: skip
+            "(e) greedy", "search", "after / before", "as published", "moves")  # fmt: skip
     rows = [
         (
             c["scene"], c["photo"], str(c["objects"]), str(c["unseen"]), _share(c["valid"]), _f(c["single"][0]),
             _f(c["single"][1]), _f(c["random"][1]), _f(c["start"]), _f(c["greedy"]), f"**{_f(c['found'])}**",
-            f"{c['found'] / c['start']:.2f}", str(c["moves"]),
+            f"{c['found'] / c['start']:.2f}", f"{c['published']['found'] / c['published']['start']:.2f}",
+            str(c["moves"]),
         )
         for c in record["costs"]
     ]  # fmt: skip
@@ -102,7 +110,8 @@ def _costs(record: dict[str, Any]) -> list[str]:
         "## Cost F of the choice",
         "",
         "Sum over all views, of 10 to 15. Coffee and temple are photos that are no rooms; garden and city are outdoors."
-        " Unseen objects are too small in every view and get a neutral material. All baselines read the same tables.",
+        " Unseen objects are too small in every view and get a neutral material. All baselines read the same tables."
+        " *As published*: after / before without what is added here, the prior and the misfit.",
         "",
         *_table(head, rows),
         "",
@@ -182,20 +191,27 @@ def _times(record: dict[str, Any]) -> list[str]:
 
 def _flat(record: dict[str, Any]) -> list[str]:
     rows = [
-        (f["way"], f"{f['ab_distance']:.2f}", f"{f['histogram']:.3f}", f"{f['drift']:.1f}", f"{f['ms']:,.0f}")
+        (
+            f["way"],
+            f["photo"],
+            f"{f['ab_distance']:.2f}",
+            f"{f['histogram']:.3f}",
+            f"{f['drift']:.1f}",
+            f"{f['ms']:,.0f}",
+        )
         for f in record["flat"]
     ]
     first = record["costs"][0]
     return [
         "## Beside two-dimensional transfer",
         "",
-        f"Grey renderings of the views ({first['scene']}, {first['photo']}) recoloured one by one. *ab-distance*: root"
+        f"Grey renderings of the views ({first['scene']}) recoloured one by one. *ab-distance*: root"
         " of the squared differences of means and deviations of a and b; *histograms*: one minus their intersection;"
         " *drift*: largest CIEDE2000 between an object's mean colours in two views at equal lightness, mean over"
         " objects: for materials what shading leaves, the material itself is one. Milliseconds per picture of"
         " 640×480. Mean and deviation on grey give one hue to everything: no style.",
         "",
-        *_table(("way", "ab-distance", "histograms", "drift", "ms"), rows),
+        *_table(("way", "photo", "ab-distance", "histograms", "drift", "ms"), rows),
         "",
     ]
 
@@ -217,6 +233,12 @@ def _settings(record: dict[str, Any]) -> list[str]:
 
 def _table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> list[str]:
     return ["| " + " | ".join(head) + " |", "|" + " --- |" * len(head), *("| " + " | ".join(r) + " |" for r in rows)]
+
+
+def _average(rows: list[dict[str, Any]], way: str) -> dict[str, float] | None:
+    """Mean over photos of what one way measured."""
+    own = [r for r in rows if r["way"] == way]
+    return {k: _mean(own, k) for k in ("ab_distance", "histogram", "drift", "ms")} if own else None
 
 
 def _mean(rows: list[dict[str, Any]], key: str) -> float:

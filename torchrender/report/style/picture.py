@@ -49,7 +49,8 @@ def _tile(style: Style) -> Tensor:
     if scene.lights and scene.cameras:
         return _own_light(scene)
     views = style.problem.views
-    best = int(views.visible.sum(dim=0).argmax())
+    # Views that are aimed at single objects come last, and make poor pictures.
+    best = int(views.visible[:, : style.problem.options.views].sum(dim=0).argmax())
     return resized(style.pictures()[best], *TILE)
 
 

@@ -86,7 +86,23 @@ def cost_row(scene: str, photo: str, style: Style, study: StudyOptions) -> dict[
         "single": [min(singles), float(np.mean(singles))],
         "random": [min(chance), float(np.mean(chance))],
         "greedy": greedy(cost, start, usable).cost,
+        "published": published_row(style),
         "timings_ms": dict(style.timings_ms),
+    }
+
+
+def published_row(style: Style) -> dict[str, float]:
+    """F of the start and after the search without what is added here: neither prior nor misfit."""
+    options = style.problem.options
+    plain = replace(options, search=replace(options.search, prior_weight=0.0, fit_weight=0.0))
+    made = replace(style, problem=replace(style.problem, options=plain)).searched()
+    cost, usable = made.cost(), made.free()
+    singles = [cost.total(single_view(usable, made.start, c)) for c in range(usable.shape[1])]
+    return {
+        "start": made.before.total,
+        "found": made.after.total,
+        "single": min(singles),
+        "greedy": greedy(cost, made.start, usable).cost,
     }
 
 
@@ -225,7 +241,7 @@ def run(study: StudyOptions, folder: Path) -> dict[str, Any]:
         "costs": costs,
         "unclustered": unclustered_row(rooms[first], photo, main_style, study.options),
         "optimum": optimum_share(main_style, study.seeds),
-        "flat": flat_rows(main_style),
+        "flat": [{"photo": p, **row} for p in study.photos[:3] for row in flat_rows(styles[first, p])],
     }
     say("known materials")
     record["known"] = [
