@@ -11,6 +11,7 @@ from torch import Tensor
 from torchrender.checks import check_range, check_tensor
 
 MAX_ITERATIONS = 30
+MAX_COLORS = 16
 SAME = 8.0
 """Clusters whose centres are nearer than this in Lab are one colour: several seeds within the majority's colour split
 it, and the minority would come out largest."""
@@ -52,7 +53,7 @@ def palette(lab: Tensor, colors: int = 5, *, seed: int = 0) -> tuple[Tensor, Ten
         InputError: another shape, or no pixel. OptionError: ``colors`` outside [1, 16].
     """
     check_tensor("lab", lab, ("N", 3))
-    check_range("colors", colors, 1, 16)
+    check_range("colors", colors, 1, MAX_COLORS)
     points = np.ascontiguousarray(lab.numpy(), dtype=np.float32)
     chosen = points[:: max(1, len(points) // 20_000)]
     distinct = len(np.unique(chosen, axis=0))

@@ -59,9 +59,12 @@ class Photo:
         Raises:
             InputError: not four finite numbers, empty, or outside the photo.
         """
-        values = [float(v) for v in box]
+        try:
+            values = [float(v) for v in box]
+        except (TypeError, ValueError):
+            values = []
         if len(values) != 4 or not all(np.isfinite(values)):
-            raise InputError(f"a region must be left, top, right, bottom, got {tuple(box)}")
+            raise InputError(f"a region must be left, top, right, bottom, got {box!r}")
         left, top, right, bottom = values
         if not (0 <= left < right <= self.width and 0 <= top < bottom <= self.height):
             raise InputError(
@@ -92,6 +95,8 @@ def prepare_photo(image: Tensor, name: str = "photo") -> Photo:
     """
     if not isinstance(image, Tensor) or not image.is_floating_point():
         raise InputError(f"{name} must be a floating-point tensor (H, W, C), got {_kind(image)}")
+    if image.requires_grad and torch.is_grad_enabled():
+        raise InputError(f"{name} asks for gradients, which a style does not give: detach it")
     if image.dim() == 2:
         image = image[..., None]
     if image.dim() != 3 or image.shape[2] not in (1, 2, 3, 4) or image.numel() == 0:

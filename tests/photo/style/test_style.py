@@ -206,6 +206,10 @@ def test_palette_weights_pull_towards_their_colours(style: Style) -> None:
 
     assert float(bluer.wanted().mean[1]) < float(style.wanted().mean[1]) - 10
     assert mean_b(bluer) < mean_b(style)
+    with pytest.raises(OptionError, match="weights"):
+        style.with_palette([1.0] * 17)
+    with pytest.raises(InputError, match="candidate of 'table'"):
+        style.choose("table", 99)
     for wrong in ([], [0.0, 0.0]):
         with pytest.raises(InputError, match="weights"):
             style.with_palette(wrong)
@@ -329,6 +333,11 @@ def test_the_mapping_keeps_the_height_of_highlights() -> None:
         ({"light": [0.0, float("nan"), 1.0]}, InputError, "light"),
         ({"cameras": around(4)[:0]}, InputError, "1 to 15"),
         ({"scene": tr.Scene()}, InputError, "no object"),
+        ({"pick": ["sofa"]}, InputError, "pick must map"),
+        ({"pick": {"sofa": None}}, InputError, "a region must be"),
+        ({"options": {"views": 8}}, OptionError, "must be StyleOptions"),
+        ({"photos": torch.rand(4, 4, 3, requires_grad=True)}, InputError, "gradients"),
+        ({"photos": ["photo.png"]}, InputError, "floating-point"),
     ],
 )
 def test_wrong_use(change, error, text) -> None:
@@ -341,5 +350,7 @@ def test_options_check_themselves() -> None:
     for wrong in ({"views": 7}, {"views": 16}, {"visible_share": 0.5}, {"place": "tile"}, {"cut": "x"}, {"seed": -1}):
         with pytest.raises(OptionError, match=next(iter(wrong))):
             StyleOptions(**wrong)
+    with pytest.raises(OptionError, match="views must be a whole number"):
+        StyleOptions(views=8.5)
     with pytest.raises(OptionError, match="ridge"):
         FitOptions(ridge=1.0)

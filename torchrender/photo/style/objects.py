@@ -36,11 +36,13 @@ class StyleObjects:
     def find(self, words: Sequence[str]) -> list[int]:
         """Objects by name, by ``#number``, or by a pattern with ``*`` and ``?``; in order, each once.
 
+        A single string is one word.
+
         Raises:
             InputError: a word that fits no object; the message lists the names.
         """
         found: set[int] = set()
-        for word in words:
+        for word in [words] if isinstance(words, str) else words:
             found |= self._matching(word)
         return sorted(found)
 

@@ -17,7 +17,7 @@ from torch import Tensor
 from torchrender.checks import check_range
 from torchrender.clock import StepClock
 from torchrender.errors import InputError
-from torchrender.photo.dominant import palette
+from torchrender.photo.dominant import MAX_COLORS, palette
 from torchrender.photo.photograph import Photo
 from torchrender.photo.style import finish
 from torchrender.photo.style.adjacency import Smoothness
@@ -190,7 +190,11 @@ class Style:
     def choose(self, word: str, candidate: int) -> Style:
         """Lock an object to one of its valid candidates, by number, and search for the others again."""
         index = self.problem.objects.one(word)
-        if not 0 <= candidate < self.usable.shape[1] or not bool(self.candidates.valid[index, candidate]):
+        if (
+            not isinstance(candidate, int)
+            or not 0 <= candidate < self.usable.shape[1]
+            or not bool(self.candidates.valid[index, candidate])
+        ):
             known = self.candidates.valid[index].nonzero().reshape(-1).tolist()
             raise InputError(f"candidate of {self.names[index]!r} must be one of {known}, got {candidate}")
         return self.searched(locked={**self.locked, index: candidate}, kept=self.kept - {index})
@@ -216,6 +220,7 @@ class Style:
             InputError: no weight, or all of them zero. OptionError: one outside [0, 100].
         """
         values = tuple(float(w) for w in weights)
+        check_range("len(weights)", len(values), 0, MAX_COLORS)
         for k, value in enumerate(values):
             check_range(f"weights[{k}]", value, 0.0, 100.0)
         if not any(values):

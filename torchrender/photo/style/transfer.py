@@ -19,7 +19,7 @@ from torchrender.photo.style.adjacency import adjacency
 from torchrender.photo.style.candidates import Candidates, fit_candidates, thinned, without_doubles
 from torchrender.photo.style.cost import CostParts
 from torchrender.photo.style.objects import StyleObjects, cut_scene
-from torchrender.photo.style.options import StyleOptions, StyleWarning
+from torchrender.photo.style.options import StyleOptions, StyleWarning, check_options
 from torchrender.photo.style.prior import roles
 from torchrender.photo.style.search import SearchResult
 from torchrender.photo.style.session import Progress, Region, Style, StyleProblem
@@ -62,11 +62,12 @@ def style_scene(
     Warns:
         StyleWarning: objects that no view shows, which get a neutral material.
     """
-    options = options or StyleOptions()
+    options = StyleOptions() if options is None else options
     tell = progress or _silent
     clock = StepClock()
     with clock.measure("photo"):
         prepared = _prepared(photos)
+    check_options(options)
     objects = cut_scene(scene, options.cut)
     wishes = _wishes(objects, prepared[0], keep, pick or {})
     given = None if light is None else as_vector("light", light, 3, torch.float64)
@@ -105,6 +106,8 @@ def _wishes(
     objects: StyleObjects, photo: Photo, keep: Sequence[str], pick: Mapping[str, Region]
 ) -> tuple[list[int], dict[int, tuple[Region, int]]]:
     """Objects that keep their material, and regions of photos by object."""
+    if not isinstance(pick, Mapping):
+        raise InputError(f"pick must map objects to regions, got {type(pick).__name__}")
     picked = {objects.one(word): (region, 0) for word, region in pick.items()}
     for region, _ in picked.values():
         photo.region(region)
