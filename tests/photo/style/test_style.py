@@ -21,6 +21,7 @@ from torchrender.photo.style.statistics import rendered_distance
 from torchrender.photo.style.terms import default_light
 from torchrender.photo.style.transfer import style_scene
 from torchrender.photo.style.views import look, make_views
+from torchrender.raster import rasterize
 from torchrender.scene.material import Material
 from torchrender.scene.shapes import box, sphere
 
@@ -253,6 +254,25 @@ def test_textures_keep_their_pattern_and_take_the_new_colour() -> None:
     mean = albedo(kept.materials, kept.problem.cosine)[table]
     if float(mean.max()) < 0.3:
         assert torch.allclose(shown.double().mean(dim=0), mean, rtol=0.3)
+
+
+def test_leaves_keep_their_holes_when_textures_are_dropped(tmp_path) -> None:
+    leaf = torch.rand(8, 8, 4, generator=torch.Generator().manual_seed(0))
+    leaf[..., 3] = 0.0
+    leaf[2:6, 2:6, 3] = 1.0
+    scene = room()
+    table = next(k for k, m in enumerate(scene.meshes) if m.name == "table")
+    materials = list(scene.materials)
+    materials[table] = replace(materials[table], diffuse_texture=leaf, alpha_cutoff=0.5)
+    scene = replace(scene, materials=tuple(materials))
+    style = style_scene(scene, striped_photo(), QUICK)
+    style.save(tmp_path / "leaves.glb")
+    camera = around(1)
+    before = rasterize(scene, camera).triangle
+    for made in (style.scene, tr.load(tmp_path / "leaves.glb")):
+        new = made.materials[made.meshes[table].material]
+        assert new.diffuse_texture is not None and bool((new.diffuse_texture[..., :3] == 1.0).all())
+        assert torch.equal(rasterize(made, camera).triangle, before)
 
 
 # ------------------------------------------------------------------- parts

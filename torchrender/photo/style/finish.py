@@ -136,12 +136,12 @@ def styled_scene(scene: Scene, objects: StyleObjects, made: Sequence[Material | 
         rows: dict[int, int] = {}
         for number in objects.meshes[index]:
             before = scene.materials[meshes[number].material]
-            glows = bool((before.emission > 0).any())
-            old = meshes[number].material if ratios is not None or glows else -1
+            own = ratios is not None or _has_shape(before) or bool((before.emission > 0).any())
+            old = meshes[number].material if own else -1
             if old not in rows:
                 rows[old] = len(materials)
-                chosen = material if ratios is None else _patterned(before, material, ratios[index])
-                materials.append(replace(chosen, emission=before.emission) if glows else chosen)
+                chosen = _holed(before, material) if ratios is None else _patterned(before, material, ratios[index])
+                materials.append(replace(chosen, emission=before.emission) if own else chosen)
             colors = meshes[number].colors if ratios is not None else None
             meshes[number] = replace(meshes[number], material=rows[old], colors=colors)
     used = sorted({m.material for m in meshes})
@@ -151,6 +151,21 @@ def styled_scene(scene: Scene, objects: StyleObjects, made: Sequence[Material | 
         meshes=tuple(replace(m, material=place[m.material]) for m in meshes),
         materials=_named_apart([materials[row] for row in used]),
     )
+
+
+def _has_shape(material: Material) -> bool:
+    """Whether a texture cuts holes: leaves are leaves by their alpha."""
+    texture = material.diffuse_texture
+    return material.alpha_cutoff is not None and texture is not None and texture.shape[2] == 4
+
+
+def _holed(old: Material, new: Material) -> Material:
+    """The new material with the holes of the old one's texture, if it has any; its colours go."""
+    if not _has_shape(old) or old.diffuse_texture is None:
+        return new
+    alpha = old.diffuse_texture[..., 3:]
+    texture = torch.cat([torch.ones_like(alpha).expand(-1, -1, 3), alpha], dim=-1)
+    return replace(new, diffuse_texture=texture, alpha_cutoff=old.alpha_cutoff)
 
 
 def _patterned(old: Material, new: Material, ratio: Tensor) -> Material:
