@@ -272,7 +272,11 @@ def test_leaves_keep_their_holes_when_textures_are_dropped(tmp_path) -> None:
     for made in (style.scene, tr.load(tmp_path / "leaves.glb")):
         new = made.materials[made.meshes[table].material]
         assert new.diffuse_texture is not None and bool((new.diffuse_texture[..., :3] == 1.0).all())
-        assert torch.equal(rasterize(made, camera).triangle, before)
+        # Corners of texels may fall to either side once vertices are rounded.
+        assert float((rasterize(made, camera).triangle != before).double().mean()) < 0.01
+    assert torch.equal(rasterize(style.scene, camera).triangle, before)
+    solid = replace(scene, materials=tuple(replace(m, alpha_cutoff=None) for m in scene.materials))
+    assert float((rasterize(solid, camera).triangle != before).double().mean()) > 0.01
 
 
 # ------------------------------------------------------------------- parts
