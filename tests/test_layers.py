@@ -208,8 +208,6 @@ def test_sizes(module: str) -> None:
     for function in functions(path):
         length = (function.end_lineno or function.lineno) - function.lineno + 1
         assert length <= MAX_FUNCTION_LINES or is_kernel(module), f"{module}: {function.name} has {length} lines"
-        if is_kernel(module):
-            continue
         arguments = function.args
         names = [a.arg for a in (*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs)]
         count = len([n for n in names if n not in ("self", "cls")])

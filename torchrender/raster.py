@@ -23,8 +23,22 @@ from torchrender.buffers import GBuffer, VisibilityBuffer
 from torchrender.checks import check_choice, check_tensor
 from torchrender.errors import InputError
 from torchrender.kernels.raster import draw_view
-from torchrender.kernels.raster.attributes import interpolate
-from torchrender.kernels.raster.draw_view import NO_EARLIER, NO_HOLES, NO_IDS, NO_LIMITS, TriangleArrays, View
+from torchrender.kernels.raster.attributes import Eye, Hits, Mesh, Surface, interpolate
+from torchrender.kernels.raster.draw_view import TriangleArrays, View
+from torchrender.kernels.raster.records import (
+    NO_EARLIER,
+    NO_HOLES,
+    NO_IDS,
+    NO_LIMITS,
+    Earlier,
+    Frame,
+    Holes,
+    Limits,
+    Nearer,
+    Refusals,
+    Stored,
+    Visible,
+)
 from torchrender.scene.camera import Cameras
 from torchrender.scene.mesh import Geometry
 from torchrender.scene.model import Scene
@@ -97,7 +111,7 @@ def rasterize_visibility(
     check_choice("cull", cull, CULLING)
     triangles = _triangle_arrays(geometry)
     for k, (view, checks) in enumerate(_views(geometry, cameras, tests)):
-        draw_view.draw_view(triangles, view, cull, checks, (depth[k], triangle[k], objects[k], barycentric[k]))
+        draw_view.draw_view(triangles, view, cull, checks, Visible(depth[k], triangle[k], objects[k], barycentric[k]))
     return VisibilityBuffer(
         cameras=cameras,
         depth=torch.from_numpy(depth),
@@ -127,7 +141,13 @@ def count_nearer(
     triangles = _triangle_arrays(geometry)
     for k, (view, checks) in enumerate(_views(geometry, seen.cameras, None)):
         draw_view.count_view(
-            triangles, view, cull, checks[2], (stored[0][k], stored[1][k]), np.array(eps), (count[k], touching[k])
+            triangles,
+            view,
+            cull,
+            checks.holes,
+            Stored(stored[0][k], stored[1][k]),
+            np.array(eps),
+            Nearer(count[k], touching[k]),
         )
     return torch.from_numpy(count), torch.from_numpy(touching)
 
@@ -138,7 +158,7 @@ def rasterize_depth(geometry: Geometry, cameras: Cameras, *, cull: str = "none")
     depth = np.zeros((len(cameras), cameras.height, cameras.width), np.float32)
     triangles = _triangle_arrays(geometry)
     for k, (view, checks) in enumerate(_views(geometry, cameras, None)):
-        draw_view.draw_view(triangles, view, cull, checks, (depth[k], *NO_IDS))
+        draw_view.draw_view(triangles, view, cull, checks, Visible(depth[k], *NO_IDS))
     return torch.from_numpy(depth)
 
 
@@ -155,24 +175,22 @@ def _triangle_arrays(geometry: Geometry) -> TriangleArrays:
     )
 
 
-def _views(
-    geometry: Geometry, cameras: Cameras, tests: FragmentTests | None
-) -> Iterator[tuple[View, tuple[Any, Any, Any]]]:
+def _views(geometry: Geometry, cameras: Cameras, tests: FragmentTests | None) -> Iterator[tuple[View, Refusals]]:
     """Each camera as the kernels read it, with its fragment tests."""
     planes = cameras.frustum_planes().numpy()
     world_from_camera = cameras.world_from_camera.numpy()
     holes = NO_HOLES
     if geometry.cutout is not None and geometry.uv is not None:
         cutout = geometry.cutout
-        holes = (cutout.mask.numpy(), cutout.table.numpy(), cutout.texels.numpy(), geometry.uv.numpy())
+        holes = Holes(cutout.mask.numpy(), cutout.table.numpy(), cutout.texels.numpy(), geometry.uv.numpy())
     for k in range(len(cameras)):
         view = view_arrays(cameras, k, world_from_camera[k], planes[k])
         limits = NO_LIMITS
-        earlier: tuple[Array, ...] = NO_EARLIER
+        earlier = NO_EARLIER
         if tests is not None:
             limits = _limits(cameras, k, tests)
             earlier = earlier_arrays(cameras, k, tests, view)
-        yield view, (limits, earlier, holes)
+        yield view, Refusals(limits, earlier, holes)
 
 
 def view_arrays(cameras: Cameras, k: int, world_from_camera: Array, planes: Array) -> View:
@@ -181,19 +199,19 @@ def view_arrays(cameras: Cameras, k: int, world_from_camera: Array, planes: Arra
     intrinsics[0, 2] -= cameras.width >> 1
     intrinsics[1, 2] -= cameras.height >> 1
     rotation = cameras.rotation[k].numpy()
-    settings = np.array([cameras.width, cameras.height, float(cameras.near[k]), float(cameras.far[k]), 0.0, 0.0])
+    near, far = float(cameras.near[k]), float(cameras.far[k])
+    frame = Frame(cameras.width, cameras.height, near, far, cameras.orthographic)
     if not cameras.orthographic:
-        return View(np.ascontiguousarray(intrinsics @ rotation), world_from_camera[:3, 3].copy(), planes, settings)
-    settings[4] = 1.0
+        return View(np.ascontiguousarray(intrinsics @ rotation), world_from_camera[:3, 3].copy(), planes, frame)
     # Counting from the world point under the image centre leaves no constant term.
     centre = np.linalg.solve(intrinsics[:2, :2], -intrinsics[:2, 2])
     reference = (world_from_camera @ np.array([centre[0], centre[1], 0.0, 1.0]))[:3]
     matrix = np.eye(3)
     matrix[:2, :2] = intrinsics[:2, :2]
-    return View(np.ascontiguousarray(matrix @ rotation), reference, planes, settings)
+    return View(np.ascontiguousarray(matrix @ rotation), reference, planes, frame)
 
 
-def _limits(cameras: Cameras, k: int, tests: FragmentTests) -> tuple[Array, Array]:
+def _limits(cameras: Cameras, k: int, tests: FragmentTests) -> Limits:
     """Peeling limits of one camera, as keys that grow towards the camera."""
     if tests.beyond is None and tests.skip is None:
         return NO_LIMITS
@@ -206,11 +224,11 @@ def _limits(cameras: Cameras, k: int, tests: FragmentTests) -> tuple[Array, Arra
             key = -depth if cameras.orthographic else np.where(depth > 0, 1.0 / depth, np.inf)
     if tests.skip is not None:
         skip = numpy_view(check_tensor("tests.skip", tests.skip, shape)[k], np.int64)
-    return key, skip
+    return Limits(key, skip)
 
 
-def earlier_arrays(cameras: Cameras, k: int, tests: FragmentTests, view: View) -> tuple[Array, ...]:
-    """Earlier images, and how the pixels of camera ``k`` map into them; see ``kernels.fragments``."""
+def earlier_arrays(cameras: Cameras, k: int, tests: FragmentTests, view: View) -> Earlier:
+    """Earlier images, and how the pixels of camera ``k`` map into them."""
     earlier = tests.earlier
     if earlier is None or len(earlier.cameras) == 0:
         return NO_EARLIER
@@ -228,18 +246,27 @@ def earlier_arrays(cameras: Cameras, k: int, tests: FragmentTests, view: View) -
     lens[:, 5] = (1.0 / intrinsics[:, (0, 1), (0, 1)]).max(axis=1)
     lens[:, 6:] = (other.eye.numpy() - view.reference) @ view.matrix.T
     size = float((1.0 / cameras.intrinsics[k, (0, 1), (0, 1)]).max())
-    own = np.concatenate([view.matrix, world_from_pixel, [[PIXEL_TESTS.index(tests.test), tests.quality_ratio, size]]])
-    depth = numpy_view(earlier.depth, np.float32)
-    return numpy_view(earlier.triangle, np.int64), np.ascontiguousarray(pixels), other.near.numpy(), depth, lens, own
+    return Earlier(
+        ids=numpy_view(earlier.triangle, np.int64),
+        pixels=np.ascontiguousarray(pixels),
+        near=other.near.numpy(),
+        depth=numpy_view(earlier.depth, np.float32),
+        lenses=lens,
+        matrix=view.matrix,
+        inverse=world_from_pixel,
+        test=PIXEL_TESTS.index(tests.test),
+        ratio=float(tests.quality_ratio),
+        footprint=size,
+    )
 
 
-def attribute_arrays(geometry: Geometry) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
-    """(vertices, faces, material) and (normals, uv, colors), empty where absent, as the attribute kernels read them."""
-    optional = tuple(
+def attribute_arrays(geometry: Geometry) -> Mesh:
+    """A mesh as the attribute kernels read it."""
+    optional = (
         np.zeros((0, width), np.float32) if value is None else value.numpy()
         for value, width in ((geometry.normals, 3), (geometry.uv, 2), (geometry.colors, 3))
     )
-    return (geometry.vertices.numpy(), geometry.faces.numpy(), geometry.material.numpy()), optional
+    return Mesh(geometry.vertices.numpy(), geometry.faces.numpy(), geometry.material.numpy(), *optional)
 
 
 def empty_attributes(shape: tuple[int, ...]) -> dict[str, Array]:
@@ -252,7 +279,7 @@ def empty_attributes(shape: tuple[int, ...]) -> dict[str, Array]:
 
 def _interpolate(geometry: Geometry, seen: VisibilityBuffer, outputs: tuple[Array, ...]) -> None:
     cameras = seen.cameras
-    scene, optional = attribute_arrays(geometry)
+    mesh = attribute_arrays(geometry)
     pixels = cameras.width * cameras.height
     world_from_camera = cameras.world_from_camera.numpy()
     size = cameras.footprint(torch.ones(len(cameras), 1, dtype=torch.float64))
@@ -261,12 +288,12 @@ def _interpolate(geometry: Geometry, seen: VisibilityBuffer, outputs: tuple[Arra
         if cameras.orthographic:
             rays[2] = 0.0  # across the image plane; the depth goes along ``forward``
         rotation = world_from_camera[k, :3, :3]
-        view = (
+        eye = Eye(
             np.ascontiguousarray(rotation @ rays),
             world_from_camera[k, :3, 3].copy(),
             rotation[:, 2].copy(),
-            np.array([float(size[k, 0]), float(cameras.orthographic)]),
+            float(size[k, 0]),
+            cameras.orthographic,
         )
-        visible = (seen.depth[k].numpy(), seen.triangle[k].numpy(), seen.barycentric[k].numpy())
-        rows = tuple(a[k].reshape(pixels, *a.shape[3:]) for a in outputs)
-        interpolate(scene, optional, view, visible, rows)
+        visible = Hits(seen.depth[k].numpy(), seen.triangle[k].numpy(), seen.barycentric[k].numpy())
+        interpolate(mesh, eye, visible, Surface(*(a[k].reshape(pixels, *a.shape[3:]) for a in outputs)))

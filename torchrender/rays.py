@@ -21,6 +21,7 @@ from torchrender.arrays import view
 from torchrender.buffers import RayHits
 from torchrender.checks import check_choice, check_finite, check_tensor
 from torchrender.errors import InputError, OptionError
+from torchrender.kernels.raster.records import Holes
 from torchrender.kernels.rays.bvh import TIE, Rays, build_bvh, trace
 from torchrender.kernels.rays.embree import SLACK, aim, grown_triangles
 from torchrender.kernels.rays.ray_holes import hits_in_holes
@@ -65,11 +66,11 @@ class RayCaster:
                 self._bound = _EmbreeBound(self._bvh.frame, grown, embree)
 
     @property
-    def _holes(self) -> tuple[np.ndarray, ...] | None:
+    def _holes(self) -> Holes | None:
         cutout, uv = self.geometry.cutout, self.geometry.uv
         if cutout is None or uv is None:
             return None
-        return cutout.mask.numpy(), cutout.table.numpy(), cutout.texels.numpy(), uv.numpy()
+        return Holes(cutout.mask.numpy(), cutout.table.numpy(), cutout.texels.numpy(), uv.numpy())
 
     def rebuilt(self, vertices: Tensor) -> RayCaster:
         """The same faces with moved vertices (V,3), in scene units."""

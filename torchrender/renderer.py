@@ -2,30 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from torch import Tensor
 
-from torchrender.buffers import GBuffer, RaySurface, ShadowMap
+from torchrender.buffers import GBuffer, RaySurface
 from torchrender.clock import StepClock
 from torchrender.errors import InputError
 from torchrender.image import Image
 from torchrender.passes.contract import Buffers, Pass
-from torchrender.passes.light.direct_light import DIRECT_LIGHT
-from torchrender.passes.light.shadow_map import SHADOW_MAP
-from torchrender.passes.mirrors.hit_shader import HIT_SHADER
 from torchrender.passes.outlook import Outlook
 from torchrender.passes.picture.composite import COMPOSITE
 from torchrender.passes.seen.picture_visibility import PICTURE_VISIBILITY
 from torchrender.passes.settings import CUSTOM
-from torchrender.passes.table import GBUFFER, PASSES, PICTURE
+from torchrender.passes.table import GBUFFER, PICTURE
 from torchrender.pipeline.buffer import Buffer
 from torchrender.pipeline.frame import Frame
 from torchrender.pipeline.history import RenderHistory
-from torchrender.pipeline.hit_shader import HitShader
 from torchrender.pipeline.options import RenderOptions
 from torchrender.planning.costs import Knowledge
 from torchrender.planning.curves import load_curves
@@ -49,7 +45,6 @@ def render(
     history: RenderHistory | None = None,
     budget_ms: float | None = None,
     max_error: float | None = None,
-    passes: Sequence[Pass] = PASSES,
 ) -> Image:
     """Pictures of a scene, one per camera.
 
@@ -67,7 +62,6 @@ def render(
             was predicted and what it took, and says so if the budget is not enough for the cheapest settings.
         max_error: mean FLIP, in [0,1], that the picture may be away from one with every pass at its reference. The
             quickest settings are chosen that keep it; with a budget, too, that comes first.
-        passes: the table of passes to render with: the built-in ones, and others beside them.
 
     A scene without any light gets :meth:`Scene.with_default_light`. A scene without triangles gives its background.
 
@@ -78,14 +72,14 @@ def render(
     """
     check_wishes(budget_ms, max_error)
     options = options or RenderOptions()
-    check_names(options, passes)
+    check_names(options)
     clock = StepClock()
     if not isinstance(scene, Scene):
         with clock.measure("load"):
             scene = load(scene)
     with clock.measure("total"):
         cameras = view_of(scene, camera, width, height)
-        knowledge = Knowledge.of(scene, cameras, options, history, load_curves(), passes)
+        knowledge = Knowledge.of(scene, cameras, options, history, load_curves())
         run = Run(knowledge, (budget_ms, max_error), clock)
         image = run.image()
     plan = run.plan.measured(clock.elapsed_ms, run.amounts, clock.elapsed_ms["total"])
@@ -98,8 +92,6 @@ def shade_samples(
     samples: GBuffer,
     options: RenderOptions | None = None,
     history: RenderHistory | None = None,
-    *,
-    passes: Sequence[Pass] = PASSES,
 ) -> Tensor:
     """Radiance (B,H,W,3) of samples that need not be the nearest surfaces, by the passes of a picture.
 
@@ -112,10 +104,10 @@ def shade_samples(
         history: what a picture of the scene left: what lasts is used again.
     """
     history = RenderHistory.alone() if history is None else replace(history, sequence=False)
-    knowledge = Knowledge.of(scene, samples.cameras, options or RenderOptions(), history, load_curves(), passes)
+    knowledge = Knowledge.of(scene, samples.cameras, options or RenderOptions(), history, load_curves())
     past = knowledge.outlook.history
     chosen = knowledge.outlook.options
-    for step in passes:
+    for step in knowledge.passes:
         chosen = step.over_samples(chosen, past)
     outlook = replace(knowledge.outlook.at(chosen), samples=samples)
     run = Run(replace(knowledge, outlook=outlook, wanted=(COMPOSITE,), given=(GBUFFER,)), (None, None), StepClock())
@@ -134,21 +126,6 @@ def make_buffers(
     knowledge = Knowledge.of(scene, cameras, options or RenderOptions(), None, load_curves())
     run = Run(replace(knowledge, wanted=wanted, given=tuple(given or ())), (None, None), StepClock())
     return run.buffers(given or {})
-
-
-def hit_shader(
-    scene: Scene, options: RenderOptions | None = None, maps: Sequence[ShadowMap | None] | None = None
-) -> HitShader:
-    """Colours of what rays hit in a scene, as a picture with these options has them.
-
-    Args:
-        scene: with its lights.
-        maps: shadow maps, one per light; drawn where missing.
-    """
-    place = Cameras.look_at([0.0, 0.0, 1.0], [0.0, 0.0, 0.0], width=1, height=1, near=1e-3)  # nobody looks from there
-    given = {} if maps is None else {SHADOW_MAP: tuple(maps)}
-    shader: HitShader = make_buffers(scene, place, (HIT_SHADER,), options, given=given)[HIT_SHADER]
-    return shader
 
 
 def view_of(scene: Scene, camera: Cameras | str | None, width: int | None, height: int | None) -> Cameras:
@@ -245,7 +222,7 @@ class Run:
             options = step.over_hits(options, outlook.history)
         alone = replace(outlook.history, sequence=False, kept={})
         over = replace(outlook, options=options, history=alone, known={}, facts={})
-        knowledge = replace(self.knowledge, outlook=over, wanted=(DIRECT_LIGHT,), given=())
+        knowledge = replace(self.knowledge, outlook=over, wanted=(COMPOSITE,), given=())
         return OverHits(knowledge, dict(given))
 
     def _take(self, step: Pass, made: Any) -> None:
@@ -297,6 +274,6 @@ class OverHits:
         outlook: Outlook = replace(self.knowledge.outlook, samples=samples, cameras=cameras)
         known = replace(self.knowledge, outlook=outlook, given=(GBUFFER, *self.given))
         run = Run(known, (None, None), StepClock())
-        radiance: Tensor = run.buffers({GBUFFER: samples, **self.given})[DIRECT_LIGHT]
+        radiance: Tensor = run.buffers({GBUFFER: samples, **self.given})[COMPOSITE]
         self.given |= run.lasting
         return radiance

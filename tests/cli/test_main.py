@@ -15,8 +15,12 @@ import pytest
 import torchrender
 from torchrender.cli import main as cli
 from torchrender.cli.arguments import numbers
+from torchrender.depth.options import SamplingOptions
+from torchrender.effects.reflections.reuse_options import ReuseOptions
 from torchrender.errors import OptionError
 from torchrender.images.files import read_image
+from torchrender.pipeline.options import RenderOptions
+from torchrender.points.select import SelectionOptions
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -198,3 +202,25 @@ def test_depth_pictures_of_sample_kinds(redundancy: str, tmp_path: Path, capsys:
         assert data["layer"].max() >= 1
         assert data["normal"].shape == (2, 32, 32, 3)
         assert not data["truncated"].any()
+
+
+def test_defaults_that_help_names_are_those_of_the_options(capsys: pytest.CaptureFixture[str]) -> None:
+    """The command line holds no defaults of its own for these: its words must not drift from what happens."""
+    owners = {
+        "render": (RenderOptions(), ("supersample", "exposure", "tone_map", "reflections")),
+        "depth": (SamplingOptions(), ("method", "redundancy")),
+        "fly": (ReuseOptions(), ("key_frame_threshold",)),
+        "points": (SelectionOptions(), ("coarse_radius",)),
+    }
+    flags = {"key_frame_threshold": "threshold", "coarse_radius": "radius"}
+    for command, (options, names) in owners.items():
+        with pytest.raises(SystemExit):
+            cli.main([command, "--help"])
+        words = " ".join(capsys.readouterr().out.split())
+        for name in names:
+            value = getattr(options, name)
+            flag = f"--{flags.get(name, name).replace('_', '-')}"
+            text = words[words.rindex(flag) :]
+            said = re.search(r"default ([\w.]+)", text)
+            assert said is not None, flag
+            assert said[1].rstrip(".") == (value if isinstance(value, str) else f"{value:g}"), flag

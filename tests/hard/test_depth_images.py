@@ -9,11 +9,11 @@ import torch
 
 from sampling_scenes import front, ring, soup, triangle, wall
 from torchrender.buffers import DepthImages
-from torchrender.depth.metrics import MetricOptions, sampling_metrics
 from torchrender.depth.options import METHODS, SamplingOptions
 from torchrender.depth.probes import Probes, pixel_redundant
 from torchrender.depth.ray_visibility import RayVisibility
 from torchrender.depth.sample import sample_depth_images
+from torchrender.depth.sampling_metrics import SamplingMetricOptions, sampling_metrics
 from torchrender.raster import FragmentTests, rasterize_visibility
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
@@ -143,7 +143,7 @@ def test_fully_redundant_images_are_empty_and_measurable(options: SamplingOption
     images = clean(sample_depth_images(scene, cameras, options))
     assert not bool(images.covered[1:].any())
     assert bool((images.layer[1:] == 1).all())
-    metrics = sampling_metrics(scene, cameras, [images], MetricOptions(frames=3))[0]
+    metrics = sampling_metrics(scene, cameras, [images], SamplingMetricOptions(frames=3))[0]
     assert [s.value for s in metrics.redundant] == [0.0, None, None]
     assert metrics.least_available == 1.0
 

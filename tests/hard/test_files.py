@@ -258,7 +258,7 @@ def test_extreme_scales_keep_unit_normals(tmp_path: Path, scale: float) -> None:
     glb = triangle()
     glb.json["nodes"][0]["scale"] = [scale] * 3
     normals = load(glb.write(tmp_path / "a.glb")).geometry.normals
-    assert normals is None or bool(((normals.norm(dim=1) - 1).abs() < 1e-5).all())
+    assert normals is not None and bool(((normals.norm(dim=1) - 1).abs() < 1e-5).all())
 
 
 def test_flattened_instances_have_no_normals(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from depth_scenes import both, depth_images, front_camera, offset_camera, wall
 from torchrender.rays import RayCaster
 from torchrender.reconstruct.corners import ReconstructOptions, fit_corners
-from torchrender.reconstruct.discs import reconstruct_splat
+from torchrender.reconstruct.discs import reconstruct_discs
 from torchrender.reconstruct.hybrid import reconstruct_hybrid
 from torchrender.reconstruct.reproject import reproject
 from torchrender.scene import shapes
@@ -165,5 +165,5 @@ def test_one_pixel_images_and_single_rows() -> None:
         assert len(reconstruct_hybrid(images).faces) == 2 * width * height
         assert bool(reproject(images, camera).valid.all())
         assert not bool(reproject(images, camera, method="grid").valid.any())
-        assert len(reconstruct_splat(images).faces) == 6 * width * height
+        assert len(reconstruct_discs(images).faces) == 6 * width * height
     assert math.isfinite(float(images.depth.sum()))

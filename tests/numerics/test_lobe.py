@@ -47,6 +47,16 @@ def test_schlick_stays_between_its_degree_and_one(degree: float, low: float, hig
     assert float(schlick(torch.tensor(degree, dtype=dtype), torch.tensor(0.0, dtype=dtype))) == pytest.approx(1.0)
 
 
+@pytest.mark.parametrize(
+    ("degree", "cosine", "share"),
+    [(0.04, 0.5, 0.07), (0.5, 0.5, 0.515625), (0.2, 0.2, 0.462144), (0.04, 0.9, 0.0400096), (1.0, 0.5, 1.0)],
+)
+def test_schlick_at_known_angles(degree: float, cosine: float, share: float) -> None:
+    """``F0 + (1 - F0)(1 - cos)^5``, worked out by hand."""
+    found = schlick(torch.tensor([degree], dtype=torch.float64), torch.tensor([cosine], dtype=torch.float64))
+    assert float(found) == pytest.approx(share, rel=1e-9)
+
+
 @settings(deadline=None, max_examples=40)
 @given(seed=seeds, dtype=types)
 def test_frames_are_orthonormal(seed: int, dtype: torch.dtype) -> None:

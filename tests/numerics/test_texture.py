@@ -76,6 +76,27 @@ def test_wide_footprint_reads_the_mean_and_narrow_the_finest_level() -> None:
     torch.testing.assert_close(narrow, sample_texture(pyramid, uv))
 
 
+@pytest.mark.parametrize(("height", "width"), [(4, 64), (64, 4)])
+def test_the_longer_side_sets_the_level(height: int, width: int) -> None:
+    """A pixel as wide as 2^k texels of the longer side reads level k, exactly; one as wide as all of it the last."""
+    texture = picture(height, width)
+    pyramid = build_pyramid(texture)
+    levels = [texture]
+    while max(levels[-1].shape[:2]) > 1:
+        image = levels[-1].permute(2, 0, 1)[None]
+        cell = [min(2, side) for side in image.shape[2:]]
+        levels.append(torch.nn.functional.avg_pool2d(image, cell)[0].permute(1, 2, 0))
+    assert len(levels) == 7
+    uv = torch.tensor([[0.31, 0.83], [0.62, 0.07], [0.999, 0.5]], dtype=torch.float64)
+    for k, level in enumerate(levels):
+        value = sample_texture(pyramid, uv, torch.full((3,), 2.0**k / 64))
+        expected = torch.stack([slow_bilinear(level, float(u), float(v)) for u, v in uv])
+        torch.testing.assert_close(value, expected, rtol=1e-4, atol=1e-5)
+    between = sample_texture(pyramid, uv, torch.full((3,), 2.0**2.5 / 64))
+    parts = [torch.stack([slow_bilinear(levels[k], float(u), float(v)) for u, v in uv]) for k in (2, 3)]
+    torch.testing.assert_close(between, (parts[0] + parts[1]) / 2, rtol=1e-4, atol=1e-5)
+
+
 def test_levels_blend_without_a_jump() -> None:
     pyramid = build_pyramid(picture(64, 64))
     footprint = torch.logspace(-7, 0.5, 2000, base=2.0)

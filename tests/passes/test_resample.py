@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import torchrender as tr
 from shadow_scenes import floor, quad
-from torchrender.passes.resolve import resampled
+from torchrender.passes.picture.resample import resampled
 from torchrender.pipeline.options import RenderOptions
 from torchrender.scene.light import DirectionalLight, RectLight
 from torchrender.scene.model import Scene

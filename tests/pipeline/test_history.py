@@ -12,11 +12,17 @@ from torchrender.effects.reflections.reuse_options import ReuseOptions
 from torchrender.effects.shadows.shadow_map import ShadowOptions
 from torchrender.errors import InputError
 from torchrender.image import Image
+from torchrender.passes.light.shadow_map import SHADOW_MAP
+from torchrender.passes.mirrors.hit_shader import HIT_SHADER
+from torchrender.passes.mirrors.key_frame import KEY_FRAME, reuse_report
+from torchrender.passes.seen.ray_caster import RAY_CASTER
+from torchrender.pipeline.buffer import Buffer
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
 from torchrender.renderer import render
 from torchrender.scene.camera import Cameras
-from torchrender.scene.light import PointLight
+from torchrender.scene.environment import Environment
+from torchrender.scene.light import DirectionalLight, PointLight
 from torchrender.scene.material import Material
 from torchrender.scene.model import Scene
 
@@ -46,8 +52,14 @@ def camera(x: float = 0.3, size: int = 48) -> Cameras:
 
 def started(scene: Scene, options: RenderOptions = TRACED) -> RenderHistory:
     history = render(scene, camera(), options=options, history=RenderHistory()).history
-    assert history is not None and history.report is not None and history.report.key_frame
+    assert history is not None and reuse_report(history).key_frame
     return history
+
+
+def was_key_frame(image: Image) -> bool:
+    report = reuse_report(image.history)
+    assert report is not None
+    return report.key_frame
 
 
 def following(scene: Scene, history: RenderHistory, options: RenderOptions = TRACED) -> Image:
@@ -58,8 +70,8 @@ def test_a_sequence_is_close_to_single_pictures() -> None:
     scene = mirror_room()
     history = started(scene)
     image = following(scene, history)
-    assert image.history is not None and image.history.report is not None
-    assert not image.history.report.key_frame and image.history.report.traced_share < 0.4
+    report = reuse_report(image.history)
+    assert report is not None and not report.key_frame and report.traced_share < 0.4
     alone = render(scene, camera(0.33), options=TRACED)
     assert alone.history is None
     difference = (image.radiance - alone.radiance).abs()
@@ -81,9 +93,12 @@ def test_what_stands_still_is_kept() -> None:
     history = started(scene)
     after = following(scene, history).history
     assert after is not None
-    for name in ("scene", "caster", "shadow_maps", "shader"):
-        assert getattr(after, name) is getattr(history, name) is not None, name
-    assert after.reuse is not None and history.reuse is not None and after.reuse.key is history.reuse.key
+    assert after.scene is history.scene is not None
+    for buffer in (SHADOW_MAP, HIT_SHADER):
+        assert after.get(buffer) is history.get(buffer) is not None, buffer.name
+    assert after.get(KEY_FRAME).state.key is history.get(KEY_FRAME).state.key  # type: ignore[union-attr]
+    caster = after.get(RAY_CASTER)
+    assert caster is not None and following(scene, after).history.get(RAY_CASTER) is caster  # type: ignore[union-attr]
 
 
 def moved(scene: Scene) -> Scene:
@@ -104,18 +119,28 @@ def dimmed(scene: Scene) -> Scene:
     return replace(scene, ambient=torch.full((3,), 0.3))
 
 
+def surrounded(scene: Scene) -> Scene:
+    return replace(scene, environment=Environment(radiance=torch.full((4, 8, 3), 0.3)))
+
+
 @pytest.mark.parametrize(
     ("change", "keeps"),
-    [(moved, ()), (relit, ("caster",)), (repainted, ("caster", "shadow_maps")), (dimmed, ("caster", "shadow_maps"))],
+    [
+        (moved, ()),
+        (relit, (RAY_CASTER,)),
+        (repainted, (RAY_CASTER, SHADOW_MAP)),
+        (dimmed, (RAY_CASTER, SHADOW_MAP)),
+        (surrounded, (RAY_CASTER, SHADOW_MAP)),
+    ],
 )
-def test_a_change_takes_away_what_it_could_show_in(change, keeps: tuple[str, ...]) -> None:
+def test_a_change_takes_away_what_it_could_show_in(change, keeps: tuple[Buffer, ...]) -> None:
     scene = mirror_room()
     history = started(scene)
     other = change(scene)
     image = following(other, history)
-    assert image.history is not None and image.history.report is not None and image.history.report.key_frame
-    for name in ("caster", "shadow_maps"):
-        assert (getattr(image.history, name) is getattr(history, name)) == (name in keeps), name
+    assert was_key_frame(image)
+    for buffer in (RAY_CASTER, SHADOW_MAP):
+        assert (image.history.get(buffer) is history.get(buffer)) == (buffer in keeps), buffer.name
     alone = render(other, camera(0.33), options=TRACED)
     assert torch.allclose(image.radiance, alone.radiance, atol=1e-6)
 
@@ -130,8 +155,8 @@ def test_options_that_change_start_anew() -> None:
         (replace(TRACED, shadows=False), False),
     ):
         image = following(scene, history, options)
-        assert image.history is not None and image.history.report is not None and image.history.report.key_frame
-        assert (image.history.shadow_maps is history.shadow_maps) == maps_kept
+        assert was_key_frame(image)
+        assert (image.history.get(SHADOW_MAP, options) is history.get(SHADOW_MAP)) == maps_kept
         alone = render(scene, camera(0.33), options=options)
         assert torch.allclose(image.radiance, alone.radiance, atol=1e-6)
 
@@ -142,7 +167,7 @@ def test_scenes_without_mirrors_light_or_triangles_have_histories_too() -> None:
     for scene in (plain, dark, Scene()):
         image = render(scene, camera(), history=RenderHistory())
         again = render(scene, camera(0.33), history=image.history)
-        assert again.history is not None and again.history.report is None
+        assert again.history is not None and reuse_report(again.history) is None
         assert again.history.scene is image.history.scene  # type: ignore[union-attr]
         alone = render(scene, camera(0.33))
         assert torch.equal(again.radiance, alone.radiance)
@@ -152,10 +177,10 @@ def test_supersampling_batches_and_orthographic_cameras() -> None:
     scene = mirror_room()
     options = replace(TRACED, supersample=2)
     history = started(scene, options)
-    assert not following(scene, history, options).history.report.key_frame  # type: ignore[union-attr]
+    assert not was_key_frame(following(scene, history, options))
     pair = Cameras.cat([camera(0.3), camera(0.4)])
     image = render(scene, pair, options=TRACED, history=RenderHistory())
-    assert not render(scene, pair, options=TRACED, history=image.history).history.report.key_frame  # type: ignore[union-attr]
+    assert not was_key_frame(render(scene, pair, options=TRACED, history=image.history))
     flat = replace(camera(), orthographic=True, far=torch.tensor([20.0], dtype=torch.float64))
     flat = replace(flat, intrinsics=flat.intrinsics / torch.tensor([[8.0], [8.0], [1.0]], dtype=torch.float64))
     again = render(scene, flat, options=TRACED, history=RenderHistory())
@@ -179,16 +204,17 @@ def test_a_camera_cut_gives_a_whole_picture_and_then_a_key_frame() -> None:
     image = render(scene, cut, options=TRACED, history=history)
     alone = render(scene, cut, options=TRACED)
     assert float((image.radiance - alone.radiance).abs().mean()) < 1 / 255
-    assert image.history.report.next_key_frame  # type: ignore[union-attr]
+    report = reuse_report(image.history)
+    assert report is not None and report.next_key_frame
     after = render(scene, cut, options=TRACED, history=image.history)
-    assert after.history.report.key_frame  # type: ignore[union-attr]
+    assert was_key_frame(after)
     assert torch.allclose(after.radiance, alone.radiance, atol=1e-6)
 
 
 def test_another_picture_size_is_served_by_the_same_key_frame() -> None:
     scene = mirror_room()
     image = render(scene, camera(0.32, 64), options=TRACED, history=started(scene))
-    assert not image.history.report.key_frame  # type: ignore[union-attr]
+    assert not was_key_frame(image)
     alone = render(scene, camera(0.32, 64), options=TRACED)
     assert float((image.radiance - alone.radiance).abs().mean()) < 1 / 255
 
@@ -196,3 +222,19 @@ def test_another_picture_size_is_served_by_the_same_key_frame() -> None:
 def test_a_camera_of_no_scene_is_still_an_error() -> None:
     with pytest.raises(InputError, match="no camera"):
         render(mirror_room(), "nowhere", history=RenderHistory())
+
+
+def test_maps_that_follow_the_eye_are_never_kept() -> None:
+    """Cascades of an earlier view would be wrong from the next one on."""
+    scene = replace(mirror_room(), lights=(DirectionalLight(direction=torch.tensor([0.3, -1.0, -0.5])),))
+    options = replace(TRACED, reflections="off", shadow=ShadowOptions(size=256, cascades=2))
+    first = render(scene, camera(), options=options, history=RenderHistory())
+    second = render(scene, camera(1.4), options=options, history=first.history)
+    assert torch.equal(second.radiance, render(scene, camera(1.4), options=options).radiance)
+
+
+def test_what_is_shared_between_sequences_holds_no_reflections_of_one() -> None:
+    history = started(mirror_room())
+    shared = history.shared()
+    assert history.get(KEY_FRAME) is not None and shared.get(KEY_FRAME) is None
+    assert shared.get(SHADOW_MAP) is history.get(SHADOW_MAP) is not None

@@ -12,15 +12,20 @@ import pytest
 import torch
 
 import torchrender as tr
+from torchrender.clock import StepClock
 from torchrender.errors import InputError, OptionError
-from torchrender.passes.outlook import Verdict
-from torchrender.passes.table import PASSES, Pass, find_pass
+from torchrender.passes.contract import Pass, always
+from torchrender.passes.light.shadow_map import SHADOW_MAP
+from torchrender.passes.mirrors.hit_shader import HIT_SHADER
+from torchrender.passes.outlook import Outlook
+from torchrender.passes.table import PASSES, PICTURE, find_pass
+from torchrender.pipeline.buffer import Buffer
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
+from torchrender.planning.costs import Knowledge
 from torchrender.planning.curves import Curves, load_curves
-from torchrender.planning.knowledge import WANTED, Knowledge
+from torchrender.planning.graph import resolve
 from torchrender.planning.plan import Plan
-from torchrender.planning.planner import in_order, verdicts
 from torchrender.renderer import Run
 from torchrender.scene.camera import Cameras
 from torchrender.scene.load import load
@@ -54,12 +59,30 @@ def running(plan: Plan) -> list[str]:
 
 
 def test_only_what_the_scene_calls_for(grass: Scene, box: Scene, washroom: Scene) -> None:
-    assert running(tr.plan(grass, view(grass))) == ["gbuffer", "shadow_map", "point_shadow", "direct_light", "resolve"]
-    assert running(tr.plan(box, view(box))) == ["gbuffer", "shadow_map", "soft_shadow", "direct_light", "resolve"]
-    names = ["gbuffer", "shadow_map", "point_shadow", "soft_shadow", "direct_light", "reflections", "resolve"]
-    assert running(tr.plan(washroom, view(washroom))) == names
-    names[5] = "reflection_reuse"
-    assert running(tr.plan(washroom, view(washroom), history=RenderHistory())) == names
+    end = ["direct_light", "composite", "resample"]
+    assert running(tr.plan(grass, view(grass))) == ["gbuffer", "shadow_map", "point_shadow", *end]
+    assert running(tr.plan(box, view(box))) == ["gbuffer", "shadow_map", "soft_shadow", *end]
+    names = ["gbuffer", "reflective_pixel", "shadow_map", "point_shadow", "soft_shadow", "direct_light", "hit_shader"]
+    assert running(tr.plan(washroom, view(washroom))) == [*names, "reflections", *end[1:]]
+    first = tr.plan(washroom, view(washroom), history=RenderHistory())
+    assert running(first) == [*names, "reflections", "key_frame", *end[1:]]
+    assert first.row("reflection_reuse").reason == "nothing to use again: this picture is a key frame"
+    started = tr.render(washroom, view(washroom), history=RenderHistory()).history
+    next_one = tr.plan(washroom, view(washroom), history=started)
+    assert {"reflection_reuse", "ray_caster"} < set(running(next_one))
+    assert next_one.row("reflections").reason == next_one.row("key_frame").reason == "done by reflection_reuse"
+
+
+def test_what_lasts_says_for_whom(washroom: Scene) -> None:
+    plan = tr.plan(washroom, view(washroom))
+    assert plan.row("shadow_map").reason.endswith(": for point_shadow, soft_shadow, hit_shader")
+    exact = RenderOptions(point_shadows="traced", area_shadows="sampled", reflections="traced")
+    plan = tr.plan(washroom, view(washroom), options=exact)
+    assert plan.row("shadow_map").reason.endswith(": for hit_shader")
+    assert plan.row("shadow_map").predicted_error == 0.0, "the picture itself does not look maps up"
+    assert plan.row("ray_caster").reason.endswith(": for point_shadow, reflections")
+    dull = tr.plan(washroom, view(washroom), options=replace(exact, reflections="off"))
+    assert dull.row("shadow_map").reason == "nobody asks for what it makes"
 
 
 def test_reasons_name_the_cause(grass: Scene, washroom: Scene) -> None:
@@ -74,9 +97,7 @@ def test_reasons_name_the_cause(grass: Scene, washroom: Scene) -> None:
     away = Cameras.look_at(outside, [2 * x for x in outside], width=16, height=16, near=0.1)
     assert tr.plan(washroom, away).row("reflections").reason == "no reflector meets the view frustum"
     alone = tr.plan(washroom, view(washroom), options=RenderOptions(area_shadows="sampled", reflections="off"))
-    assert (
-        "lights without area" in alone.row("shadow_map").reason and "area light" not in alone.row("shadow_map").reason
-    )
+    assert alone.row("shadow_map").reason.endswith(": for point_shadow")
 
 
 def test_mirrors_in_the_frustum_that_no_pixel_shows() -> None:
@@ -110,26 +131,36 @@ def test_the_plan_prints_itself(washroom: Scene) -> None:
 # -------------------------------------------------------------------- order
 
 
-def stand_in(name: str, makes: str, needs: tuple[str, ...] = (), uses: tuple[str, ...] = ()) -> Pass:
-    return replace(PASSES[0], name=name, makes=makes, needs=needs, uses=uses, applies=lambda _: Verdict(True, "."))
+def stand_in(name: str, makes: Buffer, needs: tuple[Buffer, ...] = (), uses: tuple[Buffer, ...] = ()) -> Pass:
+    return Pass(
+        name=name, summary=".", makes=makes, needs=needs, uses=uses, applies=always("."), run=lambda _: None,
+        amounts=lambda _: (1.0,),
+    )  # fmt: skip
 
 
-def test_passes_run_after_those_they_ask() -> None:
+def test_passes_run_after_those_they_ask(box: Scene) -> None:
+    a, b, c, d, x, y = (Buffer(name, object) for name in "abcdxy")
+    outlook = Outlook(scene=box, cameras=view(box), options=RenderOptions(), history=RenderHistory())
     steps = (
-        stand_in("last", WANTED, ("b",), ("c",)),
-        stand_in("second", "b", ("a",)),
-        stand_in("third", "c", ("b",)),
-        stand_in("first", "a"),
-        stand_in("unwanted", "d"),
-        stand_in("late", "a"),
+        stand_in("last", PICTURE, (b,), (c,)),
+        stand_in("second", b, (a,)),
+        stand_in("third", c, (b,)),
+        stand_in("first", a),
+        stand_in("unwanted", d),
+        stand_in("late", a),
+        stand_in("helpless", d, (x,)),
     )
-    found = verdicts(steps, None)  # type: ignore[arg-type]
-    assert found["unwanted"].reason == "nobody asks for what it makes" and found["late"].reason == "done by first"
-    assert [s.name for s in in_order(steps, found)] == ["first", "second", "third", "last"]
-    assert verdicts(steps, None, (WANTED, "d"))["unwanted"].runs  # type: ignore[arg-type]
-    circle = (stand_in("x", "x", ("y",)), stand_in("y", "y", ("x",)), stand_in("end", WANTED, ("x",)))
+    found = resolve(steps, outlook, (PICTURE,))
+    assert found.verdicts["unwanted"].reason == "nobody asks for what it makes"
+    assert found.verdicts["late"].reason == "done by first" and found.verdicts["helpless"].reason == "nobody makes x"
+    assert [s.name for s in found.running] == ["first", "second", "third", "last"]
+    assert found.asked[b] == {PICTURE, c}
+    assert resolve(steps, outlook, (PICTURE, d)).verdicts["unwanted"].runs
+    given = resolve(steps, outlook, (PICTURE,), (b,))
+    assert [s.name for s in given.running] == ["third", "last"] and given.verdicts["second"].reason == "given"
+    circle = (stand_in("x", x, (y,)), stand_in("y", y, (x,)), stand_in("end", PICTURE, (x,)))
     with pytest.raises(OptionError, match="wait for each other: x, y, end"):
-        in_order(circle, verdicts(circle, None))  # type: ignore[arg-type]
+        resolve(circle, outlook, (PICTURE,))
 
 
 def test_buffers_are_released_after_their_last_reader(washroom: Scene) -> None:
@@ -145,42 +176,32 @@ def test_buffers_are_released_after_their_last_reader(washroom: Scene) -> None:
     def at_the_end(frame: object) -> object:
         gc.collect()
         alive.extend(ref() is not None for ref in kept)
-        return find_pass("resolve").run(frame)  # type: ignore[arg-type]
+        return find_pass("resample").run(frame)  # type: ignore[arg-type]
 
-    changed = {"point_shadow": watched, "resolve": at_the_end}
+    changed = {"point_shadow": watched, "resample": at_the_end}
     steps = tuple(replace(s, run=changed.get(s.name, s.run)) for s in PASSES)
     camera = view(washroom)
-    past = RenderHistory(scene=washroom, wanted=False)
-    known = Knowledge(scene=washroom, cameras=camera, past=past, curves=load_curves(), passes=steps)
-    Run(known, RenderOptions(), (None, None), _clock()).image()
+    tr.render(washroom, camera, options=RenderOptions(passes=steps))
     assert alive and not any(alive)
 
 
-def _clock() -> object:
-    from torchrender.clock import StepClock
-
-    return StepClock()
-
-
 def test_wanted_buffers_come_with_the_picture(washroom: Scene) -> None:
-    image = tr.render(washroom, view(washroom), options=RenderOptions(buffers=("reflection_layer", "direct")))
-    layer, direct = image.buffers["reflection_layer"], image.buffers["direct"]
+    image = tr.render(washroom, view(washroom), options=RenderOptions(buffers=("reflections", "direct_light")))
+    layer, direct = image.buffers["reflections"], image.buffers["direct_light"]
     assert layer.color.shape == direct.shape == (1, 40, 40, 3)
     assert not torch.equal(direct, image.radiance)
-    with pytest.raises(InputError, match="known buffers: gbuffer, shadow_maps"):
+    with pytest.raises(InputError, match="known buffers: gbuffer, reflective_pixel"):
         tr.render(washroom, view(washroom), options=RenderOptions(buffers=("deph",)))
 
 
 def test_a_diffuse_scene_runs_the_same_with_the_other_passes_deleted(grass: Scene) -> None:
-    few = tuple(s for s in PASSES if s.name not in ("soft_shadow", "reflections", "reflection_reuse"))
+    needless = ("soft_shadow", "reflections", "reflection_reuse", "key_frame", "hit_shader", "reflective_pixel")
+    few = tuple(s for s in PASSES if s.name not in needless)
     camera, pictures = view(grass), []
     for steps in (PASSES, few):
-        past = RenderHistory(scene=grass, wanted=False)
-        known = Knowledge(scene=grass, cameras=camera, past=past, curves=load_curves(), passes=steps)
-        clock = _clock()
-        pictures.append(Run(known, RenderOptions(), (None, None), clock).image())  # type: ignore[arg-type]
-        ran = set(clock.elapsed_ms)  # type: ignore[attr-defined]
-        assert ran == {"plan", "gbuffer", "shadow_map", "point_shadow", "direct_light", "resolve"}
+        pictures.append(tr.render(grass, camera, options=RenderOptions(passes=steps)))
+        ran = set(pictures[-1].timings_ms) - {"plan", "total"}
+        assert ran == {"gbuffer", "shadow_map", "point_shadow", "direct_light", "composite", "resample"}
     assert torch.equal(pictures[0].radiance, pictures[1].radiance)
 
 
@@ -217,9 +238,8 @@ def test_a_huge_budget_gives_the_reference(box: Scene) -> None:
     plan = tr.plan(box, view(box), budget_ms=1e8)
     assert plan.possible and not plan.statement
     for row in plan.running:
-        knob = find_pass(row.name).knob
-        if row.name not in ("resolve", "shadow_map"):
-            assert row.setting == knob.reference.name, row
+        if row.name not in ("resample", "shadow_map"):
+            assert row.setting == find_pass(row.name).settings.reference.name, row
     assert plan.predicted_error == pytest.approx(0.0, abs=1e-6)
 
 
@@ -256,7 +276,7 @@ def test_conflicting_wishes_are_said(washroom: Scene) -> None:
 def test_wishes_for_passes_that_are_off_stay_off(washroom: Scene) -> None:
     options = RenderOptions(reflections="off", shadows=False)
     plan = tr.plan(washroom, view(washroom), options=options, budget_ms=1e6)
-    assert running(plan) == ["gbuffer", "direct_light", "resolve"]
+    assert set(running(plan)) - {"picture_visibility"} == {"gbuffer", "direct_light", "composite", "resample"}
 
 
 # ---------------------------------------------------------------- sequences
@@ -270,18 +290,18 @@ def test_a_sequence_learns_what_passes_take(grass: Scene) -> None:
         for name, settings in curves.weights.items()
     })  # fmt: skip
     camera = view(grass, 64)
-    history = RenderHistory().of_scene(grass)
+    history = RenderHistory()
     ratios = []
     for _ in range(5):
-        known = Knowledge(scene=history.scene or grass, cameras=camera, past=history, curves=wrong)
-        clock = _clock()
-        run = Run(known, RenderOptions(), (None, None), clock)  # type: ignore[arg-type]
+        known = Knowledge.of(grass, camera, RenderOptions(), history, wrong)
+        clock = StepClock()
+        run = Run(known, (None, None), clock)
         run.image()
-        plan = run.plan.measured(clock.elapsed_ms, run.amounts, 1.0)  # type: ignore[attr-defined]
+        plan = run.plan.measured(clock.elapsed_ms, run.amounts, 1.0)
         row = plan.row("gbuffer")
         assert row.predicted_ms and row.measured_ms
         ratios.append(abs(math.log(row.predicted_ms / row.measured_ms)))
-        history = run.history(plan).of_scene(grass)
+        history = run.history(plan)
     assert history.pace is not None and history.pace.choice["gbuffer"] == "1"
     assert min(ratios[1:]) < ratios[0]
 
@@ -293,9 +313,9 @@ def test_a_choice_before_the_gbuffer_drops_nothing_that_the_next_one_uses(washro
         image = tr.render(washroom, view(washroom, 64), history=history, budget_ms=1e-3)
         assert image.history is not None
         history = image.history
-        maps.append(history.shadow_maps)
+        maps.append(history.get(SHADOW_MAP))
     assert maps[0] is not None and all(later is maps[0] for later in maps[1:])
-    assert history.shader is not None
+    assert history.get(HIT_SHADER) is not None
 
 
 def test_a_scene_that_changes_while_a_sequence_runs(washroom: Scene) -> None:
@@ -317,7 +337,7 @@ def test_curves_without_measurements_predict_nothing(box: Scene) -> None:
 def test_a_budget_leaves_fixed_passes_alone(box: Scene) -> None:
     camera = view(box, 64)
     for upscaling in ("nearest", "joint"):
-        options = RenderOptions(upscaling=upscaling, fixed=("resolve",))
+        options = RenderOptions(upscaling=upscaling, fixed=("resample",))
         made = tr.plan(box, camera, options=options, budget_ms=5.0)
         assert made.options.upscaling == upscaling
         assert made.options.supersample < 1

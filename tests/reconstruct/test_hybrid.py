@@ -14,7 +14,7 @@ from torchrender.errors import InputError, OptionError
 from torchrender.raster import rasterize_visibility
 from torchrender.rays import RayCaster
 from torchrender.reconstruct.corners import ReconstructOptions, SampleQuads, fit_corners
-from torchrender.reconstruct.discs import reconstruct_splat
+from torchrender.reconstruct.discs import reconstruct_discs
 from torchrender.reconstruct.hybrid import Reconstruction, reconstruct_grid, reconstruct_hybrid
 from torchrender.reconstruct.quality import closedness, edge_uses, nearby_cameras, quality
 from torchrender.scene import shapes
@@ -256,7 +256,7 @@ def test_quality_of_the_three_reconstructions() -> None:
     meshes = {
         "hybrid": reconstruct_hybrid(images, offset),
         "grid": reconstruct_grid(images),
-        "splat": reconstruct_splat(images),
+        "splat": reconstruct_discs(images),
     }
     own = {name: quality(mesh, scene.geometry, camera) for name, mesh in meshes.items()}
     assert float(own["hybrid"].coverage) == 1.0 and float(own["hybrid"].overdraw) == 1.0
@@ -271,7 +271,7 @@ def test_quality_of_the_three_reconstructions() -> None:
 
 def test_splats_have_the_area_and_normal_of_their_discs() -> None:
     images = depth_images(Scene(meshes=(wall(-5.0, tilt_deg=30.0),)), front_camera(6))
-    mesh = reconstruct_splat(images, scale=1.3)
+    mesh = reconstruct_discs(images, scale=1.3)
     corners = mesh.vertices[mesh.faces.long()]
     cross = torch.linalg.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = 0.5 * cross.norm(dim=1).reshape(36, 6).sum(1)
@@ -293,9 +293,9 @@ def test_what_is_refused() -> None:
     with pytest.raises(OptionError, match="guess_ratio"):
         ReconstructOptions(guess_ratio=3.0)
     with pytest.raises(OptionError, match="scale"):
-        reconstruct_splat(images, scale=3.0)
+        reconstruct_discs(images, scale=3.0)
     with pytest.raises(InputError, match="pixels"):
-        from torchrender.reconstruct.grid import fit_grid
+        from torchrender.reconstruct.grid_mesh import fit_grid
 
         closedness(fit_grid(images))
     assert offset_camera(images.cameras).width == 9 and offset.depth.shape == (1, 9, 9)

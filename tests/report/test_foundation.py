@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pytest
 import torch
 
 from torchrender.quality.machine import machine_line, machine_record
@@ -34,7 +35,7 @@ def test_software_opengl_draws_the_same_picture_where_it_runs():
     drawn = opengl_raster(scene.geometry, camera)
     if isinstance(drawn, str):
         assert "not usable" in drawn  # said in the report instead
-        return
+        pytest.skip(drawn)
     ids = torch.frombuffer(drawn[0]()[0], dtype=torch.int32).reshape(64, 64).flip(0)
     seen = rasterize_visibility(scene.geometry, camera).triangle[0]
     covered = seen >= 0

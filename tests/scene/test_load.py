@@ -208,6 +208,7 @@ def test_obj_with_materials_and_objects(tmp_path: Path) -> None:
     assert paint.specular_color.tolist() == pytest.approx([1.0, 0.5, 0.0])
     tiles = next(m for m in scene.materials if m.name == "tiles")
     assert tiles.emission.tolist() == [1.0, 2.0, 3.0]
+    assert tiles.diffuse.tolist() == [1.0, 1.0, 1.0]  # no Kd: the picture alone is the colour
     assert tiles.diffuse_texture is not None
     assert tiles.diffuse_texture[0, 0].tolist() == pytest.approx([1.0, 0.0, 0.0, 0.5])
     assert tiles.alpha_cutoff == 0.5

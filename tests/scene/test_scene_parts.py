@@ -154,6 +154,17 @@ def test_constant_environment_gives_pi_times_its_radiance():
     torch.testing.assert_close(sky.irradiance(normals), expected, rtol=5e-3, atol=0)
 
 
+def test_intensity_scales_irradiance_as_it_scales_radiance():
+    """Once, not twice: a constant sky of intensity 2 brings 2 pi."""
+    up = torch.tensor([[0.0, 1.0, 0.0]])
+    for intensity in (0.0, 0.5, 2.0, 1e3):
+        sky = Environment(radiance=torch.ones(16, 32, 3), intensity=intensity)
+        torch.testing.assert_close(sky.irradiance(up), torch.full((1, 3), intensity * math.pi), rtol=5e-3, atol=1e-9)
+    colors = torch.rand(16, 32, 3, generator=torch.Generator().manual_seed(2))
+    plain, strong = (Environment(radiance=colors, intensity=value).irradiance(up) for value in (1.0, 3.0))
+    torch.testing.assert_close(strong, 3.0 * plain)
+
+
 def test_irradiance_of_a_bright_upper_half():
     sky = torch.zeros(64, 128, 3)
     sky[:32] = 1.0

@@ -41,10 +41,10 @@ def test_sessions_are_spread_and_give_their_renderer_back() -> None:
     assert asyncio.run(busy(first, second, third, fourth)) == [True, False, True, False]
     pool = make_pool(renderers=2)
     first, second = pool.assign(), pool.assign()
-    pool.release(first)
-    pool.release(first)  # a second time does not count
-    third = pool.assign()
-    assert asyncio.run(busy(third, first, second)) == [True, True, False]
+    pool.release(second)
+    pool.release(second)  # a second time does not count
+    third, fourth = pool.assign(), pool.assign()
+    assert asyncio.run(busy(second, first, third, fourth)) == [True, False, True, False]
 
 
 def test_a_handle_of_another_pool_is_refused() -> None:

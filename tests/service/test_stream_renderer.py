@@ -10,6 +10,8 @@ import pytest
 import torch
 
 from reflection_scenes import looking, mirror_scene
+from torchrender.passes.mirrors.key_frame import KEY_FRAME
+from torchrender.passes.seen.ray_caster import RAY_CASTER
 from torchrender.renderer import render
 from torchrender.scene.load import load
 from torchrender.wire.cameras import header_of
@@ -157,10 +159,11 @@ def test_a_new_session_shares_what_a_scene_has_but_no_reflections(monkeypatch) -
     wish = {"bounds": Bounds(), "camera": header_of(looking(48))}
     for number, session in enumerate(("one", "one", "one", "two")):
         renderer.make(scene, job(scene, number, session=session, **wish))
-    assert given[0].caster is None and given[0].reuse is None
-    assert given[2].reuse is not None, "the scene mirrors, and the same session goes on"
-    assert given[3].reuse is None
-    assert given[3].caster is not None and given[3].caster is given[2].caster
+    kept = [history.kept for history in given]
+    assert not kept[0]
+    assert KEY_FRAME.name in kept[2], "the scene mirrors, and the same session goes on"
+    assert KEY_FRAME.name not in kept[3]
+    assert kept[3][RAY_CASTER.name].value is kept[2][RAY_CASTER.name].value
 
 
 def test_a_refinement_that_was_overtaken_is_not_gone_on_with(scene) -> None:

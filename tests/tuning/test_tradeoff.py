@@ -71,7 +71,17 @@ def test_curves_measured_here_are_curves() -> None:
     data = calibrate([scene], size=16, tell=lines.append)
     assert len(lines) == 2
     curves = parse_curves(json.loads(json.dumps(data)), "here")
-    assert set(curves.weights) == {"gbuffer", "shadow_map", "soft_shadow", "direct_light", "resolve"}
+    ran = {
+        "gbuffer",
+        "shadow_map",
+        "occluders",
+        "soft_shadow",
+        "direct_light",
+        "composite",
+        "picture_visibility",
+        "resample",
+    }
+    assert set(curves.weights) == ran
     again = calibrate([scene], size=16, known=curves, tell=lines.append)
     assert again["norm"] == data["norm"] and list(again["scenes"]) == list(data["scenes"])
     key = next(iter(data["scenes"]))
@@ -92,8 +102,8 @@ def test_sequences_lie_on_the_scenes_path() -> None:
     step = (views[0].eye[1:] - views[0].eye[:-1]).norm(dim=-1)
     assert float(step.max()) < float((views[0].eye[0] - views[1].eye[0]).norm())
     reuse = find_pass("reflection_reuse")
-    assert options_at(reuse, reuse.knob.setting("loose")).reflections == "traced"
-    assert all(options_at(step, step.knob.reference).reuse is None for step in PASSES if step.name != reuse.name)
+    assert options_at(reuse, reuse.settings.named("loose")).reflections == "traced"
+    assert all(options_at(step, step.settings.reference).reuse is None for step in PASSES if step.name != reuse.name)
 
 
 def test_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from torchrender.errors import OptionError
 
@@ -18,6 +18,16 @@ _CAMERA_KEYS = {"eye": 3, "target": 3, "up": 3, "fov": 1, "near": 1}
 def add_scene(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scene", metavar="SCENE", help="a scene or mesh file, or the name of a built-in scene")
     parser.add_argument("--triangles", type=int, metavar="N", help="size of a built-in scene, in triangles (about)")
+
+
+def add_size(parser: argparse.ArgumentParser, default: str = "1024x768", what: str = "picture size") -> None:
+    help_text = f"{what} in pixels (default {default})"
+    parser.add_argument("--size", default=default, metavar="WxH", help=help_text)
+
+
+def given(**values: Any) -> dict[str, Any]:
+    """Those that the command line names; the others keep the default of the option or function that they are for."""
+    return {name: value for name, value in values.items() if value is not None}
 
 
 def numbers(name: str, text: str, count: int) -> list[float]:

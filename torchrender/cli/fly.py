@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from torchrender.cli.arguments import add_scene, add_size, given
 from torchrender.cli.output import check_output, image_size, make_folder, progress
 from torchrender.errors import ImageFileError, InputError, OptionError
 
@@ -24,8 +25,7 @@ if TYPE_CHECKING:
 def add_fly(commands: Any) -> None:
     """Describe the command to the parser."""
     parser = commands.add_parser("fly", help="render a camera path, reusing reflections, to a film or a folder")
-    parser.add_argument("scene", metavar="SCENE", help="a scene or mesh file, or the name of a built-in scene")
-    parser.add_argument("--triangles", type=int, metavar="N", help="size of a built-in scene, in triangles (about)")
+    add_scene(parser)
     parser.add_argument("-o", "--output", required=True, metavar="OUT", help="film.mp4, or a folder for PNG files")
     parser.add_argument(
         "--path",
@@ -35,9 +35,9 @@ def add_fly(commands: Any) -> None:
     )
     parser.add_argument("--frames", type=int, default=240, metavar="N", help="number of pictures (default 240)")
     parser.add_argument("--fps", type=float, default=30.0, help="pictures per second of a film (default 30)")
-    parser.add_argument("--size", default="512x512", metavar="WxH", help="picture size in pixels (default 512x512)")
+    add_size(parser, "512x512")
     parser.add_argument("--seed", type=int, default=0, help="variation of a walk (default 0: none)")
-    parser.add_argument("--threshold", type=float, default=0.3, help="share traced anew that asks for a key frame")
+    parser.add_argument("--threshold", type=float, help="share traced anew that asks for a key frame (default 0.3)")
     parser.add_argument("--no-reuse", action="store_true", help="every picture from nothing, for comparison")
 
 
@@ -56,7 +56,7 @@ def fly(arguments: argparse.Namespace) -> None:
     if not 1.0 <= arguments.fps <= 240.0:
         raise OptionError(f"--fps must be in [1, 240], got {arguments.fps}")
     width, height = image_size(arguments.size)
-    options = RenderOptions(reuse=ReuseOptions(key_frame_threshold=arguments.threshold))
+    options = RenderOptions(reuse=ReuseOptions(**given(key_frame_threshold=arguments.threshold)))
     scene = load(arguments.scene, size=arguments.triangles)
     path = _path(scene, arguments.path, arguments.seed)
     cameras = path.cameras(arguments.frames, width=width, height=height, near=1e-3 * (scene.diagonal or 1.0))

@@ -11,10 +11,10 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from torchrender import __version__
-from torchrender.cli.arguments import add_scene, camera_of, exposure, load_scene, numbers
+from torchrender.cli.arguments import add_scene, add_size, camera_of, exposure, given, load_scene, numbers
 from torchrender.cli.fly import add_fly, fly
 from torchrender.cli.output import check_output, image_size, progress
 from torchrender.cli.plan import add_limits, add_plan, run_calibrate, run_plan, run_tradeoff
@@ -59,13 +59,12 @@ def _render(arguments: argparse.Namespace) -> None:
 
     output = Path(arguments.output)
     check_output(output, SUFFIXES)
+    exposed: dict[str, Any] = {} if arguments.exposure is None else {"exposure": exposure(arguments.exposure)}
     options = RenderOptions(
         shadows=not arguments.no_shadows,
-        reflections=arguments.reflections,
-        supersample=arguments.supersample,
         background=None if arguments.background is None else numbers("--background", arguments.background, 3),
-        exposure=exposure(arguments.exposure),
-        tone_map=arguments.tone_map,
+        **given(reflections=arguments.reflections, supersample=arguments.supersample, tone_map=arguments.tone_map),
+        **exposed,
     )
     width, height = image_size(arguments.size)
     scene = load_scene(arguments)
@@ -119,12 +118,13 @@ def _depth(arguments: argparse.Namespace) -> None:
     if output.suffix:
         check_output(output, (".npz", ".exr"))
     options = SamplingOptions(
-        method=arguments.method, redundancy=arguments.redundancy, cull_backfaces=not arguments.two_sided
+        cull_backfaces=not arguments.two_sided,
+        **given(method=arguments.method, redundancy=arguments.redundancy),
     )
     width, height = image_size(arguments.size)
     scene = load_scene(arguments)
     camera = camera_of(scene, arguments.camera or [], width, height)
-    cameras = viewpoints_around(scene, camera, arguments.views, spread=arguments.spread)
+    cameras = viewpoints_around(scene, camera, arguments.views, **given(spread=arguments.spread))
     images = sample_depth_images(scene, cameras, options)
     for file in write_depth(output, images):
         print(file)
@@ -232,24 +232,22 @@ def _add_render(parser: argparse.ArgumentParser) -> None:
         help="name of one of the scene's cameras, or eye=x,y,z [target=x,y,z] [up=x,y,z] [fov=DEGREES] [near=Z];"
         " give it several times for several pictures",
     )
-    parser.add_argument("--size", default="1024x768", metavar="WxH", help="picture size in pixels (default 1024x768)")
+    add_size(parser)
     parser.add_argument(
         "--supersample",
         type=float,
-        default=1.0,
         metavar="N",
         help="samples per pixel and side: 2 is two by two, 0.5 one for four pixels (default 1)",
     )
     add_limits(parser)
     parser.add_argument("--explain", action="store_true", help="say which passes ran, which did not, and why")
-    parser.add_argument("--exposure", default="0", metavar="EV", help="powers of two, or auto (default 0)")
-    parser.add_argument("--tone-map", choices=("none", "reinhard", "aces"), default="none", help="default none")
+    parser.add_argument("--exposure", metavar="EV", help="powers of two, or auto (default 0)")
+    parser.add_argument("--tone-map", choices=("none", "reinhard", "aces"), help="default none")
     parser.add_argument("--background", metavar="R,G,B", help="linear colour of empty pixels")
     parser.add_argument("--no-shadows", action="store_true", help="light reaches everything")
     parser.add_argument(
         "--reflections",
         choices=("clustered", "traced", "environment", "off"),
-        default="clustered",
         help="how mirrors mirror: by depth images of pixel clusters, by rays, by one cube map (default clustered)",
     )
 
@@ -258,18 +256,16 @@ def _add_depth(parser: argparse.ArgumentParser) -> None:
     add_scene(parser)
     parser.add_argument("-o", "--output", required=True, metavar="OUT", help="folder, .npz file, or .exr files")
     parser.add_argument("--views", type=int, default=3, metavar="N", help="number of viewpoints (default 3)")
-    parser.add_argument("--spread", type=float, default=0.2, help="their distance in scene diagonals (default 0.2)")
+    parser.add_argument("--spread", type=float, help="their distance in scene diagonals (default 0.2)")
     parser.add_argument(
         "--method",
-        choices=("conventional", "nonredundant", "depth_peeling"),
-        default="conventional",
-        help="first hits; only what earlier views do not have; or layer after layer from the middle"
-        " (default conventional)",
+        choices=("nonredundant", "conventional", "depth_peeling"),
+        help="only what earlier views do not have; first hits; or layer after layer from the middle"
+        " (default nonredundant)",
     )
     parser.add_argument(
         "--redundancy",
         choices=("pixel", "visibility"),
-        default="pixel",
         help="what earlier views have: what their pixels store, or what they could see (default pixel)",
     )
     parser.add_argument("--two-sided", action="store_true", help="sample back faces, too")
@@ -279,4 +275,4 @@ def _add_depth(parser: argparse.ArgumentParser) -> None:
         help="also write pictures: redundant samples red, hidden ones blue, useful ones among them green",
     )
     parser.add_argument("--camera", nargs="+", metavar="CAMERA", help="middle of the viewpoints, as for render")
-    parser.add_argument("--size", default="1024x1024", metavar="WxH", help="size of each image (default 1024x1024)")
+    add_size(parser, "1024x1024", "size of each image")

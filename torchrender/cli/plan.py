@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from torchrender.cli.arguments import add_size, given
 from torchrender.cli.output import check_folder, image_size, make_folder
 from torchrender.errors import ImageFileError, InputError
 
@@ -32,7 +33,7 @@ def add_plan(commands: Any, add_scene: Callable[[argparse.ArgumentParser], None]
     plan = commands.add_parser("plan", help="show which passes a picture takes and why, and what they would cost")
     add_scene(plan)
     plan.add_argument("--camera", nargs="+", metavar="CAMERA", help="as for render")
-    plan.add_argument("--size", default="1024x768", metavar="WxH", help="picture size in pixels (default 1024x768)")
+    add_size(plan)
     plan.add_argument("--sequence", action="store_true", help="as one of a sequence of pictures")
     plan.add_argument("--json", action="store_true", help="print JSON")
     add_limits(plan)
@@ -41,12 +42,12 @@ def add_plan(commands: Any, add_scene: Callable[[argparse.ArgumentParser], None]
     tradeoff.add_argument("--triangles", type=int, metavar="N", help="size of a built-in scene, in triangles (about)")
     tradeoff.add_argument("--pass", dest="step", metavar="PASS", help="one pass (default: all that apply)")
     tradeoff.add_argument("--all", action="store_true", help="all built-in scenes, and one HTML page of them")
-    tradeoff.add_argument("--side", type=int, default=512, metavar="N", help="pixels of a side (default 512)")
+    tradeoff.add_argument("--side", type=int, metavar="N", help="pixels of a side (default 512)")
     tradeoff.add_argument("-o", "--output", default="docs/results", metavar="FOLDER", help="default docs/results")
     calibrate = commands.add_parser("calibrate", help="measure the curves that budgets rely on, on this machine")
     calibrate.add_argument("scenes", nargs="*", metavar="SCENE", help="default: all built-in scenes")
     calibrate.add_argument("--errors", action="store_true", help="measure errors, too, where they are known")
-    calibrate.add_argument("--side", type=int, default=512, metavar="N", help="pixels of a side (default 512)")
+    calibrate.add_argument("--side", type=int, metavar="N", help="pixels of a side (default 512)")
     calibrate.add_argument("-o", "--output", metavar="FILE", help="JSON file (default: where render looks for it)")
 
 
@@ -78,14 +79,14 @@ def run_tradeoff(arguments: argparse.Namespace) -> list[Path]:
         raise InputError("tradeoff needs a SCENE, or --all")
     if arguments.step is not None:
         find_pass(arguments.step)
-    if not 32 <= arguments.side <= 4096:
+    if arguments.side is not None and not 32 <= arguments.side <= 4096:
         raise InputError(f"--side must be in [32, 4096], got {arguments.side}")
     folder = Path(arguments.output)
     make_folder(folder)
     files, found = [], []
     for name in SCENES if arguments.all else (arguments.scene,):
         scene = load(name, size=arguments.triangles)
-        curves = measure(scene, size=arguments.side, name=arguments.step, pictures=True)
+        curves = measure(scene, **given(size=arguments.side), name=arguments.step, pictures=True)
         files += write(folder, curves)
         found.append(curves)
         tell(f"{name}: measured")
@@ -103,7 +104,7 @@ def run_calibrate(arguments: argparse.Namespace) -> Path:
     from torchrender.scene.procedural import SCENES
     from torchrender.tuning.calibrate import calibrate
 
-    if not 32 <= arguments.side <= 4096:
+    if arguments.side is not None and not 32 <= arguments.side <= 4096:
         raise InputError(f"--side must be in [32, 4096], got {arguments.side}")
     path = Path(arguments.output) if arguments.output else user_file()
     if arguments.output is None:
@@ -113,7 +114,7 @@ def run_calibrate(arguments: argparse.Namespace) -> Path:
     check_folder(path)
     scenes = [load(name) for name in arguments.scenes or SCENES]
     known = None if arguments.errors else load_curves()
-    curves = calibrate(scenes, size=arguments.side, known=known, tell=tell)
+    curves = calibrate(scenes, **given(size=arguments.side), known=known, tell=tell)
     parse_curves(curves, str(path))
     write_atomically(path, text_writer(json.dumps(curves, separators=(",", ":")) + "\n"))
     return path

@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from torchrender.cli.arguments import add_size
 from torchrender.cli.output import check_output
 from torchrender.errors import OptionError
 
@@ -37,7 +38,7 @@ def add_points(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--two-sided", action="store_true", help="draw points seen from behind, too")
     parser.add_argument("--background", default="0,0,0", metavar="R,G,B", help="linear colour of empty pixels")
     parser.add_argument("--camera", nargs="+", metavar="CAMERA", help="as for render")
-    parser.add_argument("--size", default="1024x768", metavar="WxH", help="picture size in pixels (default 1024x768)")
+    add_size(parser)
 
 
 def run_points(

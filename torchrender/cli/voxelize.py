@@ -8,6 +8,7 @@ import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from torchrender.cli.arguments import add_scene, add_size
 from torchrender.cli.output import check_output
 from torchrender.errors import OptionError
 
@@ -23,8 +24,7 @@ SUFFIXES = (".npz", ".vox", ".png")
 
 def add_voxelize(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
-    parser.add_argument("scene", metavar="MODEL", help="a scene or mesh file, or the name of a built-in scene")
-    parser.add_argument("--triangles", type=int, metavar="N", help="size of a built-in scene, in triangles (about)")
+    add_scene(parser)
     parser.add_argument("-o", "--output", required=True, metavar="FILE", help="voxels .npz or .vox, or a picture .png")
     parser.add_argument("--resolution", type=int, default=256, metavar="N", help="cells of the longest side, 1 to 2048")
     parser.add_argument("--solid", action="store_true", help="the inside instead of the surface")
@@ -35,7 +35,7 @@ def add_voxelize(parser: argparse.ArgumentParser) -> None:
         help="how the inside is found (default winding, and vote where that leaks)",
     )
     parser.add_argument("--transparent", action="store_true", help="picture: voxels let light through")
-    parser.add_argument("--size", default="1024x768", metavar="WxH", help="picture size in pixels (default 1024x768)")
+    add_size(parser)
 
 
 def run_voxelize(arguments: argparse.Namespace, size: tuple[int, int]) -> None:

@@ -51,18 +51,31 @@ def store_or(typingctx, array, index, value):  # noqa: ARG001
     return signature, generate
 
 
-@intrinsic
-def borrowed(typingctx, array):  # noqa: ARG001
-    """The same array without its reference count, which two threads would fight over in hot loops.
-
-    The caller must keep the array alive for as long as the result is used.
-    """
-    signature = array(array)
-
-    def generate(context, builder, sig, args):
-        view = context.make_array(sig.args[0])(context, builder, args[0])
+def _lent(context, builder, kind, value):
+    """The value with every array in it cut off from its owner."""
+    if isinstance(kind, types.Array):
+        view = context.make_array(kind)(context, builder, value)
         view.meminfo = cgutils.get_null_value(view.meminfo.type)
         view.parent = cgutils.get_null_value(view.parent.type)
         return view._getvalue()
+    if isinstance(kind, types.BaseTuple):
+        parts = cgutils.unpack_tuple(builder, value, len(kind))
+        return context.make_tuple(
+            builder, kind, [_lent(context, builder, k, v) for k, v in zip(kind, parts, strict=True)]
+        )
+    return value
+
+
+@intrinsic
+def borrowed(typingctx, arrays):  # noqa: ARG001
+    """The same array, or tuple or record of arrays and numbers, without reference counts.
+
+    Two threads would fight over these in hot loops. The caller must keep the arrays alive for as long as the result is
+    used.
+    """
+    signature = arrays(arrays)
+
+    def generate(context, builder, sig, args):
+        return _lent(context, builder, sig.args[0], args[0])
 
     return signature, generate

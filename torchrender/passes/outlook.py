@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, TypeVar
@@ -48,8 +47,9 @@ class Outlook:
 
     def at(self, options: RenderOptions) -> Outlook:
         """The same with other options."""
-        other = copy.copy(self)
-        object.__setattr__(other, "options", options)
+        other = object.__new__(Outlook)
+        other.__dict__.update(self.__dict__)
+        other.__dict__["options"] = options
         return other
 
     def kept(self, buffer: Buffer[T]) -> T | None:

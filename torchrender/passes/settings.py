@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -19,8 +18,8 @@ CUSTOM = "custom"
 class Setting:
     """One setting: its name, and the options it stands for.
 
-    A dot leads into a group (``"shadow.size"``); ``"effects.fog"`` is the entry ``fog`` of the options of further
-    passes, a whole record.
+    Dots lead into groups: ``"shadow.size"``, ``"effects.haze.steps"``. What leads to an entry of ``effects`` that is
+    not there changes nothing: nobody asked for that pass.
     """
 
     name: str
@@ -28,26 +27,37 @@ class Setting:
 
     def applied(self, options: RenderOptions) -> RenderOptions:
         """The options with this setting. They are not checked again: a table's settings are valid."""
-        made = copy.copy(options)
-        for path, value in self.changes.items():
-            group, _, name = path.rpartition(".")
-            held = getattr(made, group) if group else None
-            if isinstance(held, Mapping):
-                value = {**held, name: value}
-            elif group:
-                value = replace(held, **{name: value})  # type: ignore[type-var]
-            object.__setattr__(made, group or name, value)
+        made = options
+        for path, value in self._paths:
+            made = _changed(made, path, value)
         return made
+
+    @cached_property
+    def _paths(self) -> tuple[tuple[tuple[str, ...], Any], ...]:
+        return tuple((tuple(path.split(".")), value) for path, value in self.changes.items())
 
     def matches(self, options: RenderOptions) -> bool:
         """The options are what this setting stands for."""
         for path, wanted in self.changes.items():
             value: Any = options
             for name in path.split("."):
-                value = value.get(name) if isinstance(value, Mapping) else getattr(value, name)
+                value = value.get(name) if isinstance(value, Mapping) else getattr(value, name, None)
             if value != wanted:
                 return False
         return True
+
+
+def _changed(held: Any, path: tuple[str, ...], value: Any) -> Any:
+    """``held`` with the entry at the end of a path replaced; records are copied without a check."""
+    if not path:
+        return value
+    name, rest = path[0], path[1:]
+    if isinstance(held, dict):
+        return {**held, name: _changed(held[name], rest, value)} if name in held else held
+    made = object.__new__(type(held))
+    made.__dict__.update(held.__dict__)
+    made.__dict__[name] = _changed(held.__dict__[name], rest, value)
+    return made
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from torchrender.passes.picture import composite, resample
 from torchrender.passes.picture.resample import PICTURE as PICTURE
 from torchrender.passes.seen import gbuffer, occluders, picture_visibility, ray_caster
 from torchrender.passes.seen.gbuffer import GBUFFER as GBUFFER
+from torchrender.pipeline.options import RenderOptions
 
 # The first sets the number of pixels. Where several make a buffer, the first that applies does.
 PASSES: tuple[Pass, ...] = (
@@ -31,6 +32,11 @@ PASSES: tuple[Pass, ...] = (
     picture_visibility.PASS,
     resample.PASS,
 )
+
+
+def table_of(options: RenderOptions) -> tuple[Pass, ...]:
+    """The passes to render with: those of the options, else the built-in ones."""
+    return PASSES if options.passes is None else options.passes
 
 
 def find_pass(name: str, passes: Sequence[Pass] = PASSES) -> Pass:

@@ -42,6 +42,7 @@ class RenderOptions:
     supersample: float = 1.0  # rendered pixels per picture pixel and side; 2: two by two; 0.5: a quarter of them
     upscaling: str = "joint"  # of fewer rendered pixels: "joint": along the surfaces seen, "bilinear", or "nearest"
     buffers: tuple[str, ...] = ()  # what passes make that the picture shall carry, by name; rendered size
+    passes: tuple[Any, ...] | None = None  # the table of passes; None: the built-in one
     effects: Mapping[str, Any] = field(default_factory=dict)  # options of further passes, by name of the pass
     fixed: tuple[str, ...] = ()  # passes whose settings a budget or an error bound must leave as they are
     background: ArrayLike | None = None  # linear colour of empty pixels; None: environment, else ambient light

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 from torchrender.passes.contract import Amounts, Buffers, Pass
 from torchrender.passes.outlook import Outlook
-from torchrender.passes.table import PASSES, PICTURE
+from torchrender.passes.table import PASSES, PICTURE, table_of
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
 from torchrender.pipeline.pace import Pace
@@ -40,14 +39,14 @@ class Knowledge:
         options: RenderOptions,
         history: RenderHistory | None,
         curves: Curves,
-        passes: Sequence[Pass] = PASSES,
     ) -> Knowledge:
         """Before a picture of a scene as it was given; without a history it is one alone."""
+        passes = table_of(options)
         past = (RenderHistory.alone() if history is None else history).of_scene(scene)
         outlook = Outlook(scene=past.scene or scene, cameras=cameras, options=options, history=past)
         known = {buffer.name: buffer for step in passes for buffer in step.makes_all}
         asked = tuple(known[name] for name in options.buffers if name in known)
-        return cls(outlook=outlook, curves=curves, passes=tuple(passes), wanted=(PICTURE, *asked))
+        return cls(outlook=outlook, curves=curves, passes=passes, wanted=(PICTURE, *asked))
 
     @property
     def pace(self) -> Pace:
@@ -69,8 +68,11 @@ class Knowledge:
         return None if usual is None else usual * self.pace.ratio(step.name, setting)
 
     def setting_error(self, step: Pass, setting: str, options: RenderOptions) -> float:
-        """Error of a setting; where settings are compared in a context of their own, beyond the best of them."""
-        if not step.settings.shows(options):
+        """Error of a setting; where settings are compared in a context of their own, beyond the best of them.
+
+        A pass that knows one way has none.
+        """
+        if not step.settings.is_choice or not step.settings.shows(options):
             return 0.0
         found = self.curves.error(step.name, setting, self.name)
         if not step.settings.context.changes:

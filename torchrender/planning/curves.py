@@ -45,9 +45,13 @@ class Curves:
         weights = self.weights.get(name, {}).get(setting)
         if weights is None:
             return None
-        usual = sum(w * a for w, a in zip(weights, amounts, strict=True))
-        own = self.scenes.get(scene or "", {}).get("ratios", {}).get(name, {})
-        return usual * float(own.get(setting, 1.0))
+        if len(weights) != len(amounts):
+            raise ValueError(f"{name}, {setting}: {len(weights)} weights for {len(amounts)} amounts")
+        usual = 0.0
+        for weight, amount in zip(weights, amounts):
+            usual += weight * amount
+        own = self.scenes.get(scene or "")
+        return usual if own is None else usual * float(own.get("ratios", {}).get(name, {}).get(setting, 1.0))
 
     def error(self, name: str, setting: str, scene: str | None = None) -> float:
         """Mean FLIP between a picture with this setting and one with the pass's reference, all else equal.

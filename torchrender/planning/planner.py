@@ -6,14 +6,13 @@ and again after its checkpoints, when more is known and a part of the time is sp
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 
 from torchrender.checks import check_range
 from torchrender.errors import InputError, OptionError
-from torchrender.passes.contract import Pass
 from torchrender.passes.settings import CUSTOM
-from torchrender.passes.table import PASSES, find_pass
+from torchrender.passes.table import find_pass, table_of
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
 from torchrender.planning.costs import Knowledge, is_seen
@@ -42,12 +41,13 @@ def check_wishes(budget_ms: float | None, max_error: float | None) -> None:
         check_range("max_error", max_error, 0.0, 1.0)
 
 
-def check_names(options: RenderOptions, passes: Sequence[Pass] = PASSES) -> None:
+def check_names(options: RenderOptions) -> None:
     """Refuse passes and buffers that there are not, and to hold passes that stand at none of their settings.
 
     Raises:
         InputError: names them.
     """
+    passes = table_of(options)
     for name in options.fixed:
         step = find_pass(name, passes)
         if step.settings.current(options) == CUSTOM:
@@ -138,12 +138,8 @@ def plan(
     budget_ms: float | None = None,
     max_error: float | None = None,
     curves: Curves | None = None,
-    passes: Sequence[Pass] = PASSES,
 ) -> Plan:
     """What :func:`torchrender.render` would do: which passes run and why, their settings, predicted time and error.
-
-    Args:
-        passes: the table to plan with; the built-in passes, and others beside them.
 
     Raises:
         OptionError: ``budget_ms`` not positive, ``max_error`` outside [0, 1].
@@ -151,6 +147,6 @@ def plan(
     """
     check_wishes(budget_ms, max_error)
     options = options or RenderOptions()
-    check_names(options, passes)
-    knowledge = Knowledge.of(scene, camera, options, history, curves or load_curves(), passes)
+    check_names(options)
+    knowledge = Knowledge.of(scene, camera, options, history, curves or load_curves())
     return make_plan(knowledge, options, budget_ms, max_error)

@@ -14,9 +14,17 @@ import torch
 from torch import Tensor
 
 from torchrender.checks import check_choice
-from torchrender.kernels.points.codec import ANGLES, OCTAHEDRON, decode_nodes, direction_table, encode_nodes
+from torchrender.kernels.points.codec import (
+    ANGLES,
+    OCTAHEDRON,
+    Boxes,
+    Tables,
+    decode_nodes,
+    direction_table,
+    encode_nodes,
+)
 from torchrender.numerics.color import srgb_from_linear, srgb_table
-from torchrender.points.tree import NodeBatch, NodeStore, PatchHeaders, PatchSet, PlainNodes
+from torchrender.points.tree import NodeBatch, NodeStore, PatchHeaders, PatchSet, PlainNodes, node_arrays
 
 NORMALS = ("angles", "octahedron")
 PALETTE = 256
@@ -79,18 +87,11 @@ class PackedNodes:
         decode_nodes(
             self.access.codes,
             np.zeros((1, 3), np.uint8) if colors is None else colors,
-            colors is not None,
             rows.numpy(),
             slices[:, 0].contiguous().numpy(),
-            half_extent(headers)[chosen].numpy(),
-            short_axis(headers)[chosen].numpy(),
-            self.palette.numpy(),
-            self._directions,
-            srgb_table(8).numpy(),
-            out.position.numpy(),
-            out.normal.numpy(),
-            out.radius.numpy(),
-            np.zeros((1, 3), np.float32) if out.color is None else out.color.numpy(),
+            Boxes(half_extent(headers)[chosen].numpy(), short_axis(headers)[chosen].numpy()),
+            Tables(self.palette.numpy(), self._directions, srgb_table(8).numpy()),
+            node_arrays(out.position, out.normal, out.radius, out.color),
         )
         return out, slices
 
@@ -126,12 +127,9 @@ def compress(patches: PatchSet, *, normals: str = "angles") -> PatchSet:
     palette = fit_palette(nodes.radius)
     codes = np.zeros((len(nodes), 8), np.uint8)
     encode_nodes(
-        nodes.position.numpy(),
-        nodes.normal.numpy(),
-        nodes.radius.numpy(),
+        node_arrays(nodes.position, nodes.normal, nodes.radius, nodes.color),
         patches.headers.start.numpy(),
-        half_extent(patches.headers).numpy(),
-        short_axis(patches.headers).numpy(),
+        Boxes(half_extent(patches.headers).numpy(), short_axis(patches.headers).numpy()),
         palette.numpy(),
         _KINDS[normals],
         codes,

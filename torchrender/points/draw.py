@@ -18,12 +18,22 @@ from torch import Tensor
 from torchrender.errors import CameraError
 from torchrender.kernels.compile import thread_count
 from torchrender.kernels.points import ewa
-from torchrender.kernels.points.ewa_draw import STEPS, TILE, draw_tiles, scan_tiles, sort_points
+from torchrender.kernels.points.ewa_draw import (
+    STEPS,
+    TILE,
+    Binned,
+    Picture,
+    Weights,
+    draw_tiles,
+    scan_tiles,
+    sort_points,
+)
+from torchrender.kernels.points.records import Coloring, Filters, Lens, Projected, Slices
 from torchrender.numerics.ewa import kernel_polynomial, low_pass_stamps
 from torchrender.points.cloud import PointCloud
 from torchrender.points.options import PointImage, SplatOptions, SplatStatistics
 from torchrender.points.select import Selection, select_patches
-from torchrender.points.tree import NodeBatch, PatchSet, build_patches
+from torchrender.points.tree import NodeBatch, PatchSet, build_patches, node_arrays
 from torchrender.scene.camera import Cameras
 
 CHUNKS = 64
@@ -92,16 +102,6 @@ class _Scratch:
 
 _SCRATCH: WeakKeyDictionary[PatchSet, _Scratch] = WeakKeyDictionary()
 """Of each model; whoever draws takes it out, so that no two threads write to one."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Records:
-    """Projected points."""
-
-    records: np.ndarray  # (M,16) float32
-    boxes: np.ndarray  # (M,5) int16
-    tiles: np.ndarray  # (N,T) int64 entries per chunk and tile, then places
-    counts: np.ndarray  # (N,COUNTS) int64
 
 
 def _draw(
@@ -204,10 +204,10 @@ def _project(
     two_sided: bool,
     lit: bool,
     normals: bool = False,
-) -> _Records:
+) -> Projected:
     across, down = -(-camera.width // TILE), -(-camera.height // TILE)
     total = int(work.first[-1])
-    made = _Records(
+    made = Projected(
         records=scratch.take("records", total, ewa.RECORD, np.float32),
         boxes=scratch.take("boxes", total, ewa.BOX, np.int16),
         tiles=np.zeros((len(work.chunks), across * down), np.int64),
@@ -218,37 +218,39 @@ def _project(
     if options.light is not None:
         light = camera.rotation[0] @ torch.nn.functional.normalize(torch.tensor(options.light).double(), dim=0)
     nodes = work.nodes
-    color = torch.zeros(1, 3) if nodes.color is None else nodes.color
     usual = float(patches.headers.radius[:, -1, 1].mean())
-    low, high = float(camera.near[0]), float(camera.far[0])
-    radius, weight = options.low_pass_radius, 1.0 / (2 * math.pi * options.gaussian_width**2)
+    peak = 1.0 / (2 * math.pi * options.gaussian_width**2)
     ewa.project_points(
-        (nodes.position.numpy(), nodes.normal.numpy(), nodes.radius.numpy(), color.numpy()),
-        nodes.color is not None,
-        normals,
-        work.slices,
-        work.modes,
-        work.first,
-        origin.contiguous().numpy(),
-        camera.rotation[0].contiguous().numpy(),
-        camera.intrinsics[0].contiguous().numpy(),
-        (low, high),
-        (camera.width, camera.height),
-        (radius, weight, options.depth_tolerance, usual * usual, float(not two_sided)),
-        (radius**2, *options.area_limits, widest(camera), float(options.test == "eigen")),
-        (*light.tolist(), options.ambient, float(lit), _PLAIN),
+        node_arrays(nodes.position, nodes.normal, nodes.radius, nodes.color),
+        Slices(work.slices, work.modes, work.first, origin.contiguous().numpy(), work.chunks),
+        Lens(
+            turn=camera.rotation[0].contiguous().numpy(),
+            k=camera.intrinsics[0].contiguous().numpy(),
+            near=float(camera.near[0]),
+            far=float(camera.far[0]),
+            width=camera.width,
+            height=camera.height,
+        ),
+        Filters(
+            r_h=float(options.low_pass_radius),
+            peak=peak,
+            eps_scale=float(options.depth_tolerance),
+            unit=usual * usual,
+            one_sided=not two_sided,
+            c_min=float(options.low_pass_below),
+            c_max=float(options.reconstruction_above),
+            c_eta=widest(camera),
+            by_axes=options.test == "eigen",
+        ),
+        Coloring(float(light[0]), float(light[1]), float(light[2]), float(options.ambient), lit, _PLAIN, normals),
         TILE,
         thread_count(),
-        work.chunks,
-        made.records,
-        made.boxes,
-        made.tiles,
-        made.counts,
+        made,
     )
     return made
 
 
-def _sort(made: _Records, work: _Work, camera: Cameras, scratch: _Scratch) -> tuple[np.ndarray, np.ndarray]:
+def _sort(made: Projected, work: _Work, camera: Cameras, scratch: _Scratch) -> tuple[np.ndarray, np.ndarray]:
     """First entry of each tile (T+1,) and the points of all tiles."""
     start = np.zeros(made.tiles.shape[1] + 1, np.int64)
     scan_tiles(made.tiles, start)
@@ -259,7 +261,7 @@ def _sort(made: _Records, work: _Work, camera: Cameras, scratch: _Scratch) -> tu
 
 
 def _tiles(
-    made: _Records,
+    made: Projected,
     start: np.ndarray,
     entries: np.ndarray,
     options: SplatOptions,
@@ -268,21 +270,17 @@ def _tiles(
 ) -> np.ndarray:
     image, depth, weight = (t.numpy() for t in out)
     evaluations = np.zeros(len(start) - 1, np.int64)
+    stamps, polynomial = (
+        low_pass_stamps(options.low_pass_radius, options.gaussian_width, STEPS),
+        kernel_polynomial(options.gaussian_width),
+    )
     draw_tiles(
-        made.records,
-        made.boxes,
-        entries,
-        start,
+        Binned(made.records, made.boxes, entries, start),
+        Weights(np.float32(options.low_pass_radius), stamps.numpy(), polynomial.numpy()),
         -(-image.shape[1] // TILE),
-        np.float32(options.low_pass_radius),
-        low_pass_stamps(options.low_pass_radius, options.gaussian_width, STEPS).numpy(),
-        kernel_polynomial(options.gaussian_width).numpy(),
         np.array(background, np.float32),
         thread_count(),
-        image,
-        depth,
-        weight,
-        evaluations,
+        Picture(image, depth, weight, evaluations),
     )
     return evaluations
 

@@ -43,11 +43,6 @@ class SplatOptions:
     ambient: float = 0.25  # share of the light that comes from everywhere, 0 to 1
     background: tuple[float, float, float] = (0.0, 0.0, 0.0)  # linear colour where nothing is
 
-    @property
-    def area_limits(self) -> tuple[float, float]:
-        """Ratios of areas below which the low-pass alone is used, and above which the reconstruction alone."""
-        return self.low_pass_below, self.reconstruction_above
-
     def __post_init__(self) -> None:
         for name, choices in (("filter", FILTERS), ("choice", CHOICES), ("test", TESTS), ("shading", SHADING)):
             check_choice(name, getattr(self, name), choices)

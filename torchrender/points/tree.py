@@ -16,7 +16,8 @@ from torch import Tensor
 from torchrender.checks import check_range
 from torchrender.errors import OptionError
 from torchrender.kernels.compile import thread_count
-from torchrender.kernels.points.tree import fill_nodes, levels_of, split_segments
+from torchrender.kernels.points.records import Nodes
+from torchrender.kernels.points.tree import Headers, Limits, fill_nodes, levels_of, split_segments
 from torchrender.points.cloud import PointCloud, framing_cloud
 from torchrender.scene.camera import Cameras
 
@@ -160,9 +161,9 @@ def build_patches(cloud: PointCloud, options: PatchOptions | None = None) -> Pat
     options = options or PatchOptions()
     cloud = cloud.completed()
     assert cloud.normal is not None and cloud.radius is not None
-    position, normal = cloud.position.numpy(), cloud.normal.numpy()
+    points = node_arrays(cloud.position, cloud.normal, cloud.radius, cloud.color)
     order, key = np.arange(len(cloud), dtype=np.int64), np.zeros(len(cloud))
-    runs = _cut(position, normal, order, key, options)
+    runs = _cut(points, order, key, options)
     count = runs[:, 1] - runs[:, 0]
     start = level_starts(count)
     total, patches = int(start[-1, -1]), len(runs)
@@ -180,37 +181,34 @@ def build_patches(cloud: PointCloud, options: PatchOptions | None = None) -> Pat
         radius=torch.zeros(patches, start.shape[1] - 1, 3, dtype=torch.float64),
         count=torch.from_numpy(count),
     )
-    none = np.zeros((1, 3), np.float32)
-    fill_nodes(
-        (position, normal, cloud.radius.numpy(), none if cloud.color is None else cloud.color.numpy()),
-        order,
-        key,
-        runs,
-        start,
-        thread_count(),
-        cloud.color is not None,
-        (nodes.position.numpy(), nodes.normal.numpy(), nodes.radius.numpy(),
-         none.copy() if nodes.color is None else nodes.color.numpy()),
-        np.zeros(total),
-        headers.radius.numpy(),
-        headers.box.numpy(),
-        headers.cone.numpy(),
-        headers.sigma.numpy(),
-    )  # fmt: skip
+    written = node_arrays(nodes.position, nodes.normal, nodes.radius, nodes.color)
+    arrays = Headers(
+        starts=start,
+        table=headers.radius.numpy(),
+        boxes=headers.box.numpy(),
+        cones=headers.cone.numpy(),
+        sigma=headers.sigma.numpy(),
+    )
+    fill_nodes(points, order, key, runs, thread_count(), written, np.zeros(total), arrays)
     return PatchSet(headers, nodes, cloud.two_sided, cloud.name)
 
 
-def _cut(
-    position: np.ndarray, normal: np.ndarray, order: np.ndarray, key: np.ndarray, options: PatchOptions
-) -> np.ndarray:
+def node_arrays(position: Tensor, normal: Tensor, radius: Tensor, color: Tensor | None) -> Nodes:
+    """Points or nodes as kernels take them: views."""
+    tint = np.zeros((1, 3), np.float32) if color is None else color.numpy()
+    return Nodes(position.numpy(), normal.numpy(), radius.numpy(), tint, color is not None)
+
+
+def _cut(points: Nodes, order: np.ndarray, key: np.ndarray, options: PatchOptions) -> np.ndarray:
     """Runs (N,2) of ``order`` that are patches; each round splits the pieces that are none yet."""
-    limits = np.array([options.max_variation, math.radians(options.max_cone_deg)])
-    counts = np.array([options.min_points, options.max_points], dtype=np.int64)
+    limits = Limits(
+        options.min_points, options.max_points, float(options.max_variation), math.radians(options.max_cone_deg)
+    )
     segments = np.array([[0, len(order)]], dtype=np.int64)
     done = []
     while len(segments):
         middle = np.zeros(len(segments), np.int64)
-        split_segments(position, normal, order, key, segments, limits, counts, thread_count(), middle)
+        split_segments(points, order, key, segments, limits, thread_count(), middle)
         done.append(segments[middle < 0])
         whole, at = segments[middle >= 0], middle[middle >= 0]
         segments = np.stack([whole[:, 0], at, at, whole[:, 1]], axis=1).reshape(-1, 2)

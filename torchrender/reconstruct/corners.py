@@ -91,20 +91,22 @@ def fit_corners(
     shape = np.empty((count, height, width), np.uint8)
     none = np.zeros((count, 0, 0), np.int64)
     match = options.match_id
-    source = (
-        view(images.depth, np.float32),
-        view(check_tensor("images.normal", images.normal, (count, height, width, 3)), np.float32),
-        view(images.object_id, np.int64) if match else none,
-    )
+    normal = view(check_tensor("images.normal", images.normal, (count, height, width, 3)), np.float32)
     offset = (np.zeros((count, 0, 0), np.float32), none)
     if offset_images is not None:
         _check_offset(images, offset_images)
         ids = view(offset_images.object_id, np.int64) if match else none
         offset = (view(offset_images.depth, np.float32), ids)
     merge = options.merge_guesses or offset_images is None
-    kernels.fit(
-        source, offset, pixel_normals(images), corner_limits(images, options), merge, thread_count(), corner, joined
+    source = kernels.Images(
+        view(images.depth, np.float32),
+        normal,
+        view(images.object_id, np.int64) if match else none,
+        *offset,
+        pixel_normals(images),
+        corner_limits(images, options),
     )
+    kernels.fit(source, merge, thread_count(), corner, joined)
     kernels.split(corner, options.adaptive_split, shape)
     depth, bits, words = (torch.from_numpy(a) for a in (corner, shape, joined))
     return SampleQuads(images, depth, bits, words, centred=False)

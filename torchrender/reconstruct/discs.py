@@ -15,7 +15,7 @@ SEGMENTS = 8
 EDGE_ON = 0.1  # cosine below which a disc no longer grows
 
 
-def reconstruct_splat(images: DepthImages, *, scale: float = 1.0, colors: bool = True) -> Reconstruction:
+def reconstruct_discs(images: DepthImages, *, scale: float = 1.0, colors: bool = True) -> Reconstruction:
     """Octagons of a disc's area, radius 0.5 sqrt(2) g(z) scale / max(|n.d|, 0.1); no vertices are shared.
 
     Args:

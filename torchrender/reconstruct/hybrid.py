@@ -17,7 +17,7 @@ from torchrender.buffers import DepthImages
 from torchrender.kernels.warp import corner_mesh
 from torchrender.kernels.warp.corners import DIAGONAL, FIRST, SECOND
 from torchrender.reconstruct.corners import ReconstructOptions, SampleQuads, fit_corners
-from torchrender.reconstruct.grid import fit_grid
+from torchrender.reconstruct.grid_mesh import fit_grid
 from torchrender.scene.mesh import Geometry, Mesh
 
 
@@ -133,24 +133,26 @@ def _hybrid_mesh(quads: SampleQuads, colors: bool) -> Reconstruction:
     texels = view(images.color, np.float32) if colors else np.zeros((0, 0, 0, 3), np.float32)
     # Every element below is written by the kernel.
     tint = np.empty((total if colors else 0, 3), np.float32)
-    vertex = (np.empty((total, 3)), np.empty(total, np.int64), np.empty(total, np.bool_), tint)
+    vertex = corner_mesh.Vertices(np.empty((total, 3)), np.empty(total, np.int64), np.empty(total, np.bool_), tint)
     source = np.empty(quad_total, np.int64)
-    face = (np.empty((2 * quad_total, 3), np.int32), source, np.zeros((count * height, 5), np.int64))
+    counts = np.zeros((count * height, 5), np.int64)
+    face = corner_mesh.Faces(np.empty((2 * quad_total, 3), np.int32), source, counts)
     poses = np.ascontiguousarray(world_from_pixels(images).numpy())
-    corner_mesh.write_mesh((quads.depth.numpy(), joined, shape), poses, texels, first_vertex, first_quad, vertex, face)
+    held = corner_mesh.Joined(quads.depth.numpy(), joined, shape)
+    corner_mesh.write_mesh(held, poses, texels, first_vertex, first_quad, vertex, face)
     starts = torch.from_numpy(first_quad[:: max(height, 1)].copy())
     pixel = torch.from_numpy(source) + torch.repeat_interleave(torch.arange(count) * (height * width), starts.diff())
     return Reconstruction(
         images=images,
-        vertices=torch.from_numpy(vertex[0]),
-        faces=torch.from_numpy(face[0]),
+        vertices=torch.from_numpy(vertex.position),
+        faces=torch.from_numpy(face.corners),
         colors=torch.from_numpy(tint) if colors else None,
-        approx=torch.from_numpy(vertex[2]),
-        corner=torch.from_numpy(vertex[1]),
+        approx=torch.from_numpy(vertex.guessed),
+        corner=torch.from_numpy(vertex.corner),
         face_pixel=pixel.repeat_interleave(2),
         vertex_start=torch.from_numpy(first_vertex[:: height + 1].copy()),
         face_start=2 * starts,
-        true_corners=torch.from_numpy(face[2].sum(axis=0)),
+        true_corners=torch.from_numpy(counts.sum(axis=0)),
     )
 
 

@@ -7,7 +7,6 @@ sample becomes a disc (splat); what is nearest in the new camera is kept. Source
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 import torch
@@ -19,11 +18,11 @@ from torchrender.checks import check_choice, check_range, check_tensor
 from torchrender.errors import InputError
 from torchrender.kernels.compile import thread_count
 from torchrender.kernels.warp.resolve import resolve
-from torchrender.kernels.warp.splat import draw_splats
-from torchrender.kernels.warp.warp import draw_quads
+from torchrender.kernels.warp.splat import Samples, Target, draw_splats
+from torchrender.kernels.warp.warp import Canvas, Poses, Quads, draw_quads
 from torchrender.reconstruct.corners import ReconstructOptions, SampleQuads, fit_corners
 from torchrender.reconstruct.discs import facing_normals
-from torchrender.reconstruct.grid import fit_grid
+from torchrender.reconstruct.grid_mesh import fit_grid
 from torchrender.scene.camera import Cameras
 
 LEAD = 5e-4
@@ -125,12 +124,16 @@ def _draw(
 ) -> np.ndarray:
     """(H*W,) uint64 keys of the nearest quads, or discs where there are no quads; see the kernels."""
     keys = np.zeros(camera.height * camera.width, np.uint64)
+    canvas = Canvas(keys, camera.width, camera.height)
+    near = float(camera.near[0])
     if quads is None:
-        draw_splats(*_splats(source, camera), bias, options.splat_scale, _size(camera), thread_count(), keys)
+        target = Target(
+            np.ascontiguousarray(camera.rotation[0].numpy()), np.ascontiguousarray(camera.intrinsics[0].numpy()), near
+        )
+        draw_splats(_splats(source, camera, bias), target, options.splat_scale, thread_count(), canvas)
         return keys
-    start = 0.5 if quads.centred else 0.0
-    arrays = (quads.depth.numpy(), quads.shape.numpy(), start, pixel_matrices(source.cameras, camera))
-    draw_quads(*arrays, float(camera.near[0]), bias, _size(camera), thread_count(), keys)
+    arrays = Quads(quads.depth.numpy(), quads.shape.numpy(), 0.5 if quads.centred else 0.0)
+    draw_quads(arrays, Poses(pixel_matrices(source.cameras, camera), near, bias), thread_count(), canvas)
     return keys
 
 
@@ -163,10 +166,6 @@ def _bias(source: Cameras, target: Cameras) -> np.ndarray:
     return (1.0 - rank * min(LEAD, 4 * LEAD / max(len(source), 1))).numpy()
 
 
-def _size(camera: Cameras) -> tuple[int, int]:
-    return camera.width, camera.height
-
-
 def pixel_matrices(source: Cameras, target: Cameras) -> np.ndarray:
     """(N,3,4): homogeneous pixel of the one target camera = z M[:, :3] (u, v, 1) + M[:, 3], for N source cameras."""
     project = target.intrinsics @ target.rotation
@@ -185,8 +184,8 @@ def _pixel_matrices_back(target: Cameras, source: Cameras) -> np.ndarray:
     return np.ascontiguousarray(torch.cat([turn, project @ inverse[:, :3, 3:] + shift], dim=2).numpy())
 
 
-def _splats(images: DepthImages, camera: Cameras) -> tuple[Any, ...]:
-    """Depth, normal, and per image: camera from pixel, camera from world normal, footprint; and the intrinsics."""
+def _splats(images: DepthImages, camera: Cameras, bias: np.ndarray) -> Samples:
+    """The samples as discs for a camera."""
     source = images.cameras
     inverse = source.world_from_camera
     rotation = camera.rotation
@@ -194,13 +193,11 @@ def _splats(images: DepthImages, camera: Cameras) -> tuple[Any, ...]:
     eye = rotation @ inverse[:, :3, 3:] + camera.camera_from_world[:, :3, 3:]
     size = source.footprint(torch.ones(len(source), dtype=torch.float64))
     own_rays = inverse[:, :3, :3] @ torch.linalg.inv(source.intrinsics)
-    return (
+    return Samples(
         view(images.depth, np.float32),
         view(facing_normals(images), np.float32),
         np.ascontiguousarray(torch.cat([turn, eye], dim=2).numpy()),
         np.ascontiguousarray(own_rays.numpy()),
-        np.ascontiguousarray(rotation[0].numpy()),
         size.numpy(),
-        np.ascontiguousarray(camera.intrinsics[0].numpy()),
-        float(camera.near[0]),
+        bias,
     )

@@ -32,6 +32,8 @@ def place_arrays(
     # Multiplication may overflow for damaged matrices; the mesh then says that its vertices are not finite.
     with np.errstate(over="ignore", invalid="ignore"):
         moved = vertices @ linear.T + world_from_local[:3, 3]
+        largest = np.abs(linear).max()
+        linear = linear / (largest or 1.0)  # only directions count from here on: powers of tiny numbers would be 0
         volume = float(np.linalg.det(linear))
         # The cofactor matrix is the inverse transpose times the determinant and exists for singular maps too.
         cofactor = np.stack([np.cross(linear[:, (k + 1) % 3], linear[:, (k + 2) % 3]) for k in range(3)], axis=1)

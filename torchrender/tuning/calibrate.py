@@ -25,7 +25,7 @@ from torchrender.quality.metrics import flip
 from torchrender.renderer import render
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
-from torchrender.tuning.measure import FRAMES, Measured, measure_pass, turned_off, views_of
+from torchrender.tuning.measure import FRAMES, SIDE, Measured, measure_pass, turned_off, views_of
 
 Observations = dict[tuple[str, str], list[tuple[str, tuple[float, ...], float]]]
 """Scene, amounts of work and milliseconds, by pass and setting."""
@@ -40,7 +40,7 @@ SHORTEST_MS = 0.5
 Tell = Callable[[str], None]
 
 
-def calibrate(scenes: Sequence[Scene], *, size: int = 512, known: Curves | None = None, tell: Tell) -> dict[str, Any]:
+def calibrate(scenes: Sequence[Scene], *, size: int = SIDE, known: Curves | None = None, tell: Tell) -> dict[str, Any]:
     """Curves as a JSON object, for :func:`torchrender.planning.curves.parse_curves`.
 
     Args:

@@ -13,7 +13,7 @@ from torch import Tensor
 from torchrender.image import Image
 from torchrender.passes.contract import Pass
 from torchrender.passes.settings import Setting
-from torchrender.passes.table import PASSES, find_pass
+from torchrender.passes.table import GBUFFER, PASSES, find_pass
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
 from torchrender.quality.metrics import flip_map, psnr, relative_squared_error
@@ -21,6 +21,9 @@ from torchrender.renderer import render
 from torchrender.scene.camera import Cameras
 from torchrender.scene.camera_path import built_in_path, walks_of
 from torchrender.scene.model import Scene
+
+SIDE = 512
+"""Pixels of a side of the pictures that errors are taken of."""
 
 FRAMES = 3
 """Pictures of a short sequence: the first prepares, the others are measured."""
@@ -108,7 +111,7 @@ class _Sequence:
 
 
 def _sequence(scene: Scene, view: Cameras, step: Pass, setting: Setting) -> _Sequence:
-    buffers = () if step.own is None else ("gbuffer", step.own.buffer.name)
+    buffers = () if step.own is None else (GBUFFER.name, step.own.buffer.name)
     options, history = replace(options_at(step, setting), buffers=buffers), RenderHistory()
     images: list[Image] = []
     for number in (*range(FRAMES), FRAMES - 1):

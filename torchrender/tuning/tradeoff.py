@@ -16,7 +16,7 @@ from torchrender.planning.curves import scene_key
 from torchrender.quality.machine import machine_line, machine_record
 from torchrender.quality.pages import text_writer
 from torchrender.scene.model import Scene
-from torchrender.tuning.measure import Measured, frontier, measure_pass, passes_named, views_of
+from torchrender.tuning.measure import SIDE, Measured, frontier, measure_pass, passes_named, views_of
 
 Found = Mapping[str, Mapping[str, Measured]]
 """What was measured, by pass and setting."""
@@ -46,7 +46,7 @@ class SceneCurves:
         }
 
 
-def measure(scene: Scene, *, size: int = 512, name: str | None = None, pictures: bool = False) -> SceneCurves:
+def measure(scene: Scene, *, size: int = SIDE, name: str | None = None, pictures: bool = False) -> SceneCurves:
     """Curves of one pass of a scene, or of all that have something to do there.
 
     Raises:

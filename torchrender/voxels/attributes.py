@@ -16,6 +16,7 @@ from torchrender.checks import check_finite
 from torchrender.errors import InputError
 from torchrender.kernels.compile import thread_count
 from torchrender.kernels.voxels.bits import count_runs
+from torchrender.kernels.voxels.cells import Soup
 from torchrender.kernels.voxels.fragments import visit, weigh
 from torchrender.numerics.texture import color_pyramid, sample_texture
 from torchrender.scene.mesh import Geometry
@@ -94,13 +95,14 @@ def surface_fragments(
     before = np.cumsum(per_word) - per_word
     cells = voxels.cells()
     lengths = np.zeros(len(cells), np.int64)
-    where = (points[0], triangles, place(grid, 0), thin, room(grid), thread_count(), words, before)
+    soup = Soup(points[0], triangles, *place(grid, 0), thin)
+    where = (soup, room(grid), thread_count(), (words, before))
     visit(*where, lengths, np.zeros(0, np.int32), np.zeros(1, np.int64))
     starts = np.concatenate([np.zeros(1, np.int64), np.cumsum(lengths)])
     found = np.zeros(starts[-1], np.int32)
     visit(*where, starts[:-1].copy(), found, np.zeros(1, np.int64))
     barycentric, weight = np.zeros((len(found), 2)), np.zeros(len(found))
-    weigh(points[0], triangles, place(grid, 0), thin, cells.numpy(), starts, found, barycentric, weight)
+    weigh(soup, cells.numpy(), starts, found, barycentric, weight)
     tensors = (torch.from_numpy(a) for a in (lengths, found.astype(np.int64), barycentric, weight))
     return SurfaceFragments(voxels, cells, *tensors)
 

@@ -12,6 +12,7 @@ from torchrender.arrays import view
 from torchrender.checks import check_choice, check_finite, check_tensor
 from torchrender.errors import InputError
 from torchrender.kernels.compile import thread_count
+from torchrender.kernels.voxels.cells import Soup
 from torchrender.kernels.voxels.surface import classify, mark_surface
 from torchrender.voxels.grid import WORD, VoxelGrid, Voxels, empty_words, flat
 
@@ -55,7 +56,8 @@ def voxelize_surface(vertices: Tensor, faces: Tensor, grid: VoxelGrid, options: 
     for b in range(len(grid)):
         tally[0] = 0
         thin = options.mode == "thin"
-        mark_surface(points[b], triangles, place(grid, b), thin, room(grid), thread_count(), flat(words[b]), tally)
+        soup = Soup(points[b], triangles, *place(grid, b), thin)
+        mark_surface(soup, room(grid), thread_count(), flat(words[b]), tally)
     return Voxels(words, grid, {"pairs": int(tally[1]), "flat": int(tally[2])})
 
 

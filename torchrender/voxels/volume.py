@@ -17,7 +17,7 @@ from torch import Tensor
 from torchrender.arrays import view
 from torchrender.checks import ArrayLike, as_vector, check_finite, check_range, check_tensor
 from torchrender.errors import InputError
-from torchrender.kernels.voxels.volume_march import BRICK, march
+from torchrender.kernels.voxels.volume_march import BRICK, Cells, Layers, march
 from torchrender.numerics.color import srgb_from_linear, srgb_table
 from torchrender.scene.camera import Cameras
 from torchrender.voxels.attributes import SurfaceVoxels, spread
@@ -200,9 +200,8 @@ def render_volume(layers: Sequence[VolumeLayer], cameras: Cameras, *, step: floa
     rays = view(origins.reshape(-1, 3), np.float64), view(toward.reshape(-1, 3), np.float64)
     cells = torch.cat([layer.rgba.reshape(-1, 4) for layer in layers]).numpy()
     bricks = [_bricks(layer.rgba[..., 3]) for layer in layers]
-    march(
-        *rays, _arrays(layers, bricks), cells, torch.cat(bricks).numpy(), _tables(), length, image.view(-1, 4).numpy()
-    )
+    held = Cells(cells, torch.cat(bricks).numpy(), *_tables())
+    march(*rays, _arrays(layers, bricks), held, length, image.view(-1, 4).numpy())
     return image
 
 
@@ -211,7 +210,7 @@ def over_background(image: Tensor, background: ArrayLike) -> Tensor:
     return image[..., :3] + (1.0 - image[..., 3:]) * as_vector("background", background)
 
 
-def _arrays(layers: Sequence[VolumeLayer], bricks: Sequence[Tensor]) -> tuple[np.ndarray, ...]:
+def _arrays(layers: Sequence[VolumeLayer], bricks: Sequence[Tensor]) -> Layers:
     low = torch.stack([layer.origin for layer in layers])
     spacing = torch.stack([layer.spacing for layer in layers])
     counts = torch.tensor([layer.dims for layer in layers])
@@ -221,7 +220,8 @@ def _arrays(layers: Sequence[VolumeLayer], bricks: Sequence[Tensor]) -> tuple[np
         firsts[n, 1] = firsts[n - 1, 1] + len(bricks[n - 1])
     reference = torch.tensor([layer.reference for layer in layers], dtype=torch.float64)
     smooth = torch.tensor([layer.smooth for layer in layers])
-    return tuple(a.numpy() for a in (low, low + spacing * counts, 1.0 / spacing, reference, counts, firsts, smooth))
+    arrays = (low, low + spacing * counts, 1.0 / spacing, reference, counts, firsts, smooth)
+    return Layers(*(a.numpy() for a in arrays))
 
 
 def _bricks(alpha: Tensor) -> Tensor:

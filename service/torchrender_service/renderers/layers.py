@@ -17,8 +17,6 @@ from torch import Tensor
 
 from torchrender.buffers import GBuffer, VisibilityBuffer
 from torchrender.kernels.warp.known_samples import find_known
-from torchrender.passes.contract import Pass
-from torchrender.passes.table import PASSES
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
 from torchrender.raster import rasterize_visibility, surface_attributes
@@ -60,7 +58,6 @@ def extra_layers(
     cameras: Sequence[Cameras],
     options: RenderOptions,
     past: RenderHistory,
-    passes: Sequence[Pass] = PASSES,
 ) -> list[Layer]:
     """What each of ``cameras`` sees and none before it holds, shaded like a picture.
 
@@ -71,7 +68,6 @@ def extra_layers(
         first: what that picture's one camera sees.
         cameras: single cameras from :func:`cameras_around`.
         past: what that picture left.
-        passes: that it was made with.
     """
     known = [first]
     sky_shown = ~first.covered[0]
@@ -84,7 +80,7 @@ def extra_layers(
         kept, nearest = _grown(new, seen.depth)
         sky_shown = sky_shown | new_sky
         gbuffer = surface_attributes(scene, _only(seen, kept))
-        radiance = _shade_few(scene, gbuffer, options, past, passes)
+        radiance = _shade_few(scene, gbuffer, options, past)
         layers.append(_extended(Layer(camera, gbuffer.depth[0], radiance[0], kept[0] | new_sky), seen, nearest))
         known.append(gbuffer)
     return layers
@@ -178,9 +174,7 @@ def cameras_around(
     return moved
 
 
-def _shade_few(
-    scene: Scene, gbuffer: GBuffer, options: RenderOptions, past: RenderHistory, passes: Sequence[Pass]
-) -> Tensor:
+def _shade_few(scene: Scene, gbuffer: GBuffer, options: RenderOptions, past: RenderHistory) -> Tensor:
     """Radiance (1,H,W,3) of one image with few samples: they are put side by side, so that the rest costs nothing.
 
     Empty pixels get the background.
@@ -202,7 +196,7 @@ def _shade_few(
         camera = gbuffer.cameras.sub_camera(0, 0, PACKED_WIDTH, height)
         names = [f.name for f in fields(GBuffer) if f.name != "cameras"]
         small = GBuffer(cameras=camera, **{name: packed(name) for name in names})
-        background[0][covered] = shade_samples(scene, small, options, past, passes=passes).reshape(-1, 3)[:count]
+        background[0][covered] = shade_samples(scene, small, options, past).reshape(-1, 3)[:count]
     return background
 
 

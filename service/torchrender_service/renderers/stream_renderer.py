@@ -10,6 +10,7 @@ from typing import Any
 from torch import Tensor
 
 from torchrender.image import Image
+from torchrender.passes.picture import resample
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
 from torchrender.scene.camera import Cameras
@@ -27,7 +28,7 @@ STILL_FACTOR = 4.0
 """A refinement may take this many times the budget."""
 PACKING_SHARE = 0.5
 """Of the budget, at most, that is kept free for making messages."""
-STREAMED = RenderOptions(upscaling="joint", fixed=("resample",))
+STREAMED = RenderOptions(upscaling="joint", fixed=(resample.PASS.name,))
 """The depth of all pixels is sent anyway, and colours must not stick to the wrong surface when the view moves."""
 ASIDE = ((-0.375, -0.125), (0.125, -0.375), (0.375, 0.125), (-0.125, 0.375))
 """Pixels by which the further pictures of a refinement are moved: with the first, five places in every pixel."""

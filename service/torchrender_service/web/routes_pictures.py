@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import binascii
 import json
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Path, Query, Request, Response
@@ -35,31 +36,28 @@ MAX_PLAN_BYTES = 6000  # many clients and proxies take 8 KB of headers
 _BINARY = {"schema": {"type": "string", "format": "binary"}}
 
 
-def _binary(description: str, types: Any, **headers: str) -> dict[int | str, dict[str, Any]]:
-    """The 200 response of a route that answers with a file."""
+def _file(description: str, types: Sequence[str], **headers: str) -> dict[str, Any]:
+    """How a route that answers with a file is described."""
     described = {name: {"description": text, "schema": {"type": "string"}} for name, text in headers.items()}
-    return {200: {"description": description, "content": dict.fromkeys(types, _BINARY), "headers": described}}
+    made = {"description": description, "content": dict.fromkeys(types, _BINARY), "headers": described}
+    codes = (400, 403, 404, 413, 422, 429, 503) if len(types) == 1 else (400, 403, 404, 406, 413, 422, 429, 503)
+    return {"response_class": Response, "responses": {200: made} | problems(*codes)}
 
 
 @router.post(
     "/render",
-    response_class=Response,
-    responses=_binary(
+    **_file(
         "The picture, as Accept asks: PNG (sRGB), EXR (radiance, depth, normals, ids) or NPZ (every buffer).",
-        PICTURES,
+        [*PICTURES],
         **{"Torchrender-Plan": "what ran and why, JSON", "Server-Timing": "milliseconds of each pass"},
-    )
-    | problems(400, 403, 404, 406, 413, 422, 429, 503),
+    ),
 )
 async def render(request: Request, body: RenderRequest) -> Response:
     """Render a picture."""
-    state = state_of(request)
-    media_type = negotiate(request.headers.get("accept"), list(PICTURES))
-    view = view_of(body.camera, body.width, body.height)
-    _check_pixels(state, view, body.options.supersample)
+    state, media_type = state_of(request), _media_type(request, PICTURES)
     job = Render(
+        view=_view(state, body, body.options.supersample),
         scene=state.scenes.source(body.scene),
-        view=view,
         bounds=bounds_of(body.budget_ms, body.max_error),
         options=body.options.model_dump(),
         format=PICTURES[media_type],
@@ -72,13 +70,11 @@ async def render(request: Request, body: RenderRequest) -> Response:
 
 @router.post(
     "/depth-images",
-    response_class=Response,
-    responses=_binary(
+    **_file(
         "Keyframe messages one after the other, see PROTOCOL.md.",
         [CONTENT_TYPE],
         **{"Torchrender-Keyframes": "id for POST /v1/reproject"},
-    )
-    | problems(400, 403, 404, 413, 422, 429, 503),
+    ),
 )
 async def depth_images(request: Request, body: DepthImagesRequest) -> Response:
     """Sample depth images with colours."""
@@ -110,30 +106,18 @@ async def depth_images(request: Request, body: DepthImagesRequest) -> Response:
 
 @router.post(
     "/reproject",
-    response_class=Response,
-    responses=_binary(
+    **_file(
         "PNG whose alpha is the validity mask, or NPZ with color, depth, valid and source.",
-        REPROJECTIONS,
+        [*REPROJECTIONS],
         **{"Torchrender-Valid-Share": "share of pixels that a sample reaches"},
-    )
-    | problems(400, 403, 404, 406, 413, 422, 429, 503),
+    ),
 )
 async def reproject(request: Request, body: ReprojectRequest) -> Response:
     """The view of a new camera out of depth images alone."""
-    state = state_of(request)
-    media_type = negotiate(request.headers.get("accept"), list(REPROJECTIONS))
-    view = view_of(body.camera, body.width, body.height)
-    _check_pixels(state, view)
-    if body.keyframes is not None:
-        container = state.kept.get(body.keyframes)
-    else:
-        try:
-            container = base64.b64decode(body.container or "", validate=True)
-        except (binascii.Error, ValueError) as error:
-            raise ServiceError(422, "invalid-value", "container must be base64") from error
+    state, media_type = state_of(request), _media_type(request, REPROJECTIONS)
     job = Reproject(
-        container=container,
-        view=view,
+        view=_view(state, body),
+        container=_container(state, body),
         method=body.method,
         format=REPROJECTIONS[media_type],
         max_pixels=state.settings.max_pixels // 4,
@@ -168,6 +152,28 @@ async def tradeoff(
 ) -> dict[str, Any]:
     """Time against error of the settings of one pass."""
     return await state_of(request).pool.run(Tradeoff(name=name))
+
+
+def _media_type(request: Request, formats: Mapping[str, str]) -> str:
+    """What Accept asks for."""
+    return negotiate(request.headers.get("accept"), list(formats))
+
+
+def _view(state: ServiceState, body: RenderRequest | ReprojectRequest, supersample: float = 1.0) -> View:
+    """The view of a request, which may be so large."""
+    view = view_of(body.camera, body.width, body.height)
+    _check_pixels(state, view, supersample)
+    return view
+
+
+def _container(state: ServiceState, body: ReprojectRequest) -> bytes:
+    """The depth images of a request: kept ones, or those that came along."""
+    if body.keyframes is not None:
+        return state.kept.get(body.keyframes)
+    try:
+        return base64.b64decode(body.container or "", validate=True)
+    except (binascii.Error, ValueError) as error:
+        raise ServiceError(422, "invalid-value", "container must be base64") from error
 
 
 def _check_pixels(state: ServiceState, view: View, supersample: float = 1.0, count: int = 1) -> None:

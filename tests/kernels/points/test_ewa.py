@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from torchrender.kernels.points import ewa
+from torchrender.kernels.points.records import Filters
 
 
 def random_surfels(count: int, seed: int = 0):
@@ -98,9 +99,9 @@ def test_areas_bound_the_geometric_mean_of_the_axes():
         assert share * (1 - 1e-12) <= r * r * det <= c_eta * share * (1 + 1e-12)
 
 
-@pytest.mark.parametrize("eigen", [0.0, 1.0])
+@pytest.mark.parametrize("eigen", [False, True])
 def test_the_choice_of_one_point(eigen):
-    choice = (1.0, 0.3, 3.0, 1.2, eigen)
+    choice = Filters(1.0, 1.0, 1.0, 1.0, False, 0.3, 3.0, 1.2, eigen)
     for a, b in ((10.0, 10.0), (0.1, 0.1), (1.0, 1.0), (50.0, 0.01), (4.0, 3.5)):
         area = math.sqrt(a * b)
         mode = ewa.choose_mode(a, 0.0, b, area, 1.0, area, choice)

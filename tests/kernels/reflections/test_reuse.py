@@ -11,7 +11,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from reuse_scenes import mirror_key
-from torchrender.kernels.reflections.match import BORDER, RATIO, SILHOUETTE, STEPS, VALID, match, residual
+from torchrender.kernels.reflections.match import (
+    BORDER,
+    RATIO,
+    SILHOUETTE,
+    STEPS,
+    VALID,
+    KeyPixels,
+    Matches,
+    Settings,
+    match,
+    residual,
+)
 from torchrender.kernels.reflections.shift import SURE, UNCOVERED, UNSURE, draw_moved, resolve_moved
 from torchrender.kernels.warp.corners import DIAGONAL, FIRST, SECOND
 
@@ -80,7 +91,14 @@ def run_match(key, eye, *, ids=None, max_steps=128, ratio=0.75, leaping=False, r
     n = len(pixels)
     out = np.zeros((n, 2), np.int32), np.zeros((n, 2), np.float32), np.zeros(n, np.uint8), np.zeros(n, np.int32)
     begin = np.zeros((n, 2), np.int32) if start is None else start
-    match(surface, own, reached, size, pixels, eye, begin, (max_steps, ratio, leaping, refined), *out)
+    match(
+        KeyPixels(surface, own, reached, *size),
+        pixels,
+        eye,
+        begin,
+        Settings(max_steps, ratio, leaping, refined),
+        Matches(*out),
+    )
     return pixels, out
 
 

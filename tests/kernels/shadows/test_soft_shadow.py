@@ -81,7 +81,7 @@ def fast_bits(corners, points, normals, views, *, skip: bool) -> tuple[np.ndarra
     tree = build_bvh(vertices, np.arange(len(vertices), dtype=np.int32).reshape(-1, 3))
     bits = np.zeros((len(points), (len(views.samples) + 63) // 64), np.int64)
     outside = np.zeros(2, np.int64)
-    light_bits((tree.boxes, tree.links, tree.corners, tree.frame), points, normals, views, skip, 2, bits, outside)
+    light_bits(tree, points, normals, views, skip, 2, bits, outside)
     flat = np.unpackbits(bits.view(np.uint8), axis=1, bitorder="little").astype(bool)
     return flat[:, : len(views.samples)], int(outside.sum())
 

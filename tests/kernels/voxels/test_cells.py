@@ -112,12 +112,12 @@ def test_crossings_equal_exact_integers(seed: int, axis: int, bits: int, step: i
     snapped = rng.integers(-200, 1200, (12, 3)).astype(np.int64) // step * step << (bits - 4) >> 2
     faces = rng.integers(0, 12, (30, 3)).astype(np.int32)
     counts, hits = np.zeros(size[0] * size[1], np.int64), np.zeros(30, np.bool_)
-    columns.count_crossings(snapped, faces, axis, bits, size, 2, counts, hits, np.zeros(1, np.int64))
+    where = columns.Columns(snapped, faces, axis, bits, *size)
+    columns.find_crossings(where, 2, hits, counts, np.zeros(0, np.int32), np.zeros(1, np.int64))
     starts = np.concatenate([[0], np.cumsum(counts)])
     events = np.zeros(starts[-1], np.int32)
-    columns.store_crossings(
-        snapped, faces, axis, bits, size, 2, hits, starts[:-1].copy(), events, np.zeros(1, np.int64)
-    )
+    if len(events):
+        columns.find_crossings(where, 2, hits, starts[:-1].copy(), events, np.zeros(1, np.int64))
     twin = crossings_twin(snapped, faces, axis, bits, size)
     assert [sorted(events[starts[n] : starts[n + 1]].tolist()) for n in range(len(counts))] == [sorted(c) for c in twin]
 
@@ -128,11 +128,11 @@ def test_huge_triangles_keep_their_depth() -> None:
     snapped = np.array([[-far, -far, 1000], [far, -far, 1000], [0, far, 1000]], np.int64)
     assert far > columns.EXACT
     counts, hits = np.zeros(16, np.int64), np.zeros(1, np.bool_)
-    faces, where = np.array([[0, 1, 2]], np.int32), (2, 8, (4, 4, 9), 2)
-    columns.count_crossings(snapped, faces, *where, counts, hits, np.zeros(1, np.int64))
+    where = columns.Columns(snapped, np.array([[0, 1, 2]], np.int32), 2, 8, 4, 4, 9)
+    columns.find_crossings(where, 2, hits, counts, np.zeros(0, np.int32), np.zeros(1, np.int64))
     assert counts.tolist() == [1] * 16
     events = np.zeros(16, np.int32)
-    columns.store_crossings(snapped, faces, *where, hits, np.arange(16), events, np.zeros(1, np.int64))
+    columns.find_crossings(where, 2, hits, np.arange(16), events, np.zeros(1, np.int64))
     assert (events >> 2).tolist() == [4] * 16  # 1000 / 256 = 3.9: the first centre above is 4.5
 
 

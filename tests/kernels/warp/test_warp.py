@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from depth_scenes import depth_images, front_camera, wall
 from torchrender.kernels.atomics import store_max
-from torchrender.kernels.warp.warp import draw_quads
+from torchrender.kernels.warp.warp import Canvas, Poses, Quads, draw_quads
 from torchrender.raster import rasterize_visibility
 from torchrender.reconstruct.corners import fit_corners
 from torchrender.reconstruct.reproject import reproject
@@ -75,7 +75,7 @@ def test_quads_equal_the_slow_twin(seed: int, turn: float, shift: tuple[float, f
     matrix = np.concatenate([target @ rotation @ np.linalg.inv(k), (target @ np.array(shift))[:, None]], axis=1)[None]
     size = (11, 10)
     keys = np.zeros(size[0] * size[1], np.uint64)
-    draw_quads(corners, shape, 0.0, matrix, 0.01, np.ones(1), size, 2, keys)
+    draw_quads(Quads(corners, shape, 0.0), Poses(matrix, 0.01, np.ones(1)), 2, Canvas(keys, *size))
     depth, owner, border = twin(corners, shape, matrix, 0.01, size)
     keys = keys.reshape(10, 11)
     number = np.where(keys > 0, 0xFFFFFFFF - (keys & np.uint64(0xFFFFFFFF)).astype(np.int64), -1)
@@ -109,7 +109,10 @@ def test_joined_quads_cover_each_pixel_once(scale: int) -> None:
     to_target = np.zeros((1, 3, 4))
     to_target[0, :, :3] = np.diag([scale, scale, 1.0])
     draw_quads(
-        quads.depth.numpy(), quads.shape.numpy(), 0.0, to_target, 0.01, np.ones(1), (16 * scale, 16 * scale), 2, keys
+        Quads(quads.depth.numpy(), quads.shape.numpy(), 0.0),
+        Poses(to_target, 0.01, np.ones(1)),
+        2,
+        Canvas(keys, 16 * scale, 16 * scale),
     )
     owner = (0xFFFFFFFF - (keys & np.uint64(0xFFFFFFFF)).astype(np.int64)).reshape(16 * scale, 16 * scale)
     wanted = np.kron(np.arange(256).reshape(16, 16), np.ones((scale, scale), np.int64))

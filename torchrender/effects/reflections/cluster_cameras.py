@@ -95,7 +95,7 @@ class _Bundle:
             return torch.from_numpy(joined)
         owner = self.owner[chosen]
         out = np.zeros((len(chosen), len(columns)))
-        kernel(self.chunks[chosen], owner, self.order, self.rays, *arguments, out)
+        kernel(cluster_fit.Bundle(self.chunks[chosen], owner, self.order, *self.rays), *arguments, out)
         first = np.flatnonzero(np.concatenate([[True], owner[1:] != owner[:-1]]))
         for sign, join in (("+", np.add), ("<", np.minimum), (">", np.maximum)):
             own = [k for k, c in enumerate(columns) if c == sign]
@@ -295,7 +295,7 @@ def _images(
     frame = torch.cat([made.frame[:, :1] - bundle.origin, made.look, made.frame[:, 3:]], dim=1)
     tail = torch.tensor([[diagonal, slope]], dtype=torch.float64).expand(len(made), 2)
     limits = torch.cat([made.eye - bundle.origin, made.reach[:, None], tail], dim=1)
-    images = (place, view(pixels.pixel, np.int64), view(made.clusters.cluster, np.int64), width)
+    images = cluster_fit.Pictures(place, view(pixels.pixel, np.int64), view(made.clusters.cluster, np.int64), width)
     arguments = (view(lens, np.float64), view(frame, np.float64), view(limits, np.float64), images)
     found = bundle.gather(cluster_fit.image_boxes, arguments, "<<>>+++<", made.planar)
     box = torch.where(torch.isfinite(found[:, :4]), found[:, :4], 0.0)

@@ -17,7 +17,16 @@ from torchrender.arrays import view
 from torchrender.buffers import RayHits, VisibilityBuffer
 from torchrender.effects.reflections.cluster_cameras import ClusterCameras
 from torchrender.effects.reflections.reflectors import START, ReflectedRays, ReflectivePixels
-from torchrender.kernels.rays.depth_march import BLOCK, CLEAR, GROUP, HIT, march_rays, nearest_depths
+from torchrender.kernels.rays.depth_march import (
+    BLOCK,
+    CLEAR,
+    GROUP,
+    HIT,
+    DepthImage,
+    MarchedHits,
+    march_rays,
+    nearest_depths,
+)
 from torchrender.raster import FragmentTests, rasterize_visibility
 from torchrender.scene.camera import Cameras
 from torchrender.scene.mesh import Geometry
@@ -137,21 +146,26 @@ def march_image(
     blocks = np.empty((-(-depth.shape[0] // BLOCK), -(-depth.shape[1] // BLOCK)), np.float32)
     nearest_depths(depth, blocks)
     matrix = camera.intrinsics[0] @ camera.camera_from_world[0, :3]
+    footprint = float(camera.footprint(torch.ones(1, 1))[0, 0])
+    image = DepthImage(
+        depth, seen.triangle[0].numpy(), blocks, view(matrix, np.float64), float(camera.near[0]), footprint
+    )
     count = len(rays.origin)
-    state = np.empty(count, np.uint8)
-    found = (np.empty(count), np.empty(count, np.int64), np.empty((count, 2), np.float32))
-    steps = np.zeros(-(-count // GROUP) + 1, np.int64)
+    found = MarchedHits(
+        state=np.empty(count, np.uint8),
+        t=np.empty(count),
+        triangle=np.empty(count, np.int64),
+        barycentric=np.empty((count, 2), np.float32),
+        steps=np.zeros(-(-count // GROUP) + 1, np.int64),
+    )
     march_rays(
         (geometry.vertices.numpy(), geometry.faces.numpy()),
-        (depth, seen.triangle[0].numpy(), blocks),
-        (view(matrix, np.float64), float(camera.near[0]), float(camera.footprint(torch.ones(1, 1))[0, 0])),
+        image,
         float(epsilon),
         (view(rays.origin, np.float64), view(rays.direction, np.float64)),
         np.arange(count),
         (float(ends[0]), view(ends[1], np.float64)),
-        state,
         found,
-        steps,
     )
-    t, triangle, weights = (torch.from_numpy(a) for a in found)
-    return ClusterAnswer(torch.from_numpy(state), RayHits(t, triangle, weights), int(steps.sum()))
+    state, t, triangle, weights = (torch.from_numpy(a) for a in found[:4])
+    return ClusterAnswer(state, RayHits(t, triangle, weights), int(found.steps.sum()))

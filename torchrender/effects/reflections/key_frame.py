@@ -19,7 +19,7 @@ from torchrender.errors import InputError
 from torchrender.kernels.reflections import match as kernels
 from torchrender.kernels.reflections.shift import FAINT
 from torchrender.reconstruct.corners import ReconstructOptions
-from torchrender.reconstruct.grid import fit_grid
+from torchrender.reconstruct.grid_mesh import fit_grid
 from torchrender.scene.camera import Cameras
 
 CAUSES = ("valid", "border", "silhouette", "ratio", "steps")
@@ -207,16 +207,19 @@ def match_reflections(
         if not len(rows) or not bool(moved[b].abs().max() > 0.0):
             continue
         part = slice(int(rows[0]), int(rows[-1]) + 1)  # flat places are in order
-        settings = (options.max_steps, float(options.ratio), options.search == "leap", options.refine)
+        settings = kernels.Settings(options.max_steps, float(options.ratio), options.search == "leap", options.refine)
         kernels.match(
-            view(key.surface[b].reshape(-1, 8), np.float32),
-            view(key.reflector[b].reshape(-1), np.int32),
-            view(key.reached[b].reshape(-1, 4), np.float32),
-            (height, width),
+            kernels.KeyPixels(
+                view(key.surface[b].reshape(-1, 8), np.float32),
+                view(key.reflector[b].reshape(-1), np.int32),
+                view(key.reached[b].reshape(-1, 4), np.float32),
+                height,
+                width,
+            ),
             view(key.pixel[part] - b * height * width, np.int64),
             view(moved[b], np.float64),
             begin[part].copy(),
             settings,
-            *(a[part] for a in (end, offset, cause, steps)),
+            kernels.Matches(*(a[part] for a in (end, offset, cause, steps))),
         )
     return ReflectionMatches(*(torch.from_numpy(a) for a in (end, offset, cause, steps)))

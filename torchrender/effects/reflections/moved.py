@@ -17,6 +17,7 @@ from torchrender.effects.reflections.key_frame import ReflectionKeyFrame, Reflec
 from torchrender.effects.reflections.reflectors import ReflectivePixels
 from torchrender.effects.reflections.reuse_options import ReuseOptions
 from torchrender.kernels.reflections.gather import gather
+from torchrender.kernels.reflections.records import Gathered, KeyFrame, KeyView, Limits, Pixels
 from torchrender.kernels.reflections.shift import SURE, draw_moved, resolve_moved
 from torchrender.scene.camera import Cameras
 
@@ -106,21 +107,24 @@ def warp_to_view(
         camera = key.cameras[b]
         matrix = camera.intrinsics[0] @ camera.rotation[0]
         place = _drawn(key, b, pixels, part) if options.second_warp == "forward" else torch.zeros(0, 2)
-        frame = (
+        frame = KeyFrame(
             view(key.surface[b], np.float32), view(key.reflector[b], np.int32), view(key.reached[b], np.float32),
             view(key.distance[b], np.float32), view(key.color[b], np.float32), view(key.breaks[b], np.uint8),
+            view(moved.source[b], np.float32), view(moved.certainty[b], np.uint8),
         )  # fmt: skip
         gather(
-            view(place, np.float64),
-            view(pixels.object_id[part], np.int32),
-            view(tolerance[part], np.float64),
-            view(weight[part], np.float32),
-            (view(pixels.position[part], np.float64), view(pixels.direction[part], np.float64)),
-            (view(camera.eye[0], np.float64), view(matrix, np.float64), float(camera.near[0])),
+            Pixels(
+                view(place, np.float64),
+                view(pixels.object_id[part], np.int32),
+                view(tolerance[part], np.float64),
+                view(weight[part], np.float32),
+                view(pixels.position[part], np.float64),
+                view(pixels.direction[part], np.float64),
+            ),
+            KeyView(view(camera.eye[0], np.float64), view(matrix, np.float64), float(camera.near[0])),
             frame,
-            (view(moved.source[b], np.float32), view(moved.certainty[b], np.uint8)),
-            (float(options.correction), float(options.contrast)),
-            *(a[part] for a in (color, distance, source, state)),
+            Limits(float(options.correction), float(options.contrast)),
+            Gathered(*(a[part] for a in (color, distance, source, state))),
         )
     return WarpedReflections(*(torch.from_numpy(a) for a in (color, distance, source, state)))
 

@@ -20,7 +20,7 @@ from torchrender.depth.sample import sample_depth_images, sample_offset_images
 from torchrender.effects.shadows.light_samples import corner_grid
 from torchrender.raster import PIXEL_TESTS
 from torchrender.reconstruct.corners import ReconstructOptions
-from torchrender.reconstruct.discs import reconstruct_splat
+from torchrender.reconstruct.discs import reconstruct_discs
 from torchrender.reconstruct.hybrid import Reconstruction, reconstruct_grid, reconstruct_hybrid
 from torchrender.scene.camera import Cameras
 from torchrender.scene.light import RectLight
@@ -110,5 +110,5 @@ def rebuild(scene: Scene, images: DepthImages, options: OccluderOptions) -> Reco
             ReconstructOptions(guess_ratio=options.guess_ratio),
             colors=False,
         )
-    makers: dict[str, Callable[..., Reconstruction]] = {"grid": reconstruct_grid, "splat": reconstruct_splat}
+    makers: dict[str, Callable[..., Reconstruction]] = {"grid": reconstruct_grid, "splat": reconstruct_discs}
     return makers[options.mesh](images, colors=False)

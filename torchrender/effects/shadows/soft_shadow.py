@@ -232,8 +232,7 @@ def _light_bits(
             maps = rasterize_depth(ready.geometry, grid.cameras(name))
             look_up(numpy_view(maps, np.float32), points, normals, views, s, bits, outside)
         return bits, int(outside.sum())
-    tree = (ready.tree.boxes, ready.tree.links, ready.tree.corners, ready.tree.frame)
-    light_bits(tree, points, normals, views, options.skip_lit, threads, bits, outside)
+    light_bits(ready.tree, points, normals, views, options.skip_lit, threads, bits, outside)
     return bits, int(outside.sum())
 
 

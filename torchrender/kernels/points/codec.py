@@ -7,6 +7,7 @@ is unknown; 7 radius. Source: specification 06, section 8.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import prange
@@ -15,6 +16,21 @@ from torchrender.kernels.compile import kernel
 
 ANGLES, OCTAHEDRON = 0, 1
 CELLS_LONG, CELLS_SHORT = 2048, 1024
+
+
+class Boxes(NamedTuple):
+    """Boxes of N patches, about their centres."""
+
+    half: np.ndarray  # (N,3) float64 half extents
+    short: np.ndarray  # (N,) int64 shortest axis, which gets fewer cells
+
+
+class Tables(NamedTuple):
+    """What codes stand for."""
+
+    palette: np.ndarray  # (256,) radii, ascending
+    directions: np.ndarray  # (65536,3) the normal of every pair of bytes
+    tints: np.ndarray  # (256,) linear light of sRGB codes
 
 
 @kernel(inline=True)
@@ -69,8 +85,10 @@ def nearest_radius(palette, value):
 
 
 @kernel(parallel=True)
-def encode_nodes(position, normal, radius, start, half, short, palette, kind, codes):
-    """Codes (T,8) of the nodes of N patches: ``start`` (N,L+1), ``half`` (N,3) half box, ``short`` (N,) its axis."""
+def encode_nodes(nodes, start, boxes, palette, kind, codes):
+    """Codes (T,8) of the :class:`Nodes` of N patches: ``start`` (N,L+1), ``boxes``: :class:`Boxes`."""
+    position, normal, radius = nodes.position, nodes.normal, nodes.radius
+    half, short = boxes
     for patch in prange(len(short)):
         axes = (1 if short[patch] == 0 else 0, 1 if short[patch] == 2 else 2, short[patch])
         for node in range(start[patch, 0], start[patch, -1]):
@@ -95,13 +113,14 @@ def encode_nodes(position, normal, radius, start, half, short, palette, kind, co
 
 
 @kernel(parallel=True)
-def decode_nodes(
-    codes, colors, has_color, rows, first, half, short, palette, directions, tints, position, normal, radius, color
-):
-    """Nodes of S runs ``rows`` (S,2) of the codes, side by side from ``first`` (S,) on; boxes as for encoding.
+def decode_nodes(codes, colors, rows, first, boxes, tables, nodes):
+    """Nodes of S runs ``rows`` (S,2) of the codes, side by side from ``first`` (S,) on; ``boxes``: :class:`Boxes`.
 
-    ``directions`` (65536,3): the normal of every pair of bytes; ``tints`` (256,): linear light of sRGB codes.
+    ``tables``: :class:`Tables`; ``nodes``: :class:`Nodes`, filled.
     """
+    palette, directions, tints = tables
+    position, normal, radius, color, has_color = nodes
+    half, short = boxes
     for run in prange(len(rows)):
         axes = (1 if short[run] == 0 else 0, 1 if short[run] == 2 else 2, short[run])
         at = first[run]

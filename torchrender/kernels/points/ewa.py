@@ -13,6 +13,7 @@ from numba import prange
 
 from torchrender.kernels.atomics import borrowed, fetch_add
 from torchrender.kernels.compile import kernel
+from torchrender.kernels.points.records import Splat, Target
 
 FULL, RECONSTRUCTION, LOW_PASS, SQUARE, EACH_POINT = 0, 1, 2, 3, 4
 """How a point is filtered; the last one: decided point by point."""
@@ -53,34 +54,36 @@ def screen_covariance(ox, oy, oz, n, k):
 
 
 @kernel(inline=True)
-def choose_mode(xx, xy, yy, det, r2, area, choice):
-    """Filter of one point. ``area``: S_proj / S_h; ``choice``: r_h^2, c_min, c_max, C_eta, test (1: eigenvalues)."""
-    if choice[4] == 1.0:
+def choose_mode(xx, xy, yy, det, r2, area, filters):
+    """Filter of one point. ``area``: S_proj / S_h."""
+    if filters.by_axes:
+        low = filters.r_h * filters.r_h
         half = 0.5 * (xx + yy)
         root = math.sqrt(max(0.25 * (xx - yy) * (xx - yy) + xy * xy, 0.0))
         most = half + root
         least = det * det / most if most > 0.0 else 0.0
-        if r2 * least > choice[2] * choice[0]:
+        if r2 * least > filters.c_max * low:
             return RECONSTRUCTION
-        return LOW_PASS if r2 * most < choice[1] * choice[0] else FULL
-    if area > choice[2]:
+        return LOW_PASS if r2 * most < filters.c_min * low else FULL
+    if area > filters.c_max:
         return RECONSTRUCTION
-    return LOW_PASS if choice[3] * area < choice[1] else FULL
+    return LOW_PASS if filters.c_eta * area < filters.c_min else FULL
 
 
 @kernel(inline=True)
-def put_box(u, v, rx, ry, border, size, box, count):
+def put_box(u, v, rx, ry, border, lens, out):
     """Pixels whose centres lie within rx, ry of (u, v): False if there are none in the image.
 
     ``border``: pixels that the box may begin left of and above the image.
     """
-    if not (u + rx >= 0.5 and u - rx <= size[0] - 0.5 and v + ry >= 0.5 and v - ry <= size[1] - 0.5):
-        count[OUTSIDE] += 1
+    width, height, box = lens.width, lens.height, out.box
+    if not (u + rx >= 0.5 and u - rx <= width - 0.5 and v + ry >= 0.5 and v - ry <= height - 0.5):
+        out.tally[OUTSIDE] += 1
         return False
-    if u - rx < -size[0] or u + rx > 2 * size[0] or v - ry < -size[1] or v + ry > 2 * size[1]:
-        count[CAPPED] += 1
-    x0, x1 = math.ceil(max(u - rx - 0.5, -border)), math.floor(min(u + rx - 0.5, size[0] - 1.0))
-    y0, y1 = math.ceil(max(v - ry - 0.5, -border)), math.floor(min(v + ry - 0.5, size[1] - 1.0))
+    if u - rx < -width or u + rx > 2 * width or v - ry < -height or v + ry > 2 * height:
+        out.tally[CAPPED] += 1
+    x0, x1 = math.ceil(max(u - rx - 0.5, -border)), math.floor(min(u + rx - 0.5, width - 1.0))
+    y0, y1 = math.ceil(max(v - ry - 0.5, -border)), math.floor(min(v + ry - 0.5, height - 1.0))
     box[0], box[1], box[2], box[3] = x0, x1, y0, y1
     return x0 <= x1 and y0 <= y1
 
@@ -138,15 +141,16 @@ def put_ellipse(xx, xy, yy, det, r2, low_pass, record):
 
 
 @kernel(inline=True)
-def put_depth(ox, oy, oz, n, r, k, near, record):
-    """Inverse depth of the point's plane over the image, held within [oz - r, oz + r]."""
-    offset = n[0] * ox + n[1] * oy + n[2] * oz
+def put_depth(splat, lens, record):
+    """Inverse depth of the point's plane over the image, held within [z - r, z + r]."""
+    n, k, oz, r = splat.n, lens.k, splat.z, splat.r
+    offset = n[0] * splat.x + n[1] * splat.y + n[2] * oz
     gx = n[0] / (k[0, 0] * offset)
     gy = (n[1] - k[0, 1] * n[0] / k[0, 0]) / (k[1, 1] * offset)
     # Held in float32's range: edge-on, the limits below decide.
     record[SLOPE_X], record[SLOPE_Y] = min(max(gx, -1e30), 1e30), min(max(gy, -1e30), 1e30)
     record[INVERSE_LOW] = 1.0 / (oz + r)
-    record[INVERSE_HIGH] = 1.0 / max(oz - r, near[0])
+    record[INVERSE_HIGH] = 1.0 / max(oz - r, lens.near)
 
 
 @kernel(inline=True)
@@ -162,17 +166,19 @@ def depth_per_pixel(cosine, oz, focal):
 
 
 @kernel(inline=True)
-def put_square(u, v, r, oz, focal, size, record, box, count):
+def put_square(splat, u, v, focal, lens, out):
     """An opaque square of the point's projected size, at least a pixel."""
-    side = max(r * focal / oz, 0.5)
-    record[SCALE], record[TOLERANCE] = 1.0, 0.0
-    return put_box(u, v, side, side, 0.0, size, box, count)
+    side = max(splat.r * focal / splat.z, 0.5)
+    out.record[SCALE], out.record[TOLERANCE] = 1.0, 0.0
+    return put_box(u, v, side, side, 0.0, lens, out)
 
 
 @kernel(inline=True)
-def put_splat(ox, oy, oz, n, r, distance, mode, u, v, k, near, size, filters, choice, record, box, count):
+def put_splat(splat, distance, mode, u, v, lens, filters, out):
     """Weight, ellipse, depth and box of a point that faces the eye; returns whether it is drawn, and its filter."""
-    focal, r2, low = max(k[0, 0], k[1, 1]), r * r, filters[0] * filters[0]
+    ox, oy, oz, n, r = splat
+    k, record, r_h = lens.k, out.record, filters.r_h
+    focal, r2, low = max(k[0, 0], k[1, 1]), r * r, r_h * r_h
     iz = 1.0 / oz
     cosine = -(n[0] * ox + n[1] * oy + n[2] * oz) / distance
     # |det J| = fx fy |n.o| / oz^3, in pixels per squared unit: weights stay in range for scenes of any size.
@@ -182,32 +188,31 @@ def put_splat(ox, oy, oz, n, r, distance, mode, u, v, k, near, size, filters, ch
     if mode != LOW_PASS:
         xx, xy, yy, det = screen_covariance(ox, oy, oz, n, k)
     if mode == EACH_POINT:
-        mode = choose_mode(xx, xy, yy, det, r2, r2 * area / low, choice)
+        mode = choose_mode(xx, xy, yy, det, r2, r2 * area / low, filters)
     if mode != RECONSTRUCTION:
-        record[TOLERANCE] = filters[2] * (r + filters[0] * depth_per_pixel(cosine, oz, focal))
+        record[TOLERANCE] = filters.eps_scale * (r + r_h * depth_per_pixel(cosine, oz, focal))
     if mode == LOW_PASS:
-        record[SCALE] = det * filters[3] * filters[1] / low
-        return put_box(u, v, filters[0], filters[0], 8.0, size, box, count), mode
+        record[SCALE] = det * filters.unit * filters.peak / low
+        return put_box(u, v, r_h, r_h, 8.0, lens, out), mode
     rx, ry, spread = put_ellipse(xx, xy, yy, det, r2, low if mode == FULL else 0.0, record)
     if rx < 0.0:
-        count[DEGENERATE] += 1
+        out.tally[DEGENERATE] += 1
         return False, mode
-    put_depth(ox, oy, oz, n, r, k, near, record)
-    record[SCALE] = det * filters[3] * filters[1] / math.sqrt(spread)
-    drawn = put_box(u, v, rx, ry, 0.0, size, box, count)
+    put_depth(splat, lens, record)
+    record[SCALE] = det * filters.unit * filters.peak / math.sqrt(spread)
+    drawn = put_box(u, v, rx, ry, 0.0, lens, out)
     if drawn and r > COARSE * oz:
-        drawn = clip_to_sphere((ox, oy, oz), r, k, filters[0], box)
+        drawn = clip_to_sphere((ox, oy, oz), r, k, r_h, out.box)
     return drawn, mode
 
 
 @kernel(inline=True)
-def project_point(ox, oy, oz, n, r, mode, k, near, size, filters, choice, record, box, count):
-    """Record and box of one point in the camera's frame; False where it is not drawn.
-
-    ``near``: the planes that points lie between; ``filters``: r_h, 1 / (2 pi kappa^2), eps_scale, unit of area,
-    one-sided (1) or not (0).
-    """
-    if not near[0] < oz <= near[1]:
+def project_point(splat, mode, lens, filters, out):
+    """Record and box of one point in the camera's frame; False where it is not drawn."""
+    ox, oy, oz, n, r = splat
+    k = lens.k
+    record, box, count = out
+    if not lens.near < oz <= lens.far:
         count[BEHIND] += 1
         return False
     offset = n[0] * ox + n[1] * oy + n[2] * oz
@@ -216,7 +221,7 @@ def project_point(ox, oy, oz, n, r, mode, k, near, size, filters, choice, record
         n = (-ox / distance, -oy / distance, -oz / distance)
         offset = -distance
     if offset >= 0.0:
-        if filters[4] == 1.0 or offset == 0.0:
+        if filters.one_sided or offset == 0.0:
             count[BACK] += 1
             return False
         n = (-n[0], -n[1], -n[2])
@@ -226,15 +231,13 @@ def project_point(ox, oy, oz, n, r, mode, k, near, size, filters, choice, record
     record[INVERSE_Z] = iz
     record[SLOPE_X], record[SLOPE_Y] = 0.0, 0.0
     record[INVERSE_LOW], record[INVERSE_HIGH] = iz, iz
-    record[TOLERANCE] = filters[2] * (r + oz / focal)
+    record[TOLERANCE] = filters.eps_scale * (r + oz / focal)
     if r > COARSE * oz:
         count[LARGE] += 1
     if mode == SQUARE:
-        drawn = put_square(u, v, r, oz, focal, size, record, box, count)
+        drawn = put_square(splat, u, v, focal, lens, out)
     else:
-        drawn, mode = put_splat(
-            ox, oy, oz, n, r, distance, mode, u, v, k, near, size, filters, choice, record, box, count
-        )
+        drawn, mode = put_splat(Splat(ox, oy, oz, n, r), distance, mode, u, v, lens, filters, out)
     if not drawn or not record[SCALE] > 0.0:
         return False
     # Relative to its box, float32 places a point well anywhere in a large image.
@@ -245,10 +248,11 @@ def project_point(ox, oy, oz, n, r, mode, k, near, size, filters, choice, record
 
 
 @kernel(inline=True)
-def put_color(n, ox, oy, oz, red, green, blue, light, record):
-    """Colour of a point, lit by Lambert's law. ``light``: direction to it (zero: from the eye), ambient share, on."""
-    if light[4] != 0.0:
-        lx, ly, lz = light[0], light[1], light[2]
+def put_color(splat, red, green, blue, light, record):
+    """Colour of a point, lit by Lambert's law."""
+    ox, oy, oz, n, _ = splat
+    if light.lit:
+        lx, ly, lz = light.x, light.y, light.z
         if lx == 0.0 and ly == 0.0 and lz == 0.0:
             s = 1.0 / math.sqrt(ox * ox + oy * oy + oz * oz)
             lx, ly, lz = -ox * s, -oy * s, -oz * s
@@ -257,65 +261,66 @@ def put_color(n, ox, oy, oz, red, green, blue, light, record):
             facing = -facing
         if n[0] == 0.0 and n[1] == 0.0 and n[2] == 0.0:
             facing = 1.0
-        shade = light[3] + (1.0 - light[3]) * max(facing, 0.0)
+        shade = light.ambient + (1.0 - light.ambient) * max(facing, 0.0)
         red, green, blue = red * shade, green * shade, blue * shade
     record[RED], record[GREEN], record[BLUE] = red, green, blue
 
 
+@kernel(inline=True)
+def splat_of(nodes, row, turn, origin, s):
+    """Node ``row``, of slice ``s``, in the camera's frame."""
+    position, normal = nodes.position, nodes.normal
+    x, y, z = np.float64(position[row, 0]), np.float64(position[row, 1]), np.float64(position[row, 2])
+    ox = turn[0, 0] * x + turn[0, 1] * y + turn[0, 2] * z + origin[s, 0]
+    oy = turn[1, 0] * x + turn[1, 1] * y + turn[1, 2] * z + origin[s, 1]
+    oz = turn[2, 0] * x + turn[2, 1] * y + turn[2, 2] * z + origin[s, 2]
+    x, y, z = np.float64(normal[row, 0]), np.float64(normal[row, 1]), np.float64(normal[row, 2])
+    n = (
+        turn[0, 0] * x + turn[0, 1] * y + turn[0, 2] * z,
+        turn[1, 0] * x + turn[1, 1] * y + turn[1, 2] * z,
+        turn[2, 0] * x + turn[2, 1] * y + turn[2, 2] * z,
+    )
+    return Splat(ox, oy, oz, n, np.float64(nodes.radius[row]))
+
+
 @kernel(parallel=True)
-def project_points(
-    nodes, has_color, normals_as_color, slices, modes, first, origin, turn, k, near, size, filters, choice, light,
-    tile, threads, chunks, records, boxes, tiles, counts,
-):  # fmt: skip
+def project_points(nodes, slices, lens, filters, light, tile, threads, made):
     """Records of the points of S slices, and how many each chunk of slices sends to each tile.
 
-    ``nodes``: position, normal, radius, colour of all nodes; ``slices`` (S,2) rows of them; ``first`` (S,) where their
-    records start; ``origin`` (S,3) the patch's centre in the camera's frame; ``turn`` (3,3) camera from world;
-    ``chunks`` (N,2) runs of slices; ``tiles`` (N,T) and ``counts`` (N,COUNTS) are filled. A box with x0 > x1 is empty.
+    ``nodes``: all :class:`Nodes`; ``light``: :class:`Coloring`; ``made``: :class:`Projected`, filled.
     """
-    across = (size[0] + tile - 1) // tile
+    records, boxes, tiles, counts = made
+    rows, modes, first, origin, chunks = slices
+    across = (lens.width + tile - 1) // tile
     counter = np.zeros(1, np.int64)
     for worker in prange(threads):
-        position, normal, radius, color = (
-            borrowed(nodes[0]), borrowed(nodes[1]), borrowed(nodes[2]), borrowed(nodes[3]),
-        )  # fmt: skip
+        own = borrowed(nodes)
+        color = own.color
         all_records, all_boxes, all_counts = borrowed(records), borrowed(boxes), borrowed(counts)
-        m = borrowed(k)
+        camera = borrowed(lens)
         while True:
             chunk = fetch_add(counter, 0, 1)
             if chunk >= len(chunks):
                 break
             count = all_counts[chunk]
             for s in range(chunks[chunk, 0], chunks[chunk, 1]):
-                cx, cy, cz = origin[s, 0], origin[s, 1], origin[s, 2]
                 at = first[s]
-                for row in range(slices[s, 0], slices[s, 1]):
-                    x, y, z = np.float64(position[row, 0]), np.float64(position[row, 1]), np.float64(position[row, 2])
-                    ox = turn[0, 0] * x + turn[0, 1] * y + turn[0, 2] * z + cx
-                    oy = turn[1, 0] * x + turn[1, 1] * y + turn[1, 2] * z + cy
-                    oz = turn[2, 0] * x + turn[2, 1] * y + turn[2, 2] * z + cz
-                    x, y, z = np.float64(normal[row, 0]), np.float64(normal[row, 1]), np.float64(normal[row, 2])
-                    n = (
-                        turn[0, 0] * x + turn[0, 1] * y + turn[0, 2] * z,
-                        turn[1, 0] * x + turn[1, 1] * y + turn[1, 2] * z,
-                        turn[2, 0] * x + turn[2, 1] * y + turn[2, 2] * z,
-                    )
+                for row in range(rows[s, 0], rows[s, 1]):
+                    splat = splat_of(own, row, camera.turn, origin, s)
+                    n = splat.n
                     record, box = all_records[at], all_boxes[at]
                     at += 1
-                    r = np.float64(radius[row])
-                    if not project_point(
-                        ox, oy, oz, n, r, modes[s], m, near, size, filters, choice, record, box, count
-                    ):
+                    if not project_point(splat, modes[s], camera, filters, Target(record, box, count)):
                         box[0], box[1] = 1, 0
                         continue
-                    if normals_as_color:
+                    if light.normals:
                         record[RED], record[GREEN], record[BLUE] = n
-                        if n[0] * ox + n[1] * oy + n[2] * oz > 0.0:
+                        if n[0] * splat.x + n[1] * splat.y + n[2] * splat.z > 0.0:
                             record[RED], record[GREEN], record[BLUE] = -n[0], -n[1], -n[2]
-                    elif has_color:
-                        put_color(n, ox, oy, oz, color[row, 0], color[row, 1], color[row, 2], light, record)
+                    elif own.has_color:
+                        put_color(splat, color[row, 0], color[row, 1], color[row, 2], light, record)
                     else:
-                        put_color(n, ox, oy, oz, light[5], light[5], light[5], light, record)
+                        put_color(splat, light.plain, light.plain, light.plain, light, record)
                     for ty in range(max(box[2], 0) // tile, box[3] // tile + 1):
                         for tx in range(max(box[0], 0) // tile, box[1] // tile + 1):
                             tiles[chunk, ty * across + tx] += 1

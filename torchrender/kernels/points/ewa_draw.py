@@ -5,6 +5,8 @@ Points keep their order within a tile whatever the number of threads: pictures a
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import prange
 
@@ -34,6 +36,59 @@ TILE = 32
 PAD = 4  # pixels around a tile that low-pass stamps may spill over: their loops then need no limits
 SIDE = TILE + 2 * PAD
 STEPS = 16  # positions within a pixel that have a low-pass stamp of their own, per axis
+
+
+class Binned(NamedTuple):
+    """Projected points, and those of each tile."""
+
+    records: np.ndarray  # (M,RECORD) float32
+    boxes: np.ndarray  # (M,BOX) int16
+    entries: np.ndarray  # (E,) int32 points, tile after tile
+    start: np.ndarray  # (T+1,) int64 first entry of each tile
+
+
+class Weights(NamedTuple):
+    """How much a point weighs in its pixels."""
+
+    reach: np.float32  # radius of the low-pass, pixels
+    stamps: np.ndarray  # (STEPS,STEPS,side,side) float32 low-pass by position within a pixel
+    polynomial: np.ndarray  # (9,) float32 of exp(-q / (2 kappa^2))
+
+
+class Picture(NamedTuple):
+    """What is drawn to."""
+
+    image: np.ndarray  # (H,W,3) float32
+    depth: np.ndarray  # (H,W) float32
+    weight: np.ndarray  # (H,W) float32
+    evaluations: np.ndarray  # (T,) int64 kernel weights that were computed in each tile
+
+
+class Paint(NamedTuple):
+    """What a point adds to a pixel, times its weight there."""
+
+    iz: np.float32
+    tolerance: np.float32
+    scale: np.float32
+    red: np.float32
+    green: np.float32
+    blue: np.float32
+    depth: np.float32
+
+
+class Ellipse(NamedTuple):
+    """Weight and inverse depth of a point over the image."""
+
+    u: np.float32  # centre, from the box
+    v: np.float32
+    iz: np.float32  # inverse depth there
+    xx: np.float32
+    xy: np.float32
+    yy: np.float32
+    slope_x: np.float32
+    slope_y: np.float32
+    low: np.float32
+    high: np.float32
 
 
 @kernel()
@@ -82,8 +137,9 @@ def weight_of(q, p):
 
 
 @kernel(inline=True)
-def add(sums, y, x, w, red, green, blue, depth):
+def add(sums, y, x, w, paint):
     """Add a weight and what it weighs; read before written, so that it becomes one vector operation."""
+    red, green, blue, depth = paint.red, paint.green, paint.blue, paint.depth
     r, g, b, s, d = sums[y, x, 0], sums[y, x, 1], sums[y, x, 2], sums[y, x, 3], sums[y, x, 4]
     r, g, b, s, d = r + w * red, g + w * green, b + w * blue, s + w, d + w * depth
     sums[y, x, 0], sums[y, x, 1], sums[y, x, 2], sums[y, x, 3], sums[y, x, 4] = r, g, b, s, d
@@ -100,113 +156,140 @@ def nearest_stamp(side, y0, x0, iz, stamp, nearest):
 
 
 @kernel(inline=True)
-def blend_stamp(side, y0, x0, iz, tolerance, scale, color, stamp, nearest, sums):
+def blend_stamp(side, y0, x0, paint, stamp, nearest, sums):
     """Low-pass stamp in the blend pass."""
     one, none = np.float32(1.0), np.float32(0.0)
     for j in range(side):
         for i in range(side):
             front = nearest[y0 + j, x0 + i]
-            w = scale * stamp[j, i]
-            w = w if iz * (one + tolerance * front) >= front else none
-            add(sums, y0 + j, x0 + i, w, color[0], color[1], color[2], color[3])
+            w = paint.scale * stamp[j, i]
+            w = w if paint.iz * (one + paint.tolerance * front) >= front else none
+            add(sums, y0 + j, x0 + i, w, paint)
 
 
 @kernel(inline=True)
-def nearest_pass(record, box, left, top, reach, stamps, nearest):
+def stamp_of(record, weights):
+    """The low-pass stamp for a point's position within its pixel."""
+    reach = weights.reach
+    return weights.stamps[stamp_step(record[V], reach), stamp_step(record[U], reach)]
+
+
+@kernel(inline=True)
+def covered(box, left, top):
+    """First and last column and row of a box within a tile whose buffers begin at ``left`` and ``top``."""
+    xa, xb = max(box[0], left + PAD), min(box[1], left + PAD + TILE - 1)
+    ya, yb = max(box[2], top + PAD), min(box[3], top + PAD + TILE - 1)
+    return xa, xb, ya, yb
+
+
+@kernel(inline=True)
+def ellipse_of(record):
+    return Ellipse(
+        record[U], record[V], record[INVERSE_Z], record[XX], record[XY], record[YY],
+        record[SLOPE_X], record[SLOPE_Y], record[INVERSE_LOW], record[INVERSE_HIGH],
+    )  # fmt: skip
+
+
+@kernel(inline=True)
+def ellipse_row(e, y):
+    """What a row ``y`` pixels below the box's first one adds to the form, twice, and to the inverse depth."""
+    dy = np.float32(y) - e.v
+    return e.xy * dy, e.yy * dy * dy, e.iz + e.slope_y * dy
+
+
+@kernel(inline=True)
+def ellipse_at(e, row, x):
+    """Value of the form, 1 on the outline, and inverse depth, ``x`` pixels right of the box's first one."""
+    dx = np.float32(x) - e.u
+    return (e.xx * dx + row[0]) * dx + row[1], min(max(row[2] + e.slope_x * dx, e.low), e.high)
+
+
+@kernel(inline=True)
+def nearest_pass(record, box, left, top, weights, nearest):
     """Greatest inverse depth per pixel of a tile; ``left`` and ``top`` are those of its buffers, ``PAD`` included.
 
     Which pixels a point covers cannot be guessed: selecting values is several times as fast as branching.
     """
     one, none = np.float32(1.0), np.float32(0.0)
-    xa, xb = max(box[0], left + PAD), min(box[1], left + PAD + TILE - 1)
-    ya, yb = max(box[2], top + PAD), min(box[3], top + PAD + TILE - 1)
-    side = stamps.shape[2]
+    xa, xb, ya, yb = covered(box, left, top)
+    side = weights.stamps.shape[2]
     iz, mode = record[INVERSE_Z], box[4]
     if mode == SQUARE:
         for y in range(ya, yb + 1):
             for x in range(xa, xb + 1):
                 nearest[y - top, x - left] = max(nearest[y - top, x - left], iz)
     elif mode == LOW_PASS:
-        stamp = stamps[stamp_step(record[V], reach), stamp_step(record[U], reach)]
+        stamp = stamp_of(record, weights)
         y0, x0 = box[2] - top, box[0] - left
         if side == 2:
             nearest_stamp(2, y0, x0, iz, stamp, nearest)
         else:
             nearest_stamp(side, y0, x0, iz, stamp, nearest)
     else:
-        a, b, c = record[XX], record[XY], record[YY]
-        low, high = record[INVERSE_LOW], record[INVERSE_HIGH]
-        gx, gy, u = record[SLOPE_X], record[SLOPE_Y], record[U]
+        ellipse = ellipse_of(record)
         for y in range(ya, yb + 1):
-            dy = np.float32(y - box[2]) - record[V]
-            bd, cd, gd = b * dy, c * dy * dy, iz + gy * dy
+            row = ellipse_row(ellipse, y - box[2])
             for x in range(xa, xb + 1):
-                dx = np.float32(x - box[0]) - u
-                q = (a * dx + bd) * dx + cd
-                at = min(max(gd + gx * dx, low), high)
+                q, at = ellipse_at(ellipse, row, x - box[0])
                 at = at if q <= one else none
                 nearest[y - top, x - left] = max(nearest[y - top, x - left], at)
 
 
 @kernel(inline=True)
-def blend_pass(record, box, left, top, reach, stamps, polynomial, nearest, sums):
+def blend_pass(record, box, left, top, weights, nearest, sums):
     """Add weight and weighted colour and depth where the point lies within its tolerance of the nearest surface.
 
     z <= depth + tolerance, in inverse depths without a division: iz (1 + tolerance front) >= front.
     """
     one, none = np.float32(1.0), np.float32(0.0)
-    xa, xb = max(box[0], left + PAD), min(box[1], left + PAD + TILE - 1)
-    ya, yb = max(box[2], top + PAD), min(box[3], top + PAD + TILE - 1)
-    side = stamps.shape[2]
+    xa, xb, ya, yb = covered(box, left, top)
+    side = weights.stamps.shape[2]
     iz, mode, tolerance, scale = record[INVERSE_Z], box[4], record[TOLERANCE], record[SCALE]
     red, green, blue = record[RED], record[GREEN], record[BLUE]
     evaluated = 0
     if mode == SQUARE:
+        paint = Paint(iz, none, one, red, green, blue, one / iz)
         for y in range(ya - top, yb + 1 - top):
             for x in range(xa - left, xb + 1 - left):
-                add(sums, y, x, one if iz >= nearest[y, x] else none, red, green, blue, one / iz)
+                add(sums, y, x, one if iz >= nearest[y, x] else none, paint)
     elif mode == LOW_PASS:
-        depth = one / iz
-        stamp = stamps[stamp_step(record[V], reach), stamp_step(record[U], reach)]
+        paint = Paint(iz, tolerance, scale, red, green, blue, one / iz)
+        stamp = stamp_of(record, weights)
         y0, x0 = box[2] - top, box[0] - left
-        color = (red, green, blue, depth)
         if side == 2:
-            blend_stamp(2, y0, x0, iz, tolerance, scale, color, stamp, nearest, sums)
+            blend_stamp(2, y0, x0, paint, stamp, nearest, sums)
         else:
-            blend_stamp(side, y0, x0, iz, tolerance, scale, color, stamp, nearest, sums)
+            blend_stamp(side, y0, x0, paint, stamp, nearest, sums)
     else:
-        a, b, c = record[XX], record[XY], record[YY]
-        low, high = record[INVERSE_LOW], record[INVERSE_HIGH]
-        gx, gy, u = record[SLOPE_X], record[SLOPE_Y], record[U]
+        ellipse = ellipse_of(record)
         for y in range(ya, yb + 1):
-            dy = np.float32(y - box[2]) - record[V]
-            bd, cd, gd = b * dy, c * dy * dy, iz + gy * dy
+            row = ellipse_row(ellipse, y - box[2])
             for x in range(xa, xb + 1):
-                dx = np.float32(x - box[0]) - u
-                q = (a * dx + bd) * dx + cd
-                at = min(max(gd + gx * dx, low), high)
+                q, at = ellipse_at(ellipse, row, x - box[0])
                 front = nearest[y - top, x - left]
                 seen = (q <= one) & (at * (one + tolerance * front) >= front)
-                w = scale * weight_of(min(max(q, none), one), polynomial)
+                w = scale * weight_of(min(max(q, none), one), weights.polynomial)
                 w = w if seen else none
-                add(sums, y - top, x - left, w, red, green, blue, one / at)
+                add(sums, y - top, x - left, w, Paint(at, tolerance, scale, red, green, blue, one / at))
                 evaluated += 1 if seen else 0
     return evaluated
 
 
 @kernel(parallel=True)
-def draw_tiles(
-    records, boxes, entries, start, across, reach, stamps, polynomial, background, threads, image, depth, weight,
-    evaluations,
-):  # fmt: skip
-    """Both passes and the normalisation of every tile. ``evaluations`` (tiles,): kernel weights that were computed."""
+def draw_tiles(binned, weights, across, background, threads, out):
+    """Both passes and the normalisation of every tile: :class:`Binned` points into a :class:`Picture`.
+
+    ``weights``: :class:`Weights`; ``across``: tiles side by side; ``background`` (3,) where no point is.
+    """
+    image, depth, weight, evaluations = out
+    start, entries = binned.start, binned.entries
     height, width = weight.shape
     counter = np.zeros(1, np.int64)
     for worker in prange(threads):
         nearest = np.zeros((SIDE, SIDE), np.float32)
         sums = np.zeros((SIDE, SIDE, 8), np.float32)
-        z, s, r, b, t = borrowed(nearest), borrowed(sums), borrowed(records), borrowed(boxes), borrowed(stamps)
-        p = borrowed(polynomial)
+        z, s, r, b = borrowed(nearest), borrowed(sums), borrowed(binned.records), borrowed(binned.boxes)
+        own = borrowed(weights)
         while True:
             tile = fetch_add(counter, 0, 1)
             if tile >= len(start) - 1:
@@ -216,11 +299,11 @@ def draw_tiles(
             sums[:] = 0
             for entry in range(start[tile], start[tile + 1]):
                 point = entries[entry]
-                nearest_pass(r[point], b[point], left - PAD, top - PAD, reach, t, z)
+                nearest_pass(r[point], b[point], left - PAD, top - PAD, own, z)
             evaluated = 0
             for entry in range(start[tile], start[tile + 1]):
                 point = entries[entry]
-                evaluated += blend_pass(r[point], b[point], left - PAD, top - PAD, reach, t, p, z, s)
+                evaluated += blend_pass(r[point], b[point], left - PAD, top - PAD, own, z, s)
             evaluations[tile] = evaluated
             for y in range(top, min(top + TILE, height)):
                 for x in range(left, min(left + TILE, width)):

@@ -3,12 +3,32 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import prange
 
 from torchrender.kernels.atomics import fetch_add
 from torchrender.kernels.compile import kernel
+
+
+class Limits(NamedTuple):
+    """When a run of points is a patch."""
+
+    n_min: int  # points: always
+    n_max: int  # points: where it is flat and its normals agree
+    sigma_max: float  # flatness
+    cone_max: float  # half angle of the normals
+
+
+class Headers(NamedTuple):
+    """What is known of N patches."""
+
+    starts: np.ndarray  # (N,L+1) first node of each level
+    table: np.ndarray  # (N,L,3) least, mean and greatest radius
+    boxes: np.ndarray  # (N,2,3) low and high corner
+    cones: np.ndarray  # (N,4) axis and half angle of the normals
+    sigma: np.ndarray  # (N,) flatness
 
 
 @kernel()
@@ -147,11 +167,12 @@ def halve(position, order, key, low, high, covariance):
 
 
 @kernel(parallel=True)
-def split_segments(position, normal, order, key, segments, limits, counts, threads, middle):
-    """Each segment (low, high) becomes a patch (middle -1), or is split there.
+def split_segments(points, order, key, segments, limits, threads, middle):
+    """Each segment (low, high) of ``order`` becomes a patch (middle -1), or is split there.
 
-    ``limits``: sigma_max and cone_max; ``counts``: n_min and n_max.
+    ``points``: :class:`Nodes`; ``limits``: :class:`Limits`; ``key`` (P,) is scratch.
     """
+    position, normal = points.position, points.normal
     counter = np.zeros(1, np.int64)
     for worker in prange(threads):
         while True:
@@ -160,11 +181,11 @@ def split_segments(position, normal, order, key, segments, limits, counts, threa
                 break
             low, high = segments[turn, 0], segments[turn, 1]
             middle[turn] = -1
-            if high - low <= counts[0]:
+            if high - low <= limits.n_min:
                 continue
             covariance = moments(position, order, low, high)[1]
-            if high - low <= counts[1] and flatness(covariance) <= limits[0]:
-                if cone(normal, order, low, high)[3] <= limits[1]:
+            if high - low <= limits.n_max and flatness(covariance) <= limits.sigma_max:
+                if cone(normal, order, low, high)[3] <= limits.cone_max:
                     continue
             middle[turn] = halve(position, order, key, low, high, covariance)
 
@@ -198,9 +219,9 @@ def levels_of(count):
 
 
 @kernel()
-def merge(nodes, weight, parent, first, pair, has_color):
+def merge(nodes, weight, parent, first, pair):
     """One node from its one or two children: weighted means, and a radius that encloses theirs."""
-    position, normal, radius, color = nodes
+    position, normal, radius, color, has_color = nodes
     total = weight[first]
     if pair:
         total += weight[first + 1]
@@ -223,15 +244,16 @@ def merge(nodes, weight, parent, first, pair, has_color):
 
 
 @kernel(parallel=True)
-def fill_nodes(points, order, key, patches, starts, threads, has_color, nodes, weight, table, boxes, cones, sigma):
+def fill_nodes(points, order, key, patches, threads, nodes, weight, headers):
     """Nodes of every patch, breadth first, and its header.
 
-    ``points``: position (P,3) float64, normal, radius, colour of the input; ``patches`` (N,2) runs of ``order``;
-    ``starts`` (N,L+1) first node of each level; ``nodes``: position (relative to the box's centre), normal, radius,
-    colour; ``table`` (N,L,3) least, mean and greatest radius; ``boxes`` (N,2,3); ``cones`` (N,4).
+    ``points``: :class:`Nodes` of the input, positions float64; ``patches`` (N,2) runs of ``order``; ``nodes``:
+    :class:`Nodes`, filled, positions relative to the box's centre; ``weight`` (T,) of each, and ``key`` (P,): scratch;
+    ``headers``: :class:`Headers`, filled.
     """
-    in_position, in_normal, in_radius, in_color = points
-    position, normal, radius, color = nodes
+    in_position, in_normal, in_radius, in_color, _ = points
+    position, normal, radius, color, has_color = nodes
+    starts, table, boxes, cones, sigma = headers
     counter = np.zeros(1, np.int64)
     for worker in prange(threads):
         while True:
@@ -268,7 +290,7 @@ def fill_nodes(points, order, key, patches, starts, threads, has_color, nodes, w
                     pair = 1
                     if level == levels - 2 and size_of(count, level, k) == 1:
                         pair = 0
-                    merge(nodes, weight, starts[turn, level] + k, child, pair, has_color)
+                    merge(nodes, weight, starts[turn, level] + k, child, pair)
                     child += 1 + pair
             for level in range(levels):
                 finish_level(normal, radius, starts[turn, level], starts[turn, level + 1], table[turn, level])

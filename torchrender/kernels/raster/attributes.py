@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import prange
@@ -10,6 +11,55 @@ from numba import prange
 from torchrender.kernels.compile import kernel
 
 MIN_COSINE = 0.1  # texture footprints stop growing at this grazing angle
+
+
+class Mesh(NamedTuple):
+    """Triangles and what their corners carry; the last three have no rows where absent."""
+
+    vertices: np.ndarray  # (V,3) float64
+    faces: np.ndarray  # (F,3) int32
+    material: np.ndarray  # (F,) int64
+    normals: np.ndarray  # (V,3) float32
+    uv: np.ndarray  # (V,2) float32
+    colors: np.ndarray  # (V,3) float32
+
+
+class Eye(NamedTuple):
+    """Where the pixels of an image look from."""
+
+    rays: np.ndarray  # (3,3) from (column, row, 1) to the direction with camera z 1, or across an orthographic image
+    origin: np.ndarray  # (3,)
+    forward: np.ndarray  # (3,)
+    footprint: float  # pixel size, per unit of depth unless orthographic
+    orthographic: bool
+
+
+class Rays(NamedTuple):
+    """N rays."""
+
+    origins: np.ndarray  # (N,3)
+    directions: np.ndarray  # (N,3)
+    widths: np.ndarray  # (N,) at the hit
+
+
+class Hits(NamedTuple):
+    """What pixels or rays see."""
+
+    depth: np.ndarray  # camera depth, or ray parameter
+    triangle: np.ndarray  # -1: nothing
+    barycentric: np.ndarray  # weights of the second and third corner
+
+
+class Surface(NamedTuple):
+    """A row per point, all zero but material, which is -1."""
+
+    position: np.ndarray  # (N,3) float64
+    normal: np.ndarray  # (N,3) float32
+    geometric: np.ndarray  # (N,3) float32
+    uv: np.ndarray  # (N,2) float32
+    footprint: np.ndarray  # (N,) float32
+    color: np.ndarray  # (N,3) float32
+    material: np.ndarray  # (N,) int64
 
 
 @kernel()
@@ -87,9 +137,9 @@ def texture_footprint(density, size, facing, d):
 
 
 @kernel(inline=True)
-def face_of(scene, uvs, t):
+def face_of(mesh, t):
     """Unit right-hand normal of triangle ``t`` and its uv density."""
-    vertices, faces, _ = scene
+    vertices, faces, uvs = mesh.vertices, mesh.faces, mesh.uv
     nx, ny, nz = face_cross(vertices, faces, t)
     gx, gy, gz = unit(nx, ny, nz)
     density = uv_density(vertices, faces, uvs, t) if uvs.shape[0] > 0 else 0.0
@@ -97,14 +147,13 @@ def face_of(scene, uvs, t):
 
 
 @kernel(inline=True)
-def write_surface(scene, optional, t, weights, face, d, texture, row, outputs):
+def write_surface(mesh, t, weights, face, d, texture, row, outputs):
     """Everything but the position of one point, into ``row`` = index of flat ``outputs``.
 
     ``face`` = normal of the triangle, ``d`` = direction of the ray, ``texture`` = (uv density, width of the ray there).
     """
-    faces, material_of = scene[1], scene[2]
-    normals, uvs, colors = optional
-    normal, geometric, uv, footprint, color, material = outputs
+    _, faces, material_of, normals, uvs, colors = mesh
+    _, normal, geometric, uv, footprint, color, material = outputs
     u, v = weights
     facing = face[0] * d[0] + face[1] * d[1] + face[2] * d[2]
     sign = -1.0 if facing > 0.0 else 1.0
@@ -122,18 +171,14 @@ def write_surface(scene, optional, t, weights, face, d, texture, row, outputs):
 
 
 @kernel(parallel=True)
-def interpolate(scene, optional, view, visibility, outputs):
-    """Fill the G-buffer of one camera.
+def interpolate(mesh, eye, visible, outputs):
+    """Fill the G-buffer of one camera: ``outputs``, a :class:`Surface` with a row per pixel.
 
-    ``scene`` = (vertices, faces, material of each face), ``optional`` = (normals, uv, colors), empty where absent;
-    ``view`` = (ray matrix (3,3) from (column, row, 1) to direction with camera z 1, camera origin (3,), forward (3,),
-    (pixel size per unit depth, orthographic)); ``outputs`` = (position, normal, geometric normal, uv, footprint,
-    color, material), a row per pixel, all zero but material, which is -1.
+    ``mesh``: :class:`Mesh`; ``eye``: :class:`Eye`; ``visible``: :class:`Hits` as images.
     """
-    rays, origin, forward, settings = view
-    orthographic = settings[1] != 0.0
-    depth, triangle, barycentric = visibility
-    position = outputs[0]
+    rays, origin, forward, footprint, orthographic = eye
+    depth, triangle, barycentric = visible
+    position = outputs.position
     width = depth.shape[1]
     for y in prange(depth.shape[0]):
         last = np.int64(-1)
@@ -144,39 +189,38 @@ def interpolate(scene, optional, view, visibility, outputs):
                 continue
             dx, dy, dz = ray_of(rays, x, y)
             if t != last:
-                gx, gy, gz, density = face_of(scene, optional[1], t)
+                gx, gy, gz, density = face_of(mesh, t)
                 last = t
             z = np.float64(depth[y, x])
             row = y * width + x
-            size = settings[0] * z
+            size = footprint * z
             if orthographic:  # the ray matrix goes across the image, the depth along ``forward``
                 position[row, 0] = origin[0] + dx + z * forward[0]
                 position[row, 1] = origin[1] + dy + z * forward[1]
                 position[row, 2] = origin[2] + dz + z * forward[2]
                 dx, dy, dz = forward[0], forward[1], forward[2]
-                size = settings[0]
+                size = footprint
             else:
                 position[row, 0] = origin[0] + z * dx
                 position[row, 1] = origin[1] + z * dy
                 position[row, 2] = origin[2] + z * dz
             weights = (np.float64(barycentric[y, x, 0]), np.float64(barycentric[y, x, 1]))
-            write_surface(scene, optional, t, weights, (gx, gy, gz), (dx, dy, dz), (density, size), row, outputs[1:])
+            write_surface(mesh, t, weights, (gx, gy, gz), (dx, dy, dz), (density, size), row, outputs)
 
 
 @kernel(parallel=True)
-def interpolate_hits(scene, optional, rays, hits, outputs):
-    """The same for rays: ``rays`` = (origins, directions, width of the ray at its hit), ``hits`` = (t, triangle,
-    barycentric)."""
+def interpolate_hits(mesh, rays, hits, outputs):
+    """The same for :class:`Rays` and their :class:`Hits`."""
     origins, directions, widths = rays
     t_hit, triangle, barycentric = hits
-    position = outputs[0]
+    position = outputs.position
     for row in prange(triangle.shape[0]):
         t = triangle[row]
         if t < 0:
             continue
         d = (directions[row, 0], directions[row, 1], directions[row, 2])
-        gx, gy, gz, density = face_of(scene, optional[1], t)
+        gx, gy, gz, density = face_of(mesh, t)
         for k in range(3):
             position[row, k] = origins[row, k] + t_hit[row] * d[k]
         weights = (np.float64(barycentric[row, 0]), np.float64(barycentric[row, 1]))
-        write_surface(scene, optional, t, weights, (gx, gy, gz), d, (density, widths[row]), row, outputs[1:])
+        write_surface(mesh, t, weights, (gx, gy, gz), d, (density, widths[row]), row, outputs)

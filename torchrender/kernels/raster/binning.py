@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import prange
 
@@ -13,17 +15,36 @@ CULL_NONE, CULL_BACK, CULL_FRONT = 0, 1, 2
 MAX_CLIPPED = 9  # vertices of a triangle after five planes
 
 
-@kernel()
-def pixel_box(a, b, c, width, height):
-    """Pixels whose centres lie in the bounding box of three snapped positions: x0, y0, x1, y1 inclusive."""
+class Clusters(NamedTuple):
+    """Clusters of triangles and which of them are drawn."""
+
+    runs: np.ndarray  # (C,2) int64 places in ``order``
+    order: np.ndarray  # (F,) int32 triangle ids
+    chosen: np.ndarray  # (N,) int64
+
+
+class Lists(NamedTuple):
+    """Triangles that each chunk of clusters keeps."""
+
+    starts: np.ndarray  # (chunks+1,) int64 first place of each chunk
+    ids: np.ndarray  # (N,) int32
+    boxes: np.ndarray  # (N,4) int16 first and last column and row of tiles
+    to_clip: np.ndarray  # (N,) int32 ids
+
+
+@kernel(inline=True)
+def pixel_box(a, b, c, bounds, left, top):
+    """Pixels within ``bounds`` whose centres lie in the bounding box of three snapped positions.
+
+    ``bounds`` and result: x0, y0, x1, y1 inclusive; ``left``, ``top``: the pixel from which positions count.
+    """
     ax, bx, cx = snapped_x(a), snapped_x(b), snapped_x(c)
     ay, by, cy = snapped_y(a), snapped_y(b), snapped_y(c)
-    left, top = width >> 1, height >> 1
     x0 = ((min(ax, min(bx, cx)) - HALF + SUBPIXEL - 1) >> SUBPIXEL_BITS) + left
     y0 = ((min(ay, min(by, cy)) - HALF + SUBPIXEL - 1) >> SUBPIXEL_BITS) + top
     x1 = ((max(ax, max(bx, cx)) - HALF) >> SUBPIXEL_BITS) + left
     y1 = ((max(ay, max(by, cy)) - HALF) >> SUBPIXEL_BITS) + top
-    return max(x0, 0), max(y0, 0), min(x1, width - 1), min(y1, height - 1)
+    return max(x0, bounds[0]), max(y0, bounds[1]), min(x1, bounds[2]), min(y1, bounds[3])
 
 
 @kernel()
@@ -61,20 +82,18 @@ def out_of_view(points, faces, t, near, far, orthographic, half_width, half_heig
 
 
 @kernel(parallel=True)
-def classify(points, packed, faces, groups, view, cull, tile, lists):
+def classify(points, packed, faces, clusters, frame, cull, tile, lists):
     """Cull triangles and count tiles, in chunks of the chosen clusters.
 
-    ``groups`` = (clusters (C,2) of places in order, order (F,) of triangle ids, chosen clusters).
-    ``view`` (6,) float64: width, height, near, far, orthographic, unused. ``tile`` (2,): tile width and height.
-    ``lists`` = (starts (chunks+1,), ids (N,), boxes (N,4) int16 in tiles, clip ids (N,)). Returns the number kept and
-    the number to clip for each chunk and the tile counts (chunks, tiles).
+    ``clusters``: :class:`Clusters`; ``tile`` (2,): tile width and height; ``lists``: :class:`Lists`, filled. Returns
+    the number kept and the number to clip for each chunk and the tile counts (chunks, tiles).
     """
-    width, height = int(view[0]), int(view[1])
-    near, far, orthographic = view[2], view[3], view[4] != 0.0
+    width, height, near, far, orthographic = frame
+    image = (0, 0, width - 1, height - 1)
     columns = (width + tile[0] - 1) // tile[0]
     rows = (height + tile[1] - 1) // tile[1]
     starts, ids, boxes, to_clip = lists
-    clusters, order, chosen = groups
+    runs, order, chosen = clusters
     chunks = starts.shape[0] - 1
     counts = np.zeros((chunks, columns * rows), np.int32)
     kept = np.zeros((chunks, 2), np.int64)
@@ -84,7 +103,7 @@ def classify(points, packed, faces, groups, view, cull, tile, lists):
         m = starts[chunk]
         first_cluster = np.int64(chunk) * per
         for k in range(first_cluster, min(first_cluster + per, chosen.shape[0])):
-            for place in range(clusters[chosen[k], 0], clusters[chosen[k], 1]):
+            for place in range(runs[chosen[k], 0], runs[chosen[k], 1]):
                 t = order[place]
                 a = packed[faces[t, 0], 3]
                 b = packed[faces[t, 1], 3]
@@ -94,7 +113,7 @@ def classify(points, packed, faces, groups, view, cull, tile, lists):
                         to_clip[m] = t
                         m += 1
                     continue
-                x0, y0, x1, y1 = pixel_box(a, b, c, width, height)
+                x0, y0, x1, y1 = pixel_box(a, b, c, image, width >> 1, height >> 1)
                 if x0 > x1 or y0 > y1 or is_culled(doubled_area(a, b, c), cull):
                     continue
                 i0, j0, i1, j1 = x0 // tile[0], y0 // tile[1], x1 // tile[0], y1 // tile[1]
@@ -178,9 +197,9 @@ def clip_polygon(polygon, count, near, orthographic):
 
 
 @kernel()
-def clip_triangles(points, faces, ids, view, cull, positions, owners):
+def clip_triangles(points, faces, ids, frame, cull, positions, owners):
     """Clip the triangles ``ids`` and fan them: snapped corners (M,3) and triangle ids (M,); returns M."""
-    near, orthographic = view[2], view[4] != 0.0
+    near, orthographic = frame.near, frame.orthographic
     limit = float(GUARD)
     polygon = np.zeros((MAX_CLIPPED, 3))
     corner = np.zeros(MAX_CLIPPED, np.int64)
@@ -206,13 +225,14 @@ def clip_triangles(points, faces, ids, view, cull, positions, owners):
 
 
 @kernel()
-def bin_clipped(positions, first_entry, view, tile, counts, entries, offsets):
+def bin_clipped(positions, first_entry, frame, tile, counts, entries, offsets):
     """Count (``entries`` empty) or write the clipped triangles into the tiles they meet, as ``first_entry`` + row."""
-    width, height = int(view[0]), int(view[1])
+    width, height = frame.width, frame.height
+    image = (0, 0, width - 1, height - 1)
     columns = (width + tile[0] - 1) // tile[0]
     writing = entries.shape[0] > 0
     for m in range(positions.shape[0]):
-        x0, y0, x1, y1 = pixel_box(positions[m, 0], positions[m, 1], positions[m, 2], width, height)
+        x0, y0, x1, y1 = pixel_box(positions[m, 0], positions[m, 1], positions[m, 2], image, width >> 1, height >> 1)
         if x0 > x1 or y0 > y1:
             continue
         for j in range(y0 // tile[1], y1 // tile[1] + 1):

@@ -2,16 +2,33 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import prange
 
-from torchrender.kernels.atomics import fetch_add
+from torchrender.kernels.atomics import borrowed, fetch_add
 from torchrender.kernels.compile import kernel
+from torchrender.kernels.raster.binning import HALF, pixel_box
 from torchrender.kernels.raster.coverage import TILE_HEIGHT, TILE_WIDTH, edge, spans
 from torchrender.kernels.raster.fragments import is_hole
 from torchrender.kernels.raster.planes import barycentric_planes, key_plane
 from torchrender.kernels.raster.project import SUBPIXEL, snapped_x, snapped_y
-from torchrender.kernels.raster.tiles import HALF, fetch, tile_corner_box
+from torchrender.kernels.raster.records import Nearer, Stored
+from torchrender.kernels.raster.tiles import fetch
+
+
+class Covered(NamedTuple):
+    """Where a triangle covers a tile."""
+
+    x0: int  # first column and first and last row in the tile
+    y0: int
+    y1: int
+    left: int  # of the tile
+    top: int
+    origin: tuple[int, int]  # of the tile, from the image centre
+    first: np.ndarray  # (rows,) first and last covered column, from x0
+    last: np.ndarray
 
 
 @kernel(inline=True)
@@ -37,8 +54,10 @@ def row_ends(corners, box, origin, first, last):
 
 
 @kernel(inline=True)
-def count_row(t, keys, limits, depth, triangle, count, touching):
+def count_row(t, keys, limits, stored, outputs):
     """Add one triangle to a row; ``keys`` = (first key, step, least, greatest), ``limits`` = (eps, eps, far)."""
+    depth, triangle = stored
+    count, touching = outputs
     base, step, low, high = keys
     relative, absolute, far = limits
     for x in range(np.uintp(depth.shape[0])):
@@ -52,36 +71,28 @@ def count_row(t, keys, limits, depth, triangle, count, touching):
 
 
 @kernel()
-def count_holed(t, keys, limits, spot, weights, faces, holes, depth, triangle, count, touching):
+def count_holed(t, keys, limits, spot, scene, holes, stored, outputs):
     """As :func:`count_row` for a triangle with holes; ``spot``: first pixel from the image centre."""
+    faces = scene.faces
     base, step, low, high = keys
     px, py = spot
-    ux, uy, uc, vx, vy, vc = weights
-    for x in range(depth.shape[0]):
+    ux, uy, uc, vx, vy, vc = barycentric_planes(scene.points, faces, t, False)
+    for x in range(stored.depth.shape[0]):
         key = min(max(base + step * x, low), high)
         u, v = (ux * (px + x) + uy * py + uc) / key, (vx * (px + x) + vy * py + vc) / key
         if not is_hole(t, u, v, faces, holes):
             part = slice(x, x + 1)
-            count_row(
-                t,
-                (base + step * x, step, low, high),
-                limits,
-                depth[part],
-                triangle[part],
-                count[part],
-                touching[part],
-            )
+            here = Stored(stored.depth[part], stored.triangle[part])
+            found = Nearer(outputs.number[part], outputs.touching[part])
+            count_row(t, (base + step * x, step, low, high), limits, here, found)
 
 
 @kernel()
-def count_triangle(t, box, place, ends, scene, view, holes, stored, limits, outputs):
-    """Add one triangle to the pixels of a tile that it covers."""
-    first, last = ends
-    x0, y0, y1 = box
-    left, top, origin = place
-    kx, ky, kc, low, high = key_plane(scene[0], scene[2], t, view)
-    holed = holes[0].shape[0] > 0 and holes[0][t] >= 0
-    weights = barycentric_planes(scene[0], scene[2], t, False)
+def count_triangle(t, place, scene, frame, holes, stored, limits, outputs):
+    """Add one triangle to the pixels of a tile that it covers: ``place``, a :class:`Covered`."""
+    x0, y0, y1, left, top, origin, first, last = place
+    kx, ky, kc, low, high = key_plane(scene.points, scene.faces, t, frame)
+    holed = holes.mask.shape[0] > 0 and holes.mask[t] >= 0
     for y in range(y0, y1 + 1):
         begin, end = x0 + first[y - y0], x0 + last[y - y0]
         if begin > end:
@@ -89,12 +100,12 @@ def count_triangle(t, box, place, ends, scene, view, holes, stored, limits, outp
         px, py = origin[0] + begin + 0.5, origin[1] + y + 0.5
         keys = (kc + ky * py + kx * px, kx, low, high)
         part = slice(left + begin, left + end + 1)
-        depth, triangle = stored[0][top + y, part], stored[1][top + y, part]
-        count, touching = outputs[0][top + y, part], outputs[1][top + y, part]
+        here = Stored(stored.depth[top + y, part], stored.triangle[top + y, part])
+        found = Nearer(outputs.number[top + y, part], outputs.touching[top + y, part])
         if holed:
-            count_holed(t, keys, limits, (px, py), weights, scene[2], holes, depth, triangle, count, touching)
+            count_holed(t, keys, limits, (px, py), scene, holes, here, found)
         else:
-            count_row(t, keys, limits, depth, triangle, count, touching)
+            count_row(t, keys, limits, here, found)
 
 
 @kernel(inline=True)
@@ -108,42 +119,42 @@ def is_needed(depth, left, top, right, bottom):
 
 
 @kernel()
-def count_tile(scene, bins, view, holes, stored, eps, k, ends, outputs):
-    """Count in tile ``k``."""
-    packed, faces, corners, owners = scene[1], scene[2], scene[4], scene[5]
-    _, starts, entries = bins
-    width, height = int(view[0]), int(view[1])
+def count_tile(scene, bins, frame, holes, stored, work, k, outputs):
+    """Count in tile ``k``; ``work`` = (distance of touching surfaces, relative and absolute; row ends)."""
+    scene, holes, stored, outputs = borrowed(scene), borrowed(holes), borrowed(stored), borrowed(outputs)
+    eps, ends = borrowed(work)
+    starts, entries = bins.starts, bins.entries
+    width, height = frame.width, frame.height
     columns = (width + TILE_WIDTH - 1) // TILE_WIDTH
     left, top = (k % columns) * TILE_WIDTH, (k // columns) * TILE_HEIGHT
     right, bottom = min(left + TILE_WIDTH, width) - 1, min(top + TILE_HEIGHT, height) - 1
-    if not is_needed(stored[0], left, top, right, bottom):
+    if not is_needed(stored.depth, left, top, right, bottom):
         return
-    place = (left, top, (left - (width >> 1), top - (height >> 1)))
-    limits = (eps[0], eps[1], view[3])
+    origin = (left - (width >> 1), top - (height >> 1))
+    limits = (eps[0], eps[1], frame.far)
     for n in range(starts[k], starts[k + 1]):
-        t, a, b, c = fetch(entries[n], packed, faces, corners, owners)
-        x0, y0, x1, y1 = tile_corner_box(a, b, c, (left, top, right, bottom), width >> 1, height >> 1)
+        t, a, b, c = fetch(entries[n], scene)
+        x0, y0, x1, y1 = pixel_box(a, b, c, (left, top, right, bottom), width >> 1, height >> 1)
         if x0 > x1 or y0 > y1:
             continue
         box = (x0 - left, y0 - top, x1 - left, y1 - top)
-        row_ends((a, b, c), box, place[2], ends[0], ends[1])
-        count_triangle(t, (box[0], box[1], box[3]), place, ends, scene, view, holes, stored, limits, outputs)
+        row_ends((a, b, c), box, origin, ends[0], ends[1])
+        place = Covered(box[0], box[1], box[3], left, top, origin, ends[0], ends[1])
+        count_triangle(t, place, scene, frame, holes, stored, limits, outputs)
 
 
 @kernel(parallel=True)
-def count_tiles(scene, bins, view, holes, stored, eps, scratch, outputs):
+def count_tiles(scene, bins, frame, holes, stored, eps, ends, outputs):
     """Count nearer surfaces in every tile.
 
-    ``stored`` = (depth (H,W) float32, triangle (H,W)), ``eps`` = (relative, absolute) distance of touching surfaces,
-    ``scratch`` = (row ends of each thread (threads,2,rows), counter), ``outputs`` = (count (H,W) int32, touching (H,W)
-    bool), all zero; perspective views only.
+    ``stored``: :class:`Stored`; ``eps`` = (relative, absolute) distance of touching surfaces; ``ends``
+    (threads,2,rows): scratch; ``outputs``: :class:`Nearer`, all zero; perspective views only.
     """
-    order = bins[0]
-    ends, counter = scratch
+    order, counter = bins.order, bins.turn
     for thread in prange(ends.shape[0]):
         own = (ends[thread, 0], ends[thread, 1])
         while True:
             turn = fetch_add(counter, 0, 1)
             if turn >= order.shape[0]:
                 break
-            count_tile(scene, bins, view, holes, stored, eps, order[turn], own, outputs)
+            count_tile(scene, bins, frame, holes, stored, (eps, own), order[turn], outputs)

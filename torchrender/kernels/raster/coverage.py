@@ -125,23 +125,24 @@ def fill_small(t, plane, box, bits, keys, ids):
 
 
 @kernel()
-def fill_tested(t, plane, spot, spans_of, scene, view, tests, keys, ids):
+def fill_tested(t, plane, spot, scene, frame, tests, buffers):
     """As :func:`fill`, but a fragment that would win must also pass the tests.
 
     ``spot`` = (x0, y0, y1 in the tile, tile left, tile top in the image).
     """
     kx, ky, kc, low, high = plane
     x0, y0, y1, left, top = spot
-    first, last = spans_of
-    faces, orthographic = scene[2], view[4] != 0.0
-    (limit_keys, limit_ids), earlier, holes = tests
-    known, pixels, near = earlier[0], earlier[1], earlier[2]
-    limited, compared = limit_keys.shape[0] > 0, known.shape[0] > 0
-    plain = compared and only_identity(earlier[5])
-    holed = holes[0].shape[0] > 0 and holes[0][t] >= 0
-    shift_x = left + 0.5 - (np.int64(view[0]) >> 1)
-    shift_y = top + 0.5 - (np.int64(view[1]) >> 1)
-    ux, uy, uc, vx, vy, vc = barycentric_planes(scene[0], faces, t, orthographic)
+    keys, ids, spare, _, _ = buffers
+    first, last = spare[0], spare[1]
+    faces, orthographic = scene.faces, frame.orthographic
+    limits, earlier, holes = tests
+    known, pixels, near = earlier.ids, earlier.pixels, earlier.near
+    limited, compared = limits.keys.shape[0] > 0, known.shape[0] > 0
+    plain = compared and only_identity(earlier)
+    holed = holes.mask.shape[0] > 0 and holes.mask[t] >= 0
+    shift_x = left + 0.5 - (np.int64(frame.width) >> 1)
+    shift_y = top + 0.5 - (np.int64(frame.height) >> 1)
+    ux, uy, uc, vx, vy, vc = barycentric_planes(scene.points, faces, t, orthographic)
     count = 0
     for y in range(y0, y1 + 1):
         begin, end = first[y - y0], last[y - y0]
@@ -158,7 +159,7 @@ def fill_tested(t, plane, spot, spans_of, scene, view, tests, keys, ids):
                 continue
             if limited:
                 row, column = np.uintp(top + y), np.uintp(left) + x
-                if not key < limit_keys[row, column] or limit_ids[row, column] == t:
+                if not key < limits.keys[row, column] or limits.ids[row, column] == t:
                     continue
             px = np.float64(x) + shift_x
             if holed:

@@ -1,17 +1,4 @@
-"""Tests that may refuse a fragment before it enters the depth buffer: peeling, redundancy with earlier images, holes.
-
-``tests`` = (``limits``, ``earlier``, ``holes``):
-
-- ``limits`` = (key (H,W) float64, triangle (H,W) int64): only fragments farther than the key and of another triangle
-  pass; empty arrays switch it off.
-- ``earlier`` = (ids (J,h,w) int64, pixels (J,3,4) float64, near (J,), depth (J,h,w) float32, lens (J,9), own (7,3)): a
-  fragment is refused if an earlier perspective image has it (specification 01, sections 5 and 13).
-  ``pixels`` takes (x, y, 1, key) of this image, pixels counted from its centre, to homogeneous pixels over depth.
-  ``lens`` = (fx, fy, cx, cy, skew, pixel size per depth, then the eye of j in homogeneous pixels of this image),
-  ``own`` = the matrix from world to homogeneous pixels of this image, its inverse, and (test: IDENTITY, AGREES or
-  CAPTURED, greatest ratio of footprints, pixel size per depth).
-- ``holes`` = (mask (F,) int32, table (K,3) int64, texels uint8, uv (V,2) float32): see ``scene.cutout``.
-"""
+"""Tests that may refuse a fragment before it enters the depth buffer: redundancy with earlier images, and holes."""
 
 from __future__ import annotations
 
@@ -21,6 +8,7 @@ import numpy as np
 from numba import prange
 
 from torchrender.kernels.compile import kernel
+from torchrender.kernels.raster.records import EarlierLens
 
 IDENTITY, AGREES, CAPTURED = 0, 1, 2
 """What makes a fragment redundant: the stored triangle; also the stored depth; lying no deeper than what is stored."""
@@ -29,39 +17,49 @@ DEPTH_TOLERANCE = 2.0  # pixel footprints by which depths of one surface may dif
 LEAST_COSINE = 0.1  # surfaces seen at a more grazing angle than this get no more tolerance
 
 
+@kernel(inline=True)
+def lens_of(lenses, j):
+    """Row ``j`` by name."""
+    return EarlierLens(
+        lenses[j, 0], lenses[j, 1], lenses[j, 2], lenses[j, 3], lenses[j, 4],
+        lenses[j, 5], lenses[j, 6], lenses[j, 7], lenses[j, 8],
+    )  # fmt: skip
+
+
 @kernel()
-def cosines(px, py, key, slope, j, uvz, lens, own):
-    """|n.d| of the fragment's plane for the ray of image ``j`` and for this image's own; and the own depth.
+def cosines(px, py, key, slope, uvz, lens, matrix, inverse):
+    """|n.d| of the fragment's plane for the ray of the image with that ``lens``, and for this image's own.
 
     The plane is ``key = kx x + ky y + kc``, so that ``k . X = 1`` for its points X in homogeneous pixels.
     """
     kx, ky = slope
     kc = key - kx * px - ky * py
     u, v, z = uvz
-    nx = own[0, 0] * kx + own[1, 0] * ky + own[2, 0] * kc
-    ny = own[0, 1] * kx + own[1, 1] * ky + own[2, 1] * kc
-    nz = own[0, 2] * kx + own[1, 2] * ky + own[2, 2] * kc
+    nx = matrix[0, 0] * kx + matrix[1, 0] * ky + matrix[2, 0] * kc
+    ny = matrix[0, 1] * kx + matrix[1, 1] * ky + matrix[2, 1] * kc
+    nz = matrix[0, 2] * kx + matrix[1, 2] * ky + matrix[2, 2] * kc
     length = math.sqrt(nx * nx + ny * ny + nz * nz)
-    y = (v - lens[j, 3]) / lens[j, 1]
-    x = (u - lens[j, 2] - lens[j, 4] * y) / lens[j, 0]
+    y = (v - lens.cy) / lens.fy
+    x = (u - lens.cx - lens.skew * y) / lens.fx
     far = z * math.sqrt(x * x + y * y + 1.0)
-    there = abs(1.0 - kx * lens[j, 6] - ky * lens[j, 7] - kc * lens[j, 8]) / (length * far)
-    dx = own[3, 0] * px + own[3, 1] * py + own[3, 2]
-    dy = own[4, 0] * px + own[4, 1] * py + own[4, 2]
-    dz = own[5, 0] * px + own[5, 1] * py + own[5, 2]
+    there = abs(1.0 - kx * lens.eye_x - ky * lens.eye_y - kc * lens.eye_w) / (length * far)
+    dx = inverse[0, 0] * px + inverse[0, 1] * py + inverse[0, 2]
+    dy = inverse[1, 0] * px + inverse[1, 1] * py + inverse[1, 2]
+    dz = inverse[2, 0] * px + inverse[2, 1] * py + inverse[2, 2]
     here = key / (length * math.sqrt(dx * dx + dy * dy + dz * dz))
     return min(there, 1.0), min(here, 1.0)
 
 
 @kernel()
-def same_surface(t, j, uvz, there, ids, depth, lens, test):
+def same_surface(t, j, uvz, there, lens, earlier):
     """AGREES: image ``j`` stores triangle ``t`` in one of the 2 x 2 nearest pixels, or about the same depth in its own.
 
     CAPTURED: the pixel of image ``j`` stores nothing that lies clearly before the fragment.
     """
     u, v, z = uvz
-    stored = np.float64(depth[j, np.int64(math.floor(v)), np.int64(math.floor(u))])
-    tolerance = DEPTH_TOLERANCE * z * lens[j, 5] / max(there, LEAST_COSINE)
+    ids, test = earlier.ids, earlier.test
+    stored = np.float64(earlier.depth[j, np.int64(math.floor(v)), np.int64(math.floor(u))])
+    tolerance = DEPTH_TOLERANCE * z * lens.footprint / max(there, LEAST_COSINE)
     if test == CAPTURED:
         return z <= stored + tolerance
     if abs(stored - z) <= tolerance:
@@ -77,14 +75,14 @@ def same_surface(t, j, uvz, there, ids, depth, lens, test):
 @kernel()
 def image_has(t, px, py, key, slope, j, uvz, earlier):
     """The tests of section 13, for a fragment that projects into image ``j`` at pixel (u, v) and depth z."""
-    ids, _, _, depth, lens, own = earlier
-    there, here = cosines(px, py, key, slope, j, uvz, lens, own)
-    if own[6, 0] != IDENTITY:
-        found = same_surface(t, j, uvz, there, ids, depth, lens, own[6, 0])
+    lens = lens_of(earlier.lenses, j)
+    there, here = cosines(px, py, key, slope, uvz, lens, earlier.matrix, earlier.inverse)
+    if earlier.test != IDENTITY:
+        found = same_surface(t, j, uvz, there, lens, earlier)
     else:
-        found = ids[j, np.int64(math.floor(uvz[1])), np.int64(math.floor(uvz[0]))] == t
+        found = earlier.ids[j, np.int64(math.floor(uvz[1])), np.int64(math.floor(uvz[0]))] == t
     # A copy seen at a much coarser footprint does not count; multiplied out, because a cosine may be zero.
-    return found and not uvz[2] * lens[j, 5] * here > own[6, 1] * own[6, 2] / key * there
+    return found and not uvz[2] * lens.footprint * here > earlier.ratio * earlier.footprint / key * there
 
 
 @kernel(inline=True)
@@ -126,7 +124,7 @@ def has_triangle(t, px, py, key, ids, pixels, near):
 @kernel()
 def has_surface(t, px, py, key, slope, earlier):
     """As :func:`has_triangle`, with the tests of section 13; ``slope``: the key's steps per pixel."""
-    ids, pixels, near = earlier[0], earlier[1], earlier[2]
+    ids, pixels, near = earlier.ids, earlier.pixels, earlier.near
     key = stored_key(key)
     for j in range(ids.shape[0]):
         u, v, w = lookup(pixels, near, j, px, py, key)
@@ -141,9 +139,9 @@ def has_surface(t, px, py, key, slope, earlier):
 
 
 @kernel(inline=True)
-def only_identity(own):
+def only_identity(earlier):
     """True if neither depth nor footprints are compared."""
-    return own[6, 0] == IDENTITY and own[6, 1] == np.inf
+    return earlier.test == IDENTITY and earlier.ratio == np.inf
 
 
 @kernel()
@@ -171,8 +169,8 @@ def redundant_samples(triangle, spot, key, slope, earlier, known):
     ``triangle`` (N,), ``spot`` (N,2) pixel centres counted from the image centre, ``key`` (N,), ``slope`` (N,2). What
     is already known is skipped.
     """
-    ids, pixels, near, own = earlier[0], earlier[1], earlier[2], earlier[5]
-    plain = only_identity(own)
+    ids, pixels, near = earlier.ids, earlier.pixels, earlier.near
+    plain = only_identity(earlier)
     for n in prange(triangle.shape[0]):
         t = triangle[n]
         if t < 0 or known[n]:

@@ -26,9 +26,9 @@ def determinant(points, faces, t, n, orthographic):
 
 
 @kernel(inline=True)
-def key_plane(points, faces, t, view):
+def key_plane(points, faces, t, frame):
     """(x, y, constant, least, greatest) of the key over the image; a triangle seen edge-on has its mean key."""
-    near, orthographic = view[2], view[4] != 0.0
+    near, orthographic = frame.near, frame.orthographic
     n0 = cofactors(points, faces, t, 0, orthographic)
     n1 = cofactors(points, faces, t, 1, orthographic)
     n2 = cofactors(points, faces, t, 2, orthographic)

@@ -23,13 +23,14 @@ def write_depth(orthographic, row, left, count, source, keys, ids, depth):
 
 
 @kernel()
-def resolve(scene, view, place, keys, ids, cache, outputs):
-    """Write a finished tile. ``cache`` = (triangle (CACHED,), planes (CACHED,6)): most triangles span several rows."""
-    points, _, faces, objects, _, _ = scene
-    orthographic = view[4] != 0.0
-    left, top, width, height, centre_x, centre_y = place
+def resolve(scene, frame, place, buffers, outputs):
+    """Write a finished tile; planes are kept from row to row, because most triangles span several."""
+    points, faces, objects = scene.points, scene.faces, scene.objects
+    orthographic = frame.orthographic
+    left, top, width, height = place
+    centre_x, centre_y = frame.width >> 1, frame.height >> 1
     depth, triangle, object_id, barycentric = outputs
-    known, planes = cache
+    keys, ids, _, known, planes = buffers
     wants_ids = triangle.shape[0] > 0
     for k in range(np.uintp(CACHED)):
         known[k] = -1

@@ -13,7 +13,7 @@ import numpy as np
 from numba import prange
 
 from torchrender.kernels.compile import kernel
-from torchrender.kernels.rays.bvh_build import STACK, Bvh, build_bvh
+from torchrender.kernels.rays.bvh_build import SCALE, STACK, Bvh, build_bvh
 
 __all__ = ["TIE", "Bvh", "Rays", "build_bvh", "trace"]
 
@@ -36,6 +36,50 @@ class Rays(NamedTuple):
     any_hit: bool  # stop at any hit
 
 
+class _Shear(NamedTuple):
+    """Axes with the direction's largest last, and what turns the ray into that axis, seen from its origin."""
+
+    x: int
+    y: int
+    z: int
+    ox: float
+    oy: float
+    oz: float
+    sx: float
+    sy: float
+    sz: float
+
+
+class _Line(NamedTuple):
+    """Origin of a ray relative to the frame, and its inverse direction."""
+
+    ox: float
+    oy: float
+    oz: float
+    ix: float
+    iy: float
+    iz: float
+
+
+class _Limits(NamedTuple):
+    """Which hits count."""
+
+    low: float  # they lie strictly between the two
+    high: float
+    last: float  # and not beyond this
+    ignore: int
+    cull: bool
+
+
+class _Best(NamedTuple):
+    """The nearest hit so far; slot -1: none."""
+
+    t: float
+    slot: np.int64
+    b: float
+    c: float
+
+
 @kernel(inline=True)
 def _shear(origins, directions, r, scale):
     """Axes with the direction's largest last, winding kept, and the shear that turns the ray into that axis."""
@@ -51,7 +95,7 @@ def _shear(origins, directions, r, scale):
         x, y = y, x
     step = 1.0 / directions[r, z]
     ox, oy, oz = origins[r, x] * scale, origins[r, y] * scale, origins[r, z] * scale
-    return x, y, z, ox, oy, oz, directions[r, x] * step, directions[r, y] * step, step / scale
+    return _Shear(x, y, z, ox, oy, oz, directions[r, x] * step, directions[r, y] * step, step / scale)
 
 
 @kernel(inline=True)
@@ -72,8 +116,9 @@ def _triangle(corners, i, shear):
 
 
 @kernel(inline=True)
-def _enter(boxes, node, ox, oy, oz, ix, iy, iz, first, last):
+def _enter(boxes, node, line, first, last):
     """Ray parameter at which the ray enters a node's box within [first, last]; +inf if it does not."""
+    ox, oy, oz, ix, iy, iz = line
     a, b = (boxes[node, 0] - ox) * ix, (boxes[node, 3] - ox) * ix
     near, far = max(min(a, b), first), min(max(a, b), last)
     a, b = (boxes[node, 1] - oy) * iy, (boxes[node, 4] - oy) * iy
@@ -98,40 +143,39 @@ def _try(corners, order, slot, shear, limits, best):
         return best
     own = order[slot]
     tie = TIE * abs(t)
-    if own == ignore or t > best[0] + tie:
+    if own == ignore or t > best.t + tie:
         return best
-    if best[1] >= 0 and t >= best[0] - tie and own > order[best[1]]:
+    if best.slot >= 0 and t >= best.t - tie and own > order[best.slot]:
         return best
-    return t, np.int64(slot), b, c
+    return _Best(t, np.int64(slot), b, c)
 
 
 @kernel(inline=True)
 def _search(tree, line, shear, limits, window, stacks, best):
     """Walk the tree, near child first, through the ray's window."""
-    boxes, links, corners, order = tree
-    ox, oy, oz, ix, iy, iz = line
+    boxes, links, order, corners, _ = tree
     stack, entry, any_hit = stacks
     first, last = window
     low, high, _, ignore, cull = limits
-    if best[1] >= 0:
-        last = min(last, best[0] + TIE * abs(best[0]))
-        first = min(first, best[0] - TIE * abs(best[0]))
-    limits = (low, high, last, ignore, cull)
+    if best.slot >= 0:
+        last = min(last, best.t + TIE * abs(best.t))
+        first = min(first, best.t - TIE * abs(best.t))
+    limits = _Limits(low, high, last, ignore, cull)
     size, node, limit = 0, np.int64(1), last
-    if not first <= last or _enter(boxes, node, ox, oy, oz, ix, iy, iz, first, limit) == np.inf:
+    if not first <= last or _enter(boxes, node, line, first, limit) == np.inf:
         return best
     while True:
         left, right = np.int64(links[node, 0]), np.int64(links[node, 1])
         if left < 0:
             for slot in range(-left - 1, -left - 1 + right):
                 best = _try(corners, order, slot, shear, limits, best)
-            if best[1] >= 0:
+            if best.slot >= 0:
                 if any_hit:
                     return best
-                limit = min(last, best[0] + TIE * abs(best[0]))
+                limit = min(last, best.t + TIE * abs(best.t))
         else:
-            a = _enter(boxes, left, ox, oy, oz, ix, iy, iz, first, limit)
-            b = _enter(boxes, right, ox, oy, oz, ix, iy, iz, first, limit)
+            a = _enter(boxes, left, line, first, limit)
+            b = _enter(boxes, right, line, first, limit)
             if b < a:
                 left, right, a, b = right, left, b, a
             if a < np.inf:
@@ -151,14 +195,14 @@ def _search(tree, line, shear, limits, window, stacks, best):
 @kernel(inline=True)
 def _line(origins, directions, r, frame):
     """Origin relative to the frame and inverse direction."""
-    scale = frame[3]
+    scale = frame[SCALE]
     ix, iy, iz = (
         _inverse(directions[r, 0] * scale),
         _inverse(directions[r, 1] * scale),
         _inverse(directions[r, 2] * scale),
     )
     ox, oy, oz = origins[r, 0] * scale - frame[0], origins[r, 1] * scale - frame[1], origins[r, 2] * scale - frame[2]
-    return ox, oy, oz, ix, iy, iz
+    return _Line(ox, oy, oz, ix, iy, iz)
 
 
 @kernel(parallel=True)
@@ -175,7 +219,7 @@ def trace(bvh, rays):
     weights = np.zeros((n, 2), np.float32)
     blocks = (n + _BLOCK - 1) // _BLOCK
     lanes = min(blocks, 64)
-    tree = (bvh.boxes, bvh.links, bvh.corners, bvh.order)
+    corners, order = bvh.corners, bvh.order
     origins, directions, span, window, ignore, seed, cull, any_hit = rays
     frame = bvh.frame
     for lane in prange(lanes):
@@ -185,15 +229,15 @@ def trace(bvh, rays):
             for r in range(block * _BLOCK, min(n, block * _BLOCK + _BLOCK)):
                 if seed[r] < 0 and not window[r, 0] < window[r, 1]:
                     continue
-                shear = _shear(origins, directions, r, frame[3])
-                limits = (span[r, 0], span[r, 1], np.inf, ignore[r], cull)
-                best = (np.inf, np.int64(-1), 0.0, 0.0)
+                shear = _shear(origins, directions, r, frame[SCALE])
+                limits = _Limits(span[r, 0], span[r, 1], np.inf, ignore[r], cull)
+                best = _Best(np.inf, np.int64(-1), 0.0, 0.0)
                 if seed[r] >= 0:
-                    best = _try(tree[2], tree[3], np.int64(seed[r]), shear, limits, best)
-                if best[1] < 0 or not any_hit:
+                    best = _try(corners, order, np.int64(seed[r]), shear, limits, best)
+                if best.slot < 0 or not any_hit:
                     line = _line(origins, directions, r, frame)
-                    best = _search(tree, line, shear, limits, (window[r, 0], window[r, 1]), stacks, best)
-                if best[1] >= 0:
-                    t[r], triangle[r] = best[0], tree[3][best[1]]
-                    weights[r, 0], weights[r, 1] = best[2], best[3]
+                    best = _search(bvh, line, shear, limits, (window[r, 0], window[r, 1]), stacks, best)
+                if best.slot >= 0:
+                    t[r], triangle[r] = best.t, order[best.slot]
+                    weights[r, 0], weights[r, 1] = best.b, best.c
     return t, triangle, weights

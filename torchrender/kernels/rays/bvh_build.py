@@ -23,6 +23,10 @@ _SAH_DEPTH = 64  # below it splits are medians, so that depth stays under STACK
 _PAD = 3e-7  # of the scene's half extent: covers rounding boxes to float32 and a ray's origin far outside
 
 
+SCALE, LOW, HIGH = 3, 4, 7
+"""Places in a frame; the centre comes first."""
+
+
 class Bvh(NamedTuple):
     """A tree over the T triangles with an area; node 1 is the root."""
 
@@ -37,15 +41,15 @@ def build_bvh(vertices: np.ndarray, faces: np.ndarray) -> Bvh:
     """Tree over triangles; those without area are left out. ``vertices`` (V,3) float64, ``faces`` (F,3) int32."""
     corners = vertices[faces.reshape(-1)].reshape(-1, 9)
     frame = np.zeros(10)
-    frame[3] = 1.0
+    frame[SCALE] = 1.0
     if len(corners):
         low, high = corners.reshape(-1, 3).min(axis=0), corners.reshape(-1, 3).max(axis=0)
         half = float((0.5 * high - 0.5 * low).max())
         # A power of two scales without rounding.
-        frame[3] = 2.0 ** -int(np.clip(np.ceil(np.log2(half)), -1000, 1000)) if half > 0 else 1.0
-        frame[:3] = (0.5 * low + 0.5 * high) * frame[3]
-        frame[4:7], frame[7:] = low * frame[3] - frame[:3], high * frame[3] - frame[:3]
-        corners *= frame[3]
+        frame[SCALE] = 2.0 ** -int(np.clip(np.ceil(np.log2(half)), -1000, 1000)) if half > 0 else 1.0
+        frame[:3] = (0.5 * low + 0.5 * high) * frame[SCALE]
+        frame[LOW:HIGH], frame[HIGH:] = low * frame[SCALE] - frame[:3], high * frame[SCALE] - frame[:3]
+        corners *= frame[SCALE]
     order = np.flatnonzero(_has_area(corners)).astype(np.int32)
     boxes, codes = _triangle_boxes(corners, order, frame)
     slots = _sorted_order(codes)
@@ -95,8 +99,8 @@ def _triangle_boxes(corners, order, frame):
             high = max(c[k], c[k + 3], c[k + 6]) - frame[k]
             boxes[i, k] = low - _PAD
             boxes[i, k + 3] = high + _PAD
-            size = max(frame[7 + k] - frame[4 + k], 1e-30)
-            cell = np.int64((0.5 * (low + high) - frame[4 + k]) / size * 1023.999)
+            size = max(frame[HIGH + k] - frame[LOW + k], 1e-30)
+            cell = np.int64((0.5 * (low + high) - frame[LOW + k]) / size * 1023.999)
             code |= _spread(min(max(cell, 0), 1023)) << (2 - k)
         codes[i] = code
     return boxes, codes

@@ -10,6 +10,7 @@ Source: specification 03, section 7 (algorithm 7), and 12.2.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import prange
@@ -20,6 +21,47 @@ CLEAR, HIT, UNKNOWN = 0, 1, 2
 BLOCK = 8  # texels along the edge of a block
 GROUP = 128  # rays that a thread takes at a time
 EDGE = 1e-7  # barycentric slack: rays along a shared edge hit one of its triangles
+
+
+class DepthImage(NamedTuple):
+    """A depth image of a perspective camera."""
+
+    depth: np.ndarray  # (H,W) float32, +inf where empty
+    triangle: np.ndarray  # (H,W) int64, -1 where empty
+    blocks: np.ndarray  # (H/BLOCK,W/BLOCK) smallest depth of each block
+    matrix: np.ndarray  # (3,4) from world to homogeneous pixels
+    near: float
+    footprint: float  # pixel size per unit of depth
+
+
+class MarchedHits(NamedTuple):
+    """What became of N rays."""
+
+    state: np.ndarray  # (N,) uint8 CLEAR, HIT or UNKNOWN
+    t: np.ndarray  # (N,) ray parameter
+    triangle: np.ndarray  # (N,) int64
+    barycentric: np.ndarray  # (N,2) float32 weights of the second and third corner
+    steps: np.ndarray  # (1 + N / GROUP,) int64 texel visits
+
+
+class Piece(NamedTuple):
+    """Part of a ray: first and last parameter, and the camera depths there."""
+
+    t0: float
+    t1: float
+    z0: float
+    z1: float
+
+
+class Path(NamedTuple):
+    """Projection of a piece: where it begins, how far it goes, and the share of it within the image."""
+
+    u: float
+    v: float
+    du: float
+    dv: float
+    first: float
+    last: float
 
 
 @kernel(parallel=True)
@@ -94,8 +136,9 @@ def depth_at(k1, k2, along):
 
 
 @kernel(inline=True)
-def length_at(t0, t1, z0, z1, along):
-    """Ray parameter at share ``along`` of the projection of the piece from t0 (depth z0) to t1 (depth z1)."""
+def length_at(piece, along):
+    """Ray parameter at share ``along`` of the projection of a piece."""
+    t0, t1, z0, z1 = piece
     return t0 + (t1 - t0) * along * z0 / (z1 + along * (z0 - z1))
 
 
@@ -126,9 +169,9 @@ def leave_block(start, rate, block):
 
 
 @kernel(inline=True)
-def march(scene, image, lens, epsilon, p, d, ends):
+def march(scene, image, epsilon, p, d, ends):
     """One ray: ``ends`` = first and last parameter. Returns what happened, (t, weights, triangle), and steps."""
-    matrix, near, _ = lens
+    matrix, near = image.matrix, image.near
     nothing = (math.inf, 0.0, 0.0, np.int64(-1))
     t0, t1 = ends
     hz = matrix[2, 0] * p[0] + matrix[2, 1] * p[1] + matrix[2, 2] * p[2] + matrix[2, 3]
@@ -143,21 +186,21 @@ def march(scene, image, lens, epsilon, p, d, ends):
         t1, z1 = (near - hz) / dz, near
     u0, v0 = project(matrix, p, d, t0, z0)
     u1, v1 = project(matrix, p, d, t1, z1)
-    first, last = clip(u0, u1 - u0, 0.0, np.float64(image[0].shape[1]), 0.0, 1.0)
-    first, last = clip(v0, v1 - v0, 0.0, np.float64(image[0].shape[0]), first, last)
+    first, last = clip(u0, u1 - u0, 0.0, np.float64(image.depth.shape[1]), 0.0, 1.0)
+    first, last = clip(v0, v1 - v0, 0.0, np.float64(image.depth.shape[0]), first, last)
     if last < first:
         return UNKNOWN, nothing, 0
     known = known and first <= 0.0 and last >= 1.0
-    path = (u0, v0, u1 - u0, v1 - v0, first, last)
-    return step(scene, image, lens, epsilon, p, d, (t0, t1, z0, z1), path, known)
+    path = Path(u0, v0, u1 - u0, v1 - v0, first, last)
+    return step(scene, image, epsilon, p, d, Piece(t0, t1, z0, z1), path, known)
 
 
 @kernel(inline=True)
-def step(scene, image, lens, epsilon, p, d, piece, path, known):
-    """March along ``path`` = (u, v, their change, first and last share) of ``piece`` = (t0, t1, z0, z1) of a ray."""
-    depth, triangle, blocks = image
+def step(scene, image, epsilon, p, d, piece, path, known):
+    """March along the ``path`` of a ``piece`` of a ray."""
+    depth, triangle, blocks = image.depth, image.triangle, image.blocks
     rows, columns = depth.shape
-    t0, t1, z0, z1 = piece
+    t0, _, z0, z1 = piece
     u0, v0, du, dv, first, last = path
     k1, k2 = 1.0 / z0, 1.0 / z1 - 1.0 / z0
     count = max(1.0, math.ceil(max(abs(du), abs(dv))))
@@ -181,12 +224,12 @@ def step(scene, image, lens, epsilon, p, d, piece, path, known):
             m += 1.0
             continue
         t, a, b, k = nearest_candidate(scene, triangle, x, y, p, d, t0)
-        if k >= 0 and t <= length_at(t0, t1, z0, z1, min(along + 2.0 / count, 1.0)) * (1.0 + 1e-9):
+        if k >= 0 and t <= length_at(piece, min(along + 2.0 / count, 1.0)) * (1.0 + 1e-9):
             return HIT, (t, a, b, k), steps
         explained = abs(z - depth_at(k1, k2, max(along - 1.0 / count, 0.0)))
-        if not behind and z - surface <= max(4.0 * lens[2] * surface, explained):
+        if not behind and z - surface <= max(4.0 * image.footprint * surface, explained):
             k = triangle[y, x]
-            low, high = length_at(t0, t1, z0, z1, before), length_at(t0, t1, z0, z1, along)
+            low, high = length_at(piece, before), length_at(piece, along)
             t, a, b = on_surface(scene, k, p, d, low, high)
             return HIT, (t, a, b, k), steps
         behind, known = True, False
@@ -196,24 +239,23 @@ def step(scene, image, lens, epsilon, p, d, piece, path, known):
 
 
 @kernel(parallel=True)
-def march_rays(scene, image, lens, epsilon, rays, rows, ends, state, hits, steps):
-    """March rays ``rows`` (N,) of ``rays`` = (origins, directions) and fill ``state`` and ``hits`` = (t, triangle,
-    barycentric), row by row of N.
+def march_rays(scene, image, epsilon, rays, rows, ends, found):
+    """March rays ``rows`` (N,) of ``rays`` = (origins, directions) and fill ``found``, row by row of N.
 
-    ``scene`` = (vertices, faces); ``image`` = (depth, triangle, smallest depths of blocks); ``lens`` = (matrix (3,4)
-    from world to homogeneous pixels, near, pixel size per unit depth); ``ends`` = (first, last (N,) ray parameter).
-    ``steps`` (1 + N / GROUP,) counts texel visits.
+    ``scene`` = (vertices, faces); ``image``: :class:`DepthImage`; ``ends`` = (first, last (N,) ray parameter);
+    ``found``: :class:`MarchedHits`.
     """
     origins, directions = rays
+    state, t, triangle, barycentric, steps = found
     for group in prange((rows.shape[0] + GROUP - 1) // GROUP):
         total = 0
         for n in range(group * GROUP, min((group + 1) * GROUP, rows.shape[0])):
             i = rows[n]
             p = (origins[i, 0], origins[i, 1], origins[i, 2])
             d = (directions[i, 0], directions[i, 1], directions[i, 2])
-            kind, found, visits = march(scene, image, lens, epsilon, p, d, (ends[0], ends[1][n]))
+            kind, hit, visits = march(scene, image, epsilon, p, d, (ends[0], ends[1][n]))
             state[n] = kind
-            hits[0][n], hits[1][n] = found[0], found[3]
-            hits[2][n, 0], hits[2][n, 1] = found[1], found[2]
+            t[n], triangle[n] = hit[0], hit[3]
+            barycentric[n, 0], barycentric[n, 1] = hit[1], hit[2]
             total += visits
         steps[group] = total

@@ -10,6 +10,7 @@ import numpy as np
 from numba import prange
 
 from torchrender.kernels.compile import kernel
+from torchrender.kernels.rays.bvh_build import HIGH, LOW, SCALE
 
 GROW = 2e-5
 """Edges move out by this share of the scene's half extent: tens of times what float32 moves rays and vertices."""
@@ -82,7 +83,7 @@ def aim(frame, origins, directions, span):
     start, toward = np.zeros((n, 3), np.float32), np.zeros((n, 3), np.float32)
     reach = np.full(n, -1.0, np.float32)
     unit = np.zeros((n, 2))
-    scale = frame[3]
+    scale = frame[SCALE]
     for r in prange(n):
         o, d = origins[r], directions[r]
         length = _length(d[0], d[1], d[2]) * scale
@@ -91,7 +92,7 @@ def aim(frame, origins, directions, span):
             step = d[k] * scale
             step = 1.0 / step if abs(step) > 1e-290 else np.copysign(1e290, step)
             at = o[k] * scale - frame[k]
-            a, b = (frame[4 + k] - ROOM - at) * step, (frame[7 + k] + ROOM - at) * step
+            a, b = (frame[LOW + k] - ROOM - at) * step, (frame[HIGH + k] + ROOM - at) * step
             near, far = max(near, min(a, b)), min(far, max(a, b))
         if not near < far:
             toward[r, 0] = 1.0

@@ -7,6 +7,8 @@ at a shared edge, so no ray slips through.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from torchrender.kernels.compile import kernel
@@ -20,6 +22,14 @@ DARK, LIT, OUTSIDE, TRACED, CHOSEN = 0, 1, 2, 3, 4
 _SPREAD = 0.5  # rays of one packet lie within 60 degrees of its axis
 _SMALL = 0.4  # boxes with a smaller share of the pyramid's section are tested against each ray
 _HAIR = 1e-9  # widens the pyramid so that rounding cannot cut off its own rays
+
+
+class Packet(NamedTuple):
+    """Rays from one point, as a thin pyramid; scratch that :func:`make_packet` fills."""
+
+    axes: np.ndarray  # (3,3) two vectors across, then the direction
+    planes: np.ndarray  # (5,7)
+    rays: np.ndarray  # (3,GROUP) x, y and limit of each; limit 0: not in the packet, or blocked
 
 
 @kernel(inline=True)
@@ -37,13 +47,14 @@ def _axes(x, y, z, axes):
 
 
 @kernel(inline=True)
-def make_packet(rays, status, axes, packet, planes):
+def make_packet(rays, status, pyramid):
     """Choose rays around one that is still to trace: fills the packet (x, y, limit) and the planes (5,7).
 
     Rows of ``planes``: four sides with normal (3) and absolute normal (3), inside where ``n.p >= 0``; the axis in the
     same way, and a quarter of the pyramid's cross section.
     Returns the number of chosen rays and the largest limit; chosen rays get limit > 0.
     """
+    axes, planes, packet = pyramid
     count = status.shape[0]
     first = 0
     while first < count and status[first] != TRACED:
@@ -87,8 +98,10 @@ def make_packet(rays, status, axes, packet, planes):
 
 
 @kernel(inline=True)
-def _meets(boxes, node, ox, oy, oz, axes, planes, farthest, packet):
+def _meets(boxes, node, origin, farthest, pyramid):
     """An unblocked ray of the packet may meet the box in front of its limit."""
+    ox, oy, oz = origin
+    axes, planes, packet = pyramid
     hx, hy, hz = (
         0.5 * (np.float64(boxes[node, 3]) - boxes[node, 0]),
         0.5 * (np.float64(boxes[node, 4]) - boxes[node, 1]),
@@ -127,8 +140,10 @@ def _meets(boxes, node, ox, oy, oz, axes, planes, farthest, packet):
 
 
 @kernel(inline=True)
-def _block_rays(corners, slot, ox, oy, oz, axes, planes, near, farthest, packet):
+def _block_rays(corners, slot, origin, near, farthest, pyramid):
     """Set the limits of all rays that the triangle blocks to zero; returns how many."""
+    ox, oy, oz = origin
+    axes, planes, packet = pyramid
     x, y, z = corners[slot, 0] - ox, corners[slot, 1] - oy, corners[slot, 2] - oz
     x1, y1, z1 = corners[slot, 3] - ox, corners[slot, 4] - oy, corners[slot, 5] - oz
     x2, y2, z2 = corners[slot, 6] - ox, corners[slot, 7] - oy, corners[slot, 8] - oz
@@ -168,15 +183,14 @@ def _block_rays(corners, slot, ox, oy, oz, axes, planes, near, farthest, packet)
 
 
 @kernel(inline=True)
-def block_listed(tree, slots, count, origin, axes, planes, near, farthest, alive, packet):
+def block_listed(corners, slots, count, origin, near, farthest, alive, pyramid):
     """Block rays of a packet by the first ``count`` triangles of ``slots``.
 
     What blocks moves towards the front: it is likely to block the next packet, too.
     """
-    ox, oy, oz = origin
     for n in range(count):
         slot = np.int64(slots[n])
-        blocked = _block_rays(tree[2], slot, ox, oy, oz, axes, planes, near, farthest, packet)
+        blocked = _block_rays(corners, slot, origin, near, farthest, pyramid)
         if blocked > 0:
             ahead = n >> 1
             slots[n], slots[ahead] = slots[ahead], slots[n]
@@ -186,24 +200,23 @@ def block_listed(tree, slots, count, origin, axes, planes, near, farthest, alive
 
 
 @kernel(inline=True)
-def block_packet(tree, origin, axes, planes, near, farthest, alive, packet, stack):
+def block_packet(tree, origin, near, farthest, alive, pyramid, stack):
     """Block rays of a packet until none is left or the tree is done."""
-    boxes, links, corners, frame = tree
-    ox, oy, oz = origin
-    bx, by, bz = ox - frame[0], oy - frame[1], oz - frame[2]
-    if not _meets(boxes, 1, bx, by, bz, axes, planes, farthest, packet):
+    boxes, links, _, corners, frame = tree
+    within = (origin[0] - frame[0], origin[1] - frame[1], origin[2] - frame[2])
+    if not _meets(boxes, 1, within, farthest, pyramid):
         return
     size, node = 0, np.int64(1)
     while True:
         left, right = np.int64(links[node, 0]), np.int64(links[node, 1])
         if left < 0:
             for slot in range(-left - 1, -left - 1 + right):
-                alive -= _block_rays(corners, slot, ox, oy, oz, axes, planes, near, farthest, packet)
+                alive -= _block_rays(corners, slot, origin, near, farthest, pyramid)
             if alive <= 0:
                 return
         else:
-            a = _meets(boxes, left, bx, by, bz, axes, planes, farthest, packet)
-            b = _meets(boxes, right, bx, by, bz, axes, planes, farthest, packet)
+            a = _meets(boxes, left, within, farthest, pyramid)
+            b = _meets(boxes, right, within, farthest, pyramid)
             if a:
                 if b:
                     stack[size] = right

@@ -1,20 +1,41 @@
 """Sums and boxes over the pixels of each cluster: what its camera is made from.
 
 Pixels are sorted by cluster and cut into chunks of one cluster each, so that threads share the work whatever the sizes;
-the callers add up the chunks. ``rays`` = (position, normal, direction), each (N,3) float64, positions about a common
-reference; ``order`` (N,) holds the pixels cluster by cluster.
+the callers add up the chunks.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
+import numpy as np
 from numba import prange
 
 from torchrender.kernels.compile import kernel
 
 SUMS = 19  # columns of ``moments`` that are added up; two that are minima and two that are maxima follow
 BOX = 4  # low x, low y, high x, high y
+
+
+class Bundle(NamedTuple):
+    """The mirrored rays of N pixels in K chunks."""
+
+    chunks: np.ndarray  # (K,2) int64 runs of ``order``
+    owner: np.ndarray  # (K,) int64 cluster of each chunk
+    order: np.ndarray  # (N,) int64 pixels, cluster by cluster
+    position: np.ndarray  # (N,3) float64 about a common reference
+    normal: np.ndarray  # (N,3) float64
+    direction: np.ndarray  # (N,3) float64
+
+
+class Pictures(NamedTuple):
+    """Where the pixels lie in their pictures."""
+
+    place: np.ndarray  # (B*H*W,) int64 number of the pixel there, or -1
+    pixel: np.ndarray  # (N,) int64 flat
+    cluster: np.ndarray  # (N,) int64
+    width: int
 
 
 @kernel(inline=True)
@@ -24,10 +45,10 @@ def dot(a, i, v, j):
 
 
 @kernel(parallel=True)
-def moments(chunks, _owner, order, rays, column, row, out):
+def moments(bundle, column, row, out):
     """Per chunk: count, sums of position, normal, direction, of ``I - r r^T`` (xx, xy, xz, yy, yz, zz) and of that
     times position; smallest and largest column and row."""
-    position, normal, direction = rays
+    chunks, _, order, position, normal, direction = bundle
     for c in prange(chunks.shape[0]):
         for k in range(SUMS):
             out[c, k] = 0.0
@@ -60,10 +81,10 @@ def moments(chunks, _owner, order, rays, column, row, out):
 
 
 @kernel(parallel=True)
-def plane_spread(chunks, owner, order, rays, centre, axis, out):
+def plane_spread(bundle, centre, axis, out):
     """Per chunk: largest height above and below the fitting plane, smallest cosine to its normal, largest squared
-    distance from its centre. ``owner`` (K,) cluster of each chunk; ``centre``, ``axis`` (C,3)."""
-    position, normal, _ = rays
+    distance from its centre. ``centre``, ``axis`` (C,3)."""
+    chunks, owner, order, position, normal, _ = bundle
     for c in prange(chunks.shape[0]):
         g = owner[c]
         above, below, cosine, radius = -math.inf, -math.inf, math.inf, 0.0
@@ -88,14 +109,14 @@ def ray_end(height, climb, far, longest):
 
 
 @kernel(parallel=True)
-def eye_boxes(chunks, owner, order, rays, frames, reach, out):
+def eye_boxes(bundle, frames, reach, out):
     """Per chunk: boxes of ray starts and ray ends as seen from the mirrored eye, on the fitting plane; and the sums
     that tell whether the bundle crosses: count, start, end, start . end, |start|^2 of the rays in both boxes.
 
     ``frames`` (C,4,3) = centre, right, down, normal; ``reach`` (C,6) = mirrored eye (3), far distance, longest ray,
     smallest cosine to the normal that counts.
     """
-    position, _, direction = rays
+    chunks, owner, order, position, _, direction = bundle
     for c in prange(chunks.shape[0]):
         g = owner[c]
         for k in range(2):
@@ -136,9 +157,9 @@ def eye_boxes(chunks, owner, order, rays, frames, reach, out):
 
 
 @kernel(parallel=True)
-def ray_deviation(chunks, owner, order, rays, eyes, out):
+def ray_deviation(bundle, eyes, out):
     """Per chunk: sum of ``1 - cos`` of the angle between each ray and the line to it from each of the eyes (C,E,3)."""
-    position, _, direction = rays
+    chunks, owner, order, position, _, direction = bundle
     for c in prange(chunks.shape[0]):
         g = owner[c]
         for e in range(eyes.shape[1]):
@@ -166,16 +187,16 @@ def grow_box(out, c, x, y, depth, slope):
 
 
 @kernel(parallel=True)
-def image_boxes(chunks, owner, order, rays, lens, frames, reach, images, out):
+def image_boxes(bundle, lens, frames, reach, images, out):
     """Per chunk: box, in tangents, of ray starts and (widened) ray ends seen from the camera's eye; number of rays
     outside the largest slope; sum and number of distances between neighbouring pixels, in tangents; smallest depth.
 
     ``frames`` (C,5,3) = centre of the fitting plane, image right, image down, view axis, normal of the fitting plane.
 
     ``lens`` (C,2) = lobe half angle's sine and cosine; ``reach`` (C,6) = eye (3), far distance, longest ray, largest
-    slope; ``images`` = (place of each pixel (B H W,) or -1, pixel (N,), cluster (N,), width of the pictures).
+    slope; ``images``: :class:`Pictures`.
     """
-    position, _, direction = rays
+    chunks, owner, order, position, _, direction = bundle
     place, pixel, cluster, width = images
     for c in prange(chunks.shape[0]):
         g = owner[c]

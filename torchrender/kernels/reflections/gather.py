@@ -8,6 +8,7 @@ colour once. Specification 04, sections 7 (reverse form) and 14.1.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import prange
@@ -25,13 +26,22 @@ _FARTHEST = 8.0  # key pixels between the sources of neighbouring pixels on one 
 _SINGULAR = 1e-9
 
 
+class Ray(NamedTuple):
+    """A reflected ray relative to the key eye."""
+
+    start: tuple[float, float, float]
+    direction: tuple[float, float, float]
+    across: np.ndarray  # (2,3) two unit vectors at right angles to it
+
+
 @kernel(inline=True)
-def moved_source(at, own, tolerance, surface, ids, source, certainty):
+def moved_source(at, own, tolerance, frame):
     """Position in the key frame whose reflection has moved to (u, v), and what became of it.
 
     Interpolated between the four nearest pixels if all can be trusted, else the nearest one's: the correction on the
     pixel's own ray makes up for the part of a pixel.
     """
+    surface, ids, source, certainty = frame.surface, frame.ids, frame.source, frame.certainty
     height, width = ids.shape
     u, v, z = at
     if not (z > 0.0 and u >= 0.0 and v >= 0.0 and u < width and v < height):
@@ -66,7 +76,7 @@ def moved_source(at, own, tolerance, surface, ids, source, certainty):
 @kernel(inline=True)
 def load_corner(k, y, x, own, frame, corner):
     """Reflected point, whether it is a point, colour and distance of one key pixel; False off the reflector."""
-    _, ids, reached, span, colors, _ = frame
+    ids, reached, span, colors = frame.ids, frame.reached, frame.span, frame.colors
     if y < 0 or x < 0 or y >= ids.shape[0] or x >= ids.shape[1] or ids[y, x] != own:
         return False
     for c in range(4):
@@ -116,7 +126,7 @@ def load_window(x0, y0, a, b, own, frame, corner):
             missing = k
     if count < 3 or not inside(missing, a, b):
         return 1
-    found = links(x0, y0, frame[5], missing)
+    found = links(x0, y0, frame.breaks, missing)
     ends = 0
     for k in range(4):
         ends += 1 if k != missing and corner[k, 3] == 0.0 else 0
@@ -157,18 +167,16 @@ def mix(corner, c, a, b):
 
 
 @kernel(inline=True)
-def off_ray(corner, a, b, start, ray, across):
-    """Interpolated reflected point, as seen from the ray: (right, down) off it in ``across``, and how far along it.
-
-    ``across`` (2,3): two unit vectors at right angles to the ray.
-    """
+def off_ray(corner, a, b, ray):
+    """Interpolated reflected point, as seen from the ray: (right, down) off it in ``across``, and how far along it."""
+    start, direction, across = ray
     kind = corner[0, 3]  # 1: points, 0: directions to points at infinity
     dx = mix(corner, 0, a, b) - kind * start[0]
     dy = mix(corner, 1, a, b) - kind * start[1]
     dz = mix(corner, 2, a, b) - kind * start[2]
     right = dx * across[0, 0] + dy * across[0, 1] + dz * across[0, 2]
     down = dx * across[1, 0] + dy * across[1, 1] + dz * across[1, 2]
-    return right, down, dx * ray[0] + dy * ray[1] + dz * ray[2]
+    return right, down, dx * direction[0] + dy * direction[1] + dz * direction[2]
 
 
 @kernel(inline=True)
@@ -190,15 +198,15 @@ def correction(corner, a, b, right, down, across):
 
 
 @kernel(inline=True)
-def aimed(sx, sy, own, frame, largest, corner, start, ray, across):
+def aimed(sx, sy, own, frame, largest, corner, ray):
     """Key position and weights for which the reflected point lies on the ray, and what became of it."""
     a, b, found = find_window(sx, sy, own, frame, corner)
     if found & 1 != 0:
         return sx, sy, a, b, BROKEN
     if largest <= 0.0 or found != 0:
         return sx, sy, a, b, FOUND
-    right, down, along = off_ray(corner, a, b, start, ray, across)
-    dx, dy, solved = correction(corner, a, b, right, down, across)
+    right, down, along = off_ray(corner, a, b, ray)
+    dx, dy, solved = correction(corner, a, b, right, down, ray.across)
     if not (solved and abs(dx) <= largest and abs(dy) <= largest and along > 0.0):
         return sx, sy, a, b, OFF_RAY
     sx, sy = sx + dx, sy + dy
@@ -240,52 +248,42 @@ def key_place(position, matrix, near):
     return x / z, y / z, z
 
 
-@kernel(inline=True)
-def borrowed_frame(frame):
-    """The key frame's arrays without reference counts, which the threads would fight over."""
-    surface, ids, reached, span, colors, breaks = frame
-    first = (borrowed(surface), borrowed(ids), borrowed(reached))
-    return first[0], first[1], first[2], borrowed(span), borrowed(colors), borrowed(breaks)
-
-
 @kernel(parallel=True)
-def gather(place, ids_at, tolerance, weight, rays, view, frame, moved, limits, color, distance, source, state):
+def gather(pixels, view, frame, limits, found):
     """Colour and distance of what N pixels of a new view mirror.
 
-    place (N,2) float64 position (u, v) in the key frame of each pixel's surface point, or (0,2): its projection; ids_at
-    (N,) int32 its reflector; tolerance (N,) float64 of depth; weight (N,) float32 share of the reflection in the
-    pixel's colour; rays: positions in world space and unit directions, (N,3) float64 each; view: eye (3,), pixel from
-    world matrix (3,3) and near plane of the key camera; frame: surface (H,W,8), ids, reached (H,W,4), span (H,W),
-    colours (H,W,3) and breaks (H,W) of the key frame; moved: source and certainty of ``resolve_moved``; limits: largest
-    correction in key pixels (0: none is made), largest difference in the pixel's colour among the key pixels that it is
-    interpolated from. Fills color (N,3), distance (N,), source (N,2) key positions and state (N,).
+    pixels: :class:`Pixels`; view: :class:`KeyView`; frame: :class:`KeyFrame`; limits: :class:`Limits`; found:
+    :class:`Gathered`, filled.
     """
-    count = len(ids_at)
+    place, ids_at, tolerance, weight, position, direction = pixels
     eye, matrix, near = view
+    largest, most = limits
+    color, distance, source, state = found
+    count = len(ids_at)
     for block in prange((count + BLOCK - 1) // BLOCK):
         corners, axes = np.zeros((4, 8)), np.zeros((2, 3))
-        corner, across = borrowed(corners), borrowed(axes)
-        own_frame, source_at, sureness = borrowed_frame(frame), borrowed(moved[0]), borrowed(moved[1])
+        corner, across, own_frame = borrowed(corners), borrowed(axes), borrowed(frame)
         first = np.int64(block) * BLOCK
         for k in range(first, first + BLOCK):
             if k >= count:
                 break
-            start = (rays[0][k, 0] - eye[0], rays[0][k, 1] - eye[1], rays[0][k, 2] - eye[2])
+            start = (position[k, 0] - eye[0], position[k, 1] - eye[1], position[k, 2] - eye[2])
             u, v, z = key_place(start, matrix, near)
             if len(place) > 0:
                 u, v = place[k, 0], place[k, 1]
             own = ids_at[k]
-            sx, sy, found = moved_source((u, v, z), own, tolerance[k], own_frame[0], own_frame[1], source_at, sureness)
-            if found == FOUND:
-                ray = (rays[1][k, 0], rays[1][k, 1], rays[1][k, 2])
-                fill_across(ray, across)
-                sx, sy, a, b, found = aimed(sx, sy, own, own_frame, limits[0], corner, start, ray, across)
-                if found == FOUND and contrast(corner) * weight[k] > limits[1]:
-                    found = CONTRAST
-            state[k] = found
-            if found != FOUND:
+            sx, sy, became = moved_source((u, v, z), own, tolerance[k], own_frame)
+            if became == FOUND:
+                toward = (direction[k, 0], direction[k, 1], direction[k, 2])
+                fill_across(toward, across)
+                ray = Ray(start, toward, across)
+                sx, sy, a, b, became = aimed(sx, sy, own, own_frame, largest, corner, ray)
+                if became == FOUND and contrast(corner) * weight[k] > most:
+                    became = CONTRAST
+            state[k] = became
+            if became != FOUND:
                 continue
-            right, down, along = off_ray(corner, a, b, start, ray, across)
+            right, down, along = off_ray(corner, a, b, ray)
             source[k, 0], source[k, 1] = sx, sy
             endless = corner[0, 3] == 0.0
             distance[k] = np.inf if endless else math.sqrt(along * along + right * right + down * down)

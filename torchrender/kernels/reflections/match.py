@@ -11,6 +11,7 @@ depth; ``ids`` (H*W,) int32 the reflector, -1 elsewhere. All arithmetic is float
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import prange
@@ -25,6 +26,43 @@ BLOCK = 64  # pixels handed to a thread at once
 _NEIGHBOURS = 3  # feasible ones that a minimum needs around it
 _FARTHEST = 1.0  # pixels by which refinement may move a match
 _LEAPS, _FAR, _HALVINGS = 8, 32.0, 4  # Gauss-Newton steps before the walk, pixels of the longest, and its halvings
+
+
+class KeyPixels(NamedTuple):
+    """The pixels of a key frame, H rows of W."""
+
+    surface: np.ndarray  # (H*W,8) float32
+    ids: np.ndarray  # (H*W,) int32
+    reached: np.ndarray  # (H*W,4) float32 reflected point relative to the key eye and 1, or unit direction and 0
+    height: int
+    width: int
+
+
+class Settings(NamedTuple):
+    """How matches are searched."""
+
+    max_steps: int  # of a walk
+    ratio: float  # of a minimum's residual over the mean of its neighbours'
+    leaping: bool  # Gauss-Newton steps before the walk
+    refined: bool  # to a part of a pixel
+
+
+class Matches(NamedTuple):
+    """Of N pixels."""
+
+    end: np.ndarray  # (N,2) int32 rows and columns from the pixel to its match
+    offset: np.ndarray  # (N,2) float32 the same with the refinement
+    cause: np.ndarray  # (N,) uint8
+    steps: np.ndarray  # (N,) int32 of the walk
+
+
+class Query(NamedTuple):
+    """Whose reflection is looked for."""
+
+    own: int  # reflector
+    point: tuple[float, float, float]  # reflected point relative to the key eye; if ``endless``, direction towards it
+    endless: bool
+    eye: np.ndarray  # (3,) moved eye relative to the key eye
 
 
 @kernel(inline=True)
@@ -53,18 +91,20 @@ def residual(surface, p, point, endless, eye):
 
 
 @kernel(inline=True)
-def squared(surface, ids, p, own, point, endless, eye):
+def squared(key, p, query):
     """d(s, s_n) of section 5, squared: 0 at contact, +inf off the reflector and where infeasible."""
-    if ids[p] != own:
+    if key.ids[p] != query.own:
         return np.inf
-    a, b, c, state = residual(surface, p, point, endless, eye)
+    a, b, c, state = residual(key.surface, p, query.point, query.endless, query.eye)
     return np.inf if state == 2 else a * a + b * b + c * c
 
 
 @kernel(inline=True)
-def scaled(surface, ids, p, own, point, endless, eye):
+def scaled(key, p, query):
     """Residual as a length on the mirror: times |P - W| / (|E - W| + |P - W|); False where there is none."""
-    if ids[p] != own:
+    surface = key.surface
+    own, point, endless, eye = query
+    if key.ids[p] != own:
         return 0.0, 0.0, 0.0, False
     a, b, c, state = residual(surface, p, point, endless, eye)
     scale = 1.0
@@ -79,14 +119,14 @@ def scaled(surface, ids, p, own, point, endless, eye):
 
 
 @kernel(inline=True)
-def slope(surface, ids, p, step, back_inside, forth_inside, here, own, point, endless, eye):
+def slope(key, p, step, back_inside, forth_inside, here, query):
     """Change of the scaled residual per pixel over ``step``, from both neighbours or one; False without any."""
     ax, ay, az, ahead = 0.0, 0.0, 0.0, False
     bx, by, bz, behind = 0.0, 0.0, 0.0, False
     if forth_inside:
-        ax, ay, az, ahead = scaled(surface, ids, np.uintp(p + step), own, point, endless, eye)
+        ax, ay, az, ahead = scaled(key, np.uintp(p + step), query)
     if back_inside:
-        bx, by, bz, behind = scaled(surface, ids, np.uintp(p - step), own, point, endless, eye)
+        bx, by, bz, behind = scaled(key, np.uintp(p - step), query)
     if ahead and behind:
         return 0.5 * (ax - bx), 0.5 * (ay - by), 0.5 * (az - bz), True
     if ahead:
@@ -97,16 +137,16 @@ def slope(surface, ids, p, step, back_inside, forth_inside, here, own, point, en
 
 
 @kernel()
-def refine(surface, ids, size, y, x, own, point, endless, eye):
+def refine(key, y, x, query):
     """One Gauss-Newton step from pixel (y, x): offset (dy, dx) and whether it stays within a pixel."""
-    height, width = size
+    height, width = key.height, key.width
     p = y * width + x
-    a, b, c, feasible = scaled(surface, ids, np.uintp(p), own, point, endless, eye)
+    a, b, c, feasible = scaled(key, np.uintp(p), query)
     if not feasible:
         return 0.0, 0.0, True
     here = (a, b, c)
-    ax, bx, cx, across = slope(surface, ids, p, 1, x > 0, x + 1 < width, here, own, point, endless, eye)
-    ay, by, cy, down = slope(surface, ids, p, width, y > 0, y + 1 < height, here, own, point, endless, eye)
+    ax, bx, cx, across = slope(key, p, 1, x > 0, x + 1 < width, here, query)
+    ay, by, cy, down = slope(key, p, width, y > 0, y + 1 < height, here, query)
     if not (across and down):
         return 0.0, 0.0, True
     xx, xy, yy = ax * ax + bx * bx + cx * cx, ax * ay + bx * by + cx * cy, ay * ay + by * by + cy * cy
@@ -119,9 +159,9 @@ def refine(surface, ids, size, y, x, own, point, endless, eye):
 
 
 @kernel(inline=True)
-def neighbours(surface, ids, size, y, x, own, point, endless, eye, around):
+def neighbours(key, y, x, query, around):
     """Squared distances of the 8 neighbours, into ``around``; +inf outside the image."""
-    height, width = size
+    height, width = key.height, key.width
     k = 0
     for dy in range(-1, 2):
         for dx in range(-1, 2):
@@ -130,20 +170,20 @@ def neighbours(surface, ids, size, y, x, own, point, endless, eye, around):
             ny, nx = y + dy, x + dx
             around[k] = np.inf
             if 0 <= ny < height and 0 <= nx < width:
-                around[k] = squared(surface, ids, np.uintp(ny * width + nx), own, point, endless, eye)
+                around[k] = squared(key, np.uintp(ny * width + nx), query)
             k += 1
 
 
 @kernel(inline=True)
-def walk(surface, ids, size, y, x, own, point, endless, eye, max_steps, around):
+def walk(key, y, x, query, max_steps, around):
     """Pixel and squared distance where the walk over the 8 neighbours ends, and its steps; max_steps + 1 if cut off.
 
     ``around`` (8,) holds the squared distances about the end.
     """
-    best = squared(surface, ids, np.uintp(y * size[1] + x), own, point, endless, eye)
+    best = squared(key, np.uintp(y * key.width + x), query)
     steps = 0
     while True:
-        neighbours(surface, ids, size, y, x, own, point, endless, eye, around)
+        neighbours(key, y, x, query, around)
         least, place = best, -1
         for k in range(8):
             if around[k] < least:
@@ -158,7 +198,7 @@ def walk(surface, ids, size, y, x, own, point, endless, eye, max_steps, around):
 
 
 @kernel(inline=True)
-def verdict(ids, size, y, x, best, own, around, ratio):
+def verdict(key, y, x, best, own, around, ratio):
     """VALID or why the end of a walk is no match: no true minimum, beside the border, beside another surface."""
     if best == 0.0:  # contact: what touches the mirror is seen where it touches, whatever the neighbours
         return VALID
@@ -169,34 +209,34 @@ def verdict(ids, size, y, x, best, own, around, ratio):
             count += 1
     if best < np.inf and count >= _NEIGHBOURS and (ratio >= 1.0 or math.sqrt(best) * count <= ratio * total):
         return VALID
-    height, width = size
+    height, width = key.height, key.width
     if y == 0 or x == 0 or y == height - 1 or x == width - 1:
         return BORDER
     for dy in range(-1, 2):
         for dx in range(-1, 2):
-            if ids[np.uintp((y + dy) * width + x + dx)] != own:
+            if key.ids[np.uintp((y + dy) * width + x + dx)] != own:
                 return SILHOUETTE
     return RATIO
 
 
 @kernel(inline=True)
-def leap(surface, ids, size, y, x, own, point, endless, eye, ratio):
+def leap(key, y, x, query, ratio):
     """The match found by Gauss-Newton steps alone, and whether they led to one: else the walk goes on from there.
 
     Four neighbours stand for eight: a minimum is true if the residual there is small beside its change per pixel.
     """
-    height, width = size
+    height, width = key.height, key.width
     for _ in range(_LEAPS):
         if y <= 0 or x <= 0 or y >= height - 1 or x >= width - 1:
             return y, x, 0.0, 0.0, False
         p = y * width + x
-        a, b, c, feasible = scaled(surface, ids, np.uintp(p), own, point, endless, eye)
+        a, b, c, feasible = scaled(key, np.uintp(p), query)
         if not feasible:
             return y, x, 0.0, 0.0, False
-        rx, ry, rz, right = scaled(surface, ids, np.uintp(p + 1), own, point, endless, eye)
-        lx, ly, lz, left = scaled(surface, ids, np.uintp(p - 1), own, point, endless, eye)
-        dx, dy, dz, below = scaled(surface, ids, np.uintp(p + width), own, point, endless, eye)
-        ux, uy, uz, above = scaled(surface, ids, np.uintp(p - width), own, point, endless, eye)
+        rx, ry, rz, right = scaled(key, np.uintp(p + 1), query)
+        lx, ly, lz, left = scaled(key, np.uintp(p - 1), query)
+        dx, dy, dz, below = scaled(key, np.uintp(p + width), query)
+        ux, uy, uz, above = scaled(key, np.uintp(p - width), query)
         if not (right and left and below and above):
             return y, x, 0.0, 0.0, False
         here = a * a + b * b + c * c
@@ -221,7 +261,7 @@ def leap(surface, ids, size, y, x, own, point, endless, eye, ratio):
         ny, nx = y, x
         for _ in range(_HALVINGS):  # a step off the reflector is halved: the walk then begins near the outline
             ny, nx = y + np.int64(round(part * step_y)), x + np.int64(round(part * step_x))
-            if 0 <= ny < height and 0 <= nx < width and ids[np.uintp(ny * width + nx)] == own:
+            if 0 <= ny < height and 0 <= nx < width and key.ids[np.uintp(ny * width + nx)] == query.own:
                 break
             part *= 0.5
             ny, nx = y, x
@@ -232,21 +272,21 @@ def leap(surface, ids, size, y, x, own, point, endless, eye, ratio):
 
 
 @kernel(parallel=True)
-def match(surface, ids, reached, size, pixels, eye, start, options, end, offset, cause, steps):
-    """The match of each of N key pixels for an eye relative to the key eye.
+def match(key, pixels, eye, start, settings, found):
+    """The match of each of N pixels of a key frame for an eye relative to the key eye.
 
-    surface (H*W,8), ids (H*W,) and reached (H*W,4) float32, the reflected point relative to the key eye and 1, or unit
-    direction and 0; size (H,W); pixels (N,) int64 flat; start (N,2) int32 pixels (dy, dx) to begin at; options
-    (max_steps, ratio, leaping, refined). Fills end (N,2) int32, offset (N,2) float32 (dy, dx, with the refinement),
-    cause (N,) uint8 and steps (N,) int32, of the walk.
+    key: :class:`KeyPixels`; pixels (N,) int64 flat; start (N,2) int32 pixels (dy, dx) to begin at; settings:
+    :class:`Settings`; found: :class:`Matches`, filled.
     """
-    height, width = size
-    max_steps, ratio, leaping, refined = options
+    height, width, reached = key.height, key.width, key.reached
+    max_steps, ratio, leaping, refined = settings
+    end, offset, cause, steps = found
     count = len(pixels)
     for block in prange((count + BLOCK - 1) // BLOCK):
         eight = np.zeros(8)
         around = borrowed(eight)
-        plain, own_ids, toward = borrowed(surface), borrowed(ids), borrowed(eye)
+        plain, toward = borrowed(key), borrowed(eye)
+        own_ids = plain.ids
         first = np.int64(block) * BLOCK
         for k in range(first, first + BLOCK):
             if k >= count:
@@ -255,29 +295,29 @@ def match(surface, ids, reached, size, pixels, eye, start, options, end, offset,
             y0, x0 = pixels[k] // width, pixels[k] % width
             own = own_ids[p]
             point = (np.float64(reached[p, 0]), np.float64(reached[p, 1]), np.float64(reached[p, 2]))
-            endless = reached[p, 3] == 0.0
+            query = Query(own, point, reached[p, 3] == 0.0, toward)
             y, x = y0 + start[k, 0], x0 + start[k, 1]
             if y < 0 or x < 0 or y >= height or x >= width or own_ids[y * width + x] != own:
                 y, x = y0, x0
             if leaping:
-                leapt_y, leapt_x, dy, dx, there = leap(plain, own_ids, size, y, x, own, point, endless, toward, ratio)
+                leapt_y, leapt_x, dy, dx, there = leap(plain, y, x, query, ratio)
                 if there:
                     end[k, 0], end[k, 1] = leapt_y - y0, leapt_x - x0
                     offset[k, 0] = leapt_y - y0 + (dy if refined else 0.0)
                     offset[k, 1] = leapt_x - x0 + (dx if refined else 0.0)
                     cause[k], steps[k] = VALID, 0
                     continue
-                here = squared(plain, own_ids, np.uintp(y * width + x), own, point, endless, toward)
-                there_now = squared(plain, own_ids, np.uintp(leapt_y * width + leapt_x), own, point, endless, toward)
+                here = squared(plain, np.uintp(y * width + x), query)
+                there_now = squared(plain, np.uintp(leapt_y * width + leapt_x), query)
                 if there_now < here:
                     y, x = leapt_y, leapt_x
-            y, x, best, taken = walk(plain, own_ids, size, y, x, own, point, endless, toward, max_steps, around)
+            y, x, best, taken = walk(plain, y, x, query, max_steps, around)
             steps[k] = min(taken, max_steps)
             end[k, 0], end[k, 1] = y - y0, x - x0
             offset[k, 0], offset[k, 1] = y - y0, x - x0
-            found = STEPS if taken > max_steps else verdict(own_ids, size, y, x, best, own, around, ratio)
+            found = STEPS if taken > max_steps else verdict(plain, y, x, best, own, around, ratio)
             if found == VALID and refined:
-                dy, dx, fine = refine(plain, own_ids, size, y, x, own, point, endless, eye)
+                dy, dx, fine = refine(plain, y, x, query)
                 if fine:
                     offset[k, 0] += np.float32(dy)
                     offset[k, 1] += np.float32(dx)

@@ -7,12 +7,17 @@ Fernando, Percentage-closer soft shadows, 2005.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numba
 import numpy as np
 
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.shadows.shadow_receiver import (
+    FAR,
+    FX,
+    FY,
+    NEAR,
     choose_view,
     image_point,
     outside_view,
@@ -24,6 +29,16 @@ from torchrender.kernels.shadows.shadow_receiver import (
 NEAREST_TEXEL, WINDOW, DISC, PCSS, AVERAGE_DEPTH = 0, 1, 2, 3, 4
 
 _BLOCK, _PARTS = 512, 64
+
+
+class _Disc(NamedTuple):
+    """Taps in a disc."""
+
+    first: int  # rows of the table of points
+    last: int
+    turn: float
+    radius_u: float  # texels
+    radius_v: float
 
 
 @kernel()
@@ -83,8 +98,9 @@ def _average_depth(maps, face, r):
 
 
 @kernel()
-def _disc(maps, face, r, s, taps, first, last, turn, radius_u, radius_v):
+def _disc(maps, face, r, s, taps, disc):
     """Share of lit taps in a disc, and number and mean depth of the blockers."""
+    first, last, turn, radius_u, radius_v = disc
     cosine, sine = math.cos(turn), math.sin(turn)
     lit, blockers, depth_sum = 0.0, 0, 0.0
     for i in range(first, last):
@@ -110,18 +126,16 @@ def _pcss(maps, face, r, s, taps, turn):
     longer = max(r.focal_u, r.focal_v)
     search = min(max(search, 1.0 / longer), s.rho_max / longer)
     here = with_reach(r, s, search * r.focal_u, search * r.focal_v)
-    _, blockers, mean = _disc(
-        maps, face, here, s, taps, 0, s.search_taps, turn, search * r.focal_u, search * r.focal_v
-    )  # fmt: skip
+    disc = _Disc(0, s.search_taps, turn, search * r.focal_u, search * r.focal_v)
+    _, blockers, mean = _disc(maps, face, here, s, taps, disc)
     if blockers == 0 or (not s.orthographic and not mean > 0.0):
         return 1.0
     gap = max(r.z - mean, 0.0)
     radius = 0.5 * width * gap if s.orthographic else 0.5 * width * gap / (mean * r.z)
     radius = min(max(radius, 1.0 / longer), s.rho_max / longer)
     here = with_reach(r, s, radius * r.focal_u, radius * r.focal_v)
-    return _disc(
-        maps, face, here, s, taps, s.search_taps, taps.shape[0], turn, radius * r.focal_u, radius * r.focal_v
-    )[0]  # fmt: skip
+    disc = _Disc(s.search_taps, taps.shape[0], turn, radius * r.focal_u, radius * r.focal_v)
+    return _disc(maps, face, here, s, taps, disc)[0]
 
 
 @kernel()
@@ -140,7 +154,8 @@ def _filtered(maps, face, r, s, taps, index):
         return _window(maps, face, with_reach(r, s, s.n + 0.5, s.n + 0.5), s)
     if s.filter == DISC:
         here = with_reach(r, s, s.radius, s.radius)
-        return _disc(maps, face, here, s, taps, s.search_taps, taps.shape[0], _angle(index), s.radius, s.radius)[0]
+        disc = _Disc(s.search_taps, taps.shape[0], _angle(index), s.radius, s.radius)
+        return _disc(maps, face, here, s, taps, disc)[0]
     if s.filter == PCSS:
         return _pcss(maps, face, r, s, taps, _angle(index))
     here = with_reach(r, s, 0.0, 0.0)
@@ -168,16 +183,16 @@ def _factor(points, normals, index, light, views, maps, taps, s):
     height, width = maps.shape[1], maps.shape[2]
     chosen = choose_view(views, s, x, y, z, height, width)
     u, v, depth = image_point(views, chosen, s.orthographic, x, y, z)
-    if s.k_n > 0.0 and depth > views[chosen, 16]:
-        step = s.k_n * math.sqrt(1.0 - cosine * cosine) / min(views[chosen, 12], views[chosen, 13])
+    if s.k_n > 0.0 and depth > views[chosen, NEAR]:
+        step = s.k_n * math.sqrt(1.0 - cosine * cosine) / min(views[chosen, FX], views[chosen, FY])
         if not s.orthographic:
             step *= depth
         u, v, depth = image_point(views, chosen, s.orthographic, x + step * nx, y + step * ny, z + step * nz)
     if outside_view(views, chosen, u, v, depth, 0.0, height, width):
         return s.outside
     if s.exact:  # interpolated with float32 weights within one triangle, which is no larger than what the light sees
-        size = views[chosen, 17] - views[chosen, 16]
-    r = receiver(views, chosen, s.orthographic, u, v, depth, (nx, ny, nz), cosine, size)
+        size = views[chosen, FAR] - views[chosen, NEAR]
+    r = receiver(views, chosen, s.orthographic, (u, v, depth), (nx, ny, nz), cosine, size)
     return _filtered(maps, chosen, r, s, taps, index)
 
 

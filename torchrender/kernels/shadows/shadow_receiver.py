@@ -14,6 +14,9 @@ from torchrender.kernels.compile import kernel
 
 CONSTANT, SLOPE, RECEIVER_PLANE = 0, 1, 2
 
+FX, FY, CX, CY, NEAR, FAR = 12, 13, 14, 15, 16, 17
+"""Places in the row of a light's view; its 3x4 matrix from the world comes first."""
+
 _SMALLEST_COSINE = 1e-4
 _HALF_ULP = 2.0**-24
 
@@ -65,7 +68,7 @@ class Receiver(NamedTuple):
 def outside_view(views, i, u, v, z, margin, height, width):
     """The point is nearer to the border than ``margin`` texels, or not between near and far."""
     inside = u >= margin and v >= margin and u < width - margin and v < height - margin
-    return not (inside and z > views[i, 16] and z <= views[i, 17])
+    return not (inside and z > views[i, NEAR] and z <= views[i, FAR])
 
 
 @kernel()
@@ -75,10 +78,10 @@ def image_point(views, i, orthographic, x, y, z):
     b = views[i, 4] * x + views[i, 5] * y + views[i, 6] * z + views[i, 7]
     c = views[i, 8] * x + views[i, 9] * y + views[i, 10] * z + views[i, 11]
     if orthographic:
-        return views[i, 12] * a + views[i, 14], views[i, 13] * b + views[i, 15], c
+        return views[i, FX] * a + views[i, CX], views[i, FY] * b + views[i, CY], c
     if c <= 0.0:
         return -1.0, -1.0, c
-    return views[i, 12] * (a / c) + views[i, 14], views[i, 13] * (b / c) + views[i, 15], c
+    return views[i, FX] * (a / c) + views[i, CX], views[i, FY] * (b / c) + views[i, CY], c
 
 
 @kernel()
@@ -103,9 +106,13 @@ def choose_view(views, s, x, y, z, height, width):
 
 
 @kernel()
-def receiver(views, i, orthographic, u, v, z, normal, cosine, size):
-    """The plane of the surface in the light's image. ``size``: lengths whose float32 rounding the point may be off."""
-    fu, fv = views[i, 12], views[i, 13]
+def receiver(views, i, orthographic, place, normal, cosine, size):
+    """The plane of the surface in the light's image at ``place`` (u, v, z).
+
+    ``size``: lengths whose float32 rounding the point may be off.
+    """
+    u, v, z = place
+    fu, fv = views[i, FX], views[i, FY]
     nx = views[i, 0] * normal[0] + views[i, 1] * normal[1] + views[i, 2] * normal[2]
     ny = views[i, 4] * normal[0] + views[i, 5] * normal[1] + views[i, 6] * normal[2]
     nz = views[i, 8] * normal[0] + views[i, 9] * normal[1] + views[i, 10] * normal[2]
@@ -119,7 +126,7 @@ def receiver(views, i, orthographic, u, v, z, normal, cosine, size):
     else:
         # The normal faces the light, so n.p is negative in the light's frame: turn signs to keep it positive.
         du, dv = -nx / fu, -ny / fv
-        d0 = -nz - du * views[i, 14] - dv * views[i, 15]
+        d0 = -nz - du * views[i, CX] - dv * views[i, CY]
         denominator = d0 + du * u + dv * v
         distance = z * denominator
         steep = cosine < _SMALLEST_COSINE or denominator < _SMALLEST_COSINE
@@ -130,7 +137,7 @@ def receiver(views, i, orthographic, u, v, z, normal, cosine, size):
     if not steep:
         rounding += _HALF_ULP * size * (1.0 + (abs(gu) + abs(gv)) / texel)
     return Receiver(
-        u, v, z, gu, gv, d0, du, dv, distance, fu, fv, views[i, 17] - views[i, 16], rounding, not steep, 0.0, False
+        u, v, z, gu, gv, d0, du, dv, distance, fu, fv, views[i, FAR] - views[i, NEAR], rounding, not steep, 0.0, False
     )
 
 

@@ -5,9 +5,12 @@ Source: Haines and Wallace, Shaft culling for efficient ray-cast radiosity, 1991
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from torchrender.kernels.compile import kernel
+from torchrender.kernels.rays.bvh_build import SCALE
 
 NONE, SHAFT, ABOVE = 0, 1, 2
 
@@ -17,16 +20,27 @@ _THIN = 0.01  # share of the bias
 _HAIR = 1e-9  # of the shaft's width and length: covers rounding
 
 
+class Receivers(NamedTuple):
+    """A group of neighbouring points."""
+
+    points: np.ndarray  # (P,3) float64
+    normals: np.ndarray  # (P,3) float64, towards the viewer
+    begin: int  # first of the group
+    members: int
+
+
 @kernel(inline=True)
-def _cross_into(rows, k, ax, ay, az, bx, by, bz, scale):
+def _cross_into(rows, k, a, b, scale):
+    (ax, ay, az), (bx, by, bz) = a, b
     rows[k, 0], rows[k, 1], rows[k, 2] = (
         (ay * bz - az * by) * scale, (az * bx - ax * bz) * scale, (ax * by - ay * bx) * scale,
     )  # fmt: skip
 
 
 @kernel(inline=True)
-def _group_box(points, normals, begin, members, shaft):
+def _group_box(group, shaft):
     """Rows 5 to 7 of the shaft; False, and no tangent plane, if the receivers do not share one."""
+    points, normals, begin, members = group
     low0 = low1 = low2 = np.inf
     high0 = high1 = high2 = -np.inf
     nx, ny, nz = normals[begin, 0], normals[begin, 1], normals[begin, 2]
@@ -63,7 +77,7 @@ def _stands_above(shaft, light, qx, qy, qz):
 
 
 @kernel(inline=True)
-def make_shaft(points, normals, begin, members, light, views, shaft):
+def make_shaft(group, light, views, shaft):
     """Planes around everything between a group of receivers and a parallelogram ``light`` (3,3), in ``shaft`` (8,4).
 
     Rows 0 to 5: normal, and the value that is reached inside; a convex body lies outside if ``max n.(x - centre)`` is
@@ -72,7 +86,7 @@ def make_shaft(points, normals, begin, members, light, views, shaft):
 
     Returns NONE (there are no such planes), SHAFT, or ABOVE if the tangent plane is one of them.
     """
-    flat = _group_box(points, normals, begin, members, shaft)
+    flat = _group_box(group, shaft)
     cx, cy, cz = shaft[6, 0], shaft[6, 1], shaft[6, 2]
     qx, qy, qz = light[0, 0] - cx, light[0, 1] - cy, light[0, 2] - cz
     ux, uy, uz = light[1, 0], light[1, 1], light[1, 2]
@@ -82,9 +96,10 @@ def make_shaft(points, normals, begin, members, light, views, shaft):
     size = np.sqrt((ux * ux + uy * uy + uz * uz) * (vx * vx + vy * vy + vz * vz)) * distance
     if not abs(det) > 1e-6 * size:
         return NONE
-    _cross_into(shaft, 0, vx, vy, vz, qx, qy, qz, 1.0 / det)
-    _cross_into(shaft, 2, qx, qy, qz, ux, uy, uz, 1.0 / det)
-    _cross_into(shaft, 4, ux, uy, uz, vx, vy, vz, 1.0 / det)
+    q, u, v = (qx, qy, qz), (ux, uy, uz), (vx, vy, vz)
+    _cross_into(shaft, 0, v, q, 1.0 / det)
+    _cross_into(shaft, 2, q, u, 1.0 / det)
+    _cross_into(shaft, 4, u, v, 1.0 / det)
     # Rows 0, 2, 4 take a point to (a t, b t, t) with the light at t = 1, 0 <= a, b <= 1.
     slack = 0.0
     if views.texels:  # aims stray by less than a texel
@@ -112,8 +127,8 @@ def make_shaft(points, normals, begin, members, light, views, shaft):
 @kernel(inline=True)
 def collect(tree, shaft, stack, found, most):
     """Slots of triangles that may reach into the shaft, in ``found``; how many, or ``most`` + 1 if there are more."""
-    boxes, links, corners, frame = tree
-    scale = frame[3]
+    boxes, links, _, corners, frame = tree
+    scale = frame[SCALE]
     gx, gy, gz = shaft[6, 0] * scale, shaft[6, 1] * scale, shaft[6, 2] * scale
     size, count, node = 0, 0, np.int64(1)
     while True:

@@ -17,7 +17,7 @@ from numba import prange
 
 from torchrender.kernels.atomics import fetch_add
 from torchrender.kernels.compile import kernel
-from torchrender.kernels.rays.bvh_build import STACK
+from torchrender.kernels.rays.bvh_build import SCALE, STACK
 from torchrender.kernels.rays.ray_packet import (
     CHOSEN,
     DARK,
@@ -25,11 +25,15 @@ from torchrender.kernels.rays.ray_packet import (
     LIT,
     OUTSIDE,
     TRACED,
+    Packet,
     block_listed,
     block_packet,
     make_packet,
 )
-from torchrender.kernels.shadows.shaft_culling import ABOVE, NONE, collect, make_shaft
+from torchrender.kernels.shadows.shaft_culling import ABOVE, NONE, Receivers, collect, make_shaft
+
+LIMIT, COLUMN, ROW, FACE = 3, 4, 5, 6
+"""Places in a ray; its direction of depth one comes first."""
 
 LISTED = 512
 """Triangles listed for a group of receivers and a part of the light; where there are more, the tree is searched."""
@@ -83,9 +87,9 @@ def _aim(points, normals, i, views, s, ray):
     slope = (
         np.sqrt(across2) / facing if 0.0 < across2 < cap * cap * facing * facing else (cap if across2 > 0.0 else 0.0)
     )
-    ray[3] = z - z * (views.constant_bias + views.slope_bias * slope / focal)
-    ray[4], ray[5], ray[6] = u, v, face
-    if not ray[3] > 0.0:
+    ray[LIMIT] = z - z * (views.constant_bias + views.slope_bias * slope / focal)
+    ray[COLUMN], ray[ROW], ray[FACE] = u, v, face
+    if not ray[LIMIT] > 0.0:
         return LIT
     if views.texels:
         a, b = (u + 0.5 - half) / focal, (v + 0.5 - half) / focal
@@ -96,15 +100,26 @@ def _aim(points, normals, i, views, s, ray):
     return TRACED
 
 
+class _Scratch(NamedTuple):
+    """One thread's room for a group."""
+
+    rays: np.ndarray  # (GROUP,4) direction and limit
+    status: np.ndarray  # (GROUP,) int64
+    packet: Packet
+    ray: np.ndarray  # (7,)
+    stack: np.ndarray  # (STACK,) int32
+
+
 @kernel(inline=True)
-def _trace_sample(tree, points, normals, begin, members, views, s, listed, scratch):
+def _trace_sample(tree, group, views, s, listed, scratch):
     """States of a group's receivers under one sample: DARK, LIT or OUTSIDE; returns how many are outside.
 
     ``listed`` = (slots of the triangles that count, how many; more than there is room for: search the tree).
     """
-    rays, status, packet, axes, planes, ray, stack = scratch
+    rays, status, packet, ray, stack = scratch
+    points, normals, begin, members = group
     slots, count = listed
-    scale = tree[3][3]
+    scale = tree.frame[SCALE]
     pending, missed = np.int64(0), np.int64(0)
     status[:] = DARK
     for j in range(members):
@@ -115,20 +130,20 @@ def _trace_sample(tree, points, normals, begin, members, views, s, listed, scrat
         pending += np.int64(state == TRACED)
         for k in range(4):
             rays[j, k] = ray[k]
-        rays[j, 3] *= scale
+        rays[j, LIMIT] *= scale
         status[j] = state
     origin = (views.samples[s, 0] * scale, views.samples[s, 1] * scale, views.samples[s, 2] * scale)
     near = views.near * scale
     while pending > 0:
-        alive, farthest = make_packet(rays, status, axes, packet, planes)
+        alive, farthest = make_packet(rays, status, packet)
         pending -= alive
         if count <= slots.shape[0]:
-            block_listed(tree, slots, count, origin, axes, planes, near, farthest, alive, packet)
+            block_listed(tree.corners, slots, count, origin, near, farthest, alive, packet)
         else:
-            block_packet(tree, origin, axes, planes, near, farthest, alive, packet, stack)
+            block_packet(tree, origin, near, farthest, alive, packet, stack)
         for j in range(members):
             if status[j] == CHOSEN:
-                status[j] = LIT if packet[2, j] > 0.0 else DARK
+                status[j] = LIT if packet.rays[2, j] > 0.0 else DARK
     return missed
 
 
@@ -137,7 +152,7 @@ def light_bits(tree, points, normals, views, skip, threads, bits, outside):
     """Which light samples each receiver sees.
 
     Args:
-        tree: (boxes, links, corners, frame) of a :class:`~torchrender.kernels.rays.bvh_build.Bvh`.
+        tree: :class:`~torchrender.kernels.rays.bvh_build.Bvh`.
         points, normals: (P,3) float64 receivers, neighbours next to each other; normals face the viewer.
         views: :class:`LightViews`.
         skip: look for groups that nothing can shadow.
@@ -149,11 +164,11 @@ def light_bits(tree, points, normals, views, skip, threads, bits, outside):
     count, samples, tiles = points.shape[0], views.samples.shape[0], views.tiles.shape[0]
     groups = (count + GROUP - 1) // GROUP
     turn = np.zeros(1, np.int64)
-    filled = tree[2].shape[0] > 0
+    filled = tree.corners.shape[0] > 0
     for thread in prange(threads):
         status, stack, shaft = np.zeros(GROUP, np.int64), np.zeros(STACK, np.int32), np.zeros((8, 4))
-        packet, axes, planes = np.zeros((3, GROUP)), np.zeros((3, 3)), np.zeros((5, 7))
-        scratch = (np.zeros((GROUP, 4)), status, packet, axes, planes, np.zeros(7), stack)
+        packet = Packet(np.zeros((3, 3)), np.zeros((5, 7)), np.zeros((3, GROUP)))
+        scratch = _Scratch(np.zeros((GROUP, 4)), status, packet, np.zeros(7), stack)
         slots, listed = np.zeros((tiles, LISTED), np.int32), np.zeros(tiles, np.int64)
         missed = np.int64(0)
         while True:
@@ -162,7 +177,8 @@ def light_bits(tree, points, normals, views, skip, threads, bits, outside):
                 break
             begin = group * GROUP
             members = min(count - begin, GROUP)
-            if filled and skip and make_shaft(points, normals, begin, members, views.outline, views, shaft) == ABOVE:
+            own = Receivers(points, normals, begin, members)
+            if filled and skip and make_shaft(own, views.outline, views, shaft) == ABOVE:
                 if collect(tree, shaft, stack, slots[0], 0) == 0:
                     for s in range(samples):
                         for j in range(members):
@@ -170,7 +186,7 @@ def light_bits(tree, points, normals, views, skip, threads, bits, outside):
                     continue
             for g in range(tiles):
                 listed[g] = LISTED + 1 if filled else 0
-                if filled and make_shaft(points, normals, begin, members, views.tiles[g], views, shaft) != NONE:
+                if filled and make_shaft(own, views.tiles[g], views, shaft) != NONE:
                     listed[g] = collect(tree, shaft, stack, slots[g], LISTED)
             seen = 0
             for q in range(2):
@@ -179,7 +195,7 @@ def light_bits(tree, points, normals, views, skip, threads, bits, outside):
                 for g in range(tiles):
                     for s in range(views.runs[q, g], views.runs[q, g + 1]):
                         lists = (slots[g], listed[g])
-                        missed += _trace_sample(tree, points, normals, begin, members, views, s, lists, scratch)
+                        missed += _trace_sample(tree, own, views, s, lists, scratch)
                         word, bit = views.names[s] >> 6, np.int64(1) << np.int64(views.names[s] & 63)
                         for j in range(members):
                             if status[j] == LIT or status[j] == OUTSIDE:
@@ -202,6 +218,6 @@ def look_up(maps, points, normals, views, s, bits, outside):
             if state == DARK:
                 continue
             outside[part] += np.int64(state == OUTSIDE)
-            if state == TRACED and np.float64(maps[int(ray[6]), int(ray[5]), int(ray[4])]) < ray[3]:
+            if state == TRACED and np.float64(maps[int(ray[FACE]), int(ray[ROW]), int(ray[COLUMN])]) < ray[LIMIT]:
                 continue
             bits[i, word] |= bit

@@ -7,6 +7,8 @@ specification 05, section 4.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from torchrender.kernels.compile import kernel
@@ -15,6 +17,17 @@ SLACK = 1e-9
 """Cells by which boxes are grown, so that rounding never loses a cell that is touched."""
 
 _ROUNDING = 1e-14  # of float64 products, with room for a few of them
+
+
+class Soup(NamedTuple):
+    """Triangles and the grid that they lie in."""
+
+    vertices: np.ndarray  # (V,3) float64
+    faces: np.ndarray  # (F,3) int32
+    origin: np.ndarray  # (3,) float64
+    scale: float  # cells per unit
+    dims: np.ndarray  # (4,) int64 nx, ny, nz and bits per row
+    thin: bool  # cells are met by the centres of columns instead of whole boxes
 
 
 @kernel(inline=True)
@@ -249,3 +262,10 @@ def columns_met(p, dims, cells, work):
                 cells[count] = cell_number(d, iu, iv, k, dims)
                 count += 1
     return count
+
+
+@kernel(inline=True)
+def cells_of(soup, t, p, cells, work):
+    """Cells that triangle ``t`` meets, into ``cells``, and its corners into ``p``; the number of cells as above."""
+    load_corners(soup.vertices, soup.faces, t, soup.origin, soup.scale, p)
+    return columns_met(p, soup.dims, cells, work) if soup.thin else cells_met(p, soup.dims, cells, work)

@@ -7,6 +7,8 @@ Source: specification 05, section 5.2.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import prange
 
@@ -16,6 +18,18 @@ from torchrender.kernels.voxels.bits import span
 
 BLOCK = 512  # triangles handed to a thread at once
 EXACT = 1 << 19  # greatest side of a triangle, in snapped units, whose crossings are found in 64-bit integers
+
+
+class Columns(NamedTuple):
+    """Triangles and the columns that they may cross."""
+
+    snapped: np.ndarray  # (V,3) int64 vertices in units of 2^-bits cell
+    faces: np.ndarray  # (F,3) int32
+    axis: int  # of the columns
+    bits: int
+    na: int  # cells along the other two axes, and along the columns
+    nb: int
+    nc: int
 
 
 @kernel(parallel=True)
@@ -78,8 +92,9 @@ def owns(e, dx, dy):
 
 
 @kernel(inline=True)
-def crossed_cell(x0, y0, z0, u, w, area, px, py, bits):
-    """First cell whose centre is not below the triangle's plane at (px, py); ``u``, ``w`` are two of its edges."""
+def crossed_cell(corner, u, w, area, px, py, bits):
+    """First cell whose centre is not below the triangle's plane at (px, py); ``u``, ``w``: its edges at ``corner``."""
+    x0, y0, z0 = corner
     na = u[1] * w[2] - w[1] * u[2]
     nb = u[2] * w[0] - w[2] * u[0]
     half = np.int64(1) << (bits - 1)
@@ -94,10 +109,10 @@ def crossed_cell(x0, y0, z0, u, w, area, px, py, bits):
 
 
 @kernel(inline=True)
-def crossings(snapped, faces, t, axis, bits, size, found):
+def crossings(columns, t, found):
     """Crossings of triangle ``t`` as rows (column, stored crossing) of ``found``; returns how many there are."""
+    snapped, faces, axis, bits, na, nb, nc = columns
     a, b = (1 if axis == 0 else 0), (1 if axis == 2 else 2)
-    na, nb, nc = size
     v0, v1, v2 = faces[t, 0], faces[t, 1], faces[t, 2]
     x0, y0, x1, y1, x2, y2 = (
         snapped[v0, a],
@@ -134,7 +149,7 @@ def crossings(snapped, faces, t, axis, bits, size, found):
                 continue
             if not owns(w[1] * (px - x0) - w[0] * (py - y0), -w[0], -w[1]):
                 continue
-            k = crossed_cell(x0, y0, z0, u, w, area, px, py, bits)
+            k = crossed_cell((x0, y0, z0), u, w, area, px, py, bits)
             found[count, 0] = ib * na + ia
             found[count, 1] = 4 * min(max(k, 0), nc) + code
             count += 1
@@ -142,48 +157,39 @@ def crossings(snapped, faces, t, axis, bits, size, found):
 
 
 @kernel(parallel=True)
-def count_crossings(snapped, faces, axis, bits, size, threads, counts, hits, tally):
-    """Crossings per column, added to ``counts`` int64; ``hits`` (F,) bool marks the triangles that have any.
+def find_crossings(columns, threads, hits, places, events, tally):
+    """Count crossings, or store them: in two calls, each column after the other.
 
-    ``tally`` (1,) int64 is advanced by the blocks handed out.
+    Args:
+        columns: :class:`Columns`.
+        hits: (F,) bool triangles that have crossings: written when counting, read when storing.
+        places: (columns,) int64: counting adds the crossings of each column; storing takes and advances where its next
+            one goes.
+        events: int32, filled; without elements, crossings are counted.
+        tally: (1,) int64, advanced by the blocks handed out.
     """
-    blocks = (len(faces) + BLOCK - 1) // BLOCK
-    shared = borrowed(counts)
-    scratch = np.empty((threads, size[0] * size[1], 2), np.int64)
+    count = len(columns.faces)
+    blocks = (count + BLOCK - 1) // BLOCK
+    storing = len(events) > 0
+    shared = borrowed(places)
+    scratch = np.empty((threads, columns.na * columns.nb, 2), np.int64)
     for thread in prange(threads):
         found = borrowed(scratch[thread])
+        own = borrowed(columns)
         while True:
             block = fetch_add(tally, 0, 1)
             if block >= blocks:
                 break
-            for t in range(block * BLOCK, min((block + 1) * BLOCK, len(faces))):
-                count = crossings(snapped, faces, t, axis, bits, size, found)
-                hits[t] = count > 0
-                for n in range(count):
-                    fetch_add(shared, found[n, 0], 1)
-
-
-@kernel(parallel=True)
-def store_crossings(snapped, faces, axis, bits, size, threads, hits, ends, events, tally):
-    """Crossings of the triangles in ``hits`` into ``events`` int32, column after column.
-
-    ``ends``: where the next crossing of each column goes, advanced.
-    """
-    blocks = (len(faces) + BLOCK - 1) // BLOCK
-    shared = borrowed(ends)
-    scratch = np.empty((threads, size[0] * size[1], 2), np.int64)
-    for thread in prange(threads):
-        found = borrowed(scratch[thread])
-        while True:
-            block = fetch_add(tally, 0, 1)
-            if block >= blocks:
-                break
-            for t in range(block * BLOCK, min((block + 1) * BLOCK, len(faces))):
-                if not hits[t]:
+            for t in range(block * BLOCK, min((block + 1) * BLOCK, count)):
+                if storing and not hits[t]:
                     continue
-                count = crossings(snapped, faces, t, axis, bits, size, found)
-                for n in range(count):
-                    events[fetch_add(shared, found[n, 0], 1)] = found[n, 1]
+                met = crossings(own, t, found)
+                if not storing:
+                    hits[t] = met > 0
+                for n in range(met):
+                    at = fetch_add(shared, found[n, 0], 1)
+                    if storing:
+                        events[at] = found[n, 1]
 
 
 @kernel(inline=True)

@@ -11,7 +11,7 @@ from numba import prange
 from torchrender.kernels.atomics import borrowed, fetch_add
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.voxels.bits import ones_in, span
-from torchrender.kernels.voxels.cells import cells_met, columns_met, dominant_axis, load_corners
+from torchrender.kernels.voxels.cells import cells_of, dominant_axis, load_corners
 from torchrender.kernels.voxels.columns import sort_run
 from torchrender.kernels.voxels.surface import BLOCK, thread_arrays, thread_views
 
@@ -19,24 +19,26 @@ CORNERS = 10  # of a triangle clipped by six planes, and one more
 
 
 @kernel(parallel=True)
-def visit(vertices, faces, place, thin, room, threads, words, before, ends, triangles, tally):
+def visit(soup, room, threads, marked, ends, triangles, tally):
     """For every pair of triangle and cell: store the triangle at the cell's place in ``ends``, and advance that.
 
-    With ``triangles`` of length 0, only the pairs of each cell are counted. ``tally`` (1,) hands out blocks.
+    ``soup``: :class:`~torchrender.kernels.voxels.cells.Soup`; ``marked`` = (words, before). With ``triangles`` of
+    length 0, only the pairs of each cell are counted. ``tally`` (1,) hands out blocks.
     """
-    origin, scale, dims = place
-    blocks = (len(faces) + BLOCK - 1) // BLOCK
+    words, before = marked
+    total = len(soup.faces)
+    blocks = (total + BLOCK - 1) // BLOCK
     shared = borrowed(ends)
     scratch = thread_arrays(threads, room)
     for thread in prange(threads):
         p, cells, work = thread_views(scratch, thread)
+        own = borrowed(soup)
         while True:
             block = fetch_add(tally, 0, 1)
             if block >= blocks:
                 break
-            for t in range(block * BLOCK, min((block + 1) * BLOCK, len(faces))):
-                load_corners(vertices, faces, t, origin, scale, p)
-                count = columns_met(p, dims, cells, work) if thin else cells_met(p, dims, cells, work)
+            for t in range(block * BLOCK, min((block + 1) * BLOCK, total)):
+                count = cells_of(own, t, p, cells, work)
                 for n in range(count):
                     word, bit = cells[n] >> 6, np.uint64(1) << np.uint64(cells[n] & 63)
                     at = fetch_add(shared, before[word] + ones_in(words[word] & (bit - np.uint64(1))), 1)
@@ -110,19 +112,19 @@ def at_column(p, cell, normal, axis):
 
 
 @kernel(parallel=True)
-def weigh(vertices, faces, place, thin, cells, starts, triangles, barycentric, weight):
+def weigh(soup, cells, starts, triangles, barycentric, weight):
     """Order the triangles of each cell, and find where in them and with how much area they stand for the cell.
 
     Args:
-        place: as for ``mark_surface``.
-        thin: the point on the column's centre line and the area seen from there, instead of the clipped triangle.
+        soup: as for :func:`visit`; thin: the point on the column's centre line and the area seen from there, instead of
+            the clipped triangle.
         cells: (N,3) int64.
         starts: (N+1,) int64 places in ``triangles``.
         triangles: (M,) int32, sorted within each cell.
         barycentric: (M,2) float64 weights of corners 1 and 2.
         weight: (M,) float64, in squared cells.
     """
-    origin, scale, _ = place
+    vertices, faces, origin, scale, _, thin = soup
     for chunk in prange((len(cells) + BLOCK - 1) // BLOCK):
         p, normal, cell = np.zeros((3, 3)), np.zeros(3), np.zeros(3)
         polygon, other = np.zeros((CORNERS, 2)), np.zeros((CORNERS, 2))

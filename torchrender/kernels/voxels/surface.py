@@ -11,7 +11,7 @@ from numba import prange
 from torchrender.kernels.atomics import borrowed, fetch_add, store_or
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.voxels.bits import span
-from torchrender.kernels.voxels.cells import cells_met, columns_met, dominant_axis, load_corners
+from torchrender.kernels.voxels.cells import cells_of, dominant_axis, load_corners
 
 BLOCK = 512  # triangles handed to a thread at once
 
@@ -33,32 +33,29 @@ def thread_views(scratch, thread):
 
 
 @kernel(parallel=True)
-def mark_surface(vertices, faces, place, thin, room, threads, words, tally):
+def mark_surface(soup, room, threads, words, tally):
     """Set the bits of the cells that triangles meet.
 
     Args:
-        vertices: (V,3) float64.
-        faces: (F,3) int32.
-        place: grid origin (3,), cells per unit, and ``dims`` (4,) int64.
-        thin: columns by their centres instead of whole boxes.
+        soup: :class:`~torchrender.kernels.voxels.cells.Soup`.
         room: most cells that one triangle can meet.
         words: (nz ny nw,) uint64, changed in place.
         tally: (3,) int64, advanced: next block, pairs of triangle and cell, triangles without area.
     """
-    origin, scale, dims = place
-    blocks = (len(faces) + BLOCK - 1) // BLOCK
+    total = len(soup.faces)
+    blocks = (total + BLOCK - 1) // BLOCK
     bits = borrowed(words)
     scratch = thread_arrays(threads, room)
     for thread in prange(threads):
         p, cells, work = thread_views(scratch, thread)
+        own = borrowed(soup)
         pairs, flat = np.int64(0), np.int64(0)
         while True:
             block = fetch_add(tally, 0, 1)
             if block >= blocks:
                 break
-            for t in range(block * BLOCK, min((block + 1) * BLOCK, len(faces))):
-                load_corners(vertices, faces, t, origin, scale, p)
-                count = columns_met(p, dims, cells, work) if thin else cells_met(p, dims, cells, work)
+            for t in range(block * BLOCK, min((block + 1) * BLOCK, total)):
+                count = cells_of(own, t, p, cells, work)
                 if count < 0:
                     flat += 1
                     continue

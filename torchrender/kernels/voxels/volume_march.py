@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import prange
 
@@ -12,6 +14,27 @@ from torchrender.kernels.voxels.bits import span
 BRICK = 8  # cells per side of the blocks that are skipped where empty
 ROW = 64  # rays handed to a thread at once
 OPAQUE = 0.995
+
+
+class Layers(NamedTuple):
+    """L layers of cells."""
+
+    low: np.ndarray  # (L,3) float64
+    high: np.ndarray  # (L,3) float64
+    per_unit: np.ndarray  # (L,3) float64 cells per scene unit
+    reference: np.ndarray  # (L,) float64 length that opacities stand for
+    counts: np.ndarray  # (L,3) int64 cells
+    firsts: np.ndarray  # (L,2) int64 first cell and first brick
+    smooth: np.ndarray  # (L,) bool
+
+
+class Cells(NamedTuple):
+    """What the layers hold."""
+
+    cells: np.ndarray  # (M,4) uint8 colour and opacity; x fastest, layer after layer
+    bricks: np.ndarray  # uint8, not zero where a block of BRICK cells, or one beside it, has any opacity
+    depth_of: np.ndarray  # (256,) float32 optical depth over the reference length
+    linear: np.ndarray  # (256,) float32 linear colour
 
 
 @kernel(inline=True)
@@ -29,8 +52,9 @@ def box_span(origin, direction, low, high):
 
 
 @kernel(inline=True)
-def add_cell(cells, index, share, depth_of, linear, sample):
+def add_cell(held, index, share, sample):
     """Add a cell's optical depth, and its colour weighted with that, to ``sample`` (4,)."""
+    cells, _, depth_of, linear = held
     depth = share * depth_of[cells[index, 3]]
     sample[0] += depth * linear[cells[index, 0]]
     sample[1] += depth * linear[cells[index, 1]]
@@ -39,17 +63,18 @@ def add_cell(cells, index, share, depth_of, linear, sample):
 
 
 @kernel(inline=True)
-def sample_nearest(cells, first, dims, x, y, z, scale, tables, sample):
+def sample_nearest(held, first, dims, at, scale, sample):
+    x, y, z = at
     i = min(max(np.int64(x), 0), dims[0] - 1)
     j = min(max(np.int64(y), 0), dims[1] - 1)
     k = min(max(np.int64(z), 0), dims[2] - 1)
-    add_cell(cells, first + (k * dims[1] + j) * dims[0] + i, scale, tables[0], tables[1], sample)
+    add_cell(held, first + (k * dims[1] + j) * dims[0] + i, scale, sample)
 
 
 @kernel(inline=True)
-def sample_smooth(cells, first, dims, x, y, z, scale, tables, sample):
+def sample_smooth(held, first, dims, at, scale, sample):
     """Trilinear between the centres of cells, the outermost values continued."""
-    x, y, z = x - 0.5, y - 0.5, z - 0.5
+    x, y, z = at[0] - 0.5, at[1] - 0.5, at[2] - 0.5
     fx, fy, fz = np.floor(x), np.floor(y), np.floor(z)
     a, b, c = x - fx, y - fy, z - fz
     i0, i1 = min(max(np.int64(fx), 0), dims[0] - 1), min(max(np.int64(fx) + 1, 0), dims[0] - 1)
@@ -61,8 +86,8 @@ def sample_smooth(cells, first, dims, x, y, z, scale, tables, sample):
         for j in range(2):
             row = plane + (j1 if j else j0) * dims[0]
             wy = (b if j else 1.0 - b) * wz
-            add_cell(cells, row + i0, (1.0 - a) * wy, tables[0], tables[1], sample)
-            add_cell(cells, row + i1, a * wy, tables[0], tables[1], sample)
+            add_cell(held, row + i0, (1.0 - a) * wy, sample)
+            add_cell(held, row + i1, a * wy, sample)
 
 
 @kernel(inline=True)
@@ -79,11 +104,10 @@ def brick_exit(at, direction, dims, block):
 
 
 @kernel(inline=True)
-def add_layer(n, ray, begin, end, layers, sources, tables, sample):
+def add_layer(n, ray, begin, end, layers, held, sample):
     """Add what layer ``n`` holds between two ray lengths to ``sample``; returns the length before which it is empty."""
     low, _, per_unit, reference, counts, firsts, smooth = layers
     o, d, spans = ray
-    cells, bricks = sources
     first, last = max(begin, spans[n, 0]), min(end, spans[n, 1])
     if last <= first:
         return spans[n, 0] if spans[n, 0] >= end else np.inf
@@ -96,53 +120,41 @@ def add_layer(n, ray, begin, end, layers, sources, tables, sample):
     j = min(max(np.int64(y), 0), dims[1] - 1) // BRICK
     k = min(max(np.int64(z), 0), dims[2] - 1) // BRICK
     across, down = (dims[0] + BRICK - 1) // BRICK, (dims[1] + BRICK - 1) // BRICK
-    if bricks[firsts[n, 1] + (k * down + j) * across + i] == 0:
+    if held.bricks[firsts[n, 1] + (k * down + j) * across + i] == 0:
         speed = (d[0] * per_unit[n, 0], d[1] * per_unit[n, 1], d[2] * per_unit[n, 2])
         return min(t + brick_exit((x, y, z), speed, dims, (i, j, k)), spans[n, 1])
     scale = (last - first) / reference[n]
     if smooth[n]:
-        sample_smooth(cells, firsts[n, 0], dims, x, y, z, scale, tables, sample)
+        sample_smooth(held, firsts[n, 0], dims, (x, y, z), scale, sample)
     else:
-        sample_nearest(cells, firsts[n, 0], dims, x, y, z, scale, tables, sample)
+        sample_nearest(held, firsts[n, 0], dims, (x, y, z), scale, sample)
     return end
 
 
-@kernel(inline=True)
-def borrowed_all(layers):
-    """The arrays of the layers without their reference counts."""
-    low, high, per_unit, reference, counts, firsts, smooth = layers
-    places = borrowed(low), borrowed(high), borrowed(per_unit), borrowed(reference)
-    return (*places, borrowed(counts), borrowed(firsts), borrowed(smooth))
-
-
 @kernel(parallel=True)
-def march(origins, directions, layers, cells, bricks, tables, step, image):
+def march(origins, directions, layers, held, step, image):
     """Blend the layers along each ray.
 
     Args:
         origins, directions: (N,3) float64, directions of unit length.
-        layers: low (L,3), high (L,3), cells per unit (L,3), reference length (L,) float64; cell counts (L,3), first
-            cell and first brick (L,2) int64; smooth (L,) bool.
-        cells: (M,4) uint8, colour and opacity; x fastest, layer after layer.
-        bricks: uint8, not zero where a block of BRICK cells, or one beside it, has any opacity.
-        tables: (256,) float32 optical depth over the reference length, and (256,) float32 linear colour.
+        layers: :class:`Layers`.
+        held: :class:`Cells`.
         step: length between samples; shortened so that whole steps fill a ray's way through the layers.
         image: (N,4) float32 colour times coverage, and coverage; written.
     """
-    number = len(layers[0])
+    number = len(layers.low)
     chunks = (len(origins) + ROW - 1) // ROW
     scratch = np.zeros((chunks, number + 2, 2))
     for chunk in prange(chunks):
         spans, sample = borrowed(scratch[chunk, :number]), borrowed(scratch[chunk, number:].reshape(4))
-        views, sources = borrowed_all(layers), (borrowed(cells), borrowed(bricks))
-        lookup = borrowed(tables[0]), borrowed(tables[1])
+        views, sources = borrowed(layers), borrowed(held)
         starts, towards = borrowed(origins), borrowed(directions)
         rays = span(chunk, ROW, len(origins))
         for ray in range(rays[0], rays[1]):
             way = starts[ray], towards[ray], spans
             begin, end = np.inf, -np.inf
             for n in range(number):
-                spans[n, 0], spans[n, 1] = box_span(way[0], way[1], views[0][n], views[1][n])
+                spans[n, 0], spans[n, 1] = box_span(way[0], way[1], views.low[n], views.high[n])
                 if spans[n, 1] > spans[n, 0]:
                     begin, end = min(begin, spans[n, 0]), max(end, spans[n, 1])
             if not end > begin:
@@ -155,7 +167,7 @@ def march(origins, directions, layers, cells, bricks, tables, step, image):
                 sample[0], sample[1], sample[2], sample[3] = 0.0, 0.0, 0.0, 0.0
                 here, free = begin + s * length, np.inf
                 for n in range(number):
-                    free = min(free, add_layer(n, way, here, here + length, views, sources, lookup, sample))
+                    free = min(free, add_layer(n, way, here, here + length, views, sources, sample))
                 if sample[3] <= 0.0:
                     if free == np.inf:
                         break

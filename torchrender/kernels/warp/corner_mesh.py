@@ -2,11 +2,38 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import prange
 
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.warp.corners import DIAGONAL
+
+
+class Joined(NamedTuple):
+    """The quads of B images; see ``corners``."""
+
+    corners: np.ndarray  # (B,H,4,W) float32 depths
+    joined: np.ndarray  # (B,H+1,W+1) int32
+    shape: np.ndarray  # (B,H,W) uint8
+
+
+class Vertices(NamedTuple):
+    """N vertices, corner row after corner row."""
+
+    position: np.ndarray  # (N,3) float64
+    corner: np.ndarray  # (N,) int64 number within its image
+    guessed: np.ndarray  # (N,) bool
+    color: np.ndarray  # (N,3) float32, or no rows
+
+
+class Faces(NamedTuple):
+    """M quads, pixel row after pixel row."""
+
+    corners: np.ndarray  # (2M,3) int32
+    source: np.ndarray  # (M,) int64 pixel within its image
+    counts: np.ndarray  # (B*H,5) int64 quads with 0 to 4 true corners in each row
 
 
 @kernel(inline=True)
@@ -46,9 +73,10 @@ def corner_depth(corners, b, j, i, k):
 
 
 @kernel(inline=True)
-def write_vertices(b, j, at, corners, joined, pose, outputs):
+def write_vertices(b, j, at, quads, pose, vertices):
     """Vertices of corner row ``j``: position, corner number, whether guessed."""
-    position, place, guessed = outputs
+    corners, joined, _ = quads
+    position, place, guessed, _ = vertices
     columns = joined.shape[2]
     for i in range(columns):
         word = joined[b, j, i]
@@ -86,8 +114,10 @@ def write_color(b, j, at, joined, color, out):
 
 
 @kernel(inline=True)
-def write_faces(b, j, top, bottom, at, joined, shape, faces, source, counts):
+def write_faces(b, j, top, bottom, at, quads, made, counts):
     """Faces of pixel row ``j``; ``top`` and ``bottom``: first vertex of the corner rows above and below."""
+    _, joined, shape = quads
+    faces, source, _ = made
     columns = shape.shape[2]
     for i in range(columns):
         w0, w1, w2, w3 = joined[b, j, i], joined[b, j + 1, i], joined[b, j + 1, i + 1], joined[b, j, i + 1]
@@ -107,25 +137,22 @@ def write_faces(b, j, top, bottom, at, joined, shape, faces, source, counts):
 
 
 @kernel(parallel=True)
-def write_mesh(quads, poses, color, first_vertex, first_quad, vertex_outputs, face_outputs):
+def write_mesh(quads, poses, color, first_vertex, first_quad, vertices, faces):
     """Fill the mesh of B images.
 
-    ``quads`` = corners (B,H,4,W), joined (B,H+1,W+1), shape (B,H,W); ``poses`` (B,3,4): world = z P[:, :3] (u, v, 1) +
-    P[:, 3]; ``first_vertex`` (B*(H+1),) and ``first_quad`` (B*H,): where each row begins; ``color`` (B,H,W,3) or no
-    elements. ``vertex_outputs`` = position, corner number, guessed, colour; ``face_outputs`` = faces, source pixel of
-    each quad, number of quads with 0 to 4 true corners in each row.
+    ``quads``: :class:`Joined`; ``poses`` (B,3,4): world = z P[:, :3] (u, v, 1) + P[:, 3]; ``first_vertex``
+    (B*(H+1),) and ``first_quad`` (B*H,): where each row begins; ``color`` (B,H,W,3) or no elements; ``vertices``:
+    :class:`Vertices`, ``faces``: :class:`Faces`, filled.
     """
-    corners, joined, shape = quads
-    position, place, guessed, tint = vertex_outputs
-    faces, source, counts = face_outputs
+    joined, tint, counts = quads.joined, vertices.color, faces.counts
     count, rows, _ = joined.shape
     for n in prange(count * rows):
         b, j = np.int64(n) // rows, np.int64(n) % rows
         here = b * rows + j
-        write_vertices(b, j, first_vertex[here], corners, joined, poses[b], (position, place, guessed))
+        write_vertices(b, j, first_vertex[here], quads, poses[b], vertices)
         if color.shape[0] > 0:
             write_color(b, j, first_vertex[here], joined, color, tint)
         if j < rows - 1:
             row = b * (rows - 1) + j
             top, bottom = first_vertex[here], first_vertex[here + 1]
-            write_faces(b, j, top, bottom, first_quad[row], joined, shape, faces, source, counts[row])
+            write_faces(b, j, top, bottom, first_quad[row], quads, faces, counts[row])

@@ -10,6 +10,8 @@ pixel ``k`` accepts the corner of the offset image.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import prange
 
@@ -24,10 +26,59 @@ DIAGONAL, FIRST, SECOND = 1, 2, 4
 """Bits of a quad's shape: split from corner 1 to 3 instead of 0 to 2; first and second triangle present."""
 
 
+class Images(NamedTuple):
+    """B depth images and what their corners are tested against."""
+
+    depth: np.ndarray  # (B,H,W) float32
+    normal: np.ndarray  # (B,H,W,3) float32
+    ids: np.ndarray  # (B,H,W) int64, or (B,0,0): all are of one object
+    offset_depth: np.ndarray  # (B,H+1,W+1) float32 of the images shifted by half a pixel, or (B,0,0)
+    offset_ids: np.ndarray  # (B,H+1,W+1) int64, or (B,0,0)
+    matrices: np.ndarray  # (B,3,3) from a world normal to its product with the ray of homogeneous pixel coordinates
+    limits: np.ndarray  # (B,4) rows of :class:`Limits`
+
+
+class Limits(NamedTuple):
+    """When a corner is true, and how far a guess may go."""
+
+    tau_a: float  # share of the depth: a number of footprints
+    tau_b: float
+    rho: float
+    near: float
+
+
+class Image(NamedTuple):
+    """The same of one image."""
+
+    depth: np.ndarray
+    normal: np.ndarray
+    ids: np.ndarray
+    offset_depth: np.ndarray
+    offset_ids: np.ndarray
+    matrix: np.ndarray
+    limits: Limits
+
+
+class Judged(NamedTuple):
+    """The four corners of a row of pixels, with a margin column on either side."""
+
+    state: np.ndarray  # (4,W+2) uint8 EMPTY, GUESSED or TRUE
+    value: np.ndarray  # (4,W+2) float32 depth
+    tolerance: np.ndarray  # (4,W+2) float32
+
+
+class Spare(NamedTuple):
+    """One thread's room."""
+
+    plane: np.ndarray  # (4,W)
+    stored: np.ndarray  # (W,) float32
+    corner: tuple[np.ndarray, ...]  # of the four pixels at a corner: state, depth, tolerance, owner, label
+
+
 @kernel(inline=True)
-def plane_row(j, image, matrix, plane):
+def plane_row(j, image, plane):
     """Tangent plane of every sample of row ``j``: ``plane`` (4,W) = n.s, n.d at corner 0, its step right and down."""
-    depth, normal, _ = image
+    depth, normal, matrix = image.depth, image.normal, image.matrix
     sample, slope, right, down = plane[0], plane[1], plane[2], plane[3]
     a00, a01, a02 = matrix[0, 0], matrix[0, 1], matrix[0, 2]
     a10, a11, a12 = matrix[1, 0], matrix[1, 1], matrix[1, 2]
@@ -43,9 +94,9 @@ def plane_row(j, image, matrix, plane):
 
 
 @kernel(inline=True)
-def stored_row(k, j, ids, offset, stored):
+def stored_row(k, j, image, stored):
     """What the offset image shows at corner ``k`` of the pixels of row ``j``; +inf where it shows another object."""
-    seen, seen_ids = offset
+    seen, seen_ids, ids = image.offset_depth, image.offset_ids, image.ids
     row = np.uintp(j + (1 if k in (1, 2) else 0))
     step = np.uintp(1 if k >= 2 else 0)
     for i in range(np.uintp(stored.shape[0])):
@@ -57,9 +108,10 @@ def stored_row(k, j, ids, offset, stored):
 
 
 @kernel(inline=True)
-def judge_row(k, depth, plane, stored, limits, state, value, tolerance):
+def judge_row(k, depth, plane, stored, limits, judged):
     """State, final depth and tolerance of corner ``k`` for a row of samples; no branches, so that it vectorises."""
     tau_a, tau_b, rho, near = limits
+    state, value, tolerance = judged.state[k], judged.value[k], judged.tolerance[k]
     sample, slope, right, down = plane[0], plane[1], plane[2], plane[3]
     lower = 1.0 if k in (1, 2) else 0.0
     across = 1.0 if k >= 2 else 0.0
@@ -83,19 +135,14 @@ def judge_row(k, depth, plane, stored, limits, state, value, tolerance):
 
 
 @kernel()
-def judge_pixels(j, image, offset, matrix, limits, rows, spare):
-    """The four corners of every pixel of row ``j``: state, depth and tolerance, each (4,W+2) with a margin column.
-
-    ``image`` = depth (H,W), normal (H,W,3), ids; ``offset`` = depth (H+1,W+1), ids, either may have no elements.
-    """
-    depth, _, ids = image
-    state, value, tolerance = rows
-    plane, stored = spare
-    plane_row(j, image, matrix, plane)
+def judge_pixels(j, image, judged, spare):
+    """The four corners of every pixel of row ``j``."""
+    plane, stored, _ = spare
+    plane_row(j, image, plane)
     for k in range(4):
-        if offset[0].shape[0] > 0:
-            stored_row(k, j, ids, offset, stored)
-        judge_row(k, depth[j], plane, stored, limits, state[k], value[k], tolerance[k])
+        if image.offset_depth.shape[0] > 0:
+            stored_row(k, j, image, stored)
+        judge_row(k, image.depth[j], plane, stored, image.limits, judged)
 
 
 @kernel()
@@ -141,73 +188,70 @@ def group(states, depths, tolerances, owners, label, merge):
 
 
 @kernel()
-def join_row(above, below, ids, j, merge, spare, joined):
+def join_row(above, below, ids, j, merge, corner, joined):
     """``joined`` of corner row ``j`` from the judged pixel rows above and below; merged depths go back into them."""
-    states, depths, tolerances, owners, label = spare
+    states, depths, tolerances, owners, label = corner
     full, agreed = np.int32(0xF << 12 | 1 << 8), np.int32(1 << 8)
     match = ids.shape[0] > 0
     for i in range(joined.shape[0]):
-        s0, s1, s2, s3 = below[0][0, i + 1], above[0][1, i + 1], above[0][2, i], below[0][3, i]
+        s0, s1, s2, s3 = below.state[0, i + 1], above.state[1, i + 1], above.state[2, i], below.state[3, i]
         if s0 + s1 + s2 + s3 == 4 * TRUE:
             joined[i] = full
             continue
         if s0 + s1 + s2 + s3 == 0:
             joined[i] = ALONE
             continue
-        z0, z1, z2, z3 = below[1][0, i + 1], above[1][1, i + 1], above[1][2, i], below[1][3, i]
+        z0, z1, z2, z3 = below.value[0, i + 1], above.value[1, i + 1], above.value[2, i], below.value[3, i]
         if merge and not match and s0 == GUESSED and s1 == GUESSED and s2 == GUESSED and s3 == GUESSED:
-            margin = min(min(below[2][0, i + 1], above[2][1, i + 1]), min(above[2][2, i], below[2][3, i]))
+            margin = min(
+                min(below.tolerance[0, i + 1], above.tolerance[1, i + 1]),
+                min(above.tolerance[2, i], below.tolerance[3, i]),
+            )
             if max(max(z0, z1), max(z2, z3)) - min(min(z0, z1), min(z2, z3)) <= margin:
                 z0 = (z0 + z1 + z2 + z3) * np.float32(0.25)
-                below[1][0, i + 1] = above[1][1, i + 1] = above[1][2, i] = below[1][3, i] = z0
+                below.value[0, i + 1] = above.value[1, i + 1] = above.value[2, i] = below.value[3, i] = z0
                 joined[i] = agreed
                 continue
         states[0], states[1], states[2], states[3] = s0, s1, s2, s3
         depths[0], depths[1], depths[2], depths[3] = z0, z1, z2, z3
-        tolerances[0], tolerances[1] = below[2][0, i + 1], above[2][1, i + 1]
-        tolerances[2], tolerances[3] = above[2][2, i], below[2][3, i]
+        tolerances[0], tolerances[1] = below.tolerance[0, i + 1], above.tolerance[1, i + 1]
+        tolerances[2], tolerances[3] = above.tolerance[2, i], below.tolerance[3, i]
         if match:
             for k in range(4):
                 if states[k] != EMPTY:
                     owners[k] = ids[j - (1 if k in (1, 2) else 0), i - (1 if k >= 2 else 0)]
         joined[i] = group(states, depths, tolerances, owners, label, merge)
-        below[1][0, i + 1], above[1][1, i + 1] = depths[0], depths[1]
-        above[1][2, i], below[1][3, i] = depths[2], depths[3]
+        below.value[0, i + 1], above.value[1, i + 1] = depths[0], depths[1]
+        above.value[2, i], below.value[3, i] = depths[2], depths[3]
 
 
 @kernel()
-def fit_band(first, last, image, offset, matrix, limits, merge, rows, spare, corners, joined):
+def fit_band(first, last, image, merge, rows, spare, corners, joined):
     """Corner rows ``first`` to ``last`` - 1 of one image."""
-    height, width = image[0].shape
+    height, width = image.depth.shape
     above, below = rows
-    above[0][:] = EMPTY
+    above.state[:] = EMPTY
     if first > 0:
-        judge_pixels(first - 1, image, offset, matrix, limits, above, spare[0])
+        judge_pixels(first - 1, image, above, spare)
     for j in range(first, last):
         if j < height:
-            judge_pixels(j, image, offset, matrix, limits, below, spare[0])
+            judge_pixels(j, image, below, spare)
         else:
-            below[0][:] = EMPTY
-        join_row(above, below, image[2], j, merge, spare[1], joined[j])
+            below.state[:] = EMPTY
+        join_row(above, below, image.ids, j, merge, spare.corner, joined[j])
         if j > 0:
-            corners[j - 1, 1] = above[1][1, 1 : width + 1]
-            corners[j - 1, 2] = above[1][2, 1 : width + 1]
+            corners[j - 1, 1] = above.value[1, 1 : width + 1]
+            corners[j - 1, 2] = above.value[2, 1 : width + 1]
         if j < height:
-            corners[j, 0] = below[1][0, 1 : width + 1]
-            corners[j, 3] = below[1][3, 1 : width + 1]
+            corners[j, 0] = below.value[0, 1 : width + 1]
+            corners[j, 3] = below.value[3, 1 : width + 1]
         above, below = below, above
 
 
 @kernel(parallel=True)
-def fit(images, offsets, matrices, limits, merge, threads, corners, joined):
-    """Corner depths (B,H,4,W) float32 and ``joined`` (B,H+1,W+1) of B images.
-
-    ``images`` = depth (B,H,W), normal (B,H,W,3), ids (B,H,W) or (B,0,0); ``offsets`` = depth (B,H+1,W+1) or (B,0,0) and
-    ids likewise; ``matrices`` (B,3,3) from a world normal to its product with the ray of homogeneous pixel coordinates;
-    ``limits`` (B,4) = tau_a times the footprint at unit depth, tau_b, rho, near.
-    """
-    depth, normal, ids = images
-    stored, stored_ids = offsets
+def fit(images, merge, threads, corners, joined):
+    """Corner depths (B,H,4,W) float32 and ``joined`` (B,H+1,W+1) of :class:`Images`."""
+    depth, normal, ids, stored, stored_ids, matrices, limits = images
     count, height, width = depth.shape
     bands = (height + BAND) // BAND
     counter = np.zeros(1, np.int64)
@@ -215,19 +259,18 @@ def fit(images, offsets, matrices, limits, merge, threads, corners, joined):
         state = np.zeros((2, 4, width + 2), np.uint8)
         value = np.full((2, 4, width + 2), np.inf, np.float32)
         tolerance = np.zeros((2, 4, width + 2), np.float32)
-        rows = ((state[0], value[0], tolerance[0]), (state[1], value[1], tolerance[1]))
+        rows = (Judged(state[0], value[0], tolerance[0]), Judged(state[1], value[1], tolerance[1]))
         numbers = (np.zeros(4, np.float32), np.zeros(4, np.float32), np.zeros(4, np.int64), np.zeros(4, np.int64))
-        spare = ((np.zeros((4, width)), np.full(width, np.inf, np.float32)), (np.zeros(4, np.uint8), *numbers))
+        spare = Spare(np.zeros((4, width)), np.full(width, np.inf, np.float32), (np.zeros(4, np.uint8), *numbers))
         while True:
             turn = fetch_add(counter, 0, 1)
             if turn >= count * bands:
                 break
             b, first = turn // bands, (turn % bands) * BAND
-            image = (depth[b], normal[b], ids[b])
-            offset = (stored[b], stored_ids[b])
-            limit = (limits[b, 0], limits[b, 1], limits[b, 2], limits[b, 3])
+            limit = Limits(limits[b, 0], limits[b, 1], limits[b, 2], limits[b, 3])
+            image = Image(depth[b], normal[b], ids[b], stored[b], stored_ids[b], matrices[b], limit)
             last = min(first + BAND, height + 1)
-            fit_band(first, last, image, offset, matrices[b], limit, merge, rows, spare, corners[b], joined[b])
+            fit_band(first, last, image, merge, rows, spare, corners[b], joined[b])
 
 
 @kernel(parallel=True)

@@ -3,16 +3,44 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import prange
 
 from torchrender.kernels.atomics import fetch_add
 from torchrender.kernels.compile import kernel
-from torchrender.kernels.warp.warp import keep
+from torchrender.kernels.warp.warp import Canvas, keep
 
 ROWS = 8
 EDGE_ON = 0.1  # cosine below which a disc no longer grows
+
+
+class Samples(NamedTuple):
+    """The samples of B images."""
+
+    depth: np.ndarray  # (B,H,W) float32
+    normal: np.ndarray  # (B,H,W,3) float32
+    poses: np.ndarray  # (B,3,4): target camera space = z M[:, :3] (u, v, 1) + M[:, 3]
+    rays: np.ndarray  # (B,3,3) world direction of a pixel
+    footprints: np.ndarray  # (B,) of the cameras at unit depth
+    bias: np.ndarray  # (B,) factors of 1/depth
+
+
+class Target(NamedTuple):
+    """The camera that is drawn from."""
+
+    rotation: np.ndarray  # (3,3) camera from world
+    intrinsics: np.ndarray  # (3,3)
+    near: float
+
+
+class Disc(NamedTuple):
+    """One sample in the target camera's frame."""
+
+    centre: tuple[float, float, float]
+    normal: tuple[float, float, float]
+    radius: float
 
 
 @kernel()
@@ -33,9 +61,10 @@ def disc_radius(ray, normal, depth, footprint, scale):
 
 
 @kernel()
-def box(centre, radius, intrinsics, near, size):
+def box(disc, target, width, height):
     """Pixels that a sphere can reach: first and last column and row."""
-    width, height = size
+    centre, _, radius = disc
+    intrinsics, near = target.intrinsics, target.near
     depth = max(centre[2] - radius, near)
     x0, x1, y0, y1 = 0.0, width - 1.0, 0.0, height - 1.0
     if centre[2] - radius >= near:
@@ -55,12 +84,14 @@ def box(centre, radius, intrinsics, near, size):
 
 
 @kernel()
-def draw_disc(centre, normal, radius, intrinsics, near, bias, number, size, keys):
-    """One disc, given in the target camera's frame; left out if seen from behind."""
+def draw_disc(disc, target, bias, number, canvas):
+    """One disc; left out if seen from behind."""
+    centre, normal, radius = disc
+    intrinsics, near = target.intrinsics, target.near
     offset = normal[0] * centre[0] + normal[1] * centre[1] + normal[2] * centre[2]
     if offset >= 0.0 or centre[2] + radius < near:
         return
-    x0, y0, x1, y1 = box(centre, radius, intrinsics, near, size)
+    x0, y0, x1, y1 = box(disc, target, canvas.width, canvas.height)
     for v in range(y0, y1 + 1):
         dy = (v + 0.5 - intrinsics[1, 2]) / intrinsics[1, 1]
         for u in range(x0, x1 + 1):
@@ -71,20 +102,19 @@ def draw_disc(centre, normal, radius, intrinsics, near, bias, number, size, keys
             z = offset / slope
             ex, ey, ez = z * dx - centre[0], z * dy - centre[1], z - centre[2]
             if z >= near and ex * ex + ey * ey + ez * ez <= radius * radius:
-                keep(keys, v * size[0] + u, bias / z, number)
+                keep(canvas.keys, v * canvas.width + u, bias / z, number)
 
 
 @kernel(parallel=True)
-def draw_splats(depth, normal, poses, rays, rotation, footprints, intrinsics, near, bias, scale, size, threads, keys):
-    """Draw every sample of B images (B,H,W) as a disc into ``keys`` (see ``warp``).
-
-    ``poses`` (B,3,4): target camera space = z M[:, :3] (u, v, 1) + M[:, 3]; ``rays`` (B,3,3): world direction of a
-    source pixel; ``rotation``: target camera from world; ``footprints`` (B,) of the source cameras at unit depth.
-    """
+def draw_splats(samples, target, scale, threads, canvas):
+    """Draw every one of the :class:`Samples` as a disc for the :class:`Target`; ``scale``: factor of their radii."""
+    depth, normal, poses, rays, footprints, bias = samples
+    keys, across, down = canvas
     count, height, width = depth.shape
     blocks = (height + ROWS - 1) // ROWS
     counter = np.zeros(1, np.int64)
     for _ in prange(threads):
+        onto = Canvas(keys, across, down)
         while True:
             turn = fetch_add(counter, 0, 1)
             if turn >= count * blocks:
@@ -101,6 +131,6 @@ def draw_splats(depth, normal, poses, rays, rotation, footprints, intrinsics, ne
                     m = poses[b]
                     p = multiply(m, z * (i + 0.5), z * (j + 0.5), z)
                     centre = (p[0] + m[0, 3], p[1] + m[1, 3], p[2] + m[2, 3])
-                    facing = multiply(rotation, n[0], n[1], n[2])
+                    facing = multiply(target.rotation, n[0], n[1], n[2])
                     number = (b * height + j) * width + i
-                    draw_disc(centre, facing, radius, intrinsics, near, bias[b], number, size, keys)
+                    draw_disc(Disc(centre, facing, radius), target, bias[b], number, onto)

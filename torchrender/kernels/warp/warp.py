@@ -10,11 +10,12 @@ way.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import prange
 
-from torchrender.kernels.atomics import fetch_add, store_max
+from torchrender.kernels.atomics import borrowed, fetch_add, store_max
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.warp.corners import DIAGONAL, FIRST, SECOND
 
@@ -28,12 +29,54 @@ CHUNK = 256  # quads projected together
 ROWS = 8  # rows handed to a thread at once
 
 
+class Quads(NamedTuple):
+    """The quads of B images."""
+
+    corners: np.ndarray  # (B,h,4,w) float32 depths
+    shape: np.ndarray  # (B,h,w) uint8
+    start: float  # column and row of the first quad's first corner
+
+
+class Poses(NamedTuple):
+    """From pixels of B images to those of the target."""
+
+    matrices: np.ndarray  # (B,3,4): homogeneous target pixel = z M[:, :3] (u, v, 1) + M[:, 3]
+    near: float  # of the target
+    bias: np.ndarray  # (B,) factors of 1/depth, just below one for images that others go before
+
+
+class Pose(NamedTuple):
+    """The same of one image."""
+
+    matrix: np.ndarray
+    near: float
+    bias: float
+
+
+class Canvas(NamedTuple):
+    """What is drawn to."""
+
+    keys: np.ndarray  # (H*W,) uint64, zero where nothing is
+    width: int
+    height: int
+
+
+class Snapped(NamedTuple):
+    """Corners of up to CHUNK quads in the target; with one row for each of their four corners where all are held."""
+
+    x: np.ndarray  # (CHUNK,) int32
+    y: np.ndarray
+    q: np.ndarray  # (CHUNK,) biased 1/depth
+
+
 @kernel(inline=True)
-def project_row(values, first, across, row, matrix, near, bias, x, y, q):
-    """Snapped position and biased 1/depth of one corner of up to CHUNK quads; OUTSIDE where it has none.
+def project_row(values, first, across, row, pose, k, snapped):
+    """Snapped position and biased 1/depth of corner ``k`` of up to CHUNK quads; OUTSIDE where it has none.
 
     ``values``: corner depths of a row; corner ``i`` is at column ``first + i + across`` of the source image.
     """
+    matrix, near, bias = pose
+    x, y, q = snapped.x[k], snapped.y[k], snapped.q[k]
     a0, a1, a2 = matrix[0, 0], matrix[1, 0], matrix[2, 0]
     b0 = matrix[0, 1] * row + matrix[0, 2]
     b1 = matrix[1, 1] * row + matrix[1, 2]
@@ -79,8 +122,9 @@ def edge(ax, ay, bx, by, px, py):
 
 
 @kernel(inline=True)
-def draw(a, b, c, number, width, height, keys):
+def draw(a, b, c, number, canvas):
     """One triangle of snapped corners (x, y, 1/depth) in front-facing order; the others are left out."""
+    keys, width, height = canvas
     ax, ay, qa = a
     bx, by, qb = b
     cx, cy, qc = c
@@ -148,12 +192,14 @@ def visible_box(a, b, c, near, width, height):
 
 
 @kernel()
-def draw_clipped(a, b, c, near, bias, number, width, height, keys):
+def draw_clipped(a, b, c, pose, number, canvas):
     """One triangle of homogeneous corners (X, Y, Z), any of them behind the camera.
 
     Homogeneous edge functions need no clipping (Olano and Greer, Triangle scan conversion using 2D homogeneous
     coordinates, 1997).
     """
+    keys, width, height = canvas
+    near = pose.near
     ea, eb, ec = cross(b, c), cross(c, a), cross(a, b)
     volume = a[0] * ea[0] + a[1] * ea[1] + a[2] * ea[2]
     if not volume > 0.0:
@@ -168,12 +214,13 @@ def draw_clipped(a, b, c, near, bias, number, width, height, keys):
             if fa >= 0.0 and fb >= 0.0 and fc >= 0.0:
                 q = (fa + fb + fc) / volume
                 if q > 0.0 and q * near <= 1.0:
-                    keep(keys, v * width + u, q * bias, number)
+                    keep(keys, v * width + u, q * pose.bias, number)
 
 
 @kernel()
-def draw_quad_clipped(i, row, start, z, shape, matrix, near, bias, number, width, height, keys):
+def draw_quad_clipped(i, row, start, z, shape, pose, number, canvas):
     """Both triangles of a quad that reaches the near plane or the guard band; ``z`` its four corner depths."""
+    matrix, near = pose.matrix, pose.near
     c0 = point(i, row, start, 0.0, z[0], matrix)
     c1 = point(i, row, start, 1.0, z[1], matrix)
     c2 = point(i, row, start + 1.0, 1.0, z[2], matrix)
@@ -181,24 +228,25 @@ def draw_quad_clipped(i, row, start, z, shape, matrix, near, bias, number, width
     if shape & DIAGONAL:
         c0, c1, c2, c3 = c1, c2, c3, c0
     if shape & FIRST and max(c0[2], max(c1[2], c2[2])) >= near:
-        draw_clipped(c0, c2, c1, near, bias, number, width, height, keys)
+        draw_clipped(c0, c2, c1, pose, number, canvas)
     if shape & SECOND and max(c0[2], max(c2[2], c3[2])) >= near:
-        draw_clipped(c2, c0, c3, near, bias, number, width, height, keys)
+        draw_clipped(c2, c0, c3, pose, number, canvas)
 
 
 @kernel()
-def draw_row(j, corners, shape, start, matrix, near, bias, number, size, spare, keys):
+def draw_row(j, quads, pose, number, spare, canvas):
     """Row ``j`` of one image's quads. ``number``: of its first quad."""
-    width, height = size
+    corners, shape, start = quads
+    width, height = canvas.width, canvas.height
     xs, ys, qs = spare
     row = np.float64(j) + start
     columns = corners.shape[2]
     bound_x, bound_y = np.int32(width * SUBPIXEL), np.int32(height * SUBPIXEL)
     for first in range(0, columns, CHUNK):
-        project_row(corners[j, 0], first, start, row, matrix, near, bias, xs[0], ys[0], qs[0])
-        project_row(corners[j, 1], first, start, row + 1.0, matrix, near, bias, xs[1], ys[1], qs[1])
-        project_row(corners[j, 2], first, start + 1.0, row + 1.0, matrix, near, bias, xs[2], ys[2], qs[2])
-        project_row(corners[j, 3], first, start + 1.0, row, matrix, near, bias, xs[3], ys[3], qs[3])
+        project_row(corners[j, 0], first, start, row, pose, 0, spare)
+        project_row(corners[j, 1], first, start, row + 1.0, pose, 1, spare)
+        project_row(corners[j, 2], first, start + 1.0, row + 1.0, pose, 2, spare)
+        project_row(corners[j, 3], first, start + 1.0, row, pose, 3, spare)
         for i in range(np.uintp(min(CHUNK, columns - first))):
             bits = shape[j, np.uintp(first) + i]
             if bits == 0:
@@ -213,7 +261,7 @@ def draw_row(j, corners, shape, start, matrix, near, bias, number, size, spare, 
                     np.float64(corners[j, 2, column]),
                     np.float64(corners[j, 3, column]),
                 )
-                draw_quad_clipped(column, row, start, z, bits, matrix, near, bias, me, width, height, keys)
+                draw_quad_clipped(column, row, start, z, bits, pose, me, canvas)
                 continue
             y0, y1, y2, y3 = ys[0, i], ys[1, i], ys[2, i], ys[3, i]
             if max(max(x0, x1), max(x2, x3)) < 0 or min(min(x0, x1), min(x2, x3)) > bound_x:
@@ -227,29 +275,29 @@ def draw_row(j, corners, shape, start, matrix, near, bias, number, size, spare, 
             if bits & DIAGONAL:
                 c0, c1, c2, c3 = c1, c2, c3, c0
             if bits & FIRST:
-                draw(c0, c2, c1, me, width, height, keys)
+                draw(c0, c2, c1, me, canvas)
             if bits & SECOND:
-                draw(c2, c0, c3, me, width, height, keys)
+                draw(c2, c0, c3, me, canvas)
 
 
 @kernel(parallel=True)
-def draw_quads(corners, shape, start, matrices, near, bias, size, threads, keys):
-    """Draw the quads of B images into ``keys`` (H*W,) uint64, zero where nothing is.
-
-    ``corners`` (B,h,4,w), ``shape`` (B,h,w); ``start``: column and row of the first quad's first corner;
-    ``matrices`` (B,3,4): homogeneous target pixel = z M[:, :3] (u, v, 1) + M[:, 3];
-    ``bias`` (B,) factors of 1/depth, just below one for images that others go before; ``size`` = target width, height.
-    """
+def draw_quads(quads, poses, threads, canvas):
+    """Draw :class:`Quads` by their :class:`Poses` onto a :class:`Canvas`."""
+    corners, shape, start = quads
+    matrices, near, bias = poses
+    keys, width, height = canvas
     count, rows, _, columns = corners.shape
     blocks = (rows + ROWS - 1) // ROWS
     counter = np.zeros(1, np.int64)
     for _ in prange(threads):
-        spare = (np.zeros((4, CHUNK), np.int32), np.zeros((4, CHUNK), np.int32), np.zeros((4, CHUNK)))
+        room = Snapped(np.zeros((4, CHUNK), np.int32), np.zeros((4, CHUNK), np.int32), np.zeros((4, CHUNK)))
+        spare, target = borrowed(room), Canvas(borrowed(keys), width, height)
         while True:
             turn = fetch_add(counter, 0, 1)
             if turn >= count * blocks:
                 break
             b, first = turn // blocks, (turn % blocks) * ROWS
+            own, pose = Quads(corners[b], shape[b], start), Pose(matrices[b], near, bias[b])
             for j in range(first, min(first + ROWS, rows)):
                 number = (b * rows + j) * columns
-                draw_row(j, corners[b], shape[b], start, matrices[b], near, bias[b], number, size, spare, keys)
+                draw_row(j, own, pose, number, spare, target)

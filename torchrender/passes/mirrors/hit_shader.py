@@ -70,7 +70,7 @@ def _seen_by_rays(subject: Subject) -> Outputs:
 def _as_the_picture(subject: Subject, outputs: Outputs) -> float:
     scene, seen = subject.scene, subject.gbuffer
     wanted = shade(scene, seen, lights_visibility(scene, seen, SMALL_SHADOW)).reshape(-1, 3)
-    mirrors = torch.tensor([m.is_reflector for m in scene.materials] + [False])[seen.material]
+    mirrors = scene.material_table.is_reflector[seen.material]
     plain = seen.covered & ~mirrors
     error: Tensor = (displayed(outputs["radiance"]) - displayed(wanted)).abs().mean(dim=-1)
     return mean_over(error, plain.reshape(-1))

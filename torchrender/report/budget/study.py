@@ -5,8 +5,6 @@
 
 from __future__ import annotations
 
-import argparse
-import json
 import statistics
 import sys
 from collections.abc import Iterator, Sequence
@@ -25,9 +23,10 @@ from torchrender.pipeline.options import RenderOptions
 from torchrender.planning.search import HEADROOM
 from torchrender.quality.machine import machine_record
 from torchrender.quality.metrics import coverage, flip
-from torchrender.quality.pages import text_writer
+from torchrender.quality.pages import write_record, write_text
 from torchrender.renderer import render
 from torchrender.report.budget.page import page, plot
+from torchrender.report.common.command import study_parser
 from torchrender.scene.camera import Cameras
 from torchrender.scene.camera_path import built_in_path, walks_of
 from torchrender.scene.load import load
@@ -172,7 +171,7 @@ def deleted_passes(study: StudyOptions) -> list[dict[str, Any]]:
         for number in range(2 * study.repeats):
             whole = number % 2 == 0
             steps = PASSES if whole else tuple(s for s in PASSES if s.name in ran)
-            image = render(scene, camera, passes=steps)
+            image = render(scene, camera, options=RenderOptions(passes=steps))
             times[whole].append(image.timings_ms["total"])
         whole_ms, few_ms = statistics.median(times[True]), statistics.median(times[False])
         found.append({"scene": name, "all_ms": whole_ms, "few_ms": few_ms, "ratio": whole_ms / few_ms})
@@ -189,18 +188,15 @@ def run(study: StudyOptions, folder: Path) -> list[Path]:
         "deleted": deleted_passes(study),
     }
     files = [folder / f"budget{suffix}" for suffix in (".json", ".png", ".md")]
-    write_atomically(files[0], text_writer(json.dumps(record, indent=1) + "\n"))
+    write_record(files[0], record)
     write_atomically(files[1], lambda path: plot(path, record))
-    write_atomically(files[2], text_writer(page(record)))
+    write_text(files[2], page(record))
     return files
 
 
 def main(argv: Sequence[str] | None = None) -> None:
     """The command."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="a check that takes seconds")
-    parser.add_argument("-o", "--output", type=Path, default=Path("docs/results"))
-    arguments = parser.parse_args(argv)
+    arguments = study_parser(__doc__, quick="a check that takes seconds").parse_args(argv)
     arguments.output.mkdir(parents=True, exist_ok=True)
     for file in run(QUICK if arguments.quick else StudyOptions(), arguments.output):
         sys.stdout.write(f"{file}\n")

@@ -7,7 +7,7 @@ from typing import Any
 
 from torchrender.images.files import write_atomically
 from torchrender.quality.machine import machine_line
-from torchrender.quality.pages import text_writer
+from torchrender.quality.pages import write_text
 
 PEERS = {"open3d": "open3d rays", "open3d_build": "open3d BVH build", "opengl": "software OpenGL"}
 
@@ -27,7 +27,7 @@ def write_page(record: dict[str, Any], folder: Path) -> None:
         *scaling_tables(record),
         *start_lines(record),
     ]
-    write_atomically(folder / "foundation.md", text_writer("\n".join(lines) + "\n"))
+    write_text(folder / "foundation.md", lines)
 
 
 def gbuffer_table(record: dict[str, Any]) -> list[str]:

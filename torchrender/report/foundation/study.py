@@ -6,27 +6,24 @@ candidates take turns.
 
 from __future__ import annotations
 
-import argparse
-import json
 import os
 import resource
 import subprocess
 import sys
 import tempfile
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 
-from torchrender.images.files import write_atomically
 from torchrender.kernels.compile import thread_count
 from torchrender.quality.machine import machine_record
-from torchrender.quality.pages import text_writer
+from torchrender.quality.pages import write_record
 from torchrender.quality.timing import Timing, take_turns
 from torchrender.raster import rasterize_visibility
 from torchrender.rays import RayCaster
+from torchrender.report.common.command import study_parser
 from torchrender.report.foundation.page import write_page
 from torchrender.report.foundation.peers import open3d_rays, opengl_raster
 from torchrender.scene.camera import Cameras
@@ -40,10 +37,7 @@ EDGE = 1e-2  # pixels whose smallest barycentric weight is below this count as "
 
 def main() -> None:
     """Run every measurement and write the page."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--quick", action="store_true", help="small images and few runs, to check that it works")
-    parser.add_argument("-o", "--output", type=Path, default=Path("docs/results"), help="folder to write into")
-    arguments = parser.parse_args()
+    arguments = study_parser(__doc__, quick="small images and few runs, to check that it works").parse_args()
     size, runs = (256, 3) if arguments.quick else (1024, 11)
     million = 100_000 if arguments.quick else 1_000_000
     record: dict[str, Any] = {"machine": machine_record(), "size": size, "quick": arguments.quick}
@@ -56,7 +50,7 @@ def main() -> None:
     record["start"] = start_up(arguments.quick)
     record["peak_memory_mib"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
     arguments.output.mkdir(parents=True, exist_ok=True)
-    write_atomically(arguments.output / "foundation.json", text_writer(json.dumps(record, indent=1) + "\n"))
+    write_record(arguments.output / "foundation.json", record)
     write_page(record, arguments.output)
     sys.stderr.write(f"wrote {arguments.output / 'foundation.md'}\n")
 

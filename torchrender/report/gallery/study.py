@@ -5,7 +5,6 @@ Writes ``docs/gallery.jpg``. Real scenes are looked for in ``TORCHRENDER_DATA`` 
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import sys
@@ -21,6 +20,7 @@ from torch import Tensor
 from torchrender.images.files import write_atomically
 from torchrender.pipeline.options import RenderOptions
 from torchrender.renderer import render
+from torchrender.report.common.command import study_parser
 from torchrender.scene.camera import Cameras
 from torchrender.scene.light import PointLight
 from torchrender.scene.load import load
@@ -34,9 +34,8 @@ COLUMNS, MARGIN, CAPTION = 4, 6, 18
 
 def main() -> None:
     """Render all and write the sheet."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser = study_parser(__doc__, output=Path("docs/gallery.jpg"))
     parser.add_argument("--size", default="480x360", help="size of one picture (default 480x360)")
-    parser.add_argument("-o", "--output", type=Path, default=Path("docs/gallery.jpg"))
     arguments = parser.parse_args()
     width, height = (int(n) for n in arguments.size.split("x"))
     options = RenderOptions(supersample=2)

@@ -6,9 +6,8 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from torchrender.images.files import write_atomically
 from torchrender.quality.machine import machine_line
-from torchrender.quality.pages import text_writer
+from torchrender.quality.pages import write_text
 
 PUBLISHED = (  # model, mode, points and drawn points in millions, frames per second (512², P4 2.4 GHz, ATI 9800 Pro)
     ("Lucy", "point sprite", 10.073, 3.071, 10.25),
@@ -37,7 +36,7 @@ def write_page(record: dict[str, Any], folder: Path) -> None:
         *_aliasing(record["aliasing"]),
         *_compression(record["compression"]),
     ]
-    write_atomically(folder / "points.md", text_writer("\n".join(lines) + "\n"))
+    write_text(folder / "points.md", lines)
 
 
 def _models(models: dict[str, Any]) -> list[str]:

@@ -6,8 +6,6 @@ filter against supersampled references, errors of compression, models of up to t
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
 import time
 from dataclasses import asdict, dataclass, replace
@@ -20,7 +18,7 @@ import torch
 from skimage.metrics import structural_similarity
 from torch import Tensor
 
-from torchrender.images.files import write_atomically, write_image
+from torchrender.images.files import write_image
 from torchrender.points.cloud import PointCloud
 from torchrender.points.codec import compress, decompress, half_extent
 from torchrender.points.draw import render_points
@@ -30,8 +28,9 @@ from torchrender.points.select import SelectionOptions
 from torchrender.points.tree import PatchOptions, PatchSet, PlainNodes, build_patches
 from torchrender.quality.machine import machine_record
 from torchrender.quality.metrics import psnr
-from torchrender.quality.pages import text_writer
+from torchrender.quality.pages import write_record
 from torchrender.quality.timing import take_turns
+from torchrender.report.common.command import study_parser
 from torchrender.report.points.models import (
     SCANS,
     Model,
@@ -92,7 +91,7 @@ def run(study: StudyOptions, folder: Path) -> dict[str, Any]:
     record["scaling"] = {str(n): _step(f"{n:,} points", lambda n=n: scaling(n, study)) for n in study.counts}
     record["one_pixel"] = _step("all in one pixel", lambda: one_pixel(study))
     record["peer"] = _step("pyvista", lambda: peer(study))
-    write_atomically(folder / "points.json", text_writer(json.dumps(record, indent=1) + "\n"))
+    write_record(folder / "points.json", record)
     write_page(record, folder)
     return record
 
@@ -312,9 +311,6 @@ def peer(study: StudyOptions) -> dict[str, Any]:
 
 def main() -> None:
     """The command."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--quick", action="store_true", help="small models and pictures: checks that it works")
-    parser.add_argument("-o", "--output", type=Path, default=Path("docs/results"), help="folder to write into")
-    given = parser.parse_args()
+    given = study_parser(__doc__, quick="small models and pictures: checks that it works").parse_args()
     run(QUICK if given.quick else StudyOptions(), given.output)
     sys.stderr.write(f"wrote {given.output / 'points.md'}\n")

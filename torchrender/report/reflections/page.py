@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from torchrender.images.files import write_atomically
 from torchrender.quality.machine import machine_line
+from torchrender.quality.pages import table, write_text
 
 NAMES = {"living_room": "living room", "washroom": "washroom"}
 PUBLISHED_STEPS = {  # table 14, mean ms of the first path: pass 1 and clusters, cameras, depth images, marching
@@ -43,18 +43,7 @@ def write_page(record: dict[str, Any], folder: Path) -> None:
         *_gloss(record["gloss"]),
         *_share(record["share"]),
     ]
-    text = "\n".join(lines) + "\n"
-
-    def write(path: Path) -> None:
-        path.write_text(text)
-
-    write_atomically(folder / "reflections.md", write)
-
-
-def table(head: list[str], rows: list[list[str]]) -> list[str]:
-    """A table, the first column to the left."""
-    rule = "|---|" + "---:|" * (len(head) - 1)
-    return ["| " + " | ".join(head) + " |", rule, *("| " + " | ".join(r) + " |" for r in rows), ""]
+    write_text(folder / "reflections.md", lines)
 
 
 def _percent(value: float) -> str:

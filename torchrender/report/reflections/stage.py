@@ -30,7 +30,7 @@ from torchrender.pipeline.hit_shader import HitShader
 from torchrender.pipeline.options import RenderOptions
 from torchrender.raster import rasterize
 from torchrender.rays import RayCaster
-from torchrender.renderer import hit_shader
+from torchrender.report.common.hits import hit_shader
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
 from torchrender.shade import shade

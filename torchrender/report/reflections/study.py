@@ -6,8 +6,6 @@ picture. Every time counts what a scene that changes with every frame has to do 
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -23,8 +21,10 @@ from torchrender.effects.reflections.clustered import ClusterOptions
 from torchrender.images.files import write_atomically
 from torchrender.quality.machine import machine_record
 from torchrender.quality.metrics import mean_absolute_error, psnr
+from torchrender.quality.pages import write_record
 from torchrender.quality.timing import take_turns
 from torchrender.rays import RayCaster
+from torchrender.report.common.command import study_parser
 from torchrender.report.reflections.errors import occlusion_errors
 from torchrender.report.reflections.page import write_page
 from torchrender.report.reflections.stage import Stage
@@ -58,11 +58,8 @@ QUICK = StudyOptions(
 
 def main() -> None:
     """Command-line entry."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--quick", action="store_true", help="small pictures: a test of the command")
-    parser.add_argument("-o", "--output", default="docs/results", metavar="FOLDER")
-    arguments = parser.parse_args()
-    folder = Path(arguments.output)
+    arguments = study_parser(__doc__, quick="small pictures: a test of the command").parse_args()
+    folder = arguments.output
     folder.mkdir(parents=True, exist_ok=True)
     write_study(run_study(QUICK if arguments.quick else StudyOptions(), folder), folder)
 
@@ -94,12 +91,7 @@ def run_study(study: StudyOptions, folder: Path) -> dict[str, Any]:
 
 def write_study(record: dict[str, Any], folder: Path) -> None:
     """The record as JSON and page."""
-    text = json.dumps(record, indent=1, default=float) + "\n"
-
-    def write(path: Path) -> None:
-        path.write_text(text)
-
-    write_atomically(folder / "reflections.json", write)
+    write_record(folder / "reflections.json", record)
     write_page(record, folder)
 
 

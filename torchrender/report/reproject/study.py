@@ -6,8 +6,6 @@ every method and by plain torch; times taken in turn, and the pictures beside a 
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -20,16 +18,17 @@ from torchrender.buffers import DepthImages, GBuffer
 from torchrender.depth.options import SamplingOptions
 from torchrender.depth.sample import sample_depth_images, sample_offset_images
 from torchrender.depth.viewpoints import viewpoints_around
-from torchrender.images.files import write_atomically, write_image
+from torchrender.images.files import write_image
 from torchrender.numerics.tonemap import tone_map
 from torchrender.quality.machine import machine_line, machine_record
 from torchrender.quality.metrics import psnr
-from torchrender.quality.pages import text_writer
+from torchrender.quality.pages import write_record, write_text
 from torchrender.quality.timing import take_turns
 from torchrender.raster import rasterize, surface_attributes
 from torchrender.reconstruct.corners import fit_corners
 from torchrender.reconstruct.hybrid import reconstruct_hybrid
 from torchrender.reconstruct.reproject import Reprojection, reproject
+from torchrender.report.common.command import study_parser
 from torchrender.report.reproject.torch_warp import torch_grid_warp
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
@@ -43,10 +42,7 @@ UNKNOWN = (1.0, 0.0, 1.0)
 
 def main() -> None:
     """Run every measurement and write the page."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--quick", action="store_true", help="small images and few runs, to check that it works")
-    parser.add_argument("-o", "--output", type=Path, default=Path("docs/results"), help="folder to write into")
-    arguments = parser.parse_args()
+    arguments = study_parser(__doc__, quick="small images and few runs, to check that it works").parse_args()
     run(arguments.output, *((256, 3) if arguments.quick else (1024, 11)))
 
 
@@ -61,8 +57,8 @@ def run(folder: Path, size: int, runs: int, triangles: int | None = None) -> Non
             record["scenes"][f"{name}, {method}"] = found
             rows.append(torch.cat([smaller(p) for p in pictures], dim=1))
     write_image(folder / "reproject.png", torch.cat(rows))
-    write_atomically(folder / "reproject.json", text_writer(json.dumps(record, indent=1) + "\n"))
-    write_atomically(folder / "reproject.md", text_writer(page(record)))
+    write_record(folder / "reproject.json", record)
+    write_text(folder / "reproject.md", page(record))
     sys.stderr.write(f"wrote {folder / 'reproject.md'}\n")
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 from torchrender.images.files import write_atomically
 from torchrender.quality.machine import machine_line
+from torchrender.quality.pages import write_text
 
 Frames = list[dict[str, Any]]
 
@@ -58,12 +59,7 @@ def write_page(record: dict[str, Any], folder: Path) -> None:
         *_pictures(walks),
         *_limits(),
     ]
-    text = "\n".join(lines) + "\n"
-
-    def write(path: Path) -> None:
-        path.write_text(text)
-
-    write_atomically(folder / "reflection-reuse.md", write)
+    write_text(folder / "reflection-reuse.md", lines)
 
 
 def _mean(frames: Frames, value: str | Callable[[dict[str, Any]], float]) -> float:

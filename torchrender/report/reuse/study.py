@@ -6,8 +6,6 @@ and pictures. Errors are those of the displayed picture, 0 to 255, against traci
 
 from __future__ import annotations
 
-import argparse
-import json
 import statistics
 import sys
 import time
@@ -32,15 +30,18 @@ from torchrender.effects.reflections.reuse import ReusedReflections, ReuseState,
 from torchrender.effects.reflections.reuse_options import ReuseOptions
 from torchrender.effects.reflections.traced import trace_reflections
 from torchrender.effects.shadows.shadow_map import ShadowOptions, lights_visibility, render_shadow_map
-from torchrender.images.files import write_atomically, write_image
+from torchrender.images.files import write_image
 from torchrender.numerics.color import linear_from_srgb, srgb_from_linear
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.hit_shader import HitShader
 from torchrender.pipeline.options import RenderOptions
 from torchrender.quality.machine import machine_record
+from torchrender.quality.pages import write_record
 from torchrender.raster import rasterize
 from torchrender.rays import RayCaster
-from torchrender.renderer import hit_shader, render
+from torchrender.renderer import render
+from torchrender.report.common.command import study_parser
+from torchrender.report.common.hits import hit_shader
 from torchrender.report.reflections.baselines import BaselineReflections, depth_reprojection, mirror_motion_vectors
 from torchrender.report.reuse.page import write_page
 from torchrender.scene.camera import Cameras
@@ -269,20 +270,12 @@ def run(study: StudyOptions, folder: Path) -> dict[str, Any]:
     for name, walk in study.walks:
         record["walks"][f"{name} {walk}"] = measure_walk(name, walk, study, folder)
     _say("\n")
-    text = json.dumps(record, indent=1) + "\n"
-
-    def write(path: Path) -> None:
-        path.write_text(text)
-
-    write_atomically(folder / "reflection-reuse.json", write)
+    write_record(folder / "reflection-reuse.json", record)
     write_page(record, folder)
     return record
 
 
 def main() -> None:
     """The command."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--quick", action="store_true", help="one short walk, small pictures: checks that it works")
-    parser.add_argument("-o", "--output", type=Path, default=Path("docs/results"), help="folder to write into")
-    given = parser.parse_args()
+    given = study_parser(__doc__, quick="one short walk, small pictures: checks that it works").parse_args()
     run(QUICK if given.quick else StudyOptions(), given.output)

@@ -7,7 +7,7 @@ from typing import Any
 
 from torchrender.images.files import write_atomically
 from torchrender.quality.machine import machine_line
-from torchrender.quality.pages import text_writer
+from torchrender.quality.pages import write_text
 from torchrender.report.sampling.published import AVAILABLE, KINDS, TIMES
 
 TABLES = {
@@ -58,7 +58,7 @@ def write_page(record: dict[str, Any], folder: Path) -> None:
         "",
         *(f"![{name}](sampling-{name}.png)" for name in scenes),
     ]
-    write_atomically(folder / "sampling.md", text_writer("\n".join(lines) + "\n"))
+    write_text(folder / "sampling.md", lines)
 
 
 def kinds_table(scenes: dict[str, Any], redundancy: str, number: str) -> list[str]:

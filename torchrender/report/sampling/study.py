@@ -6,8 +6,6 @@ figures 13 to 15. Writes ``docs/results/sampling.md``, ``.json`` and pictures.
 
 from __future__ import annotations
 
-import argparse
-import json
 import math
 import sys
 import time
@@ -21,16 +19,17 @@ from PIL import Image as Picture
 from torch import Tensor
 
 from torchrender.depth.kinds import median_triangle_pixels, sample_kinds
-from torchrender.depth.metrics import MetricOptions, SamplingMetrics, Share, sampling_metrics
 from torchrender.depth.options import SamplingOptions
 from torchrender.depth.picture import kinds_picture
 from torchrender.depth.sample import sample_depth_images
+from torchrender.depth.sampling_metrics import SamplingMetricOptions, SamplingMetrics, Share, sampling_metrics
 from torchrender.images.files import write_atomically
 from torchrender.numerics.color import srgb_from_linear
 from torchrender.numerics.transforms import look_at_matrix
 from torchrender.quality.machine import machine_record
-from torchrender.quality.pages import text_writer
+from torchrender.quality.pages import write_record
 from torchrender.quality.timing import take_turns
+from torchrender.report.common.command import study_parser
 from torchrender.report.common.subject import own_direction, subject_box
 from torchrender.report.sampling.page import write_page
 from torchrender.scene.camera import Cameras
@@ -81,10 +80,8 @@ class Effort:
 
 def main() -> None:
     """Run the study and write the page."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--quick", action="store_true", help="50 frames, every fourth pixel, small images")
+    parser = study_parser(__doc__, quick="50 frames, every fourth pixel, small images")
     parser.add_argument("--scenes", nargs="+", choices=SCENES, default=list(SCENES))
-    parser.add_argument("-o", "--output", type=Path, default=Path("docs/results"), help="folder to write into")
     arguments = parser.parse_args()
     effort = Effort.quick() if arguments.quick else Effort.full()
     begin = time.perf_counter()
@@ -93,7 +90,7 @@ def main() -> None:
         scenes[name] = study(name, build(name), effort, arguments.output)
         sys.stderr.write(f"{name}: done after {time.perf_counter() - begin:.0f} s\n")
     record = {"machine": machine_record(), "effort": vars(effort), "scenes": scenes}
-    write_atomically(arguments.output / "sampling.json", text_writer(json.dumps(record, indent=1) + "\n"))
+    write_record(arguments.output / "sampling.json", record)
     write_page(record, arguments.output)
     sys.stderr.write(f"wrote {arguments.output / 'sampling.md'}\n")
 
@@ -108,15 +105,15 @@ def study(name: str, scene: Scene, effort: Effort, output: Path) -> dict[str, An
     write_strip(output / f"sampling-{name}.png", kinds_picture(images, kinds))
     small = viewpoints(scene, distance, effort.ray_size)
     tables = {
-        key: measure(scene, small, options, MetricOptions(frames=effort.ray_frames, stride=2))
+        key: measure(scene, small, options, SamplingMetricOptions(frames=effort.ray_frames, stride=2))
         if key == "visibility"
-        else measure(scene, cameras, options, MetricOptions(frames=effort.frames, stride=effort.stride))
+        else measure(scene, cameras, options, SamplingMetricOptions(frames=effort.frames, stride=effort.stride))
         for key, options in TABLES.items()
     }
-    plain = measure(scene, small, TABLES["visibility"], MetricOptions(frames=effort.study_frames))
+    plain = measure(scene, small, TABLES["visibility"], SamplingMetricOptions(frames=effort.study_frames))
     sizes = {}
     for size in effort.sizes:
-        options = MetricOptions(frames=effort.study_frames, stride=max(1, size // effort.sizes[0]))
+        options = SamplingMetricOptions(frames=effort.study_frames, stride=max(1, size // effort.sizes[0]))
         sizes[size] = measure(scene, viewpoints(scene, distance, size), TABLES["pixel"], options)
     return {
         "triangles": scene.geometry.triangle_count,
@@ -139,7 +136,7 @@ def viewpoints(scene: Scene, distance: float, size: int) -> Cameras:
     return Cameras.look_at(eyes, target, width=size, height=size, fov_deg=45.0, near=1e-3 * diagonal)
 
 
-def measure(scene: Scene, cameras: Cameras, sampling: dict[str, Any], options: MetricOptions) -> dict[str, Any]:
+def measure(scene: Scene, cameras: Cameras, sampling: dict[str, Any], options: SamplingMetricOptions) -> dict[str, Any]:
     """Metrics of the three methods."""
     sets = [
         sample_depth_images(scene, cameras, SamplingOptions(method=method, **sampling)) for method in METHODS.values()

@@ -6,11 +6,8 @@ displacement and memory by filter, bias and map size.
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import torch
@@ -22,10 +19,11 @@ from torchrender.effects.shadows.shadow_map import ShadowOptions, light_visibili
 from torchrender.effects.shadows.traced import traced_visibility
 from torchrender.images.files import write_atomically
 from torchrender.quality.machine import machine_line, machine_record
-from torchrender.quality.pages import text_writer
+from torchrender.quality.pages import write_record, write_text
 from torchrender.quality.timing import take_turns
 from torchrender.raster import rasterize
 from torchrender.rays import RayCaster
+from torchrender.report.common.command import study_parser
 from torchrender.report.shadow_maps.quality import contact_displacement, shadow_errors
 from torchrender.scene.light import Light, RectLight
 from torchrender.scene.model import Scene
@@ -51,10 +49,7 @@ SHOWN = ("none", "bilinear", "pcss", "baseline: constant bias")
 
 def main() -> None:
     """Run every case and write the page."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--quick", action="store_true", help="small images and few runs, to check that it works")
-    parser.add_argument("-o", "--output", type=Path, default=Path("docs/results"), help="folder to write into")
-    arguments = parser.parse_args()
+    arguments = study_parser(__doc__, quick="small images and few runs, to check that it works").parse_args()
     width, height, runs = (96, 72, 1) if arguments.quick else (480, 360, 5)
     record: dict[str, Any] = {"machine": machine_record(), "size": [width, height], "cases": {}}
     rows = []
@@ -66,8 +61,8 @@ def main() -> None:
         record["cases"][f"{name}, {light.name}"] = measured
         rows.append(torch.cat(pictures, dim=1))
     arguments.output.mkdir(parents=True, exist_ok=True)
-    write_atomically(arguments.output / "shadow-maps.json", text_writer(json.dumps(record, indent=1) + "\n"))
-    write_atomically(arguments.output / "shadow-maps.md", text_writer(page(record)))
+    write_record(arguments.output / "shadow-maps.json", record)
+    write_text(arguments.output / "shadow-maps.md", page(record))
     picture = Picture.fromarray((torch.cat(rows) * 255).to(torch.uint8).numpy())
     write_atomically(arguments.output / "shadow-maps.jpg", lambda p: picture.save(p, format="JPEG", quality=88))
     sys.stderr.write(f"wrote {arguments.output / 'shadow-maps.md'}\n")

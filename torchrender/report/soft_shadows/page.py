@@ -7,6 +7,7 @@ from typing import Any
 
 from torchrender.images.files import write_atomically
 from torchrender.quality.machine import machine_line
+from torchrender.quality.pages import write_text
 
 PUBLISHED = {  # scene, size: mean E_int and E_vis of non-redundant, conventional and peeled images
     ("nest", 512): ((4.73, 8.65, 4.83), (9.57, 11.3, 10.2)),
@@ -53,12 +54,7 @@ def write_page(record: dict[str, Any], folder: Path) -> None:
         *_times(record),
         *_penumbra(record),
     ]
-    text = "\n".join(lines) + "\n"
-
-    def write(path: Path) -> None:
-        path.write_text(text)
-
-    write_atomically(folder / "soft-shadows.md", write)
+    write_text(folder / "soft-shadows.md", lines)
 
 
 def _cells(row: dict[str, Any], reference: str, error: str) -> str:

@@ -6,7 +6,6 @@ pictures. Errors are taken on an evenly thinned picture, which changes means by 
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 from collections.abc import Sequence
@@ -16,9 +15,10 @@ from typing import Any
 
 from torchrender.effects.shadows.occluders import OccluderOptions, approximate_occluders
 from torchrender.effects.shadows.soft_shadow import LightVisibility, Occluders, SoftShadowOptions, occluders
-from torchrender.images.files import write_atomically, write_image
+from torchrender.images.files import write_image
 from torchrender.quality.machine import machine_record
-from torchrender.quality.pages import text_writer
+from torchrender.quality.pages import write_record
+from torchrender.report.common.command import study_parser
 from torchrender.report.soft_shadows.errors import mean_errors, signed_picture
 from torchrender.report.soft_shadows.page import write_page
 from torchrender.report.soft_shadows.subject import QUICK, StudyOptions, Subject, study_light
@@ -123,7 +123,7 @@ def run(study: StudyOptions, folder: Path, parts: Sequence[str] = PARTS) -> dict
         record |= {"errors": error_tables(study, folder), "skipping": skipping_error(study)}
     if "times" in parts:
         record |= {"times": times(study), "penumbra": penumbra_cost(study)}
-    write_atomically(path, text_writer(json.dumps(record, indent=1) + "\n"))
+    write_record(path, record)
     if {"errors", "times"} <= set(record):
         write_page(record, folder)
     return record
@@ -131,9 +131,7 @@ def run(study: StudyOptions, folder: Path, parts: Sequence[str] = PARTS) -> dict
 
 def main() -> None:
     """The command."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--quick", action="store_true", help="one scene, small pictures: checks that it works")
-    parser.add_argument("-o", "--output", type=Path, default=Path("docs/results"), help="folder to write into")
+    parser = study_parser(__doc__, quick="one scene, small pictures: checks that it works")
     parser.add_argument("--only", choices=PARTS, help="measure this anew and keep the rest of an earlier run")
     given = parser.parse_args()
     run(QUICK if given.quick else StudyOptions(), given.output, [given.only] if given.only else PARTS)

@@ -21,7 +21,7 @@ from torchrender.pipeline.hit_shader import HitShader
 from torchrender.pipeline.options import RenderOptions
 from torchrender.raster import rasterize
 from torchrender.rays import RayCaster
-from torchrender.renderer import hit_shader
+from torchrender.report.common.hits import hit_shader
 from torchrender.report.stability import scenes as make
 from torchrender.scene.camera import Cameras
 from torchrender.scene.light import DirectionalLight, PointLight, RectLight

@@ -7,8 +7,6 @@ threads, nearly the same in both precisions, and obey the effect's law. ``tests/
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
 import time
 from collections.abc import Iterator
@@ -19,12 +17,12 @@ from typing import Any
 
 import torch
 
-from torchrender.images.files import write_atomically
 from torchrender.kernels.threads import limited_threads
 from torchrender.passes.hard import HardEffect, Outputs, bounds_error, difference, same
 from torchrender.passes.table import PASSES
 from torchrender.quality.machine import machine_record
-from torchrender.quality.pages import text_writer
+from torchrender.quality.pages import write_record, write_text
+from torchrender.report.common.command import study_parser
 from torchrender.report.stability.cases import BY_NAME, CASES, Case, HardCase
 from torchrender.report.stability.numerics import NUMERICS
 from torchrender.report.stability.page import page
@@ -146,10 +144,7 @@ def study(quick: bool) -> dict[str, Any]:
 
 def main() -> None:
     """The command; its exit status is 1 if something must not be."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--quick", action="store_true", help="a few cases, to check that it works")
-    parser.add_argument("-o", "--output", type=Path, default=Path("docs/results"), help="folder to write into")
-    given = parser.parse_args()
+    given = study_parser(__doc__, quick="a few cases, to check that it works").parse_args()
     sys.exit(1 if run(given.output, quick=given.quick) else 0)
 
 
@@ -157,7 +152,7 @@ def run(folder: Path, *, quick: bool = False) -> int:
     """Write the page and the record; the number of pairs with a fault."""
     folder.mkdir(parents=True, exist_ok=True)
     record = study(quick)
-    write_atomically(folder / "stability.json", text_writer(json.dumps(record, indent=1) + "\n"))
-    write_atomically(folder / "stability.md", text_writer(page(record)))
+    write_record(folder / "stability.json", record)
+    write_text(folder / "stability.md", page(record))
     sys.stderr.write(f"wrote {folder / 'stability.md'}\n")
     return sum(bool(finding["faults"]) for finding in record["findings"])

@@ -7,7 +7,6 @@ Cycles with their time limits, on the same diffuse scenes. Both are optional (``
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import statistics
@@ -24,14 +23,15 @@ import torch
 from torch import Tensor
 
 from torchrender.errors import ImageFileError
-from torchrender.images.files import read_image, write_atomically, write_image
+from torchrender.images.files import read_image, write_image
 from torchrender.kernels.compile import thread_count
 from torchrender.numerics.tonemap import auto_exposure, tone_map
 from torchrender.pipeline.options import RenderOptions
 from torchrender.quality.machine import machine_record
 from torchrender.quality.metrics import coverage, flip
-from torchrender.quality.pages import text_writer
+from torchrender.quality.pages import write_record, write_text
 from torchrender.renderer import render
+from torchrender.report.common.command import study_parser
 from torchrender.report.time_limits.page import page
 from torchrender.report.time_limits.scene import export_scene, plain_scene
 from torchrender.scene.camera import Cameras
@@ -42,9 +42,9 @@ BEST = RenderOptions(area_shadows="sampled", point_shadows="traced", supersample
 """torchrender without a limit, as accurate as it gets on scenes without mirrors."""
 
 PEERS = {
-    "Mitsuba": ("time_limit_mitsuba", {"variant": "scalar_rgb"}),
-    "Mitsuba, LLVM": ("time_limit_mitsuba", {"variant": "llvm_ad_rgb"}),
-    "Blender Cycles": ("time_limit_cycles", {}),
+    "Mitsuba": ("time_limits.mitsuba", {"variant": "scalar_rgb"}),
+    "Mitsuba, LLVM": ("time_limits.mitsuba", {"variant": "llvm_ad_rgb"}),
+    "Blender Cycles": ("time_limits.cycles", {}),
 }
 REFERENCE = "reference"
 PATIENCE = 1200.0  # seconds after which a process is given up
@@ -177,16 +177,13 @@ def run(folder: Path, options: StudyOptions) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as work:
         record, pictures = study(options, Path(work))
     write_image(folder / "time-limits.png", pictures)
-    write_atomically(folder / "time-limits.json", text_writer(json.dumps(record, indent=1) + "\n"))
-    write_atomically(folder / "time-limits.md", text_writer(page(record)))
+    write_record(folder / "time-limits.json", record)
+    write_text(folder / "time-limits.md", page(record))
     return record
 
 
 def main() -> None:
     """The command."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--quick", action="store_true", help="one small scene, to check that it works")
-    parser.add_argument("-o", "--output", type=Path, default=Path("docs/results"), help="folder to write into")
-    given = parser.parse_args()
+    given = study_parser(__doc__, quick="one small scene, to check that it works").parse_args()
     run(given.output, QUICK if given.quick else StudyOptions())
     sys.stderr.write(f"wrote {given.output / 'time-limits.md'}\n")

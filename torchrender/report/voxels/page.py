@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from torchrender.images.files import write_atomically
 from torchrender.quality.machine import machine_line
+from torchrender.quality.pages import table, write_text
 
 PUBLISHED = (  # model, triangles, vertices, rasterise, texelize, synthesise, classify: milliseconds at 256 cubed
     ("Duck", 1_254, 947, 9.0, 8.0, 10.0, 0.8),
@@ -45,16 +45,7 @@ def write_page(record: dict[str, Any], folder: Path) -> None:
         *_scaling(record["scaling"], record["study"]["side"]),
         *_uses(record),
     ]
-    text = "\n".join(lines) + "\n"
-
-    def write(path: Path) -> None:
-        path.write_text(text)
-
-    write_atomically(folder / "voxels.md", write)
-
-
-def _table(head: list[str], rows: list[list[str]]) -> list[str]:
-    return ["| " + " | ".join(head) + " |", "|" + "---|" * len(head), *("| " + " | ".join(r) + " |" for r in rows), ""]
+    write_text(folder / "voxels.md", lines)
 
 
 def _percent(share: float, digits: int = 2) -> str:
@@ -91,14 +82,14 @@ def _models(record: dict[str, Any]) -> list[str]:
         "The compiled passes rasterise, texelize and synthesise at once. Beside them the source's three stages, each",
         f"on its own in torch; their cells {'equal' if equal else 'DIFFER FROM'} those of the thin pass.",
         "",
-        *_table(
+        *table(
             ["model", "triangles", "vertices", "classify ms", "thin ms", "conservative ms", "solid ms",
              "torch stages ms", "pairs", "cells thin / conservative", "leaking columns"],
             rows,
         ),
         "Published (P4 2.4 GHz, ATI 9800 Pro, milliseconds):",
         "",
-        *_table(["model", "triangles", "vertices", *STAGES, "sum", "classify"], published),
+        *table(["model", "triangles", "vertices", *STAGES, "sum", "classify"], published),
     ]  # fmt: skip
 
 
@@ -120,7 +111,7 @@ def _grids(grids: dict[str, Any]) -> list[str]:
     return [
         f"## Table 2.2: grids, {grids['triangles']:,} triangles",
         "",
-        *_table(
+        *table(
             ["grid", "surface cells", "× previous", "packed", "worksheets", "surface ms", "solid ms",
              "sides as mesh ms", "published: bits, memory, voxelize, voxels, draw"],
             rows,
@@ -144,7 +135,7 @@ def _peers(peers: dict[str, Any]) -> list[str]:
             else:
                 shares = [_percent(row["missing"], 3), _percent(row["extra"], 3)]
                 rows.append([name, f"{row['seconds']:.3f}", f"{row['ratio']:.1f}", *shares])
-        out += [f"{kind.capitalize()}:", "", *_table(["program", "seconds", "× torchrender", "missing", "extra"], rows)]
+        out += [f"{kind.capitalize()}:", "", *table(["program", "seconds", "× torchrender", "missing", "extra"], rows)]
     return out
 
 
@@ -168,7 +159,7 @@ def _baselines(row: dict[str, Any], side: int) -> list[str]:
         f"Slices find {same} the thin pass. Layered depths differ from the solid in {row['layered_differs']} cells,"
         " where snapping moves a centre across the surface.",
         "",
-        *_table(["method", "ms", "ratio"], rows),
+        *table(["method", "ms", "ratio"], rows),
     ]
 
 
@@ -185,12 +176,12 @@ def _solids(record: dict[str, Any]) -> list[str]:
         f"Error of the volume by cells along the longest side, and cells wrong against rays"
         f" ({record['study']['rays']:,} cells at {sides[-2]}, majority of three rays).",
         "",
-        *_table(["model", "mesh", *sides, "winding", "parity", "vote", "toggle (source)"], rows),
+        *table(["model", "mesh", *sides, "winding", "parity", "vote", "toggle (source)"], rows),
     ]
 
 
 def _scaling(rows: list[dict[str, float]], side: int) -> list[str]:
-    table = [
+    lines = [
         [
             f"{r['triangles']:,}",
             f"{r['cells']:,}",
@@ -203,7 +194,7 @@ def _scaling(rows: list[dict[str, float]], side: int) -> list[str]:
     return [
         f"## Time by triangles, conservative at {side}³",
         "",
-        *_table(["triangles", "cells", "pairs of triangle and cell", "ms", "ns per triangle"], table),
+        *table(["triangles", "cells", "pairs of triangle and cell", "ms", "ns per triangle"], lines),
     ]
 
 
@@ -219,7 +210,7 @@ def _uses(record: dict[str, Any]) -> list[str]:
     return [
         "## Functions, collision, transparent pictures",
         "",
-        *_table(["grid", "implicit: solid / surface cells", "expected", "solid ms (published 25)"], rows),
+        *table(["grid", "implicit: solid / surface cells", "expected", "solid ms (published 25)"], rows),
         f"A parametric sphere at 64³ took {ball['samples']:,} samples for {ball['cells']:,} cells; the largest gap",
         f"between neighbours is {ball['largest_gap']:.2f} cells. Two rings of {hit['triangles']:,} triangles share"
         f" {hit['shared']:,} voxels, found in {hit['ms']['median']:.1f} ms.",

@@ -7,7 +7,6 @@ are measured.
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 from dataclasses import asdict, dataclass
@@ -21,6 +20,7 @@ from torchrender.images.files import write_atomically
 from torchrender.quality.machine import machine_record
 from torchrender.quality.timing import take_turns
 from torchrender.rays import RayCaster
+from torchrender.report.common.command import study_parser
 from torchrender.report.voxels.baselines import layered_depths, slices, three_sheets
 from torchrender.report.voxels.models import bumpy_ring, models
 from torchrender.report.voxels.page import write_page
@@ -308,9 +308,7 @@ def _say(text: str) -> None:
 
 def main() -> None:
     """The command."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--quick", action="store_true", help="small models and grids: checks that it works")
-    parser.add_argument("-o", "--output", type=Path, default=Path("docs/results"), help="folder to write into")
+    parser = study_parser(__doc__, quick="small models and grids: checks that it works")
     parser.add_argument("--pictures", action="store_true", help="draw voxels.jpg and measure nothing")
     given = parser.parse_args()
     if given.pictures:

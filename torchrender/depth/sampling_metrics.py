@@ -27,7 +27,7 @@ from torchrender.scene.model import Scene
 
 
 @dataclass(frozen=True, kw_only=True)
-class MetricOptions:
+class SamplingMetricOptions:
     """How much is measured. More frames find more of the useful samples, so compare equal frame counts only.
 
     Raises:
@@ -89,7 +89,7 @@ class SamplingMetrics:
 
 
 def sampling_metrics(
-    scene: Scene, viewpoints: Cameras, sets: Sequence[DepthImages], options: MetricOptions | None = None
+    scene: Scene, viewpoints: Cameras, sets: Sequence[DepthImages], options: SamplingMetricOptions | None = None
 ) -> list[SamplingMetrics]:
     """Metrics of one or more sets of depth images; views between the viewpoints are rendered once for all of them.
 
@@ -102,7 +102,7 @@ def sampling_metrics(
     Raises:
         InputError: sets of different sizes or redundancies.
     """
-    options = options or MetricOptions()
+    options = options or SamplingMetricOptions()
     sampling = _common_options(sets)
     size = sets[0].cameras
     viewpoints = viewpoints.scaled(size.height / viewpoints.height)

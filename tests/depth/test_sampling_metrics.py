@@ -10,10 +10,10 @@ import torch
 
 from sampling_scenes import front, ring, soup, wall
 from torchrender.depth.kinds import median_triangle_pixels, sample_kinds
-from torchrender.depth.metrics import MetricOptions, SamplingMetrics, Share, sampling_metrics
 from torchrender.depth.options import METHODS, SamplingOptions
 from torchrender.depth.picture import COLORS, kinds_picture
 from torchrender.depth.sample import sample_depth_images
+from torchrender.depth.sampling_metrics import SamplingMetricOptions, SamplingMetrics, Share, sampling_metrics
 from torchrender.depth.viewpoints import cameras_between, halton, viewpoints_inside
 from torchrender.errors import InputError, OptionError
 from torchrender.numerics.color import linear_from_srgb
@@ -23,7 +23,7 @@ from torchrender.scene.procedural import build
 
 PIXEL = SamplingOptions()
 VISIBLE = SamplingOptions(redundancy="visibility")
-FEW = MetricOptions(frames=4, stride=2)
+FEW = SamplingMetricOptions(frames=4, stride=2)
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +31,9 @@ def nest() -> Scene:
     return build("nest", triangles=3000)
 
 
-def measure(scene: Scene, cameras: Cameras, options: SamplingOptions, metrics: MetricOptions) -> list[SamplingMetrics]:
+def measure(
+    scene: Scene, cameras: Cameras, options: SamplingOptions, metrics: SamplingMetricOptions
+) -> list[SamplingMetrics]:
     """Conventional, non-redundant, depth peeling."""
     methods = ("conventional", "nonredundant", "depth_peeling")
     sets = [sample_depth_images(scene, cameras, replace(options, method=m)) for m in methods]
@@ -59,7 +61,9 @@ def test_laws(nest: Scene, options: SamplingOptions) -> None:
 
 
 def test_visible_availability_is_best_for_nonredundant_images(nest: Scene) -> None:
-    conventional, nonredundant, peeling = measure(nest, ring(nest, 64), VISIBLE, MetricOptions(frames=6, stride=2))
+    conventional, nonredundant, peeling = measure(
+        nest, ring(nest, 64), VISIBLE, SamplingMetricOptions(frames=6, stride=2)
+    )
     assert nonredundant.mean_available.value > conventional.mean_available.value
     assert nonredundant.least_available > peeling.least_available
 
@@ -69,7 +73,7 @@ def test_everything_of_two_walls() -> None:
     # wall, which no view between needs, and the third is empty.
     scene, cameras = soup(wall(1.0, centre=(0.013, 0.0)), wall(2.0, centre=(0.013, 0.0))), front(16)[[0, 0, 0]]
     for options in (PIXEL, VISIBLE):
-        conventional, nonredundant, peeling = measure(scene, cameras, options, MetricOptions(frames=2))
+        conventional, nonredundant, peeling = measure(scene, cameras, options, SamplingMetricOptions(frames=2))
         assert [s.value for s in conventional.redundant] == [0, 1, 1]
         for m in (nonredundant, peeling):
             assert [s.value for s in m.filled] == [1, 1, 0]
@@ -83,7 +87,7 @@ def test_everything_of_two_walls() -> None:
 def test_an_empty_scene_has_no_shares() -> None:
     empty = soup()
     for options in (PIXEL, VISIBLE):
-        for m in measure(empty, front(8)[[0, 0]], options, MetricOptions(frames=2)):
+        for m in measure(empty, front(8)[[0, 0]], options, SamplingMetricOptions(frames=2)):
             assert all(s.value is None for s in (*m.redundant, *m.hidden, *m.useful))
             assert all(s.value == 0 for s in m.filled)
             assert m.available == ()
@@ -94,10 +98,10 @@ def test_an_empty_scene_has_no_shares() -> None:
 def test_pixel_metrics_approach_visibility_metrics() -> None:
     scene = build("nest", triangles=3000)
     cameras = ring(scene, 64)
-    wanted = measure(scene, cameras, VISIBLE, MetricOptions(frames=2))[0].redundant[2].value
+    wanted = measure(scene, cameras, VISIBLE, SamplingMetricOptions(frames=2))[0].redundant[2].value
     gaps = []
     for size in (32, 64, 128, 256):
-        got = measure(scene, cameras.scaled(size / 64), PIXEL, MetricOptions(frames=1))[0].redundant[2].value
+        got = measure(scene, cameras.scaled(size / 64), PIXEL, SamplingMetricOptions(frames=1))[0].redundant[2].value
         assert got is not None
         assert wanted is not None
         gaps.append(abs(got - wanted))
@@ -156,7 +160,7 @@ def test_sets_must_agree(nest: Scene) -> None:
     with pytest.raises(InputError, match="at least one"):
         sampling_metrics(nest, cameras, [])
     with pytest.raises(OptionError, match="frames"):
-        MetricOptions(frames=0)
+        SamplingMetricOptions(frames=0)
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -182,7 +186,7 @@ def test_metrics_agree_with_the_pictures(nest: Scene) -> None:
     cameras = ring(nest, 48)
     images = sample_depth_images(nest, cameras, PIXEL)
     kinds = sample_kinds(nest, cameras, images, frames=5)
-    m = sampling_metrics(nest, cameras, [images], MetricOptions(frames=5))[0]
+    m = sampling_metrics(nest, cameras, [images], SamplingMetricOptions(frames=5))[0]
     for number in range(3):
         hidden = int(kinds.hidden[number].sum())
         assert m.hidden[number].value == pytest.approx(hidden / int(images.covered[number].sum()))

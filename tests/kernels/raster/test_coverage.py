@@ -1,0 +1,116 @@
+"""Which pixels triangles cover and which of them wins, pixel by pixel in Python's integers and floats."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+from torchrender.kernels.raster.coverage import TILE_HEIGHT, TILE_WIDTH, covered_bits, edge, fill, fill_small, spans
+from torchrender.kernels.raster.project import SUBPIXEL, snap
+
+
+def position(x: float, y: float) -> int:
+    return int(np.floor(x * SUBPIXEL + 0.5)), int(np.floor(y * SUBPIXEL + 0.5))
+
+
+def covers(corners: list[tuple[int, int]], x: int, y: int) -> bool:
+    """The pixel's centre is inside, or on an edge that belongs to the triangle: a left edge, or a horizontal top."""
+    (ax, ay), (bx, by), (cx, cy) = corners
+    area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+    if area < 0:
+        corners = [corners[0], corners[2], corners[1]]
+    px, py = x * SUBPIXEL + SUBPIXEL // 2, y * SUBPIXEL + SUBPIXEL // 2
+    for k in range(3):
+        (ax, ay), (bx, by) = corners[k], corners[(k + 1) % 3]
+        value = (bx - ax) * (py - ay) - (by - ay) * (px - ax)
+        dx, dy = bx - ax, by - ay
+        if value < 0 or (value == 0 and not (dy > 0 or (dy == 0 and dx < 0))):
+            return False
+    return area != 0
+
+
+def edges_of(packed: list[int], corners: list[tuple[int, int]], x0: int, y0: int):
+    (ax, ay), (bx, by), (cx, cy) = corners
+    sign = 1 if (bx - ax) * (cy - ay) - (by - ay) * (cx - ax) > 0 else -1
+    px, py = x0 * SUBPIXEL + SUBPIXEL // 2, y0 * SUBPIXEL + SUBPIXEL // 2
+    pairs = ((0, 1), (1, 2), (2, 0))
+    return [edge(packed[a], packed[b], sign, px, py) for a, b in pairs]
+
+
+def random_corners(rng: np.random.Generator, step: float, size: int) -> list[tuple[float, float]]:
+    """Often with corners and edges on pixel centres."""
+    return [tuple(np.round(rng.uniform(-4, size, 2) / step) * step) for _ in range(3)]
+
+
+@pytest.mark.parametrize("step", [0.5, 0.25, 1 / 4096, 1 / 32768])
+def test_spans_and_bits_are_the_covered_pixels(step: float) -> None:
+    rng = np.random.default_rng(int(1 / step))
+    for _ in range(300):
+        places = random_corners(rng, step, 12)
+        corners = [position(*p) for p in places]
+        packed = [snap(*p) for p in places]
+        (ax, ay), (bx, by), (cx, cy) = corners
+        if (bx - ax) * (cy - ay) == (by - ay) * (cx - ax):
+            continue
+        wanted = np.array([[covers(corners, x, y) for x in range(8)] for y in range(7)])
+        found = np.zeros((7, 8), bool)
+        first, last = np.zeros(7, np.int64), np.full(7, 7, np.int64)
+        for e in edges_of(packed, corners, 0, 0):
+            spans(*e, 7, 8, first, last)
+        for y in range(7):
+            found[y, first[y] : last[y] + 1] = first[y] <= last[y]
+        np.testing.assert_array_equal(found, wanted)
+        flat = tuple(itertools.chain(*edges_of(packed, corners, 2, 1)))
+        bits = covered_bits(flat, 5, 4)
+        assert [(bits >> n) & 1 for n in range(20)] == wanted[1:5, 2:7].reshape(-1).tolist()
+
+
+def test_two_triangles_share_no_pixel_and_leave_none_out() -> None:
+    rng = np.random.default_rng(1)
+    for _ in range(200):
+        a, b = (0.5, 0.5), tuple(np.round(rng.uniform(4, 9, 2) * 2) / 2)
+        left, right = (a[0], b[1]), (b[0], a[1])
+        count = np.zeros((10, 10), int)
+        for corners in ([a, b, left], [b, a, right]):
+            count += [[covers([position(*p) for p in corners], x, y) for x in range(10)] for y in range(10)]
+        first, last = np.zeros(10, np.int64), np.full(10, 9, np.int64)
+        assert count.max() <= 1
+        total = 0
+        for corners in ([a, b, left], [b, a, right]):
+            first[:], last[:] = 0, 9
+            whole = [position(*p) for p in corners]
+            for e in edges_of([snap(*p) for p in corners], whole, 0, 0):
+                spans(*e, 10, 10, first, last)
+            total += int(np.maximum(last - first + 1, 0).sum())
+        assert total == count.sum() == int(b[0] - 0.5) * int(b[1] - 0.5)
+
+
+@pytest.mark.parametrize("small", [False, True])
+def test_the_nearest_wins_and_of_equal_ones_the_lowest_id(small: bool) -> None:
+    """Coincident triangles, in every order, and planes that cross."""
+    box = (3, 2, 7, 5)
+    planes = [
+        (0.0, 0.0, 0.5, 0.1, 0.9),
+        (0.0, 0.0, 0.5, 0.1, 0.9),  # coincident
+        (0.02, -0.01, 0.47, 0.1, 0.9),
+        (0.2, 0.0, -0.3, 0.35, 0.6),  # held within its limits
+    ]
+    wanted_keys = np.full((TILE_HEIGHT, TILE_WIDTH), 0.05)
+    wanted = np.full((TILE_HEIGHT, TILE_WIDTH), -1)
+    for y, x in itertools.product(range(2, 6), range(3, 8)):
+        values = [min(max((kc + ky * y) + kx * x, low), high) for kx, ky, kc, low, high in planes]
+        wanted[y, x] = max(range(4), key=lambda k: (values[k], -k))
+        wanted_keys[y, x] = max(values)
+    for order in itertools.permutations(range(4)):
+        keys, ids = np.full(TILE_WIDTH * TILE_HEIGHT, 0.05), np.full(TILE_WIDTH * TILE_HEIGHT, -1, np.int32)
+        for t in order:
+            if small:
+                fill_small(t, planes[t], box, np.int64(-1), keys, ids)
+            else:
+                first, last = np.zeros(4, np.int64), np.full(4, 4, np.int64)
+                assert fill(t, planes[t], (3, 2, 5), first, last, keys, ids) == 20
+        np.testing.assert_array_equal(ids.reshape(wanted.shape), wanted)
+        np.testing.assert_allclose(keys.reshape(wanted.shape), wanted_keys, rtol=1e-14)
+    assert set(np.unique(wanted)) == {-1, 0, 2, 3}

@@ -1,0 +1,68 @@
+"""Planes of keys and weights over the image, against exact fractions."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from torchrender.kernels.raster.planes import barycentric_planes, key_plane
+from torchrender.kernels.raster.records import Frame
+
+FACES = np.array([[0, 1, 2]], np.int32)
+
+
+def weights_at(points: np.ndarray, x: Fraction, y: Fraction, orthographic: bool) -> list[Fraction]:
+    """Perspective-correct weights of the three corners at a pixel: the point of the plane on the pixel's ray."""
+    q = [[Fraction(v) for v in row[:3]] for row in points]
+    w = [Fraction(1) if orthographic else row[2] for row in q]
+    lines = []
+    for k in range(3):
+        a, b = (k + 1) % 3, (k + 2) % 3
+        lines.append(
+            (q[a][1] * w[b] - w[a] * q[b][1]) * x
+            + (w[a] * q[b][0] - q[a][0] * w[b]) * y
+            + q[a][0] * q[b][1] - q[a][1] * q[b][0]
+        )  # fmt: skip
+    total = sum(lines)
+    return [value / total for value in lines]
+
+
+@pytest.mark.parametrize("orthographic", [False, True])
+def test_planes_are_the_exact_ones(orthographic: bool) -> None:
+    rng = np.random.default_rng(0)
+    frame = Frame(64, 48, 0.1, 100.0, orthographic)
+    for _ in range(200):
+        z = rng.uniform(0.5, 9, 3)
+        place = rng.uniform(-40, 40, (3, 2))
+        points = np.column_stack([place * (1.0 if orthographic else z[:, None]), z, z])
+        kx, ky, kc, low, high = key_plane(points, FACES, 0, frame)
+        ux, uy, uc, vx, vy, vc = barycentric_planes(points, FACES, 0, orthographic)
+        keys = -z if orthographic else 1.0 / z
+        assert low == pytest.approx(keys.min(), rel=1e-15) and high == pytest.approx(keys.max(), rel=1e-15)
+        for x, y in rng.uniform(-30, 30, (4, 2)):
+            a, b, c = weights_at(points, Fraction(x), Fraction(y), orthographic)
+            exact = sum(w * Fraction(k) for w, k in zip((a, b, c), z, strict=True))
+            key = float(-exact) if orthographic else float(1 / exact) if exact else np.inf
+            scale = np.abs([kx * x, ky * y, kc]).sum()
+            assert kx * x + ky * y + kc == pytest.approx(key, abs=1e-11 * scale)
+            # Planes hold weight times key: weight / z, or the weight itself.
+            share = 1 if orthographic else 1 / exact
+            for found, weight in ((ux * x + uy * y + uc, b), (vx * x + vy * y + vc, c)):
+                size = max(abs(ux * x), abs(uy * y), abs(uc), abs(vx * x), abs(vy * y), abs(vc))
+                assert found == pytest.approx(float(weight * share), abs=1e-10 * size)
+
+
+@pytest.mark.parametrize("orthographic", [False, True])
+def test_a_triangle_seen_edge_on_has_its_mean_key(orthographic: bool) -> None:
+    points = np.array([[1.0, 1.0, 2.0, 0], [1.0, 1.0, 2.0, 0], [3.0, 3.0, 4.0, 0]])
+    kx, ky, kc, low, high = key_plane(points, FACES, 0, Frame(64, 48, 0.1, 100.0, orthographic))
+    assert (kx, ky) == (0.0, 0.0) and kc == 0.5 * (low + high)
+    found = barycentric_planes(points, FACES, 0, orthographic)
+    assert found[:2] == (0.0, 0.0) and found[2] == pytest.approx(1 / 3 if orthographic else 1 / 6)
+
+
+def test_what_lies_before_the_near_plane_is_no_nearer_than_it() -> None:
+    points = np.array([[-1.0, 0, 0.05, 0], [1.0, 0, 2.0, 0], [0.0, 1.0, 3.0, 0]])
+    assert key_plane(points, FACES, 0, Frame(64, 48, 0.5, 100.0, False))[4] == 2.0
