@@ -6,7 +6,6 @@ Photos and scene files are looked for in ``TORCHRENDER_DATA`` (default ``../shar
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 import time
@@ -28,6 +27,7 @@ from torchrender.photo.style.statistics import rendered_distance
 from torchrender.photo.style.transfer import style_scene
 from torchrender.quality.machine import machine_record
 from torchrender.quality.pages import text_writer
+from torchrender.report.common.command import study_parser
 from torchrender.report.style import subjects
 from torchrender.report.style.flat import flat_rows
 from torchrender.report.style.known import known_row
@@ -263,17 +263,13 @@ def say(text: str) -> None:
     sys.stderr.write(f"material style: {text}\n")
 
 
-def main(argv: list[str] | None = None) -> None:
-    """Measure and write."""
-    parser = argparse.ArgumentParser(prog="python -m torchrender.report.style", description=__doc__)
-    parser.add_argument("--quick", action="store_true", help="one small scene: to see that it runs")
-    parser.add_argument("-o", "--output", default="docs/results", metavar="FOLDER")
-    arguments = parser.parse_args(argv)
-    folder = Path(arguments.output)
-    folder.mkdir(parents=True, exist_ok=True)
+def main() -> None:
+    """The command."""
+    given = study_parser(__doc__, quick="one small scene: checks that it works").parse_args()
+    given.output.mkdir(parents=True, exist_ok=True)
     try:
-        record = run(QUICK if arguments.quick else StudyOptions(), folder)
+        record = run(QUICK if given.quick else StudyOptions(), given.output)
     except TorchRenderError as error:
         sys.exit(f"material style: {error}")
-    write_atomically(folder / "material-style.json", text_writer(json.dumps(record, indent=1) + "\n"))
-    write_page(record, folder)
+    write_atomically(given.output / "material-style.json", text_writer(json.dumps(record, indent=1) + "\n"))
+    write_page(record, given.output)
