@@ -267,16 +267,17 @@ def test_leaves_keep_their_holes_when_textures_are_dropped(tmp_path) -> None:
     scene = replace(scene, materials=tuple(materials))
     style = style_scene(scene, striped_photo(), QUICK)
     style.save(tmp_path / "leaves.glb")
-    camera = around(1)
-    before = rasterize(scene, camera).triangle
+    camera = around(1, 160, 120)
+
+    def shown(made: tr.Scene) -> int:
+        return int((rasterize(made, camera).object_id == table).sum())
+
+    solid = replace(scene, materials=tuple(replace(m, alpha_cutoff=None) for m in scene.materials))
+    assert shown(solid) > 2 * shown(scene) > 0
     for made in (style.scene, tr.load(tmp_path / "leaves.glb")):
         new = made.materials[made.meshes[table].material]
         assert new.diffuse_texture is not None and bool((new.diffuse_texture[..., :3] == 1.0).all())
-        # Corners of texels may fall to either side once vertices are rounded.
-        assert float((rasterize(made, camera).triangle != before).double().mean()) < 0.01
-    assert torch.equal(rasterize(style.scene, camera).triangle, before)
-    solid = replace(scene, materials=tuple(replace(m, alpha_cutoff=None) for m in scene.materials))
-    assert float((rasterize(solid, camera).triangle != before).double().mean()) > 0.01
+        assert shown(made) == pytest.approx(shown(scene), rel=0.05)
 
 
 # ------------------------------------------------------------------- parts
