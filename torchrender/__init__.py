@@ -21,6 +21,10 @@ if TYPE_CHECKING:
     from torchrender.effects.shadows.soft_shadow import SoftShadowOptions, soft_shadow
     from torchrender.errors import TorchRenderError
     from torchrender.image import Image
+    from torchrender.photo.style.options import FitOptions, SearchOptions, StyleOptions
+    from torchrender.photo.style.session import Style
+    from torchrender.photo.style.sheet import contact_sheet
+    from torchrender.photo.style.transfer import style_scene
     from torchrender.pipeline.history import RenderHistory
     from torchrender.pipeline.options import RenderOptions
     from torchrender.planning.plan import Plan
@@ -39,6 +43,7 @@ if TYPE_CHECKING:
     from torchrender.scene.camera import Cameras
     from torchrender.scene.camera_path import CameraPath, built_in_path, load_path
     from torchrender.scene.environment import Environment
+    from torchrender.scene.files.scene_write import write_scene
     from torchrender.scene.info import scene_info
     from torchrender.scene.light import DirectionalLight, PointLight, RectLight, SpotLight
     from torchrender.scene.load import load
@@ -66,6 +71,7 @@ __all__ = [
     "DepthImages",
     "DirectionalLight",
     "Environment",
+    "FitOptions",
     "GBuffer",
     "Image",
     "Material",
@@ -84,11 +90,14 @@ __all__ = [
     "ReuseOptions",
     "SamplingOptions",
     "Scene",
+    "SearchOptions",
     "ShadowOptions",
     "SoftShadowOptions",
     "SolidOptions",
     "SplatOptions",
     "SpotLight",
+    "Style",
+    "StyleOptions",
     "SurfaceOptions",
     "TorchRenderError",
     "TraceOptions",
@@ -102,6 +111,7 @@ __all__ = [
     "built_in_path",
     "clustered_reflections",
     "collide",
+    "contact_sheet",
     "load",
     "load_path",
     "load_points",
@@ -121,6 +131,7 @@ __all__ = [
     "sample_offset_images",
     "scene_info",
     "soft_shadow",
+    "style_scene",
     "trace_reflections",
     "voxel_mesh",
     "voxelize_attributes",
@@ -130,6 +141,7 @@ __all__ = [
     "voxelize_solid",
     "voxelize_surface",
     "write_points",
+    "write_scene",
     "write_voxels",
 ]
 
@@ -141,6 +153,7 @@ _HOME = {
     "DepthImages": "torchrender.buffers",
     "DirectionalLight": "torchrender.scene.light",
     "Environment": "torchrender.scene.environment",
+    "FitOptions": "torchrender.photo.style.options",
     "GBuffer": "torchrender.buffers",
     "Image": "torchrender.image",
     "Material": "torchrender.scene.material",
@@ -159,11 +172,14 @@ _HOME = {
     "ReuseOptions": "torchrender.effects.reflections.reuse_options",
     "SamplingOptions": "torchrender.depth.options",
     "Scene": "torchrender.scene.model",
+    "SearchOptions": "torchrender.photo.style.options",
     "ShadowOptions": "torchrender.effects.shadows.shadow_map",
     "SoftShadowOptions": "torchrender.effects.shadows.soft_shadow",
     "SolidOptions": "torchrender.voxels.solid",
     "SplatOptions": "torchrender.points.options",
     "SpotLight": "torchrender.scene.light",
+    "Style": "torchrender.photo.style.session",
+    "StyleOptions": "torchrender.photo.style.options",
     "SurfaceOptions": "torchrender.voxels.surface",
     "TorchRenderError": "torchrender.errors",
     "TraceOptions": "torchrender.effects.reflections.traced",
@@ -176,6 +192,7 @@ _HOME = {
     "built_in_path": "torchrender.scene.camera_path",
     "clustered_reflections": "torchrender.effects.reflections.clustered",
     "collide": "torchrender.voxels.collision",
+    "contact_sheet": "torchrender.photo.style.sheet",
     "load": "torchrender.scene.load",
     "load_path": "torchrender.scene.camera_path",
     "load_points": "torchrender.points.load",
@@ -195,6 +212,7 @@ _HOME = {
     "sample_offset_images": "torchrender.depth.sample",
     "scene_info": "torchrender.scene.info",
     "soft_shadow": "torchrender.effects.shadows.soft_shadow",
+    "style_scene": "torchrender.photo.style.transfer",
     "trace_reflections": "torchrender.effects.reflections.traced",
     "voxel_mesh": "torchrender.voxels.mesh",
     "voxelize_attributes": "torchrender.voxels.attributes",
@@ -204,6 +222,7 @@ _HOME = {
     "voxelize_solid": "torchrender.voxels.solid",
     "voxelize_surface": "torchrender.voxels.surface",
     "write_points": "torchrender.points.file",
+    "write_scene": "torchrender.scene.files.scene_write",
     "write_voxels": "torchrender.voxels.file",
 }
 

@@ -17,9 +17,9 @@ with warnings.catch_warnings():
     schemathesis = pytest.importorskip("schemathesis", reason="pip install 'torchrender[test]'")
 
 
-@schemathesis.serializer("model/gltf-binary", "application/toml")
+@schemathesis.serializer("model/gltf-binary", "application/toml", "image/jpeg", "image/png")
 def as_it_is(context: Any, value: Any) -> bytes:
-    """Scenes are sent as bytes or text."""
+    """Scenes and photos are sent as bytes or text."""
     del context
     return value if isinstance(value, bytes) else str(value).encode("utf-8", "surrogatepass")
 
@@ -44,6 +44,7 @@ def test_every_route_is_described() -> None:
         "/v1/render": {"post"},
         "/v1/depth-images": {"post"},
         "/v1/reproject": {"post"},
+        "/v1/style": {"post"},
         "/v1/plan": {"get"},
         "/v1/tradeoff/{name}": {"get"},
         "/v1/sessions": {"post"},

@@ -1,4 +1,4 @@
-"""The command ``torchrender``: render, fly, plan, tradeoff, calibrate, info, depth, voxelize, points, scenes, serve.
+"""The command ``torchrender``: render, fly, plan, info, depth, voxelize, points, style, scenes, serve and others.
 
 Everything heavy is imported inside functions, after the environment of the thread pools is set.
 """
@@ -20,6 +20,7 @@ from torchrender.cli.output import check_output, image_size, progress
 from torchrender.cli.plan import add_limits, add_plan, run_calibrate, run_plan, run_tradeoff
 from torchrender.cli.points import add_points, point_info, run_points
 from torchrender.cli.serve import add_load_test, add_serve, load_test_command, serve_command
+from torchrender.cli.style import add_style, run_style
 from torchrender.cli.voxelize import add_voxelize, run_voxelize, voxel_info
 from torchrender.errors import InputError, TorchRenderError
 
@@ -161,6 +162,7 @@ _COMMANDS = {
     "depth": _depth,
     "voxelize": _voxelize,
     "points": _points,
+    "style": run_style,
     "scenes": _scenes,
     "serve": serve_command,
     "load-test": load_test_command,
@@ -212,6 +214,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_depth(commands.add_parser("depth", help="write depth images of a scene from several viewpoints"))
     add_voxelize(commands.add_parser("voxelize", help="write a model as voxels, or a picture of them"))
     add_points(commands.add_parser("points", help="draw or compress a cloud of points"))
+    add_style(commands)
     commands.add_parser("scenes", help="list the built-in scenes")
     add_serve(commands)
     add_load_test(commands)

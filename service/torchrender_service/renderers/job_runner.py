@@ -13,6 +13,7 @@ from torchrender_service.renderers.engine import plan_image, tradeoff
 from torchrender_service.renderers.pictures import make_container, render_picture, reproject_picture
 from torchrender_service.renderers.scene_cache import SceneCache, describe
 from torchrender_service.renderers.stream_renderer import StreamRenderer
+from torchrender_service.renderers.style import style_photo
 from torchrender_service.renderers.upload import validate
 from torchrender_service.renderers.views import camera_of_view
 
@@ -52,6 +53,8 @@ class JobRunner:
             return render_picture(scene, job)
         if isinstance(job, jobs.DepthImages):
             return make_container(scene, job)
+        if isinstance(job, jobs.StylePhoto):
+            return style_photo(scene, job)
         if isinstance(job, jobs.Plan):
             return plan_image(scene, camera_of_view(scene, job.view), job.bounds)
         if isinstance(job, jobs.Describe):

@@ -125,6 +125,22 @@ class Reproject(msgspec.Struct, frozen=True, kw_only=True, tag=True):
     max_images: int
 
 
+class StylePhoto(msgspec.Struct, frozen=True, kw_only=True, tag=True):
+    """A scene with materials in the colours of a photo."""
+
+    scene: SceneSource
+    photo: bytes
+    format: str  # "glb", "png" or "json"
+    max_pixels: int  # of the photo
+    seed: int = 0
+    views: int = 10
+    by: str = "object"
+    prior: float = 1.0
+    keep_textures: bool = False
+    lock: tuple[str, ...] = ()
+    pick: dict[str, tuple[float, ...]] = {}
+
+
 class MakeKeyframe(msgspec.Struct, frozen=True, kw_only=True, tag=True):
     """Layer 0 of one keyframe of a stream."""
 
@@ -167,7 +183,7 @@ class Forget(msgspec.Struct, frozen=True, kw_only=True, tag=True):
     scene: str | None = None
 
 
-SceneJob = Describe | Locate | Render | Plan | DepthImages | MakeKeyframe
+SceneJob = Describe | Locate | Render | Plan | DepthImages | StylePhoto | MakeKeyframe
 Job = SceneJob | Validate | Tradeoff | Reproject | MakeLayers | SmoothKeyframe | Forget
 
 

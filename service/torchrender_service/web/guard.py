@@ -74,7 +74,7 @@ class Guard:
 
     def _limit(self, scope: Scope) -> int:
         path = scope["path"]
-        if path == "/v1/scenes":
+        if path in ("/v1/scenes", "/v1/style"):
             return self._settings.max_upload_bytes
         # The container travels as base64 within JSON.
         return (

@@ -1,0 +1,102 @@
+"""Materials for a scene from a photo that a client sends."""
+
+from __future__ import annotations
+
+import io
+import tempfile
+import warnings
+from pathlib import Path
+from typing import Any
+
+import torch
+from PIL import Image as PilImage
+from PIL import UnidentifiedImageError
+from torch import Tensor
+
+from torchrender.errors import ImageFileError
+from torchrender.images.files import read_image_bytes, write_image
+from torchrender.numerics.color import srgb_from_linear
+from torchrender.photo.style.finish import albedo
+from torchrender.photo.style.options import SearchOptions, StyleOptions
+from torchrender.photo.style.session import Style
+from torchrender.photo.style.sheet import contact_sheet
+from torchrender.photo.style.transfer import style_scene
+from torchrender.scene.files.gltf_write import glb_bytes
+from torchrender.scene.model import Scene
+from torchrender_service.errors import ServiceError
+from torchrender_service.renderers.jobs import StylePhoto
+
+NAME = Path("photo")
+
+
+def style_photo(scene: Scene, job: StylePhoto) -> dict[str, Any]:
+    """The scene as GLB, the contact sheet as PNG, or what was chosen as plain values; with times and warnings.
+
+    Raises:
+        ServiceError, TorchRenderError: the photo, an object's name or a region is not usable.
+    """
+    image = _photo(job)
+    options = StyleOptions(
+        views=job.views,
+        cut=job.by,
+        keep_textures=job.keep_textures,
+        seed=job.seed,
+        search=SearchOptions(prior_weight=job.prior),
+    )
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        style = style_scene(scene, image, options, keep=job.lock, pick=job.pick)
+        made = {"glb": _glb, "png": _sheet, "json": _facts}[job.format](style)
+    return {
+        **made,
+        "timings_ms": dict(style.timings_ms),
+        "warnings": list(dict.fromkeys(str(w.message) for w in said)),
+    }
+
+
+def _photo(job: StylePhoto) -> Tensor:
+    """The photo; its size is checked before it is decoded."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            width, height = PilImage.open(io.BytesIO(job.photo), formats=("PNG", "JPEG")).size
+    except (UnidentifiedImageError, OSError, ValueError, SyntaxError) as error:
+        raise ImageFileError(NAME, "is no PNG or JPEG picture", key="photo") from error
+    if width * height > job.max_pixels:
+        detail = f"a photo may have at most {job.max_pixels} pixels, this one declares {width} x {height}"
+        raise ServiceError(422, "too-large", detail)
+    return read_image_bytes(job.photo, NAME)
+
+
+def _glb(style: Style) -> dict[str, Any]:
+    return {"file": glb_bytes(style.scene)}
+
+
+def _sheet(style: Style) -> dict[str, Any]:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "sheet.png"
+        write_image(path, contact_sheet(style))
+        return {"file": path.read_bytes()}
+
+
+def _facts(style: Style) -> dict[str, Any]:
+    colors = srgb_from_linear(albedo(style.materials, style.problem.cosine)).clamp(0, 1)
+    codes = (colors * 255).round().to(torch.int64).tolist()
+    rows = style.materials.tolist()
+    unseen = set(style.unseen)
+    objects = [
+        {
+            "name": name,
+            "color": "#{:02x}{:02x}{:02x}".format(*codes[i]),
+            "ambient": rows[i][:3],
+            "diffuse": rows[i][3:6],
+            "specular": rows[i][6],
+            "exponent": rows[i][7],
+            "candidate": int(style.choice[i]),
+            "seen": name not in unseen,
+            "locked": i in style.locked,
+        }
+        for i, name in enumerate(style.names)
+    ]
+    cost = {"before": style.before.total, "after": style.after.total, "moves": style.result.iterations}
+    return {"objects": objects, "cost": cost, "views": len(style.problem.views)}

@@ -1,0 +1,1 @@
+"""Photographs as input: what they say about a scene, or a scene about them."""

@@ -1,0 +1,1 @@
+"""Material style from a photo, measured."""

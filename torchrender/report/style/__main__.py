@@ -1,0 +1,5 @@
+"""``python -m torchrender.report.style``."""
+
+from torchrender.report.style.study import main
+
+main()
