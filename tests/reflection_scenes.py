@@ -12,8 +12,10 @@ from torchrender.effects.reflections.clustered import ClusteredReflections, Clus
 from torchrender.effects.reflections.reflectors import START, ReflectivePixels, reflective_pixels
 from torchrender.effects.reflections.traced import TraceOptions, trace_reflections
 from torchrender.pipeline.hit_shader import HitShader
+from torchrender.pipeline.options import RenderOptions
 from torchrender.raster import rasterize
 from torchrender.rays import RayCaster
+from torchrender.report.common.hits import hit_shader
 from torchrender.scene.camera import Cameras
 from torchrender.scene.light import PointLight
 from torchrender.scene.material import Material
@@ -86,7 +88,7 @@ def looking(size: int = 96, eye: tuple[float, float, float] = (0.0, 0.6, 2.7)) -
 
 def prepared(scene: Scene, cameras: Cameras) -> tuple[GBuffer, ReflectivePixels, HitShader]:
     gbuffer = rasterize(scene, cameras)
-    return gbuffer, reflective_pixels(scene, gbuffer), HitShader(scene)
+    return gbuffer, reflective_pixels(scene, gbuffer), hit_shader(scene, RenderOptions(shadows=False))
 
 
 def clustered(scene: Scene, cameras: Cameras, **options: object) -> tuple[ReflectivePixels, ClusteredReflections]:

@@ -118,7 +118,7 @@ def shade(
     count, height, width = samples.material.shape
     if visibility is not None:
         check_tensor("visibility", visibility, (count, len(scene.lights), height, width))
-        visibility = visibility.permute(1, 0, 2, 3).reshape(len(scene.lights), -1)
+        visibility = visibility.permute(1, 0, 2, 3).reshape(len(scene.lights), count * height * width)
     covered = samples.covered.reshape(-1)
     cameras = samples.cameras if isinstance(samples, GBuffer) else None
     if cameras is None:

@@ -239,13 +239,14 @@ def march(origins, directions, image=None, end: float = 20.0):
     depth_march.nearest_depths(depth, blocks)
     count = len(origins)
     state, steps = np.zeros(count, np.uint8), np.zeros(2, np.int64)
-    found = (np.zeros(count), np.zeros(count, np.int64), np.zeros((count, 2), np.float32))
+    found = depth_march.MarchedHits(
+        state, np.zeros(count), np.zeros(count, np.int64), np.zeros((count, 2), np.float32), steps
+    )
     rays = (np.array(origins, np.float64), np.array(directions, np.float64))
     ends = (1e-6, np.full(count, end))
-    depth_march.march_rays(
-        scene, (depth, triangle, blocks), lens, 1e-4, rays, np.arange(count), ends, state, found, steps
-    )
-    return state, found
+    seen = depth_march.DepthImage(depth, triangle, blocks, *lens)
+    depth_march.march_rays(scene, seen, 1e-4, rays, np.arange(count), ends, found)
+    return state, found[1:4]
 
 
 def test_known_rays() -> None:
@@ -281,7 +282,7 @@ def test_depth_along_the_projection_is_exact() -> None:
         a, b = origin + t0 * direction, origin + t1 * direction
         share = rng.uniform()
         z = depth_march.depth_at(1 / a[2], 1 / b[2] - 1 / a[2], share)
-        t = depth_march.length_at(t0, t1, a[2], b[2], share)
+        t = depth_march.length_at((t0, t1, a[2], b[2]), share)
         point = origin + t * direction
         screen = (1 - share) * a[:2] / a[2] + share * b[:2] / b[2]
         assert z == pytest.approx(point[2], rel=1e-9)

@@ -15,9 +15,10 @@ from torchrender.effects.reflections.reflectors import reflective_pixels
 from torchrender.effects.reflections.reuse import ReuseState, reuse_reflections
 from torchrender.effects.reflections.reuse_options import ReuseOptions
 from torchrender.effects.reflections.traced import trace_reflections
-from torchrender.pipeline.hit_shader import HitShader
+from torchrender.pipeline.options import RenderOptions
 from torchrender.raster import rasterize
 from torchrender.rays import RayCaster
+from torchrender.report.common.hits import hit_shader
 from torchrender.scene.camera import Cameras
 from torchrender.scene.light import PointLight
 from torchrender.scene.material import Material
@@ -205,7 +206,7 @@ def test_a_thing_that_touches_the_mirror_does_not_smear() -> None:
         lights=(PointLight(position=torch.tensor([0.5, 4.0, 2.0]), intensity=torch.full((3,), 30.0)),),
         ambient=torch.full((3,), 0.2),
     )
-    caster, shader = RayCaster(scene.geometry), HitShader(scene)
+    caster, shader = RayCaster(scene.geometry), hit_shader(scene, RenderOptions(shadows=False))
     state = None
     for k in range(5):
         camera = Cameras.look_at([0.1 + 0.06 * k, 1.4, 3.0], [0.0, 0.3, -1.0], width=96, height=96, fov_deg=45.0)

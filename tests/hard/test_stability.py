@@ -26,7 +26,7 @@ from torchrender.report.stability.page import page
 from torchrender.report.stability.study import EFFECTS, Finding, examine, faults, pairs, run
 from torchrender.shade import shade
 
-PACKAGE = Path(stability.__file__).resolve().parent.parent
+PACKAGE = Path(stability.__file__).resolve().parents[2]
 PAIRS = list(pairs())
 
 

@@ -10,6 +10,9 @@ from torchrender.passes.settings import Setting
 from torchrender.planning.graph import AnyBuffer
 from torchrender.planning.question import Combination, Question
 
+Cost = tuple[float, float]
+"""Milliseconds, and error to the power of the norm."""
+
 RUN, SEEN, FRESH, LOST = "run", "seen", "fresh", "lost"
 """Kinds of bits: a pass runs; its error shows; what was kept of it does not hold; it does not apply."""
 
@@ -72,7 +75,7 @@ class Problem:
     count: Setting
     base: tuple[float, float]  # time and error of what runs in any case and knows one way
     stages: list[Stage]
-    prices: dict[int, float]  # milliseconds by bit
+    prices: dict[int, Cost]  # by bit
     settled: dict[str, str]  # settings of passes that have one only here
     start: int  # bits that are set from the beginning
     must_break: bool  # combinations that leave VALID set belong to another problem
@@ -91,16 +94,18 @@ class Problem:
     @property
     def least_time(self) -> float:
         """Of the base, if everything that may be saved is."""
-        return self.base[0] + sum(min(price, 0.0) for price in self.prices.values())
+        return self.base[0] + sum(min(time, 0.0) for time, _ in self.prices.values())
 
-    def pay(self, before: int, after: int) -> float:
+    def pay(self, before: int, after: int) -> Cost:
         """What the bits cost that were set in between."""
-        total, new = 0.0, after & ~before
+        time, error, new = 0.0, 0.0, after & ~before
         while new:
             bit = new & -new
-            total += self.prices.get(bit, 0.0)
+            price = self.prices.get(bit)
+            if price is not None:
+                time, error = time + price[0], error + price[1]
             new ^= bit
-        return total
+        return time, error
 
     def step(self, stage: Stage, row: Row, bits: int) -> tuple[float, float, int]:
         """Time and error of a row, and the bits after it."""
@@ -109,7 +114,8 @@ class Problem:
             after &= ~VALID
         time, error = stage.cost(row, after)
         if after & ~bits:
-            time += self.pay(bits, after)
+            paid = self.pay(bits, after)
+            time, error = time + paid[0], error + paid[1]
         return time, error, after
 
     def cost(self, combination: Combination) -> tuple[float, float] | None:
@@ -149,7 +155,7 @@ class _Builder:
     def __init__(self, question: Question, count: Setting, going_on: Pass | None, runs: bool) -> None:
         self._question, self._count, self._going_on, self._runs = question, count, going_on, runs
         self._bits: dict[tuple[str, str], int] = {}
-        self._prices: dict[int, float] = {}
+        self._prices: dict[int, Cost] = {}
         self._next = VALID << 1
         self._asked_by: dict[tuple[bool, frozenset[AnyBuffer]], int] = {}
         self._makers: dict[AnyBuffer, Pass] = {}
@@ -180,7 +186,8 @@ class _Builder:
                 time, start = time + row.kept_ms, start | row.sets
                 error += row.error if step.makes.lasting is None else 0.0
         # What is set from the beginning is paid from the beginning.
-        time += sum(price for bit, price in self._prices.items() if bit & start)
+        paid = [price for bit, price in self._prices.items() if bit & start]
+        time, error = time + sum(p[0] for p in paid), error + sum(p[1] for p in paid)
         must_break = self._going_on is not None and not self._runs
         settled = {name: open_[0].name for name, open_ in self._settings.items() if len(open_) == 1}
         return Problem(self._count, (time, error), _ordered(stages), self._prices, settled, start, must_break)
@@ -237,15 +244,17 @@ class _Builder:
                 self._prices[bit] = self._price(kind, step)
         return self._bits[key]
 
-    def _price(self, kind: str, step: Pass) -> float:
+    def _price(self, kind: str, step: Pass) -> Cost:
         setting, question = self._settings[step.name][0], self._question
         kept = step.makes.name in question.kept
         own = question.time_ms(step, setting, self._count, not kept)
-        if kind == LOST:
-            return -own
+        error = question.error(step, setting, self._count)
+        if kind == SEEN:
+            return 0.0, error
         if kind == FRESH:
-            return question.time_ms(step, setting, self._count, True) - own
-        return own if kind == RUN else 0.0
+            return question.time_ms(step, setting, self._count, True) - own, 0.0
+        shown = 0.0 if step.makes.lasting is not None else error
+        return (own, shown) if kind == RUN else (-own, -shown)
 
     def _asked(self, step: Pass, inputs: frozenset[AnyBuffer]) -> int:
         """Bits that a pass sets by asking for these, what these ask for included."""

@@ -268,7 +268,8 @@ def test_box_of_neighbours_matches_a_loop() -> None:
     centre = torch.zeros(len(clusters), 3, dtype=torch.float64)
     axis = torch.nn.functional.normalize(torch.ones_like(centre), dim=-1)
     out = torch.zeros(len(chunks), 4, dtype=torch.float64)
-    cluster_fit.plane_spread(chunks, owner, clusters.order.numpy(), rays, centre.numpy(), axis.numpy(), out.numpy())
+    bundle = cluster_fit.Bundle(chunks, owner, clusters.order.numpy(), *rays)
+    cluster_fit.plane_spread(bundle, centre.numpy(), axis.numpy(), out.numpy())
     for row, number in enumerate(owner.tolist()):
         members = clusters.members(number)
         height = pixels.position[members] @ axis[number]

@@ -24,9 +24,10 @@ from torchrender.effects.reflections.reuse_options import ReuseOptions
 from torchrender.effects.reflections.traced import trace_reflections
 from torchrender.errors import InputError, OptionError
 from torchrender.numerics.color import srgb_from_linear
-from torchrender.pipeline.hit_shader import HitShader
+from torchrender.pipeline.options import RenderOptions
 from torchrender.raster import rasterize
 from torchrender.rays import RayCaster
+from torchrender.report.common.hits import hit_shader
 from torchrender.report.reflections.baselines import depth_reprojection, mirror_motion_vectors
 from torchrender.scene.camera import Cameras
 from torchrender.scene.camera_path import built_in_path
@@ -245,7 +246,7 @@ def room_camera(x: float, size: int = 96) -> Cameras:
 
 def test_a_room_with_edges_stays_close_to_rays_and_opens_no_gaps() -> None:
     scene = room()
-    caster, shader = RayCaster(scene.geometry), HitShader(scene)
+    caster, shader = RayCaster(scene.geometry), hit_shader(scene, RenderOptions(shadows=False))
     state, shares, errors, old = None, [], [], []
     for k in range(6):
         gbuffer = rasterize(scene, room_camera(-0.6 + 0.03 * k))
@@ -271,7 +272,7 @@ def test_a_room_with_edges_stays_close_to_rays_and_opens_no_gaps() -> None:
 
 def test_views_in_a_batch_are_reused_like_single_ones() -> None:
     scene = room()
-    caster, shader = RayCaster(scene.geometry), HitShader(scene)
+    caster, shader = RayCaster(scene.geometry), hit_shader(scene, RenderOptions(shadows=False))
 
     def run(xs: list[float], state: ReuseState | None):
         gbuffer = rasterize(scene, Cameras.cat([room_camera(x, 48) for x in xs]))
@@ -323,7 +324,7 @@ def test_the_shell_has_a_visible_pattern() -> None:
 def test_on_walks_through_the_rooms(name: str) -> None:
     """The figures of the acceptance list, on the displayed picture; depth is the warp as if painted on the mirrors."""
     scene = build(name, triangles=12000)
-    caster, shader = RayCaster(scene.geometry), HitShader(scene)
+    caster, shader = RayCaster(scene.geometry), hit_shader(scene, RenderOptions(shadows=False))
     cameras = built_in_path(scene, "walk1").cameras(300, width=384, height=384, near=0.02)
     state, own, painted, shares = None, [], [], []
     for number in (150, 151, 152, 153, 154):

@@ -13,18 +13,18 @@ from torchrender.effects.reflections.reflectors import blend_reflections, reflec
 from torchrender.effects.reflections.traced import TraceOptions, environment_reflections, trace_reflections
 from torchrender.errors import OptionError
 from torchrender.numerics.lobe import lobe_directions, reflect, schlick
-from torchrender.pipeline.hit_shader import HitShader
 from torchrender.pipeline.options import RenderOptions
 from torchrender.raster import rasterize
 from torchrender.ray_surface import ray_surface
 from torchrender.rays import RayCaster
 from torchrender.renderer import render
+from torchrender.report.common.hits import hit_shader
 from torchrender.scene.camera import Cameras
 from torchrender.scene.light import PointLight
 from torchrender.scene.material import Material
 from torchrender.scene.mesh import Mesh
 from torchrender.scene.model import Scene
-from torchrender.shade import shade, shade_hits
+from torchrender.shade import shade
 
 
 def rectangle(corner: list[float], u: list[float], v: list[float], material: int) -> Mesh:
@@ -63,7 +63,11 @@ def traced(scene: Scene, cameras: Cameras, mask: Tensor | None = None, rays: int
     gbuffer = rasterize(scene, cameras)
     pixels = reflective_pixels(scene, gbuffer, mask)
     options = TraceOptions(glossy_rays=rays)
-    return gbuffer, pixels, trace_reflections(RayCaster(scene.geometry), pixels, HitShader(scene), options)
+    return (
+        gbuffer,
+        pixels,
+        trace_reflections(RayCaster(scene.geometry), pixels, hit_shader(scene, RenderOptions(shadows=False)), options),
+    )
 
 
 def test_a_mirror_shows_what_the_mirrored_camera_sees() -> None:
@@ -131,7 +135,7 @@ def test_hits_carry_the_same_attributes_and_light_as_pixels() -> None:
         assert torch.allclose(mine[same], other[same], atol=2e-5, rtol=1e-4), name
     image = shade(scene, gbuffer).reshape(-1, 3)
     chosen = same & hits.hit
-    assert torch.allclose(shade_hits(scene, surface)[chosen], image[chosen], atol=1e-4)
+    assert torch.allclose(shade(scene, surface.image)[0, 0][chosen], image[chosen], atol=1e-4)
 
 
 def test_blend_is_schlick() -> None:
@@ -182,7 +186,7 @@ def test_the_environment_is_what_the_centre_sees() -> None:
     scene = mirror_scene()
     gbuffer = rasterize(scene, eye())
     pixels = reflective_pixels(scene, gbuffer)
-    shader = HitShader(scene)
+    shader = hit_shader(scene, RenderOptions(shadows=False))
     layer = environment_reflections(pixels, shader)
     mirror = layer.state == ReflectionState.ENVIRONMENT
     assert torch.equal(layer.color[mirror], shader.environment(pixels.direction))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import torch
@@ -62,9 +63,13 @@ def amounts(outlook: Outlook) -> Amounts:
 def _seen_by_rays(subject: Subject) -> Outputs:
     origins, directions = (rays.reshape(-1, 3) for rays in subject.cameras.rays())
     hits = subject.caster.first_hit(origins, directions)
-    none = torch.zeros(len(origins), dtype=torch.float64)
-    toward = torch.nn.functional.normalize(directions, dim=-1)
-    return {"radiance": subject.shader(ReflectedRays(origins, toward, none, none), hits)}
+    # As wide as a pixel, so that textures are as blurred as in the picture.
+    width = subject.cameras.footprint(subject.gbuffer.depth.double()).reshape(-1)
+    width = torch.where(torch.isfinite(width), width, 0.0)
+    lengths = directions.norm(dim=-1)
+    hits = replace(hits, t=hits.t * lengths)
+    rays = ReflectedRays(origins, directions / lengths[:, None], width, torch.zeros_like(width))
+    return {"radiance": subject.shader(rays, hits)}
 
 
 def _as_the_picture(subject: Subject, outputs: Outputs) -> float:
@@ -87,6 +92,8 @@ HARD = HardEffect(
         limit=0.02,
     ),
     turns=False,  # what is mirrored in mirrors comes from a cube map along the axes
+    rounding=0.03,  # its texels, and those of shadow maps, may change sides
+    twins=0.03,
 )
 
 PASS = Pass(

@@ -105,8 +105,8 @@ def page(record: dict[str, Any]) -> list[str]:
     lines = ["# What a plan costs", "", f"`python -m torchrender.report.planning` on {machine}", ""]
     lines += [
         "Choosing the settings of all passes for a budget: Pareto fronts are folded pass by pass, and the choice",
-        "equals that of an exhaustive search (`tests/planning/test_search.py`). Made-up passes have two to five settings, the",
-        "first six; three of them share something that is paid for once. Milliseconds.",
+        "equals that of an exhaustive search (`tests/planning/test_search.py`). Made-up passes have two to five",
+        "settings, the first six; three of them share something that is paid for once. Milliseconds.",
         "",
     ]
     head = ["passes", "combinations", "median", "middle half", "longest"]
