@@ -16,9 +16,11 @@ from typing import Any
 
 import numba
 from numba import config as numba_config
+from numba.core.compiler import Compiler
 from numba.core.registry import CPUDispatcher
 
 from torchrender.kernels.keys import cache_folder, file_key, module_key, module_name
+from torchrender.kernels.libraries import KernelCompiler, is_used
 from torchrender.kernels.store import CodeStore
 
 # Two threads that enter compiled code at once abort the process under the "workqueue" layer.
@@ -34,13 +36,12 @@ class Kernel(CPUDispatcher):
     """A compiled function, and the same function as other kernels call it."""
 
     def __init__(
-        self, py_func: Any, locals: Any = None, targetoptions: Any = None, pipeline_class: Any = None, *, seen: bool = True
+        self, py_func: Any, locals: Any = None, targetoptions: Any = None, *, seen: bool = True
     ) -> None:
         options = {**(targetoptions or {}), "no_cfunc_wrapper": True}
         if not seen:
             options["no_cpython_wrapper"] = True
-        chosen = {} if pipeline_class is None else {"pipeline_class": pipeline_class}
-        super().__init__(py_func, locals or {}, options, **chosen)
+        super().__init__(py_func, locals or {}, options, KernelCompiler if is_used() else Compiler)
         self._seen = not options.get("no_cpython_wrapper", False)
         self._inside: Kernel | None = None
         self._store: CodeStore | None = None
@@ -60,7 +61,7 @@ class Kernel(CPUDispatcher):
             text = file_key(code.co_filename) if module is None else module_key(module)
             options = sorted((k, repr(v)) for k, v in self.targetoptions.items())
             closed = [repr(cell.cell_contents) for cell in self.py_func.__closure__ or ()]
-            told = repr((text, options, self.py_func.__qualname__, code.co_firstlineno, closed))
+            told = repr((text, options, is_used(), self.py_func.__qualname__, code.co_firstlineno, closed))
             missed = self._missed if self._seen else None
             self._store = CodeStore(self.kernel_name, hashlib.sha256(told.encode()).hexdigest(), missed)
         return self._store

@@ -20,10 +20,10 @@ from typing import Any
 import llvmlite
 import numba
 from numba.core.caching import _Cache
-from numba.core.compiler import CompileResult
 from numba.core.serialize import dumps
 
 from torchrender.kernels.keys import cache_folder, read_folders
+from torchrender.kernels.libraries import rebuild
 
 LOG = logging.getLogger("torchrender.kernels")
 SUFFIX = ".code"
@@ -113,7 +113,7 @@ class CodeStore(_Cache):
             try:
                 kept, payload = pickle.loads(data)
                 if tuple(kept) == arguments:
-                    return CompileResult._rebuild(target, *payload)
+                    return rebuild(target, payload)
             except Exception as error:  # a damaged file may raise anything; compiling anew replaces it
                 LOG.info("%s cannot be read (%s: %s)", folder / name, type(error).__name__, error)
         return None
