@@ -1,8 +1,8 @@
 """How kernels are compiled, cached and threaded.
 
 A kernel has two sides. Called from Python it needs a wrapper that unpacks Python objects; called from other kernels it
-does not, and most kernels are called from kernels alone. Each side is compiled when it is first used, so that no wrapper
-is made in vain and a helper may still be called from anywhere.
+does not, and most kernels are called from kernels alone. Each side is compiled when it is first used, so that no
+wrapper is made in vain and a helper may still be called from anywhere.
 """
 
 from __future__ import annotations
@@ -10,8 +10,6 @@ from __future__ import annotations
 import hashlib
 import logging
 from collections.abc import Callable
-from contextlib import contextmanager
-from collections.abc import Iterator
 from typing import Any
 
 import numba
@@ -19,6 +17,7 @@ from numba import config as numba_config
 from numba.core.compiler import Compiler
 from numba.core.registry import CPUDispatcher
 
+from torchrender.kernels.hooks import is_dealt_with
 from torchrender.kernels.keys import cache_folder, file_key, module_key, module_name
 from torchrender.kernels.libraries import KernelCompiler, is_used
 from torchrender.kernels.store import CodeStore
@@ -28,16 +27,11 @@ numba_config.THREADING_LAYER_PRIORITY = ["omp", "tbb", "workqueue"]
 
 LOG = logging.getLogger("torchrender.kernels")
 
-BeforeCompiling = Callable[["Kernel", tuple[Any, ...]], bool]
-_before_compiling: list[BeforeCompiling] = []
-
 
 class Kernel(CPUDispatcher):
     """A compiled function, and the same function as other kernels call it."""
 
-    def __init__(
-        self, py_func: Any, locals: Any = None, targetoptions: Any = None, *, seen: bool = True
-    ) -> None:
+    def __init__(self, py_func: Any, locals: Any = None, targetoptions: Any = None, *, seen: bool = True) -> None:
         options = {**(targetoptions or {}), "no_cfunc_wrapper": True}
         if not seen:
             options["no_cpython_wrapper"] = True
@@ -99,23 +93,10 @@ class Kernel(CPUDispatcher):
 
     def _missed(self, arguments: tuple[Any, ...]) -> bool:
         """Before a call from Python has to wait for the compiler."""
-        if any(hook(self, arguments) for hook in _before_compiling):
-            return True
+        if is_dealt_with(self.kernel_name):
+            return self.is_kept(arguments)
         LOG.info("compiling %s, once; kept in %s", self.kernel_name, cache_folder())
         return False
-
-
-@contextmanager
-def before_compiling(hook: BeforeCompiling) -> Iterator[None]:
-    """In here ``hook`` is asked before a kernel that Python calls is compiled.
-
-    It gets the kernel and the types of its arguments and returns whether the code is on disk now.
-    """
-    _before_compiling.append(hook)
-    try:
-        yield
-    finally:
-        _before_compiling.remove(hook)
 
 
 def kernel(*, parallel: bool = False, inline: bool = False) -> Callable[[Callable[..., Any]], Any]:
@@ -129,7 +110,11 @@ def kernel(*, parallel: bool = False, inline: bool = False) -> Callable[[Callabl
         if numba_config.DISABLE_JIT:
             return function
         options: dict[str, Any] = {
-            "nopython": True, "error_model": "numpy", "nogil": True, "parallel": parallel, "boundscheck": None
+            "nopython": True,
+            "error_model": "numpy",
+            "nogil": True,
+            "parallel": parallel,
+            "boundscheck": None,
         }
         if inline:
             options["forceinline"] = True

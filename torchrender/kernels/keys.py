@@ -22,7 +22,7 @@ _IMPORT = re.compile(
     r"|import torchrender\.kernels\.(?P<whole>[\w.]+))",
     re.MULTILINE,
 )
-_NO_CODE = frozenset({"compile", "keys", "libraries", "store"})
+_NO_CODE = frozenset({"compile", "hooks", "keys", "libraries", "store"})
 """Modules that make no machine code: the decorator and what it needs."""
 FURTHER = "TORCHRENDER_KERNELS"
 """Environment variable: a further folder of compiled kernels, which is only read, as an image of a container has it."""

@@ -1,4 +1,4 @@
-"""Which kernels Python calls with which types of arguments: recorded, so that they can be compiled before they are called.
+"""Which kernels Python calls with which types of arguments: recorded, to be compiled before they are called.
 
 ``data/kernels.json`` is written by ``python tests/kernel_uses.py --write`` and held against use by a test.
 """
@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import importlib
 import json
-from collections.abc import Iterable
+from collections.abc import Set
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -19,8 +19,10 @@ from torchrender.kernels.compile import Kernel
 
 RECORDED = Path(__file__).parent.parent / "data" / "kernels.json"
 PACKAGE = "torchrender.kernels."
-EVERYTHING = ("render", "points", "voxels", "serve")
-"""What kernels can be compiled for; the parts of ``render`` are named ``render.`` and the pass."""
+GROUPS = ("render", "points", "voxels", "serve")
+"""What kernels can be compiled for. The parts of ``render`` are named ``render.`` and the pass, with ``.more`` at the
+end what only other settings than the usual ones need."""
+MORE = ".more"
 
 
 @dataclass(frozen=True)
@@ -37,9 +39,9 @@ class Use:
         """Module below ``torchrender.kernels``."""
         return self.kernel.rpartition(".")[0]
 
-    def serves(self, wanted: Iterable[str]) -> bool:
-        """Whether it belongs to one of these parts; ``render`` stands for all of its passes."""
-        return any(part == one or part.startswith(f"{one}.") for part in self.parts for one in wanted)
+    def serves(self, wanted: Set[str]) -> bool:
+        """Whether it belongs to one of these parts; ``render`` stands for all passes at their usual settings."""
+        return not wanted.isdisjoint(self.parts) or ("render" in wanted and any(_is_usual(p) for p in self.parts))
 
 
 @cache
@@ -47,6 +49,10 @@ def recorded() -> tuple[Use, ...]:
     """All that is recorded."""
     rows = json.loads(RECORDED.read_text())["kernels"]
     return tuple(Use(r["kernel"], json.dumps(r["types"]), float(r["seconds"]), tuple(r["parts"])) for r in rows)
+
+
+def _is_usual(part: str) -> bool:
+    return part.startswith("render.") and not part.endswith(MORE)
 
 
 def kernel_of(use: Use) -> Kernel:

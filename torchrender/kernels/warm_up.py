@@ -36,10 +36,10 @@ class Outcome:
     failed: tuple[str, ...]  # kernel: reason
 
 
-def missing(parts: Iterable[str]) -> list[Use]:
-    """Recorded uses for these parts whose code is not on disk."""
-    wanted = tuple(parts)
-    return [use for use in recorded() if use.serves(wanted) and not _is_kept(use)]
+def missing(parts: Iterable[str] = ()) -> list[Use]:
+    """Recorded uses for these parts, or for all, whose code is not on disk."""
+    wanted = frozenset(parts)
+    return [use for use in recorded() if (not wanted or use.serves(wanted)) and not _is_kept(use)]
 
 
 def expected_seconds(uses: Iterable[Use]) -> float:
@@ -64,7 +64,7 @@ def warm_up(uses: list[Use], tell: Tell | None = None, *, processes: int | None 
         processes: as many; default: one for each core.
     """
     _remove_unfinished()
-    work = _Work(uses, tell or (lambda done, total: None))
+    work = _Work(uses, tell)
     work.report()
     if uses:
         count = min(process_count() if processes is None else processes, len(uses))
@@ -87,7 +87,7 @@ class _Work:
     """What is still to be compiled, shared by the threads that each talk to one process."""
 
     uses: list[Use]
-    tell: Tell
+    tell: Tell | None
     done: int = 0
     failed: list[str] = field(default_factory=list)
     changed: threading.Event = field(default_factory=threading.Event)
@@ -103,7 +103,8 @@ class _Work:
 
     def report(self) -> None:
         """Tell how far it is."""
-        self.tell(self.done, len(self.uses))
+        if self.tell is not None:
+            self.tell(self.done, len(self.uses))
 
     def drive(self) -> None:
         """Start a process and give it one kernel after the other."""
@@ -217,3 +218,22 @@ def _remove_unfinished() -> None:
             with contextlib.suppress(OSError):
                 if time.time() - file.stat().st_mtime > OLD_S:
                     file.unlink()
+
+
+def main(parts: list[str]) -> int:
+    """Compile for these parts; progress as lines of JSON on standard output, for a process that knows no numba."""
+
+    def tell(done: int, total: int) -> None:
+        sys.stdout.write(json.dumps({"done": done, "total": total}) + "\n")
+        sys.stdout.flush()
+
+    outcome = warm_up(missing(parts), tell)
+    for failure in outcome.failed:
+        sys.stderr.write(f"{failure}\n")
+    return 0
+
+
+if __name__ == "__main__":
+    code = main(sys.argv[1:])
+    sys.stderr.flush()
+    os._exit(code)
