@@ -13,7 +13,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 
-KERNELS = '''
+KERNELS = """
 import numpy as np
 from numba import prange
 from torchrender.kernels.compile import kernel
@@ -41,7 +41,7 @@ def each(values):
     for k in prange(len(values)):
         out[k] = helper(values, np.int64(k)) + square(1.0)
     return out
-'''
+"""
 
 
 def run(folder: Path, code: str, **environment: str) -> dict[str, object]:
@@ -195,5 +195,7 @@ def test_helpers_are_linked_and_not_compiled() -> None:
     from torchrender.kernels import libraries
 
     lines = (ROOT / "constraints.txt").read_text().splitlines()
-    pinned = tuple(line.split("==")[1] for name in ("numba", "llvmlite") for line in lines if line.startswith(f"{name}=="))
+    pinned = tuple(
+        line.split("==")[1] for name in ("numba", "llvmlite") for line in lines if line.startswith(f"{name}==")
+    )
     assert pinned in libraries.TESTED

@@ -53,7 +53,9 @@ def test_nothing_is_compiled_after_a_warm_up(empty) -> None:
     )
     words = json.dumps([(use.kernel, use.arguments) for use in uses])
     environment = {**os.environ, "PYTHONPATH": PATH}
-    said = subprocess.run([sys.executable, "-c", code, words], env=environment, capture_output=True, text=True, check=True)
+    said = subprocess.run(
+        [sys.executable, "-c", code, words], env=environment, capture_output=True, text=True, check=True
+    )
     assert said.stdout.split() == ["0", "0"]
     assert empty.is_dir()
 
@@ -93,10 +95,12 @@ def test_an_interrupted_warm_up_leaves_no_process_and_goes_on(empty, tmp_path) -
         [sys.executable, "-m", "torchrender.cli", "warm-up", "--for", "points"],
         env=environment, stderr=subprocess.PIPE, text=True, cwd=tmp_path, start_new_session=True,
     )  # fmt: skip
-    assert process.stderr is not None and "0 of" in process.stderr.readline()
-    time.sleep(1.0)
-    os.killpg(process.pid, signal.SIGINT)
-    rest = process.stderr.read()  # ends when the processes that compile have ended, too
+    assert process.stderr is not None
+    with process.stderr as told:
+        assert "0 of" in told.readline()
+        time.sleep(1.0)
+        os.killpg(process.pid, signal.SIGINT)
+        rest = told.read()  # ends when the processes that compile have ended, too
     assert process.wait() == 130 and "interrupted" in rest and "Traceback" not in rest
     assert not old.exists() and not list(empty.rglob(f"*{warm_up.UNFINISHED}"))
 
