@@ -1,8 +1,8 @@
 """Which kernels are called with which types, by running what the package and the service do, small.
 
 ``python tests/kernel_uses.py --write`` compiles everything in an empty folder and writes
-``torchrender/data/kernels.json``, which ``torchrender warm-up`` compiles from. ``tests/kernels/test_signatures.py`` runs
-the same work and compares.
+``torchrender/data/kernels.json``, which ``torchrender warm-up`` compiles from; ``tests/kernels/test_signatures.py``
+runs the same work and compares.
 """
 
 from __future__ import annotations

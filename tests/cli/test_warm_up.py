@@ -78,7 +78,7 @@ def test_a_cold_picture_compiles_what_its_passes_need_at_once(noted, capsys) -> 
 
 def test_a_few_kernels_are_told_and_left_to_the_caller(monkeypatch, capsys) -> None:
     few = [use for use in recorded() if use.kernel == "raster.tiles.render_tiles"][: warm_up.FEW]
-    monkeypatch.setattr(compiling, "missing", lambda parts: few)
+    monkeypatch.setattr(compiling, "missing", lambda _: few)
     COLD.start("depth")
     assert not COLD("raster.tiles.render_tiles") and not COLD("raster.tiles.render_tiles")
     assert capsys.readouterr().err.count("compiling kernels, once, about") == 1

@@ -149,10 +149,10 @@ def test_libraries_are_told_only_where_they_ask(tmp_path) -> None:
     assert "compiling other.total, once; kept in" in told
 
 
-def test_a_full_disk_is_said_once(tmp_path, monkeypatch, caplog) -> None:
+def test_a_full_disk_is_said_once(monkeypatch, caplog) -> None:
     from torchrender.kernels import store
 
-    def full(path: Path, data: bytes) -> None:
+    def full(path: Path, _: bytes) -> None:
         raise OSError(28, "No space left on device", str(path))
 
     class Made:

@@ -11,7 +11,7 @@ import pytest
 from numba import typeof
 
 import kernel_uses
-from torchrender.kernels import hooks
+from torchrender.kernels import hooks, worker
 from torchrender.kernels.points import tree
 from torchrender.kernels.raster.records import __name__ as RECORDS
 from torchrender.kernels.signatures import GROUPS, Use, _type, described, kernel_of, recorded, types_of
@@ -75,6 +75,7 @@ def test_hooks_are_asked_in_their_block_alone() -> None:
 
 def test_the_worker_needs_neither_torch_nor_scenes() -> None:
     """It must start quickly: only kernels are imported."""
+    assert callable(worker.main)
     code = (
         "import sys, io; sys.stdin = io.StringIO(''); from torchrender.kernels import worker; worker.main();"
         "sys.exit('torch' in sys.modules or 'torchrender.scene' in sys.modules or 'numba' not in sys.modules)"
