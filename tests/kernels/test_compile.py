@@ -159,7 +159,7 @@ def test_a_full_disk_is_said_once(monkeypatch, caplog) -> None:
         lifted = ()
         target_context = None
 
-        class library:  # noqa: N801
+        class library:
             has_dynamic_globals = False
 
         def _reduce(self) -> tuple[()]:
