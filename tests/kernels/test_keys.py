@@ -28,7 +28,7 @@ def folder(tmp_path, monkeypatch):
         "high": "from torchrender.kernels import low, missing\nfrom torchrender.kernels.compile import kernel\n",
         "top": "from torchrender.kernels.high import x\n",
         "raster/low": "x = 1\n",
-        "raster/tiles": "from torchrender.kernels.raster.low import (\n    x,  # a comment (with brackets\n    y as z,\n)\n",
+        "raster/tiles": "from torchrender.kernels.raster.low import (\n    x,  # why (\n    y as z,\n)\n",
         "raster/whole": "import torchrender.kernels.raster.tiles\n",
         "raster/package": "from torchrender.kernels.raster import (\n    low as ground,\n)\n",
         "rays/low": "x = 1\n",

@@ -15,14 +15,15 @@ from torchrender.kernels import hooks, worker
 from torchrender.kernels.points import tree
 from torchrender.kernels.raster.records import __name__ as RECORDS
 from torchrender.kernels.signatures import GROUPS, Use, _type, described, kernel_of, recorded, types_of
+from torchrender.scene.load import load
 
 
 def test_types_are_the_same_after_being_written_down() -> None:
     readonly = np.zeros((2, 3), dtype=np.float32)
     readonly.flags.writeable = False
     for value in (
-        1, 1.5, True, None, np.uint8(1), np.zeros(3), np.zeros((2, 3), dtype=np.int32)[:, 1:], np.asfortranarray(readonly),
-        readonly, np.zeros(2, dtype=bool), (1, 2), (1, 2.0, np.zeros(3, dtype=np.uint64)),
+        1, 1.5, True, None, np.uint8(1), np.zeros(3), np.zeros((2, 3), dtype=np.int32)[:, 1:], readonly,
+        np.asfortranarray(readonly), np.zeros(2, dtype=bool), (1, 2), (1, 2.0, np.zeros(3, dtype=np.uint64)),
     ):  # fmt: skip
         kind = typeof(value)
         told = json.loads(json.dumps(described(kind)))
@@ -45,9 +46,12 @@ def test_every_recorded_use_names_a_kernel_and_types() -> None:
 
 
 @pytest.mark.parametrize("work", ["default_pictures", "streams"])
-def test_use_stays_within_the_record(work: str) -> None:
+def test_use_stays_within_the_record(work: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """So nothing is compiled after a warm-up. Where this fails, run ``python tests/kernel_uses.py --write``."""
     known = {(use.kernel, json.dumps(json.loads(use.arguments))): set(use.parts) for use in recorded()}
+    if work == "streams":  # of two scenes, which have an area light, sunlight and no mirrors; all take a minute
+        some = [load("cornell_box"), load("tree", size=3000)]
+        monkeypatch.setattr(kernel_uses, "scenes", lambda: iter(some))
     group = {"default_pictures": "render", "streams": "serve"}[work]
     found = kernel_uses.record(only=(work,)).parts
     assert len(found) > 10

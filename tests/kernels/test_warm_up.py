@@ -67,6 +67,13 @@ def test_a_kernel_that_cannot_be_compiled_is_named_and_stops_no_other() -> None:
     assert outcome.compiled == 1 and len(outcome.failed) == 1 and wrong.kernel in outcome.failed[0]
 
 
+def test_what_cannot_be_kept_is_said(empty) -> None:
+    """A file where the folder should be fails as a full disk does."""
+    empty.write_text("")
+    outcome = warm_up.warm_up(quick(1))
+    assert outcome.compiled == 0 and "cannot be kept in" in outcome.failed[0]
+
+
 @pytest.mark.usefixtures("empty")
 def test_without_processes_this_one_compiles(monkeypatch) -> None:
     def refuse(*_: object, **__: object) -> None:

@@ -21,6 +21,7 @@ def main() -> int:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     out = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)
+    from torchrender.kernels.keys import cache_folder
     from torchrender.kernels.signatures import Use, kernel_of, types_of
 
     _tell(out, {"ready": True})
@@ -28,11 +29,13 @@ def main() -> int:
         task = json.loads(line)
         use = Use(task["kernel"], task["types"], 0.0, ())
         try:
-            kernel_of(use).compile(types_of(use))
+            kernel, kinds = kernel_of(use), types_of(use)
+            kernel.compile(kinds)
         except Exception as error:  # said by whoever asked; the kernel is compiled when it is needed
             _tell(out, {"failed": f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}"})
         else:
-            _tell(out, {"done": True})
+            kept = kernel.is_kept(kinds)
+            _tell(out, {"done": True} if kept else {"failed": f"it cannot be kept in {cache_folder()}"})
     return 0
 
 
