@@ -23,6 +23,7 @@ DEMO := out/demo.png
 demo: setup
 	@mkdir -p $(dir $(DEMO))
 	@begin=$$(date +%s); \
+	$(BIN)/torchrender warm-up --for render && \
 	$(BIN)/torchrender render living_room --supersample 2 -o $(DEMO) && \
 	echo "Rendered $(CURDIR)/$(DEMO) in $$(( $$(date +%s) - begin )) s"
 

@@ -34,7 +34,7 @@ class FakePool(RendererPool):
         self.given: list[Actor] = []
         self.back: list[RendererHandle] = []
 
-    ready, waiting = True, 0
+    ready, progress, waiting = True, "", 0
 
     def start(self) -> None:
         pass

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-START_S = 120.0
+START_S = 280.0
 LIMITS = {
     "BUILT_IN": "cornell_box",
     "THREADS": "1",

@@ -48,7 +48,7 @@ def test_a_wheel_holds_both_packages_whole_and_nothing_else(wheel: Path) -> None
     with zipfile.ZipFile(wheel) as archive:
         inside = {name for name in archive.namelist() if ".dist-info/" not in name}
         (entry,) = (name for name in archive.namelist() if name.endswith("dist-info/entry_points.txt"))
-        assert b"torchrender = torchrender.cli.main:main" in archive.read(entry)
+        assert b"torchrender = torchrender.cli.__main__:run" in archive.read(entry)
     assert {name.partition("/")[0] for name in inside} == set(HOMES)
     expected = {
         f"{name}/{path.relative_to(home).as_posix()}"

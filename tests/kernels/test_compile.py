@@ -1,49 +1,201 @@
-"""The kernel cache follows the text of a kernel and of what it imports."""
+"""Both sides of a kernel, what is kept of them, and what happens where nothing can be kept."""
 
 from __future__ import annotations
 
+import json
+import logging
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
-from torchrender.kernels import compile as module
+ROOT = Path(__file__).resolve().parents[2]
+
+KERNELS = """
+import numpy as np
+from numba import prange
+from torchrender.kernels.compile import kernel
+
+@kernel(inline=True)
+def square(x):
+    return x * x
+
+@kernel()
+def helper(values, place):
+    if place < 0:
+        raise ValueError("place must not be negative")
+    return square(values[place])
+
+@kernel()
+def total(values, first):
+    found = 0.0
+    for k in range(first, len(values)):
+        found += helper(values, k)
+    return found
+
+@kernel(parallel=True)
+def each(values):
+    out = np.zeros(len(values))
+    for k in prange(len(values)):
+        out[k] = helper(values, np.int64(k)) + square(1.0)
+    return out
+"""
 
 
-@pytest.fixture
-def folder(tmp_path, monkeypatch):
-    (tmp_path / "low.py").write_text("x = 1\n")
-    (tmp_path / "other.py").write_text("x = 2\n")
-    (tmp_path / "high.py").write_text("from torchrender.kernels import low, missing\n")
-    (tmp_path / "top.py").write_text("from torchrender.kernels.high import x\n")
-    monkeypatch.setattr(module, "_FOLDER", tmp_path)
-    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
-    yield tmp_path
-    for cached in (module._sources, module.cache_folder, module._cache_base):
-        cached.cache_clear()
+def run(folder: Path, code: str, **environment: str) -> dict[str, object]:
+    """What a process prints last, with kernels from ``folder`` and its cache there, too."""
+    (folder / "own.py").write_text(KERNELS) if not (folder / "own.py").exists() else None
+    count = (
+        "import json, sys; from numba.core import event\n"
+        "class L(event.Listener):\n"
+        "    n = 0\n"
+        "    def on_start(self, e): L.n += 1\n"
+        "    def on_end(self, e): pass\n"
+        "event.register('numba:compile', L())\n"
+        "import numpy as np; import own; v = np.arange(5.0)\n"
+    )
+    path = os.pathsep.join([str(folder), str(ROOT)])
+    given = {**os.environ, "PYTHONPATH": path, "NUMBA_CACHE_DIR": str(folder / "a cache"), **environment}
+    given = {k: v for k, v in given.items() if v}
+    done = subprocess.run(
+        [sys.executable, "-c", count + code], env=given, capture_output=True, text=True, check=False, cwd=folder
+    )
+    assert done.returncode == 0, done.stderr
+    return {**json.loads(done.stdout.splitlines()[-1]), "stderr": done.stderr}
 
 
-def key(name: str) -> Path:
-    for cached in (module._sources, module.cache_folder):
-        cached.cache_clear()
-    return module.cache_folder(name)
+SUM = "print(json.dumps({'sum': own.total(v, 0), 'n': L.n}))"
 
 
-def test_an_edited_helper_changes_the_key_of_all_that_use_it_and_no_other(folder):
-    before = {name: key(name) for name in ("low", "high", "top", "other")}
-    (folder / "low.py").write_text("x = 3\n")
-    changed = {name for name in before if key(name) != before[name]}
-    assert changed == {"low", "high", "top"}
+@pytest.mark.parametrize("plain", ["", "1"])
+def test_kernels_call_kernels_and_python_calls_each_of_them(tmp_path, plain) -> None:
+    """In any order, with errors that go through helpers, in a folder with a space in its name; then from disk."""
+    code = (
+        "r = [own.total(v, 0), own.square(3.0), own.helper(v, 2), own.each(v).tolist()]\n"
+        "for wrong in (lambda: own.helper(v, -1), lambda: own.total(v, -1)):\n"
+        "    try: wrong()\n"
+        "    except ValueError as e: r.append(str(e))\n"
+        "print(json.dumps({'r': r, 'n': L.n}))"
+    )
+    error = "place must not be negative"
+    expected = [30.0, 9.0, 4.0, [1.0, 2.0, 5.0, 10.0, 17.0], error, error]
+    first = run(tmp_path, code, TORCHRENDER_PLAIN_COMPILER=plain)
+    again = run(tmp_path, code, TORCHRENDER_PLAIN_COMPILER=plain)
+    for made in (first, again):
+        assert made["r"] == expected
+    assert first["n"] > 4 and again["n"] == 0
 
 
-@pytest.mark.usefixtures("folder")
-def test_the_environment_names_the_place(monkeypatch, tmp_path):
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "here"))
-    assert key("low") == tmp_path / "here"
+def test_an_edit_of_a_kernel_is_seen(tmp_path) -> None:
+    assert run(tmp_path, SUM)["sum"] == 30.0
+    (tmp_path / "own.py").write_text(KERNELS.replace("return x * x", "return x + 0 * x"))
+    assert run(tmp_path, SUM)["sum"] == 10.0
 
 
-@pytest.mark.usefixtures("folder")
-def test_a_cache_folder_that_cannot_be_made_is_replaced(monkeypatch, tmp_path):
-    (tmp_path / "file").write_text("")
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file" / "below"))
-    module._cache_base.cache_clear()
-    assert (tmp_path / "file") not in key("low").parents
+def test_two_cold_processes_at_once_keep_the_right_code(tmp_path) -> None:
+    """They compile the same function for different types; each file holds what its name says."""
+    (tmp_path / "own.py").write_text(KERNELS)
+    calls = {"float64": "own.total(v, 0)", "float32": "own.total(v.astype(np.float32), 1)"}
+    given = {**os.environ, "PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}", "NUMBA_CACHE_DIR": str(tmp_path / "c")}
+    begin = "import numpy as np, own; v = np.arange(5.0); "
+    both = [subprocess.Popen([sys.executable, "-c", begin + c], env=given, cwd=tmp_path) for c in calls.values()]
+    assert [one.wait() for one in both] == [0, 0]
+    code = f"print(json.dumps({{'r': [{', '.join(calls.values())}], 'n': L.n}}))"
+    assert run(tmp_path, code, NUMBA_CACHE_DIR=str(tmp_path / "c")) == {"r": [30.0, 30.0], "n": 0, "stderr": ""}
+
+
+def test_a_disk_that_cannot_be_written_costs_time_but_no_result(tmp_path) -> None:
+    """A file stands where a folder should be: as a full or a read-only disk, it fails when code is to be kept."""
+    (tmp_path / "wall").write_text("")
+    made = run(tmp_path, SUM, NUMBA_CACHE_DIR=str(tmp_path / "wall"))
+    assert made["sum"] == 30.0
+    assert made["stderr"].count("cannot be kept") == 1, "said once, not for each kernel"
+
+
+def test_damaged_files_are_compiled_again(tmp_path) -> None:
+    run(tmp_path, SUM)
+    files = sorted((tmp_path / "a cache").rglob("*.code"))
+    assert len(files) >= 3
+    for number, file in enumerate(files):
+        file.write_bytes((b"", b"no code", file.read_bytes()[:100])[number % 3])
+    assert run(tmp_path, SUM)["sum"] == 30.0
+    assert run(tmp_path, SUM)["n"] == 0
+
+
+def test_another_processor_gets_its_own_code(tmp_path) -> None:
+    """A home that several machines share: code for one is not run on the other."""
+    assert run(tmp_path, SUM)["n"] > 0
+    other = {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": "+sse2"}
+    made = run(tmp_path, SUM, **other)
+    assert made["sum"] == 30.0 and made["n"] > 0
+    assert run(tmp_path, SUM)["n"] == run(tmp_path, SUM, **other)["n"] == 0
+
+
+def test_a_kernel_can_be_pickled() -> None:
+    import pickle
+
+    from torchrender.kernels.points.tree import levels_of
+
+    assert pickle.loads(pickle.dumps(levels_of)) is levels_of
+
+
+def test_libraries_are_told_only_where_they_ask(tmp_path) -> None:
+    quiet = run(tmp_path, SUM)
+    assert quiet["stderr"] == ""
+    loud = "import logging; logging.basicConfig(level=logging.INFO, format='%(message)s')\n" + SUM
+    told = run(tmp_path, loud, NUMBA_CACHE_DIR=str(tmp_path / "empty"))["stderr"]
+    assert "compiling other.total, once; kept in" in told
+
+
+def test_a_full_disk_is_said_once(monkeypatch, caplog) -> None:
+    from torchrender.kernels import store
+
+    def full(path: Path, _: bytes) -> None:
+        raise OSError(28, "No space left on device", str(path))
+
+    class Made:
+        lifted = ()
+        target_context = None
+
+        class library:
+            has_dynamic_globals = False
+
+        def _reduce(self) -> tuple[()]:
+            return ()
+
+    monkeypatch.setattr(store, "write_whole", full)
+    monkeypatch.setattr(store, "_unwritable", [])
+    monkeypatch.setattr(store.CodeStore, "file_name", lambda *_: "x/y.code")
+    kept = store.CodeStore("x.y", "key")
+    with caplog.at_level(logging.WARNING):
+        kept.save_overload((), Made())
+        kept.save_overload((), Made())
+    assert len(caplog.records) == 1 and "No space left" in caplog.text
+
+
+def test_files_appear_whole(tmp_path, monkeypatch) -> None:
+    from torchrender.kernels import store
+
+    store.write_whole(tmp_path / "a" / "b.code", b"all of it")
+    assert (tmp_path / "a" / "b.code").read_bytes() == b"all of it"
+
+    def stopped(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(store.os, "replace", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        store.write_whole(tmp_path / "a" / "c.code", b"x")
+    assert [p.name for p in (tmp_path / "a").iterdir()] == ["b.code"]
+
+
+def test_helpers_are_linked_and_not_compiled() -> None:
+    """With the versions that the constraints pin; a new one needs a look before it is added."""
+    from torchrender.kernels import libraries
+
+    lines = (ROOT / "constraints.txt").read_text().splitlines()
+    pinned = tuple(
+        line.split("==")[1] for name in ("numba", "llvmlite") for line in lines if line.startswith(f"{name}==")
+    )
+    assert pinned in libraries.TESTED

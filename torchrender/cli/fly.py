@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from torchrender.cli.arguments import add_scene, add_size, given
-from torchrender.cli.output import check_output, image_size, make_folder, progress
+from torchrender.cli.output import check_output, collect_garbage, image_size, make_folder, progress
 from torchrender.errors import ImageFileError, InputError, OptionError
 
 if TYPE_CHECKING:
@@ -58,6 +58,7 @@ def fly(arguments: argparse.Namespace) -> None:
     width, height = image_size(arguments.size)
     options = RenderOptions(reuse=ReuseOptions(**given(key_frame_threshold=arguments.threshold)))
     scene = load(arguments.scene, size=arguments.triangles)
+    collect_garbage()
     path = _path(scene, arguments.path, arguments.seed)
     cameras = path.cameras(arguments.frames, width=width, height=height, near=1e-3 * (scene.diagonal or 1.0))
     if not film:

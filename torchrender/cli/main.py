@@ -1,4 +1,4 @@
-"""The command ``torchrender``: render, fly, plan, info, depth, voxelize, points, style, scenes, serve and others.
+"""The command ``torchrender`` and its subcommands.
 
 Everything heavy is imported inside functions, after the environment of the thread pools is set.
 """
@@ -11,23 +11,23 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any
 
 from torchrender import __version__
 from torchrender.cli.arguments import add_scene, add_size, camera_of, exposure, given, load_scene, numbers
 from torchrender.cli.fly import add_fly, fly
-from torchrender.cli.output import check_output, image_size, progress
+from torchrender.cli.output import check_output, collect_garbage, image_size, progress
 from torchrender.cli.plan import add_limits, add_plan, run_calibrate, run_plan, run_tradeoff
 from torchrender.cli.points import add_points, point_info, run_points
 from torchrender.cli.serve import add_load_test, add_serve, load_test_command, serve_command
 from torchrender.cli.style import add_style, run_style
 from torchrender.cli.voxelize import add_voxelize, run_voxelize, voxel_info
+from torchrender.cli.warm_up import ColdStart, add_warm_up, warm_up_command
 from torchrender.errors import InputError, TorchRenderError
+from torchrender.kernels.hooks import before_compiling
 
-if TYPE_CHECKING:
-    pass
-
-T = TypeVar("T")
+COLD = ColdStart()
+"""What is told, and done side by side, when kernels are not compiled yet."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -35,7 +35,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = _parser().parse_args(argv)
     try:
         _set_up_threads(arguments.threads)
-        _COMMANDS[arguments.command](arguments)
+        COLD.start(arguments.command)
+        with before_compiling(COLD):
+            _COMMANDS[arguments.command](arguments)
     except TorchRenderError as error:
         print(f"torchrender: error: {error}", file=sys.stderr)
         return 2
@@ -69,6 +71,9 @@ def _render(arguments: argparse.Namespace) -> None:
     width, height = image_size(arguments.size)
     scene = load_scene(arguments)
     cameras = [camera_of(scene, words, width, height) for words in arguments.camera or [[]]]
+    COLD.plan = lambda: _planned(scene, cameras[0], options, arguments)
+    if len(cameras) > 1:
+        collect_garbage()
     for number, camera in enumerate(progress(cameras, "views")):
         image = render(scene, camera, options=options, budget_ms=arguments.budget_ms, max_error=arguments.max_error)
         file = numbered(output, number, len(cameras))
@@ -77,6 +82,14 @@ def _render(arguments: argparse.Namespace) -> None:
         print(f"{file}  {width}x{height}  {scene.geometry.triangle_count:,} triangles  {steps}")
         if arguments.explain:
             print(image.plan)
+
+
+def _planned(scene: Any, camera: Any, options: Any, arguments: argparse.Namespace) -> list[str]:
+    """Names of the passes that a picture will run."""
+    from torchrender.planning.planner import plan
+
+    made = plan(scene, camera, options=options, budget_ms=arguments.budget_ms, max_error=arguments.max_error)
+    return [row.name for row in made.running]
 
 
 def _plan(arguments: argparse.Namespace) -> None:
@@ -166,6 +179,7 @@ _COMMANDS = {
     "scenes": _scenes,
     "serve": serve_command,
     "load-test": load_test_command,
+    "warm-up": warm_up_command,
 }
 
 # -------------------------------------------------------------------- values
@@ -218,6 +232,7 @@ def _parser() -> argparse.ArgumentParser:
     commands.add_parser("scenes", help="list the built-in scenes")
     add_serve(commands)
     add_load_test(commands)
+    add_warm_up(commands)
     return parser
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import re
 import sys
@@ -52,6 +53,13 @@ def make_folder(path: Path) -> None:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ImageFileError(path, error.strerror or str(error)) from error
+
+
+def collect_garbage() -> None:
+    """Switch the garbage collector on again, which a command starts without: long ones would fill the memory."""
+    if not gc.isenabled():
+        gc.freeze()  # what was imported stays
+        gc.enable()
 
 
 def progress(items: Iterable[T], unit: str) -> Iterable[T]:

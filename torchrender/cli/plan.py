@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from torchrender.cli.arguments import add_size, given
-from torchrender.cli.output import check_folder, image_size, make_folder
+from torchrender.cli.output import check_folder, collect_garbage, image_size, make_folder
 from torchrender.errors import ImageFileError, InputError
 
 if TYPE_CHECKING:
@@ -84,6 +84,7 @@ def run_tradeoff(arguments: argparse.Namespace) -> list[Path]:
     folder = Path(arguments.output)
     make_folder(folder)
     files, found = [], []
+    collect_garbage()
     for name in SCENES if arguments.all else (arguments.scene,):
         scene = load(name, size=arguments.triangles)
         curves = measure(scene, **given(size=arguments.side), name=arguments.step, pictures=True)
@@ -114,6 +115,7 @@ def run_calibrate(arguments: argparse.Namespace) -> Path:
     check_folder(path)
     scenes = [load(name) for name in arguments.scenes or SCENES]
     known = None if arguments.errors else load_curves()
+    collect_garbage()
     curves = calibrate(scenes, **given(size=arguments.side), known=known, tell=tell)
     parse_curves(curves, str(path))
     write_atomically(path, text_writer(json.dumps(curves, separators=(",", ":")) + "\n"))

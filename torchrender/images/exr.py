@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import OpenEXR
 
 from torchrender.errors import ImageFileError
 from torchrender.numerics.color import LUMINANCE_WEIGHTS
@@ -26,6 +25,8 @@ def read_exr(path: Path, max_pixels: int) -> np.ndarray[Any, Any]:
     Raises:
         ImageFileError: damaged, larger than ``max_pixels``, or without channels that make a colour.
     """
+    import OpenEXR  # few pictures are such files
+
     try:
         with OpenEXR.File(str(path), header_only=True) as file:
             header = dict(file.header())
@@ -49,6 +50,8 @@ def read_exr(path: Path, max_pixels: int) -> np.ndarray[Any, Any]:
 
 def write_exr(path: Path, planes: Mapping[str, np.ndarray[Any, Any]]) -> None:
     """Float32 scan lines, ZIP compressed, one (H,W) plane per channel name."""
+    import OpenEXR
+
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     channels = {name: np.ascontiguousarray(plane, dtype=np.float32) for name, plane in planes.items()}
     with OpenEXR.File(header, channels) as file:

@@ -1,95 +1,102 @@
 """How kernels are compiled, cached and threaded.
 
-The cache folder of a kernel is keyed by the text of its file and of the kernel files that it imports: numba itself does
-not notice when a helper in another file changes and would run stale code. ``NUMBA_CACHE_DIR`` overrides the place.
+A kernel has two sides. Called from Python it needs a wrapper that unpacks Python objects; called from other kernels it
+does not, and most kernels are called from kernels alone. Each side is compiled when it is first used, so that no
+wrapper is made in vain and a helper may still be called from anywhere.
 """
 
 from __future__ import annotations
 
 import hashlib
-import os
-import re
-import tempfile
+import logging
 from collections.abc import Callable
-from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numba
 from numba import config as numba_config
-from numba import njit
+from numba.core.compiler import Compiler
+from numba.core.registry import CPUDispatcher
 
-from torchrender import __version__
+from torchrender.kernels.hooks import is_dealt_with
+from torchrender.kernels.keys import cache_folder, file_key, module_key, module_name
+from torchrender.kernels.libraries import KernelCompiler, is_used
+from torchrender.kernels.store import CodeStore
 
 # Two threads that enter compiled code at once abort the process under the "workqueue" layer.
 numba_config.THREADING_LAYER_PRIORITY = ["omp", "tbb", "workqueue"]
 
-_FOLDER = Path(__file__).parent
-_IMPORT = re.compile(
-    r"^\s*(?:from torchrender\.kernels(?P<inside>[\w.]*) import (?P<names>\([^)]*\)|[\w, ]+)"
-    r"|import torchrender\.kernels\.(?P<whole>[\w.]+))",
-    re.MULTILINE,
-)
+LOG = logging.getLogger("torchrender.kernels")
 
 
-def _is_module(name: str) -> bool:
-    return bool(name) and (_FOLDER / f"{name.replace('.', '/')}.py").is_file()
+class Kernel(CPUDispatcher):
+    """A compiled function, and the same function as other kernels call it."""
 
+    def __init__(self, py_func: Any, locals: Any = None, targetoptions: Any = None, *, seen: bool = True) -> None:
+        options = {**(targetoptions or {}), "no_cfunc_wrapper": True}
+        if not seen:
+            options["no_cpython_wrapper"] = True
+        super().__init__(py_func, locals or {}, options, KernelCompiler if is_used() else Compiler)
+        self._seen = not options.get("no_cpython_wrapper", False)
+        self._inside: Kernel | None = None
+        self._store: CodeStore | None = None
 
-@cache
-def _imported(name: str) -> frozenset[str]:
-    """Kernel modules that the file of ``name`` imports, as dotted names below this folder."""
-    found = set()
-    for match in _IMPORT.finditer((_FOLDER / f"{name.replace('.', '/')}.py").read_text()):
-        if match["whole"]:
-            found.add(match["whole"])
-            continue
-        inside = match["inside"].lstrip(".")
-        names = re.findall(r"(\w+)(?:\s+as\s+\w+)?", re.sub(r"#[^\n]*", "", match["names"]))
-        found |= {inside, *(f"{inside}.{one}" if inside else one for one in names)}
-    return frozenset(one for one in found if _is_module(one))
+    @property
+    def kernel_name(self) -> str:
+        """Module below ``torchrender.kernels`` and function, such as ``raster.tiles.draw``."""
+        code = self.py_func.__code__
+        return f"{module_name(code.co_filename) or 'other'}.{self.py_func.__qualname__}".replace(".<locals>", "")
 
+    @property
+    def _cache(self) -> CodeStore:
+        """Made when first needed: a process uses a few of all kernels."""
+        if self._store is None:
+            code = self.py_func.__code__
+            module = module_name(code.co_filename)
+            text = file_key(code.co_filename) if module is None else module_key(module)
+            options = sorted((k, repr(v)) for k, v in self.targetoptions.items())
+            closed = [repr(cell.cell_contents) for cell in self.py_func.__closure__ or ()]
+            told = repr((text, options, is_used(), self.py_func.__qualname__, code.co_firstlineno, closed))
+            missed = self._missed if self._seen else None
+            self._store = CodeStore(self.kernel_name, hashlib.sha256(told.encode()).hexdigest(), missed)
+        return self._store
 
-@cache
-def _sources(name: str) -> frozenset[str]:
-    """Dotted names of the kernel modules that ``name`` depends on, itself included."""
-    found: set[str] = set()
-    waiting = {name}
-    while waiting:
-        here = waiting.pop()
-        found.add(here)
-        waiting |= _imported(here) - found
-    return frozenset(found)
+    @_cache.setter
+    def _cache(self, value: Any) -> None:
+        """The class above sets one that keeps nothing."""
 
+    @property
+    def inside(self) -> Kernel:
+        """What other kernels call: never put into the table that Python's calls look at."""
+        if not self._seen:
+            return self
+        if self._inside is None:
+            self._inside = Kernel(self.py_func, self.locals, self.targetoptions, seen=False)
+        return self._inside
 
-@cache
-def cache_folder(name: str) -> Path:
-    """Where the compiled kernels of module ``name``, such as ``raster.tiles``, are kept between processes."""
-    named = os.environ.get("NUMBA_CACHE_DIR")
-    if named:
-        return Path(named)
-    digest = hashlib.sha256()
-    for source in sorted(_sources(name)):
-        digest.update((_FOLDER / f"{source.replace('.', '/')}.py").read_bytes())
-    return _cache_base() / "torchrender" / __version__ / f"{name}-{digest.hexdigest()[:12]}"
+    @property
+    def is_compiling(self) -> bool:
+        """Either side."""
+        inside = self._inside
+        return bool(self._compiling_counter) or (inside is not None and inside.is_compiling)
 
+    def get_call_template(self, args: Any, kws: Any) -> Any:
+        """For a call from another kernel."""
+        return super().get_call_template(args, kws) if not self._seen else self.inside.get_call_template(args, kws)
 
-def _module_name(file: str) -> str:
-    """Dotted name below this folder; the bare stem of a file elsewhere, as in tests."""
-    path = Path(file).resolve()
-    inside = path.relative_to(_FOLDER.resolve()) if path.is_relative_to(_FOLDER.resolve()) else Path(path.name)
-    return ".".join(inside.with_suffix("").parts)
+    def get_overload(self, sig: Any) -> Any:
+        """For a call from another kernel."""
+        return super().get_overload(sig) if not self._seen else self.inside.get_overload(sig)
 
+    def is_kept(self, arguments: tuple[Any, ...]) -> bool:
+        """Whether the code for these types of arguments is on disk."""
+        return self._cache.has(arguments, self.targetctx)
 
-@cache
-def _cache_base() -> Path:
-    """The user's cache folder; where that cannot be written (containers), a folder for temporary files."""
-    base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    try:
-        base.mkdir(parents=True, exist_ok=True)
-    except OSError:
-        return Path(tempfile.gettempdir())
-    return base if os.access(base, os.W_OK) else Path(tempfile.gettempdir())
+    def _missed(self, arguments: tuple[Any, ...]) -> bool:
+        """Before a call from Python has to wait for the compiler."""
+        if is_dealt_with(self.kernel_name):
+            return self.is_kept(arguments)
+        LOG.info("compiling %s, once; kept in %s", self.kernel_name, cache_folder())
+        return False
 
 
 def kernel(*, parallel: bool = False, inline: bool = False) -> Callable[[Callable[..., Any]], Any]:
@@ -100,15 +107,18 @@ def kernel(*, parallel: bool = False, inline: bool = False) -> Callable[[Callabl
     """
 
     def decorate(function: Callable[..., Any]) -> Any:
-        before = numba_config.CACHE_DIR
-        numba_config.CACHE_DIR = str(cache_folder(_module_name(function.__code__.co_filename)))
-        try:
-            options: dict[str, Any] = {"cache": True, "error_model": "numpy", "nogil": True, "parallel": parallel}
-            if inline:
-                options["forceinline"] = True
-            return njit(**options)(function)
-        finally:
-            numba_config.CACHE_DIR = before
+        if numba_config.DISABLE_JIT:
+            return function
+        options: dict[str, Any] = {
+            "nopython": True,
+            "error_model": "numpy",
+            "nogil": True,
+            "parallel": parallel,
+            "boundscheck": None,
+        }
+        if inline:
+            options["forceinline"] = True
+        return Kernel(function, targetoptions=options)
 
     return decorate
 

@@ -21,7 +21,11 @@ class RendererPool(Protocol):
 
     @property
     def ready(self) -> bool:
-        """All renderers run."""
+        """All renderers run, and nothing is left to compile."""
+
+    @property
+    def progress(self) -> str:
+        """What is still going on before it is ready, in words."""
 
     @property
     def waiting(self) -> int:

@@ -20,6 +20,7 @@ from torchrender_service.errors import ServiceError
 from torchrender_service.metrics import Metrics
 from torchrender_service.renderers.contract import RendererHandle
 from torchrender_service.renderers.jobs import JOB_ENCODER, REPLY_DECODER, Forget, Job
+from torchrender_service.renderers.kernels import KernelPreparation
 from torchrender_service.renderers.worker import LENGTH
 from torchrender_service.settings import Settings
 
@@ -199,6 +200,7 @@ class Pool:
         self._renderers = [RendererProcess(settings, metrics, str(k), memory) for k in range(count)]
         # A file that is built to exhaust memory or time only stops this one.
         self._inspector = RendererProcess(settings, metrics, "inspector", memory // 2)
+        self._kernels = KernelPreparation()
         self._assigned: set[RendererHandle] = set()
         self._closed = False
 
@@ -208,8 +210,8 @@ class Pool:
             renderer.start()
 
     async def warm_up(self) -> None:
-        """Start all renderers."""
-        await asyncio.gather(*(r.warm_up() for r in self._renderers))
+        """Start all renderers, and compile what they will need."""
+        await asyncio.gather(self._kernels.run(), *(r.warm_up() for r in self._renderers))
 
     async def stop(self) -> None:
         """End all processes."""
@@ -218,8 +220,13 @@ class Pool:
 
     @property
     def ready(self) -> bool:
-        """All renderers run."""
-        return all(r.ready for r in self._renderers)
+        """All renderers run, and their kernels are compiled."""
+        return self._kernels.finished and all(r.ready for r in self._renderers)
+
+    @property
+    def progress(self) -> str:
+        """What is still going on before it is ready."""
+        return "starting renderers" if self._kernels.finished else self._kernels.text
 
     def assign(self) -> RendererHandle:
         """The renderer that the fewest sessions have, among equals the one with the least to do."""

@@ -26,11 +26,12 @@ async def health() -> dict[str, Any]:
 
 @router.get("/ready", responses=problems(503))
 async def ready(request: Request) -> dict[str, Any]:
-    """All renderers run, and the server is not stopping."""
+    """All renderers run with their kernels compiled, and the server is not stopping; else how far it is."""
     state = state_of(request)
     if state.stopping or not state.pool.ready:
         what = "stopping" if state.stopping else "starting"
-        raise ServiceError(503, what, f"the server is {what}", retry_after_s=2.0)
+        more = "" if state.stopping else f": {state.pool.progress}"
+        raise ServiceError(503, what, f"the server is {what}{more}", retry_after_s=2.0)
     return {"status": "ready"}
 
 

@@ -15,39 +15,44 @@ name                    usual triangles     fewest       what it shows
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
+from importlib import import_module
+from types import ModuleType
 
 from torchrender.errors import InputError
 from torchrender.scene.model import Scene
-from torchrender.scene.procedural import city as _city
-from torchrender.scene.procedural import cornell_box as _cornell_box
-from torchrender.scene.procedural import grass as _grass
-from torchrender.scene.procedural import living_room as _living_room
-from torchrender.scene.procedural import nest as _nest
-from torchrender.scene.procedural import tree as _tree
-from torchrender.scene.procedural import washroom as _washroom
 
 MAX_TRIANGLES = 3_000_000
 
 
 @dataclass(frozen=True)
 class Builder:
-    """Makes one scene; ``make(triangles, seed)``."""
+    """Makes one scene. Its module is imported when it is used: a picture needs one of them at most."""
 
-    make: Callable[[int, int], Scene]
-    usual: int  # triangles if no count is asked for
-    fewest: int  # below this the scene would lose its character
+    name: str
+
+    @property
+    def _module(self) -> ModuleType:
+        return import_module(f"{__name__}.{self.name}")
+
+    def make(self, triangles: int, seed: int) -> Scene:
+        """The scene with about as many triangles."""
+        made: Scene = getattr(self._module, self.name)(triangles, seed)
+        return made
+
+    @property
+    def usual(self) -> int:
+        """Triangles if no count is asked for."""
+        return int(self._module.USUAL)
+
+    @property
+    def fewest(self) -> int:
+        """Below this the scene would lose its character."""
+        return int(self._module.FEWEST)
 
 
 SCENES: dict[str, Builder] = {
-    "nest": Builder(_nest.nest, _nest.USUAL, _nest.FEWEST),
-    "grass": Builder(_grass.grass, _grass.USUAL, _grass.FEWEST),
-    "city": Builder(_city.city, _city.USUAL, _city.FEWEST),
-    "tree": Builder(_tree.tree, _tree.USUAL, _tree.FEWEST),
-    "living_room": Builder(_living_room.living_room, _living_room.USUAL, _living_room.FEWEST),
-    "washroom": Builder(_washroom.washroom, _washroom.USUAL, _washroom.FEWEST),
-    "cornell_box": Builder(_cornell_box.cornell_box, _cornell_box.USUAL, _cornell_box.FEWEST),
+    name: Builder(name) for name in ("nest", "grass", "city", "tree", "living_room", "washroom", "cornell_box")
 }
 
 

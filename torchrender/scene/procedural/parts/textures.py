@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.fft import irfft2, rfft2
 
 from torchrender.scene.procedural.parts.shapes import Array
 
@@ -14,6 +13,8 @@ Color = Sequence[float]
 
 def noise(rng: np.random.Generator, size: int, *, slope: float = 1.6, stretch: float = 1.0) -> Array:
     """Periodic fractal noise (size,size), mean 0, deviation 1; ``stretch`` > 1 draws it out vertically."""
+    from scipy.fft import irfft2, rfft2  # imports a tenth of what torch does
+
     f = np.fft.fftfreq(size).astype(np.float32)[:, None] * np.float32(stretch)
     g = np.fft.rfftfreq(size).astype(np.float32)[None, :]
     square = f * f + g * g

@@ -1,0 +1,53 @@
+"""Kernels that streams need, compiled before the first client comes, by processes apart: the server knows no numba."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import logging
+import os
+import sys
+
+LOG = logging.getLogger("torchrender_service.renderers.kernels")
+PARTS = ("serve",)
+
+
+class KernelPreparation:
+    """Compiles them once, side by side, and knows how far it is."""
+
+    def __init__(self) -> None:
+        self.done = 0
+        self.total = 0
+        self.finished = False
+
+    @property
+    def text(self) -> str:
+        """For whoever waits."""
+        return f"compiling kernels, once: {self.done} of {self.total}" if self.total else "looking for kernels"
+
+    async def run(self) -> None:
+        """Until they are compiled. Where that fails, renderers compile what they need themselves."""
+        environment = {k: v for k, v in os.environ.items() if k != "TORCHRENDER_API_KEY"}
+        process = None
+        try:
+            process = await asyncio.create_subprocess_exec(
+                sys.executable, "-m", "torchrender.kernels.warm_up", *PARTS,
+                stdin=asyncio.subprocess.DEVNULL, stdout=asyncio.subprocess.PIPE, env=environment,
+            )  # fmt: skip
+            assert process.stdout is not None
+            async for line in process.stdout:
+                told = json.loads(line)
+                if told["total"] and (told["done"] == 0 or told["done"] == told["total"]):
+                    LOG.info("compiling kernels, once", extra=told)
+                self.done, self.total = told["done"], told["total"]
+            if await process.wait():
+                LOG.warning("kernels were not compiled; renderers do it as they need them")
+        except (OSError, ValueError, KeyError) as error:
+            LOG.warning("kernels were not compiled; renderers do it as they need them: %s", error)
+        finally:
+            if process is not None and process.returncode is None:
+                with contextlib.suppress(ProcessLookupError):
+                    process.terminate()
+                await process.wait()
+            self.finished = True

@@ -1,0 +1,273 @@
+"""Which kernels are called with which types, by running what the package and the service do, small.
+
+``python tests/kernel_uses.py --write`` compiles everything in an empty folder and writes
+``torchrender/data/kernels.json``, which ``torchrender warm-up`` compiles from; ``tests/kernels/test_signatures.py``
+runs the same work and compares.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+Key = tuple[str, str]  # kernel and its types as JSON
+SIDE = 48
+
+
+class Recorder:
+    """Notes every call of a kernel from Python."""
+
+    def __init__(self) -> None:
+        self.parts: dict[Key, set[str]] = {}
+        self.seconds: dict[Key, float] = {}
+        self.group = "render"
+        self.suffix = ""
+
+    @contextmanager
+    def listening(self) -> Iterator[None]:
+        """In here."""
+        from numba.core.registry import CPUDispatcher
+
+        from torchrender.kernels.compile import Kernel
+
+        plain, compiling = CPUDispatcher.__call__, Kernel.compile
+
+        def call(kernel: Any, *arguments: Any, **named: Any) -> Any:
+            self._note(kernel, arguments, named)
+            return plain(kernel, *arguments, **named)
+
+        def compile_timed(kernel: Any, signature: Any) -> Any:
+            begin = time.process_time()
+            made = compiling(kernel, signature)
+            if kernel._seen and isinstance(signature, tuple):
+                with_types = self._key(kernel, signature)
+                self.seconds.setdefault(with_types, time.process_time() - begin)
+            return made
+
+        Kernel.__call__, Kernel.compile = call, compile_timed
+        try:
+            yield
+        finally:
+            del Kernel.__call__, Kernel.compile
+
+    def run(self, group: str, work: Callable[[], Any], suffix: str = "") -> None:
+        """Do this and note what it calls for ``group``."""
+        self.group, self.suffix = group, suffix
+        work()
+
+    def _note(self, kernel: Any, arguments: tuple[Any, ...], named: dict[str, Any]) -> None:
+        from numba.core import types
+
+        kinds = [kernel.typeof_pyval(one) for one in arguments]
+        folded = kernel._compiler.fold_argument_types(
+            tuple(kinds), {name: kernel.typeof_pyval(one) for name, one in named.items()}
+        )[1]
+        kinds = [types.Omitted(k.value) if isinstance(k, types.Omitted) else k for k in folded]
+        self.parts.setdefault(self._key(kernel, tuple(kinds)), set()).update(self._where())
+
+    @staticmethod
+    def _key(kernel: Any, kinds: tuple[Any, ...]) -> Key:
+        from torchrender.kernels.signatures import described
+
+        return kernel.kernel_name, json.dumps([described(one) for one in kinds])
+
+    def _where(self) -> set[str]:
+        """The parts of what is being done; in a picture the passes that run."""
+        if self.group != "render":
+            return {self.group}
+        found, frame = set(), sys._getframe(2)
+        while frame is not None:
+            name = frame.f_globals.get("__name__", "")
+            if name.startswith("torchrender.passes.") and name.count(".") == 3:
+                found.add(f"render.{name.rpartition('.')[2]}{self.suffix}")
+            frame = frame.f_back
+        return found or {f"render.any{self.suffix}"}
+
+
+def scenes() -> Iterator[Any]:
+    """The built-in scenes, as small as they can be."""
+    from torchrender.scene.load import load
+    from torchrender.scene.procedural import SCENES
+
+    for name, builder in SCENES.items():
+        yield load(name, size=builder.fewest)
+
+
+def glb_scene(folder: Path) -> Any:
+    """Two triangles of a GLB file without normals: what ``render x.glb`` meets."""
+    from gltf_builder import Glb
+    from torchrender.scene.load import load
+
+    made = Glb(materials=[{"pbrMetallicRoughness": {"metallicFactor": 0.0}}], nodes=[{"mesh": 0}])
+    made.mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0.2]], [[0, 1, 2], [1, 3, 2]], material=0)
+    (folder / "two.glb").write_bytes(made.bytes())
+    return load(folder / "two.glb")
+
+
+def default_pictures() -> None:
+    """What ``torchrender render`` does without options, and ``make demo``."""
+    from torchrender.pipeline.options import RenderOptions
+    from torchrender.renderer import render
+
+    for scene in scenes():
+        render(scene, width=SIDE, height=SIDE)
+    with tempfile.TemporaryDirectory() as folder:
+        render(glb_scene(Path(folder)), width=SIDE, height=SIDE)
+    render("living_room", width=SIDE, height=SIDE, options=RenderOptions(supersample=2.0))
+
+
+def all_pictures() -> None:
+    """Every setting of every pass, budgets, sequences, batches and other cameras."""
+    from torchrender.passes.table import PASSES
+    from torchrender.pipeline.history import RenderHistory
+    from torchrender.pipeline.options import AREA_SHADOWS, POINT_SHADOWS, REFLECTIONS, UPSCALING, RenderOptions
+    from torchrender.renderer import render
+
+    plain = RenderOptions()
+    choices = [setting.applied(p.settings.context.applied(plain)) for p in PASSES for setting in p.settings.all]
+    choices += [p.settings.reference.applied(p.settings.context.applied(plain)) for p in PASSES]
+    choices += [replace(plain, reflections=one) for one in REFLECTIONS]
+    choices += [replace(plain, point_shadows=one) for one in POINT_SHADOWS]
+    choices += [replace(plain, area_shadows=one) for one in AREA_SHADOWS]
+    choices += [replace(plain, upscaling=one, supersample=0.5) for one in UPSCALING]
+    choices += [replace(plain, shadows=False), replace(plain, supersample=1.5)]
+    fewer: list[RenderOptions] = []
+    for one in choices:
+        one = replace(one, supersample=min(one.supersample, 2.0))
+        if one not in fewer:
+            fewer.append(one)
+    for scene in scenes():
+        for options in fewer:
+            render(scene, width=SIDE, height=SIDE, options=options)
+        render(scene, width=SIDE, height=SIDE, budget_ms=50.0)
+        history: RenderHistory | None = RenderHistory()
+        camera = scene.camera(width=SIDE, height=SIDE)
+        for _ in range(3):
+            history = render(scene, camera, history=history).history
+
+
+def depth_images() -> None:
+    """What ``torchrender depth`` does."""
+    from torchrender.depth.kinds import sample_kinds
+    from torchrender.depth.options import SamplingOptions
+    from torchrender.depth.sample import sample_depth_images
+    from torchrender.depth.viewpoints import viewpoints_around
+    from torchrender.scene.load import load
+
+    scene = load("cornell_box")
+    cameras = viewpoints_around(scene, scene.camera(width=SIDE, height=SIDE), 3)
+    for method in ("nonredundant", "conventional", "depth_peeling"):
+        for redundancy in ("pixel", "visibility"):
+            images = sample_depth_images(scene, cameras, SamplingOptions(method=method, redundancy=redundancy))
+    sample_kinds(scene, cameras, images)
+
+
+def points() -> None:
+    """What ``torchrender points`` does."""
+    from torchrender.cli.main import main
+
+    with tempfile.TemporaryDirectory() as folder:
+        small = ["--samples", "3000"]
+        packed = str(Path(folder) / "p.trp")
+        _run(main, "points", "tree", "-o", packed, *small)
+        size = ["--size", f"{SIDE}x{SIDE}"]
+        for kind in ("adaptive", "full", "reconstruction", "low_pass", "squares"):
+            for cloud, more in (("tree", small), (packed, [])):
+                _run(main, "points", cloud, "-o", str(Path(folder) / "p.png"), "--filter", kind, *more, *size)
+                _run(main, "points", cloud, "-o", str(Path(folder) / "p.exr"), "--two-sided", *more, *size)
+
+
+def voxels() -> None:
+    """What ``torchrender voxelize`` does."""
+    from torchrender.cli.main import main
+
+    with tempfile.TemporaryDirectory() as folder:
+        small = ["--resolution", "24"]
+        size = ["--size", f"{SIDE}x{SIDE}"]
+        for more in ([], ["--thin"], ["--solid"], *(["--solid", "--method", m] for m in ("parity", "vote", "soup"))):
+            for scene in ("cornell_box", "tree"):
+                _run(main, "voxelize", scene, "-o", str(Path(folder) / "v.npz"), *small, *more)
+                for look in ([], ["--transparent"]):
+                    _run(main, "voxelize", scene, "-o", str(Path(folder) / "v.png"), *small, *more, *look, *size)
+
+
+def streams() -> None:
+    """What a renderer does for a stream: keyframes while the view moves and rests, extra layers, smoother pictures."""
+    from torchrender.wire.cameras import header_of
+    from torchrender_service.renderers.jobs import Bounds, MakeKeyframe, MakeLayers, SceneSource, SmoothKeyframe
+    from torchrender_service.renderers.stream_renderer import StreamRenderer
+
+    for scene in scenes():
+        renderer = StreamRenderer()
+        for number in range(6):
+            budget = 10.0 if number == 1 else None if number < 4 else 1000.0
+            job = MakeKeyframe(
+                session="s", scene=SceneSource(id="x"), id=number, pose=number, time_ms=0.0,
+                camera=header_of(scene.camera(width=64, height=48)), still=number % 2 == 1, extra_layers=2,
+                direction=(0.0, 0.0, 0.0), baseline=0.0, color="jpeg", quality=85, bounds=Bounds(budget_ms=budget),
+            )  # fmt: skip
+            renderer.make(scene, job)
+            renderer.make_layers(MakeLayers(session="s", id=number))
+            while job.still and renderer.smooth(SmoothKeyframe(session="s", id=number)).get("left"):
+                pass
+
+
+def _run(main: Callable[[list[str]], int], *words: str) -> None:
+    assert main(list(words)) == 0, words
+
+
+WORK: tuple[tuple[str, Callable[[], Any], str], ...] = (
+    ("render", default_pictures, ""),
+    ("render", depth_images, ".depth"),
+    ("serve", streams, ""),
+    ("points", points, ""),
+    ("voxels", voxels, ""),
+    ("render", all_pictures, ".more"),
+)
+
+
+def record(only: tuple[str, ...] = ()) -> Recorder:
+    """Do all of the work, or the functions of these names."""
+    recorder = Recorder()
+    with recorder.listening():
+        for group, work, suffix in WORK:
+            if not only or work.__name__ in only:
+                recorder.run(group, work, suffix)
+    return recorder
+
+
+def write(path: Path) -> int:
+    """Record with nothing compiled, for the seconds; the number of kernels with types."""
+    recorder = record()
+    rows = [
+        json.dumps(
+            {
+                "kernel": kernel,
+                "seconds": round(recorder.seconds.get((kernel, kinds), 0.1), 2),
+                "parts": sorted(parts),
+                "types": json.loads(kinds),
+            }
+        )
+        for (kernel, kinds), parts in sorted(recorder.parts.items())
+    ]
+    path.write_text('{"kernels": [\n' + ",\n".join(rows) + "\n]}\n")
+    return len(rows)
+
+
+if __name__ == "__main__":
+    if "--write" not in sys.argv:
+        sys.exit(__doc__)
+    with tempfile.TemporaryDirectory() as empty:
+        os.environ["NUMBA_CACHE_DIR"] = empty
+        os.environ["TORCHRENDER_CURVES"] = os.devnull + "/none"
+        from torchrender.kernels.signatures import RECORDED
+
+        sys.stdout.write(f"{write(RECORDED)} kernels with types\n")

@@ -1,0 +1,80 @@
+"""Kernels are compiled before the service is ready, and it says how far it is."""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+from typing import Any
+
+import pytest
+
+from torchrender_service.metrics import Metrics
+from torchrender_service.renderers import kernels
+from torchrender_service.renderers.kernels import KernelPreparation
+from torchrender_service.renderers.pool import Pool
+from torchrender_service.settings import read_settings
+
+SLOW = (
+    "import json, sys, time\n"
+    "for k in range(3): print(json.dumps({'done': k, 'total': 2}), flush=True); sys.stdin.read(0); time.sleep(0.3)"
+)
+
+
+def instead(monkeypatch: pytest.MonkeyPatch, code: str) -> list[dict[str, Any]]:
+    """Another program than the one that compiles; notes with what it is started."""
+    begin, noted = asyncio.create_subprocess_exec, []
+
+    async def start(*command: str, **rest: Any) -> asyncio.subprocess.Process:
+        noted.append({"command": command, **rest})
+        return await begin(sys.executable, "-c", code, **rest)
+
+    monkeypatch.setattr(kernels.asyncio, "create_subprocess_exec", start)
+    return noted
+
+
+def test_progress_is_told_and_the_key_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TORCHRENDER_API_KEY", "a-key-of-enough-letters")
+    noted = instead(monkeypatch, SLOW)
+    seen = []
+
+    async def watch() -> KernelPreparation:
+        preparation = KernelPreparation()
+        task = asyncio.create_task(preparation.run())
+        while not task.done():
+            seen.append(preparation.text)
+            await asyncio.sleep(0.02)
+        return preparation
+
+    preparation = asyncio.run(watch())
+    assert preparation.finished and (preparation.done, preparation.total) == (2, 2)
+    assert "compiling kernels, once: 1 of 2" in seen and seen[0] == "looking for kernels"
+    assert noted[0]["command"][1:] == ("-m", "torchrender.kernels.warm_up", "serve")
+    assert "TORCHRENDER_API_KEY" not in noted[0]["env"]
+
+
+@pytest.mark.parametrize("code", ["import sys; sys.exit(1)", "print('no progress')"])
+def test_a_failure_is_no_reason_not_to_serve(monkeypatch: pytest.MonkeyPatch, code: str) -> None:
+    instead(monkeypatch, code)
+    preparation = KernelPreparation()
+    asyncio.run(preparation.run())
+    assert preparation.finished
+
+
+def test_a_server_that_stops_ends_the_compilation(monkeypatch: pytest.MonkeyPatch) -> None:
+    instead(monkeypatch, "import time; time.sleep(60)")
+
+    async def stop() -> None:
+        task = asyncio.create_task(KernelPreparation().run())
+        await asyncio.sleep(0.3)
+        task.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+
+    asyncio.run(asyncio.wait_for(stop(), 10.0))
+
+
+def test_a_pool_is_not_ready_before_its_kernels_are() -> None:
+    pool = Pool(read_settings(None, {}, renderers=1), Metrics())
+    assert not pool.ready and pool.progress == "looking for kernels"
+    pool._kernels.finished = True
+    assert not pool.ready and pool.progress == "starting renderers"
