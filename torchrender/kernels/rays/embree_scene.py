@@ -1,0 +1,80 @@
+"""Scenes of Embree over the padded boxes of triangles."""
+
+from __future__ import annotations
+
+import weakref
+
+import numpy as np
+
+from torchrender.kernels.raster.records import NO_HOLES, Holes
+from torchrender.kernels.rays.boxes import SCALE, count_pieces, cut_boxes, frame_of, measure_boxes
+from torchrender.kernels.rays.embree import PAD, Boxes, callbacks, cast_through_boxes
+from torchrender.kernels.rays.embree_library import embree
+from torchrender.kernels.rays.watertight import Rays
+
+QUICK, USUAL = 0, 1
+"""Build qualities of Embree: Morton order, or binned surface area heuristic."""
+_USER = 120  # kind of geometry
+_MOST_EXTRA = 2.0  # pieces on top of one, per triangle on average
+_FILLED = 3.0  # box surface over shadow up to which nothing is cut
+
+
+class EmbreeScene:
+    """Triangles that Embree finds by their boxes and the callback settles in float64.
+
+    Args:
+        vertices: (V,3) float64.
+        faces: (F,3) int32.
+        quality: :data:`QUICK` or :data:`USUAL`.
+
+    Only where :func:`~torchrender.kernels.rays.embree_library.embree` has found a library.
+
+    Attributes:
+        coarseness: surface of the padded boxes over that of the boxes themselves; where it is large, triangles are too
+            small for float32.
+    """
+
+    def __init__(self, vertices: np.ndarray, faces: np.ndarray, quality: int = USUAL) -> None:
+        frame = frame_of(vertices, faces)
+        points = vertices * frame[SCALE]
+        waste, first = np.empty(len(faces), np.float32), np.empty(len(faces) + 1, np.int32)
+        surface, padded, shadows, wasted = measure_boxes(points, faces, PAD, waste)
+        # Twice the shadows is the surface of a box without depth: cut where boxes are mostly air.
+        extra = float(np.clip(0.5 * (surface / max(shadows, 1e-300) - _FILLED), 0.0, _MOST_EXTRA))
+        count_pieces(waste, extra * len(faces) / max(wasted, 1e-300), first)
+        count = int(first[-1])
+        self.coarseness = padded / surface if surface > 0 else 1.0
+        self._boxes, owner = np.empty((count, 6), np.float32), np.empty(count, np.int32)
+        cut_boxes(points, faces, frame, PAD, first, self._boxes, owner)
+        scene = self._commit(count, quality) if count else 0
+        self._record = Boxes(scene, points, faces, owner, frame)
+
+    def _commit(self, count: int, quality: int) -> int:
+        library = embree()
+        assert library is not None
+        box_of, settle = callbacks()
+        scene, geometry = library.rtcNewScene(library.device), library.rtcNewGeometry(library.device, _USER)
+        weakref.finalize(self, library.rtcReleaseScene, scene)
+        library.rtcSetSceneBuildQuality(scene, quality)
+        library.rtcSetGeometryBuildQuality(geometry, quality)
+        library.rtcSetGeometryUserPrimitiveCount(geometry, count)
+        library.rtcSetGeometryUserData(geometry, self._boxes.ctypes.data)
+        library.rtcSetGeometryBoundsFunction(geometry, box_of.address, None)
+        library.rtcSetGeometryIntersectFunction(geometry, settle.address)
+        library.rtcSetGeometryOccludedFunction(geometry, settle.address)
+        library.rtcCommitGeometry(geometry)
+        library.rtcAttachGeometry(scene, geometry)
+        library.rtcReleaseGeometry(geometry)  # the scene holds it
+        library.rtcCommitScene(scene)
+        error = library.rtcGetDeviceError(library.device)
+        if error:
+            raise MemoryError(f"Embree cannot build a tree over {count} boxes: error {error}")
+        self._boxes = self._boxes[:0]  # only building reads them
+        return int(scene)
+
+    def cast(self, rays: Rays, holes: Holes | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """As of :func:`~torchrender.kernels.rays.embree.cast_through_boxes`."""
+        found: tuple[np.ndarray, np.ndarray, np.ndarray] = cast_through_boxes(
+            self._record, rays, NO_HOLES if holes is None else holes
+        )
+        return found
