@@ -135,14 +135,37 @@ def _slab(points, a, b, axis, k, start, end, low, high):
     return low, high
 
 
+@kernel(inline=True)
+def _keep(points, faces, i, frame, packed, numbers, m):
+    """Write piece ``m`` of triangle ``i``: rounded corners in the frame, the triangle, where its corners start."""
+    numbers[m, 9] = i
+    for j in range(3):
+        v = faces[i, j]
+        numbers[m, 10 + j] = 3 * v
+        for k in range(3):
+            packed[m, 3 * j + k] = points[v, k] - frame[k]
+
+
 @kernel(parallel=True)
-def cut_boxes(points, faces, frame, pad, first, boxes, owner):
-    """Boxes (M,6) float32, relative to the frame, of equal slabs of each triangle; ``owner`` (M,) int32 is its id."""
+def cut_boxes(points, faces, frame, pad, first, boxes, packed):
+    """Boxes of equal slabs of each triangle, and what a hit test wants to know of each.
+
+    Args:
+        points: (V,3) float64, times the frame's scale.
+        faces: (F,3) int32.
+        frame: (10,) as of :func:`frame_of`.
+        pad: boxes are larger by this on all sides.
+        first: (F+1,) int32 first piece of each triangle.
+        boxes: (M,6) float32, set to low and high corner relative to the frame.
+        packed: (M,16) float32, one cache line a piece, set to the triangle's corners relative to the frame; from
+            column 9 on as int32 the triangle and three times each vertex.
+    """
+    numbers = packed.view(np.int32)
     for i in prange(faces.shape[0]):
         begin, count = np.int64(first[i]), np.int64(first[i + 1]) - np.int64(first[i])
         a, b, c = faces[i, 0], faces[i, 1], faces[i, 2]
         if count == 1:
-            owner[begin] = i
+            _keep(points, faces, i, frame, packed, numbers, begin)
             for k in range(3):
                 p, q, r = points[a, k], points[b, k], points[c, k]
                 boxes[begin, k] = min(p, min(q, r)) - frame[k] - pad
@@ -156,7 +179,7 @@ def cut_boxes(points, faces, frame, pad, first, boxes, owner):
                 axis, size, origin = k, high - low, low
         for s in range(count):
             m = begin + s
-            owner[m] = i
+            _keep(points, faces, i, frame, packed, numbers, m)
             start = origin + size * (s / count) if s > 0 else -np.inf
             end = origin + size * ((s + 1) / count) if s < count - 1 else np.inf
             for k in range(3):

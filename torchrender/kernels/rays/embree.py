@@ -28,6 +28,10 @@ BACK = 1e-5
 """Rays start earlier by this share of the half extent, and boxes that begin this much behind the best hit are opened."""
 ROOM = 1e-3  # the box at which rays start and end is larger by this
 
+_ROUNDING = 2.0**-23  # twice that of coordinates up to 1 in float32
+_ROUNDING_64 = 2.0**-50  # several times that of float64
+_LINE = 64  # bytes of a packed piece
+
 _I4, _I8, _F4, _F8 = np.int32, np.int64, np.float32, np.float64
 RAY_HIT = np.dtype(
     [(n, _F4) for n in ("ox", "oy", "oz", "near", "dx", "dy", "dz", "time", "far")]
@@ -49,9 +53,10 @@ BOUNDS_CALL = np.dtype([("user", _I8), ("piece", _I4), ("step", _I4), ("bounds",
 """RTCBoundsFunctionArguments."""
 STATE = np.dtype(
     [("instance", _I4), ("instance_primitive", _I4)]  # RTCRayQueryContext
-    + [(n, _I8) for n in ("points", "faces", "owner", "mask", "table", "texels", "uv")]
+    + [(n, _I8) for n in ("packed", "points", "faces", "mask", "table", "texels", "uv")]
     + [(n, _I8) for n in ("x", "y", "z")]
-    + [(n, _F8) for n in ("ox", "oy", "oz", "sx", "sy", "sz", "low", "high", "start", "per_t")]
+    + [(n, _F8) for n in ("ox", "oy", "oz", "sx", "sy", "sz", "fx", "fy", "fz", "doubt")]
+    + [(n, _F8) for n in ("low", "high", "start", "per_t")]
     + [(n, _I8) for n in ("ignore", "cull", "any_hit", "last", "triangle")]
     + [(n, _F8) for n in ("t", "b", "c")]
 )
@@ -64,7 +69,7 @@ class Boxes(NamedTuple):
     scene: int  # RTCScene; 0: nothing to hit
     points: np.ndarray  # (V,3) float64 vertices times the frame's scale
     faces: np.ndarray  # (F,3) int32
-    owner: np.ndarray  # (M,) int32 triangle of each box
+    packed: np.ndarray  # (M,16) float32 as of :func:`~torchrender.kernels.rays.boxes.cut_boxes`
     frame: np.ndarray  # (10,) as of :func:`~torchrender.kernels.rays.boxes.frame_of`
 
 
@@ -111,17 +116,33 @@ def _box_of(call):
         out[k], out[4 + k] = boxes[piece, k], boxes[piece, 3 + k]
 
 
+@kernel(inline=True)
+def _surely_missed(corners, s):
+    """The corners' float32 copies show that the float64 test would find no hit, whatever their rounding."""
+    x, y, z = s.x, s.y, s.z
+    az, bz, cz = corners[z] - s.fz, corners[3 + z] - s.fz, corners[6 + z] - s.fz
+    ax, ay = corners[x] - s.fx - s.sx * az, corners[y] - s.fy - s.sy * az
+    bx, by = corners[3 + x] - s.fx - s.sx * bz, corners[3 + y] - s.fy - s.sy * bz
+    cx, cy = corners[6 + x] - s.fx - s.sx * cz, corners[6 + y] - s.fy - s.sy * cz
+    u, v, w = cx * by - cy * bx, ax * cy - ay * cx, bx * ay - by * ax
+    doubt = s.doubt * (abs(ax) + abs(ay) + abs(bx) + abs(by) + abs(cx) + abs(cy) + s.doubt)
+    return min(u, min(v, w)) < -doubt and max(u, max(v, w)) > doubt
+
+
 def _settle(call):
     """Embree's intersect and occluded function of a piece: the float64 test of its triangle."""
     a = carray(call, 1)[0]
     s = carray(_state(a.context), 1)[0]
-    triangle = np.int64(carray(_i32(s.owner), _MANY)[np.int64(np.uint32(a.piece))])
+    at = s.packed + np.int64(np.uint32(a.piece)) * _LINE
+    numbers, corners = carray(_i32(at), 16), carray(_f32(at), 16)
+    triangle = np.int64(numbers[9])
     if triangle == s.last:
         return
     s.last = triangle
-    faces = carray(_i32(s.faces), _MANY)
-    i, j, k = 3 * np.int64(faces[3 * triangle]), 3 * np.int64(faces[3 * triangle + 1]), 3 * np.int64(faces[3 * triangle + 2])
+    if _surely_missed(corners, s):
+        return
     shear = (s.x, s.y, s.z, s.ox, s.oy, s.oz, s.sx, s.sy, s.sz)
+    i, j, k = np.int64(numbers[10]), np.int64(numbers[11]), np.int64(numbers[12])
     det, t, b, c = hit_triangle(carray(_f64(s.points), _MANY), i, j, k, shear)
     if det == 0 or not (s.low < t < s.high):
         return
@@ -186,7 +207,7 @@ def _look_at(state, boxes, rays, holes):
     """What of the callback's state is the same for all rays."""
     state.instance, state.instance_primitive = -1, -1
     state.points, state.faces = boxes.points.ctypes.data, boxes.faces.ctypes.data
-    state.owner = boxes.owner.ctypes.data
+    state.packed = boxes.packed.ctypes.data
     state.cull, state.any_hit = rays.cull, rays.any_hit
     state.mask = holes.mask.ctypes.data if holes.mask.shape[0] > 0 else 0
     state.table, state.texels, state.uv = holes.table.ctypes.data, holes.texels.ctypes.data, holes.uv.ctypes.data
@@ -212,6 +233,11 @@ def _cast_lane(boxes, rays, holes, lane, lanes, out):
             x, y, z, ox, oy, oz, sx, sy, sz = shear_of(origins, directions, r, frame[SCALE])
             state.x, state.y, state.z = x, y, z
             state.ox, state.oy, state.oz, state.sx, state.sy, state.sz = ox, oy, oz, sx, sy, sz
+            state.fx = origins[r, x] * frame[SCALE] - frame[x]
+            state.fy = origins[r, y] * frame[SCALE] - frame[y]
+            state.fz = origins[r, z] * frame[SCALE] - frame[z]
+            size = abs(ox) + abs(oy) + abs(oz) + abs(frame[0]) + abs(frame[1]) + abs(frame[2])
+            state.doubt = 2.0 * (_ROUNDING + _ROUNDING_64 * size)
             state.low, state.high, state.ignore = span[r, 0], span[r, 1], ignore[r]
             state.t, state.triangle, state.last = np.inf, -1, -1
             if any_hit:

@@ -44,10 +44,10 @@ class EmbreeScene:
         count_pieces(waste, extra * len(faces) / max(wasted, 1e-300), first)
         count = int(first[-1])
         self.coarseness = padded / surface if surface > 0 else 1.0
-        self._boxes, owner = np.empty((count, 6), np.float32), np.empty(count, np.int32)
-        cut_boxes(points, faces, frame, PAD, first, self._boxes, owner)
+        self._boxes, packed = np.empty((count, 6), np.float32), _lines(count)
+        cut_boxes(points, faces, frame, PAD, first, self._boxes, packed)
         scene = self._commit(count, quality) if count else 0
-        self._record = Boxes(scene, points, faces, owner, frame)
+        self._record = Boxes(scene, points, faces, packed, frame)
 
     def _commit(self, count: int, quality: int) -> int:
         library = embree()
@@ -78,3 +78,10 @@ class EmbreeScene:
             self._record, rays, NO_HOLES if holes is None else holes
         )
         return found
+
+
+def _lines(count: int) -> np.ndarray:
+    """(count,16) float32 that begins at a cache line."""
+    room = np.empty(count * 16 + 16, np.float32)
+    start = (-room.ctypes.data % 64) // 4
+    return room[start : start + count * 16].reshape(count, 16)
