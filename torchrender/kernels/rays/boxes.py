@@ -1,6 +1,7 @@
-"""What rays need of a geometry before any tree: the scene's frame, and a padded float32 box for each triangle.
+"""What rays need of a geometry before any tree: the scene's frame, and padded float32 boxes of a few triangles each.
 
-A triangle that fills little of its box is cut into slabs along its longest axis, each with a box of its own.
+Triangles that follow each other share a box where that makes no larger target for rays. What fills little of its box is
+cut into slabs along its longest axis, each with a box of its own.
 """
 
 from __future__ import annotations
@@ -13,8 +14,16 @@ from torchrender.kernels.compile import kernel
 SCALE, LOW, HIGH = 3, 4, 7
 """Places in a frame; the centre comes first."""
 
+WIDE = 4
+"""Triangles of a group at most."""
+LINE = 10 * WIDE
+"""Numbers that describe a group: nine coordinates and the id of each triangle, triangles side by side."""
+IDS = 9 * WIDE
+"""Where the ids begin, as int32."""
 MOST_PIECES = 16
+
 _LANES = 64
+_JOIN = 1.2  # a shared box has at most so much of the surface of the boxes it replaces
 
 
 @kernel(parallel=True)
@@ -68,123 +77,222 @@ def has_area(ux, uy, uz, vx, vy, vz):
     return max(abs(uy * vz - uz * vy), abs(uz * vx - ux * vz), abs(ux * vy - uy * vx)) > 0
 
 
+@kernel(inline=True)
+def _edges(points, faces, i):
+    a, b, c = faces[i, 0], faces[i, 1], faces[i, 2]
+    ux, uy, uz = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1], points[b, 2] - points[a, 2]
+    vx, vy, vz = points[c, 0] - points[a, 0], points[c, 1] - points[a, 1], points[c, 2] - points[a, 2]
+    return ux, uy, uz, vx, vy, vz
+
+
+@kernel(inline=True)
+def _half_surface(x0, y0, z0, x1, y1, z1):
+    x, y, z = x1 - x0, y1 - y0, z1 - z0
+    return x * y + y * z + z * x
+
+
+@kernel(inline=True)
+def _box(points, faces, i):
+    a, b, c = faces[i, 0], faces[i, 1], faces[i, 2]
+    px, py, pz = points[a, 0], points[a, 1], points[a, 2]
+    qx, qy, qz = points[b, 0], points[b, 1], points[b, 2]
+    rx, ry, rz = points[c, 0], points[c, 1], points[c, 2]
+    return (
+        min(px, min(qx, rx)),
+        min(py, min(qy, ry)),
+        min(pz, min(qz, rz)),
+        max(px, max(qx, rx)),
+        max(py, max(qy, ry)),
+        max(pz, max(qz, rz)),
+    )
+
+
+@kernel()
+def _group_part(points, faces, begin, end, starts):
+    """Starts of groups among the triangles ``begin`` to ``end``; returns their number."""
+    groups, members, surface = 0, WIDE, 0.0
+    x0 = y0 = z0 = x1 = y1 = z1 = 0.0
+    for i in range(begin, end):
+        ux, uy, uz, vx, vy, vz = _edges(points, faces, i)
+        if not has_area(ux, uy, uz, vx, vy, vz):
+            continue
+        p0, q0, r0, p1, q1, r1 = _box(points, faces, i)
+        own = _half_surface(p0, q0, r0, p1, q1, r1)
+        if members < WIDE:
+            u0, v0, w0, u1, v1, w1 = min(x0, p0), min(y0, q0), min(z0, r0), max(x1, p1), max(y1, q1), max(z1, r1)
+            joint = _half_surface(u0, v0, w0, u1, v1, w1)
+            if joint <= _JOIN * (surface + own):
+                x0, y0, z0, x1, y1, z1, surface = u0, v0, w0, u1, v1, w1, joint
+                members += 1
+                continue
+        starts[begin + groups] = i
+        x0, y0, z0, x1, y1, z1, surface, members = p0, q0, r0, p1, q1, r1, own, 1
+        groups += 1
+    return groups
+
+
 @kernel(parallel=True)
-def measure_boxes(points, faces, pad, waste):
-    """How well triangles fill their boxes.
+def group_triangles(points, faces, starts):
+    """Runs of up to ``WIDE`` triangles that share a box; those without area are in none.
 
     Args:
         points: (V,3) float64, times the frame's scale.
         faces: (F,3) int32.
-        pad: boxes are larger by this on all sides.
-        waste: (F,) float32, set to the root of the box's surface beyond twice the triangle's shadows along the axes;
-            -1: the triangle has no area.
+        starts: (F,) int32, set to the first triangle of each group, from the start of each of 64 parts on.
 
     Returns:
-        Sums of the surfaces of boxes, of padded boxes, of doubled shadows and of ``waste``.
+        (65,) int64 number of the first group of each part.
     """
     count = faces.shape[0]
     part = (count + _LANES - 1) // _LANES
+    first = np.zeros(_LANES + 1, np.int64)
+    for lane in prange(_LANES):
+        k = np.int64(lane)
+        first[k + 1] = _group_part(points, faces, min(k * part, count), min(count, (k + 1) * part), starts)
+    for k in range(_LANES):
+        first[k + 1] += first[k]
+    return first
+
+
+@kernel()
+def _pack_part(geometry, begin, end, starts, first, packed, waste, pad):
+    """Pack the groups of one part; returns their number's end and the sums of :func:`pack_groups`."""
+    points, faces, frame = geometry
+    numbers = packed.view(np.int32)
+    surface, padded, shadows, wasted = 0.0, 0.0, 0.0, 0.0
+    for n in range(first[0], first[1]):
+        i = starts[begin + n - first[0]]
+        stop = starts[begin + n + 1 - first[0]] if n + 1 < first[1] else end
+        x0, y0, z0, x1, y1, z1 = _box(points, faces, i)
+        shadow, members = 0.0, 0
+        for t in range(i, stop):
+            ux, uy, uz, vx, vy, vz = _edges(points, faces, t)
+            if not has_area(ux, uy, uz, vx, vy, vz):
+                continue
+            p0, q0, r0, p1, q1, r1 = _box(points, faces, t)
+            x0, y0, z0, x1, y1, z1 = min(x0, p0), min(y0, q0), min(z0, r0), max(x1, p1), max(y1, q1), max(z1, r1)
+            shadow += abs(uy * vz - uz * vy) + abs(uz * vx - ux * vz) + abs(ux * vy - uy * vx)
+            for q in range(members, WIDE):  # places without a triangle repeat the last one
+                numbers[n, IDS + q] = t if q == members else -1
+                for j in range(3):
+                    for k in range(3):
+                        packed[n, (3 * j + k) * WIDE + q] = points[faces[t, j], k] - frame[k]
+            members += 1
+        x, y, z = x1 - x0, y1 - y0, z1 - z0
+        box = 2.0 * (x * y + y * z + z * x)
+        excess = np.sqrt(max(box - 2.0 * shadow, 0.0))
+        waste[n] = excess
+        surface += box
+        padded += box + 8.0 * pad * (x + y + z) + 24.0 * pad * pad
+        shadows += min(shadow, 0.5 * box)
+        wasted += excess
+    return surface, padded, shadows, wasted
+
+
+@kernel(parallel=True)
+def pack_groups(geometry, starts, first, packed, waste, pad):
+    """What a hit test wants to know of each group, and how well groups fill their boxes.
+
+    Args:
+        geometry: (points, faces, frame).
+        starts, first: as of :func:`group_triangles`.
+        packed: (G,LINE) float32, set to the corners relative to the frame; from column ``IDS`` on int32 triangles or -1.
+        waste: (G,) float32, set to the root of the box's surface beyond twice the shadows along the axes.
+        pad: boxes are larger by this on all sides.
+
+    Returns:
+        Sums of the surfaces of boxes, of padded boxes, of shadows and of ``waste``.
+    """
+    count = geometry[1].shape[0]
+    part = (count + _LANES - 1) // _LANES
     sums = np.zeros((_LANES, 4))
     for lane in prange(_LANES):
-        surface, padded, shadows, wasted = 0.0, 0.0, 0.0, 0.0
-        for i in range(np.int64(lane) * part, min(count, (np.int64(lane) + 1) * part)):
-            a, b, c = faces[i, 0], faces[i, 1], faces[i, 2]
-            ux, uy, uz = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1], points[b, 2] - points[a, 2]
-            vx, vy, vz = points[c, 0] - points[a, 0], points[c, 1] - points[a, 1], points[c, 2] - points[a, 2]
-            if not has_area(ux, uy, uz, vx, vy, vz):
-                waste[i] = -1.0
-                continue
-            x = max(0.0, ux, vx) - min(0.0, ux, vx)
-            y = max(0.0, uy, vy) - min(0.0, uy, vy)
-            z = max(0.0, uz, vz) - min(0.0, uz, vz)
-            box = 2.0 * (x * y + y * z + z * x)
-            shadow = abs(uy * vz - uz * vy) + abs(uz * vx - ux * vz) + abs(ux * vy - uy * vx)
-            excess = np.sqrt(max(box - 2.0 * shadow, 0.0))
-            waste[i] = excess
-            surface += box
-            padded += box + 8.0 * pad * (x + y + z) + 24.0 * pad * pad
-            shadows += shadow
-            wasted += excess
-        sums[lane, 0], sums[lane, 1], sums[lane, 2], sums[lane, 3] = surface, padded, shadows, wasted
+        k = np.int64(lane)
+        a, b, c, d = _pack_part(
+            geometry, min(k * part, count), min(count, (k + 1) * part), starts, first[k : k + 2], packed, waste, pad
+        )
+        sums[k, 0], sums[k, 1], sums[k, 2], sums[k, 3] = a, b, c, d
     return sums[:, 0].sum(), sums[:, 1].sum(), sums[:, 2].sum(), sums[:, 3].sum()
 
 
 @kernel()
 def count_pieces(waste, pieces_per_waste, first):
-    """Numbers of the first piece of each triangle in ``first`` (F+1,) int32: as many as its waste asks for."""
+    """Numbers of the first piece of each group in ``first`` (G+1,) int32: as many as its waste asks for."""
     total = 0
     for i in range(waste.shape[0]):
         first[i] = total
-        if waste[i] >= 0:
-            total += 1 + int(min(waste[i] * pieces_per_waste, MOST_PIECES - 1.0))
+        total += 1 + int(min(waste[i] * pieces_per_waste, MOST_PIECES - 1.0))
     first[waste.shape[0]] = total
 
 
 @kernel(inline=True)
-def _slab(points, a, b, axis, k, start, end, low, high):
-    """``low`` and ``high`` widened by what of the edge from ``a`` to ``b`` lies in the slab, along ``k``."""
-    p, q, v, to = points[a, axis], points[b, axis], points[a, k], points[b, k]
-    if start <= p <= end:
-        low, high = min(low, v), max(high, v)
-    if p < start < q or q < start < p:
-        at = v + (to - v) * ((start - p) / (q - p))
-        low, high = min(low, at), max(high, at)
-    if p < end < q or q < end < p:
-        at = v + (to - v) * ((end - p) / (q - p))
-        low, high = min(low, at), max(high, at)
+def _slab(corners, q, axis, k, start, end):
+    """Least and greatest coordinate ``k`` of what of triangle ``q`` lies between ``start`` and ``end`` along ``axis``."""
+    low, high = np.inf, -np.inf
+    for j in range(3):
+        n = (j + 1) % 3
+        p, r = np.float64(corners[(3 * j + axis) * WIDE + q]), np.float64(corners[(3 * n + axis) * WIDE + q])
+        v, to = np.float64(corners[(3 * j + k) * WIDE + q]), np.float64(corners[(3 * n + k) * WIDE + q])
+        if start <= p <= end:
+            low, high = min(low, v), max(high, v)
+        if p < start < r or r < start < p:
+            at = v + (to - v) * ((start - p) / (r - p))
+            low, high = min(low, at), max(high, at)
+        if p < end < r or r < end < p:
+            at = v + (to - v) * ((end - p) / (r - p))
+            low, high = min(low, at), max(high, at)
     return low, high
 
 
-@kernel(inline=True)
-def _keep(points, faces, i, frame, packed, numbers, m):
-    """Write piece ``m`` of triangle ``i``: rounded corners in the frame, the triangle, where its corners start."""
-    numbers[m, 9] = i
-    for j in range(3):
-        v = faces[i, j]
-        numbers[m, 10 + j] = 3 * v
+@kernel()
+def _cut(corners, count, boxes, owner, n, pad):
+    """Boxes of the slabs of one group."""
+    axis, size, origin = 0, -1.0, 0.0
+    for k in range(3):
+        low, high = np.inf, -np.inf
+        for j in range(3):
+            for q in range(WIDE):
+                p = np.float64(corners[(3 * j + k) * WIDE + q])
+                low, high = min(low, p), max(high, p)
+        boxes[0, k], boxes[0, 3 + k] = low - pad, high + pad
+        if high - low > size:
+            axis, size, origin = k, high - low, low
+    owner[0] = n
+    if count == 1:
+        return
+    for s in range(count):
+        owner[s] = n
+        start = origin + size * (s / count) if s > 0 else -np.inf
+        end = origin + size * ((s + 1) / count) if s < count - 1 else np.inf
         for k in range(3):
-            packed[m, 3 * j + k] = points[v, k] - frame[k]
+            low, high = np.inf, -np.inf
+            for q in range(WIDE):
+                least, most = _slab(corners, q, axis, k, start, end)
+                low, high = min(low, least), max(high, most)
+            boxes[s, k], boxes[s, 3 + k] = low - pad, high + pad
 
 
 @kernel(parallel=True)
-def cut_boxes(points, faces, frame, pad, first, boxes, packed):
-    """Boxes of equal slabs of each triangle, and what a hit test wants to know of each.
+def cut_boxes(packed, first, pad, boxes, owner):
+    """Boxes of the equal slabs of each group along its longest axis.
 
     Args:
-        points: (V,3) float64, times the frame's scale.
-        faces: (F,3) int32.
-        frame: (10,) as of :func:`frame_of`.
+        packed: (G,LINE) float32 as of :func:`pack_groups`.
+        first: (G+1,) int32 first piece of each group.
         pad: boxes are larger by this on all sides.
-        first: (F+1,) int32 first piece of each triangle.
-        boxes: (M,6) float32, set to low and high corner relative to the frame.
-        packed: (M,16) float32, one cache line a piece, set to the triangle's corners relative to the frame; from
-            column 9 on as int32 the triangle and three times each vertex.
+        boxes: (M,6) float32, set to low and high corner relative to the frame; an empty slab has NaN or low > high.
+        owner: (M,) int32, set to the group.
     """
-    numbers = packed.view(np.int32)
-    for i in prange(faces.shape[0]):
-        begin, count = np.int64(first[i]), np.int64(first[i + 1]) - np.int64(first[i])
-        a, b, c = faces[i, 0], faces[i, 1], faces[i, 2]
-        if count == 1:
-            _keep(points, faces, i, frame, packed, numbers, begin)
-            for k in range(3):
-                p, q, r = points[a, k], points[b, k], points[c, k]
-                boxes[begin, k] = min(p, min(q, r)) - frame[k] - pad
-                boxes[begin, 3 + k] = max(p, max(q, r)) - frame[k] + pad
-            continue
-        axis, size, origin = 0, -1.0, 0.0
+    for i in prange(packed.shape[0]):
+        begin, end = np.int64(first[i]), np.int64(first[i + 1])
+        _cut(packed[i], end - begin, boxes[begin:end], owner[begin:end], np.int64(i), pad)
+
+
+@kernel(parallel=True)
+def scaled_points(vertices, scale):
+    """Vertices (V,3) times ``scale``."""
+    out = np.empty(vertices.shape)
+    for i in prange(vertices.shape[0]):
         for k in range(3):
-            p, q, r = points[a, k], points[b, k], points[c, k]
-            low, high = min(p, min(q, r)), max(p, max(q, r))
-            if high - low > size:
-                axis, size, origin = k, high - low, low
-        for s in range(count):
-            m = begin + s
-            _keep(points, faces, i, frame, packed, numbers, m)
-            start = origin + size * (s / count) if s > 0 else -np.inf
-            end = origin + size * ((s + 1) / count) if s < count - 1 else np.inf
-            for k in range(3):
-                low, high = np.inf, -np.inf
-                low, high = _slab(points, a, b, axis, k, start, end, low, high)
-                low, high = _slab(points, b, c, axis, k, start, end, low, high)
-                low, high = _slab(points, c, a, axis, k, start, end, low, high)
-                boxes[m, k], boxes[m, 3 + k] = low - frame[k] - pad, high - frame[k] + pad
+            out[i, k] = vertices[i, k] * scale
+    return out

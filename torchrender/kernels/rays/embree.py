@@ -18,7 +18,8 @@ from numba.extending import intrinsic
 
 from torchrender.kernels.compile import cache_folder, kernel
 from torchrender.kernels.raster.fragments import is_hole
-from torchrender.kernels.rays.boxes import HIGH, LOW, SCALE
+from torchrender.kernels.rays.boxes import HIGH, IDS, LINE, LOW, SCALE, WIDE
+from torchrender.kernels.rays.wide_test import perhaps_hit
 from torchrender.kernels.rays.watertight import BLOCK, LANES, TIE, hit_triangle, row_length, shear_of
 
 PAD = 2e-6
@@ -30,7 +31,6 @@ ROOM = 1e-3  # the box at which rays start and end is larger by this
 
 _ROUNDING = 2.0**-23  # twice that of coordinates up to 1 in float32
 _ROUNDING_64 = 2.0**-50  # several times that of float64
-_LINE = 64  # bytes of a packed piece
 
 _I4, _I8, _F4, _F8 = np.int32, np.int64, np.float32, np.float64
 RAY_HIT = np.dtype(
@@ -53,7 +53,7 @@ BOUNDS_CALL = np.dtype([("user", _I8), ("piece", _I4), ("step", _I4), ("bounds",
 """RTCBoundsFunctionArguments."""
 STATE = np.dtype(
     [("instance", _I4), ("instance_primitive", _I4)]  # RTCRayQueryContext
-    + [(n, _I8) for n in ("packed", "points", "faces", "mask", "table", "texels", "uv")]
+    + [(n, _I8) for n in ("packed", "owner", "points", "faces", "mask", "table", "texels", "uv")]
     + [(n, _I8) for n in ("x", "y", "z")]
     + [(n, _F8) for n in ("ox", "oy", "oz", "sx", "sy", "sz", "fx", "fy", "fz", "doubt")]
     + [(n, _F8) for n in ("low", "high", "start", "per_t")]
@@ -69,7 +69,8 @@ class Boxes(NamedTuple):
     scene: int  # RTCScene; 0: nothing to hit
     points: np.ndarray  # (V,3) float64 vertices times the frame's scale
     faces: np.ndarray  # (F,3) int32
-    packed: np.ndarray  # (M,16) float32 as of :func:`~torchrender.kernels.rays.boxes.cut_boxes`
+    packed: np.ndarray  # (G,LINE) float32 as of :func:`~torchrender.kernels.rays.boxes.pack_groups`
+    owner: np.ndarray  # (M,) int32 group of each box
     frame: np.ndarray  # (10,) as of :func:`~torchrender.kernels.rays.boxes.frame_of`
 
 
@@ -117,46 +118,49 @@ def _box_of(call):
 
 
 @kernel(inline=True)
-def _surely_missed(corners, s):
-    """The corners' float32 copies show that the float64 test would find no hit, whatever their rounding."""
-    x, y, z = s.x, s.y, s.z
-    az, bz, cz = corners[z] - s.fz, corners[3 + z] - s.fz, corners[6 + z] - s.fz
-    ax, ay = corners[x] - s.fx - s.sx * az, corners[y] - s.fy - s.sy * az
-    bx, by = corners[3 + x] - s.fx - s.sx * bz, corners[3 + y] - s.fy - s.sy * bz
-    cx, cy = corners[6 + x] - s.fx - s.sx * cz, corners[6 + y] - s.fy - s.sy * cz
-    u, v, w = cx * by - cy * bx, ax * cy - ay * cx, bx * ay - by * ax
-    doubt = s.doubt * (abs(ax) + abs(ay) + abs(bx) + abs(by) + abs(cx) + abs(cy) + s.doubt)
-    return min(u, min(v, w)) < -doubt and max(u, max(v, w)) > doubt
+def _try(s, triangle):
+    """Test one triangle in float64; True: it is the best hit so far."""
+    if triangle == s.ignore:
+        return False
+    faces = carray(_i32(s.faces), _MANY)
+    i, j, k = faces[3 * triangle], faces[3 * triangle + 1], faces[3 * triangle + 2]
+    shear = (s.x, s.y, s.z, s.ox, s.oy, s.oz, s.sx, s.sy, s.sz)
+    points = carray(_f64(s.points), _MANY)
+    det, t, b, c = hit_triangle(points, 3 * np.int64(i), 3 * np.int64(j), 3 * np.int64(k), shear)
+    if det == 0 or not (s.low < t < s.high):
+        return False
+    best, tie = s.t, TIE * abs(t)
+    if t > best + tie or (s.triangle >= 0 and t >= best - tie and triangle > s.triangle):
+        return False
+    if s.cull != 0 and det < 0:
+        return False
+    if s.mask != 0 and _in_hole(s, triangle, b, c):
+        return False
+    s.t, s.triangle, s.b, s.c = t, triangle, b, c
+    return True
 
 
 def _settle(call):
-    """Embree's intersect and occluded function of a piece: the float64 test of its triangle."""
+    """Embree's intersect and occluded function of a piece: tests the triangles of its group."""
     a = carray(call, 1)[0]
     s = carray(_state(a.context), 1)[0]
-    at = s.packed + np.int64(np.uint32(a.piece)) * _LINE
-    numbers, corners = carray(_i32(at), 16), carray(_f32(at), 16)
-    triangle = np.int64(numbers[9])
-    if triangle == s.last:
+    group = np.int64(carray(_i32(s.owner), _MANY)[np.int64(np.uint32(a.piece))])
+    if group == s.last:
         return
-    s.last = triangle
-    if _surely_missed(corners, s):
+    s.last = group
+    at = s.packed + group * (4 * LINE)
+    bits = perhaps_hit(at, WIDE * s.x, WIDE * s.y, WIDE * s.z, (s.fx, s.fy, s.fz), (s.sx, s.sy), s.doubt)
+    if bits == 0:
         return
-    shear = (s.x, s.y, s.z, s.ox, s.oy, s.oz, s.sx, s.sy, s.sz)
-    i, j, k = np.int64(numbers[10]), np.int64(numbers[11]), np.int64(numbers[12])
-    det, t, b, c = hit_triangle(carray(_f64(s.points), _MANY), i, j, k, shear)
-    if det == 0 or not (s.low < t < s.high):
-        return
-    best, tie = s.t, TIE * abs(t)
-    if t > best + tie or (s.triangle >= 0 and t >= best - tie and triangle > s.triangle):
-        return
-    if (s.cull != 0 and det < 0) or triangle == s.ignore:
-        return
-    if s.mask != 0 and _in_hole(s, triangle, b, c):
-        return
-    s.t, s.triangle, s.b, s.c = t, triangle, b, c
-    ray = carray(_ray(a.ray), 1)[0]
-    # Negative infinity is Embree's sign for "occluded".
-    ray.far = -np.inf if s.any_hit != 0 else min(ray.far, np.float32((t - s.start) * s.per_t + BACK))
+    ids, found = carray(_i32(at), LINE), False
+    for q in range(WIDE):
+        triangle = np.int64(ids[IDS + q])
+        if (bits >> q) & 1 != 0 and triangle >= 0 and _try(s, triangle):
+            found = True
+    if found:
+        ray = carray(_ray(a.ray), 1)[0]
+        # Negative infinity is Embree's sign for "occluded".
+        ray.far = -np.inf if s.any_hit != 0 else min(ray.far, np.float32((s.t - s.start) * s.per_t + BACK))
 
 
 @cache
@@ -207,7 +211,7 @@ def _look_at(state, boxes, rays, holes):
     """What of the callback's state is the same for all rays."""
     state.instance, state.instance_primitive = -1, -1
     state.points, state.faces = boxes.points.ctypes.data, boxes.faces.ctypes.data
-    state.packed = boxes.packed.ctypes.data
+    state.packed, state.owner = boxes.packed.ctypes.data, boxes.owner.ctypes.data
     state.cull, state.any_hit = rays.cull, rays.any_hit
     state.mask = holes.mask.ctypes.data if holes.mask.shape[0] > 0 else 0
     state.table, state.texels, state.uv = holes.table.ctypes.data, holes.texels.ctypes.data, holes.uv.ctypes.data

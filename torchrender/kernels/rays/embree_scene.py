@@ -7,7 +7,7 @@ import weakref
 import numpy as np
 
 from torchrender.kernels.raster.records import NO_HOLES, Holes
-from torchrender.kernels.rays.boxes import SCALE, count_pieces, cut_boxes, frame_of, measure_boxes
+from torchrender.kernels.rays.boxes import SCALE, LINE, count_pieces, cut_boxes, frame_of, group_triangles, pack_groups, scaled_points
 from torchrender.kernels.rays.embree import PAD, Boxes, callbacks, cast_through_boxes
 from torchrender.kernels.rays.embree_library import embree
 from torchrender.kernels.rays.watertight import Rays
@@ -36,18 +36,20 @@ class EmbreeScene:
 
     def __init__(self, vertices: np.ndarray, faces: np.ndarray, quality: int = USUAL) -> None:
         frame = frame_of(vertices, faces)
-        points = vertices * frame[SCALE]
-        waste, first = np.empty(len(faces), np.float32), np.empty(len(faces) + 1, np.int32)
-        surface, padded, shadows, wasted = measure_boxes(points, faces, PAD, waste)
+        points = scaled_points(vertices, frame[SCALE])
+        starts = np.empty(len(faces), np.int32)
+        parts = group_triangles(points, faces, starts)
+        groups = int(parts[-1])
+        packed, waste, first = _lines(groups), np.empty(groups, np.float32), np.empty(groups + 1, np.int32)
+        surface, padded, shadows, wasted = pack_groups((points, faces, frame), starts, parts, packed, waste, PAD)
+        self.coarseness = padded / surface if surface > 0 else 1.0
         # Twice the shadows is the surface of a box without depth: cut where boxes are mostly air.
         extra = float(np.clip(0.5 * (surface / max(shadows, 1e-300) - _FILLED), 0.0, _MOST_EXTRA))
-        count_pieces(waste, extra * len(faces) / max(wasted, 1e-300), first)
+        count_pieces(waste, extra * groups / max(wasted, 1e-300), first)
         count = int(first[-1])
-        self.coarseness = padded / surface if surface > 0 else 1.0
-        self._boxes, packed = np.empty((count, 6), np.float32), _lines(count)
-        cut_boxes(points, faces, frame, PAD, first, self._boxes, packed)
-        scene = self._commit(count, quality) if count else 0
-        self._record = Boxes(scene, points, faces, packed, frame)
+        self._boxes, owner = np.empty((count, 6), np.float32), np.empty(count, np.int32)
+        cut_boxes(packed, first, PAD, self._boxes, owner)
+        self._record = Boxes(self._commit(count, quality), points, faces, packed, owner, frame)
 
     def _commit(self, count: int, quality: int) -> int:
         library = embree()
@@ -81,7 +83,7 @@ class EmbreeScene:
 
 
 def _lines(count: int) -> np.ndarray:
-    """(count,16) float32 that begins at a cache line."""
-    room = np.empty(count * 16 + 16, np.float32)
+    """(count,LINE) float32 that begins at a cache line."""
+    room = np.empty(count * LINE + 16, np.float32)
     start = (-room.ctypes.data % 64) // 4
-    return room[start : start + count * 16].reshape(count, 16)
+    return room[start : start + count * LINE].reshape(count, LINE)
