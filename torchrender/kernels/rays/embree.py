@@ -153,10 +153,11 @@ def _settle(call):
     if bits == 0:
         return
     ids, found = carray(_i32(at), LINE), False
-    for q in range(WIDE):
-        triangle = np.int64(ids[IDS + q])
-        if (bits >> q) & 1 != 0 and triangle >= 0 and _try(s, triangle):
-            found = True
+    q = IDS
+    while bits != 0:  # not counted: the loop's body is large, and compilers would repeat it
+        if bits & 1 != 0 and ids[q] >= 0:
+            found |= _try(s, np.int64(ids[q]))
+        bits, q = bits >> 1, q + 1
     if found:
         ray = carray(_ray(a.ray), 1)[0]
         # Negative infinity is Embree's sign for "occluded".
@@ -180,11 +181,9 @@ def _compiled(function: Callable[..., Any], argument: np.dtype[Any]) -> Any:
 
 
 @kernel(inline=True)
-def _aim(ray, state, frame, origins, directions, span, r):
-    """Set the float32 ray through the scene's box; False: it passes the scene by."""
+def _clip(frame, origins, directions, r, near, far):
+    """The part of a ray within the scene's box, somewhat enlarged."""
     scale = frame[SCALE]
-    length = row_length(directions, r) * scale
-    near, far = span[r, 0], span[r, 1]
     for k in range(3):
         step = directions[r, k] * scale
         # Finite: 0 times infinity would be NaN for an origin in the plane of a side.
@@ -192,13 +191,31 @@ def _aim(ray, state, frame, origins, directions, span, r):
         at = origins[r, k] * scale - frame[k]
         a, b = (frame[LOW + k] - ROOM - at) * step, (frame[HIGH + k] + ROOM - at) * step
         near, far = max(near, min(a, b)), min(far, max(a, b))
+    return near, far
+
+
+@kernel(inline=True)
+def _aim(ray, state, frame, origins, directions, span, r):
+    """Set the float32 ray that Embree sees and the origin in the frame; False: the ray passes the scene by."""
+    scale = frame[SCALE]
+    length = row_length(directions, r) * scale
+    x, y, z = origins[r, 0] * scale - frame[0], origins[r, 1] * scale - frame[1], origins[r, 2] * scale - frame[2]
+    near, far = span[r, 0], span[r, 1]
+    inside = (
+        (x > frame[LOW] - ROOM)
+        & (y > frame[LOW + 1] - ROOM)
+        & (z > frame[LOW + 2] - ROOM)
+        & (x < frame[HIGH] + ROOM)
+        & (y < frame[HIGH + 1] + ROOM)
+        & (z < frame[HIGH + 2] + ROOM)
+    )
+    if not inside or not 0.0 <= near * length < 1.0:
+        near, far = _clip(frame, origins, directions, r, near, far)
     if not near < far:
         return False
     near -= BACK / length
     dx, dy, dz = directions[r, 0] * scale, directions[r, 1] * scale, directions[r, 2] * scale
-    ray.ox = origins[r, 0] * scale - frame[0] + near * dx
-    ray.oy = origins[r, 1] * scale - frame[1] + near * dy
-    ray.oz = origins[r, 2] * scale - frame[2] + near * dz
+    ray.ox, ray.oy, ray.oz = x + near * dx, y + near * dy, z + near * dz
     ray.dx, ray.dy, ray.dz = dx / length, dy / length, dz / length
     ray.near, ray.time, ray.far = 0.0, 0.0, (far - near) * length + BACK
     ray.mask, ray.number, ray.flags, ray.primitive, ray.geometry = -1, 0, 0, -1, -1

@@ -90,5 +90,7 @@ def hit_triangle(points, a, b, c, shear):
 def row_length(directions, r):
     """Length of row ``r`` without overflow or underflow."""
     x, y, z = directions[r, 0], directions[r, 1], directions[r, 2]
-    m = max(abs(x), abs(y), abs(z))
+    m = max(abs(x), max(abs(y), abs(z)))
+    if 1e-100 < m < 1e100:
+        return np.sqrt(x * x + y * y + z * z)
     return m * np.sqrt((x / m) ** 2 + (y / m) ** 2 + (z / m) ** 2) if m > 0 else 0.0
