@@ -17,9 +17,9 @@ SCALE, LOW, HIGH = 3, 4, 7
 WIDE = 4
 """Triangles of a group at most."""
 LINE = 10 * WIDE
-"""Numbers that describe a group: nine coordinates and the id of each triangle, triangles side by side."""
+"""Numbers that describe a group, five cache lines: nine coordinates and the id of each triangle, side by side."""
 IDS = 9 * WIDE
-"""Where the ids begin, as int32."""
+"""Where the ids begin, as int64."""
 MOST_PIECES = 16
 
 _LANES = 64
@@ -157,8 +157,8 @@ def group_triangles(points, faces, starts):
 @kernel()
 def _pack_part(geometry, begin, end, starts, first, packed, waste, pad):
     """Pack the groups of one part; returns their number's end and the sums of :func:`pack_groups`."""
-    points, faces, frame = geometry
-    numbers = packed.view(np.int32)
+    points, faces = geometry
+    numbers = packed.view(np.int64)
     surface, padded, shadows, wasted = 0.0, 0.0, 0.0, 0.0
     for n in range(first[0], first[1]):
         i = starts[begin + n - first[0]]
@@ -176,7 +176,7 @@ def _pack_part(geometry, begin, end, starts, first, packed, waste, pad):
                 numbers[n, IDS + q] = t if q == members else -1
                 for j in range(3):
                     for k in range(3):
-                        packed[n, (3 * j + k) * WIDE + q] = points[faces[t, j], k] - frame[k]
+                        packed[n, (3 * j + k) * WIDE + q] = points[faces[t, j], k]
             members += 1
         x, y, z = x1 - x0, y1 - y0, z1 - z0
         box = 2.0 * (x * y + y * z + z * x)
@@ -194,9 +194,9 @@ def pack_groups(geometry, starts, first, packed, waste, pad):
     """What a hit test wants to know of each group, and how well groups fill their boxes.
 
     Args:
-        geometry: (points, faces, frame).
+        geometry: (points, faces) as of :func:`group_triangles`.
         starts, first: as of :func:`group_triangles`.
-        packed: (G,LINE) float32, set to the corners relative to the frame; from column ``IDS`` on int32 triangles or -1.
+        packed: (G,LINE) float64, set to the corners, and from column ``IDS`` on to int64 triangles or -1.
         waste: (G,) float32, set to the root of the box's surface beyond twice the shadows along the axes.
         pad: boxes are larger by this on all sides.
 
@@ -231,8 +231,8 @@ def _slab(corners, q, axis, k, start, end):
     low, high = np.inf, -np.inf
     for j in range(3):
         n = (j + 1) % 3
-        p, r = np.float64(corners[(3 * j + axis) * WIDE + q]), np.float64(corners[(3 * n + axis) * WIDE + q])
-        v, to = np.float64(corners[(3 * j + k) * WIDE + q]), np.float64(corners[(3 * n + k) * WIDE + q])
+        p, r = corners[(3 * j + axis) * WIDE + q], corners[(3 * n + axis) * WIDE + q]
+        v, to = corners[(3 * j + k) * WIDE + q], corners[(3 * n + k) * WIDE + q]
         if start <= p <= end:
             low, high = min(low, v), max(high, v)
         if p < start < r or r < start < p:
@@ -245,16 +245,17 @@ def _slab(corners, q, axis, k, start, end):
 
 
 @kernel()
-def _cut(corners, count, boxes, owner, n, pad):
+def _cut(corners, frame, boxes, owner, n, pad):
     """Boxes of the slabs of one group."""
+    count = owner.shape[0]
     axis, size, origin = 0, -1.0, 0.0
     for k in range(3):
         low, high = np.inf, -np.inf
         for j in range(3):
             for q in range(WIDE):
-                p = np.float64(corners[(3 * j + k) * WIDE + q])
+                p = corners[(3 * j + k) * WIDE + q]
                 low, high = min(low, p), max(high, p)
-        boxes[0, k], boxes[0, 3 + k] = low - pad, high + pad
+        boxes[0, k], boxes[0, 3 + k] = low - frame[k] - pad, high - frame[k] + pad
         if high - low > size:
             axis, size, origin = k, high - low, low
     owner[0] = n
@@ -269,15 +270,16 @@ def _cut(corners, count, boxes, owner, n, pad):
             for q in range(WIDE):
                 least, most = _slab(corners, q, axis, k, start, end)
                 low, high = min(low, least), max(high, most)
-            boxes[s, k], boxes[s, 3 + k] = low - pad, high + pad
+            boxes[s, k], boxes[s, 3 + k] = low - frame[k] - pad, high - frame[k] + pad
 
 
 @kernel(parallel=True)
-def cut_boxes(packed, first, pad, boxes, owner):
+def cut_boxes(packed, frame, first, pad, boxes, owner):
     """Boxes of the equal slabs of each group along its longest axis.
 
     Args:
-        packed: (G,LINE) float32 as of :func:`pack_groups`.
+        packed: (G,LINE) float64 as of :func:`pack_groups`.
+        frame: (10,) as of :func:`frame_of`.
         first: (G+1,) int32 first piece of each group.
         pad: boxes are larger by this on all sides.
         boxes: (M,6) float32, set to low and high corner relative to the frame; an empty slab has NaN or low > high.
@@ -285,7 +287,7 @@ def cut_boxes(packed, first, pad, boxes, owner):
     """
     for i in prange(packed.shape[0]):
         begin, end = np.int64(first[i]), np.int64(first[i + 1])
-        _cut(packed[i], end - begin, boxes[begin:end], owner[begin:end], np.int64(i), pad)
+        _cut(packed[i], frame, boxes[begin:end], owner[begin:end], np.int64(i), pad)
 
 
 @kernel(parallel=True)

@@ -19,7 +19,7 @@ from numba.extending import intrinsic
 from torchrender.kernels.compile import cache_folder, kernel
 from torchrender.kernels.raster.fragments import is_hole
 from torchrender.kernels.rays.boxes import HIGH, IDS, LINE, LOW, SCALE, WIDE
-from torchrender.kernels.rays.wide_test import perhaps_hit
+from torchrender.kernels.rays.wide_test import edges_around
 from torchrender.kernels.rays.watertight import BLOCK, LANES, TIE, hit_triangle, row_length, shear_of
 
 PAD = 2e-6
@@ -28,9 +28,6 @@ planes of boxes by up to 4e-7 of it in Embree's arithmetic."""
 BACK = 1e-5
 """Rays start earlier by this share of the half extent, and boxes that begin this much behind the best hit are opened."""
 ROOM = 1e-3  # the box at which rays start and end is larger by this
-
-_ROUNDING = 2.0**-23  # twice that of coordinates up to 1 in float32
-_ROUNDING_64 = 2.0**-50  # several times that of float64
 
 _I4, _I8, _F4, _F8 = np.int32, np.int64, np.float32, np.float64
 RAY_HIT = np.dtype(
@@ -53,9 +50,9 @@ BOUNDS_CALL = np.dtype([("user", _I8), ("piece", _I4), ("step", _I4), ("bounds",
 """RTCBoundsFunctionArguments."""
 STATE = np.dtype(
     [("instance", _I4), ("instance_primitive", _I4)]  # RTCRayQueryContext
-    + [(n, _I8) for n in ("packed", "owner", "points", "faces", "mask", "table", "texels", "uv")]
+    + [(n, _I8) for n in ("packed", "owner", "faces", "mask", "table", "texels", "uv")]
     + [(n, _I8) for n in ("x", "y", "z")]
-    + [(n, _F8) for n in ("ox", "oy", "oz", "sx", "sy", "sz", "fx", "fy", "fz", "doubt")]
+    + [(n, _F8) for n in ("ox", "oy", "oz", "sx", "sy", "sz")]
     + [(n, _F8) for n in ("low", "high", "start", "per_t")]
     + [(n, _I8) for n in ("ignore", "cull", "any_hit", "last", "triangle")]
     + [(n, _F8) for n in ("t", "b", "c")]
@@ -67,10 +64,9 @@ class Boxes(NamedTuple):
     """A scene of Embree over boxes, and what its callback looks at."""
 
     scene: int  # RTCScene; 0: nothing to hit
-    points: np.ndarray  # (V,3) float64 vertices times the frame's scale
-    faces: np.ndarray  # (F,3) int32
-    packed: np.ndarray  # (G,LINE) float32 as of :func:`~torchrender.kernels.rays.boxes.pack_groups`
-    owner: np.ndarray  # (M,) int32 group of each box
+    packed: np.ndarray  # (G,LINE) float64 as of :func:`~torchrender.kernels.rays.boxes.pack_groups`
+    owner: np.ndarray  # (M,) int32 group of each box; without elements boxes are groups
+    faces: np.ndarray  # (F,3) int32; only holes look at them
     frame: np.ndarray  # (10,) as of :func:`~torchrender.kernels.rays.boxes.frame_of`
 
 
@@ -118,15 +114,12 @@ def _box_of(call):
 
 
 @kernel(inline=True)
-def _try(s, triangle):
-    """Test one triangle in float64; True: it is the best hit so far."""
+def _try(s, corners, q, triangle):
+    """Test one triangle of a group; True: it is the best hit so far."""
     if triangle == s.ignore:
         return False
-    faces = carray(_i32(s.faces), _MANY)
-    i, j, k = faces[3 * triangle], faces[3 * triangle + 1], faces[3 * triangle + 2]
     shear = (s.x, s.y, s.z, s.ox, s.oy, s.oz, s.sx, s.sy, s.sz)
-    points = carray(_f64(s.points), _MANY)
-    det, t, b, c = hit_triangle(points, 3 * np.int64(i), 3 * np.int64(j), 3 * np.int64(k), shear)
+    det, t, b, c = hit_triangle(corners, q, 3 * WIDE + q, 6 * WIDE + q, shear)
     if det == 0 or not (s.low < t < s.high):
         return False
     best, tie = s.t, TIE * abs(t)
@@ -144,19 +137,20 @@ def _settle(call):
     """Embree's intersect and occluded function of a piece: tests the triangles of its group."""
     a = carray(call, 1)[0]
     s = carray(_state(a.context), 1)[0]
-    group = np.int64(carray(_i32(s.owner), _MANY)[np.int64(np.uint32(a.piece))])
-    if group == s.last:
-        return
-    s.last = group
-    at = s.packed + group * (4 * LINE)
-    bits = perhaps_hit(at, WIDE * s.x, WIDE * s.y, WIDE * s.z, (s.fx, s.fy, s.fz), (s.sx, s.sy), s.doubt)
+    group = np.int64(np.uint32(a.piece))
+    if s.owner != 0:
+        group = np.int64(carray(_i32(s.owner), _MANY)[group])
+        if group == s.last:
+            return
+        s.last = group
+    at = s.packed + group * (8 * LINE)
+    bits = edges_around(at, s.x, s.y, s.z, (s.ox, s.oy, s.oz), (s.sx, s.sy))
     if bits == 0:
         return
-    ids, found = carray(_i32(at), LINE), False
-    q = IDS
+    corners, ids, found, q = carray(_f64(at), LINE), carray(_i64(at), LINE), False, 0
     while bits != 0:  # not counted: the loop's body is large, and compilers would repeat it
-        if bits & 1 != 0 and ids[q] >= 0:
-            found |= _try(s, np.int64(ids[q]))
+        if bits & 1 != 0 and ids[IDS + q] >= 0:
+            found |= _try(s, corners, q, ids[IDS + q])
         bits, q = bits >> 1, q + 1
     if found:
         ray = carray(_ray(a.ray), 1)[0]
@@ -227,8 +221,9 @@ def _aim(ray, state, frame, origins, directions, span, r):
 def _look_at(state, boxes, rays, holes):
     """What of the callback's state is the same for all rays."""
     state.instance, state.instance_primitive = -1, -1
-    state.points, state.faces = boxes.points.ctypes.data, boxes.faces.ctypes.data
-    state.packed, state.owner = boxes.packed.ctypes.data, boxes.owner.ctypes.data
+    state.faces = boxes.faces.ctypes.data
+    state.packed = boxes.packed.ctypes.data
+    state.owner = boxes.owner.ctypes.data if boxes.owner.shape[0] > 0 else 0
     state.cull, state.any_hit = rays.cull, rays.any_hit
     state.mask = holes.mask.ctypes.data if holes.mask.shape[0] > 0 else 0
     state.table, state.texels, state.uv = holes.table.ctypes.data, holes.texels.ctypes.data, holes.uv.ctypes.data
@@ -252,13 +247,8 @@ def _cast_lane(boxes, rays, holes, lane, lanes, out):
             if not _aim(ray, state, frame, origins, directions, span, r):
                 continue
             x, y, z, ox, oy, oz, sx, sy, sz = shear_of(origins, directions, r, frame[SCALE])
-            state.x, state.y, state.z = x, y, z
+            state.x, state.y, state.z = x * WIDE, y * WIDE, z * WIDE
             state.ox, state.oy, state.oz, state.sx, state.sy, state.sz = ox, oy, oz, sx, sy, sz
-            state.fx = origins[r, x] * frame[SCALE] - frame[x]
-            state.fy = origins[r, y] * frame[SCALE] - frame[y]
-            state.fz = origins[r, z] * frame[SCALE] - frame[z]
-            size = abs(ox) + abs(oy) + abs(oz) + abs(frame[0]) + abs(frame[1]) + abs(frame[2])
-            state.doubt = 2.0 * (_ROUNDING + _ROUNDING_64 * size)
             state.low, state.high, state.ignore = span[r, 0], span[r, 1], ignore[r]
             state.t, state.triangle, state.last = np.inf, -1, -1
             if any_hit:

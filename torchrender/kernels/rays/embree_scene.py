@@ -41,15 +41,15 @@ class EmbreeScene:
         parts = group_triangles(points, faces, starts)
         groups = int(parts[-1])
         packed, waste, first = _lines(groups), np.empty(groups, np.float32), np.empty(groups + 1, np.int32)
-        surface, padded, shadows, wasted = pack_groups((points, faces, frame), starts, parts, packed, waste, PAD)
+        surface, padded, shadows, wasted = pack_groups((points, faces), starts, parts, packed, waste, PAD)
         self.coarseness = padded / surface if surface > 0 else 1.0
         # Twice the shadows is the surface of a box without depth: cut where boxes are mostly air.
         extra = float(np.clip(0.5 * (surface / max(shadows, 1e-300) - _FILLED), 0.0, _MOST_EXTRA))
         count_pieces(waste, extra * groups / max(wasted, 1e-300), first)
         count = int(first[-1])
         self._boxes, owner = np.empty((count, 6), np.float32), np.empty(count, np.int32)
-        cut_boxes(packed, first, PAD, self._boxes, owner)
-        self._record = Boxes(self._commit(count, quality), points, faces, packed, owner, frame)
+        cut_boxes(packed, frame, first, PAD, self._boxes, owner)
+        self._record = Boxes(self._commit(count, quality), packed, owner if count > groups else owner[:0], faces, frame)
 
     def _commit(self, count: int, quality: int) -> int:
         library = embree()
@@ -83,7 +83,7 @@ class EmbreeScene:
 
 
 def _lines(count: int) -> np.ndarray:
-    """(count,LINE) float32 that begins at a cache line."""
-    room = np.empty(count * LINE + 16, np.float32)
-    start = (-room.ctypes.data % 64) // 4
+    """(count,LINE) float64 that begins at a cache line."""
+    room = np.empty(count * LINE + 8)
+    start = (-room.ctypes.data % 64) // 8
     return room[start : start + count * LINE].reshape(count, LINE)
