@@ -29,7 +29,7 @@ from torchrender.scene.mesh import Geometry
 
 BACKENDS = ("auto", "embree", "bvh")
 
-_COARSE = 4.0  # padding that makes boxes so much larger costs more than Embree saves: float32 cannot tell them apart
+_COARSE = 0.25  # share of boxes that float32 cannot tell apart from which on Embree cannot help
 
 
 class RayCaster:

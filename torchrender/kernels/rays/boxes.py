@@ -23,6 +23,7 @@ IDS = 9 * WIDE
 MOST_PIECES = 16
 
 _LANES = 64
+_COARSE = 3.0  # padding adds so many times the surface of a box
 _JOIN = 1.2  # a shared box has at most so much of the surface of the boxes it replaces
 
 
@@ -156,10 +157,10 @@ def group_triangles(points, faces, starts):
 
 @kernel()
 def _pack_part(geometry, begin, end, starts, first, packed, waste, pad):
-    """Pack the groups of one part; returns their number's end and the sums of :func:`pack_groups`."""
+    """Pack the groups of one part; returns the sums of :func:`pack_groups`."""
     points, faces = geometry
     numbers = packed.view(np.int64)
-    surface, padded, shadows, wasted = 0.0, 0.0, 0.0, 0.0
+    surface, coarse, shadows, wasted = 0.0, 0.0, 0.0, 0.0
     for n in range(first[0], first[1]):
         i = starts[begin + n - first[0]]
         stop = starts[begin + n + 1 - first[0]] if n + 1 < first[1] else end
@@ -183,10 +184,10 @@ def _pack_part(geometry, begin, end, starts, first, packed, waste, pad):
         excess = np.sqrt(max(box - 2.0 * shadow, 0.0))
         waste[n] = excess
         surface += box
-        padded += box + 8.0 * pad * (x + y + z) + 24.0 * pad * pad
+        coarse += 8.0 * pad * (x + y + z) + 24.0 * pad * pad > _COARSE * box
         shadows += min(shadow, 0.5 * box)
         wasted += excess
-    return surface, padded, shadows, wasted
+    return surface, coarse, shadows, wasted
 
 
 @kernel(parallel=True)
@@ -201,7 +202,7 @@ def pack_groups(geometry, starts, first, packed, waste, pad):
         pad: boxes are larger by this on all sides.
 
     Returns:
-        Sums of the surfaces of boxes, of padded boxes, of shadows and of ``waste``.
+        Sum of the surfaces of boxes, number of boxes that are mostly padding, sums of shadows and of ``waste``.
     """
     count = geometry[1].shape[0]
     part = (count + _LANES - 1) // _LANES

@@ -30,8 +30,7 @@ class EmbreeScene:
     Only where :func:`~torchrender.kernels.rays.embree_library.embree` has found a library.
 
     Attributes:
-        coarseness: surface of the padded boxes over that of the boxes themselves; where it is large, triangles are too
-            small for float32.
+        coarseness: share of boxes that are mostly padding; where it is large, triangles are too small for float32.
     """
 
     def __init__(self, vertices: np.ndarray, faces: np.ndarray, quality: int = USUAL) -> None:
@@ -41,8 +40,8 @@ class EmbreeScene:
         parts = group_triangles(points, faces, starts)
         groups = int(parts[-1])
         packed, waste, first = _lines(groups), np.empty(groups, np.float32), np.empty(groups + 1, np.int32)
-        surface, padded, shadows, wasted = pack_groups((points, faces), starts, parts, packed, waste, PAD)
-        self.coarseness = padded / surface if surface > 0 else 1.0
+        surface, coarse, shadows, wasted = pack_groups((points, faces), starts, parts, packed, waste, PAD)
+        self.coarseness = coarse / max(groups, 1)
         # Twice the shadows is the surface of a box without depth: cut where boxes are mostly air.
         extra = float(np.clip(0.5 * (surface / max(shadows, 1e-300) - _FILLED), 0.0, _MOST_EXTRA))
         count_pieces(waste, extra * groups / max(wasted, 1e-300), first)
