@@ -17,7 +17,9 @@ from torchrender.kernels.rays.watertight import TIE, Rays
 
 def trace(bvh: Bvh, rays: Rays) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The kernel, without holes."""
-    found: tuple[np.ndarray, np.ndarray, np.ndarray] = bvh_kernels.trace(bvh, rays, np.zeros((0, 3), np.int32), NO_HOLES)
+    found: tuple[np.ndarray, np.ndarray, np.ndarray] = bvh_kernels.trace(
+        bvh, rays, np.zeros((0, 3), np.int32), NO_HOLES
+    )
     return found
 
 

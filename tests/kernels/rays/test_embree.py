@@ -58,8 +58,19 @@ def test_every_ray_equals_the_tree(quality: int, size: float) -> None:
 def test_records_have_the_sizes_of_embree() -> None:
     """Sizes and offsets in rtcore_ray.h and rtcore_common.h of Embree 4.0 to 4.4."""
     assert records.RAY_HIT.itemsize == 96 and records.CALL.itemsize == 48 and records.BOUNDS_CALL.itemsize == 24
-    place = {n: records.RAY_HIT.fields[n][1] for n in ("near", "dx", "far", "nx", "u", "primitive", "geometry", "instance")}
-    assert place == {"near": 12, "dx": 16, "far": 32, "nx": 48, "u": 60, "primitive": 68, "geometry": 72, "instance": 76}
+    place = {
+        n: records.RAY_HIT.fields[n][1] for n in ("near", "dx", "far", "nx", "u", "primitive", "geometry", "instance")
+    }
+    assert place == {
+        "near": 12,
+        "dx": 16,
+        "far": 32,
+        "nx": 48,
+        "u": 60,
+        "primitive": 68,
+        "geometry": 72,
+        "instance": 76,
+    }
     assert records.STATE.fields["packed"][1] == 8
 
 

@@ -87,7 +87,9 @@ _call = types.void(types.int64, types.int64, types.int64)
 # By name: cached code finds them in whatever place the library is loaded to.
 _intersect1 = types.ExternalFunction("rtcIntersect1", _call)
 _occluded1 = types.ExternalFunction("rtcOccluded1", _call)
-_f64, _f32, _i64, _i32, _u8 = (_pointer(k) for k in (types.float64, types.float32, types.int64, types.int32, types.uint8))
+_f64, _f32, _i64, _i32, _u8 = (
+    _pointer(k) for k in (types.float64, types.float32, types.int64, types.int32, types.uint8)
+)
 _state, _ray = _pointer(from_dtype(STATE)), _pointer(from_dtype(RAY_HIT))
 _MANY = 1 << 40  # length of arrays of which only the address is known
 

@@ -7,7 +7,16 @@ import weakref
 import numpy as np
 
 from torchrender.kernels.raster.records import NO_HOLES, Holes
-from torchrender.kernels.rays.boxes import SCALE, LINE, count_pieces, cut_boxes, frame_of, group_triangles, pack_groups, scaled_points
+from torchrender.kernels.rays.boxes import (
+    SCALE,
+    LINE,
+    count_pieces,
+    cut_boxes,
+    frame_of,
+    group_triangles,
+    pack_groups,
+    scaled_points,
+)
 from torchrender.kernels.rays.embree import PAD, Boxes, callbacks, cast_through_boxes
 from torchrender.kernels.rays.embree_library import embree
 from torchrender.kernels.rays.watertight import Rays

@@ -64,4 +64,3 @@ def _all(builder: Any, value: Any) -> Any:
 
 def _chosen(builder: Any, sign: str, a: Any, b: Any) -> Any:
     return builder.select(builder.fcmp_ordered(sign, a, b), a, b)
-
