@@ -64,7 +64,7 @@ def test_the_frame_is_the_scaled_box(scene: tuple[np.ndarray, np.ndarray]) -> No
 @SCENES
 def test_each_triangle_with_an_area_is_in_one_group(scene: tuple[np.ndarray, np.ndarray]) -> None:
     vertices, faces = scene
-    frame, points, packed, _, _ = packed_of(vertices, faces)
+    _, points, packed, _, _ = packed_of(vertices, faces)
     ids = packed.view(np.int64)[:, IDS:]
     corners = vertices[faces]
     wanted = [i for i, (a, b, c) in enumerate(corners) if has_area(*(b - a), *(c - a))]

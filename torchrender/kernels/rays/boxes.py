@@ -150,8 +150,8 @@ def group_triangles(points, faces, starts):
     for lane in prange(_LANES):
         k = np.int64(lane)
         first[k + 1] = _group_part(points, faces, min(k * part, count), min(count, (k + 1) * part), starts)
-    for k in range(_LANES):
-        first[k + 1] += first[k]
+    for part_before in range(_LANES):
+        first[part_before + 1] += first[part_before]
     return first
 
 
@@ -228,7 +228,7 @@ def count_pieces(waste, pieces_per_waste, first):
 
 @kernel(inline=True)
 def _slab(corners, q, axis, k, start, end):
-    """Least and greatest coordinate ``k`` of what of triangle ``q`` lies between ``start`` and ``end`` along ``axis``."""
+    """Range of coordinate ``k`` of what of triangle ``q`` lies between ``start`` and ``end`` along ``axis``."""
     low, high = np.inf, -np.inf
     for j in range(3):
         n = (j + 1) % 3

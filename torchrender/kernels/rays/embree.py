@@ -19,14 +19,14 @@ from numba.extending import intrinsic
 from torchrender.kernels.compile import cache_folder, kernel
 from torchrender.kernels.raster.fragments import is_hole
 from torchrender.kernels.rays.boxes import HIGH, IDS, LINE, LOW, SCALE, WIDE
-from torchrender.kernels.rays.wide_test import edges_around
 from torchrender.kernels.rays.watertight import BLOCK, LANES, TIE, hit_triangle, row_length, shear_of
+from torchrender.kernels.rays.wide_test import edges_around
 
 PAD = 2e-6
-"""Boxes are larger by this share of the half extent. Float32 moves a ray's start by 6e-8, its end by 2e-7 more, and the
-planes of boxes by up to 4e-7 of it in Embree's arithmetic."""
+"""Boxes are larger by this share of the half extent. Float32 moves a ray's start by 6e-8 of it, its end by 2e-7 more,
+and the planes of boxes by up to 4e-7 in Embree's arithmetic."""
 BACK = 1e-5
-"""Rays start earlier by this share of the half extent, and boxes that begin this much behind the best hit are opened."""
+"""Rays start earlier by this share of the half extent; boxes that begin this much behind the best hit are opened."""
 ROOM = 1e-3  # the box at which rays start and end is larger by this
 
 _I4, _I8, _F4, _F8 = np.int32, np.int64, np.float32, np.float64
@@ -42,8 +42,16 @@ ARGUMENTS = np.dtype(
 )
 """RTCIntersectArguments and RTCOccludedArguments, with room behind."""
 CALL = np.dtype(
-    [("valid", _I8), ("user", _I8), ("piece", _I4), ("_0", _I4), ("context", _I8), ("ray", _I8)]
-    + [("count", _I4), ("geometry", _I4)]
+    [
+        ("valid", _I8),
+        ("user", _I8),
+        ("piece", _I4),
+        ("_0", _I4),
+        ("context", _I8),
+        ("ray", _I8),
+        ("count", _I4),
+        ("geometry", _I4),
+    ]
 )
 """RTCIntersectFunctionNArguments and RTCOccludedFunctionNArguments."""
 BOUNDS_CALL = np.dtype([("user", _I8), ("piece", _I4), ("step", _I4), ("bounds", _I8)])
@@ -74,7 +82,7 @@ def _pointer(kind: Any) -> Any:
     """A function for compiled code that turns an address into a pointer to ``kind``."""
 
     @intrinsic
-    def convert(typingctx, address):
+    def convert(typingctx, address):  # noqa: ARG001  numba calls it with types
         def code(context, builder, signature, args):
             return builder.inttoptr(args[0], context.get_value_type(signature.return_type))
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from torchrender.kernels.raster.records import NO_HOLES, Holes
 from torchrender.kernels.rays.boxes import (
-    SCALE,
     LINE,
+    SCALE,
     count_pieces,
     cut_boxes,
     frame_of,

@@ -22,7 +22,7 @@ _occluded1 = types.ExternalFunction("rtcOccluded1", _call)
 
 
 class PlainEmbree:
-    """Triangles as Embree keeps them: vertices (V,3) float64 rounded to float32 about the scene's centre, faces (F,3)."""
+    """Triangles as Embree keeps them: vertices (V,3) rounded to float32 about the scene's centre, faces (F,3)."""
 
     def __init__(self, vertices: np.ndarray, faces: np.ndarray) -> None:
         library = embree()

@@ -1,8 +1,8 @@
 """The float64 watertight triangle test, and the rules by which one hit is better than another.
 
-Source: Woop, Benthin and Wald, "Watertight ray/triangle intersection", JCGT 2013. The edge functions of two neighbouring
-triangles are exact negatives of each other at their shared edge, and rounding can only turn them into zero, which counts
-as a hit; so no ray slips through a shared edge or vertex.
+Source: Woop, Benthin and Wald, "Watertight ray/triangle intersection", JCGT 2013. The edge functions of two
+neighbouring triangles are exact negatives of each other at their shared edge, and rounding can only turn them into
+zero, which counts as a hit; so no ray slips through a shared edge or vertex.
 """
 
 from __future__ import annotations

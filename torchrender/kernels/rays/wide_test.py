@@ -14,7 +14,7 @@ _DOUBLES = ir.VectorType(ir.DoubleType(), WIDE)
 
 
 @intrinsic
-def edges_around(typingctx, address, x, y, z, origin, slope):
+def edges_around(typingctx, address, x, y, z, origin, slope):  # noqa: ARG001  numba calls it with types
     """Bits of the triangles of a group whose edges go round a ray, in the arithmetic of ``watertight.hit_triangle``.
 
     Args:
@@ -27,7 +27,7 @@ def edges_around(typingctx, address, x, y, z, origin, slope):
     return whole(whole, whole, whole, whole, three, two), _code
 
 
-def _code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+def _code(context: Any, builder: Any, signature: Any, args: Any) -> Any:  # noqa: ARG001
     address, *axes, origin, slope = args
     ox, oy, oz = (_all(builder, builder.extract_value(origin, k)) for k in range(3))
     sx, sy = (_all(builder, builder.extract_value(slope, k)) for k in range(2))
