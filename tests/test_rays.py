@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import gc
 import math
+import pickle
 import sys
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,9 +15,10 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import torchrender.rays
 from torchrender.errors import InputError, OptionError
+from torchrender.kernels.rays.embree_library import embree
 from torchrender.rays import RayCaster
+from torchrender.scene.cutout import Cutout
 from torchrender.scene.mesh import Geometry, Mesh, concatenate
 
 BOTH = pytest.mark.parametrize("backend", ["embree", "bvh"])
@@ -169,14 +174,15 @@ def test_rays_that_start_on_a_surface(backend: str) -> None:
 @BOTH
 def test_moved_vertices(backend: str) -> None:
     first = RayCaster(quads([1.0]), backend)
-    moved = first.rebuilt(first.geometry.vertices + torch.tensor([0.0, 0, 4]))
     o, d = torch.tensor([[0.3, 0.1, 0.0]]), torch.tensor([[0.0, 0, 1]])
-    assert (float(first.first_hit(o, d).t), float(moved.first_hit(o, d).t)) == (1.0, 5.0)
-    assert moved.backend == first.backend
-    with pytest.raises(InputError, match="vertices"):
-        first.rebuilt(torch.zeros(3, 3))
-    with pytest.raises(InputError, match="vertices must be finite"):
-        first.rebuilt(first.geometry.vertices * math.nan)
+    for move in (first.rebuilt, first.moved):
+        other = move(first.geometry.vertices + torch.tensor([0.0, 0, 4]))
+        assert (float(first.first_hit(o, d).t), float(other.first_hit(o, d).t)) == (1.0, 5.0)
+        assert other.backend == first.backend
+        with pytest.raises(InputError, match="vertices"):
+            move(torch.zeros(3, 3))
+        with pytest.raises(InputError, match="vertices must be finite"):
+            move(first.geometry.vertices * math.nan)
 
 
 @BOTH
@@ -226,23 +232,63 @@ def test_bad_next_hit_arguments_are_named() -> None:
 def test_backends(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(OptionError, match="backend"):
         RayCaster(quads([1.0]), "optix")
-    torchrender.rays._import_embree.cache_clear()
+    embree.cache_clear()
     monkeypatch.setitem(sys.modules, "embreex", None)
     try:
         assert RayCaster(quads([1.0])).backend == "bvh"
         with pytest.raises(OptionError, match="embreex"):
             RayCaster(quads([1.0]), "embree")
     finally:
-        torchrender.rays._import_embree.cache_clear()
+        embree.cache_clear()
 
 
 @BOTH
-def test_runs_repeat_bit_for_bit_whatever_the_batches(backend: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_casts_from_several_threads_repeat_bit_for_bit(backend: str) -> None:
     g = soup(3000, 4, 0.05)
     o, d = random_rays(20000, 5)
-    first = RayCaster(g, backend).first_hit(o, d)
-    monkeypatch.setattr(torchrender.rays, "_BATCH", 3001)
-    monkeypatch.setattr(torchrender.rays, "_CHUNK", 977)
-    again = RayCaster(g, backend).first_hit(o, d)
-    for name in ("t", "triangle", "barycentric"):
-        assert torch.equal(getattr(first, name), getattr(again, name))
+    caster = RayCaster(g, backend)
+    first = caster.first_hit(o, d)
+    with ThreadPoolExecutor(4) as pool:
+        again = list(pool.map(lambda _: caster.first_hit(o, d), range(12)))
+    for hits in (*again, RayCaster(g, backend).first_hit(o, d)):
+        for name in ("t", "triangle", "barycentric"):
+            assert torch.equal(getattr(first, name), getattr(hits, name))
+
+
+@BOTH
+def test_a_pickled_caster_builds_its_tree_anew(backend: str) -> None:
+    caster = RayCaster(soup(200, 2), backend)
+    o, d = random_rays(100, 3)
+    copy = pickle.loads(pickle.dumps(caster))
+    assert copy.backend == backend
+    assert torch.equal(copy.first_hit(o, d).triangle, caster.first_hit(o, d).triangle)
+
+
+@BOTH
+def test_a_tree_outlives_what_it_was_built_from(backend: str) -> None:
+    o, d = random_rays(500, 3)
+    expected = RayCaster(soup(500, 7), backend).first_hit(o, d).triangle
+    casters = [RayCaster(soup(500, 7), backend).moved(soup(500, 7).vertices) for _ in range(20)]
+    gc.collect()
+    assert all(torch.equal(c.first_hit(o, d).triangle, expected) for c in casters)
+
+
+def leaf_and_wall() -> Geometry:
+    """A square at z = 1 whose left half is missing, twice, and a wall at z = 2."""
+    g = quads([1.0, 1.0, 2.0])
+    uv = torch.tensor([[0.0, 0], [0, 1], [1, 1], [1, 0]]).repeat(3, 1)
+    mask = torch.tensor([0, 0, 0, 0, -1, -1], dtype=torch.int32)
+    cutout = Cutout(mask, torch.tensor([[0, 1, 2]]), torch.tensor([0, 1], dtype=torch.uint8))
+    return replace(g, uv=uv, cutout=cutout)
+
+
+@BOTH
+def test_rays_pass_through_cut_outs(backend: str) -> None:
+    caster = RayCaster(leaf_and_wall(), backend)
+    x = torch.linspace(-0.93, 0.93, 40, dtype=torch.float64)
+    o, d = torch.stack([x, 0.3 * x, torch.zeros_like(x)], 1), torch.tensor([[0.0, 0, 1]]).double().expand(40, 3)
+    hits = caster.first_hit(o, d)
+    torch.testing.assert_close(hits.t, torch.where(x > 0, 1.0, 2.0).double(), rtol=1e-12, atol=0)
+    assert (hits.triangle[x > 0] < 2).all() and (hits.triangle[x < 0] >= 4).all()
+    assert (caster.occluded(o, d, t_max=1.5) == (x > 0)).all()
+    assert (caster.next_hit(o, d, hits.t, hits.triangle).hit == (x > 0)).all()

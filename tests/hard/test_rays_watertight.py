@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
+
 import numpy as np
 import pytest
 import torch
 
 from torchrender.rays import RayCaster
+from torchrender.report.foundation.rays import grazing_rays
 from torchrender.scene.mesh import Geometry, Mesh, concatenate
 
 BOTH = pytest.mark.parametrize("backend", ["embree", "bvh"])
@@ -226,3 +229,81 @@ def test_degenerate_triangles_are_never_hit(backend: str) -> None:
     assert not RayCaster(geometry(v, f), backend).first_hit(o, down).hit.any()
     mixed = RayCaster(geometry(v, np.concatenate([f, [[3, 4, 5]]])), backend).first_hit(o, down)
     assert (mixed.triangle == 3).all()
+
+
+def soup_of(count: int, size: float, seed: int) -> Geometry:
+    rng = np.random.default_rng(seed)
+    corners = rng.random((count, 1, 3)) + size * rng.standard_normal((count, 3, 3))
+    return geometry(corners.reshape(-1, 3), np.arange(3 * count).reshape(-1, 3))
+
+
+@pytest.mark.parametrize("angle", [0.5, 0.05, 0.005])
+@pytest.mark.parametrize("inset", [1e-3, 1e-9, 0.0])
+@pytest.mark.parametrize(("count", "size"), [(1500, 0.2), (20000, 0.02)])
+def test_grazing_rays_at_edges_equal_the_tree(angle: float, inset: float, count: int, size: float) -> None:
+    """Float32 loses a ray over the sine of its angle to a surface, whatever the triangles are grown by."""
+    g = soup_of(count, size, 9)
+    rays = grazing_rays(g.vertices.numpy(), g.faces.numpy(), 8000, angle, inset, 10)
+    o, d = torch.from_numpy(rays.origins), torch.from_numpy(rays.directions)
+    one, two = RayCaster(g, "auto"), RayCaster(g, "bvh")
+    first, other = one.first_hit(o, d), two.first_hit(o, d)
+    assert torch.equal(first.triangle, other.triangle) and torch.equal(first.t, other.t)
+    assert torch.equal(one.occluded(o, d), first.hit) and float(first.hit.double().mean()) > 0.5
+
+
+@BOTH
+def test_first_hits_equal_rational_arithmetic(backend: str) -> None:
+    """Nearest triangle in exact arithmetic, for grazing rays and any; ties to 1e-9 are left out."""
+    g = soup_of(40, 0.3, 11)
+    v, f = g.vertices.numpy(), g.faces.numpy()
+    grazing = grazing_rays(v, f, 60, 0.01, 1e-6, 12)
+    rng = np.random.default_rng(13)
+    o = np.concatenate([grazing.origins, rng.random((60, 3))])
+    d = np.concatenate([grazing.directions, rng.standard_normal((60, 3))])
+    hits = RayCaster(g, backend).first_hit(torch.from_numpy(o), torch.from_numpy(d))
+    compared = 0
+    for k in range(len(o)):
+        t = sorted((t, i) for i in range(len(f)) if (t := exact_hit(v[f[i]], o[k], d[k])) is not None)
+        if len(t) > 1 and t[1][0] - t[0][0] < 1e-9 * abs(t[0][0]):
+            continue
+        compared += 1
+        assert int(hits.triangle[k]) == (t[0][1] if t else -1)
+    assert compared > 110
+
+
+def exact_hit(corners: np.ndarray, o: np.ndarray, d: np.ndarray) -> Fraction | None:
+    """Ray parameter by Cramer's rule in fractions; None: no hit in front of the origin."""
+    a, b, c = ([Fraction(float(x)) - Fraction(float(y)) for x, y in zip(p, o, strict=True)] for p in corners)
+    ray = [Fraction(float(x)) for x in d]
+    volumes = [volume(ray, b, c), volume(ray, c, a), volume(ray, a, b)]
+    if min(volumes) < 0 < max(volumes) or sum(volumes) == 0:
+        return None
+    t = volume(a, b, c) / sum(volumes)
+    return t if t > 0 else None
+
+
+def volume(a: list[Fraction], b: list[Fraction], c: list[Fraction]) -> Fraction:
+    cross = (b[1] * c[2] - b[2] * c[1], b[2] * c[0] - b[0] * c[2], b[0] * c[1] - b[1] * c[0])
+    return sum((x * y for x, y in zip(a, cross, strict=True)), Fraction(0))
+
+
+def test_detail_far_below_float32_is_left_to_the_tree() -> None:
+    """A ball of a millionth of the ground's size: all its boxes would be one in float32."""
+    v, f = sphere(40, 60)
+    ground = np.array([[-1e6, -1, -1e6], [-1e6, -1, 1e6], [1e6, -1, 0]])
+    g = geometry(np.concatenate([v, ground]), np.concatenate([f, [[len(v), len(v) + 1, len(v) + 2]]]))
+    caster = RayCaster(g)
+    assert caster._tree is not None
+    rng = np.random.default_rng(14)
+    d = torch.from_numpy(rng.standard_normal((5000, 3)))
+    hits = caster.first_hit(torch.zeros(5000, 3, dtype=torch.float64), d)
+    assert bool(hits.hit.all()) and float((hits.t * d.norm(dim=1)).max()) <= 1 + 1e-9
+
+
+@BOTH
+def test_one_triangle_and_rays_of_all_kinds(backend: str) -> None:
+    g = geometry(np.array([[0.0, 0, 1], [1, 0, 1], [0, 1, 1]]), np.array([[0, 1, 2]]))
+    o = torch.tensor([[0.2, 0.2, 0], [0, 0, 0], [0.5, 0.5, 0], [0.6, 0.6, 0], [0.2, 0.2, 1], [-5, 0.2, 1]]).double()
+    d = torch.tensor([[0.0, 0, 1], [0, 0, 1], [0, 0, 1], [0, 0, 1], [1, 0, 0], [1, 0, 0]]).double()
+    # Corner and edge count as hit; a ray in the triangle's plane does not.
+    assert RayCaster(g, backend).first_hit(o, d).hit.tolist() == [True, True, True, False, False, False]

@@ -11,6 +11,7 @@ from torchrender.raster import rasterize_visibility
 from torchrender.report.foundation import page as foundation_page
 from torchrender.report.foundation import study as foundation
 from torchrender.report.foundation.peers import opengl_raster
+from torchrender.report.foundation.rays import measure_rays
 from torchrender.scene.procedural import build
 
 
@@ -57,6 +58,7 @@ def test_the_page_holds_every_figure(tmp_path):
         "triangles": sweep,
         "pixels": sweep,
         "in_view": sweep,
+        "rays": {"machine": {**machine_record(), "commit": "elsewhere"}, "rows": measure_rays(quick=True)},
         "start": {"cached": 1.5, "very_first": 20.0},
         "peak_memory_mib": 500,
     }
@@ -65,4 +67,8 @@ def test_the_page_holds_every_figure(tmp_path):
     assert machine_line(record["machine"]) in text
     assert "1.5 s with compiled kernels cached, 20.0 s the very first time" in text
     assert f"{100 * row['agreement']['same_id']:.4f} %" in text
+    for found in record["rays"]["rows"][0]["kinds"].values() if record["rays"]["rows"] else ():
+        assert f"| {found['mrays_per_s']['caster']:.2f} |" in text
+        assert f"| 0 of {found['rays']:,} |" in text
+        assert f"rad: 0 of {record['rays']['rows'][0]['grazing']['rays']:,}" in text
     assert (tmp_path / "foundation-scaling.png").stat().st_size > 1000

@@ -9,16 +9,26 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from torchrender.kernels.rays.bvh import TIE, Bvh, Rays, build_bvh, trace
-from torchrender.kernels.rays.bvh_build import STACK
+from torchrender.kernels.raster.records import NO_HOLES
+from torchrender.kernels.rays import bvh as bvh_kernels
+from torchrender.kernels.rays.bvh_build import STACK, Bvh, build_bvh
+from torchrender.kernels.rays.watertight import TIE, Rays
+
+
+def trace(bvh: Bvh, rays: Rays) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The kernel, without holes."""
+    found: tuple[np.ndarray, np.ndarray, np.ndarray] = bvh_kernels.trace(
+        bvh, rays, np.zeros((0, 3), np.int32), NO_HOLES
+    )
+    return found
 
 
 def rays_of(origins, directions, *, low=0.0, high=np.inf, ignore=-1, cull=False, any_hit=False) -> Rays:
     n = len(origins)
     span = np.stack([np.full(n, low), np.full(n, high)], axis=1)
     return Rays(
-        np.ascontiguousarray(origins, np.float64), np.ascontiguousarray(directions, np.float64), span, span,
-        np.full(n, ignore, np.int32), np.full(n, -1, np.int32), cull, any_hit,
+        np.ascontiguousarray(origins, np.float64), np.ascontiguousarray(directions, np.float64), span,
+        np.full(n, ignore, np.int32), cull, any_hit,
     )  # fmt: skip
 
 
@@ -183,13 +193,3 @@ def test_inside_is_never_missed_by_exact_arithmetic(seed: int) -> None:
         return
     bvh = build_bvh(corners, np.array([[0, 1, 2]], np.int32))
     assert trace(bvh, rays_of(o[None], d[None]))[1].tolist() == ([0] if len(bvh.order) else [-1])
-
-
-def test_window_and_seed_narrow_the_search() -> None:
-    quads = np.array([[[-9.0, -9, z], [9, -9, z], [0, 9, z]] for z in (1, 2, 3)]).reshape(-1, 3)
-    bvh = build_bvh(quads, np.arange(9, dtype=np.int32).reshape(3, 3))
-    rays = rays_of([[0.0, 0, 0]] * 3, [[0, 0, 1.0]] * 3)
-    window = np.array([[0.0, 0.7], [0.5, 1.5], [np.inf, np.inf]])
-    assert trace(bvh, rays._replace(window=window))[1].tolist() == [-1, 0, -1]
-    seed = np.full(3, np.flatnonzero(bvh.order == 2)[0], np.int32)
-    assert trace(bvh, rays._replace(window=window, seed=seed))[1][:2].tolist() == [2, 0]

@@ -1,9 +1,4 @@
-"""Rays through the bounding volume hierarchy: float32 boxes, float64 watertight triangle test.
-
-The triangle test is Woop, Benthin and Wald, "Watertight ray/triangle intersection", JCGT 2013: the edge functions of
-two neighbouring triangles are exact negatives of each other at their shared edge, and rounding can only turn them into
-zero, which counts as a hit; so no ray slips through a shared edge or vertex.
-"""
+"""Rays through the bounding volume hierarchy: float32 boxes, float64 watertight triangle test. Needs no Embree."""
 
 from __future__ import annotations
 
@@ -13,41 +8,10 @@ import numpy as np
 from numba import prange
 
 from torchrender.kernels.compile import kernel
-from torchrender.kernels.rays.bvh_build import SCALE, STACK, Bvh, build_bvh
-
-__all__ = ["TIE", "Bvh", "Rays", "build_bvh", "trace"]
-
-TIE = 1e-12
-"""Hits whose ray parameters differ by less than this, relatively, are one surface; the lowest triangle id wins."""
-
-_BLOCK = 64  # rays handed out at a time
-
-
-class Rays(NamedTuple):
-    """N rays and where to look for hits; ``t`` is in units of the direction's length."""
-
-    origins: np.ndarray  # (N,3) float64
-    directions: np.ndarray  # (N,3) float64, not zero
-    span: np.ndarray  # (N,2) float64: hits lie strictly between the two
-    window: np.ndarray  # (N,2) float64: the part of the span that is searched; whoever asks has excluded hits before it
-    ignore: np.ndarray  # (N,) int32 triangle id that is no hit, or -1
-    seed: np.ndarray  # (N,) int32 slot that is tried first wherever it is hit in the span, or -1
-    cull: bool  # triangles whose right-hand normal points along the ray are no hits
-    any_hit: bool  # stop at any hit
-
-
-class _Shear(NamedTuple):
-    """Axes with the direction's largest last, and what turns the ray into that axis, seen from its origin."""
-
-    x: int
-    y: int
-    z: int
-    ox: float
-    oy: float
-    oz: float
-    sx: float
-    sy: float
-    sz: float
+from torchrender.kernels.raster.fragments import is_hole
+from torchrender.kernels.rays.boxes import SCALE
+from torchrender.kernels.rays.bvh_build import STACK
+from torchrender.kernels.rays.watertight import BLOCK, LANES, TIE, hit_triangle, shear_of
 
 
 class _Line(NamedTuple):
@@ -62,11 +26,10 @@ class _Line(NamedTuple):
 
 
 class _Limits(NamedTuple):
-    """Which hits count."""
+    """Which hits count: those strictly between ``low`` and ``high``."""
 
-    low: float  # they lie strictly between the two
+    low: float
     high: float
-    last: float  # and not beyond this
     ignore: int
     cull: bool
 
@@ -78,41 +41,6 @@ class _Best(NamedTuple):
     slot: np.int64
     b: float
     c: float
-
-
-@kernel(inline=True)
-def _shear(origins, directions, r, scale):
-    """Axes with the direction's largest last, winding kept, and the shear that turns the ray into that axis."""
-    # Scalars, not row views: views count references, which two threads fight over.
-    dx, dy, dz = abs(directions[r, 0]), abs(directions[r, 1]), abs(directions[r, 2])
-    z = 0
-    if dy > dx:
-        z = 1
-    if dz > max(dx, dy):
-        z = 2
-    x, y = (z + 1) % 3, (z + 2) % 3
-    if directions[r, z] < 0:
-        x, y = y, x
-    step = 1.0 / directions[r, z]
-    ox, oy, oz = origins[r, x] * scale, origins[r, y] * scale, origins[r, z] * scale
-    return _Shear(x, y, z, ox, oy, oz, directions[r, x] * step, directions[r, y] * step, step / scale)
-
-
-@kernel(inline=True)
-def _triangle(corners, i, shear):
-    """Determinant (0: no hit; > 0: front face), ray parameter and weights of the second and third vertex."""
-    x, y, z, ox, oy, oz, sx, sy, sz = shear
-    az, bz, cz = corners[i, z] - oz, corners[i, 3 + z] - oz, corners[i, 6 + z] - oz
-    ax, ay = corners[i, x] - ox - sx * az, corners[i, y] - oy - sy * az
-    bx, by = corners[i, 3 + x] - ox - sx * bz, corners[i, 3 + y] - oy - sy * bz
-    cx, cy = corners[i, 6 + x] - ox - sx * cz, corners[i, 6 + y] - oy - sy * cz
-    u, v, w = cx * by - cy * bx, ax * cy - ay * cx, bx * ay - by * ax
-    if (u < 0 or v < 0 or w < 0) and (u > 0 or v > 0 or w > 0):
-        return 0.0, 0.0, 0.0, 0.0
-    det = u + v + w
-    if det == 0:
-        return 0.0, 0.0, 0.0, 0.0
-    return det, sz * (u * az + v * bz + w * cz) / det, v / det, w / det
 
 
 @kernel(inline=True)
@@ -135,11 +63,12 @@ def _inverse(d):
 
 
 @kernel(inline=True)
-def _try(corners, order, slot, shear, limits, best):
-    """The better of a slot's hit and ``best`` (t, slot, weights)."""
-    low, high, last, ignore, cull = limits
-    det, t, b, c = _triangle(corners, slot, shear)
-    if det == 0 or (cull and det < 0) or not (low < t < high) or t > last:
+def _try(scene, slot, shear, limits, best):
+    """The better of a slot's hit and ``best``."""
+    points, order, faces, holes = scene
+    low, high, ignore, cull = limits
+    det, t, b, c = hit_triangle(points, 9 * slot, 9 * slot + 3, 9 * slot + 6, shear)
+    if det == 0 or (cull and det < 0) or not (low < t < high):
         return best
     own = order[slot]
     tie = TIE * abs(t)
@@ -147,32 +76,30 @@ def _try(corners, order, slot, shear, limits, best):
         return best
     if best.slot >= 0 and t >= best.t - tie and own > order[best.slot]:
         return best
+    if holes.mask.shape[0] > 0 and is_hole(own, np.float32(b), np.float32(c), faces, holes):
+        return best
     return _Best(t, np.int64(slot), b, c)
 
 
 @kernel(inline=True)
-def _search(tree, line, shear, limits, window, stacks, best):
-    """Walk the tree, near child first, through the ray's window."""
-    boxes, links, order, corners, _ = tree
+def _search(tree, scene, line, shear, limits, stacks):
+    """Walk the tree, near child first."""
+    boxes, links = tree.boxes, tree.links
     stack, entry, any_hit = stacks
-    first, last = window
-    low, high, _, ignore, cull = limits
-    if best.slot >= 0:
-        last = min(last, best.t + TIE * abs(best.t))
-        first = min(first, best.t - TIE * abs(best.t))
-    limits = _Limits(low, high, last, ignore, cull)
-    size, node, limit = 0, np.int64(1), last
-    if not first <= last or _enter(boxes, node, line, first, limit) == np.inf:
+    best = _Best(np.inf, np.int64(-1), 0.0, 0.0)
+    first, limit = limits.low, limits.high
+    size, node = 0, np.int64(1)
+    if not first <= limit or _enter(boxes, node, line, first, limit) == np.inf:
         return best
     while True:
         left, right = np.int64(links[node, 0]), np.int64(links[node, 1])
         if left < 0:
             for slot in range(-left - 1, -left - 1 + right):
-                best = _try(corners, order, slot, shear, limits, best)
+                best = _try(scene, slot, shear, limits, best)
             if best.slot >= 0:
                 if any_hit:
                     return best
-                limit = min(last, best.t + TIE * abs(best.t))
+                limit = min(limit, best.t + TIE * abs(best.t))
         else:
             a = _enter(boxes, left, line, first, limit)
             b = _enter(boxes, right, line, first, limit)
@@ -205,39 +132,42 @@ def _line(origins, directions, r, frame):
     return _Line(ox, oy, oz, ix, iy, iz)
 
 
+@kernel()
+def _trace_lane(bvh, rays, faces, holes, lane, lanes, out):
+    """Every ``lanes``-th block of rays: those next to each other cost about the same, and threads get equal runs."""
+    origins, directions, span, ignore, cull, any_hit = rays
+    t, triangle, weights = out
+    n, order, frame = origins.shape[0], bvh.order, bvh.frame
+    stacks = (np.zeros(STACK, np.int32), np.zeros(STACK), any_hit)
+    scene = (bvh.corners.reshape(-1), order, faces, holes)
+    for block in range(lane * BLOCK, n, lanes * BLOCK):
+        for r in range(block, min(n, block + BLOCK)):
+            shear = shear_of(origins, directions, r, frame[SCALE])
+            limits = _Limits(span[r, 0], span[r, 1], ignore[r], cull)
+            line = _line(origins, directions, r, frame)
+            best = _search(bvh, scene, line, shear, limits, stacks)
+            t[r], triangle[r], weights[r, 0], weights[r, 1] = np.inf, -1, 0.0, 0.0
+            if best.slot >= 0:
+                t[r], triangle[r], weights[r, 0], weights[r, 1] = best.t, order[best.slot], best.b, best.c
+
+
 @kernel(parallel=True)
-def trace(bvh, rays):
-    """Nearest (or any) hit of each ray.
+def trace(bvh, rays, faces, holes):
+    """Nearest (or any) hit of each ray that is not in a hole.
+
+    Args:
+        bvh: :class:`~torchrender.kernels.rays.bvh_build.Bvh`.
+        rays: :class:`~torchrender.kernels.rays.watertight.Rays`.
+        faces: (F,3) int32; only holes look at them.
+        holes: :class:`~torchrender.kernels.raster.records.Holes`.
 
     Returns:
         ``t`` (N,) float64 (+inf for a miss), ``triangle`` (N,) int64 (-1) and ``weights`` (N,2) float32 of the second
         and third vertex.
     """
     n = rays.origins.shape[0]
-    t = np.full(n, np.inf)
-    triangle = np.full(n, -1, np.int64)
-    weights = np.zeros((n, 2), np.float32)
-    blocks = (n + _BLOCK - 1) // _BLOCK
-    lanes = min(blocks, 64)
-    corners, order = bvh.corners, bvh.order
-    origins, directions, span, window, ignore, seed, cull, any_hit = rays
-    frame = bvh.frame
+    out = (np.empty(n), np.empty(n, np.int64), np.empty((n, 2), np.float32))
+    lanes = np.int64(min((n + BLOCK - 1) // BLOCK, LANES))
     for lane in prange(lanes):
-        stacks = (np.zeros(STACK, np.int32), np.zeros(STACK), any_hit)
-        # Strided blocks: rays next to each other cost about the same, and threads get equal runs of lanes.
-        for block in range(np.int64(lane), blocks, lanes):
-            for r in range(block * _BLOCK, min(n, block * _BLOCK + _BLOCK)):
-                if seed[r] < 0 and not window[r, 0] < window[r, 1]:
-                    continue
-                shear = _shear(origins, directions, r, frame[SCALE])
-                limits = _Limits(span[r, 0], span[r, 1], np.inf, ignore[r], cull)
-                best = _Best(np.inf, np.int64(-1), 0.0, 0.0)
-                if seed[r] >= 0:
-                    best = _try(corners, order, np.int64(seed[r]), shear, limits, best)
-                if best.slot < 0 or not any_hit:
-                    line = _line(origins, directions, r, frame)
-                    best = _search(bvh, line, shear, limits, (window[r, 0], window[r, 1]), stacks, best)
-                if best.slot >= 0:
-                    t[r], triangle[r] = best.t, order[best.slot]
-                    weights[r, 0], weights[r, 1] = best.b, best.c
-    return t, triangle, weights
+        _trace_lane(bvh, rays, faces, holes, np.int64(lane), lanes, out)
+    return out

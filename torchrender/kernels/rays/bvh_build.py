@@ -12,6 +12,7 @@ import numpy as np
 from numba import prange
 
 from torchrender.kernels.compile import kernel
+from torchrender.kernels.rays.boxes import HIGH, LOW, SCALE, frame_of, has_area
 
 STACK = 128
 """Entries that a walk through the tree needs at most."""
@@ -21,10 +22,6 @@ _BINS = 12
 _SUBTREES = 16
 _SAH_DEPTH = 64  # below it splits are medians, so that depth stays under STACK
 _PAD = 3e-7  # of the scene's half extent: covers rounding boxes to float32 and a ray's origin far outside
-
-
-SCALE, LOW, HIGH = 3, 4, 7
-"""Places in a frame; the centre comes first."""
 
 
 class Bvh(NamedTuple):
@@ -39,43 +36,41 @@ class Bvh(NamedTuple):
 
 def build_bvh(vertices: np.ndarray, faces: np.ndarray) -> Bvh:
     """Tree over triangles; those without area are left out. ``vertices`` (V,3) float64, ``faces`` (F,3) int32."""
-    corners = vertices[faces.reshape(-1)].reshape(-1, 9)
-    frame = np.zeros(10)
-    frame[SCALE] = 1.0
-    if len(corners):
-        low, high = corners.reshape(-1, 3).min(axis=0), corners.reshape(-1, 3).max(axis=0)
-        half = float((0.5 * high - 0.5 * low).max())
-        # A power of two scales without rounding.
-        frame[SCALE] = 2.0 ** -int(np.clip(np.ceil(np.log2(half)), -1000, 1000)) if half > 0 else 1.0
-        frame[:3] = (0.5 * low + 0.5 * high) * frame[SCALE]
-        frame[LOW:HIGH], frame[HIGH:] = low * frame[SCALE] - frame[:3], high * frame[SCALE] - frame[:3]
-        corners *= frame[SCALE]
-    order = np.flatnonzero(_has_area(corners)).astype(np.int32)
+    frame = frame_of(vertices, faces)
+    corners, keep = np.empty((len(faces), 9)), np.empty(len(faces), np.bool_)
+    _gather(vertices, faces, frame[SCALE], corners, keep)
+    order = np.flatnonzero(keep).astype(np.int32)
     boxes, codes = _triangle_boxes(corners, order, frame)
     slots = _sorted_order(codes)
     subtrees = _SUBTREES if len(order) >= 256 * _SUBTREES else 1
     nodes, links = _build(boxes, slots, subtrees)
-    order = order[slots]
-    return Bvh(nodes, links, order, corners[order], frame)
+    ordered = np.empty((len(order), 9))
+    order = _reorder(corners, order, slots, ordered)
+    return Bvh(nodes, links, order, ordered, frame)
 
 
 @kernel(parallel=True)
-def _has_area(corners):
-    keep = np.zeros(corners.shape[0], np.bool_)
-    for i in prange(corners.shape[0]):
+def _gather(vertices, faces, scale, corners, keep):
+    """Corners (F,9) of each triangle times ``scale``, and whether it has an area."""
+    for i in prange(faces.shape[0]):
+        for j in range(3):
+            v = faces[i, j]
+            for k in range(3):
+                corners[i, 3 * j + k] = vertices[v, k] * scale
         c = corners[i]
-        ux, uy, uz = c[3] - c[0], c[4] - c[1], c[5] - c[2]
-        vx, vy, vz = c[6] - c[0], c[7] - c[1], c[8] - c[2]
-        # Scaled to one first: the products of very small edges would underflow.
-        u = max(abs(ux), abs(uy), abs(uz))
-        v = max(abs(vx), abs(vy), abs(vz))
-        if u == 0 or v == 0:
-            continue
-        ux, uy, uz, vx, vy, vz = ux / u, uy / u, uz / u, vx / v, vy / v, vz / v
-        # Proportional edges scale to equal numbers, so points on one line give exactly zero; thinner than any tolerance
-        # are the needles that keep a mesh with coordinates of all sizes closed.
-        keep[i] = max(abs(uy * vz - uz * vy), abs(uz * vx - ux * vz), abs(ux * vy - uy * vx)) > 0
-    return keep
+        keep[i] = has_area(c[3] - c[0], c[4] - c[1], c[5] - c[2], c[6] - c[0], c[7] - c[1], c[8] - c[2])
+
+
+@kernel(parallel=True)
+def _reorder(corners, order, slots, out):
+    """Corners in the order of the slots; returns the triangle of each slot."""
+    triangles = np.empty(slots.size, np.int32)
+    for i in prange(slots.size):
+        t = order[slots[i]]
+        triangles[i] = t
+        for k in range(9):
+            out[i, k] = corners[t, k]
+    return triangles
 
 
 @kernel()

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from torchrender.kernels.compile import kernel
-from torchrender.kernels.rays.bvh_build import SCALE
+from torchrender.kernels.rays.boxes import SCALE
 
 NONE, SHAFT, ABOVE = 0, 1, 2
 

@@ -17,7 +17,8 @@ from numba import prange
 
 from torchrender.kernels.atomics import fetch_add
 from torchrender.kernels.compile import kernel
-from torchrender.kernels.rays.bvh_build import SCALE, STACK
+from torchrender.kernels.rays.boxes import SCALE
+from torchrender.kernels.rays.bvh_build import STACK
 from torchrender.kernels.rays.ray_packet import (
     CHOSEN,
     DARK,

@@ -8,6 +8,7 @@ from typing import Any
 from torchrender.images.files import write_atomically
 from torchrender.quality.machine import machine_line
 from torchrender.quality.pages import write_text
+from torchrender.report.foundation.rays_page import rays_section
 
 PEERS = {"open3d": "open3d rays", "open3d_build": "open3d BVH build", "opengl": "software OpenGL"}
 
@@ -25,6 +26,7 @@ def write_page(record: dict[str, Any], folder: Path) -> None:
         *floor_lines(record),
         *agreement_table(record),
         *scaling_tables(record),
+        *rays_lines(record),
         *start_lines(record),
     ]
     write_text(folder / "foundation.md", lines)
@@ -106,6 +108,20 @@ def scaling_tables(record: dict[str, Any]) -> list[str]:
     for row in record["in_view"]:
         lines.append(f"| {row['zoom']:.0f}× | {100 * row['share_in_view']:.1f} % | {span(row)} |")
     return [*lines, ""]
+
+
+def rays_lines(record: dict[str, Any]) -> list[str]:
+    """The section on rays, and where it was measured if that was another run."""
+    rays = record.get("rays")
+    if not rays:
+        return []
+    lines = rays_section(rays["rows"])
+    if lines and rays["machine"] != record["machine"]:
+        lines[2:2] = [
+            f"Measured apart: `python -m torchrender.report.foundation --rays` on {machine_line(rays['machine'])}",
+            "",
+        ]
+    return lines
 
 
 def start_lines(record: dict[str, Any]) -> list[str]:

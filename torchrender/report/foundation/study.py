@@ -1,17 +1,19 @@
-"""Measure the rasteriser and the first picture: ``python -m torchrender.report.foundation [--quick]``.
+"""Measure the rasteriser, rays and the first picture: ``python -m torchrender.report.foundation [--quick] [--rays]``.
 
 Writes ``docs/results/foundation.md``, ``.json`` and plots. All times of one table come from one run in which the
-candidates take turns.
+candidates take turns. With ``--rays`` only the section on rays is measured, and the others stay as they are recorded.
 """
 
 from __future__ import annotations
 
+import json
 import os
 import resource
 import subprocess
 import sys
 import tempfile
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -26,6 +28,7 @@ from torchrender.rays import RayCaster
 from torchrender.report.common.command import study_parser
 from torchrender.report.foundation.page import write_page
 from torchrender.report.foundation.peers import open3d_rays, opengl_raster
+from torchrender.report.foundation.rays import measure_rays
 from torchrender.scene.camera import Cameras
 from torchrender.scene.mesh import Geometry
 from torchrender.scene.model import Scene
@@ -37,22 +40,35 @@ EDGE = 1e-2  # pixels whose smallest barycentric weight is below this count as "
 
 def main() -> None:
     """Run every measurement and write the page."""
-    arguments = study_parser(__doc__, quick="small images and few runs, to check that it works").parse_args()
+    parser = study_parser(__doc__, quick="small images and few runs, to check that it works")
+    parser.add_argument("--rays", action="store_true", help="measure rays alone, keep the rest of the recorded page")
+    arguments = parser.parse_args()
+    if arguments.rays:
+        record = json.loads((arguments.output / "foundation.json").read_text())
+        record["rays"] = {"machine": machine_record(), "rows": measure_rays(arguments.quick)}
+        write_results(record, arguments.output)
+        return
     size, runs = (256, 3) if arguments.quick else (1024, 11)
     million = 100_000 if arguments.quick else 1_000_000
-    record: dict[str, Any] = {"machine": machine_record(), "size": size, "quick": arguments.quick}
+    record = {"machine": machine_record(), "size": size, "quick": arguments.quick}
     record["gbuffer"] = {name: compare(build(name), size, runs) for name in _progress(SCENES, "scenes")}
     record["million"] = compare(build("city", triangles=million), size, max(3, runs // 2))
     record["floor_ms"] = write_floor(size, runs)
     record["triangles"] = triangle_sweep(size, runs, 200_000 if arguments.quick else 3_000_000)
     record["pixels"] = pixel_sweep(max(3, runs // 2), 512 if arguments.quick else 4096)
     record["in_view"] = view_share(size, runs)
+    record["rays"] = {"machine": record["machine"], "rows": measure_rays(arguments.quick)}
     record["start"] = start_up(arguments.quick)
     record["peak_memory_mib"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
-    arguments.output.mkdir(parents=True, exist_ok=True)
-    write_record(arguments.output / "foundation.json", record)
-    write_page(record, arguments.output)
-    sys.stderr.write(f"wrote {arguments.output / 'foundation.md'}\n")
+    write_results(record, arguments.output)
+
+
+def write_results(record: dict[str, Any], folder: Path) -> None:
+    """The record and its page."""
+    folder.mkdir(parents=True, exist_ok=True)
+    write_record(folder / "foundation.json", record)
+    write_page(record, folder)
+    sys.stderr.write(f"wrote {folder / 'foundation.md'}\n")
 
 
 def compare(scene: Scene, size: int, runs: int) -> dict[str, Any]:
