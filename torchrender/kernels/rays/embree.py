@@ -16,7 +16,8 @@ from numba import carray, cfunc, from_dtype, prange, types
 from numba import config as numba_config
 from numba.extending import intrinsic
 
-from torchrender.kernels.compile import cache_folder, kernel
+from torchrender.kernels.compile import kernel
+from torchrender.kernels.keys import cache_folder, module_key
 from torchrender.kernels.raster.fragments import is_hole
 from torchrender.kernels.rays.boxes import HIGH, IDS, LINE, LOW, SCALE, WIDE
 from torchrender.kernels.rays.watertight import BLOCK, LANES, TIE, hit_triangle, row_length, shear_of
@@ -176,7 +177,8 @@ def callbacks() -> tuple[Any, Any]:
 
 def _compiled(function: Callable[..., Any], argument: np.dtype[Any]) -> Any:
     before = numba_config.CACHE_DIR
-    numba_config.CACHE_DIR = str(cache_folder("rays.embree"))
+    # By the text of all that goes into it, as kernels are: numba itself does not notice an edited helper.
+    numba_config.CACHE_DIR = str(cache_folder() / f"callbacks-{module_key('rays.embree')}")
     try:
         signature = types.void(types.CPointer(from_dtype(argument)))
         return cfunc(signature, cache=True, error_model="numpy")(function)
