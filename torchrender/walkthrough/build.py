@@ -1,0 +1,198 @@
+"""From photos to a walkthrough, stage by stage."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import torch
+
+from torchrender.clock import StepClock
+from torchrender.scene.camera import Cameras
+from torchrender.walkthrough.classify import Fit, Tolerances, classify
+from torchrender.walkthrough.clusters import build_points
+from torchrender.walkthrough.density import Comparisons, Samples, compare_density
+from torchrender.walkthrough.frames.exposure import solve_exposure
+from torchrender.walkthrough.frames.pairs import overlaps, partners
+from torchrender.walkthrough.frames.prepare import Capture, Progress, prepare, quiet
+from torchrender.walkthrough.frames.record import Array, CaptureWarning, Frame, RgbdSequence
+from torchrender.walkthrough.frames.registration import color_shift, disagreement, register, shift_color
+from torchrender.walkthrough.model import PIXEL_BYTES, Walkthrough
+from torchrender.walkthrough.options import WalkthroughOptions
+from torchrender.walkthrough.planes import Plane, assign_pixels, merge_fits
+from torchrender.walkthrough.textures import TextureReport, make_textures
+
+SUSPICIOUS = 0.02
+"""Median disagreement of depths between photos, share of depth, from which on poses or intrinsics must be wrong."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stages:
+    """Everything on the way, for studies and tests."""
+
+    capture: Capture
+    near: list[Array]
+    tolerances: Tolerances
+    fits: list[Fit]
+    planes: list[Plane]
+    comparisons: Comparisons
+    textures: TextureReport
+    walkthrough: Walkthrough
+
+
+def build_walkthrough(
+    sequence: RgbdSequence, options: WalkthroughOptions | None = None, *, progress: Progress = quiet
+) -> Walkthrough:
+    """A walkthrough from RGB-D photos with poses.
+
+    Large planes become textured polygons, the rest points; each piece of surface is kept from the photo that sampled it
+    best, and parts of planes that no photo saw are filled in. The result depends on the photos and the seed alone, not
+    on the order of the photos. Frames that cannot be used are left out with a :class:`CaptureWarning` that names them.
+    Memory: 16 bytes for each pixel of up to ``max_frames`` photos, in a temporary file beyond ``memory_mb``.
+
+    Args:
+        progress: called as ``progress(items, stage)`` around each stage's loop, to show a bar.
+
+    Raises:
+        InputError: no frame is usable. OptionError: an option out of range.
+    """
+    return build_stages(sequence, options, progress=progress).walkthrough
+
+
+def build_stages(
+    sequence: RgbdSequence, options: WalkthroughOptions | None = None, *, progress: Progress = quiet
+) -> Stages:
+    """As :func:`build_walkthrough`, with what the stages made."""
+    options = options or WalkthroughOptions()
+    # Ties between photos go by number: the numbers must not depend on how the photos came.
+    ordered = sorted(sequence.frames, key=lambda f: (f.time is None, f.time or 0.0, f.name))
+    turn = upright(ordered) if options.upright else np.eye(4)
+    frames = tuple(replace(f, world_from_camera=turn @ f.world_from_camera) for f in ordered)
+    clock = StepClock()
+    with clock.measure("read"):
+        capture = prepare(RgbdSequence(frames, sequence.name), options, progress)
+    with clock.measure("repair"):
+        near, repair = _repair(capture, options, progress)
+    tolerances = Tolerances.of(capture, options, repair["disagreement_after"])
+    fits: list[Fit] = []
+    with clock.measure("classify"):
+        for i in progress(range(len(capture)), "classify"):
+            fits += classify(capture, i, options, tolerances, len(fits))
+    with clock.measure("merge planes"):
+        planes, owner = merge_fits(fits, options, tolerances)
+        assign_pixels(capture, planes, owner, tolerances, progress)
+    with clock.measure("compare density"):
+        found = compare_density(capture, near, len(planes), options, progress)
+    with clock.measure("textures"):
+        patches, textures = make_textures(capture, planes, found, options, progress)
+    with clock.measure("points"):
+        points = build_points(_limited(found.samples, options), options)
+    height, width = capture.size
+    walkthrough = Walkthrough(
+        planes=tuple(patches),
+        points=points,
+        cameras=cameras_of(capture),
+        world_from_input=torch.from_numpy(turn.copy()),
+        name=sequence.name,
+    )
+    pixels = len(capture) * height * width
+    planar = float(np.mean([(capture.plane[i] >= 0).mean() for i in range(len(capture))]))
+    report: dict[str, Any] = {
+        "photos": len(capture),
+        "size": [width, height],
+        "left_out": dict(list(capture.left_out.items())[:200]),
+        "planes": len(planes),
+        "patches": len(patches),
+        "points": len(points),
+        "objects": len(points.roots),
+        "planar_share": planar,
+        "kept_share": found.kept_share,
+        "restored": found.restored,
+        "hanging": found.hanging,
+        "texels": {"seen": textures.seen, "filled": textures.filled, "holes": textures.holes},
+        "corners": {"raw": sum(p.raw_corners for p in patches), "kept": sum(len(p.corners) for p in patches)},
+        "bytes": {
+            "photos": PIXEL_BYTES * pixels,
+            "textures": walkthrough.size_bytes - 15 * len(points),
+            "points": 15 * len(points),
+        },
+        "size_share": walkthrough.size_bytes / (PIXEL_BYTES * pixels),
+        "depth_noise": capture.relative_noise,
+        "color_shift": np.asarray(capture.color_shift).tolist(),
+        "gains": [round(float(g), 4) for g in capture.gain],
+        "tau_max": tolerances.largest,
+        **repair,
+        "ms": {k: round(v, 1) for k, v in clock.elapsed_ms.items()},
+    }
+    walkthrough = replace(walkthrough, report=report)
+    return Stages(capture, near, tolerances, fits, planes, found, textures, walkthrough)
+
+
+def upright(frames: Iterable[Frame]) -> Array:
+    """(4,4) rotation that turns the mean of the cameras' up directions to +y; none if they have no common one."""
+    up = -np.mean([f.world_from_camera[:3, 1] for f in frames], axis=0)
+    length = float(np.linalg.norm(up))
+    made = np.eye(4)
+    if length < 0.2:
+        return made
+    a, b = up / length, np.array([0.0, 1.0, 0.0])
+    v, c = np.cross(a, b), float(a @ b)
+    if c < -1 + 1e-9:
+        made[:3, :3] = np.diag([1.0, -1.0, -1.0])
+        return made
+    k = np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
+    made[:3, :3] = np.eye(3) + k + k @ k / (1 + c)
+    return made
+
+
+def _repair(capture: Capture, options: WalkthroughOptions, progress: Progress) -> tuple[list[Array], dict[str, Any]]:
+    near = partners(overlaps(capture), options.max_partners)
+    before = after = disagreement(capture, near, options.seed)
+    moved = 0.0
+    if options.registration == "auto" and len(capture) > 1:
+        if not capture.exact:
+            shift_color(capture, color_shift(capture))
+        before, after, moved = register(capture, near, options.seed, progress)
+        if moved > 0:
+            near = partners(overlaps(capture), options.max_partners)
+    if options.exposure == "auto":
+        solve_exposure(capture, near, options.seed)
+    if after > SUSPICIOUS:
+        warnings.warn(
+            f"depths of photos disagree by {100 * after:.1f} % of depth: check poses, intrinsics and depth scale",
+            CaptureWarning,
+            stacklevel=4,
+        )
+    return near, {"disagreement_before": before, "disagreement_after": after, "camera_moved": moved}
+
+
+def _limited(samples: Samples, options: WalkthroughOptions) -> Samples:
+    """At most ``max_points``, evenly out of all; what is left stands for more area each."""
+    count = len(samples.position)
+    if count <= options.max_points:
+        return samples
+    warnings.warn(
+        f"{count} points are more than max_points = {options.max_points}: every {count / options.max_points:.1f}th is kept",
+        CaptureWarning,
+        stacklevel=3,
+    )
+    rows = np.sort(np.random.default_rng(options.seed).choice(count, options.max_points, replace=False))
+    return Samples(
+        position=samples.position[rows],
+        normal=samples.normal[rows],
+        color=samples.color[rows],
+        log_density=samples.log_density[rows] + np.float32(np.log(options.max_points / count)),
+    )
+
+
+def cameras_of(capture: Capture) -> Cameras:
+    """The photos' cameras."""
+    k = np.zeros((len(capture), 3, 3))
+    k[:, 0, 0], k[:, 1, 1], k[:, 0, 2], k[:, 1, 2], k[:, 2, 2] = *capture.lens.T, 1.0
+    near = torch.full((len(capture),), 1e-3 * capture.diagonal(), dtype=torch.float64)
+    far = torch.full((len(capture),), torch.inf, dtype=torch.float64)
+    pose = torch.from_numpy(capture.camera_from_world)
+    return Cameras(pose, torch.from_numpy(k), capture.size[1], capture.size[0], near, far)

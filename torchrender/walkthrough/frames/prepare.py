@@ -1,0 +1,337 @@
+"""Photos made ready: chosen, read once, depth filtered, normals estimated, edges marked."""
+
+from __future__ import annotations
+
+import tempfile
+import warnings
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import kornia
+import numpy as np
+import torch
+
+from torchrender.errors import CameraError, ImageFileError, InputError
+from torchrender.kernels.walkthrough.density import Photos
+from torchrender.walkthrough.frames.record import Array, CaptureWarning, Frame, RgbdSequence
+from torchrender.walkthrough.options import WalkthroughOptions
+
+Progress = Callable[[Iterable[Any], str], Iterable[Any]]
+
+EXACT = 2e-5
+"""Noise of depth, share of depth, below which it counts as exact: no filter, narrow tolerances."""
+
+STEPS = (1, 2, 3, 4, 6, 8, 12)
+"""Pixels between the samples of a second difference; noisy depth needs wide ones."""
+
+
+def quiet(items: Iterable[Any], stage: str) -> Iterable[Any]:
+    """No progress to show."""
+    del stage
+    return items
+
+
+@dataclass(eq=False, kw_only=True)
+class Capture:
+    """N photos of H x W pixels, as every stage of a build reads them."""
+
+    names: tuple[str, ...]
+    pose: Array  # (N,4,4) float64 world from camera
+    lens: Array  # (N,4) float64 fx, fy, cx, cy
+    color: Array  # (N,H,W,3) uint8
+    depth: Array  # (N,H,W) float32; 0 unknown, +inf background
+    normal: Array  # (N,H,W,3) int8, camera frame
+    plane: Array  # (N,H,W) int32
+    guard: Array  # (N,H,W) uint8
+    feather: Array  # (N,H,W) uint8
+    noise: Array  # (N,) float64 standard deviation of inverse depth
+    log_quality: Array  # (N,) float64 added to log density: less for blurred photos
+    gain: Array  # (N,) float64 factor of linear light that was applied
+    left_out: dict[str, str] = field(default_factory=dict)  # reason by name of the frame
+    color_shift: Array = field(default_factory=lambda: np.eye(2, 3))  # (2,3) colour pixel of a depth pixel
+    folder: Any = None  # keeps a temporary folder alive
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Height and width."""
+        return int(self.depth.shape[1]), int(self.depth.shape[2])
+
+    @property
+    def camera_from_world(self) -> Array:
+        """(N,4,4)."""
+        return np.linalg.inv(self.pose)
+
+    @property
+    def photos(self) -> Photos:
+        """For kernels."""
+        return Photos(self.color, self.depth, self.normal, self.plane, self.guard, self.feather, self.lens,
+                      self.log_quality)  # fmt: skip
+
+    @property
+    def relative_noise(self) -> float:
+        """Noise of depth as a share of depth, in the middle of what was measured."""
+        sample = self.depth[:: max(len(self) // 8, 1), ::7, ::7]
+        known = sample[(sample > 0) & np.isfinite(sample)]
+        return float(np.median(self.noise) * np.median(known)) if known.size else 0.0
+
+    @property
+    def exact(self) -> bool:
+        """Depth without noise, as from a renderer."""
+        return self.relative_noise < EXACT
+
+    def points(self, i: int, rows: Array, columns: Array) -> Array:
+        """(K,3) float64 camera-space points of pixels."""
+        z = self.depth[i, rows, columns].astype(np.float64)
+        fx, fy, cx, cy = self.lens[i]
+        return np.stack([(columns + 0.5 - cx) / fx * z, (rows + 0.5 - cy) / fy * z, z], axis=1)
+
+    def diagonal(self) -> float:
+        """Length of the box around what was measured (its middle 98 %), scene units."""
+        parts = []
+        for i in range(len(self)):
+            rows, columns = np.mgrid[4 : self.size[0] : 16, 4 : self.size[1] : 16].reshape(2, -1)
+            known = np.isfinite(self.depth[i, rows, columns]) & (self.depth[i, rows, columns] > 0)
+            p = self.points(i, rows[known], columns[known])
+            parts.append(p @ self.pose[i, :3, :3].T + self.pose[i, :3, 3])
+        cloud = np.concatenate(parts) if parts else np.zeros((0, 3))
+        if not len(cloud):
+            return 1.0
+        low, high = np.percentile(cloud, (1, 99), axis=0)
+        return float(max(np.linalg.norm(high - low), 1e-9))
+
+
+def choose_frames(
+    sequence: RgbdSequence, options: WalkthroughOptions, progress: Progress = quiet
+) -> tuple[list[Frame], dict[str, str]]:
+    """The frames to build from, and why others are not: no depth, or more of them than ``max_frames``.
+
+    Of longer sequences equal parts are made and the sharpest frame of each is taken.
+    """
+    left_out = {f.name: "no depth" for f in sequence.frames if f.depth is None}
+    with_depth = [f for f in sequence.frames if f.depth is not None]
+    if not with_depth:
+        raise InputError(f"{sequence.name}: no frame has depth")
+    if len(with_depth) <= options.max_frames:
+        return with_depth, left_out
+    sharp = [_sharpness(f) for f in progress(with_depth, "choose frames")]
+    chosen = []
+    for part in np.array_split(np.arange(len(with_depth)), options.max_frames):
+        best = part[int(np.argmax([sharp[n] for n in part]))]
+        chosen.append(with_depth[best])
+        left_out |= {with_depth[n].name: f"one of {len(part)} neighbours was sharper" for n in part if n != best}
+    return chosen, left_out
+
+
+def _sharpness(frame: Frame) -> float:
+    """Mean square of the Laplacian at half size; -1 for a picture that cannot be read."""
+    try:
+        grey = cv2.cvtColor(frame.read_color(), cv2.COLOR_RGB2GRAY)
+    except ImageFileError:
+        return -1.0
+    small = cv2.resize(grey, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+    return float(np.square(cv2.Laplacian(small, cv2.CV_32F)).mean())
+
+
+def read_frame(frame: Frame) -> tuple[Array, Array, Array]:
+    """Colour (H,W,3) uint8, depth (H,W) float32 and lens (4,), all of the depth's size.
+
+    Raises:
+        ImageFileError: a file that cannot be used. CameraError: intrinsics of another size.
+    """
+    color, depth = frame.read_color(), frame.read_depth()
+    if depth is None:
+        raise InputError(f"frame {frame.name} has no depth")
+    height, width = color.shape[:2]
+    frame.check_size(height, width)
+    k = frame.intrinsics
+    lens = np.array([k[0, 0], k[1, 1], k[0, 2], k[1, 2]])
+    if depth.shape != (height, width):
+        scale = np.array([depth.shape[1] / width, depth.shape[0] / height])
+        if abs(scale[0] / scale[1] - 1) > 0.01:
+            raise ImageFileError(
+                frame.name, f"colour is {width}x{height}, depth {depth.shape[1]}x{depth.shape[0]}: another shape"
+            )
+        color = cv2.resize(color, (depth.shape[1], depth.shape[0]), interpolation=cv2.INTER_AREA)
+        lens = lens * np.tile(scale, 2)
+    return color, np.asarray(depth, np.float32), lens
+
+
+def prepare(sequence: RgbdSequence, options: WalkthroughOptions, progress: Progress = quiet) -> Capture:
+    """Read and prepare the frames of a sequence. Frames that cannot be used are left out, with a warning that names them.
+
+    Raises:
+        InputError: no frame is usable.
+    """
+    frames, left_out = choose_frames(sequence, options, progress)
+    capture: Capture | None = None
+    used: list[Frame] = []
+    seen: set[tuple[bytes, int]] = set()
+    for frame in progress(frames, "read photos"):
+        try:
+            color, depth, lens = read_frame(frame)
+        except (ImageFileError, CameraError) as error:
+            left_out[frame.name] = str(error)
+            continue
+        print_ = (np.round(frame.world_from_camera, 9).tobytes(), hash(color.tobytes()))
+        if capture is None:
+            capture = _allocate(len(frames), depth.shape, options)
+        if depth.shape != capture.size:
+            left_out[frame.name] = f"is {depth.shape[1]}x{depth.shape[0]}, others are {capture.size[1]}x{capture.size[0]}"
+        elif print_ in seen:
+            left_out[frame.name] = "a duplicate"
+        elif not ((depth > 0) & np.isfinite(depth)).any():
+            left_out[frame.name] = "its depth is empty"
+        else:
+            seen.add(print_)
+            _fill(capture, len(used), color, depth, lens, frame.world_from_camera)
+            used.append(frame)
+    _say(sequence.name, left_out)
+    if capture is None or not used:
+        first = next(iter(left_out.items()), ("", "no frames"))
+        raise InputError(f"{sequence.name}: no frame can be used; {first[0]}: {first[1]}")
+    return _cut(capture, tuple(f.name for f in used), left_out)
+
+
+def _say(name: str, left_out: dict[str, str]) -> None:
+    reasons: dict[str, list[str]] = {}
+    for frame, reason in left_out.items():
+        reasons.setdefault("fewer are enough" if "neighbours" in reason else reason, []).append(frame)
+    for reason, frames in reasons.items():
+        shown = ", ".join(frames[:5]) + (", ..." if len(frames) > 5 else "")
+        warnings.warn(f"{name}: {len(frames)} frames left out, {reason}: {shown}", CaptureWarning, stacklevel=3)
+
+
+def _allocate(count: int, size: Sequence[int], options: WalkthroughOptions) -> Capture:
+    shape = (count, *size)
+    kinds: dict[str, tuple[tuple[int, ...], type]] = {
+        "color": ((*shape, 3), np.uint8),
+        "depth": (shape, np.float32),
+        "normal": ((*shape, 3), np.int8),
+        "plane": (shape, np.int32),
+        "guard": (shape, np.uint8),
+        "feather": (shape, np.uint8),
+    }
+    total = sum(int(np.prod(s)) * np.dtype(d).itemsize for s, d in kinds.values())
+    folder = None
+    if total > options.memory_mb * 2**20:
+        folder = tempfile.TemporaryDirectory(prefix="walkthrough-")
+        home = Path(folder.name)
+        arrays: dict[str, Array] = {
+            name: np.memmap(home / name, dtype=d, mode="w+", shape=s) for name, (s, d) in kinds.items()
+        }
+    else:
+        arrays = {name: np.zeros(s, d) for name, (s, d) in kinds.items()}
+    return Capture(
+        names=(),
+        pose=np.zeros((count, 4, 4)),
+        lens=np.zeros((count, 4)),
+        noise=np.zeros(count),
+        log_quality=np.zeros(count),
+        gain=np.ones(count),
+        folder=folder,
+        **arrays,
+    )
+
+
+def _cut(capture: Capture, names: tuple[str, ...], left_out: dict[str, str]) -> Capture:
+    n = len(names)
+    fields = ("pose", "lens", "color", "depth", "normal", "plane", "guard", "feather", "noise", "log_quality", "gain")
+    return replace(capture, names=names, left_out=left_out, **{name: getattr(capture, name)[:n] for name in fields})
+
+
+def _fill(capture: Capture, n: int, color: Array, depth: Array, lens: Array, pose: Array) -> None:
+    noise = noise_of(depth)
+    known = (depth > 0) & np.isfinite(depth)
+    middle = float(np.median(depth[known]))
+    if noise * middle >= EXACT:
+        depth = _median(depth, known)
+    capture.color[n], capture.depth[n], capture.lens[n], capture.pose[n] = color, depth, lens, pose
+    capture.noise[n], capture.plane[n] = noise, -1
+    smooth = smoothing(noise, middle, float(lens[0]), 0.08)
+    capture.normal[n] = normals(depth, lens, smooth)
+    edges = step_edges(depth, 0.03)
+    edges[0] = edges[-1] = True
+    edges[:, 0] = edges[:, -1] = True
+    capture.guard[n] = cv2.dilate(edges.astype(np.uint8), np.ones((3, 3), np.uint8))
+    capture.feather[n] = np.minimum(cv2.distanceTransform((~edges).astype(np.uint8), cv2.DIST_L2, 3), 255)
+
+
+def noise_of(depth: Array) -> float:
+    """Standard deviation of inverse depth from its second differences along rows, which vanish on planes."""
+    known = (depth > 0) & np.isfinite(depth)
+    q = np.where(known, 1.0 / np.where(known, depth, 1.0), 0.0).astype(np.float64)
+    second = q[:, 2:] - 2 * q[:, 1:-1] + q[:, :-2]
+    whole = known[:, 2:] & known[:, 1:-1] & known[:, :-2]
+    flat = np.abs(second) < 0.03 * q[:, 1:-1]
+    values = np.abs(second[whole & flat])
+    return float(np.median(values)) * 1.4826 / 6**0.5 if len(values) else 0.0
+
+
+def smoothing(noise: float, depth: float, focal: float, crease: float) -> int:
+    """Step of second differences at which the noise stays below a third of the crease's threshold."""
+    for step in STEPS:
+        width = 2 * (step // 2) + 1
+        if noise * 6**0.5 / width * depth * focal / step <= crease / 3:
+            return step
+    return STEPS[-1]
+
+
+def _median(depth: Array, known: Array) -> Array:
+    """5x5 median of inverse depth; what was unknown or background stays so."""
+    q = np.where(known, 1.0 / np.where(known, depth, 1.0), 0.0).astype(np.float32)
+    found = cv2.medianBlur(q, 5)
+    # At borders of what is known the median may be 0.
+    good = known & (np.abs(found - q) < 0.1 * q)
+    return np.where(good, 1.0 / np.where(good, found, 1.0), depth).astype(np.float32)
+
+
+def box_inverse(depth: Array, width: int) -> tuple[Array, Array]:
+    """Inverse depth averaged over known pixels of a square, and the known mask."""
+    known = (depth > 0) & np.isfinite(depth)
+    q = np.where(known, 1.0 / np.where(known, depth, 1.0), 0.0)
+    if width <= 1:
+        return q, known
+    total = cv2.boxFilter(q, cv2.CV_64F, (width, width), normalize=False, borderType=cv2.BORDER_CONSTANT)
+    count = cv2.boxFilter(known.astype(np.float64), -1, (width, width), normalize=False, borderType=cv2.BORDER_CONSTANT)
+    mean = total / np.maximum(count, 1)
+    # Not over steps: what differs much from the mean keeps its own value.
+    return np.where(known & (np.abs(mean - q) < 0.02 * q), mean, q), known
+
+
+def step_edges(depth: Array, tau: float) -> Array:
+    """(H,W) bool: |dz| / min(z) > tau to a neighbour, or a border of background or of what is known."""
+    known = (depth > 0) & np.isfinite(depth)
+    z = np.where(known, depth, 0.0)
+    edges = np.zeros(depth.shape, bool)
+    for axis in (0, 1):
+        a, b = (z[:-1], z[1:]) if axis == 0 else (z[:, :-1], z[:, 1:])
+        ka, kb = (known[:-1], known[1:]) if axis == 0 else (known[:, :-1], known[:, 1:])
+        step = (np.abs(a - b) > tau * np.minimum(a, b)) & ka & kb | (ka != kb)
+        if axis == 0:
+            edges[:-1] |= step
+            edges[1:] |= step
+        else:
+            edges[:, :-1] |= step
+            edges[:, 1:] |= step
+    return edges
+
+
+def normals(depth: Array, lens: Array, step: int) -> Array:
+    """(H,W,3) int8, 127 times the unit normals towards the camera, by kornia from inverse depth averaged over ``step``."""
+    q, known = box_inverse(depth, 2 * step + 1 if step > 1 else 1)
+    z = torch.from_numpy(np.where(known, 1.0 / np.where(known, q, 1.0), 0.0).astype(np.float32))[None, None]
+    fx, fy, cx, cy = (float(v) for v in lens)
+    # kornia puts pixel centres at whole numbers.
+    k = torch.tensor([[[fx, 0, cx - 0.5], [0, fy, cy - 0.5], [0, 0, 1.0]]])
+    found = kornia.geometry.depth.depth_to_normals(z, k)[0].permute(1, 2, 0).numpy()
+    x = (np.arange(depth.shape[1]) + 0.5 - cx) / fx
+    y = (np.arange(depth.shape[0]) + 0.5 - cy) / fy
+    along = found[..., 0] * x + found[..., 1] * y[:, None] + found[..., 2]
+    found = np.where((along > 0)[..., None], -found, found)
+    return np.where(known[..., None], np.rint(np.nan_to_num(found) * 127), 0).astype(np.int8)
