@@ -10,9 +10,11 @@ from typing import Any
 import numpy as np
 import torch
 
+from torchrender.checks import check_range
 from torchrender.clock import StepClock
+from torchrender.errors import OptionError
 from torchrender.scene.camera import Cameras
-from torchrender.walkthrough.classify import Fit, Tolerances, classify
+from torchrender.walkthrough.classify import Fit, Tolerances, classify_all
 from torchrender.walkthrough.clusters import build_points
 from torchrender.walkthrough.density import Comparisons, Samples, compare_density
 from torchrender.walkthrough.frames.exposure import solve_exposure
@@ -23,6 +25,7 @@ from torchrender.walkthrough.frames.registration import color_shift, disagreemen
 from torchrender.walkthrough.model import PIXEL_BYTES, Walkthrough
 from torchrender.walkthrough.options import WalkthroughOptions
 from torchrender.walkthrough.planes import Plane, assign_pixels, merge_fits
+from torchrender.walkthrough.review.held_out import held_out_error, located_poses
 from torchrender.walkthrough.textures import TextureReport, make_textures
 
 SUSPICIOUS = 0.02
@@ -41,10 +44,16 @@ class Stages:
     comparisons: Comparisons
     textures: TextureReport
     walkthrough: Walkthrough
+    held: RgbdSequence | None
+    held_poses: dict[str, Array]  # of held-out photos that had to be located
 
 
 def build_walkthrough(
-    sequence: RgbdSequence, options: WalkthroughOptions | None = None, *, progress: Progress = quiet
+    sequence: RgbdSequence,
+    options: WalkthroughOptions | None = None,
+    *,
+    hold_out: int = 0,
+    progress: Progress = quiet,
 ) -> Walkthrough:
     """A walkthrough from RGB-D photos with poses.
 
@@ -54,22 +63,33 @@ def build_walkthrough(
     Memory: 16 bytes for each pixel of up to ``max_frames`` photos, in a temporary file beyond ``memory_mb``.
 
     Args:
+        hold_out: every so manieth photo is not used; the walkthrough is compared with it, and ``report["held_out"]`` tells
+            how well it fits. 0: all are used.
         progress: called as ``progress(items, stage)`` around each stage's loop, to show a bar.
 
     Raises:
         InputError: no frame is usable. OptionError: an option out of range.
     """
-    return build_stages(sequence, options, progress=progress).walkthrough
+    return build_stages(sequence, options, hold_out=hold_out, progress=progress).walkthrough
 
 
 def build_stages(
-    sequence: RgbdSequence, options: WalkthroughOptions | None = None, *, progress: Progress = quiet
+    sequence: RgbdSequence,
+    options: WalkthroughOptions | None = None,
+    *,
+    hold_out: int = 0,
+    progress: Progress = quiet,
 ) -> Stages:
     """As :func:`build_walkthrough`, with what the stages made."""
     options = options or WalkthroughOptions()
+    check_range("hold_out", hold_out, 0, 10**6)
+    if hold_out == 1:
+        raise OptionError("hold_out must not be 1: no photo would be left")
     # Ties between photos go by number: the numbers must not depend on how the photos came.
     ordered = sorted(sequence.frames, key=lambda f: (f.time is None, f.time or 0.0, f.name))
     turn = upright(ordered) if options.upright else np.eye(4)
+    used, held = RgbdSequence(tuple(ordered), sequence.name).split(hold_out)
+    ordered = list(used.frames)
     frames = tuple(replace(f, world_from_camera=turn @ f.world_from_camera) for f in ordered)
     clock = StepClock()
     with clock.measure("read"):
@@ -77,17 +97,15 @@ def build_stages(
     with clock.measure("repair"):
         near, repair = _repair(capture, options, progress)
     tolerances = Tolerances.of(capture, options, repair["disagreement_after"])
-    fits: list[Fit] = []
     with clock.measure("classify"):
-        for i in progress(range(len(capture)), "classify"):
-            fits += classify(capture, i, options, tolerances, len(fits))
+        fits = classify_all(capture, options, tolerances, progress)
     with clock.measure("merge planes"):
         planes, owner = merge_fits(fits, options, tolerances)
         assign_pixels(capture, planes, owner, tolerances, progress)
     with clock.measure("compare density"):
         found = compare_density(capture, near, len(planes), options, progress)
     with clock.measure("textures"):
-        patches, textures = make_textures(capture, planes, found, options, progress)
+        patches, textures = make_textures(capture, planes, found, options, progress, near=tolerances.largest)
     with clock.measure("points"):
         points = build_points(_limited(found.samples, options), options)
     height, width = capture.size
@@ -128,7 +146,15 @@ def build_stages(
         "ms": {k: round(v, 1) for k, v in clock.elapsed_ms.items()},
     }
     walkthrough = replace(walkthrough, report=report)
-    return Stages(capture, near, tolerances, fits, planes, found, textures, walkthrough)
+    poses: dict[str, Array] = {}
+    if held is not None:
+        report["held_out"] = held_out_error(walkthrough, held, progress=progress).record()
+        if repair["camera_moved"] > 0:
+            # The poses of the others have moved: where it stood among them as given is not where it stands now.
+            report["held_out_as_given"] = report["held_out"]
+            poses = located_poses(capture, held, turn, options, progress)
+            report["held_out"] = held_out_error(walkthrough, held, poses=poses, progress=progress).record()
+    return Stages(capture, near, tolerances, fits, planes, found, textures, walkthrough, held, poses)
 
 
 def upright(frames: Iterable[Frame]) -> Array:

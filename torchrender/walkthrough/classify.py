@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from torchrender.walkthrough.frames.prepare import Capture, box_inverse, smoothing, step_edges
+from torchrender.walkthrough.frames.jobs import Jobs
+from torchrender.walkthrough.frames.prepare import Capture, Progress, box_inverse, quiet, smoothing, step_edges
 from torchrender.walkthrough.frames.record import Array
 from torchrender.walkthrough.options import WalkthroughOptions
 
@@ -101,8 +102,20 @@ def fit_plane(points: Array, weights: Array | None = None) -> tuple[Array, float
     return normal, float(normal @ centroid), centroid
 
 
-def classify(capture: Capture, i: int, options: WalkthroughOptions, tolerances: Tolerances, first: int) -> list[Fit]:
-    """The planes of photo ``i``; ``capture.plane[i]`` receives their numbers, ``first`` and up, -1 elsewhere."""
+def classify_all(
+    capture: Capture, options: WalkthroughOptions, tolerances: Tolerances, progress: Progress = quiet
+) -> list[Fit]:
+    """The planes of all photos; ``capture.plane`` receives their rows in the list, -1 elsewhere."""
+    fits: list[Fit] = []
+    work = Jobs().ordered(lambda i: classify(capture, i, options, tolerances), range(len(capture)))
+    for i, found in progress(work, "classify"):
+        capture.plane[i][capture.plane[i] >= 0] += len(fits)
+        fits += found
+    return fits
+
+
+def classify(capture: Capture, i: int, options: WalkthroughOptions, tolerances: Tolerances) -> list[Fit]:
+    """The planes of photo ``i``; ``capture.plane[i]`` receives their rows in the list, -1 elsewhere."""
     edges = edge_map(capture, i, options)
     height, width = capture.size
     rows, columns = np.mgrid[0:height, 0:width]
@@ -127,7 +140,7 @@ def classify(capture: Capture, i: int, options: WalkthroughOptions, tolerances: 
     found = plane.reshape(height, width)
     if fits:
         found = _absorb(found, fits, work)
-    capture.plane[i] = np.where(found >= 0, found + first, -1)
+    capture.plane[i] = found
     return fits
 
 
@@ -236,14 +249,15 @@ def _absorb(plane: Array, fits: list[Fit], work: _Photo) -> Array:
     limit = np.maximum(0.25 * work.tolerances.largest, np.minimum(3.0 * spread, work.tolerances.largest))
     found = plane.copy()
     for reach in (step + 1, 2 * step + 2):
-        open_ = np.nonzero((found < 0) & known)
+        around = cv2.dilate((plane >= 0).astype(np.uint8), np.ones((2 * reach + 1, 2 * reach + 1), np.uint8))
+        open_ = np.nonzero((found < 0) & known & (around > 0))
+        p = work.points[open_]
         best, choice = np.full(len(open_[0]), np.inf), np.full(len(open_[0]), -1)
         for dy in (-reach, 0, reach):
             for dx in (-reach, 0, reach):
                 y = np.clip(open_[0] + dy, 0, plane.shape[0] - 1)
                 x = np.clip(open_[1] + dx, 0, plane.shape[1] - 1)
                 label = plane[y, x]
-                p = work.points[open_]
                 gap = np.abs((p * normals[label]).sum(1) - offsets[label])
                 closer = (label >= 0) & (gap < best)
                 best, choice = np.where(closer, gap, best), np.where(closer, label, choice)

@@ -45,15 +45,17 @@ def make_textures(
     options: WalkthroughOptions,
     progress: Progress = quiet,
     *,
+    near: float,
     average: bool = False,
 ) -> tuple[list[PlanePatch], TextureReport]:
     """A textured patch, or where a plane is larger than a texture may be several, for each plane with kept pixels.
 
     Args:
+        near: distance from a plane, scene units, within which pixels without a plane show it, too.
         average: every photo weighs the same (for comparison).
     """
     min_votes = options.min_votes or (1 if capture.exact else 2)
-    votes = Votes(max(options.tau_z, 1e-3), options.blend_power, min_votes, FEATHER, average)
+    votes = Votes(max(options.tau_z, 1e-3), options.blend_power, min_votes, FEATHER, near, average)
     poses = np.ascontiguousarray(capture.camera_from_world[:, :3])
     patches: list[PlanePatch] = []
     totals = np.zeros(3, np.int64)

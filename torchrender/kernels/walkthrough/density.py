@@ -44,11 +44,6 @@ def density(focal, facing, z):
 
 
 @kernel(inline=True)
-def log_density(focal, facing, z, bonus):
-    return math.log(max(density(focal, facing, z), 1e-30)) + bonus
-
-
-@kernel(inline=True)
 def moved(m, x, y, z):
     return (
         m[0, 0] * x + m[0, 1] * y + m[0, 2] * z + m[0, 3],
@@ -103,6 +98,9 @@ def compare(i, partners, move, photos, limits, outputs):
     height, width = keep.shape
     lens = photos.lens
     focal = lens[:, 0] * lens[:, 1]
+    quality = np.exp(photos.log_quality[partners])
+    # Ratios of densities beyond these lie more than a step apart, whatever the rounding: no logarithm is needed.
+    high, low = math.exp(1.5 * limits.eta), math.exp(-1.5 * limits.eta)
     for y in prange(height):
         for x in range(width):
             z = np.float64(photos.depth[i, y, x])
@@ -112,8 +110,8 @@ def compare(i, partners, move, photos, limits, outputs):
             point = ray(lens, i, x, y, z)
             n = unit_normal(photos.normal, i, y, x)
             facing = abs(n[0] * point[0] + n[1] * point[1] + n[2] * point[2])
-            own_log = log_density(focal[i], facing, z, photos.log_quality[i])
-            own_key = int(round(own_log / limits.eta)) if limits.eta > 0 else 0
+            own_density = density(focal[i], facing, z) * math.exp(photos.log_quality[i]) + 1e-30
+            own_key = int(round(math.log(own_density) / limits.eta)) if limits.eta > 0 else 0
             plane = photos.plane[i, y, x]
             own = photos.color[i, y, x]
             total, red, green, blue = 1.0, float(own[0]), float(own[1]), float(own[2])
@@ -141,21 +139,25 @@ def compare(i, partners, move, photos, limits, outputs):
                 side = m[0] * q[0] + m[1] * q[1] + m[2] * q[2]
                 if side >= 0.0:
                     continue
-                other_log = log_density(focal[j], -side, q[2], photos.log_quality[j])
-                color = photos.color[j, py, px]
-                r, g, b = float(color[0]), float(color[1]), float(color[2])
-                if max(abs(r - own[0]), abs(g - own[1]), abs(b - own[2])) <= limits.color_gap:
-                    share = math.exp(min(limits.power * (other_log - own_log), 40.0))
-                    red, green, blue, total = red + share * r, green + share * g, blue + share * b, total + share
-                w = 1.0 / q[2] ** 4
-                weights, shift = weights + w, shift + w * gap
-                if photos.guard[j, py, px] != 0:
+                ratio = density(focal[j], -side, q[2]) * quality[k] / own_density
+                if plane < 0:
+                    # Texels of planes are looked up on their own.
+                    color = photos.color[j, py, px]
+                    r, g, b = float(color[0]), float(color[1]), float(color[2])
+                    if max(abs(r - own[0]), abs(g - own[1]), abs(b - own[2])) <= limits.color_gap:
+                        share = min(ratio**limits.power, 1e17)
+                        red, green, blue, total = red + share * r, green + share * g, blue + share * b, total + share
+                    w = 1.0 / (q[2] * q[2] * q[2] * q[2])
+                    weights, shift = weights + w, shift + w * gap
+                if photos.guard[j, py, px] != 0 or ratio < low:
                     continue
-                if limits.eta > 0:
-                    key = int(round(other_log / limits.eta))
+                if ratio > high:
+                    best = False
+                elif limits.eta > 0:
+                    key = int(round(math.log(own_density * ratio) / limits.eta))
                     if key > own_key or (key == own_key and j < i):
                         best = False
-                elif other_log > own_log or (other_log == own_log and j < i):
+                elif ratio > 1.0 or (ratio == 1.0 and j < i):
                     best = False
             keep[y, x] = 1 if best else 0
             blended[y, x, 0] = int(red / total + 0.5)

@@ -32,6 +32,7 @@ class Votes(NamedTuple):
     power: float  # of the density, as weight
     min_votes: int  # photos that must see through a texel to make it a hole
     feather: float  # pixels over which a photo fades in from its border
+    near: float  # distance from the plane, scene units, beyond which a point of no plane is another surface
     average: bool  # every photo weighs the same, as without a comparison of densities
 
 
@@ -64,7 +65,8 @@ def resample(patch, chosen, poses, photos, votes, color, state):
     ``poses`` (J,3,4).
 
     A photo whose depth agrees has seen the texel; one that looks past it votes for a hole; one whose view is blocked
-    says nothing (specification 13, sections 5 and 6).
+    says nothing (specification 13, sections 5 and 6). One that sees another surface there, closer than tells them apart
+    by depth, takes the texel: filled in, it would hide that surface.
     """
     rows, columns = state.shape
     height, width = photos.plane.shape[1], photos.plane.shape[2]
@@ -75,7 +77,7 @@ def resample(patch, chosen, poses, photos, votes, color, state):
             y = patch.origin[1] + s * patch.across[1] + t * patch.down[1]
             z = patch.origin[2] + s * patch.across[2] + t * patch.down[2]
             total, red, green, blue = 0.0, 0.0, 0.0, 0.0
-            through, seen = 0, 0
+            through, seen, taken = 0, 0, 0
             for k in range(len(chosen)):
                 j = chosen[k]
                 q = moved(poses[k], x, y, z)
@@ -104,7 +106,7 @@ def resample(patch, chosen, poses, photos, votes, color, state):
                 v = photos.lens[j, 1] * q[1] / q[2] + photos.lens[j, 3]
                 if other == patch.plane:
                     r, g, b, share = masked_color(photos, j, u, v, patch.plane)
-                elif other < 0:
+                elif other < 0 and abs(gap) <= votes.near:
                     # Seen, but as an edge: good enough where nothing better is.
                     r, g, b = (
                         float(photos.color[j, py, px, 0]),
@@ -113,6 +115,7 @@ def resample(patch, chosen, poses, photos, votes, color, state):
                     )
                     share = 1e-4
                 else:
+                    taken += 1
                     continue
                 if share <= 0.0:
                     continue
@@ -126,11 +129,11 @@ def resample(patch, chosen, poses, photos, votes, color, state):
                 total += weight
                 red, green, blue = red + weight * r, green + weight * g, blue + weight * b
                 seen += 1
-            if total > 0.0 and through <= 2 * seen:
+            if total > 0.0 and through + taken <= 2 * seen:
                 color[row, column, 0] = int(red / total + 0.5)
                 color[row, column, 1] = int(green / total + 0.5)
                 color[row, column, 2] = int(blue / total + 0.5)
                 state[row, column] = SEEN
             else:
                 color[row, column, 0] = color[row, column, 1] = color[row, column, 2] = 0
-                state[row, column] = HOLE if through >= votes.min_votes else UNSEEN
+                state[row, column] = HOLE if through + taken >= votes.min_votes else UNSEEN

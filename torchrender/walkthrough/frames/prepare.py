@@ -6,6 +6,7 @@ import tempfile
 import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +15,9 @@ import kornia
 import numpy as np
 import torch
 
-from torchrender.errors import CameraError, ImageFileError, InputError
+from torchrender.errors import CameraError, ImageFileError, InputError, TorchRenderError
 from torchrender.kernels.walkthrough.density import Photos
+from torchrender.walkthrough.frames.jobs import Jobs
 from torchrender.walkthrough.frames.record import Array, CaptureWarning, Frame, RgbdSequence
 from torchrender.walkthrough.options import WalkthroughOptions
 
@@ -73,7 +75,7 @@ class Capture:
         return Photos(self.color, self.depth, self.normal, self.plane, self.guard, self.feather, self.lens,
                       self.log_quality)  # fmt: skip
 
-    @property
+    @cached_property
     def relative_noise(self) -> float:
         """Noise of depth as a share of depth, in the middle of what was measured."""
         sample = self.depth[:: max(len(self) // 8, 1), ::7, ::7]
@@ -172,12 +174,12 @@ def prepare(sequence: RgbdSequence, options: WalkthroughOptions, progress: Progr
     capture: Capture | None = None
     used: list[Frame] = []
     seen: set[tuple[bytes, int]] = set()
-    for frame in progress(frames, "read photos"):
-        try:
-            color, depth, lens = read_frame(frame)
-        except (ImageFileError, CameraError) as error:
-            left_out[frame.name] = str(error)
+    jobs = Jobs()
+    for frame, read in progress(jobs.ordered(_read_or_error, frames), "read photos"):
+        if isinstance(read, TorchRenderError):
+            left_out[frame.name] = str(read)
             continue
+        color, depth, lens = read
         print_ = (np.round(frame.world_from_camera, 9).tobytes(), hash(color.tobytes()))
         if capture is None:
             capture = _allocate(len(frames), depth.shape, options)
@@ -189,13 +191,23 @@ def prepare(sequence: RgbdSequence, options: WalkthroughOptions, progress: Progr
             left_out[frame.name] = "its depth is empty"
         else:
             seen.add(print_)
-            _fill(capture, len(used), color, depth, lens, frame.world_from_camera)
+            quantum = 1.0 / frame.depth_scale if isinstance(frame.depth, Path) and frame.depth.suffix != ".npy" else 0.0
+            capture.pose[len(used)] = frame.world_from_camera
+            jobs.start(_fill, capture, len(used), (color, depth, lens), quantum)
             used.append(frame)
+    jobs.finish()
     _say(sequence.name, left_out)
     if capture is None or not used:
         first = next(iter(left_out.items()), ("", "no frames"))
         raise InputError(f"{sequence.name}: no frame can be used; {first[0]}: {first[1]}")
     return _cut(capture, tuple(f.name for f in used), left_out)
+
+
+def _read_or_error(frame: Frame) -> tuple[Array, Array, Array] | TorchRenderError:
+    try:
+        return read_frame(frame)
+    except (ImageFileError, CameraError) as error:
+        return error
 
 
 def _say(name: str, left_out: dict[str, str]) -> None:
@@ -245,13 +257,15 @@ def _cut(capture: Capture, names: tuple[str, ...], left_out: dict[str, str]) -> 
     return replace(capture, names=names, left_out=left_out, **{name: getattr(capture, name)[:n] for name in fields})
 
 
-def _fill(capture: Capture, n: int, color: Array, depth: Array, lens: Array, pose: Array) -> None:
-    noise = noise_of(depth)
+def _fill(capture: Capture, n: int, read: tuple[Array, Array, Array], quantum: float) -> None:
+    color, depth, lens = read
     known = (depth > 0) & np.isfinite(depth)
     middle = float(np.median(depth[known]))
+    # Whole codes have an error of their own, which vanishes from most differences but not from slopes.
+    noise = max(noise_of(depth), quantum / 12**0.5 / middle**2)
     if noise * middle >= EXACT:
         depth = _median(depth, known)
-    capture.color[n], capture.depth[n], capture.lens[n], capture.pose[n] = color, depth, lens, pose
+    capture.color[n], capture.depth[n], capture.lens[n] = color, depth, lens
     capture.noise[n], capture.plane[n] = noise, -1
     smooth = smoothing(noise, middle, float(lens[0]), 0.08)
     capture.normal[n] = normals(depth, lens, smooth)

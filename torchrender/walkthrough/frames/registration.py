@@ -7,7 +7,7 @@ point cloud registration revisited*, 2017). Small corrections only: the given po
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -25,16 +25,6 @@ BRIGHTNESS = 0.04
 
 ALIGNED = 2e-4
 """Median disagreement, share of depth, below which poses are left as they are."""
-
-
-@dataclass(frozen=True)
-class Registration:
-    """What was repaired."""
-
-    before: float  # median disagreement of depth between photos, share of depth
-    after: float
-    largest_shift: float  # of a camera, scene units
-    shift: tuple[float, float]  # pixels by which colour was moved over depth, mean
 
 
 def disagreement(capture: Capture, near: list[Array], seed: int = 0) -> float:
@@ -62,11 +52,7 @@ def register(capture: Capture, near: list[Array], seed: int = 0, progress: Progr
         blur = 3.0 if turn < ROUNDS // 2 else 1.2
         images = _brightness(capture, blur)
         step = _solve(capture, near, images, np.random.default_rng(seed + turn), 0.04 if turn < 2 else 0.02)
-        for i in range(len(capture)):
-            rotation = Rotation.from_rotvec(step[i, :3]).as_matrix()
-            centre = capture.pose[:, :3, 3].mean(0)
-            capture.pose[i, :3, :3] = rotation @ capture.pose[i, :3, :3]
-            capture.pose[i, :3, 3] = rotation @ (capture.pose[i, :3, 3] - centre) + centre + step[i, 3:]
+        _apply(capture.pose, step, capture.pose[:, :3, 3].mean(0))
     after = disagreement(capture, near, seed)
     moved = float(np.linalg.norm(capture.pose[:, :3, 3] - first[:, :3, 3], axis=1).max())
     if after > best or moved > 0.05 * diagonal:
@@ -84,8 +70,43 @@ def _brightness(capture: Capture, blur: float) -> Array:
     return made
 
 
-def _solve(capture: Capture, near: list[Array], images: Array, rng: np.random.Generator, limit: float) -> Array:
-    """(N,6) rotations and shifts about the mean eye."""
+def locate(capture: Capture, photo: Capture, seed: int = 0) -> Array:
+    """(4,4) pose of a single photo among photos whose poses were repaired: its own pose alone is corrected, by the same
+    residuals, against the nearest of them. As it was given where that does not make depths agree better."""
+    gap = np.linalg.norm(capture.pose[:, :3, 3] - photo.pose[0, :3, 3], axis=1) / max(capture.diagonal(), 1e-9)
+    turn = 1.0 - (capture.pose[:, :3, 2] * photo.pose[0, :3, 2]).sum(1)
+    chosen = np.sort(np.argsort(gap + turn, kind="stable")[:PARTNERS])
+    fields = ("pose", "lens", "color", "depth", "normal", "guard", "noise")
+    parts = {name: np.concatenate([getattr(photo, name)[:1], getattr(capture, name)[chosen]]) for name in fields}
+    both = replace(photo, names=("",) * (1 + len(chosen)), **parts)
+    near = [np.arange(1, 1 + len(chosen))] + [np.zeros(1, np.int64)] * len(chosen)
+    fixed = np.arange(1 + len(chosen)) > 0
+    first = both.pose[0].copy()
+    before = disagreement(both, near, seed)
+    for number in range(ROUNDS):
+        images = _brightness(both, 3.0 if number < ROUNDS // 2 else 1.2)
+        step = _solve(both, near, images, np.random.default_rng(seed + number), 0.04 if number < 2 else 0.02, fixed)
+        _apply(both.pose[:1], step[:1], both.pose[:, :3, 3].mean(0))
+    return both.pose[0] if disagreement(both, near, seed) <= before else first
+
+
+def _apply(pose: Array, step: Array, centre: Array) -> None:
+    """Turn about the centre and shift, in place."""
+    for i in range(len(pose)):
+        rotation = Rotation.from_rotvec(step[i, :3]).as_matrix()
+        pose[i, :3, :3] = rotation @ pose[i, :3, :3]
+        pose[i, :3, 3] = rotation @ (pose[i, :3, 3] - centre) + centre + step[i, 3:]
+
+
+def _solve(
+    capture: Capture,
+    near: list[Array],
+    images: Array,
+    rng: np.random.Generator,
+    limit: float,
+    fixed: Array | None = None,
+) -> Array:
+    """(N,6) rotations and shifts about the mean eye; zero where ``fixed`` (N,)."""
     count = len(capture)
     matrix, right = np.zeros((count, 6, count, 6)), np.zeros((count, 6))
     centre = capture.pose[:, :3, 3].mean(0)
@@ -114,7 +135,8 @@ def _solve(capture: Capture, near: list[Array], images: Array, rng: np.random.Ge
                 right[j] += slope
     flat = matrix.reshape(6 * count, 6 * count)
     usual = np.median(np.diag(flat)[np.diag(flat) > 0]) if (np.diag(flat) > 0).any() else 1.0
-    flat[np.arange(6 * count), np.arange(6 * count)] += 1e-3 * usual
+    prior = np.full(count, 1e-3) if fixed is None else np.where(fixed, 1e9, 1e-3)
+    flat[np.arange(6 * count), np.arange(6 * count)] += np.repeat(prior, 6) * usual
     return np.linalg.solve(flat, right.reshape(-1)).reshape(count, 6)
 
 

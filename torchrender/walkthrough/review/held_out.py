@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -11,11 +12,11 @@ from torch import Tensor
 from torchrender.numerics.color import srgb_from_linear
 from torchrender.scene.camera import Cameras
 from torchrender.walkthrough.draw import FILLED, NOTHING, draw_walkthrough
-from torchrender.walkthrough.frames.prepare import Progress, quiet, read_frame
+from torchrender.walkthrough.frames.prepare import Capture, Progress, prepare, quiet, read_frame
 from torchrender.walkthrough.frames.record import Array, RgbdSequence
-from torchrender.walkthrough.frames.registration import shifted
+from torchrender.walkthrough.frames.registration import locate, shift_color, shifted
 from torchrender.walkthrough.model import Walkthrough
-from torchrender.walkthrough.options import DrawOptions
+from torchrender.walkthrough.options import DrawOptions, WalkthroughOptions
 
 
 @dataclass(frozen=True)
@@ -53,6 +54,20 @@ class HeldOutError:
         }
 
 
+def located_poses(
+    capture: Capture, held: RgbdSequence, world: Array, options: WalkthroughOptions, progress: Progress = quiet
+) -> dict[str, Array]:
+    """World-from-camera poses of held-out photos among photos whose own poses were repaired. Nothing else is learned from
+    them."""
+    found = {}
+    for frame in progress([f for f in held.frames if f.depth is not None], "locate held-out photos"):
+        turned = replace(frame, world_from_camera=world @ frame.world_from_camera)
+        photo = prepare(RgbdSequence((turned,), held.name), options)
+        shift_color(photo, capture.color_shift)
+        found[frame.name] = locate(capture, photo, options.seed)
+    return found
+
+
 def photo_camera(lens: Array, pose: Array, size: tuple[int, int], near: float) -> Cameras:
     """A camera from fx, fy, cx, cy, world-from-camera (4,4) and height and width."""
     k = torch.tensor([[[lens[0], 0, lens[2]], [0, lens[1], lens[3]], [0, 0, 1.0]]], dtype=torch.float64)
@@ -80,10 +95,16 @@ def held_out_error(
     held: RgbdSequence | None,
     options: DrawOptions | None = None,
     *,
+    poses: Mapping[str, Array] | None = None,
     progress: Progress = quiet,
 ) -> HeldOutError:
-    """Draw the walkthrough from the cameras of photos and compare. Poses of the photos are those given, in the frame
-    that the walkthrough was made in; colour is moved over depth as it was for the photos that were used."""
+    """Draw the walkthrough from the cameras of photos and compare.
+
+    Colour is moved over depth as it was for the photos that were used; gains are not applied.
+
+    Args:
+        poses: (4,4) world-from-camera poses by name, in the frame of the walkthrough; else those given with the photos.
+    """
     rows: list[tuple[str, float, float, float, float, float]] = []
     world = walkthrough.world_from_input.numpy()
     affine = np.array(walkthrough.report.get("color_shift", np.eye(2, 3).tolist()))
@@ -93,7 +114,8 @@ def held_out_error(
         if not np.array_equal(affine, np.eye(2, 3)):
             color = shifted(color, affine)
         near = 1e-3 * max(walkthrough.diagonal, 1e-9)
-        camera = photo_camera(lens, world @ frame.world_from_camera, (depth.shape[0], depth.shape[1]), near)
+        pose = world @ frame.world_from_camera if poses is None else poses.get(frame.name, world @ frame.world_from_camera)
+        camera = photo_camera(lens, pose, (depth.shape[0], depth.shape[1]), near)
         drawn = draw_walkthrough(walkthrough, camera, options)
         covered = drawn.covered[0]
         known = covered.numpy() & np.isfinite(depth) & (depth > 0)
