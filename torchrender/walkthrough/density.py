@@ -11,6 +11,9 @@ from torchrender.walkthrough.frames.prepare import Capture, Progress, quiet
 from torchrender.walkthrough.frames.record import Array
 from torchrender.walkthrough.options import WalkthroughOptions
 
+LEAST_FACING = 0.1
+"""Cosine, about, below which an estimated normal is not believed: a point would become too large."""
+
 COLOR_GAP = 40.0
 """Codes by which the colours of photos may differ and still be blended: beyond it something shines or has moved."""
 
@@ -51,7 +54,7 @@ def sample_density(capture: Capture, i: int, rows: Array, columns: Array) -> Arr
     p = capture.points(i, rows, columns)
     n = capture.normal[i, rows, columns].astype(np.float64)
     n /= np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1.0)
-    facing = np.maximum(np.abs((n * p).sum(1)), 0.02 * p[:, 2])
+    facing = np.maximum(np.abs((n * p).sum(1)), LEAST_FACING * p[:, 2])
     return np.asarray(capture.lens[i, 0] * capture.lens[i, 1] * facing / p[:, 2] ** 3)
 
 
@@ -85,12 +88,10 @@ def compare_density(
     restored = 0
     if options.compare:
         again = np.zeros((height, width), np.uint8)
-        extra = []
         for i in progress(range(count), "restore"):
             restore(i, near[i], moves(capture, i, near[i]), photos, keep, options.tau_z, again)
             lost = (again != 0) & ((capture.guard[i] == 0) | exact)
-            extra.append(lost)
-        for i, lost in enumerate(extra):
+            # At once, so that two photos that both lost a place do not both get it back.
             keep[i][lost] = 1
             restored += int(lost.sum())
             rows, columns = np.nonzero(lost & (capture.plane[i] < 0))

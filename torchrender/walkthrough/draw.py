@@ -120,15 +120,13 @@ def plane_matrices(walkthrough: Walkthrough, camera: Cameras) -> Array:
     """(P,3,3) texel coordinates from homogeneous pixels: the inverse homography of each plane."""
     k = camera.intrinsics[0].numpy()
     pose = camera.camera_from_world[0].numpy()
-    found = np.zeros((len(walkthrough.planes), 3, 3))
-    for row, p in enumerate(walkthrough.planes):
-        # Columns: texel column, texel row, origin; in the camera's frame. A plane through the eye has no inverse, and
-        # no pixel either.
-        m = np.stack([p.step * p.across, p.step * p.down, p.origin], axis=1)
-        h = k @ (pose[:3, :3] @ m + np.array([[0, 0, 1.0]]) * pose[:3, 3:])
-        u, s, vt = np.linalg.svd(h)
-        found[row] = (vt.T / np.maximum(s, 1e-12 * s[0])) @ u.T
-    return found
+    # Columns: texel column, texel row, origin; in the camera's frame. A plane through the eye has no inverse, and no
+    # pixel either.
+    frames = np.stack([np.stack([p.step * p.across, p.step * p.down, p.origin], axis=1) for p in walkthrough.planes])
+    h = k @ (pose[:3, :3] @ frames + np.array([[0, 0, 1.0]]) * pose[:3, 3:])
+    u, s, vt = np.linalg.svd(h)
+    s = np.maximum(s, 1e-12 * s[:, :1])
+    return np.ascontiguousarray((vt.transpose(0, 2, 1) / s[:, None]) @ u.transpose(0, 2, 1))
 
 
 def _draw_planes(walkthrough: Walkthrough, camera: Cameras, out: tuple[Array, Array, Array]) -> None:

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import io
+import json
+import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -113,3 +116,42 @@ def write_trp(path: str | Path, walkthrough: Walkthrough) -> int:
         PointFileError: the file cannot be written. InputError: there are no points.
     """
     return write_points(path, build_patches(walkthrough.cloud()))
+
+
+def write_scene(folder: str | Path, walkthrough: Walkthrough, *, most_points: int = 300_000) -> Path:
+    """The whole walkthrough as a scene file with its GLB: planes, points as squares, the photos' cameras, ambient light 1.
+
+    This is what goes wherever scenes go (the service and its clients). Returns the scene file.
+
+    Args:
+        most_points: of more points a random part is taken, each standing for more area.
+
+    Raises:
+        SceneFileError: the files cannot be written. InputError: nothing to write.
+    """
+    folder = Path(folder)
+    p = walkthrough.points
+    if len(p) > most_points:
+        rows = np.sort(np.random.default_rng(0).choice(len(p), most_points, replace=False))
+        less = np.float32(np.log(most_points / len(p)))
+        fields = {n: getattr(p, n)[rows] for n in ("position", "normal", "color", "object_id")}
+        thinner = replace(p, **fields, log_density=p.log_density[rows] + less)
+        walkthrough = replace(walkthrough, points=thinner)
+    write_glb(folder / "walkthrough.glb", walkthrough, points=True)
+    lines = [f"name = {json.dumps(walkthrough.name)}", "ambient = 1.0", "[[geometry]]", 'file = "walkthrough.glb"']
+    cameras = walkthrough.cameras
+    if cameras is not None and len(cameras):
+        fov = 2 * math.degrees(math.atan(cameras.height / (2 * float(cameras.intrinsics[0, 1, 1]))))
+        for n in range(0, len(cameras), max(len(cameras) // 8, 1)):
+            eye, ahead = cameras.eye[n].tolist(), (cameras.eye[n] + cameras.forward[n]).tolist()
+            up = (-cameras.world_from_camera[n, :3, 1]).tolist()
+            lines += ["[[camera]]", f'name = "frame{n}"', f"eye = {eye}", f"target = {ahead}", f"up = {up}"]
+            lines += [f"fov_deg = {min(max(fov, 1.0), 170.0)}", f"near = {float(cameras.near[n])}"]
+            lines += [f"width = {cameras.width}", f"height = {cameras.height}"]
+    text = "\n".join(lines) + "\n"
+
+    def write(temporary: Path) -> None:
+        temporary.write_text(text)
+
+    write_atomically(folder / "scene.toml", write)
+    return folder / "scene.toml"

@@ -132,3 +132,6 @@ def assign_pixels(
         off |= along >= 0
         plane[rows[off], columns[off]] = -1
         capture.plane[i] = plane
+        rows, columns, row = rows[~off], columns[~off], row[~off]
+        # Densities of photos are compared by the common plane, not by what each pixel makes of it.
+        capture.normal[i, rows, columns] = np.rint(n[row] * 32767)

@@ -14,12 +14,16 @@ BACKGROUND = np.inf
 """Depth of a pixel that looks past everything; 0: nothing is known."""
 
 
+EDGE_SHARE = 0.25
+"""Of its density that a pixel at a depth edge counts with."""
+
+
 class Photos(NamedTuple):
     """N photos as the kernels read them."""
 
     color: Any  # (N,H,W,3) uint8 sRGB codes
     depth: Any  # (N,H,W) float32 camera z; +inf background, 0 unknown
-    normal: Any  # (N,H,W,3) int8, 127 times the unit normal in the camera's frame, facing the camera
+    normal: Any  # (N,H,W,3) int16, 32767 times the unit normal in the camera's frame, facing the camera
     plane: Any  # (N,H,W) int32, -1: on no plane
     guard: Any  # (N,H,W) uint8: 1 within a pixel of a depth edge or the border
     feather: Any  # (N,H,W) uint8 pixels to the border of the picture or of what is known, at most 255
@@ -111,6 +115,9 @@ def compare(i, partners, move, photos, limits, outputs):
             n = unit_normal(photos.normal, i, y, x)
             facing = abs(n[0] * point[0] + n[1] * point[1] + n[2] * point[2])
             own_density = density(focal[i], facing, z) * math.exp(photos.log_quality[i]) + 1e-30
+            if photos.guard[i, y, x] != 0:
+                # Colours mix at edges: whoever saw the place in the middle of a surface is better.
+                own_density *= EDGE_SHARE
             own_key = int(round(math.log(own_density) / limits.eta)) if limits.eta > 0 else 0
             plane = photos.plane[i, y, x]
             own = photos.color[i, y, x]

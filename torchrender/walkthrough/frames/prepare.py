@@ -45,7 +45,7 @@ class Capture:
     lens: Array  # (N,4) float64 fx, fy, cx, cy
     color: Array  # (N,H,W,3) uint8
     depth: Array  # (N,H,W) float32; 0 unknown, +inf background
-    normal: Array  # (N,H,W,3) int8, camera frame
+    normal: Array  # (N,H,W,3) int16, 32767 times the unit normal, camera frame
     plane: Array  # (N,H,W) int32
     guard: Array  # (N,H,W) uint8
     feather: Array  # (N,H,W) uint8
@@ -224,7 +224,7 @@ def _allocate(count: int, size: Sequence[int], options: WalkthroughOptions) -> C
     kinds: dict[str, tuple[tuple[int, ...], type]] = {
         "color": ((*shape, 3), np.uint8),
         "depth": (shape, np.float32),
-        "normal": ((*shape, 3), np.int8),
+        "normal": ((*shape, 3), np.int16),
         "plane": (shape, np.int32),
         "guard": (shape, np.uint8),
         "feather": (shape, np.uint8),
@@ -268,8 +268,10 @@ def _fill(capture: Capture, n: int, read: tuple[Array, Array, Array], quantum: f
     capture.color[n], capture.depth[n], capture.lens[n] = color, depth, lens
     capture.noise[n], capture.plane[n] = noise, -1
     smooth = smoothing(noise, middle, float(lens[0]), 0.08)
-    capture.normal[n] = normals(depth, lens, smooth)
     edges = step_edges(depth, 0.03)
+    near = cv2.dilate(edges.astype(np.uint8), np.ones((2 * smooth + 3, 2 * smooth + 3), np.uint8)) > 0
+    found = np.where(near[..., None], one_sided_normals(depth, lens, smooth), normals(depth, lens, smooth))
+    capture.normal[n] = np.rint(found * 32767)
     edges[0] = edges[-1] = True
     edges[:, 0] = edges[:, -1] = True
     capture.guard[n] = cv2.dilate(edges.astype(np.uint8), np.ones((3, 3), np.uint8))
@@ -337,7 +339,7 @@ def step_edges(depth: Array, tau: float) -> Array:
 
 
 def normals(depth: Array, lens: Array, step: int) -> Array:
-    """(H,W,3) int8, 127 times the unit normals towards the camera, by kornia from inverse depth averaged over ``step``."""
+    """(H,W,3) unit normals towards the camera, by kornia from inverse depth averaged over ``step``; 0 if unknown."""
     q, known = box_inverse(depth, 2 * step + 1 if step > 1 else 1)
     z = torch.from_numpy(np.where(known, 1.0 / np.where(known, q, 1.0), 0.0).astype(np.float32))[None, None]
     fx, fy, cx, cy = (float(v) for v in lens)
@@ -348,4 +350,26 @@ def normals(depth: Array, lens: Array, step: int) -> Array:
     y = (np.arange(depth.shape[0]) + 0.5 - cy) / fy
     along = found[..., 0] * x + found[..., 1] * y[:, None] + found[..., 2]
     found = np.where((along > 0)[..., None], -found, found)
-    return np.where(known[..., None], np.rint(np.nan_to_num(found) * 127), 0).astype(np.int8)
+    return np.where(known[..., None], np.nan_to_num(found), 0.0)
+
+
+def one_sided_normals(depth: Array, lens: Array, step: int) -> Array:
+    """(H,W,3) as :func:`normals`, but never across a depth step: of the differences to both sides, taken over ``step``
+    pixels, the smaller one counts, and none where both are steps.
+
+    Inverse depth is a u + b v + c on a plane of normal K^T (a, b, c) (specification 13, section 3).
+    """
+    known = (depth > 0) & np.isfinite(depth)
+    q = np.where(known, 1.0 / np.where(known, depth, 1.0), 0.0)
+    slopes = []
+    for axis in (1, 0):
+        ahead, behind = np.roll(q, -step, axis) - q, q - np.roll(q, step, axis)
+        best = np.where(np.abs(ahead) < np.abs(behind), ahead, behind)
+        slopes.append(np.where(np.abs(best) < 0.03 * step * q, best, 0.0) / step)
+    a, b = slopes
+    fx, fy, cx, cy = lens
+    u, v = np.arange(q.shape[1]) + 0.5, (np.arange(q.shape[0]) + 0.5)[:, None]
+    found = np.stack([a * fx, b * fy, a * cx + b * cy + (q - a * u - b * v)], axis=2)
+    length = np.linalg.norm(found, axis=2, keepdims=True)
+    # Inverse depth is positive: the normal of n.X = d with d > 0 faces away.
+    return np.where(known[..., None], -found / np.maximum(length, 1e-30), 0.0)
