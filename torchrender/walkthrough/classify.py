@@ -17,6 +17,12 @@ from torchrender.walkthrough.frames.record import Array
 from torchrender.walkthrough.options import WalkthroughOptions
 
 RANSAC_PLANES = 4
+NOISY_PLANES = 10
+"""The same where depth is noisy: creases drown, and what belongs to several planes stays one region."""
+
+WIDEST = 3.0
+"""Times the tolerance that pixels far away may be off their plane, where noise grows with the square of depth."""
+
 HYPOTHESES = 48
 SAMPLES = 160
 """Points that stand for a region when planes are merged and tested."""
@@ -70,7 +76,10 @@ def edge_map(capture: Capture, i: int, options: WalkthroughOptions) -> Array:
     q, _ = box_inverse(depth, 2 * (step // 2) + 1)
     edges = step_edges(depth, options.tau_step) | ~known
     z = np.where(known, depth, 0.0)
-    edges |= crease(q, z, float(capture.lens[i, 0]), step) > options.tau_crease
+    drowned = 3.0 * capture.noise[i] * 6**0.5 / (2 * (step // 2) + 1) * z * capture.lens[i, 0] / step
+    # Where noise drowns creases, normals over wide windows and consensus have to tell planes apart.
+    readable = drowned < options.tau_crease
+    edges |= readable & (crease(q, z, float(capture.lens[i, 0]), step) > options.tau_crease)
     edges[[0, -1]] = True
     edges[:, [0, -1]] = True
     return edges
@@ -100,6 +109,11 @@ def fit_plane(points: Array, weights: Array | None = None) -> tuple[Array, float
     covariance = (away * w[:, None]).T @ away / total
     normal = np.linalg.eigh(covariance)[1][:, 0]
     return normal, float(normal @ centroid), centroid
+
+
+def widening(capture: Capture, i: int, z: Array, tolerances: Tolerances) -> Array:
+    """Factors of the tolerance at depths ``z``: 1, more where the noise of depth is larger than it."""
+    return np.clip(5.0 * capture.noise[i] * z * z / tolerances.largest, 1.0, WIDEST)
 
 
 def classify_all(
@@ -162,7 +176,7 @@ class _Photo:
             return [(inside, whole)]
         found: list[tuple[Array, Fit]] = []
         left = inside
-        for _ in range(RANSAC_PLANES):
+        for _ in range(RANSAC_PLANES if self.capture.exact else NOISY_PLANES):
             if len(left) < 2 * self.options.n_min:
                 break
             chosen = self._consensus(left, rng)
@@ -181,7 +195,7 @@ class _Photo:
         sample = p if len(p) <= 20000 else p[rng.choice(len(p), 20000, replace=False)]
         weights = None if self.capture.exact else 1.0 / sample[:, 2] ** 4
         normal, offset, centroid = fit_plane(sample, weights)
-        distance = np.abs(p @ normal - offset)
+        distance = np.abs(sample @ normal - offset) / widening(self.capture, self.i, sample[:, 2], self.tolerances)
         largest = float(distance.max() if self.capture.exact else np.percentile(distance, 99))
         mean = float(distance.mean())
         if largest > self.tolerances.largest or mean > self.tolerances.mean:
@@ -211,15 +225,16 @@ class _Photo:
     def _consensus(self, left: Array, rng: np.random.Generator) -> Array | None:
         """The largest connected set of pixels on the best plane through one of them."""
         p, n = self.points.reshape(-1, 3), self.normal.reshape(-1, 3)
+        wide = widening(self.capture, self.i, p[:, 2], self.tolerances)
         some = left if len(left) <= 1500 else rng.choice(left, 1500, replace=False)
         seeds = rng.choice(left, min(HYPOTHESES, len(left)), replace=False)
         limit, cosine = 0.5 * self.tolerances.largest, np.cos(np.radians(self.tolerances.normal_deg))
-        distance = np.abs(p[some] @ n[seeds].T - (p[seeds] * n[seeds]).sum(1))
+        distance = np.abs(p[some] @ n[seeds].T - (p[seeds] * n[seeds]).sum(1)) / wide[some, None]
         votes = ((distance < limit) & (n[some] @ n[seeds].T > cosine)).sum(0)
         best = seeds[int(votes.argmax())]
         normal, offset = n[best].astype(np.float64), float(p[best] @ n[best])
         for _ in range(2):
-            near = left[(np.abs(p[left] @ normal - offset) < limit) & (n[left] @ normal > cosine)]
+            near = left[(np.abs(p[left] @ normal - offset) < limit * wide[left]) & (n[left] @ normal > cosine)]
             if len(near) < self.options.n_min:
                 return None
             fitted, offset, centroid = fit_plane(p[near], None if self.capture.exact else 1.0 / p[near, 2] ** 4)
@@ -227,11 +242,14 @@ class _Photo:
             offset = float(normal @ centroid)
         mask = np.zeros(self.normal.shape[:2], np.uint8)
         mask.reshape(-1)[near] = 1
-        count, labels, statistics, _ = cv2.connectedComponentsWithStats(mask, connectivity=4)
+        # Noise leaves gaps of single pixels: what they part is still one piece.
+        whole = mask if self.capture.exact else cv2.dilate(mask, np.ones((3, 3), np.uint8))
+        count, labels = cv2.connectedComponents(whole, connectivity=4)
         if count < 2:
             return None
-        largest = 1 + int(statistics[1:, cv2.CC_STAT_AREA].argmax())
-        chosen = np.nonzero(labels.reshape(-1) == largest)[0]
+        size = np.bincount(labels.reshape(-1), weights=mask.reshape(-1), minlength=count)
+        size[0] = 0
+        chosen = np.nonzero((labels.reshape(-1) == int(size.argmax())) & (mask.reshape(-1) > 0))[0]
         return chosen if len(chosen) >= self.options.n_min else None
 
 

@@ -118,8 +118,21 @@ def write_trp(path: str | Path, walkthrough: Walkthrough) -> int:
     return write_points(path, build_patches(walkthrough.cloud()))
 
 
+def _write_squares(path: Path, walkthrough: Walkthrough) -> None:
+    """Points as squares in a PLY mesh, whose vertex colours are sRGB: eight bits of linear light show steps in the dark."""
+    square = walkthrough.point_mesh()
+    made = trimesh.Trimesh(square.vertices.numpy(), square.faces.numpy(), process=False)
+    made.visual = trimesh.visual.ColorVisuals(made, vertex_colors=np.repeat(walkthrough.points.color, 4, axis=0))
+    data = made.export(file_type="ply")
+
+    def write(temporary: Path) -> None:
+        temporary.write_bytes(data)
+
+    write_atomically(path, write)
+
+
 def write_scene(folder: str | Path, walkthrough: Walkthrough, *, most_points: int = 300_000) -> Path:
-    """The whole walkthrough as a scene file with its GLB: planes, points as squares, the photos' cameras, ambient light 1.
+    """The whole walkthrough as a scene file: planes as GLB, points as squares in a PLY mesh, the photos' cameras, ambient light 1.
 
     This is what goes wherever scenes go (the service and its clients). Returns the scene file.
 
@@ -137,8 +150,14 @@ def write_scene(folder: str | Path, walkthrough: Walkthrough, *, most_points: in
         fields = {n: getattr(p, n)[rows] for n in ("position", "normal", "color", "object_id")}
         thinner = replace(p, **fields, log_density=p.log_density[rows] + less)
         walkthrough = replace(walkthrough, points=thinner)
-    write_glb(folder / "walkthrough.glb", walkthrough, points=True)
-    lines = [f"name = {json.dumps(walkthrough.name)}", "ambient = 1.0", "[[geometry]]", 'file = "walkthrough.glb"']
+    lines = [f"name = {json.dumps(walkthrough.name)}", "ambient = 1.0"]
+    if walkthrough.planes:
+        write_glb(folder / "planes.glb", walkthrough)
+        lines += ["[[geometry]]", 'file = "planes.glb"']
+    if len(walkthrough.points):
+        _write_squares(folder / "points.ply", walkthrough)
+        lines += ["[[material]]", 'name = "points"', "diffuse = 1.0"]
+        lines += ["[[geometry]]", 'file = "points.ply"', 'material = "points"']
     cameras = walkthrough.cameras
     if cameras is not None and len(cameras):
         fov = 2 * math.degrees(math.atan(cameras.height / (2 * float(cameras.intrinsics[0, 1, 1]))))

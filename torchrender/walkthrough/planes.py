@@ -9,7 +9,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from torchrender.walkthrough.classify import Fit, Tolerances, fit_plane
+from torchrender.walkthrough.classify import Fit, Tolerances, fit_plane, widening
 from torchrender.walkthrough.frames.prepare import Capture, Progress, quiet
 from torchrender.walkthrough.frames.record import Array
 from torchrender.walkthrough.options import WalkthroughOptions
@@ -127,7 +127,8 @@ def assign_pixels(
         row = plane[rows, columns]
         fx, fy, cx, cy = capture.lens[i]
         along = n[row, 0] * (columns + 0.5 - cx) / fx + n[row, 1] * (rows + 0.5 - cy) / fy + n[row, 2]
-        off = np.abs(along * capture.depth[i, rows, columns] - d[row]) > tolerances.largest
+        z = capture.depth[i, rows, columns].astype(np.float64)
+        off = np.abs(along * z - d[row]) > tolerances.largest * widening(capture, i, z, tolerances)
         # A plane through the eye, or seen from behind, cannot be drawn for this photo.
         off |= along >= 0
         plane[rows[off], columns[off]] = -1

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from torchrender.kernels.walkthrough.texture import HOLE, SEEN, UNSEEN, Patch, Votes, resample
+from torchrender.kernels.walkthrough.texture import GUESSED, HOLE, SEEN, UNSEEN, Patch, Votes, resample
 from torchrender.walkthrough.density import Comparisons
 from torchrender.walkthrough.frames.prepare import Capture, Progress, quiet
 from torchrender.walkthrough.frames.record import Array
@@ -156,9 +156,13 @@ def _texture(
     if not seen.any():
         return None, np.zeros(3, np.int64)
     inside = _hull(seen)
-    wanted = inside & (state == UNSEEN) if options.fill != "off" else np.zeros_like(seen)
+    guessed = inside & (state == GUESSED)
+    unseen = inside & (state == UNSEEN)
+    wanted = unseen | guessed if options.fill != "off" else np.zeros_like(seen)
     counts = np.array([seen.sum(), wanted.sum(), (inside & (state == HOLE)).sum()], np.int64)
-    color = fill_holes(color, seen, wanted, options, options.seed + patch.plane)
+    if wanted.any():
+        known = seen | guessed
+        color = np.where(known[..., None], fill_holes(color, known, unseen, options, options.seed + patch.plane), color)             if not unseen.any() else fill_holes(color, known, unseen, options, options.seed + patch.plane)
     alpha = np.where(seen, SEEN_ALPHA, np.where(wanted, FILLED, 0)).astype(np.uint8)
     # A little further, except where somebody saw through.
     grown = cv2.dilate((alpha > 0).astype(np.uint8), np.ones((2 * MARGIN + 1, 2 * MARGIN + 1), np.uint8)) > 0

@@ -11,7 +11,7 @@ from numba import prange
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.walkthrough.density import moved, pixel_of
 
-UNSEEN, SEEN, HOLE = 0, 1, 2
+UNSEEN, SEEN, HOLE, GUESSED = 0, 1, 2, 3
 
 
 class Patch(NamedTuple):
@@ -66,7 +66,8 @@ def resample(patch, chosen, poses, photos, votes, color, state):
 
     A photo whose depth agrees has seen the texel; one that looks past it votes for a hole; one whose view is blocked
     says nothing (specification 13, sections 5 and 6). One that sees another surface there, closer than tells them apart
-    by depth, takes the texel: filled in, it would hide that surface.
+    by depth, takes the texel: filled in, it would hide that surface. Where nobody knows a depth (glass, black things), but
+    photos have a colour, the texel is guessed: it gets the colour of the photo that looks at it most densely.
     """
     rows, columns = state.shape
     height, width = photos.plane.shape[1], photos.plane.shape[2]
@@ -78,6 +79,7 @@ def resample(patch, chosen, poses, photos, votes, color, state):
             z = patch.origin[2] + s * patch.across[2] + t * patch.down[2]
             total, red, green, blue = 0.0, 0.0, 0.0, 0.0
             through, seen, taken = 0, 0, 0
+            densest, guess_j, guess_x, guess_y = 0.0, -1, 0, 0
             for k in range(len(chosen)):
                 j = chosen[k]
                 q = moved(poses[k], x, y, z)
@@ -86,6 +88,14 @@ def resample(patch, chosen, poses, photos, votes, color, state):
                     continue
                 found = np.float64(photos.depth[j, py, px])
                 if found <= 0.0:
+                    m = poses[k]
+                    n = patch.normal
+                    facing = 0.0
+                    for r in range(3):
+                        facing -= (m[r, 0] * n[0] + m[r, 1] * n[1] + m[r, 2] * n[2]) * q[r]
+                    sigma = facing / (q[2] * q[2] * q[2])
+                    if sigma > densest:
+                        densest, guess_j, guess_x, guess_y = sigma, j, px, py
                     continue
                 gap = found - q[2]
                 if gap > votes.tau_z * q[2]:
@@ -134,6 +144,10 @@ def resample(patch, chosen, poses, photos, votes, color, state):
                 color[row, column, 1] = int(green / total + 0.5)
                 color[row, column, 2] = int(blue / total + 0.5)
                 state[row, column] = SEEN
+            elif guess_j >= 0 and through + taken == 0:
+                for c in range(3):
+                    color[row, column, c] = photos.color[guess_j, guess_y, guess_x, c]
+                state[row, column] = GUESSED
             else:
                 color[row, column, 0] = color[row, column, 1] = color[row, column, 2] = 0
                 state[row, column] = HOLE if through + taken >= votes.min_votes else UNSEEN

@@ -264,6 +264,9 @@ def _fill(capture: Capture, n: int, read: tuple[Array, Array, Array], quantum: f
     # Whole codes have an error of their own, which vanishes from most differences but not from slopes.
     noise = max(noise_of(depth), quantum / 12**0.5 / middle**2)
     if noise * middle >= EXACT:
+        # Sensors step: neighbours are often alike, and only samples farther apart tell how far they are off.
+        noise = max(noise, *(noise_of(depth, lag) for lag in (2, 4)))
+    if noise * middle >= EXACT:
         depth = _median(depth, known)
     capture.color[n], capture.depth[n], capture.lens[n] = color, depth, lens
     capture.noise[n], capture.plane[n] = noise, -1
@@ -278,15 +281,19 @@ def _fill(capture: Capture, n: int, read: tuple[Array, Array, Array], quantum: f
     capture.feather[n] = np.minimum(cv2.distanceTransform((~edges).astype(np.uint8), cv2.DIST_L2, 3), 255)
 
 
-def noise_of(depth: Array) -> float:
+def noise_of(depth: Array, lag: int = 1) -> float:
     """Standard deviation of inverse depth from its second differences along rows, which vanish on planes."""
     known = (depth > 0) & np.isfinite(depth)
     q = np.where(known, 1.0 / np.where(known, depth, 1.0), 0.0).astype(np.float64)
-    second = q[:, 2:] - 2 * q[:, 1:-1] + q[:, :-2]
-    whole = known[:, 2:] & known[:, 1:-1] & known[:, :-2]
-    flat = np.abs(second) < 0.03 * q[:, 1:-1]
-    values = np.abs(second[whole & flat])
-    return float(np.median(values)) * 1.4826 / 6**0.5 if len(values) else 0.0
+    return _second_difference(q, known, lag) * 1.4826 / 6**0.5
+
+
+def _second_difference(q: Array, known: Array, lag: int) -> float:
+    """Median size of second differences along rows, those over steps left out."""
+    a, b, c = slice(None, -2 * lag), slice(lag, -lag), slice(2 * lag, None)
+    second = np.abs(q[:, c] - 2 * q[:, b] + q[:, a])
+    values = second[known[:, c] & known[:, b] & known[:, a] & (second < 0.03 * q[:, b])]
+    return float(np.median(values)) if len(values) else 0.0
 
 
 def smoothing(noise: float, depth: float, focal: float, crease: float) -> int:

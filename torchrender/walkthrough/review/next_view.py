@@ -13,6 +13,9 @@ from torchrender.walkthrough.draw import FILLED, NOTHING, draw_walkthrough
 from torchrender.walkthrough.model import Walkthrough
 
 SIZE = (80, 60)
+OVERLAP = 0.4
+"""Share of a view that must be known, so that a photo taken there can be joined to the others; less counts less."""
+
 COARSE = 2.0
 """Pixels per side that a sample fills from which on it counts as coarse."""
 
@@ -33,7 +36,8 @@ def next_views(walkthrough: Walkthrough, count: int = 1, *, seed: int = 0, candi
 
     Candidates stand where photos were taken, or a step aside within what the photos looked through, and look in all
     directions. A pixel counts 1 if it shows nothing, 0.7 if it shows texels that were made up, up to 0.3 if its samples
-    are coarse; views that are close to a better one count less.
+    are coarse. Views of which little is known count less, because nothing would tell where the photo was taken; so do
+    views that are close to a better one.
 
     Raises:
         InputError: the walkthrough has no cameras, or nothing in it.
@@ -91,7 +95,8 @@ def _score(walkthrough: Walkthrough, camera: Cameras, n: int) -> NextView:
     worth = missing.float() + 0.7 * filled.float() + 0.3 * torch.where(missing | filled, 0.0, coarse)
     # A wall in the face shows nothing of use.
     near = depth < 0.02 * walkthrough.diagonal
-    score = float(torch.where(near, 0.0, worth).mean())
+    known = float(((kind != NOTHING) & ~filled & ~near).float().mean())
+    score = float(torch.where(near, 0.0, worth).mean()) * min(known / OVERLAP, 1.0) ** 2
     return NextView(camera, score, float(missing.float().mean()), float(filled.float().mean()), n)
 
 
