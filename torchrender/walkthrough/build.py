@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
+import cv2
 import numpy as np
 import torch
 
@@ -17,16 +18,18 @@ from torchrender.scene.camera import Cameras
 from torchrender.walkthrough.classify import Fit, Tolerances, classify_all
 from torchrender.walkthrough.clusters import build_points
 from torchrender.walkthrough.density import Comparisons, Samples, compare_density
+from torchrender.walkthrough.draw import draw_walkthrough
 from torchrender.walkthrough.frames.exposure import solve_exposure
 from torchrender.walkthrough.frames.pairs import overlaps, partners
 from torchrender.walkthrough.frames.prepare import Capture, Progress, prepare, quiet
 from torchrender.walkthrough.frames.record import Array, CaptureWarning, Frame, RgbdSequence
 from torchrender.walkthrough.frames.registration import color_shift, disagreement, register, shift_color
-from torchrender.walkthrough.model import PIXEL_BYTES, Walkthrough
-from torchrender.walkthrough.options import WalkthroughOptions
+from torchrender.walkthrough.model import PIXEL_BYTES, POINT_BYTES, TEXEL_BYTES, Walkthrough
+from torchrender.walkthrough.options import DrawOptions, WalkthroughOptions
 from torchrender.walkthrough.planes import Plane, assign_pixels, merge_fits
 from torchrender.walkthrough.review.held_out import held_out_error, located_poses
 from torchrender.walkthrough.textures import TextureReport, make_textures
+from torchrender.walkthrough.view_colors import ViewColors, pack, residual_picture
 
 SUSPICIOUS = 0.02
 """Median disagreement of depths between photos, share of depth, from which on poses or intrinsics must be wrong."""
@@ -116,6 +119,9 @@ def build_stages(
         world_from_input=torch.from_numpy(turn.copy()),
         name=sequence.name,
     )
+    if options.view_detail:
+        with clock.measure("view colours"):
+            walkthrough = replace(walkthrough, view_colors=_view_colors(capture, walkthrough, options, progress))
     pixels = len(capture) * height * width
     planar = float(np.mean([(capture.plane[i] >= 0).mean() for i in range(len(capture))]))
     report: dict[str, Any] = {
@@ -134,8 +140,9 @@ def build_stages(
         "corners": {"raw": sum(p.raw_corners for p in patches), "kept": sum(len(p.corners) for p in patches)},
         "bytes": {
             "photos": PIXEL_BYTES * pixels,
-            "textures": walkthrough.size_bytes - 15 * len(points),
-            "points": 15 * len(points),
+            "textures": TEXEL_BYTES * walkthrough.texel_count,
+            "points": POINT_BYTES * len(points),
+            "view_colors": 0 if walkthrough.view_colors is None else walkthrough.view_colors.size_bytes,
         },
         "size_share": walkthrough.size_bytes / (PIXEL_BYTES * pixels),
         "depth_noise": capture.relative_noise,
@@ -212,6 +219,29 @@ def _limited(samples: Samples, options: WalkthroughOptions) -> Samples:
         color=samples.color[rows],
         log_density=samples.log_density[rows] + np.float32(np.log(options.max_points / count)),
     )
+
+
+def _view_colors(
+    capture: Capture, walkthrough: Walkthrough, options: WalkthroughOptions, progress: Progress
+) -> ViewColors:
+    """What each photo saw differently from the model, at the resolution asked for.
+
+    The model is drawn at twice that resolution: finer detail would be averaged away.
+    """
+    height, width = capture.size
+    coarse = max(options.view_detail // 2, 1)
+    size = (-(-width // coarse), -(-height // coarse))
+    cameras = cameras_of(capture).scaled(size[0] / width)
+    pictures = []
+    for i in progress(range(len(capture)), "view colours"):
+        drawn = draw_walkthrough(walkthrough, cameras[i], DrawOptions(cull=True))
+        small = (cameras.width, cameras.height)
+        color = cv2.resize(capture.color[i], small, interpolation=cv2.INTER_AREA)
+        depth = cv2.resize(capture.depth[i], small, interpolation=cv2.INTER_NEAREST)
+        factor = max(options.view_detail // coarse, 1)
+        pictures.append(residual_picture(color, depth, drawn.image[0].numpy(), drawn.depth[0].numpy(), factor))
+    lens = cameras.intrinsics[:, (0, 1, 0, 1), (0, 1, 2, 2)].numpy()
+    return pack(pictures, lens, capture.camera_from_world, (cameras.height, cameras.width))
 
 
 def cameras_of(capture: Capture) -> Cameras:

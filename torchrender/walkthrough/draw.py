@@ -25,6 +25,7 @@ from torchrender.walkthrough.culling import Visible, occluders, visible_runs
 from torchrender.walkthrough.frames.record import Array
 from torchrender.walkthrough.model import Walkthrough
 from torchrender.walkthrough.options import DrawOptions
+from torchrender.walkthrough.view_colors import apply_view_colors
 
 PLANE_LEAD = 1e-4
 """Share of depth by which a point must be nearer than a plane to be seen before it."""
@@ -110,9 +111,12 @@ def _draw(
     ticks.append(time.perf_counter())
     if options.gap_pixels:
         close_gaps(out, options.gap_pixels)
+    ticks.append(time.perf_counter())
+    if options.view_colors and walkthrough.view_colors is not None:
+        apply_view_colors(walkthrough.view_colors, camera, image, depth, walkthrough.diagonal)
     image[kind == NOTHING] = options.background
     ticks.append(time.perf_counter())
-    ms = {n: 1e3 * (b - a) for n, a, b in zip(("planes", "cull", "points", "gaps"), ticks, ticks[1:])}
+    ms = {n: 1e3 * (b - a) for n, a, b in zip(("planes", "cull", "points", "gaps", "view colours"), ticks, ticks[1:])}
     return DrawStatistics(len(points), drawn, seen.outside, seen.hidden, int((kind == NOTHING).sum()), ms)
 
 

@@ -16,6 +16,7 @@ from torchrender.images.files import write_atomically
 from torchrender.scene.camera import Cameras
 from torchrender.walkthrough.frames.record import Array
 from torchrender.walkthrough.model import PlanePatch, PointModel, Walkthrough, no_points
+from torchrender.walkthrough.view_colors import ViewColors
 
 SUFFIX = ".trw"
 FORMAT, VERSION = "torchrender walkthrough", 1
@@ -24,6 +25,8 @@ MAX_BYTES = 2**33
 
 MAX_HEADER = 2**24
 MAX_TEXELS = 2**28
+_VIEW = {"residual": (np.int8, 4), "inverse_depth": (np.uint16, 3), "unit": (np.float64, 1), "lens": (np.float64, 2),
+         "pose": (np.float64, 3)}  # fmt: skip
 _POINTS = {"position": 3, "normal": 3, "color": 3, "log_density": 0, "object_id": 0}
 _TYPES = {"position": np.float32, "normal": np.int8, "color": np.uint8, "log_density": np.float32, "object_id": np.int32}
 
@@ -62,6 +65,7 @@ def _header(walkthrough: Walkthrough) -> dict[str, Any]:
         "name": walkthrough.name,
         "report": dict(walkthrough.report),
         "world_from_input": walkthrough.world_from_input.tolist(),
+        "view_colors": walkthrough.view_colors is not None,
         "camera_size": None if camera is None else [camera.width, camera.height],
         "planes": [
             {
@@ -93,6 +97,8 @@ def _arrays(walkthrough: Walkthrough) -> dict[str, Array]:
         "links": p.links,
         "roots": p.roots,
     }
+    if walkthrough.view_colors is not None:
+        found |= {f"view_{n}": getattr(walkthrough.view_colors, n) for n in _VIEW}
     if walkthrough.cameras is not None:
         found["camera_pose"] = walkthrough.cameras.camera_from_world.numpy()
         found["camera_lens"] = walkthrough.cameras.intrinsics.numpy()
@@ -150,13 +156,35 @@ def _read(path: Path, archive: zipfile.ZipFile) -> Walkthrough:
             torch.from_numpy(near),
             torch.full((len(pose),), torch.inf, dtype=torch.float64),
         )
+    colors = _view_colors(path, archive) if header["view_colors"] else None
     world = torch.tensor(header["world_from_input"], dtype=torch.float64)
     if world.shape != (4, 4) or not bool(torch.isfinite(world).all()) or not isinstance(header["report"], dict):
         raise SceneFileError(path, "damaged header")
     name = str(header["name"])
     return Walkthrough(
-        planes=planes, points=points, cameras=cameras, world_from_input=world, report=header["report"], name=name
+        planes=planes,
+        points=points,
+        cameras=cameras,
+        view_colors=colors,
+        world_from_input=world,
+        report=header["report"],
+        name=name,
     )
+
+
+def _view_colors(path: Path, archive: zipfile.ZipFile) -> ViewColors:
+    found = {n: _array(path, archive, f"view_{n}") for n in _VIEW}
+    for name, (kind, dims) in _VIEW.items():
+        value = found[name]
+        if value.dtype != kind or value.ndim != dims or not np.isfinite(value).all():
+            raise SceneFileError(path, f"has {value.dtype} {value.shape}", key=f"view_{name}")
+    n, h, w = found["inverse_depth"].shape
+    wanted = {"residual": (n, h, w, 3), "unit": (n,), "lens": (n, 4), "pose": (n, 4, 4)}
+    if not n or any(found[name].shape != shape for name, shape in wanted.items()):
+        raise SceneFileError(path, "shapes do not fit one another", key="view_residual")
+    if np.abs(np.linalg.det(found["pose"])).min() < 1e-6:
+        raise SceneFileError(path, "poses cannot be inverted", key="view_pose")
+    return ViewColors(**found)
 
 
 def _plane(path: Path, archive: zipfile.ZipFile, number: int, entry: dict[str, Any]) -> PlanePatch:

@@ -18,6 +18,7 @@ from torchrender.scene.camera import Cameras
 from torchrender.scene.material import Material
 from torchrender.scene.mesh import Mesh
 from torchrender.scene.model import Scene
+from torchrender.walkthrough.view_colors import ViewColors
 
 Array = np.ndarray[Any, Any]
 
@@ -110,6 +111,7 @@ class Walkthrough:
     planes: tuple[PlanePatch, ...]
     points: PointModel
     cameras: Cameras | None = None  # those of the photos
+    view_colors: ViewColors | None = None  # what each photo saw differently
     world_from_input: Tensor = field(default_factory=lambda: torch.eye(4, dtype=torch.float64))
     report: Mapping[str, Any] = field(default_factory=dict)
     name: str = "walkthrough"
@@ -121,8 +123,9 @@ class Walkthrough:
 
     @property
     def size_bytes(self) -> int:
-        """As the source counts: 4 bytes a texel, 15 a point."""
-        return TEXEL_BYTES * self.texel_count + POINT_BYTES * len(self.points)
+        """As the source counts: 4 bytes a texel, 15 a point; and 5 a sample of the colours that depend on the view."""
+        more = 0 if self.view_colors is None else self.view_colors.size_bytes
+        return TEXEL_BYTES * self.texel_count + POINT_BYTES * len(self.points) + more
 
     @cached_property
     def bounds(self) -> Tensor:

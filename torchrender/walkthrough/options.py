@@ -31,7 +31,7 @@ class WalkthroughOptions:
     tau_z: float = 0.01  # share of depth within which two photos see one surface
     eta: float = 0.02  # step of log density
     rho_scale: float = 1.0  # texels per unit over those that keep the number of pixels
-    blend_power: float = 4.0  # of the density, as weight of a photo in a texel or point
+    blend_power: float = 2.0  # of the density, as weight of a photo in a texel or point
     fill: str = "exemplar"
     fill_window: int = 9
     min_votes: int | None = None  # photos that make a hole by seeing through; None: 1, with noisy depth 2
@@ -41,6 +41,7 @@ class WalkthroughOptions:
     leaf_size: int = 256
     exposure: str = "auto"  # one gain for each photo
     registration: str = "auto"  # poses, and a shift between colour and depth
+    view_detail: int = 4  # each photo's difference is kept at this fraction of its size; 0: not at all
     compare: bool = True  # False: every photo's samples are kept
     upright: bool = True  # turn the scene so that the cameras' mean up is +y
     max_frames: int = 200  # photos to build from, chosen over the whole sequence, sharp ones first
@@ -73,6 +74,7 @@ class WalkthroughOptions:
         check_range("leaf_size", self.leaf_size, 16, 65536)
         check_choice("exposure", self.exposure, REPAIRS)
         check_choice("registration", self.registration, REPAIRS)
+        check_range("view_detail", self.view_detail, 0, 64)
         check_range("max_frames", self.max_frames, 1, 100_000)
         check_range("max_partners", self.max_partners, 1, 1000)
         check_range("memory_mb", self.memory_mb, 16, 2**24)
@@ -93,6 +95,7 @@ class DrawOptions:
     splats: str = "squares"  # or the EWA splats of :mod:`torchrender.points`
     splat_cap: float = 5.0  # greatest side of a point, pixels
     splat_grow: float = 1.0  # factor of the side
+    view_colors: bool = True  # add what the photos near the camera saw differently
     gap_pixels: int = 0  # fill gaps up to about this many pixels from their borders; 0: they stay empty
     background: tuple[float, float, float] = (0.0, 0.0, 0.0)  # linear colour where nothing is
 

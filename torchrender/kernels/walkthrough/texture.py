@@ -14,6 +14,10 @@ from torchrender.kernels.walkthrough.density import moved, pixel_of
 UNSEEN, SEEN, HOLE, GUESSED = 0, 1, 2, 3
 
 
+BORDER = 16
+"""Pixels from the border of a photo within which its colours are no guess: undistorted photos are empty there."""
+
+
 class Patch(NamedTuple):
     """A rectangle on a plane."""
 
@@ -88,6 +92,8 @@ def resample(patch, chosen, poses, photos, votes, color, state):
                     continue
                 found = np.float64(photos.depth[j, py, px])
                 if found <= 0.0:
+                    if min(px, py, width - 1 - px, height - 1 - py) < BORDER:
+                        continue
                     m = poses[k]
                     n = patch.normal
                     facing = 0.0
