@@ -60,7 +60,11 @@ def residual_picture(photo: Array, depth: Array, drawn: Array, drawn_depth: Arra
     """
     known = np.isfinite(drawn_depth) & (drawn_depth > 0)
     measured = np.isfinite(depth) & (depth > 0)
-    known &= ~measured | (np.abs(depth - drawn_depth) < TOLERANCE * drawn_depth)
+    both = known & measured
+    agree = np.zeros_like(known)
+    agree[both] = np.abs(depth[both] - drawn_depth[both]) < TOLERANCE * drawn_depth[both]
+    # Background is no surface; where nothing was measured the photo still has its colours.
+    known &= agree | (depth == 0)
     linear = srgb_table(8).numpy()[photo]
     change = np.where(known[..., None], np.sqrt(linear) - np.sqrt(np.clip(drawn, 0, 1)), 0.0)
     size = (-(-depth.shape[1] // factor), -(-depth.shape[0] // factor))

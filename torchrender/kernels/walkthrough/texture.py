@@ -18,6 +18,10 @@ BORDER = 16
 """Pixels from the border of a photo within which its colours are no guess: undistorted photos are empty there."""
 
 
+FAR_BEHIND = 3.0
+"""Tolerances behind the plane from which on even a pixel at a depth edge tells that the plane is not there."""
+
+
 class Patch(NamedTuple):
     """A rectangle on a plane."""
 
@@ -70,7 +74,8 @@ def resample(patch, chosen, poses, photos, votes, color, state):
 
     A photo whose depth agrees has seen the texel; one that looks past it votes for a hole; one whose view is blocked
     says nothing (specification 13, sections 5 and 6). One that sees another surface there, closer than tells them apart
-    by depth, takes the texel: filled in, it would hide that surface. Where nobody knows a depth (glass, black things), but
+    by depth, takes the texel: filled in, it would hide that surface. Where they disagree, the denser photos are right: so
+    planes end where they do, to the pixel of the best photo. Where nobody knows a depth (glass, black things), but
     photos have a colour, the texel is guessed: it gets the colour of the photo that looks at it most densely.
     """
     rows, columns = state.shape
@@ -82,7 +87,7 @@ def resample(patch, chosen, poses, photos, votes, color, state):
             y = patch.origin[1] + s * patch.across[1] + t * patch.down[1]
             z = patch.origin[2] + s * patch.across[2] + t * patch.down[2]
             total, red, green, blue = 0.0, 0.0, 0.0, 0.0
-            through, seen, taken = 0, 0, 0
+            through, pro, against = 0, 0.0, 0.0
             densest, guess_j, guess_x, guess_y = 0.0, -1, 0, 0
             for k in range(len(chosen)):
                 j = chosen[k]
@@ -91,31 +96,22 @@ def resample(patch, chosen, poses, photos, votes, color, state):
                 if px < 0:
                     continue
                 found = np.float64(photos.depth[j, py, px])
+                n, m = patch.normal, poses[k]
+                facing = 0.0
+                for r in range(3):
+                    facing -= (m[r, 0] * n[0] + m[r, 1] * n[1] + m[r, 2] * n[2]) * q[r]
+                sigma = photos.lens[j, 0] * photos.lens[j, 1] * facing / (q[2] * q[2] * q[2])
                 if found <= 0.0:
-                    if min(px, py, width - 1 - px, height - 1 - py) < BORDER:
-                        continue
-                    m = poses[k]
-                    n = patch.normal
-                    facing = 0.0
-                    for r in range(3):
-                        facing -= (m[r, 0] * n[0] + m[r, 1] * n[1] + m[r, 2] * n[2]) * q[r]
-                    sigma = facing / (q[2] * q[2] * q[2])
-                    if sigma > densest:
+                    if sigma > densest and min(px, py, width - 1 - px, height - 1 - py) >= BORDER:
                         densest, guess_j, guess_x, guess_y = sigma, j, px, py
                     continue
                 gap = found - q[2]
                 if gap > votes.tau_z * q[2]:
-                    if photos.guard[j, py, px] == 0:
+                    if photos.guard[j, py, px] == 0 or gap > FAR_BEHIND * votes.tau_z * q[2]:
                         through += 1
+                        against += sigma * sigma
                     continue
-                if gap < -votes.tau_z * q[2]:
-                    continue
-                n = patch.normal
-                m = poses[k]
-                facing = 0.0
-                for r in range(3):
-                    facing -= (m[r, 0] * n[0] + m[r, 1] * n[1] + m[r, 2] * n[2]) * q[r]
-                if facing <= 0.0:
+                if gap < -votes.tau_z * q[2] or facing <= 0.0:
                     continue
                 other = photos.plane[j, py, px]
                 u = photos.lens[j, 0] * q[0] / q[2] + photos.lens[j, 2]
@@ -131,11 +127,13 @@ def resample(patch, chosen, poses, photos, votes, color, state):
                     )
                     share = 1e-4
                 else:
-                    taken += 1
+                    # Where planes meet, the other one is as good as this one.
+                    if abs(gap) > 2.0 * votes.near:
+                        through += 1
+                        against += sigma * sigma
                     continue
                 if share <= 0.0:
                     continue
-                sigma = photos.lens[j, 0] * photos.lens[j, 1] * facing / q[2] ** 3
                 weight = share
                 if not votes.average:
                     relative = math.log(max(sigma * patch.step * patch.step, 1e-12)) + photos.log_quality[j]
@@ -144,16 +142,16 @@ def resample(patch, chosen, poses, photos, votes, color, state):
                     weight *= max(edge, 0.02) ** 2
                 total += weight
                 red, green, blue = red + weight * r, green + weight * g, blue + weight * b
-                seen += 1
-            if total > 0.0 and through + taken <= 2 * seen:
+                pro += sigma * sigma
+            if total > 0.0 and against <= pro:
                 color[row, column, 0] = int(red / total + 0.5)
                 color[row, column, 1] = int(green / total + 0.5)
                 color[row, column, 2] = int(blue / total + 0.5)
                 state[row, column] = SEEN
-            elif guess_j >= 0 and through + taken == 0:
+            elif guess_j >= 0 and through == 0:
                 for c in range(3):
                     color[row, column, c] = photos.color[guess_j, guess_y, guess_x, c]
                 state[row, column] = GUESSED
             else:
                 color[row, column, 0] = color[row, column, 1] = color[row, column, 2] = 0
-                state[row, column] = HOLE if through + taken >= votes.min_votes else UNSEEN
+                state[row, column] = HOLE if through >= votes.min_votes or total > 0.0 else UNSEEN
