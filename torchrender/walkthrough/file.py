@@ -28,7 +28,13 @@ MAX_TEXELS = 2**28
 _VIEW = {"residual": (np.int8, 4), "inverse_depth": (np.uint16, 3), "unit": (np.float64, 1), "lens": (np.float64, 2),
          "pose": (np.float64, 3)}  # fmt: skip
 _POINTS = {"position": 3, "normal": 3, "color": 3, "log_density": 0, "object_id": 0}
-_TYPES = {"position": np.float32, "normal": np.int8, "color": np.uint8, "log_density": np.float32, "object_id": np.int32}
+_TYPES = {
+    "position": np.float32,
+    "normal": np.int8,
+    "color": np.uint8,
+    "log_density": np.float32,
+    "object_id": np.int32,
+}
 
 
 def write_walkthrough(path: str | Path, walkthrough: Walkthrough) -> int:
@@ -126,7 +132,16 @@ def read_walkthrough(path: str | Path) -> Walkthrough:
         raise error if isinstance(error, SceneFileError) else SceneFileError(path, str(error)) from error
     except (zipfile.BadZipFile, OSError, EOFError, NotImplementedError, RuntimeError) as error:
         raise SceneFileError(path, f"damaged or no walkthrough ({error})") from error
-    except (ValueError, KeyError, TypeError, IndexError, AttributeError, OverflowError, RecursionError, MemoryError) as error:
+    except (
+        ValueError,
+        KeyError,
+        TypeError,
+        IndexError,
+        AttributeError,
+        OverflowError,
+        RecursionError,
+        MemoryError,
+    ) as error:
         raise SceneFileError(path, f"damaged ({type(error).__name__}: {error})") from error
     except Exception as error:
         if type(error).__module__ in ("zlib", "cv2", "cv2.error"):

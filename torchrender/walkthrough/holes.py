@@ -99,7 +99,9 @@ def _search(
     window = min(options.fill_window, 2 * (min(h, w) // 4) + 1)
     if window < 3:
         return None
-    whole = cv2.erode(small_known.astype(np.uint8), np.ones((window, window)), borderType=cv2.BORDER_CONSTANT, borderValue=0)
+    whole = cv2.erode(
+        small_known.astype(np.uint8), np.ones((window, window)), borderType=cv2.BORDER_CONSTANT, borderValue=0
+    )
     candidates = np.argwhere(whole > 0)
     if len(candidates) < 8:
         return None

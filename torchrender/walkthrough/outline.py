@@ -58,7 +58,9 @@ def ear_clip(polygon: Array) -> Array | None:
     turn = 1.0 if (x * np.roll(y, -1) - np.roll(x, -1) * y).sum() > 0 else -1.0
 
     def side(a: Array, b: Array, c: Array) -> Array:
-        return turn * ((b[..., 0] - a[..., 0]) * (c[..., 1] - a[..., 1]) - (b[..., 1] - a[..., 1]) * (c[..., 0] - a[..., 0]))
+        return turn * (
+            (b[..., 0] - a[..., 0]) * (c[..., 1] - a[..., 1]) - (b[..., 1] - a[..., 1]) * (c[..., 0] - a[..., 0])
+        )
 
     found = []
     while len(left) > 3:

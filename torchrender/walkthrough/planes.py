@@ -105,7 +105,9 @@ def _common(
     points = np.concatenate([fits[k].points for k in members])
     distance = np.abs(points @ normal - offset)
     photos = np.unique([fits[k].photo for k in members]).astype(np.int64)
-    return Plane(normal, float(offset), photos, points, float(np.percentile(distance, 99)), float(distance.mean())), members
+    return Plane(
+        normal, float(offset), photos, points, float(np.percentile(distance, 99)), float(distance.mean())
+    ), members
 
 
 def assign_pixels(

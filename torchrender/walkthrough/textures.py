@@ -162,7 +162,11 @@ def _texture(
     counts = np.array([seen.sum(), wanted.sum(), (inside & (state == HOLE)).sum()], np.int64)
     if wanted.any():
         known = seen | guessed
-        color = np.where(known[..., None], fill_holes(color, known, unseen, options, options.seed + patch.plane), color)             if not unseen.any() else fill_holes(color, known, unseen, options, options.seed + patch.plane)
+        color = (
+            np.where(known[..., None], fill_holes(color, known, unseen, options, options.seed + patch.plane), color)
+            if not unseen.any()
+            else fill_holes(color, known, unseen, options, options.seed + patch.plane)
+        )
     alpha = np.where(seen, SEEN_ALPHA, np.where(wanted, FILLED, 0)).astype(np.uint8)
     # A little further, except where somebody saw through.
     grown = cv2.dilate((alpha > 0).astype(np.uint8), np.ones((2 * MARGIN + 1, 2 * MARGIN + 1), np.uint8)) > 0

@@ -69,7 +69,9 @@ def residual_picture(photo: Array, depth: Array, drawn: Array, drawn_depth: Arra
     change = np.where(known[..., None], np.sqrt(linear) - np.sqrt(np.clip(drawn, 0, 1)), 0.0)
     size = (-(-depth.shape[1] // factor), -(-depth.shape[0] // factor))
     share = cv2.resize(known.astype(np.float32), size, interpolation=cv2.INTER_AREA)
-    mean = cv2.resize(change.astype(np.float32), size, interpolation=cv2.INTER_AREA) / np.maximum(share, 1e-6)[..., None]
+    mean = (
+        cv2.resize(change.astype(np.float32), size, interpolation=cv2.INTER_AREA) / np.maximum(share, 1e-6)[..., None]
+    )
     q = np.where(known, 1.0 / np.where(known, drawn_depth, 1.0), 0.0)
     inverse = cv2.resize(q.astype(np.float32), size, interpolation=cv2.INTER_AREA) / np.maximum(share, 1e-6)
     good = share > 0.3

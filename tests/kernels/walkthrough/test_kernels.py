@@ -107,7 +107,11 @@ def test_compare_and_restore() -> None:
                 hit = seen_in(made, pose, i, j, y, x)
                 if hit is not None:
                     v, u, q = hit
-                    near = [(b, a) for b in range(max(v - 1, 0), min(v + 2, size)) for a in range(max(u - 1, 0), min(u + 2, size))]
+                    near = [
+                        (b, a)
+                        for b in range(max(v - 1, 0), min(v + 2, size))
+                        for a in range(max(u - 1, 0), min(u + 2, size))
+                    ]
                     held |= any(kept[j, b, a] and abs(made.depth[j, b, a] - q[2]) <= 0.01 * q[2] for b, a in near)
             assert restored[y, x] == (keep[y, x] == 0 and not held)
 
@@ -116,7 +120,9 @@ def test_textures_by_the_mean_of_what_photos_see() -> None:
     made, pose = photos(flat=True)
     # A window in the second photo: it sees through.
     made.depth[1, 2:4, 2:4] = np.inf
-    patch = Patch(np.array([-0.5, -0.5, 2.0]), np.array([1.0, 0, 0]), np.array([0, 1.0, 0]), np.array([0, 0, -1.0]), 0.1, 0)
+    patch = Patch(
+        np.array([-0.5, -0.5, 2.0]), np.array([1.0, 0, 0]), np.array([0, 1.0, 0]), np.array([0, 0, -1.0]), 0.1, 0
+    )
     poses = np.ascontiguousarray(np.linalg.inv(pose)[:, :3])
     # All photos move along z, too: the wall is at one world depth only for the first.
     made.depth[1] = np.where(np.isfinite(made.depth[1]), 1.95, np.inf)
@@ -226,7 +232,9 @@ def test_points_as_squares() -> None:
     got = sums.reshape(height, width, 4)
     covered = totals[..., 3] > 0
     assert np.array_equal(covered, got[..., 3] > 0)
-    assert np.allclose(got[covered][:, :3] / got[covered][:, 3:], totals[covered][:, :3] / totals[covered][:, 3:], atol=700)
+    assert np.allclose(
+        got[covered][:, :3] / got[covered][:, 3:], totals[covered][:, :3] / totals[covered][:, 3:], atol=700
+    )
 
 
 def test_texels_under_pixels() -> None:

@@ -45,7 +45,9 @@ def join_cells(keys, starts, stride, offsets, position, limit, parent):
     """
     for c in range(len(keys)):
         for k in range(len(offsets)):
-            other = find(keys, keys[c] + offsets[k, 0] * stride[0] + offsets[k, 1] * stride[1] + offsets[k, 2] * stride[2])
+            other = find(
+                keys, keys[c] + offsets[k, 0] * stride[0] + offsets[k, 1] * stride[1] + offsets[k, 2] * stride[2]
+            )
             if other < 0:
                 continue
             a, b = root(parent, c), root(parent, other)

@@ -128,7 +128,7 @@ def resample(patch, chosen, poses, photos, votes, color, state):
                     share = 1e-4
                 else:
                     # Where planes meet, the other one is as good as this one.
-                    if abs(gap) > 2.0 * votes.near:
+                    if abs(gap) > 2.0 * votes.near + 1.5 * q[2] / photos.lens[j, 0]:
                         through += 1
                         against += sigma * sigma
                     continue

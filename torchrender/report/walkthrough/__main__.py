@@ -1,4 +1,5 @@
+"""``python -m torchrender.report.walkthrough``."""
+
 from torchrender.report.walkthrough.study import main
 
-if __name__ == "__main__":
-    main()
+main()

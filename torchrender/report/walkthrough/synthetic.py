@@ -10,6 +10,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from torch import Tensor
 
+from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
 from torchrender.raster import rasterize_visibility
 from torchrender.renderer import render
@@ -66,8 +67,8 @@ def synthetic_capture(
     cameras, others = capture_cameras(scene, views, size, 1), capture_cameras(scene, held, size, 77)
     options = RenderOptions(reflections="clustered" if mirrors else "off")
     plain = scene if mirrors else without_highlights(scene)
-    sequence, truth, flat = _photos(plain, cameras, options, groups, n_min)
-    held_sequence, _, _ = _photos(plain, others, options, groups, n_min)
+    sequence, truth, flat = photos_of(plain, cameras, options, groups, n_min)
+    held_sequence, _, _ = photos_of(plain, others, options, groups, n_min)
     return SyntheticCapture(plain, sequence, held_sequence, cameras, others, truth, flat)
 
 
@@ -76,17 +77,24 @@ def without_highlights(scene: Scene) -> Scene:
     return replace(scene, materials=tuple(replace(m, specular=0.0) for m in scene.materials))
 
 
-def _photos(
-    scene: Scene, cameras: Cameras, options: RenderOptions, groups: Array, n_min: int
+def photos_of(
+    scene: Scene, cameras: Cameras, options: RenderOptions | None, groups: Array | None = None, n_min: int = 400
 ) -> tuple[RgbdSequence, Tensor, Tensor]:
+    """Photos with exact depth from each camera, and which of their pixels are flat."""
+    options = options or RenderOptions(reflections="off")
+    groups = np.full(scene.geometry.triangle_count, -1) if groups is None else groups
     images, depths, truth, flat = [], [], [], []
+    history: RenderHistory | None = RenderHistory()
     for n in range(len(cameras)):
-        images.append(render(scene, cameras[n], options=options).displayed()[0].clamp(0, 1))
+        # Shadow maps are made once.
+        image = render(scene, cameras[n], options=options, history=history)
+        history = image.history
+        images.append(image.displayed()[0].clamp(0, 1))
         seen = rasterize_visibility(scene.geometry, cameras[n])
         depths.append(seen.depth[0])
         triangle = seen.triangle[0].numpy()
         group = np.where(triangle >= 0, groups[np.maximum(triangle, 0)], -1)
-        sizes = np.bincount(group[group >= 0], minlength=int(groups.max()) + 1)
+        sizes = np.bincount(group[group >= 0], minlength=max(int(groups.max()) + 1, 1))
         truth.append(torch.from_numpy((group >= 0) & (sizes[np.maximum(group, 0)] >= n_min)))
         flat.append(torch.from_numpy(group >= 0))
     sequence = RgbdSequence.from_tensors(

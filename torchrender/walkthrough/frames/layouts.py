@@ -270,7 +270,9 @@ def _intrinsics(path: Path, wishes: Wishes, usual: tuple[float, float, float, fl
 def _say_lost(path: Path, lost: list[str]) -> None:
     if lost:
         shown = ", ".join(lost[:5]) + (", ..." if len(lost) > 5 else "")
-        warnings.warn(f"{path}: {len(lost)} pictures have no pose and are left out: {shown}", CaptureWarning, stacklevel=2)
+        warnings.warn(
+            f"{path}: {len(lost)} pictures have no pose and are left out: {shown}", CaptureWarning, stacklevel=2
+        )
 
 
 _LAYOUTS: tuple[tuple[Callable[[Path], object], Callable[[Path, Wishes], list[Frame]]], ...] = (

@@ -184,7 +184,9 @@ def prepare(sequence: RgbdSequence, options: WalkthroughOptions, progress: Progr
         if capture is None:
             capture = _allocate(len(frames), depth.shape, options)
         if depth.shape != capture.size:
-            left_out[frame.name] = f"is {depth.shape[1]}x{depth.shape[0]}, others are {capture.size[1]}x{capture.size[0]}"
+            left_out[frame.name] = (
+                f"is {depth.shape[1]}x{depth.shape[0]}, others are {capture.size[1]}x{capture.size[0]}"
+            )
         elif print_ in seen:
             left_out[frame.name] = "a duplicate"
         elif not ((depth > 0) & np.isfinite(depth)).any():

@@ -48,14 +48,18 @@ class Frame:
             raise CameraError(f"frame {self.name}: the pose must be 4x4 finite numbers")
         turn = pose[:3, :3]
         if np.abs(turn @ turn.T - np.eye(3)).max() > 1e-2 or np.linalg.det(turn) < 0:
-            raise CameraError(f"frame {self.name}: the pose must be rigid: rotation and translation, no scale or mirror")
+            raise CameraError(
+                f"frame {self.name}: the pose must be rigid: rotation and translation, no scale or mirror"
+            )
         # Poses in text files have few digits: the nearest rotation.
         u, _, vt = np.linalg.svd(turn)
         pose = pose.copy()
         pose[:3, :3] = u @ vt
         pose[3] = (0, 0, 0, 1)
         if k.shape != (3, 3) or not np.isfinite(k).all() or min(k[0, 0], k[1, 1]) <= 0:
-            raise CameraError(f"frame {self.name}: intrinsics must be 3x3 with positive focal lengths, got {k.tolist()}")
+            raise CameraError(
+                f"frame {self.name}: intrinsics must be 3x3 with positive focal lengths, got {k.tolist()}"
+            )
         if abs(k[0, 1]) > 1e-6 * k[0, 0]:
             raise CameraError(f"frame {self.name}: intrinsics with skew are not supported")
         if not (math.isfinite(self.depth_scale) and self.depth_scale > 0):
@@ -86,7 +90,9 @@ class Frame:
             return _read_array(self.depth)
         codes = _decode(self.depth, cv2.IMREAD_UNCHANGED)
         if codes.ndim != 2 or codes.dtype not in (np.uint16, np.uint8):
-            raise ImageFileError(self.depth, f"a depth image has one channel of 16 bits, got {codes.dtype} {codes.shape}")
+            raise ImageFileError(
+                self.depth, f"a depth image has one channel of 16 bits, got {codes.dtype} {codes.shape}"
+            )
         depth = codes.astype(np.float32) / np.float32(self.depth_scale)
         depth[np.isin(codes, NO_DEPTH_CODES)] = 0.0
         return depth

@@ -40,7 +40,9 @@ def disagreement(capture: Capture, near: list[Array], seed: int = 0) -> float:
     return float(np.median(values)) if len(values) else 0.0
 
 
-def register(capture: Capture, near: list[Array], seed: int = 0, progress: Progress = quiet) -> tuple[float, float, float]:
+def register(
+    capture: Capture, near: list[Array], seed: int = 0, progress: Progress = quiet
+) -> tuple[float, float, float]:
     """Repair the poses in place; returns the disagreement before and after, and the largest shift of a camera."""
     before = disagreement(capture, near, seed)
     if len(capture) < 2 or before < ALIGNED:
@@ -217,7 +219,12 @@ def _peaks(scores: Array, counts: Array, height: int, width: int) -> Array | Non
         for x in range(CELLS):
             score = scores[y, x]
             a, b = np.unravel_index(int(score.argmax()), score.shape)
-            if counts[y, x] > 300 and score[a, b] > CLEAR * np.median(score) and 0 < a < 2 * REACH and 0 < b < 2 * REACH:
+            if (
+                counts[y, x] > 300
+                and score[a, b] > CLEAR * np.median(score)
+                and 0 < a < 2 * REACH
+                and 0 < b < 2 * REACH
+            ):
                 at.append(((x + 0.5) * width / CELLS, (y + 0.5) * height / CELLS))
                 shifts.append((b - REACH, a - REACH))
     shift = np.array([peak[1] - REACH, peak[0] - REACH], np.float64)

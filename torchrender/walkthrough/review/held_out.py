@@ -114,7 +114,9 @@ def held_out_error(
         if not np.array_equal(affine, np.eye(2, 3)):
             color = shifted(color, affine)
         near = 1e-3 * max(walkthrough.diagonal, 1e-9)
-        pose = world @ frame.world_from_camera if poses is None else poses.get(frame.name, world @ frame.world_from_camera)
+        pose = (
+            world @ frame.world_from_camera if poses is None else poses.get(frame.name, world @ frame.world_from_camera)
+        )
         camera = photo_camera(lens, pose, (depth.shape[0], depth.shape[1]), near)
         drawn = draw_walkthrough(walkthrough, camera, options)
         covered = drawn.covered[0]
