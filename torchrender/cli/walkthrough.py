@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from torchrender.cli.arguments import camera_of, numbers
-from torchrender.cli.output import check_output, image_size, make_folder
+from torchrender.cli.output import check_output, image_size
 from torchrender.errors import OptionError
 
 if TYPE_CHECKING:

@@ -66,7 +66,8 @@ def build_walkthrough(
     Memory: 16 bytes for each pixel of up to ``max_frames`` photos, in a temporary file beyond ``memory_mb``.
 
     Args:
-        hold_out: every so manieth photo is not used; the walkthrough is compared with it, and ``report["held_out"]`` tells
+        hold_out: every so manieth photo is not used; the walkthrough is compared with it, and ``report["held_out"]``
+        tells
             how well it fits. 0: all are used.
         progress: called as ``progress(items, stage)`` around each stage's loop, to show a bar.
 
@@ -208,7 +209,8 @@ def _limited(samples: Samples, options: WalkthroughOptions) -> Samples:
     if count <= options.max_points:
         return samples
     warnings.warn(
-        f"{count} points are more than max_points = {options.max_points}: every {count / options.max_points:.1f}th is kept",
+        f"{count} points are more than max_points = {options.max_points}: every "
+        f"{count / options.max_points:.1f}th is kept",
         CaptureWarning,
         stacklevel=3,
     )

@@ -86,7 +86,8 @@ def edge_map(capture: Capture, i: int, options: WalkthroughOptions) -> Array:
 
 
 def crease(q: Array, z: Array, focal: float, step: int) -> Array:
-    """(H,W) max(|q_uu|, |q_uv|, |q_vv|) z f / step: about the jump of the surface's slope; 0 within ``step`` of the border."""
+    """(H,W) max(|q_uu|, |q_uv|, |q_vv|) z f / step: about the jump of the surface's slope; 0 within ``step`` of the
+    border."""
     found = np.zeros(q.shape)
     s = step
     if min(q.shape) <= 2 * s:
@@ -209,7 +210,7 @@ class _Photo:
         world = centroid @ turn.T + eye
         some = p[rng.choice(len(p), SAMPLES, replace=False)] if len(p) > SAMPLES else p
         z = np.median(p[:, 2])
-        tilt = max(abs(float(normal @ centroid)) / np.linalg.norm(centroid), 0.05)
+        tilt = max(abs(float(normal @ centroid)) / float(np.linalg.norm(centroid)), 0.05)
         return Fit(
             photo=self.i,
             normal=turn @ normal,

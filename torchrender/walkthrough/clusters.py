@@ -23,7 +23,8 @@ def cluster_points(position: Array, epsilon: float, *, exact: bool = True, edge:
     """(M,) int64 object of each of M points (M,3), numbered in the order of their first points.
 
     ``exact``: connected components of the graph "no farther than epsilon". Else by the source's grid: cubes whose
-    points, and those of the 26 adjacent cubes, share an object. ``edge`` "safe" gives cubes of epsilon / (2 sqrt 3), the
+    points, and those of the 26 adjacent cubes, share an object. ``edge`` "safe" gives cubes of epsilon / (2 sqrt 3),
+    the
     largest for which two points of adjacent cubes are never more than epsilon apart; "source" the published
     sqrt(2)/4 epsilon, which is safe for cubes that share a face only. The grid may cut objects whose points are farther
     apart than a cube.

@@ -26,7 +26,8 @@ class Visible:
 def outside(nodes: Array, planes: Array) -> Array:
     """(K,F) bool: all eight corners of box k lie outside plane f, (n, d) with n.p + d >= 0 inside.
 
-    A box is out of view if that holds for one plane; that every corner is outside some plane is not enough: the view may
+    A box is out of view if that holds for one plane; that every corner is outside some plane is not enough: the view
+    may
     lie within the box.
     """
     return distances(nodes, planes)[1] < 0
@@ -42,7 +43,8 @@ def distances(nodes: Array, planes: Array) -> tuple[Array, Array]:
 
 
 def occluders(patches: tuple[PlanePatch, ...], eye: Array, most: int) -> list[Array]:
-    """Shadow volumes (5,4) of the planes that fill most of the view around ``eye``: a point is hidden if n.p + d > 0 for
+    """Shadow volumes (5,4) of the planes that fill most of the view around ``eye``: a point is hidden if n.p + d > 0
+    for
     all five. Made of the largest rectangle without holes of each plane."""
     sized = []
     for patch in patches:
@@ -82,7 +84,8 @@ def _shadow(corners: Array, normal: Array, eye: Array, step: float) -> Array:
 
 
 def visible_runs(points: PointModel, camera: Cameras, shadows: list[Array], near: float) -> Visible:
-    """Walk all trees from their roots, level by level. Boxes wholly in view are taken with all below them, unless planes
+    """Walk all trees from their roots, level by level. Boxes wholly in view are taken with all below them, unless
+    planes
     may still hide parts."""
     wide = camera.sub_camera(-BORDER, -BORDER, camera.width + 2 * BORDER, camera.height + 2 * BORDER)
     planes = wide.frustum_planes()[0].numpy()

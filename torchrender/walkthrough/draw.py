@@ -31,7 +31,8 @@ PLANE_LEAD = 1e-4
 """Share of depth by which a point must be nearer than a plane to be seen before it."""
 
 NOTHING, PLANE, FILLED, POINT, GAP = 0, 1, 2, 3, 4
-"""What a pixel shows: nothing, a plane as photographed, a plane as filled in, a point, a gap between them that was closed."""
+"""What a pixel shows: nothing, a plane as photographed, a plane as filled in, a point, a gap between them that was
+closed."""
 
 BLEND_DEPTH = 0.01
 
@@ -84,7 +85,8 @@ def draw_walkthrough(
     statistics = tuple(
         _draw(walkthrough, cameras[n], options, (image[n], depth[n], kind[n])) for n in range(len(cameras))
     )
-    return WalkthroughImage(cameras, *(torch.from_numpy(a) for a in (image, depth, kind)), statistics)
+    pictures = (torch.from_numpy(image), torch.from_numpy(depth), torch.from_numpy(kind))
+    return WalkthroughImage(cameras, *pictures, statistics)
 
 
 def _draw(

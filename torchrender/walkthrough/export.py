@@ -119,7 +119,8 @@ def write_trp(path: str | Path, walkthrough: Walkthrough) -> int:
 
 
 def _write_squares(path: Path, walkthrough: Walkthrough) -> None:
-    """Points as squares in a PLY mesh, whose vertex colours are sRGB: eight bits of linear light show steps in the dark."""
+    """Points as squares in a PLY mesh, whose vertex colours are sRGB: eight bits of linear light show steps in the
+    dark."""
     square = walkthrough.point_mesh()
     made = trimesh.Trimesh(square.vertices.numpy(), square.faces.numpy(), process=False)
     made.visual = trimesh.visual.ColorVisuals(made, vertex_colors=np.repeat(walkthrough.points.color, 4, axis=0))
@@ -132,7 +133,8 @@ def _write_squares(path: Path, walkthrough: Walkthrough) -> None:
 
 
 def write_scene(folder: str | Path, walkthrough: Walkthrough, *, most_points: int = 300_000) -> Path:
-    """The whole walkthrough as a scene file: planes as GLB, points as squares in a PLY mesh, the photos' cameras, ambient light 1.
+    """The whole walkthrough as a scene file: planes as GLB, points as squares in a PLY mesh, the photos' cameras,
+    ambient light 1.
 
     This is what goes wherever scenes go (the service and its clients). Returns the scene file.
 

@@ -258,7 +258,7 @@ def _array(path: Path, archive: zipfile.ZipFile, name: str) -> Array:
 
 
 def _points(path: Path, archive: zipfile.ZipFile) -> PointModel:
-    found = {}
+    found: dict[str, Array] = {}
     for name, width in _POINTS.items():
         value = _array(path, archive, name)
         if value.dtype != _TYPES[name] or value.ndim != (2 if width else 1) or (width and value.shape[1] != width):

@@ -206,7 +206,7 @@ class Walkthrough:
         corners = [p.position + half * (u * a + v * b) for u, v in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
         vertices = np.stack(corners, axis=1).reshape(-1, 3)
         first = 4 * np.arange(len(p))[:, None]
-        faces = np.concatenate([first + [0, 1, 2], first + [0, 2, 3]], axis=1).reshape(-1, 3)
+        faces = (first + np.array([0, 1, 2, 0, 2, 3])).reshape(-1, 3)
         colors = np.repeat(srgb_table(8).numpy()[p.color], 4, axis=0)
         return Mesh(
             vertices=torch.from_numpy(vertices),

@@ -78,7 +78,7 @@ def ear_clip(polygon: Array) -> Array | None:
             break
         else:
             return None
-    found.append(tuple(left))
+    found.append((left[0], left[1], left[2]))
     triangles = np.array(found)
     area = np.abs(side(polygon[triangles[:, 0]], polygon[triangles[:, 1]], polygon[triangles[:, 2]])).sum()
     whole = abs((x * np.roll(y, -1) - np.roll(x, -1) * y).sum())
@@ -92,7 +92,7 @@ def largest_rectangle(opaque: Array) -> Array:
     rows, columns = height // cell, width // cell
     if not rows or not columns:
         return np.zeros(4)
-    coarse = opaque[: rows * cell, : columns * cell].reshape(rows, cell, columns, cell).all(axis=(1, 3))
+    coarse: Array = opaque[: rows * cell, : columns * cell].reshape(rows, cell, columns, cell).all(axis=(1, 3))
     heights, best, found = np.zeros(columns, int), 0, (0, 0, 0, 0)
     for row in range(rows):
         heights = np.where(coarse[row], heights + 1, 0)

@@ -117,7 +117,6 @@ def assign_pixels(
     table = np.append(owner, -1).astype(np.int32)
     normals = np.stack([p.normal for p in planes]) if planes else np.zeros((1, 3))
     offsets = np.array([p.offset for p in planes]) if planes else np.zeros(1)
-    height, width = capture.size
     for i in progress(range(len(capture)), "assign pixels"):
         plane = table[capture.plane[i]]
         rows, columns = np.nonzero(plane >= 0)

@@ -1,4 +1,5 @@
-"""Textures of planes: as many texels as pixels were kept, each from the photos that saw it best, holes told from gaps."""
+"""Textures of planes: as many texels as pixels were kept, each from the photos that saw it best, holes told from
+gaps."""
 
 from __future__ import annotations
 
@@ -63,8 +64,8 @@ def make_textures(
         if found.count[row] < 1 or found.area[row] <= 0:
             continue
         rho = texel_density(int(found.count[row]), float(found.area[row]), options.rho_scale)
-        for patch in _rectangles(capture, planes[row], row, rho):
-            made, counts = _texture(capture, patch, poses, votes, options)
+        for patch, size in _rectangles(capture, planes[row], row, rho):
+            made, counts = _texture(capture, patch, size, (poses, votes, options))
             totals += counts
             if made is not None:
                 patches.append(made)
@@ -90,7 +91,7 @@ def axes_of(normal: Array, points: Array) -> tuple[Array, Array]:
     return across, np.cross(normal, across)
 
 
-def _rectangles(capture: Capture, plane: Plane, row: int, rho: float) -> list[Patch]:
+def _rectangles(capture: Capture, plane: Plane, row: int, rho: float) -> list[tuple[Patch, Array]]:
     points = _outline_points(capture, plane, row)
     points = points - ((points @ plane.normal) - plane.offset)[:, None] * plane.normal
     across, down = axes_of(plane.normal, points)
@@ -112,7 +113,7 @@ def _rectangles(capture: Capture, plane: Plane, row: int, rho: float) -> list[Pa
             size = np.maximum(np.ceil(part * rho).astype(int), 1)
             origin = base + corner[0] * across + corner[1] * down
             made.append((Patch(origin, across, down, plane.normal, 1.0 / rho, row), size))
-    return made  # type: ignore[return-value]
+    return made
 
 
 def _outline_points(capture: Capture, plane: Plane, row: int) -> Array:
@@ -145,9 +146,9 @@ def _seeing(capture: Capture, patch: Patch, size: Array, poses: Array) -> Array:
 
 
 def _texture(
-    capture: Capture, placed: object, poses: Array, votes: Votes, options: WalkthroughOptions
+    capture: Capture, patch: Patch, size: Array, how: tuple[Array, Votes, WalkthroughOptions]
 ) -> tuple[PlanePatch | None, Array]:
-    patch, size = placed  # type: ignore[misc]
+    poses, votes, options = how
     width, height = int(size[0]), int(size[1])
     color, state = np.zeros((height, width, 3), np.uint8), np.zeros((height, width), np.uint8)
     chosen = _seeing(capture, patch, size, poses)
@@ -172,7 +173,7 @@ def _texture(
     grown = cv2.dilate((alpha > 0).astype(np.uint8), np.ones((2 * MARGIN + 1, 2 * MARGIN + 1), np.uint8)) > 0
     alpha[grown & (alpha == 0) & (state != HOLE)] = FILLED
     color = np.where((seen | wanted)[..., None], color, _padded(color, seen | wanted))
-    return _patch(capture, patch, np.concatenate([color, alpha[..., None]], axis=2)), counts
+    return _patch(patch, np.concatenate([color, alpha[..., None]], axis=2)), counts
 
 
 def _hull(seen: Array) -> Array:
@@ -188,7 +189,7 @@ def _padded(color: Array, known: Array) -> Array:
     return np.clip(np.rint(smooth_fill(color, known)), 0, 255).astype(np.uint8)
 
 
-def _patch(capture: Capture, patch: Patch, texture: Array) -> PlanePatch | None:
+def _patch(patch: Patch, texture: Array) -> PlanePatch | None:
     """Cut to what is opaque, with its outline."""
     opaque = texture[..., 3] > 0
     rows, columns = np.nonzero(opaque.any(axis=1))[0], np.nonzero(opaque.any(axis=0))[0]

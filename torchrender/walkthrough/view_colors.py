@@ -1,6 +1,7 @@
 """Colour that depends on the view: gloss, reflections, light that changed between photos.
 
-A walkthrough has one colour for each place, the mean of what photos saw. What each photo saw differently is kept as a small
+A walkthrough has one colour for each place, the mean of what photos saw. What each photo saw differently is kept as a
+small
 picture, and added to pictures from near the photo; far from all photos the mean is left.
 """
 

@@ -176,7 +176,7 @@ def test_filling_takes_the_window_that_fits_best() -> None:
                            if known[y - 1 : y + 2, x - 1 : x + 2].all()])  # fmt: skip
     costs = [cost(tuple(c)) for c in candidates]
     for c, expected in zip(candidates, costs):
-        assert window_cost(image, known, filled, gauss, (6, 6), tuple(c), np.inf) == pytest.approx(expected, rel=1e-5)
+        assert window_cost(image, known, filled, gauss, (6, 6), tuple(c)) == pytest.approx(expected, rel=1e-5)
     made, source = image.copy(), np.full((14, 14, 2), -1, np.int32)
     picks = np.arange(len(candidates))[None]
     synthesise(made, known, ~known, np.array([[6, 6]]), candidates, picks, gauss, 1.0, source)

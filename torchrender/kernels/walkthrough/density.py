@@ -118,7 +118,7 @@ def compare(i, partners, move, photos, limits, outputs):
             if photos.guard[i, y, x] != 0:
                 # Colours mix at edges: whoever saw the place in the middle of a surface is better.
                 own_density *= EDGE_SHARE
-            own_key = int(round(math.log(own_density) / limits.eta)) if limits.eta > 0 else 0
+            own_key = round(math.log(own_density) / limits.eta) if limits.eta > 0 else 0
             plane = photos.plane[i, y, x]
             own = photos.color[i, y, x]
             total, red, green, blue = 1.0, float(own[0]), float(own[1]), float(own[2])
@@ -161,7 +161,7 @@ def compare(i, partners, move, photos, limits, outputs):
                 if ratio > high:
                     best = False
                 elif limits.eta > 0:
-                    key = int(round(math.log(own_density * ratio) / limits.eta))
+                    key = round(math.log(own_density * ratio) / limits.eta)
                     if key > own_key or (key == own_key and j < i):
                         best = False
                 elif ratio > 1.0 or (ratio == 1.0 and j < i):

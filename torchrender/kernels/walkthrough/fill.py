@@ -8,8 +8,9 @@ from torchrender.kernels.compile import kernel
 
 
 @kernel()
-def window_cost(image, known, filled, gauss, target, source, best):
-    """Weighted squared difference of two windows over what is known around the target, normalised; stops at ``best``."""
+def window_cost(image, known, filled, gauss, target, source):
+    """Weighted squared difference of two windows over what is known around the target, normalised; stops at
+    ``best``."""
     half = gauss.shape[0] // 2
     height, width, channels = image.shape
     total, weight = 0.0, 0.0
@@ -54,12 +55,12 @@ def synthesise(image, known, wanted, order, candidates, picks, gauss, slack, sou
             sx = source[ny, nx, 1] + x - nx
             if known[ny, nx] or sy < 0 or sx < 0 or sy >= height or sx >= width or not known[sy, sx]:
                 continue
-            cost = window_cost(image, known, filled, gauss, (y, x), (sy, sx), best)
+            cost = window_cost(image, known, filled, gauss, (y, x), (sy, sx))
             rows[count, 0], rows[count, 1], costs[count] = sy, sx, cost
             best, count = min(best, cost), count + 1
         for t in range(picks.shape[1]):
             sy, sx = candidates[picks[step, t], 0], candidates[picks[step, t], 1]
-            cost = window_cost(image, known, filled, gauss, (y, x), (sy, sx), best)
+            cost = window_cost(image, known, filled, gauss, (y, x), (sy, sx))
             rows[count, 0], rows[count, 1], costs[count] = sy, sx, cost
             best, count = min(best, cost), count + 1
         chosen = -1

@@ -76,7 +76,7 @@ def project(points, view, runs, starts, size, records):
 @kernel(inline=True)
 def span(centre, side, limit):
     """First and one past last pixel of a square."""
-    first = int(math.floor(centre - 0.5 * (side - 1.0)))
+    first = math.floor(centre - 0.5 * (side - 1.0))
     return max(first, 0), min(first + int(side), limit)
 
 

@@ -74,7 +74,8 @@ def resample(patch, chosen, poses, photos, votes, color, state):
 
     A photo whose depth agrees has seen the texel; one that looks past it votes for a hole; one whose view is blocked
     says nothing (specification 13, sections 5 and 6). One that sees another surface there, closer than tells them apart
-    by depth, takes the texel: filled in, it would hide that surface. Where they disagree, the denser photos are right: so
+    by depth, takes the texel: filled in, it would hide that surface. Where they disagree, the denser photos are
+    right: so
     planes end where they do, to the pixel of the best photo. Where nobody knows a depth (glass, black things), but
     photos have a colour, the texel is guessed: it gets the colour of the photo that looks at it most densely.
     """

@@ -50,10 +50,12 @@ def look_up(data, k, u, v, inverse, tolerance):
 
 @kernel(parallel=True)
 def add_residuals(data, chosen, rays, eye, depth, limits, image):
-    """Add to ``image`` (H,W,3) linear what the photos ``chosen`` (K,) saw there; ``rays`` (3,3) world direction of a pixel.
+    """Add to ``image`` (H,W,3) linear what the photos ``chosen`` (K,) saw there; ``rays`` (3,3) world direction of a
+    pixel.
 
     ``limits``: tolerance of depth, the angle (1 - cos) that counts as near, and the weight of no change at all. A photo
-    counts by the inverse fourth power of the angle between its view of the point and the camera's, and fades in from its
+    counts by the inverse fourth power of the angle between its view of the point and the camera's, and fades in from
+    its
     border, so that nothing pops.
     """
     height, width = depth.shape

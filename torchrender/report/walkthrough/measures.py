@@ -110,7 +110,9 @@ def frame_times(model: Walkthrough, poses: int, size: int) -> dict[str, Any]:
         eye = base.eye[row].numpy() + rng.normal(size=3) * 0.15
         yaw = rng.uniform(-np.pi, np.pi)
         forward = np.array([np.sin(yaw), -0.15, np.cos(yaw)])
-        camera = Cameras.look_at(eye, eye + forward, width=size, height=size, fov_deg=75, near=1e-3 * model.diagonal)
+        camera = Cameras.look_at(
+            eye.tolist(), (eye + forward).tolist(), width=size, height=size, fov_deg=75, near=1e-3 * model.diagonal
+        )
         first, second = draw_walkthrough(model, camera), draw_walkthrough(model, camera)
         pair = [sum(d.statistics[0].ms.values()) for d in (first, second)]
         ms.append(min(pair))
@@ -134,10 +136,12 @@ def frame_times(model: Walkthrough, poses: int, size: int) -> dict[str, Any]:
 
 
 def flicker(model: Walkthrough, unfilled: Walkthrough, size: int, frames: int = 24) -> dict[str, float]:
-    """Mean squared change of colour from frame to frame, of places that nothing photographed: filled beforehand, or on the
+    """Mean squared change of colour from frame to frame, of places that nothing photographed: filled beforehand, or
+    on the
     screen.
 
-    A place is followed from one frame to the next by its depth in the filled model; it counts where it is a hole in both.
+    A place is followed from one frame to the next by its depth in the filled model; it counts where it is a hole in
+    both.
     """
     assert model.cameras is not None
     camera = model.cameras[len(model.cameras) // 2]

@@ -1,4 +1,5 @@
-"""What others would do with the same photos: Open3D's TSDF volume, warps of the nearest photos, the source's baselines."""
+"""What others would do with the same photos: Open3D's TSDF volume, warps of the nearest photos, the source's
+baselines."""
 
 from __future__ import annotations
 
@@ -26,7 +27,8 @@ Draw = Callable[[Cameras], tuple[Tensor, Tensor]]
 
 
 def open3d_tsdf(capture: Capture, poses: Array, voxel: float, depth_max: float) -> tuple[Draw, float] | str:
-    """A volume fused from the photos, drawn by its own ray cast, and the seconds of fusing; or why it cannot be made."""
+    """A volume fused from the photos, drawn by its own ray cast, and the seconds of fusing; or why it cannot be
+    made."""
     try:
         import open3d
         import open3d.core as o3c

@@ -8,12 +8,11 @@ import os
 import sys
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
 
 from torchrender.images.files import write_atomically
@@ -34,13 +33,18 @@ from torchrender.report.walkthrough.peers import all_points, open3d_tsdf, warp_n
 from torchrender.report.walkthrough.synthetic import synthetic_capture
 from torchrender.scene.load import load
 from torchrender.walkthrough.build import Stages, build_stages
-from torchrender.walkthrough.draw import draw_walkthrough
 from torchrender.walkthrough.frames.layouts import load_rgbd
 from torchrender.walkthrough.frames.record import RgbdSequence
 from torchrender.walkthrough.options import DrawOptions, WalkthroughOptions
 from torchrender.walkthrough.textures import make_textures
 
-SHARED = (("livingroom1", None, 8), ("slambook2", (518.0, 519.0, 325.5, 253.5), 5))
+SHARED: dict[str, tuple[tuple[float, ...] | None, int]] = {
+    "livingroom1": (None, 8),
+    "slambook2": ((518.0, 519.0, 325.5, 253.5), 5),
+}
+"""Intrinsics where the folder has none, and every how manieth photo is held out."""
+
+PARTS = ("synthetic", "livingroom1", "slambook2", "noisy")
 
 
 @dataclass(frozen=True)
@@ -62,21 +66,33 @@ QUICK = StudyOptions(
 )
 
 
-def run(study: StudyOptions, folder: Path, data: Path | None) -> dict[str, Any]:
-    """Measure everything and write the page."""
+def run(study: StudyOptions, folder: Path, data: Path | None, parts: Sequence[str] = PARTS) -> dict[str, Any]:
+    """Measure the parts asked for and write the page after each; what an earlier run measured of the others stays."""
     folder.mkdir(parents=True, exist_ok=True)
-    record: dict[str, Any] = {"machine": machine_record(), "load": os.getloadavg(), "study": asdict(study)}
-    record["synthetic"] = _step("synthetic room", lambda: synthetic(study, folder))
-    record["noisy"] = _step("noisy room", lambda: noisy(study))
-    record["shared"] = {}
-    for name, lens, hold in SHARED:
-        place = None if data is None else data / "rgbd" / name
-        if place is not None and place.is_dir():
-            sequence = load_rgbd(place, intrinsics=lens)
-            record["shared"][name] = _step(name, lambda s=sequence, h=hold: real(s, h, study))
-    write_atomically(folder / "walkthrough.json", text_writer(json.dumps(record, indent=1) + "\n"))
-    write_page(record, folder)
+    file = folder / "walkthrough.json"
+    record: dict[str, Any] = json.loads(file.read_text()) if file.is_file() and len(parts) < len(PARTS) else {}
+    record |= {"machine": machine_record(), "load": os.getloadavg(), "study": asdict(study)}
+    for part in parts:
+        found = _step(part, lambda p=part: _part(p, study, folder, data))
+        if found is not None:
+            record[part] = found
+        write_atomically(file, text_writer(json.dumps(record, indent=1) + "\n"))
+        write_page(record, folder)
     return record
+
+
+def _part(part: str, study: StudyOptions, folder: Path, data: Path | None) -> dict[str, Any] | None:
+    if part == "synthetic":
+        return synthetic(study, folder)
+    if part == "noisy":
+        return noisy(study)
+    lens, hold = SHARED[part]
+    place = None if data is None else data / "rgbd" / part
+    if place is None or not place.is_dir():
+        return None
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        return real(load_rgbd(place, intrinsics=lens), hold, study)
 
 
 def _step(name: str, work: Callable[[], Any]) -> Any:
@@ -165,7 +181,8 @@ def noisy(study: StudyOptions) -> dict[str, Any]:
 
 
 def real(sequence: RgbdSequence, hold_out: int, study: StudyOptions) -> dict[str, Any]:
-    """A capture with every so manieth photo held out, beside TSDF and warps, at the poses given and at the repaired ones."""
+    """A capture with every so manieth photo held out, beside TSDF and warps, at the poses given and at the repaired
+    ones."""
     begin, cpu = time.perf_counter(), time.process_time()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -215,13 +232,11 @@ def main() -> None:
     """The command line."""
     parser = argparse.ArgumentParser(prog="python -m torchrender.report.walkthrough", description=__doc__)
     parser.add_argument("-o", "--output", default="docs/results", metavar="FOLDER", help="default docs/results")
+    parser.add_argument("--only", nargs="+", choices=PARTS, default=PARTS, help="measure these parts alone")
     parser.add_argument("--quick", action="store_true", help="small pictures, to see that it runs")
     arguments = parser.parse_args()
     root = Path(__file__).resolve().parents[3]
     data = Path(os.environ.get("TORCHRENDER_DATA", root.parent / "shared" / "data"))
     torch.manual_seed(0)
-    np.random.default_rng(0)
-    run(QUICK if arguments.quick else StudyOptions(), Path(arguments.output), data if data.is_dir() else None)
-
-
-__all__ = ["QUICK", "StudyOptions", "draw_walkthrough", "main", "run"]
+    study = QUICK if arguments.quick else StudyOptions()
+    run(study, Path(arguments.output), data if data.is_dir() else None, arguments.only)

@@ -51,7 +51,9 @@ def capture_cameras(scene: Scene, count: int, size: int, seed: int) -> Cameras:
         pitch = float(np.clip(-0.15 + 0.35 * rng.normal(), -0.9, 0.6))
         forward = np.array([np.sin(yaw) * np.cos(pitch), np.sin(pitch), np.cos(yaw) * np.cos(pitch)])
         near = 1e-3 * scene.diagonal
-        made.append(Cameras.look_at(eye, eye + forward, width=size, height=size, fov_deg=FOV_DEG, near=near))
+        made.append(
+            Cameras.look_at(eye.tolist(), (eye + forward).tolist(), width=size, height=size, fov_deg=FOV_DEG, near=near)
+        )
     return Cameras.cat(made)
 
 
@@ -108,7 +110,8 @@ def photos_of(
 
 
 def flat_pieces(scene: Scene) -> Array:
-    """(F,) number of the flat piece of each triangle, -1 for curved ones: connected triangles of one object whose normals
+    """(F,) number of the flat piece of each triangle, -1 for curved ones: connected triangles of one object whose
+    normals
     all lie within a third of a degree of their mean."""
     geometry = scene.geometry
     faces = weld(geometry.vertices.numpy())[1][geometry.faces.numpy()]
@@ -127,7 +130,7 @@ def flat_pieces(scene: Scene) -> Array:
     corners = geometry.vertices.numpy()[geometry.faces.numpy()]
     area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     mean = np.stack([np.bincount(label, weights=area * normal[:, k], minlength=pieces) for k in range(3)], axis=1)
-    mean /= np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-30)
+    mean = mean / np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-30)
     off = (normal * mean[label]).sum(1) < np.cos(np.radians(FLAT_DEG))
     curved = np.bincount(label, weights=off & (area > 0), minlength=pieces) > 0
     return np.where(curved[label], -1, label)

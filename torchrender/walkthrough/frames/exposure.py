@@ -18,7 +18,8 @@ PARTNERS = 8
 
 
 def solve_exposure(capture: Capture, near: list[Array], seed: int = 0) -> None:
-    """One gain for each photo by least squares of logarithms over overlaps (the mean over photos stays), applied in place
+    """One gain for each photo by least squares of logarithms over overlaps (the mean over photos stays), applied in
+    place
     to the codes, and the loss of density of photos that are blurred or burnt out."""
     count = len(capture)
     if count < 2:

@@ -169,7 +169,8 @@ def _log_of(path: Path) -> Path | None:
 
 
 def _pairs(path: Path) -> list[tuple[Path, Path | None]]:
-    """Colour pictures in the order of their names, each with its depth picture: of the same name, else the same place."""
+    """Colour pictures in the order of their names, each with its depth picture: of the same name, else the same
+    place."""
     folder = _color_folder(path)
     assert folder is not None
     colors = sorted((p for p in folder.iterdir() if p.suffix.lower() in PICTURES), key=_natural)

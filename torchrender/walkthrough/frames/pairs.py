@@ -14,7 +14,8 @@ LEAST_SHARE = 0.03
 
 
 def overlaps(capture: Capture) -> Array:
-    """(N,N) share of what photo i sees (on a coarse grid) that lies in the picture of photo j and is not hidden there."""
+    """(N,N) share of what photo i sees (on a coarse grid) that lies in the picture of photo j and is not hidden
+    there."""
     count, (height, width) = len(capture), capture.size
     columns = ((np.arange(GRID[0]) + 0.5) * width / GRID[0]).astype(int)
     rows = ((np.arange(GRID[1]) + 0.5) * height / GRID[1]).astype(int)

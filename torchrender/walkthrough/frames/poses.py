@@ -75,7 +75,8 @@ def from_quaternion(row: Sequence[float], path: Path) -> Array:
 
 
 def read_pose_rows(path: Path) -> list[Array]:
-    """Poses of a file with x y z qx qy qz qw, with the same behind a time, or with 12 or 16 numbers of a matrix a row."""
+    """Poses of a file with x y z qx qy qz qw, with the same behind a time, or with 12 or 16 numbers of a matrix a
+    row."""
     rows = read_rows(path)
     width = rows.shape[1] if len(rows) else 7
     if width == 4 and len(rows) % 4 == 0:
@@ -139,7 +140,8 @@ _FILES = ("intrinsics.txt", "intrinsic.txt", "camera.txt", "calibration.txt", "c
 
 
 def read_intrinsics(folder: Path) -> Array | None:
-    """(3,3) of the first file of a known name: a 3x3 matrix, fx fy cx cy, or Open3D's JSON; None where there is none."""
+    """(3,3) of the first file of a known name: a 3x3 matrix, fx fy cx cy, or Open3D's JSON; None where there is
+    none."""
     file = next((folder / name for name in _FILES if (folder / name).is_file()), None)
     if file is None:
         return None

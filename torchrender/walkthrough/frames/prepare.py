@@ -105,7 +105,7 @@ class Capture:
         if not len(cloud):
             return 1.0
         low, high = np.percentile(cloud, (1, 99), axis=0)
-        return float(max(np.linalg.norm(high - low), 1e-9))
+        return max(float(np.linalg.norm(high - low)), 1e-9)
 
 
 def choose_frames(
@@ -165,7 +165,8 @@ def read_frame(frame: Frame) -> tuple[Array, Array, Array]:
 
 
 def prepare(sequence: RgbdSequence, options: WalkthroughOptions, progress: Progress = quiet) -> Capture:
-    """Read and prepare the frames of a sequence. Frames that cannot be used are left out, with a warning that names them.
+    """Read and prepare the frames of a sequence. Frames that cannot be used are left out, with a warning that names
+    them.
 
     Raises:
         InputError: no frame is usable.
@@ -236,7 +237,7 @@ def _allocate(count: int, size: Sequence[int], options: WalkthroughOptions) -> C
     if total > options.memory_mb * 2**20:
         folder = tempfile.TemporaryDirectory(prefix="walkthrough-")
         home = Path(folder.name)
-        arrays: dict[str, Array] = {
+        arrays: dict[str, Any] = {
             name: np.memmap(home / name, dtype=d, mode="w+", shape=s) for name, (s, d) in kinds.items()
         }
     else:

@@ -8,12 +8,13 @@ point cloud registration revisited*, 2017). Small corrections only: the given po
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from torchrender.walkthrough.frames.pairs import match, random_pixels
+from torchrender.walkthrough.frames.pairs import Matches, match, random_pixels
 from torchrender.walkthrough.frames.prepare import Capture, Progress, quiet
 from torchrender.walkthrough.frames.record import Array
 
@@ -79,7 +80,9 @@ def locate(capture: Capture, photo: Capture, seed: int = 0) -> Array:
     turn = 1.0 - (capture.pose[:, :3, 2] * photo.pose[0, :3, 2]).sum(1)
     chosen = np.sort(np.argsort(gap + turn, kind="stable")[:PARTNERS])
     fields = ("pose", "lens", "color", "depth", "normal", "guard", "noise")
-    parts = {name: np.concatenate([getattr(photo, name)[:1], getattr(capture, name)[chosen]]) for name in fields}
+    parts: dict[str, Any] = {
+        name: np.concatenate([getattr(photo, name)[:1], getattr(capture, name)[chosen]]) for name in fields
+    }
     both = replace(photo, names=("",) * (1 + len(chosen)), **parts)
     near = [np.arange(1, 1 + len(chosen))] + [np.zeros(1, np.int64)] * len(chosen)
     fixed = np.arange(1 + len(chosen)) > 0
@@ -142,7 +145,7 @@ def _solve(
     return np.linalg.solve(flat, right.reshape(-1)).reshape(count, 6)
 
 
-def _photometric(capture: Capture, j: int, images: Array, m, i: int) -> tuple[Array, Array]:
+def _photometric(capture: Capture, j: int, images: Array, m: Matches, i: int) -> tuple[Array, Array]:
     """Directions (K,3) and residuals (K,) of brightness, the median difference taken out."""
     image = images[j]
     u, v = np.clip(m.u, 1.0, image.shape[1] - 2.0), np.clip(m.v, 1.0, image.shape[0] - 2.0)

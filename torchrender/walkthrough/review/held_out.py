@@ -57,7 +57,8 @@ class HeldOutError:
 def located_poses(
     capture: Capture, held: RgbdSequence, world: Array, options: WalkthroughOptions, progress: Progress = quiet
 ) -> dict[str, Array]:
-    """World-from-camera poses of held-out photos among photos whose own poses were repaired. Nothing else is learned from
+    """World-from-camera poses of held-out photos among photos whose own poses were repaired. Nothing else is learned
+    from
     them."""
     found = {}
     for frame in progress([f for f in held.frames if f.depth is not None], "locate held-out photos"):
@@ -133,4 +134,4 @@ def held_out_error(
             )
         )
     columns = list(zip(*rows)) if rows else [()] * 6
-    return HeldOutError(*columns)  # type: ignore[arg-type]
+    return HeldOutError(*columns)
