@@ -23,8 +23,8 @@ from torchrender.walkthrough.culling import occluders, outside
 from torchrender.walkthrough.density import Samples
 from torchrender.walkthrough.draw import FILLED, PLANE, draw_walkthrough
 from torchrender.walkthrough.file import read_walkthrough, write_walkthrough
+from torchrender.walkthrough.frames.depth import step_edges
 from torchrender.walkthrough.frames.exposure import apply_gain
-from torchrender.walkthrough.frames.prepare import step_edges
 from torchrender.walkthrough.frames.record import RgbdSequence
 from torchrender.walkthrough.holes import fill_holes
 from torchrender.walkthrough.model import Walkthrough, no_points
@@ -258,8 +258,9 @@ def test_all_pixels_planar_or_none():
     assert len(flat.planes) == 1 and flat.report["planar_share"] > 0.95
     rough = photos(wall, cameras).frames[0]
     y, x = np.mgrid[0:64, 0:64]
-    waves = (2 + 0.12 * np.sin(x / 2.5) * np.cos(y / 3.0)).astype(np.float32)
-    bumpy = replace(rough, depth=waves)
+    k = rough.intrinsics
+    bowl = 2 / np.sqrt(1 + ((x + 0.5 - k[0, 2]) / k[0, 0]) ** 2 + ((y + 0.5 - k[1, 2]) / k[1, 1]) ** 2)
+    bumpy = replace(rough, depth=bowl.astype(np.float32))
     none = build_walkthrough(RgbdSequence((bumpy,)), OPTIONS)
     assert not none.planes and len(none.points) > 1000
     for made in (flat, none):

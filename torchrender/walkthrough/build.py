@@ -112,7 +112,6 @@ def build_stages(
         patches, textures = make_textures(capture, planes, found, options, progress, near=tolerances.largest)
     with clock.measure("points"):
         points = build_points(_limited(found.samples, options), options)
-    height, width = capture.size
     walkthrough = Walkthrough(
         planes=tuple(patches),
         points=points,
@@ -123,46 +122,57 @@ def build_stages(
     if options.view_detail:
         with clock.measure("view colours"):
             walkthrough = replace(walkthrough, view_colors=_view_colors(capture, walkthrough, options, progress))
+    made = Stages(capture, near, tolerances, fits, planes, found, textures, walkthrough, held, {})
+    report = _report(made) | repair | {"ms": {k: round(v, 1) for k, v in clock.elapsed_ms.items()}}
+    made = replace(made, walkthrough=replace(walkthrough, report=report))
+    return made if held is None else _compared(made, options, progress)
+
+
+def _report(made: Stages) -> dict[str, Any]:
+    """What there is to say of a build, as plain values."""
+    capture, walkthrough, found = made.capture, made.walkthrough, made.comparisons
+    height, width = capture.size
     pixels = len(capture) * height * width
-    planar = float(np.mean([(capture.plane[i] >= 0).mean() for i in range(len(capture))]))
-    report: dict[str, Any] = {
+    patches, points, colors = walkthrough.planes, walkthrough.points, walkthrough.view_colors
+    return {
         "photos": len(capture),
         "size": [width, height],
         "left_out": dict(list(capture.left_out.items())[:200]),
-        "planes": len(planes),
+        "planes": len(made.planes),
         "patches": len(patches),
         "points": len(points),
         "objects": len(points.roots),
-        "planar_share": planar,
+        "planar_share": float(np.mean([(capture.plane[i] >= 0).mean() for i in range(len(capture))])),
         "kept_share": found.kept_share,
         "restored": found.restored,
         "hanging": found.hanging,
-        "texels": {"seen": textures.seen, "filled": textures.filled, "holes": textures.holes},
+        "texels": {"seen": made.textures.seen, "filled": made.textures.filled, "holes": made.textures.holes},
         "corners": {"raw": sum(p.raw_corners for p in patches), "kept": sum(len(p.corners) for p in patches)},
         "bytes": {
             "photos": PIXEL_BYTES * pixels,
             "textures": TEXEL_BYTES * walkthrough.texel_count,
             "points": POINT_BYTES * len(points),
-            "view_colors": 0 if walkthrough.view_colors is None else walkthrough.view_colors.size_bytes,
+            "view_colors": 0 if colors is None else colors.size_bytes,
         },
         "size_share": walkthrough.size_bytes / (PIXEL_BYTES * pixels),
         "depth_noise": capture.relative_noise,
         "color_shift": np.asarray(capture.color_shift).tolist(),
         "gains": [round(float(g), 4) for g in capture.gain],
-        "tau_max": tolerances.largest,
-        **repair,
-        "ms": {k: round(v, 1) for k, v in clock.elapsed_ms.items()},
+        "tau_max": made.tolerances.largest,
     }
-    walkthrough = replace(walkthrough, report=report)
-    poses: dict[str, Array] = {}
-    if held is not None:
-        report["held_out"] = held_out_error(walkthrough, held, progress=progress).record()
-        if repair["camera_moved"] > 0:
-            # The poses of the others have moved: where it stood among them as given is not where it stands now.
-            report["held_out_as_given"] = report["held_out"]
-            poses = located_poses(capture, held, turn, options, progress)
-            report["held_out"] = held_out_error(walkthrough, held, poses=poses, progress=progress).record()
-    return Stages(capture, near, tolerances, fits, planes, found, textures, walkthrough, held, poses)
+
+
+def _compared(made: Stages, options: WalkthroughOptions, progress: Progress) -> Stages:
+    """With the error on held-out photos in the report."""
+    walkthrough, held = made.walkthrough, made.held
+    report, poses = dict(walkthrough.report), made.held_poses
+    report["held_out"] = held_out_error(walkthrough, held, progress=progress).record()
+    if report["camera_moved"] > 0 and held is not None:
+        # The poses of the others have moved: where it stood among them as given is not where it stands now.
+        report["held_out_as_given"] = report["held_out"]
+        poses = located_poses(made.capture, held, walkthrough.world_from_input.numpy(), options, progress)
+        report["held_out"] = held_out_error(walkthrough, held, poses=poses, progress=progress).record()
+    return replace(made, walkthrough=replace(walkthrough, report=report), held_poses=poses)
 
 
 def upright(frames: Iterable[Frame]) -> Array:

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from torchrender.walkthrough.frames.depth import box_inverse, smoothing, step_edges
 from torchrender.walkthrough.frames.jobs import Jobs
-from torchrender.walkthrough.frames.prepare import Capture, Progress, box_inverse, quiet, smoothing, step_edges
+from torchrender.walkthrough.frames.prepare import Capture, Progress, quiet
 from torchrender.walkthrough.frames.record import Array
 from torchrender.walkthrough.options import WalkthroughOptions
 

@@ -156,20 +156,23 @@ _REAL = (
     (
         "livingroom1",
         "`livingroom1`",
-        "Every eighth photo held out. Its floor and chrome mirror: what photos saw differently is what the nearest photo"
+        "Every eighth photo held out. Its floor and chrome mirror: what photos saw differently is what the "
+        "nearest photo"
         " gets right by itself. Windows have no depth.",
     ),
     (
         "slambook2",
         "`slambook2`",
-        "Five photos only, half a metre apart, a third of their depth missing, poses by visual odometry: too few for any of"
+        "Five photos only, half a metre apart, a third of their depth missing, poses by visual odometry: too "
+        "few for any of"
         " the figures, shown because it is there.",
     ),
     (
         "noisy",
         "The room through a bad depth camera",
         "The living room with noise that grows with the square of depth, steps of disparity, holes at edges, drifting"
-        " exposure, poses off by 4 mm and 0.1 degrees, and noise and blur of colour, along a walk. Every eighth photo is held"
+        " exposure, poses off by 4 mm and 0.1 degrees, and noise and blur of colour, along a walk. Every "
+        "eighth photo is held"
         " out. Nothing was tuned on it.",
     ),
 )
