@@ -18,7 +18,7 @@ from torchrender.numerics.color import srgb_table
 from torchrender.scene.camera import Cameras
 from torchrender.walkthrough.frames.record import Array
 
-PHOTOS = 8
+PHOTOS = 5
 """Photos that one picture looks at, nearest first."""
 
 TOLERANCE = 0.03

@@ -15,8 +15,14 @@ import numpy as np
 
 from torchrender.errors import CameraError, ImageFileError, InputError, TorchRenderError
 from torchrender.kernels.walkthrough.density import Photos
-from torchrender.walkthrough.frames.depth import median_depth, noise_of, normals, one_sided_normals, smoothing,
-step_edges
+from torchrender.walkthrough.frames.depth import (
+    median_depth,
+    noise_of,
+    normals,
+    one_sided_normals,
+    smoothing,
+    step_edges,
+)
 from torchrender.walkthrough.frames.jobs import Jobs
 from torchrender.walkthrough.frames.record import Array, CaptureWarning, Frame, RgbdSequence
 from torchrender.walkthrough.options import WalkthroughOptions
@@ -25,7 +31,6 @@ Progress = Callable[[Iterable[Any], str], Iterable[Any]]
 
 EXACT = 2e-5
 """Noise of depth, share of depth, below which it counts as exact: no filter, narrow tolerances."""
-
 
 
 def quiet(items: Iterable[Any], stage: str) -> Iterable[Any]:
