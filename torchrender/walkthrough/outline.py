@@ -92,7 +92,7 @@ def largest_rectangle(opaque: Array) -> Array:
     rows, columns = height // cell, width // cell
     if not rows or not columns:
         return np.zeros(4)
-    coarse: Array = opaque[: rows * cell, : columns * cell].reshape(rows, cell, columns, cell).all(axis=(1, 3))
+    coarse = np.asarray(opaque[: rows * cell, : columns * cell].reshape(rows, cell, columns, cell).all(axis=(1, 3)))
     heights, best, found = np.zeros(columns, int), 0, (0, 0, 0, 0)
     for row in range(rows):
         heights = np.where(coarse[row], heights + 1, 0)

@@ -14,18 +14,18 @@ STEPS = (1, 2, 3, 4, 6, 8, 12)
 
 
 def noise_of(depth: Array, lag: int = 1) -> float:
-    """Standard deviation of inverse depth from its second differences along rows, which vanish on planes."""
+    """Standard deviation of inverse depth from its fourth differences along rows, in which planes vanish, and smoothly
+    curved surfaces nearly do."""
     known = (depth > 0) & np.isfinite(depth)
     q = np.where(known, 1.0 / np.where(known, depth, 1.0), 0.0).astype(np.float64)
-    return _second_difference(q, known, lag) * 1.4826 / 6**0.5
-
-
-def _second_difference(q: Array, known: Array, lag: int) -> float:
-    """Median size of second differences along rows, those over steps left out."""
-    a, b, c = slice(None, -2 * lag), slice(lag, -lag), slice(2 * lag, None)
-    second = np.abs(q[:, c] - 2 * q[:, b] + q[:, a])
-    values = second[known[:, c] & known[:, b] & known[:, a] & (second < 0.03 * q[:, b])]
-    return float(np.median(values)) if len(values) else 0.0
+    width = q.shape[1] - 4 * lag
+    if width < 1:
+        return 0.0
+    parts = [q[:, k * lag : k * lag + width] for k in range(5)]
+    whole = np.logical_and.reduce([known[:, k * lag : k * lag + width] for k in range(5)])
+    fourth = np.abs(parts[0] - 4 * parts[1] + 6 * parts[2] - 4 * parts[3] + parts[4])
+    values = fourth[whole & (fourth < 0.1 * parts[2])]
+    return float(np.median(values)) * 1.4826 / 70**0.5 if len(values) else 0.0
 
 
 def smoothing(noise: float, depth: float, focal: float, crease: float) -> int:
