@@ -93,8 +93,8 @@ def _search(
     pad = ((0, -height % factor), (0, -width % factor))
     h, w = (height + pad[0][1]) // factor, (width + pad[1][1]) // factor
     blocks = np.pad(known, pad).reshape(h, factor, w, factor)
-    small_known: Array = blocks.all(axis=(1, 3))
-    small_wanted: Array = np.pad(wanted, pad).reshape(h, factor, w, factor).any(axis=(1, 3)) & ~small_known
+    small_known = np.asarray(blocks.all(axis=(1, 3)))
+    small_wanted = np.asarray(np.pad(wanted, pad).reshape(h, factor, w, factor).any(axis=(1, 3))) & ~small_known
     image = np.pad(detail, (*pad, (0, 0))).reshape(h, factor, w, factor, 3).mean(axis=(1, 3))
     window = min(options.fill_window, 2 * (min(h, w) // 4) + 1)
     if window < 3:

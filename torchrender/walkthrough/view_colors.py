@@ -26,6 +26,9 @@ NEAR = 3e-4
 REST = 1.0 / (NEAR + 0.06) ** 2
 """Weight of no change: that of a photo that looks from 20 degrees aside."""
 
+SMOOTH = 0.02
+"""Standard deviation of a sample's differences, in square roots of linear light, at which half of it counts."""
+
 BYTES = 5
 """Of a sample: three of colour, two of depth."""
 
@@ -73,6 +76,11 @@ def residual_picture(photo: Array, depth: Array, drawn: Array, drawn_depth: Arra
     mean = (
         cv2.resize(change.astype(np.float32), size, interpolation=cv2.INTER_AREA) / np.maximum(share, 1e-6)[..., None]
     )
+    # Where the photo and the model differ by a line that lies elsewhere, the mean would be a halo: only what is
+    # smooth counts.
+    squares = cv2.resize(np.square(change).astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    spread = np.maximum(squares / np.maximum(share, 1e-6)[..., None] - mean**2, 0.0).max(axis=2, keepdims=True)
+    mean = mean / (1.0 + spread / SMOOTH**2)
     q = np.where(known, 1.0 / np.where(known, drawn_depth, 1.0), 0.0)
     inverse = cv2.resize(q.astype(np.float32), size, interpolation=cv2.INTER_AREA) / np.maximum(share, 1e-6)
     good = share > 0.3

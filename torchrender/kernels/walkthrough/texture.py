@@ -89,7 +89,8 @@ def resample(patch, chosen, poses, photos, votes, color, state):
             z = patch.origin[2] + s * patch.across[2] + t * patch.down[2]
             total, red, green, blue = 0.0, 0.0, 0.0, 0.0
             through, pro, against = 0, 0.0, 0.0
-            densest, guess_j, guess_x, guess_y = 0.0, -1, 0, 0
+            densest = 0.0
+            guess_j, guess_x, guess_y = -1, 0, 0
             for k in range(len(chosen)):
                 j = chosen[k]
                 q = moved(poses[k], x, y, z)
@@ -104,7 +105,8 @@ def resample(patch, chosen, poses, photos, votes, color, state):
                 sigma = photos.lens[j, 0] * photos.lens[j, 1] * facing / (q[2] * q[2] * q[2])
                 if found <= 0.0:
                     if sigma > densest and min(px, py, width - 1 - px, height - 1 - py) >= BORDER:
-                        densest, guess_j, guess_x, guess_y = sigma, j, px, py
+                        densest = sigma
+                        guess_j, guess_x, guess_y = j, px, py
                     continue
                 gap = found - q[2]
                 if gap > votes.tau_z * q[2]:

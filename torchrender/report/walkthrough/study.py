@@ -10,6 +10,7 @@ import time
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -73,7 +74,7 @@ def run(study: StudyOptions, folder: Path, data: Path | None, parts: Sequence[st
     record: dict[str, Any] = json.loads(file.read_text()) if file.is_file() and len(parts) < len(PARTS) else {}
     record |= {"machine": machine_record(), "load": os.getloadavg(), "study": asdict(study)}
     for part in parts:
-        found = _step(part, lambda p=part: _part(p, study, folder, data))
+        found = _step(part, partial(_part, part, study, folder, data))
         if found is not None:
             record[part] = found
         write_atomically(file, text_writer(json.dumps(record, indent=1) + "\n"))
