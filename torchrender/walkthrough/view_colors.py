@@ -26,7 +26,7 @@ NEAR = 3e-4
 REST = 1.0 / (NEAR + 0.06) ** 2
 """Weight of no change: that of a photo that looks from 20 degrees aside."""
 
-SMOOTH = 0.02
+SMOOTH = 0.06
 """Standard deviation of a sample's differences, in square roots of linear light, at which half of it counts."""
 
 BYTES = 5

@@ -100,8 +100,8 @@ def resample(patch, chosen, poses, photos, votes, color, state):
                 found = np.float64(photos.depth[j, py, px])
                 n, m = patch.normal, poses[k]
                 facing = 0.0
-                for r in range(3):
-                    facing -= (m[r, 0] * n[0] + m[r, 1] * n[1] + m[r, 2] * n[2]) * q[r]
+                for axis in range(3):
+                    facing -= (m[axis, 0] * n[0] + m[axis, 1] * n[1] + m[axis, 2] * n[2]) * q[axis]
                 sigma = photos.lens[j, 0] * photos.lens[j, 1] * facing / (q[2] * q[2] * q[2])
                 if found <= 0.0:
                     if sigma > densest and min(px, py, width - 1 - px, height - 1 - py) >= BORDER:
