@@ -60,6 +60,14 @@ if TYPE_CHECKING:
     from torchrender.voxels.solid import SolidOptions, voxelize_solid
     from torchrender.voxels.surface import SurfaceOptions, voxelize_surface
     from torchrender.voxels.volume import render_volume
+    from torchrender.walkthrough.build import build_walkthrough
+    from torchrender.walkthrough.draw import draw_walkthrough
+    from torchrender.walkthrough.file import read_walkthrough, write_walkthrough
+    from torchrender.walkthrough.frames.layouts import load_rgbd
+    from torchrender.walkthrough.frames.record import RgbdSequence
+    from torchrender.walkthrough.model import Walkthrough
+    from torchrender.walkthrough.options import DrawOptions, WalkthroughOptions
+    from torchrender.walkthrough.review.next_view import next_views
 
 __version__ = "0.1.0"
 
@@ -70,6 +78,7 @@ __all__ = [
     "CollisionOptions",
     "DepthImages",
     "DirectionalLight",
+    "DrawOptions",
     "Environment",
     "FitOptions",
     "GBuffer",
@@ -88,6 +97,7 @@ __all__ = [
     "RenderOptions",
     "ReprojectOptions",
     "ReuseOptions",
+    "RgbdSequence",
     "SamplingOptions",
     "Scene",
     "SearchOptions",
@@ -104,23 +114,30 @@ __all__ = [
     "VisibilityBuffer",
     "VoxelGrid",
     "Voxels",
+    "Walkthrough",
+    "WalkthroughOptions",
     "__version__",
     "approximate_occluders",
     "blend_reflections",
     "build_patches",
+    "build_walkthrough",
     "built_in_path",
     "clustered_reflections",
     "collide",
     "contact_sheet",
+    "draw_walkthrough",
     "load",
     "load_path",
     "load_points",
+    "load_rgbd",
     "make_grid",
+    "next_views",
     "open_points",
     "plan",
     "rasterize",
     "rasterize_depth",
     "read_voxels",
+    "read_walkthrough",
     "reconstruct_hybrid",
     "reflective_pixels",
     "render",
@@ -143,9 +160,20 @@ __all__ = [
     "write_points",
     "write_scene",
     "write_voxels",
+    "write_walkthrough",
 ]
 
 _HOME = {
+    "DrawOptions": "torchrender.walkthrough.options",
+    "RgbdSequence": "torchrender.walkthrough.frames.record",
+    "Walkthrough": "torchrender.walkthrough.model",
+    "WalkthroughOptions": "torchrender.walkthrough.options",
+    "build_walkthrough": "torchrender.walkthrough.build",
+    "draw_walkthrough": "torchrender.walkthrough.draw",
+    "load_rgbd": "torchrender.walkthrough.frames.layouts",
+    "next_views": "torchrender.walkthrough.review.next_view",
+    "read_walkthrough": "torchrender.walkthrough.file",
+    "write_walkthrough": "torchrender.walkthrough.file",
     "CameraPath": "torchrender.scene.camera_path",
     "Cameras": "torchrender.scene.camera",
     "ClusterOptions": "torchrender.effects.reflections.clustered",

@@ -46,6 +46,10 @@ def exposure(text: str) -> float | None:
 
 
 def load_scene(arguments: argparse.Namespace) -> Scene:
+    if arguments.scene.lower().endswith(".trw"):
+        from torchrender.walkthrough.file import read_walkthrough
+
+        return read_walkthrough(arguments.scene).scene()
     from torchrender.scene.load import load
 
     return load(arguments.scene, size=arguments.triangles)

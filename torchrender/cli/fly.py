@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from torchrender.cli.arguments import add_scene, add_size, given
 from torchrender.cli.output import check_output, collect_garbage, image_size, make_folder, progress
+from torchrender.cli.walkthrough import fly_pictures, is_walkthrough
 from torchrender.errors import ImageFileError, InputError, OptionError
 
 if TYPE_CHECKING:
@@ -56,6 +57,9 @@ def fly(arguments: argparse.Namespace) -> None:
     if not 1.0 <= arguments.fps <= 240.0:
         raise OptionError(f"--fps must be in [1, 240], got {arguments.fps}")
     width, height = image_size(arguments.size)
+    if is_walkthrough(arguments.scene):
+        _fly_walkthrough(arguments, (width, height), film=film)
+        return
     options = RenderOptions(reuse=ReuseOptions(**given(key_frame_threshold=arguments.threshold)))
     scene = load(arguments.scene, size=arguments.triangles)
     collect_garbage()
@@ -73,6 +77,26 @@ def fly(arguments: argparse.Namespace) -> None:
             history = image.history
             records.append(_record(number, image))
             yield image.displayed()[0]
+
+    files = _write_film(output, pictures(), arguments.fps) if film else _write_frames(output, pictures())
+    files += _write_statistics(output, records)
+    for line in (*(str(f) for f in files[-3:]), _summary(records)):
+        sys.stdout.write(line + "\n")
+
+
+def _fly_walkthrough(arguments: argparse.Namespace, size: tuple[int, int], *, film: bool) -> None:
+    """A flight through planes and points from photos."""
+    output = Path(arguments.output)
+    if arguments.frames < 1:
+        raise OptionError(f"--frames must be >= 1, got {arguments.frames}")
+    if not film:
+        make_folder(output)
+    records: list[dict[str, Any]] = []
+
+    def pictures() -> Iterator[Tensor]:
+        for picture, record in fly_pictures(arguments, size):
+            records.append(record)
+            yield picture
 
     files = _write_film(output, pictures(), arguments.fps) if film else _write_frames(output, pictures())
     files += _write_statistics(output, records)

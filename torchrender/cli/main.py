@@ -22,6 +22,13 @@ from torchrender.cli.points import add_points, point_info, run_points
 from torchrender.cli.serve import add_load_test, add_serve, load_test_command, serve_command
 from torchrender.cli.style import add_style, run_style
 from torchrender.cli.voxelize import add_voxelize, run_voxelize, voxel_info
+from torchrender.cli.walkthrough import (
+    add_walkthrough,
+    is_walkthrough,
+    render_walkthrough,
+    run_walkthrough,
+    walkthrough_info,
+)
 from torchrender.cli.warm_up import ColdStart, add_warm_up, warm_up_command
 from torchrender.errors import InputError, TorchRenderError
 from torchrender.kernels.hooks import before_compiling
@@ -55,6 +62,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _render(arguments: argparse.Namespace) -> None:
+    if is_walkthrough(arguments.scene):
+        render_walkthrough(arguments)
+        return
     from torchrender.image import SUFFIXES, numbered
     from torchrender.pipeline.options import RenderOptions
     from torchrender.renderer import render
@@ -109,7 +119,8 @@ def _info(arguments: argparse.Namespace) -> None:
     from torchrender.scene.info import scene_info
 
     name = arguments.scene
-    info = voxel_info(name) if name.endswith(".npz") else point_info(name) or scene_info(load_scene(arguments))
+    info = voxel_info(name) if name.endswith(".npz") else walkthrough_info(name) or point_info(name)
+    info = info or scene_info(load_scene(arguments))
     if arguments.json:
         print(json.dumps(info, indent=2))
         return
@@ -176,6 +187,7 @@ _COMMANDS = {
     "voxelize": _voxelize,
     "points": _points,
     "style": run_style,
+    "walkthrough": run_walkthrough,
     "scenes": _scenes,
     "serve": serve_command,
     "load-test": load_test_command,
@@ -229,6 +241,7 @@ def _parser() -> argparse.ArgumentParser:
     add_voxelize(commands.add_parser("voxelize", help="write a model as voxels, or a picture of them"))
     add_points(commands.add_parser("points", help="draw or compress a cloud of points"))
     add_style(commands)
+    add_walkthrough(commands)
     commands.add_parser("scenes", help="list the built-in scenes")
     add_serve(commands)
     add_load_test(commands)

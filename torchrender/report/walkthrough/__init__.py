@@ -1,0 +1,1 @@
+"""Walkthroughs from RGB-D photos, against their source, its baselines and what else people use."""

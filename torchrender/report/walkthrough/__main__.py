@@ -1,0 +1,5 @@
+"""``python -m torchrender.report.walkthrough``."""
+
+from torchrender.report.walkthrough.study import main
+
+main()

@@ -1,0 +1,1 @@
+"""Photos with depth: reading them, and repairing their poses and exposure."""
