@@ -6,7 +6,7 @@ import argparse
 import json
 import sys
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -186,16 +186,16 @@ def render_walkthrough(arguments: argparse.Namespace) -> None:
     from torchrender.walkthrough.draw import draw_walkthrough
     from torchrender.walkthrough.file import read_walkthrough
 
-    _say_unused(arguments, {"triangles": None, "budget_ms": None, "max_error": None, "explain": False,
-                            "tone_map": "none", "no_shadows": False, "reflections": "clustered"})  # fmt: skip
+    unused = ("triangles", "budget_ms", "max_error", "explain", "tone_map", "no_shadows", "reflections")
+    _say_unused(arguments, unused)
     output = Path(arguments.output)
     check_output(output, (".png", ".exr"))
     width, height = image_size(arguments.size)
     made = read_walkthrough(arguments.scene)
     options = _draw_options(arguments.background)
     words = arguments.camera or [[]]
-    scale = 2.0 ** numbers("--exposure", "0" if arguments.exposure == "auto" else arguments.exposure, 1)[0]
-    factor = max(1, round(arguments.supersample))
+    scale = 2.0 ** numbers("--exposure", "0" if arguments.exposure in (None, "auto") else arguments.exposure, 1)[0]
+    factor = max(1, round(arguments.supersample or 1))
     for number, chosen in enumerate(words):
         camera = camera_of(made, chosen, width, height)  # type: ignore[arg-type]
         drawn = draw_walkthrough(made, camera.scaled(factor) if factor > 1 else camera, options)
@@ -222,8 +222,8 @@ def _draw_options(background: str | None) -> Any:
     return DrawOptions(gap_pixels=GAP_PIXELS, background=color)  # type: ignore[arg-type]
 
 
-def _say_unused(arguments: argparse.Namespace, usual: dict[str, Any]) -> None:
-    used = [f"--{n.replace('_', '-')}" for n, value in usual.items() if getattr(arguments, n, value) != value]
+def _say_unused(arguments: argparse.Namespace, names: Sequence[str]) -> None:
+    used = [f"--{n.replace('_', '-')}" for n in names if getattr(arguments, n, None) not in (None, False)]
     if used:
         print(f"torchrender: warning: {', '.join(used)} does nothing with a walkthrough", file=sys.stderr)
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from torchrender.kernels.walkthrough.fill import synthesise
+from torchrender.kernels.walkthrough.fill import Search, synthesise
 from torchrender.walkthrough.frames.record import Array
 from torchrender.walkthrough.options import WalkthroughOptions
 
@@ -112,7 +112,7 @@ def _search(
     gauss = np.exp(-(offset[:, None] ** 2 + offset[None] ** 2) / (2 * (window / 4) ** 2))
     source = np.full((h, w, 2), -1, np.int32)
     made = np.ascontiguousarray(image, np.float32)
-    synthesise(made, small_known, small_wanted, order, candidates, picks, gauss, SLACK, source)
+    synthesise(made, small_known, small_wanted, Search(order, candidates, picks), gauss, SLACK, source)
     if factor == 1:
         return source[:height, :width]
     fine = np.repeat(np.repeat(source, factor, 0), factor, 1)[:height, :width] * factor

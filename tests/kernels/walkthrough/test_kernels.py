@@ -10,7 +10,7 @@ import pytest
 from torchrender.kernels.walkthrough import splat
 from torchrender.kernels.walkthrough.clusters import join_cells
 from torchrender.kernels.walkthrough.density import Comparison, Photos, compare, restore
-from torchrender.kernels.walkthrough.fill import synthesise, window_cost
+from torchrender.kernels.walkthrough.fill import Search, synthesise, window_cost
 from torchrender.kernels.walkthrough.plane_pixels import shade_planes
 from torchrender.kernels.walkthrough.texture import HOLE, SEEN, UNSEEN, Patch, Votes, resample
 from torchrender.kernels.walkthrough.view_colors import SCALE, Residuals, add_residuals
@@ -179,7 +179,7 @@ def test_filling_takes_the_window_that_fits_best() -> None:
         assert window_cost(image, known, filled, gauss, (6, 6), tuple(c)) == pytest.approx(expected, rel=1e-5)
     made, source = image.copy(), np.full((14, 14, 2), -1, np.int32)
     picks = np.arange(len(candidates))[None]
-    synthesise(made, known, ~known, np.array([[6, 6]]), candidates, picks, gauss, 1.0, source)
+    synthesise(made, known, ~known, Search(np.array([[6, 6]]), candidates, picks), gauss, 1.0, source)
     assert tuple(source[6, 6]) == tuple(candidates[int(np.argmin(costs))])
     assert np.array_equal(made[known], image[known])
 

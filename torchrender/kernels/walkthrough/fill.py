@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from torchrender.kernels.compile import kernel
@@ -32,14 +34,23 @@ def window_cost(image, known, filled, gauss, target, source):
     return total / weight if weight > 0.0 else np.inf
 
 
+class Search(NamedTuple):
+    """What is filled, and out of what."""
+
+    order: np.ndarray  # (K,2) int64 texels to fill, row and column
+    candidates: np.ndarray  # (M,2) int64 known texels
+    picks: np.ndarray  # (K,T) int64 candidates of each step
+
+
 @kernel()
-def synthesise(image, known, wanted, order, candidates, picks, gauss, slack, source):
-    """Fill ``image`` (H,W,C) float32 in place at ``order`` (K,2), one texel after the other.
+def synthesise(image, known, wanted, search, gauss, slack, source):
+    """Fill ``image`` (H,W,C) float32 in place, one texel after the other, as ``search`` (:class:`Search`) has it.
 
     Candidates are ``candidates`` (M,2) known texels, of which ``picks`` (K,T) names some for each step, and what the
     neighbours that are filled were copied from, moved along (so that whole pieces are copied). The first within
     ``slack`` times the best cost wins. ``source`` (H,W,2) int32 receives where each texel comes from.
     """
+    order, candidates, picks = search
     height, width, channels = image.shape
     filled = known.copy()
     costs = np.zeros(picks.shape[1] + 4)
