@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from torchrender.passes.contract import Pass
@@ -133,16 +133,13 @@ class Problem:
         return None if self.must_break and bits & VALID else (time, error)
 
 
-def problems(question: Question) -> Iterator[Problem]:
-    """One for every number of pixels, and another one where a pass may go on from an earlier picture."""
+def problems(question: Question, count: Setting) -> list[Problem]:
+    """That of a number of pixels, and another one where a pass may go on from an earlier picture."""
     going_on = next((step for step in question.hopeful if step.continues is not None), None)
-    for count in question.counts:
-        possible = going_on is not None and going_on.name not in question.lost.get(
-            (question.first.name, count.name), ()
-        )
-        if possible:
-            yield _Builder(question, count, going_on, True).problem()
-        yield _Builder(question, count, going_on if possible else None, False).problem()
+    lost = question.lost.get((question.first.name, count.name), frozenset())
+    if going_on is None or going_on.name in lost:
+        return [_Builder(question, count, None, False).problem()]
+    return [_Builder(question, count, going_on, runs).problem() for runs in (True, False)]
 
 
 class _Builder:

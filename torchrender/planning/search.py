@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from torchrender.passes.settings import Setting
 from torchrender.planning.problem import VALID, Problem, problems
 from torchrender.planning.question import Combination, Question
 
@@ -54,22 +55,22 @@ def choose(question: Question, budget_ms: float | None, max_error: float | None,
     Where nothing meets the wish: the quickest for a budget, the most exact for an error bound.
     """
     norm = question.knowledge.curves.norm
-    bounds = [_Bounds(problem) for problem in problems(question)]
+    pool = _Pool(question)
     time_limit = np.inf if budget_ms is None else HEADROOM * budget_ms - spent_ms
     error_limit = np.inf if max_error is None else max_error**norm
     found, possible = None, False
     if max_error is not None or budget_ms is None:
         # Both wishes: the quickest of those that meet both, else what the budget can give.
-        found = _best(bounds, 0, error_limit)
+        found = _best(pool, 0, error_limit)
         possible = found is not None and found.cost[0] <= time_limit * (1 + ROUNDING)
     if not possible and budget_ms is not None:
-        found = _best(bounds, 1, time_limit)
+        found = _best(pool, 1, time_limit)
         possible = found is not None and max_error is None
     if found is None:
-        found = _best(bounds, 0 if budget_ms is not None else 1, np.inf)
+        found = _best(pool, 0 if budget_ms is not None else 1, np.inf)
         assert found is not None, "every problem has a combination"
     elif possible and (budget_ms is None or max_error is None):
-        found = _loyal(question, bounds, found, (time_limit, error_limit), 1 if budget_ms is not None else 0)
+        found = _loyal(question, pool, found, (time_limit, error_limit), 1 if budget_ms is not None else 0)
     return Choice(
         settings=_combination(question, found),
         predicted_ms=found.cost[0] + spent_ms,
@@ -80,13 +81,32 @@ def choose(question: Question, budget_ms: float | None, max_error: float | None,
 
 def cost_of(question: Question, combination: Combination) -> tuple[float, float]:
     """Time, and error to the power of the norm, of one combination."""
-    return _at(question, list(problems(question)), combination).cost
+    return _at(_Pool(question), combination).cost
 
 
-def _at(question: Question, made: list[Problem], combination: Combination) -> Found:
-    count = question.count_of(combination)
-    for problem in made:
-        cost = problem.cost(combination) if problem.count is count else None
+class _Pool:
+    """Problems by number of pixels, made when they are asked for: most numbers cannot win, by the first pass alone."""
+
+    def __init__(self, question: Question) -> None:
+        self.question = question
+        first = question.first
+        self.least = {
+            count.name: (question.time_ms(first, count, count, True), question.error(first, count, count))
+            for count in question.counts
+        }
+        self._made: dict[str, list[_Bounds]] = {}
+
+    def at(self, count: Setting) -> list[_Bounds]:
+        """Problems of a number of pixels, with their bounds."""
+        if count.name not in self._made:
+            self._made[count.name] = [_Bounds(problem) for problem in problems(self.question, count)]
+        return self._made[count.name]
+
+
+def _at(pool: _Pool, combination: Combination) -> Found:
+    for bounds in pool.at(pool.question.count_of(combination)):
+        problem = bounds.problem
+        cost = problem.cost(combination)
         if cost is not None:
             names = problem.settled | {s.name: combination.get(s.name, s.rows[0].name) for s in problem.stages}
             return Found(problem, names, cost)
@@ -98,19 +118,18 @@ class _Bounds:
 
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
-        least = [np.array([stage.least(row) for row in stage.rows]) for stage in problem.stages]
-        base = np.array([problem.least_time, problem.base[1]])
-        self.alone = _rests([rows.min(axis=0) for rows in least], np.zeros(2))
-        self.least = self.alone[0] + base
-        spread = np.array([max((float(np.ptp(rows[:, k])) for rows in least), default=0.0) or 1.0 for k in range(2)])
+        widest = max((len(stage.rows) for stage in problem.stages), default=1)
+        rows = [[stage.least(row) for row in stage.rows] for stage in problem.stages]
+        costs = np.array([row + [row[0]] * (widest - len(row)) for row in rows]).reshape(len(rows), widest, 2)
+        self.alone = _rests(costs.min(axis=1))
+        self.least = self.alone[0] + np.array([problem.least_time, problem.base[1]])
+        spread = np.ptp(costs, axis=1).max(axis=0, initial=0.0)
+        spread[spread == 0.0] = 1.0
         # Of time in errors where errors are the aim, of errors in time where time is.
-        self.prices = (PRICES * spread[0] / spread[1], PRICES * spread[1] / spread[0])
+        self.prices = (PRICES * (spread[0] / spread[1]), PRICES * (spread[1] / spread[0]))
         self.priced = tuple(
-            _rests(
-                [(rows[:, axis][:, None] + rows[:, 1 - axis][:, None] * prices).min(axis=0) for rows in least],
-                np.zeros(len(PRICES)),
-            )
-            for axis, prices in enumerate(self.prices)
+            _rests((costs[:, :, axis, None] + costs[:, :, 1 - axis, None] * self.prices[axis]).min(axis=1))
+            for axis in range(2)
         )
 
     def best_price(self, axis: int, limit: float) -> tuple[int, float]:
@@ -121,27 +140,35 @@ class _Bounds:
         return best, float(values[best])
 
 
-def _rests(least: list[np.ndarray], nothing: np.ndarray) -> np.ndarray:
-    """(P+1,...) sums of the stages from each place on."""
-    rows = [nothing]
-    for row in reversed(least):
-        rows.append(rows[-1] + row)
-    return np.stack(rows[::-1])
+def _rests(least: np.ndarray) -> np.ndarray:
+    """(P+1,...) sums of rows (P,...) from each place on."""
+    nothing = np.zeros((1, *least.shape[1:]))
+    return np.concatenate([least[::-1].cumsum(axis=0)[::-1], nothing])
 
 
-def _best(bounds: list[_Bounds], axis: int, limit: float) -> Found | None:
+def _best(pool: _Pool, axis: int, limit: float) -> Found | None:
     """The least time (0) or error (1) with no more than ``limit`` of the other; None if there is nothing."""
-    other, finite = 1 - axis, bool(np.isfinite(limit))
+    other = 1 - axis
+    allowed = limit + abs(limit) * ROUNDING if np.isfinite(limit) else np.inf
     best: Found | None = None
-    for bound in sorted(bounds, key=lambda b: float(b.least[axis])):
-        if best is not None and bound.least[axis] > best.cost[axis] * (1 + ROUNDING):
+    for count in sorted(pool.question.counts, key=lambda count: pool.least[count.name][axis]):
+        least = pool.least[count.name]
+        if best is not None and least[axis] > best.cost[axis] * (1 + ROUNDING):
             break
-        if bound.least[other] > limit + abs(limit) * ROUNDING:
-            continue
-        place, lower = bound.best_price(axis, limit) if finite else (0, float(bound.least[axis]))
-        if best is None or lower <= best.cost[axis] * (1 + ROUNDING):
-            best = _fold(bound, axis, limit, place, best)
+        if least[other] <= allowed:
+            for bounds in pool.at(count):
+                best = _better(bounds, axis, limit, best)
     return best
+
+
+def _better(bounds: _Bounds, axis: int, limit: float, best: Found | None) -> Found | None:
+    """The best of a problem and of what was known before."""
+    beaten = np.inf if best is None else best.cost[axis] * (1 + ROUNDING)
+    finite = bool(np.isfinite(limit))
+    if bounds.least[axis] > beaten or (finite and bounds.least[1 - axis] > limit + abs(limit) * ROUNDING):
+        return best
+    place, lower = bounds.best_price(axis, limit) if finite else (0, float(bounds.least[axis]))
+    return _fold(bounds, axis, limit, place, best) if lower <= beaten else best
 
 
 Entry = tuple[float, float, int, tuple[int, ...]]
@@ -200,12 +227,12 @@ def _order(found: Found, axis: int) -> tuple[float, float]:
     return float(f"{found.cost[axis]:.12g}"), found.cost[1 - axis]
 
 
-def _loyal(question: Question, bounds: list[_Bounds], found: Found, limits: tuple[float, float], axis: int) -> Found:
+def _loyal(question: Question, pool: _Pool, found: Found, limits: tuple[float, float], axis: int) -> Found:
     """The last picture's choice, if it is allowed and about as good."""
     last = question.knowledge.pace.choice
     if not all(last.get(name) in {s.name for s in open_} for name, open_ in question.open.items()):
         return found
-    kept = _at(question, [bound.problem for bound in bounds], last)
+    kept = _at(pool, last)
     norm = question.knowledge.curves.norm if axis else 1.0
     good = kept.cost[axis] <= LOYALTY**norm * found.cost[axis] + (1e-6**norm if axis else 0.0)
     allowed = kept.cost[0] <= limits[0] and kept.cost[1] <= limits[1]
