@@ -180,13 +180,13 @@ class Question:
     def lost(self) -> Mapping[tuple[str, str], frozenset[object]]:
         """By pass and setting: names of passes that do not apply because of it, and (name,) of what does not hold."""
         found: dict[tuple[str, str], set[object]] = {}
-        everyone = [(step, setting) for step in self.knowledge.passes for setting in self.settings_of(step)]
+        choices = [step for step in self.knowledge.passes if step.settings.is_choice]
+        everyone = [(step, setting) for step in choices for setting in self.settings_of(step)]
         for other in self.hopeful:
             if other.by_settings:
                 start = self._start(other)
                 for step, setting in everyone:
-                    applied = start.at(setting.applied(start.options))
-                    if step.settings.is_choice and not other.applies(applied).runs:
+                    if not other.applies(start.at(setting.applied(start.options))).runs:
                         found.setdefault((step.name, setting.name), set()).add(other.name)
         for name in self.kept:
             one = self.knowledge.outlook.history.kept[name]
