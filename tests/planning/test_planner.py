@@ -22,7 +22,7 @@ from torchrender.passes.table import PASSES, PICTURE, find_pass
 from torchrender.pipeline.buffer import Buffer
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
-from torchrender.planning.costs import Knowledge
+from torchrender.planning.costs import Knowledge, is_seen
 from torchrender.planning.curves import Curves, load_curves
 from torchrender.planning.graph import resolve
 from torchrender.planning.plan import Plan
@@ -83,6 +83,17 @@ def test_what_lasts_says_for_whom(washroom: Scene) -> None:
     assert plan.row("ray_caster").reason.endswith(": for point_shadow, reflections")
     dull = tr.plan(washroom, view(washroom), options=replace(exact, reflections="off"))
     assert dull.row("shadow_map").reason == "nobody asks for what it makes"
+
+
+def test_a_map_shows_where_one_kind_of_light_looks_it_up(washroom: Scene) -> None:
+    """All must look elsewhere for its error to be hidden."""
+    known = Knowledge.of(washroom, view(washroom), RenderOptions(), None, load_curves())
+    for options, seen in (
+        (RenderOptions(area_shadows="sampled"), True),
+        (RenderOptions(point_shadows="traced"), True),
+        (RenderOptions(area_shadows="sampled", point_shadows="traced"), False),
+    ):
+        assert is_seen(find_pass("shadow_map"), known.graph(options)) == seen
 
 
 def test_reasons_name_the_cause(grass: Scene, washroom: Scene) -> None:

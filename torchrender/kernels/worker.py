@@ -30,6 +30,8 @@ def main() -> int:
         use = Use(task["kernel"], task["types"], 0.0, ())
         try:
             kernel, kinds = kernel_of(use), types_of(use)
+            # A module whose code calls a library of others says how to load it: without, the compiler would abort.
+            getattr(sys.modules[kernel.py_func.__module__], "load_library", bool)()
             kernel.compile(kinds)
         except Exception as error:  # said by whoever asked; the kernel is compiled when it is needed
             _tell(out, {"failed": f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}"})

@@ -130,3 +130,13 @@ def test_what_cannot_be_used_is_said_once(monkeypatch: pytest.MonkeyPatch) -> No
             assert embree() is None
     finally:
         embree.cache_clear()
+
+
+def test_kernels_that_call_embree_say_so_before_they_are_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A process that compiles them without the library would be ended by the compiler."""
+    from torchrender.kernels.rays import embree as module
+
+    module.load_library()
+    monkeypatch.setattr(module, "embree", lambda: None)
+    with pytest.raises(ImportError, match="no Embree"):
+        module.load_library()

@@ -20,6 +20,7 @@ from torchrender.kernels.compile import kernel
 from torchrender.kernels.keys import cache_folder, module_key
 from torchrender.kernels.raster.fragments import is_hole
 from torchrender.kernels.rays.boxes import HIGH, IDS, LINE, LOW, SCALE, WIDE
+from torchrender.kernels.rays.embree_library import embree
 from torchrender.kernels.rays.watertight import BLOCK, LANES, TIE, hit_triangle, row_length, shear_of
 from torchrender.kernels.rays.wide_test import edges_around
 
@@ -167,6 +168,16 @@ def _settle(call):
         ray = carray(_ray(a.ray), 1)[0]
         # Negative infinity is Embree's sign for "occluded".
         ray.far = -np.inf if s.any_hit != 0 else min(ray.far, np.float32((s.t - s.start) * s.per_t + BACK))
+
+
+def load_library() -> None:
+    """Load what the kernels here call by name.
+
+    Raises:
+        ImportError: there is no Embree that fits.
+    """
+    if embree() is None:
+        raise ImportError("there is no Embree that these kernels can call")
 
 
 @cache
