@@ -67,7 +67,6 @@ class Pass:
     amounts: Callable[[Outlook], Amounts]  # of work: its time is a weighted sum of these
     one_cost: bool = False  # the weights are the same for all settings: these only change the amounts
     own: OwnMeasure | None = None
-    prepares: bool = False  # made once and then kept: what it costs is what it costs at first
     off: str | None = None  # the setting at which it does not run, if there is one
     measured_with: Mapping[str, Any] = field(default_factory=dict)  # options, where the usual ones are not fit
 

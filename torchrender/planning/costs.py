@@ -26,6 +26,7 @@ class Knowledge:
     wanted: Buffers = (PICTURE,)
     given: Buffers = ()
     name: str = field(default="", repr=False)  # under which the scene was measured
+    _last: list[tuple[RenderOptions, Graph]] = field(init=False, default_factory=list, repr=False)
 
     def __post_init__(self) -> None:
         if not self.name:
@@ -59,8 +60,10 @@ class Knowledge:
         return replace(self, outlook=outlook)
 
     def graph(self, options: RenderOptions) -> Graph:
-        """Which passes run with these options."""
-        return resolve(self.passes, self.outlook.at(options), self.wanted, self.given)
+        """Which passes run with these options; the last answer is kept, for plans and runs ask for it one by one."""
+        if not self._last or self._last[0][0] is not options:
+            self._last[:] = [(options, resolve(self.passes, self.outlook.at(options), self.wanted, self.given))]
+        return self._last[0][1]
 
     def predicted_ms(self, step: Pass, setting: str, amounts: Amounts) -> float | None:
         """Time of one pass at one setting for this much work; None if it was never measured."""

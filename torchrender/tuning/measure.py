@@ -127,7 +127,7 @@ def _compare(made: _Sequence, reference: _Sequence, step: Pass, picture: bool) -
     shown, wanted = made.image.displayed().float(), reference.image.displayed().float()
     difference = flip_map(shown, wanted)
     # What lasts costs what it costs at first.
-    steady = made.times_ms[:1] if step.prepares else made.times_ms[1:]
+    steady = made.times_ms[:1] if step.makes.lasting is not None else made.times_ms[1:]
     quarters = statistics.quantiles(steady, n=4) if len(steady) > 1 else [steady[0]] * 3
     own = None
     if step.own is not None and step.own.buffer.name in reference.image.buffers:

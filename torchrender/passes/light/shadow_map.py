@@ -125,6 +125,5 @@ PASS = Pass(
     amounts=amounts,
     one_cost=True,
     own=OwnMeasure(title="visibility error", buffer=POINT_SHADOW, error=visibility_error(POINT_SHADOW)),
-    prepares=True,
     hard=(HARD,),
 )

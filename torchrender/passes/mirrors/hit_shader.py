@@ -104,6 +104,5 @@ PASS = Pass(
     applies=always("rays hit something"),
     run=run,
     amounts=amounts,
-    prepares=True,
     hard=(HARD,),
 )

@@ -128,6 +128,5 @@ PASS = Pass(
     amounts=amounts,
     by_settings=True,
     for_next=True,
-    prepares=True,
     hard=(HARD,),
 )

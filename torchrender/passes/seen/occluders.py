@@ -60,6 +60,5 @@ PASS = Pass(
     applies=always("area lights are sampled"),
     run=run,
     amounts=amounts,
-    prepares=True,
     hard=(HARD,),
 )

@@ -51,6 +51,5 @@ PASS = Pass(
     applies=always("rays are cast"),
     run=run,
     amounts=amounts,
-    prepares=True,
     hard=(HARD,),
 )
