@@ -31,21 +31,31 @@ class MaterialTable:
     def of(cls, materials: Sequence[Material]) -> MaterialTable:
         """The table of these materials, in their order."""
         black = torch.zeros(3)
+        degree, tint = zip(*(_mirrored(m) for m in materials)) if materials else ((), ())
         return cls(
             diffuse=torch.stack([*(m.diffuse for m in materials), black]),
-            specular=torch.tensor([*(m.specular for m in materials), 0.0]),
-            tint=torch.stack([*(m.specular_color for m in materials), black]),
+            specular=torch.stack([*degree, torch.zeros(())]),
+            tint=torch.stack([*tint, black]),
             shininess=torch.tensor([*(m.shininess for m in materials), 0.0]),
             emission=torch.stack([*(m.emission for m in materials), black]),
-            gloss=torch.tensor([*(m.gloss for m in materials), 0.0], dtype=torch.float64),
+            gloss=torch.tensor([*(m.lobe for m in materials), 0.0], dtype=torch.float64),
             is_reflector=torch.tensor([*(m.is_reflector for m in materials), False]),
-            mirrored=torch.tensor([*(m.specular if m.is_reflector else 0.0 for m in materials), 0.0]),
+            mirrored=torch.tensor([*(float(d) if m.is_reflector else 0.0 for m, d in zip(materials, degree)), 0.0]),
         )
 
     @property
     def highlight(self) -> Tensor:
         """(M+1,3) colour of direct highlights: degree times tint."""
         return self.specular[:, None] * self.tint
+
+
+def _mirrored(material: Material) -> tuple[Tensor, Tensor]:
+    """Degree () and tint (3,) of the mirrored light."""
+    if not material.is_physical:
+        return torch.tensor(material.specular), material.specular_color
+    color = material.mirror_color
+    degree = color.detach().max()
+    return degree, color / degree.clamp_min(1e-6)
 
 
 def wants_gradient(materials: Sequence[Material]) -> bool:

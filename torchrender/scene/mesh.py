@@ -32,7 +32,10 @@ class Mesh:
     name: str = "mesh"
     normals: Tensor | None = None  # (V,3) shading normals; None: the face's own normal
     uv: Tensor | None = None  # (V,2); (0,0) is the lower left corner of a texture
+    uv1: Tensor | None = None  # (V,2) second set, for textures whose sampler asks for it
+    tangents: Tensor | None = None  # (V,4) along u, and the sign of the bitangent; None: derived where needed
     colors: Tensor | None = None  # (V,3) linear RGB that multiplies the diffuse colour
+    alpha: Tensor | None = None  # (V,) opacity that multiplies the material's
     material: int = 0  # index into Scene.materials
     object_id: int | None = None  # None: the mesh's place in the scene; several meshes may form one object
 
@@ -42,12 +45,11 @@ class Mesh:
             raise MeshError(f"mesh {self.name!r}: vertices must be a float tensor (V, 3), got {describe(v)}")
         if not isinstance(f, Tensor) or f.dim() != 2 or f.shape[1] != 3 or f.is_floating_point():
             raise MeshError(f"mesh {self.name!r}: faces must be an integer tensor (F, 3), got {describe(f)}")
-        for field, width in (("normals", 3), ("uv", 2), ("colors", 3)):
-            value = getattr(self, field)
-            if value is not None and value.shape != (v.shape[0], width):
-                raise MeshError(
-                    f"mesh {self.name!r}: {field} must have shape ({v.shape[0]}, {width}), got {describe(value)}"
-                )
+        shapes = {"normals": (3,), "uv": (2,), "uv1": (2,), "tangents": (4,), "colors": (3,), "alpha": ()}
+        for field, tail in shapes.items():
+            value, shape = getattr(self, field), (v.shape[0], *tail)
+            if value is not None and value.shape != shape:
+                raise MeshError(f"mesh {self.name!r}: {field} must have shape {shape}, got {describe(value)}")
         finite = torch.isfinite(v).all(dim=1)
         if not bool(finite.all()):
             bad = (~finite).nonzero().reshape(-1)
@@ -73,6 +75,9 @@ class Geometry:
     colors: Tensor | None  # (V,3) float32; one where a mesh has none
     runs: Tensor  # (R+1,) int64: triangles runs[r] to runs[r+1] belong together, a mesh each
     cutout: Cutout | None = None  # triangles with holes
+    uv1: Tensor | None = None  # (V,2) float32; zero where a mesh has none
+    tangents: Tensor | None = None  # (V,4) float32; a zero row means: derive it from the texture coordinates
+    alpha: Tensor | None = None  # (V,) float32; one where a mesh has none
     coherent: bool = False  # triangles already follow one another in space: sorting them would only cost time
 
     @property
@@ -155,6 +160,7 @@ def concatenate(meshes: Sequence[Mesh]) -> Geometry:
     starts = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
     ids = [k if m.object_id is None else m.object_id for k, m in enumerate(meshes)]
     faces = [m.faces.to(torch.int64) + int(o) for m, o in zip(meshes, offsets, strict=False)]
+    alpha = _optional([None if m.alpha is None else m.alpha[:, None] for m in meshes], counts, 1, 1.0)
     return Geometry(
         vertices=_cat([m.vertices.detach().double() for m in meshes], 3, torch.float64),
         faces=_cat(faces, 3, torch.int64).to(torch.int32).contiguous(),
@@ -166,6 +172,9 @@ def concatenate(meshes: Sequence[Mesh]) -> Geometry:
         uv=_optional([m.uv for m in meshes], counts, 2, 0.0),
         colors=_optional([m.colors for m in meshes], counts, 3, 1.0),
         runs=torch.from_numpy(starts),
+        uv1=_optional([m.uv1 for m in meshes], counts, 2, 0.0),
+        tangents=_optional([m.tangents for m in meshes], counts, 4, 0.0),
+        alpha=None if alpha is None else alpha[:, 0].contiguous(),
     )
 
 
