@@ -209,7 +209,10 @@ class Cameras:
         else:
             camera = camera * depth[..., None]
         inverse = self.world_from_camera
-        flat = camera.reshape(len(self), math.prod(camera.shape[1:-1]), 3) @ inverse[:, :3, :3].transpose(1, 2) + inverse[:, None, :3, 3]
+        flat = (
+            camera.reshape(len(self), math.prod(camera.shape[1:-1]), 3) @ inverse[:, :3, :3].transpose(1, 2)
+            + inverse[:, None, :3, 3]
+        )
         return flat.reshape(camera.shape)
 
     def rays(self, pixels: Tensor | None = None) -> tuple[Tensor, Tensor]:

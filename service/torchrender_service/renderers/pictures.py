@@ -12,9 +12,9 @@ from torch import Tensor
 from torchrender.depth.options import SamplingOptions
 from torchrender.depth.sample import sample_depth_images
 from torchrender.depth.viewpoints import viewpoints_around
+from torchrender.effects.enhancement.options import EnhanceOptions
 from torchrender.image import Image, camera_arrays
 from torchrender.images.files import write_image, write_npz
-from torchrender.effects.enhancement.options import EnhanceOptions
 from torchrender.pipeline.options import RenderOptions
 from torchrender.raster import surface_attributes
 from torchrender.reconstruct.reproject import Reprojection, reproject

@@ -181,12 +181,20 @@ def test_reflectance_scales_what_is_added() -> None:
     torch.testing.assert_close(made[0] * 4, made[1], rtol=1e-4, atol=1e-6)
 
 
+def wall(side: int) -> SurfaceImage:
+    """A plane across the whole view."""
+    quad = torch.tensor([[-9.0, -9, 0], [9, -9, 0], [9, 9, 0], [-9, 9, 0]])
+    scene = Scene(meshes=(Mesh(vertices=quad, faces=torch.tensor([[0, 1, 2], [0, 2, 3]])),))
+    camera = Cameras.look_at(torch.tensor([[0.0, 0.0, 2.0]]), torch.zeros(1, 3), width=side, height=side)
+    return SurfaceImage.of(rasterize(scene, camera))
+
+
 def test_range_limit_keeps_within_the_neighbourhood() -> None:
     g = torch.Generator().manual_seed(0)
     picture = torch.rand(1, 20, 20, 3, generator=g)
     size = torch.randn(1, 20, 20, 3, generator=g) * 5
     options = EnhanceOptions(plain_weight=1.0, gradient_weight=1.0, range_limit=0.25)
-    made = enhanced(picture, size, torch.ones(1, 20, 20, dtype=torch.bool), options)
+    made = enhanced(picture, size, wall(20), options)
     reach = WINDOW // 2
     for j, i in ((0, 0), (10, 10), (19, 3)):
         window = picture[0, max(j - reach, 0) : j + reach + 1, max(i - reach, 0) : i + reach + 1].reshape(-1, 3)

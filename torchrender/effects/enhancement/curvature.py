@@ -76,19 +76,23 @@ class MeshCurvature:
         return self.smooth[geometry.faces.long()].all(dim=1)
 
 
-def mesh_curvature(geometry: Geometry, limit: float | None = None) -> MeshCurvature:
-    """Curvature relative to ``limit`` (beta, 1/unit), or to the 95th percentile of each mesh."""
+def mesh_curvature(geometry: Geometry, limit: float | None = None, *, centred: bool = False) -> MeshCurvature:
+    """Curvature relative to ``limit`` (beta, 1/unit), or to the 95th percentile of each mesh.
+
+    ``centred``: the median of each mesh is taken away first.
+    """
     count = len(geometry.vertices)
     if geometry.normals is None or not count:
         return MeshCurvature(torch.zeros(count), torch.zeros(count, dtype=torch.bool))
     curvature = vertex_curvature(geometry.vertices, geometry.faces, geometry.normals).float()
     smooth = geometry.normals.abs().amax(dim=1) > 0
-    if limit is not None:
+    if limit is not None and not centred:
         return MeshCurvature(relative_to(curvature, limit), smooth)
     relative = torch.zeros(count)
     for first, end in _vertex_runs(geometry):
         part = curvature[first:end]
-        relative[first:end] = relative_to(part, usual_limit(part))
+        part = part - part.median() if centred else part
+        relative[first:end] = relative_to(part, usual_limit(part) if limit is None else limit)
     return MeshCurvature(relative, smooth)
 
 

@@ -18,7 +18,7 @@ from torchrender.effects.enhancement.options import EnhanceOptions
 from torchrender.effects.enhancement.shadow_edges import shadow_edges
 from torchrender.effects.enhancement.surface_image import SurfaceImage
 from torchrender.kernels.enhancement import gradient as kernels
-from torchrender.kernels.enhancement.local_range import limit_to_range, range_along_rows
+from torchrender.kernels.enhancement.local_range import limit_to_range
 from torchrender.scene.camera import Cameras
 from torchrender.scene.environment import Environment
 from torchrender.scene.light import DirectionalLight, Light
@@ -27,6 +27,9 @@ _MAGNITUDES = {"signed_l2": kernels.SIGNED, "sum": kernels.SUM, "l1": kernels.L1
 
 WINDOW = 7
 """Pixels of the neighbourhood whose range limits what enhancement may do."""
+
+ONE_SIDE, JUMP = 0.985, 0.05
+"""Cosine between faces, and difference of inverse depth, up to which pixels lie on one side of creases and outlines."""
 
 
 def enhancement(
@@ -77,47 +80,27 @@ def magnitude(gradient: Tensor, signed: Tensor, options: EnhanceOptions) -> Tens
     return gradient.abs().sum(dim=-1) if options.magnitude == "l1" else gradient.norm(dim=-1)
 
 
-def enhanced(radiance: Tensor, size: Tensor, covered: Tensor, options: EnhanceOptions) -> Tensor:
+def enhanced(radiance: Tensor, size: Tensor, surface: SurfaceImage, options: EnhanceOptions) -> Tensor:
     """``plain_weight I + gradient_weight size`` (B,H,W,3) where a surface is; never below zero; elsewhere as it was.
 
-    With ``range_limit`` it stays within the range of ``plain_weight I`` over the covered ones of 7 x 7 pixels, widened
-    by that share on either side: beside sharp edges contrast cannot flip.
+    With ``range_limit`` it stays within the range of ``plain_weight I`` over those of 7 x 7 pixels that lie on the same
+    side of creases and outlines, widened by that share on either side: beside edges contrast cannot flip. What the
+    limit cuts off has no derivative.
     """
     plain = options.plain_weight * radiance
     made = torch.add(plain, size, alpha=options.gradient_weight)
-    if options.range_limit is not None and radiance.numel():
-        made = _limited(plain, made, covered, options.range_limit)
-    return torch.where(covered[..., None], made.clamp_min(0.0), radiance)
+    if options.range_limit is not None:
+        made = _limited(plain, made, surface, options.range_limit)
+    return torch.where(surface.covered[..., None], made.clamp_min(0.0), radiance)
 
 
-def _limited(plain: Tensor, made: Tensor, covered: Tensor, share: float) -> Tensor:
-    if torch.is_grad_enabled() and (plain.requires_grad or made.requires_grad):
-        low, high = local_range(plain, covered)
-        room = share * (high - low)
-        return torch.minimum(torch.maximum(made, low - room), high + room)
-    inside, reach = covered[..., None], WINDOW // 2
-    made = made.contiguous().clone()
-    for b in range(len(plain)):
-        least = view(torch.where(inside[b], plain[b], torch.inf), np.float32)
-        greatest = view(torch.where(inside[b], plain[b], -torch.inf), np.float32)
-        rows = np.empty_like(least), np.empty_like(greatest)
-        range_along_rows(least, greatest, reach, *rows)
-        limit_to_range(*rows, view(plain[b], np.float32), (reach, share), made[b].numpy())
-    return made
-
-
-def local_range(image: Tensor, covered: Tensor) -> tuple[Tensor, Tensor]:
-    """Least and greatest value (B,H,W,3) of the covered pixels around each one, ``WINDOW`` across."""
-    inside = covered[..., None]
-
-    def greatest(values: Tensor) -> Tensor:
-        planes = values.permute(0, 3, 1, 2)
-        for size in ((WINDOW, 1), (1, WINDOW)):
-            planes = torch.nn.functional.max_pool2d(planes, size, 1, (size[0] // 2, size[1] // 2))
-        return planes.permute(0, 2, 3, 1)
-
-    low = -greatest(torch.where(inside, -image, -torch.inf))
-    return low, greatest(torch.where(inside, image, -torch.inf))
+def _limited(plain: Tensor, made: Tensor, surface: SurfaceImage, share: float) -> Tensor:
+    held = made.detach().contiguous().clone()
+    nearness = torch.where(surface.covered, 1.0 / surface.depth, 0.0)
+    for b in range(len(held)):
+        views = [view(v, np.float32) for v in (surface.geometric_normal[b], nearness[b], plain[b])]
+        limit_to_range(*views, (WINDOW // 2, share, ONE_SIDE, JUMP), held[b].numpy())
+    return torch.where(held == made, made, held)
 
 
 def enhance_picture(
@@ -144,7 +127,7 @@ def enhance_picture(
     options = options or EnhanceOptions()
     surface = SurfaceImage.from_depth(cameras, depth, normal)
     check_tensor("radiance", radiance, (*depth.shape, 3))
-    curvature = surface.curvature(options.limit)
+    curvature = surface.curvature(options.limit, centred=options.centred)
     size = torch.zeros_like(radiance)
     for b in range(len(cameras)):
         shining = lights
@@ -153,7 +136,7 @@ def enhance_picture(
             shining = (head,) if environment is None else ()
         part = _part(surface, b)
         size[b] = enhancement(part, curvature[b : b + 1], Lighting(shining, None, environment), options)[0]
-    return enhanced(radiance, size * radiance, surface.covered, options)
+    return enhanced(radiance, size * radiance, surface, options)
 
 
 def _part(surface: SurfaceImage, b: int) -> SurfaceImage:

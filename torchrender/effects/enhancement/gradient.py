@@ -75,8 +75,8 @@ def shading_gradient(
     """Gradient (B,H,W,3 channels,2) of a white surface's radiance over the picture, and its signed size (B,H,W,3).
 
     Steps in the picture are in focal lengths, steps on the surface in reference depths, so that nothing depends on
-    units. With ``curvature="full"`` the gradient is multiplied by ``step``. The signed size is that of "signed_l2":
-    ``S |w A|`` for each light.
+    units. True derivatives, of ``curvature="full"`` and of visibility, are multiplied by ``step``. The signed size is
+    that of "signed_l2": ``S |w A|`` for each light.
 
     Args:
         curvature: (B,H,W) ``k / beta``.
@@ -94,8 +94,6 @@ def shading_gradient(
         parts = _of_rows(rows, lighting, options, b, chosen, gloss, shadow_edges)
         gradient[b] = gradient[b].masked_scatter(chosen[..., None, None], parts[0])
         signed[b] = signed[b].masked_scatter(chosen[..., None], parts[1])
-    if options.curvature == "full":
-        gradient = gradient * options.step
     return gradient, signed
 
 
@@ -137,6 +135,7 @@ def _of_rows(
     signed = torch.zeros(len(rows.normal), 3, dtype=torch.float64)
     nearest = NEAREST * float(rows.reference.median())
     sign = rows.slope[:, 0, 0].sign()
+    carried = options.step if options.curvature == "full" else 1.0
     for number, light in enumerate(lighting.lights):
         direction, distance, color = at_points(light, rows.position, rows.eye, nearest)
         share = torch.ones(len(direction), dtype=torch.float64)
@@ -150,20 +149,19 @@ def _of_rows(
             turning = torch.zeros_like(turning)
         if "geometry" in options.terms:
             slope = cosine_gradient(rows.normal, direction, rows.slope, turning)
-            change = change + row_times(slope, rows.relative)
+            change = change + carried * row_times(slope, rows.relative)
             length = row_times(row_times(direction, rows.slope), rows.relative).norm(dim=-1)
             signed = signed + color * (torch.where(cosine > 0, length * sign, 0.0) * share)[:, None]
         gradient = gradient + (color * share[:, None])[..., None] * change[:, None]
         if gloss is not None and "specular" in options.terms:
-            gradient = gradient + (color * share[:, None])[..., None] * _highlights(
-                rows, direction, turning, gloss, (b, chosen)
-            )
+            shine = carried * _highlights(rows, direction, turning, gloss, (b, chosen))
+            gradient = gradient + (color * share[:, None])[..., None] * shine
         if shadow_edges is not None and "visibility" in options.terms:
             lit = (color * cosine.clamp_min(0.0)[:, None])[..., None]
-            gradient = gradient + lit * shadow_edges[b, number][chosen].double()[:, None]
+            gradient = gradient + lit * options.step * shadow_edges[b, number][chosen].double()[:, None]
     if lighting.environment is not None and "geometry" in options.terms:
         turned = irradiance_gradient(environment_harmonics(lighting.environment), rows.normal) / torch.pi
-        change = turned @ rows.slope @ rows.relative
+        change = carried * (turned @ rows.slope @ rows.relative)
         gradient = gradient + change
         signed = signed + change.norm(dim=-1) * sign[:, None]
     return gradient, signed

@@ -26,11 +26,12 @@ class EnhanceOptions:
     plain_weight: float = 0.8  # lambda 1: below one, so that enhanced ridges are not clipped
     gradient_weight: float = 0.4  # lambda 2; negative turns ridges dark
     exponent: float = 1.0  # alpha of the strength S(k): above one only extremes are enhanced
+    centred: bool = False  # curvature counts from the median of its mesh: what is round all over stays as bright
     limit: float | None = None  # beta, 1/unit: curvature from which on S is one; None: 95th percentile of |k|
     magnitude: str = "signed_l2"  # "sum" of both components as published, biased to one diagonal; "l1", "l2" unsigned
     terms: tuple[str, ...] = ("geometry", "projection")  # of TERMS; without projection every face counts as frontal
     curvature: str = "scaled"  # "scaled": S(k) in place of the normal's derivative; "full": that derivative
-    step: float = 0.02  # of full curvature: image distance, in focal lengths, that the gradient is carried along
+    step: float = 0.02  # image distance, in focal lengths, that true derivatives (full, visibility) are carried along
     light_gradient: bool = True  # the light's direction changes over the surface, too (not in "signed_l2")
     source: str = "auto"  # curvature of the "mesh", of the "picture", or of the mesh where it has vertex normals
     grazing: float = 0.05  # least cosine of the angle of view that projection divides by

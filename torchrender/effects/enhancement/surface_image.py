@@ -134,11 +134,16 @@ class SurfaceImage:
             made = made / focal[:, None, None, None]
         return made
 
-    def curvature(self, limit: float | None = None) -> Tensor:
-        """(B,H,W) float32 ``k / beta`` of what the picture shows, from how its normals turn."""
+    def curvature(self, limit: float | None = None, *, centred: bool = False) -> Tensor:
+        """(B,H,W) float32 ``k / beta`` of what the picture shows, from how its normals turn.
+
+        ``centred``: the median is taken away first.
+        """
         if not len(self.cameras):
             return torch.zeros_like(self.depth)
         found = picture_curvature(self.normal, self.projection(0.2, per_pixel=True), self.depth)
+        if centred and bool(self.covered.any()):
+            found = torch.where(found != 0, found - found[self.covered].median(), 0.0)
         return relative_to(found, usual_limit(found[self.covered]) if limit is None else limit).float()
 
 

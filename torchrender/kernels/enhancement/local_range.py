@@ -1,4 +1,4 @@
-"""Least and greatest values around each pixel."""
+"""Least and greatest values around each pixel, on its own side of creases and outlines."""
 
 from __future__ import annotations
 
@@ -9,38 +9,31 @@ from torchrender.kernels.compile import kernel
 
 
 @kernel(parallel=True)
-def range_along_rows(low, high, reach, out_low, out_high):
-    """Of pictures (H,W,C) float32: least of ``low`` and greatest of ``high`` among 2 reach + 1 pixels of a row."""
-    height, width, channels = low.shape
-    for j in prange(height):
-        for i in range(width):
-            for c in range(channels):
-                least, greatest = np.float32(np.inf), np.float32(-np.inf)
-                for k in range(max(i - reach, 0), min(i + reach + 1, width)):
-                    least = min(least, low[j, k, c])
-                    greatest = max(greatest, high[j, k, c])
-                out_low[j, i, c] = least
-                out_high[j, i, c] = greatest
-
-
-@kernel(parallel=True)
-def limit_to_range(low, high, plain, how, picture):
-    """Keep ``picture`` (H,W,C), changed in place, within the range over 2 reach + 1 rows, widened by a share of it.
+def limit_to_range(normals, nearness, plain, how, picture):
+    """Keep ``picture`` (H,W,C) float32, changed in place, within the range of ``plain`` over pixels of its own side.
 
     Args:
-        low, high: (H,W,C) ranges along rows. plain: (H,W,C) that ``picture`` may always be.
-        how: reach, share.
+        normals: (H,W,3) float32 of the faces. nearness: (H,W) float32 inverse depth; 0 where nothing is.
+        plain: (H,W,C) float32.
+        how: reach in pixels, share that the range is widened by on either side, least cosine between normals of one
+            side, greatest difference of nearness, as a share.
     """
-    height, width, channels = low.shape
-    reach, share = how
+    height, width, channels = plain.shape
+    reach, share, cosine, jump = how
     for j in prange(height):
         for i in range(width):
+            own = nearness[j, i]
+            if not own > 0.0:
+                continue
+            nx, ny, nz = normals[j, i, 0], normals[j, i, 1], normals[j, i, 2]
             for c in range(channels):
-                least, greatest = np.float32(np.inf), np.float32(-np.inf)
-                for k in range(max(j - reach, 0), min(j + reach + 1, height)):
-                    least = min(least, low[k, i, c])
-                    greatest = max(greatest, high[k, i, c])
-                room = np.float32(share) * (greatest - least)
-                value = picture[j, i, c]
-                value = max(min(value, max(greatest + room, plain[j, i, c])), min(least - room, plain[j, i, c]))
-                picture[j, i, c] = value
+                least, greatest = plain[j, i, c], plain[j, i, c]
+                for y in range(max(j - reach, 0), min(j + reach + 1, height)):
+                    for x in range(max(i - reach, 0), min(i + reach + 1, width)):
+                        along = nx * normals[y, x, 0] + ny * normals[y, x, 1] + nz * normals[y, x, 2]
+                        if along < cosine or abs(nearness[y, x] - own) > jump * own:
+                            continue
+                        value = plain[y, x, c]
+                        least, greatest = min(least, value), max(greatest, value)
+                room = share * (greatest - least)
+                picture[j, i, c] = np.float32(max(min(picture[j, i, c], greatest + room), least - room))

@@ -38,7 +38,7 @@ class Enhancement:
 def blend(scene: Scene, gbuffer: GBuffer, radiance: Tensor, value: Enhancement) -> Tensor:
     """The enhanced picture (B,H,W,3); what no surface covers stays as it is."""
     del scene
-    return enhanced(radiance, value.size, gbuffer.covered, value.options)
+    return enhanced(radiance, value.size, SurfaceImage.of(gbuffer), value.options)
 
 
 ENHANCEMENT = Buffer("enhancement", Enhancement, layer=Layer(Order.ENHANCEMENT, blend))
@@ -101,12 +101,16 @@ def _curvature(
     surface: SurfaceImage, gbuffer: GBuffer, scene: Scene, mesh: MeshCurvature | None, options: EnhanceOptions
 ) -> Tensor:
     if mesh is None:
-        return surface.curvature(options.limit)
+        return surface.curvature(options.limit, centred=options.centred)
     found = curvature_of(gbuffer, scene.geometry, mesh)
     if options.source == "mesh":
         return found
     flat = gbuffer.covered & ~mesh.smooth_faces(scene.geometry)[gbuffer.triangle.clamp_min(0)]
-    return torch.where(flat, surface.curvature(options.limit), found) if bool(flat.any()) else found
+    return (
+        torch.where(flat, surface.curvature(options.limit, centred=options.centred), found)
+        if bool(flat.any())
+        else found
+    )
 
 
 def amounts(outlook: Outlook) -> Amounts:
@@ -124,14 +128,14 @@ def _of_subject(subject: Subject) -> Outputs:
     options = EnhanceOptions(source="picture")
     direct = shade(subject.scene, subject.gbuffer)
     size = of_scene(subject.scene, subject.gbuffer, None, None, options)
-    return {"radiance": enhanced(direct, size, subject.gbuffer.covered, options)}
+    return {"radiance": enhanced(direct, size, SurfaceImage.of(subject.gbuffer), options)}
 
 
 def _nothing_changes_without_weight(subject: Subject, outputs: Outputs) -> float:
     direct = shade(subject.scene, subject.gbuffer)
     plain = EnhanceOptions(plain_weight=1.0, gradient_weight=0.0)
     covered = subject.gbuffer.covered
-    same = enhanced(direct, outputs["radiance"], covered, plain)
+    same = enhanced(direct, outputs["radiance"], SurfaceImage.of(subject.gbuffer), plain)
     outside = (outputs["radiance"] - direct)[~covered]
     return max(float((same - direct).abs().max()), float(outside.abs().max()) if outside.numel() else 0.0)
 

@@ -16,7 +16,8 @@ from torchrender.pipeline.options import RenderOptions
 
 
 def _limit(options: RenderOptions) -> tuple[Any, ...]:
-    return (None if options.enhance is None else options.enhance.limit,)
+    wish = options.enhance
+    return (None, False) if wish is None else (wish.limit, wish.centred)
 
 
 MESH_CURVATURE = Buffer("mesh_curvature", MeshCurvature, lasting=Lasting(triangles_of, _limit))
@@ -25,8 +26,10 @@ MESH_CURVATURE = Buffer("mesh_curvature", MeshCurvature, lasting=Lasting(triangl
 def run(frame: Frame) -> MeshCurvature:
     """That of an earlier picture, else a new one."""
     wish = frame.options.enhance
-    limit = None if wish is None else wish.limit
-    return frame.earlier(MESH_CURVATURE) or mesh_curvature(frame.scene.geometry, limit)
+    earlier, geometry = frame.earlier(MESH_CURVATURE), frame.scene.geometry
+    if earlier is not None or wish is None:
+        return earlier or mesh_curvature(geometry)
+    return mesh_curvature(geometry, wish.limit, centred=wish.centred)
 
 
 def amounts(outlook: Outlook) -> Amounts:
