@@ -73,8 +73,21 @@ def test_strength_is_odd_bounded_and_rises(k: float, exponent: float) -> None:
 
 def test_strength_is_one_at_the_limit_and_nothing_on_flat_ground() -> None:
     assert c.strength(torch.tensor([1.0, -1.0, 0.0]), 0.3).tolist() == [1.0, -1.0, 0.0]
-    assert c.relative_to(torch.tensor([0.0, 0.0]), c.usual_limit(torch.zeros(2))).tolist() == [0.0, 0.0]
-    assert c.usual_limit(torch.arange(1.0, 101.0)) == pytest.approx(96.0)
+    assert c.relative_to(torch.tensor([0.0, 0.0]), c.usual_limit(torch.zeros(2), 1.0)).tolist() == [0.0, 0.0]
+    assert c.usual_limit(torch.arange(1.0, 101.0), 1.0) == pytest.approx(96.0)
+
+
+def test_rounding_of_flat_meshes_is_no_shape() -> None:
+    turn = torch.linalg.qr(torch.randn(3, 3, dtype=torch.float64, generator=torch.Generator().manual_seed(1)))[0]
+    u = torch.linspace(-1, 1, 9, dtype=torch.float64)
+    x, y = torch.meshgrid(u, u, indexing="ij")
+    index = torch.arange(81).reshape(9, 9)
+    a, b, d, e = index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]
+    faces = torch.cat([torch.stack([a, d, b], -1).reshape(-1, 3), torch.stack([b, d, e], -1).reshape(-1, 3)])
+    flat = (torch.stack([x, y, torch.zeros_like(x)], -1).reshape(-1, 3)) @ turn.T
+    normals = turn[:, 2].float().expand(81, 3)
+    found = c.mesh_curvature(concatenate([Mesh(vertices=flat, faces=faces, normals=normals)]))
+    assert not bool(found.relative.any())
 
 
 def test_each_mesh_has_a_limit_of_its_own() -> None:

@@ -23,6 +23,9 @@ from torchrender.scene.mesh import Geometry
 PERCENTILE = 0.95
 """Share of the surface whose curvature stays below the limit beta, where none is given."""
 
+FLAT = 1e-3
+"""Limits below one over a thousand sizes of a mesh, or distances of a picture, are rounding of what is flat."""
+
 
 def face_curvature(corners: Tensor, corner_normals: Tensor) -> Tensor:
     """``k`` (F,) of triangles (F,3,3) with vertex normals (F,3,3); zero for degenerate ones."""
@@ -92,7 +95,9 @@ def mesh_curvature(geometry: Geometry, limit: float | None = None, *, centred: b
     for first, end in _vertex_runs(geometry):
         part = curvature[first:end]
         part = part - part.median() if centred else part
-        relative[first:end] = relative_to(part, usual_limit(part) if limit is None else limit)
+        low, high = geometry.vertices[first:end].aminmax(dim=0)
+        beta = usual_limit(part, float((high - low).norm())) if limit is None else limit
+        relative[first:end] = relative_to(part, beta)
     return MeshCurvature(relative, smooth)
 
 
@@ -112,13 +117,14 @@ def _vertex_runs(geometry: Geometry) -> list[tuple[int, int]]:
     return ends
 
 
-def usual_limit(curvature: Tensor) -> float:
-    """95th percentile of the size of curvatures that are not zero; 0 if all are."""
+def usual_limit(curvature: Tensor, extent: float) -> float:
+    """95th percentile of the size of curvatures that are not zero; 0 if all are, or if that is flat for the extent."""
     size = curvature.abs().reshape(-1)
     size = size[size > 0]
     if not size.numel():
         return 0.0
-    return float(size.kthvalue(min(int(PERCENTILE * size.numel()) + 1, size.numel())).values)
+    limit = float(size.kthvalue(min(int(PERCENTILE * size.numel()) + 1, size.numel())).values)
+    return limit if limit * extent > FLAT else 0.0
 
 
 def relative_to(curvature: Tensor, limit: float) -> Tensor:

@@ -34,14 +34,15 @@ def shadow_edges(surface: SurfaceImage, visibility: Tensor, options: EnhanceOpti
     moves = surface.projection(options.grazing)
     for number in range(visibility.shape[1]):
         into, distance = edge_pixels(surface, visibility[:, number])
-        edge = distance != 0
-        if not bool(edge.any()):
-            continue
-        sharpness = options.shadow_sharpness
-        if sharpness is None:
-            sharpness = USUAL_SHARPNESS / float(2.0 * distance[edge].abs().median())
-        across = visibility_gradient(into[edge], distance[edge], distance.new_tensor(sharpness))
-        out[:, number][edge] = row_times(across, moves[edge])
+        for b in range(len(distance)):
+            edge = distance[b] != 0
+            if not bool(edge.any()):
+                continue
+            sharpness = options.shadow_sharpness
+            if sharpness is None:
+                sharpness = USUAL_SHARPNESS / float(2.0 * distance[b][edge].abs().median())
+            across = visibility_gradient(into[b][edge], distance[b][edge], distance.new_tensor(sharpness))
+            out[b, number][edge] = row_times(across, moves[b][edge])
     if options.shadow_blur > 0:
         flat = out.permute(0, 1, 4, 2, 3).reshape(out.shape[0], -1, *out.shape[2:4])
         size = 2 * int(3.0 * options.shadow_blur + 0.5) + 1

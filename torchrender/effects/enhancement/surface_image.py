@@ -137,14 +137,19 @@ class SurfaceImage:
     def curvature(self, limit: float | None = None, *, centred: bool = False) -> Tensor:
         """(B,H,W) float32 ``k / beta`` of what the picture shows, from how its normals turn.
 
-        ``centred``: the median is taken away first.
+        ``centred``: the median of each picture is taken away first.
         """
         if not len(self.cameras):
             return torch.zeros_like(self.depth)
         found = picture_curvature(self.normal, self.projection(0.2, per_pixel=True), self.depth)
-        if centred and bool(self.covered.any()):
-            found = torch.where(found != 0, found - found[self.covered].median(), 0.0)
-        return relative_to(found, usual_limit(found[self.covered]) if limit is None else limit).float()
+        for one, covered, depth in zip(found, self.covered, self.depth):
+            if not bool(covered.any()):
+                continue
+            if centred:
+                one.copy_(torch.where(one != 0, one - one[covered].median(), 0.0))
+            extent = float(depth[covered].median())
+            one.copy_(relative_to(one, usual_limit(one[covered], extent) if limit is None else limit))
+        return found.float()
 
 
 def curvature_of(gbuffer: GBuffer, geometry: Geometry, curvature: MeshCurvature) -> Tensor:

@@ -85,7 +85,7 @@ def of_scene(
     picture's own unless the options want the mesh's.
     """
     surface = SurfaceImage.of(gbuffer)
-    bent = _curvature(surface, gbuffer, scene, curvature, options)
+    bent = seen_curvature(surface, gbuffer, scene, curvature, options)
     lighting = Lighting(scene.lights, visibility, scene.environment)
     albedo = diffuse_color(scene, gbuffer)
     gloss = normals = None
@@ -97,9 +97,10 @@ def of_scene(
     return enhancement(surface, bent, lighting, options, gloss=gloss, normals=normals) * albedo
 
 
-def _curvature(
+def seen_curvature(
     surface: SurfaceImage, gbuffer: GBuffer, scene: Scene, mesh: MeshCurvature | None, options: EnhanceOptions
 ) -> Tensor:
+    """(B,H,W) ``k / beta``: of the mesh where its vertices have normals, else of the picture, as the options say."""
     if mesh is None:
         return surface.curvature(options.limit, centred=options.centred)
     found = curvature_of(gbuffer, scene.geometry, mesh)

@@ -14,7 +14,9 @@ from scipy.ndimage import distance_transform_edt
 from torch import Tensor
 
 from torchrender.effects.enhancement.curvature import mesh_curvature
-from torchrender.effects.enhancement.surface_image import SurfaceImage, curvature_of
+from torchrender.effects.enhancement.options import EnhanceOptions
+from torchrender.effects.enhancement.surface_image import SurfaceImage
+from torchrender.passes.picture.enhancement import seen_curvature
 from torchrender.raster import rasterize
 from torchrender.scene.camera import Cameras
 from torchrender.scene.light import PointLight
@@ -45,12 +47,10 @@ class Subject:
         """The same, for enhancement."""
         return SurfaceImage.of(self.seen)
 
-    def curvature(self, centred: bool) -> Tensor:
-        """(1,H,W) of the mesh, or of the picture where it has no vertex normals."""
-        geometry = self.scene.geometry
-        if geometry.normals is None:
-            return self.surface.curvature(centred=centred)
-        return curvature_of(self.seen, geometry, mesh_curvature(geometry, centred=centred))
+    def curvature(self, options: EnhanceOptions) -> Tensor:
+        """(1,H,W) as the pass has it."""
+        mesh = mesh_curvature(self.scene.geometry, options.limit, centred=options.centred)
+        return seen_curvature(self.surface, self.seen, self.scene, mesh, options)
 
     @cached_property
     def lamp(self) -> PointLight:
@@ -129,18 +129,17 @@ def _file(path: Path) -> Scene:
 
 
 def _plain(scene: Scene) -> Scene:
-    """The scene in white, without lights and cameras."""
+    """The scene in white, without lights."""
     white = tuple(Material(diffuse=torch.ones(3)) for _ in scene.materials)
-    return Scene(meshes=scene.meshes, materials=white, name=scene.name)
+    return Scene(meshes=scene.meshes, materials=white, name=scene.name, cameras=scene.cameras)
 
 
 def _isosurface(volume: np.ndarray) -> Scene:
-    """Skin of a head of slices (z,y,x)."""
+    """Skin of a head of slices from the top down, rows from the face to the back."""
     from skimage.filters import gaussian, threshold_otsu
     from skimage.measure import marching_cubes
 
     smooth = gaussian(volume, 1.0)
-    vertices, faces, _, _ = marching_cubes(smooth, threshold_otsu(smooth))
-    points = torch.tensor(vertices[:, [2, 0, 1]].copy(), dtype=torch.float64)
-    points[:, 1] = -points[:, 1]
+    vertices, faces, _, _ = marching_cubes(smooth, threshold_otsu(smooth), spacing=(1.5, 3.2, 3.2))
+    points = torch.tensor(vertices[:, [2, 0, 1]] * (1.0, -1.0, -1.0), dtype=torch.float64)
     return _scene(points, torch.tensor(faces.copy()).long())

@@ -44,7 +44,7 @@ def _lit(subject: Subject) -> Lighting:
 
 def enhanced_picture(subject: Subject, options: EnhanceOptions) -> Tensor:
     """(1,H,W) by gradients."""
-    size = enhancement(subject.surface, subject.curvature(options.centred), _lit(subject), options)[..., :1].double()
+    size = enhancement(subject.surface, subject.curvature(options), _lit(subject), options)[..., :1].double()
     size = size * subject.square[..., None]
     made = enhanced(subject.plain[..., None].float(), size.float(), subject.surface, options)
     return made[..., 0].double()
@@ -52,7 +52,7 @@ def enhanced_picture(subject: Subject, options: EnhanceOptions) -> Tensor:
 
 def unclamped(subject: Subject, options: EnhanceOptions) -> Tensor:
     """(1,H,W) the same as published: below zero, too."""
-    size = enhancement(subject.surface, subject.curvature(options.centred), _lit(subject), options)[..., 0].double()
+    size = enhancement(subject.surface, subject.curvature(options), _lit(subject), options)[..., 0].double()
     return options.plain_weight * subject.plain + options.gradient_weight * size * subject.square
 
 
