@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import pairwise
 
-import kornia
 import numpy as np
 import torch
 from torch import Tensor
@@ -149,7 +148,9 @@ def picture_curvature(normals: Tensor, moves: Tensor, depth: Tensor, tolerance: 
         depth: (B,H,W) camera z, +inf where nothing is.
         tolerance: a pixel is on an edge if a neighbour's depth is off its tangent plane by more than this share.
     """
-    slope = kornia.filters.spatial_gradient(normals.permute(0, 3, 1, 2), mode="sobel", order=1)  # (B,3,2,H,W)
+    from kornia.filters import spatial_gradient  # a second to import: not for those who do not ask for it
+
+    slope = spatial_gradient(normals.permute(0, 3, 1, 2), mode="sobel", order=1)  # (B,3,2,H,W)
     slope = slope.permute(0, 3, 4, 1, 2).to(moves.dtype)  # (B,H,W,3,2)
     # trace(grad n): the change of the normal along the surface, by the pseudo-inverse of the moves.
     metric = moves.transpose(-1, -2) @ moves

@@ -5,7 +5,6 @@ Source: specification 10, section 3, "Visibility"; the direction cosines themsel
 
 from __future__ import annotations
 
-import kornia
 import torch
 from torch import Tensor
 
@@ -28,6 +27,8 @@ def shadow_edges(surface: SurfaceImage, visibility: Tensor, options: EnhanceOpti
     Args:
         visibility: (B,L,H,W) in [0,1]; half is the edge.
     """
+    from kornia.filters import gaussian_blur2d  # a second to import: not for those who do not ask for it
+
     out = torch.zeros(*visibility.shape, 2, dtype=torch.float64)
     if not visibility.numel():
         return out
@@ -47,7 +48,7 @@ def shadow_edges(surface: SurfaceImage, visibility: Tensor, options: EnhanceOpti
         flat = out.permute(0, 1, 4, 2, 3).reshape(out.shape[0], -1, *out.shape[2:4])
         size = 2 * int(3.0 * options.shadow_blur + 0.5) + 1
         sigma = (options.shadow_blur, options.shadow_blur)
-        flat = kornia.filters.gaussian_blur2d(flat, (size, size), sigma, border_type="replicate")
+        flat = gaussian_blur2d(flat, (size, size), sigma, border_type="replicate")
         out = flat.reshape(*out.shape[:2], 2, *out.shape[2:4]).permute(0, 1, 3, 4, 2)
     return out * surface.covered[:, None, ..., None]
 

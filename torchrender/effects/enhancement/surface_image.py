@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-import kornia
 import numpy as np
 import torch
 from torch import Tensor
@@ -173,8 +172,10 @@ def curvature_of(gbuffer: GBuffer, geometry: Geometry, curvature: MeshCurvature)
 
 def depth_normals(cameras: Cameras, depth: Tensor, seen: Tensor) -> Tensor:
     """(B,H,W,3) float32 world-space normals of a depth picture; 0 where it, or a neighbour, is empty."""
+    from kornia.filters import spatial_gradient  # a second to import: not for those who do not ask for it
+
     points = cameras.unproject(cameras.pixel_centres(), torch.where(seen, depth, 1.0)).permute(0, 3, 1, 2)
-    slope = kornia.filters.spatial_gradient(points, mode="diff", order=1)
+    slope = spatial_gradient(points, mode="diff", order=1)
     normal = torch.linalg.cross(slope[:, :, 1], slope[:, :, 0], dim=1)
     size = normal.abs().amax(dim=1, keepdim=True).clamp_min(1e-300)
     normal = torch.nn.functional.normalize(normal / size, dim=1, eps=1e-30).permute(0, 2, 3, 1).float()
