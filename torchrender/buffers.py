@@ -43,6 +43,10 @@ class GBuffer(VisibilityBuffer):
     uv_footprint: Tensor  # (B,H,W) width of one pixel in uv, for texture filtering
     color: Tensor  # (B,H,W,3) interpolated vertex colour, one where the mesh has none
     material: Tensor  # (B,H,W) int64, -1 where empty
+    uv1: Tensor | None = None  # (B,H,W,2) second set; None: no mesh has one
+    uv1_footprint: Tensor | None = None  # (B,H,W) width of one pixel in the second set
+    tangent: Tensor | None = None  # (B,H,W,4) along u, interpolated, and the bitangent's sign; 0: none; None: no one
+    alpha: Tensor | None = None  # (B,H,W) interpolated opacity of the vertices; None: one everywhere
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,11 +118,21 @@ class RaySurface:
     color: Tensor  # (N,3) interpolated vertex colour
     material: Tensor  # (N,) int64
     to_eye: Tensor  # (N,3) float32 unit, back along the ray
+    uv1: Tensor | None = None  # (N,2) second set; None: no mesh has one
+    uv1_footprint: Tensor | None = None  # (N,)
+    tangent: Tensor | None = None  # (N,4) as in a G-buffer
+    alpha: Tensor | None = None  # (N,)
+    triangle: Tensor | None = None  # (N,) int64 row of Geometry.faces, -1 for a miss; None: made up by hand
+    barycentric: Tensor | None = None  # (N,2)
+    width: Tensor | None = None  # (N,) float64 of each ray at its hit, scene units
+    source: Any = None  # the geometry that all attributes are those of
 
     @property
     def image(self) -> RaySurface:
         """The same as an image of one row."""
-        return RaySurface(**{field.name: getattr(self, field.name)[None, None] for field in fields(self)})
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        images = {n: v[None, None] if isinstance(v, Tensor) else v for n, v in values.items()}
+        return RaySurface(**images)
 
     @property
     def covered(self) -> Tensor:

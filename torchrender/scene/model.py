@@ -17,7 +17,7 @@ from torchrender.scene.light import DirectionalLight, Light
 from torchrender.scene.material import Material
 from torchrender.scene.material_table import MaterialTable, wants_gradient
 from torchrender.scene.medium import Medium
-from torchrender.scene.mesh import Geometry, Mesh, concatenate
+from torchrender.scene.mesh import Geometry, Mesh, concatenate, with_tangents
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -50,6 +50,8 @@ class Scene:
     def geometry(self) -> Geometry:
         """All triangles in one set of arrays, built on first use."""
         geometry = concatenate(self.meshes)
+        sets = torch.tensor([_normal_map_set(m) for m in self.materials] or [-1])
+        geometry = with_tangents(geometry, sets[geometry.material])
         if geometry.uv is None:
             return geometry
         return replace(geometry, cutout=build_cutout(self.materials, geometry.material))
@@ -113,6 +115,11 @@ class Scene:
         if "geometry" in self.__dict__:  # the same triangles: nothing to build again
             lit.__dict__["geometry"] = self.geometry
         return lit
+
+
+def _normal_map_set(material: Material) -> int:
+    """The texture coordinates that a normal map follows, -1 without one."""
+    return -1 if material.normal_texture is None else material.sampler("normal_texture").uv_set
 
 
 def resized(camera: Cameras, width: int, height: int) -> Cameras:
