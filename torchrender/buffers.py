@@ -151,6 +151,18 @@ class ReflectionState(IntEnum):
 
 
 @dataclass(frozen=True, eq=False)
+class MirrorShare:
+    """What the light that surfaces send has to do with mirrors.
+
+    Where a mirrored picture is known, the light is ``radiance - replaced + mirrored * picture``: highlights of lights,
+    emission and what a coat mirrors stay.
+    """
+
+    replaced: Tensor  # (B,H,W,3): mirrored environment; of Phong materials the share of diffuse light that mirrors take
+    mirrored: Tensor  # (B,H,W,3) tint and share of what is mirrored, by Schlick's term or by the lobe's albedo
+
+
+@dataclass(frozen=True, eq=False)
 class ReflectionLayer:
     """What the reflective pixels of B pictures mirror, before it is blended with their own colour.
 
@@ -162,3 +174,4 @@ class ReflectionLayer:
     direction: Tensor  # (B,H,W,3) float32 unit reflected direction, 0 where state is NONE
     state: Tensor  # (B,H,W) uint8 ReflectionState
     cluster: Tensor  # (B,H,W) int64 group of pixels that shared a depth image, -1 for none
+    share: MirrorShare | None = None  # how it is blended in; None: by the specular degree of whole materials

@@ -11,12 +11,14 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from torchrender.buffers import GBuffer, RaySurface
+from torchrender.buffers import GBuffer, MirrorShare, RaySurface
 from torchrender.checks import ArrayLike, as_vector, check_choice, check_tensor
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
-from torchrender.shading.lobes import Around, Sent
-from torchrender.shading.plain import CHUNK, origin_of, send
+from torchrender.shading.fused import is_of, send_fused
+from torchrender.shading.lobes import Around
+from torchrender.shading.plain import CHUNK, send
+from torchrender.shading.variables import wants_gradient
 from torchrender.shading.surface import Reader
 
 AREA_LIGHTS = ("polygon", "centre")
@@ -32,15 +34,10 @@ class AmbientReach:
 
 @dataclass(frozen=True, eq=False)
 class SentLight:
-    """Light that surfaces send, and what of it mirrors replace by what they show.
-
-    Where a mirrored picture is known, the light is ``radiance - replaced + mirrored * picture``: highlights of lights,
-    emission and what a coat mirrors stay.
-    """
+    """Light that surfaces send, and what of it mirrors change."""
 
     radiance: Tensor  # (B,H,W,3)
-    replaced: Tensor  # (B,H,W,3): mirrored environment; of Phong materials the share of diffuse light that mirrors take
-    mirrored: Tensor  # (B,H,W,3) tint and share of what is mirrored, by Schlick's term or by the lobe's albedo
+    share: MirrorShare
 
 
 def shade(
@@ -76,10 +73,8 @@ def shade(
         InputError: ``visibility``, ``around`` or ``background`` of a wrong shape, or samples that are no image.
         OptionError: another ``area_light``.
     """
-    light = sent_light(
-        scene, samples, visibility, background=background, area_light=area_light, around=around
-    )
-    return light.radiance
+    ways = {"background": background, "area_light": area_light, "around": around}
+    return sent_light(scene, samples, visibility, mirrors=False, **ways).radiance  # type: ignore[arg-type]
 
 
 def sent_light(
@@ -90,22 +85,40 @@ def sent_light(
     background: ArrayLike | None = None,
     area_light: str = "polygon",
     around: AmbientReach | None = None,
+    mirrors: bool = True,
 ) -> SentLight:
-    """The same with what mirrors need; arguments and errors as of :func:`shade`."""
+    """The same with what mirrors need; arguments and errors as of :func:`shade`.
+
+    Samples whose attributes are those of the scene's own triangles go through the compiled kernel, unless an input
+    asks for derivatives; others through torch.
+
+    Args:
+        mirrors: False leaves the parts that mirrors need without pixels.
+    """
     check_choice("area_light", area_light, AREA_LIGHTS)
-    check_tensor("samples.material", samples.material, ("B", "H", "W"))
-    count, height, width = samples.material.shape
+    check_tensor("samples.covered", samples.covered, ("B", "H", "W"))
+    count, height, width = samples.covered.shape
     if visibility is not None:
         check_tensor("visibility", visibility, (count, len(scene.lights), height, width))
         visibility = visibility.permute(1, 0, 2, 3).reshape(len(scene.lights), count * height * width)
-    sent = send(scene, samples, visibility, _flat(around, (count, height, width)), area_light)
-    radiance = sent.radiance.T
-    covered = samples.covered.reshape(-1)
-    if isinstance(samples, GBuffer) and not bool(covered.all()):
-        empty = _background(scene, samples.cameras, ~covered, background)
-        radiance = torch.where(covered[:, None], radiance, empty)
+    reach = _flat(around, (count, height, width))
     shape = (count, height, width, 3)
-    return SentLight(radiance.reshape(shape), sent.replaced.T.reshape(shape), sent.mirrored.T.reshape(shape))
+    if is_of(samples, scene) and not wants_gradient(scene, visibility, around and around.visibility):
+        color = None if background is None else as_vector("background", background)
+        sent = send_fused(scene, samples, visibility, reach, (area_light, color, mirrors))
+        radiance = sent.radiance.T
+    else:
+        sent = send(scene, samples, visibility, reach, area_light)
+        radiance = sent.radiance.T
+        covered = samples.covered.reshape(-1)
+        if isinstance(samples, GBuffer) and not bool(covered.all()):
+            empty = _background(scene, samples.cameras, ~covered, background)
+            radiance = torch.where(covered[:, None], radiance, empty)
+    if not mirrors:
+        none = torch.zeros(0, height, width, 3)
+        return SentLight(radiance.reshape(shape), MirrorShare(none, none))
+    share = MirrorShare(sent.replaced.T.reshape(shape), sent.mirrored.T.reshape(shape))
+    return SentLight(radiance.reshape(shape), share)
 
 
 def diffuse_color(scene: Scene, gbuffer: GBuffer) -> Tensor:
