@@ -33,7 +33,7 @@ ORDER = (
     "torchrender.kernels",
     "torchrender.scene",
     "torchrender.buffers",
-    "torchrender.attributes",
+    "torchrender.shading.attributes",
     "torchrender.raster",
     "torchrender.rays",
     "torchrender.ray_surface",

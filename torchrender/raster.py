@@ -19,7 +19,6 @@ import torch
 from torch import Tensor
 
 from torchrender.arrays import view as numpy_view
-from torchrender.attributes import SeenSurface
 from torchrender.buffers import GBuffer, VisibilityBuffer
 from torchrender.checks import check_choice, check_tensor
 from torchrender.errors import InputError
@@ -42,6 +41,7 @@ from torchrender.kernels.raster.records import (
 from torchrender.scene.camera import Cameras
 from torchrender.scene.mesh import Geometry
 from torchrender.scene.model import Scene
+from torchrender.shading.attributes import SeenSurface
 
 Array = np.ndarray[Any, Any]
 CULLING = ("none", "back", "front")

@@ -5,10 +5,10 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from torchrender.attributes import CastRays, hit_surface
 from torchrender.buffers import RayHits, RaySurface
 from torchrender.checks import check_tensor
 from torchrender.scene.model import Scene
+from torchrender.shading.attributes import CastRays, hit_surface
 
 
 def ray_surface(

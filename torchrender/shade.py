@@ -18,8 +18,8 @@ from torchrender.scene.model import Scene
 from torchrender.shading.fused import is_of, send_fused
 from torchrender.shading.lobes import Around
 from torchrender.shading.plain import CHUNK, send
-from torchrender.shading.variables import wants_gradient
 from torchrender.shading.surface import Reader
+from torchrender.shading.variables import wants_gradient
 
 AREA_LIGHTS = ("polygon", "centre")
 
@@ -103,7 +103,7 @@ def sent_light(
         visibility = visibility.permute(1, 0, 2, 3).reshape(len(scene.lights), count * height * width)
     reach = _flat(around, (count, height, width))
     shape = (count, height, width, 3)
-    if is_of(samples, scene) and not wants_gradient(scene, visibility, around and around.visibility):
+    if is_of(samples, scene) and not wants_gradient(scene, visibility, reach.visibility):
         color = None if background is None else as_vector("background", background)
         sent = send_fused(scene, samples, visibility, reach, (area_light, color, mirrors))
         radiance = sent.radiance.T

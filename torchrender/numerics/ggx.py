@@ -37,7 +37,9 @@ def ggx_lobe(sine_square: Tensor, to_light: Tensor, to_eye: Tensor, alpha: Tenso
     spread = sine_square + square * (1.0 - sine_square)
     distribution = square / (math.pi * spread * spread)
     light, eye = to_light.clamp_min(LEAST_COSINE), to_eye.clamp_min(LEAST_COSINE)
-    masked = light * (eye * eye * (1.0 - square) + square).sqrt() + eye * (light * light * (1.0 - square) + square).sqrt()
+    masked = (
+        light * (eye * eye * (1.0 - square) + square).sqrt() + eye * (light * light * (1.0 - square) + square).sqrt()
+    )
     return distribution * 0.5 / masked
 
 

@@ -82,14 +82,12 @@ def texture_pyramid(texture: Tensor) -> TexturePyramid:
 def _kept(texture: Tensor, channels: int) -> TexturePyramid:
     if texture.requires_grad:
         return build_pyramid(texture[..., :channels])
-    version, known = _PYRAMIDS.get(texture) or (texture._version, {})
-    if version != texture._version:
-        known = {}
+    version, made = _PYRAMIDS.get(texture) or (-1, {})
+    known: dict[int, TexturePyramid] = made if version == texture._version else {}
     if channels not in known:
         known[channels] = build_pyramid(texture[..., :channels])
         _PYRAMIDS[texture] = (texture._version, known)
-    pyramid: TexturePyramid = known[channels]
-    return pyramid
+    return known[channels]
 
 
 def sample_texture(

@@ -136,6 +136,13 @@ class RectLight:
 Light = PointLight | DirectionalLight | SpotLight | RectLight
 
 
+def light_color(light: Light) -> Tensor:
+    """(3,) intensity, irradiance or radiance, whichever the kind has."""
+    if isinstance(light, DirectionalLight):
+        return light.irradiance
+    return light.radiance if isinstance(light, RectLight) else light.intensity
+
+
 def vectors_to(light: Light, points: Tensor, target: Tensor | None = None) -> Tensor:
     """Vectors (N,3) float64 from points (N,3) to a light: to ``target`` (3,) on a rectangle, or to its centre.
 

@@ -10,7 +10,6 @@ from torch import Tensor
 
 from torchrender.scene.material import Material
 
-
 KINDS = ("phong", "metallic-roughness", "unlit")
 """How the light of a material is computed, in the order of :attr:`PhysicalTable.kind`."""
 

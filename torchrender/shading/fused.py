@@ -11,7 +11,6 @@ from torch import Tensor
 from torch.utils.weak import WeakIdKeyDictionary
 
 from torchrender.arrays import view as array
-from torchrender.attributes import attribute_arrays, eye_of
 from torchrender.buffers import GBuffer, RaySurface, VisibilityBuffer
 from torchrender.kernels.compile import thread_count
 from torchrender.kernels.shading.pack import pack_planes
@@ -36,6 +35,7 @@ from torchrender.scene.environment import Environment
 from torchrender.scene.light import DirectionalLight, Light, RectLight, SpotLight
 from torchrender.scene.mesh import Geometry
 from torchrender.scene.model import Scene
+from torchrender.shading.attributes import attribute_arrays, eye_of
 from torchrender.shading.lights import NEAREST_SQUARE
 from torchrender.shading.lobes import Around, Sent
 from torchrender.shading.looks import looks_of
@@ -148,7 +148,9 @@ def _hits(hits: RaySurface) -> tuple[View, Samples]:
     seen = triangle[0] >= 0
     origin = np.median(position[seen], axis=0) if seen.any() else np.zeros(3)
     weights, to_eye = array(hits.barycentric, f4).reshape(1, -1, 2), array(hits.to_eye, f4).reshape(-1, 3)
-    samples = Samples(np.zeros((1, 0), f4), triangle, weights, position, to_eye, array(hits.width, np.float64).reshape(-1))
+    samples = Samples(
+        np.zeros((1, 0), f4), triangle, weights, position, to_eye, array(hits.width, np.float64).reshape(-1)
+    )
     return View(np.zeros(20, f4), origin), samples
 
 
@@ -194,7 +196,7 @@ def _sky(scene: Scene, background: Tensor | None) -> Sky:
         shown = Environment(radiance=(ambient if background is None else background).reshape(1, 1, 3).clamp_min(0.0))
     return Sky(
         ambient=array(ambient, f4),
-        irradiance=array(maps.irradiance, f4),
+        irradiance=array(maps.irradiance.reshape(-1, 3), f4),
         mirrored=array(maps.mirrored, f4),
         levels=array(maps.levels, np.int64),
         albedo=array(table.split, f4),

@@ -131,4 +131,10 @@ class _Atlas:
 
 def _manner(sampler: Sampler) -> tuple[Any, ...]:
     """What makes two samplers the same."""
-    return (sampler.uv_set, tuple(sampler.transform.reshape(-1).tolist()), sampler.wrap_u, sampler.wrap_v, sampler.filter)
+    return (
+        sampler.uv_set,
+        tuple(sampler.transform.reshape(-1).tolist()),
+        sampler.wrap_u,
+        sampler.wrap_v,
+        sampler.filter,
+    )

@@ -7,7 +7,7 @@ from torch import Tensor
 
 from torchrender.buffers import GBuffer, RaySurface
 from torchrender.scene.model import Scene
-from torchrender.shading.lights import arrival
+from torchrender.shading.lights import Arrival, arrival
 from torchrender.shading.lobes import Around, Sent, metallic_roughness, phong, unlit
 from torchrender.shading.sky import Sky
 from torchrender.shading.surface import METALLIC, PHONG, UNLIT, Reader, Surface
@@ -51,9 +51,7 @@ def origin_of(scene: Scene, samples: GBuffer | RaySurface) -> Tensor:
     return seen.median(0).values if len(seen) else torch.zeros(3, dtype=torch.float64)
 
 
-def _chunk(
-    reader: Reader, sky: Sky, visibility: Tensor | None, place: tuple[Around, Tensor], area_light: str
-) -> Sent:
+def _chunk(reader: Reader, sky: Sky, visibility: Tensor | None, place: tuple[Around, Tensor], area_light: str) -> Sent:
     """Light of the samples in some flat rows."""
     around, rows = place
     surface = reader.surface(rows)
@@ -70,7 +68,7 @@ def _chunk(
     return _mixed(surface, sky, near, lights)
 
 
-def _mixed(surface: Surface, sky: Sky, around: Around, lights: list) -> Sent:  # type: ignore[type-arg]
+def _mixed(surface: Surface, sky: Sky, around: Around, lights: list[tuple[Arrival, Tensor]]) -> Sent:
     """Of points of several kinds of material."""
     whole = [torch.zeros_like(surface.base) for _ in range(3)]
     for kind in (PHONG, METALLIC, UNLIT):

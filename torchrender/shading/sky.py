@@ -1,4 +1,4 @@
-"""Light from all around: ambient light and the environment, as diffuse irradiance and as what glossy surfaces mirror."""
+"""Light from all around, ambient or of the environment: diffuse irradiance, and what glossy surfaces mirror."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from torch import Tensor
 from torch.nn.functional import normalize
 from torch.utils.weak import WeakIdKeyDictionary
 
+from torchrender.kernels.shading.records import IRRADIANCE_SIDE
 from torchrender.scene.environment import Environment
 from torchrender.scene.model import Scene
 
-IRRADIANCE_SIDE = 64
 MIRRORED_SIDES = (256, 128, 64, 32, 32, 32)
 """Pixels per side of the octahedral maps of what is mirrored; roughness grows evenly from 0 to 1."""
 
@@ -90,7 +90,10 @@ def octahedral_place(direction: Tensor) -> tuple[Tensor, Tensor]:
 def sample_map(texels: Tensor, first: Tensor, side: Tensor, place: tuple[Tensor, Tensor]) -> Tensor:
     """Bilinear values (3,N) of maps in a list of texels (T,3), each from its own map."""
     x, y = place[0] * side + 0.5, place[1] * side + 0.5
-    i, j = torch.minimum(x.detach().floor(), side.float()).long(), torch.minimum(y.detach().floor(), side.float()).long()
+    i, j = (
+        torch.minimum(x.detach().floor(), side.float()).long(),
+        torch.minimum(y.detach().floor(), side.float()).long(),
+    )
     u, v = (x - i)[:, None], (y - j)[:, None]
     corner = first + j * (side + 2) + i
     below = corner + side + 2

@@ -189,7 +189,9 @@ def blend_reflections(scene: Scene, gbuffer: GBuffer, direct: Tensor, layer: Ref
     own = direct.reshape(-1, 3).index_select(0, rows)
     mirrored = layer.color.reshape(-1, 3).index_select(0, rows)
     if layer.share is not None:
-        replaced, weight = (v.reshape(-1, 3).index_select(0, rows) for v in (layer.share.replaced, layer.share.mirrored))
+        replaced, weight = (
+            v.reshape(-1, 3).index_select(0, rows) for v in (layer.share.replaced, layer.share.mirrored)
+        )
         mixed = own - replaced + weight * mirrored
         return direct.reshape(-1, 3).index_copy(0, rows, mixed.clamp_min(0.0)).reshape(direct.shape)
     normal = gbuffer.normal.reshape(-1, 3).index_select(0, rows)

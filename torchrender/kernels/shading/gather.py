@@ -22,12 +22,13 @@ LEAST, LARGEST = f4(1e-12), f4(1e12)
 
 
 @kernel()
-def gather(box, samples, view, packed, looks, s, pix, mat, empty):
+def gather(box, samples, view, packed, looks, work):
     """Attributes of the covered pixels of a tile into ``s``; -> their count, that of empty ones, kinds as bits.
 
     ``box`` = first and one past last column, then row. Bits: 1 << kind, flags of :attr:`Looks.groups_of` << 3.
     """
     x0, x1, y0, y1 = box
+    s, pix, mat, empty = work
     triangle, weights, depth = samples.triangle, samples.weights, samples.depth
     corners, planes, ids = packed.corners, packed.planes, packed.ids
     numbers, kinds_of = looks.numbers, looks.groups_of

@@ -100,7 +100,7 @@ def sample(s, i, g, looks):
             np.float64(t[3]) * u + np.float64(t[4]) * v + np.float64(t[5]),
         )
     if not (math.isfinite(u) and math.isfinite(v)):
-        u, v = 0.0, 0.0
+        u, v = np.float64(0.0), np.float64(0.0)
     across = placed(u, groups[g, 1])
     down = f4(np.ceil(v) - v) if groups[g, 2] == REPEAT else ONE - placed(v, groups[g, 2])
     channels = groups[g, 5]

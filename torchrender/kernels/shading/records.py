@@ -11,12 +11,20 @@ SPAN = 256
 TILE = (64, 4)
 """Columns and rows of a tile."""
 
+IRRADIANCE_SIDE = 64
+"""Texels per side of the octahedral map of irradiance, without its edge."""
+
 _SLOTS = (
-    "PX PY PZ NX NY NZ SX SY SZ GX GY GZ EX EY EZ "  # position; normal bent, smooth, of the triangle; direction to the eye
-    "U V LV U1 V1 L1 TX TY TZ TW "  # texture coordinates and log2 of footprints, twice; tangent
-    "BR BG BB OR OG OB HR HG HB HA OC RO ME QX QY QZ CC CK "  # what textures multiply, see CHANNEL
-    "DR DG DB SR SG SB AM VS LX LY LZ SH "  # sums of diffuse and mirrored light; the light at hand; exponent
-    "FR FG FB FH KR KG KB WR WG WB MR MG MB LO HI IN NV SL CL TH YR YG YB"  # of metallic-roughness, see lobes
+    # position; normal as bent, smooth and of the triangle; direction to the eye
+    "PX PY PZ NX NY NZ SX SY SZ GX GY GZ EX EY EZ "
+    # texture coordinates and log2 of footprints, twice; tangent
+    "U V LV U1 V1 L1 TX TY TZ TW "
+    # what textures multiply, see CHANNEL
+    "BR BG BB OR OG OB HR HG HB HA OC RO ME QX QY QZ CC CK "
+    # sums of diffuse and mirrored light; the light at hand; exponent
+    "DR DG DB SR SG SB AM VS LX LY LZ SH "
+    # of metallic-roughness, see lobes
+    "FR FG FB FH KR KG KB WR WG WB MR MG MB LO HI IN NV SL CL TH YR YG YB"
 ).split()
 SLOT = {name: number * SPAN for number, name in enumerate(_SLOTS)}
 SLOTS = len(_SLOTS)
@@ -72,7 +80,9 @@ class Looks(NamedTuple):
     """Materials and textures."""
 
     numbers: np.ndarray  # (M,32) float32, see MATERIAL
-    groups_of: np.ndarray  # (M,4) int32 first and one past last group, kind, 1: normal map + 2: Phong highlight + 4: sheen
+    groups_of: (
+        np.ndarray
+    )  # (M,4) int32 first and one past last group, kind, 1: normal map + 2: Phong highlight + 4: sheen
     groups: np.ndarray  # (G,LEVELS+3K) int64: levels, wraps, filter, uv set, channels, plain?, slots; then per level
     transforms: np.ndarray  # (G,8) float32: transform 6, log2 of the longer side in texels
     texels: np.ndarray  # (X,) float32
@@ -82,7 +92,7 @@ class Sky(NamedTuple):
     """Light from all around."""
 
     ambient: np.ndarray  # (3,) float32
-    irradiance: np.ndarray  # (S+2,S+2,3) float32 octahedral, over pi; no rows without an environment
+    irradiance: np.ndarray  # (T,3) float32 octahedral, over pi; no rows without an environment
     mirrored: np.ndarray  # (T,3) float32 octahedral maps
     levels: np.ndarray  # (K,2) int64 first texel and side
     albedo: np.ndarray  # (S,S,4) float32 directional albedo
@@ -120,3 +130,12 @@ LIGHT = {
     "nearest": 28, "area": 29,
 }  # fmt: skip
 """First column of each in :attr:`Reach.lights`."""
+
+
+class Work(NamedTuple):
+    """Scratch of one tile."""
+
+    s: np.ndarray  # (SLOTS * SPAN,) float32
+    pix: np.ndarray  # (SPAN,) int32 place of each covered pixel in the flat image
+    mat: np.ndarray  # (SPAN,) int32 material
+    empty: np.ndarray  # (SPAN,) int32 place of each empty pixel

@@ -8,20 +8,11 @@ from numba import prange
 from torchrender.kernels.atomics import borrowed
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.shading.gather import face, face_further, gather, gather_further, place
+from torchrender.kernels.shading.layers import add_coat, add_coat_sky, add_sheen
 from torchrender.kernels.shading.lights import rectangle, small_light
-from torchrender.kernels.shading.lobes import (
-    add_coat,
-    add_coat_sky,
-    add_metallic,
-    add_phong,
-    add_sheen,
-    begin_metallic,
-    mix,
-    write,
-    write_mirrors,
-)
+from torchrender.kernels.shading.lobes import add_metallic, add_phong, begin_metallic, mix, write, write_mirrors
 from torchrender.kernels.shading.maps import bend, constants, finish, textures
-from torchrender.kernels.shading.records import METALLIC, PHONG, RECT, SLOT, SLOTS, SPAN
+from torchrender.kernels.shading.records import METALLIC, PHONG, RECT, SLOT, SLOTS, SPAN, Work
 from torchrender.kernels.shading.simd import ONE, ZERO, f4
 from torchrender.kernels.shading.sky import background, diffuse, mirrored
 
@@ -46,8 +37,9 @@ def keep_replaced(s, n, pix, out):
 
 
 @kernel()
-def surfaces(samples, view, packed, looks, s, n, bits, pix, mat):
+def surfaces(samples, view, packed, looks, work, n, bits):
     """What the materials of gathered pixels are, point by point."""
+    s, pix, mat, _ = work
     if packed.further.shape[0] > 0 or packed.tangent_row.shape[0] > 0:
         gather_further(samples, packed, s, n, pix)
     if samples.position.shape[0] == 0:
@@ -86,21 +78,23 @@ def arrive(s, n, pix, number, reach):
 
 
 @kernel()
-def tile(box, samples, view, packed, looks, sky, reach, out, s, pix, mat, empty):
-    """One tile."""
-    n, e, bits = gather(box, samples, view, packed, looks, s, pix, mat, empty)
+def tile(box, seen, packed, looks, sky, reach, out, work):
+    """One tile; ``seen`` = what is seen, and its camera."""
+    samples, view = seen
+    s, pix, mat, empty = work
+    n, e, bits = gather(box, samples, view, packed, looks, work)
     if e > 0 and samples.position.shape[0] == 0:
         background(s, e, empty, view, sky, out.radiance)
     if n == 0:
         return
-    surfaces(samples, view, packed, looks, s, n, bits, pix, mat)
+    surfaces(samples, view, packed, looks, work, n, bits)
     diffuse(s, n, pix, sky, reach)
     phong, metallic, shiny = bits & (1 << PHONG) > 0, bits & (1 << METALLIC) > 0, bits & 16 > 0
     coated = cloth = False
     if metallic:
         mix(s, n, mat, looks, sky)
         mirrored(s, n, sky, NX, RO)
-        begin_metallic(s, n, mat, looks, sky)
+        begin_metallic(s, n, mat, looks)
         if out.replaced.shape[0] > 0:
             keep_replaced(s, n, pix, out)
         coated, cloth = some(s, n, CC), bits & 32 > 0
@@ -138,9 +132,10 @@ def shade(samples, view, packed, looks, sky, reach, out, how):
     for worker in prange(workers):
         s = np.zeros(SLOTS * SPAN, np.float32)
         pix, mat, empty = np.zeros(SPAN, np.int32), np.zeros(SPAN, np.int32), np.zeros(SPAN, np.int32)
-        seen, eye, soup, look = borrowed(samples), borrowed(view), borrowed(packed), borrowed(looks)
+        seen, soup, look = (borrowed(samples), borrowed(view)), borrowed(packed), borrowed(looks)
         around, light, target = borrowed(sky), borrowed(reach), borrowed(out)
+        work = Work(borrowed(s), borrowed(pix), borrowed(mat), borrowed(empty))
         for k in range(np.int64(worker), tiles, workers):
             x0, y0 = k % across * columns, k // across * rows
             box = (x0, min(x0 + columns, width), y0, min(y0 + rows, height))
-            tile(box, seen, eye, soup, look, around, light, target, borrowed(s), borrowed(pix), borrowed(mat), borrowed(empty))
+            tile(box, seen, soup, look, around, light, target, work)

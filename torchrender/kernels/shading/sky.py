@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from torchrender.kernels.compile import kernel
-from torchrender.kernels.shading.records import SLOT, SPAN
+from torchrender.kernels.shading.records import IRRADIANCE_SIDE, SLOT, SPAN
 from torchrender.kernels.shading.simd import HALF, INV_PI, ONE, TINY, TWO, ZERO, angle, f4
 
 NX, NY, NZ, EX, EY, EZ = (SLOT[n] for n in ("NX", "NY", "NZ", "EX", "EY", "EZ"))
@@ -37,14 +37,13 @@ def map_corners(first, side, across, down):
 def diffuse(s, n, pix, sky, reach):
     """Irradiance over pi from all around into DR.., times what of it arrives."""
     ambient, texels = sky.ambient, sky.irradiance
-    side = np.int64(texels.shape[0] - 2)
     if reach.around.shape[0] > 0:
         for i in range(n):
             s[OC + i] *= reach.around[pix[i]]
     for c in range(3):
         for i in range(n):
             s[DR + c * SPAN + i] = ambient[c]
-    if side > 0:
+    if texels.shape[0] > 0:
         bent = reach.bent.shape[0] > 0
         for i in range(n):
             x, y, z = s[NX + i], s[NY + i], s[NZ + i]
@@ -52,12 +51,10 @@ def diffuse(s, n, pix, sky, reach):
                 x, y, z = reach.bent[pix[i], 0], reach.bent[pix[i], 1], reach.bent[pix[i], 2]
             s[LX + i], s[LY + i] = octahedral(x, y, z)
         for i in range(n):
-            at, below, u, v = map_corners(np.int64(0), side, s[LX + i], s[LY + i])
-            j = at // (side + 2)
-            k = at - j * (side + 2)
+            at, below, u, v = map_corners(np.int64(0), np.int64(IRRADIANCE_SIDE), s[LX + i], s[LY + i])
             for c in range(3):
-                upper = texels[j, k, c] + u * (texels[j, k + 1, c] - texels[j, k, c])
-                lower = texels[j + 1, k, c] + u * (texels[j + 1, k + 1, c] - texels[j + 1, k, c])
+                upper = texels[at, c] + u * (texels[at + 1, c] - texels[at, c])
+                lower = texels[below, c] + u * (texels[below + 1, c] - texels[below, c])
                 s[DR + c * SPAN + i] += upper + v * (lower - upper)
     for c in range(3):
         for i in range(n):
@@ -121,8 +118,8 @@ def background(s, e, empty, view, sky, out):
         a, b = s[SR + i] - left, s[SG + i] - top
         i0, j0 = np.int64(left) % width, np.int64(top)
         i1 = i0 + 1 if i0 + 1 < width else 0
-        j1 = min(max(j0 + 1, 0), height - 1)
-        j0 = min(max(j0, 0), height - 1)
+        j1 = min(max(j0 + 1, np.int64(0)), height - 1)
+        j0 = min(max(j0, np.int64(0)), height - 1)
         for c in range(3):
             up = radiance[j0, i0, c] + a * (radiance[j0, i1, c] - radiance[j0, i0, c])
             low = radiance[j1, i0, c] + a * (radiance[j1, i1, c] - radiance[j1, i0, c])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -62,11 +63,15 @@ def run(frame: Frame) -> tuple[Tensor, MirrorShare]:
     return light.radiance, light.share
 
 
-def with_share(run: Callable[[Frame], ReflectionLayer]) -> Callable[[Frame], ReflectionLayer]:
-    """A pass's ``run`` whose layer is blended in by what the shading told of each pixel."""
+def with_share(run: Callable[[Frame], Any]) -> Callable[[Frame], Any]:
+    """A pass's ``run`` whose layer, the first of what it makes, is blended in by what shading told of each pixel."""
 
-    def shared(frame: Frame) -> ReflectionLayer:
-        return replace(run(frame), share=frame[MIRROR_SHARE])
+    def shared(frame: Frame) -> Any:
+        made = run(frame)
+        share = frame[MIRROR_SHARE]
+        if isinstance(made, ReflectionLayer):
+            return replace(made, share=share)
+        return (replace(made[0], share=share), *made[1:])
 
     return shared
 

@@ -77,47 +77,47 @@ class SeenSurface(GBuffer):
         return self.source
 
     @cached_property
-    def position(self) -> Tensor:  # type: ignore[override]
+    def position(self) -> Tensor:
         return self._placed["position"]
 
     @cached_property
-    def geometric_normal(self) -> Tensor:  # type: ignore[override]
+    def geometric_normal(self) -> Tensor:
         return self._placed["geometric_normal"]
 
     @cached_property
-    def material(self) -> Tensor:  # type: ignore[override]
+    def material(self) -> Tensor:
         return self._placed["material"]
 
     @cached_property
-    def normal(self) -> Tensor:  # type: ignore[override]
+    def normal(self) -> Tensor:
         return self._blended["normal"]
 
     @cached_property
-    def uv(self) -> Tensor:  # type: ignore[override]
+    def uv(self) -> Tensor:
         return self._blended["uv"]
 
     @cached_property
-    def uv_footprint(self) -> Tensor:  # type: ignore[override]
+    def uv_footprint(self) -> Tensor:
         return self._blended["uv_footprint"]
 
     @cached_property
-    def color(self) -> Tensor:  # type: ignore[override]
+    def color(self) -> Tensor:
         return self._blended["color"]
 
     @cached_property
-    def uv1(self) -> Tensor | None:  # type: ignore[override]
+    def uv1(self) -> Tensor | None:
         return self._further["uv1"]
 
     @cached_property
-    def uv1_footprint(self) -> Tensor | None:  # type: ignore[override]
+    def uv1_footprint(self) -> Tensor | None:
         return self._further["uv1_footprint"]
 
     @cached_property
-    def tangent(self) -> Tensor | None:  # type: ignore[override]
+    def tangent(self) -> Tensor | None:
         return self._further["tangent"]
 
     @cached_property
-    def alpha(self) -> Tensor | None:  # type: ignore[override]
+    def alpha(self) -> Tensor | None:
         return self._further["alpha"]
 
 
@@ -148,7 +148,7 @@ def hit_surface(geometry: Geometry, rays: CastRays) -> RaySurface:
         width=rays.width,
         source=geometry,
         **tensors,
-        **more,
+        **more,  # type: ignore[arg-type]
     )
 
 
@@ -186,7 +186,9 @@ def further(
         uv = geometry.uv1.double()[corner]
         made["uv1"] = image((uv * shares).sum(1))
         cosine = (facing * ray[0].reshape(-1, 3)[rows]).sum(-1).abs().clamp_min(MIN_COSINE)
-        made["uv1_footprint"] = image(_density(geometry.vertices[corner], uv) * ray[1].reshape(-1)[rows] / cosine.sqrt())
+        made["uv1_footprint"] = image(
+            _density(geometry.vertices[corner], uv) * ray[1].reshape(-1)[rows] / cosine.sqrt()
+        )
     if table is not None:
         row = table.row[hit].long()
         value = (table.corners[row.clamp_min(0)].double() * shares).sum(1)
