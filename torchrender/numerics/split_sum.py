@@ -86,7 +86,10 @@ def _row(roughness: float, cosine: Tensor) -> Tensor:
     """Values (S,4) of one roughness."""
     alpha = max(roughness, SMOOTHEST) ** 2
     t = (torch.arange(SAMPLES, dtype=torch.float64) + 0.5) / SAMPLES
-    first, second = (v.reshape(1, -1) for v in torch.meshgrid(t, t, indexing="ij"))
+    # Close towards one, where few normals send much of the light astray: the long tail of the distribution.
+    first, second = (v.reshape(1, -1) for v in torch.meshgrid(1.0 - (1.0 - t) ** 4, t, indexing="ij"))
+    weight = (4.0 * (1.0 - t) ** 3 / SAMPLES**2).repeat_interleave(SAMPLES)[None]
+    weight = weight / weight.sum()
     c = cosine[:, None]
     half = _visible_normal(c, alpha, first, second)
     eye_half = (half[0] * (1.0 - c * c).sqrt() + half[2] * c).clamp(0.0, 1.0)
@@ -94,7 +97,7 @@ def _row(roughness: float, cosine: Tensor) -> Tensor:
     above = light > 0
     share = torch.where(above, _masked(light.clamp_min(1e-9), c, alpha), 0.0)
     grazing = fifth_power(eye_half)
-    a, b = (share * (1.0 - grazing)).mean(1), (share * grazing).mean(1)
+    a, b = (share * (1.0 - grazing) * weight).sum(1), (share * grazing * weight).sum(1)
     return torch.stack([a, b, _sheen(cosine, roughness), torch.zeros_like(a)], dim=-1)
 
 

@@ -130,14 +130,15 @@ class Reader:
         if tangent is None or not look_up.has("normal_texture"):
             return smooth
         along = tangent.reshape(-1, 4).index_select(0, look_up.rows).T
+        has_map = torch.tensor([m.normal_texture is not None for m in self.scene.materials])[look_up.material]
         told = look_up("normal_texture", 3, empty=0.5)
         scale = self.table.physical.normal_scale[look_up.material]
         x, y, z = (2.0 * told[0] - 1.0) * scale, (2.0 * told[1] - 1.0) * scale, 2.0 * told[2] - 1.0
         across = torch.linalg.cross(smooth, along[:3], dim=0) * along[3]
         bent = normalize(x * along[:3] + y * across + z * smooth, dim=0, eps=1e-30)
         usable = (along[:3].square().sum(0) > 0) & (bent.square().sum(0) > 0.5)
-        bent = torch.where(usable, bent, smooth)
-        return raised(raised(bent, geometric), to_eye)
+        usable = usable & has_map
+        return torch.where(usable, raised(raised(bent, geometric), to_eye), smooth)
 
 
 def raised(normal: Tensor, axis: Tensor) -> Tensor:

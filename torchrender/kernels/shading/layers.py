@@ -28,7 +28,7 @@ def add_sheen(s, n, mat, looks, light):
     numbers = looks.numbers
     for i in range(n):
         nx, ny, nz, lx, ly, lz = s[NX + i], s[NY + i], s[NZ + i], s[LX + i], s[LY + i], s[LZ + i]
-        sine, _ = half_terms(nx, ny, nz, s[EX + i], s[EY + i], s[EZ + i], lx, ly, lz)
+        sine, _ = half_terms((nx, ny, nz), (s[EX + i], s[EY + i], s[EZ + i]), (lx, ly, lz))
         rough = max(numbers[mat[i], SHEEN_ROUGHNESS], f4(0.07))
         inverse = ONE / (rough * rough)
         spread = (TWO + inverse) * exp2(HALF * inverse * log2(max(sine, f4(1e-12)))) * HALF * INV_PI
@@ -48,7 +48,7 @@ def add_coat(s, n, light):
         bent = max(s[NX + i] * lx + s[NY + i] * ly + s[NZ + i] * lz, LEAST_COSINE)
         nl = max(sx * lx + sy * ly + sz * lz, ZERO)
         nv = min(max(sx * ex + sy * ey + sz * ez, f4(1e-4)), ONE)
-        sine, half = half_terms(sx, sy, sz, ex, ey, ez, lx, ly, lz)
+        sine, half = half_terms((sx, sy, sz), (ex, ey, ez), (lx, ly, lz))
         rough = max(s[CK + i], SMOOTHEST)
         f = s[CC + i] * (COAT_F0 + (ONE - COAT_F0) * fifth(half))
         s[VS + i] = s[AM + i] / bent * nl * f * ggx(sine, nl, nv, rough * rough)

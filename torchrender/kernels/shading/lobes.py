@@ -139,8 +139,11 @@ def ggx(square_sine, nl, nv, alpha):
 
 
 @kernel(inline=True)
-def half_terms(nx, ny, nz, ex, ey, ez, lx, ly, lz):
+def half_terms(normal, eye, light):
     """Squared sine of the half vector to the normal, cosine to the eye."""
+    nx, ny, nz = normal
+    ex, ey, ez = eye
+    lx, ly, lz = light
     hx, hy, hz = ex + lx, ey + ly, ez + lz
     inv = ONE / math.sqrt(max(hx * hx + hy * hy + hz * hz, TINY))
     hx, hy, hz = hx * inv, hy * inv, hz * inv
@@ -160,7 +163,7 @@ def add_metallic(s, n, sky, light):
     for i in range(n):
         amount, matte = s[AM + i], s[VS + i]
         nx, ny, nz, lx, ly, lz = s[NX + i], s[NY + i], s[NZ + i], s[LX + i], s[LY + i], s[LZ + i]
-        sine, half = half_terms(nx, ny, nz, s[EX + i], s[EY + i], s[EZ + i], lx, ly, lz)
+        sine, half = half_terms((nx, ny, nz), (s[EX + i], s[EY + i], s[EZ + i]), (lx, ly, lz))
         rough = max(s[RO + i], SMOOTHEST)
         lobe = amount * ggx(sine, nx * lx + ny * ly + nz * lz, s[NV + i], rough * rough) * s[SL + i]
         grazing = fifth(half)
