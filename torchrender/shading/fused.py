@@ -30,7 +30,7 @@ from torchrender.kernels.shading.records import (
     View,
 )
 from torchrender.kernels.shading.shade import shade
-from torchrender.numerics.split_sum import albedo_table
+from torchrender.numerics.lobe_albedo import albedo_table
 from torchrender.scene.environment import Environment
 from torchrender.scene.light import DirectionalLight, Light, RectLight, SpotLight
 from torchrender.scene.mesh import Geometry

@@ -18,7 +18,7 @@ from torch import Tensor
 
 from torchrender.numerics.ggx import fifth_power, ggx_alpha, ggx_lobe, half_vector_terms, sheen_lobe
 from torchrender.numerics.lobe import schlick
-from torchrender.numerics.split_sum import albedo_table, directional_albedo, look_up, mean_albedo
+from torchrender.numerics.lobe_albedo import albedo_table, directional_albedo, look_up, mean_albedo
 from torchrender.shading.lights import Arrival
 from torchrender.shading.sky import Sky
 from torchrender.shading.surface import Surface
@@ -137,7 +137,7 @@ class _Mix:
             again=again,
             mirrored=(f0 * a + f90 * b) * again,
             matte=s.base * (1.0 - s.metallic) * (1.0 - s.transmission),
-            left_eye=1.0 - (low * a + high * b),
+            left_eye=1.0 - (low * a + high * b) * (1.0 + low * (1.0 / (a + b).clamp_min(1e-3) - 1.0)),
             inner=1.0 - (low * mean_a + high * mean_b),
             bare=(low, high),
             sheen_left=1.0 - s.sheen.amax(0) * cloth,

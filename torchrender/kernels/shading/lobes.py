@@ -103,7 +103,7 @@ def mix(s, n, mat, looks, sky):
             s[FR + c * SPAN + i], s[KR + c * SPAN + i] = f0, again
             s[WR + c * SPAN + i] = (f0 * a + high * b) * again * sheen_left * through
             s[MR + c * SPAN + i] = s[BR + c * SPAN + i] * (ONE - metal) * (ONE - numbers[m, TRANSMISSION])
-        left = ONE - (low * a + weight * b)
+        left = ONE - (low * a + weight * b) * (ONE + low * lost)
         inner = ONE - (low * mean_a + weight * mean_b)
         for c in range(3):
             s[MR + c * SPAN + i] *= left * sheen_left * through
