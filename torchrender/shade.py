@@ -153,5 +153,5 @@ def _background(scene: Scene, cameras: Cameras, empty: Tensor, color: ArrayLike 
         for chunk, part in zip(rows.split(CHUNK), pixels.split(CHUNK)):
             _, direction = cameras[number].rays(part[None])
             unit = torch.nn.functional.normalize(direction[0], dim=-1).float()
-            image[number * size + chunk] = scene.environment.lookup(unit)
+            image[number * size + chunk] = scene.environment.background(unit)
     return image

@@ -9,7 +9,8 @@ import torch
 from torch import Tensor
 
 from torchrender.numerics.ggx import fifth_power, ggx_alpha, ggx_lobe, half_vector_terms, sheen_lobe
-from torchrender.numerics.lobe_albedo import albedo_table, directional_albedo, mean_albedo, sheen_albedo
+from torchrender.numerics.lobe_albedo import albedo_table, mean_albedo, sheen_albedo
+from torchrender.numerics.split_sum import directional_albedo
 
 
 def hemisphere(steps: int) -> tuple[Tensor, float]:

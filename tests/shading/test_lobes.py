@@ -11,7 +11,7 @@ from torch import Tensor
 
 from shading_scenes import bumps
 from torchrender.errors import OptionError
-from torchrender.numerics.lobe_albedo import directional_albedo
+from torchrender.numerics.split_sum import directional_albedo
 from torchrender.raster import rasterize
 from torchrender.scene.camera import Cameras
 from torchrender.scene.environment import Environment

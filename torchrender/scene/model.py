@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cache, cached_property
 
 import torch
 from torch import Tensor
@@ -120,8 +120,17 @@ class Scene:
         if self.is_lit:
             return self
         sun = DirectionalLight(direction=torch.tensor([0.5, -1.0, -0.4]), irradiance=torch.full((3,), 1.9))
-        studio = torch.linspace(0.55, 0.15, 16)[:, None, None].expand(16, 2, 3).contiguous()
-        lit = replace(self, lights=(sun,), environment=Environment(radiance=studio, name="studio"))
+        return self._relit(lights=(sun,), environment=_studio())
+
+    def with_sun_apart(self) -> Scene:
+        """This scene, or if its environment shows a sun, a copy in which that is a light and casts shadows."""
+        if self.environment is None:
+            return self
+        rest, sun = self.environment.split_sun()
+        return self if sun is None else self._relit(lights=(*self.lights, sun), environment=rest)
+
+    def _relit(self, *, lights: tuple[Light, ...], environment: Environment) -> Scene:
+        lit = replace(self, lights=lights, environment=environment)
         if "geometry" in self.__dict__:  # the same triangles: nothing to build again
             lit.__dict__["geometry"] = self.geometry
         return lit
@@ -159,6 +168,14 @@ def _mean_emission(material: Material) -> Tensor:
 def _area(mesh: Mesh) -> float:
     a, b, c = mesh.vertices.detach().double()[mesh.faces.long()].unbind(1)
     return float(torch.linalg.cross(b - a, c - a).norm(dim=-1).sum()) / 2
+
+
+@cache
+def _studio() -> Environment:
+    """What lights a scene without light, beside its sun: brighter from above. Kept: what is made of it lasts."""
+    with torch.inference_mode(False):
+        radiance = torch.linspace(0.55, 0.15, 16)[:, None, None].expand(16, 2, 3).contiguous()
+        return Environment(radiance=radiance, name="studio")
 
 
 def resized(camera: Cameras, width: int, height: int) -> Cameras:

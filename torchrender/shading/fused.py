@@ -201,7 +201,7 @@ def _sky(scene: Scene, background: Tensor | None) -> Sky:
         levels=array(maps.levels, np.int64),
         albedo=array(table.split, f4),
         mean=array(table.mean, f4),
-        radiance=array(shown.radiance, f4),
+        radiance=array(shown.radiance if shown.shown is None else shown.shown, f4),
         turn=np.array([math.radians(shown.rotation_deg), shown.intensity], f4),
     )
 

@@ -18,7 +18,8 @@ from torch import Tensor
 
 from torchrender.numerics.ggx import fifth_power, ggx_alpha, ggx_lobe, half_vector_terms, sheen_lobe
 from torchrender.numerics.lobe import schlick
-from torchrender.numerics.lobe_albedo import albedo_table, directional_albedo, look_up, mean_albedo
+from torchrender.numerics.lobe_albedo import albedo_table, look_up, mean_albedo
+from torchrender.numerics.split_sum import directional_albedo
 from torchrender.shading.lights import Arrival
 from torchrender.shading.sky import Sky
 from torchrender.shading.surface import Surface

@@ -14,7 +14,7 @@ from torchrender.kernels.shading.records import IRRADIANCE_SIDE
 from torchrender.scene.environment import Environment
 from torchrender.scene.model import Scene
 
-MIRRORED_SIDES = (256, 128, 64, 32, 32, 32)
+MIRRORED_SIDES = (256, 128, 128, 64, 64, 64, 32, 32, 32)
 """Pixels per side of the octahedral maps of what is mirrored; roughness grows evenly from 0 to 1."""
 
 _KEPT: WeakIdKeyDictionary = WeakIdKeyDictionary()
@@ -52,12 +52,8 @@ def _made(environment: Environment, mirrors: bool) -> SkyMaps:
 
 def _mirrored(environment: Environment, direction: Tensor, roughness: float) -> Tensor:
     """Radiance (...,3) mirrored about directions (...,3), mean over the lobe of the roughness."""
-    prefiltered = getattr(environment, "prefiltered", None)
-    if prefiltered is not None:
-        flat = direction.reshape(-1, 3)
-        found: Tensor = prefiltered(flat, torch.full((len(flat),), roughness))
-        return found.reshape(direction.shape)
-    return environment.lookup(direction) if roughness < 0.5 else environment.irradiance(direction) / math.pi
+    flat = direction.reshape(-1, 3)
+    return environment.prefiltered(flat, torch.full((len(flat),), roughness)).reshape(direction.shape)
 
 
 def octahedral_directions(side: int) -> Tensor:
@@ -107,12 +103,20 @@ class Sky:
     def __init__(self, scene: Scene) -> None:
         self.ambient = scene.ambient.float()
         self.maps: SkyMaps | None = None
-        if scene.environment is not None:
-            self.maps = SkyMaps.of(scene.environment, scene.material_table.has_physical)
+        self.variable: Environment | None = None
+        environment = scene.environment
+        if environment is None:
+            return
+        if torch.is_grad_enabled() and environment.radiance.requires_grad:
+            self.variable = environment
+        else:
+            self.maps = SkyMaps.of(environment, scene.material_table.has_physical)
 
     def diffuse(self, normal: Tensor) -> Tensor:
         """Irradiance over pi (3,N) at normals (3,N)."""
         ambient = self.ambient[:, None].expand(3, normal.shape[1])
+        if self.variable is not None:
+            return ambient + self.variable.irradiance(normal.T).T / math.pi
         if self.maps is None:
             return ambient
         side = torch.full((normal.shape[1],), IRRADIANCE_SIDE)
@@ -122,6 +126,8 @@ class Sky:
     def mirrored(self, direction: Tensor, roughness: Tensor) -> Tensor:
         """Radiance (3,N) about mirrored directions (3,N), mean over the lobes of roughness (N,)."""
         ambient = self.ambient[:, None].expand(3, direction.shape[1])
+        if self.variable is not None:
+            return ambient + self.variable.prefiltered(direction.T, roughness).T
         if self.maps is None or not len(self.maps.levels):
             return ambient
         levels = self.maps.levels
