@@ -129,7 +129,9 @@ def ball(number: int, material: int) -> Mesh:
 def sky() -> Environment:
     """A bright side, a dark one, a coloured floor."""
     d = latlong_directions(32, 64)
-    color = torch.tensor([0.5, 0.7, 1.0]) * (1.2 + d[..., 1:2]) + torch.tensor([2.0, 1.0, 0.3]) * d[..., :1].clamp_min(0)
+    color = torch.tensor([0.5, 0.7, 1.0]) * (1.2 + d[..., 1:2]) + torch.tensor([2.0, 1.0, 0.3]) * d[..., :1].clamp_min(
+        0
+    )
     return Environment(radiance=color, intensity=0.7, rotation_deg=30.0)
 
 

@@ -42,7 +42,9 @@ def test_halves_mirrored_at_an_edge_do_not_cancel_each_other() -> None:
 
 def test_corners_share_a_tangent_weighted_by_angle_in_the_plane_of_the_normal() -> None:
     """Two triangles of a bent sheet with smooth normals along the fold."""
-    place = torch.tensor([[[0.0, 0, 0], [0, 1, 0], [-1, 0, -1]], [[0, 0, 0], [1, 0, -1], [0, 1, 0]]], dtype=torch.float64)
+    place = torch.tensor(
+        [[[0.0, 0, 0], [0, 1, 0], [-1, 0, -1]], [[0, 0, 0], [1, 0, -1], [0, 1, 0]]], dtype=torch.float64
+    )
     up = torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64)
     normal = up.expand(2, 3, 3)
     uv = torch.tensor([[[0.0, 0], [0, 1], [-1, 0]], [[0, 0], [1, 0], [0, 1]]], dtype=torch.float64)

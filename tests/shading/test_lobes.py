@@ -80,7 +80,8 @@ def test_a_metal_under_parallel_light_sends_back_all_of_it_in_all(roughness: flo
         for d in torch.stack([r * torch.cos(turn), r * torch.sin(turn), z], dim=-1)
     )
     flat = Mesh(
-        vertices=torch.tensor([[-9.0, -9, 0], [9, -9, 0], [9, 9, 0], [-9, 9, 0]]), faces=torch.tensor([[0, 1, 2], [0, 2, 3]])
+        vertices=torch.tensor([[-9.0, -9, 0], [9, -9, 0], [9, 9, 0], [-9, 9, 0]]),
+        faces=torch.tensor([[0, 1, 2], [0, 2, 3]]),
     )
     scene = Scene(meshes=(flat,), materials=(metal,), lights=suns)
     for slope in (0.0, 1.0):
@@ -144,7 +145,10 @@ def test_occlusion_and_ambient_visibility_darken_ambient_light_alone() -> None:
         alone, under = (seen(ball(m, sun), kernel)[0] for m in (lit, dark))
         torch.testing.assert_close(alone, under)
         closed = AmbientReach(torch.zeros(1, 48, 48))
-        assert float(seen(ball(lit, ambient=1.0, environment=Environment.constant(WHITE)), kernel, around=closed)[0].max()) < 1e-6
+        assert (
+            float(seen(ball(lit, ambient=1.0, environment=Environment.constant(WHITE)), kernel, around=closed)[0].max())
+            < 1e-6
+        )
 
 
 def test_unlit_shows_its_colour_in_the_dark_and_in_the_sun() -> None:

@@ -13,8 +13,8 @@ from torch import Tensor
 
 from torchrender.errors import MeshError
 from torchrender.kernels.raster.culling_clusters import cluster_boxes, spatial_order, vertex_blocks
-from torchrender.scene.cutout import Cutout
 from torchrender.numerics.tangents import Corners, TangentTable, tangents_of
+from torchrender.scene.cutout import Cutout
 
 CLUSTER = 128
 """Triangles per culling cluster at most: neighbours of one mesh."""
