@@ -16,7 +16,7 @@ from torchrender.checks import check_range
 from torchrender.errors import InputError, MeshError, SceneFileError
 from torchrender.numerics.texture import color_pyramid, sample_texture
 from torchrender.points.cloud import PointCloud
-from torchrender.scene.files.mesh_file import check_ply, linear_colors
+from torchrender.scene.files.plain.read import check_ply, linear_colors
 from torchrender.scene.files.source import read_bytes
 from torchrender.scene.load import load
 from torchrender.scene.model import Scene

@@ -24,7 +24,7 @@ from trimesh.resolvers import Resolver
 
 from torchrender.errors import SceneFileError
 from torchrender.numerics.color import linear_from_srgb
-from torchrender.scene.files.mtl import read_materials
+from torchrender.scene.files.plain.mtl import read_materials
 from torchrender.scene.material import Material
 from torchrender.scene.mesh import Mesh
 from torchrender.scene.model import Scene
@@ -58,7 +58,7 @@ class _Materials(Resolver):
         return self
 
 
-def read_mesh_file(path: Path, data: bytes) -> Scene:
+def read_mesh_file(path: Path, data: bytes, *, drop_invalid: bool = False) -> Scene:
     """The meshes of an ``.obj``, ``.ply`` or ``.stl`` file, one per material and object.
 
     Raises:
