@@ -28,7 +28,8 @@ def read_ktx2(data: bytes, name: str | Path, max_pixels: int) -> np.ndarray[Any,
     """
     if len(data) < 80:
         raise ImageFileError(name, "damaged or cut off KTX2 picture")
-    check_size(name, *struct.unpack_from("<II", data, 20), max_pixels)
+    width, height = struct.unpack_from("<II", data, 20)
+    check_size(name, width, height, max_pixels)
     if not has_ktx2():
         raise ImageFileError(name, f'KTX2 pictures need {PACKAGE}: pip install "torchrender[ktx]"')
     import opengl_basisu

@@ -133,6 +133,14 @@ def _blend(records: np.ndarray, boxes: np.ndarray, image: Tensor, depth: Tensor,
     blend_tiles(records, entries, start, image.numpy(), depth.numpy(), cover.numpy())
 
 
+_NONE = dict.fromkeys(
+    (
+        *("patches", "patches_outside", "patches_back", "reconstruction", "low_pass", "squares", "back"),
+        *("degenerate", "large", "capped", "evaluations", "bytes_read"),
+    ),
+    0,
+)
+
+
 def _statistics(points: int, drawn: int, ms: dict[str, float]) -> SplatStatistics:
-    zero = dict.fromkeys((*("patches", "patches_outside", "patches_back", "reconstruction", "low_pass", "squares", "back"), *("degenerate", "large", "capped", "evaluations", "bytes_read")), 0)
-    return SplatStatistics(points=points, nodes=points, drawn=drawn, full=drawn, behind=points - drawn, **zero, ms=ms)
+    return SplatStatistics(points=points, nodes=points, drawn=drawn, full=drawn, behind=points - drawn, **_NONE, ms=ms)

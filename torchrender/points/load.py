@@ -121,7 +121,7 @@ def _cloud(path: Path, columns: dict[str, Any], notes: Notes, drop: bool) -> Poi
     if not len(columns["position"]):
         raise SceneFileError(path, "holds no points")
     notes.read("points", len(columns["position"]))
-    tensors = {k: None if v is None else torch.from_numpy(np.array(v)) for k, v in columns.items()}
+    tensors: dict[str, Any] = {k: None if v is None else torch.from_numpy(np.array(v)) for k, v in columns.items()}
     return PointCloud(**tensors, name=path.stem).completed()
 
 

@@ -87,12 +87,11 @@ def decode_indices(data: np.ndarray, out: np.ndarray) -> bool:
     last = np.zeros(2, np.int64)
     at = 1
     for i in range(len(out)):
-        code, at = _number(data, at, end)
+        number, at = _number(data, at, end)
         if at < 0:
             return False
-        which = code & 1
-        code >>= 1
-        last[which] = (last[which] + ((code >> 1) ^ -(code & 1))) & 0xFFFFFFFF
+        which, step = int(number & 1), int(number >> 1)
+        last[which] = (last[which] + ((step >> 1) ^ -(step & 1))) & 0xFFFFFFFF
         out[i] = last[which]
     return at == end
 
@@ -106,7 +105,7 @@ def _number(data: np.ndarray, at: int, end: int) -> tuple[int, int]:
             return 0, -1
         byte = np.int64(data[at])
         at += 1
-        value |= (byte & 127) << shift
+        value |= int((byte & 127) << shift)
         shift += 7
         if byte < 128:
             break

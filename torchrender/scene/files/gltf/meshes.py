@@ -130,7 +130,7 @@ class GltfMeshes:
         return self._primitives[used]
 
     def _without_invalid(self, part: Primitive) -> Primitive:
-        lost = ~np.isfinite(part.vertices).all(axis=1)
+        lost = np.logical_not(np.isfinite(part.vertices).all(axis=1))
         if not lost.any():
             return part
         self._file.notes.repaired("vertices that are NaN or infinite: dropped with their faces", int(lost.sum()))

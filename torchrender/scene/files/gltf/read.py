@@ -129,8 +129,9 @@ class _Draft:
             self._file.item("skins", skin)
         copies = instances(self._file, node, key)
         for mesh, part in self._reader.placed(node["mesh"], name, self._objects, copies):
-            own = skin if part.joints is not None else None
-            if own is not None and int(part.joints.max(initial=0)) >= len(self._motion.skins[own].joints):
+            joints = part.joints
+            own = skin if joints is not None else None
+            if joints is not None and own is not None and joints.max(initial=0) >= len(self._motion.skins[own].joints):
                 reason = f"joints must be below {len(self._motion.skins[own].joints)}"
                 raise SceneFileError(self._file.path, reason, key=f"meshes[{node['mesh']}]")
             moving = Part(len(self._meshes), index, part, own)

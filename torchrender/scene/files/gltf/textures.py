@@ -114,13 +114,15 @@ class GltfTextures:
         try:
             name, data = image_bytes(self._file, index)
         except SceneFileError as error:
-            return self._missing(key, f"image {index}", error.reason, kind, last=last)
+            self._say_missing(key, f"image {index}", error.reason, kind, last=last)
+            return None
         try:
             return as_texture(read_image_bytes(data, f"images[{index}]", encoded=encoded))
         except SceneFileError as error:
-            return self._missing(key, name, error.reason, kind, last=last)
+            self._say_missing(key, name, error.reason, kind, last=last)
+            return None
 
-    def _missing(self, key: str, name: str, reason: str, kind: str, *, last: bool) -> None:
+    def _say_missing(self, key: str, name: str, reason: str, kind: str, *, last: bool) -> None:
         if last:
             warn_missing_texture(self._file.path, key, f"texture {name!r}: {reason}")
         else:

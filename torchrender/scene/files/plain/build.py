@@ -90,7 +90,7 @@ def _without_doubles(surface: Surface, notes: Notes) -> Surface:
 
 
 def _without_invalid(surface: Surface, notes: Notes) -> Surface:
-    lost = ~np.isfinite(surface.vertices).all(axis=1)
+    lost = np.logical_not(np.isfinite(surface.vertices).all(axis=1))
     if not lost.any():
         return surface
     notes.repaired("vertices that are NaN or infinite: dropped with their faces", int(lost.sum()))

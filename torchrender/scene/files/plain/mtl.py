@@ -2,8 +2,8 @@
 
 Colours count as linear, as in most modelling programs. ``Ns`` is the exponent; the width of the mirror lobe is that of
 the GGX lobe with the same peak, ``gloss = (2 / (Ns + 2))^(1/4)``. ``illum`` decides about reflection: 0 and 1 have no
-highlight, 2 has one but mirrors nothing: it becomes a dielectric of that roughness, whose highlight Ks scales; from 3 on
-Ks mirrors. ``Ka`` has no effect: ambient light is reflected as any other.
+highlight, 2 has one but mirrors nothing: it becomes a dielectric of that roughness, whose highlight Ks scales; from 3
+on Ks mirrors. ``Ka`` has no effect: ambient light is reflected as any other.
 """
 
 from __future__ import annotations

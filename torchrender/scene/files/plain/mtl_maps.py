@@ -15,7 +15,10 @@ from torchrender.scene.files.texture_file import as_texture, warn_missing_textur
 from torchrender.scene.material import Sampler
 
 _OPTIONS = {
-    "-o": 3, "-s": 3, "-t": 3, "-mm": 2,
+    "-o": 3,
+    "-s": 3,
+    "-t": 3,
+    "-mm": 2,
     **dict.fromkeys(("-blendu", "-blendv", "-clamp", "-cc", "-texres", "-bm", "-boost", "-imfchan", "-type"), 1),
 }
 """How many values follow each at most."""
@@ -46,10 +49,12 @@ class MapUse:
 
 def parse_map(words: list[str]) -> MapUse:
     """The file behind the options of a map statement; names may hold blanks."""
-    at, options = 0, {}
+    at = 0
+    options: dict[str, list[str]] = {}
     while at < len(words) - 1 and words[at].lower() in _OPTIONS:
         name = words[at].lower()
-        at, values = at + 1, []
+        at += 1
+        values: list[str] = []
         while len(values) < _OPTIONS[name] and at < len(words) - 1 and (is_number(words[at]) or name in _WORDS):
             values.append(words[at])
             at += 1

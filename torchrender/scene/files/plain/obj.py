@@ -158,7 +158,7 @@ def _sorted_lines(text: str, notes: Notes) -> _Lines:
                 smoothing, changed = _smoothing(rest), True
             elif lower == "mtllib":
                 out.libraries.append(rest)
-            elif lower != "g":
+            elif lower not in ("g", "f"):
                 others[lower] += 1
     _say_others(others, notes)
     return out
@@ -284,15 +284,14 @@ def _indices(path: Path, words: list[str]) -> Array:
         return np.zeros((0, 3), np.int64)
     text = " ".join(words)
     slashes = words[0].count("/")
-    uniform = text.count("/") == slashes * len(words) and slashes <= 2 and "//" not in text.replace("// ", "")
     try:
-        if slashes == 2 and text.count("//") == len(words):
-            flat = np.array(text.replace("//", " 0 ").split(), np.int64).reshape(-1, 3)
-            return flat
-        if uniform and all(w.count("/") == slashes for w in words):
+        whole = "/ " not in text and not text.endswith("/")
+        if whole and slashes == 2 and text.count("//") == len(words):
+            return np.array(text.replace("//", " 0 ").split(), np.int64).reshape(-1, 3)
+        if whole and "//" not in text and all(w.count("/") == slashes for w in words):
             flat = np.array(text.replace("/", " ").split(), np.int64).reshape(-1, slashes + 1)
             return np.pad(flat, ((0, 0), (0, 2 - slashes)))
-        rows = [[int(p or 0) for p in (word.split("/") + ["", ""])[:3]] for word in words]
+        rows = [[int(p or 0) for p in [*word.split("/"), "", ""][:3]] for word in words]
         return np.array(rows, np.int64)
     except (ValueError, OverflowError) as error:
         raise SceneFileError(path, f"damaged: a corner of a face is no index ({error})") from error
