@@ -68,7 +68,7 @@ def lasting_shadows(options: RenderOptions) -> ShadowOptions:
 
     The look-up of the picture itself may be the quickest one; neither maps nor mirrors are made anew for that.
     """
-    shadow = options.shadow
+    shadow = replace(options.shadow, edges="exact")
     return replace(shadow, filter="bilinear") if shadow.filter == "none" and shadow.soft is None else shadow
 
 

@@ -13,8 +13,9 @@ from torchrender.effects.shadows.soft_shadow import SoftShadowOptions, soft_shad
 from torchrender.effects.shadows.traced import traced_visibility
 from torchrender.passes.contract import Amounts, Buffers, OwnMeasure, Pass
 from torchrender.passes.hard import LIGHTS, HardEffect, Law, Outputs, Subject, mean_over, receives
+from torchrender.passes.light.light_reach import AREA_LIGHTS, LIGHT_REACH
 from torchrender.passes.light.shadow_map import SHADOW_MAP
-from torchrender.passes.light.visibility import SOFT_SHADOW, visibility_error
+from torchrender.passes.light.visibility import SOFT_SHADOW, lights_in_view, visibility_error
 from torchrender.passes.outlook import Outlook, Verdict, counted, no_shadows
 from torchrender.passes.seen.gbuffer import GBUFFER
 from torchrender.passes.seen.occluders import OCCLUDERS
@@ -33,7 +34,10 @@ def applies(outlook: Outlook) -> Verdict:
         return nothing
     if not outlook.area_lights:
         return Verdict(False, "no light has an area: hard shadows by shadow map instead")
-    return Verdict(True, counted(outlook.area_lights, "light") + " with an area")
+    reaching = outlook.known.get(AREA_LIGHTS)
+    if reaching == 0:
+        return Verdict(False, "no light with an area reaches what is seen")
+    return Verdict(True, counted(outlook.area_lights if reaching is None else int(reaching), "light") + " with an area")
 
 
 def asks(outlook: Outlook) -> Buffers:
@@ -43,10 +47,10 @@ def asks(outlook: Outlook) -> Buffers:
 
 def run(frame: Frame) -> dict[int, Tensor]:
     """Visibility (B,H,W) of the rectangular lights, by their number."""
-    lights = {n: light for n, light in enumerate(frame.scene.lights) if isinstance(light, RectLight)}
+    lights = lights_in_view(frame, area=True)
     gbuffer, options = frame[GBUFFER], frame.options
     if options.area_shadows == "sampled":
-        rectangles = list(lights.values())
+        rectangles = [light for light in lights.values() if isinstance(light, RectLight)]
         found = soft_shadow(frame[OCCLUDERS], rectangles, gbuffer, options.soft_shadow, bounds=frame.scene.bounds)
         return dict(zip(lights, found.visibility.unbind(1), strict=True))
     maps = frame[SHADOW_MAP]
@@ -59,7 +63,7 @@ def run(frame: Frame) -> dict[int, Tensor]:
 
 def amounts(outlook: Outlook) -> Amounts:
     """Once; look-ups."""
-    return (1.0, outlook.area_lights * outlook.pixels)
+    return (1.0, outlook.known.get(AREA_LIGHTS, outlook.area_lights) * outlook.pixels)
 
 
 def over_samples(options: RenderOptions, history: RenderHistory) -> RenderOptions:
@@ -117,6 +121,7 @@ PASS = Pass(
     summary="shadows of rectangular lights",
     makes=SOFT_SHADOW,
     needs=(GBUFFER,),
+    uses=(LIGHT_REACH,),
     asks=asks,
     applies=applies,
     run=run,
