@@ -76,7 +76,9 @@ def over_samples(options: RenderOptions, history: RenderHistory) -> RenderOption
 def over_hits(options: RenderOptions, history: RenderHistory) -> RenderOptions:
     """By maps of everything: others follow the eye, and reflected rays leave what it sees."""
     del history
-    return replace(options, point_shadows="maps", shadow=replace(lasting_shadows(options), coverage="scene", edges="map"))
+    return replace(
+        options, point_shadows="maps", shadow=replace(lasting_shadows(options), coverage="scene", edges="map")
+    )
 
 
 def _filters(subject: Subject) -> Outputs:
