@@ -195,8 +195,7 @@ def _look_up(
         numpy_view(part.depth, np.float32),
         numpy_view(taps, np.float64),
         _settings(light, part, options, exact=points.dtype == torch.float64),
-        out.view(-1).numpy(),
-        doubt.view(-1).numpy(),
+        (out.view(-1).numpy(), doubt.view(-1).numpy()),
     )
     return out, doubt
 

@@ -43,6 +43,7 @@ from torchrender.scene.light import RectLight
 from torchrender.scene.mesh import Geometry
 
 VISIBILITIES = ("ray", "shadow_map")
+OCCLUDERS = ("scene", "images", "rebuilt")
 ENGINES = ("auto", "rays", "packets", "maps")
 
 _CELLS = (1 << 16) - 1  # of the curve along which receivers are sorted
@@ -63,6 +64,8 @@ class SoftShadowOptions:
 
     light_samples: int = 16  # along each edge of the light
     visibility: str = "ray"  # "ray", or "shadow_map" with its aliasing
+    occluders: str = "scene"  # what casts: all the "scene", or what four "images" from the light's corners show of
+    # it, or surfaces "rebuilt" from these images. Who calls :func:`soft_shadow` hands them in
     engine: str = "auto"  # "rays": Embree; "packets": our own tree, exact at any scale; "maps": draws every shadow map
     refine: int = 2  # "rays": step of the light samples traced before those between; 1: all are traced
     map_size: int = 1024  # texels of a shadow map's side; sets the slope bias of packets, too
@@ -75,6 +78,7 @@ class SoftShadowOptions:
     def __post_init__(self) -> None:
         check_range("light_samples", self.light_samples, 1, 64)
         check_choice("visibility", self.visibility, VISIBILITIES)
+        check_choice("occluders", self.occluders, OCCLUDERS)
         check_choice("engine", self.engine, ENGINES)
         check_range("map_size", self.map_size, 16, 8192)
         check_range("constant_bias", self.constant_bias, 0.0, 0.5)
@@ -191,9 +195,9 @@ def soft_shadow(
     words = (max(len(g.samples) for g in grids) + 63) // 64
     shape = (*covered.shape, len(lights))
     bits = torch.full((*shape, words), -1, dtype=torch.int64)
-    lit, above = (
-        torch.tensor([len(g.samples) for g in grids], dtype=torch.int32).repeat(*covered.shape, 1) for _ in "12"
-    )
+    counts = tuple(len(g.samples) for g in grids)
+    lit = torch.tensor(counts, dtype=torch.int32).repeat(*covered.shape, 1)
+    above = lit.clone()
     outside = [0] * len(lights)
     for b in range(len(covered)):
         receivers, order = _receivers(gbuffer, b)

@@ -147,10 +147,10 @@ def _weights(c, a, b, orthographic):
 
 
 @kernel(inline=True)
-def _hide_points(casters, t, corners, begin, end, how, cells, holes, hidden):
+def _hide_points(casters, t, corners, cell, how, cells, holes, hidden):
     """Mark the points of a cell that a triangle hides."""
     orthographic, near = how
-    for i in range(begin, end):
+    for i in range(cells.starts[cell], cells.starts[cell + 1]):
         if hidden[i] != 0 or not cells.place[i, 2] > near:
             continue
         u, v, w, depth = _weights(corners, cells.place[i, 0], cells.place[i, 1], orthographic)
@@ -182,7 +182,7 @@ def hide(casters, view, orthographic, holes, cells, parts, hidden):
     for i in range(cells.deepest.shape[0]):
         deepest = max(deepest, cells.deepest[i])
     rows, columns = cells.shape[0], cells.shape[1]
-    starts, deep, size = cells.starts, cells.deepest, cells.size
+    deep, size = cells.deepest, cells.size
     clusters, order = casters.clusters, casters.order
     for part in prange(parts):
         corners = np.zeros((3, 3))
@@ -201,6 +201,4 @@ def hide(casters, view, orthographic, holes, cells, parts, hidden):
                     for column in range(left, right):
                         cell = row * columns + column
                         if deep[cell] > near:
-                            how = (orthographic, near)
-                            begin, end = starts[cell], starts[cell + 1]
-                            _hide_points(casters, t, corners, begin, end, how, cells, holes, hidden)
+                            _hide_points(casters, t, corners, cell, (orthographic, near), cells, holes, hidden)

@@ -229,7 +229,7 @@ def _factor(points, normals, index, light, views, maps, taps, s):
 
 
 @kernel(parallel=True)
-def shadow_lookup(points, normals, light, views, maps, taps, settings, out, doubt):
+def shadow_lookup(points, normals, light, views, maps, taps, settings, answers):
     """Visibility of one light at N points.
 
     Args:
@@ -240,9 +240,10 @@ def shadow_lookup(points, normals, light, views, maps, taps, settings, out, doub
         maps: (V,H,W) float32 depths, +inf where empty.
         taps: (search_taps + M, 2) float64 points in the unit disc.
         settings: :class:`LookupSettings`.
-        out: (N,) float32, written.
-        doubt: (N,) int32, written where ``settings.settles``: the view in which the map cannot tell, or -1.
+        answers: visibility (N,) float32, written; and (N,) int32, written where ``settings.settles``: the view in which
+            the map cannot tell, or -1.
     """
+    out, doubt = answers
     count = points.shape[0]
     # The schedule is static: strided blocks give every thread its share of the costly pixels.
     for part in numba.prange(_PARTS):
