@@ -20,7 +20,9 @@ LIGHTS = {
     "sun": SUN,
     "spot": SpotLight(position=torch.tensor([0.0, 60.0, 0.0]), direction=torch.tensor([0.0, -1, 0.2]), outer_deg=50.0),
     "point": PointLight(position=torch.tensor([3.0, 5.0, 60.0])),
-    "rect": RectLight(corner=torch.tensor([0.0, 30.0, 0.0]), edge_u=torch.tensor([0, 0, -4.0]), edge_v=torch.tensor([4.0, 0, 0])),
+    "rect": RectLight(
+        corner=torch.tensor([0.0, 30.0, 0.0]), edge_u=torch.tensor([4.0, 0, 0]), edge_v=torch.tensor([0, 0, 4.0])
+    ),
 }  # fmt: skip
 STREET = Scene(meshes=(floor(100.0), *(box((x, 0, z), (x + 4, 9, z + 4)) for x in (-9, 5) for z in (60, 30, 0, -60))))
 OPTIONS = ShadowOptions(size=(200, 256))

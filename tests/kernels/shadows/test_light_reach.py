@@ -32,7 +32,7 @@ def random_points(rng: np.random.Generator) -> Points:
     """A rough surface with holes and black parts."""
     row, column = np.mgrid[:HEIGHT, :WIDTH]
     position = np.stack([column * 0.3, rng.random((HEIGHT, WIDTH)), row * 0.3], axis=-1)
-    normal = rng.normal(size=(HEIGHT, WIDTH, 3)) + (0.0, 1.5, 0.0)
+    normal = rng.normal(size=(HEIGHT, WIDTH, 3)) + np.array([0.0, 1.5, 0.0])
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
     takes = rng.random((HEIGHT, WIDTH)) < 0.7
     takes[:8, :8] = False
@@ -97,9 +97,7 @@ def test_bounds_equal_the_loop(orthographic: bool) -> None:
     points = random_points(rng)
     kind = PARALLEL if orthographic else POINT
     place = np.array([[0.3, 0.9, 0.1] if orthographic else [5.0, 3.0, 3.0]])
-    lamps = Lamps(
-        np.array([kind]), place, np.zeros((1, 3)), np.array([np.inf]), np.array([-1.0]), np.zeros((1, 2, 3))
-    )
+    lamps = Lamps(np.array([kind]), place, np.zeros((1, 3)), np.array([np.inf]), np.array([-1.0]), np.zeros((1, 2, 3)))
     frames = []
     for _ in range(1 if orthographic else 4):
         turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))

@@ -194,7 +194,8 @@ def _parallel(frame: Tensor, window: _Window, boxes: Tensor, options: ShadowOpti
     matrix = frame.clone()
     matrix[:3, 3] -= torch.tensor([*middle, zero], dtype=torch.float64)
     far = (math.ceil((high - zero) / unit) + 1.0) * unit
-    near = min(float(extent(frame, boxes)[0][2]) - zero, low - zero) - unit
+    casters = float(extent(frame, boxes)[0][2]) if len(boxes) else low
+    near = min(casters, low) - zero - unit
     k = pinhole_matrix(1.0 / texel[0], 1.0 / texel[1], width / 2, height / 2)
     return Cameras(matrix[None], k[None], width, height, _number(near), _number(far), orthographic=True)
 
