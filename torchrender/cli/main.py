@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from torchrender import __version__
-from torchrender.cli.arguments import add_scene, add_size, camera_of, exposure, given, load_scene, numbers
+from torchrender.cli.arguments import add_scene, add_shadows, add_size, camera_of, exposure, given, load_scene, numbers
 from torchrender.cli.enhance import add_enhance, enhance_wish
 from torchrender.cli.fly import add_fly, fly
 from torchrender.cli.output import check_output, collect_garbage, image_size, progress, saying_warnings
@@ -70,14 +70,15 @@ def _render(arguments: argparse.Namespace) -> None:
     if draws_points(arguments):
         return
     from torchrender.image import SUFFIXES, numbered
-    from torchrender.pipeline.options import RenderOptions
+    from torchrender.pipeline.options import RenderOptions, shadow_choices
     from torchrender.renderer import render
 
     output = Path(arguments.output)
     check_output(output, SUFFIXES)
     exposed: dict[str, Any] = {} if arguments.exposure is None else {"exposure": exposure(arguments.exposure)}
+    shadows = "off" if arguments.no_shadows else arguments.shadows
     options = RenderOptions(
-        shadows=not arguments.no_shadows,
+        **shadow_choices(shadows, arguments.shadow_size, arguments.cascades),
         background=None if arguments.background is None else numbers("--background", arguments.background, 3),
         **given(reflections=arguments.reflections, supersample=arguments.supersample, tone_map=arguments.tone_map),
         **given(enhance=enhance_wish(arguments.enhance)),
@@ -282,7 +283,7 @@ def _add_render(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--tone-map", choices=("none", "reinhard", "aces"), help="default none")
     parser.add_argument("--background", metavar="R,G,B", help="linear colour of empty pixels")
     add_enhance(parser)
-    parser.add_argument("--no-shadows", action="store_true", help="light reaches everything")
+    add_shadows(parser)
     parser.add_argument(
         "--reflections",
         choices=("clustered", "traced", "environment", "off"),

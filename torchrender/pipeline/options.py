@@ -65,12 +65,39 @@ class RenderOptions:
         check_choice("tone_map", self.tone_map, OPERATORS)
 
 
+SHADOWS: Mapping[str, Mapping[str, Any]] = {
+    "off": {"shadows": False},
+    "hard": {"area_shadows": "hard"},
+    "maps": {},
+    "sampled": {"area_shadows": "sampled"},
+    "traced": {"area_shadows": "sampled", "point_shadows": "traced"},
+}
+"""Ways to make shadows, by name, as changes to the options: none; hard ones; penumbrae guessed from one map (the usual
+way); rectangles sampled; and rays for lights without area, too."""
+
+
+def shadow_choices(shadows: str | None = None, size: int | None = None, cascades: int | None = None) -> dict[str, Any]:
+    """Arguments of :class:`RenderOptions` for a way to make shadows, the side of maps and the number along the view.
+
+    What is None stays as usual.
+
+    Raises:
+        OptionError: another name or a number out of range; names it.
+    """
+    made: dict[str, Any] = {}
+    if shadows is not None:
+        check_choice("shadows", shadows, tuple(SHADOWS))
+        made |= SHADOWS[shadows]
+    wanted = {name: value for name, value in (("size", size), ("cascades", cascades)) if value is not None}
+    return made | ({"shadow": ShadowOptions(**wanted)} if wanted else {})
+
+
 def lasting_shadows(options: RenderOptions) -> ShadowOptions:
     """Options that shadow maps are drawn with, and looked up with where mirrors show them.
 
     The look-up of the picture itself may be the quickest one; neither maps nor mirrors are made anew for that.
     """
-    shadow = options.shadow
+    shadow = replace(options.shadow, edges="exact")
     return replace(shadow, filter="bilinear") if shadow.filter == "none" and shadow.soft is None else shadow
 
 

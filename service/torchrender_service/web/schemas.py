@@ -132,7 +132,11 @@ class Enhance(Strict):
 class RenderSettings(Strict):
     """Settings of a picture that a budget or error bound may change."""
 
-    shadows: bool = True
+    shadows: bool | Literal["off", "hard", "maps", "sampled", "traced"] = Field(
+        True, description="true: maps, with guessed penumbrae; false: off"
+    )
+    shadow_size: Annotated[int, Field(ge=64, le=4096, description="texels of a shadow map's side")] | None = None
+    cascades: Annotated[int, Field(ge=1, le=8, description="shadow maps along the view; none: as needed")] | None = None
     reflections: Literal["clustered", "traced", "environment", "off"] = "clustered"
     supersample: Annotated[float, Field(ge=0.25, le=2.0, allow_inf_nan=False)] = 1.0
     background: Annotated[list[Light], Field(min_length=3, max_length=3)] | None = None
