@@ -111,7 +111,7 @@ class RenderSettings(Strict):
     """Settings of a picture that a budget or error bound may change."""
 
     shadows: bool = True
-    reflections: Literal["clustered", "traced", "environment", "off"] = "clustered"
+    reflections: Literal["auto", "clustered", "traced", "environment", "off"] = "auto"
     supersample: Annotated[float, Field(ge=0.25, le=2.0, allow_inf_nan=False)] = 1.0
     background: Annotated[list[Light], Field(min_length=3, max_length=3)] | None = None
     exposure: Annotated[float, Field(ge=-64.0, le=64.0, allow_inf_nan=False)] | None = 0.0
