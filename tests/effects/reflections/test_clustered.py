@@ -22,9 +22,9 @@ from reflection_scenes import (
     true_hits,
 )
 from torchrender.buffers import ReflectionState
-from torchrender.effects.reflections.cluster_cameras import HALF_ANGLE_DEG, build_cluster_cameras, cluster_fit
+from torchrender.effects.reflections.clusters.cameras import HALF_ANGLE_DEG, build_cluster_cameras, cluster_fit
 from torchrender.effects.reflections.clustered import ClusterOptions, clustered_reflections
-from torchrender.effects.reflections.pixel_clusters import cluster_pixels, share_of_bins
+from torchrender.effects.reflections.clusters.grouping import cluster_pixels, share_of_bins
 from torchrender.effects.reflections.reflectors import reflective
 from torchrender.errors import OptionError
 from torchrender.pipeline.options import RenderOptions

@@ -9,31 +9,26 @@ Source: specification 03 (image-space reflections by clustered depth images), al
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
 
-from torchrender.buffers import RayHits, ReflectionLayer, ReflectionState, VisibilityBuffer
+from torchrender.buffers import RayHits, ReflectionLayer, ReflectionState
 from torchrender.clock import StepClock
-from torchrender.effects.reflections.cluster_cameras import ClusterCameras, build_cluster_cameras
-from torchrender.effects.reflections.cluster_images import (
-    ClusterAnswer,
-    cluster_camera,
-    cluster_image,
-    march_image,
-    mirror_view,
-)
-from torchrender.effects.reflections.cluster_options import ClusterOptions as ClusterOptions
-from torchrender.effects.reflections.cluster_shading import RAYS, Question, Shading, far_plane
-from torchrender.effects.reflections.pixel_clusters import cluster_pixels
+from torchrender.effects.reflections.clusters.bundle import ClusterCameras
+from torchrender.effects.reflections.clusters.cameras import CameraOptions, build_cluster_cameras
+from torchrender.effects.reflections.clusters.grouping import cluster_pixels
+from torchrender.effects.reflections.clusters.images import ClusterAnswer, mirror_view
+from torchrender.effects.reflections.clusters.layers import batches, draw_images
+from torchrender.effects.reflections.clusters.options import ClusterOptions as ClusterOptions
+from torchrender.effects.reflections.clusters.published import published_answers
+from torchrender.effects.reflections.clusters.shading import RAYS, Question, Shading, bundles, ray_ends
 from torchrender.effects.reflections.reflectors import (
     START,
     Onward,
     RayShader,
-    ReflectedRays,
     ReflectivePixels,
-    lobe_rays,
     reflected_rays,
     reflection_layer,
 )
@@ -96,16 +91,19 @@ def clustered_reflections(
             pixels,
             clusters,
             scene.diagonal,
-            centre=options.centre,
-            scale=options.image_scale,
-            shorten=options.fade,
-            aim=options.aim,
+            CameraOptions(
+                centre=options.centre,
+                scale=options.image_scale,
+                shorten=options.fade,
+                aim=options.aim,
+                deviation_deg=options.deviation_deg,
+                lobe=options.lobe,
+            ),
         )
     steps = 0
-    for number in range(len(made)):
-        for question in _ask(scene, pixels, made, number, options, clock):
-            steps += question.answer.steps
-            shading.add(question)
+    for question in _questions(scene, pixels, made, shader, options, clock):
+        steps += question.answer.steps
+        shading.add(question)
     shading.flush()
     known = torch.isfinite(shading.distance)
     state = torch.where(known, int(ReflectionState.DEPTH_IMAGE), int(ReflectionState.ENVIRONMENT))
@@ -114,67 +112,80 @@ def clustered_reflections(
     return ClusteredReflections(layer, made, shading.unknown, steps, clock.elapsed_ms)
 
 
+def _questions(
+    scene: Scene,
+    pixels: ReflectivePixels,
+    made: ClusterCameras,
+    shader: RayShader,
+    options: ClusterOptions,
+    clock: StepClock,
+) -> Iterator[Question]:
+    """What the rays of all clusters met."""
+    sizes = made.clusters.sizes
+    asked = made.usable & (sizes >= options.min_cluster_pixels)
+    if options.missing == "trace":
+        rays = sizes * (options.glossy_rays if bool((pixels.gloss > 0).any()) else 1)
+        asked &= made.planar | (rays >= options.trace_below * scene.geometry.triangle_count)
+    for number in (asked & made.planar).nonzero().reshape(-1).tolist():
+        yield _mirror(scene, pixels, made, number, clock)
+    curved = (asked & ~made.planar).nonzero().reshape(-1)
+    if options.search == "secant":
+        for number in curved.tolist():
+            yield from published_answers(scene, pixels, made, number, shader, options, clock)
+    elif len(curved):
+        for numbers in batches(made, curved, options.glossy_rays, RAYS):
+            yield from _ask(scene, pixels, made, numbers, options, clock)
+    unanswered = (~asked)[made.clusters.cluster].nonzero().reshape(-1)
+    for members in unanswered.split(RAYS // options.glossy_rays):
+        for rows, rays, weight in bundles(pixels, members, options):
+            total = len(rays.origin)
+            nothing = ClusterAnswer(torch.full((total,), UNKNOWN, dtype=torch.uint8), RayHits.misses(total), 0)
+            yield Question.plain(rows, rays, nothing, weight)
+
+
+def _mirror(scene: Scene, pixels: ReflectivePixels, made: ClusterCameras, number: int, clock: StepClock) -> Question:
+    """What a planar cluster mirrors."""
+    members = made.clusters.members(number)
+    with clock.measure("depth images"):
+        answer = mirror_view(scene.geometry, pixels, made, number, scene.diagonal)
+    return Question.plain(members, reflected_rays(pixels.select(members)), answer, torch.ones(len(members)))
+
+
 def _ask(
     scene: Scene,
     pixels: ReflectivePixels,
     made: ClusterCameras,
-    number: int,
+    numbers: Tensor,
     options: ClusterOptions,
     clock: StepClock,
 ) -> Iterator[Question]:
-    """Send the rays of a cluster to its depth image, not more than memory holds at a time."""
-    members = made.clusters.members(number)
-    part = pixels.select(members)
-    known = bool(made.usable[number]) and len(members) >= options.min_cluster_pixels
-    if known and bool(made.planar[number]):
-        with clock.measure("depth images"):
-            answer = mirror_view(scene.geometry, pixels, made, number, scene.diagonal)
-        yield Question(
-            members,
-            1,
-            reflected_rays(part),
-            answer,
-            torch.ones(len(members)),
-            torch.zeros(len(members), dtype=torch.bool),
-        )
-        return
-    seen = None
-    if known:
-        with clock.measure("depth images"):
-            seen = cluster_image(scene.geometry, cluster_camera(made, number), part.position, options.cull)
-    concave = options.self_reflection == "diffuse" and _is_concave(part, made, number)
-    count = options.glossy_rays if bool((part.gloss > 0).any()) else 1
-    for some in torch.arange(len(members)).split(max(1, RAYS // count)):
-        piece = part.select(some)
-        if count == 1:
-            rays, weight = reflected_rays(piece), torch.ones(len(piece))
-        else:
-            rays, weight = lobe_rays(piece, count, options.lobe)
+    """Send the rays of some curved clusters to their images."""
+    place = torch.full((len(made),), -1, dtype=torch.int64)
+    place[numbers] = torch.arange(len(numbers))
+    members = (place[made.clusters.cluster] >= 0).nonzero().reshape(-1)
+    asked = []
+    for rows, rays, weight in bundles(pixels, members, options):
+        owner = made.clusters.cluster[rows].repeat_interleave(len(rays.origin) // len(rows))
+        ends = ray_ends(pixels.select(rows), rays, scene.diagonal, options)
+        asked.append((rows, owner, weight, (rays, place[owner], (START * scene.diagonal, ends))))
+    with clock.measure("depth images"):
+        sent = [one[3] for one in asked]
+        images = draw_images(scene.geometry, pixels, made, numbers, sent, options.layers)
+    concave = _concave(pixels, made) if options.self_reflection == "diffuse" else None
+    for rows, owner, weight, one in asked:
         with clock.measure("marching"):
-            answer = _march(scene, piece, rays, seen, options)
-        itself = torch.zeros(len(some) * count, dtype=torch.bool)
-        if concave:
+            answer = images.ask(one)
+        question = Question.plain(rows, one[0], answer, weight)
+        if concave is not None:
             hit = answer.hits.triangle
-            own = scene.geometry.object_id[hit.clamp_min(0)] == piece.object_id.repeat_interleave(count)
-            itself = (hit >= 0) & own
-        yield Question(members[some], count, rays, answer, weight, itself)
+            reflector = pixels.object_id[rows].repeat_interleave(question.per_pixel)
+            own = scene.geometry.object_id[hit.clamp_min(0)] == reflector
+            question = replace(question, itself=(hit >= 0) & own & concave[owner])
+        yield question
 
 
-def _march(
-    scene: Scene, piece: ReflectivePixels, rays: ReflectedRays, seen: VisibilityBuffer | None, options: ClusterOptions
-) -> ClusterAnswer:
-    """What rays meet in a depth image; nothing is known without one."""
-    total = len(rays.origin)
-    if seen is None:
-        return ClusterAnswer(torch.full((total,), UNKNOWN, dtype=torch.uint8), RayHits.misses(total), 0)
-    count = total // len(piece)
-    reach = far_plane(piece.gloss, scene.diagonal, options).repeat_interleave(count)
-    climb = (rays.direction * piece.geometric_normal.repeat_interleave(count, 0)).sum(-1)
-    ends = torch.where(climb > 0, reach / climb.clamp_min(1e-9), scene.diagonal).clamp_max(scene.diagonal)
-    return march_image(scene.geometry, seen, rays, (START * scene.diagonal, ends), options.depth_tolerance)
-
-
-def _is_concave(part: ReflectivePixels, made: ClusterCameras, number: int) -> bool:
-    """Normals of a hollow surface lean towards the middle of its pixels."""
-    offset = part.position - made.frame[number, 0]
-    return float((offset * part.normal).sum(-1).mean()) < 0.0
+def _concave(pixels: ReflectivePixels, made: ClusterCameras) -> Tensor:
+    """(C,) bool: normals of a hollow surface lean towards the middle of its pixels."""
+    cluster = made.clusters.cluster
+    lean = ((pixels.position - made.frame[cluster, 0]) * pixels.normal).sum(-1)
+    return torch.zeros(len(made), dtype=torch.float64).index_add(0, cluster, lean) < 0.0

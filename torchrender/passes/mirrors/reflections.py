@@ -128,10 +128,11 @@ def mirror_error(found: Mapping[str, Any], reference: Mapping[str, Any]) -> floa
 OWN = OwnMeasure(title="mirrored light, of 255", buffer=REFLECTIONS, error=mirror_error)
 
 
-def _clusters(bin_factor: float, scale: float, missing: str) -> dict[str, Any]:
+def _clusters(bin_factor: float, deviation_deg: float, scale: float, missing: str) -> dict[str, Any]:
     return {
         "reflections": "clustered",
         "reflection.bin_factor": bin_factor,
+        "reflection.deviation_deg": deviation_deg,
         "reflection.image_scale": scale,
         "reflection.missing": missing,
     }
@@ -224,9 +225,9 @@ PASS = Pass(
         "way",
         {
             "environment": {"reflections": "environment"},
-            "few clusters": _clusters(0.25, 0.5, "environment"),
-            "clusters": _clusters(1.0, 1.0, "environment"),
-            "clusters, rest traced": _clusters(1.0, 1.0, "trace"),
+            "few clusters": _clusters(0.25, 30.0, 1.0, "environment"),
+            "clusters": _clusters(1.0, 5.0, 2.0, "environment"),
+            "clusters, rest traced": _clusters(1.0, 5.0, 2.0, "trace"),
             "traced": {"reflections": "traced"},
         },
     ),

@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from torchrender.checks import check_choice, check_range
-from torchrender.effects.reflections.cluster_cameras import AIMS, CENTRES
+from torchrender.effects.reflections.clusters.cameras import AIMS, CENTRES
 from torchrender.effects.reflections.reflectors import LOBES
 from torchrender.errors import OptionError
 
 SCALE_RULES = ("sqrt_share", "literal", "mean")
+SEARCHES = ("intersect", "secant")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,17 +28,22 @@ class ClusterOptions:
     camera_share: float = 2e-4  # curved clusters with a smaller share of a picture join another one; 0: bins alone
     centre: str = "best"  # of projection: "thesis", "least_squares", or for each cluster the better one
     aim: str = "rays"  # view axis of curved clusters: mean direction of the "rays", or "normal" of the fitting plane
-    image_scale: float = 1.0  # sides of the depth images of curved clusters
+    deviation_deg: float = 5.0  # curved clusters whose rays lie farther off their camera's, on average, are parted
+    layers: int = 4  # surfaces that depth images of curved clusters hold one behind the other
+    search: str = "intersect"  # rays with the triangles that images name; "secant": depths and colours of one layer
+    image_scale: float = 2.0  # sides of the depth images of curved clusters; less loses what is finer than texels
     depth_tolerance: float = 1e-4  # share epsilon of the depth that a ray must be behind the image
     glossy_rays: int = 8  # per glossy pixel; mirrors take one
     fade: bool = False  # glossy reflections give way to the pixel's own colour with distance, as published
     min_cluster_pixels: int = 1  # smaller clusters take what ``missing`` says
     missing: str = "environment"  # rays that no depth image answers: "environment", or "trace"
+    trace_below: float = 0.1  # with "trace": curved clusters with fewer rays than this share of the scene's triangles
+    # get no depth image; drawing one costs more than tracing them
     lobe: str = "ggx"  # of glossy pixels: of facets, or an even "cone" as published
     self_reflection: str = (
         "mirror"  # concave reflectors that see themselves: "mirror" as others, or own "diffuse" colour
     )
-    cull: str = "back"  # faces left out of depth images of curved clusters: "none" lets convex reflectors hide things
+    cull: str = "back"  # faces left out of depth images with search "secant": "none" lets convex reflectors hide things
 
     def __post_init__(self) -> None:
         for number, sides in enumerate(self.bins):
@@ -49,12 +55,16 @@ class ClusterOptions:
         check_choice("centre", self.centre, CENTRES)
         check_choice("aim", self.aim, AIMS)
         check_choice("missing", self.missing, ("environment", "trace"))
+        check_choice("search", self.search, SEARCHES)
         check_choice("cull", self.cull, ("none", "back"))
         check_choice("self_reflection", self.self_reflection, ("mirror", "diffuse"))
         check_range("plane_share", self.plane_share, 0.0)
         check_range("camera_share", self.camera_share, 0.0, 1.0)
         check_range("bin_factor", self.bin_factor, 0.01, 16.0)
+        check_range("deviation_deg", self.deviation_deg, 0.1, 180.0)
+        check_range("layers", self.layers, 1, 16)
         check_range("image_scale", self.image_scale, 0.1, 4.0)
         check_range("depth_tolerance", self.depth_tolerance, 0.0, 1e-2)
         check_range("glossy_rays", self.glossy_rays, 1, 1024)
+        check_range("trace_below", self.trace_below, 0.0)
         check_range("min_cluster_pixels", self.min_cluster_pixels, 1, 1 << 20)

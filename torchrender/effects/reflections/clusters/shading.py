@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import torch
@@ -10,17 +10,20 @@ from torch import Tensor
 
 from torchrender.buffers import RayHits
 from torchrender.clock import StepClock
-from torchrender.effects.reflections.cluster_images import ClusterAnswer
-from torchrender.effects.reflections.cluster_options import ClusterOptions
+from torchrender.effects.reflections.clusters.images import ClusterAnswer
+from torchrender.effects.reflections.clusters.options import ClusterOptions
 from torchrender.effects.reflections.reflectors import (
     START,
     Onward,
     RayShader,
     ReflectedRays,
     ReflectivePixels,
+    lobe_rays,
     mean_distance,
+    reflected_rays,
 )
 from torchrender.kernels.rays.depth_march import UNKNOWN
+from torchrender.kernels.reflections.layer_march import UNSURE
 from torchrender.rays import RayCaster
 from torchrender.scene.model import Scene
 
@@ -41,6 +44,36 @@ class Question:
     answer: ClusterAnswer
     weight: Tensor  # (M per_pixel,) of what the rays bring
     itself: Tensor  # (M per_pixel,) bool: takes the reflector's own colour
+    unsure: Tensor  # (M per_pixel,) bool: what was met may not be the first
+    painted: Tensor | None = None  # (M per_pixel,3) colours out of the depth image itself, NaN where there is none
+
+    @classmethod
+    def plain(cls, rows: Tensor, rays: ReflectedRays, answer: ClusterAnswer, weight: Tensor) -> Question:
+        """Of rays that all take the colour of what they meet."""
+        count = len(rays.origin) // max(len(rows), 1)
+        nobody = torch.zeros(len(rays.origin), dtype=torch.bool)
+        return cls(rows, count, rays, answer, weight, nobody, answer.state == UNSURE)
+
+
+def bundles(
+    pixels: ReflectivePixels, members: Tensor, options: ClusterOptions
+) -> Iterator[tuple[Tensor, ReflectedRays, Tensor]]:
+    """Rays of some pixels, mirrors and glossy ones apart: pixels (M,), rays (M k), weights of what they bring."""
+    glossy = pixels.gloss[members] > 0
+    rows = members[~glossy]
+    if len(rows):
+        yield rows, reflected_rays(pixels.select(rows)), torch.ones(len(rows))
+    rows = members[glossy]
+    if len(rows):
+        yield rows, *lobe_rays(pixels.select(rows), options.glossy_rays, options.lobe)
+
+
+def ray_ends(pixels: ReflectivePixels, rays: ReflectedRays, diagonal: float, options: ClusterOptions) -> Tensor:
+    """Lengths (M k) at which the rays of M pixels reach the far plane, or have crossed the scene."""
+    count = len(rays.origin) // max(len(pixels), 1)
+    reach = far_plane(pixels.gloss, diagonal, options).repeat_interleave(count)
+    climb = (rays.direction * pixels.geometric_normal.repeat_interleave(count, 0)).sum(-1)
+    return torch.where(climb > 0, reach / climb.clamp_min(1e-9), diagonal).clamp_max(diagonal)
 
 
 def far_plane(gloss: Tensor, diagonal: float, options: ClusterOptions) -> Tensor:
@@ -95,8 +128,13 @@ class Shading:
             *(torch.cat([getattr(q.answer.hits, n) for q in waiting]) for n in ("t", "triangle", "barycentric"))
         )
         unknown = torch.cat([q.answer.state for q in waiting]) == UNKNOWN
+        if self._traces:
+            unknown |= torch.cat([q.unsure for q in waiting])
         pixel = torch.cat([q.rows.repeat_interleave(q.per_pixel) for q in waiting])
         color, hits = self._radiance(rays, hits, unknown)
+        if any(q.painted is not None for q in waiting):
+            painted = torch.cat([_painted(q) for q in waiting])
+            color = torch.where(torch.isfinite(painted) & ~(unknown & self._traces)[:, None], painted, color)
         itself = torch.cat([q.itself for q in waiting])
         color = torch.where(itself[:, None], self._own[pixel], color)
         if self._options.fade:
@@ -109,15 +147,19 @@ class Shading:
             self.color[q.rows] = color[part].reshape(-1, q.per_pixel, 3).mean(dim=1)
             self.distance[q.rows] = mean_distance(hits.t[part].reshape(-1, q.per_pixel))
             self.unknown[q.rows] = unknown[part].reshape(-1, q.per_pixel).float().mean(dim=1)
-        if self._caster is not None and self._options.missing == "trace":
+        if self._traces:
             self.traced[pixel[unknown]] = 1.0
+
+    @property
+    def _traces(self) -> bool:
+        return self._caster is not None and self._options.missing == "trace"
 
     def _radiance(self, rays: ReflectedRays, hits: RayHits, unknown: Tensor) -> tuple[Tensor, RayHits]:
         """Colour (N,3) of rays, and hits with those that were looked for by the ray caster."""
         rows = unknown.nonzero().reshape(-1)
         if not len(rows):
             return self._shader(rays, hits, self._onward), hits
-        if self._options.missing == "trace" and self._caster is not None:
+        if self._traces and self._caster is not None:
             start = START * self._scene.diagonal
             found = self._caster().first_hit(rays.origin[rows], rays.direction[rows], t_min=start)
             hits = RayHits(
@@ -139,3 +181,10 @@ class Shading:
         weight = ((far - height) / (FADE * far)).clamp(0.0, 1.0)
         weight = 1.0 - (gloss / FULL_FADE_GLOSS).clamp_max(1.0) * (1.0 - torch.where(hits.hit, weight, 0.0))
         return torch.lerp(self._own[pixel], color, weight.float()[:, None])
+
+
+def _painted(question: Question) -> Tensor:
+    """(M per_pixel,3) its painted colours, NaN where it has none."""
+    if question.painted is not None:
+        return question.painted
+    return torch.full((len(question.itself), 3), torch.nan)
