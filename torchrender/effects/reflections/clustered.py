@@ -17,7 +17,7 @@ from torch import Tensor
 from torchrender.buffers import RayHits, ReflectionLayer, ReflectionState
 from torchrender.clock import StepClock
 from torchrender.effects.reflections.clusters.bundle import ClusterCameras
-from torchrender.effects.reflections.clusters.cameras import CameraOptions, build_cluster_cameras
+from torchrender.effects.reflections.clusters.cameras import build_cluster_cameras
 from torchrender.effects.reflections.clusters.grouping import cluster_pixels
 from torchrender.effects.reflections.clusters.images import ClusterAnswer, mirror_view
 from torchrender.effects.reflections.clusters.layers import batches, draw_images
@@ -87,19 +87,7 @@ def clustered_reflections(
             camera_share=options.camera_share,
         )
     with clock.measure("cameras"):
-        made = build_cluster_cameras(
-            pixels,
-            clusters,
-            scene.diagonal,
-            CameraOptions(
-                centre=options.centre,
-                scale=options.image_scale,
-                shorten=options.fade,
-                aim=options.aim,
-                deviation_deg=options.deviation_deg,
-                lobe=options.lobe,
-            ),
-        )
+        made = build_cluster_cameras(pixels, clusters, scene.diagonal, options.cameras)
     steps = 0
     for question in _questions(scene, pixels, made, shader, options, clock):
         steps += question.answer.steps
@@ -124,8 +112,8 @@ def _questions(
     sizes = made.clusters.sizes
     asked = made.usable & (sizes >= options.min_cluster_pixels)
     if options.missing == "trace":
-        rays = sizes * (options.glossy_rays if bool((pixels.gloss > 0).any()) else 1)
-        asked &= made.planar | (rays >= options.trace_below * scene.geometry.triangle_count)
+        sent = sizes * (options.glossy_rays if bool((pixels.gloss > 0).any()) else 1)
+        asked &= made.planar | (sent >= options.trace_below * scene.geometry.triangle_count)
     for number in (asked & made.planar).nonzero().reshape(-1).tolist():
         yield _mirror(scene, pixels, made, number, clock)
     curved = (asked & ~made.planar).nonzero().reshape(-1)

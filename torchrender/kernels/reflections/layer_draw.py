@@ -207,7 +207,7 @@ def find_floor(c, views, seen, cells, floor):
     starts, order, position = seen
     count = starts[c + 1] - starts[c]
     columns, rows = size[c, 0], size[c, 1]
-    cell = max(1, np.int64(math.ceil(math.sqrt(PIXELS_PER_CELL * columns * rows / max(count, 1)))))
+    cell = int(max(1.0, math.ceil(math.sqrt(PIXELS_PER_CELL * columns * rows / max(count, 1)))))
     across, down = (columns + cell - 1) // cell, (rows + cell - 1) // cell
     for k in range(across * down):
         cells[first[c] + k] = np.inf

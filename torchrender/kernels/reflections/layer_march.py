@@ -169,7 +169,7 @@ def march_clusters(scene, holes, views, layers, rays, ends, found):
     vertices, faces = scene
     mask, table, texels, uv = holes
     for group in prange((image.shape[0] + GROUP - 1) // GROUP):
-        total = 0
+        visits[group] = 0
         for i in range(group * GROUP, min((group + 1) * GROUP, image.shape[0])):
             p = (origins[i, 0], origins[i, 1], origins[i, 2])
             d = (directions[i, 0], directions[i, 1], directions[i, 2])
@@ -184,8 +184,7 @@ def march_clusters(scene, holes, views, layers, rays, ends, found):
             )
             state[i], t[i], number[i] = kind, hit[0], hit[3]
             weights[i, 0], weights[i, 1] = hit[1], hit[2]
-            total += steps
-        visits[group] = total
+            visits[group] += steps
 
 
 @kernel(parallel=True)
@@ -225,7 +224,7 @@ def mark_blocks(views, block, blocks, rays, ends):
         count = np.int64(math.ceil(2.0 * (last_in - first_in) * max(abs(u1 - u0), abs(v1 - v0)))) + 1
         for m in range(count + 1):
             along = first_in + (last_in - first_in) * m / count
-            x, y = np.int64(math.floor(u0 + along * (u1 - u0))), np.int64(math.floor(v0 + along * (v1 - v0)))
+            x, y = math.floor(u0 + along * (u1 - u0)), math.floor(v0 + along * (v1 - v0))
             for j in range(max(y - 1, 0), min(y + 2, down)):
                 for k in range(max(x - 1, 0), min(x + 2, across)):
                     blocks[places[c] + j * across + k] = 1

@@ -103,10 +103,7 @@ def _fit(
     pixels: ReflectivePixels, bundle: Bundle, diagonal: float, options: CameraOptions
 ) -> tuple[ClusterCameras, Tensor]:
     """Frames and centres; and (C,) 0 where a cluster may stay, else how it must be split (see ``_sides``)."""
-    width = pixels.shape[2]
-    column, row = pixels.pixel % width, pixels.pixel // width % pixels.shape[1]
-    places = (view(column, np.float64), view(row, np.float64))
-    sums = bundle.gather(cluster_fit.moments, places, "+" * cluster_fit.SUMS + "<<>>")
+    sums = bundle.gather(cluster_fit.moments, _places(pixels), "+" * cluster_fit.SUMS + "<<>>")
     count = sums[:, :1]
     middle, facing = sums[:, 1:4] / count, sums[:, 4:7] / count
     axis = torch.nn.functional.normalize(facing, dim=-1, eps=1e-300)
@@ -160,6 +157,13 @@ def _fit(
         pixel_box=sums[:, cluster_fit.SUMS :].long(),
     )
     return made, side
+
+
+def _places(pixels: ReflectivePixels) -> tuple[np.ndarray, np.ndarray]:
+    """Column and row (N,) of each pixel."""
+    width = pixels.shape[2]
+    column, row = pixels.pixel % width, pixels.pixel // width % pixels.shape[1]
+    return view(column, np.float64), view(row, np.float64)
 
 
 def _eyes(pixels: ReflectivePixels, bundle: Bundle, diagonal: float) -> Tensor:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from torchrender.checks import check_choice, check_range
-from torchrender.effects.reflections.clusters.cameras import AIMS, CENTRES
+from torchrender.effects.reflections.clusters.cameras import AIMS, CENTRES, CameraOptions
 from torchrender.effects.reflections.reflectors import LOBES
 from torchrender.errors import OptionError
 
@@ -44,6 +44,18 @@ class ClusterOptions:
         "mirror"  # concave reflectors that see themselves: "mirror" as others, or own "diffuse" colour
     )
     cull: str = "back"  # faces left out of depth images with search "secant": "none" lets convex reflectors hide things
+
+    @property
+    def cameras(self) -> CameraOptions:
+        """How the cameras of the clusters are placed."""
+        return CameraOptions(
+            centre=self.centre,
+            scale=self.image_scale,
+            shorten=self.fade,
+            aim=self.aim,
+            deviation_deg=self.deviation_deg,
+            lobe=self.lobe,
+        )
 
     def __post_init__(self) -> None:
         for number, sides in enumerate(self.bins):

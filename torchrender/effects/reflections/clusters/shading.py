@@ -137,9 +137,9 @@ class Shading:
             color = torch.where(torch.isfinite(painted) & ~(unknown & self._traces)[:, None], painted, color)
         itself = torch.cat([q.itself for q in waiting])
         color = torch.where(itself[:, None], self._own[pixel], color)
+        color = color * torch.cat([q.weight for q in waiting]).float()[:, None]
         if self._options.fade:
             color = self._faded(color, rays, hits, pixel)
-        color = color * torch.cat([q.weight for q in waiting]).float()[:, None]
         begin = 0
         for q in waiting:
             part = slice(begin, begin + len(q.itself))
