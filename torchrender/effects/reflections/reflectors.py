@@ -261,6 +261,14 @@ def blend_reflections(scene: Scene, gbuffer: GBuffer, direct: Tensor, layer: Ref
     return direct.reshape(-1, 3).index_copy(0, rows, mixed).reshape(direct.shape)
 
 
+def mirrored_light(scene: Scene, gbuffer: GBuffer, layer: ReflectionLayer) -> Tensor:
+    """(B,H,W,3) the part of :func:`blend_reflections` that was mirrored; 0 where nothing is."""
+    cosine = (gbuffer.normal * layer.direction).sum(-1).abs()
+    share, tint = _share(scene, gbuffer.material, cosine)
+    part = share[..., None] * tint * layer.color
+    return torch.where((layer.state != ReflectionState.NONE)[..., None], part, 0.0)
+
+
 def blend_colors(scene: Scene, material: Tensor, cosine: Tensor, direct: Tensor, mirrored: Tensor) -> Tensor:
     """The same for N points: colours (N,3), material (N,), cosine (N,) between normal and reflected direction."""
     share, tint = _share(scene, material, cosine)
