@@ -97,7 +97,8 @@ class HitShader:
         mirrors = self.scene.material_table.is_reflector[surface.material].nonzero().reshape(-1)
         if not len(mirrors):
             return radiance
-        points = _mirrored(self.scene, surface, mirrors, width, rays.spread[rows])
+        at = RayHits(found.t[mirrors], found.triangle[mirrors], found.barycentric[mirrors])
+        points = _mirrored(self.scene, surface, mirrors, at, (width[mirrors], rays.spread[rows][mirrors]))
         cosine = (points.normal * points.rays.direction).sum(-1).abs().float()
         if onward is None:
             mirrored = self.surroundings(points.rays.origin, points.rays.direction)
@@ -118,9 +119,18 @@ class HitShader:
         return self._cubes[key]
 
 
-def _mirrored(scene: Scene, surface: RaySurface, rows: Tensor, width: Tensor, spread: Tensor) -> MirroredPoints:
-    """The mirrors among what rays hit, and the rays that leave them."""
+def _mirrored(
+    scene: Scene, surface: RaySurface, rows: Tensor, hits: RayHits, size: tuple[Tensor, Tensor]
+) -> MirroredPoints:
+    """The mirrors among what rays hit, and the rays that leave them: ``size`` = their width and spread."""
     normal, flat = surface.normal[rows].double(), surface.geometric_normal[rows].double()
-    direction = mirrored_direction(-surface.to_eye[rows].double(), normal, flat)
-    rays = ReflectedRays(surface.position[rows], direction, width[rows], spread[rows])
-    return MirroredPoints(rays, normal, flat, scene.material_table.gloss[surface.material[rows]])
+    arriving = -surface.to_eye[rows].double()
+    return MirroredPoints(
+        rays=ReflectedRays(surface.position[rows], mirrored_direction(arriving, normal, flat), *size),
+        normal=normal,
+        geometric_normal=flat,
+        arriving=arriving,
+        length=hits.t,
+        gloss=scene.material_table.gloss[surface.material[rows]],
+        object_id=scene.geometry.object_id[hits.triangle],
+    )

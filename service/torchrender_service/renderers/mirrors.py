@@ -5,12 +5,16 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from torchrender.buffers import ReflectionLayer
+from torchrender.buffers import GBuffer, ReflectionLayer
 from torchrender.effects.reflections.virtual import virtual_images
 from torchrender.image import Image
 from torchrender.passes.mirrors.reflections import REFLECTIONS
+from torchrender.passes.seen.gbuffer import GBUFFER
 from torchrender.scene.camera import Cameras
 from torchrender_service.renderers.layers import Layer
+
+NEEDED = (GBUFFER.name, REFLECTIONS.name)
+"""Buffers that the picture must carry."""
 
 FEWEST = 64
 """Pixels that must mirror for their picture to be worth a message."""
@@ -18,8 +22,8 @@ FEWEST = 64
 
 def mirror_layer(image: Image, camera: Cameras) -> Layer | None:
     """The layer of a picture that carries its reflections; None where nothing mirrors."""
-    layer, seen = image.buffers.get(REFLECTIONS.name), image.rendered
-    if not isinstance(layer, ReflectionLayer) or seen is None or layer.state.shape != seen.depth.shape:
+    layer, seen = image.buffers.get(REFLECTIONS.name), image.buffers.get(GBUFFER.name)
+    if not isinstance(layer, ReflectionLayer) or not isinstance(seen, GBuffer):
         return None
     made = virtual_images(image.scene, seen, layer)
     if int(made.known.sum()) < FEWEST:

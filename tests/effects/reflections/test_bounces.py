@@ -159,3 +159,20 @@ def test_a_camera_inside_a_chrome_sphere_sees_the_lamp_again_and_again() -> None
     assert all(bool(torch.isfinite(image).all()) for image in seen)
     assert float((seen[2] - seen[1]).abs().mean()) < float((seen[1] - seen[0]).abs().mean()) + 0.05
     assert float(seen[2].mean()) > 0.03
+
+
+def test_clusters_alone_follow_mirrors_in_mirrors() -> None:
+    """Two facing mirrors and a card between them: what the second mirror shows in the first, without any ray."""
+    scene = scene_of(
+        rectangle([-2.0, -1.5, 0.0], [4.0, 0.0, 0.0], [0.0, 3.0, 0.0], 0),
+        rectangle([2.0, -1.5, 4.0], [-4.0, 0.0, 0.0], [0.0, 3.0, 0.0], 0),
+        rectangle([-0.6, -0.6, 2.6], [1.2, 0.0, 0.0], [0.0, 1.2, 0.0], 1),
+    )
+    camera = Cameras.look_at([0.9, 0.8, 2.0], [-0.2, 0.0, 0.0], width=64, height=64, fov_deg=60.0)
+    options = [
+        RenderOptions(reflections=way, tracing=TraceOptions(bounces=n), shadows=False)
+        for way, n in (("traced", 2), ("clustered", 2), ("clustered", 1))
+    ]
+    exact, ours, guess = (render(scene, camera, options=o).radiance for o in options)
+    error, before = float((ours - exact).abs().mean()), float((guess - exact).abs().mean())
+    assert error < 0.3 * before and error < 0.02

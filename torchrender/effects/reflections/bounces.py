@@ -60,9 +60,8 @@ def _follow(caster: RayCaster, shader: RayShader, left: int, rays: int, lobe: st
 
 def _lobe(points: MirroredPoints, rows: Tensor, count: int, lobe: str) -> tuple[ReflectedRays, Tensor]:
     """Rays of glossy mirrors; their places in space set the noise that parts neighbours, whatever else is asked for."""
-    mirrored, normal = points.rays.select(rows), points.normal[rows]
-    arriving = mirrored.direction - 2.0 * (mirrored.direction * normal).sum(-1, keepdim=True) * normal
-    seen = (arriving, normal, points.geometric_normal[rows])
+    mirrored = points.rays.select(rows)
+    seen = (points.arriving[rows], points.normal[rows], points.geometric_normal[rows])
     place = mirrored.origin / mirrored.width.clamp_min(1e-300)[:, None]
     turn = noise_angle(place[:, 0] + 0.7 * place[:, 2], place[:, 1])
     return spread_rays(mirrored, seen, points.gloss[rows], turn, count, lobe)

@@ -26,6 +26,7 @@ from torchrender.effects.reflections.clusters.published import published_answers
 from torchrender.effects.reflections.clusters.shading import RAYS, Question, Shading, bundles, ray_ends
 from torchrender.effects.reflections.reflectors import (
     START,
+    MirroredPoints,
     Onward,
     RayShader,
     ReflectivePixels,
@@ -35,6 +36,7 @@ from torchrender.effects.reflections.reflectors import (
 from torchrender.errors import OptionError
 from torchrender.kernels.rays.depth_march import UNKNOWN
 from torchrender.rays import RayCaster
+from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
 
 
@@ -58,6 +60,7 @@ def clustered_reflections(
     direct: Tensor | None = None,
     caster: Callable[[], RayCaster] | None = None,
     onward: Onward | None = None,
+    planes: bool = True,
 ) -> ClusteredReflections:
     """What the pixels mirror, by a depth image for each cluster of them.
 
@@ -66,6 +69,7 @@ def clustered_reflections(
         direct: (B,H,W,3) the picture without reflections: what glossy reflections fade to; None: black.
         caster: makes the ray caster for ``missing="trace"``; called only if a ray needs it.
         onward: what mirrors show that are seen in mirrors; None: the guess of the shader.
+        planes: the pixels are those of a picture, so that planar clusters may be drawn by the mirrored eye.
 
     Raises:
         OptionError: ``missing="trace"`` without a caster.
@@ -87,7 +91,7 @@ def clustered_reflections(
             camera_share=options.camera_share,
         )
     with clock.measure("cameras"):
-        made = build_cluster_cameras(pixels, clusters, scene.diagonal, options.cameras)
+        made = build_cluster_cameras(pixels, clusters, scene.diagonal, replace(options.cameras, planes=planes))
     steps = 0
     for question in _questions(scene, pixels, made, shader, options, clock):
         steps += question.answer.steps
@@ -177,3 +181,40 @@ def _concave(pixels: ReflectivePixels, made: ClusterCameras) -> Tensor:
     cluster = made.clusters.cluster
     lean = ((pixels.position - made.frame[cluster, 0]) * pixels.normal).sum(-1)
     return torch.zeros(len(made), dtype=torch.float64).index_add(0, cluster, lean) < 0.0
+
+
+def clustered_onward(
+    scene: Scene, cameras: Cameras, shader: RayShader, options: ClusterOptions, bounces: int
+) -> Onward | None:
+    """What mirrors in mirrors show, by clusters of the places where rays have met mirrors.
+
+    Args:
+        cameras: of the picture.
+        bounces: mirrors that light is followed over, the one that the eye sees included; with 1: None.
+    """
+    if bounces <= 1:
+        return None
+    further = clustered_onward(scene, cameras, shader, options, bounces - 1)
+
+    def onward(points: MirroredPoints) -> Tensor:
+        count = len(points.gloss)
+        pixels = ReflectivePixels(
+            shape=(1, 1, count),
+            cameras=cameras[:1],
+            pixel=torch.arange(count),
+            position=points.rays.origin,
+            normal=points.normal,
+            geometric_normal=points.geometric_normal,
+            view=points.arriving,
+            direction=points.rays.direction,
+            gloss=points.gloss,
+            object_id=points.object_id,
+            depth=points.length,
+            length=points.length,
+            pixel_angle=points.rays.spread,
+        )
+        return clustered_reflections(scene, pixels, shader, options, onward=further, planes=False).layer.color.reshape(
+            -1, 3
+        )
+
+    return onward

@@ -77,7 +77,10 @@ class MirroredPoints:
     rays: ReflectedRays  # that leave them
     normal: Tensor  # (N,3) float64 unit shading normal
     geometric_normal: Tensor  # (N,3) float64 unit
+    arriving: Tensor  # (N,3) float64 unit direction of the rays that hit them
+    length: Tensor  # (N,) float64 of these rays
     gloss: Tensor  # (N,) float64 lobe width
+    object_id: Tensor  # (N,) int64 reflector
 
 
 Onward = Callable[[MirroredPoints], Tensor]

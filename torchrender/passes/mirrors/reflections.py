@@ -12,7 +12,7 @@ from torch import Tensor
 
 from torchrender.buffers import ReflectionLayer, ReflectionState
 from torchrender.effects.reflections.bounces import traced_onward
-from torchrender.effects.reflections.clustered import ClusterOptions, clustered_reflections
+from torchrender.effects.reflections.clustered import ClusterOptions, clustered_onward, clustered_reflections
 from torchrender.effects.reflections.reflectors import Onward, blend_reflections
 from torchrender.effects.reflections.traced import environment_reflections, trace_reflections
 from torchrender.passes.contract import Amounts, Buffers, OwnMeasure, Pass, Prices
@@ -43,9 +43,12 @@ def asks(outlook: Outlook) -> Buffers:
 
 
 def _onward(frame: Frame) -> Onward | None:
-    """What mirrors in mirrors show, where there are rays to follow."""
-    caster, tracing = frame.get(RAY_CASTER), frame.options.tracing
-    return None if caster is None else traced_onward(caster, frame[HIT_SHADER], tracing.bounces, tracing.lobe)
+    """What mirrors in mirrors show: by rays where there are some, else by clusters."""
+    options, caster, shader = frame.options, frame.get(RAY_CASTER), frame[HIT_SHADER]
+    bounces = options.tracing.bounces
+    if caster is not None:
+        return traced_onward(caster, shader, bounces, options.tracing.lobe)
+    return clustered_onward(frame.scene, frame.cameras, shader, options.reflection, bounces)
 
 
 def run(frame: Frame) -> ReflectionLayer:

@@ -51,6 +51,7 @@ class CameraOptions:
     # at grazing angles lie far off the normal
     deviation_deg: float = 180.0  # mean angle between a cluster's rays and its camera's above which it is parted
     lobe: str = "cone"  # of glossy clusters
+    planes: bool = True  # planar clusters look with the mirrored eye, pixel for pixel
 
     def __post_init__(self) -> None:
         check_choice("centre", self.centre, CENTRES)
@@ -117,7 +118,7 @@ def _fit(
     planar = (residual <= FLAT_RESIDUAL * extent) & (-spread[:, 2] > FLAT_COSINE)
     gloss = torch.zeros(len(count), dtype=torch.float64)
     gloss = gloss.scatter_reduce(0, bundle.clusters.cluster, pixels.gloss, "amax")
-    planar &= gloss <= 0
+    planar &= (gloss <= 0) & options.planes
     reach = diagonal * (1.0 - gloss * options.shorten).clamp_min(0.05)
     eye = _eyes(pixels, bundle, diagonal) - bundle.origin
     height = ((eye - middle) * axis).sum(-1)
@@ -170,10 +171,10 @@ def _eyes(pixels: ReflectivePixels, bundle: Bundle, diagonal: float) -> Tensor:
     """(C,3) eye that sees each cluster; for parallel projection a very far one."""
     cameras = pixels.cameras
     some = bundle.clusters.order[bundle.clusters.starts[:-1]]
-    camera = pixels.pixel[some] // (pixels.shape[1] * pixels.shape[2])
     if cameras.orthographic:
+        camera = pixels.pixel[some] // (pixels.shape[1] * pixels.shape[2])
         return pixels.position[some] - 1e3 * diagonal * cameras.forward[camera]
-    return cameras.eye[camera]
+    return pixels.position[some] - pixels.length[some, None] * pixels.view[some]
 
 
 def _image_axes(pixels: ReflectivePixels, bundle: Bundle, axis: Tensor) -> tuple[Tensor, Tensor]:
