@@ -286,8 +286,9 @@ def _add_render(parser: argparse.ArgumentParser) -> None:
     add_shadows(parser)
     parser.add_argument(
         "--reflections",
-        choices=("clustered", "traced", "environment", "off"),
-        help="how mirrors mirror: by depth images of pixel clusters, by rays, by one cube map (default clustered)",
+        choices=("auto", "clustered", "traced", "environment", "off"),
+        help="how mirrors mirror: by depth images of pixel clusters, by rays, by one cube map; auto: the most accurate "
+        "of the quick ways (default)",
     )
 
 

@@ -16,7 +16,7 @@ from torchrender.effects.shadows.soft_shadow import SoftShadowOptions
 from torchrender.numerics.tonemap import OPERATORS
 from torchrender.shade import AREA_LIGHTS
 
-REFLECTIONS = ("clustered", "traced", "environment", "off")
+REFLECTIONS = ("auto", "clustered", "traced", "environment", "off")
 POINT_SHADOWS = ("maps", "traced")
 AREA_SHADOWS = ("pcss", "hard", "sampled")
 UPSCALING = ("joint", "bilinear", "nearest")
@@ -36,7 +36,8 @@ class RenderOptions:
     area_shadows: str = "pcss"  # of rectangles: "pcss" (one map, penumbrae guessed), "hard" (one map), or "sampled"
     soft_shadow: SoftShadowOptions = field(default_factory=SoftShadowOptions)  # of area_shadows="sampled"
     area_light: str = "polygon"  # light of rectangles without shadows: exact, or "centre": all from their centre
-    reflections: str = "clustered"  # how reflectors mirror: "clustered", "traced", "environment" (one cube map), "off"
+    reflections: str = "auto"  # how reflectors mirror: "clustered", "traced", "environment" (one cube map), "off", or
+    # "auto": the most accurate of the quick ways
     reflection: ClusterOptions = field(default_factory=ClusterOptions)
     tracing: TraceOptions = field(default_factory=TraceOptions)
     reuse: ReuseOptions | None = field(default_factory=ReuseOptions)  # in pictures with a history; None: never

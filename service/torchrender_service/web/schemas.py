@@ -137,7 +137,7 @@ class RenderSettings(Strict):
     )
     shadow_size: Annotated[int, Field(ge=64, le=4096, description="texels of a shadow map's side")] | None = None
     cascades: Annotated[int, Field(ge=1, le=8, description="shadow maps along the view; none: as needed")] | None = None
-    reflections: Literal["clustered", "traced", "environment", "off"] = "clustered"
+    reflections: Literal["auto", "clustered", "traced", "environment", "off"] = "auto"
     supersample: Annotated[float, Field(ge=0.25, le=2.0, allow_inf_nan=False)] = 1.0
     background: Annotated[list[Light], Field(min_length=3, max_length=3)] | None = None
     exposure: Annotated[float, Field(ge=-64.0, le=64.0, allow_inf_nan=False)] | None = 0.0

@@ -47,12 +47,13 @@ def asks(outlook: Outlook) -> Buffers:
 
 def run(frame: Frame) -> HitShader:
     """That of an earlier picture, else one that shades hits by the passes of this picture."""
+    eyes = frame.cameras.eye
     earlier = frame.earlier(HIT_SHADER)
     if earlier is not None:
-        return earlier
+        return earlier.seen_from(eyes)
     maps = frame.get(SCENE_SHADOW_MAP)
     over_hits = frame.over_hits({} if maps is None else {SHADOW_MAP: maps})
-    return HitShader(frame.scene, over_hits, frame.options.background)
+    return HitShader(frame.scene, over_hits, frame.options.background, eyes)
 
 
 def amounts(outlook: Outlook) -> Amounts:
