@@ -148,3 +148,12 @@ class ReflectionLayer:
     direction: Tensor  # (B,H,W,3) float32 unit reflected direction, 0 where state is NONE
     state: Tensor  # (B,H,W) uint8 ReflectionState
     cluster: Tensor  # (B,H,W) int64 group of pixels that shared a depth image, -1 for none
+
+
+@dataclass(frozen=True, eq=False)
+class AmbientVisibility:
+    """How much of the light from everywhere reaches what B cameras see, and from where; 1 where nothing is seen."""
+
+    sky: Tensor  # (B,H,W) in [0,1] cosine-weighted share of the hemisphere that nothing hides, however far
+    near: Tensor  # (B,H,W) in [0,1] the same, where only what is within reach hides
+    bent_normal: Tensor  # (B,H,W,3) unit mean direction of the open sky; the shading normal where none is
