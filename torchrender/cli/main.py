@@ -15,6 +15,7 @@ from typing import Any
 
 from torchrender import __version__
 from torchrender.cli.arguments import add_scene, add_size, camera_of, exposure, given, load_scene, numbers
+from torchrender.cli.enhance import add_enhance, enhance_wish
 from torchrender.cli.fly import add_fly, fly
 from torchrender.cli.output import check_output, collect_garbage, image_size, progress
 from torchrender.cli.plan import add_limits, add_plan, run_calibrate, run_plan, run_tradeoff
@@ -76,6 +77,7 @@ def _render(arguments: argparse.Namespace) -> None:
         shadows=not arguments.no_shadows,
         background=None if arguments.background is None else numbers("--background", arguments.background, 3),
         **given(reflections=arguments.reflections, supersample=arguments.supersample, tone_map=arguments.tone_map),
+        **given(enhance=enhance_wish(arguments.enhance)),
         **exposed,
     )
     width, height = image_size(arguments.size)
@@ -272,6 +274,7 @@ def _add_render(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--exposure", metavar="EV", help="powers of two, or auto (default 0)")
     parser.add_argument("--tone-map", choices=("none", "reinhard", "aces"), help="default none")
     parser.add_argument("--background", metavar="R,G,B", help="linear colour of empty pixels")
+    add_enhance(parser)
     parser.add_argument("--no-shadows", action="store_true", help="light reaches everything")
     parser.add_argument(
         "--reflections",

@@ -82,7 +82,7 @@ class Outlook:
     def pixels(self) -> float:
         """Rendered ones, in millions; those of given samples."""
         if self.samples is not None:
-            return 1e-6 * self.samples.material.numel()
+            return 1e-6 * self.samples.covered.numel()
         factor = self.options.supersample
         if factor not in self.facts:
             view = self.cameras if factor == 1 else self.cameras.scaled(factor)

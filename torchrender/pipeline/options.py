@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from torchrender.checks import ArrayLike, as_vector, check_choice, check_range
+from torchrender.effects.enhancement.options import EnhanceOptions
 from torchrender.effects.reflections.clustered import ClusterOptions
 from torchrender.effects.reflections.reuse_options import ReuseOptions
 from torchrender.effects.reflections.traced import TraceOptions
@@ -41,6 +42,7 @@ class RenderOptions:
     reuse: ReuseOptions | None = field(default_factory=ReuseOptions)  # in pictures with a history; None: never
     supersample: float = 1.0  # rendered pixels per picture pixel and side; 2: two by two; 0.5: a quarter of them
     upscaling: str = "joint"  # of fewer rendered pixels: "joint": along the surfaces seen, "bilinear", or "nearest"
+    enhance: EnhanceOptions | None = None  # shape made easier to read; None: the picture as it is
     buffers: tuple[str, ...] = ()  # what passes make that the picture shall carry, by name; rendered size
     passes: tuple[Any, ...] | None = None  # the table of passes; None: the built-in one
     effects: Mapping[str, Any] = field(default_factory=dict)  # options of further passes, by name of the pass

@@ -12,6 +12,7 @@ from torch import Tensor
 from torchrender.depth.options import SamplingOptions
 from torchrender.depth.sample import sample_depth_images
 from torchrender.depth.viewpoints import viewpoints_around
+from torchrender.effects.enhancement.options import EnhanceOptions
 from torchrender.image import Image, camera_arrays
 from torchrender.images.files import write_image, write_npz
 from torchrender.pipeline.options import RenderOptions
@@ -30,9 +31,19 @@ from torchrender_service.renderers.layers import Layer
 from torchrender_service.renderers.views import camera_of_view
 
 
+def render_options(settings: dict[str, Any]) -> RenderOptions:
+    """Options from the plain values of a request.
+
+    Raises:
+        OptionError: a value out of range.
+    """
+    wish = settings.get("enhance")
+    return RenderOptions(**{**settings, "enhance": None if wish is None else EnhanceOptions(**wish)})
+
+
 def render_picture(scene: Scene, job: Render) -> dict[str, Any]:
     """A picture as the bytes of a file, with its plan and times."""
-    options = RenderOptions(**job.options)
+    options = render_options(job.options)
     image, plan = render_image(scene, camera_of_view(scene, job.view), job.bounds, options)
     return {"file": _picture_file(image, job), "plan": plan, "timings_ms": dict(image.timings_ms)}
 
@@ -58,7 +69,7 @@ def make_container(scene: Scene, job: DepthImages) -> dict[str, Any]:
     cameras = _cameras(scene, job)
     options = SamplingOptions(method=job.method, pixel_test="depth_identity", cull_backfaces=False, count_layers=False)
     images = sample_depth_images(scene, cameras, options)
-    radiance = shade_samples(scene, surface_attributes(scene, images), RenderOptions(**job.options))
+    radiance = shade_samples(scene, surface_attributes(scene, images), render_options(job.options))
     stamp = Stamp(id=0, layers=len(images), still=True, bits=job.bits, color=job.color, quality=job.quality)
     messages = []
     for k in range(len(images)):

@@ -16,8 +16,9 @@ import torch
 from torch import Tensor
 
 from torchrender.arrays import view
-from torchrender.buffers import AmbientVisibility, GBuffer
+from torchrender.buffers import GBuffer
 from torchrender.effects.ambient.options import AmbientOptions
+from torchrender.effects.ambient.visibility import AmbientVisibility
 from torchrender.errors import InputError
 from torchrender.kernels.ambient.horizon import (
     PATTERN,

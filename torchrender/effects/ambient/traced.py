@@ -7,16 +7,14 @@ import math
 import torch
 from torch import Tensor
 
-from torchrender.buffers import AmbientVisibility, GBuffer, RaySurface
+from torchrender.buffers import GBuffer, RaySurface
 from torchrender.checks import check_range
+from torchrender.effects.ambient.visibility import AmbientVisibility, as_images
 from torchrender.numerics.lobe import frame
 from torchrender.rays import RayCaster
 
 CHUNK = 1 << 18
 """Rays at a time."""
-
-LIFT = 1e-5
-"""Height above the surface at which rays start, in the distance that they need: see :func:`_gap`."""
 
 
 def traced_ambient(
@@ -56,16 +54,6 @@ def traced_ambient(
         near[rows] = (t > reach).float().mean(dim=1)
         bent[rows] = (toward * is_open[..., None]).sum(dim=1)
     return as_images(covered, sky, near, bent, samples.normal)
-
-
-def as_images(covered: Tensor, sky: Tensor, near: Tensor, bent: Tensor, normal: Tensor) -> AmbientVisibility:
-    """Values of covered pixels (N,) and (N,3) as images; bent directions of any length."""
-    length = bent.norm(dim=-1, keepdim=True)
-    unit = torch.where(length > 1e-6, bent / length.clamp_min(1e-6), normal[covered])
-    images = torch.ones(covered.shape), torch.ones(covered.shape), normal.clone()
-    for image, value in zip(images, (sky, near, unit), strict=True):
-        image[covered] = value
-    return AmbientVisibility(*images)
 
 
 def _cosine_directions(normal: Tensor, rays: int, number: Tensor) -> Tensor:

@@ -18,6 +18,7 @@ from torchrender.checks import check_tensor
 from torchrender.numerics.lobe import lobe_directions, reflect, schlick
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
+from torchrender.shading.mirrors import mirror_values
 
 START = 1e-5
 """Distance from the reflector at which rays start, in scene diagonals."""
@@ -89,11 +90,11 @@ def reflective_pixels(scene: Scene, gbuffer: GBuffer, mask: Tensor | None = None
     if mask is not None:
         chosen = chosen & check_tensor("mask", mask, tuple(chosen.shape))
     pixel = chosen.reshape(-1).nonzero().reshape(-1)
-    position, normal, flat = (
-        image.reshape(-1, 3).index_select(0, pixel).double()
-        for image in (gbuffer.position, gbuffer.normal, gbuffer.geometric_normal)
+    position, flat = (
+        image.reshape(-1, 3).index_select(0, pixel).double() for image in (gbuffer.position, gbuffer.geometric_normal)
     )
-    normal = torch.nn.functional.normalize(normal, dim=-1, eps=1e-30)
+    normal, gloss = mirror_values(scene, gbuffer, pixel)
+    normal = torch.nn.functional.normalize(normal.double(), dim=-1, eps=1e-30)
     cameras = gbuffer.cameras
     camera = pixel // (cameras.width * cameras.height)
     size = (1.0 / cameras.intrinsics[:, (0, 1), (0, 1)]).amax(dim=1)
@@ -116,7 +117,7 @@ def reflective_pixels(scene: Scene, gbuffer: GBuffer, mask: Tensor | None = None
         geometric_normal=flat,
         view=view,
         direction=_mirrored(view, normal, flat),
-        gloss=scene.material_table.gloss[gbuffer.material.reshape(-1)[pixel]],
+        gloss=gloss,
         object_id=gbuffer.object_id.reshape(-1)[pixel],
         depth=depth,
         length=length,
@@ -187,6 +188,12 @@ def blend_reflections(scene: Scene, gbuffer: GBuffer, direct: Tensor, layer: Ref
         return direct
     own = direct.reshape(-1, 3).index_select(0, rows)
     mirrored = layer.color.reshape(-1, 3).index_select(0, rows)
+    if layer.share is not None:
+        replaced, weight = (
+            v.reshape(-1, 3).index_select(0, rows) for v in (layer.share.replaced, layer.share.mirrored)
+        )
+        mixed = own - replaced + weight * mirrored
+        return direct.reshape(-1, 3).index_copy(0, rows, mixed.clamp_min(0.0)).reshape(direct.shape)
     normal = gbuffer.normal.reshape(-1, 3).index_select(0, rows)
     toward = layer.direction.reshape(-1, 3).index_select(0, rows)
     mixed = blend_colors(scene, gbuffer.material.reshape(-1)[rows], (normal * toward).sum(-1).abs(), own, mirrored)

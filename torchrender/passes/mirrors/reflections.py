@@ -16,7 +16,7 @@ from torchrender.effects.reflections.reflectors import blend_reflections
 from torchrender.effects.reflections.traced import environment_reflections, trace_reflections
 from torchrender.passes.contract import Amounts, Buffers, OwnMeasure, Pass
 from torchrender.passes.hard import SHAPE, VIEW, HardEffect, Law, Outputs, Subject, difference, displayed, no_mirrors
-from torchrender.passes.light.direct_light import DIRECT_LIGHT
+from torchrender.passes.light.direct_light import DIRECT_LIGHT, MIRROR_SHARE, with_share
 from torchrender.passes.mirrors.hit_shader import HIT_SHADER
 from torchrender.passes.mirrors.reflective_pixel import REFLECTIVE_PIXEL, mirrors, reflective
 from torchrender.passes.outlook import Outlook
@@ -172,10 +172,10 @@ PASS = Pass(
     name="reflections",
     summary="what mirrors show",
     makes=REFLECTIONS,
-    needs=(GBUFFER, REFLECTIVE_PIXEL, DIRECT_LIGHT),
+    needs=(GBUFFER, REFLECTIVE_PIXEL, DIRECT_LIGHT, MIRROR_SHARE),
     asks=asks,
     applies=mirrors,
-    run=run,
+    run=with_share(run),
     settings=settings(
         "way",
         {
