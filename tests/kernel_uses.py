@@ -205,8 +205,8 @@ def voxels() -> None:
                     _run(main, "voxelize", scene, "-o", str(Path(folder) / "v.png"), *small, *more, *look, *size)
 
 
-FIRST_KEYFRAMES = ("living_room", "city", "nest", "washroom")
-"""Scenes without lights that have an area: their first keyframes need what every stream needs."""
+FIRST_KEYFRAMES = ("living_room", "washroom")
+"""Scenes whose first keyframes need what those of every stream need, and little else: shadows by maps."""
 
 
 def first_keyframes() -> None:
@@ -214,8 +214,6 @@ def first_keyframes() -> None:
     for scene in scenes():
         if scene.name in FIRST_KEYFRAMES:
             _stream(scene, [(None, False)])
-    with tempfile.TemporaryDirectory() as folder:
-        _stream(glb_scene(Path(folder)), [(None, False)])
 
 
 def streams() -> None:
