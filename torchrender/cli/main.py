@@ -46,7 +46,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         _set_up_threads(arguments.threads)
         COLD.start(arguments.command)
         with before_compiling(COLD), saying_warnings():
-            _COMMANDS[arguments.command](arguments)
+            try:
+                _COMMANDS[arguments.command](arguments)
+            finally:
+                COLD.stop()
     except TorchRenderError as error:
         print(f"torchrender: error: {error}", file=sys.stderr)
         return 2
@@ -69,6 +72,8 @@ def _render(arguments: argparse.Namespace) -> None:
         return
     if draws_points(arguments):
         return
+    if Path(arguments.scene).exists() or not Path(arguments.scene).suffix:
+        COLD.begin()
     from torchrender.image import SUFFIXES, numbered
     from torchrender.pipeline.options import RenderOptions, shadow_choices
     from torchrender.renderer import render
