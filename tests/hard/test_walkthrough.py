@@ -19,9 +19,9 @@ from torchrender.scene.model import Scene
 from torchrender.walkthrough.build import build_stages, build_walkthrough
 from torchrender.walkthrough.classify import crease, fit_plane
 from torchrender.walkthrough.clusters import box_around, build_points, cluster_points
-from torchrender.walkthrough.culling import occluders, outside
 from torchrender.walkthrough.density import Samples
 from torchrender.walkthrough.draw import FILLED, PLANE, draw_walkthrough
+from torchrender.walkthrough.drawing.culling import Occluders, visible_runs
 from torchrender.walkthrough.file import read_walkthrough, write_walkthrough
 from torchrender.walkthrough.frames.depth import step_edges
 from torchrender.walkthrough.frames.exposure import apply_gain
@@ -212,10 +212,10 @@ def test_a_box_around_the_view_is_not_culled():
     planes = camera.frustum_planes()[0].numpy()[:5]
     corners = np.array([[x, y, z] for x in (-50, 50) for y in (-50, 50) for z in (0.8, 1.2)])
     assert ((corners @ planes[:, :3].T + planes[:, 3]) < 0).any(1).all()  # every corner is outside the view
-    assert not outside(node, planes).any()
-    behind = node.copy()
-    behind[0, 2] = -9.0
-    assert outside(behind, planes).any()
+    for node_, seen in ((node, 7), (node + np.array([0, 0, -10.0, *np.zeros(12)]), 0)):
+        tree = replace(no_points(), nodes=node_, links=np.array([[0, 7, 0, 0]]), roots=np.zeros(1, np.int64))
+        found = visible_runs(tree, camera, np.zeros((0, 5, 4)))
+        assert int((found.runs[:, 1] - found.runs[:, 0]).sum()) == seen and found.outside == 7 - seen
 
 
 def test_an_occluder_with_a_window_hides_nothing_behind_it():
@@ -225,7 +225,7 @@ def test_an_occluder_with_a_window_hides_nothing_behind_it():
         for patch in made.planes:
             holes = patch.world(np.argwhere(patch.texture[..., 3] == 0)[:, ::-1] + 0.5)
             solid = patch.world(np.array([patch.solid[:2] + patch.solid[2:]]) / 2)
-            for shadow in occluders((patch,), eye, 1):
+            for shadow in Occluders.of((patch,)).shadows(eye, 1):
                 # What lies behind the middle of the occluder is hidden, what lies behind its holes is not.
                 for places, expected in ((holes, False), (solid, True)):
                     beyond = eye + 1.3 * (places - eye)
