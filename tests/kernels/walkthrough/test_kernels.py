@@ -42,6 +42,7 @@ def photos(count: int = 3, size: int = 12, seed: int = 0, flat: bool = False) ->
         feather=np.full((count, size, size), 20, np.uint8),
         lens=np.tile([10.0, 10.0, size / 2, size / 2], (count, 1)),
         log_quality=np.zeros(count),
+        noise=np.array([0.0, 0.0, 0.005])[:count],
     )
     return made, pose
 
@@ -63,7 +64,7 @@ def test_compare_and_restore() -> None:
     made, pose = photos()
     i, others = 0, np.array([1, 2])
     move = np.ascontiguousarray((np.linalg.inv(pose[others]) @ pose[i])[:, :3])
-    limits = Comparison(0.01, 0.02, 0.02, 2.0, 300.0)
+    limits = Comparison(0.01, 2.0, 0.02, 2.0, 300.0)
     size = made.depth.shape[1]
     keep, through = np.zeros((size, size), np.uint8), np.zeros((size, size), np.uint8)
     blended, fused = np.zeros((size, size, 3), np.uint8), np.zeros((size, size), np.float32)
@@ -83,11 +84,11 @@ def test_compare_and_restore() -> None:
                 found = float(made.depth[j, v, u])
                 if found <= 0:
                     continue
-                gap = found - q[2]
-                if gap > 0.02 * q[2]:
+                gap, slack = found - q[2], max(0.01, 3 * made.noise[j] * q[2]) * q[2]
+                if gap > 2 * slack:
                     votes += made.guard[j, v, u] == 0
                     continue
-                if abs(gap) > 0.01 * q[2]:
+                if abs(gap) > slack:
                     continue
                 density = 100.0 / q[2] ** 2
                 share = (density / weighed) ** 2
@@ -116,7 +117,8 @@ def test_compare_and_restore() -> None:
                         for b in range(max(v - 1, 0), min(v + 2, size))
                         for a in range(max(u - 1, 0), min(u + 2, size))
                     ]
-                    held |= any(kept[j, b, a] and abs(made.depth[j, b, a] - q[2]) <= 0.01 * q[2] for b, a in near)
+                    slack = max(0.01, 3 * made.noise[j] * q[2]) * q[2]
+                    held |= any(kept[j, b, a] and abs(made.depth[j, b, a] - q[2]) <= slack for b, a in near)
             assert restored[y, x] == (keep[y, x] == 0 and not held)
 
 
@@ -142,7 +144,7 @@ def test_textures_by_the_mean_of_what_photos_see() -> None:
                 u, v = 10 * q[0] / q[2] + 6, 10 * q[1] / q[2] + 6
                 if not (0 <= u < 12 and 0 <= v < 12):
                     continue
-                if made.depth[j, int(v), int(u)] > q[2] * 1.01:
+                if made.depth[j, int(v), int(u)] > q[2] * (1 + max(0.01, 3 * made.noise[j] * q[2])):
                     through += 1
                     continue
                 x, y = math.floor(u - 0.5), math.floor(v - 0.5)

@@ -9,7 +9,7 @@ import numpy as np
 from numba import prange
 
 from torchrender.kernels.compile import kernel
-from torchrender.kernels.walkthrough.density import moved, pixel_of
+from torchrender.kernels.walkthrough.density import agreeing, moved, pixel_of
 
 UNSEEN, SEEN, HOLE, GUESSED = 0, 1, 2, 3
 
@@ -108,20 +108,24 @@ def resample(patch, chosen, poses, photos, votes, color, state):
                         densest = sigma
                         guess_j, guess_x, guess_y = j, px, py
                     continue
-                gap = found - q[2]
-                if gap > votes.tau_z * q[2]:
-                    if photos.guard[j, py, px] == 0 or gap > FAR_BEHIND * votes.tau_z * q[2]:
+                gap, slack = found - q[2], agreeing(photos, j, q[2], votes.tau_z)
+                other = photos.plane[j, py, px]
+                # How far what the photo sees there lies from the plane: at a grazing view much less than depths differ.
+                off = abs(gap) * abs(facing) / q[2]
+                # A pixel of the plane sees this very place, whatever noise says of its depth.
+                own = other == patch.plane and found < np.inf
+                if gap > slack and not own and off > votes.near:
+                    if photos.guard[j, py, px] == 0 or gap > FAR_BEHIND * slack:
                         through += 1
                         against += sigma * sigma
                     continue
-                if gap < -votes.tau_z * q[2] or facing <= 0.0:
+                if (gap < -slack and not own) or facing <= 0.0:
                     continue
-                other = photos.plane[j, py, px]
                 u = photos.lens[j, 0] * q[0] / q[2] + photos.lens[j, 2]
                 v = photos.lens[j, 1] * q[1] / q[2] + photos.lens[j, 3]
-                if other == patch.plane:
+                if own:
                     r, g, b, share = masked_color(photos, j, u, v, patch.plane)
-                elif other < 0 and abs(gap) <= votes.near:
+                elif other < 0 and off <= votes.near:
                     # Seen, but as an edge: good enough where nothing better is.
                     r, g, b = (
                         float(photos.color[j, py, px, 0]),
@@ -131,7 +135,7 @@ def resample(patch, chosen, poses, photos, votes, color, state):
                     share = 1e-4
                 else:
                     # Where planes meet, the other one is as good as this one.
-                    if abs(gap) > 2.0 * votes.near + 1.5 * q[2] / photos.lens[j, 0]:
+                    if off > 2.0 * votes.near and abs(gap) > 1.5 * q[2] / photos.lens[j, 0]:
                         through += 1
                         against += sigma * sigma
                     continue

@@ -76,7 +76,7 @@ class Capture:
     def photos(self) -> Photos:
         """For kernels."""
         return Photos(self.color, self.depth, self.normal, self.plane, self.guard, self.feather, self.lens,
-                      self.log_quality)  # fmt: skip
+                      self.log_quality, self.noise)  # fmt: skip
 
     @cached_property
     def relative_noise(self) -> float:
