@@ -14,6 +14,7 @@ from torch import Tensor
 from torchrender.errors import CameraError
 from torchrender.kernels.compile import thread_count
 from torchrender.kernels.walkthrough import splat
+from torchrender.kernels.walkthrough.pinholes import close_pinholes
 from torchrender.kernels.walkthrough.plane_pixels import shade_planes
 from torchrender.numerics.color import srgb_table
 from torchrender.points.draw import render_points
@@ -180,6 +181,7 @@ def _draw_squares(
     space = (WORKSPACE.floats("near", (height, width)), WORKSPACE.floats("sums", (height, width, 4)))
     shares = splat.Shares(1.0 - PLANE_LEAD, BLEND_DEPTH, thread_count())
     splat.draw_points((arrays.points.color, _TABLE), runs, starts, records, shares, space, out)
+    close_pinholes(*out, space[0])
 
 
 _PATCHES: WeakKeyDictionary[Walkthrough, PatchSet] = WeakKeyDictionary()

@@ -14,6 +14,7 @@ from torchrender.kernels.walkthrough.clusters import join_cells
 from torchrender.kernels.walkthrough.culling import visible
 from torchrender.kernels.walkthrough.density import Comparison, Photos, compare, restore
 from torchrender.kernels.walkthrough.fill import Search, synthesise, window_cost
+from torchrender.kernels.walkthrough.pinholes import close_pinholes
 from torchrender.kernels.walkthrough.plane_pixels import shade_planes
 from torchrender.kernels.walkthrough.texture import HOLE, SEEN, UNSEEN, Patch, Votes, resample
 from torchrender.kernels.walkthrough.view_colors import SCALE, STEP, Looks, Residuals, add_residuals
@@ -243,6 +244,42 @@ def test_points_as_squares() -> None:
     one = (start.copy(), front.copy(), np.zeros_like(kind))
     splat.draw_points((points.color, table), runs, starts, records, splat.Shares(0.9, 0.01, 1), space, one)
     assert np.array_equal(one[0], image) and np.array_equal(one[1], depth)
+
+
+def test_pinholes_between_points() -> None:
+    rng = np.random.default_rng(11)
+    height, width = 20, 26
+    kind = rng.choice([0, 1, 3], (height, width), p=[0.08, 0.12, 0.8]).astype(np.uint8)
+    kind[:, :4] = 1  # a plane whose border no point may grow over
+    depth = np.where(kind == 3, 2.0 + 0.02 * rng.random((height, width)), 3.0).astype(np.float32)
+    depth[kind == 0] = np.inf
+    depth[12:, 15:] += (kind[12:, 15:] == 3) * np.float32(0.7)  # a step between two surfaces of points
+    image = rng.random((height, width, 3)).astype(np.float32)
+    start = (image.copy(), depth.copy(), kind.copy())
+    close_pinholes(image, depth, kind, np.full((height, width), np.nan, np.float32))
+
+    def nearer(y: int, x: int) -> list[tuple[int, int]]:
+        cells = [(y + b, x + a) for b in (-1, 0, 1) for a in (-1, 0, 1) if (a, b) != (0, 0)]
+        points = [c for c in cells if start[2][c] == 3]
+        if not points:
+            return []
+        least = min(start[1][c] for c in points)
+        limit = min(least * 1.05, start[1][y, x] * 0.98)
+        return [c for c in points if start[1][c] <= limit]
+
+    inner = [(y, x) for y in range(1, height - 1) for x in range(1, width - 1)]
+    holes = {c for c in inner if len(nearer(*c)) >= 6}
+    assert len(holes) > 20 and any(start[2][c] == 1 for c in holes)
+    for y in range(height):
+        for x in range(width):
+            if (y, x) in holes:
+                by = [c for c in nearer(y, x) if c not in holes]
+                if by:
+                    assert kind[y, x] == 3
+                    assert np.allclose(image[y, x], np.mean([start[0][c] for c in by], 0), atol=1e-5)
+                    assert depth[y, x] == pytest.approx(np.mean([start[1][c] for c in by]), rel=1e-5)
+            else:
+                assert np.array_equal(image[y, x], start[0][y, x]) and kind[y, x] == start[2][y, x]
 
 
 def test_boxes_that_a_camera_need_not_look_at() -> None:
