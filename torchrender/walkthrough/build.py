@@ -24,6 +24,7 @@ from torchrender.walkthrough.frames.pairs import overlaps, partners
 from torchrender.walkthrough.frames.prepare import Capture, Progress, prepare, quiet
 from torchrender.walkthrough.frames.record import Array, CaptureWarning, Frame, RgbdSequence
 from torchrender.walkthrough.frames.registration import color_shift, disagreement, register, shift_color
+from torchrender.walkthrough.frames.rim import empty_rim
 from torchrender.walkthrough.model import PIXEL_BYTES, POINT_BYTES, TEXEL_BYTES, Walkthrough
 from torchrender.walkthrough.options import DrawOptions, WalkthroughOptions
 from torchrender.walkthrough.planes import Plane, assign_pixels, merge_fits
@@ -249,7 +250,9 @@ def _view_colors(
         drawn = draw_walkthrough(walkthrough, cameras[i], DrawOptions(cull=True))
         small = (cameras.width, cameras.height)
         color = cv2.resize(capture.color[i], small, interpolation=cv2.INTER_AREA)
-        depth = cv2.resize(capture.depth[i], small, interpolation=cv2.INTER_NEAREST)
+        # What shows nothing counts as background: no colour of it is kept.
+        depth = np.where(empty_rim(capture.color[i]), np.float32(np.inf), capture.depth[i])
+        depth = cv2.resize(depth, small, interpolation=cv2.INTER_NEAREST)
         factor = max(options.view_detail // coarse, 1)
         pictures.append(residual_picture(color, depth, drawn.image[0].numpy(), drawn.depth[0].numpy(), factor))
     lens = cameras.intrinsics[:, (0, 1, 0, 1), (0, 1, 2, 2)].numpy()
