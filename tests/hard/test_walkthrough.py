@@ -378,19 +378,25 @@ def test_wrong_intrinsics_are_named():
         replace(frame, intrinsics=np.array([[60.0, 5, 32], [0, 60, 32], [0, 0, 1]]))
 
 
-def test_inconsistent_poses_are_said():
-    sequence = capture(4, 96)
+@pytest.mark.parametrize("wrong", ["intrinsics", "poses", "scale", None])
+def test_inconsistent_poses_are_said(wrong):
+    """Photos that look through what others show: said once, with what to check; right ones raise no warning."""
     moved = []
-    for n, frame in enumerate(sequence.frames):
-        k = frame.intrinsics.copy()
-        k[0, 0] *= 1.0 + 0.25 * n
-        k[1, 1] *= 1.0 + 0.25 * n
-        moved.append(replace(frame, intrinsics=k))
+    for n, frame in enumerate(capture(5, 96).frames):
+        k, pose, depth = frame.intrinsics.copy(), frame.world_from_camera.copy(), frame.depth
+        if wrong == "intrinsics":
+            k[:2, :2] *= 1.0 + 0.25 * n
+        elif wrong == "poses":
+            pose[:3, 3] += (0.3 * (-1) ** n, 0.0, 0.4 * (n % 3))
+        elif wrong == "scale":
+            depth = depth * np.float32(1.0 + 0.15 * (n % 2))
+        moved.append(replace(frame, intrinsics=k, world_from_camera=pose, depth=depth))
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
         made = build_walkthrough(RgbdSequence(tuple(moved)), OPTIONS)
-    texts = [str(w.message) for w in said]
-    assert any("disagree" in t for t in texts) or made.report["disagreement_after"] < 0.02
+    texts = [str(w.message) for w in said if "look" in str(w.message)]
+    assert len(texts) == (0 if wrong is None else 1), made.report["seen_through"]
+    assert wrong is None or "check poses, intrinsics and depth scale" in texts[0]
 
 
 # ------------------------------------------------------------------ files

@@ -20,7 +20,7 @@ from torchrender.walkthrough.clusters import build_points
 from torchrender.walkthrough.density import Comparisons, Samples, compare_density
 from torchrender.walkthrough.draw import draw_walkthrough
 from torchrender.walkthrough.frames.exposure import solve_exposure
-from torchrender.walkthrough.frames.pairs import overlaps, partners
+from torchrender.walkthrough.frames.pairs import overlaps, partners, seen_through
 from torchrender.walkthrough.frames.prepare import Capture, Progress, prepare, quiet
 from torchrender.walkthrough.frames.record import Array, CaptureWarning, Frame, RgbdSequence
 from torchrender.walkthrough.frames.registration import color_shift, disagreement, register, shift_color
@@ -34,6 +34,9 @@ from torchrender.walkthrough.view_colors import ViewColors, pack, residual_pictu
 
 SUSPICIOUS = 0.02
 """Median disagreement of depths between photos, share of depth, from which on poses or intrinsics must be wrong."""
+
+LOOKED_PAST = 0.08
+"""Share of what photos show that others look through, from which on the same must hold."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,13 +208,16 @@ def _repair(capture: Capture, options: WalkthroughOptions, progress: Progress) -
             near = partners(overlaps(capture), options.max_partners)
     if options.exposure == "auto":
         solve_exposure(capture, near, options.seed)
-    if after > SUSPICIOUS:
+    past = seen_through(capture, near, options.seed)
+    if after > SUSPICIOUS or past > LOOKED_PAST:
         warnings.warn(
-            f"depths of photos disagree by {100 * after:.1f} % of depth: check poses, intrinsics and depth scale",
+            f"depths of photos disagree by {100 * after:.1f} % of depth, and {100 * past:.0f} % of what one photo shows"
+            " another looks through: check poses, intrinsics and depth scale",
             CaptureWarning,
             stacklevel=4,
         )
-    return near, {"disagreement_before": before, "disagreement_after": after, "camera_moved": moved}
+    found = {"disagreement_before": before, "disagreement_after": after, "seen_through": past, "camera_moved": moved}
+    return near, found
 
 
 def _limited(samples: Samples, options: WalkthroughOptions) -> Samples:
