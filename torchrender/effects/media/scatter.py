@@ -14,15 +14,16 @@ import torch
 from torch import Tensor
 
 from torchrender.buffers import ShadowMap
-from torchrender.effects.media.between import NOWHERE, Guard, between, normaliser
+from torchrender.effects.media.between import Guard, Integrate, between, normaliser
 from torchrender.effects.media.eye_rays import EyeRays, eye_of, rays_of
 from torchrender.effects.media.light_images import NO_IMAGES, NO_SLICES, images_of, slices_of, views_of
+from torchrender.effects.media.march import Marcher
 from torchrender.effects.media.options import ScatterOptions
 from torchrender.effects.media.surroundings import Surroundings, glow
 from torchrender.effects.media.tables import LightTable, MediaTable
 from torchrender.errors import InputError
 from torchrender.kernels.media.integrate import EVERYWHERE, SLICED, WALKED, scatter_rays
-from torchrender.kernels.media.records import PLACE, SUN, Images, Scattered, Slices, Source
+from torchrender.kernels.media.records import PLACE, SUN, Scattered, Source
 from torchrender.kernels.media.ways import ways_through
 from torchrender.rays import RayCaster
 from torchrender.scene.camera import Cameras
@@ -119,65 +120,45 @@ def scatter_along(
     norm = normaliser(rays, table, ways, options)
     total, integrated = torch.zeros(count, 3), torch.zeros(shape)
     for number, light in enumerate(illumination.lights):
-        lit = SeenLight.of(light, illumination.map_of(number), table, rays, illumination.size, options)
-        radiance, marked = lit.scattered(norm, options)
+        lamp = LightTable.of(light, table.origin, options.nearest * max(illumination.size, 1e-12), options.falloff)
+        integrate = _integrator(lamp, illumination, number, table, rays, options)
+        place = None if lamp.kind == SUN or options.block == 1 else lamp.numbers[PLACE : PLACE + 3]
+        guard = Guard.of(None if place is None else torch.from_numpy(place), rays, options.halo_guard_px)
+        channels = table.arrays.extinction.shape[1]
+        found, marked = between(integrate, rays, norm, guard, channels, options)
+        radiance = torch.from_numpy(found) * (table.tint * lamp.color)
         total += radiance
-        integrated += marked / len(illumination.lights)
+        integrated += torch.from_numpy(marked) / len(illumination.lights)
     total += glow(table, rays, illumination.surroundings, ways, options)
     return transmittance, total.reshape(*shape, 3), integrated
 
 
-@dataclass(frozen=True, eq=False)
-class SeenLight:
-    """A light with what is needed to integrate it along rays."""
+def _integrator(
+    lamp: LightTable, illumination: Illumination, number: int, table: MediaTable, rays: EyeRays, options: ScatterOptions
+) -> Integrate:
+    """What integrates rays of one light. Everything is made anew: nothing lasts."""
+    shadow_map = illumination.map_of(number) if options.shadows == "maps" else None
+    if options.way == "march":
+        sight = illumination.caster if options.shadows == "rays" else shadow_map
+        return Marcher(table, lamp, rays, sight, options)
+    reach = _farthest(lamp, rays)
+    images, slices, way = NO_IMAGES, NO_SLICES, EVERYWHERE
+    if shadow_map is not None:
+        views = views_of(shadow_map, table.origin)
+        made = None
+        if options.way == "slices" and rays.sight is not None:
+            made = slices_of(shadow_map, views, lamp, rays.sight, options)
+        images = images_of(shadow_map, views, pyramid=made is None)
+        slices, way = (NO_SLICES, WALKED) if made is None else (made, SLICED)
+    media, source = table.towards(lamp.kind, lamp.numbers, options), Source(lamp.numbers, lamp.airlight(table, reach))
+    panels = options.panels * (2 if table.has_grid else 1)
+    most = slices.rows.shape[1] + 2 * int(images.levels[0, 1:].sum()) * max(len(images.views), 1) + 8
+    settings = (lamp.kind, way, panels, most, np.float32(reach))
 
-    table: MediaTable
-    rays: EyeRays
-    light: LightTable
-    source: Source
-    images: Images
-    slices: Slices
-    way: int
-    reach: float
+    def integrate(rows: np.ndarray, out: Scattered) -> None:
+        scatter_rays(media, source, images, slices, rays.beams, rows, settings, out)
 
-    @classmethod
-    def of(
-        cls,
-        light: Light,
-        shadow_map: ShadowMap | None,
-        table: MediaTable,
-        rays: EyeRays,
-        size: float,
-        options: ScatterOptions,
-    ) -> SeenLight:
-        """Everything is made anew: nothing lasts."""
-        lamp = LightTable.of(light, table.origin, options.nearest * max(size, 1e-12), options.falloff)
-        reach = _farthest(lamp, rays)
-        images, slices, way = NO_IMAGES, NO_SLICES, EVERYWHERE
-        if shadow_map is not None and options.shadows == "maps":
-            views = views_of(shadow_map, table.origin)
-            made = None
-            if options.way == "slices" and rays.sight is not None:
-                made = slices_of(shadow_map, views, lamp, rays.sight, options)
-            images = images_of(shadow_map, views, pyramid=made is None)
-            slices, way = (NO_SLICES, WALKED) if made is None else (made, SLICED)
-        return cls(table, rays, lamp, Source(lamp.numbers, lamp.airlight(table, reach)), images, slices, way, reach)
-
-    def scattered(self, norm: Tensor, options: ScatterOptions) -> tuple[Tensor, Tensor]:
-        """Radiance (H W,3), and which rays were integrated (H,W)."""
-        media = self.table.towards(self.light.kind, self.light.numbers, options)
-        panels = options.panels * (2 if self.table.has_grid else 1)
-        most = self.slices.rows.shape[1] + 2 * int(self.images.levels[0, 1:].sum()) * max(len(self.images.views), 1) + 8
-        settings = (self.light.kind, self.way, panels, most, np.float32(self.reach))
-
-        def integrate(rows: np.ndarray, out: Scattered) -> None:
-            scatter_rays(media, self.source, self.images, self.slices, self.rays.beams, rows, settings, out)
-
-        place = None if self.light.kind == SUN else torch.from_numpy(self.light.numbers[PLACE : PLACE + 3])
-        guard = NOWHERE if place is None or options.block == 1 else Guard.of(place, self.rays, options.halo_guard_px)
-        channels = media.extinction.shape[1]
-        radiance, marked = between(integrate, self.rays, norm, guard, channels, options)
-        return torch.from_numpy(radiance) * (self.table.tint * self.light.color), torch.from_numpy(marked)
+    return integrate
 
 
 def _farthest(lamp: LightTable, rays: EyeRays) -> float:

@@ -85,7 +85,7 @@ def height_integral(media, m, y, dy, length):
     return length * mean_of_exponential(first, last, b * dy)
 
 
-@kernel()
+@kernel(inline=True)
 def way_through(media, m, px, py, pz, dx, dy, dz, length, steps):
     """Integral of the density of medium ``m`` over a way of ``length`` along a unit direction, of any part in its box.
 

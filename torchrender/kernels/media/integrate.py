@@ -13,6 +13,7 @@ from numba import prange
 from torchrender.kernels.atomics import borrowed
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.media.airlight import airlight_row, airlight_to
+from torchrender.kernels.media.angles import arctan2
 from torchrender.kernels.media.density import box_span
 from torchrender.kernels.media.nodes import fill_nodes
 from torchrender.kernels.media.panels import WIDTH, fill_panel, integral_to
@@ -24,7 +25,7 @@ F = np.float32
 EVERYWHERE, WALKED, SLICED = 0, 1, 2
 """How it is found out where a ray is lit: it is everywhere, by a walk, by slices."""
 GROUP = 256  # rays that a thread takes at a time
-CLEAR = F(4.0)  # distances below which a light gets no brighter, up to which the table is not asked
+NEAR = 4  # times as many panels where a ray comes as near to a lamp as that gets no brighter
 SHARE, PARTS, LOOKS = 0, 1, 2
 """What is told of a ray: its lit share (of the panels' variable), lit parts, and cells that were looked at."""
 
@@ -78,7 +79,7 @@ def light_span(kind, light, o, d, begin, end):
     return (first, last) if pa + da * middle > F(0.0) else (F(1.0), F(0.0))
 
 
-@kernel()
+@kernel(inline=True)
 def break_points(media, kind, light, o, d, begin, end, points):
     """Lengths, in order, between which the same media are met and, before the sun, the same sides of boxes."""
     points[0], points[1] = begin, end
@@ -116,7 +117,7 @@ def break_points(media, kind, light, o, d, begin, end, points):
     return count
 
 
-@kernel()
+@kernel(inline=True)
 def fill_panels(media, kind, light, ray, begin, end, steps, angles, scratch):
     """Panels of a ray for all channels; returns their number. ``scratch``: see :func:`scatter_rays`."""
     o, d, t0, away, _ = ray
@@ -124,7 +125,7 @@ def fill_panels(media, kind, light, ray, begin, end, steps, angles, scratch):
     factor, exponent, _, variable, _, before = nodes
     channels = media.extinction.shape[1]
     pieces = break_points(media, kind, light, o, d, begin, end, points)
-    whole = F(math.atan2(end - t0, away)) - F(math.atan2(begin - t0, away)) if angles else end - begin
+    whole = arctan2(end - t0, away) - arctan2(begin - t0, away) if angles else end - begin
     exact = kind == SUN and media.low.shape[0] == 1 and media.kind[0] == FLAT
     count = np.int64(0)
     for c in range(channels):
@@ -146,7 +147,7 @@ def fill_panels(media, kind, light, ray, begin, end, steps, angles, scratch):
             continue
         first, last = ta, tb
         if angles:
-            first, last = F(math.atan2(ta - t0, away)), F(math.atan2(tb - t0, away))
+            first, last = arctan2(ta - t0, away), arctan2(tb - t0, away)
         number = np.int64(F(steps) * (last - first) / max(whole, F(1e-30))) + 1
         number = 1 if exact else min(max(number, 2), steps)
         number = min(number, panels.shape[1] - count)
@@ -169,7 +170,7 @@ def fill_panels(media, kind, light, ray, begin, end, steps, angles, scratch):
     return count
 
 
-@kernel()
+@kernel(inline=True)
 def lit_spans(way, images, slices, ray, spans):
     """Lit parts of a ray between two lengths; returns their number and what was looked at."""
     o, d, begin, end = ray
@@ -181,7 +182,7 @@ def lit_spans(way, images, slices, ray, spans):
     return np.int64(1), np.int64(0)
 
 
-@kernel()
+@kernel(inline=True)
 def scatter_ray(media, source, seen, ray, settings, scratch, out):
     """One ray: light per channel in ``out[0]``, and what is told of it in ``out[1]``."""
     kind, light, table, reach = source
@@ -202,18 +203,19 @@ def scatter_ray(media, source, seen, ray, settings, scratch, out):
         t0 = d[0] * (light[0] - o[0]) + d[1] * (light[1] - o[1]) + d[2] * (light[2] - o[2])
         offset = (o[0] + d[0] * t0 - light[0], o[1] + d[1] * t0 - light[1], o[2] + d[2] * t0 - light[2])
         away = math.sqrt(offset[0] * offset[0] + offset[1] * offset[1] + offset[2] * offset[2])
-    tabled = table.shape[1] > 1 and away > CLEAR * light[NEAREST]
+    tabled = table.shape[1] > 1 and away > light[NEAREST]
+    close = kind != SUN and kind != AMBIENT and away <= light[NEAREST]
     away = max(away, max(F(0.5) * light[NEAREST], F(1e-12)))
     count, looks = lit_spans(way, seen[0], seen[1], ray, spans)
     told[2] = F(looks)
-    xa = F(math.atan2(begin - t0, away)) if angles else begin
-    xb = F(math.atan2(end - t0, away)) if angles else end
+    xa = arctan2(begin - t0, away) if angles else begin
+    xb = arctan2(end - t0, away) if angles else end
     lit = 0
     for k in range(count):
         a, b = max(spans[k, 0], begin), min(spans[k, 1], end)
         if b > a:
             if angles:
-                a, b = F(math.atan2(a - t0, away)), F(math.atan2(b - t0, away))
+                a, b = arctan2(a - t0, away), arctan2(b - t0, away)
             spans[lit, 0], spans[lit, 1] = a, b
             told[0] += b - a
             lit += 1
@@ -235,7 +237,15 @@ def scatter_ray(media, source, seen, ray, settings, scratch, out):
             radiance[c] = max(total, F(0.0)) * strength * F(math.exp(min(optical, F(80.0))))
         return
     number = fill_panels(
-        media, kind, light, (o, d, t0, away, offset), begin, end, steps, angles, (panels, nodes, points, active)
+        media,
+        kind,
+        light,
+        (o, d, t0, away, offset),
+        begin,
+        end,
+        NEAR * steps if close else steps,
+        angles,
+        (panels, nodes, points, active),
     )
     if number == 0:
         return
@@ -260,7 +270,7 @@ def scatter_rays(media, source, images, slices, beams, chosen, settings, out):
     """
     kind, way, steps, most, reach = settings
     boxes, channels = media.extinction.shape
-    most_panels = (2 * boxes + 2) * 2 + steps + 8
+    most_panels = (2 * boxes + 2) * 2 + NEAR * steps + 8
     groups = (len(chosen) + GROUP - 1) // GROUP
     for group in prange(groups):
         fields, sight = borrowed(media), (borrowed(images), borrowed(slices))
@@ -271,8 +281,8 @@ def scatter_rays(media, source, images, slices, beams, chosen, settings, out):
         rows = borrowed(chosen)
         panels = np.empty((channels, most_panels, WIDTH), F)
         nodes = (
-            np.empty((channels, 2 * steps + 1), F), np.empty((channels, 2 * steps + 1), F), np.empty(2 * steps + 1, F),
-            np.empty(2 * steps + 1, F), np.empty((3, 2 * steps + 1), F), np.empty(channels, F),
+            np.empty((channels, 2 * NEAR * steps + 1), F), np.empty((channels, 2 * NEAR * steps + 1), F), np.empty(2 * NEAR * steps + 1, F),
+            np.empty(2 * NEAR * steps + 1, F), np.empty((3, 2 * NEAR * steps + 1), F), np.empty(channels, F),
         )  # fmt: skip
         points, active, spans = np.empty(5 * boxes + 2, F), np.empty(boxes, np.bool_), np.empty((most, 2), F)
         scratch = borrowed((panels, nodes, points, active, spans))

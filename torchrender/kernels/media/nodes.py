@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from torchrender.kernels.compile import kernel
+from torchrender.kernels.media.angles import tangent
 from torchrender.kernels.media.density import SHADOWING, box_span, mean_of_exponential, trilinear, way_through
 from torchrender.kernels.media.records import (
     AMBIENT,
@@ -64,7 +65,7 @@ def falloff(kind, light, r2, along, d, offset):
     return value
 
 
-@kernel()
+@kernel(inline=True)
 def light_way(media, m, kind, light, x, y, z):
     """Integral of the density of medium ``m`` on the way from a light to a place."""
     if kind == SUN:
@@ -83,7 +84,7 @@ def light_way(media, m, kind, light, x, y, z):
     return way_through(media, m, x, y, z, wx, wy, wz, length, SHADOWING)
 
 
-@kernel()
+@kernel(inline=True)
 def fill_nodes(media, kind, light, ray, part, nodes):
     """Factor and exponent of the light that the nodes send to the eye, for all channels.
 
@@ -105,7 +106,7 @@ def fill_nodes(media, kind, light, ray, part, nodes):
             # Denser towards both ends, where extinction changes within little angle.
             share = share * share * (F(3.0) - F(2.0) * share)
             x = first + (last - first) * share
-            t = t0 + away * F(math.tan(x))
+            t = t0 + away * tangent(x)
         else:
             x = first + (last - first) * share
             t = x
@@ -138,7 +139,7 @@ def fill_nodes(media, kind, light, ray, part, nodes):
                     exponent[c, j] += media.extinction[m, c] * way
 
 
-@kernel()
+@kernel(inline=True)
 def add_active(media, m, kind, light, ray, lengths, count, nodes):
     """Add a medium that the nodes lie in."""
     o, d, t0, _, offset = ray

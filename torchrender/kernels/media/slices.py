@@ -20,6 +20,7 @@ import numpy as np
 from numba import prange
 
 from torchrender.kernels.compile import kernel
+from torchrender.kernels.media.angles import arctan2, tangent
 from torchrender.kernels.media.records import BIG
 from torchrender.kernels.media.walk import add_span
 
@@ -97,18 +98,18 @@ def along_slice(parallel, n, d, end):
     u = n[0] * d[0] + n[1] * d[1] + n[2] * d[2]
     v = n[3] * d[0] + n[4] * d[1] + n[5] * d[2]
     w = n[6] * d[0] + n[7] * d[1] + n[8] * d[2]
-    angle = F(math.atan2(v, u))
+    angle = arctan2(v, u)
     if parallel:
         rate = max(math.sqrt(u * u + v * v), F(1e-9))
         return angle, w / rate, F(1.0) / rate, rate * end
     across = math.sqrt(u * u + v * v)
     slope = -w / max(across, F(1e-9))
-    first = F(math.atan(slope))
+    first = arctan2(slope, F(1.0))
     t0, away = n[DISTANCE] * w, n[DISTANCE] * max(across, F(1e-9))
-    return angle, slope, F(1.0), F(math.atan2(end - t0, away)) - first
+    return angle, slope, F(1.0), arctan2(end - t0, away) - first
 
 
-@kernel()
+@kernel(inline=True)
 def slice_ray(slices, parallel, d, begin, end, spans):
     """Lit parts of an eye ray between two lengths, in ``spans`` (K,2).
 
@@ -120,6 +121,8 @@ def slice_ray(slices, parallel, d, begin, end, spans):
     angle -= n[ANGLE]
     if angle < F(0.0):
         angle += TURN
+    elif angle >= TURN:
+        angle -= TURN
     s = min(np.int64(angle / n[ANGLE_STEP]), rows.shape[0] - 1)
     total = rows.shape[1]
     last = min(np.int64(max((reach - n[START]) / n[STEP], F(0.0))) + 1, total)
@@ -128,7 +131,7 @@ def slice_ray(slices, parallel, d, begin, end, spans):
         levels += 1
     t0 = n[DISTANCE] * (n[6] * d[0] + n[7] * d[1] + n[8] * d[2])
     away = math.sqrt(max(n[DISTANCE] * n[DISTANCE] - t0 * t0, F(1e-12)))
-    first = F(math.atan2(-t0, away))
+    first = arctan2(-t0, away)
     level = min(4, levels)
     offset = total - (2 * total >> level)
     lit, since, count, looks, k = parallel, begin, np.int64(0), np.int64(0), np.int64(0)
@@ -149,7 +152,7 @@ def slice_ray(slices, parallel, d, begin, end, spans):
             continue
         if new != lit:
             at = n[START] + F(k) * n[STEP]
-            t = at * worth if parallel else t0 + away * F(math.tan(first + at))
+            t = at * worth if parallel else t0 + away * tangent(first + at)
             t = begin if k == 0 and not parallel else t
             if new:
                 since = min(max(t, begin), end)

@@ -14,6 +14,7 @@ from torchrender.kernels.media.records import BIG
 
 F = np.float32
 BEGIN = 4  # level at which a walk begins
+MOST_FACES = 24  # of a cube that a ray may meet, ties counted again
 BEYOND = F(2e-3)  # texels by which a place is looked up behind an edge
 
 
@@ -118,6 +119,65 @@ def walk_image(pyramid, levels, line, ends, spans, count):
     return count, looks
 
 
+@kernel(inline=True)
+def in_view(m, o, d):
+    """A ray in a view: where it is at length 0, and what it moves by per length, along x, y and z."""
+    return (
+        m[0] * o[0] + m[1] * o[1] + m[2] * o[2] + m[3], m[4] * o[0] + m[5] * o[1] + m[6] * o[2] + m[7],
+        m[8] * o[0] + m[9] * o[1] + m[10] * o[2] + m[11], m[0] * d[0] + m[1] * d[1] + m[2] * d[2],
+        m[4] * d[0] + m[5] * d[1] + m[6] * d[2], m[8] * d[0] + m[9] * d[1] + m[10] * d[2],
+    )  # fmt: skip
+
+
+@kernel(inline=True)
+def leaves_at(value, rate, end):
+    """Length at which ``value + rate t`` becomes negative."""
+    return min(end, -value / rate) if rate < F(0.0) else end
+
+
+@kernel()
+def walk_lamp(images, n, ray, begin, end, spans, count):
+    """The part of a ray in one view around a point."""
+    x, y, z, dx, dy, dz = ray
+    m = images.views[n]
+    wa, wb = max(z + dz * begin, F(1e-6)), max(z + dz * end, F(1e-6))
+    ia, ib = F(1.0) / wa, F(1.0) / wb
+    line = (
+        m[12] * (x + dx * begin) * ia + m[14], m[13] * (y + dy * begin) * ia + m[15], -ia,
+        m[12] * (x + dx * end) * ib + m[14], m[13] * (y + dy * end) * ib + m[15], -ib,
+    )  # fmt: skip
+    return walk_image(images.pyramid[n], images.levels, line, (begin, end, wa, wb), spans, count)
+
+
+@kernel()
+def walk_cube(images, o, d, begin, end, spans):
+    """Lit parts of a ray around a point with several views, each of which has what it lies in front of most."""
+    count, looks, t = np.int64(0), np.int64(0), begin
+    least = max(F(1e-6) * (end - begin), F(1e-6) * end)
+    for _ in range(MOST_FACES):
+        if not t < end:
+            break
+        probe = min(t + least, end)
+        best, size = -1, F(0.0)
+        for n in range(images.views.shape[0]):
+            m = images.views[n]
+            z = m[8] * (o[0] + d[0] * probe) + m[9] * (o[1] + d[1] * probe) + m[10] * (o[2] + d[2] * probe) + m[11]
+            if z > size:
+                best, size = n, z
+        if best < 0:
+            t = probe
+            continue
+        ray = in_view(images.views[best], o, d)
+        x, y, z, dx, dy, dz = ray
+        leave = leaves_at(z - x, dz - dx, leaves_at(z + x, dz + dx, end))
+        leave = leaves_at(z - y, dz - dy, leaves_at(z + y, dz + dy, leave))
+        leave = max(leave, probe)
+        count, more = walk_lamp(images, best, ray, t, leave, spans, count)
+        looks += more
+        t = leave
+    return count, looks
+
+
 @kernel()
 def walk_ray(images, o, d, begin, end, spans):
     """Lit parts of a ray between two lengths, in ``spans`` (K,2).
@@ -127,50 +187,28 @@ def walk_ray(images, o, d, begin, end, spans):
     Returns:
         Their number, and of cells that were looked at.
     """
-    views, levels = images.views, images.levels
-    width, height = F(levels[0, 2]), F(levels[0, 1])
-    count, looks = np.int64(0), np.int64(0)
-    for n in range(views.shape[0]):
-        m = views[n]
-        x = m[0] * o[0] + m[1] * o[1] + m[2] * o[2] + m[3]
-        y = m[4] * o[0] + m[5] * o[1] + m[6] * o[2] + m[7]
-        z = m[8] * o[0] + m[9] * o[1] + m[10] * o[2] + m[11]
-        dx = m[0] * d[0] + m[1] * d[1] + m[2] * d[2]
-        dy = m[4] * d[0] + m[5] * d[1] + m[6] * d[2]
-        dz = m[8] * d[0] + m[9] * d[1] + m[10] * d[2]
-        if images.parallel:
-            u, v, du, dv = m[12] * x + m[14], m[13] * y + m[15], m[12] * dx, m[13] * dy
-            a, b = cut(begin, end, u, du)
-            a, b = cut(a, b, width - u, -du)
-            a, b = cut(a, b, v, dv)
-            a, b = cut(a, b, height - v, -dv)
-            if not b > a:
-                spans[0, 0], spans[0, 1] = begin, end
-                return np.int64(1), looks
-            count = add_span(spans, count, begin, a)
-            line = (u + du * a, v + dv * a, z + dz * a, u + du * b, v + dv * b, z + dz * b)
-            count, more = walk_image(images.pyramid[n], levels, line, (a, b, F(1.0), F(1.0)), spans, count)
-            count = add_span(spans, count, b, end)
-            return count, looks + more
-        if views.shape[0] > 1:  # a face of a cube: what it lies in front of most
-            a, b = cut(begin, end, z - x, dz - dx)
-            a, b = cut(a, b, z + x, dz + dx)
-            a, b = cut(a, b, z - y, dz - dy)
-            a, b = cut(a, b, z + y, dz + dy)
-        else:
-            a, b = cut(begin, end, m[12] * x + m[14] * z, m[12] * dx + m[14] * dz)
-            a, b = cut(a, b, (width - m[14]) * z - m[12] * x, (width - m[14]) * dz - m[12] * dx)
-            a, b = cut(a, b, m[13] * y + m[15] * z, m[13] * dy + m[15] * dz)
-            a, b = cut(a, b, (height - m[15]) * z - m[13] * y, (height - m[15]) * dz - m[13] * dy)
+    if not images.parallel and images.views.shape[0] > 1:
+        return walk_cube(images, o, d, begin, end, spans)
+    width, height = F(images.levels[0, 2]), F(images.levels[0, 1])
+    m = images.views[0]
+    ray = in_view(m, o, d)
+    x, y, z, dx, dy, dz = ray
+    if not images.parallel:
+        a, b = cut(begin, end, m[12] * x + m[14] * z, m[12] * dx + m[14] * dz)
+        a, b = cut(a, b, (width - m[14]) * z - m[12] * x, (width - m[14]) * dz - m[12] * dx)
+        a, b = cut(a, b, m[13] * y + m[15] * z, m[13] * dy + m[15] * dz)
+        a, b = cut(a, b, (height - m[15]) * z - m[13] * y, (height - m[15]) * dz - m[13] * dy)
         a, b = cut(a, b, z, dz)
-        if not b > a:
-            continue
-        wa, wb = max(z + dz * a, F(1e-6)), max(z + dz * b, F(1e-6))
-        ia, ib = F(1.0) / wa, F(1.0) / wb
-        line = (
-            m[12] * (x + dx * a) * ia + m[14], m[13] * (y + dy * a) * ia + m[15], -ia,
-            m[12] * (x + dx * b) * ib + m[14], m[13] * (y + dy * b) * ib + m[15], -ib,
-        )  # fmt: skip
-        count, more = walk_image(images.pyramid[n], levels, line, (a, b, wa, wb), spans, count)
-        looks += more
-    return count, looks
+        return walk_lamp(images, 0, ray, a, b, spans, np.int64(0)) if b > a else (np.int64(0), np.int64(0))
+    u, v, du, dv = m[12] * x + m[14], m[13] * y + m[15], m[12] * dx, m[13] * dy
+    a, b = cut(begin, end, u, du)
+    a, b = cut(a, b, width - u, -du)
+    a, b = cut(a, b, v, dv)
+    a, b = cut(a, b, height - v, -dv)
+    if not b > a:
+        spans[0, 0], spans[0, 1] = begin, end
+        return np.int64(1), np.int64(0)
+    count = add_span(spans, np.int64(0), begin, a)
+    line = (u + du * a, v + dv * a, z + dz * a, u + du * b, v + dv * b, z + dz * b)
+    count, looks = walk_image(images.pyramid[0], images.levels, line, (a, b, F(1.0), F(1.0)), spans, count)
+    return add_span(spans, count, b, end), looks
