@@ -8,6 +8,7 @@ from typing import Any
 
 from torchrender.checks import ArrayLike, as_vector, check_choice, check_range
 from torchrender.effects.enhancement.options import EnhanceOptions
+from torchrender.effects.media.options import ScatterOptions
 from torchrender.effects.reflections.clustered import ClusterOptions
 from torchrender.effects.reflections.reuse_options import ReuseOptions
 from torchrender.effects.reflections.traced import TraceOptions
@@ -41,6 +42,8 @@ class RenderOptions:
     reflection: ClusterOptions = field(default_factory=ClusterOptions)
     tracing: TraceOptions = field(default_factory=TraceOptions)
     reuse: ReuseOptions | None = field(default_factory=ReuseOptions)  # in pictures with a history; None: never
+    media: bool = True  # media scatter and absorb light; False: the air is clear
+    scattering: ScatterOptions = field(default_factory=ScatterOptions)
     supersample: float = 1.0  # rendered pixels per picture pixel and side; 2: two by two; 0.5: a quarter of them
     upscaling: str = "joint"  # of fewer rendered pixels: "joint": along the surfaces seen, "bilinear", or "nearest"
     enhance: EnhanceOptions | None = None  # shape made easier to read; None: the picture as it is

@@ -9,8 +9,6 @@ sky in; and a second depth image tells where things end.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import torch
 from torch import Tensor
