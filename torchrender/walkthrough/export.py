@@ -16,7 +16,7 @@ from torchrender.errors import InputError, SceneFileError
 from torchrender.images.files import write_atomically
 from torchrender.points.file import write_points
 from torchrender.points.tree import build_patches
-from torchrender.scene.files.gltf_write import glb_bytes
+from torchrender.scene.files.gltf.out.write import glb_bytes
 from torchrender.walkthrough.model import Walkthrough
 
 
