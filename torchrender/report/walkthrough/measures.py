@@ -29,7 +29,6 @@ from torchrender.walkthrough.model import Walkthrough
 from torchrender.walkthrough.options import DrawOptions
 from torchrender.walkthrough.review.held_out import code_psnr, held_out_error, photo_camera
 
-
 REPEATS = 4
 
 
