@@ -13,8 +13,8 @@ from numba import prange
 from torchrender.kernels.atomics import borrowed
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.media.airlight import airlight_row, airlight_to
-from torchrender.kernels.media.angles import arctan2
 from torchrender.kernels.media.density import box_span
+from torchrender.kernels.media.functions import arctan2
 from torchrender.kernels.media.nodes import fill_nodes
 from torchrender.kernels.media.panels import WIDTH, fill_panel, integral_to
 from torchrender.kernels.media.records import AMBIENT, AXIS, FLAT, NEAREST, OUTER, RECT, SPOT, SQUARE, SUN
