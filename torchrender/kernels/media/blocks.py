@@ -7,13 +7,15 @@ along the ray: what is interpolated over the edge of a shaft would be wrong howe
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import prange
 
 from torchrender.kernels.atomics import borrowed
 from torchrender.kernels.compile import kernel
 
-F = np.float32
+F: Any = np.float32
 NONE, NEAREST, LSQ = 0, 1, 2
 """Gradients at samples."""
 FEWEST = 3  # neighbours that a least-squares gradient needs

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.media.records import BIG, DENSITY, FALLOFF, FLAT, GROUND, HEIGHT
 
-F = np.float32
+F: Any = np.float32
 SHADOWING = 24
 """Steps through a grid that lies before a light, where its mean towards the light is not known."""
 

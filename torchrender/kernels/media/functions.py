@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
 from torchrender.kernels.compile import kernel
 
-F = np.float32
+F: Any = np.float32
 QUARTER, HALF = F(0.25 * math.pi), F(0.5 * math.pi)
 
 

@@ -16,6 +16,7 @@ from torchrender.kernels.compile import kernel
 from torchrender.kernels.media.density import density_at, way_through
 from torchrender.kernels.media.nodes import falloff, phase
 from torchrender.kernels.media.records import AXIS, SQUARE, SUN, G
+from torchrender.kernels.voxels.bits import span as block_of
 
 GROUP = 64  # rays that a thread takes at a time
 EYE_STEPS = 4  # through a grid, within a step
@@ -193,7 +194,8 @@ def march_rays(media, source, depth, seen, beams, chosen, settings, out):
         rows = borrowed(chosen)
         work = (np.empty(channels), np.empty((3, channels)))
         o, d = np.empty(3), np.empty(3)
-        for n in range(np.int64(group) * GROUP, min(np.int64(group) * GROUP + GROUP, len(rows))):
+        begin, end = block_of(group, GROUP, len(rows))
+        for n in range(begin, end):
             i = rows[n]
             k = i if len(origin) > 1 else 0
             for c in range(channels):

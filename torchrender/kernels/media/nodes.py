@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -28,7 +29,7 @@ from torchrender.kernels.media.records import (
     G,
 )
 
-F = np.float32
+F: Any = np.float32
 PER_SPHERE = F(0.25 / math.pi)
 
 
@@ -60,8 +61,8 @@ def falloff(kind, light, r2, along, d, offset):
         if kind == SPOT:
             share = min(max((cosine - light[OUTER]) / max(light[INNER] - light[OUTER], F(1e-6)), F(0.0)), F(1.0))
             return value * share * share * (F(3.0) - F(2.0) * share)
-        value = F(1.0) / (r2 + light[AREA] * F(0.5 / math.pi)) if light[SQUARE] > F(0.0) else F(1.0)
-        return value * light[AREA] * max(cosine, F(0.0))
+        near = F(1.0) / (r2 + light[AREA] * F(0.5 / math.pi)) if light[SQUARE] > F(0.0) else F(1.0)
+        return near * light[AREA] * max(cosine, F(0.0))
     return value
 
 
@@ -148,11 +149,12 @@ def along_grid(media, m, o, d, lengths, count, density, eye):
     begin, end = lengths[0], lengths[count - 1]
     low, high, dims = media.low[m], media.high[m], media.dims[m]
     longest = (end - begin) * F(1.01) / F(count - 1)
-    density[0] = trilinear(media.cells, dims, low, high, o[0] + d[0] * begin, o[1] + d[1] * begin, o[2] + d[2] * begin)
+    x, y, z = o[0] + d[0] * begin, o[1] + d[1] * begin, o[2] + d[2] * begin
+    density[0] = trilinear(media.cells, dims, low, high, x, y, z)
     eye[0] = F(0.0)
     for j in range(1, count):
         way = lengths[j] - lengths[j - 1]
-        parts = max(np.int64(math.ceil(way / max(longest, F(1e-20)))), 1)
+        parts = np.int64(min(max(way / max(longest, F(1e-20)), F(0.0)), F(1e4))) + 1
         step = way / F(parts)
         value, total = density[j - 1], F(0.0)
         for k in range(parts):

@@ -7,16 +7,18 @@ changes, the product itself is taken as a quadratic.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.media.functions import exponential
 
-F = np.float32
+F: Any = np.float32
 THIN = F(0.5)
 """Change of the exponent within a panel up to which the product is taken as a quadratic."""
 WIDTH = 9
-"""Numbers of a panel: begin, width, integral before it, three coefficients, exponent's change, factor, integral after."""
+"""Numbers of a panel: begin, width, integral before, three coefficients, exponent's change, factor, integral after."""
 
 
 @kernel(inline=True)

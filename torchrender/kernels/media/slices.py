@@ -15,6 +15,7 @@ angle at the lamp, from the eye), and the lamp's distance or the eye's place in 
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numba import prange
@@ -25,7 +26,7 @@ from torchrender.kernels.media.functions import arctan2, tangent
 from torchrender.kernels.media.records import BIG
 from torchrender.kernels.media.walk import add_span
 
-F = np.float32
+F: Any = np.float32
 ACROSS, UPWARD, AXIS, ANGLE, ANGLE_STEP, START, STEP, DISTANCE, U, V, FOCAL = 0, 3, 6, 9, 10, 11, 12, 13, 13, 14, 15
 NUMBERS = 18
 TURN = F(2.0 * math.pi)

@@ -20,7 +20,7 @@ FULL = 46_000
 HALF_X, HALF_Z, HIGH, THICK = 4.5, 9.0, 7.0, 0.3
 WINDOWS = np.linspace(-6.6, 6.6, 5)  # z of their centres
 WIDE, SILL, HEAD = 1.5, 1.6, 6.0
-DUST = 0.055  # 1/m
+DUST = 0.075  # 1/m
 
 
 def _wall_with_windows(cell: float) -> Part:
@@ -71,8 +71,8 @@ def _furnished(detail: float, seed: int) -> Assembly:
     made.material("stone", (1.0, 1.0, 1.0), texture=mottled(rng, (0.42, 0.39, 0.34), (0.56, 0.52, 0.45)))
     made.material("floor", (1.0, 1.0, 1.0), texture=mottled(rng, (0.2, 0.17, 0.14), (0.32, 0.28, 0.23), slope=1.0))
     made.material("wood", (0.85, 0.85, 0.85), texture=planks(rng, (0.12, 0.07, 0.035), (0.3, 0.18, 0.09)))
-    made.material("iron", (0.05, 0.05, 0.055), specular=0.2, shininess=40.0)
-    made.material("paper", (0.55, 0.5, 0.4))
+    made.material("iron", (0.05, 0.05, 0.055))
+    made.material("paper", (0.3, 0.26, 0.2))
     cell = float(np.clip(0.45 / detail, 0.08, 2.0))
     x, z, t = HALF_X, HALF_Z, THICK
     made.add("floor", ("floor", box((-x - t, -0.2, -z - t), (x + t, 0.0, z + t), cell=cell).mapped(0.4)))
@@ -105,16 +105,16 @@ def hall(triangles: int, seed: int) -> Scene:
     place = np.stack([rng.uniform(-4.2, 4.2, count), sizes[:, 1] / 2, rng.uniform(-8.6, 8.6, count)], 1)
     made.add("books", ("paper", boxes(place, sizes, rng.uniform(0, 360, count))))
     cameras = {
-        "default": view((2.9, 1.7, 8.2), (-1.6, 2.6, -4.0), 62.0, 0.05, 60.0),
+        "default": view((3.9, 1.6, -7.6), (-3.0, 2.9, 2.0), 64.0, 0.05, 60.0),
         "windows": view((3.8, 1.6, -1.0), (-4.5, 3.4, -0.4), 66.0, 0.05, 60.0),
         "along": view((0.6, 1.7, 8.6), (0.3, 2.8, -8.0), 58.0, 0.05, 60.0),
     }
     sun = DirectionalLight(
-        direction=torch.tensor([0.72, -0.6, -0.3]), irradiance=as_tensor((9.0, 7.6, 5.6)), name="sun"
+        direction=torch.tensor([0.72, -0.6, -0.3]), irradiance=as_tensor((30.0, 25.0, 18.0)), name="sun"
     )
     scene = made.scene("hall", lights=[sun], cameras=cameras, ambient=(0.07, 0.075, 0.085))
     dust = Medium(
         low=torch.tensor([-HALF_X, 0.0, -HALF_Z]), high=torch.tensor([HALF_X, HIGH, HALF_Z]),
-        scattering=torch.full((3,), DUST), absorption=torch.full((3,), 0.004), asymmetry=0.35, name="dust",
+        scattering=torch.full((3,), DUST), absorption=torch.full((3,), 0.004), asymmetry=0.45, name="dust",
     )  # fmt: skip
     return replace(scene, media=(dust,))

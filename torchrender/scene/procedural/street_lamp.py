@@ -64,7 +64,7 @@ def _furnished(detail: float, seed: int) -> Assembly:
     made.material("paving", (0.32, 0.31, 0.3))
     brick = bricks(rng, (0.32, 0.13, 0.09), (0.45, 0.2, 0.14), (0.4, 0.38, 0.35))
     made.material("brick", (1.0, 1.0, 1.0), texture=brick)
-    made.material("iron", (0.05, 0.055, 0.06), specular=0.15, shininess=30.0)
+    made.material("iron", (0.05, 0.055, 0.06))
     made.material("bark", (0.13, 0.1, 0.08))
     made.material("bulb", (0.9, 0.9, 0.9), emission=as_tensor((9.0, 7.4, 4.8)))
     cell = float(np.clip(1.2 / detail, 0.2, 8.0))
