@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from torchrender.kernels.compile import kernel
-from torchrender.kernels.shading.records import MATERIAL, METALLIC, SLOT, SPAN, UNLIT
+from torchrender.kernels.shading.records import MATERIAL, METALLIC, PHONG, SLOT, SPAN, UNLIT
 from torchrender.kernels.shading.simd import HALF, INV_PI, ONE, PI, TINY, TWO, ZERO, exp2, f4, fifth, log2
 
 NX, NY, NZ, SX, SY, SZ = (SLOT[n] for n in ("NX", "NY", "NZ", "SX", "SY", "SZ"))
@@ -177,19 +177,28 @@ def add_metallic(s, n, sky, light):
 
 
 @kernel()
-def write(s, n, pix, mat, looks, out):
+def write(s, n, bits, pix, mat, looks, out):
     """Radiance of each pixel by the kind of its material."""
     numbers, kinds = looks.numbers, looks.groups_of
     radiance = out.radiance
+    if bits & 16 > 0:
+        for i in range(n):
+            degree = numbers[mat[i], DEGREE] * numbers[mat[i], LOBE] * s[HA + i]
+            for c in range(3):
+                s[OR + c * SPAN + i] += degree * s[HR + c * SPAN + i] * s[SR + c * SPAN + i]
+    for c in range(3):
+        for i in range(n):
+            s[DR + c * SPAN + i] = s[BR + c * SPAN + i] * s[DR + c * SPAN + i] + s[OR + c * SPAN + i]
+    if bits & 7 != 1 << PHONG:
+        for i in range(n):
+            kind = kinds[mat[i], 2]
+            for c in range(3):
+                value = s[YR + c * SPAN + i] if kind == METALLIC else s[DR + c * SPAN + i]
+                s[DR + c * SPAN + i] = s[BR + c * SPAN + i] if kind == UNLIT else value
     for i in range(n):
-        m, p = mat[i], pix[i]
-        kind = kinds[m, 2]
-        degree = numbers[m, DEGREE] * numbers[m, LOBE] * s[HA + i]
+        p = pix[i]
         for c in range(3):
-            value = s[BR + c * SPAN + i] * s[DR + c * SPAN + i] + s[OR + c * SPAN + i]
-            value += degree * s[HR + c * SPAN + i] * s[SR + c * SPAN + i]
-            value = s[YR + c * SPAN + i] if kind == METALLIC else value
-            radiance[p, c] = s[BR + c * SPAN + i] if kind == UNLIT else value
+            radiance[p, c] = s[DR + c * SPAN + i]
 
 
 @kernel()

@@ -87,10 +87,9 @@ def corners(groups, g, level, across, down, channels):
     )  # fmt: skip
 
 
-@kernel()
-def sample(s, i, g, looks):
+@kernel(inline=True)
+def sample(s, i, g, groups, transforms, texels):
     """Multiply the numbers of pixel ``i`` by the textures of group ``g``."""
-    groups, transforms, texels = looks.groups, looks.transforms, looks.texels
     second = groups[g, 4] == 1
     u, v = np.float64(s[U1 + i] if second else s[U + i]), np.float64(s[V1 + i] if second else s[V + i])
     if groups[g, 6] == 0:
@@ -142,11 +141,11 @@ def sample(s, i, g, looks):
 @kernel()
 def textures(s, n, mat, looks):
     """All textures of all pixels."""
-    groups_of = looks.groups_of
+    groups_of, groups, transforms, texels = looks.groups_of, looks.groups, looks.transforms, looks.texels
     for i in range(n):
         m = mat[i]
         for g in range(groups_of[m, 0], groups_of[m, 1]):
-            sample(s, i, np.int64(g), looks)
+            sample(s, i, np.int64(g), groups, transforms, texels)
 
 
 @kernel()

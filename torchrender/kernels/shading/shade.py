@@ -115,7 +115,7 @@ def tile(box, seen, packed, looks, sky, reach, out, work):
             add_phong(s, n, light, shiny)
     if out.replaced.shape[0] > 0:
         write_mirrors(s, n, pix, mat, looks, out)
-    write(s, n, pix, mat, looks, out)
+    write(s, n, bits, pix, mat, looks, out)
 
 
 @kernel(parallel=True)
