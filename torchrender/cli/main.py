@@ -10,15 +10,16 @@ import json
 import os
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from torchrender import __version__
 from torchrender.cli.arguments import add_scene, add_size, camera_of, exposure, given, load_scene, numbers
 from torchrender.cli.fly import add_fly, fly
-from torchrender.cli.output import check_output, collect_garbage, image_size, progress
+from torchrender.cli.output import check_output, collect_garbage, image_size, progress, saying_warnings
 from torchrender.cli.plan import add_limits, add_plan, run_calibrate, run_plan, run_tradeoff
-from torchrender.cli.points import add_points, point_info, run_points
+from torchrender.cli.points import add_points, draws_points, point_info, run_points
 from torchrender.cli.serve import add_load_test, add_serve, load_test_command, serve_command
 from torchrender.cli.style import add_style, run_style
 from torchrender.cli.voxelize import add_voxelize, run_voxelize, voxel_info
@@ -43,7 +44,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         _set_up_threads(arguments.threads)
         COLD.start(arguments.command)
-        with before_compiling(COLD):
+        with before_compiling(COLD), saying_warnings():
             _COMMANDS[arguments.command](arguments)
     except TorchRenderError as error:
         print(f"torchrender: error: {error}", file=sys.stderr)
@@ -65,6 +66,8 @@ def _render(arguments: argparse.Namespace) -> None:
     if is_walkthrough(arguments.scene):
         render_walkthrough(arguments)
         return
+    if draws_points(arguments):
+        return
     from torchrender.image import SUFFIXES, numbered
     from torchrender.pipeline.options import RenderOptions
     from torchrender.renderer import render
@@ -80,6 +83,9 @@ def _render(arguments: argparse.Namespace) -> None:
     )
     width, height = image_size(arguments.size)
     scene = load_scene(arguments)
+    if scene.photometric and arguments.exposure is None:
+        print(f"{arguments.scene}: lights in candela and lux: exposure auto", file=sys.stderr)
+        options = replace(options, exposure=None)
     cameras = [camera_of(scene, words, width, height) for words in arguments.camera or [[]]]
     COLD.plan = lambda: _planned(scene, cameras[0], options, arguments)
     if len(cameras) > 1:
@@ -119,7 +125,8 @@ def _info(arguments: argparse.Namespace) -> None:
     from torchrender.scene.info import scene_info
 
     name = arguments.scene
-    info = voxel_info(name) if name.endswith(".npz") else walkthrough_info(name) or point_info(name)
+    drop = arguments.drop_invalid
+    info = voxel_info(name) if name.endswith(".npz") else walkthrough_info(name) or point_info(name, drop_invalid=drop)
     info = info or scene_info(load_scene(arguments))
     if arguments.json:
         print(json.dumps(info, indent=2))

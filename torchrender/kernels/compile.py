@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import hashlib
 import logging
+import os
+import sys
 from collections.abc import Callable
 from typing import Any
 
@@ -16,7 +18,9 @@ import numba
 from numba import config as numba_config
 from numba.core.compiler import Compiler
 from numba.core.registry import CPUDispatcher
+from numba.np.ufunc import parallel as numba_parallel
 
+from torchrender.errors import ForkError
 from torchrender.kernels.hooks import is_dealt_with
 from torchrender.kernels.keys import cache_folder, file_key, module_key, module_name
 from torchrender.kernels.libraries import KernelCompiler, is_used
@@ -121,6 +125,29 @@ def kernel(*, parallel: bool = False, inline: bool = False) -> Callable[[Callabl
         return Kernel(function, targetoptions=options)
 
     return decorate
+
+
+def _refuse(self: Kernel, *_: Any, **__: Any) -> Any:
+    raise ForkError(
+        f"{self.kernel_name} cannot run in a forked process: the threads that its parent had computed with do not "
+        'survive a fork. Start workers by spawn: torch.multiprocessing.get_context("spawn"), or in a DataLoader '
+        'multiprocessing_context="spawn"'
+    )
+
+
+def _after_fork() -> None:
+    """In a forked process: OpenMP would end it at the first parallel loop, without a word of ours."""
+    if not numba_parallel._is_initialized:  # its parent's threads had not run
+        return
+    Kernel.__call__ = _refuse
+    # What torch computes on the way to the first kernel would wait for threads that are not there.
+    torch = sys.modules.get("torch")
+    if torch is not None:
+        torch.set_num_threads(1)
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_after_fork)
 
 
 def thread_count() -> int:

@@ -175,7 +175,10 @@ def with_tangents(geometry: Geometry, uv_set: Tensor) -> Geometry:
     corners = tangents_of(Corners(geometry.vertices[faces], unit, uv.double(), given.double()))
     row = torch.full((geometry.triangle_count,), -1, dtype=torch.int32)
     row[chosen] = torch.arange(len(chosen), dtype=torch.int32)
-    return replace(geometry, tangent_table=TangentTable(row, corners))
+    made = replace(geometry, tangent_table=TangentTable(row, corners))
+    known = {name: value for name, value in vars(geometry).items() if name not in made.__dataclass_fields__}
+    made.__dict__.update(known)  # the same triangles: what was found out about them holds
+    return made
 
 
 def concatenate(meshes: Sequence[Mesh]) -> Geometry:

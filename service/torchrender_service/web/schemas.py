@@ -86,6 +86,14 @@ class Problem(BaseModel):
     detail: str
 
 
+class LoadReport(BaseModel):
+    """What was read of a file, what was repaired, and what is not used, with counts."""
+
+    read: list[str] = []
+    repaired: list[str] = []
+    not_used: list[str] = []
+
+
 class SceneFacts(BaseModel):
     """A scene."""
 
@@ -99,6 +107,8 @@ class SceneFacts(BaseModel):
     cameras: list[str]
     bounds: list[list[float]]
     diagonal: float
+    animations: dict[str, float] = Field(default={}, description="durations in seconds, by name")
+    report: LoadReport = Field(default=LoadReport(), description="what the file was read as")
 
 
 class SceneList(BaseModel):

@@ -86,6 +86,9 @@ def _joined(scene: Scene, part: Scene, override: int | None) -> Scene:
         cameras={**scene.cameras, **{k: v for k, v in part.cameras.items() if k not in scene.cameras}},
         environment=scene.environment or part.environment,
         ambient=scene.ambient if bool((scene.ambient > 0).any()) else part.ambient,
+        motions=(*scene.motions, *(m.shifted(len(scene.meshes), len(scene.lights)) for m in part.motions)),
+        photometric=scene.photometric or (part.photometric and bool(part.lights)),
+        report=scene.report + part.report,
     )
 
 

@@ -15,7 +15,7 @@ from torch import Tensor
 from torchrender.errors import SceneFileError
 from torchrender.images.files import write_atomically, write_image
 from torchrender.scene.camera import Cameras
-from torchrender.scene.files.gltf_write import glb_bytes, write_glb
+from torchrender.scene.files.gltf.out.write import glb_bytes, write_glb
 from torchrender.scene.light import DirectionalLight, Light, PointLight, RectLight, SpotLight
 from torchrender.scene.medium import Medium
 from torchrender.scene.model import Scene

@@ -1,7 +1,4 @@
-"""The glTF 2.0 container: GLB chunks, external buffers, accessors and images, checked before memory is taken.
-
-A few bytes of JSON can declare billions of elements, so every count is compared with the bytes that are there.
-"""
+"""The glTF 2.0 container: GLB chunks, external buffers and views of them, checked before memory is taken."""
 
 from __future__ import annotations
 
@@ -16,27 +13,15 @@ from urllib.parse import unquote
 import numpy as np
 
 from torchrender.errors import SceneFileError
+from torchrender.scene.files.gltf.extensions import SUPPORTED
+from torchrender.scene.files.gltf.meshopt import EXTENSIONS, decode_view
+from torchrender.scene.files.report import Notes
 
 Array = np.ndarray[Any, Any]
 
-_COMPONENTS: dict[int, type[np.generic]] = {
-    5120: np.int8,
-    5121: np.uint8,
-    5122: np.int16,
-    5123: np.uint16,
-    5125: np.uint32,
-    5126: np.float32,
-}
-_WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
-_KNOWN = {
-    "KHR_lights_punctual",
-    "KHR_materials_pbrSpecularGlossiness",
-    "KHR_materials_emissive_strength",
-    "KHR_materials_unlit",
-    "KHR_texture_transform",
-    "KHR_mesh_quantization",
-}
 _GLB_JSON, _GLB_BINARY = 0x4E4F534A, 0x004E4942
+MAX_DECODED = 2**31
+"""Bytes that all compressed parts of a file may unfold to."""
 
 
 class GltfFile:
@@ -51,7 +36,7 @@ class GltfFile:
         self._binary = b""
         text = self._chunks(data) if data[:4] == b"glTF" else data
         try:
-            self.json = json.loads(text)
+            self.json = json.loads(text.removeprefix(b"\xef\xbb\xbf"))
         except (ValueError, RecursionError) as error:
             raise SceneFileError(path, f"damaged or not glTF ({error})") from error
         if not isinstance(self.json, dict) or not isinstance(self.json.get("asset"), dict):
@@ -59,10 +44,23 @@ class GltfFile:
         version = str(self.json["asset"].get("version", ""))
         if not version.startswith("2."):
             raise SceneFileError(path, f"glTF 2.x is supported, the file is version {version or 'unknown'}")
-        missing = sorted(set(self.entries("extensionsRequired")) - _KNOWN)
+        missing = sorted(set(self.entries("extensionsRequired")) - SUPPORTED)
         if missing:
             raise SceneFileError(path, f"needs extensions that are not supported: {', '.join(map(str, missing))}")
         self._buffers: dict[int, bytes] = {}
+        self._decoded: dict[int, bytes] = {}
+        self._taken = 0
+        self.notes = Notes(path)
+
+    def take(self, size: int, key: str) -> None:
+        """Count bytes that something compressed unfolds to.
+
+        Raises:
+            SceneFileError: more than ``MAX_DECODED`` in all.
+        """
+        self._taken += size
+        if self._taken > MAX_DECODED:
+            raise SceneFileError(self.path, f"unfolds to more than {MAX_DECODED} bytes", key=key)
 
     def _chunks(self, data: bytes) -> bytes:
         if len(data) < 20:
@@ -137,7 +135,7 @@ class GltfFile:
 
     # ------------------------------------------------------------------ binary
 
-    def _natural(self, holder: dict[str, Any], name: str, key: str, default: int | None = None) -> int:
+    def natural(self, holder: dict[str, Any], name: str, key: str, default: int | None = None) -> int:
         value = holder.get(name, default)
         if not isinstance(value, int) or isinstance(value, bool) or value < 0:
             raise SceneFileError(self.path, f"must be a whole number >= 0, got {value!r}", key=f"{key}.{name}")
@@ -149,7 +147,7 @@ class GltfFile:
         if index not in self._buffers:
             uri, key = entry.get("uri"), f"buffers[{index}]"
             data = self._binary if uri is None and index == 0 else self.resource(uri, key)
-            size = self._natural(entry, "byteLength", key)
+            size = self.natural(entry, "byteLength", key)
             if size > len(data):
                 raise SceneFileError(self.path, f"declares {size} bytes, there are {len(data)}", key=key)
             self._buffers[index] = data
@@ -178,69 +176,38 @@ class GltfFile:
     def view(self, index: object) -> tuple[bytes, int, int, int | None]:
         """Buffer, first byte, size and stride of a buffer view."""
         entry, key = self.item("bufferViews", index), f"bufferViews[{index}]"
+        assert isinstance(index, int)
+        found = [e for e in EXTENSIONS if e in object_of(entry.get("extensions"))]
+        if found:
+            return self._unfolded(index, entry["extensions"][found[0]], f"{key}.extensions.{found[0]}")
         buffer = self._buffer(entry.get("buffer"))
-        start, size = self._natural(entry, "byteOffset", key, 0), self._natural(entry, "byteLength", key)
+        start, size = self.natural(entry, "byteOffset", key, 0), self.natural(entry, "byteLength", key)
         if start + size > len(buffer):
             raise SceneFileError(self.path, f"bytes {start} to {start + size} pass the end {len(buffer)}", key=key)
-        return buffer, start, size, self._natural(entry, "byteStride", key) if "byteStride" in entry else None
+        return buffer, start, size, self.natural(entry, "byteStride", key) if "byteStride" in entry else None
 
-    def accessor(self, index: object, kinds: tuple[str, ...], key: str) -> Array:
-        """The elements (N,) or (N,width) of an accessor; normalised integers become floats.
+    def _unfolded(self, index: int, entry: Any, key: str) -> tuple[bytes, int, int, int | None]:
+        """A view whose bytes are compressed (EXT_meshopt_compression)."""
+        if not isinstance(entry, dict):
+            raise SceneFileError(self.path, "must be an object", key=key)
+        count, stride = self.natural(entry, "count", key), self.natural(entry, "byteStride", key)
+        if index not in self._decoded:
+            source = self._buffer(entry.get("buffer"))
+            start, size = self.natural(entry, "byteOffset", key, 0), self.natural(entry, "byteLength", key)
+            if start + size > len(source):
+                raise SceneFileError(self.path, f"bytes {start} to {start + size} pass the end {len(source)}", key=key)
+            self.take(count * stride, key)
+            try:
+                self._decoded[index] = decode_view(source[start : start + size], entry, count, stride)
+            except ValueError as error:
+                raise SceneFileError(self.path, str(error), key=key) from error
+        return self._decoded[index], 0, count * stride, stride
 
-        Raises:
-            SceneFileError: another element type, or more elements than there are bytes for.
-        """
-        entry, own = self.item("accessors", index), f"accessors[{index}]"
-        kind, component = entry.get("type"), entry.get("componentType")
-        if kind not in kinds:
-            raise SceneFileError(self.path, f"must be {' or '.join(kinds)}, is {kind!r}", key=f"{key} ({own})")
-        if component not in _COMPONENTS:
-            raise SceneFileError(self.path, f"unknown componentType {component!r}", key=own)
-        dtype, width = np.dtype(_COMPONENTS[component]).newbyteorder("<"), _WIDTHS[kind]
-        count = self._natural(entry, "count", own)
-        sparse = entry.get("sparse")
-        if "bufferView" in entry:
-            out = self._elements(
-                entry["bufferView"], self._natural(entry, "byteOffset", own, 0), count, width, dtype, own
-            )
-        elif sparse is not None and count <= 64 * len(self._buffer(0)):
-            out = np.zeros((count, width), dtype)
-        else:
-            raise SceneFileError(self.path, f"declares {count} elements without data", key=own)
-        if sparse is not None:
-            out = self._replace_sparse(out, sparse, width, dtype, own)
-        if entry.get("normalized") and dtype.kind in "iu":
-            out = np.maximum(out.astype(np.float32) / np.float32(np.iinfo(dtype).max), -1.0)
-        return out[:, 0] if kind == "SCALAR" else out
+    def buffer_size(self) -> int:
+        """Bytes of the first buffer: what a file may declare in proportion to."""
+        return len(self._buffer(0)) if self.entries("buffers") else 0
 
-    def _elements(self, view: object, offset: int, count: int, width: int, dtype: np.dtype[Any], key: str) -> Array:
-        buffer, start, size, stride = self.view(view)
-        step = stride or width * dtype.itemsize
-        needed = offset + (count - 1) * step + width * dtype.itemsize if count else 0
-        if needed > size or step < width * dtype.itemsize:
-            raise SceneFileError(
-                self.path, f"declares {count} elements, which need {needed} bytes; its view has {size}", key=key
-            )
-        if not count:
-            return np.zeros((0, width), dtype)
-        return np.ndarray((count, width), dtype, buffer, start + offset, (step, dtype.itemsize))
 
-    def _replace_sparse(self, base: Array, sparse: Any, width: int, dtype: np.dtype[Any], key: str) -> Array:
-        if not isinstance(sparse, dict) or not all(isinstance(sparse.get(k), dict) for k in ("indices", "values")):
-            raise SceneFileError(self.path, "sparse needs indices and values", key=key)
-        count, key = self._natural(sparse, "count", key), f"{key}.sparse"
-        places, values = sparse["indices"], sparse["values"]
-        if places.get("componentType") not in (5121, 5123, 5125):
-            raise SceneFileError(self.path, "indices must be unsigned integers", key=key)
-        kind = np.dtype(_COMPONENTS[places["componentType"]])
-        rows = self._elements(
-            places.get("bufferView"), self._natural(places, "byteOffset", key, 0), count, 1, kind, key
-        )
-        new = self._elements(
-            values.get("bufferView"), self._natural(values, "byteOffset", key, 0), count, width, dtype, key
-        )
-        if count and int(rows.max()) >= len(base):
-            raise SceneFileError(self.path, f"indices must be below {len(base)}, got {int(rows.max())}", key=key)
-        out = base.copy()
-        out[rows[:, 0]] = new
-        return out
+def object_of(value: Any) -> dict[str, Any]:
+    """The value where it is an object, else an empty one."""
+    return value if isinstance(value, dict) else {}

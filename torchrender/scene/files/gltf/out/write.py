@@ -1,19 +1,13 @@
 """Scenes as GLB files: meshes, metallic-roughness materials with their textures, cameras and punctual lights.
 
 Every object becomes a node of its own name, at its middle, so that float32 vertices keep their precision far from the
-world's origin. What :func:`~torchrender.scene.files.gltf.read_gltf` makes of the file looks as the scene did.
-
-Materials: the specular degree S and the diffuse reflectance D are those of ``S = 0.04 (1-m) + m max(c)`` and
-``D = c (1-m)`` for one base colour c and metalness m, which :func:`metallic_roughness` solves; the roughness is the
-gloss. A material that mirrors less than bare plastic (S < 0.04) has m = 0 and its share of 0.04 in
-KHR_materials_specular. Phong exponents that do not follow from the roughness are lost.
+world's origin. What :func:`~torchrender.scene.files.gltf.read.read_gltf` makes of the file looks as the scene did.
 
 glTF knows no rectangle lights, environments, ambient light or media: a :class:`LossWarning` names what is left out.
 """
 
 from __future__ import annotations
 
-import io
 import math
 import warnings
 from pathlib import Path
@@ -21,21 +15,19 @@ from typing import Any
 
 import numpy as np
 import torch
-from PIL import Image
 from torch import Tensor
 
-from torchrender.errors import SceneFileError
+from torchrender.errors import SceneFileError, TorchRenderWarning
 from torchrender.images.files import write_atomically
-from torchrender.numerics.color import srgb_from_linear
 from torchrender.scene.camera import Cameras
-from torchrender.scene.files.gltf_document import GlbDocument
+from torchrender.scene.files.gltf.out.document import GlbDocument
+from torchrender.scene.files.gltf.out.materials import MaterialWriter
 from torchrender.scene.light import DirectionalLight, Light, PointLight, SpotLight
-from torchrender.scene.material import DIELECTRIC_F0, Material
 from torchrender.scene.mesh import Mesh
 from torchrender.scene.model import Scene
 
 
-class LossWarning(UserWarning):
+class LossWarning(TorchRenderWarning):
     """Something of a scene that a file cannot hold; names it."""
 
 
@@ -75,31 +67,6 @@ def glb_bytes(scene: Scene, name: str | Path = "scene.glb") -> bytes:
     return out.content(name)
 
 
-def metallic_roughness(material: Material) -> tuple[Tensor, float, float]:
-    """Base colour (3,), metalness and roughness whose :func:`from_metallic_roughness` has the same diffuse
-    reflectance, specular degree and gloss, as far as there are any.
-
-    With D the strongest channel of the diffuse reflectance and x = 1 - m: ``0.04 x^2 - (S + D) x + D = 0``.
-    """
-    strongest = float(material.diffuse.max())
-    metal = metalness(strongest, material.specular)
-    if metal < 1.0:
-        return material.diffuse / (1.0 - metal), metal, material.gloss
-    return material.specular_color * material.specular, 1.0, material.gloss
-
-
-def metalness(diffuse: float, specular: float) -> float:
-    """Metalness in [0,1] of a surface with these diffuse and specular reflectances; 0 where S <= 0.04."""
-    if specular <= DIELECTRIC_F0:
-        return 0.0
-    if diffuse <= 0.0:
-        return 1.0
-    both = specular + diffuse
-    root = math.sqrt(max(both * both - 4.0 * DIELECTRIC_F0 * diffuse, 0.0))
-    # The smaller root, in the form that does not cancel.
-    return min(max(1.0 - 2.0 * diffuse / (both + root), 0.0), 1.0)
-
-
 def _warn_losses(scene: Scene) -> None:
     lost = [f"{type(x).__name__} {x.name!r}" for x in scene.lights if not isinstance(x, _PUNCTUAL)]
     if scene.environment is not None:
@@ -108,6 +75,8 @@ def _warn_losses(scene: Scene) -> None:
         lost.append("ambient light")
     lost += [f"medium {m.name!r}" for m in scene.media]
     lost += [f"the off-centre picture of camera {n!r}" for n, c in scene.cameras.items() if off_centre(c)]
+    if scene.motions:
+        lost.append("animations, skins and morph targets (the present pose is written)")
     if lost:
         warnings.warn(f"a GLB file cannot hold {', '.join(lost)}: left out", LossWarning, stacklevel=4)
 
@@ -127,59 +96,12 @@ class _Writer(GlbDocument):
 
     def __init__(self, name: str) -> None:
         super().__init__(name)
-        self._textures: dict[int, int] = {}
-
-    # ------------------------------------------------------------- materials
 
     def materials(self, scene: Scene) -> None:
         """All materials, used or not: meshes name them by number."""
+        writer = MaterialWriter(self)
         for material in scene.materials:
-            self.add("materials", self._material(material))
-
-    def _material(self, material: Material) -> dict[str, Any]:
-        base, metal, rough = metallic_roughness(material)
-        texture, extensions = material.diffuse_texture, {}
-        if texture is not None and float(base.max()) > 1.0:
-            # Factors end at one; the texture takes what is above.
-            texture = torch.cat([texture[..., :3] * base.clamp_min(1.0), texture[..., 3:]], dim=-1)
-            base = base.clamp(max=1.0)
-        pbr: dict[str, Any] = {
-            "baseColorFactor": [*_plain(base.clamp(0.0, 1.0)), 1.0],
-            "metallicFactor": metal,
-            "roughnessFactor": float(rough),
-        }
-        if texture is not None:
-            pbr["baseColorTexture"] = {"index": self._texture(texture)}
-        # Both sides are drawn here, so that they must be elsewhere.
-        out: dict[str, Any] = {"name": material.name, "pbrMetallicRoughness": pbr, "doubleSided": True}
-        if material.specular < DIELECTRIC_F0 * (1.0 - 1e-6):
-            extensions["KHR_materials_specular"] = {"specularFactor": material.specular / DIELECTRIC_F0}
-        strength = float(material.emission.max())
-        if strength > 0:
-            out["emissiveFactor"] = _plain(material.emission / max(strength, 1.0))
-            if strength > 1.0:
-                extensions["KHR_materials_emissive_strength"] = {"emissiveStrength": strength}
-        if material.alpha_cutoff is not None:
-            out |= {"alphaMode": "MASK", "alphaCutoff": float(material.alpha_cutoff)}
-        if extensions:
-            out["extensions"] = extensions
-            self.extensions |= set(extensions)
-        return out
-
-    def _texture(self, texture: Tensor) -> int:
-        if id(texture) in self._textures:
-            return self._textures[id(texture)]
-        color = srgb_from_linear(texture[..., :3].float().clamp(0.0, 1.0))
-        planes = torch.cat([color, texture[..., 3:].float().clamp(0.0, 1.0)], dim=-1)
-        codes = (planes * 255.0 + 0.5).to(torch.uint8).numpy()
-        file = io.BytesIO()
-        Image.fromarray(codes).save(file, format="PNG")
-        image = self.add("images", {"bufferView": self.view(file.getvalue()), "mimeType": "image/png"})
-        if "samplers" not in self.json:
-            self.add("samplers", {"magFilter": 9729, "minFilter": 9987, "wrapS": 10497, "wrapT": 10497})
-        index = self.add("textures", {"source": image, "sampler": 0})
-        self._textures[id(texture)] = index
-        return index
+            self.add("materials", writer.entry(material))
 
     # ---------------------------------------------------------------- meshes
 
@@ -214,9 +136,16 @@ class _Writer(GlbDocument):
         if mesh.uv is not None:
             uv = mesh.uv.numpy() if rows is None else mesh.uv.numpy()[rows]
             attributes["TEXCOORD_0"] = self.accessor(np.stack([uv[:, 0], 1.0 - uv[:, 1]], axis=1), "VEC2")
-        if mesh.colors is not None:
-            colors = mesh.colors.numpy() if rows is None else mesh.colors.numpy()[rows]
-            attributes["COLOR_0"] = self.accessor(colors, "VEC3")
+        if mesh.uv1 is not None:
+            uv = mesh.uv1.numpy() if rows is None else mesh.uv1.numpy()[rows]
+            attributes["TEXCOORD_1"] = self.accessor(np.stack([uv[:, 0], 1.0 - uv[:, 1]], axis=1), "VEC2")
+        if mesh.tangents is not None and bool((mesh.tangents.norm(dim=1) > 0.5).all()):
+            tangents = mesh.tangents.numpy() if rows is None else mesh.tangents.numpy()[rows]
+            attributes["TANGENT"] = self.accessor(tangents, "VEC4")
+        colors = _vertex_colors(mesh)
+        if colors is not None:
+            colors = colors if rows is None else colors[rows]
+            attributes["COLOR_0"] = self.accessor(colors, f"VEC{colors.shape[1]}")
         indices = self.accessor(faces.reshape(-1).astype(np.uint32), "SCALAR")
         return {"attributes": attributes, "indices": indices, "material": mesh.material, "mode": 4}
 
@@ -269,6 +198,14 @@ class _Writer(GlbDocument):
         lights.append(entry)
         node["extensions"] = {"KHR_lights_punctual": {"light": len(lights) - 1}}
         self.node(node)
+
+
+def _vertex_colors(mesh: Mesh) -> np.ndarray | None:
+    """(V,3) colours, or (V,4) with opacity."""
+    if mesh.alpha is None:
+        return None if mesh.colors is None else mesh.colors.numpy()
+    colors = torch.ones(len(mesh.vertices), 3) if mesh.colors is None else mesh.colors
+    return torch.cat([colors, mesh.alpha[:, None]], dim=1).numpy()
 
 
 def _corner_normals(mesh: Mesh, rows: np.ndarray) -> np.ndarray:
