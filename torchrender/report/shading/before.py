@@ -234,7 +234,13 @@ def _irradiance(environment: Environment, normals: Tensor) -> Tensor:
 def _basis(d: Tensor) -> Tensor:
     """The nine real spherical harmonics up to band 2 (...,9)."""
     x, y, z = d.unbind(-1)
-    second = [1.092548 * x * y, 1.092548 * y * z, 0.315392 * (3 * z * z - 1), 1.092548 * x * z, 0.546274 * (x * x - y * y)]
+    second = [
+        1.092548 * x * y,
+        1.092548 * y * z,
+        0.315392 * (3 * z * z - 1),
+        1.092548 * x * z,
+        0.546274 * (x * x - y * y),
+    ]
     return torch.stack([0.282095 * torch.ones_like(x), 0.488603 * y, 0.488603 * z, 0.488603 * x, *second], dim=-1)
 
 
