@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchrender.checks import check_finite, check_not_negative
 from torchrender.errors import MeshError
 from torchrender.kernels.raster.culling_clusters import cluster_boxes, spatial_order, vertex_blocks
 from torchrender.numerics.tangents import Corners, TangentTable, tangents_of
@@ -25,7 +26,8 @@ class Mesh:
     """Triangles of one material in world space.
 
     Raises:
-        MeshError: wrong shapes, NaN or infinite vertices, or faces that name missing vertices; names the mesh.
+        MeshError: wrong shapes, NaN or infinite vertices, colours, opacities or tangents, negative ones, or faces that
+            name missing vertices; names the mesh.
     """
 
     vertices: Tensor  # (V,3) float32 or float64, scene units
@@ -57,6 +59,15 @@ class Mesh:
             raise MeshError(
                 f"mesh {self.name!r}: {bad.numel()} of {v.shape[0]} vertices are NaN or infinite, first {int(bad[0])}"
             )
+        for field in ("colors", "alpha", "tangents"):
+            value, told = getattr(self, field), f"mesh {self.name!r}: {field}"
+            if value is None:
+                continue
+            if not value.is_floating_point():
+                raise MeshError(f"{told} must hold floats, got {describe(value)}")
+            check_finite(told, value, MeshError)
+            if field != "tangents":
+                check_not_negative(told, value, MeshError)
         if f.numel() and (int(f.min()) < 0 or int(f.max()) >= v.shape[0]):
             raise MeshError(
                 f"mesh {self.name!r}: faces must index {v.shape[0]} vertices, got {int(f.min())} to {int(f.max())}"
