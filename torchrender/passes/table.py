@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from torchrender.errors import InputError
 from torchrender.passes.contract import Pass
-from torchrender.passes.light import direct_light, point_shadow, shadow_map, soft_shadow
+from torchrender.passes.light import ambient_visibility, direct_light, point_shadow, shadow_map, soft_shadow
 from torchrender.passes.mirrors import hit_shader, key_frame, reflection_reuse, reflections, reflective_pixel
 from torchrender.passes.picture import composite, enhancement, mesh_curvature, resample
 from torchrender.passes.picture.resample import PICTURE as PICTURE
@@ -23,6 +23,7 @@ PASSES: tuple[Pass, ...] = (
     shadow_map.PASS,
     point_shadow.PASS,
     soft_shadow.PASS,
+    ambient_visibility.PASS,
     direct_light.PASS,
     hit_shader.PASS,
     reflection_reuse.PASS,

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from torchrender.checks import ArrayLike, as_vector, check_choice, check_range
+from torchrender.effects.ambient.options import AmbientOptions
 from torchrender.effects.enhancement.options import EnhanceOptions
 from torchrender.effects.reflections.clustered import ClusterOptions
 from torchrender.effects.reflections.reuse_options import ReuseOptions
@@ -19,6 +20,7 @@ from torchrender.shade import AREA_LIGHTS
 REFLECTIONS = ("clustered", "traced", "environment", "off")
 POINT_SHADOWS = ("maps", "traced")
 AREA_SHADOWS = ("pcss", "hard", "sampled")
+AMBIENT_VISIBILITY = ("off", "horizon", "traced")
 UPSCALING = ("joint", "bilinear", "nearest")
 
 
@@ -36,6 +38,8 @@ class RenderOptions:
     area_shadows: str = "pcss"  # of rectangles: "pcss" (one map, penumbrae guessed), "hard" (one map), or "sampled"
     soft_shadow: SoftShadowOptions = field(default_factory=SoftShadowOptions)  # of area_shadows="sampled"
     area_light: str = "polygon"  # light of rectangles without shadows: exact, or "centre": all from their centre
+    ambient_visibility: str = "horizon"  # what hides light from everywhere: "horizon" search, "traced", "off": nothing
+    ambient: AmbientOptions = field(default_factory=AmbientOptions)
     reflections: str = "clustered"  # how reflectors mirror: "clustered", "traced", "environment" (one cube map), "off"
     reflection: ClusterOptions = field(default_factory=ClusterOptions)
     tracing: TraceOptions = field(default_factory=TraceOptions)
@@ -55,6 +59,7 @@ class RenderOptions:
         check_choice("reflections", self.reflections, REFLECTIONS)
         check_choice("point_shadows", self.point_shadows, POINT_SHADOWS)
         check_choice("area_shadows", self.area_shadows, AREA_SHADOWS)
+        check_choice("ambient_visibility", self.ambient_visibility, AMBIENT_VISIBILITY)
         check_choice("area_light", self.area_light, AREA_LIGHTS)
         check_choice("upscaling", self.upscaling, UPSCALING)
         check_range("supersample", self.supersample, 1 / 16, 4.0)

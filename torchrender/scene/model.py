@@ -175,7 +175,7 @@ def _studio() -> Environment:
     """What lights a scene without light, beside its sun: brighter from above. Kept: what is made of it lasts."""
     with torch.inference_mode(False):
         radiance = torch.linspace(0.55, 0.15, 16)[:, None, None].expand(16, 2, 3).contiguous()
-        return Environment(radiance=radiance, name="studio")
+        return Environment(radiance=radiance, fill=True, name="studio")
 
 
 def resized(camera: Cameras, width: int, height: int) -> Cameras:

@@ -10,7 +10,8 @@ import torch
 from torch import Tensor
 
 from torchrender.effects.enhancement.derivatives import DERIVATIVES
-from torchrender.scene.environment import Environment, harmonics_2, latlong_directions
+from torchrender.numerics.harmonics import harmonics_2
+from torchrender.scene.environment import Environment, latlong_directions
 from torchrender.scene.light import DirectionalLight, Light, PointLight, RectLight, SpotLight
 
 POINT, PARALLEL, SPOT, RECTANGLE = range(4)
