@@ -100,6 +100,7 @@ class ShadowMap:
 
     cameras: Cameras  # N views of the light
     depth: Tensor  # (N,S,S) or (N,H,W) camera z of the light's view; +inf where empty
+    starts: tuple[int, ...] | None = None  # views starts[b] to starts[b + 1] were fitted to picture b; None: all to all
 
 
 @dataclass(frozen=True, eq=False)

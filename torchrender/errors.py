@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 
 class TorchRenderError(Exception):
@@ -32,7 +33,11 @@ class MissingExtraError(TorchRenderError, ImportError):
     def __init__(self, extra: str, what: str, missing: Sequence[str]) -> None:
         self.extra = extra
         self.missing = tuple(missing)
+        self._given = (extra, what, tuple(missing))
         super().__init__(f'{what} needs {", ".join(missing)}: pip install "torchrender[{extra}]"')
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), self._given
 
 
 class SceneFileError(TorchRenderError):
@@ -45,6 +50,14 @@ class SceneFileError(TorchRenderError):
         where = f"{path}: {key}" if key else f"{path}"
         super().__init__(f"{where}: {reason}")
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        # An exception is rebuilt from its message otherwise, which is not what this one is made from.
+        return _file_error, (type(self), self.path, self.reason, self.key)
+
+
+def _file_error(kind: type[SceneFileError], path: Path, reason: str, key: str | None) -> SceneFileError:
+    return kind(path, reason, key=key)
+
 
 class ImageFileError(SceneFileError):
     """An image file is missing, damaged or of a kind that is not supported."""
@@ -52,3 +65,19 @@ class ImageFileError(SceneFileError):
 
 class PointFileError(SceneFileError):
     """A file of compressed points is missing, damaged, cut off or of another version."""
+
+
+class ForkError(TorchRenderError, RuntimeError):
+    """A process was forked after its parent had computed with several threads; worker processes must be spawned."""
+
+
+class TorchRenderWarning(UserWarning):
+    """Root of what is said without being an error; filter it, or its subclasses, as any warning."""
+
+
+class NotUsedWarning(TorchRenderWarning):
+    """A file holds something that has no counterpart here, or that the picture cannot show; names it."""
+
+
+class RepairedWarning(TorchRenderWarning):
+    """A file was damaged or odd in a way that could be mended; names what was done."""

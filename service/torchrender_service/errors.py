@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from torchrender.errors import TorchRenderError
 
 
@@ -14,3 +16,6 @@ class ServiceError(TorchRenderError):
         self.detail = detail
         self.retry_after_s = retry_after_s
         super().__init__(detail)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.status, self.kind, self.detail), {"retry_after_s": self.retry_after_s}

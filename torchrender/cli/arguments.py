@@ -18,11 +18,32 @@ _CAMERA_KEYS = {"eye": 3, "target": 3, "up": 3, "fov": 1, "near": 1}
 def add_scene(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scene", metavar="SCENE", help="a scene or mesh file, or the name of a built-in scene")
     parser.add_argument("--triangles", type=int, metavar="N", help="size of a built-in scene, in triangles (about)")
+    parser.add_argument("--time", type=float, metavar="S", help="seconds into an animation of a glTF file")
+    parser.add_argument("--animation", metavar="NAME", help="name or number of the animation (default: the first)")
+    parser.add_argument("--variant", metavar="NAME", help="variant of the materials of a glTF file")
+    parser.add_argument("--subscene", metavar="NAME", help="name or number of one of several scenes in a glTF file")
+    parser.add_argument(
+        "--drop-invalid", action="store_true", help="leave vertices that are NaN or infinite out, with their faces"
+    )
 
 
 def add_size(parser: argparse.ArgumentParser, default: str = "1024x768", what: str = "picture size") -> None:
     help_text = f"{what} in pixels (default {default})"
     parser.add_argument("--size", default=default, metavar="WxH", help=help_text)
+
+
+def add_shadows(parser: argparse.ArgumentParser) -> None:
+    """How shadows are made."""
+    parser.add_argument("--no-shadows", action="store_true", help="light reaches everything; as --shadows off")
+    parser.add_argument(
+        "--shadows",
+        choices=("off", "hard", "maps", "sampled", "traced"),
+        help="none; hard ones; by maps, with guessed penumbrae (default); area lights sampled; by rays",
+    )
+    parser.add_argument("--shadow-size", type=int, metavar="N", help="texels of a shadow map's side (default 1024)")
+    parser.add_argument(
+        "--cascades", type=int, metavar="N", help="shadow maps along the view (default: as many as what is seen needs)"
+    )
 
 
 def given(**values: Any) -> dict[str, Any]:
@@ -52,7 +73,22 @@ def load_scene(arguments: argparse.Namespace) -> Scene:
         return read_walkthrough(arguments.scene).scene()
     from torchrender.scene.load import load
 
-    return load(arguments.scene, size=arguments.triangles)
+    return load(
+        arguments.scene,
+        size=arguments.triangles,
+        drop_invalid=arguments.drop_invalid,
+        **given(
+            time=arguments.time,
+            animation=named_or_numbered(arguments.animation),
+            variant=arguments.variant,
+            subscene=named_or_numbered(arguments.subscene),
+        ),
+    )
+
+
+def named_or_numbered(text: str | None) -> str | int | None:
+    """A number where the text is one."""
+    return int(text) if text is not None and text.isdigit() else text
 
 
 def camera_of(scene: Scene, words: Sequence[str], width: int, height: int) -> Cameras:

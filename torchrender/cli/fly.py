@@ -8,9 +8,10 @@ import json
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
-from torchrender.cli.arguments import add_scene, add_size, given
+from torchrender.cli.arguments import add_scene, add_size, given, load_scene, named_or_numbered
 from torchrender.cli.output import check_output, collect_garbage, image_size, make_folder, progress
 from torchrender.cli.walkthrough import fly_pictures, is_walkthrough
 from torchrender.errors import ImageFileError, InputError, OptionError
@@ -39,6 +40,9 @@ def add_fly(commands: Any) -> None:
     add_size(parser, "512x512")
     parser.add_argument("--seed", type=int, default=0, help="variation of a walk (default 0: none)")
     parser.add_argument("--threshold", type=float, help="share traced anew that asks for a key frame (default 0.3)")
+    parser.add_argument(
+        "--animate", action="store_true", help="play the scene's animation, at its own speed and again from its start"
+    )
     parser.add_argument("--no-reuse", action="store_true", help="every picture from nothing, for comparison")
 
 
@@ -48,7 +52,6 @@ def fly(arguments: argparse.Namespace) -> None:
     from torchrender.pipeline.history import RenderHistory
     from torchrender.pipeline.options import RenderOptions
     from torchrender.renderer import render
-    from torchrender.scene.load import load
 
     output = Path(arguments.output)
     film = bool(output.suffix)
@@ -61,7 +64,8 @@ def fly(arguments: argparse.Namespace) -> None:
         _fly_walkthrough(arguments, (width, height), film=film)
         return
     options = RenderOptions(reuse=ReuseOptions(**given(key_frame_threshold=arguments.threshold)))
-    scene = load(arguments.scene, size=arguments.triangles)
+    scene = load_scene(arguments)
+    times = _times(scene, arguments)
     collect_garbage()
     path = _path(scene, arguments.path, arguments.seed)
     cameras = path.cameras(arguments.frames, width=width, height=height, near=1e-3 * (scene.diagonal or 1.0))
@@ -73,9 +77,12 @@ def fly(arguments: argparse.Namespace) -> None:
     def pictures() -> Iterator[Tensor]:
         nonlocal history
         for number in progress(range(len(cameras)), "frames"):
-            image = render(scene, cameras[number], options=options, history=history)
+            begin = perf_counter()
+            now = scene if times is None else scene.at(times[number], named_or_numbered(arguments.animation))
+            moved = 1e3 * (perf_counter() - begin)
+            image = render(now, cameras[number], options=options, history=history)
             history = image.history
-            records.append(_record(number, image))
+            records.append(_record(number, image) | ({} if times is None else {"moved_ms": round(moved, 2)}))
             yield image.displayed()[0]
 
     files = _write_film(output, pictures(), arguments.fps) if film else _write_frames(output, pictures())
@@ -102,6 +109,20 @@ def _fly_walkthrough(arguments: argparse.Namespace, size: tuple[int, int], *, fi
     files += _write_statistics(output, records)
     for line in (*(str(f) for f in files[-3:]), _summary(records)):
         sys.stdout.write(line + "\n")
+
+
+def _times(scene: Scene, arguments: argparse.Namespace) -> list[float] | None:
+    """Seconds into the animation of each picture; None where nothing is to move."""
+    if not arguments.animate:
+        return None
+    if not scene.animations:
+        raise InputError(f"--animate: {arguments.scene} has no animation")
+    chosen = named_or_numbered(arguments.animation)
+    durations = [m.animation(chosen) for m in scene.motions if m.animations]
+    length = max((a.duration for a in durations if a is not None), default=0.0)
+    start = arguments.time or 0.0
+    steps = (start + number / arguments.fps for number in range(arguments.frames))
+    return [step % length if length > 0 else 0.0 for step in steps]
 
 
 def _path(scene: Scene, name: str, seed: int) -> CameraPath:

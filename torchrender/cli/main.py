@@ -10,16 +10,17 @@ import json
 import os
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from torchrender import __version__
-from torchrender.cli.arguments import add_scene, add_size, camera_of, exposure, given, load_scene, numbers
+from torchrender.cli.arguments import add_scene, add_shadows, add_size, camera_of, exposure, given, load_scene, numbers
 from torchrender.cli.enhance import add_enhance, enhance_wish
 from torchrender.cli.fly import add_fly, fly
-from torchrender.cli.output import check_output, collect_garbage, image_size, progress
+from torchrender.cli.output import check_output, collect_garbage, image_size, progress, saying_warnings
 from torchrender.cli.plan import add_limits, add_plan, run_calibrate, run_plan, run_tradeoff
-from torchrender.cli.points import add_points, point_info, run_points
+from torchrender.cli.points import add_points, draws_points, point_info, run_points
 from torchrender.cli.serve import add_load_test, add_serve, load_test_command, serve_command
 from torchrender.cli.style import add_style, run_style
 from torchrender.cli.voxelize import add_voxelize, run_voxelize, voxel_info
@@ -44,8 +45,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         _set_up_threads(arguments.threads)
         COLD.start(arguments.command)
-        with before_compiling(COLD):
-            _COMMANDS[arguments.command](arguments)
+        with before_compiling(COLD), saying_warnings():
+            try:
+                _COMMANDS[arguments.command](arguments)
+            finally:
+                COLD.stop()
     except TorchRenderError as error:
         print(f"torchrender: error: {error}", file=sys.stderr)
         return 2
@@ -66,15 +70,20 @@ def _render(arguments: argparse.Namespace) -> None:
     if is_walkthrough(arguments.scene):
         render_walkthrough(arguments)
         return
+    if draws_points(arguments):
+        return
+    if Path(arguments.scene).exists() or not Path(arguments.scene).suffix:
+        COLD.begin()
     from torchrender.image import SUFFIXES, numbered
-    from torchrender.pipeline.options import RenderOptions
+    from torchrender.pipeline.options import RenderOptions, shadow_choices
     from torchrender.renderer import render
 
     output = Path(arguments.output)
     check_output(output, SUFFIXES)
     exposed: dict[str, Any] = {} if arguments.exposure is None else {"exposure": exposure(arguments.exposure)}
+    shadows = "off" if arguments.no_shadows else arguments.shadows
     options = RenderOptions(
-        shadows=not arguments.no_shadows,
+        **shadow_choices(shadows, arguments.shadow_size, arguments.cascades),
         background=None if arguments.background is None else numbers("--background", arguments.background, 3),
         **given(reflections=arguments.reflections, supersample=arguments.supersample, tone_map=arguments.tone_map),
         **given(enhance=enhance_wish(arguments.enhance)),
@@ -82,6 +91,9 @@ def _render(arguments: argparse.Namespace) -> None:
     )
     width, height = image_size(arguments.size)
     scene = load_scene(arguments)
+    if scene.photometric and arguments.exposure is None:
+        print(f"{arguments.scene}: lights in candela and lux: exposure auto", file=sys.stderr)
+        options = replace(options, exposure=None)
     cameras = [camera_of(scene, words, width, height) for words in arguments.camera or [[]]]
     COLD.plan = lambda: _planned(scene, cameras[0], options, arguments)
     if len(cameras) > 1:
@@ -121,7 +133,8 @@ def _info(arguments: argparse.Namespace) -> None:
     from torchrender.scene.info import scene_info
 
     name = arguments.scene
-    info = voxel_info(name) if name.endswith(".npz") else walkthrough_info(name) or point_info(name)
+    drop = arguments.drop_invalid
+    info = voxel_info(name) if name.endswith(".npz") else walkthrough_info(name) or point_info(name, drop_invalid=drop)
     info = info or scene_info(load_scene(arguments))
     if arguments.json:
         print(json.dumps(info, indent=2))
@@ -275,11 +288,12 @@ def _add_render(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--tone-map", choices=("none", "reinhard", "aces"), help="default none")
     parser.add_argument("--background", metavar="R,G,B", help="linear colour of empty pixels")
     add_enhance(parser)
-    parser.add_argument("--no-shadows", action="store_true", help="light reaches everything")
+    add_shadows(parser)
     parser.add_argument(
         "--reflections",
-        choices=("clustered", "traced", "environment", "off"),
-        help="how mirrors mirror: by depth images of pixel clusters, by rays, by one cube map (default clustered)",
+        choices=("auto", "clustered", "traced", "environment", "off"),
+        help="how mirrors mirror: by depth images of pixel clusters, by rays, by one cube map; auto: the most accurate "
+        "of the quick ways (default)",
     )
 
 

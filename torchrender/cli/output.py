@@ -6,11 +6,13 @@ import gc
 import json
 import re
 import sys
+import warnings
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from torchrender.errors import ImageFileError, OptionError
+from torchrender.errors import ImageFileError, OptionError, TorchRenderWarning
 
 if TYPE_CHECKING:
     from torchrender.buffers import DepthImages
@@ -60,6 +62,25 @@ def collect_garbage() -> None:
     if not gc.isenabled():
         gc.freeze()  # what was imported stays
         gc.enable()
+
+
+@contextmanager
+def saying_warnings() -> Iterator[None]:
+    """Warnings of this package are one line each on stderr, said once."""
+    with warnings.catch_warnings():
+        usual = warnings.showwarning
+        said = set()
+
+        def say(message: Warning | str, category: type[Warning], *rest: Any, **more: Any) -> None:
+            if not issubclass(category, TorchRenderWarning):
+                usual(message, category, *rest, **more)
+            elif str(message) not in said:
+                said.add(str(message))
+                print(f"torchrender: warning: {message}", file=sys.stderr)
+
+        warnings.showwarning = say
+        warnings.simplefilter("always", TorchRenderWarning)
+        yield
 
 
 def progress(items: Iterable[T], unit: str) -> Iterable[T]:

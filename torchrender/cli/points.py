@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from torchrender.cli.arguments import add_size
-from torchrender.cli.output import check_output
+from torchrender.cli.arguments import add_size, camera_of, numbers
+from torchrender.cli.output import check_output, image_size
 from torchrender.errors import OptionError
 
 if TYPE_CHECKING:
+    from torchrender.points.cloud import PointCloud
     from torchrender.points.tree import PatchSet
     from torchrender.scene.camera import Cameras
 
@@ -27,6 +29,7 @@ def add_points(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-o", "--output", required=True, metavar="FILE", help="picture (.png, .exr) or compressed points (.trp)"
     )
+    parser.add_argument("--drop-invalid", action="store_true", help="leave points that are NaN or infinite out")
     parser.add_argument("--samples", type=int, metavar="N", help="points to sample a mesh by (default 1,000,000)")
     parser.add_argument(
         "--filter",
@@ -48,9 +51,12 @@ def run_points(
     output = Path(arguments.output)
     check_output(output, (".png", ".exr", COMPRESSED))
     from torchrender.points.file import write_points
+    from torchrender.points.tree import PatchSet
 
     if output.suffix.lower() == COMPRESSED:
         patches = _patches(arguments)
+        if not isinstance(patches, PatchSet):
+            raise OptionError(f"{COMPRESSED} files hold opaque discs: {arguments.cloud} has opacity or ellipsoids")
         written = write_points(output, patches)
         share = written / patches.point_count
         yield f"{output}  {patches.point_count:,} points  {written:,} bytes  {share:.1f} a point, tree included"
@@ -86,8 +92,35 @@ def run_points(
     yield f"{output}  {size[0]}x{size[1]}  {found.points:,} points, {found.drawn:,} drawn  {steps}"
 
 
-def _patches(arguments: argparse.Namespace) -> PatchSet:
+def draws_points(arguments: argparse.Namespace) -> bool:
+    """Draw a file of points that was given to ``render``; False where it is none."""
+    from torchrender.points.load import holds_points
+
+    path = Path(arguments.scene)
+    if path.suffix.lower() != COMPRESSED and not holds_points(path):
+        return False
+    sys.stderr.write(f"{path}: holds points: drawn as by the command points\n")
+    if len(arguments.camera or []) > 1:
+        raise OptionError("points are drawn for one --camera at a time")
+    like = argparse.Namespace(
+        cloud=arguments.scene,
+        output=arguments.output,
+        samples=None,
+        filter="adaptive",
+        radius=None,
+        two_sided=False,
+        camera=(arguments.camera or [None])[0],
+        drop_invalid=arguments.drop_invalid,
+    )
+    background = numbers("--background", arguments.background or "0,0,0", 3)
+    for line in run_points(like, image_size(arguments.size), background, camera_of):
+        sys.stdout.write(line + "\n")
+    return True
+
+
+def _patches(arguments: argparse.Namespace) -> PatchSet | PointCloud:
     from torchrender.points.file import open_points
+    from torchrender.points.gaussians import is_blended
     from torchrender.points.load import load_points
     from torchrender.points.tree import build_patches
 
@@ -95,10 +128,11 @@ def _patches(arguments: argparse.Namespace) -> PatchSet:
         if arguments.samples is not None:
             raise OptionError("--samples is for meshes only")
         return open_points(arguments.cloud)
-    return build_patches(load_points(arguments.cloud, samples=arguments.samples))
+    cloud = load_points(arguments.cloud, samples=arguments.samples, drop_invalid=arguments.drop_invalid)
+    return cloud if is_blended(cloud) else build_patches(cloud)
 
 
-def point_info(name: str) -> dict[str, Any] | None:
+def point_info(name: str, *, drop_invalid: bool = False) -> dict[str, Any] | None:
     """What a file of points holds, as plain values; None for anything else."""
     path = Path(name)
     if path.suffix.lower() == COMPRESSED:
@@ -124,14 +158,19 @@ def point_info(name: str) -> dict[str, Any] | None:
 
     if not holds_points(path):
         return None
-    cloud = load_points(path)
-    assert cloud.radius is not None
+    cloud = load_points(path, drop_invalid=drop_invalid)
+    size = cloud.radius
+    if cloud.spread is not None:
+        size = cloud.spread.diagonal(dim1=1, dim2=2).amax(1).sqrt()
+    assert size is not None
     return {
         "name": cloud.name,
         "points": len(cloud),
+        "gaussians": cloud.spread is not None,
         "colors": cloud.color is not None,
+        "opacity": cloud.opacity is not None,
         "two_sided": cloud.two_sided,
-        "radius": [float(cloud.radius.min()), float(cloud.radius.max())],
+        "radius": [float(size.min()), float(size.max())],
         "bounds": cloud.bounds.tolist(),
         "diagonal": cloud.diagonal,
     }

@@ -8,7 +8,7 @@ import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from torchrender.cli.arguments import add_scene, add_size
+from torchrender.cli.arguments import add_scene, add_size, load_scene
 from torchrender.cli.output import check_output
 from torchrender.errors import OptionError
 
@@ -40,7 +40,6 @@ def add_voxelize(parser: argparse.ArgumentParser) -> None:
 
 def run_voxelize(arguments: argparse.Namespace, size: tuple[int, int]) -> None:
     """Voxelize a model and write the file; ``size`` of a picture."""
-    from torchrender.scene.load import load
     from torchrender.voxels.file import write_voxels
     from torchrender.voxels.grid import make_grid
 
@@ -50,7 +49,7 @@ def run_voxelize(arguments: argparse.Namespace, size: tuple[int, int]) -> None:
         raise OptionError("--method is for --solid")
     if arguments.solid and arguments.thin:
         raise OptionError("--thin is for surfaces, not for --solid")
-    scene = load(arguments.scene, size=arguments.triangles)
+    scene = load_scene(arguments)
     grid = make_grid(scene.bounds[None], arguments.resolution)
     model = _solid(scene, grid, arguments) if arguments.solid else _surface(scene, grid, arguments)
     if output.suffix.lower() == ".png":

@@ -1,44 +1,56 @@
 """Picture files in and out. In memory every picture is linear light, float32, row 0 on top.
 
-PNG and JPEG hold sRGB and are decoded and encoded here; Radiance HDR and OpenEXR hold linear light already.
+PNG, JPEG, WebP, BMP, TGA and KTX2 hold sRGB; Radiance HDR and OpenEXR hold linear light already.
 """
 
 from __future__ import annotations
 
-import io
 import os
-import re
 import secrets
 import tempfile
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from PIL import Image, ImageOps, UnidentifiedImageError
+from PIL import Image
 from torch import Tensor
 
 from torchrender.errors import ImageFileError, InputError
+from torchrender.images.coded import linear, read_codes, scaled
 from torchrender.images.exr import read_exr, write_exr
-from torchrender.numerics.color import srgb_from_linear, srgb_table
+from torchrender.images.ktx import read_ktx2
+from torchrender.images.radiance import read_radiance
+from torchrender.numerics.color import srgb_from_linear
 
-READ_SUFFIXES = (".png", ".jpg", ".jpeg", ".hdr", ".exr")
+READ_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tga", ".ktx2", ".hdr", ".pic", ".exr")
 WRITE_SUFFIXES = (".png", ".exr")
 MAX_PIXELS = 2**28
 """Larger pictures are refused before memory is taken for them (as float RGB they would fill 3 GiB)."""
 
 _CHANNEL_NAMES = {1: ("Y",), 2: ("Y", "A"), 3: ("R", "G", "B"), 4: ("R", "G", "B", "A")}
-_KINDS = ((b"\x89PNG", ".png"), (b"\xff\xd8\xff", ".jpg"), (b"#?", ".hdr"), (b"\x76\x2f\x31\x01", ".exr"))
+_KINDS = (
+    (b"\x89PNG", ".png"),
+    (b"\xff\xd8\xff", ".jpg"),
+    (b"RIFF", ".webp"),
+    (b"BM", ".bmp"),
+    (b"\xabKTX 20\xbb", ".ktx2"),
+    (b"#?", ".hdr"),
+    (b"\x76\x2f\x31\x01", ".exr"),
+)
 
 
-def read_image(path: str | Path) -> Tensor:
-    """(H,W,C) float32 linear light of a PNG, JPEG, Radiance HDR or OpenEXR file.
+def read_image(path: str | Path, *, encoded: bool = False) -> Tensor:
+    """(H,W,C) float32 linear light of a PNG, JPEG, WebP, BMP, TGA, KTX2, Radiance or OpenEXR file.
 
     C is 1 (grey), 2 (grey, alpha), 3 (RGB) or 4 (RGBA). 8- and 16-bit sRGB is decoded at full precision, alpha is
     only scaled to [0,1]. EXR: the data window of the first part; luminance/chroma files become RGB. A camera's
-    orientation tag is applied.
+    orientation tag is applied, and so is the order of lines and columns of a Radiance picture. KTX2 needs the package
+    opengl_basisu, which the extra ``ktx`` brings.
+
+    Args:
+        encoded: leave the codes of an sRGB picture as they are, scaled to [0,1]: for normals and other plain numbers.
 
     Raises:
         ImageFileError: missing, empty, damaged, cut off, of an unsupported kind, or more than ``MAX_PIXELS``.
@@ -52,21 +64,24 @@ def read_image(path: str | Path) -> Tensor:
         raise ImageFileError(path, "no such file") from error
     except OSError as error:
         raise ImageFileError(path, error.strerror or str(error)) from error
-    return read_image_bytes(data, path)
+    return read_image_bytes(data, path, encoded=encoded)
 
 
-def read_image_bytes(data: bytes, name: str | Path) -> Tensor:
+def read_image_bytes(data: bytes, name: str | Path, *, encoded: bool = False) -> Tensor:
     """Like :func:`read_image` for a picture in memory; its first bytes tell its kind, ``name`` is for messages."""
     if not data:
         raise ImageFileError(name, "the file is empty")
     kind = next((suffix for magic, suffix in _KINDS if data.startswith(magic)), None)
+    if kind is None and Path(name).suffix.lower() == ".tga":  # the only kind that has no first bytes of its own
+        kind = ".tga"
     if kind is None:
         raise ImageFileError(name, f"is no picture of a known kind; {_list(READ_SUFFIXES)}")
     if kind == ".hdr":
-        return torch.from_numpy(_read_hdr(data, name))
+        return torch.from_numpy(read_radiance(data, name, MAX_PIXELS))
     if kind == ".exr":
         return torch.from_numpy(_read_exr_bytes(data, name))
-    return _read_srgb(data, name)
+    codes = read_ktx2(data, name, MAX_PIXELS) if kind == ".ktx2" else read_codes(data, name, MAX_PIXELS)
+    return scaled(codes) if encoded else linear(codes)
 
 
 def write_image(path: str | Path, image: Tensor, *, channels: Sequence[str] | None = None) -> None:
@@ -140,86 +155,6 @@ def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
 
 def _list(suffixes: Sequence[str]) -> str:
     return "supported: " + ", ".join(suffixes)
-
-
-def _check_size(name: str | Path, width: int, height: int) -> None:
-    if width < 1 or height < 1 or width * height > MAX_PIXELS:
-        raise ImageFileError(name, f"declares {width} x {height} pixels, the limit is {MAX_PIXELS}")
-
-
-def _read_srgb(data: bytes, name: str | Path) -> Tensor:
-    try:
-        with warnings.catch_warnings():
-            # Pillow's own size limit only warns, and lower than ours; ours is checked before decoding.
-            warnings.simplefilter("ignore", Image.DecompressionBombWarning)
-            picture: Image.Image = Image.open(io.BytesIO(data), formats=("PNG", "JPEG"))
-        _check_size(name, *picture.size)
-        deep = picture.format == "PNG" and data[24:25] == b"\x10"
-        picture.load()
-        codes = _deep_png(data, name) if deep else _codes(ImageOps.exif_transpose(picture))
-    except ImageFileError:
-        raise
-    except Image.DecompressionBombError as error:
-        raise ImageFileError(name, f"declares more pixels than the limit of {MAX_PIXELS}") from error
-    except (UnidentifiedImageError, OSError, ValueError, SyntaxError, EOFError) as error:
-        raise ImageFileError(name, f"damaged or cut off ({error})") from error
-    return _linear(codes)
-
-
-def _codes(picture: Image.Image) -> np.ndarray[Any, Any]:
-    """(H,W,C) uint8."""
-    if picture.mode not in ("L", "LA", "RGB", "RGBA"):
-        clear = "transparency" in picture.info or picture.mode in ("PA", "La", "RGBa")
-        grey = picture.mode in ("1", "I", "F")
-        picture = picture.convert("RGBA" if clear else "L" if grey else "RGB")
-    elif "transparency" in picture.info:
-        picture = picture.convert("LA" if picture.mode == "L" else "RGBA")
-    codes = np.asarray(picture)
-    return codes[..., None] if codes.ndim == 2 else codes
-
-
-def _deep_png(data: bytes, name: str | Path) -> np.ndarray[Any, Any]:
-    """(H,W,C) uint16; Pillow would cut 16-bit colour to 8 bits."""
-    import cv2  # slow to import, and few pictures need it
-
-    codes = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-    if codes is None or codes.dtype != np.uint16:
-        raise ImageFileError(name, "damaged 16-bit PNG")
-    if codes.ndim == 2:
-        return codes[..., None]
-    order = [2, 1, 0, 3][: codes.shape[2]]
-    codes = codes[..., order]
-    # PNG colour type 4 (byte 25) is grey with alpha, which OpenCV expands to four channels.
-    return codes[..., 2:] if data[25] == 4 else codes
-
-
-def _linear(codes: np.ndarray[Any, Any]) -> Tensor:
-    bits = 8 * codes.dtype.itemsize
-    colors = 1 if codes.shape[2] <= 2 else 3
-    table = srgb_table(bits).numpy()
-    if codes.shape[2] == colors:
-        return torch.from_numpy(table[codes])
-    out = np.zeros(codes.shape, dtype=np.float32)
-    out[..., :colors] = table[codes[..., :colors]]
-    out[..., colors] = codes[..., colors] / np.float32(2**bits - 1)
-    return torch.from_numpy(out)
-
-
-def _read_hdr(data: bytes, name: str | Path) -> np.ndarray[Any, Any]:
-    import cv2  # slow to import, and few pictures need it
-
-    size = re.search(rb"\n[-+]([XY]) (\d{1,9}) [-+][XY] (\d{1,9})\n", data[:65536])
-    if size is None:
-        raise ImageFileError(name, "Radiance header without a size line: damaged or cut off")
-    first, second = int(size.group(2)), int(size.group(3))
-    _check_size(name, *((second, first) if size.group(1) == b"Y" else (first, second)))
-    try:
-        pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-    except cv2.error as error:
-        raise ImageFileError(name, f"damaged ({error})") from error
-    if pixels is None or pixels.ndim != 3:
-        raise ImageFileError(name, "damaged or cut off Radiance picture")
-    return np.ascontiguousarray(pixels[..., ::-1], dtype=np.float32)
 
 
 def _read_exr_bytes(data: bytes, name: str | Path) -> np.ndarray[Any, Any]:

@@ -32,6 +32,8 @@ class PointCloud:
     normal: Tensor | None = None  # (P,3) float32 unit; zero: unknown
     radius: Tensor | None = None  # (P,) float32 scene units; zero: unknown
     color: Tensor | None = None  # (P,3) float32 linear; None: light grey
+    opacity: Tensor | None = None  # (P,) float32 in [0,1]; None: opaque
+    spread: Tensor | None = None  # (P,3,3) float32 covariance of 3D Gaussians, square scene units; None: discs
     two_sided: bool = False  # the sides of the normals are not known
     name: str = "points"
 
@@ -53,6 +55,12 @@ class PointCloud:
         if self.color is not None:
             color = check_finite("color", check_tensor("color", self.color, (count, 3)).detach().float())
             object.__setattr__(self, "color", color.contiguous())
+        if self.opacity is not None:
+            opacity = check_finite("opacity", check_tensor("opacity", self.opacity, (count,)).detach().float())
+            object.__setattr__(self, "opacity", opacity.clamp(0.0, 1.0).contiguous())
+        if self.spread is not None:
+            spread = check_finite("spread", check_tensor("spread", self.spread, (count, 3, 3)).detach().float())
+            object.__setattr__(self, "spread", spread.contiguous())
 
     def __len__(self) -> int:
         return int(self.position.shape[0])
@@ -69,8 +77,12 @@ class PointCloud:
         return float((high - low).norm())
 
     def camera(self, name: str | None = None, *, width: int, height: int) -> Cameras:
-        """A camera that frames the points."""
-        return framing_cloud(self.bounds, name, width, height)
+        """A camera that frames the points, of Gaussians with two standard deviations around them."""
+        bounds = self.bounds
+        if self.spread is not None:
+            reach = 2.0 * self.spread.diagonal(dim1=1, dim2=2).double().clamp_min(0.0).sqrt()
+            bounds = torch.stack([(self.position - reach).amin(0), (self.position + reach).amax(0)])
+        return framing_cloud(bounds, name, width, height)
 
     def completed(self) -> PointCloud:
         """This cloud with a normal and a radius at every point, estimated where there is none.
@@ -80,6 +92,8 @@ class PointCloud:
         side by side along a minimum spanning tree, and ``two_sided`` is set where that is not sure. Points that all
         lie at one place get a radius of 1e-3 and keep a normal of zero. Source: specification 06, section 2.
         """
+        if self.spread is not None:  # ellipsoids have their own size and need no normal
+            return self
         missing_radius = torch.ones(len(self), dtype=torch.bool) if self.radius is None else self.radius == 0
         missing_normal = torch.ones(len(self), dtype=torch.bool) if self.normal is None else (self.normal == 0).all(1)
         if not bool(missing_radius.any() | missing_normal.any()):

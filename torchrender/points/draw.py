@@ -31,6 +31,7 @@ from torchrender.kernels.points.ewa_draw import (
 from torchrender.kernels.points.records import Coloring, Filters, Lens, Projected, Slices
 from torchrender.numerics.ewa import kernel_polynomial, low_pass_stamps
 from torchrender.points.cloud import PointCloud
+from torchrender.points.gaussians import is_blended, render_gaussians
 from torchrender.points.options import PointImage, SplatOptions, SplatStatistics
 from torchrender.points.select import Selection, select_patches
 from torchrender.points.tree import NodeBatch, PatchSet, build_patches, node_arrays
@@ -55,7 +56,8 @@ def render_points(points: PatchSet | PointCloud, cameras: Cameras, options: Spla
     number of threads.
 
     Args:
-        points: a patch set; a plain cloud is cut into patches first, which takes about a microsecond a point.
+        points: a patch set; a plain cloud is cut into patches first, which takes about a microsecond a point. A cloud
+            of 3D Gaussians or with opacity is drawn by :func:`~torchrender.points.gaussians.render_gaussians`.
 
     Raises:
         CameraError: orthographic cameras.
@@ -64,6 +66,8 @@ def render_points(points: PatchSet | PointCloud, cameras: Cameras, options: Spla
     options = options or SplatOptions()
     if cameras.orthographic:
         raise CameraError("points are drawn by perspective cameras only")
+    if isinstance(points, PointCloud) and is_blended(points):
+        return render_gaussians(points, cameras, options)
     patches = build_patches(points) if isinstance(points, PointCloud) else points
     shape = (len(cameras), cameras.height, cameras.width)
     image, depth, weight = torch.zeros(*shape, 3), torch.zeros(shape), torch.zeros(shape)

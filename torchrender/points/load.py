@@ -2,27 +2,33 @@
 
 from __future__ import annotations
 
-import io
 import math
+import warnings
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
-from trimesh.exchange.ply import load_ply
 
 from torchrender.checks import check_range
-from torchrender.errors import InputError, MeshError, SceneFileError
+from torchrender.errors import InputError, MeshError, SceneFileError, TorchRenderWarning
 from torchrender.numerics.texture import color_pyramid, sample_texture
 from torchrender.points.cloud import PointCloud
-from torchrender.scene.files.mesh_file import check_ply, linear_colors
+from torchrender.points.gaussians import covariances
+from torchrender.scene.files.gltf.container import GltfFile
+from torchrender.scene.files.gltf.points import has_only_points, read_gltf_points
+from torchrender.scene.files.plain.ply import declares_faces, read_ply
+from torchrender.scene.files.plain.ply_format import MAX_HEADER, read_header
+from torchrender.scene.files.report import Notes
 from torchrender.scene.files.source import read_bytes
 from torchrender.scene.load import load
 from torchrender.scene.model import Scene
 
 SAMPLES = 1_000_000
 """Points that a mesh is sampled by, if not told otherwise."""
+
+GLTF = (".glb", ".gltf")
 
 OPEN = 0.1
 """Share of its area that the area vectors of a closed surface may add up to: scanned meshes have small holes."""
@@ -31,72 +37,92 @@ COVER = 1.7
 """Radius of sampled points over the square root of the area that each stands for: random points leave few holes."""
 
 
-def load_points(path: str | Path, *, samples: int | None = None, seed: int = 0) -> PointCloud:
-    """A point cloud from a PLY file without faces, or ``samples`` points on the surfaces of anything else.
+class SampledWarning(TorchRenderWarning):
+    """A file of surfaces was given where points are wanted: points on them are taken."""
 
-    PLY vertices may have normals (nx, ny, nz), colours (red, green, blue: integers are sRGB, floats linear) and radii
-    (``radius``, in scene units); missing normals and radii are estimated. Other mesh and scene files, and the names
-    of built-in scenes, are loaded as by :func:`torchrender.load` and sampled.
+
+def load_points(
+    path: str | Path, *, samples: int | None = None, seed: int = 0, drop_invalid: bool = False
+) -> PointCloud:
+    """A point cloud from a PLY or glTF file without faces, or ``samples`` points on the surfaces of anything else.
+
+    PLY vertices may have normals (nx, ny, nz and other usual names), colours (red, green, blue and other usual names:
+    integers are sRGB, floats linear, or sRGB where they reach 255), opacity (``alpha``) and radii (``radius``, in scene
+    units); missing normals and radii are estimated. A file of 3D Gaussians gives ellipsoids. Other mesh and scene
+    files, and the names of built-in scenes, are loaded as by :func:`torchrender.load` and sampled, which is said.
+
+    Args:
+        drop_invalid: leave points that are NaN or infinite out, in place of an error.
 
     Raises:
-        SceneFileError: missing, damaged or unsupported file.
-        InputError: positions that are not finite; an unknown name; ``samples`` given for a file of points.
+        SceneFileError: missing, damaged or unsupported file, or positions that are not finite.
+        InputError: an unknown name; ``samples`` given for a file of points.
     """
     source = Path(path)
-    if source.suffix.lower() == ".ply":
-        data = read_bytes(source)
-        if not has_faces(source, data):
-            if samples is not None:
-                raise InputError(f"samples is for meshes only, {source} holds points")
-            return _read_points(source, data)
-    return sample_points(load(path), SAMPLES if samples is None else samples, seed=seed)
-
-
-def has_faces(path: Path, data: bytes) -> bool:
-    """Whether a PLY file declares faces."""
-    header = check_ply(path, data)
-    rows = [line.split() for line in header.splitlines() if line.startswith("element face ")]
-    return any(int(row[2]) > 0 for row in rows)
+    if holds_points(source):
+        if samples is not None:
+            raise InputError(f"samples is for meshes only, {source} holds points")
+        notes = Notes(source)
+        read = _gltf_points if source.suffix.lower() in GLTF else _ply_points
+        cloud = read(source, read_bytes(source), notes, drop_invalid)
+        notes.close()
+        return cloud
+    scene = load(path, drop_invalid=drop_invalid)
+    count = SAMPLES if samples is None else samples
+    if samples is None and source.suffix:
+        warnings.warn(f"{source}: holds surfaces: sampled by {count:,} points", SampledWarning, stacklevel=2)
+    return sample_points(scene, count, seed=seed)
 
 
 def holds_points(path: str | Path) -> bool:
-    """Whether a file is a PLY file without faces."""
+    """Whether a file is a PLY file without faces, or a glTF file whose primitives are all points."""
     source = Path(path)
-    return source.suffix.lower() == ".ply" and source.is_file() and not has_faces(source, read_bytes(source))
+    suffix = source.suffix.lower()
+    if suffix not in (".ply", *GLTF) or not source.is_file():
+        return False
+    if suffix == ".ply":
+        with source.open("rb") as file:
+            start = file.read(MAX_HEADER)
+        return not declares_faces(read_header(source, start, source.stat().st_size))
+    return has_only_points(GltfFile(source, read_bytes(source)))
 
 
-def _read_points(path: Path, data: bytes) -> PointCloud:
-    try:
-        loaded = load_ply(io.BytesIO(data), skip_materials=True)
-        position = np.asarray(loaded.get("vertices", np.zeros((0, 3))), np.float64)
-        raw: Any = loaded.get("metadata", {}).get("_ply_raw", {}).get("vertex", {}).get("data", {})
-        radius = _column(raw, "radius", len(position))
-    # trimesh raises whatever its parsing runs into.
-    except Exception as error:
-        raise SceneFileError(path, f"damaged or no PLY file ({error})") from error
-    if not len(position):
-        raise SceneFileError(path, "holds no points")
+def _ply_points(path: Path, data: bytes, notes: Notes, drop: bool) -> PointCloud:
+    model = read_ply(path, data, notes)
+    gaussians = model.gaussians
+    columns: dict[str, Any] = {
+        "position": model.position,
+        "normal": None if gaussians is not None else model.normals,
+        "color": None if model.colors is None else model.colors[:, :3],
+        "opacity": model.colors[:, 3] if model.colors is not None and model.colors.shape[1] == 4 else None,
+        "radius": model.radius,
+        "spread": None,
+    }
+    if gaussians is not None:
+        notes.read("3D Gaussians", len(model.position))
+        columns |= {"color": gaussians.color, "opacity": gaussians.opacity, "spread": covariances(gaussians)}
+    return _cloud(path, columns, notes, drop)
+
+
+def _gltf_points(path: Path, data: bytes, notes: Notes, drop: bool) -> PointCloud:
+    columns: dict[str, Any] = {**read_gltf_points(path, data), "radius": None, "spread": None}
+    return _cloud(path, columns, notes, drop)
+
+
+def _cloud(path: Path, columns: dict[str, Any], notes: Notes, drop: bool) -> PointCloud:
+    position = columns["position"]
     wrong = ~np.isfinite(position).all(axis=1)
-    if wrong.any():
+    if wrong.any() and not drop:
         reason = f"{int(wrong.sum())} of {len(position)} points are NaN or infinite, first {int(wrong.argmax())}"
         raise SceneFileError(path, reason)
-    normal = loaded.get("vertex_normals")
-    return PointCloud(
-        position=torch.from_numpy(position),
-        normal=None if normal is None else torch.from_numpy(np.array(normal, np.float64)),
-        radius=None if radius is None else torch.from_numpy(radius),
-        color=linear_colors(loaded.get("vertex_colors"), len(position)),
-        name=path.stem,
-    ).completed()
-
-
-def _column(raw: Any, name: str, count: int) -> np.ndarray[Any, Any] | None:
-    """A vertex property that trimesh does not know."""
-    known = raw if isinstance(raw, dict) else getattr(getattr(raw, "dtype", None), "names", None) or ()
-    if name not in known:
-        return None
-    column = np.asarray(raw[name], np.float64).reshape(-1)
-    return column if len(column) == count else None
+    if wrong.any():
+        notes.repaired("points that are NaN or infinite: dropped", int(wrong.sum()))
+        columns = {k: None if v is None else v[~wrong] for k, v in columns.items()}
+    if not len(columns["position"]):
+        raise SceneFileError(path, "holds no points")
+    notes.read("points", len(columns["position"]))
+    tensors: dict[str, Any] = {k: None if v is None else torch.from_numpy(np.array(v)) for k, v in columns.items()}
+    return PointCloud(**tensors, name=path.stem).completed()
 
 
 def sample_points(scene: Scene, count: int, *, seed: int = 0) -> PointCloud:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from torchrender.scene.material import TEXTURES
 from torchrender.scene.model import Scene
 from torchrender.scene.smooth import weld
 
@@ -21,7 +22,8 @@ def scene_info(scene: Scene) -> dict[str, Any]:
     geometry = scene.geometry
     degenerate = int((geometry.face_normals.abs().sum(dim=1) == 0).sum())
     open_edges = _open_edges(scene)
-    textures = {id(m.diffuse_texture) for m in scene.materials if m.diffuse_texture is not None}
+    found = [getattr(m, name) for m in scene.materials for name in TEXTURES]
+    textures = {id(t) for t in found if t is not None}
     low, high = scene.bounds
     return {
         "name": scene.name,
@@ -35,6 +37,10 @@ def scene_info(scene: Scene) -> dict[str, Any]:
         "environment": None if scene.environment is None else scene.environment.name,
         "media": len(scene.media),
         "cameras": list(scene.cameras),
+        "animations": {name: round(duration, 6) for name, duration in scene.animations.items()},
+        "read": [str(note) for note in scene.report.read],
+        "repaired": [str(note) for note in scene.report.repaired],
+        "not_used": [str(note) for note in scene.report.not_used],
         "bounds": [low.tolist(), high.tolist()],
         "diagonal": scene.diagonal,
         "degenerate_triangles": degenerate,
@@ -83,6 +89,8 @@ def _warnings(scene: Scene, degenerate: int, open_edges: int) -> list[str]:
     )
     if missing:
         found.append(f"textured materials on meshes without texture coordinates: {', '.join(missing)}")
+    if scene.photometric:
+        found.append("lights in candela and lux: pictures need an exposure (render chooses one)")
     if scene.with_default_light() is not scene:
         found.append("no light: a default light will be used")
     return found

@@ -5,33 +5,55 @@ from __future__ import annotations
 from pathlib import Path
 
 from torchrender.errors import InputError, SceneFileError
+from torchrender.scene.files.choice import FileChoice
 from torchrender.scene.files.scene_file import load_scene_file
 from torchrender.scene.files.source import MESH_SUFFIXES, SCENE_SUFFIX, SUPPORTED, build_procedural, load_mesh_file
 from torchrender.scene.model import Scene
 
 
-def load(path_or_name: str | Path, *, size: int | None = None) -> Scene:
+def load(
+    path_or_name: str | Path,
+    *,
+    size: int | None = None,
+    time: float | None = None,
+    animation: str | int | None = None,
+    variant: str | None = None,
+    subscene: str | int | None = None,
+    drop_invalid: bool = False,
+) -> Scene:
     """A scene from a TOML scene file, a mesh file, or the name of a built-in procedural scene.
 
-    Mesh files: GLB, glTF, OBJ, PLY and STL with materials, textures, vertex colours and node transforms. Files are
-    told from names by their suffix.
+    Mesh files: GLB, glTF, OBJ, PLY and STL with materials, textures, vertex colours, node transforms, skins and
+    animations. Files are told from names by their suffix. ``Scene.report`` says what was read, repaired and not used;
+    what was repaired or not used is also a warning (:class:`~torchrender.errors.RepairedWarning`,
+    :class:`~torchrender.errors.NotUsedWarning`).
 
     Args:
         path_or_name: a path with a known suffix, or a name such as ``"city"``.
         size: triangles that a procedural scene should have, about; not for files.
+        time: seconds into an animation; None: the pose that the file stands in. :meth:`Scene.at` goes on from there.
+        animation: its name or number; None: the first one.
+        variant: name of a variant of the materials (KHR_materials_variants).
+        subscene: name or number of one of several scenes in a glTF file; None: its default one.
+        drop_invalid: leave vertices that are NaN or infinite out, with their faces, in place of an error.
 
     Raises:
         SceneFileError: missing, empty, damaged or unsupported file, or a mesh file without triangles.
         MeshError: a mesh with NaN or infinite vertices; names the mesh.
-        InputError: an unknown name (known ones are listed), or ``size`` given for a file.
+        InputError: an unknown name (known ones are listed), animation, variant or subscene, ``size`` given for a file,
+            or a choice that the file's kind does not know.
     """
+    choice = FileChoice(time=time, animation=animation, variant=variant, subscene=subscene, drop_invalid=drop_invalid)
     path = Path(path_or_name)
     suffix = path.suffix.lower()
-    if not suffix and len(path.parts) == 1 and not path.is_file():
+    built_in = not suffix and len(path.parts) == 1 and not path.is_file()
+    if (built_in or suffix == SCENE_SUFFIX) and not choice.is_plain:
+        raise InputError(f"time, animation, variant and subscene are for glTF files, not for {path_or_name}")
+    if built_in:
         return build_procedural(str(path_or_name), size)
     if suffix not in (*MESH_SUFFIXES, SCENE_SUFFIX):
         reason = f"cannot read {suffix or 'files without suffix'}; supported: {SUPPORTED}"
         raise SceneFileError(path, reason if suffix or path.exists() else "no such file")
     if size is not None:
         raise InputError(f"size is for procedural scenes only, {path} is a file")
-    return load_scene_file(path) if suffix == SCENE_SUFFIX else load_mesh_file(path)
+    return load_scene_file(path) if suffix == SCENE_SUFFIX else load_mesh_file(path, choice)

@@ -13,11 +13,14 @@ from torchrender.errors import InputError
 from torchrender.scene.camera import Cameras, framing_camera
 from torchrender.scene.cutout import build_cutout
 from torchrender.scene.environment import Environment
+from torchrender.scene.files.report import NOTHING, LoadReport
 from torchrender.scene.light import DirectionalLight, Light, light_color
 from torchrender.scene.material import Material
 from torchrender.scene.material_table import MaterialTable, wants_gradient
 from torchrender.scene.medium import Medium
 from torchrender.scene.mesh import Geometry, Mesh, concatenate, with_tangents
+from torchrender.scene.motion.records import Motion
+from torchrender.scene.motion.update import Moving, at_time, moved_geometry
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -36,9 +39,12 @@ class Scene:
     media: tuple[Medium, ...] = ()
     cameras: Mapping[str, Cameras] = field(default_factory=dict)  # the first is the default one
     name: str = "scene"
+    motions: tuple[Motion, ...] = ()  # what may move: see at()
+    photometric: bool = False  # lights are in candela and lux: a picture needs an exposure to match
+    report: LoadReport = NOTHING  # what a file was read as
 
     def __post_init__(self) -> None:
-        for name in ("meshes", "materials", "lights", "media"):
+        for name in ("meshes", "materials", "lights", "media", "motions"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
         for mesh in self.meshes:
             if not 0 <= mesh.material < len(self.materials):
@@ -114,6 +120,34 @@ class Scene:
         if self.environment is not None and self.environment.intensity > 0:
             return bool((self.environment.radiance > 0).any())
         return emitted_mean(self.meshes, self.materials) >= BRIGHT
+
+    @property
+    def animations(self) -> dict[str, float]:
+        """Names of the animations and their durations, seconds."""
+        return {a.name: a.duration for m in self.motions for a in m.animations}
+
+    def at(self, time: float | None, animation: str | int | None = None) -> Scene:
+        """The scene at a time of an animation, which stands still before its start and after its end.
+
+        Meshes, lights and cameras that do not move stay the same objects, and what was found out about the triangles
+        (their order in space, for instance) is kept.
+
+        Args:
+            time: seconds; None: the pose that the file stands in.
+            animation: its name or number; None: the first one of each file.
+
+        Raises:
+            InputError: no such animation, or a time that is not finite.
+        """
+        old = Moving(self.meshes, self.lights, self.cameras, self.motions)
+        new = at_time(old, time, animation)
+        scene = replace(self, **new._asdict())
+        geometry = moved_geometry(self.geometry, self.meshes, scene.meshes)
+        if geometry is not None:
+            scene.__dict__["geometry"] = geometry
+        if "_material_table" in self.__dict__:
+            scene.__dict__["_material_table"] = self._material_table
+        return scene
 
     def with_default_light(self) -> Scene:
         """This scene, or if nothing really lights it (:attr:`is_lit`), a copy lit from the upper left."""

@@ -49,6 +49,22 @@ def place_arrays(
     return moved, faces, unit.astype(np.float32)
 
 
+def place_tangents(tangents: Array | None, world_from_local: Array) -> Array | None:
+    """Tangents (V,4) float32 after the affine map (4,4); a mirroring map turns the sign of the bitangent.
+
+    A map that flattens them away leaves zero, which stands for "not known".
+    """
+    if tangents is None:
+        return None
+    linear = world_from_local[:3, :3] / (np.abs(world_from_local[:3, :3]).max() or 1.0)
+    with np.errstate(over="ignore", invalid="ignore"):
+        along = np.nan_to_num(tangents[:, :3].astype(np.float64) @ linear.T)
+    length = np.linalg.norm(along, axis=1, keepdims=True)
+    unit = np.divide(along, length, out=np.zeros_like(along), where=length > 0)
+    sign = -1.0 if np.linalg.det(linear) < 0 else 1.0
+    return np.concatenate([unit, tangents[:, 3:] * sign], axis=1).astype(np.float32)
+
+
 def place_mesh(mesh: Mesh, world_from_local: Tensor) -> Mesh:
     """The mesh after the affine map (4,4)."""
     vertices, faces, normals = place_arrays(
@@ -57,11 +73,14 @@ def place_mesh(mesh: Mesh, world_from_local: Tensor) -> Mesh:
         None if mesh.normals is None else mesh.normals.detach().numpy(),
         world_from_local.double().numpy(),
     )
+    own = None if mesh.tangents is None else mesh.tangents.detach().numpy()
+    tangents = place_tangents(own, world_from_local.double().numpy())
     return replace(
         mesh,
         vertices=torch.from_numpy(vertices),
         faces=torch.from_numpy(faces),
         normals=None if normals is None else torch.from_numpy(normals),
+        tangents=None if tangents is None else torch.from_numpy(tangents),
     )
 
 
@@ -141,4 +160,6 @@ def place_medium(medium: Medium, matrix: Tensor) -> Medium:
         absorption=medium.absorption / scale,
         scattering=medium.scattering / scale,
         emission=medium.emission,
+        falloff=medium.falloff / scale,
+        floor=None if medium.floor is None else medium.floor * scale + float(matrix[1, 3]),
     )

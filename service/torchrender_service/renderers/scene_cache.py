@@ -54,4 +54,6 @@ def describe(scene: Scene) -> dict[str, Any]:
         "bounds": [low.tolist(), high.tolist()],
         "diagonal": scene.diagonal,
         "orthographic": camera.orthographic,
+        "animations": {name[:80]: duration for name, duration in list(scene.animations.items())[:64]},
+        "report": {part: [note[:200] for note in notes[:64]] for part, notes in scene.report.plain().items()},
     }

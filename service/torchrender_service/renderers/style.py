@@ -21,7 +21,7 @@ from torchrender.photo.style.options import SearchOptions, StyleOptions
 from torchrender.photo.style.session import Style
 from torchrender.photo.style.sheet import contact_sheet
 from torchrender.photo.style.transfer import style_scene
-from torchrender.scene.files.gltf_write import glb_bytes
+from torchrender.scene.files.gltf.out.write import glb_bytes
 from torchrender.scene.model import Scene
 from torchrender_service.errors import ServiceError
 from torchrender_service.renderers.jobs import StylePhoto

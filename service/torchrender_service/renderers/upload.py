@@ -19,9 +19,10 @@ from PIL import Image as PilImage
 from PIL import UnidentifiedImageError
 
 from torchrender.errors import SceneFileError
-from torchrender.scene.files.gltf import read_gltf
-from torchrender.scene.files.gltf_file import GltfFile
-from torchrender.scene.files.gltf_mesh import GltfMeshes
+from torchrender.scene.files.gltf.container import GltfFile
+from torchrender.scene.files.gltf.meshes import surface_count
+from torchrender.scene.files.gltf.nodes import instance_count
+from torchrender.scene.files.gltf.read import read_gltf
 from torchrender.scene.files.scene_file import load_scene_file
 from torchrender.scene.files.toml_table import parse_toml_values
 from torchrender.scene.model import Scene
@@ -91,11 +92,16 @@ def check_glb(path: Path, data: bytes, limits: Validate) -> None:
     nodes = file.entries("nodes")
     if len(nodes) > MAX_NODES:
         raise SceneFileError(path, f"may have at most {MAX_NODES} nodes, has {len(nodes)}", key="nodes")
-    meshes, triangles, vertices = GltfMeshes(file), 0, 0
+    triangles, vertices = 0, 0
+    counted: dict[Any, tuple[int, int]] = {}
     for node in nodes:
         if isinstance(node, dict) and "mesh" in node:
-            triangles += meshes.triangle_count(node["mesh"])
-            vertices += _vertices(file, node["mesh"])
+            mesh = node["mesh"]
+            if not isinstance(mesh, int) or mesh not in counted:
+                counted[mesh] = surface_count(file, mesh), _vertices(file, mesh)
+            copies = instance_count(file, node)
+            triangles += copies * counted[mesh][0]
+            vertices += copies * counted[mesh][1]
     _check_count("triangles", triangles, limits.max_triangles)
     _check_count("vertices", vertices, 3 * limits.max_triangles)
     _check_count("texture pixels", sum(_texture_pixels(file)), limits.max_texture_pixels)

@@ -86,6 +86,14 @@ class Problem(BaseModel):
     detail: str
 
 
+class LoadReport(BaseModel):
+    """What was read of a file, what was repaired, and what is not used, with counts."""
+
+    read: list[str] = []
+    repaired: list[str] = []
+    not_used: list[str] = []
+
+
 class SceneFacts(BaseModel):
     """A scene."""
 
@@ -99,6 +107,8 @@ class SceneFacts(BaseModel):
     cameras: list[str]
     bounds: list[list[float]]
     diagonal: float
+    animations: dict[str, float] = Field(default={}, description="durations in seconds, by name")
+    report: LoadReport = Field(default=LoadReport(), description="what the file was read as")
 
 
 class SceneList(BaseModel):
@@ -122,8 +132,12 @@ class Enhance(Strict):
 class RenderSettings(Strict):
     """Settings of a picture that a budget or error bound may change."""
 
-    shadows: bool = True
-    reflections: Literal["clustered", "traced", "environment", "off"] = "clustered"
+    shadows: bool | Literal["off", "hard", "maps", "sampled", "traced"] = Field(
+        True, description="true: maps, with guessed penumbrae; false: off"
+    )
+    shadow_size: Annotated[int, Field(ge=64, le=4096, description="texels of a shadow map's side")] | None = None
+    cascades: Annotated[int, Field(ge=1, le=8, description="shadow maps along the view; none: as needed")] | None = None
+    reflections: Literal["auto", "clustered", "traced", "environment", "off"] = "auto"
     supersample: Annotated[float, Field(ge=0.25, le=2.0, allow_inf_nan=False)] = 1.0
     background: Annotated[list[Light], Field(min_length=3, max_length=3)] | None = None
     exposure: Annotated[float, Field(ge=-64.0, le=64.0, allow_inf_nan=False)] | None = 0.0

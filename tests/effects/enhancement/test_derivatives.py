@@ -7,7 +7,8 @@ import torch
 from torch import Tensor
 
 from torchrender.effects.enhancement import derivatives as d
-from torchrender.scene.environment import Environment, harmonics_2
+from torchrender.numerics.harmonics import harmonics_2
+from torchrender.scene.environment import Environment
 
 COUNT, STEP = 150, 1e-5
 

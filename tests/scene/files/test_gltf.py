@@ -189,17 +189,6 @@ def test_punctual_lights(tmp_path: Path) -> None:
 # -------------------------------------------------------------------- materials
 
 
-def test_metallic_roughness(tmp_path: Path) -> None:
-    pbr = {"baseColorFactor": [0.2, 0.4, 0.8, 1.0], "metallicFactor": 0.0, "roughnessFactor": 0.3}
-    entry = {"pbrMetallicRoughness": pbr, "emissiveFactor": [0.1, 0.2, 0.3], "name": "blue"}
-    material = load(with_material(entry).write(tmp_path / "a.glb")).materials[0]
-    assert material.name == "blue"
-    assert material.diffuse.tolist() == pytest.approx([0.2, 0.4, 0.8])  # linear already
-    assert (material.specular, material.gloss) == pytest.approx((0.04, 0.3))
-    assert material.emission.tolist() == pytest.approx([0.1, 0.2, 0.3])
-    assert material.alpha_cutoff is None
-
-
 def test_textures_are_decoded_and_shared(tmp_path: Path) -> None:
     entry = {"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}, "metallicFactor": 0.0}}
     glb = with_material(entry, png((188, 0, 255)))
@@ -216,53 +205,12 @@ def test_textures_are_decoded_and_shared(tmp_path: Path) -> None:
     assert scene.meshes[0].uv.tolist() == [[0.0, 1.0], [1.0, 1.0], [0.0, 0.0]]
 
 
-@pytest.mark.parametrize(("mode", "expected"), [("OPAQUE", None), ("MASK", 0.25), ("BLEND", 0.5)])
-def test_alpha_modes(tmp_path: Path, mode: str, expected: float | None) -> None:
-    entry = {"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}, "alphaMode": mode, "alphaCutoff": 0.25}
-    material = load(with_material(entry, png((255, 255, 255, 51))).write(tmp_path / "a.glb")).materials[0]
-    assert material.alpha_cutoff == expected
-    assert material.diffuse_texture is not None
-    assert float(material.diffuse_texture[0, 0, 3]) == pytest.approx(0.2)
-
-
-def test_factor_alpha_makes_holes(tmp_path: Path) -> None:
-    entry = {"pbrMetallicRoughness": {"baseColorFactor": [1, 1, 1, 0.1]}, "alphaMode": "BLEND"}
-    material = load(with_material(entry).write(tmp_path / "a.glb")).materials[0]
-    assert material.diffuse_texture is not None
-    assert float(material.diffuse_texture[0, 0, 3]) < (material.alpha_cutoff or 0)
-
-
-def test_surface_texture_counts_with_its_mean(tmp_path: Path) -> None:
-    entry = {"pbrMetallicRoughness": {"metallicRoughnessTexture": {"index": 0}, "roughnessFactor": 0.5}}
-    material = load(with_material(entry, png((0, 102, 0))).write(tmp_path / "a.glb")).materials[0]
-    assert material.gloss == pytest.approx(0.5 * 0.4, abs=1e-3)
-    assert material.specular == pytest.approx(0.04)
-
-
-def test_specular_glossiness(tmp_path: Path) -> None:
-    gloss = {"diffuseFactor": [0.1, 0.2, 0.3, 1.0], "specularFactor": [0.8, 0.4, 0.0], "glossinessFactor": 0.75}
-    entry = {"extensions": {"KHR_materials_pbrSpecularGlossiness": gloss}}
-    material = load(with_material(entry).write(tmp_path / "a.glb")).materials[0]
-    assert material.diffuse.tolist() == pytest.approx([0.1, 0.2, 0.3])
-    assert (material.specular, material.gloss) == pytest.approx((0.8, 0.25))
-    assert material.specular_color.tolist() == pytest.approx([1.0, 0.5, 0.0])
-
-
-def test_texture_transform(tmp_path: Path) -> None:
-    transform = {"offset": [0.25, 0.5], "rotation": math.pi / 2, "scale": [2.0, 4.0]}
-    info = {"index": 0, "extensions": {"KHR_texture_transform": transform}}
-    glb = with_material({"pbrMetallicRoughness": {"baseColorTexture": info}}, png((1, 2, 3)))
-    uv = load(glb.write(tmp_path / "a.glb")).meshes[0].uv
-    assert uv is not None
-    # (u, v) scaled, turned counter-clockwise on the picture (v runs down), moved; then v counts upwards.
-    expected = [[0.25, 1 - 0.5], [0.25, 1 - (0.5 - 2.0)], [0.25 + 4.0, 1 - 0.5]]
-    np.testing.assert_allclose(uv.numpy(), expected, atol=1e-6)
-
-
 def test_missing_texture_is_a_warning(tmp_path: Path) -> None:
     glb = with_material({"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}, "baseColorFactor": [1, 0, 0, 1]}})
     glb.json["textures"], glb.json["images"] = [{"source": 0}], [{"uri": "gone.png"}]
-    with pytest.warns(MissingTextureWarning, match=r"a\.glb: materials\[0\]: texture 'gone.png'"):
+    with pytest.warns(
+        MissingTextureWarning, match=r"a\.glb: materials\[0\]: texture .*: file 'gone.png' cannot be read"
+    ):
         material = load(glb.write(tmp_path / "a.glb")).materials[0]
     assert material.diffuse_texture is None
 

@@ -24,7 +24,7 @@ from torchrender.photo.lab import lab_from_linear, linear_from_lab
 from torchrender.photo.style.objects import StyleObjects
 from torchrender.photo.style.phong import AMBIENT_SHARE, MAX_EXPONENT
 from torchrender.photo.style.views import Views
-from torchrender.scene.files.gltf_write import metalness
+from torchrender.scene.files.gltf.out.materials import metalness
 from torchrender.scene.light import PointLight
 from torchrender.scene.material import DIELECTRIC_F0, Material, from_metallic_roughness
 from torchrender.scene.model import Scene

@@ -23,6 +23,7 @@ from torchrender.photo.style import finish
 from torchrender.photo.style.adjacency import Smoothness
 from torchrender.photo.style.candidates import (
     Candidates,
+    fit_of,
     fit_region,
     start_choice,
 )
@@ -303,7 +304,8 @@ class Style:
             if not 0 <= photo < len(problem.photos):
                 raise InputError(f"photo must be in [0, {len(problem.photos) - 1}], got {photo}")
             pixels = problem.photos[photo].region(region)
-            rows[index] = fit_region(pixels, index, problem.views, problem.terms, problem.options.fit)
+            fit = fit_of(problem.options.fit, int(problem.role[index]))
+            rows[index] = fit_region(pixels, index, problem.views, problem.terms, fit)
         return replace(self.with_column(rows, list(picks)), kept=self.kept - set(picks))
 
     def searched(self, progress: Progress | None = None, **changes: object) -> Style:

@@ -11,10 +11,12 @@ from torch import Tensor
 
 from torchrender.errors import InputError, SceneFileError
 from torchrender.scene import shapes
+from torchrender.scene.files.choice import FileChoice
 from torchrender.scene.files.source import MAX_SIZE, build_procedural, load_mesh_file
 from torchrender.scene.files.toml_table import Table
 from torchrender.scene.mesh import Mesh
 from torchrender.scene.model import Scene
+from torchrender.scene.motion.records import Motion
 from torchrender.scene.place import place_cameras, place_light, place_medium, place_mesh
 
 KEPT = ("lights", "cameras", "environment", "ambient", "media")
@@ -24,10 +26,11 @@ KEPT = ("lights", "cameras", "environment", "ambient", "media")
 def read_geometry(table: Table, materials: Mapping[str, int], defined: frozenset[str]) -> tuple[Scene, int | None]:
     """The scene of one ``[[geometry]]`` table in world space, and the row of the material that overrides its own.
 
-    Keys: one of ``file`` (mesh file), ``procedural`` (with ``triangles``, ``seed``) or ``shape`` (with the arguments
-    of its function in :mod:`~torchrender.scene.shapes`); ``name``; ``scale`` (one number or three), then
-    ``rotate_deg`` (about x, then y, then z), then ``translate``; ``material``; ``keep``, a list out of ``KEPT``:
-    without it everything stays that the scene file does not define itself (``defined``).
+    Keys: one of ``file`` (mesh file, with ``time``, ``animation`` and ``variant``), ``procedural`` (with
+    ``triangles``, ``seed``) or ``shape`` (with the arguments of its function in :mod:`~torchrender.scene.shapes`);
+    ``name``; ``scale`` (one number or three), then ``rotate_deg`` (about x, then y, then z), then ``translate``;
+    ``material``; ``keep``, a list out of ``KEPT``: without it everything stays that the scene file does not define
+    itself (``defined``).
 
     Raises:
         SceneFileError: names the key; also for a mesh file that cannot be read.
@@ -52,8 +55,11 @@ def read_geometry(table: Table, materials: Mapping[str, int], defined: frozenset
 
 def _from_file(table: Table) -> Scene:
     path = table.file("file")
+    time, animation = table.number("time", None), table.text("animation", None)
+    variant = table.text("variant", None)
     try:
-        return load_mesh_file(path)
+        with table.reporting("file"):
+            return load_mesh_file(path, FileChoice(time=time, animation=animation, variant=variant))
     except SceneFileError as error:
         raise table.error("file", str(error)) from error
 
@@ -124,13 +130,20 @@ def rotation_xyz(degrees: Tensor) -> Tensor:
     return matrix
 
 
+def _kept_motion(motion: Motion, kept: list[str]) -> Motion:
+    """Without what hangs on its nodes but does not stay in the scene."""
+    lights = motion.lights if "lights" in kept else ()
+    return replace(motion, lights=lights, cameras=motion.cameras if "cameras" in kept else ())
+
+
 def _placed(table: Table, scene: Scene, matrix: Tensor | None, kept: list[str]) -> Scene:
     """The scene after ``matrix``, without what is not kept. The environment is infinitely far and stays."""
     lights = scene.lights if "lights" in kept else ()
     cameras = dict(scene.cameras) if "cameras" in kept else {}
     media = scene.media if "media" in kept else ()
-    meshes = scene.meshes
+    meshes, motions = scene.meshes, tuple(_kept_motion(m, kept) for m in scene.motions)
     if matrix is not None:
+        motions = tuple(replace(m, root=matrix.numpy() @ m.root, worlds=None) for m in motions)
         try:
             meshes = tuple(place_mesh(m, matrix) for m in meshes)
             lights = tuple(place_light(light, matrix) for light in lights)
@@ -144,6 +157,8 @@ def _placed(table: Table, scene: Scene, matrix: Tensor | None, kept: list[str]) 
         lights=lights,
         cameras=cameras,
         media=media,
+        motions=motions,
+        photometric=scene.photometric and bool(lights),
         environment=scene.environment if "environment" in kept else None,
         ambient=scene.ambient if "ambient" in kept else torch.zeros(3),
     )

@@ -15,7 +15,7 @@ from torch import Tensor
 from torchrender.errors import SceneFileError
 from torchrender.images.files import write_atomically, write_image
 from torchrender.scene.camera import Cameras
-from torchrender.scene.files.gltf_write import glb_bytes, write_glb
+from torchrender.scene.files.gltf.out.write import glb_bytes, write_glb
 from torchrender.scene.light import DirectionalLight, Light, PointLight, RectLight, SpotLight
 from torchrender.scene.medium import Medium
 from torchrender.scene.model import Scene
@@ -129,7 +129,12 @@ def _medium(medium: Medium) -> dict[str, object]:
     out: dict[str, object] = {
         "name": medium.name, "low": medium.low, "high": medium.high, "absorption": medium.absorption,
         "scattering": medium.scattering, "emission": medium.emission, "asymmetry": medium.asymmetry,
+        "density_scales": medium.density_scales,
     }  # fmt: skip
+    if medium.falloff:
+        out["falloff"] = medium.falloff
+    if medium.floor is not None:
+        out["floor"] = medium.floor
     return out if isinstance(medium.density, Tensor) else out | {"density": float(medium.density)}
 
 

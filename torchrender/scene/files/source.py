@@ -7,6 +7,7 @@ from pathlib import Path
 
 from torchrender.checks import check_range
 from torchrender.errors import InputError, SceneFileError
+from torchrender.scene.files.choice import PLAIN_CHOICE, FileChoice
 from torchrender.scene.model import Scene
 
 MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl")
@@ -16,7 +17,7 @@ MAX_FILE_BYTES = 2**31
 MAX_SIZE = 50_000_000
 
 
-def load_mesh_file(path: Path) -> Scene:
+def load_mesh_file(path: Path, choice: FileChoice = PLAIN_CHOICE) -> Scene:
     """A GLB, glTF, OBJ, PLY or STL file as a scene; errors as :func:`~torchrender.scene.load.load`."""
     suffix = path.suffix.lower()
     if suffix not in MESH_SUFFIXES:
@@ -24,12 +25,14 @@ def load_mesh_file(path: Path) -> Scene:
     data = read_bytes(path)
     # Each reader brings libraries that take a visible share of a program's start: only the one wanted is loaded.
     if suffix in (".glb", ".gltf"):
-        from torchrender.scene.files.gltf import read_gltf
+        from torchrender.scene.files.gltf.read import read_gltf
 
-        return read_gltf(path, data)
-    from torchrender.scene.files.mesh_file import read_mesh_file
+        return read_gltf(path, data, choice)
+    from torchrender.scene.files.plain.read import read_mesh_file
 
-    return read_mesh_file(path, data)
+    if not choice.is_plain:
+        raise InputError(f"time, animation, variant and subscene are for glTF files only, {path} is none")
+    return read_mesh_file(path, data, drop_invalid=choice.drop_invalid)
 
 
 def read_bytes(path: Path) -> bytes:

@@ -8,8 +8,10 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
+from torchrender.errors import TorchRenderWarning
 
-class MissingTextureWarning(UserWarning):
+
+class MissingTextureWarning(TorchRenderWarning):
     """A mesh file names a picture or material file that cannot be read; the plain colour is used instead."""
 
 

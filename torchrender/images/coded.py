@@ -1,0 +1,93 @@
+"""Pictures of 8 or 16 bits a channel, through Pillow; 16-bit PNG through OpenCV."""
+
+from __future__ import annotations
+
+import io
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from PIL import Image, ImageOps, UnidentifiedImageError
+from torch import Tensor
+
+from torchrender.errors import ImageFileError
+from torchrender.numerics.color import srgb_table
+
+FORMATS = ("PNG", "JPEG", "WEBP", "BMP", "TGA")
+
+
+def check_size(name: str | Path, width: int, height: int, max_pixels: int) -> None:
+    """Refuse a picture before memory is taken for it."""
+    if width < 1 or height < 1 or width * height > max_pixels:
+        raise ImageFileError(name, f"declares {width} x {height} pixels, the limit is {max_pixels}")
+
+
+def read_codes(data: bytes, name: str | Path, max_pixels: int) -> np.ndarray[Any, Any]:
+    """(H,W,C) uint8 or uint16 of a PNG, JPEG, WebP, BMP or TGA picture, turned as its orientation tag says.
+
+    Raises:
+        ImageFileError: damaged, cut off, or larger than ``max_pixels``.
+    """
+    try:
+        with warnings.catch_warnings():
+            # Pillow's own size limit only warns, and lower than ours; ours is checked before decoding.
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+            picture: Image.Image = Image.open(io.BytesIO(data), formats=FORMATS)
+        check_size(name, *picture.size, max_pixels)
+        deep = picture.format == "PNG" and data[24:25] == b"\x10"
+        picture.load()
+        codes = _deep_png(data, name) if deep else _codes(ImageOps.exif_transpose(picture))
+    except ImageFileError:
+        raise
+    except Image.DecompressionBombError as error:
+        raise ImageFileError(name, f"declares more pixels than the limit of {max_pixels}") from error
+    except (UnidentifiedImageError, OSError, ValueError, SyntaxError, EOFError) as error:
+        raise ImageFileError(name, f"damaged or cut off ({error})") from error
+    return codes
+
+
+def _codes(picture: Image.Image) -> np.ndarray[Any, Any]:
+    """(H,W,C) uint8."""
+    if picture.mode not in ("L", "LA", "RGB", "RGBA"):
+        clear = "transparency" in picture.info or picture.mode in ("PA", "La", "RGBa")
+        grey = picture.mode in ("1", "I", "F")
+        picture = picture.convert("RGBA" if clear else "L" if grey else "RGB")
+    elif "transparency" in picture.info:
+        picture = picture.convert("LA" if picture.mode == "L" else "RGBA")
+    codes = np.asarray(picture)
+    return codes[..., None] if codes.ndim == 2 else codes
+
+
+def _deep_png(data: bytes, name: str | Path) -> np.ndarray[Any, Any]:
+    """(H,W,C) uint16; Pillow would cut 16-bit colour to 8 bits."""
+    import cv2  # slow to import, and few pictures need it
+
+    codes = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    if codes is None or codes.dtype != np.uint16:
+        raise ImageFileError(name, "damaged 16-bit PNG")
+    if codes.ndim == 2:
+        return codes[..., None]
+    order = [2, 1, 0, 3][: codes.shape[2]]
+    codes = codes[..., order]
+    # PNG colour type 4 (byte 25) is grey with alpha, which OpenCV expands to four channels.
+    return codes[..., 2:] if data[25] == 4 else codes
+
+
+def scaled(codes: np.ndarray[Any, Any]) -> Tensor:
+    """(H,W,C) float32 in [0,1]."""
+    return torch.from_numpy(codes.astype(np.float32) / np.float32(np.iinfo(codes.dtype).max))
+
+
+def linear(codes: np.ndarray[Any, Any]) -> Tensor:
+    """(H,W,C) float32 linear light; alpha is only scaled."""
+    bits = 8 * codes.dtype.itemsize
+    colors = 1 if codes.shape[2] <= 2 else 3
+    table = srgb_table(bits).numpy()
+    if codes.shape[2] == colors:
+        return torch.from_numpy(table[codes])
+    out = np.zeros(codes.shape, dtype=np.float32)
+    out[..., :colors] = table[codes[..., :colors]]
+    out[..., colors] = codes[..., colors] / np.float32(2**bits - 1)
+    return torch.from_numpy(out)

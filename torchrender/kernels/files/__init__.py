@@ -1,0 +1,1 @@
+"""Compressed parts of files."""

@@ -1,0 +1,1 @@
+"""OBJ, PLY and STL: plain mesh files."""

@@ -1,0 +1,1 @@
+"""Moving scenes: nodes, animations, skins and morph targets."""
