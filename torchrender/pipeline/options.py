@@ -22,6 +22,7 @@ REFLECTIONS = ("auto", "clustered", "traced", "environment", "off")
 POINT_SHADOWS = ("maps", "traced")
 AREA_SHADOWS = ("pcss", "hard", "sampled")
 AMBIENT_VISIBILITY = ("off", "horizon", "traced")
+TRANSPARENCY = ("peeled", "traced", "off")
 UPSCALING = ("joint", "bilinear", "nearest")
 
 
@@ -46,6 +47,8 @@ class RenderOptions:
     reflection: ClusterOptions = field(default_factory=ClusterOptions)
     tracing: TraceOptions = field(default_factory=TraceOptions)
     reuse: ReuseOptions | None = field(default_factory=ReuseOptions)  # in pictures with a history; None: never
+    transparency: str = "peeled"  # surfaces that show what lies behind: "peeled" layers, "traced", or "off": none
+    transparent_layers: int = 64  # before each other, at most
     media: bool = True  # media scatter and absorb light; False: the air is clear
     scattering: ScatterOptions = field(default_factory=ScatterOptions)
     supersample: float = 1.0  # rendered pixels per picture pixel and side; 2: two by two; 0.5: a quarter of them
@@ -64,6 +67,8 @@ class RenderOptions:
         check_choice("point_shadows", self.point_shadows, POINT_SHADOWS)
         check_choice("area_shadows", self.area_shadows, AREA_SHADOWS)
         check_choice("ambient_visibility", self.ambient_visibility, AMBIENT_VISIBILITY)
+        check_choice("transparency", self.transparency, TRANSPARENCY)
+        check_range("transparent_layers", self.transparent_layers, 1, 4096)
         check_choice("area_light", self.area_light, AREA_LIGHTS)
         check_choice("upscaling", self.upscaling, UPSCALING)
         check_range("supersample", self.supersample, 1 / 16, 4.0)

@@ -38,7 +38,7 @@ def build_cutout(materials: Sequence[Material], material_of: Tensor) -> Cutout |
         texture = material.diffuse_texture
         if material.alpha_cutoff is None or texture is None or texture.shape[2] != 4:
             continue
-        solid = texture[..., 3] >= material.alpha_cutoff
+        solid = texture[..., 3] * material.opacity >= material.alpha_cutoff
         if bool(solid.all()):
             continue
         rows[index] = len(table)
@@ -49,3 +49,20 @@ def build_cutout(materials: Sequence[Material], material_of: Tensor) -> Cutout |
     if not table or not bool((mask >= 0).any()):
         return None
     return Cutout(mask, torch.tensor(table, dtype=torch.int64), torch.cat(texels))
+
+
+def missing_triangles(
+    materials: Sequence[Material], material_of: Tensor, faces: Tensor, alpha: Tensor | None
+) -> Tensor | None:
+    """(F,) bool: triangles whose alpha, textures left out, is below their material's cut-off; None: there are none.
+
+    Vertices' alpha (V,) counts as its mean over a triangle.
+    """
+    limits = torch.tensor([m.alpha_cutoff or 0.0 for m in materials] or [0.0])[material_of]
+    if not bool((limits > 0).any()):
+        return None
+    opacity = torch.tensor([m.opacity for m in materials])[material_of]
+    if alpha is not None:
+        opacity = opacity * alpha[faces.long()].mean(dim=1)
+    missing = opacity < limits
+    return missing if bool(missing.any()) else None

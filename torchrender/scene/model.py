@@ -11,7 +11,7 @@ from torch import Tensor
 
 from torchrender.errors import InputError
 from torchrender.scene.camera import Cameras, framing_camera
-from torchrender.scene.cutout import build_cutout
+from torchrender.scene.cutout import build_cutout, missing_triangles
 from torchrender.scene.environment import Environment
 from torchrender.scene.files.report import NOTHING, LoadReport
 from torchrender.scene.light import DirectionalLight, Light, light_color
@@ -58,6 +58,12 @@ class Scene:
         geometry = concatenate(self.meshes)
         sets = torch.tensor([_normal_map_set(m) for m in self.materials] or [-1])
         geometry = with_tangents(geometry, sets[geometry.material])
+        missing = missing_triangles(self.materials, geometry.material, geometry.faces, geometry.alpha)
+        if missing is not None:
+            geometry = geometry.without(missing)
+        panes = torch.tensor([m.is_see_through for m in self.materials] or [False])[geometry.material]
+        if bool(panes.any()):
+            geometry = replace(geometry, see_through=panes)
         if geometry.uv is None:
             return geometry
         return replace(geometry, cutout=build_cutout(self.materials, geometry.material))

@@ -14,6 +14,7 @@ from torchrender.effects.ambient.visibility import AmbientVisibility
 from torchrender.passes.contract import Amounts, Pass
 from torchrender.passes.hard import HardEffect, Law, Outputs, Subject, radiance_bounds
 from torchrender.passes.light.ambient_visibility import AMBIENT_VISIBILITY
+from torchrender.passes.light.pane_shadow import PANE_SHADOW
 from torchrender.passes.light.visibility import POINT_SHADOW, SOFT_SHADOW
 from torchrender.passes.outlook import Outlook, Verdict, counted
 from torchrender.passes.seen.gbuffer import GBUFFER
@@ -53,6 +54,9 @@ def run(frame: Frame) -> tuple[Tensor, MirrorShare]:
     if found:
         lit = torch.ones(gbuffer.covered.shape)
         visibility = torch.stack([found.get(number, lit) for number in range(len(scene.lights))], dim=1)
+    panes = frame.get(PANE_SHADOW)
+    if panes is not None:
+        visibility = panes if visibility is None else visibility * panes
     options = frame.options
     light = sent_light(
         scene,
@@ -135,7 +139,7 @@ PASS = Pass(
     makes=DIRECT_LIGHT,
     also=(MIRROR_SHARE,),
     needs=(GBUFFER,),
-    uses=(POINT_SHADOW, SOFT_SHADOW, AMBIENT_VISIBILITY),
+    uses=(POINT_SHADOW, SOFT_SHADOW, PANE_SHADOW, AMBIENT_VISIBILITY),
     applies=applies,
     run=run,
     settings=settings("irradiance of rectangles", {name: {"area_light": name} for name in ("centre", "polygon")}),
