@@ -205,6 +205,11 @@ class Material:
         return self.metallic is not None
 
     @property
+    def is_see_through(self) -> bool:
+        """True if what lies behind may show: blended by alpha, or a thin wall that lets light pass."""
+        return self.blend or (self.transmission > 0.0 and not self.unlit)
+
+    @property
     def f0(self) -> float:
         """Reflectance of the dielectric part at normal incidence, 0.04 for an index of refraction of 1.5."""
         return self.specular_weight * ((self.ior - 1.0) / (self.ior + 1.0)) ** 2

@@ -91,6 +91,7 @@ class Geometry:
     tangents: Tensor | None = None  # (V,4) float32; a zero row means: derive it from the texture coordinates
     tangent_table: TangentTable | None = None  # of triangles with normal maps
     alpha: Tensor | None = None  # (V,) float32; one where a mesh has none
+    see_through: Tensor | None = None  # (F,) bool what lies behind shows, too: neither drawn nor hit as a solid
     coherent: bool = False  # triangles already follow one another in space: sorting them would only cost time
 
     @property
@@ -113,6 +114,21 @@ class Geometry:
         vertices, faces = self.vertices.numpy(), self.faces.numpy()
         return torch.from_numpy(spatial_order(vertices, faces, self.runs.numpy()))
 
+    @cached_property
+    def solid(self) -> Geometry:
+        """The triangles that hide what lies behind: the others have no area, so that ids stay."""
+        return self if self.see_through is None else replace(self.without(self.see_through), see_through=None)
+
+    @cached_property
+    def panes(self) -> Geometry:
+        """The triangles that show what lies behind: the others have no area, so that ids stay."""
+        hidden = torch.zeros(self.triangle_count, dtype=torch.bool) if self.see_through is None else self.see_through
+        return replace(self.without(~hidden), see_through=None)
+
+    def without(self, left_out: Tensor) -> Geometry:
+        """The same, with no area of the triangles where ``left_out`` (F,) bool is set: they keep their ids."""
+        return replace(self, faces=torch.where(left_out[:, None], self.faces[:, :1], self.faces))
+
     def part(self, chosen: Tensor) -> Geometry:
         """The triangles where ``chosen`` (F,) bool is set, renumbered so that neighbours in space follow one another.
 
@@ -127,6 +143,7 @@ class Geometry:
             material=self.material[rows],
             runs=torch.tensor([0, len(rows)]),
             cutout=None if self.cutout is None else replace(self.cutout, mask=self.cutout.mask[rows]),
+            see_through=None if self.see_through is None else self.see_through[rows],
             tangent_table=None if (t := self.tangent_table) is None else replace(t, row=t.row[rows]),
             coherent=True,
         )

@@ -58,6 +58,9 @@ class Scene:
     def geometry(self) -> Geometry:
         """All triangles in one set of arrays, built on first use."""
         geometry = self._tangential(concatenate(self.meshes))
+        panes = torch.tensor([m.is_see_through for m in self.materials] or [False])[geometry.material]
+        if bool(panes.any()):
+            geometry = replace(geometry, see_through=panes)
         corners = Corners(geometry.faces, geometry.uv, geometry.uv1, geometry.alpha)
         cutout = build_cutout(self.materials, geometry.material, corners, len(geometry.vertices))
         return geometry if cutout is None else replace(geometry, cutout=cutout)
@@ -214,7 +217,7 @@ def _studio() -> Environment:
     """What lights a scene without light, beside its sun: brighter from above. Kept: what is made of it lasts."""
     with torch.inference_mode(False):
         radiance = torch.linspace(0.55, 0.15, 16)[:, None, None].expand(16, 2, 3).contiguous()
-        return Environment(radiance=radiance, name="studio")
+        return Environment(radiance=radiance, fill=True, name="studio")
 
 
 def resized(camera: Cameras, width: int, height: int) -> Cameras:
