@@ -1,5 +1,7 @@
-"""Numbers in text, all at once. What a double holds exactly after one multiplication or division is computed here; words
-with more digits or greater exponents, and words such as ``nan``, are left to the caller.
+"""Numbers in text, all at once.
+
+What a double holds exactly after one multiplication or division is computed here; words with more digits or greater
+exponents, and words such as ``nan``, are left to the caller.
 """
 
 from __future__ import annotations
@@ -65,7 +67,8 @@ def parse_numbers(text: np.ndarray, out: np.ndarray, hard: np.ndarray) -> tuple[
             exponent, any_digit = 0, False
             while at < n and 48 <= text[at] <= 57:
                 any_digit = True
-                exponent = min(exponent * 10 + np.int64(text[at] - 48), 99999)
+                if exponent < 9999:
+                    exponent = exponent * 10 + int(text[at] - 48)
                 at += 1
             plain = any_digit
             power += -exponent if down else exponent

@@ -194,4 +194,4 @@ def _mix(a: int, b: int) -> int:
     h ^= h >> np.uint64(32)
     h *= np.uint64(0xD6E8FEB86659FD93)
     h ^= h >> np.uint64(29)
-    return np.int64(h & np.uint64(0x7FFFFFFFFFFFFFFF))
+    return int(h & np.uint64(0x7FFFFFFFFFFFFFFF))
