@@ -20,10 +20,10 @@ DEMO := out/demo.png
 
 .PHONY: demo test bench serve setup clean
 
+# Kernels are compiled by the picture itself, on all cores, while its scene is made.
 demo: setup
 	@mkdir -p $(dir $(DEMO))
 	@begin=$$(date +%s); \
-	$(BIN)/torchrender warm-up --for render && \
 	$(BIN)/torchrender render living_room --supersample 2 -o $(DEMO) && \
 	echo "Rendered $(CURDIR)/$(DEMO) in $$(( $$(date +%s) - begin )) s"
 

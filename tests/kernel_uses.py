@@ -2,7 +2,8 @@
 
 ``python tests/kernel_uses.py --write`` compiles everything in an empty folder and writes
 ``torchrender/data/kernels.json``, which ``torchrender warm-up`` compiles from; ``tests/kernels/test_signatures.py``
-runs the same work and compares.
+runs the same work and compares. ``--check`` warms up in an empty folder, does all of the work, and fails if anything
+is compiled then.
 """
 
 from __future__ import annotations
@@ -33,9 +34,10 @@ class Recorder:
 
     @contextmanager
     def listening(self) -> Iterator[None]:
-        """In here."""
+        """In here; nothing is compiled side by side, so that all seconds are those of this process."""
         from numba.core.registry import CPUDispatcher
 
+        from torchrender.cli.warm_up import ColdStart
         from torchrender.kernels.compile import Kernel
 
         plain, compiling = CPUDispatcher.__call__, Kernel.compile
@@ -52,11 +54,15 @@ class Recorder:
                 self.seconds.setdefault(with_types, time.process_time() - begin)
             return made
 
+        asking, beginning = ColdStart.__call__, ColdStart.begin
         Kernel.__call__, Kernel.compile = call, compile_timed
+        ColdStart.__call__, ColdStart.begin = lambda *_: False, lambda _: None
         try:
             yield
         finally:
-            del Kernel.__call__, Kernel.compile
+            del Kernel.__call__
+            Kernel.compile = compiling
+            ColdStart.__call__, ColdStart.begin = asking, beginning
 
     def run(self, group: str, work: Callable[[], Any], suffix: str = "") -> None:
         """Do this and note what it calls for ``group``."""
@@ -82,7 +88,7 @@ class Recorder:
     def _where(self) -> set[str]:
         """The parts of what is being done; in a picture the passes that run."""
         if self.group != "render":
-            return {self.group}
+            return {self.group + self.suffix}
         found, frame = set(), sys._getframe(2)
         while frame is not None:
             name = frame.f_globals.get("__name__", "")
@@ -199,25 +205,40 @@ def voxels() -> None:
                     _run(main, "voxelize", scene, "-o", str(Path(folder) / "v.png"), *small, *more, *look, *size)
 
 
+FIRST_KEYFRAMES = ("living_room", "washroom")
+"""Scenes whose first keyframes need what those of every stream need, and little else: shadows by maps."""
+
+
+def first_keyframes() -> None:
+    """What a renderer does for a stream until it has sent the first keyframe."""
+    for scene in scenes():
+        if scene.name in FIRST_KEYFRAMES:
+            _stream(scene, [(None, False)])
+
+
 def streams() -> None:
     """What a renderer does for a stream: keyframes while the view moves and rests, extra layers, smoother pictures."""
+    for scene in scenes():
+        _stream(scene, [(None, False), (10.0, True), (None, False), (None, True), (1000.0, False), (1000.0, True)])
+
+
+def _stream(scene: Any, keyframes: list[tuple[float | None, bool]]) -> None:
+    """Keyframes with these budgets, moving or still, and what follows each of them."""
     from torchrender.wire.cameras import header_of
     from torchrender_service.renderers.jobs import Bounds, MakeKeyframe, MakeLayers, SceneSource, SmoothKeyframe
     from torchrender_service.renderers.stream_renderer import StreamRenderer
 
-    for scene in scenes():
-        renderer = StreamRenderer()
-        for number in range(6):
-            budget = 10.0 if number == 1 else None if number < 4 else 1000.0
-            job = MakeKeyframe(
-                session="s", scene=SceneSource(id="x"), id=number, pose=number, time_ms=0.0,
-                camera=header_of(scene.camera(width=64, height=48)), still=number % 2 == 1, extra_layers=2,
-                direction=(0.0, 0.0, 0.0), baseline=0.0, color="jpeg", quality=85, bounds=Bounds(budget_ms=budget),
-            )  # fmt: skip
-            renderer.make(scene, job)
-            renderer.make_layers(MakeLayers(session="s", id=number))
-            while job.still and renderer.smooth(SmoothKeyframe(session="s", id=number)).get("left"):
-                pass
+    renderer = StreamRenderer()
+    for number, (budget, still) in enumerate(keyframes):
+        job = MakeKeyframe(
+            session="s", scene=SceneSource(id="x"), id=number, pose=number, time_ms=0.0,
+            camera=header_of(scene.camera(width=64, height=48)), still=still, extra_layers=2,
+            direction=(0.0, 0.0, 0.0), baseline=0.0, color="jpeg", quality=85, bounds=Bounds(budget_ms=budget),
+        )  # fmt: skip
+        renderer.make(scene, job)
+        renderer.make_layers(MakeLayers(session="s", id=number))
+        while job.still and renderer.smooth(SmoothKeyframe(session="s", id=number)).get("left"):
+            pass
 
 
 def _run(main: Callable[[list[str]], int], *words: str) -> None:
@@ -226,8 +247,9 @@ def _run(main: Callable[[list[str]], int], *words: str) -> None:
 
 WORK: tuple[tuple[str, Callable[[], Any], str], ...] = (
     ("render", default_pictures, ""),
-    ("render", depth_images, ".depth"),
-    ("serve", streams, ""),
+    ("depth", depth_images, ""),
+    ("serve", first_keyframes, ".first"),
+    ("serve", streams, ".rest"),
     ("points", points, ""),
     ("voxels", voxels, ""),
     ("render", all_pictures, ".more"),
@@ -262,12 +284,52 @@ def write(path: Path) -> int:
     return len(rows)
 
 
+@contextmanager
+def compiled() -> Iterator[list[str]]:
+    """Names of what is compiled in here, helpers included, and not read from disk."""
+    from numba.core import event
+
+    names: list[str] = []
+
+    class Listener(event.Listener):
+        def on_start(self, found: Any) -> None:
+            names.append(found.data["dispatcher"].py_func.__qualname__)
+
+        def on_end(self, found: Any) -> None:
+            pass
+
+    listener = Listener()
+    event.register("numba:compile", listener)
+    try:
+        yield names
+    finally:
+        event.unregister("numba:compile", listener)
+
+
+def check() -> int:
+    """Warm up with nothing compiled, then do all of the work; the number of functions compiled after the warm-up."""
+    from torchrender.cli.warm_up import Bar
+    from torchrender.kernels.warm_up import missing, warm_up
+
+    outcome = warm_up(missing(), Bar())
+    late = len(outcome.failed)
+    for group, work, suffix in WORK:
+        with compiled() as names:
+            work()
+        late += len(names)
+        sys.stdout.write(f"{group}{suffix} {work.__name__}: {', '.join(names) or 'nothing'} compiled\n")
+    sys.stdout.write(f"{outcome.compiled} kernels compiled before, {late} functions after the warm-up\n")
+    return late
+
+
 if __name__ == "__main__":
-    if "--write" not in sys.argv:
+    if not {"--write", "--check"}.intersection(sys.argv):
         sys.exit(__doc__)
     with tempfile.TemporaryDirectory() as empty:
         os.environ["NUMBA_CACHE_DIR"] = empty
         os.environ["TORCHRENDER_CURVES"] = os.devnull + "/none"
+        if "--check" in sys.argv:
+            sys.exit(check() > 0)
         from torchrender.kernels.signatures import RECORDED
 
         sys.stdout.write(f"{write(RECORDED)} kernels with types\n")

@@ -177,7 +177,7 @@ def test_small_panel_acts_like_a_point_light() -> None:
     gbuffer = floor_gbuffer(overhead())
     lamp = replace(LAMP, intensity=torch.ones(3))
     point = shade(floor_scene(lamp, material=GLOSSY), gbuffer)
-    offset = lamp.position - gbuffer.position
+    offset = (lamp.position - gbuffer.position).float()
     cosine = (offset[..., 1] / offset.norm(dim=-1))[..., None]  # of the panel, which emits by Lambert's law
     torch.testing.assert_close(shade(floor_scene(panel, material=GLOSSY), gbuffer), point * cosine, rtol=2e-3, atol=0)
 

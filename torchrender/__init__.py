@@ -12,6 +12,9 @@ if TYPE_CHECKING:
     from torchrender.buffers import DepthImages, GBuffer, ReflectionLayer, VisibilityBuffer
     from torchrender.depth.options import SamplingOptions
     from torchrender.depth.sample import sample_depth_images, sample_offset_images
+    from torchrender.effects.enhancement.curvature import vertex_curvature
+    from torchrender.effects.enhancement.enhance import enhance_picture
+    from torchrender.effects.enhancement.options import EnhanceOptions
     from torchrender.effects.reflections.clustered import ClusterOptions, clustered_reflections
     from torchrender.effects.reflections.reflectors import blend_reflections, reflective_pixels
     from torchrender.effects.reflections.reuse_options import ReuseOptions
@@ -79,6 +82,7 @@ __all__ = [
     "DepthImages",
     "DirectionalLight",
     "DrawOptions",
+    "EnhanceOptions",
     "Environment",
     "FitOptions",
     "GBuffer",
@@ -126,6 +130,7 @@ __all__ = [
     "collide",
     "contact_sheet",
     "draw_walkthrough",
+    "enhance_picture",
     "load",
     "load_path",
     "load_points",
@@ -150,6 +155,7 @@ __all__ = [
     "soft_shadow",
     "style_scene",
     "trace_reflections",
+    "vertex_curvature",
     "voxel_mesh",
     "voxelize_attributes",
     "voxelize_implicit",
@@ -196,6 +202,9 @@ _HOME = {
     "RenderHistory": "torchrender.pipeline.history",
     "Plan": "torchrender.planning.plan",
     "RenderOptions": "torchrender.pipeline.options",
+    "EnhanceOptions": "torchrender.effects.enhancement.options",
+    "enhance_picture": "torchrender.effects.enhancement.enhance",
+    "vertex_curvature": "torchrender.effects.enhancement.curvature",
     "ReprojectOptions": "torchrender.reconstruct.reproject",
     "ReuseOptions": "torchrender.effects.reflections.reuse_options",
     "SamplingOptions": "torchrender.depth.options",

@@ -43,6 +43,10 @@ class GBuffer(VisibilityBuffer):
     uv_footprint: Tensor  # (B,H,W) width of one pixel in uv, for texture filtering
     color: Tensor  # (B,H,W,3) interpolated vertex colour, one where the mesh has none
     material: Tensor  # (B,H,W) int64, -1 where empty
+    uv1: Tensor | None = None  # (B,H,W,2) second set; None: no mesh has one
+    uv1_footprint: Tensor | None = None  # (B,H,W) width of one pixel in the second set
+    tangent: Tensor | None = None  # (B,H,W,4) along u, interpolated, and the bitangent's sign; 0: none; None: no one
+    alpha: Tensor | None = None  # (B,H,W) interpolated opacity of the vertices; None: one everywhere
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +100,7 @@ class ShadowMap:
 
     cameras: Cameras  # N views of the light
     depth: Tensor  # (N,S,S) or (N,H,W) camera z of the light's view; +inf where empty
+    starts: tuple[int, ...] | None = None  # views starts[b] to starts[b + 1] were fitted to picture b; None: all to all
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,11 +119,21 @@ class RaySurface:
     color: Tensor  # (N,3) interpolated vertex colour
     material: Tensor  # (N,) int64
     to_eye: Tensor  # (N,3) float32 unit, back along the ray
+    uv1: Tensor | None = None  # (N,2) second set; None: no mesh has one
+    uv1_footprint: Tensor | None = None  # (N,)
+    tangent: Tensor | None = None  # (N,4) as in a G-buffer
+    alpha: Tensor | None = None  # (N,)
+    triangle: Tensor | None = None  # (N,) int64 row of Geometry.faces, -1 for a miss; None: made up by hand
+    barycentric: Tensor | None = None  # (N,2)
+    width: Tensor | None = None  # (N,) float64 of each ray at its hit, scene units
+    source: Any = None  # the geometry that all attributes are those of
 
     @property
     def image(self) -> RaySurface:
         """The same as an image of one row."""
-        return RaySurface(**{field.name: getattr(self, field.name)[None, None] for field in fields(self)})
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        images = {n: v[None, None] if isinstance(v, Tensor) else v for n, v in values.items()}
+        return RaySurface(**images)
 
     @property
     def covered(self) -> Tensor:
@@ -137,6 +152,18 @@ class ReflectionState(IntEnum):
 
 
 @dataclass(frozen=True, eq=False)
+class MirrorShare:
+    """What the light that surfaces send has to do with mirrors.
+
+    Where a mirrored picture is known, the light is ``radiance - replaced + mirrored * picture``: highlights of lights,
+    emission and what a coat mirrors stay.
+    """
+
+    replaced: Tensor  # (B,H,W,3): mirrored environment; of Phong materials the share of diffuse light that mirrors take
+    mirrored: Tensor  # (B,H,W,3) tint and share of what is mirrored, by Schlick's term or by the lobe's albedo
+
+
+@dataclass(frozen=True, eq=False)
 class ReflectionLayer:
     """What the reflective pixels of B pictures mirror, before it is blended with their own colour.
 
@@ -148,3 +175,4 @@ class ReflectionLayer:
     direction: Tensor  # (B,H,W,3) float32 unit reflected direction, 0 where state is NONE
     state: Tensor  # (B,H,W) uint8 ReflectionState
     cluster: Tensor  # (B,H,W) int64 group of pixels that shared a depth image, -1 for none
+    share: MirrorShare | None = None  # how it is blended in; None: by the specular degree of whole materials

@@ -23,7 +23,6 @@ from torchrender.buffers import GBuffer, VisibilityBuffer
 from torchrender.checks import check_choice, check_tensor
 from torchrender.errors import InputError
 from torchrender.kernels.raster import draw_view
-from torchrender.kernels.raster.attributes import Eye, Hits, Mesh, Surface, interpolate
 from torchrender.kernels.raster.draw_view import TriangleArrays, View
 from torchrender.kernels.raster.records import (
     NO_EARLIER,
@@ -42,6 +41,7 @@ from torchrender.kernels.raster.records import (
 from torchrender.scene.camera import Cameras
 from torchrender.scene.mesh import Geometry
 from torchrender.scene.model import Scene
+from torchrender.shading.attributes import SeenSurface
 
 Array = np.ndarray[Any, Any]
 CULLING = ("none", "back", "front")
@@ -87,17 +87,8 @@ def rasterize(scene: Scene, cameras: Cameras, *, cull: str = "none", tests: Frag
 
 
 def surface_attributes(scene: Scene, seen: VisibilityBuffer) -> GBuffer:
-    """The G-buffer of a visibility buffer of the same scene."""
-    made = empty_attributes(tuple(seen.depth.shape))
-    _interpolate(scene.geometry, seen, tuple(made.values()))
-    return GBuffer(
-        cameras=seen.cameras,
-        depth=seen.depth,
-        triangle=seen.triangle,
-        object_id=seen.object_id,
-        barycentric=seen.barycentric,
-        **{name: torch.from_numpy(value) for name, value in made.items()},
-    )
+    """The G-buffer of a visibility buffer of the same scene; its attributes are made when they are asked for."""
+    return SeenSurface.of(scene.geometry, seen)
 
 
 def rasterize_visibility(
@@ -258,42 +249,3 @@ def earlier_arrays(cameras: Cameras, k: int, tests: FragmentTests, view: View) -
         ratio=float(tests.quality_ratio),
         footprint=size,
     )
-
-
-def attribute_arrays(geometry: Geometry) -> Mesh:
-    """A mesh as the attribute kernels read it."""
-    optional = (
-        np.zeros((0, width), np.float32) if value is None else value.numpy()
-        for value, width in ((geometry.normals, 3), (geometry.uv, 2), (geometry.colors, 3))
-    )
-    return Mesh(geometry.vertices.numpy(), geometry.faces.numpy(), geometry.material.numpy(), *optional)
-
-
-def empty_attributes(shape: tuple[int, ...]) -> dict[str, Array]:
-    """Room for what the attribute kernels write, in their order."""
-    widths = {"normal": 3, "geometric_normal": 3, "uv": 2, "uv_footprint": 0, "color": 3}
-    made: dict[str, Array] = {"position": np.zeros((*shape, 3))}
-    made |= {name: np.zeros((*shape, n) if n else shape, np.float32) for name, n in widths.items()}
-    return made | {"material": np.full(shape, -1, np.int64)}
-
-
-def _interpolate(geometry: Geometry, seen: VisibilityBuffer, outputs: tuple[Array, ...]) -> None:
-    cameras = seen.cameras
-    mesh = attribute_arrays(geometry)
-    pixels = cameras.width * cameras.height
-    world_from_camera = cameras.world_from_camera.numpy()
-    size = cameras.footprint(torch.ones(len(cameras), 1, dtype=torch.float64))
-    for k in range(len(cameras)):
-        rays = np.linalg.inv(cameras.intrinsics[k].numpy())
-        if cameras.orthographic:
-            rays[2] = 0.0  # across the image plane; the depth goes along ``forward``
-        rotation = world_from_camera[k, :3, :3]
-        eye = Eye(
-            np.ascontiguousarray(rotation @ rays),
-            world_from_camera[k, :3, 3].copy(),
-            rotation[:, 2].copy(),
-            float(size[k, 0]),
-            cameras.orthographic,
-        )
-        visible = Hits(seen.depth[k].numpy(), seen.triangle[k].numpy(), seen.barycentric[k].numpy())
-        interpolate(mesh, eye, visible, Surface(*(a[k].reshape(pixels, *a.shape[3:]) for a in outputs)))

@@ -63,7 +63,7 @@ class RayCaster:
         self.geometry = geometry
         self.backend = "embree" if usable else "bvh"
         vertices, self._faces = view(geometry.vertices, np.float64), view(geometry.faces, np.int32)
-        self._holes = _holes(geometry)
+        self._holes = holes_of(geometry)
         self._tree: Bvh | None = None
         self._boxes: EmbreeScene | None = None
         if usable:
@@ -174,7 +174,8 @@ class RayCaster:
         return found
 
 
-def _holes(geometry: Geometry) -> Holes:
+def holes_of(geometry: Geometry) -> Holes:
+    """The missing texels of its triangles, as kernels read them."""
     cutout, uv = geometry.cutout, geometry.uv
     if cutout is None or uv is None:
         return NO_HOLES

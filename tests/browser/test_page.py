@@ -195,3 +195,24 @@ def test_frames_go_on_while_keyframes_are_made(visit: Callable[..., Visit], serv
     page.wait(ARRIVED)
     assert page.state("stats")["keyframes"] > before["keyframes"]
     assert page.page.evaluate("() => window.torchrender.measure(3)") > 0
+
+
+def test_shape_is_enhanced_without_a_new_keyframe(visit: Callable[..., Visit]) -> None:
+    page = visit(scene="nest", layers=0)
+    page.wait(REFINED)
+    page.rest()
+    asked = len(page.messages(Type.SETTINGS)), len(page.received)
+    plain, covered = page.capture()
+    made, still = page.capture(enhance=0.8)
+    assert np.array_equal(covered, still)
+    change = made.astype(int) - plain
+    assert np.abs(change).mean() > 1, "it shows"
+    assert (change > 3).any() and (change < -3).any(), "ridges get brighter, valleys darker"
+    page.page.get_by_role("button", name="Details").click()
+    page.page.locator("#enhance").fill("80")
+    assert page.page.locator("#enhance-value").inner_text() == "80 %"
+    page.rest()
+    assert (len(page.messages(Type.SETTINGS)), len(page.received)) == asked, "the server hears nothing of it"
+    again, _ = page.capture()
+    assert np.array_equal(again, plain)
+    assert not page.problems

@@ -12,6 +12,7 @@ import pytest
 
 from torchrender.cli import output, warm_up
 from torchrender.cli.main import COLD, main
+from torchrender.kernels import keys
 from torchrender.kernels import warm_up as compiling
 from torchrender.kernels.signatures import recorded
 from torchrender.kernels.warm_up import Outcome
@@ -35,8 +36,24 @@ def noted(monkeypatch):
         tell(len(uses), len(uses))
         return Outcome(len(uses), ())
 
+    class Noting:
+        def __init__(self, tell):
+            self.tell, self.uses = tell, []
+
+        def add(self, uses):
+            asked.append(uses)
+            self.uses += uses
+            self.tell(0, len(self.uses))
+
+        def wait_for(self, kernel):
+            return any(use.kernel == kernel for use in self.uses)
+
+        def stop(self):
+            self.uses = []
+
     monkeypatch.setattr(compiling, "missing", missing)
     monkeypatch.setattr(compiling, "warm_up", note)
+    monkeypatch.setattr(compiling, "Compilation", Noting)
     return asked
 
 
@@ -54,7 +71,7 @@ def test_it_compiles_what_is_asked_for_and_says_where(noted, capsys) -> None:
 
 def test_an_unknown_group_is_refused(capsys) -> None:
     assert main(["warm-up", "--for", "pictures"]) == 2
-    assert "--for must be of render, points, voxels, serve, got 'pictures'" in capsys.readouterr().err
+    assert "--for must be of render, depth, points, voxels, serve, got 'pictures'" in capsys.readouterr().err
 
 
 def test_the_groups_are_those_that_are_recorded() -> None:
@@ -73,13 +90,42 @@ def test_a_cold_picture_compiles_what_its_passes_need_at_once(noted, capsys) -> 
     # A setting that is not the usual one: first what such settings need, then nothing more to do at once.
     assert COLD.plan() == ["gbuffer", "composite"]
     assert not COLD("some.other.kernel") and not COLD("some.other.kernel")
-    assert len(noted) == 1 and capsys.readouterr().err == ""
+    assert len(noted) == 1 and "about" not in capsys.readouterr().err
+    COLD.stop()
+
+
+def test_a_cold_picture_begins_before_its_scene_is_known(noted, monkeypatch, tmp_path, capsys) -> None:
+    """With what all pictures need; what this one needs besides is added once it is planned, with one more planning."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    for cached in (keys.cache_folder, keys.read_folders):
+        cached.cache_clear()
+    COLD.start("render")
+    COLD.begin()
+    told = capsys.readouterr().err
+    assert told.startswith("compiling kernels, once, about ") and "0 of" in told
+    begun = {use.kernel for use in noted[0]}
+    assert "raster.tiles.render_tiles" in begun and "shadows.shadow_lookup.shadow_lookup" not in begun
+    assert COLD("raster.tiles.render_tiles") and {use.kernel for use in noted[1]} == begun, "while the scene is loaded"
+    planned = []
+    COLD.plan = lambda: planned.append(1) or ["gbuffer", "point_shadow"]
+    assert COLD("raster.tiles.render_tiles") and COLD("shadows.shadow_lookup.shadow_lookup")
+    assert planned == [1] and "shadows.shadow_lookup.shadow_lookup" in {use.kernel for use in noted[2]}
+    COLD.stop()
+    # Where a picture was made before, nothing is begun for what may be there.
+    (tmp_path / warm_up.SIGN).mkdir()
+    (tmp_path / warm_up.SIGN / "render_tiles-1.code").write_text("")
+    count = len(noted)
+    COLD.start("render")
+    COLD.begin()
+    assert len(noted) == count
+    for cached in (keys.cache_folder, keys.read_folders):
+        cached.cache_clear()
 
 
 def test_a_few_kernels_are_told_and_left_to_the_caller(monkeypatch, capsys) -> None:
     few = [use for use in recorded() if use.kernel == "raster.tiles.render_tiles"][: warm_up.FEW]
     monkeypatch.setattr(compiling, "missing", lambda _: few)
-    COLD.start("depth")
+    COLD.start("render")
     assert not COLD("raster.tiles.render_tiles") and not COLD("raster.tiles.render_tiles")
     assert capsys.readouterr().err.count("compiling kernels, once, about") == 1
 

@@ -22,9 +22,9 @@ from reflection_scenes import (
     traced,
 )
 from torchrender.buffers import ReflectionState
-from torchrender.effects.reflections.cluster_cameras import build_cluster_cameras
 from torchrender.effects.reflections.clustered import ClusteredReflections, clustered_reflections
-from torchrender.effects.reflections.pixel_clusters import cluster_pixels
+from torchrender.effects.reflections.clusters.cameras import build_cluster_cameras
+from torchrender.effects.reflections.clusters.grouping import cluster_pixels
 from torchrender.effects.reflections.reflectors import ReflectivePixels, reflective, reflective_pixels
 from torchrender.kernels.rays import depth_march
 from torchrender.pipeline.options import RenderOptions

@@ -76,7 +76,9 @@ def test_receivers_outside_the_maps_are_lit_and_counted() -> None:
     buffer = rasterize(scene, flat_image())
     small = torch.tensor([[-0.5, 1.0, -0.5], [0.5, 1.2, 0.5]], dtype=torch.float64)
     overhead = light((-0.5, 4.0, -0.5), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
-    result = soft_shadow(scene.geometry, overhead, buffer, SoftShadowOptions(light_samples=4), bounds=small)
+    result = soft_shadow(
+        scene.geometry, overhead, buffer, SoftShadowOptions(light_samples=4, engine="packets"), bounds=small
+    )
     assert result.outside[0] > 0
     far = buffer.covered & (buffer.position[..., [0, 2]].abs().amax(-1) > 3.0)
     assert bool((result.lit[:, 0][far] == 16).all())

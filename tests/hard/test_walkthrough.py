@@ -19,9 +19,9 @@ from torchrender.scene.model import Scene
 from torchrender.walkthrough.build import build_stages, build_walkthrough
 from torchrender.walkthrough.classify import crease, fit_plane
 from torchrender.walkthrough.clusters import box_around, build_points, cluster_points
-from torchrender.walkthrough.culling import occluders, outside
 from torchrender.walkthrough.density import Samples
 from torchrender.walkthrough.draw import FILLED, PLANE, draw_walkthrough
+from torchrender.walkthrough.drawing.culling import Occluders, visible_runs
 from torchrender.walkthrough.file import read_walkthrough, write_walkthrough
 from torchrender.walkthrough.frames.depth import step_edges
 from torchrender.walkthrough.frames.exposure import apply_gain
@@ -212,10 +212,10 @@ def test_a_box_around_the_view_is_not_culled():
     planes = camera.frustum_planes()[0].numpy()[:5]
     corners = np.array([[x, y, z] for x in (-50, 50) for y in (-50, 50) for z in (0.8, 1.2)])
     assert ((corners @ planes[:, :3].T + planes[:, 3]) < 0).any(1).all()  # every corner is outside the view
-    assert not outside(node, planes).any()
-    behind = node.copy()
-    behind[0, 2] = -9.0
-    assert outside(behind, planes).any()
+    for node_, seen in ((node, 7), (node + np.array([0, 0, -10.0, *np.zeros(12)]), 0)):
+        tree = replace(no_points(), nodes=node_, links=np.array([[0, 7, 0, 0]]), roots=np.zeros(1, np.int64))
+        found = visible_runs(tree, camera, np.zeros((0, 5, 4)))
+        assert int((found.runs[:, 1] - found.runs[:, 0]).sum()) == seen and found.outside == 7 - seen
 
 
 def test_an_occluder_with_a_window_hides_nothing_behind_it():
@@ -225,7 +225,7 @@ def test_an_occluder_with_a_window_hides_nothing_behind_it():
         for patch in made.planes:
             holes = patch.world(np.argwhere(patch.texture[..., 3] == 0)[:, ::-1] + 0.5)
             solid = patch.world(np.array([patch.solid[:2] + patch.solid[2:]]) / 2)
-            for shadow in occluders((patch,), eye, 1):
+            for shadow in Occluders.of((patch,)).shadows(eye, 1):
                 # What lies behind the middle of the occluder is hidden, what lies behind its holes is not.
                 for places, expected in ((holes, False), (solid, True)):
                     beyond = eye + 1.3 * (places - eye)
@@ -378,19 +378,25 @@ def test_wrong_intrinsics_are_named():
         replace(frame, intrinsics=np.array([[60.0, 5, 32], [0, 60, 32], [0, 0, 1]]))
 
 
-def test_inconsistent_poses_are_said():
-    sequence = capture(4, 96)
+@pytest.mark.parametrize("wrong", ["intrinsics", "poses", "scale", None])
+def test_inconsistent_poses_are_said(wrong):
+    """Photos that look through what others show: said once, with what to check; right ones raise no warning."""
     moved = []
-    for n, frame in enumerate(sequence.frames):
-        k = frame.intrinsics.copy()
-        k[0, 0] *= 1.0 + 0.25 * n
-        k[1, 1] *= 1.0 + 0.25 * n
-        moved.append(replace(frame, intrinsics=k))
+    for n, frame in enumerate(capture(5, 96).frames):
+        k, pose, depth = frame.intrinsics.copy(), frame.world_from_camera.copy(), frame.depth
+        if wrong == "intrinsics":
+            k[:2, :2] *= 1.0 + 0.25 * n
+        elif wrong == "poses":
+            pose[:3, 3] += (0.3 * (-1) ** n, 0.0, 0.4 * (n % 3))
+        elif wrong == "scale":
+            depth = depth * np.float32(1.0 + 0.15 * (n % 2))
+        moved.append(replace(frame, intrinsics=k, world_from_camera=pose, depth=depth))
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
         made = build_walkthrough(RgbdSequence(tuple(moved)), OPTIONS)
-    texts = [str(w.message) for w in said]
-    assert any("disagree" in t for t in texts) or made.report["disagreement_after"] < 0.02
+    texts = [str(w.message) for w in said if "look" in str(w.message)]
+    assert len(texts) == (0 if wrong is None else 1), made.report["seen_through"]
+    assert wrong is None or "check poses, intrinsics and depth scale" in texts[0]
 
 
 # ------------------------------------------------------------------ files

@@ -175,6 +175,16 @@ def test_a_full_disk_is_said_once(monkeypatch, caplog) -> None:
     assert len(caplog.records) == 1 and "No space left" in caplog.text
 
 
+def test_a_slow_disk_is_named_once(monkeypatch, caplog, tmp_path) -> None:
+    """Pictures come all the same; who waits for them learns why."""
+    from torchrender.kernels import store
+
+    monkeypatch.setattr(store, "_slow", set())
+    for took in (0.1, 3.0, 4.0):
+        store._note_slow(tmp_path, took)
+    assert len(caplog.records) == 1 and f"read slowly from {tmp_path} (3.0 s for one)" in caplog.text
+
+
 def test_files_appear_whole(tmp_path, monkeypatch) -> None:
     from torchrender.kernels import store
 

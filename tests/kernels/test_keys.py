@@ -5,13 +5,17 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
 
 from torchrender.kernels import keys as module
 
-CACHED = (module._text, module._imported, module._sources, module.module_key, module.cache_folder, module.read_folders)
+CACHED = (
+    module._text, module._imported, module._sources, module.module_key, module.cache_folder, module.read_folders,
+    module._answers,
+)  # fmt: skip
 
 
 def forget() -> None:
@@ -119,3 +123,28 @@ def test_an_upgrade_keeps_the_code() -> None:
     )
     said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip()
     assert said == module.module_key("raster.tiles")
+
+
+@pytest.mark.usefixtures("folder")
+def test_a_disk_that_does_not_answer_is_left_alone_and_named(monkeypatch, tmp_path, caplog):
+    """As a network disk whose server is gone: calls to it never return."""
+    gone, released = tmp_path / "gone", threading.Event()
+    asked = os.access
+
+    def access(path, mode):
+        if str(path).startswith(str(gone)):
+            released.wait(60.0)
+        return asked(path, mode)
+
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(gone))
+    monkeypatch.setenv(module.FURTHER, str(gone / "image"))
+    monkeypatch.setattr(module.os, "access", access)
+    monkeypatch.setattr(module, "ANSWER_S", 0.2)
+    forget()
+    try:
+        written = module.cache_folder()
+        assert module.read_folders() == (written,) and gone not in (written, *written.parents)
+        assert f"{gone} does not answer: compiled kernels are kept in {written}" in caplog.text
+    finally:
+        released.set()
+        forget()

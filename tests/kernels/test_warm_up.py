@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
 import pytest
 
-from torchrender.kernels import keys, warm_up
+from torchrender.kernels import claims, keys, warm_up
+from torchrender.kernels.pruning import OLD_S
 from torchrender.kernels.signatures import Use, recorded
+from torchrender.kernels.store import UNFINISHED
 
 ROOT = Path(__file__).resolve().parents[2]
 PATH = os.pathsep.join([str(ROOT), str(ROOT / "service")])
@@ -94,9 +98,9 @@ def test_an_interrupted_warm_up_leaves_no_process_and_goes_on(empty, tmp_path) -
     """As by Ctrl-C: what is there stays, unfinished files of old are removed, and the rest is compiled later."""
     left = empty / "raster"
     left.mkdir(parents=True)
-    old = left / f"tiles-1.code.abc{warm_up.UNFINISHED}"
+    old = left / f"tiles-1.code.abc{UNFINISHED}"
     old.write_text("half")
-    os.utime(old, (time.time() - 2 * warm_up.OLD_S,) * 2)
+    os.utime(old, (time.time() - 2 * OLD_S,) * 2)
     environment = {**os.environ, "PYTHONPATH": PATH, "NUMBA_CACHE_DIR": str(empty)}
     process = subprocess.Popen(
         [sys.executable, "-m", "torchrender.cli", "warm-up", "--for", "points"],
@@ -109,13 +113,126 @@ def test_an_interrupted_warm_up_leaves_no_process_and_goes_on(empty, tmp_path) -
         os.killpg(process.pid, signal.SIGINT)
         rest = told.read()  # ends when the processes that compile have ended, too
     assert process.wait() == 130 and "interrupted" in rest and "Traceback" not in rest
-    assert not old.exists() and not list(empty.rglob(f"*{warm_up.UNFINISHED}"))
+    assert not old.exists() and not list(empty.rglob(f"*{UNFINISHED}"))
 
 
 def test_modules_go_to_one_process_and_the_longest_comes_first() -> None:
-    made = warm_up._Work([Use("a.x", "[]", 1.0, ()), Use("a.y", "[]", 5.0, ()), Use("b.z", "[]", 3.0, ())], None)
-    module, first = made._next(None)
-    other, second = made._next(None)
-    assert (module, first.kernel, other, second.kernel) == ("a", "a.y", "b", "b.z")
-    assert made._next(module)[1].kernel == "a.x" and made._next(module)[1] is None
+    made = warm_up.Compilation(processes=0)
+    made.add([Use("a.x", "[]", 1.0, ()), Use("a.y", "[]", 5.0, ()), Use("b.z", "[]", 3.0, ())])
+    first = made._next(None)
+    assert first.kernel == "a.y"
+    second = made._next(None)
+    assert second.kernel == "b.z"
+    assert made._next(first.module).kernel == "a.x"
+    made.add([Use("c.x", "[]", 9.0, ()), Use("b.u", "[]", 0.1, ())])
+    made._threads = 1  # nobody else would work
+    waiting = threading.Thread(target=made.wait_for, args=("b.u",), daemon=True)
+    waiting.start()
+    while not made._urgent:
+        time.sleep(0.01)
+    assert made._next(first.module).kernel == "b.u", "somebody waits for it"
+    made.stop()
+    assert made._next(None) is None
     assert warm_up.expected_seconds(quick(2)) > 0 and 1 <= warm_up.process_count() <= warm_up.MAX_PROCESSES
+
+
+@pytest.mark.usefixtures("empty")
+def test_more_may_be_added_and_one_kernel_waited_for() -> None:
+    """What is there twice is compiled once; who waits for a kernel that nobody compiles is told so."""
+    told: list[tuple[int, int]] = []
+    one, two = quick(2)
+    work = warm_up.Compilation(lambda done, total: told.append((done, total)), processes=1)
+    try:
+        work.add([one])
+        assert work.wait_for(one.kernel) and not work.wait_for("no.kernel")
+        work.add([one, two])
+        assert work.wait() == warm_up.Outcome(2, ())
+    finally:
+        work.stop()
+    assert told[0] == (0, 1) and told[-1] == (2, 2)
+    assert not warm_up.missing() or not {one, two}.intersection(warm_up.missing())
+
+
+def test_somebody_who_no_longer_listens_stops_nothing(empty) -> None:
+    def broken(*_: int) -> None:
+        raise BrokenPipeError
+
+    assert warm_up.warm_up(quick(1), broken).compiled == 1 and list(empty.rglob("*.code"))
+
+
+CODE = (
+    "import json, sys; from torchrender.kernels.signatures import recorded\n"
+    "from torchrender.kernels.warm_up import warm_up\n"
+    "uses = sorted(recorded(), key=lambda use: use.seconds)[: int(sys.argv[1])]\n"
+    "made = warm_up(uses, processes=1); print(json.dumps([made.compiled, made.failed]))"
+)
+
+
+def whole_warm_up(folder: Path, count: int, *, inside: str = "", code: str = CODE) -> subprocess.Popen[str]:
+    """Another process that warms up; ``inside`` a shell with a file system of its own, after a command."""
+    words = [sys.executable, "-c", code, str(count)]
+    if inside:
+        words = ["unshare", "--mount", "sh", "-c", f'{inside} && exec "$0" "$@"', *words]
+    environment = {**os.environ, "PYTHONPATH": PATH, "NUMBA_CACHE_DIR": str(folder)}
+    return subprocess.Popen(words, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def ended(process: subprocess.Popen[str]) -> tuple[list[object], str]:
+    """What it says, on both ways."""
+    out, err = process.communicate(timeout=300)
+    assert process.returncode == 0, err
+    return json.loads(out.splitlines()[-1]), err
+
+
+def test_two_whole_warm_ups_at_once_share_the_work(empty) -> None:
+    """Both return when all is there, and nothing was compiled twice."""
+    count = 6
+    (first, _), (second, _) = [ended(one) for one in [whole_warm_up(empty, count) for _ in range(2)]]
+    assert first[1] == second[1] == []
+    assert first[0] + second[0] == count
+    assert not list(empty.rglob("*.claim")) and not list(empty.rglob(f"*{UNFINISHED}"))
+
+
+needs_mounts = pytest.mark.skipif(
+    not shutil.which("unshare") or subprocess.run(["unshare", "--mount", "true"], check=False).returncode != 0,
+    reason="a file system of one's own needs rights",
+)
+
+
+@needs_mounts
+def test_without_shared_memory(empty) -> None:
+    """Nothing can be put there: the processes need pipes alone."""
+    code = "import os; assert not os.access('/dev/shm', os.W_OK) or os.statvfs('/dev/shm').f_flag & os.ST_RDONLY; "
+    process = whole_warm_up(empty, 1, inside="mount -t tmpfs -o ro none /dev/shm", code=code + CODE)
+    assert ended(process)[0] == [1, []]
+
+
+@needs_mounts
+def test_a_disk_that_is_full_says_so_and_keeps_nothing_by_halves(empty) -> None:
+    """A disk of 8 kB holds no kernel: each is compiled, cannot be kept, and is named with the reason."""
+    empty.mkdir()
+    left = f"[str(p) for p in pathlib.Path({str(empty)!r}).rglob('*.part')]"
+    code = "import pathlib; " + CODE.replace("made.failed]", f"made.failed, {left}]")
+    process = whole_warm_up(empty, 2, inside=f"mount -t tmpfs -o size=8k none '{empty}'", code=code)
+    (compiled, failed, left), err = ended(process)
+    assert compiled == 0 and len(failed) == 2 and left == []
+    assert all("cannot be kept in" in one for one in failed) and "No space left on device" in err
+
+
+def test_a_warm_up_that_was_killed_leaves_nothing_in_the_way(empty) -> None:
+    """Not by Ctrl-C but at once, with all its processes: their claims hold nobody up, and the rest is compiled."""
+    count = 4
+    process = whole_warm_up(empty, count)
+    end = time.monotonic() + 120.0
+    while not list(empty.rglob("*.claim")) and process.poll() is None and time.monotonic() < end:
+        time.sleep(0.01)
+    begun = list(empty.rglob("*.claim"))
+    assert begun
+    for claim in begun:
+        os.kill(int(claim.read_text().split()[1]), signal.SIGKILL)
+    process.kill()
+    process.communicate()
+    begin = time.monotonic()
+    uses = quick(count)
+    assert warm_up.warm_up(uses).failed == () and not set(uses).intersection(warm_up.missing())
+    assert time.monotonic() - begin < claims.LONGEST_S / 2

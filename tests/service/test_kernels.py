@@ -10,13 +10,17 @@ import pytest
 
 from torchrender_service.metrics import Metrics
 from torchrender_service.renderers import kernels
+from torchrender_service.renderers import pool as pools
 from torchrender_service.renderers.kernels import KernelPreparation
 from torchrender_service.renderers.pool import Pool
 from torchrender_service.settings import read_settings
+from torchrender_service.web import routes_status
 
 SLOW = (
     "import json, sys, time\n"
-    "for k in range(3): print(json.dumps({'done': k, 'total': 2}), flush=True); sys.stdin.read(0); time.sleep(0.3)"
+    "for part, total in (('serve.first', 2), ('serve', 3)):\n"
+    "    for k in range(total + 1):\n"
+    "        print(json.dumps({'part': part, 'done': k, 'total': total}), flush=True); time.sleep(0.2)"
 )
 
 
@@ -41,14 +45,17 @@ def test_progress_is_told_and_the_key_is_not(monkeypatch: pytest.MonkeyPatch) ->
         preparation = KernelPreparation()
         task = asyncio.create_task(preparation.run())
         while not task.done():
-            seen.append(preparation.text)
+            seen.append((preparation.finished, preparation.text))
             await asyncio.sleep(0.02)
         return preparation
 
     preparation = asyncio.run(watch())
-    assert preparation.finished and (preparation.done, preparation.total) == (2, 2)
-    assert "compiling kernels, once: 1 of 2" in seen and seen[0] == "looking for kernels"
-    assert noted[0]["command"][1:] == ("-m", "torchrender.kernels.warm_up", "serve")
+    assert preparation.finished and preparation.text == ""
+    assert (False, "compiling kernels, once: 1 of 2") in seen and seen[0] == (False, "looking for kernels")
+    further = (True, "compiling kernels for further settings, once: 1 of 3")
+    assert further in seen and seen.index(further) > seen.index((False, "compiling kernels, once: 1 of 2"))
+    assert seen[-1][0] and (True, "compiling kernels, once: 2 of 2") not in seen
+    assert noted[0]["command"][1:] == ("-m", "torchrender.kernels.warm_up", "serve.first", "serve")
     assert "TORCHRENDER_API_KEY" not in noted[0]["env"]
 
 
@@ -73,8 +80,27 @@ def test_a_server_that_stops_ends_the_compilation(monkeypatch: pytest.MonkeyPatc
     asyncio.run(asyncio.wait_for(stop(), 10.0))
 
 
-def test_a_pool_is_not_ready_before_its_kernels_are() -> None:
+def test_a_pool_is_not_ready_before_its_kernels_are(monkeypatch: pytest.MonkeyPatch) -> None:
     pool = Pool(read_settings(None, {}, renderers=1), Metrics())
     assert not pool.ready and pool.progress == "looking for kernels"
     pool._kernels.finished = True
     assert not pool.ready and pool.progress == "starting renderers"
+    monkeypatch.setattr(pools.RendererProcess, "ready", True)
+    pool._kernels.done, pool._kernels.total = 1, 4
+    assert pool.ready and pool.progress == "compiling kernels for further settings, once: 1 of 4"
+    pool._kernels.done = 4
+    assert pool.ready and pool.progress == ""
+
+
+@pytest.mark.parametrize("progress", ["", "compiling kernels for further settings, once: 1 of 4"])
+def test_a_server_that_is_ready_tells_what_goes_on_behind_that(progress: str) -> None:
+    class State:
+        stopping = False
+
+        class pool:
+            ready = True
+
+    State.pool.progress = progress
+    request = type("Request", (), {"app": type("App", (), {"state": type("S", (), {"service": State})})})
+    answer = asyncio.run(routes_status.ready(request))
+    assert answer == ({"status": "ready", "progress": progress} if progress else {"status": "ready"})

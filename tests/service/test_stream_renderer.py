@@ -185,3 +185,18 @@ def test_few_refinements_are_kept(scene) -> None:
         renderer.make(scene, job(scene, number, session=str(number), **STILL))
     left = [renderer.smooth(SmoothKeyframe(session=str(k), id=9))["left"] for k in range(MAX_REFINED + 1)]
     assert left == [0] + [3] * MAX_REFINED
+
+
+def test_mirrors_come_as_a_layer_of_their_own_to_those_who_ask() -> None:
+    room, camera = mirror_scene(), header_of(looking(64))
+    plain = StreamRenderer().make(room, job(room, camera=camera, bounds=Bounds(budget_ms=5000.0)))
+    made = StreamRenderer().make(room, job(room, camera=camera, bounds=Bounds(budget_ms=5000.0), mirrors=True))
+    assert len(plain["messages"]) == 1 and len(made["messages"]) == 2
+    first, mirrors = (picture_of(message) for message in made["messages"])
+    assert (first.header.layers, mirrors.header.layer) == (2, 1)
+    assert mirrors.header.mirrors and not first.header.mirrors
+    assert int(mirrors.known.sum()) > 300
+    shown = mirrors.known & torch.isfinite(mirrors.depth)
+    assert bool((mirrors.depth[shown] > first.depth[shown]).all())  # behind the glass
+    dull = load("cornell_box")
+    assert len(StreamRenderer().make(dull, job(dull, mirrors=True))["messages"]) == 1

@@ -32,6 +32,20 @@ def add_size(parser: argparse.ArgumentParser, default: str = "1024x768", what: s
     parser.add_argument("--size", default=default, metavar="WxH", help=help_text)
 
 
+def add_shadows(parser: argparse.ArgumentParser) -> None:
+    """How shadows are made."""
+    parser.add_argument("--no-shadows", action="store_true", help="light reaches everything; as --shadows off")
+    parser.add_argument(
+        "--shadows",
+        choices=("off", "hard", "maps", "sampled", "traced"),
+        help="none; hard ones; by maps, with guessed penumbrae (default); area lights sampled; by rays",
+    )
+    parser.add_argument("--shadow-size", type=int, metavar="N", help="texels of a shadow map's side (default 1024)")
+    parser.add_argument(
+        "--cascades", type=int, metavar="N", help="shadow maps along the view (default: as many as what is seen needs)"
+    )
+
+
 def given(**values: Any) -> dict[str, Any]:
     """Those that the command line names; the others keep the default of the option or function that they are for."""
     return {name: value for name, value in values.items() if value is not None}

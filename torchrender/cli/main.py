@@ -15,7 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from torchrender import __version__
-from torchrender.cli.arguments import add_scene, add_size, camera_of, exposure, given, load_scene, numbers
+from torchrender.cli.arguments import add_scene, add_shadows, add_size, camera_of, exposure, given, load_scene, numbers
+from torchrender.cli.enhance import add_enhance, enhance_wish
 from torchrender.cli.fly import add_fly, fly
 from torchrender.cli.output import check_output, collect_garbage, image_size, progress, saying_warnings
 from torchrender.cli.plan import add_limits, add_plan, run_calibrate, run_plan, run_tradeoff
@@ -45,7 +46,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         _set_up_threads(arguments.threads)
         COLD.start(arguments.command)
         with before_compiling(COLD), saying_warnings():
-            _COMMANDS[arguments.command](arguments)
+            try:
+                _COMMANDS[arguments.command](arguments)
+            finally:
+                COLD.stop()
     except TorchRenderError as error:
         print(f"torchrender: error: {error}", file=sys.stderr)
         return 2
@@ -68,17 +72,21 @@ def _render(arguments: argparse.Namespace) -> None:
         return
     if draws_points(arguments):
         return
+    if Path(arguments.scene).exists() or not Path(arguments.scene).suffix:
+        COLD.begin()
     from torchrender.image import SUFFIXES, numbered
-    from torchrender.pipeline.options import RenderOptions
+    from torchrender.pipeline.options import RenderOptions, shadow_choices
     from torchrender.renderer import render
 
     output = Path(arguments.output)
     check_output(output, SUFFIXES)
     exposed: dict[str, Any] = {} if arguments.exposure is None else {"exposure": exposure(arguments.exposure)}
+    shadows = "off" if arguments.no_shadows else arguments.shadows
     options = RenderOptions(
-        shadows=not arguments.no_shadows,
+        **shadow_choices(shadows, arguments.shadow_size, arguments.cascades),
         background=None if arguments.background is None else numbers("--background", arguments.background, 3),
         **given(reflections=arguments.reflections, supersample=arguments.supersample, tone_map=arguments.tone_map),
+        **given(enhance=enhance_wish(arguments.enhance)),
         **exposed,
     )
     width, height = image_size(arguments.size)
@@ -279,11 +287,13 @@ def _add_render(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--exposure", metavar="EV", help="powers of two, or auto (default 0)")
     parser.add_argument("--tone-map", choices=("none", "reinhard", "aces"), help="default none")
     parser.add_argument("--background", metavar="R,G,B", help="linear colour of empty pixels")
-    parser.add_argument("--no-shadows", action="store_true", help="light reaches everything")
+    add_enhance(parser)
+    add_shadows(parser)
     parser.add_argument(
         "--reflections",
-        choices=("clustered", "traced", "environment", "off"),
-        help="how mirrors mirror: by depth images of pixel clusters, by rays, by one cube map (default clustered)",
+        choices=("auto", "clustered", "traced", "environment", "off"),
+        help="how mirrors mirror: by depth images of pixel clusters, by rays, by one cube map; auto: the most accurate "
+        "of the quick ways (default)",
     )
 
 

@@ -6,17 +6,25 @@ import argparse
 import sys
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from torchrender.errors import OptionError
 
-GROUPS = ("render", "points", "voxels", "serve")
+if TYPE_CHECKING:
+    from torchrender.kernels.signatures import Use
+    from torchrender.kernels.warm_up import Compilation
+
+GROUPS = ("render", "depth", "points", "voxels", "serve")
 FEW = 3
 """Kernels that are not worth further processes."""
 EVERY_S = 2.0
 """A line about progress where no terminal shows a bar."""
-_NEEDS = {"points": ("points",), "voxelize": ("voxels",), "depth": ("render.depth", "render.any")}
+_NEEDS = {"points": ("points",), "voxelize": ("voxels",), "depth": ("depth",)}
 """Parts that commands need; others make pictures."""
+FIRST = ("render.any", "render.gbuffer")
+"""What every picture needs: compiled while the scene is loaded and the picture is planned."""
+SIGN = "raster.tiles"
+"""Folder of code without which no picture was made yet."""
 
 
 def add_warm_up(commands: Any) -> None:
@@ -52,7 +60,6 @@ class Bar:
 
     def __init__(self) -> None:
         self._said = float("-inf")
-        self._begun = False
 
     def __call__(self, done: int, total: int) -> None:
         """As ``warm_up`` tells it."""
@@ -74,45 +81,91 @@ class ColdStart:
     """Asked before a kernel is compiled: has what else the command needs compiled at the same time, and says so."""
 
     def __init__(self) -> None:
+        self._work: Compilation | None = None
         self.start("")
 
     def start(self, command: str) -> None:
         """Begin a command."""
+        self.stop()
         self._command = command
         self.plan: Callable[[], list[str]] | None = None  # names of the passes of the picture, once that is known
+        self._planned: set[str] | None = None
         self._wider = False
         self._told = False
 
+    def begin(self) -> None:
+        """A picture will be made: where nothing is compiled yet, begin with what every picture needs."""
+        from torchrender.kernels.keys import read_folders
+
+        if any(any((folder / SIGN).glob("*.code")) for folder in read_folders()):
+            return
+        from torchrender.kernels.signatures import recorded
+        from torchrender.kernels.warm_up import expected_seconds, missing
+
+        self._tell(expected_seconds(use for use in recorded() if use.serves({"render"})))
+        self._add(missing(FIRST))
+
+    def stop(self) -> None:
+        """End a command: what was not needed in the end is not compiled."""
+        if self._work is not None:
+            self._work.stop()
+            self._work = None
+
     def __call__(self, kernel: str) -> bool:
         """Whether the kernel may have been compiled meanwhile."""
-        from torchrender.kernels.keys import cache_folder
-        from torchrender.kernels.warm_up import expected_seconds, missing, warm_up
+        from torchrender.kernels.warm_up import expected_seconds, missing
 
-        parts = self._parts()
+        def is_among(uses: list[Use]) -> bool:
+            return any(use.kernel == kernel for use in uses)
+
+        parts = self._parts(kernel)
         uses = missing(parts)
-        if not any(use.kernel == kernel for use in uses):
+        if not is_among(uses) and not self._wider:
             # Other settings than the usual ones: what these need, too, and after that one by one.
-            uses = [] if self._wider else missing({f"{part}.more" for part in parts})
             self._wider = True
-        few = len(uses) <= FEW or not any(use.kernel == kernel for use in uses)
-        if few and self._told:
+            uses = missing({f"{part}.more" for part in parts})
+        if not is_among(uses):
+            uses = []
+        if self._work is None and len(uses) <= FEW:
+            self._tell(3.0)
             return False
-        seconds = max(1.0, expected_seconds(uses) if not few else 3.0)
-        sys.stderr.write(f"compiling kernels, once, about {seconds:.0f} s; kept in {cache_folder()}\n")
-        sys.stderr.flush()
-        self._told = True
-        if few:
-            return False
-        warm_up(uses, Bar())
-        return True
+        self._tell(expected_seconds(uses))
+        return self._add(uses).wait_for(kernel)
 
-    def _parts(self) -> set[str]:
+    def _add(self, uses: list[Use]) -> Compilation:
+        """Have these compiled, too."""
+        from torchrender.kernels.warm_up import Compilation
+
+        if self._work is None:
+            self._work = Compilation(Bar())
+        if uses:
+            self._work.add(uses)
+        return self._work
+
+    def _tell(self, seconds: float) -> None:
+        """Once for a command."""
+        if self._told:
+            return
+        from torchrender.kernels.keys import cache_folder
+
+        self._told = True
+        sys.stderr.write(f"compiling kernels, once, about {max(seconds, 1.0):.0f} s; kept in {cache_folder()}\n")
+        sys.stderr.flush()
+
+    def _parts(self, kernel: str) -> set[str]:
+        """What the command needs, as far as is known now."""
+        from torchrender.kernels.signatures import recorded
+
         if self._command in _NEEDS:
             return set(_NEEDS[self._command])
-        if self.plan is None:
-            return {"render"}
-        plan, self.plan = self.plan, None  # planning may ask for kernels itself
-        try:
-            return {"render.any", *(f"render.{name}" for name in plan())}
-        finally:
-            self.plan = plan
+        if self._planned is not None:
+            return self._planned
+        if self.plan is not None:
+            plan, self.plan = self.plan, None  # planning may ask for kernels itself
+            try:
+                self._planned = {"render.any", *(f"render.{name}" for name in plan())}
+                return self._planned
+            finally:
+                self.plan = plan
+        first = frozenset(FIRST)
+        return set(FIRST) if any(u.kernel == kernel and u.serves(first) for u in recorded()) else {"render"}

@@ -22,6 +22,7 @@ from websockets.sync.client import connect as open_socket
 
 from torchrender.buffers import DepthImages
 from torchrender.client.drawing import draw_keyframes
+from torchrender.client.mirrors import draw_with_mirrors
 from torchrender.client.session import StreamClosed, StreamError, post_session
 from torchrender.errors import InputError
 from torchrender.reconstruct.reproject import Reprojection, ReprojectOptions
@@ -62,6 +63,7 @@ class StreamedKeyframe:
     still: bool  # a refinement of a view that stands still
     samples: int  # pictures whose mean its colours are
     images: tuple[KeyframeImage, ...]  # layer 0 first
+    mirror: KeyframeImage | None  # what the mirrors of layer 0 show, where it seems to be
     plan: Mapping[str, Any] | None  # what ran and why
     bytes: int  # of all messages
     latency_ms: float  # from sending the pose to having decoded layer 0
@@ -90,7 +92,7 @@ class StreamClient:
         self._first_ms = 0.0
         self.session = dict(session)
         self.kept: deque[StreamedKeyframe] = deque(maxlen=keep)
-        self._send(Hello(versions=(MAJOR, MAJOR), color=("jpeg", "webp")))
+        self._send(Hello(versions=(MAJOR, MAJOR), color=("jpeg", "webp"), mirrors=True))
         welcome = self._next(30.0).message
         if not isinstance(welcome, Welcome):
             raise StreamError(f"the service answered HELLO with {type(welcome).__name__}")
@@ -226,7 +228,7 @@ class StreamClient:
         """The kept keyframes as other cameras see them, computed here.
 
         The newest picture goes first; what it does not reach, and what stands in front of it, comes from its extra
-        layers and earlier keyframes.
+        layers and earlier keyframes. What mirrors show moves as mirrored points do, where the keyframe tells it.
         ``source`` counts the newest keyframe's images first, then those of the one before it, and so on.
 
         Raises:
@@ -236,6 +238,9 @@ class StreamClient:
             raise InputError("nothing was received yet: call receive() first")
         images = [image for keyframe in reversed(self.kept) for image in keyframe.images]
         images = [image for image in images if image.depth.shape == images[0].depth.shape]
+        mirror = self.kept[-1].mirror
+        if mirror is not None:
+            return draw_with_mirrors(images, mirror, camera, options=options)
         return draw_keyframes(images, camera, options=options)
 
     def close(self) -> None:
@@ -273,13 +278,14 @@ class StreamClient:
         if len(self._parts) < header.layers:
             return None
         first = self._parts[0][0].header
-        images, size = tuple(p for p, _ in self._parts), sum(s for _, s in self._parts)
+        images, size = [p for p, _ in self._parts], sum(s for _, s in self._parts)
         keyframe = StreamedKeyframe(
             id=first.id,
             pose=first.pose,
             still=first.still,
             samples=first.samples,
-            images=images,
+            images=tuple(p for p in images if not p.header.mirrors),
+            mirror=next((p for p in images if p.header.mirrors), None),
             plan=first.plan,
             bytes=size,
             latency_ms=self._first_ms,

@@ -12,6 +12,7 @@ import logging
 import os
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numba
@@ -21,6 +22,7 @@ from numba.core.registry import CPUDispatcher
 from numba.np.ufunc import parallel as numba_parallel
 
 from torchrender.errors import ForkError
+from torchrender.kernels.claims import Claim, take, wait
 from torchrender.kernels.hooks import is_dealt_with
 from torchrender.kernels.keys import cache_folder, file_key, module_key, module_name
 from torchrender.kernels.libraries import KernelCompiler, is_used
@@ -43,6 +45,7 @@ class Kernel(CPUDispatcher):
         self._seen = not options.get("no_cpython_wrapper", False)
         self._inside: Kernel | None = None
         self._store: CodeStore | None = None
+        self._claim: Claim | None = None
 
     @property
     def kernel_name(self) -> str:
@@ -91,14 +94,35 @@ class Kernel(CPUDispatcher):
         """For a call from another kernel."""
         return super().get_overload(sig) if not self._seen else self.inside.get_overload(sig)
 
+    def compile(self, sig: Any) -> Any:
+        """For these types of arguments; other processes that want the same wait meanwhile."""
+        try:
+            return super().compile(sig)
+        finally:
+            claim, self._claim = self._claim, None
+            if claim is not None:
+                claim.release()
+
+    def code_file(self, arguments: tuple[Any, ...]) -> Path:
+        """Where the code for these types of arguments is kept."""
+        return self._cache.path(arguments, self.targetctx)
+
     def is_kept(self, arguments: tuple[Any, ...]) -> bool:
         """Whether the code for these types of arguments is on disk."""
         return self._cache.has(arguments, self.targetctx)
 
     def _missed(self, arguments: tuple[Any, ...]) -> bool:
-        """Before a call from Python has to wait for the compiler."""
-        if is_dealt_with(self.kernel_name):
-            return self.is_kept(arguments)
+        """Before a call from Python has to wait for the compiler; whether the code may be there now."""
+        if is_dealt_with(self.kernel_name) and self.is_kept(arguments):
+            return True
+        file = self.code_file(arguments)
+        self._claim = take(file)
+        if self._claim is None:
+            LOG.info("waiting for %s, which another process compiles", self.kernel_name)
+            wait(file)
+            self._claim = take(file)
+        if self.is_kept(arguments):
+            return True
         LOG.info("compiling %s, once; kept in %s", self.kernel_name, cache_folder())
         return False
 

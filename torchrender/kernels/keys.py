@@ -9,10 +9,12 @@ again after an upgrade.
 from __future__ import annotations
 
 import hashlib
+import logging
 import os
 import re
 import stat
 import tempfile
+import threading
 from functools import cache
 from pathlib import Path
 
@@ -22,8 +24,11 @@ _IMPORT = re.compile(
     r"|import torchrender\.kernels\.(?P<whole>[\w.]+))",
     re.MULTILINE,
 )
-_NO_CODE = frozenset({"compile", "hooks", "keys", "libraries", "store"})
+_NO_CODE = frozenset({"claims", "compile", "hooks", "keys", "libraries", "store"})
 """Modules that make no machine code: the decorator and what it needs."""
+ANSWER_S = 5.0
+"""A disk that says nothing for so long is not asked again."""
+LOG = logging.getLogger("torchrender.kernels")
 FURTHER = "TORCHRENDER_KERNELS"
 """Environment variable: a further folder of compiled kernels, which is only read, as an image of a container has it."""
 
@@ -99,13 +104,16 @@ def cache_folder() -> Path:
     """Where compiled kernels are written.
 
     ``NUMBA_CACHE_DIR`` if that is set, else below the user's cache folder; where that cannot be written (a home that
-    is read-only, containers), a folder of this user's own for temporary files.
+    is read-only, containers) or does not answer (a network disk whose server is gone), a folder of this user's own for
+    temporary files.
     """
     named = os.environ.get("NUMBA_CACHE_DIR")
-    if named:
-        return Path(named)
-    wanted = _home_folder()
-    return wanted if _can_write(wanted) else _temporary_folder()
+    wanted = Path(named) if named else _home_folder()
+    if not _answers(wanted):
+        instead = _temporary_folder()
+        LOG.warning("%s does not answer: compiled kernels are kept in %s", wanted, instead)
+        return instead
+    return wanted if named or _can_write(wanted) else _temporary_folder()
 
 
 @cache
@@ -116,7 +124,16 @@ def read_folders() -> tuple[Path, ...]:
         places.append(_home_folder())
     if os.environ.get(FURTHER):
         places.append(Path(os.environ[FURTHER]))
-    return tuple(dict.fromkeys(places))
+    return tuple(one for one in dict.fromkeys(places) if _answers(one))
+
+
+@cache
+def _answers(folder: Path) -> bool:
+    """Whether the disk says anything about a folder: a call to a network disk that is gone may never return."""
+    asking = threading.Thread(target=os.access, args=(folder, os.R_OK), daemon=True)
+    asking.start()
+    asking.join(ANSWER_S)
+    return not asking.is_alive()
 
 
 def _home_folder() -> Path:

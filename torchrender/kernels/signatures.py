@@ -19,9 +19,9 @@ from torchrender.kernels.compile import Kernel
 
 RECORDED = Path(__file__).parent.parent / "data" / "kernels.json"
 PACKAGE = "torchrender.kernels."
-GROUPS = ("render", "points", "voxels", "serve")
+GROUPS = ("render", "depth", "points", "voxels", "serve")
 """What kernels can be compiled for. The parts of ``render`` are named ``render.`` and the pass, with ``.more`` at the
-end what only other settings than the usual ones need."""
+end what only other settings than the usual ones need; ``serve.first`` is what first keyframes need."""
 MORE = ".more"
 
 
@@ -40,8 +40,8 @@ class Use:
         return self.kernel.rpartition(".")[0]
 
     def serves(self, wanted: Set[str]) -> bool:
-        """Whether it belongs to one of these parts; ``render`` stands for all passes at their usual settings."""
-        return not wanted.isdisjoint(self.parts) or ("render" in wanted and any(_is_usual(p) for p in self.parts))
+        """Whether it belongs to one of these parts; a group stands for all of its parts at their usual settings."""
+        return any(part in wanted or (_group(part) in wanted and not part.endswith(MORE)) for part in self.parts)
 
 
 @cache
@@ -51,8 +51,8 @@ def recorded() -> tuple[Use, ...]:
     return tuple(Use(r["kernel"], json.dumps(r["types"]), float(r["seconds"]), tuple(r["parts"])) for r in rows)
 
 
-def _is_usual(part: str) -> bool:
-    return part.startswith("render.") and not part.endswith(MORE)
+def _group(part: str) -> str:
+    return part.partition(".")[0]
 
 
 def kernel_of(use: Use) -> Kernel:

@@ -7,11 +7,13 @@ any number of processes, and machines with other processors, may share a folder,
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import logging
 import os
 import pickle
 import sys
+import time
 import uuid
 from collections.abc import Callable
 from pathlib import Path
@@ -29,6 +31,10 @@ LOG = logging.getLogger("torchrender.kernels")
 SUFFIX = ".code"
 UNFINISHED = ".part"
 _VERSIONS = (numba.__version__, llvmlite.__version__, *sys.version_info[:2], getattr(sys, "abiflags", ""))
+SLOW_S = 2.0
+"""To read the code of one kernel."""
+MARKED_S = 86400.0
+_slow: set[Path] = set()
 _unwritable: list[str] = []
 """Why nothing is kept any more; one reason is enough to stop trying."""
 
@@ -65,6 +71,10 @@ class CodeStore(_Cache):
         digest = hashlib.sha256(told.encode()).hexdigest()[:24]
         return f"{self._folder}/{self._name.rpartition('.')[2]}-{digest}{SUFFIX}"
 
+    def path(self, arguments: tuple[Any, ...], target: Any) -> Path:
+        """Where the code for these types of arguments is written."""
+        return cache_folder() / self.file_name(arguments, target)
+
     def has(self, arguments: tuple[Any, ...], target: Any) -> bool:
         """Whether the code for these types of arguments is there."""
         name = self.file_name(arguments, target)
@@ -84,7 +94,7 @@ class CodeStore(_Cache):
         if _unwritable or data.lifted or data.library.has_dynamic_globals:
             return
         arguments = tuple(getattr(sig, "args", sig))
-        path = cache_folder() / self.file_name(arguments, data.target_context)
+        path = self.path(arguments, data.target_context)
         try:
             write_whole(path, dumps((arguments, data._reduce())))
         except OSError as error:
@@ -106,10 +116,13 @@ class CodeStore(_Cache):
     def _load(self, arguments: tuple[Any, ...], target: Any) -> Any:
         name = self.file_name(arguments, target)
         for folder in read_folders():
+            begin = time.monotonic()
             try:
                 data = (folder / name).read_bytes()
             except OSError:
                 continue
+            _note_slow(folder, time.monotonic() - begin)
+            _mark_used(folder / name)
             try:
                 kept, payload = pickle.loads(data)
                 if tuple(kept) == arguments:
@@ -117,6 +130,24 @@ class CodeStore(_Cache):
             except Exception as error:  # a damaged file may raise anything; compiling anew replaces it
                 LOG.info("%s cannot be read (%s: %s)", folder / name, type(error).__name__, error)
         return None
+
+
+def _note_slow(folder: Path, took_s: float) -> None:
+    """Say once that reading, which should take milliseconds, is what takes the time."""
+    if took_s > SLOW_S and folder not in _slow:
+        _slow.add(folder)
+        LOG.warning(
+            "compiled kernels are read slowly from %s (%.1f s for one): NUMBA_CACHE_DIR names another folder",
+            folder,
+            took_s,
+        )
+
+
+def _mark_used(file: Path) -> None:
+    """So that it is not removed as unused; not more often than once a day."""
+    with contextlib.suppress(OSError):
+        if time.time() - file.stat().st_mtime > MARKED_S:
+            os.utime(file)
 
 
 def write_whole(path: Path, data: bytes) -> None:

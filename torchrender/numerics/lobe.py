@@ -1,4 +1,4 @@
-"""Mirrored directions, how much is mirrored, and the cone of rays that stands for a glossy lobe."""
+"""Mirrored directions, how much is mirrored, and the rays that stand for a glossy lobe: of GGX facets, or a cone."""
 
 from __future__ import annotations
 
@@ -9,6 +9,9 @@ from torch import Tensor
 
 WIDEST_LOBE_DEG = 30.0
 """Half angle of the lobe of gloss 1 (specification 03, section 8)."""
+
+_GRAZING = 1e-7
+"""Least cosine between eye and normal of a facet surface."""
 
 _GOLDEN_ANGLE = math.pi * (3.0 - math.sqrt(5.0))
 
@@ -48,6 +51,50 @@ def lobe_directions(axis: Tensor, normal: Tensor, gloss: Tensor, rays: int, turn
     spread = (1.0 - rise)[..., None] * axis[:, None] + x * first[:, None] + y * second[:, None]
     below = (spread * normal[:, None]).sum(-1, keepdim=True).clamp_max(0.0)
     return spread - 2.0 * below * normal[:, None]
+
+
+def ggx_directions(to_eye: Tensor, normal: Tensor, alpha: Tensor, rays: int, turn: Tensor) -> tuple[Tensor, Tensor]:
+    """Directions (N,rays,3) of light that GGX facets mirror to the eye, and the weight (N,rays) of what arrives there.
+
+    The mean of weight times radiance is the integral of ``D G2 / (4 n.v)`` over the hemisphere, Fresnel's share left
+    out: facets are drawn as the eye sees them, along a golden-angle spiral, and the weight ``G2 / G1`` is what others
+    hide of the light. Directions below the surface have weight 0. ``alpha`` 0 gives the mirrored direction, exactly.
+    Sources: Dupuy and Benyoub, Sampling visible GGX normals with spherical caps, 2023; Heitz 2014 (eq. 99).
+
+    Args:
+        to_eye: (N,3) unit.
+        normal: (N,3) unit shading normal.
+        alpha: (N,) width in [0,1]: roughness squared.
+        turn: (N,) radians by which each spiral is turned, so that neighbouring pixels do not repeat one pattern.
+    """
+    first, second = frame(normal)
+    local = torch.stack([(to_eye * first).sum(-1), (to_eye * second).sum(-1), (to_eye * normal).sum(-1)], dim=-1)
+    # A bent shading normal may face away from an eye that sees the surface.
+    local[:, 2] = local[:, 2].clamp_min(_GRAZING)
+    local = torch.nn.functional.normalize(local, dim=-1)
+    stretched = torch.stack([alpha * local[:, 0], alpha * local[:, 1], local[:, 2]], dim=-1)
+    stretched = torch.nn.functional.normalize(stretched, dim=-1)
+    steps = torch.arange(rays, dtype=to_eye.dtype)
+    angle = turn[:, None] + _GOLDEN_ANGLE * steps
+    z = (1.0 - (steps + 0.5) / rays) * (1.0 + stretched[:, 2:]) - stretched[:, 2:]
+    sine = (1.0 - z * z).clamp_min(0.0).sqrt()
+    half = torch.stack([sine * torch.cos(angle), sine * torch.sin(angle), z], dim=-1) + stretched[:, None]
+    wide = alpha[:, None]
+    facet = torch.stack([wide * half[..., 0], wide * half[..., 1], half[..., 2].clamp_min(0.0)], dim=-1)
+    flat = facet.square().sum(-1, keepdim=True) < 1e-60  # the spiral's end may stand upright on a mirror
+    up = torch.tensor([0.0, 0.0, 1.0], dtype=facet.dtype)
+    facet = torch.nn.functional.normalize(torch.where(flat, up, facet), dim=-1, eps=1e-300)
+    out = 2.0 * (local[:, None] * facet).sum(-1, keepdim=True) * facet - local[:, None]
+    to_light, to_viewer = _masking(out[..., 2], wide), _masking(local[:, 2:], wide)
+    weight = torch.where(out[..., 2] > 0, (1.0 + to_viewer) / (1.0 + to_viewer + to_light), 0.0)
+    axes = torch.stack([first, second, normal], dim=1)
+    return torch.nn.functional.normalize(out @ axes, dim=-1, eps=1e-300), weight
+
+
+def _masking(cosine: Tensor, alpha: Tensor) -> Tensor:
+    """Smith's Lambda of GGX facets: hidden over seen area in a direction of that cosine to the normal."""
+    square = cosine.clamp_min(_GRAZING).square()
+    return ((1.0 + alpha.square() * (1.0 - square).clamp_min(0.0) / square).sqrt() - 1.0) / 2.0
 
 
 def frame(axis: Tensor) -> tuple[Tensor, Tensor]:

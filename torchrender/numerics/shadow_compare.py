@@ -62,26 +62,33 @@ def project_with_slope(points: Tensor, normals: Tensor, view: LightView) -> Proj
     return Projected(u, v, z, slope_u, slope_v)
 
 
+def texel_width(at: Projected, view: LightView) -> Tensor:
+    """Width (N,) of a texel where points lie, scene units."""
+    width = 1.0 / min(view.focal)
+    return torch.full_like(at.z, width) if view.orthographic else at.z.detach().clamp_min(0.0) * width
+
+
 def depth_bias(
-    at: Projected, depth_range: float, share: tuple[float, float, float], reach: float
+    at: Projected, view: LightView, limits: tuple[float, float, float], reach: float
 ) -> tuple[Tensor, Tensor]:
     """Slope-scaled bias ``b0 + k (1/2 + reach)(|dz/du| + |dz/dv|)`` (N,), scene units, and where it exceeds b_max.
 
     Where it does, the receiver's plane takes over and the bias is b0; an edge-on plane has neither and gets b_max.
 
     Args:
-        share: b0 (share of the depth range), k, and b_max (share of the depth range).
+        limits: b0 (texels), k, and b_max (texels).
         reach: texels beyond the nearest one that the filter touches.
 
     Returns:
         Bias, and (N,) bool: compare the plane's depth at each tap instead of the point's.
     """
-    b0, k, b_max = (share[0] * depth_range, share[1], share[2] * depth_range)
+    texel = texel_width(at, view)
+    b0, k, b_max = limits[0] * texel, limits[1], limits[2] * texel
     slope = at.slope_u.abs() + at.slope_v.abs()
     grown = b0 + (k * (0.5 + reach) * slope if k > 0 else torch.zeros_like(slope))
     steep = grown > b_max
     usable = torch.isfinite(slope)
-    bias = torch.where(steep & usable, b0, grown.clamp_max(b_max))
+    bias = torch.where(steep & usable, b0, torch.minimum(grown, b_max))
     return bias, steep & usable
 
 
@@ -89,7 +96,7 @@ def soft_window(
     depth: Tensor,
     at: Projected,
     bias: tuple[Tensor, Tensor],
-    tau: float,
+    tau: Tensor,
     n: int | None,
     outside: float | None,
     orthographic: bool,
@@ -99,7 +106,7 @@ def soft_window(
     Args:
         depth: (H,W) light depths, +inf where empty.
         bias: from :func:`depth_bias`.
-        tau: width of the soft step, scene units.
+        tau: (N,) width of the soft step, scene units.
         n: radius in texels; None: the nearest texel alone.
         outside: value of taps outside the image; None: the nearest texel inside counts.
 

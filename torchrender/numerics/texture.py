@@ -1,4 +1,4 @@
-"""Texture look-up: bilinear with repeat wrap, trilinear over a mip pyramid where the picture is smaller than a texel.
+"""Texture look-up: bilinear, and trilinear over a mip pyramid where the picture is smaller than a texel.
 
 Texture coordinates: (0, 0) is the lower left corner of the texture, v = 1 its upper edge; row 0 of the tensor is the
 top. Texel (j, i) covers one cell and its value sits at the cell's centre.
@@ -7,6 +7,7 @@ top. Texel (j, i) covers one cell and its value sits at the cell's centre.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -15,6 +16,17 @@ from torch.utils.weak import WeakTensorKeyDictionary
 from torchrender.checks import check_tensor
 
 _PYRAMIDS: WeakTensorKeyDictionary = WeakTensorKeyDictionary()
+
+
+class Addressing(NamedTuple):
+    """What lies beyond the edges of a texture, and how its texels are blended."""
+
+    wrap_u: str = "repeat"  # repeat, mirror or clamp
+    wrap_v: str = "repeat"
+    filter: str = "trilinear"  # trilinear, bilinear (of the finest level) or nearest
+
+
+REPEATED = Addressing()
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,18 +71,28 @@ def color_pyramid(texture: Tensor) -> TexturePyramid:
 
     A texture that asks for gradients is never kept, one that was changed in place is built anew.
     """
+    return _kept(texture, 3)
+
+
+def texture_pyramid(texture: Tensor) -> TexturePyramid:
+    """The same of all channels."""
+    return _kept(texture, texture.shape[2])
+
+
+def _kept(texture: Tensor, channels: int) -> TexturePyramid:
     if texture.requires_grad:
-        return build_pyramid(texture[..., :3])
-    kept = _PYRAMIDS.get(texture)
-    if kept is not None and kept[0] == texture._version:
-        pyramid: TexturePyramid = kept[1]
-        return pyramid
-    pyramid = build_pyramid(texture[..., :3])
-    _PYRAMIDS[texture] = (texture._version, pyramid)
-    return pyramid
+        return build_pyramid(texture[..., :channels])
+    version, made = _PYRAMIDS.get(texture) or (-1, {})
+    known: dict[int, TexturePyramid] = made if version == texture._version else {}
+    if channels not in known:
+        known[channels] = build_pyramid(texture[..., :channels])
+        _PYRAMIDS[texture] = (texture._version, known)
+    return known[channels]
 
 
-def sample_texture(pyramid: TexturePyramid, uv: Tensor, footprint: Tensor | None = None) -> Tensor:
+def sample_texture(
+    pyramid: TexturePyramid, uv: Tensor, footprint: Tensor | None = None, addressing: Addressing = REPEATED
+) -> Tensor:
     """Texture values (N,C) at coordinates ``uv`` (N,2).
 
     ``footprint`` (N,) is the width of a pixel in uv; the two levels whose texels are just narrower and just wider are
@@ -78,40 +100,67 @@ def sample_texture(pyramid: TexturePyramid, uv: Tensor, footprint: Tensor | None
     Coordinates that are not finite read as 0.
     """
     check_tensor("uv", uv, ("N", 2))
-    if footprint is None:
-        return _bilinear(pyramid, uv, None)
+    if addressing.filter == "nearest":
+        return _nearest(pyramid, uv, addressing)
+    if footprint is None or addressing.filter == "bilinear":
+        return _bilinear(pyramid, uv, None, addressing)
     side = max(int(pyramid.width[0]), int(pyramid.height[0]))
     level = torch.log2(footprint.float().clamp(1e-12, 1e12) * side).nan_to_num(0.0)
     level = level.clamp(0.0, float(pyramid.level_count - 1))
     if not bool((level > 0).any()):
-        return _bilinear(pyramid, uv, None)
+        return _bilinear(pyramid, uv, None, addressing)
     lower = level.floor()
     share = level - lower
     fine = lower.long()
-    value = _bilinear(pyramid, uv, fine)
+    value = _bilinear(pyramid, uv, fine, addressing)
     blended = (share > 0).nonzero().reshape(-1)
     if not len(blended):
         return value
     if len(blended) == len(uv):
-        return torch.lerp(value, _bilinear(pyramid, uv, fine + 1), share[:, None])
-    coarse = _bilinear(pyramid, uv[blended], fine[blended] + 1)
+        return torch.lerp(value, _bilinear(pyramid, uv, fine + 1, addressing), share[:, None])
+    coarse = _bilinear(pyramid, uv[blended], fine[blended] + 1, addressing)
     return value.index_add(0, blended, (coarse - value[blended]) * share[blended, None])
 
 
-def _bilinear(pyramid: TexturePyramid, uv: Tensor, level: Tensor | None) -> Tensor:
+def _placed(coordinate: Tensor, wrap: str) -> Tensor:
+    """Coordinates (N,) moved into [0, 1]. Whole parts go first: what is far from the unit square keeps its fraction."""
+    if wrap == "clamp":
+        return coordinate.clamp(0.0, 1.0)
+    if wrap == "mirror":
+        half = coordinate / 2.0
+        return 1.0 - (1.0 - 2.0 * (half - half.floor())).abs()
+    return coordinate - coordinate.floor()
+
+
+def _texel_place(uv: Tensor, addressing: Addressing) -> tuple[Tensor, Tensor]:
+    """Column and row as shares (N,) of width and height, from the upper left corner."""
+    u, v = uv.nan_to_num(0.0, 0.0, 0.0).unbind(-1)
+    down = v.ceil() - v if addressing.wrap_v == "repeat" else 1.0 - _placed(v, addressing.wrap_v)
+    return _placed(u, addressing.wrap_u), down
+
+
+def _nearest(pyramid: TexturePyramid, uv: Tensor, addressing: Addressing) -> Tensor:
+    """Values (N,C) of the texels that hold the points."""
+    across, down = _texel_place(uv, addressing)
+    width, height = pyramid.width[0], pyramid.height[0]
+    column = torch.minimum((across * width).floor().long(), width - 1)
+    row = torch.minimum((down * height).floor().long(), height - 1)
+    return pyramid.texels.index_select(0, row * width + column)
+
+
+def _bilinear(pyramid: TexturePyramid, uv: Tensor, level: Tensor | None, addressing: Addressing) -> Tensor:
     """Values (N,C), each from its own level; None: all from the finest."""
     if level is None:
         first, width, height = pyramid.offset[:1], pyramid.width[:1], pyramid.height[:1]
     else:
         first, width, height = (v.index_select(0, level) for v in (pyramid.offset, pyramid.width, pyramid.height))
-    # The whole part goes before anything is multiplied: coordinates far from the unit square keep their fraction.
-    u, v = uv.nan_to_num(0.0, 0.0, 0.0).unbind(-1)
-    x = ((u - u.floor()) * width - 0.5).to(pyramid.texels.dtype)
-    y = ((v.ceil() - v) * height - 0.5).to(pyramid.texels.dtype)
+    across, down = _texel_place(uv, addressing)
+    x = (across * width - 0.5).to(pyramid.texels.dtype)
+    y = (down * height - 0.5).to(pyramid.texels.dtype)
     left, top = x.floor(), y.floor()
     a, b = (x - left)[:, None], (y - top)[:, None]
-    i0, i1 = _wrapped(left.long(), width)
-    j0, j1 = _wrapped(top.long(), height)
+    i0, i1 = (_wrapped if addressing.wrap_u == "repeat" else _held)(left.long(), width)
+    j0, j1 = (_wrapped if addressing.wrap_v == "repeat" else _held)(top.long(), height)
     row0, row1 = first + j0 * width, first + j1 * width
     corners = (row0 + i0, row0 + i1, row1 + i0, row1 + i1)
     upper_left, upper_right, lower_left, lower_right = (pyramid.texels.index_select(0, c) for c in corners)
@@ -124,3 +173,9 @@ def _wrapped(index: Tensor, size: Tensor) -> tuple[Tensor, Tensor]:
     index = torch.where(index >= size, index - size, index)
     following = index + 1
     return index, torch.where(following >= size, following - size, following)
+
+
+def _held(index: Tensor, size: Tensor) -> tuple[Tensor, Tensor]:
+    """``index`` in [-1, size] and its successor, both held at the edges: also what a mirror beyond them shows."""
+    last = size - 1
+    return torch.minimum(index.clamp_min(0), last), torch.minimum((index + 1).clamp_min(0), last)

@@ -24,6 +24,11 @@ from torchrender.pipeline.options import RenderOptions
 Buffers = tuple[Buffer[Any], ...]
 Amounts = tuple[float, ...]
 Change = Callable[[RenderOptions, RenderHistory], RenderOptions]
+Prices = Callable[[RenderOptions], Mapping[Buffer[Any], float | None]]
+"""Predicted time of each pass that would run with these options and has not run, by what it makes; None: unknown."""
+
+Settle = Callable[[Outlook, Prices], RenderOptions]
+"""The options with what the caller left open; those of the outlook where nothing is."""
 
 
 def nothing_asked(outlook: Outlook) -> Buffers:
@@ -67,6 +72,7 @@ class Pass:
     amounts: Callable[[Outlook], Amounts]  # of work: its time is a weighted sum of these
     one_cost: bool = False  # the weights are the same for all settings: these only change the amounts
     own: OwnMeasure | None = None
+    settle: Settle | None = None  # its options may leave the way to the planner
     off: str | None = None  # the setting at which it does not run, if there is one
     measured_with: Mapping[str, Any] = field(default_factory=dict)  # options, where the usual ones are not fit
 

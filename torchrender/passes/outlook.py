@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple, TypeVar
 
 from torchrender.buffers import GBuffer, RaySurface
+from torchrender.effects.shadows.light_reach import shines
 from torchrender.pipeline.buffer import Buffer
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
@@ -82,7 +83,7 @@ class Outlook:
     def pixels(self) -> float:
         """Rendered ones, in millions; those of given samples."""
         if self.samples is not None:
-            return 1e-6 * self.samples.material.numel()
+            return 1e-6 * self.samples.covered.numel()
         factor = self.options.supersample
         if factor not in self.facts:
             view = self.cameras if factor == 1 else self.cameras.scaled(factor)
@@ -108,4 +109,6 @@ def no_shadows(outlook: Outlook) -> Verdict | None:
         return Verdict(False, "the scene has no light that could cast shadows")
     if not outlook.scene.geometry.triangle_count:
         return Verdict(False, "the scene has no triangles")
+    if not any(shines(light) for light in outlook.scene.lights):
+        return Verdict(False, "every light is off")
     return None

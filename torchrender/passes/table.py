@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 from torchrender.errors import InputError
 from torchrender.passes.contract import Pass
-from torchrender.passes.light import direct_light, point_shadow, shadow_map, soft_shadow
+from torchrender.passes.light import direct_light, light_reach, point_shadow, shadow_map, soft_shadow
 from torchrender.passes.mirrors import hit_shader, key_frame, reflection_reuse, reflections, reflective_pixel
-from torchrender.passes.picture import composite, resample
+from torchrender.passes.picture import composite, enhancement, mesh_curvature, resample, scattering
 from torchrender.passes.picture.resample import PICTURE as PICTURE
 from torchrender.passes.seen import gbuffer, occluders, picture_visibility, ray_caster
 from torchrender.passes.seen.gbuffer import GBUFFER as GBUFFER
@@ -18,6 +18,7 @@ from torchrender.pipeline.options import RenderOptions
 PASSES: tuple[Pass, ...] = (
     gbuffer.PASS,
     reflective_pixel.PASS,
+    light_reach.PASS,
     ray_caster.PASS,
     occluders.PASS,
     shadow_map.PASS,
@@ -28,6 +29,9 @@ PASSES: tuple[Pass, ...] = (
     reflection_reuse.PASS,
     reflections.PASS,
     key_frame.PASS,
+    scattering.PASS,
+    mesh_curvature.PASS,
+    enhancement.PASS,
     composite.PASS,
     picture_visibility.PASS,
     resample.PASS,

@@ -53,7 +53,9 @@ class RenderHistory:
     """
 
     given: Scene | None = None  # as it came
-    scene: Scene | None = None  # as it was rendered: with a default light where it had none
+    scene: Scene | None = (
+        None  # as it was rendered: with a default light where it had none, with the sun of its sky as a light
+    )
     kept: Mapping[str, Kept] = field(default_factory=dict)  # by name of the buffer
     pace: Pace | None = None  # what the pictures so far took, beside what was predicted
     pictures: int = 0  # made so far
@@ -69,7 +71,8 @@ class RenderHistory:
         if self.given is not None and self.scene is not None and same(look_of(self.given), look_of(scene)):
             return self
         stands = self.given is None or same(triangles_of(self.given), triangles_of(scene))
-        return replace(self, given=scene, scene=scene.with_default_light(), pace=self.pace if stands else None)
+        lit = scene.with_default_light().with_sun_apart()
+        return replace(self, given=scene, scene=lit, pace=self.pace if stands else None)
 
     def get(self, buffer: Buffer[T], options: RenderOptions | None = None) -> T | None:
         """What is kept of a buffer, if it was made from the same scene, and with ``options`` from the same of these."""

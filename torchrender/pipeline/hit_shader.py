@@ -2,34 +2,25 @@
 
 from __future__ import annotations
 
+import copy
 from functools import cached_property
 
 import torch
 from torch import Tensor
 
-from torchrender.buffers import RayHits
+from torchrender.buffers import RayHits, RaySurface
 from torchrender.checks import ArrayLike, as_vector
-from torchrender.effects.reflections.reflectors import ReflectedRays, blend_colors
-from torchrender.numerics.lobe import reflect
-from torchrender.pipeline.frame import SampleRenderer
-from torchrender.raster import rasterize
-from torchrender.ray_surface import ray_surface
-from torchrender.scene.camera import Cameras
-from torchrender.scene.environment import Environment
-from torchrender.scene.model import Scene
-
-CUBE_SIZE = 128
-"""Pixels along the edge of the cube map of the scene (specification 03, section 3)."""
-
-# Right and down axis of each face in the order and orientation of OpenGL's cube maps.
-_FACES = (
-    ((0, 0, -1), (0, -1, 0)),
-    ((0, 0, 1), (0, -1, 0)),
-    ((1, 0, 0), (0, 0, 1)),
-    ((1, 0, 0), (0, 0, -1)),
-    ((1, 0, 0), (0, -1, 0)),
-    ((-1, 0, 0), (0, -1, 0)),
+from torchrender.effects.reflections.reflectors import (
+    MirroredPoints,
+    Onward,
+    ReflectedRays,
+    blend_colors,
+    mirrored_direction,
 )
+from torchrender.pipeline.frame import SampleRenderer
+from torchrender.pipeline.scene_cube import SceneCube, enclosing_solids, make_cube
+from torchrender.ray_surface import ray_surface
+from torchrender.scene.model import Scene
 
 
 class HitShader:
@@ -38,19 +29,35 @@ class HitShader:
     Args:
         light: the passes of the picture over other samples, reflections left out.
         background: colour of what surrounds the scene; None: its environment, or its ambient light.
+        eyes: (B,3) of the picture: what holds one is a room, not a closed object.
     """
 
-    def __init__(self, scene: Scene, light: SampleRenderer, background: ArrayLike | None = None) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        light: SampleRenderer,
+        background: ArrayLike | None = None,
+        eyes: Tensor | None = None,
+    ) -> None:
         self.scene = scene
         self.background = background
         self._light = light
+        self._eyes = torch.zeros(0, 3, dtype=torch.float64) if eyes is None else eyes
+        self._cubes: dict[tuple[int, ...], SceneCube] = {}
 
-    def __call__(self, rays: ReflectedRays, hits: RayHits) -> Tensor:
-        """Radiance (N,3) towards the rays' origins."""
+    def seen_from(self, eyes: Tensor) -> HitShader:
+        """The same for a picture from other eyes (B,3)."""
+        other = copy.copy(self)
+        other._eyes = eyes
+        other.__dict__.pop("_cube", None)
+        return other
+
+    def __call__(self, rays: ReflectedRays, hits: RayHits, onward: Onward | None = None) -> Tensor:
+        """Radiance (N,3) towards the rays' origins; ``onward`` knows what mirrors among the hits show."""
         radiance = torch.zeros(len(hits.t), 3)
         rows = hits.hit.nonzero().reshape(-1)
         if len(rows):
-            radiance[rows] = self._surfaces(rays, hits, rows)
+            radiance[rows] = self._surfaces(rays, hits, rows, onward)
         missed = (~hits.hit).nonzero().reshape(-1)
         if len(missed):
             radiance[missed] = self.surrounding(rays.direction[missed])
@@ -65,11 +72,11 @@ class HitShader:
         return color.expand(len(direction), 3)
 
     def environment(self, direction: Tensor) -> Tensor:
-        """Radiance (N,3) along unit directions (N,3) from the scene's centre, whatever stands there."""
-        return self._cube.lookup(direction.float())
+        """Radiance (N,3) along unit directions (N,3) from the scene's middle, closed objects there left out."""
+        return self._cube.lookup(direction, self.surrounding(direction))
 
     def surroundings(self, position: Tensor, direction: Tensor) -> Tensor:
-        """Radiance (N,3): what the centre sees of the place where each ray leaves the scene's bounding box.
+        """Radiance (N,3): what the middle sees of the place where each ray leaves the scene's bounding box.
 
         A look-up by direction alone would show a whole floor one place of a wall.
         """
@@ -78,38 +85,52 @@ class HitShader:
         exit_length = torch.where(toward > 0, high - position, low - position) / toward
         reach = exit_length.amin(dim=-1).clamp_min(0.0)
         seen = position + reach[:, None] * toward - (low + high) / 2
-        return self.environment(torch.nn.functional.normalize(seen, dim=-1, eps=1e-30))
+        seen = torch.nn.functional.normalize(seen, dim=-1, eps=1e-30)
+        return self._cube.lookup(seen, self.surrounding(direction))
 
-    def _surfaces(self, rays: ReflectedRays, hits: RayHits, rows: Tensor) -> Tensor:
+    def _surfaces(self, rays: ReflectedRays, hits: RayHits, rows: Tensor, onward: Onward | None) -> Tensor:
         found = RayHits(hits.t[rows], hits.triangle[rows], hits.barycentric[rows])
         direction = rays.direction[rows]
         width = rays.width[rows] + rays.spread[rows] * found.t
         surface = ray_surface(self.scene, rays.origin[rows], direction, found, width)
         radiance = self._light(surface.image)[0, 0]
         mirrors = self.scene.material_table.is_reflector[surface.material].nonzero().reshape(-1)
-        if len(mirrors):
-            normal = surface.normal[mirrors]
-            onward = reflect(-surface.to_eye[mirrors], normal)
+        if not len(mirrors):
+            return radiance
+        at = RayHits(found.t[mirrors], found.triangle[mirrors], found.barycentric[mirrors])
+        points = _mirrored(self.scene, surface, mirrors, at, (width[mirrors], rays.spread[rows][mirrors]))
+        cosine = (points.normal * points.rays.direction).sum(-1).abs().float()
+        if onward is None:
+            mirrored = self.surroundings(points.rays.origin, points.rays.direction)
             # Without the growth towards grazing angles: a cube map is too coarse an answer to give it full weight.
             cosine = torch.ones(len(mirrors))
-            mirrored = self.surroundings(surface.position[mirrors], onward)
-            own, material = radiance[mirrors], surface.material[mirrors]
-            radiance[mirrors] = blend_colors(self.scene, material, cosine, own, mirrored)
-        return radiance
+        else:
+            mirrored = onward(points)
+        mixed = blend_colors(self.scene, surface.material[mirrors], cosine, radiance[mirrors], mirrored)
+        return radiance.index_copy(0, mirrors, mixed)
 
     @cached_property
-    def _cube(self) -> Environment:
-        """The scene as its centre sees it."""
-        scene = self.scene
-        centre = scene.bounds.mean(dim=0)
-        matrices = torch.eye(4, dtype=torch.float64).repeat(6, 1, 1)
-        for number, (right, down) in enumerate(_FACES):
-            axes = torch.tensor([right, down], dtype=torch.float64)
-            matrices[number, :3, :3] = torch.cat([axes, torch.linalg.cross(axes[:1], axes[1:])])
-            matrices[number, :3, 3] = -matrices[number, :3, :3] @ centre
-        half = CUBE_SIZE / 2
-        intrinsics = torch.tensor([[half, 0, half], [0, half, half], [0, 0, 1]], dtype=torch.float64)
-        near = torch.tensor(1e-3 * (scene.diagonal or 1.0), dtype=torch.float64)
-        far = torch.tensor(torch.inf, dtype=torch.float64)
-        cameras = Cameras(matrices, intrinsics.expand(6, 3, 3), CUBE_SIZE, CUBE_SIZE, near, far)
-        return Environment.from_cube(self._light(rasterize(scene, cameras)))
+    def _cube(self) -> SceneCube:
+        """The scene as its middle sees it."""
+        left_out = enclosing_solids(self.scene.geometry, self._eyes)
+        key = tuple(left_out.tolist())
+        if key not in self._cubes:
+            self._cubes[key] = make_cube(self.scene, self._light, self.surrounding, left_out)
+        return self._cubes[key]
+
+
+def _mirrored(
+    scene: Scene, surface: RaySurface, rows: Tensor, hits: RayHits, size: tuple[Tensor, Tensor]
+) -> MirroredPoints:
+    """The mirrors among what rays hit, and the rays that leave them: ``size`` = their width and spread."""
+    normal, flat = surface.normal[rows].double(), surface.geometric_normal[rows].double()
+    arriving = -surface.to_eye[rows].double()
+    return MirroredPoints(
+        rays=ReflectedRays(surface.position[rows], mirrored_direction(arriving, normal, flat), *size),
+        normal=normal,
+        geometric_normal=flat,
+        arriving=arriving,
+        length=hits.t,
+        gloss=scene.material_table.gloss[surface.material[rows]],
+        object_id=scene.geometry.object_id[hits.triangle],
+    )

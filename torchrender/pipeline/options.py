@@ -7,6 +7,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from torchrender.checks import ArrayLike, as_vector, check_choice, check_range
+from torchrender.effects.enhancement.options import EnhanceOptions
+from torchrender.effects.media.options import ScatterOptions
 from torchrender.effects.reflections.clustered import ClusterOptions
 from torchrender.effects.reflections.reuse_options import ReuseOptions
 from torchrender.effects.reflections.traced import TraceOptions
@@ -15,7 +17,7 @@ from torchrender.effects.shadows.soft_shadow import SoftShadowOptions
 from torchrender.numerics.tonemap import OPERATORS
 from torchrender.shade import AREA_LIGHTS
 
-REFLECTIONS = ("clustered", "traced", "environment", "off")
+REFLECTIONS = ("auto", "clustered", "traced", "environment", "off")
 POINT_SHADOWS = ("maps", "traced")
 AREA_SHADOWS = ("pcss", "hard", "sampled")
 UPSCALING = ("joint", "bilinear", "nearest")
@@ -35,12 +37,16 @@ class RenderOptions:
     area_shadows: str = "pcss"  # of rectangles: "pcss" (one map, penumbrae guessed), "hard" (one map), or "sampled"
     soft_shadow: SoftShadowOptions = field(default_factory=SoftShadowOptions)  # of area_shadows="sampled"
     area_light: str = "polygon"  # light of rectangles without shadows: exact, or "centre": all from their centre
-    reflections: str = "clustered"  # how reflectors mirror: "clustered", "traced", "environment" (one cube map), "off"
+    reflections: str = "auto"  # how reflectors mirror: "clustered", "traced", "environment" (one cube map), "off", or
+    # "auto": the most accurate of the quick ways
     reflection: ClusterOptions = field(default_factory=ClusterOptions)
     tracing: TraceOptions = field(default_factory=TraceOptions)
     reuse: ReuseOptions | None = field(default_factory=ReuseOptions)  # in pictures with a history; None: never
+    media: bool = True  # media scatter and absorb light; False: the air is clear
+    scattering: ScatterOptions = field(default_factory=ScatterOptions)
     supersample: float = 1.0  # rendered pixels per picture pixel and side; 2: two by two; 0.5: a quarter of them
     upscaling: str = "joint"  # of fewer rendered pixels: "joint": along the surfaces seen, "bilinear", or "nearest"
+    enhance: EnhanceOptions | None = None  # shape made easier to read; None: the picture as it is
     buffers: tuple[str, ...] = ()  # what passes make that the picture shall carry, by name; rendered size
     passes: tuple[Any, ...] | None = None  # the table of passes; None: the built-in one
     effects: Mapping[str, Any] = field(default_factory=dict)  # options of further passes, by name of the pass
@@ -63,12 +69,39 @@ class RenderOptions:
         check_choice("tone_map", self.tone_map, OPERATORS)
 
 
+SHADOWS: Mapping[str, Mapping[str, Any]] = {
+    "off": {"shadows": False},
+    "hard": {"area_shadows": "hard"},
+    "maps": {},
+    "sampled": {"area_shadows": "sampled"},
+    "traced": {"area_shadows": "sampled", "point_shadows": "traced"},
+}
+"""Ways to make shadows, by name, as changes to the options: none; hard ones; penumbrae guessed from one map (the usual
+way); rectangles sampled; and rays for lights without area, too."""
+
+
+def shadow_choices(shadows: str | None = None, size: int | None = None, cascades: int | None = None) -> dict[str, Any]:
+    """Arguments of :class:`RenderOptions` for a way to make shadows, the side of maps and the number along the view.
+
+    What is None stays as usual.
+
+    Raises:
+        OptionError: another name or a number out of range; names it.
+    """
+    made: dict[str, Any] = {}
+    if shadows is not None:
+        check_choice("shadows", shadows, tuple(SHADOWS))
+        made |= SHADOWS[shadows]
+    wanted = {name: value for name, value in (("size", size), ("cascades", cascades)) if value is not None}
+    return made | ({"shadow": ShadowOptions(**wanted)} if wanted else {})
+
+
 def lasting_shadows(options: RenderOptions) -> ShadowOptions:
     """Options that shadow maps are drawn with, and looked up with where mirrors show them.
 
     The look-up of the picture itself may be the quickest one; neither maps nor mirrors are made anew for that.
     """
-    shadow = options.shadow
+    shadow = replace(options.shadow, edges="exact")
     return replace(shadow, filter="bilinear") if shadow.filter == "none" and shadow.soft is None else shadow
 
 

@@ -17,6 +17,7 @@ from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
 from torchrender.planning.costs import Knowledge, is_seen
 from torchrender.planning.curves import Curves, load_curves
+from torchrender.planning.graph import AnyBuffer
 from torchrender.planning.plan import Plan, PlanRow
 from torchrender.planning.question import Question
 from torchrender.planning.search import Choice, choose
@@ -76,6 +77,7 @@ def make_plan(
         spent_ms: time that was spent so far.
     """
     choice = None
+    options = _settled(knowledge, options, frozenset(done or ()))
     if budget_ms is not None or max_error is not None:
         question = Question.about(knowledge, options, frozenset(done or ()))
         choice = choose(question, budget_ms, max_error, spent_ms)
@@ -93,6 +95,24 @@ def make_plan(
     if choice is None or choice.possible:
         return plan
     return replace(plan, possible=False, statement=_statement(plan, choice))
+
+
+def _settled(knowledge: Knowledge, options: RenderOptions, done: frozenset[str]) -> RenderOptions:
+    """The options with what the wish leaves to the planner, as far as its pass has not run."""
+
+    def prices(other: RenderOptions) -> dict[AnyBuffer, float | None]:
+        outlook, found = knowledge.outlook.at(other), {}
+        for step in knowledge.graph(other).running:
+            if step.name not in done:
+                setting = step.settings.current(other)
+                known = setting != CUSTOM
+                found[step.makes] = knowledge.predicted_ms(step, setting, step.amounts(outlook)) if known else None
+        return found
+
+    for step in knowledge.passes:
+        if step.settle is not None and step.name not in done:
+            options = step.settle(knowledge.outlook.at(options), prices)
+    return options
 
 
 def _statement(plan: Plan, choice: Choice) -> str:

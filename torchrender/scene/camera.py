@@ -209,7 +209,10 @@ class Cameras:
         else:
             camera = camera * depth[..., None]
         inverse = self.world_from_camera
-        flat = camera.reshape(len(self), -1, 3) @ inverse[:, :3, :3].transpose(1, 2) + inverse[:, None, :3, 3]
+        flat = (
+            camera.reshape(len(self), math.prod(camera.shape[1:-1]), 3) @ inverse[:, :3, :3].transpose(1, 2)
+            + inverse[:, None, :3, 3]
+        )
         return flat.reshape(camera.shape)
 
     def rays(self, pixels: Tensor | None = None) -> tuple[Tensor, Tensor]:
@@ -221,13 +224,13 @@ class Cameras:
         if pixels is None:
             pixels = self.pixel_centres().expand(len(self), self.height, self.width, 2)
         x, y = self._plane_coordinates(pixels.to(torch.float64))
-        inverse = self.world_from_camera
+        inverse, count = self.world_from_camera, math.prod(pixels.shape[1:-1])
         if self.orthographic:
-            flat = torch.stack([x, y, torch.zeros_like(x)], dim=-1).reshape(len(self), -1, 3)
+            flat = torch.stack([x, y, torch.zeros_like(x)], dim=-1).reshape(len(self), count, 3)
             origins = flat @ inverse[:, :3, :3].transpose(1, 2) + inverse[:, None, :3, 3]
             directions = inverse[:, None, :3, 2].expand_as(flat)
         else:
-            flat = torch.stack([x, y, torch.ones_like(x)], dim=-1).reshape(len(self), -1, 3)
+            flat = torch.stack([x, y, torch.ones_like(x)], dim=-1).reshape(len(self), count, 3)
             directions = flat @ inverse[:, :3, :3].transpose(1, 2)
             origins = inverse[:, None, :3, 3].expand_as(flat)
         return origins.reshape(*pixels.shape[:-1], 3), directions.reshape(*pixels.shape[:-1], 3)

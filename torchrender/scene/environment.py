@@ -7,13 +7,18 @@ columns grow to the right seen from inside (+x a quarter further), as light prob
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import torch
 from torch import Tensor
 
-from torchrender.checks import check_finite
+from torchrender.checks import check_finite, check_range
 from torchrender.errors import InputError
+from torchrender.scene.light import DirectionalLight
+from torchrender.scene.sky.irradiance import BLOCK_ROWS, IrradianceMap, latlong_directions
+from torchrender.scene.sky.prefilter import FilteredSky
+from torchrender.scene.sky.sun import find_sun, turned
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -21,21 +26,33 @@ class Environment:
     """Radiance by direction.
 
     Raises:
-        InputError: the picture is not a finite, non-negative (H,W,3) tensor.
+        InputError: the picture is not a finite, non-negative float tensor (H,W,3), or holds more than float32 can.
     """
 
-    radiance: Tensor  # (H,W,3) float32 linear
+    radiance: Tensor  # (H,W,3) linear; kept as float32
     intensity: float = 1.0  # multiplies the radiance
     rotation_deg: float = 0.0  # turns the picture about +y
     name: str = "environment"
+    shown: Tensor | None = None  # (H,W,3) what cameras see of it, where that is not ``radiance``: with the sun
 
     def __post_init__(self) -> None:
-        value = self.radiance
-        if value.dim() != 3 or value.shape[2] != 3 or value.numel() == 0:
-            raise InputError(f"environment {self.name!r}: radiance must have shape (H, W, 3), got {tuple(value.shape)}")
-        check_finite(f"environment {self.name!r}: radiance", value)
+        object.__setattr__(self, "radiance", self._checked("radiance", self.radiance))
+        if self.shown is not None:
+            object.__setattr__(self, "shown", self._checked("shown", self.shown))
+        check_range(f"environment {self.name!r}: intensity", self.intensity, 0.0, math.inf)
+
+    def _checked(self, name: str, value: Tensor) -> Tensor:
+        told = f"environment {self.name!r}: {name}"
+        if not isinstance(value, Tensor) or value.dim() != 3 or value.shape[2] != 3 or value.numel() == 0:
+            found = tuple(value.shape) if isinstance(value, Tensor) else type(value).__name__
+            raise InputError(f"{told} must have shape (H, W, 3), got {found}")
+        if not value.is_floating_point():
+            raise InputError(f"{told} must hold floats in linear light, got {value.dtype}")
+        value = value.float()
+        check_finite(told, value)
         if bool((value < 0).any()):
-            raise InputError(f"environment {self.name!r}: radiance must not be negative")
+            raise InputError(f"{told} must not be negative")
+        return value
 
     @classmethod
     def constant(cls, color: Tensor) -> Environment:
@@ -61,8 +78,15 @@ class Environment:
 
     def lookup(self, directions: Tensor) -> Tensor:
         """Radiance (...,3) for unit world directions (...,3): bilinear, periodic in azimuth, clamped at the poles."""
-        height, width, _ = self.radiance.shape
-        d = directions.to(self.radiance.dtype)
+        return self._look_up(self.radiance, directions)
+
+    def background(self, directions: Tensor) -> Tensor:
+        """As :meth:`lookup`, with the sun that :meth:`split_sun` took out of the light: what cameras see."""
+        return self._look_up(self.radiance if self.shown is None else self.shown, directions)
+
+    def _look_up(self, picture: Tensor, directions: Tensor) -> Tensor:
+        height, width, _ = picture.shape
+        d = directions.to(picture.dtype)
         azimuth = torch.atan2(d[..., 0], -d[..., 2]) + math.radians(self.rotation_deg)
         column = (azimuth / (2 * math.pi) + 0.5) * width - 0.5
         row = torch.acos(d[..., 1].clamp(-1.0, 1.0)) / math.pi * height - 0.5
@@ -72,58 +96,83 @@ class Environment:
         i1 = (i0 + 1) % width
         j0 = top.long().clamp(0, height - 1)
         j1 = (top.long() + 1).clamp(0, height - 1)
-        upper = torch.lerp(self.radiance[j0, i0], self.radiance[j0, i1], a)
-        lower = torch.lerp(self.radiance[j1, i0], self.radiance[j1, i1], a)
+        upper = torch.lerp(picture[j0, i0], picture[j0, i1], a)
+        lower = torch.lerp(picture[j1, i0], picture[j1, i1], a)
         return torch.lerp(upper, lower, b) * self.intensity
 
     def irradiance(self, normals: Tensor) -> Tensor:
         """Cosine-weighted integral (...,3) over the hemisphere about each unit normal (...,3).
 
-        From second-order spherical harmonics (Ramamoorthi and Hanrahan 2001): about 1 % for smooth environments.
+        Within 1 % of the integral, however small and bright its lamps are (:mod:`torchrender.scene.sky.irradiance`).
+        The integral is made on first use and kept. Differentiable in normals and radiance.
         """
-        c = self._harmonics.to(normals.dtype)
-        basis = harmonics_2(normals)
-        band = torch.tensor([math.pi] + [2 * math.pi / 3] * 3 + [math.pi / 4] * 5, dtype=normals.dtype)
-        return ((basis * band) @ c).clamp_min(0.0) * self.intensity
+        return self.irradiance_map(turned(normals.float(), self.rotation_deg)).to(normals.dtype) * self.intensity
+
+    def prefiltered(self, directions: Tensor, roughness: Tensor) -> Tensor:
+        """Radiance (...,3) that a mirror of roughness (...), the square root of the GGX alpha, shows.
+
+        Args:
+            directions: (...,3) unit, mirrored at the normal.
+            roughness: (...) broadcast against them, clamped to [0,1]; 0 is :meth:`lookup`.
+
+        The lobe is that of a surface seen along its normal, as the split-sum approximation has it; what it mirrors in
+        all is :func:`torchrender.numerics.split_sum.directional_albedo`. Made on first use and kept. Differentiable in
+        directions and roughness.
+
+        Raises:
+            InputError: the radiance wants a gradient, which filtering does not give.
+        """
+        if self.radiance.requires_grad and torch.is_grad_enabled():
+            raise InputError(f"environment {self.name!r}: radiance: filtering by roughness gives it no gradient")
+        roughness = roughness.float().expand(directions.shape[:-1])
+        sharp = self.lookup(directions)
+        towards = turned(directions.float(), self.rotation_deg)
+        return self.filtered(towards, roughness, sharp / max(self.intensity, 1e-30)) * self.intensity
+
+    def split_sun(self) -> tuple[Environment, DirectionalLight | None]:
+        """The environment without its sun, and the sun as a light that casts shadows; itself and None without one.
+
+        A small place that gives a good part of all light is a sun, also a lamp in a photograph of a room. No light is
+        lost: on a surface that faces it, the light brings what was taken out. :meth:`background` still shows it.
+        """
+        return self._split
+
+    @cached_property
+    def _split(self) -> tuple[Environment, DirectionalLight | None]:
+        sun = None if self.shown is not None else find_sun(self.radiance)
+        if sun is None:
+            return self, None
+        light = DirectionalLight(
+            direction=-turned(sun.direction, -self.rotation_deg),
+            irradiance=sun.irradiance * self.intensity,
+            name=f"sun of {self.name}",
+        )
+        return replace(self, radiance=sun.rest, shown=self.radiance.detach()), light
 
     @property
-    def _harmonics(self) -> Tensor:
-        cached = self.__dict__.get("_sh")
-        if cached is None:
-            height, width = max(self.radiance.shape[0], 32), max(self.radiance.shape[1], 64)
-            d = latlong_directions(height, width)
-            value = self.lookup(d).double() / max(self.intensity, 1e-30)
-            polar = (torch.arange(height, dtype=torch.float64) + 0.5) * math.pi / height
-            weight = torch.sin(polar)[:, None] * (math.pi / height) * (2 * math.pi / width)
-            cached = torch.einsum("hwk,hwc,hw->kc", harmonics_2(d.double()), value, weight.expand(height, width))
-            object.__setattr__(self, "_sh", cached)
-        return cached
+    def irradiance_map(self) -> IrradianceMap:
+        """Irradiance in the picture's own frame, at intensity one."""
+        if self.radiance.requires_grad and torch.is_grad_enabled():
+            return IrradianceMap.of(self._fine)
+        return self._irradiance_map
 
+    @cached_property
+    def _irradiance_map(self) -> IrradianceMap:
+        with torch.inference_mode(False), torch.no_grad():
+            return IrradianceMap.of(self._fine)
 
-def latlong_directions(height: int, width: int) -> Tensor:
-    """(H,W,3) unit world directions of the pixel centres of a latitude-longitude picture."""
-    polar = (torch.arange(height) + 0.5) * math.pi / height
-    azimuth = ((torch.arange(width) + 0.5) / width - 0.5) * 2 * math.pi
-    sine = torch.sin(polar)[:, None]
-    x, z = sine * torch.sin(azimuth), -sine * torch.cos(azimuth)
-    return torch.stack([x, torch.cos(polar)[:, None].expand(height, width), z], dim=-1)
+    @cached_property
+    def filtered(self) -> FilteredSky:
+        """The picture as rough mirrors show it, in its own frame, at intensity one."""
+        with torch.inference_mode(False), torch.no_grad():
+            return FilteredSky.of(self._fine)
 
-
-def harmonics_2(d: Tensor) -> Tensor:
-    """The nine real spherical harmonics up to band 2 (...,9) of unit directions (...,3)."""
-    x, y, z = d.unbind(-1)
-    one = torch.ones_like(x)
-    return torch.stack(
-        [
-            0.282095 * one,
-            0.488603 * y,
-            0.488603 * z,
-            0.488603 * x,
-            1.092548 * x * y,
-            1.092548 * y * z,
-            0.315392 * (3 * z * z - 1),
-            1.092548 * x * z,
-            0.546274 * (x * x - y * y),
-        ],
-        dim=-1,
-    )
+    @property
+    def _fine(self) -> Tensor:
+        """The picture with rows enough to be cut into blocks, interpolated as look-ups do."""
+        height, width, _ = self.radiance.shape
+        rows = BLOCK_ROWS[1]
+        if height >= rows and width >= 2 * rows:
+            return self.radiance
+        plain = Environment(radiance=self.radiance)
+        return plain.lookup(latlong_directions(max(height, rows), max(width, 2 * rows)))

@@ -1,4 +1,7 @@
-"""Light sources. Intensities are linear RGB; directions point the way the light travels."""
+"""Light sources. Intensities are linear RGB; directions point the way the light travels.
+
+Positions are float64: a lamp on a map with coordinates of millions of metres still stands where it stands.
+"""
 
 from __future__ import annotations
 
@@ -16,9 +19,16 @@ def _white() -> Tensor:
     return torch.ones(3)
 
 
-def _vectors(light: object, *names: str) -> None:
+def _vectors(light: object, *names: str, dtype: torch.dtype = torch.float32) -> None:
     for name in names:
-        object.__setattr__(light, name, as_vector(f"{type(light).__name__}.{name}", getattr(light, name)))
+        object.__setattr__(light, name, as_vector(f"{type(light).__name__}.{name}", getattr(light, name), dtype=dtype))
+
+
+def _colors(light: object, name: str) -> None:
+    _vectors(light, name)
+    value = getattr(light, name)
+    if bool((value < 0).any()):
+        raise InputError(f"{type(light).__name__}.{name} must not be negative, got {value.tolist()}")
 
 
 def _unit(light: object, name: str) -> None:
@@ -33,12 +43,13 @@ def _unit(light: object, name: str) -> None:
 class PointLight:
     """Irradiance at distance r is ``intensity cos(theta) / r^2``."""
 
-    position: Tensor  # (3,) scene units
+    position: Tensor  # (3,) float64, scene units
     intensity: Tensor = field(default_factory=_white)  # (3,) power per solid angle
     name: str = "point"
 
     def __post_init__(self) -> None:
-        _vectors(self, "position", "intensity")
+        _vectors(self, "position", dtype=torch.float64)
+        _colors(self, "intensity")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -50,7 +61,8 @@ class DirectionalLight:
     name: str = "directional"
 
     def __post_init__(self) -> None:
-        _vectors(self, "direction", "irradiance")
+        _vectors(self, "direction")
+        _colors(self, "irradiance")
         _unit(self, "direction")
 
 
@@ -58,7 +70,7 @@ class DirectionalLight:
 class SpotLight:
     """A point light within a cone; full inside ``inner_deg``, none outside ``outer_deg`` (half angles)."""
 
-    position: Tensor  # (3,)
+    position: Tensor  # (3,) float64
     direction: Tensor  # (3,) normalised
     intensity: Tensor = field(default_factory=_white)  # (3,)
     inner_deg: float = 20.0
@@ -66,7 +78,9 @@ class SpotLight:
     name: str = "spot"
 
     def __post_init__(self) -> None:
-        _vectors(self, "position", "direction", "intensity")
+        _vectors(self, "position", dtype=torch.float64)
+        _vectors(self, "direction")
+        _colors(self, "intensity")
         _unit(self, "direction")
         check_range("SpotLight.outer_deg", self.outer_deg, 0.1, 89.0)
         check_range("SpotLight.inner_deg", self.inner_deg, 0.0, self.outer_deg)
@@ -85,14 +99,16 @@ class RectLight:
     An edge of length zero is allowed: the light is then a line or a point, and passes that need an area say so.
     """
 
-    corner: Tensor  # (3,)
+    corner: Tensor  # (3,) float64
     edge_u: Tensor  # (3,)
     edge_v: Tensor  # (3,)
     radiance: Tensor = field(default_factory=_white)  # (3,)
     name: str = "area"
 
     def __post_init__(self) -> None:
-        _vectors(self, "corner", "edge_u", "edge_v", "radiance")
+        _vectors(self, "corner", dtype=torch.float64)
+        _vectors(self, "edge_u", "edge_v")
+        _colors(self, "radiance")
 
     @property
     def area(self) -> float:
@@ -107,17 +123,24 @@ class RectLight:
 
     @property
     def centre(self) -> Tensor:
-        """(3,) centre of the parallelogram."""
+        """(3,) float64 centre of the parallelogram."""
         return self.corner + (self.edge_u + self.edge_v) / 2
 
     def samples(self, per_side: int) -> Tensor:
-        """(per_side^2, 3) cell centres ``corner + (a+0.5)/n edge_u + (b+0.5)/n edge_v``; b runs fastest."""
+        """(per_side^2, 3) float64 cell centres ``corner + (a+0.5)/n edge_u + (b+0.5)/n edge_v``; b runs fastest."""
         t = (torch.arange(per_side, dtype=torch.float64) + 0.5) / per_side
         grid = t[:, None, None] * self.edge_u.double() + t[None, :, None] * self.edge_v.double()
-        return (self.corner.double() + grid).reshape(-1, 3).float()
+        return (self.corner.double() + grid).reshape(-1, 3)
 
 
 Light = PointLight | DirectionalLight | SpotLight | RectLight
+
+
+def light_color(light: Light) -> Tensor:
+    """(3,) intensity, irradiance or radiance, whichever the kind has."""
+    if isinstance(light, DirectionalLight):
+        return light.irradiance
+    return light.radiance if isinstance(light, RectLight) else light.intensity
 
 
 def vectors_to(light: Light, points: Tensor, target: Tensor | None = None) -> Tensor:

@@ -2,22 +2,32 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import torch
 from torch import Tensor
 
-from torchrender.checks import as_vector, check_range
+from torchrender.checks import as_vector, check_choice, check_finite, check_range
 from torchrender.errors import InputError
+
+SCALES = ("both", "absorption")
+LARGEST_RISE = 60.0
+"""Largest exponent of a density inside its box: more would leave the range of float32."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Medium:
     """A medium inside an axis-aligned box; coefficients are per scene unit at density 1.
 
+    The density is a number, a number that falls off with height, ``density exp(-falloff (y - floor))``, or a grid whose
+    cells fill the box; between the centres of cells it is trilinear, and outside of the box there is nothing. Media may
+    overlap: what is in them adds up.
+
     Raises:
-        InputError: box corners out of order, negative coefficients, or a grid that is not (D,H,W).
-        OptionError: ``asymmetry`` outside [-0.99, 0.99].
+        InputError: box corners out of order, negative or infinite coefficients or densities, a grid that is not
+            (D,H,W), a grid that also falls off, or a density that leaves the range of float32 inside the box.
+        OptionError: ``asymmetry`` outside [-0.99, 0.99], ``falloff`` negative, another ``density_scales``.
     """
 
     low: Tensor  # (3,) smallest corner
@@ -27,6 +37,9 @@ class Medium:
     emission: Tensor = field(default_factory=lambda: torch.zeros(3))  # (3,) radiance
     asymmetry: float = 0.0  # Henyey-Greenstein g
     density: Tensor | float = 1.0  # a number, or a grid (D,H,W) over the box: z, y, x
+    falloff: float = 0.0  # 1/unit; of a number, with height
+    floor: float | None = None  # height y at which a density that falls off is the number; None: the box's floor
+    density_scales: str = "both"  # what the density multiplies: "both" coefficients, or "absorption" alone
     name: str = "medium"
 
     def __post_init__(self) -> None:
@@ -38,5 +51,44 @@ class Medium:
             if bool((getattr(self, name) < 0).any()):
                 raise InputError(f"medium {self.name!r}: {name} must not be negative")
         check_range(f"medium {self.name!r}: asymmetry", self.asymmetry, -0.99, 0.99)
-        if isinstance(self.density, Tensor) and self.density.dim() != 3:
-            raise InputError(f"medium {self.name!r}: density must be (D, H, W), got {tuple(self.density.shape)}")
+        check_choice(f"medium {self.name!r}: density_scales", self.density_scales, SCALES)
+        check_range(f"medium {self.name!r}: falloff", self.falloff, 0.0)
+        self._check_density()
+
+    def _check_density(self) -> None:
+        if isinstance(self.density, Tensor):
+            if self.density.dim() != 3 or not self.density.numel():
+                raise InputError(f"medium {self.name!r}: density must be (D, H, W), got {tuple(self.density.shape)}")
+            check_finite(f"medium {self.name!r}: density", self.density)
+            if bool((self.density < 0).any()):
+                raise InputError(f"medium {self.name!r}: density must not be negative")
+            if self.falloff or self.floor is not None:
+                raise InputError(
+                    f"medium {self.name!r}: falloff and floor go with a number as density, not with a grid"
+                )
+            return
+        check_range(f"medium {self.name!r}: density", float(self.density), 0.0, 1e30)
+        if not math.isfinite(self.ground):
+            raise InputError(f"medium {self.name!r}: floor must be finite, got {self.floor}")
+        if self.falloff * (self.ground - float(self.low[1])) > LARGEST_RISE:
+            raise InputError(
+                f"medium {self.name!r}: falloff times the depth of the box below floor must be at most {LARGEST_RISE}, "
+                f"got {self.falloff} times {self.ground - float(self.low[1]):g}"
+            )
+
+    @property
+    def ground(self) -> float:
+        """Height y that a density falls off from."""
+        return float(self.low[1]) if self.floor is None else float(self.floor)
+
+    @property
+    def extinction(self) -> Tensor:
+        """(3,) absorption and scattering together, 1/unit."""
+        return self.absorption + self.scattering
+
+    @property
+    def is_empty(self) -> bool:
+        """Nothing in it absorbs, scatters or glows."""
+        none = not bool((self.density > 0).any()) if isinstance(self.density, Tensor) else not self.density > 0
+        scatters = bool((self.scattering > 0).any()) and (not none or self.density_scales == "absorption")
+        return not scatters and (none or not bool((self.absorption > 0).any()))

@@ -13,6 +13,7 @@ from torch import Tensor
 
 from torchrender.errors import MeshError
 from torchrender.kernels.raster.culling_clusters import cluster_boxes, spatial_order, vertex_blocks
+from torchrender.numerics.tangents import Corners, TangentTable, tangents_of
 from torchrender.scene.cutout import Cutout
 
 CLUSTER = 128
@@ -77,6 +78,7 @@ class Geometry:
     cutout: Cutout | None = None  # triangles with holes
     uv1: Tensor | None = None  # (V,2) float32; zero where a mesh has none
     tangents: Tensor | None = None  # (V,4) float32; a zero row means: derive it from the texture coordinates
+    tangent_table: TangentTable | None = None  # of triangles with normal maps
     alpha: Tensor | None = None  # (V,) float32; one where a mesh has none
     coherent: bool = False  # triangles already follow one another in space: sorting them would only cost time
 
@@ -114,6 +116,7 @@ class Geometry:
             material=self.material[rows],
             runs=torch.tensor([0, len(rows)]),
             cutout=None if self.cutout is None else replace(self.cutout, mask=self.cutout.mask[rows]),
+            tangent_table=None if (t := self.tangent_table) is None else replace(t, row=t.row[rows]),
             coherent=True,
         )
 
@@ -150,6 +153,29 @@ class Geometry:
         scale = cross.abs().amax(dim=1, keepdim=True)
         cross = torch.where(scale > 0, cross / scale.clamp_min(1e-300), cross)
         return torch.nn.functional.normalize(cross, dim=1, eps=1e-30).float()
+
+
+def with_tangents(geometry: Geometry, uv_set: Tensor) -> Geometry:
+    """The same with tangents of the triangles where ``uv_set`` (F,) says whose texture coordinates they follow.
+
+    0 and 1 are the sets, -1 stands for triangles that need no tangents.
+    """
+    chosen = (uv_set >= 0).nonzero().reshape(-1)
+    if not len(chosen):
+        return geometry
+    faces = geometry.faces[chosen].long()
+    flat = geometry.face_normals[chosen][:, None].expand(-1, 3, 3)
+    normal = flat if geometry.normals is None else geometry.normals[faces]
+    normal = torch.where(normal.square().sum(-1, keepdim=True) > 0, normal, flat).double()
+    none = torch.zeros(len(geometry.vertices), 2)
+    first, second = (none if uv is None else uv for uv in (geometry.uv, geometry.uv1))
+    uv = torch.where((uv_set[chosen] == 0)[:, None, None], first[faces], second[faces])
+    given = torch.zeros(len(chosen), 3, 4) if geometry.tangents is None else geometry.tangents[faces]
+    unit = torch.nn.functional.normalize(normal, dim=-1, eps=1e-30)
+    corners = tangents_of(Corners(geometry.vertices[faces], unit, uv.double(), given.double()))
+    row = torch.full((geometry.triangle_count,), -1, dtype=torch.int32)
+    row[chosen] = torch.arange(len(chosen), dtype=torch.int32)
+    return replace(geometry, tangent_table=TangentTable(row, corners))
 
 
 def concatenate(meshes: Sequence[Mesh]) -> Geometry:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cache, cached_property
 
 import torch
 from torch import Tensor
@@ -14,11 +14,11 @@ from torchrender.scene.camera import Cameras, framing_camera
 from torchrender.scene.cutout import build_cutout
 from torchrender.scene.environment import Environment
 from torchrender.scene.files.report import NOTHING, LoadReport
-from torchrender.scene.light import DirectionalLight, Light
+from torchrender.scene.light import DirectionalLight, Light, light_color
 from torchrender.scene.material import Material
 from torchrender.scene.material_table import MaterialTable, wants_gradient
 from torchrender.scene.medium import Medium
-from torchrender.scene.mesh import Geometry, Mesh, concatenate
+from torchrender.scene.mesh import Geometry, Mesh, concatenate, with_tangents
 from torchrender.scene.motion.records import Motion
 from torchrender.scene.motion.update import Moving, at_time, moved_geometry
 
@@ -56,6 +56,8 @@ class Scene:
     def geometry(self) -> Geometry:
         """All triangles in one set of arrays, built on first use."""
         geometry = concatenate(self.meshes)
+        sets = torch.tensor([_normal_map_set(m) for m in self.materials] or [-1])
+        geometry = with_tangents(geometry, sets[geometry.material])
         if geometry.uv is None:
             return geometry
         return replace(geometry, cutout=build_cutout(self.materials, geometry.material))
@@ -108,6 +110,18 @@ class Scene:
         return resized(camera, width, height)
 
     @property
+    def is_lit(self) -> bool:
+        """Something lights it: a light, an environment, ambient light, or surfaces that shine brightly on the whole.
+
+        A lamp that merely glows lights nothing: light that surfaces emit counts by its mean over all surfaces.
+        """
+        if any(bool((light_color(light) > 0).any()) for light in self.lights) or bool((self.ambient > 0).any()):
+            return True
+        if self.environment is not None and self.environment.intensity > 0:
+            return bool((self.environment.radiance > 0).any())
+        return emitted_mean(self.meshes, self.materials) >= BRIGHT
+
+    @property
     def animations(self) -> dict[str, float]:
         """Names of the animations and their durations, seconds."""
         return {a.name: a.duration for m in self.motions for a in m.animations}
@@ -136,17 +150,66 @@ class Scene:
         return scene
 
     def with_default_light(self) -> Scene:
-        """This scene, or if it has neither lights, environment nor ambient light, a copy lit from the upper left."""
-        if self.lights or self.environment is not None or bool((self.ambient > 0).any()):
-            return self
-        if any(bool((m.emission > 0).any()) for m in self.materials):
+        """This scene, or if nothing really lights it (:attr:`is_lit`), a copy lit from the upper left."""
+        if self.is_lit:
             return self
         sun = DirectionalLight(direction=torch.tensor([0.5, -1.0, -0.4]), irradiance=torch.full((3,), 1.9))
-        studio = torch.linspace(0.55, 0.15, 16)[:, None, None].expand(16, 2, 3).contiguous()
-        lit = replace(self, lights=(sun,), environment=Environment(radiance=studio, name="studio"))
+        return self._relit(lights=(sun,), environment=_studio())
+
+    def with_sun_apart(self) -> Scene:
+        """This scene, or if its environment shows a sun, a copy in which that is a light and casts shadows."""
+        if self.environment is None:
+            return self
+        rest, sun = self.environment.split_sun()
+        return self if sun is None else self._relit(lights=(*self.lights, sun), environment=rest)
+
+    def _relit(self, *, lights: tuple[Light, ...], environment: Environment) -> Scene:
+        lit = replace(self, lights=lights, environment=environment)
         if "geometry" in self.__dict__:  # the same triangles: nothing to build again
             lit.__dict__["geometry"] = self.geometry
         return lit
+
+
+def _normal_map_set(material: Material) -> int:
+    """The texture coordinates that a normal map follows, -1 without one."""
+    return -1 if material.normal_texture is None else material.sampler("normal_texture").uv_set
+
+
+BRIGHT = 0.1
+"""Mean radiance that surfaces emit, from which on a scene needs no other light."""
+
+
+def emitted_mean(meshes: Sequence[Mesh], materials: Sequence[Material]) -> float:
+    """Radiance that surfaces emit, mean over the area of all: also that of a white box lit by it."""
+    glow = [float(_mean_emission(m)) for m in materials]
+    if not any(glow[mesh.material] > 0 for mesh in meshes):
+        return 0.0
+    areas = [_area(mesh) for mesh in meshes]
+    return sum(a * glow[mesh.material] for a, mesh in zip(areas, meshes)) / max(sum(areas), 1e-300)
+
+
+def _mean_emission(material: Material) -> Tensor:
+    """Mean over texture and colours; what an unlit material shows counts as emitted."""
+    if material.unlit:
+        color, texture = material.diffuse, material.diffuse_texture
+    else:
+        color, texture = material.emission, material.emission_texture
+    with torch.no_grad():
+        mean = color if texture is None else color * texture[..., :3].mean((0, 1))
+        return mean.mean()
+
+
+def _area(mesh: Mesh) -> float:
+    a, b, c = mesh.vertices.detach().double()[mesh.faces.long()].unbind(1)
+    return float(torch.linalg.cross(b - a, c - a).norm(dim=-1).sum()) / 2
+
+
+@cache
+def _studio() -> Environment:
+    """What lights a scene without light, beside its sun: brighter from above. Kept: what is made of it lasts."""
+    with torch.inference_mode(False):
+        radiance = torch.linspace(0.55, 0.15, 16)[:, None, None].expand(16, 2, 3).contiguous()
+        return Environment(radiance=radiance, name="studio")
 
 
 def resized(camera: Cameras, width: int, height: int) -> Cameras:

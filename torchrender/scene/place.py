@@ -160,4 +160,6 @@ def place_medium(medium: Medium, matrix: Tensor) -> Medium:
         absorption=medium.absorption / scale,
         scattering=medium.scattering / scale,
         emission=medium.emission,
+        falloff=medium.falloff / scale,
+        floor=None if medium.floor is None else medium.floor * scale + float(matrix[1, 3]),
     )

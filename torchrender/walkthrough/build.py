@@ -20,10 +20,11 @@ from torchrender.walkthrough.clusters import build_points
 from torchrender.walkthrough.density import Comparisons, Samples, compare_density
 from torchrender.walkthrough.draw import draw_walkthrough
 from torchrender.walkthrough.frames.exposure import solve_exposure
-from torchrender.walkthrough.frames.pairs import overlaps, partners
+from torchrender.walkthrough.frames.pairs import overlaps, partners, seen_through
 from torchrender.walkthrough.frames.prepare import Capture, Progress, prepare, quiet
 from torchrender.walkthrough.frames.record import Array, CaptureWarning, Frame, RgbdSequence
 from torchrender.walkthrough.frames.registration import color_shift, disagreement, register, shift_color
+from torchrender.walkthrough.frames.rim import empty_rim
 from torchrender.walkthrough.model import PIXEL_BYTES, POINT_BYTES, TEXEL_BYTES, Walkthrough
 from torchrender.walkthrough.options import DrawOptions, WalkthroughOptions
 from torchrender.walkthrough.planes import Plane, assign_pixels, merge_fits
@@ -33,6 +34,9 @@ from torchrender.walkthrough.view_colors import ViewColors, pack, residual_pictu
 
 SUSPICIOUS = 0.02
 """Median disagreement of depths between photos, share of depth, from which on poses or intrinsics must be wrong."""
+
+LOOKED_PAST = 0.08
+"""Share of what photos show that others look through, from which on the same must hold."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,13 +208,16 @@ def _repair(capture: Capture, options: WalkthroughOptions, progress: Progress) -
             near = partners(overlaps(capture), options.max_partners)
     if options.exposure == "auto":
         solve_exposure(capture, near, options.seed)
-    if after > SUSPICIOUS:
+    past = seen_through(capture, near, options.seed)
+    if after > SUSPICIOUS or past > LOOKED_PAST:
         warnings.warn(
-            f"depths of photos disagree by {100 * after:.1f} % of depth: check poses, intrinsics and depth scale",
+            f"depths of photos disagree by {100 * after:.1f} % of depth, and {100 * past:.0f} % of what one photo shows"
+            " another looks through: check poses, intrinsics and depth scale",
             CaptureWarning,
             stacklevel=4,
         )
-    return near, {"disagreement_before": before, "disagreement_after": after, "camera_moved": moved}
+    found = {"disagreement_before": before, "disagreement_after": after, "seen_through": past, "camera_moved": moved}
+    return near, found
 
 
 def _limited(samples: Samples, options: WalkthroughOptions) -> Samples:
@@ -249,7 +256,9 @@ def _view_colors(
         drawn = draw_walkthrough(walkthrough, cameras[i], DrawOptions(cull=True))
         small = (cameras.width, cameras.height)
         color = cv2.resize(capture.color[i], small, interpolation=cv2.INTER_AREA)
-        depth = cv2.resize(capture.depth[i], small, interpolation=cv2.INTER_NEAREST)
+        # What shows nothing counts as background: no colour of it is kept.
+        depth = np.where(empty_rim(capture.color[i]), np.float32(np.inf), capture.depth[i])
+        depth = cv2.resize(depth, small, interpolation=cv2.INTER_NEAREST)
         factor = max(options.view_detail // coarse, 1)
         pictures.append(residual_picture(color, depth, drawn.image[0].numpy(), drawn.depth[0].numpy(), factor))
     lens = cameras.intrinsics[:, (0, 1, 0, 1), (0, 1, 2, 2)].numpy()

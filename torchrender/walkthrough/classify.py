@@ -138,7 +138,9 @@ def classify(capture: Capture, i: int, options: WalkthroughOptions, tolerances: 
     points = capture.points(i, rows.reshape(-1), columns.reshape(-1)).reshape(height, width, 3)
     normal = capture.normal[i].astype(np.float32)
     normal /= np.maximum(np.linalg.norm(normal, axis=2, keepdims=True), 1e-6)
-    work = _Photo(capture, i, points, normal, options, tolerances)
+    depth = np.where(np.isfinite(capture.depth[i]), capture.depth[i], 0.0)
+    wide = widening(capture, i, depth.reshape(-1).astype(np.float64), tolerances)
+    work = _Photo(capture, i, points, normal, wide, options, tolerances)
     count, labels = cv2.connectedComponents((~edges).astype(np.uint8), connectivity=4, ltype=cv2.CV_32S)
     sizes = np.bincount(labels.reshape(-1), minlength=count)
     order = np.argsort(labels.reshape(-1), kind="stable")
@@ -168,6 +170,7 @@ class _Photo:
     i: int
     points: Array  # (H,W,3) camera space
     normal: Array  # (H,W,3) float32 camera space
+    wide: Array  # (H*W,) factors of the tolerance
     options: WalkthroughOptions
     tolerances: Tolerances
 
@@ -227,7 +230,7 @@ class _Photo:
     def _consensus(self, left: Array, rng: np.random.Generator) -> Array | None:
         """The largest connected set of pixels on the best plane through one of them."""
         p, n = self.points.reshape(-1, 3), self.normal.reshape(-1, 3)
-        wide = widening(self.capture, self.i, p[:, 2], self.tolerances)
+        wide = self.wide
         some = left if len(left) <= 1500 else rng.choice(left, 1500, replace=False)
         seeds = rng.choice(left, min(HYPOTHESES, len(left)), replace=False)
         limit, cosine = 0.5 * self.tolerances.largest, np.cos(np.radians(self.tolerances.normal_deg))
@@ -235,9 +238,13 @@ class _Photo:
         votes = ((distance < limit) & (n[some] @ n[seeds].T > cosine)).sum(0)
         best = seeds[int(votes.argmax())]
         normal, offset = n[best].astype(np.float64), float(p[best] @ n[best])
-        for _ in range(2):
-            near = left[(np.abs(p[left] @ normal - offset) < limit * wide[left]) & (n[left] @ normal > cosine)]
-            if len(near) < self.options.n_min:
+        place, facing, width = p[left], n[left], limit * wide[left]
+        # The first of the two rounds moves the plane a little: a share of the pixels is enough for it.
+        few = slice(None, None, max(len(left) // 20000, 1))
+        for part in (few, slice(None)):
+            on_it = (np.abs(place[part] @ normal - offset) < width[part]) & (facing[part] @ normal > cosine)
+            near = left[part][on_it]
+            if len(near) * len(left) < self.options.n_min * len(place[part]):
                 return None
             fitted, offset, centroid = fit_plane(p[near], None if self.capture.exact else 1.0 / p[near, 2] ** 4)
             normal = -fitted if fitted @ centroid > 0 else fitted

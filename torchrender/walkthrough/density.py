@@ -68,7 +68,7 @@ def compare_density(
     """
     count, (height, width) = len(capture), capture.size
     keep = np.zeros((count, height, width), np.uint8)
-    settings = Comparison(options.tau_z, 2.0 * options.tau_z, options.eta, options.blend_power, COLOR_GAP)
+    settings = Comparison(options.tau_z, 2.0, options.eta, options.blend_power, COLOR_GAP)
     photos = capture.photos
     exact, parts, hanging, known = capture.exact, [], 0, 0
     outputs = tuple(np.zeros(s, d) for s, d in (((height, width, 3), np.uint8), ((height, width), np.float32),

@@ -14,6 +14,7 @@ from torch import Tensor
 from torchrender.errors import CameraError
 from torchrender.kernels.compile import thread_count
 from torchrender.kernels.walkthrough import splat
+from torchrender.kernels.walkthrough.pinholes import close_pinholes
 from torchrender.kernels.walkthrough.plane_pixels import shade_planes
 from torchrender.numerics.color import srgb_table
 from torchrender.points.draw import render_points
@@ -21,7 +22,9 @@ from torchrender.points.options import SplatOptions
 from torchrender.points.tree import PatchSet, build_patches
 from torchrender.raster import rasterize_visibility
 from torchrender.scene.camera import Cameras
-from torchrender.walkthrough.culling import Visible, occluders, visible_runs
+from torchrender.walkthrough.drawing.culling import Visible, visible_runs
+from torchrender.walkthrough.drawing.packed import Packed, packed
+from torchrender.walkthrough.drawing.workspace import WORKSPACE
 from torchrender.walkthrough.frames.record import Array
 from torchrender.walkthrough.model import Walkthrough
 from torchrender.walkthrough.options import DrawOptions
@@ -80,7 +83,7 @@ def draw_walkthrough(
     if cameras.orthographic:
         raise CameraError("walkthroughs are drawn by perspective cameras only")
     shape = (len(cameras), cameras.height, cameras.width)
-    image, depth = np.zeros((*shape, 3), np.float32), np.full(shape, np.inf, np.float32)
+    image, depth = np.zeros((*shape, 3), np.float32), np.empty(shape, np.float32)
     kind = np.zeros(shape, np.uint8)
     statistics = tuple(
         _draw(walkthrough, cameras[n], options, (image[n], depth[n], kind[n])) for n in range(len(cameras))
@@ -93,71 +96,75 @@ def _draw(
     walkthrough: Walkthrough, camera: Cameras, options: DrawOptions, out: tuple[Array, Array, Array]
 ) -> DrawStatistics:
     image, depth, kind = out
+    arrays = packed(walkthrough)
     ticks = [time.perf_counter()]
     if walkthrough.planes:
-        _draw_planes(walkthrough, camera, out)
+        _draw_planes(walkthrough, arrays, camera, out)
+    else:
+        depth.fill(np.inf)
     ticks.append(time.perf_counter())
     points = walkthrough.points
     seen = Visible(np.array([[0, len(points)]], np.int64), 0, 0)
     if len(points) and options.cull:
-        eye = camera.eye[0].numpy()
-        shadows = occluders(walkthrough.planes, eye, options.occluders)
-        seen = visible_runs(points, camera, shadows, float(camera.near[0]))
+        seen = visible_runs(points, camera, arrays.occluders.shadows(camera.eye[0].numpy(), options.occluders))
     ticks.append(time.perf_counter())
     drawn = int((seen.runs[:, 1] - seen.runs[:, 0]).sum()) if len(points) else 0
     if drawn:
         if options.splats == "ewa":
             _draw_ewa(walkthrough, camera, out)
         else:
-            _draw_squares(walkthrough, camera, options, seen.runs, out)
+            _draw_squares(arrays, camera, options, seen.runs, out)
     ticks.append(time.perf_counter())
     if options.gap_pixels:
         close_gaps(out, options.gap_pixels)
     ticks.append(time.perf_counter())
     if options.view_colors and walkthrough.view_colors is not None:
-        apply_view_colors(walkthrough.view_colors, camera, image, depth, walkthrough.diagonal)
-    image[kind == NOTHING] = options.background
+        apply_view_colors(walkthrough.view_colors, camera, image, depth, arrays.diagonal, WORKSPACE)
+    empty = kind == NOTHING
+    if any(options.background):
+        image[empty] = options.background
     ticks.append(time.perf_counter())
     ms = {n: 1e3 * (b - a) for n, a, b in zip(("planes", "cull", "points", "gaps", "view colours"), ticks, ticks[1:])}
-    return DrawStatistics(len(points), drawn, seen.outside, seen.hidden, int((kind == NOTHING).sum()), ms)
+    return DrawStatistics(len(points), drawn, seen.outside, seen.hidden, int(np.count_nonzero(empty)), ms)
 
 
-def plane_matrices(walkthrough: Walkthrough, camera: Cameras) -> Array:
-    """(P,3,3) texel coordinates from homogeneous pixels: the inverse homography of each plane."""
+def plane_matrices(frames: Array, camera: Cameras) -> Array:
+    """(P,3,3) texel coordinates from homogeneous pixels: the inverse homography of each plane.
+
+    ``frames`` (P,3,3) has in its columns the texel column, the texel row and the origin, world space.
+    """
     k = camera.intrinsics[0].numpy()
     pose = camera.camera_from_world[0].numpy()
-    # Columns: texel column, texel row, origin; in the camera's frame. A plane through the eye has no inverse, and no
-    # pixel either.
-    frames = np.stack([np.stack([p.step * p.across, p.step * p.down, p.origin], axis=1) for p in walkthrough.planes])
+    # In the camera's frame. A plane through the eye has no inverse, and no pixel either.
     h = k @ (pose[:3, :3] @ frames + np.array([[0, 0, 1.0]]) * pose[:3, 3:])
-    u, s, vt = np.linalg.svd(h)
-    s = np.maximum(s, 1e-12 * s[:, :1])
-    return np.ascontiguousarray((vt.transpose(0, 2, 1) / s[:, None]) @ u.transpose(0, 2, 1))
+    # Texels are small and origins far: the columns' own sizes say nothing about whether there is an inverse.
+    size = np.maximum(np.linalg.norm(h, axis=1, keepdims=True), 1e-300)
+    flat = np.abs(np.linalg.det(h / size)) < 1e-12
+    h[flat] = np.eye(3)
+    made = np.linalg.inv(h)
+    made[flat] = 0.0
+    made[flat, 2, 2] = 1.0
+    return np.ascontiguousarray(made)
 
 
-def _draw_planes(walkthrough: Walkthrough, camera: Cameras, out: tuple[Array, Array, Array]) -> None:
+def _draw_planes(walkthrough: Walkthrough, arrays: Packed, camera: Cameras, out: tuple[Array, Array, Array]) -> None:
     image, depth, kind = out
     seen = rasterize_visibility(walkthrough.plane_scene.geometry, camera)
-    triangle = seen.triangle[0].numpy()
     depth[:] = seen.depth[0].numpy()
-    counts = [len(p.triangles) for p in walkthrough.planes]
-    plane_of = np.repeat(np.arange(len(counts)), counts)
-    filled = np.zeros(triangle.shape, np.uint8)
-    shade_planes(triangle, plane_of, plane_matrices(walkthrough, camera), walkthrough.atlas, image, filled)
-    kind[:] = np.where(triangle >= 0, np.where(filled != 0, FILLED, PLANE), NOTHING)
+    matrices = plane_matrices(arrays.frames, camera)
+    shade_planes(seen.triangle[0].numpy(), arrays.plane_of, matrices, walkthrough.atlas, image, kind)
 
 
-_TABLE = np.rint(srgb_table(8).numpy().astype(np.float64) * 65535).astype(np.int64)
+_TABLE = srgb_table(8).numpy()
 
 
 def _draw_squares(
-    walkthrough: Walkthrough, camera: Cameras, options: DrawOptions, runs: Array, out: tuple[Array, Array, Array]
+    arrays: Packed, camera: Cameras, options: DrawOptions, runs: Array, out: tuple[Array, Array, Array]
 ) -> None:
-    image, depth, kind = out
+    depth = out[1]
     height, width = depth.shape
-    data, origin = _packed(walkthrough)
     pose = camera.camera_from_world[0].numpy()[:3].copy()
-    pose[:, 3] += pose[:, :3] @ origin
+    pose[:, 3] += pose[:, :3] @ arrays.origin
     k = camera.intrinsics[0].numpy()
     view = splat.View(
         matrix=pose,
@@ -166,48 +173,18 @@ def _draw_squares(
         far=min(float(camera.far[0]), 1e30),
         cap=options.splat_cap,
         grow=options.splat_grow,
-        tolerance=BLEND_DEPTH,
-        facing=False,
     )
     lengths = runs[:, 1] - runs[:, 0]
     starts = np.concatenate([[0], np.cumsum(lengths)[:-1]]).astype(np.int64)
-    records = np.zeros((int(lengths.sum()), splat.RECORD), np.float32)
-    size = (width, height)
-    splat.project(data, view, runs, starts, size, records)
-    keys = np.zeros(height * width, np.uint64)
-    front = (depth.reshape(-1) * np.float32(1.0 - PLANE_LEAD)).astype(np.float32)
-    splat.nearest(records, front, size, thread_count(), keys)
-    inverse = keys.astype(np.uint32).view(np.float32)
-    there = keys > 0
-    near = np.where(there, 1.0 / np.where(there, inverse, 1.0), 0.0).astype(np.float32)
-    sums = np.zeros(4 * height * width, np.int64)
-    splat.blend((data.color, _TABLE), view, runs, starts, records, near, size, sums)
-    total = sums.reshape(height, width, 4)
-    shown = there.reshape(height, width) & (total[..., 3] > 0)
-    weight = np.maximum(total[..., 3:], 1) * 65535.0
-    image[shown] = (total[..., :3] / weight)[shown]
-    depth[shown] = near.reshape(height, width)[shown]
-    kind[shown] = POINT
+    records = WORKSPACE.floats("records", (int(lengths.sum()), splat.RECORD))
+    splat.project(arrays.points, view, runs, starts, (width, height), records)
+    space = (WORKSPACE.floats("near", (height, width)), WORKSPACE.floats("sums", (height, width, 4)))
+    shares = splat.Shares(1.0 - PLANE_LEAD, BLEND_DEPTH, thread_count())
+    splat.draw_points((arrays.points.color, _TABLE), runs, starts, records, shares, space, out)
+    close_pinholes(*out, space[0])
 
 
-_PACKED: WeakKeyDictionary[Walkthrough, tuple[splat.Points, Array]] = WeakKeyDictionary()
 _PATCHES: WeakKeyDictionary[Walkthrough, PatchSet] = WeakKeyDictionary()
-
-
-def _packed(walkthrough: Walkthrough) -> tuple[splat.Points, Array]:
-    """Points as the kernels read them, relative to their middle."""
-    held = _PACKED.get(walkthrough)
-    if held is None:
-        p = walkthrough.points
-        origin = 0.5 * (p.position.min(0) + p.position.max(0))
-        data = splat.Points(
-            position=np.ascontiguousarray(p.position - origin, np.float32),
-            normal=np.rint(p.normal * 127).astype(np.int8),
-            color=np.ascontiguousarray(p.color),
-            log_density=p.log_density,
-        )
-        held = _PACKED[walkthrough] = (data, origin)
-    return held
 
 
 def _draw_ewa(walkthrough: Walkthrough, camera: Cameras, out: tuple[Array, Array, Array]) -> None:

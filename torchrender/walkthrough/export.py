@@ -9,14 +9,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import torch
 import trimesh
-from PIL import Image
 
 from torchrender.errors import InputError, SceneFileError
 from torchrender.images.files import write_atomically
 from torchrender.points.file import write_points
 from torchrender.points.tree import build_patches
-from torchrender.walkthrough.frames.record import Array
+from torchrender.scene.files.gltf.out.write import glb_bytes
 from torchrender.walkthrough.model import Walkthrough
 
 
@@ -34,46 +34,15 @@ def write_glb(path: str | Path, walkthrough: Walkthrough, *, points: bool = Fals
         raise SceneFileError(path, "planes are written to .glb")
     if not walkthrough.planes and not (points and len(walkthrough.points)):
         raise InputError("the walkthrough has no planes to write")
-    scene = trimesh.Scene()
-    for number, patch in enumerate(walkthrough.planes):
-        mesh = patch.mesh
-        opaque = bool((patch.texture[..., 3] > 127).all())
-        texture = patch.texture.copy()
-        texture[..., 3] = np.where(texture[..., 3] > 127, 255, 0)
-        material = trimesh.visual.material.PBRMaterial(
-            name=f"plane {patch.plane}",
-            baseColorTexture=Image.fromarray(texture[..., :3] if opaque else texture),
-            metallicFactor=0.0,
-            roughnessFactor=1.0,
-            alphaMode="OPAQUE" if opaque else "MASK",
-            alphaCutoff=None if opaque else 0.5,
-            doubleSided=True,
-        )
-        assert mesh.uv is not None
-        visual = trimesh.visual.TextureVisuals(uv=mesh.uv.numpy(), material=material)
-        made = trimesh.Trimesh(mesh.vertices.numpy(), mesh.faces.numpy(), visual=visual, process=False)
-        scene.add_geometry(made, node_name=f"plane {number}", geom_name=f"plane {number}")
-    if points and len(walkthrough.points):
-        square = walkthrough.point_mesh()
-        codes = np.repeat(walkthrough.points.color, 4, axis=0)
-        made = trimesh.Trimesh(square.vertices.numpy(), square.faces.numpy(), process=False)
-        made.visual = trimesh.visual.ColorVisuals(made, vertex_colors=_linear_codes(codes))
-        scene.add_geometry(made, node_name="points", geom_name="points")
-    data = scene.export(file_type="glb")
+    # The file knows no ambient light, which is all that the scene has.
+    scene = replace(walkthrough.scene(points=points), ambient=torch.zeros(3), cameras={})
+    data = glb_bytes(scene, path)
 
     def write(temporary: Path) -> None:
         temporary.write_bytes(data)
 
     write_atomically(path, write)
     return len(data)
-
-
-def _linear_codes(codes: Array) -> Array:
-    """(K,4) uint8: glTF's vertex colours are linear."""
-    from torchrender.numerics.color import srgb_table
-
-    linear = np.rint(srgb_table(8).numpy()[codes] * 255).astype(np.uint8)
-    return np.concatenate([linear, np.full((len(codes), 1), 255, np.uint8)], axis=1)
 
 
 def write_ply(path: str | Path, walkthrough: Walkthrough) -> int:

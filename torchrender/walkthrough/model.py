@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from torchrender.kernels.walkthrough.plane_pixels import Atlas
-from torchrender.numerics.color import srgb_table
+from torchrender.kernels.walkthrough.plane_pixels import FINENESS, Atlas
+from torchrender.numerics.color import linear_from_srgb, srgb_table
 from torchrender.points.cloud import PointCloud
 from torchrender.scene.camera import Cameras
 from torchrender.scene.material import Material
@@ -238,6 +238,13 @@ class Walkthrough:
         return build_atlas([p.texture for p in self.planes])
 
 
+@cache
+def _fine_table() -> Array:
+    """Linear light of fractions of a code."""
+    fractions = torch.arange(255 * FINENESS + 1, dtype=torch.float64) / (255 * FINENESS)
+    return np.asarray(linear_from_srgb(fractions).float().numpy())
+
+
 def build_atlas(textures: list[Array]) -> Atlas:
     """Mip levels: means of two by two texels, colours weighted by alpha."""
     import cv2
@@ -259,6 +266,7 @@ def build_atlas(textures: list[Array]) -> Atlas:
             offset[row, column], (height[row, column], width[row, column]) = place, level.shape[:2]
             place += level.shape[0] * level.shape[1]
     flat = [level.reshape(-1, 4) for chain in chains for level in chain]
-    texels = np.concatenate(flat) if flat else np.zeros((1, 4), np.uint8)
+    texels = np.ascontiguousarray(np.concatenate(flat)) if flat else np.zeros((1, 4), np.uint8)
     levels = np.array([len(c) for c in chains], np.int64)
-    return Atlas(texels, offset, height, width, levels, srgb_table(8).numpy().astype(np.float32))
+    codes = texels.view("<u4").reshape(-1).astype(np.uint32, copy=False)
+    return Atlas(codes, offset, height, width, levels, _fine_table())

@@ -8,14 +8,15 @@ picture, and added to pictures from near the photo; far from all photos the mean
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
-import torch
 
-from torchrender.kernels.walkthrough.view_colors import SCALE, Residuals, add_residuals
+from torchrender.kernels.walkthrough.view_colors import SCALE, STEP, Looks, Residuals, add_residuals
 from torchrender.numerics.color import srgb_table
 from torchrender.scene.camera import Cameras
+from torchrender.walkthrough.drawing.workspace import Workspace
 from torchrender.walkthrough.frames.record import Array
 
 PHOTOS = 5
@@ -48,7 +49,12 @@ class ViewColors:
         """Raw."""
         return int(BYTES * self.inverse_depth.size)
 
-    @property
+    @cached_property
+    def forward(self) -> Array:
+        """(N,3) world directions that the photos look in."""
+        return np.ascontiguousarray(np.linalg.inv(self.pose)[:, :3, 2])
+
+    @cached_property
     def arrays(self) -> Residuals:
         """For the kernels."""
         inverse = np.linalg.inv(self.pose)
@@ -104,20 +110,32 @@ def pack(pictures: list[tuple[Array, Array]], lens: Array, pose: Array, size: tu
     )
 
 
-def nearest_photos(colors: ViewColors, camera: Cameras, diagonal: float) -> Array:
-    """(K,) the photos that look from nearest and most alike."""
-    inverse = np.linalg.inv(colors.pose)
-    gap = np.linalg.norm(inverse[:, :3, 3] - camera.eye[0].numpy(), axis=1) / max(diagonal, 1e-12)
-    turn = 1.0 - inverse[:, :3, 2] @ camera.forward[0].numpy()
-    return np.sort(np.argsort(4 * gap + turn, kind="stable")[:PHOTOS])
+def nearest_photos(colors: ViewColors, eye: Array, forward: Array, diagonal: float) -> tuple[Array, Array]:
+    """(K,) the photos that look from nearest and most alike, and (K,) how much each counts.
+
+    The share falls to 0 towards the first that is not among them: so none appears or goes at once while the camera
+    moves.
+    """
+    gap = np.linalg.norm(colors.arrays.eye - eye, axis=1) / max(diagonal, 1e-12)
+    away = 4 * gap + 1.0 - colors.forward @ forward
+    order = np.argsort(away, kind="stable")[: PHOTOS + 1]
+    chosen, share = order[:PHOTOS], np.ones(min(len(order), PHOTOS))
+    if len(order) > PHOTOS:
+        share = 1.0 - away[chosen] / max(away[order[PHOTOS]], 1e-12)
+        share = share / share.max() if share.max() > 1e-9 else np.ones(PHOTOS)
+    by_number = np.argsort(chosen)
+    return chosen[by_number], share[by_number]
 
 
-def apply_view_colors(colors: ViewColors, camera: Cameras, image: Array, depth: Array, diagonal: float) -> None:
+def apply_view_colors(
+    colors: ViewColors, camera: Cameras, image: Array, depth: Array, diagonal: float, workspace: Workspace
+) -> None:
     """Add to a picture (H,W,3) linear with its depth (H,W), in place."""
-    inverse = camera.world_from_camera[0]
-    rays = (inverse[:3, :3] @ torch.linalg.inv(camera.intrinsics[0])).numpy()
-    chosen = nearest_photos(colors, camera, diagonal)
-    limits = (TOLERANCE, NEAR, REST)
-    add_residuals(
-        colors.arrays, chosen, np.ascontiguousarray(rays), inverse[:3, 3].numpy().copy(), depth, limits, image
-    )
+    inverse = camera.world_from_camera[0].numpy()
+    rays = np.ascontiguousarray(inverse[:3, :3] @ np.linalg.inv(camera.intrinsics[0].numpy()))
+    eye = inverse[:3, 3].copy()
+    chosen, share = nearest_photos(colors, eye, inverse[:3, 2], diagonal)
+    looks = Looks(chosen, share, rays, eye, TOLERANCE, NEAR, REST)
+    shape = ((depth.shape[0] - 1) // STEP + 2, (depth.shape[1] - 1) // STEP + 2)
+    grid, known = workspace.floats("change", (*shape, 3)), workspace.floats("inverse", shape)
+    add_residuals(colors.arrays, looks, depth, grid, known, image)

@@ -74,6 +74,7 @@ class Hello(msgspec.Struct, frozen=True, kw_only=True):
     color: Words = ("jpeg",)
     max_pixels: Annotated[int, Meta(ge=1, le=2**53)] = 2**53  # of one picture
     layers: Natural | None = None  # extra layers that it can show; None: as the session asked for
+    mirrors: bool = False  # it can show what mirrors show as a picture of its own
 
 
 class Welcome(msgspec.Struct, frozen=True, kw_only=True):
@@ -137,6 +138,7 @@ class Keyframe(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     layers: Annotated[int, Meta(ge=1, le=256)]
     still: bool
     samples: Annotated[int, Meta(ge=1, le=256)] = 1  # pictures whose mean the colours are
+    mirrors: bool = False  # light that was mirrored, a part of layer 0's, at the depths where what it shows seems to be
     depth: DepthBlob
     color: ColorBlob
     mask: MaskBlob | None = None

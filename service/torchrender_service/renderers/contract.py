@@ -21,11 +21,11 @@ class RendererPool(Protocol):
 
     @property
     def ready(self) -> bool:
-        """All renderers run, and nothing is left to compile."""
+        """All renderers run, and first keyframes wait for no compiler."""
 
     @property
     def progress(self) -> str:
-        """What is still going on before it is ready, in words."""
+        """What is still going on before it is ready, or behind that, in words; empty for nothing."""
 
     @property
     def waiting(self) -> int:

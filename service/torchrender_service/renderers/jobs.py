@@ -157,6 +157,7 @@ class MakeKeyframe(msgspec.Struct, frozen=True, kw_only=True, tag=True):
     color: ColorCodec
     quality: int
     bounds: Bounds
+    mirrors: bool = False  # send what mirrors show as a layer of its own
 
 
 class MakeLayers(msgspec.Struct, frozen=True, kw_only=True, tag=True):

@@ -1,4 +1,8 @@
-"""Kernels that streams need, compiled before the first client comes, by processes apart: the server knows no numba."""
+"""Kernels that streams need, compiled by processes apart: the server knows no numba.
+
+What first keyframes need is compiled before the first client comes; the rest afterwards, while the server is ready
+already, by processes that give way to renderers. A renderer that needs one of these earlier waits for it.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +14,8 @@ import os
 import sys
 
 LOG = logging.getLogger("torchrender_service.renderers.kernels")
-PARTS = ("serve",)
+FIRST = "serve.first"
+PARTS = (FIRST, "serve")
 
 
 class KernelPreparation:
@@ -19,15 +24,20 @@ class KernelPreparation:
     def __init__(self) -> None:
         self.done = 0
         self.total = 0
-        self.finished = False
+        self.finished = False  # with those that first keyframes need
 
     @property
     def text(self) -> str:
-        """For whoever waits."""
-        return f"compiling kernels, once: {self.done} of {self.total}" if self.total else "looking for kernels"
+        """For whoever waits; empty when nothing is left to do."""
+        if not self.total:
+            return "" if self.finished else "looking for kernels"
+        if self.finished:
+            left = self.done < self.total
+            return f"compiling kernels for further settings, once: {self.done} of {self.total}" if left else ""
+        return f"compiling kernels, once: {self.done} of {self.total}"
 
     async def run(self) -> None:
-        """Until they are compiled. Where that fails, renderers compile what they need themselves."""
+        """Until all are compiled. Where that fails, renderers compile what they need themselves."""
         environment = {k: v for k, v in os.environ.items() if k != "TORCHRENDER_API_KEY"}
         process = None
         try:
@@ -41,6 +51,7 @@ class KernelPreparation:
                 if told["total"] and (told["done"] == 0 or told["done"] == told["total"]):
                     LOG.info("compiling kernels, once", extra=told)
                 self.done, self.total = told["done"], told["total"]
+                self.finished = told["part"] != FIRST or self.done == self.total
             if await process.wait():
                 LOG.warning("kernels were not compiled; renderers do it as they need them")
         except (OSError, ValueError, KeyError) as error:
@@ -50,4 +61,4 @@ class KernelPreparation:
                 with contextlib.suppress(ProcessLookupError):
                     process.terminate()
                 await process.wait()
-            self.finished = True
+            self.done, self.total, self.finished = 0, 0, True

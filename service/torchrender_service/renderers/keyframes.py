@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from torch import Tensor
@@ -34,6 +34,7 @@ class Stamp:
     bits: Bits = BITS_STILL
     color: ColorCodec = "jpeg"
     quality: int = QUALITY_MOVING  # 100: WebP without loss
+    mirrors: bool = False  # of the layer that holds what mirrors show
 
 
 def enough_bits(focal: float, nearest: float, typical: float) -> Bits:
@@ -59,6 +60,13 @@ def first_message(
 def layer_message(stamp: Stamp, number: int, layer: Layer, *, render_ms: float) -> bytes:
     """Layer ``number`` >= 1."""
     return _message(stamp, number, layer.camera, layer.depth, layer.radiance, layer.known, render_ms, None)
+
+
+def mirror_message(stamp: Stamp, mirrors: Layer) -> bytes:
+    """The last layer: what the mirrors of layer 0 show."""
+    stamp = replace(stamp, mirrors=True)
+    number = stamp.layers - 1
+    return _message(stamp, number, mirrors.camera, mirrors.depth, mirrors.radiance, mirrors.known, 0.0, None)
 
 
 def _message(
@@ -87,6 +95,7 @@ def _message(
         layers=stamp.layers,
         still=stamp.still,
         samples=stamp.samples,
+        mirrors=stamp.mirrors,
         depth=DepthBlob(codec="pz1", bits=stamp.bits, near=encoded.near, length=len(encoded.data), error=encoded.error),
         color=ColorBlob(codec=stamp.color, length=len(blobs[1])),
         mask=None if known is None else MaskBlob(length=len(blobs[2])),

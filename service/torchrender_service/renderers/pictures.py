@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +13,10 @@ from torch import Tensor
 from torchrender.depth.options import SamplingOptions
 from torchrender.depth.sample import sample_depth_images
 from torchrender.depth.viewpoints import viewpoints_around
+from torchrender.effects.enhancement.options import EnhanceOptions
 from torchrender.image import Image, camera_arrays
 from torchrender.images.files import write_image, write_npz
-from torchrender.pipeline.options import RenderOptions
+from torchrender.pipeline.options import RenderOptions, shadow_choices
 from torchrender.raster import surface_attributes
 from torchrender.reconstruct.reproject import Reprojection, reproject
 from torchrender.renderer import shade_samples
@@ -32,9 +34,22 @@ from torchrender_service.renderers.views import camera_of_view
 
 def render_picture(scene: Scene, job: Render) -> dict[str, Any]:
     """A picture as the bytes of a file, with its plan and times."""
-    options = RenderOptions(**job.options)
+    options = _options(job.options)
     image, plan = render_image(scene, camera_of_view(scene, job.view), job.bounds, options)
     return {"file": _picture_file(image, job), "plan": plan, "timings_ms": dict(image.timings_ms)}
+
+
+def _options(asked: Mapping[str, Any]) -> RenderOptions:
+    """Options of a request: those of shadows have names of their own there, enhancement is plain values."""
+    rest = dict(asked)
+    shadows = rest.pop("shadows", True)
+    way = shadows if isinstance(shadows, str) else None if shadows else "off"
+    wish = rest.pop("enhance", None)
+    return RenderOptions(
+        **shadow_choices(way, rest.pop("shadow_size", None), rest.pop("cascades", None)),
+        enhance=None if wish is None else EnhanceOptions(**wish),
+        **rest,
+    )
 
 
 def _picture_file(image: Image, job: Render) -> bytes:
@@ -58,7 +73,7 @@ def make_container(scene: Scene, job: DepthImages) -> dict[str, Any]:
     cameras = _cameras(scene, job)
     options = SamplingOptions(method=job.method, pixel_test="depth_identity", cull_backfaces=False, count_layers=False)
     images = sample_depth_images(scene, cameras, options)
-    radiance = shade_samples(scene, surface_attributes(scene, images), RenderOptions(**job.options))
+    radiance = shade_samples(scene, surface_attributes(scene, images), _options(job.options))
     stamp = Stamp(id=0, layers=len(images), still=True, bits=job.bits, color=job.color, quality=job.quality)
     messages = []
     for k in range(len(images)):

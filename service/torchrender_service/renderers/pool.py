@@ -220,13 +220,13 @@ class Pool:
 
     @property
     def ready(self) -> bool:
-        """All renderers run, and their kernels are compiled."""
+        """All renderers run, and the kernels of first keyframes are compiled."""
         return self._kernels.finished and all(r.ready for r in self._renderers)
 
     @property
     def progress(self) -> str:
-        """What is still going on before it is ready."""
-        return "starting renderers" if self._kernels.finished else self._kernels.text
+        """What is still going on before it is ready, or behind that."""
+        return "starting renderers" if self._kernels.finished and not self.ready else self._kernels.text
 
     def assign(self) -> RendererHandle:
         """The renderer that the fewest sessions have, among equals the one with the least to do."""

@@ -18,8 +18,9 @@ from torchrender.scene.model import Scene
 from torchrender.wire.cameras import cameras_of
 from torchrender_service.renderers.engine import render_image
 from torchrender_service.renderers.jobs import BITS_STILL, Bounds, MakeKeyframe, MakeLayers, SmoothKeyframe
-from torchrender_service.renderers.keyframes import Stamp, enough_bits, first_message, layer_message
-from torchrender_service.renderers.layers import cameras_around, extra_layers, typical_depth
+from torchrender_service.renderers.keyframes import Stamp, enough_bits, first_message, layer_message, mirror_message
+from torchrender_service.renderers.layers import Layer, cameras_around, extra_layers, typical_depth
+from torchrender_service.renderers.mirrors import NEEDED, mirror_layer
 
 MAX_SESSIONS = 256
 MOVING_BUDGET_MS = 150.0
@@ -44,6 +45,7 @@ class Begun:
     image: Image
     past: RenderHistory
     around: list[Cameras]
+    mirrors: Layer | None = None
 
 
 @dataclass(eq=False)
@@ -87,9 +89,10 @@ class StreamRenderer:
         depth = image.visibility.depth[0]
         typical = typical_depth(depth)
         around = cameras_around(camera, depth, job.extra_layers, direction=job.direction, baseline=job.baseline)
+        mirrors = mirror_layer(image, camera) if job.mirrors else None
         stamp = Stamp(
             id=job.id,
-            layers=1 + len(around),
+            layers=1 + len(around) + (mirrors is not None),
             pose=job.pose,
             time_ms=job.time_ms,
             still=job.still,
@@ -97,8 +100,10 @@ class StreamRenderer:
             color=job.color,
             quality=job.quality,
         )
-        message = first_message(stamp, camera, depth, image.radiance[0], render_ms=render_ms, plan=plan)
-        begun = Begun(stamp, image, past, around)
+        messages = [first_message(stamp, camera, depth, image.radiance[0], render_ms=render_ms, plan=plan)]
+        if mirrors is not None:
+            messages.append(mirror_message(stamp, mirrors))
+        begun = Begun(stamp, image, past, around, mirrors)
         state.begun = begun if around else None
         self._refined.pop(job.session, None)
         if job.still:
@@ -108,7 +113,7 @@ class StreamRenderer:
                 self._refined.popitem(last=False)
         state.packing_ms = 1e3 * (time.perf_counter() - begin) - render_ms
         return {
-            "messages": [message],
+            "messages": messages,
             "extra_layers": len(around),
             "typical_depth": typical,
         }
@@ -151,9 +156,11 @@ class StreamRenderer:
         del self._refined[job.session]
         stamp = replace(begun.stamp, id=job.id, samples=refined.count)
         depth, light = begun.image.visibility.depth[0], refined.light / refined.count
-        message = first_message(stamp, camera, depth, light, render_ms=refined.render_ms, plan=plan)
+        messages = [first_message(stamp, camera, depth, light, render_ms=refined.render_ms, plan=plan)]
+        if begun.mirrors is not None:
+            messages.append(mirror_message(stamp, begun.mirrors))
         state.begun = replace(begun, stamp=stamp) if begun.around else None
-        return {"messages": [message], "left": 0, "extra_layers": len(begun.around)}
+        return {"messages": messages, "left": 0, "extra_layers": len(begun.around)}
 
     def forget(self, *, session: str | None = None, scene: str | None = None) -> None:
         """Drop what is kept for a session or a scene."""
@@ -176,20 +183,23 @@ class StreamRenderer:
         self, scene: Scene, camera: Cameras, state: SessionState, job: MakeKeyframe, bounds: Bounds
     ) -> tuple[Image, dict[str, Any], RenderHistory]:
         """Layer 0, its plan, and what it left for the extra layers."""
+        options = replace(STREAMED, buffers=NEEDED) if job.mirrors else STREAMED
         if not job.still:
-            image, plan = render_image(scene, camera, bounds, STREAMED, state.history)
+            image, plan = render_image(scene, camera, bounds, options, state.history)
             assert image.history is not None
             state.history = image.history
             self._scenes[job.scene.id] = image.history.shared()
             return image, plan, image.history
-        image, plan = _at_rest(scene, camera, bounds, state.history)
+        image, plan = _at_rest(scene, camera, bounds, state.history, options)
         assert image.history is not None
         return image, plan, image.history
 
 
-def _at_rest(scene: Scene, camera: Cameras, bounds: Bounds, past: RenderHistory) -> tuple[Image, dict[str, Any]]:
+def _at_rest(
+    scene: Scene, camera: Cameras, bounds: Bounds, past: RenderHistory, options: RenderOptions = STREAMED
+) -> tuple[Image, dict[str, Any]]:
     """A picture of a refinement: made anew, without reused reflections, and no part of the moving sequence."""
-    return render_image(scene, camera, bounds, STREAMED, replace(past.shared(), sequence=False))
+    return render_image(scene, camera, bounds, options, replace(past.shared(), sequence=False))
 
 
 def _bounds(job: MakeKeyframe, packing_ms: float) -> Bounds:

@@ -38,6 +38,7 @@ class Producer:
     metrics: Metrics
     max_pixels: int
     webp: bool  # the client reads it
+    mirrors: bool = False  # the client shows mirrors as pictures of their own
     send: Callable[[bytes], Awaitable[None]]
     complain: Callable[[ServiceError], Awaitable[None]]
 
@@ -125,4 +126,5 @@ class Producer:
             color="webp" if lossless else "jpeg",
             quality=LOSSLESS if lossless else QUALITY_STILL if still else QUALITY_MOVING,
             bounds=session.bounds,
+            mirrors=self.mirrors,
         )

@@ -225,6 +225,7 @@ class Stream:
             metrics=around.metrics,
             max_pixels=self._max_pixels,
             webp="webp" in self._hello.color,
+            mirrors=self._hello.mirrors,
             send=self._socket.send_bytes,
             complain=self._complain,
         )

@@ -26,13 +26,16 @@ async def health() -> dict[str, Any]:
 
 @router.get("/ready", responses=problems(503))
 async def ready(request: Request) -> dict[str, Any]:
-    """All renderers run with their kernels compiled, and the server is not stopping; else how far it is."""
+    """All renderers run with the kernels of first keyframes compiled, and the server is not stopping.
+
+    Else it says how far it is; once it is ready, ``progress`` tells what is being compiled behind that, if anything is.
+    """
     state = state_of(request)
     if state.stopping or not state.pool.ready:
         what = "stopping" if state.stopping else "starting"
         more = "" if state.stopping else f": {state.pool.progress}"
         raise ServiceError(503, what, f"the server is {what}{more}", retry_after_s=2.0)
-    return {"status": "ready"}
+    return {"status": "ready"} | ({"progress": state.pool.progress} if state.pool.progress else {})
 
 
 @router.get(

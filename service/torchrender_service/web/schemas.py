@@ -117,15 +117,32 @@ class SceneList(BaseModel):
     scenes: list[SceneFacts]
 
 
+class Enhance(Strict):
+    """Shape made easier to read; see EnhanceOptions of the Python API."""
+
+    plain_weight: Annotated[float, Field(ge=0.0, le=1.5, allow_inf_nan=False)] = 0.8
+    gradient_weight: Annotated[float, Field(ge=-1.0, le=2.0, allow_inf_nan=False)] = 0.4
+    exponent: Annotated[float, Field(ge=0.1, le=5.0, allow_inf_nan=False)] = 1.0
+    limit: Annotated[float, Field(ge=0.0, le=1e12, allow_inf_nan=False)] | None = None
+    magnitude: Literal["signed_l2", "sum", "l1", "l2"] = "signed_l2"
+    source: Literal["auto", "mesh", "picture"] = "auto"
+    range_limit: Annotated[float, Field(ge=0.0, le=100.0, allow_inf_nan=False)] | None = None
+
+
 class RenderSettings(Strict):
     """Settings of a picture that a budget or error bound may change."""
 
-    shadows: bool = True
-    reflections: Literal["clustered", "traced", "environment", "off"] = "clustered"
+    shadows: bool | Literal["off", "hard", "maps", "sampled", "traced"] = Field(
+        True, description="true: maps, with guessed penumbrae; false: off"
+    )
+    shadow_size: Annotated[int, Field(ge=64, le=4096, description="texels of a shadow map's side")] | None = None
+    cascades: Annotated[int, Field(ge=1, le=8, description="shadow maps along the view; none: as needed")] | None = None
+    reflections: Literal["auto", "clustered", "traced", "environment", "off"] = "auto"
     supersample: Annotated[float, Field(ge=0.25, le=2.0, allow_inf_nan=False)] = 1.0
     background: Annotated[list[Light], Field(min_length=3, max_length=3)] | None = None
     exposure: Annotated[float, Field(ge=-64.0, le=64.0, allow_inf_nan=False)] | None = 0.0
     tone_map: Literal["none", "reinhard", "aces"] = "none"
+    enhance: Enhance | None = None
 
 
 class RenderRequest(Strict):

@@ -258,7 +258,7 @@ def test_no_lights_and_no_triangles(seen):
 
 def test_a_map_is_reused(boxes, seen, monkeypatch):
     options = ShadowOptions(size=128)
-    cast = render_shadow_map(boxes, SUN, options)
+    cast = render_shadow_map(boxes, SUN, options, gbuffer=seen)
     first = light_visibility(boxes, SUN, seen, options)
     monkeypatch.setattr(module, "rasterize_depth", None)  # drawing again would fail
     assert torch.equal(first, light_visibility(boxes, SUN, seen, options, cast))
@@ -375,7 +375,7 @@ def test_soft_gradients_equal_finite_differences():
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        ("size", 32), ("size", (512, 9000)), ("filter", "box"), ("bias", "auto"), ("constant_bias", 0.1),
+        ("size", 32), ("size", (512, 9000)), ("filter", "box"), ("bias", "auto"), ("constant_bias", -0.1),
         ("slope_bias", 5.0), ("filter_radius", 8), ("taps", 3), ("light_width", 0.0), ("largest_radius", 0.5),
         ("outside", "grey"), ("cull", "both"), ("soft", 0.0), ("cascades", 0), ("normal_offset", 4.0),
         ("largest_bias", math.nan), ("light_angle_deg", 0.0), ("search_taps", 500),
@@ -395,7 +395,7 @@ def test_soft_needs_a_small_filter_and_a_slope_bias():
 def test_defaults_are_those_of_the_method():
     options = ShadowOptions()
     assert (options.shape, options.constant_bias, options.slope_bias, options.largest_bias, options.normal_offset) == (
-        (1024, 1024), 1e-4, 1.0, 0.02, 0.0,
+        (1024, 1024), 0.05, 1.0, 4.0, 0.0,
     )  # fmt: skip
     assert (options.filter, options.filter_radius, options.bias_mode) == ("bilinear", 1, "slope")
     assert (options.search_taps, options.taps, options.largest_radius) == (16, 32, 32.0)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 import torch
 
@@ -13,16 +15,18 @@ from torchrender.effects.shadows.soft_shadow import (
     occluders,
     soft_shadow,
 )
+from torchrender.effects.shadows.traced import traced_visibility
 from torchrender.errors import InputError, OptionError
 from torchrender.raster import rasterize
 from torchrender.rays import RayCaster
 from torchrender.scene.camera import Cameras
 from torchrender.scene.light import RectLight
+from torchrender.scene.material import Material
 from torchrender.scene.mesh import concatenate
 from torchrender.scene.model import Scene
 from torchrender.scene.shapes import sphere
 
-EXACT = SoftShadowOptions(umbra_probes=0, skip_lit=False)
+EXACT = SoftShadowOptions(engine="packets", umbra_probes=0, skip_lit=False)
 
 
 def square_light(side: float = 2.0, height: float = 6.0, x: float = 0.0, name: str = "area") -> RectLight:
@@ -64,9 +68,12 @@ def test_skipping_changes_nothing(table: tuple[Scene, Cameras], visibility: str)
     buffer = rasterize(scene, camera)
     ready = occluders(scene.geometry)
     exact = soft_shadow(
-        ready, square_light(), buffer, SoftShadowOptions(visibility=visibility, umbra_probes=0, skip_lit=False)
+        ready,
+        square_light(),
+        buffer,
+        SoftShadowOptions(visibility=visibility, engine="packets", umbra_probes=0, skip_lit=False),
     )
-    quick = soft_shadow(ready, square_light(), buffer, SoftShadowOptions(visibility=visibility))
+    quick = soft_shadow(ready, square_light(), buffer, SoftShadowOptions(visibility=visibility, engine="packets"))
     assert torch.equal(exact.bits, quick.bits)
     covered = buffer.covered
     shares = [float((exact.lit[:, 0][covered] == k).float().mean()) for k in (0, 256)]
@@ -88,7 +95,7 @@ def test_rays_answer_as_the_ray_caster_does(table: tuple[Scene, Cameras]) -> Non
     scene, camera = table
     buffer = rasterize(scene, camera)
     light = square_light()
-    options = SoftShadowOptions(light_samples=4, slope_bias=0.0, constant_bias=1e-3)
+    options = SoftShadowOptions(engine="packets", light_samples=4, slope_bias=0.0, constant_bias=1e-3)
     result = soft_shadow(scene.geometry, light, buffer, options)
     points, normals = buffer.position[buffer.covered], buffer.geometric_normal[buffer.covered].double()
     caster = RayCaster(scene.geometry)
@@ -113,7 +120,8 @@ def test_lights_and_pictures_are_independent(table: tuple[Scene, Cameras]) -> No
         for k, light in enumerate(lights):
             alone = soft_shadow(scene.geometry, light, rasterize(scene, one), options, bounds=scene.bounds)
             assert torch.equal(alone.lit[0, 0], together.lit[b, k])
-    assert torch.equal(together.visibility, together.lit / 64.0)
+    assert torch.equal(together.visibility, together.lit / together.above.clamp_min(1))
+    assert int(together.above.min()) > 0 or bool((together.visibility[together.above == 0] == 0).all())
     assert torch.equal(count_bits(together.bits[:, 0]), together.lit[:, 0])
 
 
@@ -157,11 +165,67 @@ def test_cost_of_lit_pixels_is_a_small_share() -> None:
             best = min(best, time.perf_counter() - start)
         return best
 
-    assert cost((25.0, 25.0), SoftShadowOptions()) < 0.6 * cost((25.0, 25.0), EXACT)
+    assert cost((25.0, 25.0), SoftShadowOptions(engine="packets")) < 0.6 * cost((25.0, 25.0), EXACT)
+
+
+@pytest.mark.parametrize("engine", ["rays", "packets"])
+def test_samples_below_a_surface_are_left_out(engine: str) -> None:
+    """A wall that sees half of the light, with nothing before it, sees all of what sends it light."""
+    wall = quad((1.0, 0.0, 2.0), (0.0, 0.0, -4.0), (0.0, 3.0, 0.0), "wall")  # faces -x; the light is 2 wide around 0
+    scene = Scene(meshes=(wall,))
+    camera = Cameras.look_at((-4.0, 2.0, 0.0), (1.0, 1.5, 0.0), width=40, height=40, fov_deg=40.0)
+    buffer = rasterize(scene, camera)
+    light = square_light(2.0, 6.0, x=1.0)
+    found = soft_shadow(scene.geometry, light, buffer, SoftShadowOptions(engine=engine))
+    covered = buffer.covered
+    assert bool((found.above[:, 0][covered] == 128).all()) and bool((found.lit[:, 0][covered] == 128).all())
+    assert bool((found.visibility[:, 0][covered] == 1).all())
+    traced = traced_visibility(RayCaster(scene.geometry), light, buffer, samples=16)
+    assert bool((traced[covered] == 1).all())
+
+
+@pytest.mark.parametrize("refine", [1, 2])
+def test_rays_agree_with_traced_light_samples(table: tuple[Scene, Cameras], refine: int) -> None:
+    scene, camera = table
+    buffer = rasterize(scene, camera)
+    light = square_light()
+    found = soft_shadow(scene.geometry, light, buffer, SoftShadowOptions(engine="rays", refine=refine)).visibility[:, 0]
+    traced = traced_visibility(RayCaster(scene.geometry), light, buffer, samples=16)
+    wrong = (found - traced)[buffer.covered].abs()
+    assert float(wrong.mean()) * 255 < (0.05 if refine == 1 else 0.5)
+    many = traced_visibility(RayCaster(scene.geometry), light, buffer, samples=64)
+    penumbra = buffer.covered & (many > 0.01) & (many < 0.99)
+    assert int(penumbra.sum()) > 60 and float((found - many)[penumbra].abs().mean()) * 255 < 2.0
+
+
+def test_holes_let_light_through_rays() -> None:
+    """A sheet with a checkerboard of holes: about half of the light arrives below it."""
+    texture = torch.ones(2, 2, 4)
+    texture[0, 0, 3] = texture[1, 1, 3] = 0.0
+    sheet = replace(quad((-2.0, 2.0, 2.0), (4.0, 0, 0), (0, 0, -4.0), "sheet"), material=1,
+                    uv=torch.tensor([[0.0, 0], [8, 0], [8, 8], [0, 8]]))  # fmt: skip
+    materials = (Material(name="plain"), Material(name="holes", diffuse_texture=texture, alpha_cutoff=0.5))
+    scene = Scene(meshes=(floor(), sheet), materials=materials)
+    buffer = rasterize(Scene(meshes=(floor(),)), flat_image(30, 24))
+    inner = buffer.covered & (buffer.position[..., (0, 2)].abs().amax(-1) < 0.8)
+    found = soft_shadow(scene.geometry, square_light(2.0, 6.0), buffer, SoftShadowOptions(engine="rays")).visibility
+    traced = traced_visibility(RayCaster(scene.geometry), square_light(2.0, 6.0), buffer, samples=16)
+    assert 0.4 < float(found[:, 0][inner].mean()) < 0.6
+    assert float((found[:, 0] - traced)[inner].abs().mean()) < 0.02
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"light_samples": 0}, {"visibility": "x"}, {"engine": "maps"}, {"map_size": 2}, {"constant_bias": -1.0}]
+    "wrong",
+    [
+        {"light_samples": 0},
+        {"visibility": "x"},
+        {"engine": "maps"},
+        {"map_size": 2},
+        {"constant_bias": -1.0},
+        {"refine": 0},
+        {"occluders": "mesh"},
+        {"engine": "rays", "visibility": "shadow_map"},
+    ],
 )
 def test_options_name_what_is_wrong(wrong: dict) -> None:
     with pytest.raises(OptionError, match=next(iter(wrong))):

@@ -56,4 +56,4 @@ def test_limits() -> None:
     with pytest.raises(OptionError, match="samples"):
         traced_visibility(CASTER, sun, GBUFFER, samples=0)
     with pytest.raises(OptionError, match="offset"):
-        traced_visibility(CASTER, sun, GBUFFER, offset=2.0)
+        traced_visibility(CASTER, sun, GBUFFER, offset=-1.0)

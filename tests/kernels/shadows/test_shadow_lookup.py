@@ -18,8 +18,8 @@ NEAR, FAR = 1.0, 5.0
 def settings(**changes) -> LookupSettings:
     values = {
         "orthographic": False, "cube": False, "bias": SLOPE, "filter": WINDOW, "n": 1, "radius": 1.5, "reach": 0.0,
-        "b0": 1e-3, "k": 1.0, "b_max": 0.05, "k_n": 0.0, "outside": 1.0, "light_size": 0.4, "rho_max": 6.0,
-        "search_near": 1.2, "search_taps": 5, "exact": False,
+        "b0": 0.05, "k": 1.0, "b_max": 3.0, "k_n": 0.0, "outside": 1.0, "light_size": 0.4, "rho_max": 6.0,
+        "search_near": 1.2, "search_taps": 5, "settles": False, "exact": False,
     }  # fmt: skip
     return LookupSettings(**(values | changes))
 
@@ -55,30 +55,30 @@ def twin(point, normal, index, light, view, depths, taps, s: LookupSettings) -> 
     gu, gv = -w * w * n[0] / (fx * (n[2] if s.orthographic else n @ p)), 0.0
     gv = -w * w * n[1] / (fy * (n[2] if s.orthographic else n @ p))
     texel = w / min(fx, fy)
-    size = far - near if s.exact else np.abs(point).sum()  # of the numbers that points were rounded with
+    size = 4096 * texel if s.exact else np.abs(point).sum()  # of the numbers that points were rounded with
     rounding = 2**-23 * abs(z) + 2**-24 * size * (1 + (abs(gu) + abs(gv)) / texel)
 
-    cap = s.b_max * (far - near)
+    cap = s.b_max * texel
 
     flat = cosine >= 1e-4 and plane(u, v)[1] >= 1e-4  # a normal offset may lift the point past the light's plane
 
     def slope_bias(ru, rv):
         if not flat:
             return cap
-        return s.b0 * (far - near) + s.k * ((0.5 + ru) * abs(gu) + (0.5 + rv) * abs(gv))
+        return s.b0 * texel + s.k * ((0.5 + ru) * abs(gu) + (0.5 + rv) * abs(gv))
 
     def lit(row, column, ru, rv):
         if not (0 <= row < height and 0 <= column < width):
             return s.outside, math.inf
         stored = float(depths[row, column])
         if s.bias == CONSTANT:
-            z_here, bias = z, s.b0 * (far - near) + rounding
+            z_here, bias = z, s.b0 * texel + rounding
         else:
             z_here, bias = z, min(slope_bias(ru, rv), cap) + rounding
         if s.bias == RECEIVER_PLANE or (s.bias == SLOPE and slope_bias(ru, rv) > cap):
             at, denominator = plane(column + 0.5, row + 0.5)
             if flat and denominator >= 1e-4:
-                z_here, bias = at, s.b0 * (far - near) + rounding
+                z_here, bias = at, s.b0 * texel + rounding
         return (1.0, math.inf) if stored == math.inf or z_here <= stored + bias else (0.0, stored)
 
     def disc(offsets, ru, rv):
@@ -100,7 +100,7 @@ def twin(point, normal, index, light, view, depths, taps, s: LookupSettings) -> 
     if s.filter == AVERAGE_DEPTH:
         rows, columns = np.clip([top, top + 1], 0, height - 1), np.clip([left, left + 1], 0, width - 1)
         mean = sum(weight * float(depths[rows[j], columns[i]]) for i, j, weight in corners)
-        bias = (min(slope_bias(0, 0), cap) if s.bias != CONSTANT else s.b0 * (far - near)) + rounding
+        bias = (min(slope_bias(0, 0), cap) if s.bias != CONSTANT else s.b0 * texel) + rounding
         return float(z <= mean + bias)
     if s.filter == WINDOW:
         reach = s.n + 0.5
@@ -145,7 +145,7 @@ def random_case(rng, orthographic: bool):
 
 def look_up(points, normals, light, views, maps, taps, s):
     out = np.full(len(points), -1.0, np.float32)
-    shadow_lookup(points, normals, light, views, maps, taps, s, out)
+    shadow_lookup(points, normals, light, views, maps, taps, s, (out, np.full(len(points), -1, np.int32)))
     return out
 
 
@@ -208,3 +208,43 @@ def test_a_cube_never_leaves_its_map_while_other_maps_take_the_outside_value():
     args = (point, -point.astype(np.float32), np.array([0.0, 0, 0, 1]), view[None], maps, np.zeros((6, 2)))
     assert look_up(*args, settings(n=0))[0] == pytest.approx(0.3, abs=1e-4)  # weight of the missing column
     assert look_up(*args, settings(n=0, cube=True))[0] == 0.0
+
+
+@pytest.mark.parametrize("orthographic", [False, True])
+def test_doubt_is_where_texels_around_disagree_or_are_close(orthographic):
+    """Beside the receiver's plane: all nine lit, or all nine dark by two texels, is sure; anything else is not."""
+    points, normals, light, view, depths, taps = random_case(np.random.default_rng(7), orthographic)
+    depths[10:30, 10:30] = 1.2  # sure dark for what lies behind
+    depths[30:, :] = np.inf  # sure lit
+    s = settings(orthographic=orthographic, filter=NEAREST_TEXEL, settles=True, bias=RECEIVER_PLANE, exact=True)
+    out, doubt = np.zeros(len(points), np.float32), np.full(len(points), -7, np.int32)
+    shadow_lookup(points, normals, light, view[None], depths[None], taps, s, (out, doubt))
+    matrix, (fx, fy, cx, cy, near, far) = view[:12].reshape(3, 4), view[12:]
+    checked = {True: 0, False: 0}
+    for point, normal, found in zip(points, normals.astype(float), doubt, strict=True):
+        normal = normal / np.linalg.norm(normal)
+        to_light = light[:3] - light[3] * point
+        p, n = matrix[:, :3] @ point + matrix[:, 3], matrix[:, :3] @ normal
+        cosine = normal @ to_light / np.linalg.norm(to_light)
+        w = 1.0 if orthographic else p[2]
+        if cosine < 0.05 or not near < p[2] <= far:
+            continue
+        u, v = fx * p[0] / w + cx, fy * p[1] / w + cy
+        column, row = math.floor(u), math.floor(v)
+        if not (1 <= column < SIZE[1] - 1 and 1 <= row < SIZE[0] - 1):
+            continue
+        kinds = set()
+        for j in range(row - 1, row + 2):
+            for i in range(column - 1, column + 2):
+                ray = np.array([(i + 0.5 - cx) / fx, (j + 0.5 - cy) / fy, 1.0])
+                if orthographic:
+                    plane = p[2] - (n[:2] @ (ray[:2] - p[:2])) / n[2]
+                else:
+                    plane = (n @ p) / (n @ ray)
+                gap = (plane - float(depths[j, i])) * min(fx, fy) / w
+                kinds.add("lit" if gap <= 0.05 else "dark" if gap > 2.0 else "close")
+        unsure = kinds not in ({"lit"}, {"dark"})
+        assert (found == 0) == unsure
+        assert found in (0, -1)
+        checked[unsure] += 1
+    assert min(checked.values()) > 5

@@ -104,6 +104,19 @@ def test_colours_come_from_the_photo_and_walls_are_light(style: Style) -> None:
     assert bool((turn.amax(dim=1) > 0.9).all())
 
 
+def test_walls_do_not_shine(style: Style) -> None:
+    """A lamp beside a wall of the photo is no gloss of it; whoever wants gloss says so."""
+    flat = torch.isin(style.problem.role, torch.tensor([CEILING, WALL]))
+    assert int(flat.sum()) >= 3 and float(style.candidates.materials[flat][:, :, 6].abs().max()) == 0.0
+    rows = torch.arange(48)[:, None].expand(48, 64)
+    lamp = torch.exp(-((rows - 10.0) ** 2 + (torch.arange(64) - 40.0) ** 2) / 60.0)[..., None]
+    photo = (0.3 + 0.6 * lamp).expand(48, 64, 3)
+    glossy = style_scene(room(), photo, replace(QUICK, fit=FitOptions(glossy_walls=True)))
+    assert float(glossy.candidates.materials[flat][:, :, 6].max()) > 0.05
+    matt = style_scene(room(), photo, QUICK)
+    assert float(matt.candidates.materials[flat][:, :, 6].max()) == 0.0
+
+
 def test_same_seed_same_result() -> None:
     first, second = (style_scene(room(), striped_photo(), QUICK) for _ in range(2))
     assert first.result.visited == second.result.visited

@@ -9,89 +9,35 @@ Source: specification 03 (image-space reflections by clustered depth images), al
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
 
-from torchrender.buffers import RayHits, ReflectionLayer, ReflectionState, VisibilityBuffer
-from torchrender.checks import check_choice, check_range
+from torchrender.buffers import RayHits, ReflectionLayer, ReflectionState
 from torchrender.clock import StepClock
-from torchrender.effects.reflections.cluster_cameras import AIMS, CENTRES, ClusterCameras, build_cluster_cameras
-from torchrender.effects.reflections.cluster_images import (
-    ClusterAnswer,
-    cluster_camera,
-    cluster_image,
-    march_image,
-    mirror_view,
-)
-from torchrender.effects.reflections.pixel_clusters import cluster_pixels
+from torchrender.effects.reflections.clusters.bundle import ClusterCameras
+from torchrender.effects.reflections.clusters.cameras import build_cluster_cameras
+from torchrender.effects.reflections.clusters.grouping import cluster_pixels
+from torchrender.effects.reflections.clusters.images import ClusterAnswer, mirror_view
+from torchrender.effects.reflections.clusters.layers import batches, draw_images
+from torchrender.effects.reflections.clusters.options import ClusterOptions as ClusterOptions
+from torchrender.effects.reflections.clusters.published import published_answers
+from torchrender.effects.reflections.clusters.shading import RAYS, Question, Shading, bundles, ray_ends
 from torchrender.effects.reflections.reflectors import (
     START,
+    MirroredPoints,
+    Onward,
     RayShader,
-    ReflectedRays,
     ReflectivePixels,
-    lobe_rays,
-    mean_distance,
     reflected_rays,
     reflection_layer,
 )
 from torchrender.errors import OptionError
 from torchrender.kernels.rays.depth_march import UNKNOWN
 from torchrender.rays import RayCaster
+from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
-
-SCALE_RULES = ("sqrt_share", "literal", "mean")
-NEAREST_FAR_PLANE = 0.05  # scene diagonals
-FADE = 0.4  # share of the far plane's distance over which glossy reflections fade
-FULL_FADE_GLOSS = 0.1  # less gloss fades less, to be continuous with mirrors, which do not
-_RAYS = 1 << 19  # shaded together: bounds the memory of their hits
-
-
-@dataclass(frozen=True, kw_only=True)
-class ClusterOptions:
-    """How pixels are grouped, and how their depth images are drawn and asked.
-
-    Raises:
-        OptionError: a value outside its range; names it.
-    """
-
-    bins: tuple[int, int] = (13, 8)  # of azimuth and polar angle, for a reflector that fills the view by itself
-    scale_rule: str = "sqrt_share"  # how a reflector's share of the view scales its bins
-    bin_factor: float = 1.0  # factor m on the number of bins: fewer clusters are faster and miss more
-    plane_share: float = 5e-4  # planes with this share of a picture are clusters of their own; inf: bins alone
-    camera_share: float = 2e-4  # curved clusters with a smaller share of a picture join another one; 0: bins alone
-    centre: str = "best"  # of projection: "thesis", "least_squares", or for each cluster the better one
-    aim: str = "rays"  # view axis of curved clusters: mean direction of the "rays", or "normal" of the fitting plane
-    image_scale: float = 1.0  # sides of the depth images of curved clusters
-    depth_tolerance: float = 1e-4  # share epsilon of the depth that a ray must be behind the image
-    glossy_rays: int = 8  # per glossy pixel; mirrors take one
-    fade: bool = False  # glossy reflections give way to the pixel's own colour with distance, as published
-    min_cluster_pixels: int = 1  # smaller clusters take what ``missing`` says
-    missing: str = "environment"  # rays that no depth image answers: "environment", or "trace"
-    self_reflection: str = (
-        "mirror"  # concave reflectors that see themselves: "mirror" as others, or own "diffuse" colour
-    )
-    cull: str = "back"  # faces left out of depth images of curved clusters: "none" lets convex reflectors hide things
-
-    def __post_init__(self) -> None:
-        for number, sides in enumerate(self.bins):
-            check_range(f"bins[{number}]", sides, 1, 64)
-        if len(self.bins) != 2:
-            raise OptionError(f"bins must be two numbers, got {self.bins}")
-        check_choice("scale_rule", self.scale_rule, SCALE_RULES)
-        check_choice("centre", self.centre, CENTRES)
-        check_choice("aim", self.aim, AIMS)
-        check_choice("missing", self.missing, ("environment", "trace"))
-        check_choice("cull", self.cull, ("none", "back"))
-        check_choice("self_reflection", self.self_reflection, ("mirror", "diffuse"))
-        check_range("plane_share", self.plane_share, 0.0)
-        check_range("camera_share", self.camera_share, 0.0, 1.0)
-        check_range("bin_factor", self.bin_factor, 0.01, 16.0)
-        check_range("image_scale", self.image_scale, 0.1, 4.0)
-        check_range("depth_tolerance", self.depth_tolerance, 0.0, 1e-2)
-        check_range("glossy_rays", self.glossy_rays, 1, 1024)
-        check_range("min_cluster_pixels", self.min_cluster_pixels, 1, 1 << 20)
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,6 +59,8 @@ def clustered_reflections(
     *,
     direct: Tensor | None = None,
     caster: Callable[[], RayCaster] | None = None,
+    onward: Onward | None = None,
+    planes: bool = True,
 ) -> ClusteredReflections:
     """What the pixels mirror, by a depth image for each cluster of them.
 
@@ -120,6 +68,8 @@ def clustered_reflections(
         shader: gives hits their colour, and rays without an answer a guess.
         direct: (B,H,W,3) the picture without reflections: what glossy reflections fade to; None: black.
         caster: makes the ray caster for ``missing="trace"``; called only if a ray needs it.
+        onward: what mirrors show that are seen in mirrors; None: the guess of the shader.
+        planes: the pixels are those of a picture, so that planar clusters may be drawn by the mirrored eye.
 
     Raises:
         OptionError: ``missing="trace"`` without a caster.
@@ -128,7 +78,8 @@ def clustered_reflections(
     if options.missing == "trace" and caster is None:
         raise OptionError('missing="trace" needs a caster')
     own = torch.zeros(len(pixels), 3) if direct is None else direct.reshape(-1, 3).index_select(0, pixels.pixel)
-    clock = StepClock()
+    shading = Shading(scene, pixels, shader, options, caster, own, onward)
+    clock = shading.clock
     with clock.measure("clusters"):
         clusters = cluster_pixels(
             pixels,
@@ -140,21 +91,11 @@ def clustered_reflections(
             camera_share=options.camera_share,
         )
     with clock.measure("cameras"):
-        made = build_cluster_cameras(
-            pixels,
-            clusters,
-            scene.diagonal,
-            centre=options.centre,
-            scale=options.image_scale,
-            shorten=options.fade,
-            aim=options.aim,
-        )
-    shading = _Shading(scene, pixels, shader, options, caster, own, clock)
+        made = build_cluster_cameras(pixels, clusters, scene.diagonal, replace(options.cameras, planes=planes))
     steps = 0
-    for number in range(len(made)):
-        for question in _ask(scene, pixels, made, number, options, clock):
-            steps += question.answer.steps
-            shading.add(question)
+    for question in _questions(scene, pixels, made, shader, options, clock):
+        steps += question.answer.steps
+        shading.add(question)
     shading.flush()
     known = torch.isfinite(shading.distance)
     state = torch.where(known, int(ReflectionState.DEPTH_IMAGE), int(ReflectionState.ENVIRONMENT))
@@ -163,165 +104,117 @@ def clustered_reflections(
     return ClusteredReflections(layer, made, shading.unknown, steps, clock.elapsed_ms)
 
 
-@dataclass(frozen=True, eq=False)
-class _Question:
-    """The rays of one cluster, ``per_pixel`` for each of its pixels, and what they met."""
+def _questions(
+    scene: Scene,
+    pixels: ReflectivePixels,
+    made: ClusterCameras,
+    shader: RayShader,
+    options: ClusterOptions,
+    clock: StepClock,
+) -> Iterator[Question]:
+    """What the rays of all clusters met."""
+    sizes = made.clusters.sizes
+    asked = made.usable & (sizes >= options.min_cluster_pixels)
+    if options.missing == "trace":
+        sent = sizes * (options.glossy_rays if bool((pixels.gloss > 0).any()) else 1)
+        asked &= made.planar | (sent >= options.trace_below * scene.geometry.triangle_count)
+    for number in (asked & made.planar).nonzero().reshape(-1).tolist():
+        yield _mirror(scene, pixels, made, number, clock)
+    curved = (asked & ~made.planar).nonzero().reshape(-1)
+    if options.search == "secant":
+        for number in curved.tolist():
+            yield from published_answers(scene, pixels, made, number, shader, options, clock)
+    elif len(curved):
+        for numbers in batches(made, curved, options.glossy_rays, RAYS):
+            yield from _ask(scene, pixels, made, numbers, options, clock)
+    unanswered = (~asked)[made.clusters.cluster].nonzero().reshape(-1)
+    for members in unanswered.split(RAYS // options.glossy_rays):
+        for rows, rays, weight in bundles(pixels, members, options):
+            total = len(rays.origin)
+            nothing = ClusterAnswer(torch.full((total,), UNKNOWN, dtype=torch.uint8), RayHits.misses(total), 0)
+            yield Question.plain(rows, rays, nothing, weight)
 
-    rows: Tensor  # (M,) pixels
-    per_pixel: int
-    rays: ReflectedRays
-    answer: ClusterAnswer
-    itself: Tensor  # (M per_pixel,) bool: takes the reflector's own colour
+
+def _mirror(scene: Scene, pixels: ReflectivePixels, made: ClusterCameras, number: int, clock: StepClock) -> Question:
+    """What a planar cluster mirrors."""
+    members = made.clusters.members(number)
+    with clock.measure("depth images"):
+        answer = mirror_view(scene.geometry, pixels, made, number, scene.diagonal)
+    return Question.plain(members, reflected_rays(pixels.select(members)), answer, torch.ones(len(members)))
 
 
 def _ask(
     scene: Scene,
     pixels: ReflectivePixels,
     made: ClusterCameras,
-    number: int,
+    numbers: Tensor,
     options: ClusterOptions,
     clock: StepClock,
-) -> Iterator[_Question]:
-    """Send the rays of a cluster to its depth image, not more than memory holds at a time."""
-    members = made.clusters.members(number)
-    part = pixels.select(members)
-    known = bool(made.usable[number]) and len(members) >= options.min_cluster_pixels
-    if known and bool(made.planar[number]):
-        with clock.measure("depth images"):
-            answer = mirror_view(scene.geometry, pixels, made, number, scene.diagonal)
-        yield _Question(members, 1, reflected_rays(part), answer, torch.zeros(len(members), dtype=torch.bool))
-        return
-    seen = None
-    if known:
-        with clock.measure("depth images"):
-            seen = cluster_image(scene.geometry, cluster_camera(made, number), part.position, options.cull)
-    concave = options.self_reflection == "diffuse" and _is_concave(part, made, number)
-    count = options.glossy_rays if bool((part.gloss > 0).any()) else 1
-    for some in torch.arange(len(members)).split(max(1, _RAYS // count)):
-        piece = part.select(some)
-        rays = reflected_rays(piece) if count == 1 else lobe_rays(piece, count)
+) -> Iterator[Question]:
+    """Send the rays of some curved clusters to their images."""
+    place = torch.full((len(made),), -1, dtype=torch.int64)
+    place[numbers] = torch.arange(len(numbers))
+    members = (place[made.clusters.cluster] >= 0).nonzero().reshape(-1)
+    asked = []
+    for rows, rays, weight in bundles(pixels, members, options):
+        owner = made.clusters.cluster[rows].repeat_interleave(len(rays.origin) // len(rows))
+        ends = ray_ends(pixels.select(rows), rays, scene.diagonal, options)
+        asked.append((rows, owner, weight, (rays, place[owner], (START * scene.diagonal, ends))))
+    with clock.measure("depth images"):
+        sent = [one[3] for one in asked]
+        images = draw_images(scene.geometry, pixels, made, numbers, sent, options.layers)
+    concave = _concave(pixels, made) if options.self_reflection == "diffuse" else None
+    for rows, owner, weight, one in asked:
         with clock.measure("marching"):
-            answer = _march(scene, piece, rays, seen, options)
-        itself = torch.zeros(len(some) * count, dtype=torch.bool)
-        if concave:
+            answer = images.ask(one)
+        question = Question.plain(rows, one[0], answer, weight)
+        if concave is not None:
             hit = answer.hits.triangle
-            own = scene.geometry.object_id[hit.clamp_min(0)] == piece.object_id.repeat_interleave(count)
-            itself = (hit >= 0) & own
-        yield _Question(members[some], count, rays, answer, itself)
+            reflector = pixels.object_id[rows].repeat_interleave(question.per_pixel)
+            own = scene.geometry.object_id[hit.clamp_min(0)] == reflector
+            question = replace(question, itself=(hit >= 0) & own & concave[owner])
+        yield question
 
 
-def _march(
-    scene: Scene, piece: ReflectivePixels, rays: ReflectedRays, seen: VisibilityBuffer | None, options: ClusterOptions
-) -> ClusterAnswer:
-    """What rays meet in a depth image; nothing is known without one."""
-    total = len(rays.origin)
-    if seen is None:
-        return ClusterAnswer(torch.full((total,), UNKNOWN, dtype=torch.uint8), RayHits.misses(total), 0)
-    count = total // len(piece)
-    reach = _far_plane(piece.gloss, scene.diagonal, options).repeat_interleave(count)
-    climb = (rays.direction * piece.geometric_normal.repeat_interleave(count, 0)).sum(-1)
-    ends = torch.where(climb > 0, reach / climb.clamp_min(1e-9), scene.diagonal).clamp_max(scene.diagonal)
-    return march_image(scene.geometry, seen, rays, (START * scene.diagonal, ends), options.depth_tolerance)
+def _concave(pixels: ReflectivePixels, made: ClusterCameras) -> Tensor:
+    """(C,) bool: normals of a hollow surface lean towards the middle of its pixels."""
+    cluster = made.clusters.cluster
+    lean = ((pixels.position - made.frame[cluster, 0]) * pixels.normal).sum(-1)
+    return torch.zeros(len(made), dtype=torch.float64).index_add(0, cluster, lean) < 0.0
 
 
-def _far_plane(gloss: Tensor, diagonal: float, options: ClusterOptions) -> Tensor:
-    """Height (N,) over the reflector up to which it is reflected: the rougher, the nearer."""
-    return diagonal * (1.0 - gloss * options.fade).clamp_min(NEAREST_FAR_PLANE)
+def clustered_onward(
+    scene: Scene, cameras: Cameras, shader: RayShader, options: ClusterOptions, bounces: int
+) -> Onward | None:
+    """What mirrors in mirrors show, by clusters of the places where rays have met mirrors.
 
+    Args:
+        cameras: of the picture.
+        bounces: mirrors that light is followed over, the one that the eye sees included; with 1: None.
+    """
+    if bounces <= 1:
+        return None
+    further = clustered_onward(scene, cameras, shader, options, bounces - 1)
 
-def _is_concave(part: ReflectivePixels, made: ClusterCameras, number: int) -> bool:
-    """Normals of a hollow surface lean towards the middle of its pixels."""
-    offset = part.position - made.frame[number, 0]
-    return float((offset * part.normal).sum(-1).mean()) < 0.0
-
-
-class _Shading:
-    """Collects the answers of clusters and gives many rays their colour at once."""
-
-    def __init__(
-        self,
-        scene: Scene,
-        pixels: ReflectivePixels,
-        shader: RayShader,
-        options: ClusterOptions,
-        caster: Callable[[], RayCaster] | None,
-        own: Tensor,
-        clock: StepClock,
-    ) -> None:
-        self._clock = clock
-        self._scene, self._pixels, self._shader, self._options = scene, pixels, shader, options
-        self._caster, self._own = caster, own
-        self._waiting: list[_Question] = []
-        self._count = 0
-        self.color = torch.zeros(len(pixels), 3)
-        self.distance = torch.full((len(pixels),), torch.inf)
-        self.unknown, self.traced = torch.zeros(len(pixels)), torch.zeros(len(pixels))
-
-    def add(self, question: _Question) -> None:
-        """Take the answer of one cluster."""
-        self._waiting.append(question)
-        self._count += len(question.itself)
-        if self._count >= _RAYS:
-            self.flush()
-
-    def flush(self) -> None:
-        """Shade everything taken so far."""
-        if self._count:
-            with self._clock.measure("shading"):
-                self._shade()
-
-    def _shade(self) -> None:
-        waiting, self._waiting, self._count = self._waiting, [], 0
-        rays = ReflectedRays(
-            *(
-                torch.cat([getattr(q.rays, name) for q in waiting])
-                for name in ("origin", "direction", "width", "spread")
-            )
+    def onward(points: MirroredPoints) -> Tensor:
+        count = len(points.gloss)
+        pixels = ReflectivePixels(
+            shape=(1, 1, count),
+            cameras=cameras[:1],
+            pixel=torch.arange(count),
+            position=points.rays.origin,
+            normal=points.normal,
+            geometric_normal=points.geometric_normal,
+            view=points.arriving,
+            direction=points.rays.direction,
+            gloss=points.gloss,
+            object_id=points.object_id,
+            depth=points.length,
+            length=points.length,
+            pixel_angle=points.rays.spread,
         )
-        hits = RayHits(
-            *(torch.cat([getattr(q.answer.hits, n) for q in waiting]) for n in ("t", "triangle", "barycentric"))
+        return clustered_reflections(scene, pixels, shader, options, onward=further, planes=False).layer.color.reshape(
+            -1, 3
         )
-        unknown = torch.cat([q.answer.state for q in waiting]) == UNKNOWN
-        pixel = torch.cat([q.rows.repeat_interleave(q.per_pixel) for q in waiting])
-        color, hits = self._radiance(rays, hits, unknown)
-        itself = torch.cat([q.itself for q in waiting])
-        color = torch.where(itself[:, None], self._own[pixel], color)
-        if self._options.fade:
-            color = self._faded(color, rays, hits, pixel)
-        begin = 0
-        for q in waiting:
-            part = slice(begin, begin + len(q.itself))
-            begin += len(q.itself)
-            self.color[q.rows] = color[part].reshape(-1, q.per_pixel, 3).mean(dim=1)
-            self.distance[q.rows] = mean_distance(hits.t[part].reshape(-1, q.per_pixel))
-            self.unknown[q.rows] = unknown[part].reshape(-1, q.per_pixel).float().mean(dim=1)
-        if self._caster is not None and self._options.missing == "trace":
-            self.traced[pixel[unknown]] = 1.0
 
-    def _radiance(self, rays: ReflectedRays, hits: RayHits, unknown: Tensor) -> tuple[Tensor, RayHits]:
-        """Colour (N,3) of rays, and hits with those that were looked for by the ray caster."""
-        rows = unknown.nonzero().reshape(-1)
-        if not len(rows):
-            return self._shader(rays, hits), hits
-        if self._options.missing == "trace" and self._caster is not None:
-            start = START * self._scene.diagonal
-            found = self._caster().first_hit(rays.origin[rows], rays.direction[rows], t_min=start)
-            hits = RayHits(
-                hits.t.index_copy(0, rows, found.t),
-                hits.triangle.index_copy(0, rows, found.triangle),
-                hits.barycentric.index_copy(0, rows, found.barycentric),
-            )
-            return self._shader(rays, hits), hits
-        color = self._shader(rays, hits)
-        return color.index_copy(0, rows, self._shader.surroundings(rays.origin[rows], rays.direction[rows])), hits
-
-    def _faded(self, color: Tensor, rays: ReflectedRays, hits: RayHits, pixel: Tensor) -> Tensor:
-        """Glossy colours (N,3), fading to the pixel's own towards the far plane (specification 03, section 8)."""
-        gloss = self._pixels.gloss[pixel]
-        if not bool((gloss > 0).any()):
-            return color
-        far = _far_plane(gloss, self._scene.diagonal, self._options)
-        height = hits.t * (rays.direction * self._pixels.geometric_normal[pixel]).sum(-1)
-        weight = ((far - height) / (FADE * far)).clamp(0.0, 1.0)
-        weight = 1.0 - (gloss / FULL_FADE_GLOSS).clamp_max(1.0) * (1.0 - torch.where(hits.hit, weight, 0.0))
-        return torch.lerp(self._own[pixel], color, weight.float()[:, None])
+    return onward

@@ -7,6 +7,7 @@ by the degree itself, specification 04 by Schlick's term, which is the same at n
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -15,12 +16,16 @@ from torch import Tensor
 
 from torchrender.buffers import GBuffer, RayHits, ReflectionLayer, ReflectionState
 from torchrender.checks import check_tensor
-from torchrender.numerics.lobe import lobe_directions, reflect, schlick
+from torchrender.numerics.lobe import ggx_directions, lobe_directions, reflect, schlick
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
+from torchrender.shading.mirrors import mirror_values
 
 START = 1e-5
 """Distance from the reflector at which rays start, in scene diagonals."""
+
+LOBES = ("ggx", "cone")
+GGX_WIDTH = 1.5  # of the lobe of mirrored directions in which most light arrives, per alpha
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,15 +66,40 @@ class ReflectedRays:
     width: Tensor  # (N,) float64
     spread: Tensor  # (N,) float64
 
+    def select(self, index: Tensor) -> ReflectedRays:
+        """Some of the rays, by index or mask (N,)."""
+        return ReflectedRays(self.origin[index], self.direction[index], self.width[index], self.spread[index])
+
+
+@dataclass(frozen=True, eq=False)
+class MirroredPoints:
+    """N places on reflectors that rays hit, and where these are mirrored to."""
+
+    rays: ReflectedRays  # that leave them
+    normal: Tensor  # (N,3) float64 unit shading normal
+    geometric_normal: Tensor  # (N,3) float64 unit
+    arriving: Tensor  # (N,3) float64 unit direction of the rays that hit them
+    length: Tensor  # (N,) float64 of these rays
+    gloss: Tensor  # (N,) float64 lobe width
+    object_id: Tensor  # (N,) int64 reflector
+
+
+Onward = Callable[[MirroredPoints], Tensor]
+"""What mirrors show that are themselves seen in mirrors: radiance (N,3) that arrives along the lobes."""
+
 
 class RayShader(Protocol):
     """Radiance that arrives along rays. Handed in by whoever makes the picture, so that reflections show its light."""
 
-    def __call__(self, rays: ReflectedRays, hits: RayHits) -> Tensor:
-        """(N,3) towards the rays' origins; rays that hit nothing bring what surrounds the scene."""
+    def __call__(self, rays: ReflectedRays, hits: RayHits, onward: Onward | None = None) -> Tensor:
+        """(N,3) towards the rays' origins; rays that hit nothing bring what surrounds the scene.
+
+        Args:
+            onward: what mirrors among the hits show; None: a guess by ``surroundings``.
+        """
 
     def environment(self, direction: Tensor) -> Tensor:
-        """(N,3) the scene as seen from its centre, along unit directions (N,3)."""
+        """(N,3) the scene as seen from its middle, along unit directions (N,3)."""
 
     def surroundings(self, position: Tensor, direction: Tensor) -> Tensor:
         """(N,3) a guess, without rays, at what arrives at positions (N,3) from unit directions (N,3)."""
@@ -89,11 +119,11 @@ def reflective_pixels(scene: Scene, gbuffer: GBuffer, mask: Tensor | None = None
     if mask is not None:
         chosen = chosen & check_tensor("mask", mask, tuple(chosen.shape))
     pixel = chosen.reshape(-1).nonzero().reshape(-1)
-    position, normal, flat = (
-        image.reshape(-1, 3).index_select(0, pixel).double()
-        for image in (gbuffer.position, gbuffer.normal, gbuffer.geometric_normal)
+    position, flat = (
+        image.reshape(-1, 3).index_select(0, pixel).double() for image in (gbuffer.position, gbuffer.geometric_normal)
     )
-    normal = torch.nn.functional.normalize(normal, dim=-1, eps=1e-30)
+    normal, gloss = mirror_values(scene, gbuffer, pixel)
+    normal = torch.nn.functional.normalize(normal.double(), dim=-1, eps=1e-30)
     cameras = gbuffer.cameras
     camera = pixel // (cameras.width * cameras.height)
     size = (1.0 / cameras.intrinsics[:, (0, 1), (0, 1)]).amax(dim=1)
@@ -115,8 +145,8 @@ def reflective_pixels(scene: Scene, gbuffer: GBuffer, mask: Tensor | None = None
         normal=normal,
         geometric_normal=flat,
         view=view,
-        direction=_mirrored(view, normal, flat),
-        gloss=scene.material_table.gloss[gbuffer.material.reshape(-1)[pixel]],
+        direction=mirrored_direction(view, normal, flat),
+        gloss=gloss,
         object_id=gbuffer.object_id.reshape(-1)[pixel],
         depth=depth,
         length=length,
@@ -124,7 +154,7 @@ def reflective_pixels(scene: Scene, gbuffer: GBuffer, mask: Tensor | None = None
     )
 
 
-def _mirrored(view: Tensor, normal: Tensor, flat: Tensor) -> Tensor:
+def mirrored_direction(view: Tensor, normal: Tensor, flat: Tensor) -> Tensor:
     """Mirrored view directions; those that a bent shading normal sends into the surface are mirrored out of it."""
     direction = reflect(view, normal)
     into = (direction * flat).sum(-1, keepdim=True).clamp_max(0.0)
@@ -145,19 +175,61 @@ def reflected_rays(pixels: ReflectivePixels, direction: Tensor | None = None) ->
     return ReflectedRays(pixels.position, toward, angle * pixels.length, angle)
 
 
-def lobe_rays(pixels: ReflectivePixels, count: int) -> ReflectedRays:
-    """``count`` rays for each pixel, (N count) in all, spread over its lobe; each is as wide as its share of it."""
+def lobe_rays(pixels: ReflectivePixels, count: int, lobe: str = "ggx") -> tuple[ReflectedRays, Tensor]:
+    """``count`` rays for each pixel, (N count) in all, spread over its lobe, and the weights (N count) of what they
+    bring; each ray is as wide as its share of the lobe.
+
+    Args:
+        lobe: of facets ("ggx", alpha = gloss squared), or an even "cone" as published.
+    """
     column, row = pixels.pixel % pixels.shape[2], pixels.pixel // pixels.shape[2]
-    # Interleaved gradient noise (Jimenez 2014): neighbouring pixels get angles far apart, without a random generator.
-    turn = 2.0 * torch.pi * (52.9829189 * (0.06711056 * column.double() + 0.00583715 * row.double()).frac()).frac()
-    toward = lobe_directions(pixels.direction, pixels.geometric_normal, pixels.gloss, count, turn)
-    share = pixels.gloss * (torch.pi / 6.0) * 2.0 / count**0.5
-    return ReflectedRays(
-        origin=pixels.position.repeat_interleave(count, 0),
-        direction=toward.reshape(-1, 3),
-        width=(pixels.pixel_angle * pixels.length).repeat_interleave(count),
-        spread=torch.maximum(pixels.pixel_angle, share).repeat_interleave(count),
+    turn = noise_angle(column, row)
+    angle = (pixels.pixel_angle * pixels.length, pixels.pixel_angle)
+    return spread_rays(
+        ReflectedRays(pixels.position, pixels.direction, *angle),
+        (pixels.view, pixels.normal, pixels.geometric_normal),
+        pixels.gloss,
+        turn,
+        count,
+        lobe,
     )
+
+
+def noise_angle(column: Tensor, row: Tensor) -> Tensor:
+    """Angles (N,) that differ much between neighbouring places, without a random generator.
+
+    Interleaved gradient noise (Jimenez 2014).
+    """
+    return 2.0 * torch.pi * (52.9829189 * (0.06711056 * column.double() + 0.00583715 * row.double()).frac()).frac()
+
+
+def spread_rays(
+    mirrored: ReflectedRays,
+    seen: tuple[Tensor, Tensor, Tensor],
+    gloss: Tensor,
+    turn: Tensor,
+    count: int,
+    lobe: str = "ggx",
+) -> tuple[ReflectedRays, Tensor]:
+    """:func:`lobe_rays` of N mirrored rays: ``seen`` = directions of arrival, shading and geometric normals (N,3)."""
+    arriving, normal, flat = seen
+    if lobe == "cone":
+        toward = lobe_directions(mirrored.direction, flat, gloss, count, turn)
+        weight = torch.ones(toward.shape[:2], dtype=torch.float64)
+        share = gloss * (torch.pi / 6.0) * 2.0 / count**0.5
+    else:
+        alpha = gloss.square()
+        toward, weight = ggx_directions(-arriving, normal, alpha, count, turn)
+        below = (toward * flat[:, None]).sum(-1, keepdim=True).clamp_max(0.0)
+        toward = toward - 2.0 * below * flat[:, None]
+        share = GGX_WIDTH * alpha / count**0.5
+    rays = ReflectedRays(
+        origin=mirrored.origin.repeat_interleave(count, 0),
+        direction=toward.reshape(-1, 3),
+        width=mirrored.width.repeat_interleave(count),
+        spread=torch.maximum(mirrored.spread, share).repeat_interleave(count),
+    )
+    return rays, weight.reshape(-1)
 
 
 def reflection_layer(
@@ -187,10 +259,24 @@ def blend_reflections(scene: Scene, gbuffer: GBuffer, direct: Tensor, layer: Ref
         return direct
     own = direct.reshape(-1, 3).index_select(0, rows)
     mirrored = layer.color.reshape(-1, 3).index_select(0, rows)
+    if layer.share is not None:
+        replaced, weight = (
+            v.reshape(-1, 3).index_select(0, rows) for v in (layer.share.replaced, layer.share.mirrored)
+        )
+        mixed = own - replaced + weight * mirrored
+        return direct.reshape(-1, 3).index_copy(0, rows, mixed.clamp_min(0.0)).reshape(direct.shape)
     normal = gbuffer.normal.reshape(-1, 3).index_select(0, rows)
     toward = layer.direction.reshape(-1, 3).index_select(0, rows)
     mixed = blend_colors(scene, gbuffer.material.reshape(-1)[rows], (normal * toward).sum(-1).abs(), own, mirrored)
     return direct.reshape(-1, 3).index_copy(0, rows, mixed).reshape(direct.shape)
+
+
+def mirrored_light(scene: Scene, gbuffer: GBuffer, layer: ReflectionLayer) -> Tensor:
+    """(B,H,W,3) the part of :func:`blend_reflections` that was mirrored; 0 where nothing is."""
+    cosine = (gbuffer.normal * layer.direction).sum(-1).abs()
+    share, tint = _share(scene, gbuffer.material, cosine)
+    part = share[..., None] * tint * layer.color
+    return torch.where((layer.state != ReflectionState.NONE)[..., None], part, 0.0)
 
 
 def blend_colors(scene: Scene, material: Tensor, cosine: Tensor, direct: Tensor, mirrored: Tensor) -> Tensor:

@@ -1,6 +1,7 @@
 """Reflections by rays: mirror and glossy, for all reflective pixels or a few; and the environment map as baseline.
 
-One bounce: what a ray meets is shaded as in the main picture, and if that mirrors in turn, it mirrors the environment.
+What a ray meets is shaded as in the main picture, and if that mirrors in turn, it is followed on, as often as the
+options say; then mirrors show the environment.
 """
 
 from __future__ import annotations
@@ -11,9 +12,12 @@ import torch
 from torch import Tensor
 
 from torchrender.buffers import ReflectionLayer, ReflectionState
-from torchrender.checks import check_range
+from torchrender.checks import check_choice, check_range
+from torchrender.effects.reflections.bounces import traced_onward
 from torchrender.effects.reflections.reflectors import (
+    LOBES,
     START,
+    Onward,
     RayShader,
     ReflectedRays,
     ReflectivePixels,
@@ -36,8 +40,12 @@ class TraceOptions:
     """
 
     glossy_rays: int = 8  # per glossy pixel; mirrors take one
+    lobe: str = "ggx"  # of glossy pixels: of facets, or an even "cone"
+    bounces: int = 2  # mirrors that light is followed over; 1: mirrors in mirrors show the environment
 
     def __post_init__(self) -> None:
+        check_choice("lobe", self.lobe, LOBES)
+        check_range("bounces", self.bounces, 1, 64)
         check_range("glossy_rays", self.glossy_rays, 1, 1024)
 
 
@@ -56,22 +64,27 @@ def trace_reflections(
     options = options or TraceOptions()
     color, distance = torch.zeros(len(pixels), 3), torch.full((len(pixels),), torch.inf)
     mirror = pixels.gloss <= 0
+    onward = traced_onward(caster, shader, options.bounces, options.lobe)
     for chosen, count in ((mirror, 1), (~mirror, options.glossy_rays)):
         for rows in chosen.nonzero().reshape(-1).split(max(1, _RAYS // count)):
             part = pixels.select(rows)
-            rays = reflected_rays(part) if count == 1 else lobe_rays(part, count)
-            found, length = trace_rays(caster, rays, shader)
+            rays, weight = (reflected_rays(part), None) if chosen is mirror else lobe_rays(part, count, options.lobe)
+            found, length = trace_rays(caster, rays, shader, onward)
+            if weight is not None:
+                found = found * weight.float()[:, None]
             color[rows] = found.reshape(-1, count, 3).mean(dim=1)
             distance[rows] = mean_distance(length.reshape(-1, count))
     state = torch.where(torch.isfinite(distance), int(ReflectionState.TRACED), int(ReflectionState.ENVIRONMENT))
     return reflection_layer(pixels, color, distance, state)
 
 
-def trace_rays(caster: RayCaster, rays: ReflectedRays, shader: RayShader) -> tuple[Tensor, Tensor]:
+def trace_rays(
+    caster: RayCaster, rays: ReflectedRays, shader: RayShader, onward: Onward | None = None
+) -> tuple[Tensor, Tensor]:
     """Radiance (N,3) along the rays and the lengths (N,) float64 at which they hit, +inf where they do not."""
     low, high = caster.geometry.bounds
     hits = caster.first_hit(rays.origin, rays.direction, t_min=START * float((high - low).norm()))
-    return shader(rays, hits), hits.t
+    return shader(rays, hits, onward), hits.t
 
 
 def environment_reflections(pixels: ReflectivePixels, shader: RayShader) -> ReflectionLayer:

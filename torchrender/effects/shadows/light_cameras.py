@@ -1,4 +1,4 @@
-"""Cameras that look out of a light: spot cones, parallel light, cubes around points, cascades along a view.
+"""Cameras that look out of a light: spot cones, parallel light, cubes around points.
 
 Every camera is fitted to what is there: a set of axis-aligned boxes (C,2,3), for instance
 ``Geometry.cluster_bounds`` (tight) or ``Scene.bounds[None]`` (loose). Depth is camera z and linear, so a small near
@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from itertools import pairwise
 
 import torch
 from torch import Tensor
@@ -19,7 +18,7 @@ from torchrender.numerics.shadow_compare import LightView
 from torchrender.scene.camera import Cameras, look_at_matrix, pinhole_matrix
 from torchrender.scene.light import DirectionalLight, Light, PointLight, RectLight, SpotLight
 
-NEAREST = 1e-4
+NEAREST = 1e-6
 """Smallest near plane of a light inside the scene, as a share of its far plane."""
 
 WIDEST_CONE_DEG = 65.0
@@ -49,69 +48,29 @@ def light_cameras(light: Light, boxes: Tensor, *, width: int, height: int, borde
     size = (width, height, border)
     if isinstance(light, DirectionalLight):
         return _parallel(light, boxes, size)
+    frames = light_frames(light)[0]
+    slope = 1.0
+    if isinstance(light, SpotLight) and len(frames) == 1:
+        slope = math.tan(math.radians(light.outer_deg))
+    k = pinhole_matrix((width / 2 - border) / slope, (height / 2 - border) / slope, width / 2, height / 2)
+    return _fit_depth(_unfitted(frames, k, width, height), boxes)
+
+
+def light_frames(light: Light) -> tuple[Tensor, bool]:
+    """World-to-view matrices (F,4,4) float64 of all that a light may need, and whether its light is parallel.
+
+    Parallel light: one, around the world's origin; a spot: one, or five where its half angle exceeds 65 degrees; a
+    point: the six faces of a cube; a rectangle: five around its emitting side (six if it has no area).
+    """
+    if isinstance(light, DirectionalLight):
+        return look_at_matrix(torch.zeros(3), light.direction, _UP)[None], True
     if isinstance(light, PointLight):
-        return _fit_depth(_cube(light.position, None, size), boxes)
+        return _cube(light.position, None), False
     if isinstance(light, RectLight):
-        return _fit_depth(_cube(light.centre, light.normal if light.area > 0 else None, size), boxes)
+        return _cube(light.centre, light.normal if light.area > 0 else None), False
     if light.outer_deg > WIDEST_CONE_DEG:
-        return _fit_depth(_cube(light.position, light.direction, size), boxes)
-    return _fit_depth(_cone(light, size), boxes)
-
-
-def cascade_cameras(
-    light: DirectionalLight,
-    boxes: Tensor,
-    view: Cameras,
-    *,
-    count: int,
-    width: int,
-    height: int,
-    border: float = 2.0,
-) -> Cameras:
-    """``count`` orthographic views per camera of ``view``, from the nearest slice of its frustum to the farthest.
-
-    Slices end at ``cascade_splits``; each is enclosed by a sphere, so that turning the view does not change the texel
-    size, and placed in whole texels (texel snapping), so that moving the view does not make edges crawl. A side that
-    the sphere covers completely is cut to the boxes. All cascades keep the depth range of the boxes: casters outside
-    the view count too.
-
-    Returns:
-        B * count cameras; those of one view stand together.
-    """
-    boxes = _checked(boxes)
-    check_range("border", border, 0.0, min(width, height) / 4)
-    check_range("count", count, 1)
-    scene = _parallel(light, boxes, (width, height, border))
-    k = scene.intrinsics[0]
-    room = torch.tensor([width / 2 - border, height / 2 - border], dtype=torch.float64)
-    scene_half = room / k[(0, 1), (0, 1)]
-    scene_centre = (torch.tensor([width, height]) / 2 - k[:2, 2]) / k[(0, 1), (0, 1)]
-    views = []
-    for index in range(len(view)):
-        for corners in _slice_corners(view[index], boxes, count):
-            centre = corners.mean(0)
-            radius = float((corners - centre).norm(dim=1).max()) * (1 + _PAD)
-            place = scene.transform(centre[None])[0, 0, :2]
-            whole = scene_half <= radius
-            half = torch.where(whole, scene_half, radius)
-            texel = half / room
-            snapped = torch.round(place / texel) * texel
-            place = torch.where(whole, scene_centre, snapped)
-            focal = 1.0 / texel
-            offset = torch.tensor([width, height], dtype=torch.float64) / 2 - place * focal
-            numbers = [float(x) for x in (*focal, *offset)]
-            views.append(replace(scene, intrinsics=pinhole_matrix(*numbers)[None]))
-    return Cameras.cat(views)
-
-
-def cascade_splits(near: float, far: float, count: int, weight: float = 0.7) -> list[float]:
-    """``count + 1`` depths from near to far: ``weight`` times logarithmic plus the rest uniform steps.
-
-    Source: Zhang et al., Parallel-split shadow maps, 2006.
-    """
-    shares = [i / count for i in range(count + 1)]
-    splits = [weight * near * (far / near) ** s + (1 - weight) * (near + (far - near) * s) for s in shares]
-    return [near, *splits[1:-1], far]
+        return _cube(light.position, light.direction), False
+    return _standing(light.position, light.direction.double()[None]), False
 
 
 def light_view(cameras: Cameras, index: int) -> LightView:
@@ -128,21 +87,24 @@ def light_view(cameras: Cameras, index: int) -> LightView:
     )
 
 
-def choose_views(points: Tensor, cameras: Cameras, margin: float) -> Tensor:
+def choose_views(points: Tensor, cameras: Cameras, margin: float, fitted: bool = False) -> Tensor:
     """(N,) int64: the view in which a light looks up each of N points (N,3).
 
-    Faces of a cube: the one that the point lies in front of most. Cascades: the first that holds it ``margin`` texels
-    away from its border, else the last.
+    Faces of a whole cube: the one that the point lies in front of most. Views ``fitted`` to a picture, and parallel
+    ones: the first that holds it ``margin`` texels away from its border, else the first that holds it, else the last.
     """
     if len(cameras) == 1:
         return torch.zeros(len(points), dtype=torch.int64)
-    if not cameras.orthographic:
+    if not cameras.orthographic and not fitted:
         return cameras.transform(points)[..., 2].argmax(dim=0)
     uv, z = cameras.project(points)
-    high = torch.tensor([cameras.width - margin, cameras.height - margin], dtype=torch.float64)
-    holds = ((uv >= margin) & (uv < high)).all(-1) & (z > cameras.near[:, None]) & (z <= cameras.far[:, None])
-    first = holds.to(torch.uint8).argmax(dim=0)
-    return torch.where(holds.any(0), first, len(cameras) - 1)
+    size = torch.tensor([cameras.width, cameras.height], dtype=torch.float64)
+    deep = (z > cameras.near[:, None]) & (z <= cameras.far[:, None])
+    rated = sum(((uv >= m) & (uv < size - m)).all(-1) & deep for m in (margin, 0.0))
+    assert isinstance(rated, Tensor)
+    last = torch.zeros_like(rated)
+    last[-1] = 1
+    return (rated * 2 + last).argmax(dim=0)
 
 
 # ---------------------------------------------------------------- one kind of light each
@@ -150,47 +112,38 @@ def choose_views(points: Tensor, cameras: Cameras, margin: float) -> Tensor:
 
 def _parallel(light: DirectionalLight, boxes: Tensor, size: tuple[int, int, float]) -> Cameras:
     width, height, border = size
-    # The frame hangs on the world's origin, not on the boxes: texels then stay where they are when the scene grows.
     matrix = look_at_matrix(torch.zeros(3), light.direction, _UP)
-    low, high = _extent(matrix, boxes)
+    low, high = extent(matrix, boxes)
     diagonal = float((high - low).norm())
     half = ((high - low) / 2).clamp_min(diagonal * _PAD)[:2] * (1 + _PAD)
-    centre = (low + high)[:2] / 2
     focal = torch.tensor([width / 2 - border, height / 2 - border], dtype=torch.float64) / half
-    offset = torch.tensor([width / 2, height / 2], dtype=torch.float64) - centre * focal
-    k = pinhole_matrix(float(focal[0]), float(focal[1]), float(offset[0]), float(offset[1]))
-    # A flat scene has no depth of its own, yet the biases are shares of the depth range.
-    pad = 0.01 * diagonal
-    return Cameras(matrix[None], k[None], width, height, low[2] - pad, high[2] + pad, orthographic=True)
+    # Counted from the middle of what is there: float32 depths far from the world's origin would be coarse.
+    matrix[:3, 3] = -(low + high) / 2
+    k = pinhole_matrix(float(focal[0]), float(focal[1]), width / 2, height / 2)
+    depth = (high - low)[2] / 2 + 0.01 * diagonal  # a flat scene has no depth of its own
+    return Cameras(matrix[None], k[None], width, height, -depth, depth, orthographic=True)
 
 
-def _cone(light: SpotLight, size: tuple[int, int, float]) -> Cameras:
-    width, height, border = size
-    eye = light.position.double()
-    matrix = look_at_matrix(eye, eye + light.direction.double(), _UP)
-    slope = math.tan(math.radians(light.outer_deg))
-    k = pinhole_matrix((width / 2 - border) / slope, (height / 2 - border) / slope, width / 2, height / 2)
-    return _unfitted(matrix[None], k, width, height)
-
-
-def _cube(position: Tensor, axis: Tensor | None, size: tuple[int, int, float]) -> Cameras:
+def _cube(position: Tensor, axis: Tensor | None) -> Tensor:
     """Six faces along the world's axes, or five around ``axis`` that leave out the one behind it."""
-    width, height, border = size
-    eye = position.double()
     if axis is None:
         frame = torch.eye(3, dtype=torch.float64)
     else:
         frame = look_at_matrix(torch.zeros(3), axis, _UP)[:3, :3]
     directions = [frame[2], frame[0], -frame[0], frame[1], -frame[1]] + ([-frame[2]] if axis is None else [])
-    # The frame of each face is made at the origin: eye + direction would round it away far from the origin.
     ups = [frame[2] if abs(float(d @ frame[1])) > 0.5 else frame[1] for d in directions]
-    rotations = torch.stack([look_at_matrix(torch.zeros(3), d, up)[:3, :3] for d, up in zip(directions, ups)])
+    return _standing(position, torch.stack(directions), ups)
+
+
+def _standing(position: Tensor, directions: Tensor, ups: list[Tensor] | None = None) -> Tensor:
+    """World-to-view matrices (F,4,4) of views from one point."""
+    # The frame of each view is made at the origin: eye + direction would round it away far from the origin.
+    pairs = zip(directions, ups or [_UP] * len(directions), strict=True)
+    rotations = torch.stack([look_at_matrix(torch.zeros(3), d, up)[:3, :3] for d, up in pairs])
     matrix = torch.eye(4, dtype=torch.float64).repeat(len(directions), 1, 1)
     matrix[:, :3, :3] = rotations
-    matrix[:, :3, 3] = -rotations @ eye
-    return _unfitted(
-        matrix, pinhole_matrix(width / 2 - border, height / 2 - border, width / 2, height / 2), width, height
-    )
+    matrix[:, :3, 3] = -rotations @ position.double()
+    return matrix
 
 
 # ---------------------------------------------------------------- fitting
@@ -209,7 +162,7 @@ def _fit_depth(cameras: Cameras, boxes: Tensor) -> Cameras:
         reach = centre @ planes[:, :3].T + planes[:, 3] + half @ planes[:, :3].abs().T
         seen = boxes[(reach >= 0).all(dim=1)]
         if len(seen):
-            low, high = _extent(cameras.camera_from_world[index], seen)
+            low, high = extent(cameras.camera_from_world[index], seen)
             lows.append(float(low[2]))
             highs.append(float(high[2]))
     span = float((boxes[:, 1].amax(0) - boxes[:, 0].amin(0)).norm())
@@ -230,30 +183,9 @@ def _checked(boxes: Tensor) -> Tensor:
     return boxes
 
 
-def _extent(camera_from_world: Tensor, boxes: Tensor) -> tuple[Tensor, Tensor]:
+def extent(camera_from_world: Tensor, boxes: Tensor) -> tuple[Tensor, Tensor]:
     """Smallest and largest camera-space corner (3,) of all boxes."""
     rotation, shift = camera_from_world[:3, :3], camera_from_world[:3, 3]
     centre = boxes.mean(1) @ rotation.T + shift
     half = (boxes[:, 1] - boxes[:, 0]) / 2 @ rotation.abs().T
     return (centre - half).amin(0), (centre + half).amax(0)
-
-
-def _slice_corners(view: Cameras, boxes: Tensor, count: int) -> list[Tensor]:
-    """Corners (8,3) of the slices of one view's frustum, nearest first."""
-    low, high = _extent(view.camera_from_world[0], boxes)
-    far = float(high[2])
-    if view.orthographic:
-        near, far = max(float(view.near[0]), float(low[2])), min(float(view.far[0]), far)
-        far = max(far, near + float((high - low).norm()) * _PAD)
-        splits = [near + (far - near) * i / count for i in range(count + 1)]
-    else:
-        near = float(view.near[0])
-        # Steps of sqrt(2) keep the slices, and with them the texel size, still while the view moves a little.
-        far = max(far, near * 2)
-        far = min(math.sqrt(2) ** math.ceil(2 * math.log2(far)), float(view.far[0]))
-        splits = cascade_splits(max(near, far * NEAREST), far, count)
-        splits[0] = near
-    w, h = float(view.width), float(view.height)
-    pixels = torch.tensor([[0.0, 0.0], [w, 0.0], [0.0, h], [w, h]], dtype=torch.float64).repeat(2, 1)[None]
-    depths = [torch.tensor([a] * 4 + [b] * 4, dtype=torch.float64)[None] for a, b in pairwise(splits)]
-    return [view.unproject(pixels, d)[0] for d in depths]

@@ -6,10 +6,13 @@ asked for a point o and a light sample s, with the same bias:
 - ``ray``: does a triangle meet the segment between them?
 - ``shadow_map``: is o deeper than what the shadow map of s stores in the texel that o falls into?
 
-Both are answered by packets of rays that start at the light sample; a map's answer is found without drawing the map,
-because only the texels that somebody looks up are traced. ``engine="maps"`` draws them whole, as published; it is there
-to compare with. Points that nothing can shadow are found before any ray is traced, groups of points in umbra after a
-few: the cost follows the penumbra.
+Rays go through Embree where it is fine enough, from the receivers: a few first, and where neighbours on the surface and
+on the light agree about those no others, so the cost follows the penumbra. Else, and for maps, packets of rays start at
+the light sample; a map's answer is found without drawing the map, because only the texels that somebody looks up are
+traced. ``engine="maps"`` draws them whole, as published; it is there to compare with.
+
+What lies below a surface's own plane sends it no light, shadows or not (:mod:`torchrender.numerics.polygon_light` clips
+it): visibility is the visible share of the samples above that plane.
 
 Sources: Crow, Shadow algorithms, 1977; Williams, 1978; algorithm 5 of non-redundant depth-image sampling.
 """
@@ -19,6 +22,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -27,20 +32,19 @@ from torch import Tensor
 from torchrender.arrays import view as numpy_view
 from torchrender.buffers import GBuffer
 from torchrender.checks import check_choice, check_range
+from torchrender.effects.shadows.light_packets import Packets, packet_bits
+from torchrender.effects.shadows.light_rays import LightRays, samples_above, usable
 from torchrender.effects.shadows.light_samples import LightGrid, light_grid
+from torchrender.effects.shadows.traced import float_error
 from torchrender.errors import InputError, OptionError
-from torchrender.kernels.compile import thread_count
 from torchrender.kernels.rays.bvh_build import Bvh, build_bvh
-from torchrender.kernels.shadows.soft_shadow import LightViews, light_bits, look_up
-from torchrender.raster import rasterize_depth
+from torchrender.kernels.rays.embree_library import embree
 from torchrender.scene.light import RectLight
 from torchrender.scene.mesh import Geometry
 
 VISIBILITIES = ("ray", "shadow_map")
-ENGINES = ("packets", "maps")
-
-TILE = 4
-"""Light samples along each edge of a part of the light that is searched for at once."""
+OCCLUDERS = ("scene", "images", "rebuilt")
+ENGINES = ("auto", "rays", "packets", "maps")
 
 _CELLS = (1 << 16) - 1  # of the curve along which receivers are sorted
 _ONES = np.array([bin(value).count("1") for value in range(256)], np.int32)
@@ -50,17 +54,21 @@ _ONES = np.array([bin(value).count("1") for value in range(256)], np.int32)
 class SoftShadowOptions:
     """How light visibility is found.
 
+    Rays of Embree start off the surface by what its position may be off, and need no bias. Packets and maps take
     ``bias = constant_bias z + slope_bias g(z) min(tan theta, largest_slope)`` with z the depth of the point seen from
     the light sample, g(z) the width of a texel there and theta the angle between normal and light.
 
     Raises:
-        OptionError: a value outside its range, or drawn maps with ray visibility; names the option.
+        OptionError: a value outside its range, or an engine that cannot answer what is asked; names the option.
     """
 
     light_samples: int = 16  # along each edge of the light
     visibility: str = "ray"  # "ray", or "shadow_map" with its aliasing
-    engine: str = "packets"  # "packets" traces what is asked for, "maps" draws every shadow map
-    map_size: int = 1024  # texels of a shadow map's side; sets the slope bias of "ray" too
+    occluders: str = "scene"  # what casts: all the "scene", or what four "images" from the light's corners show of
+    # it, or surfaces "rebuilt" from these images. Who calls :func:`soft_shadow` hands them in
+    engine: str = "auto"  # "rays": Embree; "packets": our own tree, exact at any scale; "maps": draws every shadow map
+    refine: int = 2  # "rays": step of the light samples traced before those between; 1: all are traced
+    map_size: int = 1024  # texels of a shadow map's side; sets the slope bias of packets, too
     constant_bias: float = 1e-3  # share of the depth
     slope_bias: float = 1.5  # texels
     largest_slope: float = 10.0
@@ -70,14 +78,19 @@ class SoftShadowOptions:
     def __post_init__(self) -> None:
         check_range("light_samples", self.light_samples, 1, 64)
         check_choice("visibility", self.visibility, VISIBILITIES)
+        check_choice("occluders", self.occluders, OCCLUDERS)
         check_choice("engine", self.engine, ENGINES)
         check_range("map_size", self.map_size, 16, 8192)
         check_range("constant_bias", self.constant_bias, 0.0, 0.5)
         check_range("slope_bias", self.slope_bias, 0.0, 100.0)
         check_range("largest_slope", self.largest_slope, 0.0, 1e6)
         check_range("umbra_probes", self.umbra_probes, 0, 64)
-        if self.engine == "maps" and self.visibility == "ray":
-            raise OptionError('engine "maps" needs visibility "shadow_map"')
+        check_range("refine", self.refine, 1, 8)
+        fit = {"maps": "shadow_map", "rays": "ray"}
+        if fit.get(self.engine, self.visibility) != self.visibility:
+            raise OptionError(f'engine "{self.engine}" needs visibility "{fit[self.engine]}"')
+        if self.engine == "rays" and embree() is None:
+            raise OptionError('engine "rays" needs the embreex package, which is not installed or not usable')
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +98,16 @@ class Occluders:
     """Triangles that cast shadows, ready to be searched; build once for as many lights and pictures as they serve."""
 
     geometry: Geometry
-    tree: Bvh
+
+    @cached_property
+    def tree(self) -> Bvh:
+        """For packets."""
+        return build_bvh(self.geometry.vertices.numpy(), self.geometry.faces.numpy())
+
+    @cached_property
+    def rays(self) -> LightRays:
+        """For Embree."""
+        return LightRays(self.geometry)
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +115,8 @@ class LightVisibility:
     """What every pixel of B pictures sees of L lights. Pixels without a surface see all of them."""
 
     lit: Tensor  # (B,L,H,W) int32 visible samples
-    visibility: Tensor  # (B,L,H,W) float32 share of visible samples in [0,1]
+    visibility: Tensor  # (B,L,H,W) float32 in [0,1]: lit / above; 0 where the whole light lies below the surface
+    above: Tensor  # (B,L,H,W) int32 samples above the surface's own plane; all of them where there is no surface
     bits: Tensor  # (B,L,H,W,words) int64: sample s of a light is bit s % 64 of word s // 64
     sample_count: tuple[int, ...]  # samples of each light: n^2, n for a line, 1 for a point
     outside: tuple[int, ...]  # for each light, pairs outside the sample's pictures, taken as lit; skipped groups apart
@@ -101,9 +124,11 @@ class LightVisibility:
 
 
 def occluders(geometry: Geometry | Sequence[Geometry]) -> Occluders:
-    """Sort the triangles of one or several geometries for :func:`soft_shadow`; zero-area triangles cast no shadow."""
-    joined = geometry if isinstance(geometry, Geometry) else join(geometry)
-    return Occluders(joined, build_bvh(joined.vertices.numpy(), joined.faces.numpy()))
+    """Triangles of one or several geometries for :func:`soft_shadow`, sorted when first used.
+
+    Zero-area triangles cast no shadow.
+    """
+    return Occluders(geometry if isinstance(geometry, Geometry) else join(geometry))
 
 
 def join(geometries: Sequence[Geometry]) -> Geometry:
@@ -144,8 +169,8 @@ def soft_shadow(
     """How much of each light the surface in every pixel sees.
 
     A surface that faces away from a sample does not see it. Whether the light emits to that side is not asked here:
-    that is shading. Zero-area lights are lines or points; the result's ``notes`` say so. Holes cut by textures cast
-    shadows as if they were closed.
+    that is shading. Zero-area lights are lines or points; the result's ``notes`` say so. Holes cut by textures let
+    light through with engine "rays"; packets and maps take them as closed.
 
     Args:
         casters: triangles that cast shadows; hand in :func:`occluders` if they serve several times.
@@ -164,31 +189,30 @@ def soft_shadow(
         raise InputError("lights must not be empty")
     ready = casters if isinstance(casters, Occluders) else occluders(casters)
     covered = gbuffer.covered
-    points, normals = gbuffer.position[covered].double(), gbuffer.geometric_normal[covered].double()
     if bounds is None:
-        bounds = _bounds(ready.geometry, points)
-    order = _neighbours_first(points)
-    receivers = (numpy_view(points[order], np.float64), numpy_view(normals[order], np.float64))
+        bounds = _bounds(ready.geometry, gbuffer.position[covered].double())
     grids = [light_grid(light, bounds, per_side=options.light_samples, size=options.map_size) for light in lights]
-    shape = (*covered.shape, len(lights))
     words = (max(len(g.samples) for g in grids) + 63) // 64
+    shape = (*covered.shape, len(lights))
     bits = torch.full((*shape, words), -1, dtype=torch.int64)
-    lit = torch.zeros(shape, dtype=torch.int32)
-    outside = []
-    for index, grid in enumerate(grids):
-        found, missed = _light_bits(ready, receivers, grid, options)
-        outside.append(missed)
-        flat = torch.zeros(len(points), words, dtype=torch.int64)
-        flat[order, : found.shape[1]] = torch.from_numpy(found)
-        bits[..., index, :][covered] = flat
-        seen = torch.full(covered.shape, len(grid.samples), dtype=torch.int32)
-        seen[covered] = count_bits(flat)
-        lit[..., index] = seen
     counts = tuple(len(g.samples) for g in grids)
-    lit = lit.movedim(-1, 1).contiguous()
-    share = lit.float() / torch.tensor(counts, dtype=torch.float32)[:, None, None]
+    lit = torch.tensor(counts, dtype=torch.int32).repeat(*covered.shape, 1)
+    above = lit.clone()
+    outside = [0] * len(lights)
+    for b in range(len(covered)):
+        receivers, order = _receivers(gbuffer, b)
+        for index, grid in enumerate(grids):
+            found, over, missed = _light_bits(ready, receivers, grid, options)
+            outside[index] += missed
+            flat = torch.zeros(len(order), words, dtype=torch.int64)
+            flat[order, : found.shape[1]] = torch.from_numpy(found)
+            bits[b, ..., index, :][covered[b]] = flat
+            lit[b, ..., index][covered[b]] = count_bits(flat)
+            above[b, ..., index][covered[b]] = torch.zeros_like(over).index_copy(0, order, over)
+    lit, above = (v.movedim(-1, 1).contiguous() for v in (lit, above))
+    share = lit.float() / above.clamp_min(1)
     notes = tuple(g.note for g in grids if g.note)
-    return LightVisibility(lit, share, bits.movedim(-2, 1).contiguous(), counts, tuple(outside), notes)
+    return LightVisibility(lit, share, above, bits.movedim(-2, 1).contiguous(), counts, tuple(outside), notes)
 
 
 def count_bits(bits: Tensor) -> Tensor:
@@ -198,52 +222,42 @@ def count_bits(bits: Tensor) -> Tensor:
     return torch.from_numpy(np.ascontiguousarray(counts))
 
 
+class _Receivers(NamedTuple):
+    """Surfaces of one picture, neighbours next to each other."""
+
+    points: Tensor  # (P,3) float64
+    normals: Tensor  # (P,3) float64
+    gaps: Tensor  # (P,) float64 scene units that points may be off
+
+
+def _receivers(gbuffer: GBuffer, b: int) -> tuple[_Receivers, Tensor]:
+    """The covered pixels of picture ``b``, and their order (P,)."""
+    covered = gbuffer.covered[b]
+    points, normals = gbuffer.position[b][covered].double(), gbuffer.geometric_normal[b][covered].double()
+    order = _neighbours_first(points)
+    rows = covered.reshape(-1).nonzero().reshape(-1)[order] + b * covered.numel()
+    return _Receivers(points[order], normals[order], float_error(gbuffer, rows)), order
+
+
 def _light_bits(
-    ready: Occluders, receivers: tuple[np.ndarray, np.ndarray], grid: LightGrid, options: SoftShadowOptions
-) -> tuple[np.ndarray, int]:
-    """Bits (P,words) of one light and the number of pairs outside its pictures."""
-    samples = len(grid.samples)
-    probe = _probes(grid, options)
-    tile, tiles = grid.tiles(options.light_samples, TILE)
-    first = (tile + len(tiles) * ~probe).argsort(stable=True)
-    bounds = torch.arange(len(tiles) + 1)
-    runs = torch.stack([torch.searchsorted(tile[probe].sort().values, bounds),
-                        int(probe.sum()) + torch.searchsorted(tile[~probe].sort().values, bounds)])  # fmt: skip
-    views = LightViews(
-        samples=numpy_view(grid.samples[first], np.float64),
-        rotations=numpy_view(grid.rotations[first], np.float64),
-        focal=numpy_view(grid.focal[first], np.float64),
-        names=numpy_view(first, np.int64),
-        size=grid.size,
-        near=grid.near,
-        constant_bias=float(options.constant_bias),
-        slope_bias=float(options.slope_bias),
-        largest_slope=float(options.largest_slope),
-        texels=options.visibility == "shadow_map",
-        outline=numpy_view(grid.outline, np.float64),
-        tiles=numpy_view(tiles, np.float64),
-        runs=numpy_view(runs, np.int64),
+    ready: Occluders, receivers: _Receivers, grid: LightGrid, options: SoftShadowOptions
+) -> tuple[np.ndarray, Tensor, int]:
+    """Bits (P,words) of one light, samples (P,) above each surface, and the number of pairs outside its pictures."""
+    points, normals, gaps = receivers
+    fits = options.engine == "auto" and options.visibility == "ray" and usable(ready.geometry, points, grid)
+    if fits or options.engine == "rays":
+        found, above = ready.rays.bits(points, normals, gaps, grid, options.light_samples, options.refine)
+        return found, torch.from_numpy(above), 0
+    how = Packets(
+        visibility=options.visibility,
+        drawn=options.engine == "maps",
+        per_side=options.light_samples,
+        bias=(float(options.constant_bias), float(options.slope_bias), float(options.largest_slope)),
+        skip=options.skip_lit,
+        probes=options.umbra_probes,
     )
-    points, normals = receivers
-    threads = thread_count()
-    bits, outside = np.zeros((len(points), (samples + 63) // 64), np.int64), np.zeros(threads, np.int64)
-    if options.engine == "maps":
-        for s, name in enumerate(first.tolist()):
-            maps = rasterize_depth(ready.geometry, grid.cameras(name))
-            look_up(numpy_view(maps, np.float32), points, normals, views, s, bits, outside)
-        return bits, int(outside.sum())
-    light_bits(ready.tree, points, normals, views, options.skip_lit, threads, bits, outside)
-    return bits, int(outside.sum())
-
-
-def _probes(grid: LightGrid, options: SoftShadowOptions) -> Tensor:
-    """(S,) bool samples traced first: an even subset that includes the light's rim; none if all are to be traced."""
-    n = options.light_samples
-    chosen = torch.zeros(len(grid.samples), dtype=torch.bool)
-    if 0 < options.umbra_probes < n and len(chosen) == n * n:
-        rows = torch.linspace(0, n - 1, options.umbra_probes).round().long()
-        chosen[(rows[:, None] * n + rows).reshape(-1)] = True
-    return chosen
+    found, missed = packet_bits(ready.geometry, ready.tree, (points, normals), grid, how)
+    return found, samples_above(points, normals, grid), missed
 
 
 def _bounds(geometry: Geometry, points: Tensor) -> Tensor:

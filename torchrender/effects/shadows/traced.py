@@ -12,37 +12,69 @@ from torchrender.checks import check_range
 from torchrender.rays import RayCaster
 from torchrender.scene.light import DirectionalLight, Light, RectLight, vectors_to
 
+SEEN = 2.0**-22
+"""What a point that an eye saw may be off, as a share of its distance: float32 depth, four times over."""
+
+HELD = 2.0**-48
+"""What float64 arithmetic on coordinates may be off, as a share of them."""
+
+_END = 1e-6  # rays end this share of their length before the light
+
 
 def traced_visibility(
-    caster: RayCaster, light: Light, gbuffer: GBuffer, *, samples: int = 1, offset: float = 1e-4
+    caster: RayCaster, light: Light, gbuffer: GBuffer, *, samples: int = 1, offset: float = 1.0
 ) -> Tensor:
     """Share (B,H,W) in [0,1] of ``samples`` x ``samples`` points of a light that each pixel's surface sees.
 
-    Lights without area take one ray whatever ``samples`` is. Rays start ``offset`` bounding-box diagonals above the
-    surface and end as far before the light, which may lie on a surface itself; surfaces that face away from a sample
-    do not see it; pixels without a surface see all.
+    Only points of the light above the surface's plane count, above and below the line: what lies below it sends no
+    light there, shadows or not. Surfaces that face away from the whole light see none of it; pixels without a surface
+    see all. Lights without area take one ray whatever ``samples`` is.
+
+    Rays start off the surface by what its position may be off, times ``offset``: a share of the distance to the eye,
+    from which float32 depth was made. The size of the scene does not matter. They end as little before the light, which
+    may lie on a surface itself.
 
     Raises:
-        OptionError: ``samples`` outside [1, 256] or ``offset`` outside [0, 1].
+        OptionError: ``samples`` outside [1, 256] or ``offset`` outside [0, 1e6].
     """
     check_range("samples", samples, 1, 256)
-    check_range("offset", offset, 0.0, 1.0)
+    check_range("offset", offset, 0.0, 1e6)
     covered = gbuffer.covered
     points = gbuffer.position[covered].double()
     normals = gbuffer.geometric_normal[covered].double()
-    low, high = caster.geometry.bounds
-    gap = offset * float((high - low).norm())
-    origins = points + normals * gap
-    total = torch.zeros(len(points), dtype=torch.float64)
+    gap = offset * float_error(gbuffer, covered.reshape(-1).nonzero().reshape(-1))
+    origins = points + normals * gap[:, None]
+    seen = torch.zeros(len(points), dtype=torch.float64)
+    above = torch.zeros(len(points), dtype=torch.float64)
     targets = light.samples(samples) if isinstance(light, RectLight) else torch.zeros(1, 3)
     for target in targets:
         faces = ((vectors_to(light, points, target) * normals).sum(-1) > 0).nonzero().reshape(-1)
         start = origins[faces]
         toward = vectors_to(light, start, target)
-        # The ray parameter is in units of the direction: 1 is the light itself.
-        end = 1.0 - gap / toward.norm(dim=-1).clamp_min(max(gap, 1e-300))
-        limit = math.inf if isinstance(light, DirectionalLight) else end
-        total[faces] += (~caster.occluded(start, toward, t_max=limit)).double()
+        here = toward.norm(dim=-1) > 0  # on the light itself nothing lies between
+        hidden = torch.zeros(len(faces), dtype=torch.bool)
+        limit = math.inf if isinstance(light, DirectionalLight) else _end(light, toward)[here]
+        hidden[here] = caster.occluded(start[here], toward[here], t_max=limit)
+        seen[faces] += (~hidden).double()
+        above[faces] += 1.0
     image = torch.ones(gbuffer.triangle.shape)
-    image[covered] = (total / len(targets)).float()
+    image[covered] = (seen / above.clamp_min(1.0)).float()
     return image
+
+
+def float_error(gbuffer: GBuffer, rows: Tensor) -> Tensor:
+    """(N,) float64 scene units that the positions of pixels may be off; ``rows`` (N,) are numbers of covered pixels."""
+    cameras, position = gbuffer.cameras, gbuffer.position.reshape(-1, 3).index_select(0, rows).double()
+    if cameras.orthographic:
+        distance = gbuffer.depth.reshape(-1)[rows].double().abs()
+    else:
+        distance = (position - cameras.eye[rows // (cameras.width * cameras.height)]).norm(dim=-1)
+    return SEEN * distance + HELD * position.abs().amax(dim=-1)
+
+
+def _end(light: Light, toward: Tensor) -> Tensor:
+    """Where rays (N,3) stop, in their own lengths: 1 is the light itself."""
+    assert not isinstance(light, DirectionalLight)
+    place = light.corner if isinstance(light, RectLight) else light.position
+    coarse = 4.0 * torch.finfo(place.dtype).eps * float(place.abs().max())
+    return (1.0 - _END - coarse / toward.norm(dim=-1).clamp_min(1e-300)).clamp_min(0.0)

@@ -171,6 +171,41 @@ def write_surface(mesh, t, weights, face, d, texture, row, outputs):
 
 
 @kernel(parallel=True)
+def place(mesh, eye, visible, position, geometric, material):
+    """Position, normal of the triangle and material alone, of the pixels of one camera; rows as of a Surface."""
+    rays, origin, forward, _, orthographic = eye
+    depth, triangle, _ = visible
+    vertices, faces, material_of, _, _, _ = mesh
+    width = depth.shape[1]
+    for y in prange(depth.shape[0]):
+        last = np.int64(-1)
+        gx = gy = gz = 0.0
+        for x in range(width):
+            t = triangle[y, x]
+            if t < 0:
+                continue
+            dx, dy, dz = ray_of(rays, x, y)
+            if t != last:
+                nx, ny, nz = face_cross(vertices, faces, t)
+                gx, gy, gz = unit(nx, ny, nz)
+                last = t
+            z = np.float64(depth[y, x])
+            row = y * width + x
+            if orthographic:
+                position[row, 0] = origin[0] + dx + z * forward[0]
+                position[row, 1] = origin[1] + dy + z * forward[1]
+                position[row, 2] = origin[2] + dz + z * forward[2]
+                dx, dy, dz = forward[0], forward[1], forward[2]
+            else:
+                position[row, 0] = origin[0] + z * dx
+                position[row, 1] = origin[1] + z * dy
+                position[row, 2] = origin[2] + z * dz
+            sign = -1.0 if gx * dx + gy * dy + gz * dz > 0.0 else 1.0
+            geometric[row, 0], geometric[row, 1], geometric[row, 2] = gx * sign, gy * sign, gz * sign
+            material[row] = material_of[t]
+
+
+@kernel(parallel=True)
 def interpolate(mesh, eye, visible, outputs):
     """Fill the G-buffer of one camera: ``outputs``, a :class:`Surface` with a row per pixel.
 

@@ -43,6 +43,11 @@ class PlainEmbree:
         library.rtcReleaseGeometry(geometry)
         library.rtcCommitScene(self._scene)
 
+    @property
+    def tree(self) -> tuple[np.int64, np.ndarray]:
+        """Embree's scene, and the frame that its triangles are in, for other kernels."""
+        return np.int64(self._scene), self._frame
+
     def cast(self, rays: Rays) -> tuple[np.ndarray, np.ndarray]:
         """Ray parameter (N,) float32 and triangle (N,) int64, -1: none; of any hit 0, whatever the triangle."""
         found: tuple[np.ndarray, np.ndarray] = cast_plain(self._scene, self._frame, rays)

@@ -14,7 +14,6 @@ import numpy as np
 
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.shadows.shadow_receiver import (
-    FAR,
     FX,
     FY,
     NEAR,
@@ -29,6 +28,7 @@ from torchrender.kernels.shadows.shadow_receiver import (
 NEAREST_TEXEL, WINDOW, DISC, PCSS, AVERAGE_DEPTH = 0, 1, 2, 3, 4
 
 _BLOCK, _PARTS = 512, 64
+_CLEAR = 2.0  # texels that a blocker must lie before the receiver to be none of its own surface
 
 
 class _Disc(NamedTuple):
@@ -41,7 +41,7 @@ class _Disc(NamedTuple):
     radius_v: float
 
 
-@kernel()
+@kernel(inline=True)
 def _tap(maps, face, row, column, r, s):
     """1 or 0 for lit or not, and the depth of the blocker (+inf if there is none)."""
     height, width = maps.shape[1], maps.shape[2]
@@ -57,13 +57,13 @@ def _tap(maps, face, row, column, r, s):
     if r.plane:
         plane = plane_depth(r, s.orthographic, column + 0.5, row + 0.5)
         if not math.isnan(plane):
-            z, bias = plane, s.b0 * r.range + r.rounding
+            z, bias = plane, s.b0 * r.texel + r.rounding
     if z <= depth + bias:
         return 1.0, np.inf
     return 0.0, depth
 
 
-@kernel()
+@kernel(inline=True)
 def _window(maps, face, r, s):
     """(2n+1)^2 bilinear taps as one window of (2n+2)^2 compared texels with summed weights."""
     n = s.n
@@ -148,6 +148,34 @@ def _angle(index):
     return 2.0 * math.pi * (h / 4294967296.0)
 
 
+@kernel(inline=True)
+def _doubtful(maps, face, r, s):
+    """The 3 x 3 texels around a point do not all say lit, nor all dark by a clear margin, beside the receiver's plane.
+
+    Edges, contacts and surfaces that are rough beside a texel: a map cannot tell there.
+    """
+    if not r.flat:
+        return True
+    height, width = maps.shape[1], maps.shape[2]
+    left, top = math.floor(r.u), math.floor(r.v)
+    lit = dark = 0
+    for row in range(top - 1, top + 2):
+        for column in range(left - 1, left + 2):
+            if row < 0 or column < 0 or row >= height or column >= width:
+                continue
+            depth = np.float64(maps[face, row, column])
+            plane = plane_depth(r, s.orthographic, column + 0.5, row + 0.5)
+            if math.isnan(plane):
+                return True
+            if plane <= depth + s.b0 * r.texel + r.rounding:
+                lit += 1
+            elif plane > depth + _CLEAR * r.texel:
+                dark += 1
+            else:
+                return True
+    return lit > 0 and dark > 0
+
+
 @kernel()
 def _filtered(maps, face, r, s, taps, index):
     if s.filter == WINDOW:
@@ -166,19 +194,22 @@ def _filtered(maps, face, r, s, taps, index):
 
 @kernel()
 def _factor(points, normals, index, light, views, maps, taps, s):
-    """Visibility of one point; a zero normal or a point that is not finite stands for no surface."""
+    """Visibility of one point, and the view in which it is in doubt or -1.
+
+    A zero normal or a point that is not finite stands for no surface.
+    """
     x, y, z = np.float64(points[index, 0]), np.float64(points[index, 1]), np.float64(points[index, 2])
     nx, ny, nz = np.float64(normals[index, 0]), np.float64(normals[index, 1]), np.float64(normals[index, 2])
     length = math.sqrt(nx * nx + ny * ny + nz * nz)
     size = abs(x) + abs(y) + abs(z)
     if not (length > 0.0 and size < np.inf):
-        return 1.0
+        return 1.0, -1
     nx, ny, nz = nx / length, ny / length, nz / length
     lx, ly, lz = light[0] - light[3] * x, light[1] - light[3] * y, light[2] - light[3] * z
     away = math.sqrt(lx * lx + ly * ly + lz * lz)
     facing = nx * lx + ny * ly + nz * lz
     if not facing > 0.0:
-        return 0.0
+        return 0.0, -1
     cosine = min(facing / away, 1.0)
     height, width = maps.shape[1], maps.shape[2]
     chosen = choose_view(views, s, x, y, z, height, width)
@@ -189,15 +220,16 @@ def _factor(points, normals, index, light, views, maps, taps, s):
             step *= depth
         u, v, depth = image_point(views, chosen, s.orthographic, x + step * nx, y + step * ny, z + step * nz)
     if outside_view(views, chosen, u, v, depth, 0.0, height, width):
-        return s.outside
-    if s.exact:  # interpolated with float32 weights within one triangle, which is no larger than what the light sees
-        size = views[chosen, FAR] - views[chosen, NEAR]
+        return s.outside, -1
+    if s.exact:
+        size = 0.0
     r = receiver(views, chosen, s.orthographic, (u, v, depth), (nx, ny, nz), cosine, size)
-    return _filtered(maps, chosen, r, s, taps, index)
+    unsure = s.settles and _doubtful(maps, chosen, r, s)
+    return _filtered(maps, chosen, r, s, taps, index), chosen if unsure else -1
 
 
 @kernel(parallel=True)
-def shadow_lookup(points, normals, light, views, maps, taps, settings, out):
+def shadow_lookup(points, normals, light, views, maps, taps, settings, answers):
     """Visibility of one light at N points.
 
     Args:
@@ -208,11 +240,15 @@ def shadow_lookup(points, normals, light, views, maps, taps, settings, out):
         maps: (V,H,W) float32 depths, +inf where empty.
         taps: (search_taps + M, 2) float64 points in the unit disc.
         settings: :class:`LookupSettings`.
-        out: (N,) float32, written.
+        answers: visibility (N,) float32, written; and (N,) int32, written where ``settings.settles``: the view in which
+            the map cannot tell, or -1.
     """
+    out, doubt = answers
     count = points.shape[0]
     # The schedule is static: strided blocks give every thread its share of the costly pixels.
     for part in numba.prange(_PARTS):
         for start in range(np.int64(part) * _BLOCK, count, _PARTS * _BLOCK):
             for i in range(start, min(start + _BLOCK, count)):
-                out[i] = _factor(points, normals, i, light, views, maps, taps, settings)
+                out[i], view = _factor(points, normals, i, light, views, maps, taps, settings)
+                if settings.settles:
+                    doubt[i] = view

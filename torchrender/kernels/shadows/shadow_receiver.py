@@ -19,10 +19,11 @@ FX, FY, CX, CY, NEAR, FAR = 12, 13, 14, 15, 16, 17
 
 _SMALLEST_COSINE = 1e-4
 _HALF_ULP = 2.0**-24
+_FAR_EYE = 4096.0  # texels from the eye to what it sees
 
 
 class LookupSettings(NamedTuple):
-    """Numbers of one lookup. Lengths marked as shares are shares of ``far - near``."""
+    """Numbers of one lookup. Biases are in texels: a texel's width where the receiver lies."""
 
     orthographic: bool
     cube: bool  # several views around one point: take the one that the point lies in front of most
@@ -31,15 +32,16 @@ class LookupSettings(NamedTuple):
     n: int  # WINDOW: radius in texels; 0 is plain bilinear
     radius: float  # DISC: radius in texels
     reach: float  # texels that a point must stay away from the border of a cascade
-    b0: float  # share
+    b0: float  # texels
     k: float
-    b_max: float  # share
+    b_max: float  # texels
     k_n: float
     outside: float  # value outside the map
     light_size: float  # PCSS: width of the light; for parallel light twice the tangent of its half angle
     rho_max: float  # PCSS: largest radius in texels
     search_near: float  # PCSS: depth before which there is no blocker
     search_taps: int  # first rows of the disc table; the rest are filter taps
+    settles: bool  # say where the map cannot tell
     exact: bool  # points are float64: what they are off does not grow with the distance from the origin
 
 
@@ -57,21 +59,21 @@ class Receiver(NamedTuple):
     distance: float
     focal_u: float
     focal_v: float
-    range: float  # far - near
+    texel: float  # width of a texel there
     rounding: float  # what float32 storage of depths and points may be off
     flat: bool  # the plane's depth may be used
     bias: float  # how much deeper than the stored depth still counts as lit
     plane: bool  # compare the plane's depth at each tap
 
 
-@kernel()
+@kernel(inline=True)
 def outside_view(views, i, u, v, z, margin, height, width):
     """The point is nearer to the border than ``margin`` texels, or not between near and far."""
     inside = u >= margin and v >= margin and u < width - margin and v < height - margin
     return not (inside and z > views[i, NEAR] and z <= views[i, FAR])
 
 
-@kernel()
+@kernel(inline=True)
 def image_point(views, i, orthographic, x, y, z):
     """u, v and depth of a world point; u and v mean nothing where the depth is not positive."""
     a = views[i, 0] * x + views[i, 1] * y + views[i, 2] * z + views[i, 3]
@@ -84,9 +86,9 @@ def image_point(views, i, orthographic, x, y, z):
     return views[i, FX] * (a / c) + views[i, CX], views[i, FY] * (b / c) + views[i, CY], c
 
 
-@kernel()
+@kernel(inline=True)
 def choose_view(views, s, x, y, z, height, width):
-    """Index of the view that looks up a world point: a cube's face, or the finest cascade around it."""
+    """Index of the view that looks up a world point: a cube's face, or the first of several that holds it."""
     count = views.shape[0]
     best = 0
     if count == 1:
@@ -98,18 +100,22 @@ def choose_view(views, s, x, y, z, height, width):
             if depth > deepest:
                 deepest, best = depth, i
         return best
+    held = -1
     for i in range(count):
         u, v, depth = image_point(views, i, s.orthographic, x, y, z)
         if not outside_view(views, i, u, v, depth, s.reach, height, width):
             return i
-    return count - 1
+        if held < 0 and not outside_view(views, i, u, v, depth, 0.0, height, width):
+            held = i
+    return held if held >= 0 else count - 1
 
 
-@kernel()
+@kernel(inline=True)
 def receiver(views, i, orthographic, place, normal, cosine, size):
     """The plane of the surface in the light's image at ``place`` (u, v, z).
 
-    ``size``: lengths whose float32 rounding the point may be off.
+    ``size``: lengths whose float32 rounding the point may be off; 0: of thousands of texels, for a point that an eye
+    saw in float32 depth.
     """
     u, v, z = place
     fu, fv = views[i, FX], views[i, FY]
@@ -134,22 +140,21 @@ def receiver(views, i, orthographic, place, normal, cosine, size):
         gv = np.inf if steep else -z * dv / denominator
         texel *= z
     rounding = 2.0 * _HALF_ULP * abs(z)
+    size = size if size > 0.0 else _FAR_EYE * texel
     if not steep:
         rounding += _HALF_ULP * size * (1.0 + (abs(gu) + abs(gv)) / texel)
-    return Receiver(
-        u, v, z, gu, gv, d0, du, dv, distance, fu, fv, views[i, FAR] - views[i, NEAR], rounding, not steep, 0.0, False
-    )
+    return Receiver(u, v, z, gu, gv, d0, du, dv, distance, fu, fv, texel, rounding, not steep, 0.0, False)
 
 
-@kernel()
+@kernel(inline=True)
 def with_reach(r, s, reach_u, reach_v):
     """The receiver with its bias for taps up to ``reach`` texels away.
 
     A slope bias above its cap would either lift contact shadows or, capped, speckle the surface: there the plane's own
     depth takes over. The cap itself is left for what has no usable plane.
     """
-    cap = s.b_max * r.range
-    bias = s.b0 * r.range
+    cap = s.b_max * r.texel
+    bias = s.b0 * r.texel
     plane = s.bias == RECEIVER_PLANE
     if s.bias != CONSTANT:
         if r.flat:
@@ -159,12 +164,12 @@ def with_reach(r, s, reach_u, reach_v):
             bias = cap
         bias = min(bias, cap)
     return Receiver(
-        r.u, r.v, r.z, r.gu, r.gv, r.d0, r.du, r.dv, r.distance, r.focal_u, r.focal_v, r.range,
+        r.u, r.v, r.z, r.gu, r.gv, r.d0, r.du, r.dv, r.distance, r.focal_u, r.focal_v, r.texel,
         r.rounding, r.flat, bias + r.rounding, plane,
     )  # fmt: skip
 
 
-@kernel()
+@kernel(inline=True)
 def plane_depth(r, orthographic, u, v):
     """Depth of the receiver's plane at (u, v); NaN where it must not be used."""
     if not r.flat:

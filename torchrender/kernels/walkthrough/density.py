@@ -29,13 +29,21 @@ class Photos(NamedTuple):
     feather: Any  # (N,H,W) uint8 pixels to the border of the picture or of what is known, at most 255
     lens: Any  # (N,4) float64 fx, fy, cx, cy
     log_quality: Any  # (N,) float64, added to the logarithm of the density
+    noise: Any  # (N,) float64 standard deviation of inverse depth
+
+
+NOISE_WIDTH = 3.0
+"""Standard deviations of depth by which two photos of one surface may differ."""
+
+MOST_SLACK = 0.05
+"""Share of depth that noise may widen the tolerance to: beyond it surfaces are told apart by nothing."""
 
 
 class Comparison(NamedTuple):
     """Limits of the comparison."""
 
     tau_z: float  # share of depth within which two samples are of one surface
-    through: float  # share beyond which a photo sees through a point
+    through: float  # times that beyond which a photo sees through a point
     eta: float  # step of the logarithm of density below which two photos count as equal
     power: float  # of the density, as the weight of blended colours
     color_gap: float  # codes by which colours may differ and still be blended
@@ -45,6 +53,12 @@ class Comparison(NamedTuple):
 def density(focal, facing, z):
     """Pixels per unit of surface area: fx fy h / z^3 with h = |n.(X - C)| (specification 13, section 4)."""
     return focal * facing / (z * z * z)
+
+
+@kernel(inline=True)
+def agreeing(photos, j, z, tau_z):
+    """Difference of depth within which photo ``j`` sees the surface at depth ``z``: noise grows with its square."""
+    return max(tau_z, min(NOISE_WIDTH * photos.noise[j] * z, MOST_SLACK)) * z
 
 
 @kernel(inline=True)
@@ -132,14 +146,16 @@ def compare(i, partners, move, photos, limits, outputs):
                 found = np.float64(photos.depth[j, py, px])
                 if found <= 0.0:
                     continue
-                gap = found - q[2]
-                if gap > limits.through * q[2]:
+                gap, slack = found - q[2], agreeing(photos, j, q[2], limits.tau_z)
+                other = photos.plane[j, py, px]
+                # A pixel of the same plane sees this very place, whatever noise says of its depth.
+                same = plane >= 0 and other == plane and found < np.inf
+                if gap > limits.through * slack and not same:
                     if photos.guard[j, py, px] == 0 and seen_through < 255:
                         seen_through += 1
                     continue
-                if abs(gap) > limits.tau_z * q[2]:
+                if abs(gap) > slack and not same:
                     continue
-                other = photos.plane[j, py, px]
                 if plane >= 0 and other >= 0 and plane != other:
                     continue
                 m = turned(move[k], n[0], n[1], n[2])
@@ -193,9 +209,10 @@ def restore(i, partners, move, photos, keep, tau_z, restored):
                 px, py = pixel_of(photos.lens, j, q, height, width)
                 if px < 0:
                     continue
+                slack = agreeing(photos, j, q[2], tau_z)
                 for b in range(max(py - 1, 0), min(py + 2, height)):
                     for a in range(max(px - 1, 0), min(px + 2, width)):
-                        if keep[j, b, a] != 0 and abs(photos.depth[j, b, a] - q[2]) <= tau_z * q[2]:
+                        if keep[j, b, a] != 0 and abs(photos.depth[j, b, a] - q[2]) <= slack:
                             held = True
                 if held:
                     break

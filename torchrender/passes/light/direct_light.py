@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import torch
 from torch import Tensor
 
-from torchrender.buffers import GBuffer
+from torchrender.buffers import GBuffer, MirrorShare, ReflectionLayer
 from torchrender.passes.contract import Amounts, Pass
 from torchrender.passes.hard import HardEffect, Law, Outputs, Subject, radiance_bounds
 from torchrender.passes.light.visibility import POINT_SHADOW, SOFT_SHADOW
@@ -19,7 +21,7 @@ from torchrender.pipeline.frame import Frame
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
 from torchrender.scene.model import Scene
-from torchrender.shade import shade
+from torchrender.shade import sent_light, shade
 
 
 def _under_all(scene: Scene, gbuffer: GBuffer, radiance: Tensor, direct: Tensor) -> Tensor:
@@ -31,23 +33,47 @@ def _under_all(scene: Scene, gbuffer: GBuffer, radiance: Tensor, direct: Tensor)
 DIRECT_LIGHT = Buffer("direct_light", Tensor, layer=Layer(Order.DIRECT, _under_all))
 """Radiance (B,H,W,3)."""
 
+MIRROR_SHARE = Buffer("mirror_share", MirrorShare)
+"""How mirrored pictures go into it; without pixels where nobody asks."""
+
 
 def applies(outlook: Outlook) -> Verdict:
     """Every picture needs it."""
     return Verdict(True, "light of " + counted(len(outlook.scene.lights), "light") + ", ambient light, background")
 
 
-def run(frame: Frame) -> Tensor:
-    """Radiance (B,H,W,3) without reflections."""
+def run(frame: Frame) -> tuple[Tensor, MirrorShare]:
+    """Radiance (B,H,W,3) without reflections, and what these change."""
     scene, gbuffer = frame.scene, frame[GBUFFER]
     point, soft = frame.get(POINT_SHADOW), frame.get(SOFT_SHADOW)
     found: dict[int, Tensor] = {**(point or {}), **(soft or {})}
     visibility = None
     if found:
-        lit = torch.ones(gbuffer.material.shape)
+        lit = torch.ones(gbuffer.covered.shape)
         visibility = torch.stack([found.get(number, lit) for number in range(len(scene.lights))], dim=1)
     options = frame.options
-    return shade(scene, gbuffer, visibility, background=options.background, area_light=options.area_light)
+    light = sent_light(
+        scene,
+        gbuffer,
+        visibility,
+        background=options.background,
+        area_light=options.area_light,
+        mirrors=bool(frame.askers(MIRROR_SHARE)),
+    )
+    return light.radiance, light.share
+
+
+def with_share(run: Callable[[Frame], Any]) -> Callable[[Frame], Any]:
+    """A pass's ``run`` whose layer, the first of what it makes, is blended in by what shading told of each pixel."""
+
+    def shared(frame: Frame) -> Any:
+        made = run(frame)
+        share = frame[MIRROR_SHARE]
+        if isinstance(made, ReflectionLayer):
+            return replace(made, share=share)
+        return (replace(made[0], share=share), *made[1:])
+
+    return shared
 
 
 def amounts(outlook: Outlook) -> Amounts:
@@ -87,6 +113,7 @@ PASS = Pass(
     name="direct_light",
     summary="light that arrives without detour",
     makes=DIRECT_LIGHT,
+    also=(MIRROR_SHARE,),
     needs=(GBUFFER,),
     uses=(POINT_SHADOW, SOFT_SHADOW),
     applies=applies,

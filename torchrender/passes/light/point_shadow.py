@@ -20,8 +20,9 @@ from torchrender.passes.hard import (
     no_lights,
     receives,
 )
+from torchrender.passes.light.light_reach import LIGHT_REACH, POINT_LIGHTS
 from torchrender.passes.light.shadow_map import SHADOW_MAP
-from torchrender.passes.light.visibility import POINT_SHADOW, visibility_error
+from torchrender.passes.light.visibility import POINT_SHADOW, lights_in_view, visibility_error
 from torchrender.passes.outlook import Outlook, Verdict, counted, no_shadows
 from torchrender.passes.seen.gbuffer import GBUFFER
 from torchrender.passes.seen.ray_caster import RAY_CASTER
@@ -30,7 +31,6 @@ from torchrender.pipeline.frame import Frame
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions, lasting_shadows
 from torchrender.rays import RayCaster
-from torchrender.scene.light import RectLight
 
 
 def applies(outlook: Outlook) -> Verdict:
@@ -40,7 +40,11 @@ def applies(outlook: Outlook) -> Verdict:
         return nothing
     if not outlook.point_lights:
         return Verdict(False, "every light has an area")
-    return Verdict(True, counted(outlook.point_lights, "light") + " without area: hard shadows")
+    reaching = outlook.known.get(POINT_LIGHTS)
+    if reaching == 0:
+        return Verdict(False, "no light without area reaches what is seen")
+    count = outlook.point_lights if reaching is None else int(reaching)
+    return Verdict(True, counted(count, "light") + " without area: hard shadows")
 
 
 def asks(outlook: Outlook) -> Buffers:
@@ -50,7 +54,7 @@ def asks(outlook: Outlook) -> Buffers:
 
 def run(frame: Frame) -> dict[int, Tensor]:
     """Visibility (B,H,W) of the lights without area, by their number."""
-    lights = {n: light for n, light in enumerate(frame.scene.lights) if not isinstance(light, RectLight)}
+    lights = lights_in_view(frame, area=False)
     gbuffer = frame[GBUFFER]
     if frame.options.point_shadows == "traced":
         return {n: traced_visibility(frame[RAY_CASTER], light, gbuffer) for n, light in lights.items()}
@@ -60,7 +64,7 @@ def run(frame: Frame) -> dict[int, Tensor]:
 
 def amounts(outlook: Outlook) -> Amounts:
     """Once; look-ups."""
-    return (1.0, outlook.point_lights * outlook.pixels)
+    return (1.0, outlook.known.get(POINT_LIGHTS, outlook.point_lights) * outlook.pixels)
 
 
 def over_samples(options: RenderOptions, history: RenderHistory) -> RenderOptions:
@@ -70,9 +74,11 @@ def over_samples(options: RenderOptions, history: RenderHistory) -> RenderOption
 
 
 def over_hits(options: RenderOptions, history: RenderHistory) -> RenderOptions:
-    """By maps of everything: cascades follow the eye's frustum, and reflected rays leave it."""
+    """By maps of everything: others follow the eye, and reflected rays leave what it sees."""
     del history
-    return replace(options, point_shadows="maps", shadow=replace(lasting_shadows(options), cascades=1))
+    return replace(
+        options, point_shadows="maps", shadow=replace(lasting_shadows(options), coverage="scene", edges="map")
+    )
 
 
 def _filters(subject: Subject) -> Outputs:
@@ -137,15 +143,17 @@ PASS = Pass(
     summary="hard shadows of lights without area",
     makes=POINT_SHADOW,
     needs=(GBUFFER,),
+    uses=(LIGHT_REACH,),
     asks=asks,
     applies=applies,
     run=run,
     settings=settings(
         "look-up",
         {
-            "nearest": {"point_shadows": "maps", "shadow.filter": "none"},
-            "bilinear": {"point_shadows": "maps", "shadow.filter": "bilinear"},
-            "traced": {"point_shadows": "traced", "shadow.filter": "bilinear"},
+            "nearest": {"point_shadows": "maps", "shadow.filter": "none", "shadow.edges": "map"},
+            "bilinear": {"point_shadows": "maps", "shadow.filter": "bilinear", "shadow.edges": "map"},
+            "exact edges": {"point_shadows": "maps", "shadow.filter": "bilinear", "shadow.edges": "exact"},
+            "traced": {"point_shadows": "traced", "shadow.filter": "bilinear", "shadow.edges": "exact"},
         },
     ),
     amounts=amounts,

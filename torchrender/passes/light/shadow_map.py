@@ -1,4 +1,8 @@
-"""The pass ``shadow_map``: depth as lights see it. Lasts while triangles and lights stand still."""
+"""The pass ``shadow_map``: depth as lights see it, fitted to what is seen.
+
+Maps last while triangles, lights and what they were fitted to stand still; maps of everything, for mirrors, also while
+the camera moves.
+"""
 
 from __future__ import annotations
 
@@ -6,11 +10,15 @@ import math
 from dataclasses import replace
 from typing import Any
 
-from torchrender.buffers import ShadowMap
-from torchrender.effects.shadows.shadow_map import render_shadow_map
+from torchrender.buffers import GBuffer, ShadowMap
+from torchrender.effects.shadows.light_reach import shines
+from torchrender.effects.shadows.shadow_map import draw_shadow_map, render_shadow_map
+from torchrender.effects.shadows.view_cameras import same_views, view_cameras
 from torchrender.passes.contract import Amounts, OwnMeasure, Pass
 from torchrender.passes.hard import LIGHTS, SMALL_SHADOW, HardEffect, Law, Outputs, Subject, difference, no_lights
-from torchrender.passes.light.visibility import POINT_SHADOW, SOFT_SHADOW, visibility_error
+from torchrender.passes.light.light_reach import LIGHT_REACH, lights_in_view
+from torchrender.passes.light.visibility import POINT_SHADOW, visibility_error
+from torchrender.passes.light.visibility import lights_in_view as in_view
 from torchrender.passes.outlook import Outlook, Verdict, counted, no_shadows
 from torchrender.passes.seen.gbuffer import GBUFFER
 from torchrender.passes.settings import settings
@@ -21,18 +29,38 @@ from torchrender.scene.light import DirectionalLight, Light, PointLight, RectLig
 
 
 def _made_with(options: RenderOptions) -> tuple[Any, ...]:
-    # Cascades follow the eye: they do not last.
-    lasts = options.shadow.cascades == 1
-    return (options.shadows, lasting_shadows(options), None if lasts else object())
+    return (options.shadows, lasting_shadows(options))
 
 
-SHADOW_MAP: Buffer[tuple[ShadowMap | None, ...]] = Buffer("shadow_map", tuple, lasting=Lasting(lights_of, _made_with))
-"""One per light of the scene, in its order; None for lights whose map nobody looks up."""
+SHADOW_MAP: Buffer[tuple[ShadowMap | None, ...]] = Buffer(
+    "shadow_map", tuple, lasting=Lasting(lights_of, _made_with, shared=False)
+)
+"""What the picture looks up: one per light of the scene, in its order; None for lights whose map nobody needs."""
+
+
+def _made_of_all_with(options: RenderOptions) -> tuple[Any, ...]:
+    shadow = replace(lasting_shadows(options), coverage="scene", cascades=None)
+    return (options.shadows, shadow)
+
+
+SCENE_SHADOW_MAP: Buffer[tuple[ShadowMap | None, ...]] = Buffer(
+    "scene_shadow_map", tuple, lasting=Lasting(lights_of, _made_of_all_with)
+)
+"""The same of everything, for what the eye does not see: it lasts while the camera moves."""
 
 
 def applies(outlook: Outlook) -> Verdict:
     """Some light casts shadows."""
-    return no_shadows(outlook) or Verdict(True, counted(len(outlook.scene.lights), "light"))
+    nothing = no_shadows(outlook)
+    if nothing is not None:
+        return nothing
+    reaching = lights_in_view(outlook)
+    count = len(outlook.scene.lights) if reaching is None else reaching
+    if outlook.options.shadow.coverage == "scene":
+        return Verdict(True, f"{counted(count, 'light')}, of the whole scene")
+    if not count and not _mirrors(outlook):
+        return Verdict(False, "no light reaches what is seen")
+    return Verdict(True, f"{counted(count, 'light')}, fitted to what is seen")
 
 
 def looked_up(light: Light, options: RenderOptions) -> bool:
@@ -40,21 +68,48 @@ def looked_up(light: Light, options: RenderOptions) -> bool:
     return options.area_shadows != "sampled" if isinstance(light, RectLight) else options.point_shadows == "maps"
 
 
-def run(frame: Frame) -> tuple[ShadowMap | None, ...]:
-    """The maps of an earlier picture, and those that it did not need."""
-    options, scene = frame.options, frame.scene
-    view = frame[GBUFFER].cameras if options.shadow.cascades > 1 else None
-    earlier = frame.earlier(SHADOW_MAP)
-    every_light = bool(frame.askers(SHADOW_MAP) - {POINT_SHADOW, SOFT_SHADOW})
+def run(frame: Frame) -> tuple[tuple[ShadowMap | None, ...], tuple[ShadowMap | None, ...]]:
+    """The maps of the picture, and those of everything."""
+    scene, options = frame.scene, frame.options
+    seen = options.shadow.coverage == "view" and isinstance(frame[GBUFFER], GBuffer)
+    picture, mirrors = bool(frame.askers(SHADOW_MAP)), bool(frame.askers(SCENE_SHADOW_MAP))
+    wanted = lights_in_picture(frame) if picture else set()
+    whole = {n for n, light in enumerate(scene.lights) if shines(light)} if mirrors else set()
+    everything = _drawn(frame, SCENE_SHADOW_MAP, whole if seen else whole | wanted, None)
+    if not seen:
+        return everything, everything
+    return _drawn(frame, SHADOW_MAP, wanted, frame[GBUFFER]), everything
+
+
+def lights_in_picture(frame: Frame) -> set[int]:
+    """Numbers of the lights whose maps the picture looks up."""
+    lights = {**in_view(frame, area=False), **in_view(frame, area=True)}
+    return {n for n, light in lights.items() if looked_up(light, frame.options)}
+
+
+def _drawn(
+    frame: Frame, buffer: Buffer[tuple[ShadowMap | None, ...]], wanted: set[int], seen: GBuffer | None
+) -> tuple[ShadowMap | None, ...]:
+    """The maps of these lights: those of an earlier picture where they still fit, and new ones."""
+    scene, earlier = frame.scene, frame.earlier(buffer)
     made = list(earlier or [None] * len(scene.lights))
-    for number, light in enumerate(scene.lights):
-        if made[number] is None and (every_light or looked_up(light, options)):
-            # With the border that penumbrae need, so that the same map serves both kinds of look-up.
-            how = lasting_shadows(options)
-            how = replace(how, filter="pcss", soft=None) if isinstance(light, RectLight) else how
-            made[number] = render_shadow_map(scene, light, how, camera=view)
-    drawn = earlier is None or any(a is not b for a, b in zip(made, earlier, strict=True))
-    return tuple(made) if earlier is None or drawn else earlier
+    for number in sorted(wanted):
+        light, kept = scene.lights[number], made[number]
+        # With the border that penumbrae need, so that the same map serves both kinds of look-up.
+        how = lasting_shadows(frame.options)
+        how = replace(how, filter="pcss", soft=None) if isinstance(light, RectLight) else how
+        if seen is None:
+            made[number] = kept or render_shadow_map(scene, light, how)
+            continue
+        cameras, starts = view_cameras(scene, light, seen, how)
+        if kept is None or kept.starts != starts or not same_views(kept.cameras, cameras):
+            made[number] = draw_shadow_map(scene.geometry, cameras, starts, how)
+    changed = earlier is None or any(a is not b for a, b in zip(made, earlier, strict=True))
+    return tuple(made) if earlier is None or changed else earlier
+
+
+def _mirrors(outlook: Outlook) -> bool:
+    return outlook.options.reflections != "off" and any(m.is_reflector for m in outlook.scene.materials)
 
 
 def views(light: Light) -> int:
@@ -69,12 +124,22 @@ def views(light: Light) -> int:
 
 
 def amounts(outlook: Outlook) -> Amounts:
-    """Views; their texels; their triangles: nothing if the maps are there already."""
-    if outlook.kept(SHADOW_MAP) is not None:
-        return (0.0, 0.0, 0.0)
-    count = float(sum(views(light) for light in outlook.scene.lights))
-    height, width = outlook.options.shadow.shape
+    """Views; their texels; their triangles. Maps that are there already cost nothing, unless they follow the eye."""
+    lights, options = outlook.scene.lights, outlook.options.shadow
+    reaching = lights_in_view(outlook)
+    count = 0.0
+    if options.coverage == "view":
+        share = 1.0 if reaching is None else reaching / max(len(lights), 1)
+        count += share * sum(_fitted(light, options.cascades) for light in lights)
+    if (options.coverage == "scene" or _mirrors(outlook)) and outlook.kept(SCENE_SHADOW_MAP) is None:
+        count += sum(views(light) for light in lights)
+    height, width = options.shape
     return (count, count * height * width * 1e-6, count * outlook.triangles)
+
+
+def _fitted(light: Light, cascades: int | None) -> int:
+    """Views of a light fitted to what is seen, about: some faces of a cube are empty."""
+    return views(light) if views(light) > 1 else (cascades or 2)
 
 
 def _depths(subject: Subject) -> Outputs:
@@ -114,7 +179,9 @@ PASS = Pass(
     name="shadow_map",
     summary="depth as lights see it",
     makes=SHADOW_MAP,
+    also=(SCENE_SHADOW_MAP,),
     needs=(GBUFFER,),
+    uses=(LIGHT_REACH,),
     applies=applies,
     run=run,
     settings=settings(

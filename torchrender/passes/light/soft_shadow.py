@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -13,8 +14,9 @@ from torchrender.effects.shadows.soft_shadow import SoftShadowOptions, soft_shad
 from torchrender.effects.shadows.traced import traced_visibility
 from torchrender.passes.contract import Amounts, Buffers, OwnMeasure, Pass
 from torchrender.passes.hard import LIGHTS, HardEffect, Law, Outputs, Subject, mean_over, receives
+from torchrender.passes.light.light_reach import AREA_LIGHTS, LIGHT_REACH
 from torchrender.passes.light.shadow_map import SHADOW_MAP
-from torchrender.passes.light.visibility import SOFT_SHADOW, visibility_error
+from torchrender.passes.light.visibility import SOFT_SHADOW, lights_in_view, visibility_error
 from torchrender.passes.outlook import Outlook, Verdict, counted, no_shadows
 from torchrender.passes.seen.gbuffer import GBUFFER
 from torchrender.passes.seen.occluders import OCCLUDERS
@@ -33,7 +35,10 @@ def applies(outlook: Outlook) -> Verdict:
         return nothing
     if not outlook.area_lights:
         return Verdict(False, "no light has an area: hard shadows by shadow map instead")
-    return Verdict(True, counted(outlook.area_lights, "light") + " with an area")
+    reaching = outlook.known.get(AREA_LIGHTS)
+    if reaching == 0:
+        return Verdict(False, "no light with an area reaches what is seen")
+    return Verdict(True, counted(outlook.area_lights if reaching is None else int(reaching), "light") + " with an area")
 
 
 def asks(outlook: Outlook) -> Buffers:
@@ -43,10 +48,10 @@ def asks(outlook: Outlook) -> Buffers:
 
 def run(frame: Frame) -> dict[int, Tensor]:
     """Visibility (B,H,W) of the rectangular lights, by their number."""
-    lights = {n: light for n, light in enumerate(frame.scene.lights) if isinstance(light, RectLight)}
+    lights = lights_in_view(frame, area=True)
     gbuffer, options = frame[GBUFFER], frame.options
     if options.area_shadows == "sampled":
-        rectangles = list(lights.values())
+        rectangles = [light for light in lights.values() if isinstance(light, RectLight)]
         found = soft_shadow(frame[OCCLUDERS], rectangles, gbuffer, options.soft_shadow, bounds=frame.scene.bounds)
         return dict(zip(lights, found.visibility.unbind(1), strict=True))
     maps = frame[SHADOW_MAP]
@@ -59,7 +64,7 @@ def run(frame: Frame) -> dict[int, Tensor]:
 
 def amounts(outlook: Outlook) -> Amounts:
     """Once; look-ups."""
-    return (1.0, outlook.area_lights * outlook.pixels)
+    return (1.0, outlook.known.get(AREA_LIGHTS, outlook.area_lights) * outlook.pixels)
 
 
 def over_samples(options: RenderOptions, history: RenderHistory) -> RenderOptions:
@@ -112,11 +117,18 @@ HARD = HardEffect(
     turns=False,
 )
 
+
+def _sampled(samples: int, what: str) -> dict[str, Any]:
+    """Options of a setting: light samples along each edge, and what casts shadows."""
+    return {"area_shadows": "sampled", "soft_shadow.light_samples": samples, "soft_shadow.occluders": what}
+
+
 PASS = Pass(
     name="soft_shadow",
     summary="shadows of rectangular lights",
     makes=SOFT_SHADOW,
     needs=(GBUFFER,),
+    uses=(LIGHT_REACH,),
     asks=asks,
     applies=applies,
     run=run,
@@ -125,9 +137,10 @@ PASS = Pass(
         {
             "hard": {"area_shadows": "hard"},
             "pcss": {"area_shadows": "pcss"},
-            "4 x 4": {"area_shadows": "sampled", "soft_shadow.light_samples": 4},
-            "8 x 8": {"area_shadows": "sampled", "soft_shadow.light_samples": 8},
-            "16 x 16": {"area_shadows": "sampled", "soft_shadow.light_samples": 16},
+            "4 x 4": _sampled(4, "scene"),
+            "8 x 8": _sampled(8, "scene"),
+            "16 x 16, images": _sampled(16, "images"),
+            "16 x 16": _sampled(16, "scene"),
         },
     ),
     amounts=amounts,

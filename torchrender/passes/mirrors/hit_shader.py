@@ -21,7 +21,7 @@ from torchrender.passes.hard import (
     mean_over,
     radiance_bounds,
 )
-from torchrender.passes.light.shadow_map import SHADOW_MAP
+from torchrender.passes.light.shadow_map import SCENE_SHADOW_MAP, SHADOW_MAP
 from torchrender.passes.outlook import Outlook, no_shadows
 from torchrender.pipeline.buffer import Buffer, Lasting, look_of
 from torchrender.pipeline.frame import Frame
@@ -39,20 +39,21 @@ HIT_SHADER = Buffer("hit_shader", HitShader, lasting=Lasting(look_of, look_made_
 
 
 def asks(outlook: Outlook) -> Buffers:
-    """The picture's maps, unless they follow the eye: then it gets others, of everything."""
-    if outlook.kept(HIT_SHADER) is not None or outlook.options.shadow.cascades > 1 or no_shadows(outlook):
+    """Maps of everything: those of the picture follow the eye."""
+    if outlook.kept(HIT_SHADER) is not None or no_shadows(outlook):
         return ()
-    return (SHADOW_MAP,)
+    return (SCENE_SHADOW_MAP,)
 
 
 def run(frame: Frame) -> HitShader:
     """That of an earlier picture, else one that shades hits by the passes of this picture."""
+    eyes = frame.cameras.eye
     earlier = frame.earlier(HIT_SHADER)
     if earlier is not None:
-        return earlier
-    maps = frame.get(SHADOW_MAP) if frame.options.shadow.cascades == 1 else None
+        return earlier.seen_from(eyes)
+    maps = frame.get(SCENE_SHADOW_MAP)
     over_hits = frame.over_hits({} if maps is None else {SHADOW_MAP: maps})
-    return HitShader(frame.scene, over_hits, frame.options.background)
+    return HitShader(frame.scene, over_hits, frame.options.background, eyes)
 
 
 def amounts(outlook: Outlook) -> Amounts:

@@ -14,6 +14,7 @@ from torchrender.effects.reflections.reuse_options import ReuseOptions
 from torchrender.effects.reflections.traced import trace_reflections
 from torchrender.passes.contract import Amounts, Pass
 from torchrender.passes.hard import VIEW, HardEffect, Law, Outputs, Subject, no_mirrors
+from torchrender.passes.light.direct_light import MIRROR_SHARE, with_share
 from torchrender.passes.mirrors.hit_shader import HIT_SHADER
 from torchrender.passes.mirrors.key_frame import KEY_FRAME, KeptReflections, reuses, usable
 from torchrender.passes.mirrors.reflections import OWN, REFLECTIONS, mean_color_error
@@ -103,9 +104,9 @@ PASS = Pass(
     summary="mirrors of a sequence out of those of a key frame",
     makes=REFLECTIONS,
     also=(KEY_FRAME,),
-    needs=(GBUFFER, REFLECTIVE_PIXEL, HIT_SHADER, RAY_CASTER),
+    needs=(GBUFFER, REFLECTIVE_PIXEL, HIT_SHADER, RAY_CASTER, MIRROR_SHARE),
     applies=applies,
-    run=run,
+    run=with_share(run),
     settings=settings(
         "what is good enough",
         {

@@ -11,18 +11,19 @@ import torch
 from torch import Tensor
 
 from torchrender.buffers import ReflectionLayer, ReflectionState
-from torchrender.effects.reflections.clustered import ClusterOptions, clustered_reflections
-from torchrender.effects.reflections.reflectors import blend_reflections
+from torchrender.effects.reflections.bounces import traced_onward
+from torchrender.effects.reflections.clustered import ClusterOptions, clustered_onward, clustered_reflections
+from torchrender.effects.reflections.reflectors import Onward, blend_reflections
 from torchrender.effects.reflections.traced import environment_reflections, trace_reflections
-from torchrender.passes.contract import Amounts, Buffers, OwnMeasure, Pass
+from torchrender.passes.contract import Amounts, Buffers, OwnMeasure, Pass, Prices
 from torchrender.passes.hard import SHAPE, VIEW, HardEffect, Law, Outputs, Subject, difference, displayed, no_mirrors
-from torchrender.passes.light.direct_light import DIRECT_LIGHT
+from torchrender.passes.light.direct_light import DIRECT_LIGHT, MIRROR_SHARE, with_share
 from torchrender.passes.mirrors.hit_shader import HIT_SHADER
 from torchrender.passes.mirrors.reflective_pixel import REFLECTIVE_PIXEL, mirrors, reflective
 from torchrender.passes.outlook import Outlook
 from torchrender.passes.seen.gbuffer import GBUFFER
 from torchrender.passes.seen.ray_caster import RAY_CASTER
-from torchrender.passes.settings import settings
+from torchrender.passes.settings import Setting, settings
 from torchrender.pipeline.buffer import Buffer, Layer, Order
 from torchrender.pipeline.frame import Frame
 from torchrender.pipeline.history import RenderHistory
@@ -41,6 +42,15 @@ def asks(outlook: Outlook) -> Buffers:
     return (HIT_SHADER, RAY_CASTER) if options.reflections == "traced" or rest else (HIT_SHADER,)
 
 
+def _onward(frame: Frame) -> Onward | None:
+    """What mirrors in mirrors show: by rays where there are some, else by clusters."""
+    options, caster, shader = frame.options, frame.get(RAY_CASTER), frame[HIT_SHADER]
+    bounces = options.tracing.bounces
+    if caster is not None:
+        return traced_onward(caster, shader, bounces, options.tracing.lobe)
+    return clustered_onward(frame.scene, frame.cameras, shader, options.reflection, bounces)
+
+
 def run(frame: Frame) -> ReflectionLayer:
     """What the reflective pixels mirror."""
     options, pixels, shader = frame.options, frame[REFLECTIVE_PIXEL], frame[HIT_SHADER]
@@ -56,6 +66,7 @@ def run(frame: Frame) -> ReflectionLayer:
         options.reflection,
         direct=frame[DIRECT_LIGHT],
         caster=None if caster is None else lambda: caster,
+        onward=_onward(frame),
     )
     return made.layer
 
@@ -64,6 +75,42 @@ def amounts(outlook: Outlook) -> Amounts:
     """Once; reflective pixels; triangles in the clusters' pictures."""
     drawn = outlook.triangles if outlook.options.reflections == "clustered" else 0.0
     return (1.0, reflective(outlook), drawn)
+
+
+WAYS: Mapping[str, Mapping[str, Any]] = {
+    "clusters": {"reflections": "clustered", "reflection.missing": "environment"},
+    "clusters, rest traced": {"reflections": "clustered", "reflection.missing": "trace"},
+    "traced": {"reflections": "traced"},
+}
+"""What ``reflections="auto"`` chooses from, from fast to exact; each alone may be the quickest."""
+
+QUICK = 1.25
+"""Times the quickest way's time that another, more accurate one may take, and milliseconds beyond that."""
+SLACK_MS = 5.0
+
+
+def settle(outlook: Outlook, prices: Prices) -> RenderOptions:
+    """For ``reflections="auto"`` the most accurate of the quick ways, trees and cube maps included.
+
+    In a sequence the tree counts once it turns out that the scene changes, and a way is kept while it is a quick one.
+    """
+    options = outlook.options
+    if options.reflections != "auto":
+        return options
+    exact = Setting("traced", WAYS["traced"]).applied(options)
+    if not mirrors(outlook).runs:
+        return exact
+    times: dict[str, float] = {}
+    for name, changes in WAYS.items():
+        found = dict(prices(Setting(name, changes).applied(options)))
+        if outlook.history.sequence and not outlook.history.pictures:
+            found.pop(RAY_CASTER, None)
+        known = [ms for ms in found.values() if ms is not None]
+        if len(known) == len(found):
+            times[name] = sum(known)
+    allowed = QUICK * min(times.values(), default=0.0) + SLACK_MS
+    quick = [name for name, ms in times.items() if ms <= allowed]
+    return Setting(quick[-1], WAYS[quick[-1]]).applied(options) if quick else exact
 
 
 def over_samples(options: RenderOptions, history: RenderHistory) -> RenderOptions:
@@ -84,10 +131,11 @@ def mirror_error(found: Mapping[str, Any], reference: Mapping[str, Any]) -> floa
 OWN = OwnMeasure(title="mirrored light, of 255", buffer=REFLECTIONS, error=mirror_error)
 
 
-def _clusters(bin_factor: float, scale: float, missing: str) -> dict[str, Any]:
+def _clusters(bin_factor: float, deviation_deg: float, scale: float, missing: str) -> dict[str, Any]:
     return {
         "reflections": "clustered",
         "reflection.bin_factor": bin_factor,
+        "reflection.deviation_deg": deviation_deg,
         "reflection.image_scale": scale,
         "reflection.missing": missing,
     }
@@ -172,21 +220,22 @@ PASS = Pass(
     name="reflections",
     summary="what mirrors show",
     makes=REFLECTIONS,
-    needs=(GBUFFER, REFLECTIVE_PIXEL, DIRECT_LIGHT),
+    needs=(GBUFFER, REFLECTIVE_PIXEL, DIRECT_LIGHT, MIRROR_SHARE),
     asks=asks,
     applies=mirrors,
-    run=run,
+    run=with_share(run),
     settings=settings(
         "way",
         {
             "environment": {"reflections": "environment"},
-            "few clusters": _clusters(0.25, 0.5, "environment"),
-            "clusters": _clusters(1.0, 1.0, "environment"),
-            "clusters, rest traced": _clusters(1.0, 1.0, "trace"),
+            "few clusters": _clusters(0.25, 30.0, 1.0, "environment"),
+            "clusters": _clusters(1.0, 5.0, 2.0, "environment"),
+            "clusters, rest traced": _clusters(1.0, 5.0, 2.0, "trace"),
             "traced": {"reflections": "traced"},
         },
     ),
     amounts=amounts,
+    settle=settle,
     own=OWN,
     over_samples=over_samples,
     hard=HARD,

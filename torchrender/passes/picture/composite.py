@@ -24,9 +24,9 @@ def run(frame: Frame) -> Tensor:
     gbuffer = frame[GBUFFER]
     radiance: Tensor | None = None
     for layer, value in frame.layers():
-        under = torch.zeros(*gbuffer.material.shape, 3) if radiance is None else radiance
+        under = torch.zeros(*gbuffer.covered.shape, 3) if radiance is None else radiance
         radiance = layer.blend(frame.scene, gbuffer, under, value)
-    return torch.zeros(*gbuffer.material.shape, 3) if radiance is None else radiance
+    return torch.zeros(*gbuffer.covered.shape, 3) if radiance is None else radiance
 
 
 def amounts(outlook: Outlook) -> Amounts:

@@ -1,27 +1,66 @@
-"""The pass ``occluders``: the scene's triangles, sorted for sampled area lights. Lasts while they stand still."""
+"""The pass ``occluders``: what casts shadows of sampled area lights, sorted. Lasts while it stands still.
+
+That is the whole scene, or what a few depth images from the corners of the lights show of it: fewer triangles to
+search, at the price of drawing the images.
+"""
 
 from __future__ import annotations
 
+from typing import Any
+
 import torch
 
+from torchrender.effects.shadows.light_reach import shines
+from torchrender.effects.shadows.occluders import OccluderOptions, approximate_occluders
 from torchrender.effects.shadows.soft_shadow import Occluders, SoftShadowOptions, occluders, soft_shadow
 from torchrender.passes.contract import Amounts, Pass, always
 from torchrender.passes.hard import LIGHTS, HardEffect, Law, Outputs, Subject
 from torchrender.passes.outlook import Outlook
-from torchrender.pipeline.buffer import Buffer, Lasting, triangles_of
+from torchrender.pipeline.buffer import Buffer, Lasting, lights_of
 from torchrender.pipeline.frame import Frame
+from torchrender.pipeline.options import RenderOptions
+from torchrender.scene.light import RectLight
 
-OCCLUDERS = Buffer("occluders", Occluders, lasting=Lasting(triangles_of))
+IMAGE_SIDE = 1024
+"""Pixels of a side of the depth images."""
+
+KEPT = 0.05
+"""Of a scene's triangles that images show: about this many per pixel at most."""
+
+
+def _made_with(options: RenderOptions) -> tuple[Any, ...]:
+    return (options.soft_shadow.occluders,)
+
+
+OCCLUDERS = Buffer("occluders", Occluders, lasting=Lasting(lights_of, _made_with))
+
+MESHES = {"images": "triangles", "rebuilt": "hybrid"}
+"""Meshes of :class:`~torchrender.effects.shadows.occluders.OccluderOptions` by kind of occluders."""
 
 
 def run(frame: Frame) -> Occluders:
     """Those of an earlier picture, else new ones."""
-    return frame.earlier(OCCLUDERS) or occluders(frame.scene.geometry)
+    earlier = frame.earlier(OCCLUDERS)
+    if earlier is not None:
+        return earlier
+    scene, kind = frame.scene, frame.options.soft_shadow.occluders
+    if kind == "scene":
+        return occluders(scene.geometry)
+    options = OccluderOptions(mesh=MESHES[kind], size=IMAGE_SIDE)
+    lights = [light for light in scene.lights if isinstance(light, RectLight) and shines(light)]
+    return occluders([approximate_occluders(scene, light, options) for light in lights])
 
 
 def amounts(outlook: Outlook) -> Amounts:
-    """Once, and triangles to sort, if that was not done before."""
-    return (0.0, 0.0) if outlook.kept(OCCLUDERS) is not None else (1.0, outlook.triangles)
+    """Once; triangles to sort; triangles to draw into images, and these: nothing if that was done before."""
+    if outlook.kept(OCCLUDERS) is not None:
+        return (0.0, 0.0, 0.0, 0.0)
+    if outlook.options.soft_shadow.occluders == "scene":
+        return (1.0, outlook.triangles, 0.0, 0.0)
+    images = 4.0 * outlook.area_lights
+    pixels = images * IMAGE_SIDE**2 * 1e-6
+    kept = min(outlook.triangles, KEPT * pixels) if outlook.options.soft_shadow.occluders == "images" else 2 * pixels
+    return (1.0, kept, images * outlook.triangles, pixels)
 
 
 FEW = SoftShadowOptions(light_samples=2)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -15,6 +15,7 @@ from torchrender.photo.lab import lab_from_linear
 from torchrender.photo.photograph import Photo, resized
 from torchrender.photo.style.options import NEUTRAL, FitOptions, StyleOptions
 from torchrender.photo.style.phong import fit_phong
+from torchrender.photo.style.prior import CEILING, WALL
 from torchrender.photo.style.terms import ViewTerms
 from torchrender.photo.style.views import Views
 
@@ -74,10 +75,16 @@ def fit_pixels(color: Tensor, terms: tuple[Tensor, Tensor], options: FitOptions)
     return row, min(float((lab_from_linear(shown) - lab).norm(dim=1).mean()) / 100.0, 1.0)
 
 
+def fit_of(options: FitOptions, role: int) -> FitOptions:
+    """How an object of this role is fitted."""
+    matt = role in (CEILING, WALL) and not options.glossy_walls
+    return replace(options, specular=False) if matt else options
+
+
 def fit_candidates(
-    photos: Sequence[Photo], views: Views, terms: tuple[ViewTerms, ...], options: StyleOptions
+    photos: Sequence[Photo], views: Views, terms: tuple[ViewTerms, ...], options: StyleOptions, role: Tensor
 ) -> Candidates:
-    """Candidates of all objects: photo by photo, view by view."""
+    """Candidates of all objects, whose roles (m,) say how they are fitted: photo by photo, view by view."""
     count, width = len(views.visible), 10 if options.fit.spec_color else 8
     made = neutral(width).expand(count, len(photos) * len(views), width).clone()
     valid = torch.zeros(made.shape[:2], dtype=torch.bool)
@@ -90,7 +97,8 @@ def fit_candidates(
             ends = torch.bincount(view.object, minlength=count).cumsum(0).tolist()
             for i in views.visible[:, j].nonzero().reshape(-1).tolist():
                 own = order[(ends[i - 1] if i else 0) : ends[i]]
-                found = fit_pixels(laid[view.row[own]], (view.diffuse[own], view.mirror[own]), options.fit)
+                seen = view.diffuse[own], view.mirror[own]
+                found = fit_pixels(laid[view.row[own]], seen, fit_of(options.fit, int(role[i])))
                 if found is not None:
                     place = i, p * len(views) + j
                     (made[place], misfit[place]), valid[place] = found, True

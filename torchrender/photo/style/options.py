@@ -47,6 +47,7 @@ class FitOptions:
     ridge: float = 1e-4  # weight of the prior, per pixel
     specular: bool = True  # False: ambient and diffuse alone
     spec_color: bool = False  # True: highlights have a colour, the channels are fitted apart
+    glossy_walls: bool = False  # False: walls and ceilings are matt; light varies over them in a photo, not gloss
     max_pixels: int = 5000  # of one object in one view; more are thinned evenly
 
     def __post_init__(self) -> None:

@@ -21,11 +21,7 @@ from torchrender.photo.dominant import MAX_COLORS, palette
 from torchrender.photo.photograph import Photo
 from torchrender.photo.style import finish
 from torchrender.photo.style.adjacency import Smoothness
-from torchrender.photo.style.candidates import (
-    Candidates,
-    fit_region,
-    start_choice,
-)
+from torchrender.photo.style.candidates import Candidates, fit_of, fit_region, start_choice
 from torchrender.photo.style.cost import CostParts, StyleCost
 from torchrender.photo.style.objects import StyleObjects
 from torchrender.photo.style.options import StyleOptions
@@ -303,7 +299,8 @@ class Style:
             if not 0 <= photo < len(problem.photos):
                 raise InputError(f"photo must be in [0, {len(problem.photos) - 1}], got {photo}")
             pixels = problem.photos[photo].region(region)
-            rows[index] = fit_region(pixels, index, problem.views, problem.terms, problem.options.fit)
+            fit = fit_of(problem.options.fit, int(problem.role[index]))
+            rows[index] = fit_region(pixels, index, problem.views, problem.terms, fit)
         return replace(self.with_column(rows, list(picks)), kept=self.kept - set(picks))
 
     def searched(self, progress: Progress | None = None, **changes: object) -> Style:

@@ -128,7 +128,7 @@ def _fitted(
     options = problem.options
     tell("fit", len(problem.views))
     with clock.measure("fit"):
-        candidates = fit_candidates(problem.photos, problem.views, problem.terms, options)
+        candidates = fit_candidates(problem.photos, problem.views, problem.terms, options, problem.role)
     tell("tables", candidates.materials.shape[1])
     with clock.measure("tables"):
         tables = build_tables(problem.terms, candidates.materials, options.search.bins, candidates.rendered)

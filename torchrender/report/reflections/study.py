@@ -33,7 +33,11 @@ from torchrender.scene.model import Scene
 from torchrender.scene.procedural import build
 
 SCENES = ("living_room", "washroom")
-THESIS = ClusterOptions(centre="thesis", aim="normal", plane_share=float("inf"), camera_share=0.0)
+THESIS = ClusterOptions(
+    centre="thesis", aim="normal", plane_share=float("inf"), camera_share=0.0, deviation_deg=180.0, layers=1,
+    search="secant", image_scale=1.0, lobe="cone", fade=True,
+)  # fmt: skip
+"""The literal algorithm."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -157,13 +161,18 @@ def image_scale(stage: Stage, scale: float, study: StudyOptions) -> dict[str, An
 
 def choices(stage: Stage, study: StudyOptions) -> dict[str, Any]:
     """The thesis's cameras and clusters beside what is beyond it."""
+    basic = ("plane_share", "search", "lobe", "fade", "camera_share")
     named = {
         "as published": THESIS,
-        "+ planes apart": replace(THESIS, plane_share=ClusterOptions().plane_share),
-        "+ small clusters join": replace(THESIS, **_defaults("plane_share", "camera_share")),
-        "+ cameras look along their rays": replace(THESIS, **_defaults("plane_share", "camera_share", "aim")),
-        "+ best centre (default)": ClusterOptions(),
-        "missing rays traced": ClusterOptions(missing="trace"),
+        "+ planes apart": replace(THESIS, **_defaults("plane_share")),
+        "+ rays meet triangles": replace(THESIS, **_defaults("plane_share", "search", "lobe", "fade")),
+        "+ small clusters join": replace(THESIS, **_defaults(*basic)),
+        "+ cameras look along their rays": replace(THESIS, **_defaults(*basic, "aim")),
+        "+ best centre": replace(THESIS, **_defaults(*basic, "aim", "centre")),
+        "+ four layers": replace(THESIS, **_defaults(*basic, "aim", "centre", "layers")),
+        "+ parted by deviation": replace(THESIS, **_defaults(*basic, "aim", "centre", "layers", "deviation_deg")),
+        "+ finer images (default)": ClusterOptions(),
+        "rest traced": ClusterOptions(missing="trace"),
     }
     return {name: _measured(stage, options, study) for name, options in named.items()}
 

@@ -26,7 +26,7 @@ from torchrender.report.stability import scenes as make
 from torchrender.scene.camera import Cameras
 from torchrender.scene.light import DirectionalLight, PointLight, RectLight
 from torchrender.scene.model import Scene
-from torchrender.shade import NEAREST_LIGHT
+from torchrender.shading.lights import NEAREST_SQUARE
 
 BASE = "studio"
 TINY, HUGE = 2.0**-20, 2.0**20  # about a millionth and a million; powers of two scale without rounding
@@ -102,8 +102,10 @@ def _irradiance_limit(light: object, scene: Scene) -> float:
         return math.pi * float(light.radiance.max())
     if isinstance(light, DirectionalLight):
         return float(light.irradiance.max())
-    nearest = max((NEAREST_LIGHT * scene.diagonal) ** 2, 1e-12)
-    return float(light.intensity.max()) / nearest  # type: ignore[attr-defined]
+    # No nearer than the nearest corner, and a margin for what lies between corners.
+    corners = scene.geometry.vertices[scene.geometry.faces.reshape(-1).long().unique()]
+    nearest = float((corners - light.position).norm(dim=-1).min()) / 10 if len(corners) else 1.0  # type: ignore[attr-defined]
+    return float(light.intensity.max()) / max(nearest**2, NEAREST_SQUARE)  # type: ignore[attr-defined]
 
 
 @dataclass(frozen=True, kw_only=True)

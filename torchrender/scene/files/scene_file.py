@@ -27,7 +27,7 @@ from torchrender.scene.files.toml_table import Table, parse_toml
 from torchrender.scene.files.volume_file import read_volume
 from torchrender.scene.light import DirectionalLight, Light, PointLight, RectLight, SpotLight
 from torchrender.scene.material import Material
-from torchrender.scene.medium import Medium
+from torchrender.scene.medium import SCALES, Medium
 from torchrender.scene.mesh import Mesh
 from torchrender.scene.model import Scene
 
@@ -214,7 +214,9 @@ def _environment(table: Table | None) -> Environment | None:
 
 
 def _medium(table: Table) -> Medium:
-    """Keys as :class:`~torchrender.scene.medium.Medium`; ``density`` is a number, ``density_file`` a grid file."""
+    """Keys as :class:`~torchrender.scene.medium.Medium`; ``density`` is a number, ``density_file`` a grid file whose
+    values it multiplies.
+    """
     density = table.number("density", 1.0, 0.0)
     path = table.file("density_file", None)
     if path is not None:
@@ -231,6 +233,9 @@ def _medium(table: Table) -> Medium:
             emission=table.color("emission", torch.zeros(3)),
             asymmetry=table.number("asymmetry", 0.0, -0.99, 0.99),
             density=density,
+            falloff=table.number("falloff", 0.0, 0.0),
+            floor=table.number("floor", None),
+            density_scales=table.choice("density_scales", SCALES, "both"),
             name=table.text("name", "medium"),
         )
     table.finish()

@@ -129,7 +129,12 @@ def _medium(medium: Medium) -> dict[str, object]:
     out: dict[str, object] = {
         "name": medium.name, "low": medium.low, "high": medium.high, "absorption": medium.absorption,
         "scattering": medium.scattering, "emission": medium.emission, "asymmetry": medium.asymmetry,
+        "density_scales": medium.density_scales,
     }  # fmt: skip
+    if medium.falloff:
+        out["falloff"] = medium.falloff
+    if medium.floor is not None:
+        out["floor"] = medium.floor
     return out if isinstance(medium.density, Tensor) else out | {"density": float(medium.density)}
 
 

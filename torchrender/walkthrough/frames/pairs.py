@@ -98,3 +98,32 @@ def match(capture: Capture, i: int, j: int, pixels: tuple[Array, Array], limit: 
     normal = capture.normal[j, a, b].astype(np.float64)
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9)
     return Matches(world[good], centre @ turn.T + eye, normal @ turn.T, rows[good], columns[good], u, v, there)
+
+
+def seen_through(
+    capture: Capture, near: list[Array], seed: int = 0, *, samples: int = 400, limit: float = 0.05
+) -> float:
+    """Share of points that another photo looks past, by more than ``limit`` times depth, among those that fall into it.
+
+    Surfaces cannot be looked through: with right poses, intrinsics and depth scale it is next to nothing. Points that
+    the other photo sees something before say nothing, they may be hidden.
+    """
+    rng = np.random.default_rng(seed)
+    height, width = capture.size
+    past = total = 0
+    for i in range(len(capture)):
+        rows, columns = random_pixels(capture, i, samples, rng)
+        world = capture.points(i, rows, columns) @ capture.pose[i, :3, :3].T + capture.pose[i, :3, 3]
+        for j in near[i][:6].tolist():
+            camera = (world - capture.pose[j, :3, 3]) @ capture.pose[j, :3, :3]
+            z = camera[:, 2]
+            fx, fy, cx, cy = capture.lens[j]
+            with np.errstate(divide="ignore", invalid="ignore"):
+                u, v = camera[:, 0] / z * fx + cx, camera[:, 1] / z * fy + cy
+            inside = (z > 0) & (u >= 1) & (u < width - 1) & (v >= 1) & (v < height - 1)
+            a, b = np.where(inside, v, 1).astype(int), np.where(inside, u, 1).astype(int)
+            there = capture.depth[j, a, b]
+            good = inside & (there > 0) & np.isfinite(there) & (capture.guard[j, a, b] == 0)
+            past += int((good & (there > (1 + limit) * z)).sum())
+            total += int(good.sum())
+    return past / total if total else 0.0

@@ -25,6 +25,7 @@ from torchrender.walkthrough.frames.depth import (
 )
 from torchrender.walkthrough.frames.jobs import Jobs
 from torchrender.walkthrough.frames.record import Array, CaptureWarning, Frame, RgbdSequence
+from torchrender.walkthrough.frames.rim import empty_rim
 from torchrender.walkthrough.options import WalkthroughOptions
 
 Progress = Callable[[Iterable[Any], str], Iterable[Any]]
@@ -76,7 +77,7 @@ class Capture:
     def photos(self) -> Photos:
         """For kernels."""
         return Photos(self.color, self.depth, self.normal, self.plane, self.guard, self.feather, self.lens,
-                      self.log_quality)  # fmt: skip
+                      self.log_quality, self.noise)  # fmt: skip
 
     @cached_property
     def relative_noise(self) -> float:
@@ -265,6 +266,9 @@ def _cut(capture: Capture, names: tuple[str, ...], left_out: dict[str, str]) -> 
 
 def _fill(capture: Capture, n: int, read: tuple[Array, Array, Array], quantum: float) -> None:
     color, depth, lens = read
+    rim = empty_rim(color)
+    if rim.any() and (np.where(rim, 0.0, depth) > 0).any():
+        depth = np.where(rim, np.float32(0.0), depth)
     known = (depth > 0) & np.isfinite(depth)
     middle = float(np.median(depth[known]))
     # Whole codes have an error of their own, which vanishes from most differences but not from slopes.

@@ -148,7 +148,7 @@ export class Client {
     if (!view || !this.keyframes.newest) return;
     const begin = performance.now();
     const sources = this.hooks.sources();
-    this.warp.warp(this.keyframes.pictures(view, sources), view, this.near);
+    this.warp.warp(this.keyframes.pictures(view, sources), view, this.near, sources.enhance);
     this.warp.present({ fill: sources.fill });
     this.figures.warp.add(performance.now() - begin);
     this.dirty = false;
@@ -213,8 +213,8 @@ export class Client {
   // ------------------------------------------------------------------ for window.torchrender
 
   /** Draw another view (default: the present one) beside the loop and read it; the page shows the present one again. */
-  capture({ camera = this.walker.camera, earlier = true, layers = true, fill = true } = {}) {
-    this.warp.warp(this.keyframes.pictures(camera, { earlier, layers }), camera, this.near);
+  capture({ camera = this.walker.camera, earlier = true, layers = true, fill = true, enhance = 0 } = {}) {
+    this.warp.warp(this.keyframes.pictures(camera, { earlier, layers }), camera, this.near, enhance);
     const pixels = this.warp.capture(fill);
     this.dirty = true;
     const { width, height } = this.warp.target;

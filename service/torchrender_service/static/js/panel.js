@@ -37,6 +37,10 @@ export class Panel {
     $("layers").addEventListener("input", () => this.showBound());
     $("layers").addEventListener("change", () => wish(this.settings()));
     for (const name of ["use-earlier", "use-layers", "use-fill"]) $(name).addEventListener("change", show);
+    $("enhance").addEventListener("input", () => {
+      this.showBound();
+      show();
+    });
     $("resolution").addEventListener("change", resize);
     $("toggle").addEventListener("click", () => this.open($("panel").hidden));
     document.addEventListener("keydown", (event) => event.code === "Escape" && !$("panel").hidden && this.open(false));
@@ -60,7 +64,7 @@ export class Panel {
 
   /** Which sources of samples the picture uses. */
   get sources() {
-    return { earlier: $("use-earlier").checked, layers: $("use-layers").checked, fill: $("use-fill").checked };
+    return { earlier: $("use-earlier").checked, layers: $("use-layers").checked, fill: $("use-fill").checked, enhance: Number($("enhance").value) / 100 };
   }
 
   showBound() {
@@ -71,6 +75,7 @@ export class Panel {
     $("bound").value = 100 * shareOf(error ? ERROR : BUDGET, value);
     $("bound-value").textContent = error ? value.toPrecision(2) : `${Math.round(value)} ms`;
     $("layers-value").textContent = $("layers").value;
+    $("enhance-value").textContent = `${$("enhance").value} %`;
   }
 
   showState(state, detail) {

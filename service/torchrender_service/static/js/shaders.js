@@ -22,12 +22,15 @@ uniform usampler2D depth;   // codes of 1/z; 65535 where there is no sample
 uniform usampler2D joined;  // which of the four texels around each corner are of one surface
 uniform sampler2D color;
 uniform float code_scale;  // 1/z of code 1
+uniform float enhance;     // how much shape is made easier to read; 0: colours as they came
 uniform bool trim;         // leave out what lies beside something nearer: there JPEG mixes the colours of both
 layout(location = 0) out vec4 picture;  // display colour; a > 0 tells that the pixel is covered, and how near it is
 
 const float RIP = 0.12;      // share of 1/z by which a fragment may differ from its texel
 const float NEARER = 0.02;   // share of 1/z by which a texel of another surface must be nearer to spoil colours
 const float OCTAVES = 12.0;
+const float BREAK = 0.03;    // share of 1/z between texels beyond which they are of different surfaces
+const float GAIN = 45.0;     // bend, as a share of 1/z, that counts by half: 1 / GAIN
 
 float at(ivec2 p) {
   uint code = texelFetch(depth, p, 0).r;
@@ -36,6 +39,28 @@ float at(ivec2 p) {
 
 vec3 color_at(ivec2 p) {
   return texelFetch(color, p, 0).rgb;
+}
+
+// How a surface bends around a texel, in [-1, 1]; ridges are positive. 1/z of a plane changes evenly over the picture,
+// so that what is left of it beside two texels that face each other is bend.
+float shape(ivec2 p, float z, ivec2 last) {
+  float bend = 0.0;
+  float pairs = 0.0;
+  for (int k = 0; k < 12; k++) {
+    float angle = 0.78539816 * float(k) / 3.0;
+    ivec2 way = ivec2(round(vec2(cos(angle), sin(angle)) * float(1 + k % 3)));
+    ivec2 a = p + way;
+    ivec2 b = p - way;
+    if (any(lessThan(min(a, b), ivec2(0))) || any(greaterThan(max(a, b), last))) continue;
+    float before = at(a);
+    float after = at(b);
+    if (before < 0.0 || after < 0.0 || abs(2.0 * z - before - after) > BREAK * z) continue;
+    bend += 2.0 * z - before - after;
+    pairs += 1.0;
+  }
+  if (pairs == 0.0) return 0.0;
+  float share = GAIN * bend / (pairs * z);
+  return share / (1.0 + abs(share));
 }
 
 void main() {
@@ -68,6 +93,7 @@ void main() {
     weight /= dot(weight, vec4(1.0));
     c = weight.x * color_at(p0) + weight.y * color_at(p1) + weight.z * color_at(p2) + weight.w * color_at(p3);
   }
+  if (enhance != 0.0 && near > 0.0) c = clamp(c * (1.0 + enhance * shape(own, near, last)), 0.0, 1.0);
   // The buffer holds 1 - near / depth; steps of 3 % of the depth tell well enough what lies behind what.
   float key = clamp(1.0 + log2(max(1.0 - gl_FragCoord.z, 1e-9)) / OCTAVES, 0.0, 1.0);
   picture = vec4(c, (1.0 + 254.0 * key) / 255.0);

@@ -146,6 +146,7 @@ export class Warp {
       joined: { value: joined },
       color: { value: color },
       code_scale: { value: image.scale },
+      enhance: { value: 0 },
       trim: { value: false },
     };
     const geometry = new BufferGeometry();
@@ -188,13 +189,14 @@ export class Warp {
     picture.bitmap.close();
   }
 
-  /** Warp `pictures`, the preferred one first, into the buffer as `camera` sees them. `near`: clip distance. */
-  warp(pictures, camera, near) {
+  /** Warp `pictures`, the preferred one first, into the buffer as `camera` sees them. `near`: clip distance; `enhance`: how much shape is made easier to read. */
+  warp(pictures, camera, near, enhance = 0) {
     this.scene.clear();
     const step = pictures.length ? length(subtract(eyeOf(pictures[0].camera), eyeOf(camera))) : 0;
     const least = step < SAME_EYE * near ? FILL_BIAS : 0;
     pictures.forEach((picture, rank) => {
       const bias = rank === 0 ? 0 : Math.max(least, picture.extra ? EXTRA_BIAS : EARLIER_BIAS) + rank * STEP_BIAS;
+      picture.uniforms.enhance.value = enhance;
       picture.uniforms.trim.value = rank > 0 && picture.lossy;
       picture.uniforms.clip_from_source.value = clipFromSource(picture.camera, camera, near, bias);
       this.scene.add(picture.mesh);

@@ -9,24 +9,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numpy as np
 import torch
 from torch import Tensor
 
-from torchrender.arrays import view
 from torchrender.buffers import RayHits, VisibilityBuffer
-from torchrender.effects.reflections.cluster_cameras import ClusterCameras
-from torchrender.effects.reflections.reflectors import START, ReflectedRays, ReflectivePixels
-from torchrender.kernels.rays.depth_march import (
-    BLOCK,
-    CLEAR,
-    GROUP,
-    HIT,
-    DepthImage,
-    MarchedHits,
-    march_rays,
-    nearest_depths,
-)
+from torchrender.effects.reflections.clusters.bundle import ClusterCameras
+from torchrender.effects.reflections.reflectors import START, ReflectivePixels
+from torchrender.kernels.rays.depth_march import CLEAR, HIT
 from torchrender.raster import FragmentTests, rasterize_visibility
 from torchrender.scene.camera import Cameras
 from torchrender.scene.mesh import Geometry
@@ -129,43 +118,3 @@ def cluster_image(geometry: Geometry, camera: Cameras, position: Tensor, cull: s
     """The depth image of a curved cluster: what ``camera`` sees behind the reflector's pixels at (N,3) ``position``."""
     beyond = reflector_depth(camera, position)
     return rasterize_visibility(geometry, camera, cull=cull, tests=FragmentTests(beyond=beyond))
-
-
-def march_image(
-    geometry: Geometry, seen: VisibilityBuffer, rays: ReflectedRays, ends: tuple[float, Tensor], epsilon: float
-) -> ClusterAnswer:
-    """The first hits of N rays in a depth image.
-
-    Args:
-        seen: one image.
-        ends: ray length at which all rays start, and (N,) at which each ends.
-        epsilon: share of the depth by which a ray must be behind the image.
-    """
-    camera = seen.cameras
-    depth = seen.depth[0].numpy()
-    blocks = np.empty((-(-depth.shape[0] // BLOCK), -(-depth.shape[1] // BLOCK)), np.float32)
-    nearest_depths(depth, blocks)
-    matrix = camera.intrinsics[0] @ camera.camera_from_world[0, :3]
-    footprint = float(camera.footprint(torch.ones(1, 1))[0, 0])
-    image = DepthImage(
-        depth, seen.triangle[0].numpy(), blocks, view(matrix, np.float64), float(camera.near[0]), footprint
-    )
-    count = len(rays.origin)
-    found = MarchedHits(
-        state=np.empty(count, np.uint8),
-        t=np.empty(count),
-        triangle=np.empty(count, np.int64),
-        barycentric=np.empty((count, 2), np.float32),
-        steps=np.zeros(-(-count // GROUP) + 1, np.int64),
-    )
-    march_rays(
-        (geometry.vertices.numpy(), geometry.faces.numpy()),
-        image,
-        float(epsilon),
-        (view(rays.origin, np.float64), view(rays.direction, np.float64)),
-        np.arange(count),
-        (float(ends[0]), view(ends[1], np.float64)),
-        found,
-    )
-    state, t, triangle, weights = (torch.from_numpy(a) for a in found[:4])
-    return ClusterAnswer(state, RayHits(t, triangle, weights), int(found.steps.sum()))

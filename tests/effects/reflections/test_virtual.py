@@ -1,0 +1,116 @@
+"""What mirrors show as pictures of their own: mirrored points stay where they are when the eye moves."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+import torch
+from torch import Tensor
+
+from reflection_scenes import looking, mirror_scene, placed, prepared, scene_of, sphere_scene, traced
+from torchrender.buffers import ReflectionState
+from torchrender.client.drawing import draw_keyframes
+from torchrender.client.mirrors import draw_with_mirrors
+from torchrender.effects.reflections.reflectors import START
+from torchrender.effects.reflections.virtual import virtual_images
+from torchrender.image import Image
+from torchrender.pipeline.options import RenderOptions
+from torchrender.rays import RayCaster
+from torchrender.renderer import render
+from torchrender.scene.camera import Cameras
+from torchrender.scene.model import Scene
+from torchrender.scene.shapes import sphere
+from torchrender.wire.containers import KeyframeImage, read_container
+from torchrender_service.renderers.keyframes import Stamp, first_message, mirror_message
+from torchrender_service.renderers.mirrors import NEEDED, mirror_layer
+
+OPTIONS = RenderOptions(reflections="traced", shadows=False, buffers=NEEDED)
+
+
+def stepped(camera: Cameras, step: float) -> Cameras:
+    """The camera moved to its right."""
+    matrix = camera.camera_from_world.clone()
+    matrix[:, 0, 3] -= step
+    return replace(camera, camera_from_world=matrix)
+
+
+def virtual_points(scene: Scene, camera: Cameras) -> tuple[Tensor, Tensor, Tensor]:
+    """Of each mirror pixel: its virtual point, the point that it mirrors, and which pixels these are."""
+    gbuffer, pixels, _ = prepared(scene, camera)
+    made = virtual_images(scene, gbuffer, traced(scene, camera))
+    near = made.known.reshape(-1)[pixels.pixel] & torch.isfinite(made.depth.reshape(-1)[pixels.pixel])
+    part = pixels.select(near)
+    along = made.depth.reshape(-1)[part.pixel].double() / part.depth * part.length
+    hits = RayCaster(scene.geometry).first_hit(part.position, part.direction, t_min=START * scene.diagonal)
+    real = part.position + hits.t[:, None] * part.direction
+    return camera.eye[0] + along[:, None] * part.view, real, part.pixel
+
+
+def test_a_plane_mirror_shows_points_behind_it_as_far_as_they_are_before() -> None:
+    seen, real, pixel = virtual_points(mirror_scene(), looking(48))
+    assert len(pixel) > 500
+    torch.testing.assert_close(seen, real * torch.tensor([1.0, 1.0, -1.0], dtype=torch.float64), rtol=1e-5, atol=1e-5)
+
+
+def test_a_bulging_mirror_shows_them_by_the_mirror_equation() -> None:
+    """Seen almost straight on: 1 / v = 1 / d + 2 / R."""
+    scene = sphere_scene()
+    camera = Cameras.look_at([0.0, 0.0, 2.9], [0.0, 0.0, 0.0], width=161, height=161, fov_deg=50.0)
+    gbuffer, pixels, _ = prepared(scene, camera)
+    layer = traced(scene, camera)
+    made = virtual_images(scene, gbuffer, layer)
+    middle = (0, 80, 80)
+    distance, depth = float(layer.distance[middle]), float(gbuffer.depth[middle])
+    wanted = depth + 1.0 / (1.0 / distance + 2.0 / 0.8)
+    assert float(made.depth[middle]) == pytest.approx(wanted, rel=0.01)
+    assert bool((made.known == (layer.state != ReflectionState.NONE)).all())
+    assert len(pixels)
+
+
+def keyframe(image: Image, camera: Cameras) -> tuple[KeyframeImage, KeyframeImage]:
+    """Layer 0 and the mirrors of a picture, as a client gets them, colours without loss."""
+    mirrors = mirror_layer(image, camera)
+    assert mirrors is not None
+    stamp = Stamp(id=0, layers=2, color="webp", quality=100)
+    first = first_message(stamp, camera, image.visibility.depth[0], image.radiance[0], render_ms=0.0, plan=None)
+    messages = (first, mirror_message(stamp, mirrors))
+    one, two = (read_container(m, max_pixels=10**6, max_images=1)[0] for m in messages)
+    return one, two
+
+
+def test_a_client_moves_mirrored_points_to_where_they_are_seen() -> None:
+    """After a step of 4 % of the depth: virtual points within a pixel, and a picture far better than a painted one."""
+    scene, camera = mirror_scene(), looking(160)
+    gbuffer, _, _ = prepared(scene, camera)
+    step = 0.04 * float(gbuffer.depth[gbuffer.covered].median())
+    moved = stepped(camera, step)
+    seen, real, _ = virtual_points(scene, camera)
+    wanted = real * torch.tensor([1.0, 1.0, -1.0], dtype=torch.float64)  # where a mirror in z = 0 shows them
+    error = (moved.project(seen[None])[0] - moved.project(wanted[None])[0]).norm(dim=-1)
+    assert float(error.max()) < 1.0
+    image = render(scene, camera, options=OPTIONS)
+    truth = render(scene, moved, options=OPTIONS).radiance[0]
+    first, mirrors = keyframe(image, camera)
+    ours, painted = draw_with_mirrors([first], mirrors, moved), draw_keyframes([first], moved)
+    mask = (prepared(scene, moved)[0].material == 0) & ours.valid
+    errors = [float((made.color[0] - truth).abs()[mask[0]].mean()) for made in (ours, painted)]
+    assert errors[0] < 0.35 * errors[1]
+    still = draw_with_mirrors([first], mirrors, camera)
+    assert float((still.color[0] - image.radiance[0].clamp(0, 1)).abs()[still.valid[0]].mean()) < 0.01
+
+
+def test_a_chrome_ball_moves_its_picture_about_as_it_should() -> None:
+    ball = placed(sphere(0.8, 64), (0.0, 0.0, 0.0), 3)
+    scene = scene_of(ball, *sphere_scene().meshes[1:])
+    camera = looking(160)
+    moved = stepped(camera, 0.08)
+    image = render(scene, camera, options=OPTIONS)
+    truth = render(scene, moved, options=OPTIONS).radiance[0]
+    first, mirrors = keyframe(image, camera)
+    mask = (prepared(scene, moved)[0].material == 3)[0]
+    errors = [
+        float((made.color[0] - truth).abs()[mask & made.valid[0]].mean())
+        for made in (draw_with_mirrors([first], mirrors, moved), draw_keyframes([first], moved))
+    ]
+    assert errors[0] < 0.9 * errors[1]  # the mirror equation holds near the middle of the view alone

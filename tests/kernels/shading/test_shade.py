@@ -1,0 +1,139 @@
+"""The shading kernel against its twin in torch, pixel by pixel, for everything that a material can have."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from shading_scenes import LIGHTS, PANEL, SUN, noise, scene_of_all, views
+from torchrender.buffers import RaySurface
+from torchrender.kernels.compile import kernel
+from torchrender.kernels.shading import gather, layers, lights, lobes, maps, shade, simd, sky
+from torchrender.kernels.shading.pack import pack_planes
+from torchrender.kernels.shading.records import MATERIAL, SLOT, SLOTS, SPAN
+from torchrender.raster import rasterize, rasterize_visibility, surface_attributes
+from torchrender.ray_surface import ray_surface
+from torchrender.rays import RayCaster
+from torchrender.scene.model import Scene
+from torchrender.shading.fused import send_fused
+from torchrender.shading.lobes import Around, Sent
+from torchrender.shading.plain import send
+
+EXACT = 1e-4
+
+
+def different(found: Tensor, wanted: Tensor) -> Tensor:
+    """Relative differences (N,), at least of a thousandth."""
+    return ((found - wanted).abs() / wanted.abs().clamp_min(1e-3)).amax(0)
+
+
+def check(found: Sent, wanted: Sent, covered: Tensor) -> None:
+    for name in ("radiance", "replaced", "mirrored"):
+        a, b = getattr(found, name)[:, covered], getattr(wanted, name)[:, covered]
+        assert bool(torch.isfinite(a).all()), name
+        error = different(a, b)
+        # Texels and mip levels change by steps: a coordinate on an edge may fall on either side.
+        assert float((error > EXACT).float().mean()) <= 2e-3, (name, float(error.max()))
+
+
+def factors(scene: Scene, count: int) -> Tensor:
+    generator = torch.Generator().manual_seed(0)
+    return (torch.rand(len(scene.lights), count, generator=generator) * 3 - 1).clamp(0, 1)
+
+
+@pytest.mark.parametrize("environment", [True, False])
+@pytest.mark.parametrize("orthographic", [True, False])
+def test_images_against_torch(environment: bool, orthographic: bool) -> None:
+    scene = scene_of_all(*LIGHTS, environment=environment)
+    seen = rasterize_visibility(scene.geometry, views(count=2, orthographic=orthographic))
+    gbuffer = surface_attributes(scene, seen)
+    shadow = factors(scene, seen.triangle.numel())
+    covered = gbuffer.covered.reshape(-1)
+    assert set(gbuffer.material[gbuffer.covered].tolist()) == set(range(len(scene.materials)))
+    found = send_fused(scene, seen, shadow, Around(), ("polygon", None, True))
+    check(found, send(scene, gbuffer, shadow, Around(), "polygon"), covered)
+
+
+def test_ambient_visibility_and_bent_normals_against_torch() -> None:
+    scene = scene_of_all(SUN)
+    gbuffer = rasterize(scene, views())
+    bent = torch.nn.functional.normalize(gbuffer.normal + torch.tensor([0.3, 0.2, -0.1]), dim=-1).reshape(-1, 3).T
+    around = Around(torch.rand(bent.shape[1], generator=torch.Generator().manual_seed(1)), bent)
+    found = send_fused(scene, gbuffer, None, around, ("polygon", None, True))
+    check(found, send(scene, gbuffer, None, around, "polygon"), gbuffer.covered.reshape(-1))
+
+
+def test_hits_of_rays_against_torch() -> None:
+    scene = scene_of_all(*LIGHTS)
+    origins, directions = (v.reshape(-1, 3) for v in views(40, 30).rays())
+    directions = directions * (1 + torch.arange(len(directions), dtype=torch.float64)[:, None] % 3)
+    hits = RayCaster(scene.geometry).first_hit(origins, directions)
+    samples: RaySurface = ray_surface(scene, origins, directions, hits, 0.01).image
+    shadow = factors(scene, len(origins))
+    found = send_fused(scene, samples, shadow, Around(), ("centre", None, True))
+    covered = samples.covered.reshape(-1)
+    assert bool((found.radiance[:, ~covered] == 0).all()) and bool(covered.any())
+    check(found, send(scene, samples, shadow, Around(), "centre"), covered)
+
+
+def test_a_light_that_nothing_sees_and_an_empty_scene() -> None:
+    scene = scene_of_all(*LIGHTS)
+    seen = rasterize_visibility(scene.geometry, views(16, 12))
+    none = torch.zeros(len(LIGHTS), seen.triangle.numel())
+    dark = send_fused(scene, seen, none, Around(), ("polygon", None, False)).radiance
+    unlit = send_fused(scene_of_all(), seen, None, Around(), ("polygon", None, False)).radiance
+    torch.testing.assert_close(dark, unlit)
+    nothing = Scene(ambient=torch.tensor([0.1, 0.2, 0.3]))
+    empty = rasterize_visibility(nothing.geometry, views(16, 12))
+    found = send_fused(nothing, empty, None, Around(), ("polygon", None, False)).radiance
+    torch.testing.assert_close(found, nothing.ambient[:, None].expand(3, 16 * 12))
+
+
+# ------------------------------------------------------------------- functions of numbers
+
+
+@kernel()
+def over(values, out):
+    for i in range(values.shape[0]):
+        x = values[i]
+        out[i, 0] = simd.exp2(x)
+        out[i, 1] = simd.log2(abs(x) + np.float32(1e-6))
+        out[i, 2] = simd.angle(abs(x), np.float32(1) - x)
+        out[i, 3] = simd.fifth(x)
+
+
+def test_functions_of_numbers() -> None:
+    x = np.linspace(-30, 30, 4001).astype(np.float32)
+    out = np.zeros((len(x), 4), np.float32)
+    over(x, out)
+    wide = x.astype(np.float64)
+    np.testing.assert_allclose(out[:, 0], 2.0**wide, rtol=3e-7)
+    np.testing.assert_allclose(out[:, 1], np.log2(np.abs(x) + np.float32(1e-6)), atol=3e-6)
+    np.testing.assert_allclose(out[:, 2], np.arctan2(np.abs(wide), 1 - wide), atol=4e-7)
+    np.testing.assert_allclose(out[:, 3], (1 - wide.clip(0, 1)) ** 5, atol=1e-6)
+
+
+def test_planes_against_numpy() -> None:
+    rng = np.random.default_rng(0)
+    vertices, faces = rng.normal(size=(9, 3)), rng.permutation(9).reshape(3, 3).astype(np.int32)
+    uv, second = rng.random((9, 2)).astype(np.float32), rng.random((9, 2)).astype(np.float32)
+    planes, density = np.zeros((3, 4), np.float32), np.zeros(3, np.float32)
+    pack_planes(vertices, faces, uv, second, planes, density)
+    for t, (a, b, c) in enumerate(faces):
+        cross = np.cross(vertices[b] - vertices[a], vertices[c] - vertices[a])
+        area = np.linalg.norm(cross)
+        np.testing.assert_allclose(planes[t, :3], cross / area, atol=1e-6)
+        for coordinates, found in ((uv, planes[t, 3]), (second, density[t])):
+            p, q = (coordinates[k].astype(float) - coordinates[a] for k in (b, c))
+            assert found == pytest.approx(math.sqrt(abs(p[0] * q[1] - p[1] * q[0]) / area), rel=1e-5)
+
+
+def test_every_module_of_the_kernel_is_used_by_it() -> None:
+    used = (gather.gather, layers.add_coat, lights.rectangle, lobes.add_metallic, maps.textures, sky.diffuse)
+    assert all(callable(one) for one in (*used, shade.shade))
+    assert SLOTS * SPAN * 4 < 128 << 10 and len(set(SLOT.values())) == SLOTS and max(MATERIAL.values()) < 32
+    assert noise(4, 4, 3, 0).shape == (4, 4, 3) and PANEL.area > 0

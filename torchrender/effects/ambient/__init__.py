@@ -1,0 +1,1 @@
+"""Ambient visibility: how much of the light from everywhere reaches what is seen."""

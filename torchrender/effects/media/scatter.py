@@ -1,0 +1,167 @@
+"""Scattered light and transmittance of pictures of a scene in participating media.
+
+Nothing is kept from picture to picture: every light and every number of a medium may change with each.
+Source: specification 09.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from torchrender.buffers import ShadowMap
+from torchrender.effects.media.between import Guard, Integrate, between, normaliser
+from torchrender.effects.media.eye_rays import EyeRays, eye_of, rays_of
+from torchrender.effects.media.light_images import NO_IMAGES, NO_SLICES, images_of, slices_of, views_of
+from torchrender.effects.media.march import Marcher
+from torchrender.effects.media.options import ScatterOptions
+from torchrender.effects.media.surroundings import Surroundings, glow
+from torchrender.effects.media.tables import LightTable, MediaTable
+from torchrender.errors import InputError
+from torchrender.kernels.media.integrate import EVERYWHERE, SLICED, WALKED, scatter_rays
+from torchrender.kernels.media.records import PLACE, SUN, Scattered, Source
+from torchrender.kernels.media.ways import ways_through
+from torchrender.rays import RayCaster
+from torchrender.scene.camera import Cameras
+from torchrender.scene.light import Light
+from torchrender.scene.medium import Medium
+
+GRID_STEPS = 64
+"""Steps of the way through a grid from the eye to a surface."""
+
+
+@dataclass(frozen=True, eq=False)
+class ScatteringLayer:
+    """What media put before B pictures: ``seen = transmittance * surface + scattered``."""
+
+    transmittance: Tensor  # (B,H,W,3) in [0,1]
+    scattered: Tensor  # (B,H,W,3) radiance
+    integrated: Tensor  # (B,H,W) float32 share of the lights for which the pixel's ray was integrated
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Illumination:
+    """What lights the media: lights with the depth images that tell what they reach, and what comes from everywhere."""
+
+    lights: Sequence[Light] = ()
+    shadow_maps: Sequence[ShadowMap | None] = ()  # one per light; None: the light reaches everything
+    caster: RayCaster | None = None  # of shadows="rays"
+    surroundings: Surroundings | None = None
+    size: float = 1.0  # diagonal of the scene, scene units
+
+    def __post_init__(self) -> None:
+        if self.shadow_maps and len(self.shadow_maps) != len(self.lights):
+            raise InputError(
+                f"shadow_maps must have {len(self.lights)} entries, one per light, got {len(self.shadow_maps)}"
+            )
+
+    def map_of(self, number: int) -> ShadowMap | None:
+        """The depth images of one light."""
+        return self.shadow_maps[number] if self.shadow_maps else None
+
+
+def scatter(
+    media: Sequence[Medium],
+    cameras: Cameras,
+    depth: Tensor,
+    illumination: Illumination,
+    options: ScatterOptions | None = None,
+    *,
+    position: Tensor | None = None,
+) -> ScatteringLayer:
+    """What media put before pictures: of rendered scenes, or of photographs with a depth image.
+
+    Args:
+        cameras: B of them.
+        depth: (B,H,W) camera z of what they see; +inf where that is nothing.
+        position: (B,H,W,3) float64 places of what they see, if they are known.
+
+    Raises:
+        InputError: shapes that do not fit, or shadow maps with skew.
+    """
+    options = options or ScatterOptions()
+    parts = []
+    for number in range(len(cameras)):
+        place = None if position is None else position[number]
+        parts.append(_one(media, cameras[number], depth[number], illumination, options, place))
+    if not parts:
+        empty = torch.zeros(*depth.shape, 3)
+        return ScatteringLayer(empty, empty, torch.zeros(depth.shape))
+    return ScatteringLayer(*(torch.stack(images) for images in zip(*parts, strict=True)))
+
+
+def _one(
+    media: Sequence[Medium],
+    camera: Cameras,
+    depth: Tensor,
+    illumination: Illumination,
+    options: ScatterOptions,
+    position: Tensor | None,
+) -> tuple[Tensor, Tensor, Tensor]:
+    table = MediaTable.of(media, eye_of(camera))
+    return scatter_along(rays_of(camera, depth, table, position), table, illumination, options)
+
+
+def scatter_along(
+    rays: EyeRays, table: MediaTable, illumination: Illumination, options: ScatterOptions
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Transmittance (H,W,3), scattered light (H,W,3) and share that was integrated (H,W), of any rays."""
+    shape = rays.shape
+    count = shape[0] * shape[1]
+    if not len(table) or not bool((rays.length > 0).any()):
+        return torch.ones(*shape, 3), torch.zeros(*shape, 3), torch.zeros(shape)
+    ways = torch.zeros(count, len(table))
+    ways_through(table.arrays, rays.beams, GRID_STEPS, ways.numpy())
+    transmittance = torch.exp(-(ways @ table.extinction)).reshape(*shape, 3)
+    norm = normaliser(rays, table, ways, options)
+    total, integrated = torch.zeros(count, 3), torch.zeros(shape)
+    for number, light in enumerate(illumination.lights):
+        lamp = LightTable.of(light, table.origin, options.nearest * max(illumination.size, 1e-12), options.falloff)
+        integrate = _integrator(lamp, illumination, number, table, rays, options)
+        place = None if lamp.kind == SUN or options.block == 1 else lamp.numbers[PLACE : PLACE + 3]
+        guard = Guard.of(None if place is None else torch.from_numpy(place), rays, options.halo_guard_px)
+        channels = table.arrays.extinction.shape[1]
+        found, marked = between(integrate, rays, norm, guard, channels, options)
+        radiance = torch.from_numpy(found) * (table.tint * lamp.color)
+        total += radiance
+        integrated += torch.from_numpy(marked) / len(illumination.lights)
+    total += glow(table, rays, illumination.surroundings, ways, options)
+    return transmittance, total.reshape(*shape, 3), integrated
+
+
+def _integrator(
+    lamp: LightTable, illumination: Illumination, number: int, table: MediaTable, rays: EyeRays, options: ScatterOptions
+) -> Integrate:
+    """What integrates rays of one light. Everything is made anew: nothing lasts."""
+    shadow_map = illumination.map_of(number) if options.shadows == "maps" else None
+    if options.way == "march":
+        sight = illumination.caster if options.shadows == "rays" else shadow_map
+        return Marcher(table, lamp, rays, sight, options)
+    reach = _farthest(lamp, rays)
+    images, slices, way = NO_IMAGES, NO_SLICES, EVERYWHERE
+    if shadow_map is not None:
+        views = views_of(shadow_map, table.origin)
+        made = None
+        if options.way == "slices" and rays.sight is not None:
+            made = slices_of(shadow_map, views, lamp, rays.sight, options)
+        images = images_of(shadow_map, views, pyramid=made is None)
+        slices, way = (NO_SLICES, WALKED) if made is None else (made, SLICED)
+    media, source = table.towards(lamp.kind, lamp.numbers, options), Source(lamp.numbers, lamp.airlight(table, reach))
+    panels = options.panels * (2 if table.has_grid else 1)
+    most = slices.rows.shape[1] + 2 * int(images.levels[0, 1:].sum()) * max(len(images.views), 1) + 8
+    settings = (lamp.kind, way, panels, most, np.float32(reach))
+
+    def integrate(rows: np.ndarray, out: Scattered) -> None:
+        scatter_rays(media, source, images, slices, rays.beams, rows, settings, out)
+
+    return integrate
+
+
+def _farthest(lamp: LightTable, rays: EyeRays) -> float:
+    """A distance from the lamp that no ray's nearest place exceeds."""
+    place = lamp.numbers[PLACE : PLACE + 3]
+    return float(np.linalg.norm(rays.beams.origin - place, axis=1).max()) + 1e-6

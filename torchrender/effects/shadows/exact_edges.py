@@ -1,0 +1,102 @@
+"""Edges of shadows that a map cannot tell: the triangles themselves decide, and filters only soften what they decide.
+
+A map knows depths at texel centres. Where those around a point agree by a clear margin, so do the triangles; elsewhere,
+along edges, at contacts and on rough surfaces, every point is tested against the triangles on its way to the light
+(:mod:`torchrender.kernels.shadows.exact_edges`). The filtered value then keeps its softness but not its side: a point
+that the light reaches gets the larger of s and 1 - s, any other the smaller one.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from torchrender.arrays import view as numpy_view
+from torchrender.kernels.compile import thread_count
+from torchrender.kernels.raster.records import NO_HOLES, Holes
+from torchrender.kernels.shadows.exact_edges import Casters, Cells, hide
+from torchrender.scene.camera import Cameras
+from torchrender.scene.mesh import Geometry
+
+_PER_CELL = 1.0  # points, about
+_MOST_CELLS = 1024  # along each side
+
+
+def hidden_points(geometry: Geometry, cameras: Cameras, chosen: Tensor, points: Tensor) -> Tensor:
+    """(N,) bool: some triangle lies between the light and a point.
+
+    Args:
+        cameras: V views of one light.
+        chosen: (N,) int64 the view in which each point lies; -1: it is not asked about.
+        points: (N,3) float64, moved off their own surface towards the light.
+    """
+    hidden = torch.zeros(len(points), dtype=torch.bool)
+    casters, holes = _casters(geometry), _holes(geometry)
+    rows = view_rows(cameras)
+    for index in range(len(cameras)):
+        asked = (chosen == index).nonzero().reshape(-1)
+        if len(asked):
+            cells, order = _cells(cameras, index, points[asked])
+            found = np.zeros(len(asked), np.uint8)
+            hide(casters, rows[index], cameras.orthographic, holes, cells, 16 * thread_count(), found)
+            hidden[asked[order]] = torch.from_numpy(found).bool()
+    return hidden
+
+
+def folded(visibility: Tensor, hidden: Tensor) -> Tensor:
+    """Visibility (N,) on the side that ``hidden`` (N,) bool says: the softness of an edge stays, its place is exact."""
+    other = 1.0 - visibility
+    return torch.where(hidden, torch.minimum(visibility, other), torch.maximum(visibility, other))
+
+
+def view_rows(cameras: Cameras) -> np.ndarray:
+    """(V,18) float64: 3x4 world-to-view matrix, fx, fy, cx, cy, near, far."""
+    k, size = cameras.intrinsics, len(cameras)
+    columns = [k[:, 0, 0], k[:, 1, 1], k[:, 0, 2], k[:, 1, 2], cameras.near, cameras.far]
+    table = torch.cat([cameras.camera_from_world[:, :3].reshape(size, 12), torch.stack(columns, dim=1)], dim=1)
+    return numpy_view(table, np.float64)
+
+
+def _cells(cameras: Cameras, index: int, points: Tensor) -> tuple[Cells, Tensor]:
+    """The points sorted into cells of a view's image, and their order."""
+    camera = cameras[index]
+    place = camera.transform(points)[0]
+    if not cameras.orthographic:
+        place[:, :2] = place[:, :2] / place[:, 2:].clamp_min(1e-300)
+    k = camera.intrinsics[0]
+    side = max(1, min(_MOST_CELLS, round((len(points) / _PER_CELL) ** 0.5)))
+    size = torch.tensor([camera.width, camera.height], dtype=torch.float64) / side
+    uv = place[:, :2] * k[(0, 1), (0, 1)] + k[:2, 2]
+    cell = (uv / size).floor().clamp(0, side - 1).long()
+    key = cell[:, 1] * side + cell[:, 0]
+    ordered, order = key.sort(stable=True)
+    starts = torch.searchsorted(ordered, torch.arange(side * side + 1))
+    deepest = torch.full((side * side,), -torch.inf, dtype=torch.float64)
+    deepest.scatter_reduce_(0, key, place[:, 2], "amax")
+    made = Cells(
+        place=numpy_view(place[order], np.float64),
+        starts=numpy_view(starts, np.int64),
+        deepest=numpy_view(deepest, np.float64),
+        size=numpy_view(size, np.float64),
+        shape=np.array([side, side], np.int64),
+    )
+    return made, order
+
+
+def _casters(geometry: Geometry) -> Casters:
+    return Casters(
+        vertices=numpy_view(geometry.vertices, np.float64),
+        faces=numpy_view(geometry.faces, np.int32),
+        order=numpy_view(geometry.order, np.int32),
+        clusters=numpy_view(geometry.clusters, np.int64),
+        bounds=numpy_view(geometry.cluster_bounds, np.float64),
+    )
+
+
+def _holes(geometry: Geometry) -> Holes:
+    cutout, uv = geometry.cutout, geometry.uv
+    if cutout is None or uv is None:
+        return NO_HOLES
+    masks = numpy_view(cutout.mask, np.int32), numpy_view(cutout.table, np.int64), numpy_view(cutout.texels, np.uint8)
+    return Holes(*masks, numpy_view(uv, np.float32))

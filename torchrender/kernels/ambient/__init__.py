@@ -1,0 +1,1 @@
+"""How much of the light from everywhere reaches what is seen."""

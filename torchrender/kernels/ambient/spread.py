@@ -1,0 +1,78 @@
+"""What few points know, for all pixels around them, along surfaces."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import prange
+
+from torchrender.kernels.compile import kernel
+
+REACH = 2.0
+"""Points of a row that count, to either side: four in all, so that each number of the pattern counts once."""
+
+
+class Few(NamedTuple):
+    """Points on a grid over the picture, one for every ``step`` pixels and side."""
+
+    position: np.ndarray  # (h,w,3) float32 in the camera's frame
+    normal: np.ndarray  # (h,w,3) in the camera's frame; 0: nothing is seen there
+    values: np.ndarray  # (h,w,C)
+    step: int
+
+
+class Many(NamedTuple):
+    """The pixels of the picture."""
+
+    depth: np.ndarray  # (H,W) float32; +inf: nothing
+    normal: np.ndarray  # (H,W,3) in the frame of ``turn``
+    turn: np.ndarray  # (3,3) float32 camera from that frame
+    lens: np.ndarray  # (4,) float32 fx, fy, cx, cy
+
+
+@kernel(parallel=True)
+def spread_points(few, many, out):
+    """``out`` (H,W,C): means over the points around each pixel that lie in its plane; empty pixels are left alone."""
+    height, width = many.depth.shape
+    rows, columns = few.normal.shape[:2]
+    count = few.values.shape[2]
+    turn, lens, step = many.turn, many.lens, few.step
+    zero, one, least, reach = np.float32(0.0), np.float32(1.0), np.float32(1e-6), np.float32(REACH)
+    for j in prange(height):
+        total = np.zeros(count, np.float32)
+        y = (np.float32(j) - np.float32(step // 2)) / np.float32(step)
+        for i in range(width):
+            z = many.depth[j, i]
+            if z == np.inf:
+                continue
+            px = (np.float32(i) + np.float32(0.5) - lens[2]) / lens[0] * z
+            py = (np.float32(j) + np.float32(0.5) - lens[3]) / lens[1] * z
+            n0, n1, n2 = many.normal[j, i, 0], many.normal[j, i, 1], many.normal[j, i, 2]
+            nx = turn[0, 0] * n0 + turn[0, 1] * n1 + turn[0, 2] * n2
+            ny = turn[1, 0] * n0 + turn[1, 1] * n1 + turn[1, 2] * n2
+            nz = turn[2, 0] * n0 + turn[2, 1] * n1 + turn[2, 2] * n2
+            # A point off the pixel's plane by more than the points lie apart is of another surface.
+            near = np.float32(1.0) / (z * np.float32(1.5 * step) / lens[0])
+            x = (np.float32(i) - np.float32(step // 2)) / np.float32(step)
+            top, left = np.int64(np.ceil(y - reach)), np.int64(np.ceil(x - reach))
+            here = px * nx + py * ny + z * nz
+            weights = np.float32(0.0)
+            total[:] = np.float32(0.0)
+            for r in range(max(top, 0), min(top + 4, rows)):
+                beside = reach - abs(y - np.float32(r))
+                for c in range(max(left, 0), min(left + 4, columns)):
+                    p, n = few.position[r, c], few.normal[r, c]
+                    like = max(n[0] * nx + n[1] * ny + n[2] * nz, zero)
+                    off = (p[0] * nx + p[1] * ny + p[2] * nz - here) * near
+                    like *= max(one - off * off, zero)
+                    like *= like
+                    weight = beside * (reach - abs(x - np.float32(c))) * (like * like + least)
+                    if n[0] == zero and n[1] == zero and n[2] == zero:
+                        continue
+                    weights += weight
+                    for k in range(count):
+                        total[k] += weight * few.values[r, c, k]
+            if weights > np.float32(0.0):
+                for k in range(count):
+                    out[j, i, k] = total[k] / weights

@@ -1,0 +1,1 @@
+"""Light that media scatter towards the eye."""

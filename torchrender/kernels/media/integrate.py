@@ -1,0 +1,299 @@
+"""Light of one source that media scatter along rays towards the eye. Source: specification 09, sections 3 and 12.
+
+First where a ray is lit, then what arrives from there: differences of one integral along the ray.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import prange
+
+from torchrender.kernels.atomics import borrowed
+from torchrender.kernels.compile import kernel
+from torchrender.kernels.media.airlight import airlight_row, airlight_to
+from torchrender.kernels.media.angles import arctan2
+from torchrender.kernels.media.density import box_span
+from torchrender.kernels.media.nodes import fill_nodes
+from torchrender.kernels.media.panels import WIDTH, fill_panel, integral_to
+from torchrender.kernels.media.records import AMBIENT, AXIS, FLAT, NEAREST, OUTER, RECT, SPOT, SQUARE, SUN
+from torchrender.kernels.media.slices import slice_ray
+from torchrender.kernels.media.walk import walk_ray
+
+F = np.float32
+EVERYWHERE, WALKED, SLICED = 0, 1, 2
+"""How it is found out where a ray is lit: it is everywhere, by a walk, by slices."""
+GROUP = 256  # rays that a thread takes at a time
+NEAR = 4  # times as many panels where a ray comes as near to a lamp as that gets no brighter
+SHARE, PARTS, LOOKS = 0, 1, 2
+"""What is told of a ray: its lit share (of the panels' variable), lit parts, and cells that were looked at."""
+
+
+@kernel(inline=True)
+def light_span(kind, light, o, d, begin, end):
+    """The part of a ray that a light shines on: inside a spot's cone, before a rectangle."""
+    if kind == RECT:
+        value, rate = F(0.0), F(0.0)
+        for c in range(3):
+            value += light[AXIS + c] * (o[c] - light[c])
+            rate += light[AXIS + c] * d[c]
+        if rate == F(0.0):
+            return (begin, end) if value > F(0.0) else (F(1.0), F(0.0))
+        at = -value / rate
+        return (max(begin, at), end) if rate > F(0.0) else (begin, min(end, at))
+    if kind != SPOT:
+        return begin, end
+    # (a.(x - p))^2 >= cos^2 |x - p|^2 on the side of the axis: a convex cone meets a line in one piece.
+    pa, da, pp, pd = F(0.0), F(0.0), F(0.0), F(0.0)
+    for c in range(3):
+        p = o[c] - light[c]
+        pa += light[AXIS + c] * p
+        da += light[AXIS + c] * d[c]
+        pp += p * p
+        pd += p * d[c]
+    k = light[OUTER] * light[OUTER]
+    a, b, c2 = da * da - k, pa * da - k * pd, pa * pa - k * pp
+    root = b * b - a * c2
+    if abs(a) < F(1e-9):
+        if abs(b) < F(1e-12):
+            return (begin, end) if c2 >= F(0.0) and pa >= F(0.0) else (F(1.0), F(0.0))
+        at = -c2 / (F(2.0) * b)
+        first, last = (at, end) if b > F(0.0) else (begin, at)
+    elif root <= F(0.0):
+        return (F(1.0), F(0.0)) if a < F(0.0) else ((begin, end) if pa > F(0.0) else (F(1.0), F(0.0)))
+    else:
+        root = math.sqrt(root)
+        low, high = (-b - root) / a, (-b + root) / a
+        low, high = min(low, high), max(low, high)
+        if a < F(0.0):
+            first, last = low, high
+        elif da > F(0.0):
+            first, last = high, end
+        else:
+            first, last = begin, low
+    first, last = max(first, begin), min(last, end)
+    if not last > first:
+        return F(1.0), F(0.0)
+    middle = F(0.5) * (first + last)
+    return (first, last) if pa + da * middle > F(0.0) else (F(1.0), F(0.0))
+
+
+@kernel(inline=True)
+def break_points(media, kind, light, o, d, begin, end, points):
+    """Lengths, in order, between which the same media are met and, before the sun, the same sides of boxes."""
+    points[0], points[1] = begin, end
+    count = 2
+    for m in range(media.low.shape[0]):
+        a, b = box_span(media.low[m], media.high[m], o[0], o[1], o[2], d[0], d[1], d[2])
+        if b > a:
+            for t in (a, b):
+                if t > begin and t < end and count < len(points):
+                    points[count] = t
+                    count += 1
+            if kind == SUN:
+                # The way to the sun leaves the box where the least of three linear functions says.
+                for i in range(3):
+                    for j in range(i):
+                        si, sj = light[AXIS + i], light[AXIS + j]
+                        if si == F(0.0) or sj == F(0.0):
+                            continue
+                        hi = media.low[m, i] if si > F(0.0) else media.high[m, i]
+                        hj = media.low[m, j] if sj > F(0.0) else media.high[m, j]
+                        rate = d[i] / si - d[j] / sj
+                        value = (o[i] - hi) / si - (o[j] - hj) / sj
+                        if rate != F(0.0):
+                            t = -value / rate
+                            if t > max(begin, a) and t < min(end, b) and count < len(points):
+                                points[count] = t
+                                count += 1
+    for i in range(1, count):
+        value = points[i]
+        j = i
+        while j > 0 and points[j - 1] > value:
+            points[j] = points[j - 1]
+            j -= 1
+        points[j] = value
+    return count
+
+
+@kernel(inline=True)
+def fill_panels(media, kind, light, ray, begin, end, steps, angles, scratch):
+    """Panels of a ray for all channels; returns their number. ``scratch``: see :func:`scatter_rays`."""
+    o, d, t0, away, _ = ray
+    panels, nodes, points, active = scratch
+    factor, exponent, _, variable, _, before = nodes
+    channels = media.extinction.shape[1]
+    pieces = break_points(media, kind, light, o, d, begin, end, points)
+    whole = arctan2(end - t0, away) - arctan2(begin - t0, away) if angles else end - begin
+    exact = kind == SUN and media.low.shape[0] == 1 and media.kind[0] == FLAT
+    count = np.int64(0)
+    for c in range(channels):
+        before[c] = F(0.0)
+    for piece in range(pieces - 1):
+        ta, tb = points[piece], points[piece + 1]
+        if not tb > ta:
+            continue
+        middle = F(0.5) * (ta + tb)
+        met = False
+        for m in range(media.low.shape[0]):
+            inside = True
+            for c in range(3):
+                at = o[c] + d[c] * middle
+                inside = inside and at >= media.low[m, c] and at <= media.high[m, c]
+            active[m] = inside
+            met = met or inside
+        if not met:
+            continue
+        first, last = ta, tb
+        if angles:
+            first, last = arctan2(ta - t0, away), arctan2(tb - t0, away)
+        number = np.int64(F(steps) * (last - first) / max(whole, F(1e-30))) + 1
+        number = 1 if exact else min(max(number, 2), steps)
+        number = min(number, panels.shape[1] - count)
+        if number <= 0 or not last > first:
+            continue
+        part = (ta, tb, first, last, 2 * number + 1, active, angles)
+        fill_nodes(media, kind, light, ray, part, nodes)
+        for c in range(channels):
+            total = F(0.0)
+            if count > 0:
+                panel = panels[c, count - 1]
+                total = panel[8]
+            for k in range(number):
+                a = (factor[c, 2 * k], factor[c, 2 * k + 1], factor[c, 2 * k + 2])
+                e = (exponent[c, 2 * k], exponent[c, 2 * k + 1], exponent[c, 2 * k + 2])
+                panel = panels[c, count + k]
+                total = fill_panel(panel, variable[2 * k], variable[2 * k + 2] - variable[2 * k], total, a, e)
+                panel[8] = total
+        count += number
+    return count
+
+
+@kernel(inline=True)
+def lit_spans(way, images, slices, ray, spans):
+    """Lit parts of a ray between two lengths; returns their number and what was looked at."""
+    o, d, begin, end = ray
+    if way == WALKED:
+        return walk_ray(images, o, d, begin, end, spans)
+    if way == SLICED:
+        return slice_ray(slices, images.parallel, d, begin, end, spans)
+    spans[0, 0], spans[0, 1] = begin, end
+    return np.int64(1), np.int64(0)
+
+
+@kernel(inline=True)
+def scatter_ray(media, source, seen, ray, settings, scratch, out):
+    """One ray: light per channel in ``out[0]``, and what is told of it in ``out[1]``."""
+    kind, light, table, reach = source
+    o, d, begin, end = ray
+    way, steps = settings
+    panels, nodes, points, active, spans = scratch
+    radiance, told = out
+    channels = media.extinction.shape[1]
+    for c in range(channels):
+        radiance[c] = F(0.0)
+    told[0], told[1], told[2] = F(0.0), F(0.0), F(0.0)
+    begin, end = light_span(kind, light, o, d, begin, end)
+    if not end > begin:
+        return
+    t0, away, offset = F(0.0), F(1.0), (F(0.0), F(0.0), F(0.0))
+    angles = kind != SUN and kind != AMBIENT and light[SQUARE] > F(0.0)
+    if kind != SUN and kind != AMBIENT:
+        t0 = d[0] * (light[0] - o[0]) + d[1] * (light[1] - o[1]) + d[2] * (light[2] - o[2])
+        offset = (o[0] + d[0] * t0 - light[0], o[1] + d[1] * t0 - light[1], o[2] + d[2] * t0 - light[2])
+        away = math.sqrt(offset[0] * offset[0] + offset[1] * offset[1] + offset[2] * offset[2])
+    tabled = table.shape[1] > 1 and away > light[NEAREST]
+    close = kind != SUN and kind != AMBIENT and away <= light[NEAREST]
+    away = max(away, max(F(0.5) * light[NEAREST], F(1e-12)))
+    count, looks = lit_spans(way, seen[0], seen[1], ray, spans)
+    told[2] = F(looks)
+    xa = arctan2(begin - t0, away) if angles else begin
+    xb = arctan2(end - t0, away) if angles else end
+    lit = 0
+    for k in range(count):
+        a, b = max(spans[k, 0], begin), min(spans[k, 1], end)
+        if b > a:
+            if angles:
+                a, b = arctan2(a - t0, away), arctan2(b - t0, away)
+            spans[lit, 0], spans[lit, 1] = a, b
+            told[0] += b - a
+            lit += 1
+    told[0] /= max(xb - xa, F(1e-30))
+    told[1] = F(lit)
+    if lit == 0:
+        return
+    if tabled:
+        row, weight = airlight_row(table, away / reach)
+        # The table holds extinction from the place nearest to the lamp on.
+        for c in range(channels):
+            total = F(0.0)
+            for k in range(lit):
+                total += airlight_to(table, c, row, weight, spans[k, 1]) - airlight_to(
+                    table, c, row, weight, spans[k, 0]
+                )
+            strength = media.scattering[0, c] * media.numbers[0, 0] / away
+            optical = media.extinction[0, c] * media.numbers[0, 0] * (ray[2] - t0)
+            radiance[c] = max(total, F(0.0)) * strength * F(math.exp(min(optical, F(80.0))))
+        return
+    number = fill_panels(
+        media,
+        kind,
+        light,
+        (o, d, t0, away, offset),
+        begin,
+        end,
+        NEAR * steps if close else steps,
+        angles,
+        (panels, nodes, points, active),
+    )
+    if number == 0:
+        return
+    for c in range(channels):
+        total, hint = F(0.0), np.int64(0)
+        for k in range(lit):
+            below, hint = integral_to(panels[c], number, hint, spans[k, 0])
+            above, hint = integral_to(panels[c], number, hint, spans[k, 1])
+            total += above - below
+        radiance[c] = max(total, F(0.0))
+
+
+@kernel(parallel=True)
+def scatter_rays(media, source, images, slices, beams, chosen, settings, out):
+    """Light of one source along the chosen rays.
+
+    Args:
+        media: :class:`Media`. source: :class:`Source`. images: :class:`Images`. slices: :class:`Slices`.
+        beams: :class:`Beams`. chosen: (P,) int64 rows of rays.
+        settings: (kind of light, way, panels, most lit parts, greatest distance of the table).
+        out: :class:`Scattered`; rows of other rays stay as they are.
+    """
+    kind, way, steps, most, reach = settings
+    boxes, channels = media.extinction.shape
+    most_panels = (2 * boxes + 2) * 2 + NEAR * steps + 8
+    groups = (len(chosen) + GROUP - 1) // GROUP
+    for group in prange(groups):
+        fields, sight = borrowed(media), (borrowed(images), borrowed(slices))
+        light, table = borrowed(source)
+        lamp = (kind, light, table, reach)
+        origin, direction, span = borrowed(beams)
+        radiance, told = borrowed(out)
+        rows = borrowed(chosen)
+        panels = np.empty((channels, most_panels, WIDTH), F)
+        nodes = (
+            np.empty((channels, 2 * NEAR * steps + 1), F), np.empty((channels, 2 * NEAR * steps + 1), F), np.empty(2 * NEAR * steps + 1, F),
+            np.empty(2 * NEAR * steps + 1, F), np.empty((3, 2 * NEAR * steps + 1), F), np.empty(channels, F),
+        )  # fmt: skip
+        points, active, spans = np.empty(5 * boxes + 2, F), np.empty(boxes, np.bool_), np.empty((most, 2), F)
+        scratch = borrowed((panels, nodes, points, active, spans))
+        for n in range(np.int64(group) * GROUP, min(np.int64(group) * GROUP + GROUP, len(rows))):
+            i = rows[n]
+            k = i if len(origin) > 1 else 0
+            if span[i, 1] > span[i, 0]:
+                ray = (origin[k], direction[i], span[i, 0], span[i, 1])
+                scatter_ray(fields, lamp, sight, ray, (way, steps), scratch, (radiance[i], told[i]))
+            else:
+                for c in range(channels):
+                    radiance[i, c] = F(0.0)
+                for c in range(3):
+                    told[i, c] = F(0.0)

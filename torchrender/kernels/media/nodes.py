@@ -1,0 +1,201 @@
+"""What a light would bring to the nodes of a ray's panels if nothing stood in its way."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from torchrender.kernels.compile import kernel
+from torchrender.kernels.media.angles import tangent
+from torchrender.kernels.media.density import SHADOWING, box_span, mean_of_exponential, trilinear, way_through
+from torchrender.kernels.media.records import (
+    AMBIENT,
+    AREA,
+    AXIS,
+    DENSITY,
+    FALLOFF,
+    FLAT,
+    GRID,
+    GROUND,
+    INNER,
+    NEAREST,
+    OUTER,
+    RECT,
+    SPOT,
+    SQUARE,
+    SUN,
+    G,
+)
+
+F = np.float32
+PER_SPHERE = F(0.25 / math.pi)
+
+
+@kernel(inline=True)
+def phase(g, cosine):
+    """Henyey-Greenstein, per steradian; ``cosine`` between the ways of the light before and after."""
+    if g == F(0.0):
+        return PER_SPHERE
+    # 1 + g^2 - 2 g c, without cancellation where light hardly turns.
+    base = max((F(1.0) - g) * (F(1.0) - g) + F(2.0) * g * (F(1.0) - cosine), F(1e-8))
+    return PER_SPHERE * (F(1.0) - g * g) / (base * math.sqrt(base))
+
+
+@kernel(inline=True)
+def falloff(kind, light, r2, along, d, offset):
+    """What of a lamp's power arrives at a place of a ray, per squared length.
+
+    Args:
+        r2: squared distance. along: place on the ray, from the one nearest to the lamp.
+        offset: (3,) from the lamp to the nearest place.
+    """
+    value = F(1.0) / max(r2, light[NEAREST] * light[NEAREST]) if light[SQUARE] > F(0.0) else F(1.0)
+    if kind == SPOT or kind == RECT:
+        r = max(math.sqrt(r2), F(1e-20))
+        toward = light[AXIS] * (offset[0] + d[0] * along)
+        toward += light[AXIS + 1] * (offset[1] + d[1] * along)
+        toward += light[AXIS + 2] * (offset[2] + d[2] * along)
+        cosine = toward / r
+        if kind == SPOT:
+            share = min(max((cosine - light[OUTER]) / max(light[INNER] - light[OUTER], F(1e-6)), F(0.0)), F(1.0))
+            return value * share * share * (F(3.0) - F(2.0) * share)
+        value = F(1.0) / (r2 + light[AREA] * F(0.5 / math.pi)) if light[SQUARE] > F(0.0) else F(1.0)
+        return value * light[AREA] * max(cosine, F(0.0))
+    return value
+
+
+@kernel(inline=True)
+def light_way(media, m, kind, light, x, y, z):
+    """Integral of the density of medium ``m`` on the way from a light to a place."""
+    if kind == SUN:
+        wx, wy, wz, length = -light[AXIS], -light[AXIS + 1], -light[AXIS + 2], F(1e30)
+    else:
+        wx, wy, wz = light[0] - x, light[1] - y, light[2] - z
+        length = math.sqrt(wx * wx + wy * wy + wz * wz)
+        inverse = F(1.0) / max(length, F(1e-20))
+        wx, wy, wz = wx * inverse, wy * inverse, wz * inverse
+    low, high = media.low[m], media.high[m]
+    inside = x >= low[0] and x <= high[0] and y >= low[1] and y <= high[1] and z >= low[2] and z <= high[2]
+    if media.kind[m] == GRID and inside:
+        _, end = box_span(low, high, x, y, z, wx, wy, wz)
+        way = max(min(end, length), F(0.0))
+        return way * trilinear(media.means, media.coarse[m], low, high, x, y, z)
+    return way_through(media, m, x, y, z, wx, wy, wz, length, SHADOWING)
+
+
+@kernel(inline=True)
+def fill_nodes(media, kind, light, ray, part, nodes):
+    """Factor and exponent of the light that the nodes send to the eye, for all channels.
+
+    Args:
+        ray: (origin, direction, t0, away, offset from the lamp to the ray's nearest place).
+        part: (begin, end) in lengths, (first, last) in panels' variable, nodes, active media (M,) bool, and whether
+            the variable is the angle at the lamp.
+        nodes: (factor (C,N), exponent (C,N), length (N,), variable (N,), scratch (3,N), optical depth before (C,)),
+            written; the last becomes that at the end.
+    """
+    o, d, t0, away, offset = ray
+    begin, end, first, last, count, active, angles = part
+    factor, exponent, lengths, variable, scratch, before = nodes
+    channels = media.extinction.shape[1]
+    inverse_count = F(1.0) / F(count - 1)
+    for j in range(count):
+        share = F(j) * inverse_count
+        if angles:
+            # Denser towards both ends, where extinction changes within little angle.
+            share = share * share * (F(3.0) - F(2.0) * share)
+            x = first + (last - first) * share
+            t = t0 + away * tangent(x)
+        else:
+            x = first + (last - first) * share
+            t = x
+        variable[j] = x
+        lengths[j] = min(max(t, begin), end)
+    lengths[0], lengths[count - 1] = begin, end
+    variable[count - 1] = last
+    for j in range(count):
+        along = lengths[j] - t0
+        if kind == SUN or kind == AMBIENT:
+            base = F(1.0)
+        else:
+            near = offset[0] * offset[0] + offset[1] * offset[1] + offset[2] * offset[2]
+            base = falloff(kind, light, near + along * along, along, d, offset)
+            if angles:
+                base *= (away * away + along * along) / away
+        scratch[0, j] = base
+    for c in range(channels):
+        for j in range(count):
+            factor[c, j] = F(0.0)
+            exponent[c, j] = before[c]
+    for m in range(media.low.shape[0]):
+        if active[m]:
+            add_active(media, m, kind, light, ray, lengths, count, nodes)
+        if kind != AMBIENT:
+            for j in range(count):
+                t = lengths[j]
+                way = light_way(media, m, kind, light, o[0] + d[0] * t, o[1] + d[1] * t, o[2] + d[2] * t)
+                for c in range(channels):
+                    exponent[c, j] += media.extinction[m, c] * way
+
+
+@kernel(inline=True)
+def add_active(media, m, kind, light, ray, lengths, count, nodes):
+    """Add a medium that the nodes lie in."""
+    o, d, t0, _, offset = ray
+    factor, exponent, _, _, scratch, before = nodes
+    channels = media.extinction.shape[1]
+    begin = lengths[0]
+    density, eye = scratch[1], scratch[2]
+    if media.kind[m] == GRID:
+        for j in range(count):
+            t = lengths[j]
+            density[j] = trilinear(
+                media.cells,
+                media.dims[m],
+                media.low[m],
+                media.high[m],
+                o[0] + d[0] * t,
+                o[1] + d[1] * t,
+                o[2] + d[2] * t,
+            )
+        eye[0] = F(0.0)
+        for j in range(2, count, 2):  # a quadratic through each three nodes
+            a, b, c = density[j - 2], density[j - 1], density[j]
+            h0, h1 = lengths[j - 1] - lengths[j - 2], lengths[j] - lengths[j - 1]
+            eye[j - 1] = eye[j - 2] + F(0.5) * (a + b) * h0
+            if abs(h0 - h1) <= F(1e-3) * (h0 + h1):
+                eye[j - 1] = eye[j - 2] + max(F(5.0) * a + F(8.0) * b - c, F(0.0)) * h0 * F(1.0 / 12.0)
+                eye[j] = eye[j - 2] + (a + F(4.0) * b + c) * (h0 + h1) * F(1.0 / 6.0)
+            else:
+                eye[j] = eye[j - 1] + F(0.5) * (b + c) * h1
+    elif media.kind[m] == FLAT:
+        a = media.numbers[m, DENSITY]
+        for j in range(count):
+            density[j] = a
+            eye[j] = a * (lengths[j] - begin)
+    else:
+        a, b, ground = media.numbers[m, DENSITY], media.numbers[m, FALLOFF], media.numbers[m, GROUND]
+        for j in range(count):
+            density[j] = a * F(math.exp(b * (ground - o[1] - d[1] * lengths[j])))
+        for j in range(count):
+            way = lengths[j] - begin
+            eye[j] = way * mean_of_exponential(density[0], density[j], b * d[1] * way)
+    g = media.numbers[m, G]
+    near = offset[0] * offset[0] + offset[1] * offset[1] + offset[2] * offset[2]
+    turned = PER_SPHERE
+    if kind == SUN:
+        turned = phase(g, -(light[AXIS] * d[0] + light[AXIS + 1] * d[1] + light[AXIS + 2] * d[2]))
+    for j in range(count):
+        if kind == AMBIENT:
+            value = density[j] * scratch[0, j]
+        elif kind == SUN or g == F(0.0):
+            value = density[j] * scratch[0, j] * turned
+        else:
+            along = lengths[j] - t0
+            value = density[j] * scratch[0, j] * phase(g, -along / math.sqrt(max(near + along * along, F(1e-30))))
+        for c in range(channels):
+            factor[c, j] += media.scattering[m, c] * value
+            exponent[c, j] += media.extinction[m, c] * eye[j]
+    for c in range(channels):
+        before[c] += media.extinction[m, c] * eye[count - 1]

@@ -1,0 +1,163 @@
+"""The covered pixels of a tile into scratch: what their triangles carry, where they lie, how they look at the eye."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from torchrender.kernels.compile import kernel
+from torchrender.kernels.raster.attributes import MIN_COSINE
+from torchrender.kernels.shading.records import MATERIAL, SLOT, SPAN
+from torchrender.kernels.shading.simd import HALF, ONE, TINY, ZERO, f4, log2
+
+PX, PY, PZ, NX, NY, NZ = (SLOT[n] for n in ("PX", "PY", "PZ", "NX", "NY", "NZ"))
+SX, SY, SZ, GX, GY, GZ = (SLOT[n] for n in ("SX", "SY", "SZ", "GX", "GY", "GZ"))
+EX, EY, EZ, U, V, LV = (SLOT[n] for n in ("EX", "EY", "EZ", "U", "V", "LV"))
+U1, V1, L1, TX, TY, TZ, TW = (SLOT[n] for n in ("U1", "V1", "L1", "TX", "TY", "TZ", "TW"))
+BR, DR, SR, SH, VS = (SLOT[n] for n in ("BR", "DR", "SR", "SH", "VS"))
+SHININESS = MATERIAL["shininess"]
+DIFFUSE = MATERIAL["diffuse"]
+LEAST, LARGEST = f4(1e-12), f4(1e12)
+
+
+@kernel()
+def gather(box, samples, view, packed, looks, work):
+    """Attributes of the covered pixels of a tile into ``s``; -> their count, that of empty ones, kinds as bits.
+
+    ``box`` = first and one past last column, then row. Bits: 1 << kind, flags of :attr:`Looks.groups_of` << 3.
+    """
+    x0, x1, y0, y1 = box
+    s, pix, mat, empty = work
+    triangle, weights, depth = samples.triangle, samples.weights, samples.depth
+    corners, planes, ids = packed.corners, packed.planes, packed.ids
+    numbers, kinds_of = looks.numbers, looks.groups_of
+    of_rays = samples.position.shape[0] > 0
+    n, e, bits, last = 0, 0, 0, np.int64(-1)
+    a = b = c = m = np.int32(0)
+    gx = gy = gz = density = exponent = red = green = blue = ZERO
+    for y in range(y0, y1):
+        for x in range(x0, x1):
+            t = triangle[y, x]
+            row = y * triangle.shape[1] + x
+            if t < 0:
+                s[DR + e], s[DR + SPAN + e], empty[e] = f4(x) + HALF, f4(y) + HALF, row
+                e += 1
+                continue
+            if t != last:
+                last = t
+                a, b, c, m = ids[t, 0], ids[t, 1], ids[t, 2], ids[t, 3]
+                gx, gy, gz, density = planes[t, 0], planes[t, 1], planes[t, 2], planes[t, 3]
+                exponent = numbers[m, SHININESS]
+                red, green, blue = numbers[m, DIFFUSE], numbers[m, DIFFUSE + 1], numbers[m, DIFFUSE + 2]
+                bits |= (1 << kinds_of[m, 2]) | (kinds_of[m, 3] << 3)
+            u, v = weights[y, x, 0], weights[y, x, 1]
+            w = ONE - u - v
+            pix[n], mat[n] = row, m
+            s[GX + n], s[GY + n], s[GZ + n] = gx, gy, gz
+            for k in range(3):
+                s[NX + k * SPAN + n] = w * corners[a, k] + u * corners[b, k] + v * corners[c, k]
+            s[BR + n] = red * (w * corners[a, 3] + u * corners[b, 3] + v * corners[c, 3])
+            s[BR + SPAN + n] = green * (w * corners[a, 4] + u * corners[b, 4] + v * corners[c, 4])
+            s[BR + 2 * SPAN + n] = blue * (w * corners[a, 5] + u * corners[b, 5] + v * corners[c, 5])
+            du, dv = np.float64(u), np.float64(v)  # large texture coordinates need it
+            dw = 1.0 - du - dv
+            s[U + n] = f4(dw * corners[a, 6] + du * corners[b, 6] + dv * corners[c, 6])
+            s[V + n] = f4(dw * corners[a, 7] + du * corners[b, 7] + dv * corners[c, 7])
+            s[LV + n], s[SH + n] = density, exponent
+            if of_rays:
+                for k in range(3):
+                    s[PX + k * SPAN + n] = f4(samples.position[row, k] - view.origin[k])
+                    s[EX + k * SPAN + n] = samples.to_eye[row, k]
+                s[VS + n] = f4(samples.width[row])
+            else:
+                s[PX + n], s[PY + n], s[PZ + n] = f4(x) + HALF, f4(y) + HALF, depth[y, x]
+            n += 1
+    return n, e, bits
+
+
+@kernel()
+def gather_further(samples, packed, s, n, pix):
+    """Second texture coordinates and tangents, where the scene has some."""
+    triangle, weights = samples.triangle, samples.weights
+    width = np.int64(triangle.shape[1])
+    second, tangents = packed.further.shape[0] > 0, packed.tangent_row.shape[0] > 0
+    for i in range(n):
+        y = np.int64(pix[i]) // width
+        x = np.int64(pix[i]) - y * width
+        t = triangle[y, x]
+        a, b, c = packed.ids[t, 0], packed.ids[t, 1], packed.ids[t, 2]
+        u, v = weights[y, x, 0], weights[y, x, 1]
+        w = ONE - u - v
+        if second:
+            du, dv = np.float64(u), np.float64(v)
+            dw = 1.0 - du - dv
+            f = packed.further
+            s[U1 + i] = f4(dw * f[a, 0] + du * f[b, 0] + dv * f[c, 0])
+            s[V1 + i] = f4(dw * f[a, 1] + du * f[b, 1] + dv * f[c, 1])
+            s[L1 + i] = packed.density[t]
+        if tangents:
+            row = packed.tangent_row[t]
+            for k in range(4):
+                s[TX + k * SPAN + i] = ZERO
+            if row >= 0:
+                g = packed.tangents
+                for k in range(3):
+                    s[TX + k * SPAN + i] = w * g[row, 0, k] + u * g[row, 1, k] + v * g[row, 2, k]
+                s[TW + i] = ONE if w * g[row, 0, 3] + u * g[row, 1, 3] + v * g[row, 2, 3] >= ZERO else -ONE
+
+
+@kernel()
+def place(s, n, view):
+    """Position, direction to the eye and width of a pixel there, of pixels of an image."""
+    view = view.numbers
+    r00, r01, r02, r10, r11, r12 = view[0], view[1], view[2], view[3], view[4], view[5]
+    r20, r21, r22, ox, oy, oz = view[6], view[7], view[8], view[9], view[10], view[11]
+    fx, fy, fz, size, flat = view[12], view[13], view[14], view[15], view[16]
+    for i in range(n):
+        x, y, z = s[PX + i], s[PY + i], s[PZ + i]
+        dx, dy, dz = r00 * x + r01 * y + r02, r10 * x + r11 * y + r12, r20 * x + r21 * y + r22
+        k = flat + (ONE - flat) * z  # orthographic (flat = 1): the ray matrix goes across the image
+        s[PX + i] = ox + k * dx + flat * z * fx
+        s[PY + i] = oy + k * dy + flat * z * fy
+        s[PZ + i] = oz + k * dz + flat * z * fz
+        dx, dy, dz = (ONE - flat) * dx + flat * fx, (ONE - flat) * dy + flat * fy, (ONE - flat) * dz + flat * fz
+        inv = ONE / math.sqrt(max(dx * dx + dy * dy + dz * dz, TINY))
+        s[EX + i], s[EY + i], s[EZ + i] = -dx * inv, -dy * inv, -dz * inv
+        s[VS + i] = size * k
+
+
+@kernel()
+def face(s, n):
+    """Normals that face the eye; footprints of the pixel in texture coordinates, as logarithms."""
+    for i in range(n):
+        dx, dy, dz = s[EX + i], s[EY + i], s[EZ + i]
+        gx, gy, gz = s[GX + i], s[GY + i], s[GZ + i]
+        facing = gx * dx + gy * dy + gz * dz
+        sign = -ONE if facing < ZERO else ONE
+        gx, gy, gz = gx * sign, gy * sign, gz * sign
+        nx, ny, nz = s[NX + i], s[NY + i], s[NZ + i]
+        square = nx * nx + ny * ny + nz * nz
+        inv = ONE / math.sqrt(max(square, TINY))
+        side = nx * gx + ny * gy + nz * gz
+        inv = -inv if side < ZERO else inv
+        own = square > TINY and side != ZERO
+        nx, ny, nz = (nx * inv if own else gx), (ny * inv if own else gy), (nz * inv if own else gz)
+        width = s[VS + i] / math.sqrt(max(abs(facing), f4(MIN_COSINE)))
+        s[GX + i], s[GY + i], s[GZ + i] = gx, gy, gz
+        s[NX + i], s[NY + i], s[NZ + i] = nx, ny, nz
+        s[SX + i], s[SY + i], s[SZ + i] = nx, ny, nz
+        s[LV + i] = log2(min(max(s[LV + i] * width, LEAST), LARGEST))
+        s[VS + i] = width
+        turned = -ONE if (side < ZERO or (not own and facing < ZERO)) else ONE
+        s[TX + i], s[TY + i] = s[TX + i] * turned, s[TY + i] * turned
+        s[TZ + i], s[TW + i] = s[TZ + i] * turned, s[TW + i] * turned
+    for i in range(n):
+        s[SR + i] = s[SR + SPAN + i] = s[SR + 2 * SPAN + i] = ZERO
+
+
+@kernel()
+def face_further(s, n):
+    """Footprints in the second texture coordinates, as logarithms."""
+    for i in range(n):
+        s[L1 + i] = log2(min(max(s[L1 + i] * s[VS + i], LEAST), LARGEST))

@@ -1,0 +1,211 @@
+"""How surfaces send the light on: Phong's lobe, or GGX with energy compensation over a coupled diffuse part."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from torchrender.kernels.compile import kernel
+from torchrender.kernels.shading.records import MATERIAL, METALLIC, SLOT, SPAN, UNLIT
+from torchrender.kernels.shading.simd import HALF, INV_PI, ONE, PI, TINY, TWO, ZERO, exp2, f4, fifth, log2
+
+NX, NY, NZ, SX, SY, SZ = (SLOT[n] for n in ("NX", "NY", "NZ", "SX", "SY", "SZ"))
+EX, EY, EZ, LX, LY, LZ = (SLOT[n] for n in ("EX", "EY", "EZ", "LX", "LY", "LZ"))
+BR, OR, HR, HA, OC, RO, ME, CC = (SLOT[n] for n in ("BR", "OR", "HR", "HA", "OC", "RO", "ME", "CC"))
+DR, DG, DB, SR, SG, SB, AM, VS, SH = (SLOT[n] for n in ("DR", "DG", "DB", "SR", "SG", "SB", "AM", "VS", "SH"))
+FR, FG, FB, FH, KR, KG, KB = (SLOT[n] for n in ("FR", "FG", "FB", "FH", "KR", "KG", "KB"))
+WR, MR, MG, MB, LO, HI, IN, NV = (SLOT[n] for n in ("WR", "MR", "MG", "MB", "LO", "HI", "IN", "NV"))
+SL, CL, TH, YR, YG, YB = (SLOT[n] for n in ("SL", "CL", "TH", "YR", "YG", "YB"))
+DIELECTRIC, WEIGHT, SHEEN, SHEEN_ROUGHNESS = (MATERIAL[n] for n in ("dielectric", "weight", "sheen", "sheen_roughness"))
+TRANSMISSION, DEGREE, LOBE = (MATERIAL[n] for n in ("transmission", "degree", "lobe"))
+SMOOTHEST, LEAST_COSINE, COAT_F0 = f4(0.045), f4(1e-3), f4(0.04)
+
+
+@kernel()
+def add_phong(s, n, light, shiny):
+    """One light's diffuse and mirrored irradiance."""
+    for c in range(3):
+        color = light[7 + c] * INV_PI
+        for i in range(n):
+            s[DR + c * SPAN + i] += color * s[AM + i]
+    if shiny:
+        for i in range(n):
+            nx, ny, nz = s[NX + i], s[NY + i], s[NZ + i]
+            lx, ly, lz, ex, ey, ez = s[LX + i], s[LY + i], s[LZ + i], s[EX + i], s[EY + i], s[EZ + i]
+            d = TWO * (nx * ex + ny * ey + nz * ez)
+            c = min(max((d * nx - ex) * lx + (d * ny - ey) * ly + (d * nz - ez) * lz, ZERO), ONE)
+            s[VS + i] = s[AM + i] * exp2(s[SH + i] * log2(max(c, TINY)))
+        for c in range(3):
+            color = light[7 + c]
+            for i in range(n):
+                s[SR + c * SPAN + i] += color * s[VS + i]
+
+
+@kernel(inline=True)
+def albedo(table, cosine, roughness):
+    """Directional albedo: terms of f0 and of f90, and of sheen."""
+    last = f4(table.shape[0] - 1)
+    x, y = math.sqrt(min(max(cosine, ZERO), ONE)) * last, min(max(roughness, ZERO), ONE) * last
+    i, j = min(np.int32(x), np.int32(table.shape[0] - 2)), min(np.int32(y), np.int32(table.shape[0] - 2))
+    u, v = x - f4(i), y - f4(j)
+    w11 = u * v
+    w01, w10 = u - w11, v - w11
+    w00 = ONE - u - w10
+    k, m = i + np.int32(1), j + np.int32(1)
+    return (
+        w00 * table[j, i, 0] + w01 * table[j, k, 0] + w10 * table[m, i, 0] + w11 * table[m, k, 0],
+        w00 * table[j, i, 1] + w01 * table[j, k, 1] + w10 * table[m, i, 1] + w11 * table[m, k, 1],
+        w00 * table[j, i, 2] + w01 * table[j, k, 2] + w10 * table[m, i, 2] + w11 * table[m, k, 2],
+    )
+
+
+@kernel(inline=True)
+def open_share(eye, seen, roughness):
+    """Share of mirrored light where a share ``seen`` of all directions is open (Lagarde and de Rousiers 2014)."""
+    power = exp2(f4(-16) * roughness - ONE)
+    share = exp2(power * log2(max(max(eye, ZERO) + seen, f4(1e-6)))) - ONE + seen
+    return ONE if seen >= ONE else min(max(share, ZERO), ONE)
+
+
+@kernel()
+def mix(s, n, mat, looks, sky):
+    """Terms of metallic-roughness that do not depend on lights, from what the textures told."""
+    numbers, table, mean = looks.numbers, sky.albedo, sky.mean
+    last = f4(mean.shape[0] - 1)
+    for i in range(n):
+        m = mat[i]
+        nv = s[NX + i] * s[EX + i] + s[NY + i] * s[EY + i] + s[NZ + i] * s[EZ + i]
+        nv = min(max(nv, f4(1e-4)), ONE)
+        rough = s[RO + i]
+        a, b, _ = albedo(table, nv, rough)
+        cloth = ZERO
+        most = max(numbers[m, SHEEN], max(numbers[m, SHEEN + 1], numbers[m, SHEEN + 2]))
+        if most > ZERO:
+            _, _, cloth = albedo(table, nv, numbers[m, SHEEN_ROUGHNESS])
+        y = rough * last
+        j = min(np.int32(y), np.int32(mean.shape[0] - 2))
+        v = y - f4(j)
+        mean_a = mean[j, 0] + v * (mean[j + 1, 0] - mean[j, 0])
+        mean_b = mean[j, 1] + v * (mean[j + 1, 1] - mean[j, 1])
+        metal, weight = s[ME + i], numbers[m, WEIGHT] * s[HA + i]
+        high = weight + metal * (ONE - weight)
+        lost = ONE / max(a + b, f4(1e-3)) - ONE
+        se = s[SX + i] * s[EX + i] + s[SY + i] * s[EY + i] + s[SZ + i] * s[EZ + i]
+        through = ONE - s[CC + i] * (COAT_F0 + (ONE - COAT_F0) * fifth(min(max(se, f4(1e-4)), ONE)))
+        sheen_left = ONE - most * cloth
+        low = ZERO
+        for c in range(3):
+            bare = min(numbers[m, DIELECTRIC] * s[HR + c * SPAN + i], ONE) * weight
+            low = max(low, bare)
+            f0 = bare + metal * (s[BR + c * SPAN + i] - bare)
+            again = ONE + f0 * lost
+            s[FR + c * SPAN + i], s[KR + c * SPAN + i] = f0, again
+            s[WR + c * SPAN + i] = (f0 * a + high * b) * again * sheen_left * through
+            s[MR + c * SPAN + i] = s[BR + c * SPAN + i] * (ONE - metal) * (ONE - numbers[m, TRANSMISSION])
+        left = ONE - (low * a + weight * b) * (ONE + low * lost)
+        inner = ONE - (low * mean_a + weight * mean_b)
+        for c in range(3):
+            s[MR + c * SPAN + i] *= left * sheen_left * through
+        s[FH + i], s[LO + i], s[HI + i], s[NV + i], s[TH + i] = high, low, weight, nv, through
+        s[IN + i] = INV_PI / max(inner, f4(1e-3))
+        s[SL + i], s[CL + i] = sheen_left * through, cloth
+
+
+@kernel()
+def begin_metallic(s, n, mat, looks):
+    """Emission, sheen and light from all around into YR..; what is mirrored is in LX.., and stays there
+    as far as it arrives.
+    """
+    numbers = looks.numbers
+    for i in range(n):
+        s[VS + i] = open_share(s[NV + i], s[OC + i], s[RO + i])
+    for c in range(3):
+        for i in range(n):
+            mirrored = s[WR + c * SPAN + i] * s[LX + c * SPAN + i] * s[VS + i]
+            s[LX + c * SPAN + i] = mirrored  # what mirrors replace, for those who ask
+            total = s[OR + c * SPAN + i] + numbers[mat[i], SHEEN + c] * s[CL + i] * s[DR + c * SPAN + i]
+            s[YR + c * SPAN + i] = total + s[MR + c * SPAN + i] * s[DR + c * SPAN + i] + mirrored
+
+
+@kernel(inline=True)
+def ggx(square_sine, nl, nv, alpha):
+    """``D G / (4 cos cos)``."""
+    a2 = alpha * alpha
+    spread = square_sine + a2 * (ONE - square_sine)
+    nl, nv = max(nl, LEAST_COSINE), max(nv, LEAST_COSINE)
+    masked = nl * math.sqrt(nv * nv * (ONE - a2) + a2) + nv * math.sqrt(nl * nl * (ONE - a2) + a2)
+    return HALF * a2 / (PI * spread * spread * masked)
+
+
+@kernel(inline=True)
+def half_terms(normal, eye, light):
+    """Squared sine of the half vector to the normal, cosine to the eye."""
+    nx, ny, nz = normal
+    ex, ey, ez = eye
+    lx, ly, lz = light
+    hx, hy, hz = ex + lx, ey + ly, ez + lz
+    inv = ONE / math.sqrt(max(hx * hx + hy * hy + hz * hz, TINY))
+    hx, hy, hz = hx * inv, hy * inv, hz * inv
+    cx, cy, cz = ny * hz - nz * hy, nz * hx - nx * hz, nx * hy - ny * hx
+    return min(cx * cx + cy * cy + cz * cz, ONE), min(max(ex * hx + ey * hy + ez * hz, ZERO), ONE)
+
+
+@kernel()
+def add_metallic(s, n, sky, light):
+    """One light, through all lobes under the coat but sheen."""
+    table = sky.albedo
+    red, green, blue = light[7], light[8], light[9]
+    for i in range(n):
+        nl = s[NX + i] * s[LX + i] + s[NY + i] * s[LY + i] + s[NZ + i] * s[LZ + i]
+        a, b, _ = albedo(table, nl, s[RO + i])
+        s[VS + i] = s[AM + i] * (ONE - (s[LO + i] * a + s[HI + i] * b)) * s[IN + i]
+    for i in range(n):
+        amount, matte = s[AM + i], s[VS + i]
+        nx, ny, nz, lx, ly, lz = s[NX + i], s[NY + i], s[NZ + i], s[LX + i], s[LY + i], s[LZ + i]
+        sine, half = half_terms((nx, ny, nz), (s[EX + i], s[EY + i], s[EZ + i]), (lx, ly, lz))
+        rough = max(s[RO + i], SMOOTHEST)
+        lobe = amount * ggx(sine, nx * lx + ny * ly + nz * lz, s[NV + i], rough * rough) * s[SL + i]
+        grazing = fifth(half)
+        high = s[FH + i]
+        f = s[FR + i] + (high - s[FR + i]) * grazing
+        s[YR + i] += red * (s[MR + i] * matte + f * s[KR + i] * lobe)
+        f = s[FG + i] + (high - s[FG + i]) * grazing
+        s[YG + i] += green * (s[MG + i] * matte + f * s[KG + i] * lobe)
+        f = s[FB + i] + (high - s[FB + i]) * grazing
+        s[YB + i] += blue * (s[MB + i] * matte + f * s[KB + i] * lobe)
+
+
+@kernel()
+def write(s, n, pix, mat, looks, out):
+    """Radiance of each pixel by the kind of its material."""
+    numbers, kinds = looks.numbers, looks.groups_of
+    radiance = out.radiance
+    for i in range(n):
+        m, p = mat[i], pix[i]
+        kind = kinds[m, 2]
+        degree = numbers[m, DEGREE] * numbers[m, LOBE] * s[HA + i]
+        for c in range(3):
+            value = s[BR + c * SPAN + i] * s[DR + c * SPAN + i] + s[OR + c * SPAN + i]
+            value += degree * s[HR + c * SPAN + i] * s[SR + c * SPAN + i]
+            value = s[YR + c * SPAN + i] if kind == METALLIC else value
+            radiance[p, c] = s[BR + c * SPAN + i] if kind == UNLIT else value
+
+
+@kernel()
+def write_mirrors(s, n, pix, mat, looks, out):
+    """What mirrors replace, and the share and tint of what they show."""
+    numbers, kinds = looks.numbers, looks.groups_of
+    for i in range(n):
+        m, p = mat[i], pix[i]
+        degree = numbers[m, DEGREE] * s[HA + i]
+        nv = abs(s[NX + i] * s[EX + i] + s[NY + i] * s[EY + i] + s[NZ + i] * s[EZ + i])
+        share = degree + (ONE - degree) * fifth(nv) if degree > ZERO else ZERO
+        for c in range(3):
+            replaced = share * s[BR + c * SPAN + i] * s[DR + c * SPAN + i]
+            mirrored = share * s[HR + c * SPAN + i]
+            if kinds[m, 2] == METALLIC:
+                replaced, mirrored = out.replaced[p, c], s[WR + c * SPAN + i]
+            if kinds[m, 2] == UNLIT:
+                replaced, mirrored = ZERO, ZERO
+            out.replaced[p, c], out.mirrored[p, c] = replaced, mirrored

@@ -1,0 +1,141 @@
+"""What the shading kernel reads and writes, and the scratch of one tile."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+SPAN = 256
+"""Pixels per tile at most: their scratch stays in the cache of a core."""
+TILE = (64, 4)
+"""Columns and rows of a tile."""
+
+IRRADIANCE_SIDE = 64
+"""Texels per side of the octahedral map of irradiance, without its edge."""
+
+_SLOTS = (
+    # position; normal as bent, smooth and of the triangle; direction to the eye
+    "PX PY PZ NX NY NZ SX SY SZ GX GY GZ EX EY EZ "
+    # texture coordinates and log2 of footprints, twice; tangent
+    "U V LV U1 V1 L1 TX TY TZ TW "
+    # what textures multiply, see CHANNEL
+    "BR BG BB OR OG OB HR HG HB HA OC RO ME QX QY QZ CC CK "
+    # sums of diffuse and mirrored light; the light at hand; exponent
+    "DR DG DB SR SG SB AM VS LX LY LZ SH "
+    # of metallic-roughness, see lobes
+    "FR FG FB FH KR KG KB WR WG WB MR MG MB LO HI IN NV SL CL TH YR YG YB"
+).split()
+SLOT = {name: number * SPAN for number, name in enumerate(_SLOTS)}
+SLOTS = len(_SLOTS)
+
+CHANNEL = {
+    "diffuse_texture": "BR BG BB", "emission_texture": "OR OG OB", "specular_texture": "HR HG HB HA",
+    "occlusion_texture": "OC", "metallic_roughness_texture": "- RO ME", "normal_texture": "QX QY QZ",
+    "clearcoat_texture": "CC CK",
+}  # fmt: skip
+"""Where the channels of each texture go."""
+
+PHONG, METALLIC, UNLIT = 0, 1, 2
+POINT, PARALLEL, RECT, CENTRE = 0, 1, 2, 3
+"""Kinds of light; the last is a rectangle taken as a small light."""
+
+LEVELS = 40
+"""Column of the first level in a row of :attr:`Looks.groups`."""
+CHANNELS = 20
+"""Most channels of a group of textures."""
+
+
+class View(NamedTuple):
+    """The camera of an image."""
+
+    numbers: np.ndarray  # (20,) float32: ray matrix 9, eye from the origin 3, forward 3, pixel size, 1: orthographic
+    origin: np.ndarray  # (3,) float64 world space, what positions are counted from
+
+
+class Samples(NamedTuple):
+    """What is seen: an image, or hits of rays as an image of one row, which bring their place and direction."""
+
+    depth: np.ndarray  # (H,W) float32 camera z; of hits not read
+    triangle: np.ndarray  # (H,W) int64, -1 for nothing
+    weights: np.ndarray  # (H,W,2) float32
+    position: np.ndarray  # (N,3) float64 of hits, no rows for an image
+    to_eye: np.ndarray  # (N,3) float32
+    width: np.ndarray  # (N,) float64 of the ray
+
+
+class Packed(NamedTuple):
+    """Triangles as the kernel reads them: few cache lines for each."""
+
+    corners: np.ndarray  # (V,8) float32 normal, colour, uv
+    planes: np.ndarray  # (F,4) float32 unit normal, uv per length
+    ids: np.ndarray  # (F,4) int32 corners, material
+    further: np.ndarray  # (V,4) float32 second uv, opacity; no rows where no mesh has any
+    density: np.ndarray  # (F,) float32 second uv per length
+    tangent_row: np.ndarray  # (F,) int32; no rows where nothing has a normal map
+    tangents: np.ndarray  # (T,3,4) float32
+
+
+class Looks(NamedTuple):
+    """Materials and textures."""
+
+    numbers: np.ndarray  # (M,32) float32, see MATERIAL
+    groups_of: (
+        np.ndarray
+    )  # (M,4) int32 first and one past last group, kind, 1: normal map + 2: Phong highlight + 4: sheen
+    groups: np.ndarray  # (G,LEVELS+3K) int64: levels, wraps, filter, uv set, channels, plain?, slots; then per level
+    transforms: np.ndarray  # (G,8) float32: transform 6, log2 of the longer side in texels
+    texels: np.ndarray  # (X,) float32
+
+
+class Sky(NamedTuple):
+    """Light from all around."""
+
+    ambient: np.ndarray  # (3,) float32
+    irradiance: np.ndarray  # (T,3) float32 octahedral, over pi; no rows without an environment
+    mirrored: np.ndarray  # (T,3) float32 octahedral maps
+    levels: np.ndarray  # (K,2) int64 first texel and side
+    albedo: np.ndarray  # (S,S,4) float32 directional albedo
+    mean: np.ndarray  # (S,2) float32
+    radiance: np.ndarray  # (H,W,3) float32 background
+    turn: np.ndarray  # (2,) float32: turn of the background, its intensity
+
+
+class Reach(NamedTuple):
+    """What of the light arrives."""
+
+    lights: np.ndarray  # (L,32) float32, see LIGHT
+    shadow: np.ndarray  # (L,N) float32; no rows: all
+    around: np.ndarray  # (N,) float32; no rows: all
+    bent: np.ndarray  # (N,3) float32; no rows: the normal
+
+
+class Out(NamedTuple):
+    """Flat images; all but the first may have no rows."""
+
+    radiance: np.ndarray  # (N,3)
+    replaced: np.ndarray  # (N,3)
+    mirrored: np.ndarray  # (N,3)
+
+
+MATERIAL = {
+    "diffuse": 0, "emission": 3, "tint": 6, "degree": 9, "shininess": 10, "lobe": 11, "metallic": 12, "roughness": 13,
+    "dielectric": 14, "weight": 15, "coat": 16, "coat_roughness": 17, "sheen": 18, "sheen_roughness": 21,
+    "transmission": 22, "normal_scale": 23, "occlusion": 24,
+}  # fmt: skip
+"""First column of each in :attr:`Looks.numbers`."""
+
+LIGHT = {
+    "kind": 0, "place": 1, "axis": 4, "color": 7, "cone": 10, "slope": 11, "normal": 12, "offset": 15, "corners": 16,
+    "nearest": 28, "area": 29,
+}  # fmt: skip
+"""First column of each in :attr:`Reach.lights`."""
+
+
+class Work(NamedTuple):
+    """Scratch of one tile."""
+
+    s: np.ndarray  # (SLOTS * SPAN,) float32
+    pix: np.ndarray  # (SPAN,) int32 place of each covered pixel in the flat image
+    mat: np.ndarray  # (SPAN,) int32 material
+    empty: np.ndarray  # (SPAN,) int32 place of each empty pixel

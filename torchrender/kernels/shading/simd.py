@@ -1,0 +1,94 @@
+"""Functions of float32 without branches, so that loops over pixels run several at a time."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from llvmlite import ir
+from numba import float32, int32
+from numba.extending import intrinsic
+
+from torchrender.kernels.compile import kernel
+
+f4 = np.float32
+ZERO, HALF, ONE, TWO, THREE, TINY = f4(0), f4(0.5), f4(1), f4(2), f4(3), f4(1e-36)
+PI, HALF_PI, INV_PI = f4(math.pi), f4(math.pi / 2), f4(1 / math.pi)
+ATAN = tuple(map(f4, (0.999999901, -0.3333199067, 0.1996972268, -0.1401947354, 0.09914271676, -0.05948608176,
+                      0.02425217598, -0.004693210971)))  # fmt: skip
+"""atan(q)/q in q^2 on [0,1], to 1e-7."""
+LOG = tuple(map(f4, (1.442695004, -0.7213473469, 0.4809106431, -0.3607036763, 0.2879162366, -0.238944961,
+                     0.2157158636, -0.2072688815, 0.1258352495)))  # fmt: skip
+"""log2(1+f)/f on [-0.29,0.41], to 3e-8."""
+EXP = tuple(map(f4, (1.000000072, 0.6931469671, 0.2402211972, 0.05550713291, 0.00967554129, 0.001327646641)))
+"""2^f on [-0.5,0.5], to 1e-7."""
+
+
+def _cast(source: Any, target: Any) -> Any:
+    @intrinsic
+    def cast(context: Any, x: Any) -> Any:  # noqa: ARG001
+        def make(context: Any, builder: Any, signature: Any, args: Any) -> Any:  # noqa: ARG001
+            return builder.bitcast(args[0], ir.IntType(32) if target is int32 else ir.FloatType())
+
+        return target(source), make
+
+    return cast
+
+
+bits_of, float_of = _cast(float32, int32), _cast(int32, float32)
+
+
+@kernel(inline=True)
+def log2(x):
+    """Logarithm of a positive normal number."""
+    b = bits_of(x) - np.int32(0x3F3504F3)
+    e = b >> np.int32(23)
+    f = float_of((b & np.int32(0x7FFFFF)) + np.int32(0x3F3504F3)) - ONE
+    p = LOG[8]
+    p = p * f + LOG[7]
+    p = p * f + LOG[6]
+    p = p * f + LOG[5]
+    p = p * f + LOG[4]
+    p = p * f + LOG[3]
+    p = p * f + LOG[2]
+    p = p * f + LOG[1]
+    p = p * f + LOG[0]
+    return f4(e) + p * f
+
+
+@kernel(inline=True)
+def exp2(x):
+    """Two to the power of ``x`` <= 127."""
+    x = max(x, f4(-126))
+    r = np.floor(x + HALF)
+    f = x - r
+    p = ((((EXP[5] * f + EXP[4]) * f + EXP[3]) * f + EXP[2]) * f + EXP[1]) * f + EXP[0]
+    return p * float_of((np.int32(r) + np.int32(127)) << np.int32(23))
+
+
+@kernel(inline=True)
+def angle(y, x):
+    """atan2 for y >= 0."""
+    ax = abs(x)
+    q = min(ax, y) / max(max(ax, y), TINY)
+    z = q * q
+    p = ATAN[7]
+    p = p * z + ATAN[6]
+    p = p * z + ATAN[5]
+    p = p * z + ATAN[4]
+    p = p * z + ATAN[3]
+    p = p * z + ATAN[2]
+    p = p * z + ATAN[1]
+    p = p * z + ATAN[0]
+    p = p * q
+    p = HALF_PI - p if y > ax else p
+    return PI - p if x < ZERO else p
+
+
+@kernel(inline=True)
+def fifth(cosine):
+    """``(1 - cos)^5``, Schlick's weight."""
+    one = min(max(ONE - cosine, ZERO), ONE)
+    square = one * one
+    return square * square * one

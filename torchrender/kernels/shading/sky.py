@@ -1,0 +1,126 @@
+"""Light from all around: diffuse, mirrored, and as the background."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from torchrender.kernels.compile import kernel
+from torchrender.kernels.shading.records import IRRADIANCE_SIDE, SLOT, SPAN
+from torchrender.kernels.shading.simd import HALF, INV_PI, ONE, TINY, TWO, ZERO, angle, f4
+
+NX, NY, NZ, EX, EY, EZ = (SLOT[n] for n in ("NX", "NY", "NZ", "EX", "EY", "EZ"))
+DR, DG, SR, SG, VS, LX, LY, LZ, OC = (SLOT[n] for n in ("DR", "DG", "SR", "SG", "VS", "LX", "LY", "LZ", "OC"))
+
+
+@kernel(inline=True)
+def octahedral(x, y, z):
+    """Place in [0, 1] of a direction in an octahedral map, across (x) and down (z)."""
+    scale = ONE / max(abs(x) + abs(y) + abs(z), TINY)
+    p, q = x * scale, z * scale
+    fp, fq = (ONE - abs(q)) * (-ONE if p < ZERO else ONE), (ONE - abs(p)) * (-ONE if q < ZERO else ONE)
+    p, q = (fp if y < ZERO else p), (fq if y < ZERO else q)
+    return p * HALF + HALF, q * HALF + HALF
+
+
+@kernel(inline=True)
+def map_corners(first, side, across, down):
+    """First of the four texels about a place in a map with an edge of one texel, the second row, and two shares."""
+    x, y = across * f4(side) + HALF, down * f4(side) + HALF
+    i, j = min(np.int64(x), side), min(np.int64(y), side)
+    at = first + j * (side + 2) + i
+    return at, at + side + 2, x - f4(i), y - f4(j)
+
+
+@kernel()
+def diffuse(s, n, pix, sky, reach):
+    """Irradiance over pi from all around into DR.., times what of it arrives."""
+    ambient, texels = sky.ambient, sky.irradiance
+    if reach.around.shape[0] > 0:
+        for i in range(n):
+            s[OC + i] *= reach.around[pix[i]]
+    for c in range(3):
+        for i in range(n):
+            s[DR + c * SPAN + i] = ambient[c]
+    if texels.shape[0] > 0:
+        bent = reach.bent.shape[0] > 0
+        for i in range(n):
+            x, y, z = s[NX + i], s[NY + i], s[NZ + i]
+            if bent:
+                x, y, z = reach.bent[pix[i], 0], reach.bent[pix[i], 1], reach.bent[pix[i], 2]
+            s[LX + i], s[LY + i] = octahedral(x, y, z)
+        for i in range(n):
+            at, below, u, v = map_corners(np.int64(0), np.int64(IRRADIANCE_SIDE), s[LX + i], s[LY + i])
+            for c in range(3):
+                upper = texels[at, c] + u * (texels[at + 1, c] - texels[at, c])
+                lower = texels[below, c] + u * (texels[below + 1, c] - texels[below, c])
+                s[DR + c * SPAN + i] += upper + v * (lower - upper)
+    for c in range(3):
+        for i in range(n):
+            s[DR + c * SPAN + i] *= s[OC + i]
+
+
+@kernel()
+def mirrored(s, n, sky, normal, rough):
+    """Radiance about the directions that normals in slot ``normal`` mirror to the eye, into LX, LY, LZ."""
+    ambient, texels, levels = sky.ambient, sky.mirrored, sky.levels
+    if texels.shape[0] == 0:
+        for i in range(n):
+            s[LX + i], s[LY + i], s[LZ + i] = ambient[0], ambient[1], ambient[2]
+        return
+    top = f4(levels.shape[0] - 1)
+    for i in range(n):
+        nx, ny, nz = s[normal + i], s[normal + SPAN + i], s[normal + 2 * SPAN + i]
+        ex, ey, ez = s[EX + i], s[EY + i], s[EZ + i]
+        d = TWO * min(max(nx * ex + ny * ey + nz * ez, f4(1e-4)), ONE)
+        s[LX + i], s[LY + i] = octahedral(d * nx - ex, d * ny - ey, d * nz - ez)
+    for i in range(n):
+        level = min(max(s[rough + i], ZERO), ONE) * top
+        k = min(np.int64(level), np.int64(levels.shape[0] - 2))
+        share = level - f4(k)
+        across, down = s[LX + i], s[LY + i]
+        p, p2, u, v = map_corners(levels[k, 0], levels[k, 1], across, down)
+        q, q2, a, b = map_corners(levels[k + 1, 0], levels[k + 1, 1], across, down)
+        for c in range(3):
+            up = texels[p, c] + u * (texels[p + 1, c] - texels[p, c])
+            low = texels[p2, c] + u * (texels[p2 + 1, c] - texels[p2, c])
+            first = up + v * (low - up)
+            up = texels[q, c] + a * (texels[q + 1, c] - texels[q, c])
+            low = texels[q2, c] + a * (texels[q2 + 1, c] - texels[q2, c])
+            second = up + b * (low - up)
+            s[LX + c * SPAN + i] = ambient[c] + first + share * (second - first)
+
+
+@kernel()
+def background(s, e, empty, view, sky, out):
+    """Latitude-longitude look-up for empty pixels, or a constant (a 1 x 1 picture)."""
+    radiance, view = sky.radiance, view.numbers
+    height, width = radiance.shape[0], radiance.shape[1]
+    strength, turn = sky.turn[1], sky.turn[0]
+    if height == 1 and width == 1:
+        for i in range(e):
+            for c in range(3):
+                out[empty[i], c] = radiance[0, 0, c] * strength
+        return
+    r00, r01, r02, r10, r11, r12 = view[0], view[1], view[2], view[3], view[4], view[5]
+    r20, r21, r22, fx, fy, fz, flat = view[6], view[7], view[8], view[12], view[13], view[14], view[16]
+    for i in range(e):
+        px, py = s[DR + i], s[DG + i]
+        dx, dy, dz = r00 * px + r01 * py + r02, r10 * px + r11 * py + r12, r20 * px + r21 * py + r22
+        dx, dy, dz = (ONE - flat) * dx + flat * fx, (ONE - flat) * dy + flat * fy, (ONE - flat) * dz + flat * fz
+        azimuth = angle(abs(dx), -dz)
+        azimuth = (-azimuth if dx < ZERO else azimuth) + turn
+        s[SR + i] = (azimuth * f4(0.5 / math.pi) + HALF) * f4(width) - HALF
+        s[SG + i] = angle(math.sqrt(dx * dx + dz * dz), dy) * INV_PI * f4(height) - HALF
+    for i in range(e):
+        left, top = np.floor(s[SR + i]), np.floor(s[SG + i])
+        a, b = s[SR + i] - left, s[SG + i] - top
+        i0, j0 = np.int64(left) % width, np.int64(top)
+        i1 = i0 + 1 if i0 + 1 < width else 0
+        j1 = min(max(j0 + 1, np.int64(0)), height - 1)
+        j0 = min(max(j0, np.int64(0)), height - 1)
+        for c in range(3):
+            up = radiance[j0, i0, c] + a * (radiance[j0, i1, c] - radiance[j0, i0, c])
+            low = radiance[j1, i0, c] + a * (radiance[j1, i1, c] - radiance[j1, i0, c])
+            out[empty[i], c] = (up + b * (low - up)) * strength

@@ -1,0 +1,1 @@
+"""Light from everywhere, summed over parts of the sky."""

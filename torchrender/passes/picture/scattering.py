@@ -1,0 +1,223 @@
+"""The pass ``scattering``: what media do to the light on its way to surfaces and to the eye."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from torchrender.buffers import GBuffer, RaySurface, ReflectionLayer, ReflectionState, ShadowMap
+from torchrender.effects.media.eye_rays import rays_along
+from torchrender.effects.media.in_view import boxes_in_view, boxes_of, shadowed_by, share_of_view
+from torchrender.effects.media.scatter import Illumination, ScatteringLayer, scatter, scatter_along
+from torchrender.effects.media.surfaces import light_transmittance
+from torchrender.effects.media.surroundings import Surroundings
+from torchrender.effects.media.tables import MediaTable
+from torchrender.effects.reflections.reflectors import blend_reflections
+from torchrender.effects.shadows.shadow_map import render_shadow_map
+from torchrender.passes.contract import Amounts, Buffers, Pass
+from torchrender.passes.light.direct_light import DIRECT_LIGHT
+from torchrender.passes.light.shadow_map import SHADOW_MAP
+from torchrender.passes.light.visibility import POINT_SHADOW, SOFT_SHADOW
+from torchrender.passes.mirrors.reflections import REFLECTIONS
+from torchrender.passes.outlook import Outlook, Verdict, counted, no_shadows
+from torchrender.passes.seen.gbuffer import GBUFFER
+from torchrender.passes.seen.ray_caster import RAY_CASTER
+from torchrender.passes.settings import settings
+from torchrender.pipeline.buffer import Buffer, Layer, Order
+from torchrender.pipeline.frame import Frame
+from torchrender.pipeline.history import RenderHistory
+from torchrender.pipeline.options import RenderOptions
+from torchrender.scene.camera import Cameras
+from torchrender.scene.light import DirectionalLight
+from torchrender.scene.model import Scene
+from torchrender.shade import shade
+
+
+@dataclass(frozen=True, eq=False)
+class Hazed:
+    """What media do to pictures: ``transmittance (radiance + change) + scattered``."""
+
+    layer: ScatteringLayer | None  # on the way to the eye; None: samples do not know where they are seen from
+    change: Tensor | None  # (B,H,W,3) of what surfaces send, for light and mirrors lose some on their ways
+
+
+def blend(scene: Scene, gbuffer: GBuffer, radiance: Tensor, value: Hazed) -> Tensor:
+    """Radiance (B,H,W,3) seen through the media, with what they scatter."""
+    del scene, gbuffer
+    if value.change is not None:
+        radiance = radiance + value.change
+    if value.layer is None:
+        return radiance
+    return torch.addcmul(value.layer.scattered, value.layer.transmittance, radiance)
+
+
+SCATTERING = Buffer("scattering", Hazed, layer=Layer(Order.SCATTERING, blend))
+
+
+# ---------------------------------------------------------------- whether
+
+
+def _share(scene: Scene, cameras: Cameras) -> float:
+    return share_of_view(boxes_of(scene.media), cameras)
+
+
+def _verdict(scene: Scene, cameras: Cameras) -> Verdict:
+    boxes = boxes_of(scene.media)
+    if not len(boxes):
+        return Verdict(False, "no medium" if not scene.media else "every medium is empty")
+    inside = int(boxes_in_view(boxes, cameras).sum())
+    if inside:
+        return Verdict(True, f"{counted(inside, 'medium').replace('mediums', 'media')} in view")
+    if bool(boxes_in_view(shadowed_by(boxes, scene.lights, scene.diagonal), cameras).any()):
+        return Verdict(True, "a medium may shadow what is in view")
+    return Verdict(False, "no medium in view: behind the camera or beside what it sees")
+
+
+def applies(outlook: Outlook) -> Verdict:
+    """A medium meets the view, or lies between a light and the view."""
+    if not outlook.options.media:
+        return Verdict(False, "media are turned off")
+    if isinstance(outlook.samples, RaySurface) and len(boxes_of(outlook.scene.media)):
+        return Verdict(True, "media may shadow what rays hit")
+    return outlook.fact(_verdict)
+
+
+def asks(outlook: Outlook) -> Buffers:
+    """The lights' depth images, or rays."""
+    if isinstance(outlook.samples, RaySurface) or no_shadows(outlook) is not None:
+        return ()
+    return {"maps": (SHADOW_MAP,), "rays": (RAY_CASTER,), "none": ()}[outlook.options.scattering.shadows]
+
+
+# ---------------------------------------------------------------- how
+
+
+def run(frame: Frame) -> Hazed:
+    """Transmittance and scattered light before what the picture sees, and how that is darkened."""
+    samples, options = frame[GBUFFER], frame.options.scattering
+    if isinstance(samples, RaySurface):
+        return Hazed(None, _change(frame, samples, None))
+    illumination = _illumination(frame)
+    layer = scatter(frame.scene.media, samples.cameras, samples.depth, illumination, options, position=samples.position)
+    return Hazed(layer, _change(frame, samples, illumination))
+
+
+def _illumination(frame: Frame) -> Illumination:
+    scene, options = frame.scene, frame.options
+    maps: list[ShadowMap | None] = list(frame.get(SHADOW_MAP) or [None] * len(scene.lights))
+    for number, light in enumerate(scene.lights):
+        # Cascades follow the eye along surfaces; what floats before it may lie beside them.
+        if isinstance(light, DirectionalLight) and maps[number] is not None and options.shadow.cascades > 1:
+            maps[number] = render_shadow_map(scene, light, replace(options.shadow, cascades=1))
+    return Illumination(
+        lights=scene.lights,
+        shadow_maps=tuple(maps),
+        caster=frame.get(RAY_CASTER) if options.scattering.shadows == "rays" else None,
+        surroundings=Surroundings.of(scene.ambient, scene.environment),
+        size=scene.diagonal,
+    )
+
+
+def _change(frame: Frame, samples: GBuffer | RaySurface, illumination: Illumination | None) -> Tensor | None:
+    """What media take from the light that surfaces send and mirror; None: nothing."""
+    direct = frame[DIRECT_LIGHT]
+    darker = _darkened(frame, samples) if frame.options.scattering.surfaces else None
+    mirrored = frame.get(REFLECTIONS)
+    if mirrored is None or illumination is None or isinstance(samples, RaySurface):
+        return None if darker is None else darker - direct
+    hazed = _hazed_mirrors(frame, samples, mirrored, illumination)
+    if darker is None and hazed is mirrored:
+        return None
+    after = blend_reflections(frame.scene, samples, direct if darker is None else darker, hazed)
+    return after - blend_reflections(frame.scene, samples, direct, mirrored)
+
+
+def _darkened(frame: Frame, samples: GBuffer | RaySurface) -> Tensor | None:
+    """Direct light (B,H,W,3) with what media leave of it on its way from the lights."""
+    scene, options = frame.scene, frame.options
+    if not scene.lights:
+        return None
+    passed = light_transmittance(scene.media, scene.lights, samples.position, samples.covered)
+    if passed is None:
+        return None
+    found: dict[int, Tensor] = {**(frame.get(POINT_SHADOW) or {}), **(frame.get(SOFT_SHADOW) or {})}
+    lit = torch.ones(samples.material.shape)
+    visibility = torch.stack([found.get(number, lit) for number in range(len(scene.lights))], dim=1)
+    images = [
+        shade(scene, samples, visibility * passed[..., c], background=options.background, area_light=options.area_light)
+        for c in range(passed.shape[-1])
+    ]
+    return images[0] if len(images) == 1 else torch.stack([image[..., c] for c, image in enumerate(images)], dim=-1)
+
+
+def _hazed_mirrors(
+    frame: Frame, samples: GBuffer, mirrored: ReflectionLayer, illumination: Illumination
+) -> ReflectionLayer:
+    """What mirrors show, seen through the media on the way from there to the mirror."""
+    rows = (mirrored.state != ReflectionState.NONE).nonzero(as_tuple=True)
+    if not len(rows[0]):
+        return mirrored
+    position = samples.position[rows].double()
+    table = MediaTable.of(frame.scene.media, position.mean(dim=0))
+    rays = rays_along(position, mirrored.direction[rows], mirrored.distance[rows], table)
+    if not bool((rays.length > 0).any()):
+        return mirrored
+    options = replace(frame.options.scattering, block=1)
+    passed, added, _ = scatter_along(rays, table, illumination, options)
+    color = mirrored.color.clone()
+    color[rows] = torch.addcmul(added[0], passed[0], color[rows])
+    return replace(mirrored, color=color)
+
+
+# ---------------------------------------------------------------- costs and settings
+
+
+def amounts(outlook: Outlook) -> Amounts:
+    """Once per light; pixels that may meet a medium; the same times lights; texels of lights' images."""
+    lights = float(len(outlook.scene.lights))
+    met = outlook.pixels * (1.0 if isinstance(outlook.samples, RaySurface) else outlook.fact(_share))
+    height, width = outlook.options.shadow.shape
+    return (lights, met, met * lights, lights * height * width * 1e-6)
+
+
+def single_samples(options: RenderOptions, history: RenderHistory) -> RenderOptions:
+    """Samples that are no picture have no neighbours to lie between."""
+    del history
+    return replace(options, scattering=replace(options.scattering, block=1))
+
+
+def _way(way: str, block: int, shadows: str = "maps", steps: int = 64) -> dict[str, Any]:
+    changes = {"way": way, "block": block, "shadows": shadows}
+    return {f"scattering.{name}": value for name, value in changes.items()} | (
+        {"scattering.steps": steps} if way == "march" else {}
+    )
+
+
+PASS = Pass(
+    name="scattering",
+    summary="what media scatter towards the eye and keep from it",
+    makes=SCATTERING,
+    needs=(GBUFFER, DIRECT_LIGHT),
+    uses=(POINT_SHADOW, SOFT_SHADOW, REFLECTIONS),
+    asks=asks,
+    applies=applies,
+    run=run,
+    settings=settings(
+        "integrated rays",
+        {
+            "3 x 3": _way("slices", 3),
+            "2 x 2": _way("slices", 2),
+            "all": _way("slices", 1),
+            "walked, 2 x 2": _way("walk", 2),
+            "walked": _way("walk", 1),
+        },
+        ("traced", _way("march", 1, "rays", 256)),
+    ),
+    amounts=amounts,
+    over_samples=single_samples,
+    over_hits=single_samples,
+    hard=(),
+)

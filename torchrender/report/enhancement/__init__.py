@@ -1,0 +1,1 @@
+"""Gradient-enhanced pictures beside what else makes shape readable."""

@@ -1,0 +1,5 @@
+"""``python -m torchrender.report.enhancement``."""
+
+from torchrender.report.enhancement.study import main
+
+main()

@@ -1,0 +1,1 @@
+"""Light from everywhere, filtered for surfaces: irradiance, mirrored light by roughness, the sun apart."""

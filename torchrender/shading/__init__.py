@@ -1,0 +1,1 @@
+"""From what pixels see to the light that they send: materials, lights, lobes, the sky; in torch and compiled."""

@@ -1,0 +1,211 @@
+"""Shading by the compiled kernel: straight from what is seen, without a G-buffer."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.utils.weak import WeakIdKeyDictionary
+
+from torchrender.arrays import view as array
+from torchrender.buffers import GBuffer, RaySurface, VisibilityBuffer
+from torchrender.kernels.compile import thread_count
+from torchrender.kernels.shading.pack import pack_planes
+from torchrender.kernels.shading.records import (
+    CENTRE,
+    LIGHT,
+    PARALLEL,
+    POINT,
+    RECT,
+    SPAN,
+    TILE,
+    Out,
+    Packed,
+    Reach,
+    Samples,
+    Sky,
+    View,
+)
+from torchrender.kernels.shading.shade import shade
+from torchrender.numerics.lobe_albedo import albedo_table
+from torchrender.scene.environment import Environment
+from torchrender.scene.light import DirectionalLight, Light, RectLight, SpotLight
+from torchrender.scene.mesh import Geometry
+from torchrender.scene.model import Scene
+from torchrender.shading.attributes import attribute_arrays, eye_of
+from torchrender.shading.lights import NEAREST_SQUARE
+from torchrender.shading.lobes import Around, Sent
+from torchrender.shading.looks import looks_of
+from torchrender.shading.sky import SkyMaps
+
+Array = np.ndarray[Any, Any]
+f4 = np.float32
+_PACKED: WeakIdKeyDictionary = WeakIdKeyDictionary()
+
+
+def send_fused(
+    scene: Scene,
+    samples: VisibilityBuffer | RaySurface,
+    visibility: Tensor | None,
+    around: Around,
+    how: tuple[str, Tensor | None, bool],
+) -> Sent:
+    """As :func:`torchrender.shading.plain.send`, the background of images included.
+
+    Args:
+        samples: of the scene's own geometry; hits of rays must know their triangles.
+        how: way of area lights; colour (3,) of the background, None: environment, else ambient light; mirrors: compute
+            what they need, else those parts are empty.
+    """
+    area_light, background, mirrors = how
+    packed = packed_geometry(scene.geometry)
+    looks = looks_of(scene.materials, scene.material_table)
+    sky = _sky(scene, background)
+    images = 1 if isinstance(samples, RaySurface) else len(samples.cameras)
+    count = samples.covered.numel()
+    each = count // max(images, 1)
+    made = np.zeros if isinstance(samples, RaySurface) else np.empty
+    radiance = made((count, 3), f4)
+    more = [np.zeros((count if mirrors else 0, 3), f4) for _ in range(2)]
+    shadow = None if visibility is None else array(visibility, f4).reshape(len(scene.lights), -1)
+    share = np.zeros(0, f4) if around.visibility is None else array(around.visibility, f4)
+    bent = np.zeros((0, 3), f4) if around.normal is None else array(around.normal.T, f4)
+    for k in range(images):
+        view, seen = _hits(samples) if isinstance(samples, RaySurface) else _image(scene, samples, k)
+        part = slice(k * each, (k + 1) * each)
+        none = np.zeros((0, 1), f4)
+        reach = Reach(
+            light_table(scene.lights, view.origin, area_light),
+            none if shadow is None or not len(shadow) else np.ascontiguousarray(shadow[:, part]),
+            share[part],
+            bent[part],
+        )
+        out = Out(radiance[part], *(value[part] for value in more))
+        columns, rows = TILE if seen.triangle.shape[0] > 1 else (SPAN, 1)
+        shade(seen, view, packed, looks, sky, reach, out, np.array([columns, rows, thread_count()]))
+    return Sent(torch.from_numpy(radiance).T, *(torch.from_numpy(value).T for value in more))
+
+
+def packed_geometry(geometry: Geometry) -> Packed:
+    """The triangles as the kernel reads them, packed once for each geometry."""
+    known = _PACKED.get(geometry)
+    if known is None:
+        known = _PACKED[geometry] = _packed(geometry)
+    made: Packed = known
+    return made
+
+
+def _packed(geometry: Geometry) -> Packed:
+    vertices, count = geometry.vertices, geometry.triangle_count
+    corners = torch.zeros(len(vertices), 8)
+    corners[:, 3:6] = 1.0
+    for columns, value in ((slice(0, 3), geometry.normals), (slice(3, 6), geometry.colors), (slice(6, 8), geometry.uv)):
+        if value is not None:
+            corners[:, columns] = value
+    second = geometry.uv1
+    further = torch.zeros(0 if second is None else len(vertices), 4)
+    if second is not None:
+        further[:, :2] = second
+    planes, density = np.zeros((count, 4), f4), np.zeros(0 if second is None else count, f4)
+    mesh = attribute_arrays(geometry)
+    uv1 = np.zeros((0, 2), f4) if second is None else second.numpy()
+    pack_planes(mesh.vertices, mesh.faces, mesh.uv, uv1, planes, density)
+    table = geometry.tangent_table
+    return Packed(
+        corners=corners.numpy(),
+        planes=planes,
+        ids=torch.cat([geometry.faces, geometry.material.to(torch.int32)[:, None]], dim=1).numpy(),
+        further=further.numpy(),
+        density=density,
+        tangent_row=np.zeros(0, np.int32) if table is None else table.row.numpy(),
+        tangents=np.zeros((0, 3, 4), f4) if table is None else table.corners.numpy(),
+    )
+
+
+def _image(scene: Scene, seen: VisibilityBuffer, k: int) -> tuple[View, Samples]:
+    """Camera ``k`` and what it sees."""
+    cameras = seen.cameras
+    eye = eye_of(cameras, k)
+    origin = eye.origin
+    if cameras.orthographic:  # its eye may lie far off
+        low, high = scene.bounds.numpy()
+        origin = np.minimum(np.maximum(origin, low), high)
+    numbers = np.concatenate(
+        [eye.rays.reshape(-1), eye.origin - origin, eye.forward, [eye.footprint, float(eye.orthographic), 0, 0, 0]]
+    ).astype(f4)
+    images = (array(seen.depth[k], f4), array(seen.triangle[k], np.int64), array(seen.barycentric[k], f4))
+    return View(numbers, origin), Samples(*images, np.zeros((0, 3)), np.zeros((0, 3), f4), np.zeros(0))
+
+
+def _hits(hits: RaySurface) -> tuple[View, Samples]:
+    """Hits of rays as an image of one row."""
+    assert hits.triangle is not None and hits.barycentric is not None and hits.width is not None
+    triangle = array(hits.triangle, np.int64).reshape(1, -1)
+    position = array(hits.position, np.float64).reshape(-1, 3)
+    seen = triangle[0] >= 0
+    origin = np.median(position[seen], axis=0) if seen.any() else np.zeros(3)
+    weights, to_eye = array(hits.barycentric, f4).reshape(1, -1, 2), array(hits.to_eye, f4).reshape(-1, 3)
+    samples = Samples(
+        np.zeros((1, 0), f4), triangle, weights, position, to_eye, array(hits.width, np.float64).reshape(-1)
+    )
+    return View(np.zeros(20, f4), origin), samples
+
+
+def light_table(lights: tuple[Light, ...], origin: Array, area_light: str) -> Array:
+    """(L,32) float32, see :data:`LIGHT`; places are counted from ``origin`` (3,) float64."""
+    table, start = np.zeros((len(lights), 32), f4), torch.from_numpy(origin)
+    c = LIGHT
+    for row, light in zip(table, lights):
+        row[c["cone"] : c["cone"] + 2] = -2.0, 1.0  # a cone that holds everything
+        row[c["nearest"]] = NEAREST_SQUARE
+        place = slice(c["place"], c["place"] + 3)
+        color = slice(c["color"], c["color"] + 3)
+        axis = slice(c["axis"], c["axis"] + 3)
+        if isinstance(light, RectLight):
+            corner, u, v = (light.corner.double() - start).float(), light.edge_u, light.edge_v
+            exact = area_light == "polygon"
+            row[0], row[place], row[color] = (RECT if exact else CENTRE), corner + (u + v) / 2, light.radiance
+            row[c["normal"] : c["normal"] + 3], row[c["offset"]] = light.normal, light.normal @ corner
+            row[c["corners"] : c["corners"] + 12] = torch.cat([corner, corner + u, corner + u + v, corner + v])
+            row[c["area"]] = light.area
+            row[c["nearest"]] = max(light.area / math.pi, NEAREST_SQUARE)
+        elif isinstance(light, DirectionalLight):
+            row[0], row[axis], row[color] = PARALLEL, light.direction, light.irradiance
+        else:
+            row[0], row[place], row[color] = POINT, (light.position.double() - start).float(), light.intensity
+            if isinstance(light, SpotLight):
+                inner, outer = (math.cos(math.radians(a)) for a in (light.inner_deg, light.outer_deg))
+                row[axis] = light.direction
+                row[c["cone"] : c["cone"] + 2] = outer, 1 / max(inner - outer, 1e-6)
+    return table
+
+
+def _sky(scene: Scene, background: Tensor | None) -> Sky:
+    """Light from all around; with an environment its octahedral maps."""
+    environment, table = scene.environment, albedo_table()
+    ambient = scene.ambient.detach().float()
+    if environment is None:
+        maps = SkyMaps(torch.zeros(0, 0, 3), torch.zeros(0, 3), torch.zeros(0, 2, dtype=torch.int64))
+    else:
+        maps = SkyMaps.of(environment, scene.material_table.has_physical)
+    shown = environment if background is None else None
+    if shown is None:
+        shown = Environment(radiance=(ambient if background is None else background).reshape(1, 1, 3).clamp_min(0.0))
+    return Sky(
+        ambient=array(ambient, f4),
+        irradiance=array(maps.irradiance.reshape(-1, 3), f4),
+        mirrored=array(maps.mirrored, f4),
+        levels=array(maps.levels, np.int64),
+        albedo=array(table.split, f4),
+        mean=array(table.mean, f4),
+        radiance=array(shown.radiance if shown.shown is None else shown.shown, f4),
+        turn=np.array([math.radians(shown.rotation_deg), shown.intensity], f4),
+    )
+
+
+def is_of(samples: GBuffer | RaySurface, scene: Scene) -> bool:
+    """Every attribute of the samples is that of the scene's own triangles."""
+    return getattr(samples, "source", None) is scene.geometry

@@ -1,0 +1,75 @@
+"""What each light brings to points: irradiance, direction, and where it comes from."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from torchrender.numerics.polygon_light import polygon_irradiance
+from torchrender.scene.light import DirectionalLight, Light, PointLight, RectLight, SpotLight
+from torchrender.shading.surface import Surface
+
+NEAREST_SQUARE = 1e-18
+"""Square of the closest distance to a small light that counts, scene units: keeps inverse squares finite."""
+
+
+@dataclass(frozen=True, eq=False)
+class Arrival:
+    """What one light brings to N points, for shadow factor one."""
+
+    irradiance: Tensor  # (N,) cosine-weighted, to be multiplied by ``color``
+    direction: Tensor  # (3,N) unit, towards the light (its centre, if it has an area)
+    color: Tensor  # (3,)
+
+
+def arrival(light: Light, surface: Surface, origin: Tensor, area_light: str) -> Arrival:
+    """Light at the points, whose positions are counted from ``origin`` (3,) float64."""
+    if isinstance(light, RectLight):
+        return _from_rectangle(light, surface, origin, area_light == "centre")
+    if isinstance(light, DirectionalLight):
+        direction = -light.direction[:, None].expand_as(surface.position)
+        return Arrival(cosine(surface, direction), direction, light.irradiance)
+    direction, falloff = _towards(light, surface, origin)
+    amount = cosine(surface, direction) * falloff
+    if isinstance(light, SpotLight):
+        amount = amount * light.cone(-(direction * light.direction[:, None]).sum(0))
+    return Arrival(amount, direction, light.intensity)
+
+
+def cosine(surface: Surface, direction: Tensor) -> Tensor:
+    """Cosine (N,) at the shading normal; 0 where the light lies behind the geometric surface."""
+    above = (surface.geometric * direction).sum(0) > 0
+    return torch.where(above, (surface.normal * direction).sum(0).clamp_min(0.0), 0.0)
+
+
+def _towards(light: PointLight | SpotLight, surface: Surface, origin: Tensor) -> tuple[Tensor, Tensor]:
+    """Unit direction to the light (3,N) and inverse squared distance (N,)."""
+    offset = (light.position.double() - origin).float()[:, None] - surface.position
+    square = offset.square().sum(0)
+    direction = offset / square.sqrt().clamp_min(1e-18)
+    return direction, 1.0 / square.clamp_min(NEAREST_SQUARE)
+
+
+def _from_rectangle(light: RectLight, surface: Surface, origin: Tensor, from_centre: bool) -> Arrival:
+    """The exact irradiance, or that of a small light at the centre, no closer than the rectangle is wide."""
+    corner, u, v = (light.corner.double() - origin).float(), light.edge_u, light.edge_v
+    corners = torch.stack([corner, corner + u, corner + u + v, corner + v])
+    # Plane tests as differences of two numbers per point: cheaper than vectors to each corner.
+    along = light.normal @ surface.position - light.normal @ corner
+    height = (corners @ surface.geometric) - (surface.position * surface.geometric).sum(0)
+    sees = (along > 0) & (height > 0).any(0)
+    offset = (corner + (u + v) / 2)[:, None] - surface.position
+    square = offset.square().sum(0)
+    direction = offset / square.sqrt().clamp_min(1e-18)
+    if from_centre:
+        emitted = -(light.normal[:, None] * direction).sum(0).clamp_max(0.0) * light.area
+        falloff = emitted / square.clamp_min(max(light.area / math.pi, NEAREST_SQUARE))
+        return Arrival(torch.where(along > 0, cosine(surface, direction) * falloff, 0.0), direction, light.radiance)
+    amount = torch.zeros_like(along)
+    chosen = sees.nonzero().reshape(-1)
+    if len(chosen):
+        amount[chosen] = polygon_irradiance(corners, surface.position[:, chosen], surface.normal[:, chosen])
+    return Arrival(amount, direction, light.radiance)

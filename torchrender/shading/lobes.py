@@ -1,0 +1,186 @@
+"""Radiance of N points under lights and sky: Phong's lobe, or GGX with coat and sheen.
+
+Metallic-roughness follows glTF 2.0. What the lobe of one bounce between microfacets loses comes back with the colour of
+the metal (Turquin, *Practical multiple scattering compensation for microfacet models*, 2019), so that a white metal
+sends back all light at every roughness. The diffuse part gets what is not mirrored, on the way in and on the way out
+(Kelemen and Szirmay-Kalos, *A microfacet based coupled specular-matte BRDF model*, 2001): reciprocal, never above one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from torchrender.numerics.ggx import fifth_power, ggx_alpha, ggx_lobe, half_vector_terms, sheen_lobe
+from torchrender.numerics.lobe import schlick
+from torchrender.numerics.lobe_albedo import albedo_table, look_up, mean_albedo
+from torchrender.numerics.split_sum import directional_albedo
+from torchrender.shading.lights import Arrival
+from torchrender.shading.sky import Sky
+from torchrender.shading.surface import Surface
+
+COAT_F0 = 0.04
+
+
+class Around(NamedTuple):
+    """How much of the light from all around reaches N points."""
+
+    visibility: Tensor | None = None  # (N,) share
+    normal: Tensor | None = None  # (3,N) unit mean direction that it comes from; None: the surface's normal
+
+
+@dataclass(frozen=True, eq=False)
+class Sent:
+    """Light that N points send to the eye, and what of it mirrors replace by what they show."""
+
+    radiance: Tensor  # (3,N)
+    replaced: Tensor  # (3,N) is taken away where a mirrored picture is known,
+    mirrored: Tensor  # (3,N) and that picture times this added
+
+
+Arrivals = Sequence[tuple[Arrival, Tensor]]
+"""Lights, each with the irradiance (N,) that its shadow leaves."""
+
+
+def phong(surface: Surface, sky: Sky, around: Around, lights: Arrivals) -> Sent:
+    """Lambert's diffuse light and Phong's normalised highlight."""
+    s = surface
+    seen = s.occlusion if around.visibility is None else s.occlusion * around.visibility
+    diffuse = sky.diffuse(s.normal if around.normal is None else around.normal) * seen
+    specular = torch.zeros_like(s.base)
+    facing = (s.normal * s.to_eye).sum(0)
+    mirror = 2.0 * facing * s.normal - s.to_eye
+    for light, amount in lights:
+        color = light.color[:, None]
+        diffuse = diffuse + color * (amount / math.pi)
+        cosine = (mirror * light.direction).sum(0).clamp(0.0, 1.0)
+        lobe = (s.shininess + 2.0) / (2.0 * math.pi) * cosine.pow(s.shininess)
+        specular = specular + color * (amount * lobe)
+    matte = s.base * diffuse
+    share = schlick(s.degree, facing.abs())
+    tint = s.highlight / s.degree.clamp_min(1e-12)
+    return Sent(matte + s.highlight * specular + s.emission, share * matte, share * tint)
+
+
+def metallic_roughness(surface: Surface, sky: Sky, around: Around, lights: Arrivals) -> Sent:
+    """GGX with energy compensation over a coupled diffuse part, under sheen and a clear coat."""
+    s, m = surface, _Mix.of(surface)
+    seen = s.occlusion if around.visibility is None else s.occlusion * around.visibility
+    diffuse = sky.diffuse(s.normal if around.normal is None else around.normal) * seen
+    up = 2.0 * m.eye * s.normal - s.to_eye
+    specular_seen = specular_occlusion(m.eye, seen, s.roughness)
+    through = 1.0 - _coat_share(s)
+    mirrored = m.mirrored * m.sheen_left * through
+    replaced = mirrored * sky.mirrored(up, s.roughness) * specular_seen
+    sheen = s.sheen * m.sheen_share * diffuse
+    total = s.emission + sheen + m.matte * m.sheen_left * m.left_eye * diffuse * through + replaced
+    for light, amount in lights:
+        total = total + light.color[:, None] * amount * m.lobes(light.direction, through)
+    if bool((s.clearcoat > 0).any()):
+        total = total + _coat(s, sky, seen, lights)
+    return Sent(total, replaced, mirrored)
+
+
+def unlit(surface: Surface) -> Sent:
+    """The colour as it is."""
+    none = torch.zeros_like(surface.base)
+    return Sent(surface.base, none, none)
+
+
+def specular_occlusion(eye: Tensor, seen: Tensor, roughness: Tensor) -> Tensor:
+    """Share (N,) of mirrored light where a share (N,) of all directions is open.
+
+    Source: Lagarde and de Rousiers, *Moving Frostbite to physically based rendering*, 2014, section 4.10.2.
+    """
+    power = torch.exp2(-16.0 * roughness - 1.0)
+    open_share = (eye.clamp_min(0.0) + seen).clamp_min(1e-6).pow(power) - 1.0 + seen
+    return torch.where(seen >= 1.0, 1.0, open_share.clamp(0.0, 1.0))
+
+
+@dataclass(frozen=True, eq=False)
+class _Mix:
+    """Terms of a surface that do not depend on lights."""
+
+    surface: Surface
+    eye: Tensor  # (N,) cosine to the eye
+    f0: Tensor  # (3,N)
+    f90: Tensor  # (N,)
+    again: Tensor  # (3,N) what comes back of lost light
+    mirrored: Tensor  # (3,N) share of light from everywhere that is mirrored
+    matte: Tensor  # (3,N) diffuse reflectance
+    left_eye: Tensor  # (N,) share of diffuse light that gets out towards the eye
+    inner: Tensor  # (N,) mean share that gets in
+    bare: tuple[Tensor, Tensor]  # (N,) dielectric reflectance at normal and grazing incidence
+    sheen_left: Tensor  # (N,) what sheen leaves to the lobes below
+    sheen_share: Tensor  # (N,)
+
+    @classmethod
+    def of(cls, s: Surface) -> _Mix:
+        eye = (s.normal * s.to_eye).sum(0).clamp(1e-4, 1.0)
+        a, b, cloth, _ = look_up(albedo_table().split, eye, s.roughness).unbind(-1)
+        if bool((s.sheen > 0).any()):
+            cloth = look_up(albedo_table().split, eye, s.sheen_roughness)[..., 2]
+        f0 = torch.lerp(s.dielectric, s.base, s.metallic)
+        f90 = torch.lerp(s.weight, torch.ones_like(s.weight), s.metallic)
+        again = 1.0 + f0 * (1.0 / (a + b).clamp_min(1e-3) - 1.0)
+        low, high = s.dielectric.amax(0), s.weight
+        mean_a, mean_b = mean_albedo(s.roughness)
+        return cls(
+            surface=s,
+            eye=eye,
+            f0=f0,
+            f90=f90,
+            again=again,
+            mirrored=(f0 * a + f90 * b) * again,
+            matte=s.base * (1.0 - s.metallic) * (1.0 - s.transmission),
+            left_eye=1.0 - (low * a + high * b) * (1.0 + low * (1.0 / (a + b).clamp_min(1e-3) - 1.0)),
+            inner=1.0 - (low * mean_a + high * mean_b),
+            bare=(low, high),
+            sheen_left=1.0 - s.sheen.amax(0) * cloth,
+            sheen_share=cloth,
+        )
+
+    def lobes(self, direction: Tensor, through: Tensor) -> Tensor:
+        """Value (3,N) of all lobes under the coat, for light from unit directions (3,N)."""
+        s = self.surface
+        to_light = (s.normal * direction).sum(0)
+        sine, half = half_vector_terms(s.normal, s.to_eye, direction)
+        fresnel = self.f0 + (self.f90 - self.f0) * fifth_power(half)
+        specular = fresnel * self.again * ggx_lobe(sine, to_light, self.eye, ggx_alpha(s.roughness))
+        a, b = directional_albedo(to_light, s.roughness)
+        gets_in = (1.0 - (self.bare[0] * a + self.bare[1] * b)) / self.inner.clamp_min(1e-3)
+        value = (specular + self.matte * (self.left_eye * gets_in / math.pi)) * self.sheen_left
+        value = value * through
+        if bool((s.sheen > 0).any()):
+            value = value + s.sheen * sheen_lobe(sine, to_light, self.eye, s.sheen_roughness)
+        return value
+
+
+def _coat_share(s: Surface) -> Tensor:
+    """Share (N,) that the clear coat mirrors, and keeps from what is below."""
+    eye = (s.smooth * s.to_eye).sum(0).clamp(1e-4, 1.0)
+    return s.clearcoat * (COAT_F0 + (1.0 - COAT_F0) * fifth_power(eye))
+
+
+def _coat(s: Surface, sky: Sky, seen: Tensor, lights: Arrivals) -> Tensor:
+    """Light (3,N) that the clear coat mirrors."""
+    eye = (s.smooth * s.to_eye).sum(0).clamp(1e-4, 1.0)
+    a, b = directional_albedo(eye, s.coat_roughness)
+    up = 2.0 * eye * s.smooth - s.to_eye
+    share = s.clearcoat * (COAT_F0 * a + b)
+    total = share * sky.mirrored(up, s.coat_roughness) * specular_occlusion(eye, seen, s.coat_roughness)
+    alpha = ggx_alpha(s.coat_roughness)
+    for light, amount in lights:
+        to_light = (s.smooth * light.direction).sum(0).clamp_min(0.0)
+        bent = (s.normal * light.direction).sum(0).clamp_min(1e-3)
+        sine, half = half_vector_terms(s.smooth, s.to_eye, light.direction)
+        fresnel = COAT_F0 + (1.0 - COAT_F0) * fifth_power(half)
+        value = s.clearcoat * fresnel * ggx_lobe(sine, to_light, eye, alpha)
+        # The amount holds the cosine at the bent normal; the coat lies flat.
+        total = total + light.color[:, None] * (amount / bent * to_light * value)
+    return total

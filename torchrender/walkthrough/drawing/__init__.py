@@ -1,0 +1,1 @@
+"""What drawing walkthroughs keeps from picture to picture."""
