@@ -28,6 +28,8 @@ from torchrender.kernels.shadows.shadow_receiver import (
 NEAREST_TEXEL, WINDOW, DISC, PCSS, AVERAGE_DEPTH = 0, 1, 2, 3, 4
 
 _BLOCK, _PARTS = 512, 64
+_RISE = 2.0  # texels of depth per texel aside, beyond the slope of the receiver
+_WITHIN = 1.25  # how far outside the cone to the light a blocker still counts: texels are not points
 _CLEAR = 2.0  # texels that a blocker must lie before the receiver to be none of its own surface
 
 
@@ -39,6 +41,7 @@ class _Disc(NamedTuple):
     turn: float
     radius_u: float  # texels
     radius_v: float
+    cone: bool  # count only blockers that stand between the point and the light's disc
 
 
 @kernel(inline=True)
@@ -58,6 +61,10 @@ def _tap(maps, face, row, column, r, s):
         plane = plane_depth(r, s.orthographic, column + 0.5, row + 0.5)
         if not math.isnan(plane):
             z, bias = plane, s.b0 * r.texel + r.rounding
+    if s.settles:
+        # What rises from the receiver's own surface, as at the foot of a wall, is no edge to be softened.
+        x, y = column + 0.5 - r.u, row + 0.5 - r.v
+        bias += (_RISE * r.texel + abs(r.gu) + abs(r.gv)) * math.sqrt(x * x + y * y)
     if z <= depth + bias:
         return 1.0, np.inf
     return 0.0, depth
@@ -97,10 +104,23 @@ def _average_depth(maps, face, r):
     return 1.0 if r.z <= mean + r.bias else 0.0
 
 
+@kernel(inline=True)
+def _between(x, y, radius_u, radius_v, depth, r, s):
+    """A blocker at a tap's place lies in the cone from point to light's disc, or within a texel of the point."""
+    a, b = x * radius_u, y * radius_v
+    if a * a + b * b <= 1.0:
+        return True
+    gap = 0.5 * s.light_size * (r.z - depth)
+    if not s.orthographic:
+        gap = gap / (r.z * depth) if depth > 0.0 else np.inf
+    a, b = a / r.focal_u, b / r.focal_v
+    return math.sqrt(a * a + b * b) <= _WITHIN * gap
+
+
 @kernel()
 def _disc(maps, face, r, s, taps, disc):
     """Share of lit taps in a disc, and number and mean depth of the blockers."""
-    first, last, turn, radius_u, radius_v = disc
+    first, last, turn, radius_u, radius_v, cone = disc
     cosine, sine = math.cos(turn), math.sin(turn)
     lit, blockers, depth_sum = 0.0, 0, 0.0
     for i in range(first, last):
@@ -108,6 +128,8 @@ def _disc(maps, face, r, s, taps, disc):
         y = sine * taps[i, 0] + cosine * taps[i, 1]
         row, column = math.floor(r.v + radius_v * y), math.floor(r.u + radius_u * x)
         share, depth = _tap(maps, face, row, column, r, s)
+        if cone and depth < np.inf and not _between(x, y, radius_u, radius_v, depth, r, s):
+            share, depth = 1.0, np.inf
         lit += share
         if depth < np.inf:
             blockers += 1
@@ -126,7 +148,7 @@ def _pcss(maps, face, r, s, taps, turn):
     longer = max(r.focal_u, r.focal_v)
     search = min(max(search, 1.0 / longer), s.rho_max / longer)
     here = with_reach(r, s, search * r.focal_u, search * r.focal_v)
-    disc = _Disc(0, s.search_taps, turn, search * r.focal_u, search * r.focal_v)
+    disc = _Disc(0, s.search_taps, turn, search * r.focal_u, search * r.focal_v, True)
     _, blockers, mean = _disc(maps, face, here, s, taps, disc)
     if blockers == 0 or (not s.orthographic and not mean > 0.0):
         return 1.0
@@ -134,7 +156,7 @@ def _pcss(maps, face, r, s, taps, turn):
     radius = 0.5 * width * gap if s.orthographic else 0.5 * width * gap / (mean * r.z)
     radius = min(max(radius, 1.0 / longer), s.rho_max / longer)
     here = with_reach(r, s, radius * r.focal_u, radius * r.focal_v)
-    disc = _Disc(s.search_taps, taps.shape[0], turn, radius * r.focal_u, radius * r.focal_v)
+    disc = _Disc(s.search_taps, taps.shape[0], turn, radius * r.focal_u, radius * r.focal_v, True)
     return _disc(maps, face, here, s, taps, disc)[0]
 
 
@@ -182,7 +204,7 @@ def _filtered(maps, face, r, s, taps, index):
         return _window(maps, face, with_reach(r, s, s.n + 0.5, s.n + 0.5), s)
     if s.filter == DISC:
         here = with_reach(r, s, s.radius, s.radius)
-        disc = _Disc(s.search_taps, taps.shape[0], _angle(index), s.radius, s.radius)
+        disc = _Disc(s.search_taps, taps.shape[0], _angle(index), s.radius, s.radius, False)
         return _disc(maps, face, here, s, taps, disc)[0]
     if s.filter == PCSS:
         return _pcss(maps, face, r, s, taps, _angle(index))

@@ -16,6 +16,7 @@ from torchrender.effects.shadows.soft_shadow import Occluders, SoftShadowOptions
 from torchrender.passes.contract import Amounts, Pass, always
 from torchrender.passes.hard import LIGHTS, HardEffect, Law, Outputs, Subject
 from torchrender.passes.outlook import Outlook
+from torchrender.passes.settings import settings
 from torchrender.pipeline.buffer import Buffer, Lasting, lights_of
 from torchrender.pipeline.frame import Frame
 from torchrender.pipeline.options import RenderOptions
@@ -98,6 +99,12 @@ PASS = Pass(
     makes=OCCLUDERS,
     applies=always("area lights are sampled"),
     run=run,
+    settings=settings(
+        "what casts shadows",
+        {kind: {"soft_shadow.occluders": kind} for kind in ("rebuilt", "images", "scene")},
+        context={"area_shadows": "sampled", "soft_shadow.light_samples": 16},
+    ),
     amounts=amounts,
+    one_cost=True,
     hard=(HARD,),
 )
