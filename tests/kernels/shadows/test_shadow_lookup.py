@@ -19,7 +19,7 @@ def settings(**changes) -> LookupSettings:
     values = {
         "orthographic": False, "cube": False, "bias": SLOPE, "filter": WINDOW, "n": 1, "radius": 1.5, "reach": 0.0,
         "b0": 0.05, "k": 1.0, "b_max": 3.0, "k_n": 0.0, "outside": 1.0, "light_size": 0.4, "rho_max": 6.0,
-        "search_near": 1.2, "search_taps": 5, "settles": False, "exact": False,
+        "search_near": 1.2, "search_taps": 5, "settles": False, "exact": False, "edges": (0.0,) * 6,
     }  # fmt: skip
     return LookupSettings(**(values | changes))
 
@@ -264,7 +264,25 @@ def test_what_rises_from_the_receiver_softens_nothing(kind):
     eye = np.concatenate([np.eye(3), np.zeros((3, 1))], axis=1)
     view = np.concatenate([eye.ravel(), [20.0, 20.0, width / 2, height / 2, 0.1, FAR]])
     point, normal = np.array([[0.01, 0.0, 3.0]]), np.array([[0.0, 0, -1]], np.float32)
-    args = (point, normal, np.array([0.0, 0.0, -1.0, 0.0]), view[None], depths[None], np.tile([[0.9, 0.0], [-0.9, 0.0], [0.0, 0.9], [0.0, -0.9]], (5, 1)))
+    args = (
+        point,
+        normal,
+        np.array([0.0, 0.0, -1.0, 0.0]),
+        view[None],
+        depths[None],
+        np.tile([[0.9, 0.0], [-0.9, 0.0], [0.0, 0.9], [0.0, -0.9]], (5, 1)),
+    )
     s = settings(orthographic=True, filter=FILTERS[kind], n=2, radius=2.5, bias=RECEIVER_PLANE, exact=True)
     assert look_up(*args, s._replace(settles=True))[0] == 1.0
     assert look_up(*args, s)[0] < 1.0
+
+
+def test_a_rectangle_partly_above_a_surface_is_not_called_hidden():
+    """Its centre lies below: the map knows nothing of the rest. Wholly below, it is."""
+    eye = np.concatenate([np.eye(3), np.zeros((3, 1))], axis=1)
+    view = np.concatenate([eye.ravel(), [20.0, 20.0, SIZE[1] / 2, SIZE[0] / 2, NEAR, FAR]])
+    point, normal = np.array([[0.0, 0.5, 3.0]]), np.array([[0.0, 1.0, 0.0]], np.float32)
+    args = (point, normal, np.array([0.0, 0, 0, 1]), view[None], np.full((1, *SIZE), 1.5, np.float32), np.zeros((6, 2)))
+    assert look_up(*args, settings())[0] == 0.0
+    assert look_up(*args, settings(edges=(0.2, 0.9, 0.0, 0.0, 0.0, 0.3)))[0] == 0.0
+    assert look_up(*args, settings(edges=(0.2, 1.1, 0.0, 0.0, 0.0, 0.3)))[0] == 1.0
