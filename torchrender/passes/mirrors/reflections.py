@@ -71,10 +71,16 @@ def run(frame: Frame) -> ReflectionLayer:
     return made.layer
 
 
+VIEWS = 300.0
+"""Depth images that curved clusters need beside those of planes, per million reflective pixels."""
+
+
 def amounts(outlook: Outlook) -> Amounts:
     """Once; reflective pixels; triangles in the clusters' pictures."""
-    drawn = outlook.triangles if outlook.options.reflections == "clustered" else 0.0
-    return (1.0, reflective(outlook), drawn)
+    options, pixels, drawn = outlook.options, reflective(outlook), 0.0
+    if options.reflections == "clustered":
+        drawn = outlook.triangles * (1.0 if options.reflection.missing == "trace" else 1.0 + VIEWS * pixels)
+    return (1.0, pixels, drawn)
 
 
 WAYS: Mapping[str, Mapping[str, Any]] = {

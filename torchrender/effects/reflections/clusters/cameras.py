@@ -50,6 +50,7 @@ class CameraOptions:
     aim: str = "rays"  # view axis: "normal" of the fitting plane (thesis), or the mean direction of the "rays", which
     # at grazing angles lie far off the normal
     deviation_deg: float = 180.0  # mean angle between a cluster's rays and its camera's above which it is parted
+    most: int = 512  # clusters from which on none is parted for its deviation
     lobe: str = "cone"  # of glossy clusters
     planes: bool = True  # planar clusters look with the mirrored eye, pixel for pixel
 
@@ -72,6 +73,8 @@ def build_cluster_cameras(
     rounds = SPLITS if options.deviation_deg >= 180.0 else ROUNDS
     for attempt in range(rounds + 1):
         made, side = _fit(pixels, bundle, diagonal, options)
+        if len(made) >= options.most:
+            side = torch.where(side == 4, 0, side)
         if attempt == rounds or not bool(side.any()):
             break
         bundle = bundle.regroup(split(bundle.clusters, _sides(bundle, made, side)))
