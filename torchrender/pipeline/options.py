@@ -102,7 +102,9 @@ def shadow_choices(shadows: str | None = None, size: int | None = None, cascades
     if shadows is not None:
         check_choice("shadows", shadows, tuple(SHADOWS))
         made |= SHADOWS[shadows]
-    wanted = {name: value for name, value in (("size", size), ("cascades", cascades)) if value is not None}
+    wanted: dict[str, Any] = {
+        name: value for name, value in (("size", size), ("cascades", cascades)) if value is not None
+    }
     return made | ({"shadow": ShadowOptions(**wanted)} if wanted else {})
 
 
