@@ -47,13 +47,12 @@ def asks(outlook: Outlook) -> Buffers:
 
 def run(frame: Frame) -> HitShader:
     """That of an earlier picture, else one that shades hits by the passes of this picture."""
-    eyes = frame.cameras.eye
     earlier = frame.earlier(HIT_SHADER)
     if earlier is not None:
-        return earlier.seen_from(eyes)
+        return earlier
     maps = frame.get(SHADOW_MAP) if frame.options.shadow.cascades == 1 else None
     over_hits = frame.over_hits({} if maps is None else {SHADOW_MAP: maps})
-    return HitShader(frame.scene, over_hits, frame.options.background, eyes)
+    return HitShader(frame.scene, over_hits, frame.options.background)
 
 
 def amounts(outlook: Outlook) -> Amounts:
