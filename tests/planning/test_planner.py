@@ -62,8 +62,8 @@ def test_only_what_the_scene_calls_for(grass: Scene, box: Scene, washroom: Scene
     end = ["direct_light", "composite", "resample"]
     assert running(tr.plan(grass, view(grass))) == ["gbuffer", "light_reach", "shadow_map", "point_shadow", *end]
     assert running(tr.plan(box, view(box))) == ["gbuffer", "light_reach", "shadow_map", "soft_shadow", *end]
-    names = ["gbuffer", "reflective_pixel", "light_reach", "shadow_map", "point_shadow", "soft_shadow", "direct_light"]
-    names.append("hit_shader")
+    seen = ["gbuffer", "reflective_pixel", "ray_caster", "light_reach"]
+    names = [*seen, "shadow_map", "point_shadow", "soft_shadow", "direct_light", "hit_shader"]
     assert running(tr.plan(washroom, view(washroom))) == [*names, "reflections", *end[1:]]
     first = tr.plan(washroom, view(washroom), history=RenderHistory())
     assert running(first) == [*names, "reflections", "key_frame", *end[1:]]

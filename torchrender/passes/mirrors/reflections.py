@@ -95,13 +95,18 @@ QUICK = 1.25
 SLACK_MS = 5.0
 
 
+def left_open(options: RenderOptions) -> bool:
+    """Nobody says how."""
+    return options.reflections == "auto"
+
+
 def settle(outlook: Outlook, prices: Prices) -> RenderOptions:
     """For ``reflections="auto"`` the most accurate of the quick ways, trees and cube maps included.
 
     In a sequence the tree counts once it turns out that the scene changes, and a way is kept while it is a quick one.
     """
     options = outlook.options
-    if options.reflections != "auto":
+    if not left_open(options):
         return options
     exact = Setting("traced", WAYS["traced"]).applied(options)
     if not mirrors(outlook).runs:
@@ -242,6 +247,7 @@ PASS = Pass(
     ),
     amounts=amounts,
     settle=settle,
+    settles=left_open,
     own=OWN,
     over_samples=over_samples,
     hard=HARD,
