@@ -113,8 +113,8 @@ def light_visibility(
     """
     options = options_for(light, scene, options)
     if shadow_map is None:
-        follows = options.coverage == "view" and isinstance(gbuffer, GBuffer)
-        shadow_map = render_shadow_map(scene, light, options, gbuffer=gbuffer if follows else None)
+        seen = gbuffer if options.coverage == "view" and isinstance(gbuffer, GBuffer) else None
+        shadow_map = render_shadow_map(scene, light, options, gbuffer=seen)
     points, normals = gbuffer.position, gbuffer.geometric_normal
     if not (settles(options) and isinstance(gbuffer, GBuffer)):
         return shadow_factor(points, normals, light, shadow_map, options)
@@ -231,17 +231,16 @@ def _settings(light: Light, part: ShadowMap, options: ShadowOptions, *, exact: b
         rho_max=float(options.largest_radius),
         search_near=near,
         search_taps=options.search_taps,
-        edges=_edges(light),
+        **_edges(light),
         settles=settles(options),
         exact=exact,
     )
 
 
-def _edges(light: Light) -> tuple[float, ...]:
-    """(6,) edges of a rectangle; zeros for other lights."""
-    if not isinstance(light, RectLight):
-        return (0.0,) * 6
-    return tuple(float(x) for x in torch.cat([light.edge_u, light.edge_v]))
+def _edges(light: Light) -> dict[str, float]:
+    """Edges of a rectangle by component; zeros for other lights."""
+    edges = torch.cat([light.edge_u, light.edge_v]).tolist() if isinstance(light, RectLight) else [0.0] * 6
+    return dict(zip(("ux", "uy", "uz", "vx", "vy", "vz"), edges, strict=True))
 
 
 def _light_size(light: Light, cameras: Cameras, options: ShadowOptions) -> float:

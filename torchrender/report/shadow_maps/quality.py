@@ -95,9 +95,8 @@ def contact_displacement(gbuffer: GBuffer, light: Light, shadow_map: ShadowMap, 
     for index in range(len(shadow_map.cameras)):
         rows, view = chosen == index, light_view(shadow_map.cameras, index)
         at = project_with_slope(points[rows], normals[rows], view)
-        bias, _ = depth_bias(
-            at, view.far - view.near, (options.constant_bias, slope, options.largest_bias), options.reach
-        )
+        limits = (options.constant_bias, slope, options.largest_bias)
+        bias, _ = depth_bias(at, view, limits, options.reach)
         moved[rows] = bias * sine[rows]
     image = torch.zeros(gbuffer.triangle.shape)
     image[covered] = torch.where(cosine > 0, moved, 0.0).float()
