@@ -19,8 +19,9 @@ def settings(**changes) -> LookupSettings:
     values = {
         "orthographic": False, "cube": False, "bias": SLOPE, "filter": WINDOW, "n": 1, "radius": 1.5, "reach": 0.0,
         "b0": 0.05, "k": 1.0, "b_max": 3.0, "k_n": 0.0, "outside": 1.0, "light_size": 0.4, "rho_max": 6.0,
-        "search_near": 1.2, "search_taps": 5, "settles": False, "exact": False, **dict.fromkeys(("ux", "uy", "uz", "vx", "vy", "vz"), 0.0),
+        "search_near": 1.2, "search_taps": 5, "settles": False, "exact": False,
     }  # fmt: skip
+    values |= dict.fromkeys(("ux", "uy", "uz", "vx", "vy", "vz"), 0.0)
     return LookupSettings(**(values | changes))
 
 

@@ -73,7 +73,8 @@ def shadow_factor(
 ) -> Tensor:
     """Visibility of a light at surface points.
 
-    A point is lit where its depth in the light's image is at most the stored depth plus the bias. Points that face
+    A point is lit where its depth in the light's image is at most the stored depth plus the bias, whatever
+    ``options.edges`` says: :func:`light_visibility` settles them by the scene's triangles. Points that face
     away from the light are 0 without a lookup; points without a surface (zero normal, or not finite) are 1.
 
     Args:
@@ -88,7 +89,8 @@ def shadow_factor(
     Raises:
         InputError: shapes that do not fit, or a map whose cameras have skew.
     """
-    return _factors(points, normals, light, shadow_map, options or ShadowOptions())[0]
+    # Without triangles nothing else can settle what the map leaves open.
+    return _factors(points, normals, light, shadow_map, replace(options or ShadowOptions(), edges="map"))[0]
 
 
 def options_for(light: Light, scene: Scene, options: ShadowOptions | None = None) -> ShadowOptions:
