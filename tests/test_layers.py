@@ -24,6 +24,7 @@ ORDER = (
     "torchrender.clock",
     "torchrender.arrays",
     "torchrender.kernels.hooks",
+    "torchrender.kernels.claims",
     "torchrender.kernels.keys",
     "torchrender.kernels.libraries",
     "torchrender.kernels.store",

@@ -168,11 +168,14 @@ class RayCaster:
 
 def holes_of(geometry: Geometry) -> Holes:
     """The missing texels of its triangles, as kernels read them."""
-    cutout, uv = geometry.cutout, geometry.uv
-    if cutout is None or uv is None:
+    cutout = geometry.cutout
+    if cutout is None:
         return NO_HOLES
     return Holes(
-        view(cutout.mask, np.int32), view(cutout.table, np.int64), view(cutout.texels, np.uint8), view(uv, np.float32)
+        view(cutout.mask, np.int32),
+        view(cutout.table, np.int64),
+        view(cutout.texels, np.uint8),
+        view(cutout.vertices, np.float32),
     )
 
 

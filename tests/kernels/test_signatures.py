@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -86,3 +88,23 @@ def test_the_worker_needs_neither_torch_nor_scenes() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], check=False, capture_output=True, text=True)
     assert done.returncode == 0 and json.loads(done.stdout) == {"ready": True}, done.stderr
+
+
+def test_a_picture_after_a_warm_up_compiles_nothing() -> None:
+    """In a process of its own, helpers included; ``python tests/kernel_uses.py --check`` does so for all work."""
+    code = (
+        "import kernel_uses, sys\n"
+        "from torchrender.kernels.warm_up import missing, warm_up\n"
+        "assert warm_up(missing(['render'])).failed == ()\n"
+        "from torchrender.renderer import render\n"
+        "with kernel_uses.compiled() as names: render('washroom', width=48, height=48)\n"
+        "late = list(names)\n"
+        "from numba import njit\n"
+        "with kernel_uses.compiled() as names: njit(lambda x: x + 1)(1)\n"
+        "sys.exit(f'{late} {names}' if late or not names else 0)"
+    )
+    tests = str(Path(kernel_uses.__file__).parent)
+    path = os.pathsep.join([tests, os.environ.get("PYTHONPATH", ""), str(Path(tests).parent)])
+    environment = {**os.environ, "PYTHONPATH": path, "TORCHRENDER_CURVES": os.devnull + "/none"}
+    done = subprocess.run([sys.executable, "-c", code], check=False, capture_output=True, text=True, env=environment)
+    assert done.returncode == 0, done.stderr

@@ -9,10 +9,11 @@ import torch
 
 from torchrender.errors import InputError, MeshError, OptionError
 from torchrender.kernels.raster.project import BLOCK
-from torchrender.scene.cutout import build_cutout
+from torchrender.kernels.raster.records import SOLID
+from torchrender.scene.cutout import Corners, build_cutout
 from torchrender.scene.environment import Environment, latlong_directions
 from torchrender.scene.light import DirectionalLight, PointLight, RectLight, SpotLight
-from torchrender.scene.material import Material, from_metallic_roughness
+from torchrender.scene.material import Material, Sampler, from_metallic_roughness
 from torchrender.scene.medium import Medium
 from torchrender.scene.mesh import CLUSTER, Mesh, concatenate
 from torchrender.scene.model import Scene
@@ -107,11 +108,28 @@ def test_cutout_masks_only_textures_with_holes():
         Material(diffuse_texture=torch.ones(2, 2, 4), alpha_cutoff=0.5),
         Material(diffuse_texture=holey),
     )
-    cutout = build_cutout(materials, torch.tensor([0, 1, 2, 0]))
+    corners = Corners(torch.arange(12).reshape(4, 3), torch.rand(12, 2), None, None)
+    cutout = build_cutout(materials, torch.tensor([0, 1, 2, 0]), corners, 12)
     assert cutout.mask.tolist() == [0, -1, -1, 0]
     assert cutout.triangles.tolist() == [0, 3]
-    assert cutout.table.tolist() == [[0, 2, 3]] and cutout.texels.tolist() == [1, 0, 1, 1, 1, 1]
-    assert build_cutout(materials[1:], torch.tensor([0, 1])) is None
+    solid = (cutout.texels >= SOLID).tolist()
+    assert cutout.table.tolist() == [[0, 2, 3, 0]] and solid == [True, False, True, True, True, True]
+    assert build_cutout(materials[1:], torch.tensor([0, 1]), corners, 12) is None
+
+
+def test_cutouts_lie_as_their_sampler_says_and_count_all_opacities():
+    turned = torch.tensor([[0.0, 2.0, 0.1], [1.0, 0.0, 0.0]])
+    sampler = Sampler(uv_set=1, transform=turned, wrap_u="mirror", wrap_v="clamp")
+    leaf = Material(
+        diffuse_texture=torch.full((2, 2, 4), 0.6), alpha_cutoff=0.5, samplers={"diffuse_texture": sampler}, opacity=0.9
+    )
+    uv1, alpha = torch.rand(3, 2), torch.tensor([1.0, 0.5, 0.0])
+    corners = Corners(torch.tensor([[0, 1, 2]]), torch.zeros(3, 2), uv1, alpha)
+    cutout = build_cutout((leaf,), torch.tensor([0]), corners, 3)
+    torch.testing.assert_close(cutout.vertices, torch.stack([2 * uv1[:, 1] + 0.1, uv1[:, 0], alpha], dim=1))
+    assert cutout.table.tolist() == [[0, 2, 2, 1 + 3 * 2]] and bool((cutout.texels >= SOLID).all())
+    nothing = build_cutout((Material(opacity=0.0, alpha_cutoff=0.5),), torch.tensor([0]), corners, 3)
+    assert nothing.texels.tolist() == [0]
 
 
 def test_lights_normalise_and_check():

@@ -141,8 +141,9 @@ def report_lines(made: Walkthrough) -> Iterator[str]:
     if r["left_out"]:
         yield f"{len(r['left_out'])} frames left out"
     yield (
-        f"size {(sizes['textures'] + sizes['points']) / 1e6:.1f} MB raw, {100 * r['size_share']:.0f} % of the photos'"
-        f" {sizes['photos'] / 1e6:.1f} MB: textures {sizes['textures'] / 1e6:.1f}, points {sizes['points'] / 1e6:.1f}"
+        f"size {made.size_bytes / 1e6:.1f} MB raw, {100 * r['size_share']:.0f} % of the photos'"
+        f" {sizes['photos'] / 1e6:.1f} MB: textures {sizes['textures'] / 1e6:.1f}, points {sizes['points'] / 1e6:.1f},"
+        f" colours that depend on the view {sizes['view_colors'] / 1e6:.1f}"
     )
     yield f"texels: {r['texels']['seen']:,} seen, {r['texels']['filled']:,} filled, {r['texels']['holes']:,} true holes"
     yield (

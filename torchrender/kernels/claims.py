@@ -18,6 +18,8 @@ LONGEST_S = 300.0
 """No kernel takes so long, on a busy machine either: an older claim was left behind."""
 UNSIGNED_S = 5.0
 """A claim without a name for so long was made on a full disk, or by a process that was stopped just then."""
+PATIENCE_S = 20.0
+"""Whoever needs a kernel at once waits so long for another process, which may be starved, before compiling it, too."""
 POLL_S = 0.05
 
 
@@ -61,8 +63,8 @@ def is_taken(code: Path) -> bool:
     return _is_held(_file(code))
 
 
-def wait(code: Path, longest_s: float = LONGEST_S) -> None:
-    """Until no other process compiles it."""
+def wait(code: Path, longest_s: float = PATIENCE_S) -> None:
+    """Until no other process compiles it, or patience ends."""
     end = time.monotonic() + longest_s
     while is_taken(code) and time.monotonic() < end:
         time.sleep(POLL_S)

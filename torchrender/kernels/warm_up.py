@@ -25,8 +25,9 @@ IDLE_S = 1.0
 """Processes that have nothing to do for so long end: more work may come from a plan that is being made."""
 POLL_S = 0.2
 """Between looks at what another process compiles."""
-GENTLY = 10
-"""Niceness of processes that compile what nobody waits for yet."""
+GENTLY = 3
+"""Niceness of processes that compile what nobody waits for yet: little more than that of renderers, which may come to
+wait for them on a busy machine."""
 
 Tell = Callable[[int, int], None]
 """Told how many kernels are done, and how many there are."""

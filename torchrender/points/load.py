@@ -13,7 +13,6 @@ from torch import Tensor
 
 from torchrender.checks import check_range
 from torchrender.errors import InputError, MeshError, SceneFileError, TorchRenderWarning
-from torchrender.numerics.texture import color_pyramid, sample_texture
 from torchrender.points.cloud import PointCloud
 from torchrender.points.gaussians import covariances
 from torchrender.scene.files.gltf.container import GltfFile
@@ -24,6 +23,7 @@ from torchrender.scene.files.report import Notes
 from torchrender.scene.files.source import read_bytes
 from torchrender.scene.load import load
 from torchrender.scene.model import Scene
+from torchrender.voxels.coverage import surface_alpha, surface_colors
 
 SAMPLES = 1_000_000
 """Points that a mesh is sampled by, if not told otherwise."""
@@ -35,6 +35,11 @@ OPEN = 0.1
 
 COVER = 1.7
 """Radius of sampled points over the square root of the area that each stands for: random points leave few holes."""
+
+
+SEEN = 1 / 512
+HALF = 0.5
+"""Of the opacity: what is less is not there; of holes: a point beyond is in one."""
 
 
 class SampledWarning(TorchRenderWarning):
@@ -128,6 +133,9 @@ def _cloud(path: Path, columns: dict[str, Any], notes: Notes, drop: bool) -> Poi
 def sample_points(scene: Scene, count: int, *, seed: int = 0) -> PointCloud:
     """``count`` points spread evenly over all surfaces of a scene, with normals, colours and radii.
 
+    Those that fall into holes of textures are left out, so that there may be less; surfaces that blend give their
+    opacity.
+
     A closed surface that is inside out is turned; an open one gives points that are drawn from both sides. Stratified
     along the triangles by area. Radius: 1.7 times the square root of the area per point. Colours are those
     of the material, texture and vertices, unlit.
@@ -154,12 +162,20 @@ def sample_points(scene: Scene, count: int, *, seed: int = 0) -> PointCloud:
     u, v = (steps + torch.rand(2, 1, generator=generator).double()) % 1.0
     root = u.sqrt()
     weights = torch.stack([1 - root, root * (1 - v), root * v], dim=1)
+    spacing = math.sqrt(total / count)
+    alpha = surface_alpha(scene, triangle, weights, 0.0)
+    if alpha is not None:
+        keep = alpha >= HALF if not any(m.blend for m in scene.materials) else alpha > SEEN
+        if not bool(keep.any()):
+            raise MeshError(f"scene {scene.name!r} has no surface to sample: all of it is transparent")
+        triangle, weights, alpha = triangle[keep], weights[keep], alpha[keep]
     chosen = geometry.faces[triangle].long()
     return PointCloud(
         position=(weights[:, :, None] * corners[triangle]).sum(1),
         normal=sign * _normals(scene, triangle, chosen, weights),
-        radius=torch.full((count,), COVER * math.sqrt(total / count)),
-        color=_colors(scene, triangle, chosen, weights.float(), math.sqrt(total / count)),
+        radius=torch.full((len(triangle),), COVER * spacing),
+        color=surface_colors(scene, triangle, weights, spacing).float(),
+        opacity=None if alpha is None or bool((alpha >= HALF).all()) else alpha.float(),
         two_sided=two_sided,
         name=scene.name,
     )
@@ -187,29 +203,3 @@ def _normals(scene: Scene, triangle: Tensor, chosen: Tensor, weights: Tensor) ->
     smooth = (weights[:, :, None].float() * geometry.normals[chosen]).sum(1)
     usable = (smooth.norm(dim=1) > 1e-6) & ((smooth * flat).sum(1) > 0)
     return torch.where(usable[:, None], smooth, flat)
-
-
-def _colors(scene: Scene, triangle: Tensor, chosen: Tensor, weights: Tensor, spacing: float) -> Tensor:
-    """Diffuse reflectance of each point, textures filtered to the spacing of the points."""
-    geometry = scene.geometry
-    material = geometry.material[triangle]
-    color = scene.material_table.diffuse[material].clone()
-    if geometry.colors is not None:
-        color = color * (weights[:, :, None] * geometry.colors[chosen]).sum(1)
-    if geometry.uv is None:
-        return color
-    uv = (weights[:, :, None] * geometry.uv[chosen]).sum(1)
-    # Texture coordinates per scene unit, from the areas of the triangles here and in the texture.
-    edges = geometry.uv[chosen[:, 1:]] - geometry.uv[chosen[:, :1]]
-    sides = geometry.vertices[chosen[:, 1:]] - geometry.vertices[chosen[:, :1]]
-    span = (edges[:, 0, 0] * edges[:, 1, 1] - edges[:, 0, 1] * edges[:, 1, 0]).abs()
-    extent = torch.linalg.cross(sides[:, 0], sides[:, 1]).norm(dim=1).float().clamp_min(1e-30)
-    footprint = spacing * (span / extent).sqrt()
-    for number, one in enumerate(scene.materials):
-        if one.diffuse_texture is None:
-            continue
-        rows = (material == number).nonzero().reshape(-1)
-        if len(rows):
-            texels = sample_texture(color_pyramid(one.diffuse_texture), uv[rows], footprint[rows])
-            color[rows] = color[rows] * texels[..., :3]
-    return color

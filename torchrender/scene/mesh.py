@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchrender.checks import check_finite, check_not_negative
 from torchrender.errors import MeshError
 from torchrender.kernels.raster.culling_clusters import cluster_boxes, spatial_order, vertex_blocks
 from torchrender.numerics.tangents import Corners, TangentTable, tangents_of
@@ -25,7 +26,8 @@ class Mesh:
     """Triangles of one material in world space.
 
     Raises:
-        MeshError: wrong shapes, NaN or infinite vertices, or faces that name missing vertices; names the mesh.
+        MeshError: wrong shapes, NaN or infinite vertices, colours, opacities or tangents, negative ones, or faces that
+            name missing vertices; names the mesh.
     """
 
     vertices: Tensor  # (V,3) float32 or float64, scene units
@@ -57,6 +59,15 @@ class Mesh:
             raise MeshError(
                 f"mesh {self.name!r}: {bad.numel()} of {v.shape[0]} vertices are NaN or infinite, first {int(bad[0])}"
             )
+        for field in ("colors", "alpha", "tangents"):
+            value, told = getattr(self, field), f"mesh {self.name!r}: {field}"
+            if value is None:
+                continue
+            if not value.is_floating_point():
+                raise MeshError(f"{told} must hold floats, got {describe(value)}")
+            check_finite(told, value, MeshError)
+            if field != "tangents":
+                check_not_negative(told, value, MeshError)
         if f.numel() and (int(f.min()) < 0 or int(f.max()) >= v.shape[0]):
             raise MeshError(
                 f"mesh {self.name!r}: faces must index {v.shape[0]} vertices, got {int(f.min())} to {int(f.max())}"
@@ -192,7 +203,10 @@ def with_tangents(geometry: Geometry, uv_set: Tensor) -> Geometry:
     corners = tangents_of(Corners(geometry.vertices[faces], unit, uv.double(), given.double()))
     row = torch.full((geometry.triangle_count,), -1, dtype=torch.int32)
     row[chosen] = torch.arange(len(chosen), dtype=torch.int32)
-    return replace(geometry, tangent_table=TangentTable(row, corners))
+    made = replace(geometry, tangent_table=TangentTable(row, corners))
+    known = {name: value for name, value in vars(geometry).items() if name not in made.__dataclass_fields__}
+    made.__dict__.update(known)  # the same triangles: what was found out about them holds
+    return made
 
 
 def concatenate(meshes: Sequence[Mesh]) -> Geometry:

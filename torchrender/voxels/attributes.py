@@ -18,13 +18,15 @@ from torchrender.kernels.compile import thread_count
 from torchrender.kernels.voxels.bits import count_runs
 from torchrender.kernels.voxels.cells import Soup
 from torchrender.kernels.voxels.fragments import visit, weigh
-from torchrender.numerics.texture import color_pyramid, sample_texture
 from torchrender.scene.mesh import Geometry
 from torchrender.scene.model import Scene
-from torchrender.voxels.grid import VoxelGrid, Voxels, flat
+from torchrender.voxels.coverage import surface_alpha, surface_colors
+from torchrender.voxels.grid import WORD, VoxelGrid, Voxels, empty_words, flat
 from torchrender.voxels.surface import SurfaceOptions, checked_mesh, place, room, voxelize_surface
 
 SHORT = 1e-6  # of a mean normal, below which the largest fragment's normal counts
+SOLID = 1 / 8  # of the surface in a cell: with less of it, the cell lies in a hole
+SEEN = 1 / 512  # opacity below which what blends is not there
 LEAST_WEIGHT = 1e-12  # of a fragment that only touches its cell, squared cells
 
 
@@ -66,6 +68,33 @@ class SurfaceFragments:
         u, v = self.barycentric.unbind(-1)
         weights = torch.stack([1.0 - u - v, u, v], dim=-1)
         return (weights[..., None] * corners.double()).sum(dim=1)
+
+    def corner_weights(self) -> Tensor:
+        """(M,3) float64 weights of the corners of their triangles."""
+        u, v = self.barycentric.unbind(-1)
+        return torch.stack([1.0 - u - v, u, v], dim=-1)
+
+    def thinned(self, alpha: Tensor, limit: Tensor) -> SurfaceFragments:
+        """Fragments (M,) whose ``alpha`` is above ``limit``, with that share of their area; cells without any go."""
+        keep = alpha > limit
+        cell = torch.repeat_interleave(torch.arange(len(self.lengths)), self.lengths)
+        lengths = torch.zeros_like(self.lengths).index_add_(
+            0, cell[keep], torch.ones(int(keep.sum()), dtype=torch.int64)
+        )
+        filled = lengths > 0
+        cells = self.cells[filled]
+        words = empty_words(self.voxels.grid)
+        i, j, k = cells.unbind(-1)
+        # Every cell has a bit of its own, so that adding them sets them.
+        words[0].index_put_((k, j, i // WORD), torch.ones(len(i), dtype=torch.int64) << (i % WORD), accumulate=True)
+        return SurfaceFragments(
+            Voxels(words, self.voxels.grid, self.voxels.stats),
+            cells,
+            lengths[filled],
+            self.triangle[keep],
+            self.barycentric[keep],
+            self.weight[keep] * alpha[keep],
+        )
 
     def _sum(self, values: Tensor) -> Tensor:
         if not len(self.lengths):
@@ -175,13 +204,17 @@ class SurfaceVoxels:
 def voxelize_scene(scene: Scene, grid: VoxelGrid, options: SurfaceOptions | None = None) -> SurfaceVoxels:
     """Surface voxels of a scene with normals, colours, texture coordinates, materials and densities.
 
-    Normals that cancel leave that of the largest fragment.
+    Normals that cancel leave that of the largest fragment. Holes of textures are empty: a cell counts where more than
+    :data:`SOLID` of the surface in it is there. What blends counts with its opacity in the density.
 
     Raises:
         InputError: more than one grid.
     """
     geometry = scene.geometry
     fragments = surface_fragments(geometry.vertices[None], geometry.faces, grid, options)
+    alpha = surface_alpha(scene, fragments.triangle, fragments.corner_weights(), float(grid.cell[0]))
+    if alpha is not None:
+        fragments = fragments.thinned(alpha, scene_limits(scene, fragments.triangle))
     largest = fragments.largest()
     normals = _normals(geometry, fragments)
     normal = fragments.mean(normals)
@@ -193,11 +226,19 @@ def voxelize_scene(scene: Scene, grid: VoxelGrid, options: SurfaceOptions | None
         voxels=fragments.voxels,
         cells=fragments.cells,
         normal=torch.nn.functional.normalize(normal, dim=1, eps=1e-30),
-        color=fragments.mean(_colors(scene, fragments, coordinates)),
+        color=fragments.mean(
+            surface_colors(scene, fragments.triangle, fragments.corner_weights(), float(grid.cell[0]))
+        ),
         uv=fragments.mean(coordinates),
         material=geometry.material[fragments.triangle[largest]],
         density=fragments.total_weight().clamp_max(1.0).float(),
     )
+
+
+def scene_limits(scene: Scene, triangle: Tensor) -> Tensor:
+    """(M,) share of the surface below which fragments of these triangles are empty."""
+    limits = torch.tensor([SOLID if m.alpha_cutoff is not None else SEEN for m in scene.materials], dtype=torch.float64)
+    return limits[scene.geometry.material[triangle]]
 
 
 def _corners(values: Tensor | None, geometry: Geometry, fragments: SurfaceFragments) -> Tensor | None:
@@ -214,36 +255,6 @@ def _normals(geometry: Geometry, fragments: SurfaceFragments) -> Tensor:
     smooth = fragments.interpolate(corners)
     length = smooth.norm(dim=1, keepdim=True)
     return torch.where(length > SHORT, smooth / length.clamp_min(SHORT), own)
-
-
-def _colors(scene: Scene, fragments: SurfaceFragments, uv: Tensor) -> Tensor:
-    """(M,3) diffuse colour at each fragment; texels as fine as a cell is in texture space."""
-    geometry = scene.geometry
-    material = geometry.material[fragments.triangle]
-    color = scene.material_table.diffuse[material].double()
-    corners = _corners(geometry.colors, geometry, fragments)
-    if corners is not None:
-        color = color * fragments.interpolate(corners)
-    for number in torch.unique(material).tolist():
-        texture = scene.materials[number].diffuse_texture
-        if texture is None or geometry.uv is None:
-            continue
-        rows = (material == number).nonzero().reshape(-1)
-        cell = float(fragments.voxels.grid.cell[0])
-        footprint = _uv_per_unit(geometry, fragments.triangle[rows]) * cell
-        color[rows] *= sample_texture(color_pyramid(texture), uv[rows], footprint)
-    return color
-
-
-def _uv_per_unit(geometry: Geometry, triangles: Tensor) -> Tensor:
-    """(N,) texture lengths per scene unit: the square root of the ratio of areas."""
-    assert geometry.uv is not None
-    faces = geometry.faces[triangles].long()
-    a, b = (x[faces].double() for x in (geometry.uv, geometry.vertices))
-    u, v = a[:, 1] - a[:, 0], a[:, 2] - a[:, 0]
-    flat_area = (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]).abs()
-    area = torch.linalg.cross(b[:, 1] - b[:, 0], b[:, 2] - b[:, 0]).norm(dim=1)
-    return (flat_area / area.clamp_min(1e-300)).sqrt()
 
 
 def encode_normals(normals: Tensor) -> Tensor:

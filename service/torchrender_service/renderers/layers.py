@@ -184,7 +184,9 @@ def _shade_few(scene: Scene, gbuffer: GBuffer, options: RenderOptions, past: Ren
     height = -(-count // PACKED_WIDTH)
     empty = {"triangle": -1, "object_id": -1, "material": -1, "depth": torch.inf}
 
-    def packed(name: str) -> Tensor:
+    def packed(name: str) -> Tensor | None:
+        if getattr(gbuffer, name) is None:
+            return None
         values = getattr(gbuffer, name)[0][covered]
         room = torch.full((height * PACKED_WIDTH, *values.shape[1:]), empty.get(name, 0), dtype=values.dtype)
         room[:count] = values
@@ -195,7 +197,7 @@ def _shade_few(scene: Scene, gbuffer: GBuffer, options: RenderOptions, past: Ren
     if count:
         camera = gbuffer.cameras.sub_camera(0, 0, PACKED_WIDTH, height)
         names = [f.name for f in fields(GBuffer) if f.name != "cameras"]
-        small = GBuffer(cameras=camera, **{name: packed(name) for name in names})
+        small = GBuffer(cameras=camera, **{name: packed(name) for name in names})  # type: ignore[arg-type]
         background[0][covered] = shade_samples(scene, small, options, past).reshape(-1, 3)[:count]
     return background
 

@@ -21,12 +21,7 @@ from torchrender.photo.dominant import MAX_COLORS, palette
 from torchrender.photo.photograph import Photo
 from torchrender.photo.style import finish
 from torchrender.photo.style.adjacency import Smoothness
-from torchrender.photo.style.candidates import (
-    Candidates,
-    fit_of,
-    fit_region,
-    start_choice,
-)
+from torchrender.photo.style.candidates import Candidates, fit_of, fit_region, start_choice
 from torchrender.photo.style.cost import CostParts, StyleCost
 from torchrender.photo.style.objects import StyleObjects
 from torchrender.photo.style.options import StyleOptions

@@ -144,7 +144,9 @@ def _known(record: dict[str, Any]) -> list[str]:
         "Scenes as large as the source's, 5 to 17 objects: of each room the fifteen largest. The photo is a view of the"
         " scene in its own colours; the scene is stripped of them. An object needs correction"
         " where its mean colour over all views is more than 10 CIEDE2000 off. *Best candidates*: what would still be"
-        " wrong with the best candidate of each object, the limit of any choice.",
+        " wrong with the best candidate of each object, the limit of any choice: above all objects that the photo"
+        " does not show, in the bookstore at least five of fifteen in every view, so that no search brings it below a"
+        " third.",
         "",
         *_table(head, rows),
         "",

@@ -12,6 +12,7 @@ import numpy as np
 
 from torchrender.errors import SceneFileError
 from torchrender.scene.files.plain.build import Surface, linear_colors
+from torchrender.scene.files.plain.obj_corners import read_corners
 from torchrender.scene.files.plain.polygons import triangulate
 from torchrender.scene.files.report import Notes
 
@@ -105,7 +106,7 @@ def read_obj(path: Path, data: bytes, notes: Notes) -> tuple[list[ObjPart], list
     coordinates = _table(path, "vt", lines.vt, 2)
     normals = _table(path, "vn", lines.vn, 3)
     sizes = (len(positions), len(coordinates), len(normals))
-    corners, counts = _corners(path, lines.f, sizes)
+    corners, counts = read_corners(path, lines.f, sizes)
     short = int((counts < 3).sum())
     notes.repaired("faces with less than three corners: left out", short)
     places, owner = triangulate(positions, corners[:, 0], counts)
@@ -237,64 +238,6 @@ def _positions(path: Path, lines: list[str], notes: Notes) -> tuple[Array, Array
             found = True
             colors[row] = numbers[3:6] if len(numbers) == 6 else numbers[4:7]
     return positions, linear_colors(colors, notes) if found else None
-
-
-def _corners(path: Path, lines: list[str], sizes: tuple[int, int, int]) -> tuple[Array, Array]:
-    """(C,3) int64 place of vertex, texture coordinate and normal of each corner, -1: none; corners of each face."""
-    words: list[str] = []
-    counts = np.zeros(len(lines), np.int64)
-    for row, line in enumerate(lines):
-        here = None
-        if "#" in line:
-            line = line.partition("#")[0]
-        if "|" in line:
-            head, _, line = line.partition("|")
-            here = [int(n) for n in head.split()]
-        own = line.split()
-        if here is not None:
-            own = [_absolute(path, word, here) for word in own]
-        counts[row] = len(own)
-        words += own
-    table = _indices(path, words)
-    for k, (what, size) in enumerate(zip(("vertex", "texture coordinate", "normal"), sizes, strict=True)):
-        wrong = (table[:, k] > size) | (table[:, k] < (1 if k == 0 else 0))
-        if wrong.any():
-            row = int(np.searchsorted(counts.cumsum(), int(wrong.argmax()), side="right"))
-            value = int(table[int(wrong.argmax()), k])
-            raise SceneFileError(path, f"face {row + 1} names {what} {value}, there are {size}")
-    return table - 1, counts
-
-
-def _absolute(path: Path, word: str, here: list[int]) -> str:
-    """A corner with relative indices as one with absolute ones."""
-    out = []
-    for k, part in enumerate(word.split("/")[:3]):
-        if part.startswith("-"):
-            if not part[1:].isdigit():
-                raise SceneFileError(path, f"damaged: a corner of a face is {word[:40]!r}")
-            number = here[k] + 1 + int(part)
-            part = str(number) if number > 0 else "999999999999"
-        out.append(part)
-    return "/".join(out)
-
-
-def _indices(path: Path, words: list[str]) -> Array:
-    """(C,3) int64 indices from 1 on, 0: none, of corners such as 1, 1/2, 1//3 and 1/2/3."""
-    if not words:
-        return np.zeros((0, 3), np.int64)
-    text = " ".join(words)
-    slashes = words[0].count("/")
-    try:
-        whole = "/ " not in text and not text.endswith("/")
-        if whole and slashes == 2 and text.count("//") == len(words):
-            return np.array(text.replace("//", " 0 ").split(), np.int64).reshape(-1, 3)
-        if whole and "//" not in text and all(w.count("/") == slashes for w in words):
-            flat = np.array(text.replace("/", " ").split(), np.int64).reshape(-1, slashes + 1)
-            return np.pad(flat, ((0, 0), (0, 2 - slashes)))
-        rows = [[int(p or 0) for p in [*word.split("/"), "", ""][:3]] for word in words]
-        return np.array(rows, np.int64)
-    except (ValueError, OverflowError) as error:
-        raise SceneFileError(path, f"damaged: a corner of a face is no index ({error})") from error
 
 
 def _run_of(runs: list[_Run], count: int) -> Array:

@@ -11,7 +11,8 @@ import numpy as np
 
 from torchrender.errors import SceneFileError
 from torchrender.scene.files.plain.build import Surface, linear_colors
-from torchrender.scene.files.plain.ply_format import Columns, Header, Lists, read_columns, read_header
+from torchrender.scene.files.plain.ply_columns import Columns, Lists, read_columns
+from torchrender.scene.files.plain.ply_format import Header, read_header
 from torchrender.scene.files.plain.polygons import triangulate
 from torchrender.scene.files.report import Notes
 
