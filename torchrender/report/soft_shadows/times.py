@@ -74,7 +74,7 @@ def penumbra_cost(study: StudyOptions) -> list[dict[str, float]]:
     view, ready, rows = rasterize(scene, camera), occluders(scene.geometry), []
     settings = {
         "skipping": SoftShadowOptions(light_samples=study.light_samples),
-        "tracing all": SoftShadowOptions(light_samples=study.light_samples, skip_lit=False, umbra_probes=0),
+        "tracing all": SoftShadowOptions(light_samples=study.light_samples, refine=1, skip_lit=False, umbra_probes=0),
     }
     for side in (0.01, 0.1, 0.25, 0.5, 1.0, 2.0, 3.0, 4.5, 6.0, 8.0):
         corner = torch.tensor([-side / 2, 6.0, -side / 2])
