@@ -122,8 +122,8 @@ def _literal(table: dict[str, Any]) -> list[str]:
     lines = [
         "## Algorithms 3 and 4 to the letter",
         "",
-        "The identity test, guessed corners within a ratio of 1.1, no merging and a fixed split; then each of our changes",
-        "alone, and all of them. Non-redundant / conventional / peeled.",
+        "The identity test, guessed corners within a ratio of 1.1, no merging and a fixed split; then each of our",
+        "changes alone, and all of them. Non-redundant / conventional / peeled.",
         "",
         "| scene, how | intensity A | visibility A | intensity B |",
         "|---|---|---|---|",

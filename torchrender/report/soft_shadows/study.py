@@ -73,18 +73,20 @@ class _Errors:
         }
 
     def reference(self, ratio: float, size: int) -> dict[str, LightVisibility]:
-        """A (maps of the original triangles) and B (all rays to them, off the surface by what float32 depth leaves open)."""
+    """A (maps of the original triangles) and B (rays to them; the bias only covers float32 depths)."""
         if (ratio, size) not in self._references:
             ready = occluders(self.subject.scene.geometry)
             maps = self.options("shadow_map", size)
-            rays = replace(maps, visibility="ray", refine=1)
+            rays = replace(maps, visibility="ray", constant_bias=1e-4, slope_bias=0.0)
             lit = {"shadow_map": self.subject.lit(ready, ratio, maps), "ray": self.subject.lit(ready, ratio, rays)}
             self._references[ratio, size] = lit
         return self._references[ratio, size]
 
     def options(self, visibility: str, size: int) -> SoftShadowOptions:
-        """The same bias, map size and rays for approximation and reference."""
-        return SoftShadowOptions(visibility=visibility, light_samples=self.study.light_samples, map_size=size, refine=1)
+        """The same bias and map size for approximation and reference."""
+        return SoftShadowOptions(
+            visibility=visibility, engine="packets", light_samples=self.study.light_samples, map_size=size
+        )
 
     def casters(self, options: OccluderOptions, ratio: float) -> Occluders:
         """The approximate occluders."""

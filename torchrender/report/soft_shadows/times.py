@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -51,7 +52,8 @@ def _steps(subject: Subject, label: str, options: SoftShadowOptions, study: Stud
         chosen = OccluderOptions(size=study.size, mesh=label)
         mesh = approximate_occluders(subject.scene, study_light(subject.box), chosen, bounds=subject.box)
     sampled = time.perf_counter()
-    ready = occluders(mesh)
+    options = replace(options, occluders="rebuilt" if label == "hybrid" else "scene")
+    ready = occluders(mesh).prepared(options)
     sorted_at = time.perf_counter()
     subject.lit(ready, 1.0, options)
     done = time.perf_counter()
