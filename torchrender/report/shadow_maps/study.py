@@ -127,11 +127,13 @@ def measure(scene: Scene, light: Light, size: tuple[int, int], runs: int) -> tup
 
 
 def _faces(light: Light, gbuffer: GBuffer) -> Tensor:
-    """Pixels whose surface is not turned away from the light's centre."""
+    """Pixels whose surface is not turned away from the light's centre, on the side to which a rectangle sends."""
     place = light.centre if isinstance(light, RectLight) else getattr(light, "position", None)
     if place is None:
         return (gbuffer.geometric_normal @ -light.direction) > 0  # type: ignore[union-attr]
-    return ((place.double() - gbuffer.position) * gbuffer.geometric_normal.double()).sum(-1) > 0
+    toward = place.double() - gbuffer.position
+    facing = (toward * gbuffer.geometric_normal.double()).sum(-1) > 0
+    return facing & ((toward @ -light.normal.double()) > 0) if isinstance(light, RectLight) else facing
 
 
 def page(record: dict[str, Any]) -> str:

@@ -73,7 +73,7 @@ class _Errors:
         }
 
     def reference(self, ratio: float, size: int) -> dict[str, LightVisibility]:
-    """A (maps of the original triangles) and B (rays to them; the bias only covers float32 depths)."""
+        """A (maps of the original triangles) and B (rays to them; the bias only covers float32 depths)."""
         if (ratio, size) not in self._references:
             ready = occluders(self.subject.scene.geometry)
             maps = self.options("shadow_map", size)
