@@ -79,5 +79,9 @@ class NotUsedWarning(TorchRenderWarning):
     """A file holds something that has no counterpart here, or that the picture cannot show; names it."""
 
 
+class ExposureWarning(TorchRenderWarning):
+    """A picture got an exposure that nobody asked for, as its lights are in candela and lux."""
+
+
 class RepairedWarning(TorchRenderWarning):
     """A file was damaged or odd in a way that could be mended; names what was done."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -11,7 +12,7 @@ from torch import Tensor
 
 from torchrender.buffers import GBuffer, RaySurface
 from torchrender.clock import StepClock
-from torchrender.errors import InputError
+from torchrender.errors import ExposureWarning, InputError
 from torchrender.image import Image
 from torchrender.passes.contract import Buffers, Pass
 from torchrender.passes.outlook import Outlook
@@ -128,6 +129,16 @@ def make_buffers(
     return run.buffers(given or {})
 
 
+def exposure_of(scene: Scene, options: RenderOptions) -> float | None:
+    """EV for display, None for automatic; lights in candela and lux ask for the latter, and it is said."""
+    if not isinstance(options.exposure, str):
+        return options.exposure
+    if not scene.photometric:
+        return 0.0
+    warnings.warn(f"{scene.name}: lights in candela and lux: exposure is automatic", ExposureWarning, stacklevel=4)
+    return None
+
+
 def view_of(scene: Scene, camera: Cameras | str | None, width: int | None, height: int | None) -> Cameras:
     """The cameras that :func:`render` takes; same arguments and errors."""
     if isinstance(camera, Cameras):
@@ -163,7 +174,7 @@ class Run:
             buffers={buffer.name: self.values[buffer] for buffer in wanted if buffer in self.values},
             rendered=self.values.get(GBUFFER) if self.plan.options.supersample <= 1 else None,
             seen=self.values.get(PICTURE_VISIBILITY),
-            exposure=outlook.options.exposure,
+            exposure=exposure_of(outlook.scene, outlook.options),
             tone_map=outlook.options.tone_map,
         )
 

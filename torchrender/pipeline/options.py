@@ -23,6 +23,7 @@ POINT_SHADOWS = ("maps", "traced")
 AREA_SHADOWS = ("pcss", "hard", "sampled")
 AMBIENT_VISIBILITY = ("off", "horizon", "traced")
 TRANSPARENCY = ("peeled", "traced", "off")
+AS_LIT = "as lit"
 UPSCALING = ("joint", "bilinear", "nearest")
 
 
@@ -59,7 +60,7 @@ class RenderOptions:
     effects: Mapping[str, Any] = field(default_factory=dict)  # options of further passes, by name of the pass
     fixed: tuple[str, ...] = ()  # passes whose settings a budget or an error bound must leave as they are
     background: ArrayLike | None = None  # linear colour of empty pixels; None: environment, else ambient light
-    exposure: float | None = 0.0  # EV for display; None: automatic
+    exposure: float | str | None = AS_LIT  # EV for display; None: automatic; "as lit": 0, photometric lights: automatic
     tone_map: str = "none"  # operator for display: none, reinhard or aces
 
     def __post_init__(self) -> None:
@@ -74,7 +75,9 @@ class RenderOptions:
         check_range("supersample", self.supersample, 1 / 16, 4.0)
         if self.background is not None:
             as_vector("background", self.background)
-        if self.exposure is not None:
+        if isinstance(self.exposure, str):
+            check_choice("exposure", self.exposure, (AS_LIT,))
+        elif self.exposure is not None:
             check_range("exposure", self.exposure, -64.0, 64.0)
         check_choice("tone_map", self.tone_map, OPERATORS)
 

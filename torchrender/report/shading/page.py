@@ -33,6 +33,7 @@ def page(record: dict[str, Any]) -> list[str]:
         for r in record["all_maps"]
     ]
     lines += table(["scene", "side", "plain", "all maps", "ratio"], maps)
+    lines += _opengl(record["opengl"])
     lines += ["A white metal in a white surrounding; 1 is all of the light:", ""]
     balls = [[f"{r['roughness']:g}", f"{r['least']:.4f}", f"{r['most']:.4f}"] for r in record["furnace"]]
     return lines + table(["roughness", "least", "most"], balls)
@@ -70,3 +71,24 @@ def _limit(record: dict[str, Any]) -> list[str]:
         f"{limits['gathers_per_s'] / 1e9:.2f} G gathers/s).",
         "",
     ]
+
+
+def _opengl(rows: list[dict[str, Any]]) -> list[str]:
+    """Whole pictures beside OpenGL in software."""
+    if not rows:
+        return ["OpenGL in software was not measured: VTK is not installed here.", ""]
+    lines = [
+        "Rasterising and shading with all lights of the scene, without shadows, beside VTK's textured picture with one",
+        f"light on {rows[0]['renderer']}; milliseconds:",
+        "",
+    ]
+    cells = [
+        [
+            r["scene"],
+            f"{r['opengl']['median']:.1f}",
+            f"{r['ours']['median']:.1f}",
+            f"{r['opengl']['median'] / r['ours']['median']:.1f}",
+        ]
+        for r in rows
+    ]
+    return lines + table(["scene", "OpenGL", "here", "ratio"], cells)

@@ -19,10 +19,11 @@ from torchrender.quality.pages import write_record, write_text
 from torchrender.quality.timing import take_turns
 from torchrender.raster import rasterize
 from torchrender.report.common.command import study_parser
-from torchrender.report.shading import before
+from torchrender.report.shading import before, opengl
 from torchrender.report.shading.page import page
 from torchrender.report.shading.subject import Subject, built_in, machine_limits, with_all_maps
 from torchrender.scene.camera import Cameras
+from torchrender.scene.light import DirectionalLight
 from torchrender.scene.material import Material
 from torchrender.scene.model import Scene
 from torchrender.scene.shapes import sphere
@@ -85,6 +86,19 @@ def _without_sky(scene: Scene) -> Scene:
     return made
 
 
+def beside_opengl(one: Subject, runs: int) -> dict[str, Any] | None:
+    """The whole way from triangles to light, with one light from the eye on both sides; None without VTK."""
+    if not opengl.available():
+        return None
+    draw, name = opengl.drawer(one)
+    camera, scene = one.seen.cameras, one.scene
+    head = (DirectionalLight(direction=camera.forward[0], irradiance=torch.full((3,), 3.0)),)
+    lit = Scene(meshes=scene.meshes, materials=scene.materials, lights=head, ambient=torch.full((3,), 0.01))
+    lit.__dict__["geometry"] = scene.geometry
+    times = take_turns({"opengl": draw, "ours": lambda: shade(lit, rasterize(lit, camera))}, runs=runs)
+    return {"scene": one.name, "renderer": name, **{k: t.record() for k, t in times.items()}}
+
+
 def all_maps(name: str, side: int, runs: int) -> dict[str, Any]:
     """The price of metallic-roughness with maps, beside the plain model."""
     plain, mapped = with_all_maps(name, side)
@@ -126,6 +140,7 @@ def run(folder: Path, quick: bool) -> list[Path]:
         "all_maps": [
             all_maps(name, sides[0], runs) for name in (names if quick else ("living_room", "washroom", "city"))
         ],
+        "opengl": [row for name in names if (row := beside_opengl(built_in(name, sides[0]), runs)) is not None],
         "furnace": furnace(),
     }
     write_record(folder / "shading.json", record)
