@@ -88,6 +88,15 @@ class RayCaster:
         """
         return self._with(vertices, QUICK)
 
+    def following(self, geometry: Geometry) -> RayCaster | None:
+        """As :meth:`moved`, for a geometry of the same faces; None where it has others, or other holes."""
+        own = self.geometry
+        if geometry.faces is not own.faces or geometry.uv is not own.uv or geometry.cutout is not own.cutout:
+            return None
+        other = self.moved(geometry.vertices)
+        other.geometry = geometry
+        return other
+
     def _with(self, vertices: Tensor, quality: int) -> RayCaster:
         check_tensor("vertices", vertices, tuple(self.geometry.vertices.shape))
         check_finite("vertices", vertices)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import struct
 import zlib
 from pathlib import Path
@@ -17,6 +18,7 @@ from PIL import Image
 from gltf_builder import TRIANGLE, Glb
 from torchrender.errors import ImageFileError, MeshError, SceneFileError, TorchRenderError
 from torchrender.images.files import MAX_PIXELS, read_image, read_image_bytes, write_image
+from torchrender.report.fuzz.seeds import glb, seeds
 from torchrender.scene.files.volume_file import read_volume
 from torchrender.scene.load import load
 
@@ -184,6 +186,41 @@ def test_pictures_of_huge_declared_size(tmp_path: Path, size: tuple[int, int]) -
         (tmp_path / f"big{suffix}").write_bytes(data)
         with pytest.raises(ImageFileError, match=rf"big\{suffix}: declares .*limit (is|of) {MAX_PIXELS}"):
             read_image(tmp_path / f"big{suffix}")
+
+
+def test_a_picture_of_16k_declared_in_200_bytes(tmp_path: Path) -> None:
+    """Within the limit of pixels, but no file of that size can hold them: refused before memory is taken."""
+    data = png_of_size(16384, 16384)
+    (tmp_path / "a.png").write_bytes(data)
+    assert len(data) < 200
+    with pytest.raises(
+        ImageFileError, match=r"declares 16384 x 16384 pixels, \d+ bytes cannot|declares more pixels than the limit"
+    ):
+        read_image(tmp_path / "a.png")
+
+
+def test_draco_streams_that_declare_more_than_they_hold(tmp_path: Path) -> None:
+    suffix, data = seeds()["glb draco"]
+    start = data.index(b"DRACO")
+    sequential = data[start + 8] == 0
+    place = start + (11 if sequential else 12)
+    # Numbers of seven bits a byte: two to the 35th, in place of the first count.
+    bomb = data[:place] + b"\xff\xff\xff\xff\x7f" + data[place + 5 :]
+    (tmp_path / f"a{suffix}").write_bytes(bomb)
+    with pytest.raises(SceneFileError, match=r"KHR_draco_mesh_compression: declares \d{10,} faces"):
+        load(tmp_path / f"a{suffix}")
+
+
+@pytest.mark.parametrize("count", [2**20, 2**31 - 1, 2**40])
+def test_meshopt_streams_that_declare_more_than_they_hold(tmp_path: Path, count: int) -> None:
+    suffix, data = seeds()["glb meshopt"]
+    text = data[20 : 20 + struct.unpack_from("<I", data, 12)[0]]
+    document = json.loads(text)
+    entry = document["bufferViews"][0]["extensions"]["EXT_meshopt_compression"]
+    entry["count"] = count
+    (tmp_path / f"a{suffix}").write_bytes(glb((document, data[28 + len(text) :])))
+    with pytest.raises(SceneFileError, match=r"EXT_meshopt_compression: (declares|unfolds|damaged)"):
+        load(tmp_path / f"a{suffix}")
 
 
 def test_exr_of_huge_declared_size(tmp_path: Path) -> None:

@@ -15,13 +15,15 @@ import pytest
 from PIL import Image as PilImage
 
 from gltf_builder import Glb
-from torchrender.errors import SceneFileError, TorchRenderError
+from torchrender.errors import NotUsedWarning, SceneFileError, TorchRenderError
+from torchrender.report.fuzz.seeds import seeds
 from torchrender_service.errors import ServiceError
 from torchrender_service.renderers.jobs import Validate
 from torchrender_service.renderers.upload import validate
 from torchrender_service.renderers.worker import failure_of
 from torchrender_service.scenes.store import MAX_UPLOADS, SceneStore
 from torchrender_service.settings import Settings, read_settings
+from torchrender_service.web.schemas import SceneFacts
 
 BOX = b'name = "box"\n[[geometry]]\nshape = "box"\nsize = 1.0\n'
 
@@ -46,6 +48,28 @@ def test_good_files_are_described(tmp_path):
     assert facts["triangles"] == 1
     facts = checked(tmp_path, BOX, "toml")
     assert (facts["triangles"], facts["name"]) == (12, "box")
+
+
+def test_what_a_file_was_read_as_is_told(tmp_path):
+    made = glb(
+        materials=[{"extensions": {"KHR_materials_volume": {}}}], nodes=[{"mesh": 0}, {}], scenes=[{"nodes": [0, 1]}]
+    )
+    made.json["meshes"][0]["primitives"][0]["material"] = 0
+    sampler = {"input": made.accessor([0.0, 2.0]), "output": made.accessor([[0.0, 0, 0], [1.0, 0, 0]])}
+    channel = {"sampler": 0, "target": {"node": 0, "path": "translation"}}
+    made.json["animations"] = [{"name": "Walk", "channels": [channel], "samplers": [sampler]}]
+    with pytest.warns(NotUsedWarning, match="KHR_materials_volume"):
+        facts = checked(tmp_path, made.bytes())
+    assert facts["report"]["not_used"] == ["KHR_materials_volume (1)"] and facts["animations"] == {"Walk": 2.0}
+    assert "meshes (1)" in facts["report"]["read"]
+    SceneFacts(id="a" * 64, built_in=False, kind="glb", bytes=1, **facts)
+
+
+@pytest.mark.parametrize("name", ["glb draco", "glb meshopt", "glb moving"])
+def test_compressed_and_moving_files_are_kept_within_limits(tmp_path, name):
+    assert checked(tmp_path, seeds()[name][1])["triangles"] >= 1
+    with pytest.raises((ServiceError, SceneFileError), match="may have at most"):
+        checked(tmp_path, seeds()[name][1], max_triangles=0 if name == "glb moving" else 1)
 
 
 @pytest.mark.parametrize(

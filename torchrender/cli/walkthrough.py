@@ -187,9 +187,8 @@ def render_walkthrough(arguments: argparse.Namespace) -> None:
     from torchrender.walkthrough.draw import draw_walkthrough
     from torchrender.walkthrough.file import read_walkthrough
 
-    unused = ("triangles", "budget_ms", "max_error", "explain", "tone_map", "no_shadows", "shadows", "shadow_size")
-    unused += ("cascades", "reflections")
-    _say_unused(arguments, unused)
+    lights = ("no_shadows", "shadows", "shadow_size", "cascades", "reflections")
+    _say_unused(arguments, ("triangles", "budget_ms", "max_error", "explain", "tone_map", *lights))
     output = Path(arguments.output)
     check_output(output, (".png", ".exr"))
     width, height = image_size(arguments.size)

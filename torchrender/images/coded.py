@@ -16,12 +16,22 @@ from torchrender.errors import ImageFileError
 from torchrender.numerics.color import srgb_table
 
 FORMATS = ("PNG", "JPEG", "WEBP", "BMP", "TGA")
+PIXELS_PER_BYTE = {"PNG": 8 * 1032, "JPEG": 1024, "TGA": 128}
+"""At most: deflate makes 1032 bytes of one, of one bit a pixel; a block of JPEG's 64 pixels takes half a bit."""
 
 
 def check_size(name: str | Path, width: int, height: int, max_pixels: int) -> None:
     """Refuse a picture before memory is taken for it."""
     if width < 1 or height < 1 or width * height > max_pixels:
         raise ImageFileError(name, f"declares {width} x {height} pixels, the limit is {max_pixels}")
+
+
+def _check_density(name: str | Path, picture: Image.Image, size: int) -> None:
+    """Refuse a few bytes that declare a picture which they cannot hold."""
+    most = PIXELS_PER_BYTE.get(str(picture.format))
+    if most is not None and picture.size[0] * picture.size[1] > most * size + 65536:
+        width, height = picture.size
+        raise ImageFileError(name, f"cut off: declares {width} x {height} pixels, {size} bytes cannot hold them")
 
 
 def read_codes(data: bytes, name: str | Path, max_pixels: int) -> np.ndarray[Any, Any]:
@@ -36,6 +46,7 @@ def read_codes(data: bytes, name: str | Path, max_pixels: int) -> np.ndarray[Any
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)
             picture: Image.Image = Image.open(io.BytesIO(data), formats=FORMATS)
         check_size(name, *picture.size, max_pixels)
+        _check_density(name, picture, len(data))
         deep = picture.format == "PNG" and data[24:25] == b"\x10"
         picture.load()
         codes = _deep_png(data, name) if deep else _codes(ImageOps.exif_transpose(picture))

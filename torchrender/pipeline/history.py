@@ -81,6 +81,11 @@ class RenderHistory:
             return None
         return buffer.checked(kept.value) if kept.holds(self.given, options) else None
 
+    def last(self, buffer: Buffer[T]) -> T | None:
+        """What was kept of a buffer, whether it still holds or not: for who knows how to bring it up to date."""
+        kept = self.kept.get(buffer.name)
+        return buffer.checked(kept.value) if kept is not None and kept.buffer is buffer else None
+
     def newest(self, buffer: Buffer[T]) -> T | None:
         """What the last picture made of a buffer; None if it did not."""
         kept = self.kept.get(buffer.name)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
+
+from torchrender.kernels.meshes.crease import corner_groups, split_vertices, sum_normals, weld_points
 
 CREASE_DEG = 40.0
 """Faces that meet at a larger angle keep a hard edge: scans stay smooth, boxes and machine parts sharp."""
@@ -32,26 +32,27 @@ def crease_normals(vertices: Array, faces: Array, crease_deg: float = CREASE_DEG
     """
     if not len(faces):
         return np.arange(len(vertices)), faces.astype(np.int64), np.zeros((len(vertices), 3), np.float32)
+    faces = np.ascontiguousarray(faces, np.int64)
     points, place = weld(vertices)
     corners = place[faces]
     triangles = points[corners]
     normals = _unit(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]))
-    group = _corner_groups(corners, normals, np.cos(np.radians(crease_deg)))
-    weighted = (normals[:, None] * _corner_angles(triangles)[..., None]).reshape(-1, 3)
-    count = int(group.max()) + 1
-    sums = np.stack([np.bincount(group, weights=weighted[:, k], minlength=count) for k in range(3)], axis=1)
-    # One new vertex per pair of old vertex and group.
-    pair, inverse = np.unique(faces.reshape(-1).astype(np.int64) * count + group, return_inverse=True)
-    return pair // count, inverse.reshape(-1, 3), _unit(sums)[pair % count].astype(np.float32)
+    group = np.empty(faces.size, np.int64)
+    corner_groups(corners, normals, float(np.cos(np.radians(crease_deg))), group)
+    sums = np.zeros((faces.size, 3))
+    sum_normals(points, corners, normals, group, sums)
+    new, source, label = np.empty_like(faces), np.empty(faces.size, np.int64), np.empty(faces.size, np.int64)
+    count = split_vertices(faces, group, len(vertices), new, source, label)
+    return source[:count].copy(), new, _unit(sums[label[:count]]).astype(np.float32)
 
 
 def weld(vertices: Array) -> tuple[Array, Array]:
-    """Distinct positions (P,3) float64 and the position (V,) of each vertex."""
-    # Adding zero turns -0.0 into 0.0; bytes are compared because that is far quicker than rows of floats.
+    """Distinct positions (P,3) float64 in the order that they come in, and the position (V,) of each vertex."""
+    # Adding zero turns -0.0 into 0.0; bits are compared, so that NaN is itself.
     points = np.ascontiguousarray(vertices, dtype=np.float64) + 0.0
-    rows = points.view(np.dtype((np.void, 24))).reshape(-1)
-    _, first, place = np.unique(rows, return_index=True, return_inverse=True)
-    return points[first], place.reshape(-1)
+    place, first = np.empty(len(points), np.int64), np.empty(len(points), np.int64)
+    count = weld_points(points.view(np.int64), place, first)
+    return points[first[:count]], place
 
 
 def _unit(vectors: Array) -> Array:
@@ -60,36 +61,3 @@ def _unit(vectors: Array) -> Array:
     scaled = np.divide(vectors, largest, out=np.zeros_like(vectors), where=largest > 0)
     length = np.linalg.norm(scaled, axis=-1, keepdims=True)
     return np.divide(scaled, length, out=np.zeros_like(scaled), where=length > 0)
-
-
-def _corner_angles(triangles: Array) -> Array:
-    """(F,3) interior angles, radians."""
-    to_next = _unit(np.roll(triangles, -1, axis=1) - triangles)
-    to_previous = _unit(np.roll(triangles, 1, axis=1) - triangles)
-    return np.arccos(np.clip((to_next * to_previous).sum(axis=-1), -1.0, 1.0))
-
-
-def _corner_groups(corners: Array, normals: Array, cosine: float) -> Array:
-    """(3F,) label of each corner: corners of one position that gentle edges connect share it."""
-    count = len(corners)
-    ends = np.stack([corners, np.roll(corners, -1, axis=1)], axis=-1).reshape(-1, 2)
-    key = ends.min(axis=1) * (int(corners.max()) + 1) + ends.max(axis=1)
-    order = np.argsort(key, kind="stable")
-    first, second = order[:-1], order[1:]
-    same = key[first] == key[second]
-    first, second = first[same], second[same]
-    gentle = (normals[first // 3] * normals[second // 3]).sum(axis=1) >= cosine
-    first, second = first[gentle], second[gentle]
-
-    def next_corner(half_edge: Array) -> Array:
-        return half_edge - half_edge % 3 + (half_edge % 3 + 1) % 3
-
-    # Half edge k starts at corner k; the partner may run along the edge in either direction.
-    flat = corners.reshape(-1)
-    opposite = flat[first] != flat[second]
-    a = np.concatenate([first, next_corner(first)])
-    b = np.concatenate(
-        [np.where(opposite, next_corner(second), second), np.where(opposite, second, next_corner(second))]
-    )
-    graph = coo_matrix((np.ones(len(a), dtype=np.int8), (a, b)), shape=(3 * count, 3 * count))
-    return connected_components(graph, directed=False)[1].astype(np.int64)

@@ -21,6 +21,7 @@ from PIL import UnidentifiedImageError
 from torchrender.errors import SceneFileError
 from torchrender.scene.files.gltf.container import GltfFile
 from torchrender.scene.files.gltf.meshes import surface_count
+from torchrender.scene.files.gltf.meshopt import EXTENSIONS
 from torchrender.scene.files.gltf.nodes import instance_count
 from torchrender.scene.files.gltf.read import read_gltf
 from torchrender.scene.files.scene_file import load_scene_file
@@ -35,6 +36,8 @@ from torchrender_service.renderers.scene_cache import describe
 MAX_LIGHTS = 64
 MAX_NODES = 100_000
 MAX_TABLES = 10_000
+BYTES_PER_TRIANGLE = 256
+"""What three vertices and their indices take, generously."""
 PROBE = (48, 27)
 _FILE_KEYS = ("file", "texture", "density_file")
 _SEGMENTS = {"box": 2, "quad": 1, "plane": 1}
@@ -104,6 +107,7 @@ def check_glb(path: Path, data: bytes, limits: Validate) -> None:
             vertices += copies * counted[mesh][1]
     _check_count("triangles", triangles, limits.max_triangles)
     _check_count("vertices", vertices, 3 * limits.max_triangles)
+    _check_count("bytes of unfolded data", _unfolded_bytes(file), BYTES_PER_TRIANGLE * limits.max_triangles)
     _check_count("texture pixels", sum(_texture_pixels(file)), limits.max_texture_pixels)
 
 
@@ -145,7 +149,22 @@ def _vertices(file: GltfFile, mesh: object) -> int:
         attributes = entry.get("attributes") if isinstance(entry, dict) else None
         if isinstance(attributes, dict) and "POSITION" in attributes:
             count = file.item("accessors", attributes["POSITION"]).get("count")
-            total += count if isinstance(count, int) else 0
+            targets = entry.get("targets")
+            shapes = 1 + (len(targets) if isinstance(targets, list) else 0)
+            total += shapes * count if isinstance(count, int) else 0
+    return total
+
+
+def _unfolded_bytes(file: GltfFile) -> int:
+    """Bytes that compressed buffer views declare."""
+    total = 0
+    for entry in file.entries("bufferViews"):
+        extensions = entry.get("extensions") if isinstance(entry, dict) else None
+        for name in EXTENSIONS:
+            packed = extensions.get(name) if isinstance(extensions, dict) else None
+            if isinstance(packed, dict):
+                count, stride = packed.get("count"), packed.get("byteStride")
+                total += count * stride if isinstance(count, int) and isinstance(stride, int) else 0
     return total
 
 
@@ -163,6 +182,10 @@ def _texture_pixels(file: GltfFile) -> list[int]:
                 data = base64.b64decode(str(entry.get("uri", "")).partition(",")[2])
             except (binascii.Error, ValueError):
                 continue
+        if data[:8] == b"\xabKTX 20\xbb"[:8] and len(data) >= 28:
+            width, height = struct.unpack_from("<II", data, 20)
+            found.append(width * height)
+            continue
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")

@@ -50,14 +50,13 @@ def asks(outlook: Outlook) -> Buffers:
 
 def run(frame: Frame) -> HitShader:
     """That of an earlier picture, else one that shades hits by the passes of this picture."""
-    eyes = frame.cameras.eye
     earlier = frame.earlier(HIT_SHADER)
     if earlier is not None:
-        return earlier.seen_from(eyes)
+        return earlier
     maps, caster = frame.get(SCENE_SHADOW_MAP), frame.get(RAY_CASTER)
     given: dict[Buffer[Any], Any] = {} if maps is None else {SHADOW_MAP: maps}
     over_hits = frame.over_hits(given if caster is None else {**given, RAY_CASTER: caster})
-    return HitShader(frame.scene, over_hits, frame.options.background, eyes)
+    return HitShader(frame.scene, over_hits, frame.options.background)
 
 
 def amounts(outlook: Outlook) -> Amounts:

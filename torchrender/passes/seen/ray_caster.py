@@ -15,8 +15,13 @@ RAY_CASTER = Buffer("ray_caster", RayCaster, lasting=Lasting(triangles_of))
 
 
 def run(frame: Frame) -> RayCaster:
-    """That of an earlier picture, else a new one."""
-    return frame.earlier(RAY_CASTER) or RayCaster(frame.scene.geometry)
+    """That of an earlier picture, brought up to date where triangles have moved, else a new one."""
+    kept = frame.earlier(RAY_CASTER)
+    if kept is not None:
+        return kept
+    before = frame.history.last(RAY_CASTER)
+    moved = None if before is None else before.following(frame.scene.geometry)
+    return RayCaster(frame.scene.geometry) if moved is None else moved
 
 
 def amounts(outlook: Outlook) -> Amounts:

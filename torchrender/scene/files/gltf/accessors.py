@@ -45,7 +45,7 @@ class Accessors:
         kind, component = entry.get("type"), entry.get("componentType")
         if kind not in kinds:
             raise SceneFileError(self._file.path, f"must be {' or '.join(kinds)}, is {kind!r}", key=f"{key} ({own})")
-        if component not in COMPONENTS:
+        if not isinstance(component, int) or component not in COMPONENTS:
             raise SceneFileError(self._file.path, f"unknown componentType {component!r}", key=own)
         dtype, width = np.dtype(COMPONENTS[component]).newbyteorder("<"), WIDTHS[kind]
         pad = _column_padding(kind, dtype.itemsize)

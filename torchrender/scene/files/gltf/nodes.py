@@ -25,7 +25,8 @@ def chosen_scene(file: GltfFile, subscene: str | int | None) -> list[Any]:
     if not entries:
         if subscene is not None:
             raise InputError(f"there is no scene {subscene!r}; {file.path} names none")
-        children = {c for n in file.entries("nodes") if isinstance(n, dict) for c in _children(file, n)}
+        listed = [c for n in file.entries("nodes") if isinstance(n, dict) for c in _children(file, n)]
+        children = {c for c in listed if isinstance(c, int)}
         return [k for k in range(len(file.entries("nodes"))) if k not in children]
     names = [str(object_of(e).get("name", k)) for k, e in enumerate(entries)]
     number = file.json.get("scene", 0) if subscene is None else subscene

@@ -79,7 +79,7 @@ class GltfTextures:
         )
 
     def _wrap(self, code: Any, key: str) -> str:
-        if code not in _WRAPS:
+        if not isinstance(code, int) or code not in _WRAPS:
             raise SceneFileError(self._file.path, f"unknown wrap mode {code!r}", key=key)
         return _WRAPS[code]
 

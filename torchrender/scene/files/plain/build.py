@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchrender.kernels.meshes.crease import weld_points
 from torchrender.numerics.color import linear_from_srgb
 from torchrender.scene.files.report import Notes
 from torchrender.scene.mesh import Mesh
@@ -78,12 +79,12 @@ def _without_doubles(surface: Surface, notes: Notes) -> Surface:
     # Each face from its smallest vertex on: the same face may begin anywhere.
     first = surface.faces.argmin(axis=1)
     turned = surface.faces[np.arange(len(surface.faces))[:, None], (first[:, None] + np.arange(3)) % 3]
-    order = np.lexsort((turned[:, 2], turned[:, 1], turned[:, 0]))
-    ranked = turned[order]
-    double = np.zeros(len(order), bool)
-    double[order[1:]] = (ranked[1:] == ranked[:-1]).all(axis=1)
-    if not double.any():
+    place, kept = np.empty(len(turned), np.int64), np.empty(len(turned), np.int64)
+    count = weld_points(np.ascontiguousarray(turned, np.int64), place, kept)
+    if count == len(turned):
         return surface
+    double = np.ones(len(turned), bool)
+    double[kept[:count]] = False
     notes.repaired("faces that are there twice: kept once", int(double.sum()))
     smoothing = None if surface.smoothing is None else surface.smoothing[~double]
     return surface.taken(np.arange(len(surface.vertices)), surface.faces[~double], smoothing=smoothing)

@@ -12,6 +12,7 @@ import numpy as np
 
 from torchrender.errors import SceneFileError
 from torchrender.scene.files.plain.build import Surface, linear_colors
+from torchrender.scene.files.plain.numbers import numbers_of
 from torchrender.scene.files.plain.obj_corners import read_corners
 from torchrender.scene.files.plain.polygons import triangulate
 from torchrender.scene.files.report import Notes
@@ -187,12 +188,11 @@ def _numbers(lines: list[str]) -> tuple[Array, int] | None:
     if any("#" in line for line in lines):
         lines = [line.partition("#")[0] for line in lines]
     width = len(lines[0].split())
-    words = " ".join(lines).split()
-    if not width or len(words) != width * len(lines):
-        return None
     try:
-        values = np.array(words, dtype=np.float64)
+        values = numbers_of("\n".join(lines).encode())
     except ValueError:
+        return None
+    if not width or len(values) != width * len(lines):
         return None
     # As many words in all, and yet not in every line.
     if any(len(line.split()) != width for line in lines):

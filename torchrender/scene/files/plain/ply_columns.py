@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from torchrender.errors import SceneFileError
+from torchrender.scene.files.plain.numbers import numbers_of
 from torchrender.scene.files.plain.ply_format import Element, Header
 
 Array = np.ndarray[Any, Any]
@@ -41,14 +41,10 @@ class _Text:
 
     def __init__(self, path: Path, data: bytes, header: Header) -> None:
         self._path, self._at = path, 0
-        text = data[header.size :]
-        with warnings.catch_warnings():
-            # numpy only warns where text is no number; the numbers after it would be lost silently.
-            warnings.simplefilter("error", DeprecationWarning)
-            try:
-                self._numbers: Array = np.fromstring(text.decode("ascii", errors="replace"), np.float64, sep=" ")
-            except (DeprecationWarning, ValueError) as error:
-                raise SceneFileError(path, "damaged: text that is no number among the data") from error
+        try:
+            self._numbers = numbers_of(data[header.size :])
+        except ValueError as error:
+            raise SceneFileError(path, f"damaged: text that is no number among the data ({error})") from error
 
     def element(self, element: Element) -> Columns:
         """The columns of the element that comes next."""

@@ -1,12 +1,10 @@
 """Materials as entries of a GLB file, with their textures and samplers.
 
-Metallic-roughness is written as it is. For Phong the specular degree S and the diffuse reflectance D are those of ``S = 0.04 (1-m) + m max(c)`` and
-``D = c (1-m)`` for one base colour c and metalness m, which :func:`metallic_roughness` solves; the roughness is the
-gloss. A material that mirrors less than bare plastic (S < 0.04) has m = 0 and its share of 0.04 in
-KHR_materials_specular. Phong exponents that do not follow from the roughness are lost.
-
-Such a material is also written in its own terms
-into the entry's ``extras``, from where it comes back as it was.
+Metallic-roughness is written as it is. For Phong the specular degree S and the diffuse reflectance D are those of
+``S = 0.04 (1-m) + m max(c)`` and ``D = c (1-m)`` for one base colour c and metalness m, which
+:func:`metallic_roughness` solves; the roughness is the gloss. A material that mirrors less than bare plastic (S < 0.04)
+has m = 0 and its share of 0.04 in KHR_materials_specular. Phong exponents that do not follow from the roughness are
+lost. Such a material is also written in its own terms into the entry's ``extras``, from where it comes back as it was.
 """
 
 from __future__ import annotations

@@ -1,0 +1,94 @@
+"""Files with more than one picture in them, on the command line: what is drawn, and what is said."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gltf_builder import Glb
+from torchrender.cli import main as cli
+from torchrender.images.files import read_image
+
+
+def run(*arguments: object) -> int:
+    return cli.main([str(a) for a in arguments])
+
+
+@pytest.fixture
+def walking(tmp_path: Path) -> Path:
+    """A triangle that moves to the right beside one that stands, with an extension of nobody."""
+    glb = Glb(nodes=[{"mesh": 0}, {"mesh": 0, "translation": [0, 3, 0]}], scenes=[{"nodes": [0, 1]}])
+    glb.mesh()
+    sampler = {"input": glb.accessor([0.0, 1.0]), "output": glb.accessor([[0.0, 0, 0], [4.0, 0, 0]])}
+    channel = {"sampler": 0, "target": {"node": 0, "path": "translation"}}
+    glb.json["animations"] = [{"name": "Walk", "channels": [channel], "samplers": [sampler]}]
+    glb.json["meshes"][0]["extensions"] = {"EXT_of_nobody": {}}
+    return glb.write(tmp_path / "walking.glb")
+
+
+def test_times_and_what_is_not_used(walking: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pictures = {}
+    for name, more in {"rest": (), "late": ("--time", 1, "--animation", "Walk")}.items():
+        out = tmp_path / f"{name}.png"
+        eye = ("--camera", "eye=2,2,9", "target=2,2,0")
+        assert run("render", walking, "-o", out, "--size", "32x24", *eye, *more) == 0
+        pictures[name] = read_image(out).numpy()
+        said = capsys.readouterr().err
+        assert said.count("not used: EXT_of_nobody (1)") == 1 and said.count("\n") == 1
+    difference = np.abs(pictures["rest"] - pictures["late"]).max(axis=-1) > 0.02
+    rows = difference.any(axis=1).nonzero()[0]
+    assert len(rows) and rows.min() >= 12, "only the lower triangle moves"
+    assert run("render", walking, "-o", tmp_path / "a.png", "--animation", "Fly") == 2
+    assert "no animation 'Fly'; known: 'Walk'" in capsys.readouterr().err
+
+
+def test_info_tells_what_was_read(walking: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("info", walking, "--json") == 0
+    info = json.loads(capsys.readouterr().out)
+    assert info["animations"] == {"Walk": 1.0} and info["not_used"] == ["EXT_of_nobody (1)"]
+    assert "meshes (2)" in info["read"] and info["repaired"] == []
+
+
+def test_flights_play_animations(walking: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "frames"
+    assert run("fly", walking, "-o", out, "--animate", "--frames", 4, "--fps", 4, "--size", "24x24") == 0
+    records = json.loads((out / "statistics.json").read_text())
+    assert len(records) == 4 and all(r["moved_ms"] >= 0 for r in records)
+    assert run("fly", "cornell_box", "-o", out, "--animate", "--frames", 2, "--size", "24x24") == 2
+    assert "--animate: cornell_box has no animation" in capsys.readouterr().err
+
+
+def test_points_given_to_render_and_meshes_to_points(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rows = "".join(f"{x} {y} 0 255 0 0\n" for x in range(8) for y in range(8))
+    head = "ply\nformat ascii 1.0\nelement vertex 64\n" + "".join(f"property float {n}\n" for n in "xyz")
+    head += "".join(f"property uchar {n}\n" for n in ("red", "green", "blue")) + "end_header\n"
+    (tmp_path / "points.ply").write_text(head + rows)
+    assert run("render", tmp_path / "points.ply", "-o", tmp_path / "a.png", "--size", "32x32") == 0
+    assert "holds points: drawn as by the command points" in capsys.readouterr().err
+    assert float(read_image(tmp_path / "a.png")[..., 0].max()) > 0.5
+    (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    assert run("points", tmp_path / "a.obj", "-o", tmp_path / "b.png", "--size", "32x32") == 0
+    assert "holds surfaces: sampled by 1,000,000 points" in capsys.readouterr().err
+
+
+def test_invalid_vertices_can_be_dropped(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv nan 0 0\nf 1 2 3\nf 2 3 4\n")
+    assert run("render", tmp_path / "a.obj", "-o", tmp_path / "a.png", "--size", "32x32") == 2
+    assert "1 of 4 vertices are NaN or infinite" in capsys.readouterr().err
+    assert run("render", tmp_path / "a.obj", "-o", tmp_path / "a.png", "--size", "32x32", "--drop-invalid") == 0
+    assert "dropped with their faces (1)" in capsys.readouterr().err
+
+
+def test_photometric_lights_set_the_exposure(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    glb = Glb(nodes=[{"mesh": 0, "extensions": {"KHR_lights_punctual": {"light": 0}}}])
+    glb.mesh([[-5.0, -5, 0], [5.0, -5, 0], [0.0, 9, 0]])
+    glb.json["extensions"] = {"KHR_lights_punctual": {"lights": [{"type": "directional", "intensity": 100000.0}]}}
+    path = glb.write(tmp_path / "sun.glb")
+    assert run("render", path, "-o", tmp_path / "a.png", "--size", "32x32") == 0
+    assert "exposure auto" in capsys.readouterr().err
+    assert 0.02 < float(read_image(tmp_path / "a.png")[16, 16].mean()) < 0.9
+    assert run("render", path, "-o", tmp_path / "b.png", "--size", "32x32", "--exposure", 0) == 0
+    assert float(read_image(tmp_path / "b.png")[16, 16].mean()) == 1.0
