@@ -93,14 +93,12 @@ def over_samples(options: RenderOptions, history: RenderHistory) -> RenderOption
 
 
 def _error(found: Mapping[str, Any], reference: Mapping[str, Any]) -> float:
-    """Mean absolute error of near and of far visibility, over pixels with a surface."""
-    covered, wanted, own = (
-        reference["gbuffer"].covered,
-        reference[AMBIENT_VISIBILITY.name],
-        found[AMBIENT_VISIBILITY.name],
-    )
-    pairs = ((own.near, wanted.near), (own.sky, wanted.sky))
-    return float(torch.stack([(a - b).abs()[covered].mean() for a, b in pairs]).mean())
+    """Mean absolute error of near and of far visibility, over pixels with a surface; without any all is visible."""
+    covered, wanted = reference["gbuffer"].covered, reference[AMBIENT_VISIBILITY.name]
+    own = found.get(AMBIENT_VISIBILITY.name)
+    pairs = ((wanted.near, None if own is None else own.near), (wanted.sky, None if own is None else own.sky))
+    errors = [((1.0 if b is None else b) - a).abs()[covered].mean() for a, b in pairs]
+    return float(torch.stack(errors).mean())
 
 
 FEW = AmbientOptions(slices=2, steps=12, spacing=2, around=32)
