@@ -71,9 +71,10 @@ def measure_pass(
     """
     lit = scene.with_default_light()
     found: dict[str, list[Measured]] = {setting.name: [] for setting in step.settings.all}
+    running = next((s for s in step.settings.all if s.name != step.off), step.settings.all[0])
     shown = None
     for view in views:
-        first = _sequence(lit, view, step, step.settings.all[0])
+        first = _sequence(lit, view, step, running)
         if first.image.plan is None or not first.image.plan.row(step.name).runs:
             continue
         reference = _sequence(lit, view, step, step.settings.reference)
@@ -81,7 +82,7 @@ def measure_pass(
         if with_picture:
             shown = reference.image.to_srgb()[0]
         for setting in step.settings.all:
-            made = first if setting is step.settings.all[0] else _sequence(lit, view, step, setting)
+            made = first if setting is running else _sequence(lit, view, step, setting)
             found[setting.name].append(_compare(made, reference, step, with_picture))
     return {name: _mean(values) for name, values in found.items() if values}, shown
 

@@ -28,7 +28,8 @@ def traced_ambient(
         reach: scene units within which something hides near light.
         gap: scene units above the surface at which rays start.
 
-    Directions follow a spiral that is turned from pixel to pixel; those below the geometric surface see nothing.
+    Directions follow a spiral that is turned from pixel to pixel, but not from hit to hit, where few rays must not leave
+    noise; those below the geometric surface see nothing.
 
     Raises:
         OptionError: no rays, a negative reach or gap.
@@ -40,6 +41,8 @@ def traced_ambient(
     normal, surface = samples.normal[covered], samples.geometric_normal[covered]
     start = samples.position[covered] + surface.double() * gap
     number = torch.arange(covered.numel()).reshape(covered.shape)[covered]
+    if isinstance(samples, RaySurface):
+        number = torch.zeros_like(number)
     sky, near, bent = torch.zeros(len(start)), torch.zeros(len(start)), torch.zeros(len(start), 3)
     for rows in torch.arange(len(start)).split(max(1, CHUNK // rays)):
         toward = _cosine_directions(normal[rows], rays, number[rows])

@@ -20,6 +20,10 @@ PATTERN = 16
 """Points of a tile of 4 x 4 search along different slices, at different steps; their mean stands for all of them."""
 
 
+LEVEL = np.float32(0.02)
+"""Sine of the angle to a point's plane below which surfaces belong to it: normals are no more exact."""
+
+
 class Surroundings(NamedTuple):
     """Depth of the surfaces around one eye, float32, +inf where there is none.
 
@@ -73,7 +77,10 @@ def cube_place(x, y, z, size):
 
 @kernel(inline=True)
 def distances(around, x, y, z):
-    """Distance to the front and to the back of what lies in a direction; negative: not known."""
+    """Distance to the front and to the back of what lies in a direction, and the point that its pixel's centre sees.
+
+    Negative: not known.
+    """
     height, width = around.front.shape
     if z > np.float32(1e-6):
         column = x / z * around.lens[0] + around.lens[2]
@@ -82,12 +89,17 @@ def distances(around, x, y, z):
             share = np.float32(around.back.shape[0]) / np.float32(height)
             j = min(np.int64(row * share), around.back.shape[0] - 1)
             i = min(np.int64(column * share), around.back.shape[1] - 1)
-            return around.front[np.int64(row), np.int64(column)] / z, around.back[j, i] / z
+            depth = around.front[np.int64(row), np.int64(column)]
+            half = np.float32(0.5)
+            px = (np.floor(column) + half - around.lens[2]) / around.lens[0] * depth
+            py = (np.floor(row) + half - around.lens[3]) / around.lens[1] * depth
+            return depth / z, around.back[j, i] / z, px, py, depth
     size = around.cube_front.shape[1]
     if size == 0:
-        return np.float32(-1.0), np.float32(-1.0)
+        return np.float32(-1.0), np.float32(-1.0), np.float32(0.0), np.float32(0.0), np.float32(0.0)
     face, j, i, major = cube_place(x, y, z, size)
-    return around.cube_front[face, j, i] / major, around.cube_back[face, j, i] / major
+    front = around.cube_front[face, j, i] / major
+    return front, around.cube_back[face, j, i] / major, front * x, front * y, front * z
 
 
 @kernel(inline=True)
@@ -128,9 +140,10 @@ def end_of_plane(r0, older, last, angle):
 
 
 @kernel()
-def search_side(around, point, tangent, steps, search):
+def search_side(around, point, normal, tangent, steps, search):
     """Sectors that are hidden on one side: by anything, and by what is within reach."""
     dx, dy, dz, r0 = point
+    plane = r0 * (dx * normal[0] + dy * normal[1] + dz * normal[2])
     tx, ty, tz = tangent
     hidden, near = np.uint64(0), np.uint64(0)
     before = before_place = older = np.float32(-1.0)
@@ -139,11 +152,12 @@ def search_side(around, point, tangent, steps, search):
     reach = np.float32(search.reach) * np.float32(search.reach)
     for s in range(steps.shape[0]):
         angle, c, w = steps[s, 0], steps[s, 1], steps[s, 2]
-        front, back = distances(around, c * dx + w * tx, c * dy + w * ty, c * dz + w * tz)
+        front, back, qx, qy, qz = distances(around, c * dx + w * tx, c * dy + w * ty, c * dz + w * tz)
         if front < np.float32(0.0):
             sees_sky = True
             break
-        if before > np.float32(0.0) and front > before + np.float32(search.joined) * (angle - before_angle) * before:
+        ends = before > np.float32(0.0) and before_place < np.float32(SECTORS)
+        if ends and front > before + np.float32(search.joined) * (angle - before_angle) * before:
             # What was seen last ends somewhere between the two steps: half-way, on average.
             place, apart = end_of_plane(r0, (older, older_angle), (before, before_angle), angle)
             link = between(place, before_place)
@@ -242,7 +256,7 @@ def measure_point(around, point, normal, number, tables, search, steps, out):
         for side in range(2):
             s = np.float32(1.0) - np.float32(2.0) * np.float32(side)
             facing = (to_eye, s * lean)
-            hidden, near = search_side(around, point, (s * tx, s * ty, s * tz), steps, search)
+            hidden, near = search_side(around, point, normal, (s * tx, s * ty, s * tz), steps, search)
             share, along, across = visible_share(hidden, angles, facing)
             out[0] += share
             out[1] += visible_share(near, angles, facing)[0]

@@ -37,12 +37,17 @@ def applies(outlook: Outlook) -> Verdict:
     scene = outlook.scene
     if outlook.options.ambient_visibility == "off":
         return Verdict(False, "ambient visibility is turned off")
-    if scene.environment is None and not bool((scene.ambient > 0).any()):
+    if not has_ambient_light(scene):
         return Verdict(False, "no ambient light")
     if not scene.geometry.triangle_count:
         return Verdict(False, "the scene has no triangles")
     kind = "ambient light" if scene.environment is None else f"light of the environment {scene.environment.name!r}"
     return Verdict(True, f"{kind} is hidden where surfaces stand close")
+
+
+def has_ambient_light(scene: Scene) -> bool:
+    """Light comes from everywhere."""
+    return scene.environment is not None or bool((scene.ambient > 0).any())
 
 
 def by_rays(outlook: Outlook) -> bool:
@@ -84,18 +89,16 @@ def amounts(outlook: Outlook) -> Amounts:
 def over_samples(options: RenderOptions, history: RenderHistory) -> RenderOptions:
     """What no eye sees first: a few rays."""
     del history
-    return replace(options, ambient=replace(options.ambient, rays=min(options.ambient.rays, 4)))
+    return replace(options, ambient=replace(options.ambient, rays=min(options.ambient.rays, 8)))
 
 
 def _error(found: Mapping[str, Any], reference: Mapping[str, Any]) -> float:
-    """Mean absolute error of near and of far visibility, over pixels with a surface."""
-    covered, wanted, own = (
-        reference["gbuffer"].covered,
-        reference[AMBIENT_VISIBILITY.name],
-        found[AMBIENT_VISIBILITY.name],
-    )
-    pairs = ((own.near, wanted.near), (own.sky, wanted.sky))
-    return float(torch.stack([(a - b).abs()[covered].mean() for a, b in pairs]).mean())
+    """Mean absolute error of near and of far visibility, over pixels with a surface; without any all is visible."""
+    covered, wanted = reference["gbuffer"].covered, reference[AMBIENT_VISIBILITY.name]
+    own = found.get(AMBIENT_VISIBILITY.name)
+    pairs = ((wanted.near, None if own is None else own.near), (wanted.sky, None if own is None else own.sky))
+    errors = [((1.0 if b is None else b) - a).abs()[covered].mean() for a, b in pairs]
+    return float(torch.stack(errors).mean())
 
 
 FEW = AmbientOptions(slices=2, steps=12, spacing=2, around=32)

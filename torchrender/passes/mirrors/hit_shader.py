@@ -21,7 +21,7 @@ from torchrender.passes.hard import (
     mean_over,
     radiance_bounds,
 )
-from torchrender.passes.light.ambient_visibility import applies as ambient_applies
+from torchrender.passes.light.ambient_visibility import has_ambient_light
 from torchrender.passes.light.shadow_map import SCENE_SHADOW_MAP, SHADOW_MAP
 from torchrender.passes.outlook import Outlook, no_shadows
 from torchrender.passes.seen.ray_caster import RAY_CASTER
@@ -45,7 +45,7 @@ def asks(outlook: Outlook) -> Buffers:
     if outlook.kept(HIT_SHADER) is not None:
         return ()
     maps: Buffers = () if no_shadows(outlook) else (SCENE_SHADOW_MAP,)
-    return (*maps, RAY_CASTER) if ambient_applies(outlook).runs else maps
+    return (*maps, RAY_CASTER) if has_ambient_light(outlook.scene) else maps
 
 
 def run(frame: Frame) -> HitShader:

@@ -12,6 +12,7 @@ name                    usual triangles     fewest       what it shows
 ``cornell_box``         96                  96           the classic box with an area light
 ``hall``                40,000              3,000        dust in the air, sun through barred windows
 ``street_lamp``         30,000              3,000        lamps in ground fog at night
+``panes``               4,800               192          coloured glass, up to sixteen layers deep
 ======================  ==================  ===========  ================================================
 """
 
@@ -53,7 +54,7 @@ class Builder:
         return int(self._module.FEWEST)
 
 
-NAMES = ("nest", "grass", "city", "tree", "living_room", "washroom", "cornell_box", "hall", "street_lamp")
+NAMES = ("nest", "grass", "city", "tree", "living_room", "washroom", "cornell_box", "hall", "street_lamp", "panes")
 SCENES: dict[str, Builder] = {name: Builder(name) for name in NAMES}
 
 
