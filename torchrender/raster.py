@@ -171,9 +171,9 @@ def _views(geometry: Geometry, cameras: Cameras, tests: FragmentTests | None) ->
     planes = cameras.frustum_planes().numpy()
     world_from_camera = cameras.world_from_camera.numpy()
     holes = NO_HOLES
-    if geometry.cutout is not None and geometry.uv is not None:
+    if geometry.cutout is not None and geometry.hole_uv is not None:
         cutout = geometry.cutout
-        holes = Holes(cutout.mask.numpy(), cutout.table.numpy(), cutout.texels.numpy(), geometry.uv.numpy())
+        holes = Holes(cutout.mask.numpy(), cutout.table.numpy(), cutout.texels.numpy(), geometry.hole_uv.numpy())
     for k in range(len(cameras)):
         view = view_arrays(cameras, k, world_from_camera[k], planes[k])
         limits = NO_LIMITS

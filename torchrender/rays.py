@@ -176,7 +176,7 @@ class RayCaster:
 
 def holes_of(geometry: Geometry) -> Holes:
     """The missing texels of its triangles, as kernels read them."""
-    cutout, uv = geometry.cutout, geometry.uv
+    cutout, uv = geometry.cutout, geometry.hole_uv
     if cutout is None or uv is None:
         return NO_HOLES
     return Holes(

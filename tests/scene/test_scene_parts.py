@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 import torch
 
 from torchrender.errors import InputError, MeshError, OptionError
 from torchrender.kernels.raster.project import BLOCK
+from torchrender.raster import rasterize
+from torchrender.scene.camera import Cameras
 from torchrender.scene.cutout import build_cutout
 from torchrender.scene.environment import Environment, latlong_directions
 from torchrender.scene.light import DirectionalLight, PointLight, RectLight, SpotLight
-from torchrender.scene.material import Material, from_metallic_roughness
+from torchrender.scene.material import Material, Sampler, from_metallic_roughness
 from torchrender.scene.medium import Medium
 from torchrender.scene.mesh import CLUSTER, Mesh, concatenate
 from torchrender.scene.model import Scene
+from torchrender.scene.shapes import plane
 
 TRIANGLE = torch.tensor([[0.0, 0, 0], [2, 0, 0], [0, 2, 0]])
 FACE = torch.tensor([[0, 1, 2]])
@@ -215,3 +219,31 @@ def test_unknown_cameras_are_refused_with_the_known_names():
     with pytest.raises(InputError, match="door"):
         named.camera("front", width=8, height=8)
     assert named.camera(width=16, height=8).width == 16
+
+
+def test_holes_follow_the_sampler_of_their_texture():
+    """Mirrored, moved, of the second set, and with an opacity beside them: seen from above, solid where they say."""
+    left = torch.zeros(1, 2, 4)
+    left[..., :3], left[0, 0, 3] = 1.0, 0.6  # the left half is there
+    square = replace(plane(torch.tensor([4.0, 1.0]), 1, 1.0), uv=torch.tensor([[0.0, 0], [0, 0], [0, 0], [0, 0]]))
+    x = square.vertices[:, 0].float()
+    square = replace(square, uv1=torch.stack([x / 2 + 1, torch.full_like(x, 0.5)], dim=1))  # two pictures side by side
+    camera = Cameras.look_at([0.0, 5.0, 0.0], [0.0, 0, 0], width=80, height=21, fov_deg=20.0, up=[0.0, 0, -1.0])
+
+    def covered(**changes):
+        values = {"uv_set": 1, **changes.pop("sampler", {})}
+        samplers = {"diffuse_texture": Sampler(**values)}
+        material = Material(diffuse_texture=left, samplers=samplers, **{"alpha_cutoff": 0.5, **changes})
+        scene = Scene(meshes=(square,), materials=(material,))
+        row = rasterize(scene, camera).covered[0, 10].float()
+        # Quarters of the square, left to right.
+        full = rasterize(Scene(meshes=(square,)), camera).covered[0, 10].nonzero().reshape(-1)
+        parts = row[full].chunk(4)
+        return [round(float(p.mean())) for p in parts]
+
+    assert covered() == [1, 0, 1, 0]
+    assert covered(sampler={"wrap_u": "mirror"}) == [1, 0, 0, 1]
+    move = torch.tensor([[1.0, 0.0, 0.5], [0.0, 1.0, 0.0]])
+    assert covered(sampler={"transform": move}) == [0, 1, 0, 1]
+    assert covered(opacity=0.5) == [0, 0, 0, 0]
+    assert covered(opacity=0.5, alpha_cutoff=0.25) == [1, 0, 1, 0]

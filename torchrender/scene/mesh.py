@@ -83,6 +83,13 @@ class Geometry:
     coherent: bool = False  # triangles already follow one another in space: sorting them would only cost time
 
     @property
+    def hole_uv(self) -> Tensor | None:
+        """(V,2) texture coordinates that tell where triangles have holes; None where none has."""
+        if self.cutout is None:
+            return None
+        return self.uv if self.cutout.uv is None else self.cutout.uv
+
+    @property
     def triangle_count(self) -> int:
         return int(self.faces.shape[0])
 

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from torchrender.errors import InputError
 from torchrender.scene.camera import Cameras, framing_camera
-from torchrender.scene.cutout import build_cutout
+from torchrender.scene.cutout import build_cutout, cutout_uv
 from torchrender.scene.environment import Environment
 from torchrender.scene.files.report import NOTHING, LoadReport
 from torchrender.scene.light import DirectionalLight, Light, light_color
@@ -55,12 +55,18 @@ class Scene:
     @cached_property
     def geometry(self) -> Geometry:
         """All triangles in one set of arrays, built on first use."""
-        geometry = concatenate(self.meshes)
-        sets = torch.tensor([_normal_map_set(m) for m in self.materials] or [-1])
-        geometry = with_tangents(geometry, sets[geometry.material])
-        if geometry.uv is None:
+        geometry = self._with_tangents(concatenate(self.meshes))
+        cutout = build_cutout(self.materials, geometry.material)
+        if cutout is None:
             return geometry
-        return replace(geometry, cutout=build_cutout(self.materials, geometry.material))
+        sets = (geometry.uv, geometry.uv1)
+        uv = cutout_uv(self.materials, geometry.material, geometry.faces, sets, len(geometry.vertices))
+        return replace(geometry, cutout=replace(cutout, uv=uv))
+
+    def _with_tangents(self, geometry: Geometry) -> Geometry:
+        """The geometry with tangents where normal maps need them."""
+        sets = torch.tensor([_normal_map_set(m) for m in self.materials] or [-1])
+        return with_tangents(geometry, sets[geometry.material])
 
     @property
     def material_table(self) -> MaterialTable:
@@ -144,7 +150,7 @@ class Scene:
         scene = replace(self, **new._asdict())
         geometry = moved_geometry(self.geometry, self.meshes, scene.meshes)
         if geometry is not None:
-            scene.__dict__["geometry"] = geometry
+            scene.__dict__["geometry"] = scene._with_tangents(geometry)
         if "_material_table" in self.__dict__:
             scene.__dict__["_material_table"] = self._material_table
         return scene

@@ -95,7 +95,7 @@ def _casters(geometry: Geometry) -> Casters:
 
 
 def _holes(geometry: Geometry) -> Holes:
-    cutout, uv = geometry.cutout, geometry.uv
+    cutout, uv = geometry.cutout, geometry.hole_uv
     if cutout is None or uv is None:
         return NO_HOLES
     masks = numpy_view(cutout.mask, np.int32), numpy_view(cutout.table, np.int64), numpy_view(cutout.texels, np.uint8)
