@@ -278,7 +278,8 @@ def leaf_and_wall() -> Geometry:
     g = quads([1.0, 1.0, 2.0])
     uv = torch.tensor([[0.0, 0], [0, 1], [1, 1], [1, 0]]).repeat(3, 1)
     mask = torch.tensor([0, 0, 0, 0, -1, -1], dtype=torch.int32)
-    cutout = Cutout(mask, torch.tensor([[0, 1, 2]]), torch.tensor([0, 1], dtype=torch.uint8))
+    placed = torch.cat([uv, torch.ones(len(uv), 1)], dim=1)
+    cutout = Cutout(mask, torch.tensor([[0, 1, 2, 0]]), torch.tensor([0, 255], dtype=torch.uint8), placed)
     return replace(g, uv=uv, cutout=cutout)
 
 

@@ -38,6 +38,15 @@ def check_finite(name: str, value: Tensor, error: type[InputError] = InputError)
     return value
 
 
+def check_not_negative(name: str, value: Tensor, error: type[InputError] = InputError) -> Tensor:
+    """Return ``value`` if no element is below zero; the error counts the others and names the first."""
+    below = value.detach() < 0
+    if bool(below.any()):
+        bad = below.reshape(-1).nonzero().reshape(-1)
+        raise error(f"{name} must not be negative: {bad.numel()} of {value.numel()} values are, first at {int(bad[0])}")
+    return value
+
+
 def check_range(name: str, value: float, low: float, high: float = math.inf) -> float:
     """Return ``value`` if ``low <= value <= high``; NaN never passes.
 

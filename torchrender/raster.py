@@ -3,8 +3,9 @@
 Coverage is exact: vertices are snapped to 1/32768 pixel, edges are integers, and a pixel centre on a shared edge or
 vertex belongs to exactly one triangle, so closed meshes have neither cracks nor double hits. Depth and barycentrics
 come from the unsnapped planes in float64. Equal depths go to the lower triangle id. Triangles that cross the near plane
-are clipped; degenerate ones are ignored. Cost follows what is in view: clusters of triangles outside the frustum, and
-their vertices, are never touched. Memory is one index per triangle and tile it touches; there are no fragment lists.
+are clipped; degenerate ones are ignored, and so are those that show what lies behind (:attr:`Geometry.panes`). Cost
+follows what is in view: clusters of triangles outside the frustum, and their vertices, are never touched. Memory is one
+index per triangle and tile it touches; there are no fragment lists.
 """
 
 from __future__ import annotations
@@ -154,6 +155,7 @@ def rasterize_depth(geometry: Geometry, cameras: Cameras, *, cull: str = "none")
 
 
 def _triangle_arrays(geometry: Geometry) -> TriangleArrays:
+    geometry = geometry.solid
     return TriangleArrays(
         vertices=geometry.vertices.numpy(),
         faces=geometry.faces.numpy(),
@@ -171,9 +173,9 @@ def _views(geometry: Geometry, cameras: Cameras, tests: FragmentTests | None) ->
     planes = cameras.frustum_planes().numpy()
     world_from_camera = cameras.world_from_camera.numpy()
     holes = NO_HOLES
-    if geometry.cutout is not None and geometry.hole_uv is not None:
+    if geometry.cutout is not None:
         cutout = geometry.cutout
-        holes = Holes(cutout.mask.numpy(), cutout.table.numpy(), cutout.texels.numpy(), geometry.hole_uv.numpy())
+        holes = Holes(cutout.mask.numpy(), cutout.table.numpy(), cutout.texels.numpy(), cutout.vertices.numpy())
     for k in range(len(cameras)):
         view = view_arrays(cameras, k, world_from_camera[k], planes[k])
         limits = NO_LIMITS

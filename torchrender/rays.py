@@ -37,7 +37,8 @@ class RayCaster:
 
     A hit lies strictly between ``t_min`` and ``t_max``, where ``t`` counts lengths of the direction vector. Hits whose
     ``t`` differ by less than 1e-12, relatively, are one surface: the lowest triangle id wins. Triangles without area
-    are never hit, nor is what a cut-out leaves out of a triangle. Rays have shape (N,3), or (...,3), then results have
+    are never hit, nor are those that show what lies behind (:attr:`Geometry.panes`), nor what a cut-out
+    leaves out of a triangle. Rays have shape (N,3), or (...,3), then results have
     the leading shape. Several threads may cast at once. A copy through ``pickle`` builds its tree anew.
 
     Args:
@@ -62,7 +63,7 @@ class RayCaster:
             raise OptionError('backend "embree" needs the embreex package, which is not installed or not usable')
         self.geometry = geometry
         self.backend = "embree" if usable else "bvh"
-        vertices, self._faces = view(geometry.vertices, np.float64), view(geometry.faces, np.int32)
+        vertices, self._faces = view(geometry.vertices, np.float64), view(geometry.solid.faces, np.int32)
         self._holes = holes_of(geometry)
         self._tree: Bvh | None = None
         self._boxes: EmbreeScene | None = None
@@ -176,11 +177,14 @@ class RayCaster:
 
 def holes_of(geometry: Geometry) -> Holes:
     """The missing texels of its triangles, as kernels read them."""
-    cutout, uv = geometry.cutout, geometry.hole_uv
-    if cutout is None or uv is None:
+    cutout = geometry.cutout
+    if cutout is None:
         return NO_HOLES
     return Holes(
-        view(cutout.mask, np.int32), view(cutout.table, np.int64), view(cutout.texels, np.uint8), view(uv, np.float32)
+        view(cutout.mask, np.int32),
+        view(cutout.table, np.int64),
+        view(cutout.texels, np.uint8),
+        view(cutout.vertices, np.float32),
     )
 
 

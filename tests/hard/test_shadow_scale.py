@@ -118,7 +118,7 @@ ODD = {
         position=torch.tensor([0.0, 1e6, 0.0]), direction=torch.tensor([0.0, -1, 0]), inner_deg=0.05, outer_deg=0.1
     ),
     "narrow": SpotLight(
-        position=torch.tensor([0.6, 1.5, 0.4]), direction=torch.tensor([-0.6, -1.2, -0.4]), inner_deg=0.05, outer_deg=0.1
+        position=torch.tensor([0.6, 1.5, 0.4]), direction=torch.tensor([-6.0, -12, -4]), inner_deg=0.05, outer_deg=0.1
     ),
     "wide": SpotLight(position=torch.tensor([0.6, 1.5, 0.4]), direction=torch.tensor([0.0, -1, 0]), outer_deg=89.0),
     "sun at the horizon": DirectionalLight(direction=torch.tensor([-1.0, -1e-3, -0.3])),

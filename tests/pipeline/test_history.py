@@ -12,7 +12,7 @@ from torchrender.effects.reflections.reuse_options import ReuseOptions
 from torchrender.effects.shadows.shadow_map import ShadowOptions
 from torchrender.errors import InputError
 from torchrender.image import Image
-from torchrender.passes.light.shadow_map import SHADOW_MAP
+from torchrender.passes.light.shadow_map import SCENE_SHADOW_MAP, SHADOW_MAP
 from torchrender.passes.mirrors.hit_shader import HIT_SHADER
 from torchrender.passes.mirrors.key_frame import KEY_FRAME, reuse_report
 from torchrender.passes.seen.ray_caster import RAY_CASTER
@@ -225,7 +225,7 @@ def test_a_camera_of_no_scene_is_still_an_error() -> None:
 
 
 def test_maps_that_follow_the_eye_are_never_kept() -> None:
-    """Cascades of an earlier view would be wrong from the next one on."""
+    """Those of an earlier view would be wrong from the next one on."""
     scene = replace(mirror_room(), lights=(DirectionalLight(direction=torch.tensor([0.3, -1.0, -0.5])),))
     options = replace(TRACED, reflections="off", shadow=ShadowOptions(size=256, cascades=2))
     first = render(scene, camera(), options=options, history=RenderHistory())
@@ -237,4 +237,5 @@ def test_what_is_shared_between_sequences_holds_no_reflections_of_one() -> None:
     history = started(mirror_room())
     shared = history.shared()
     assert history.get(KEY_FRAME) is not None and shared.get(KEY_FRAME) is None
-    assert shared.get(SHADOW_MAP) is history.get(SHADOW_MAP) is not None
+    assert shared.get(SCENE_SHADOW_MAP) is history.get(SCENE_SHADOW_MAP) is not None
+    assert shared.get(SHADOW_MAP) is None is not history.get(SHADOW_MAP), "it was fitted to a view"

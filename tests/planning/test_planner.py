@@ -60,9 +60,10 @@ def running(plan: Plan) -> list[str]:
 
 def test_only_what_the_scene_calls_for(grass: Scene, box: Scene, washroom: Scene) -> None:
     end = ["direct_light", "composite", "resample"]
-    assert running(tr.plan(grass, view(grass))) == ["gbuffer", "shadow_map", "point_shadow", *end]
-    assert running(tr.plan(box, view(box))) == ["gbuffer", "shadow_map", "soft_shadow", *end]
-    names = ["gbuffer", "reflective_pixel", "shadow_map", "point_shadow", "soft_shadow", "direct_light", "hit_shader"]
+    assert running(tr.plan(grass, view(grass))) == ["gbuffer", "light_reach", "shadow_map", "point_shadow", *end]
+    assert running(tr.plan(box, view(box))) == ["gbuffer", "light_reach", "shadow_map", "soft_shadow", *end]
+    seen = ["gbuffer", "reflective_pixel", "ray_caster", "light_reach"]
+    names = [*seen, "shadow_map", "point_shadow", "soft_shadow", "direct_light", "hit_shader"]
     assert running(tr.plan(washroom, view(washroom))) == [*names, "reflections", *end[1:]]
     first = tr.plan(washroom, view(washroom), history=RenderHistory())
     assert running(first) == [*names, "reflections", "key_frame", *end[1:]]
@@ -212,7 +213,7 @@ def test_a_diffuse_scene_runs_the_same_with_the_other_passes_deleted(grass: Scen
     for steps in (PASSES, few):
         pictures.append(tr.render(grass, camera, options=RenderOptions(passes=steps)))
         ran = set(pictures[-1].timings_ms) - {"plan", "total"}
-        assert ran == {"gbuffer", "shadow_map", "point_shadow", "direct_light", "composite", "resample"}
+        assert ran == {"gbuffer", "light_reach", "shadow_map", "point_shadow", "direct_light", "composite", "resample"}
     assert torch.equal(pictures[0].radiance, pictures[1].radiance)
 
 

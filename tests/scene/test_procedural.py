@@ -43,7 +43,8 @@ from torchrender.scene.procedural.parts.textures import noise, rug
 from torchrender.scene.procedural.parts.vessels import basin_tap, bottle, bowl, dome, kettle, shade, stand, teapot, vase
 
 ROOT = Path(__file__).resolve().parents[2]
-USUAL = {"nest": 67_000, "grass": 56_000, "city": 50_000, "tree": 113_000, "living_room": 280_000, "washroom": 90_000}
+USUAL = {"nest": 67_000, "grass": 56_000, "city": 50_000, "tree": 113_000, "living_room": 280_000, "washroom": 90_000,
+         "hall": 40_000, "street_lamp": 30_000}  # fmt: skip
 ROOMS = ("living_room", "washroom")
 OPEN = ("ground", "view hills", "view trees")  # surfaces that are seen from one side only
 _built: dict[str, Scene] = {}

@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import pytest
 import torch
 
 from torchrender.errors import InputError, MeshError, OptionError
 from torchrender.kernels.raster.project import BLOCK
-from torchrender.raster import rasterize
-from torchrender.scene.camera import Cameras
-from torchrender.scene.cutout import build_cutout
+from torchrender.kernels.raster.records import SOLID
+from torchrender.scene.cutout import Corners, build_cutout
 from torchrender.scene.environment import Environment, latlong_directions
 from torchrender.scene.light import DirectionalLight, PointLight, RectLight, SpotLight
 from torchrender.scene.material import Material, Sampler, from_metallic_roughness
 from torchrender.scene.medium import Medium
 from torchrender.scene.mesh import CLUSTER, Mesh, concatenate
 from torchrender.scene.model import Scene
-from torchrender.scene.shapes import plane
 
 TRIANGLE = torch.tensor([[0.0, 0, 0], [2, 0, 0], [0, 2, 0]])
 FACE = torch.tensor([[0, 1, 2]])
@@ -111,11 +108,28 @@ def test_cutout_masks_only_textures_with_holes():
         Material(diffuse_texture=torch.ones(2, 2, 4), alpha_cutoff=0.5),
         Material(diffuse_texture=holey),
     )
-    cutout = build_cutout(materials, torch.tensor([0, 1, 2, 0]))
+    corners = Corners(torch.arange(12).reshape(4, 3), torch.rand(12, 2), None, None)
+    cutout = build_cutout(materials, torch.tensor([0, 1, 2, 0]), corners, 12)
     assert cutout.mask.tolist() == [0, -1, -1, 0]
     assert cutout.triangles.tolist() == [0, 3]
-    assert cutout.table.tolist() == [[0, 2, 3]] and cutout.texels.tolist() == [1, 0, 1, 1, 1, 1]
-    assert build_cutout(materials[1:], torch.tensor([0, 1])) is None
+    solid = (cutout.texels >= SOLID).tolist()
+    assert cutout.table.tolist() == [[0, 2, 3, 0]] and solid == [True, False, True, True, True, True]
+    assert build_cutout(materials[1:], torch.tensor([0, 1]), corners, 12) is None
+
+
+def test_cutouts_lie_as_their_sampler_says_and_count_all_opacities():
+    turned = torch.tensor([[0.0, 2.0, 0.1], [1.0, 0.0, 0.0]])
+    sampler = Sampler(uv_set=1, transform=turned, wrap_u="mirror", wrap_v="clamp")
+    leaf = Material(
+        diffuse_texture=torch.full((2, 2, 4), 0.6), alpha_cutoff=0.5, samplers={"diffuse_texture": sampler}, opacity=0.9
+    )
+    uv1, alpha = torch.rand(3, 2), torch.tensor([1.0, 0.5, 0.0])
+    corners = Corners(torch.tensor([[0, 1, 2]]), torch.zeros(3, 2), uv1, alpha)
+    cutout = build_cutout((leaf,), torch.tensor([0]), corners, 3)
+    torch.testing.assert_close(cutout.vertices, torch.stack([2 * uv1[:, 1] + 0.1, uv1[:, 0], alpha], dim=1))
+    assert cutout.table.tolist() == [[0, 2, 2, 1 + 3 * 2]] and bool((cutout.texels >= SOLID).all())
+    nothing = build_cutout((Material(opacity=0.0, alpha_cutoff=0.5),), torch.tensor([0]), corners, 3)
+    assert nothing.texels.tolist() == [0]
 
 
 def test_lights_normalise_and_check():
@@ -219,31 +233,3 @@ def test_unknown_cameras_are_refused_with_the_known_names():
     with pytest.raises(InputError, match="door"):
         named.camera("front", width=8, height=8)
     assert named.camera(width=16, height=8).width == 16
-
-
-def test_holes_follow_the_sampler_of_their_texture():
-    """Mirrored, moved, of the second set, and with an opacity beside them: seen from above, solid where they say."""
-    left = torch.zeros(1, 2, 4)
-    left[..., :3], left[0, 0, 3] = 1.0, 0.6  # the left half is there
-    square = replace(plane(torch.tensor([4.0, 1.0]), 1, 1.0), uv=torch.tensor([[0.0, 0], [0, 0], [0, 0], [0, 0]]))
-    x = square.vertices[:, 0].float()
-    square = replace(square, uv1=torch.stack([x / 2 + 1, torch.full_like(x, 0.5)], dim=1))  # two pictures side by side
-    camera = Cameras.look_at([0.0, 5.0, 0.0], [0.0, 0, 0], width=80, height=21, fov_deg=20.0, up=[0.0, 0, -1.0])
-
-    def covered(**changes):
-        values = {"uv_set": 1, **changes.pop("sampler", {})}
-        samplers = {"diffuse_texture": Sampler(**values)}
-        material = Material(diffuse_texture=left, samplers=samplers, **{"alpha_cutoff": 0.5, **changes})
-        scene = Scene(meshes=(square,), materials=(material,))
-        row = rasterize(scene, camera).covered[0, 10].float()
-        # Quarters of the square, left to right.
-        full = rasterize(Scene(meshes=(square,)), camera).covered[0, 10].nonzero().reshape(-1)
-        parts = row[full].chunk(4)
-        return [round(float(p.mean())) for p in parts]
-
-    assert covered() == [1, 0, 1, 0]
-    assert covered(sampler={"wrap_u": "mirror"}) == [1, 0, 0, 1]
-    move = torch.tensor([[1.0, 0.0, 0.5], [0.0, 1.0, 0.0]])
-    assert covered(sampler={"transform": move}) == [0, 1, 0, 1]
-    assert covered(opacity=0.5) == [0, 0, 0, 0]
-    assert covered(opacity=0.5, alpha_cutoff=0.25) == [1, 0, 1, 0]

@@ -222,3 +222,14 @@ def test_shared_sequences(data_dir):
     with pytest.warns(CaptureWarning, match="no intrinsics"):
         other = load_rgbd(data_dir / "rgbd" / "slambook2")
     assert len(other) == 5 and float(np.median(other.frames[0].read_depth())) > 0.5
+
+
+def test_a_folder_without_depth_says_so(tmp_path):
+    (tmp_path / "color").mkdir()
+    (tmp_path / "pose").mkdir()
+    with pytest.raises(SceneFileError, match="no folder depth"):
+        load_rgbd(tmp_path)
+    (tmp_path / "color").rmdir()
+    (tmp_path / "pose").rmdir()
+    with pytest.raises(SceneFileError, match="known layout"):
+        load_rgbd(tmp_path)

@@ -18,6 +18,7 @@ from torchrender import __version__
 from torchrender.cli.arguments import add_scene, add_shadows, add_size, camera_of, exposure, given, load_scene, numbers
 from torchrender.cli.enhance import add_enhance, enhance_wish
 from torchrender.cli.fly import add_fly, fly
+from torchrender.cli.fog import add_fog, foggy
 from torchrender.cli.output import check_output, collect_garbage, image_size, progress, saying_warnings
 from torchrender.cli.plan import add_limits, add_plan, run_calibrate, run_plan, run_tradeoff
 from torchrender.cli.points import add_points, draws_points, point_info, run_points
@@ -90,7 +91,7 @@ def _render(arguments: argparse.Namespace) -> None:
         **exposed,
     )
     width, height = image_size(arguments.size)
-    scene = load_scene(arguments)
+    scene = foggy(load_scene(arguments), arguments)
     if scene.photometric and arguments.exposure is None:
         print(f"{arguments.scene}: lights in candela and lux: exposure auto", file=sys.stderr)
         options = replace(options, exposure=None)
@@ -283,6 +284,7 @@ def _add_render(parser: argparse.ArgumentParser) -> None:
         help="samples per pixel and side: 2 is two by two, 0.5 one for four pixels (default 1)",
     )
     add_limits(parser)
+    add_fog(parser)
     parser.add_argument("--explain", action="store_true", help="say which passes ran, which did not, and why")
     parser.add_argument("--exposure", metavar="EV", help="powers of two, or auto (default 0)")
     parser.add_argument("--tone-map", choices=("none", "reinhard", "aces"), help="default none")

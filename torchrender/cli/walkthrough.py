@@ -141,8 +141,9 @@ def report_lines(made: Walkthrough) -> Iterator[str]:
     if r["left_out"]:
         yield f"{len(r['left_out'])} frames left out"
     yield (
-        f"size {(sizes['textures'] + sizes['points']) / 1e6:.1f} MB raw, {100 * r['size_share']:.0f} % of the photos'"
-        f" {sizes['photos'] / 1e6:.1f} MB: textures {sizes['textures'] / 1e6:.1f}, points {sizes['points'] / 1e6:.1f}"
+        f"size {made.size_bytes / 1e6:.1f} MB raw, {100 * r['size_share']:.0f} % of the photos'"
+        f" {sizes['photos'] / 1e6:.1f} MB: textures {sizes['textures'] / 1e6:.1f}, points {sizes['points'] / 1e6:.1f},"
+        f" colours that depend on the view {sizes['view_colors'] / 1e6:.1f}"
     )
     yield f"texels: {r['texels']['seen']:,} seen, {r['texels']['filled']:,} filled, {r['texels']['holes']:,} true holes"
     yield (
@@ -186,9 +187,8 @@ def render_walkthrough(arguments: argparse.Namespace) -> None:
     from torchrender.walkthrough.draw import draw_walkthrough
     from torchrender.walkthrough.file import read_walkthrough
 
-    unused = ("triangles", "budget_ms", "max_error", "explain", "tone_map", "no_shadows", "shadows", "shadow_size")
-    unused += ("cascades", "reflections")
-    _say_unused(arguments, unused)
+    lights = ("no_shadows", "shadows", "shadow_size", "cascades", "reflections")
+    _say_unused(arguments, ("triangles", "budget_ms", "max_error", "explain", "tone_map", *lights))
     output = Path(arguments.output)
     check_output(output, (".png", ".exr"))
     width, height = image_size(arguments.size)

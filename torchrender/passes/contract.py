@@ -72,7 +72,8 @@ class Pass:
     amounts: Callable[[Outlook], Amounts]  # of work: its time is a weighted sum of these
     one_cost: bool = False  # the weights are the same for all settings: these only change the amounts
     own: OwnMeasure | None = None
-    settle: Settle | None = None  # its options may leave the way to the planner
+    settle: Settle | None = None  # its options may leave the way to the planner,
+    settles: Callable[[RenderOptions], bool] = lambda _: False  # and do so here
     off: str | None = None  # the setting at which it does not run, if there is one
     measured_with: Mapping[str, Any] = field(default_factory=dict)  # options, where the usual ones are not fit
 

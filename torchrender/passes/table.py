@@ -6,9 +6,17 @@ from collections.abc import Sequence
 
 from torchrender.errors import InputError
 from torchrender.passes.contract import Pass
-from torchrender.passes.light import direct_light, light_reach, point_shadow, shadow_map, soft_shadow
+from torchrender.passes.light import (
+    ambient_visibility,
+    direct_light,
+    light_reach,
+    pane_shadow,
+    point_shadow,
+    shadow_map,
+    soft_shadow,
+)
 from torchrender.passes.mirrors import hit_shader, key_frame, reflection_reuse, reflections, reflective_pixel
-from torchrender.passes.picture import composite, enhancement, mesh_curvature, resample, scattering
+from torchrender.passes.picture import composite, enhancement, mesh_curvature, resample, scattering, transparency
 from torchrender.passes.picture.resample import PICTURE as PICTURE
 from torchrender.passes.seen import gbuffer, occluders, picture_visibility, ray_caster
 from torchrender.passes.seen.gbuffer import GBUFFER as GBUFFER
@@ -24,10 +32,13 @@ PASSES: tuple[Pass, ...] = (
     shadow_map.PASS,
     point_shadow.PASS,
     soft_shadow.PASS,
+    pane_shadow.PASS,
+    ambient_visibility.PASS,
     direct_light.PASS,
     hit_shader.PASS,
     reflection_reuse.PASS,
     reflections.PASS,
+    transparency.PASS,
     key_frame.PASS,
     scattering.PASS,
     mesh_curvature.PASS,

@@ -24,6 +24,7 @@ class Order(IntEnum):
     EMISSION = 0
     DIRECT = 10
     REFLECTION = 20
+    TRANSPARENCY = 25
     SCATTERING = 30
     ENHANCEMENT = 40
 
@@ -92,8 +93,8 @@ def _alike(first: Any, second: Any) -> bool:
 
 
 def triangles_of(scene: Scene) -> tuple[Any, ...]:
-    """What rays and rasterised views depend on: the meshes, and the materials if some have holes."""
-    holes = any(material.alpha_cutoff is not None for material in scene.materials)
+    """What rays and rasterised views depend on: the meshes, and the materials if some have holes or are panes."""
+    holes = any(material.alpha_cutoff is not None or material.is_see_through for material in scene.materials)
     return (scene.meshes, scene.materials if holes else None)
 
 

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import copy
-from functools import cached_property
-
 import torch
 from torch import Tensor
 
@@ -29,28 +26,14 @@ class HitShader:
     Args:
         light: the passes of the picture over other samples, reflections left out.
         background: colour of what surrounds the scene; None: its environment, or its ambient light.
-        eyes: (B,3) of the picture: what holds one is a room, not a closed object.
     """
 
-    def __init__(
-        self,
-        scene: Scene,
-        light: SampleRenderer,
-        background: ArrayLike | None = None,
-        eyes: Tensor | None = None,
-    ) -> None:
+    def __init__(self, scene: Scene, light: SampleRenderer, background: ArrayLike | None = None) -> None:
         self.scene = scene
         self.background = background
         self._light = light
-        self._eyes = torch.zeros(0, 3, dtype=torch.float64) if eyes is None else eyes
         self._cubes: dict[tuple[int, ...], SceneCube] = {}
-
-    def seen_from(self, eyes: Tensor) -> HitShader:
-        """The same for a picture from other eyes (B,3)."""
-        other = copy.copy(self)
-        other._eyes = eyes
-        other.__dict__.pop("_cube", None)
-        return other
+        self._solids: tuple[Tensor, tuple[int, ...]] | None = None  # eyes, and what is left out for them
 
     def __call__(self, rays: ReflectedRays, hits: RayHits, onward: Onward | None = None) -> Tensor:
         """Radiance (N,3) towards the rays' origins; ``onward`` knows what mirrors among the hits show."""
@@ -71,11 +54,14 @@ class HitShader:
         color = self.scene.ambient.float() if self.background is None else as_vector("background", self.background)
         return color.expand(len(direction), 3)
 
-    def environment(self, direction: Tensor) -> Tensor:
-        """Radiance (N,3) along unit directions (N,3) from the scene's middle, closed objects there left out."""
-        return self._cube.lookup(direction, self.surrounding(direction))
+    def environment(self, direction: Tensor, eyes: Tensor | None = None) -> Tensor:
+        """Radiance (N,3) along unit directions (N,3) from the scene's middle, closed objects there left out.
 
-    def surroundings(self, position: Tensor, direction: Tensor) -> Tensor:
+        What holds one of the ``eyes`` (B,3) of the picture is a room, and stays.
+        """
+        return self._cube(eyes).lookup(direction, self.surrounding(direction))
+
+    def surroundings(self, position: Tensor, direction: Tensor, eyes: Tensor | None = None) -> Tensor:
         """Radiance (N,3): what the middle sees of the place where each ray leaves the scene's bounding box.
 
         A look-up by direction alone would show a whole floor one place of a wall.
@@ -86,7 +72,7 @@ class HitShader:
         reach = exit_length.amin(dim=-1).clamp_min(0.0)
         seen = position + reach[:, None] * toward - (low + high) / 2
         seen = torch.nn.functional.normalize(seen, dim=-1, eps=1e-30)
-        return self._cube.lookup(seen, self.surrounding(direction))
+        return self._cube(eyes).lookup(seen, self.surrounding(direction))
 
     def _surfaces(self, rays: ReflectedRays, hits: RayHits, rows: Tensor, onward: Onward | None) -> Tensor:
         found = RayHits(hits.t[rows], hits.triangle[rows], hits.barycentric[rows])
@@ -109,14 +95,16 @@ class HitShader:
         mixed = blend_colors(self.scene, surface.material[mirrors], cosine, radiance[mirrors], mirrored)
         return radiance.index_copy(0, mirrors, mixed)
 
-    @cached_property
-    def _cube(self) -> SceneCube:
+    def _cube(self, eyes: Tensor | None) -> SceneCube:
         """The scene as its middle sees it."""
-        left_out = enclosing_solids(self.scene.geometry, self._eyes)
-        key = tuple(left_out.tolist())
-        if key not in self._cubes:
-            self._cubes[key] = make_cube(self.scene, self._light, self.surrounding, left_out)
-        return self._cubes[key]
+        own = torch.zeros(0, 3, dtype=torch.float64) if eyes is None else eyes.double()
+        if self._solids is None or not torch.equal(self._solids[0], own):
+            self._solids = own, tuple(enclosing_solids(self.scene.geometry, own).tolist())
+        left_out = self._solids[1]
+        if left_out not in self._cubes:
+            some = torch.tensor(left_out, dtype=torch.int64)
+            self._cubes[left_out] = make_cube(self.scene, self._light, self.surrounding, some)
+        return self._cubes[left_out]
 
 
 def _mirrored(

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from torchrender.checks import ArrayLike, as_vector, check_choice, check_range
+from torchrender.effects.ambient.options import AmbientOptions
 from torchrender.effects.enhancement.options import EnhanceOptions
 from torchrender.effects.media.options import ScatterOptions
 from torchrender.effects.reflections.clustered import ClusterOptions
@@ -20,6 +21,8 @@ from torchrender.shade import AREA_LIGHTS
 REFLECTIONS = ("auto", "clustered", "traced", "environment", "off")
 POINT_SHADOWS = ("maps", "traced")
 AREA_SHADOWS = ("pcss", "hard", "sampled")
+AMBIENT_VISIBILITY = ("off", "horizon", "traced")
+TRANSPARENCY = ("peeled", "traced", "off")
 UPSCALING = ("joint", "bilinear", "nearest")
 
 
@@ -37,11 +40,15 @@ class RenderOptions:
     area_shadows: str = "pcss"  # of rectangles: "pcss" (one map, penumbrae guessed), "hard" (one map), or "sampled"
     soft_shadow: SoftShadowOptions = field(default_factory=SoftShadowOptions)  # of area_shadows="sampled"
     area_light: str = "polygon"  # light of rectangles without shadows: exact, or "centre": all from their centre
+    ambient_visibility: str = "horizon"  # what hides light from everywhere: "horizon" search, "traced", "off": nothing
+    ambient: AmbientOptions = field(default_factory=AmbientOptions)
     reflections: str = "auto"  # how reflectors mirror: "clustered", "traced", "environment" (one cube map), "off", or
     # "auto": the most accurate of the quick ways
     reflection: ClusterOptions = field(default_factory=ClusterOptions)
     tracing: TraceOptions = field(default_factory=TraceOptions)
     reuse: ReuseOptions | None = field(default_factory=ReuseOptions)  # in pictures with a history; None: never
+    transparency: str = "peeled"  # surfaces that show what lies behind: "peeled" layers, "traced", or "off": none
+    transparent_layers: int = 64  # before each other, at most
     media: bool = True  # media scatter and absorb light; False: the air is clear
     scattering: ScatterOptions = field(default_factory=ScatterOptions)
     supersample: float = 1.0  # rendered pixels per picture pixel and side; 2: two by two; 0.5: a quarter of them
@@ -59,6 +66,9 @@ class RenderOptions:
         check_choice("reflections", self.reflections, REFLECTIONS)
         check_choice("point_shadows", self.point_shadows, POINT_SHADOWS)
         check_choice("area_shadows", self.area_shadows, AREA_SHADOWS)
+        check_choice("ambient_visibility", self.ambient_visibility, AMBIENT_VISIBILITY)
+        check_choice("transparency", self.transparency, TRANSPARENCY)
+        check_range("transparent_layers", self.transparent_layers, 1, 4096)
         check_choice("area_light", self.area_light, AREA_LIGHTS)
         check_choice("upscaling", self.upscaling, UPSCALING)
         check_range("supersample", self.supersample, 1 / 16, 4.0)
@@ -92,7 +102,9 @@ def shadow_choices(shadows: str | None = None, size: int | None = None, cascades
     if shadows is not None:
         check_choice("shadows", shadows, tuple(SHADOWS))
         made |= SHADOWS[shadows]
-    wanted = {name: value for name, value in (("size", size), ("cascades", cascades)) if value is not None}
+    wanted: dict[str, Any] = {
+        name: value for name, value in (("size", size), ("cascades", cascades)) if value is not None
+    }
     return made | ({"shadow": ShadowOptions(**wanted)} if wanted else {})
 
 

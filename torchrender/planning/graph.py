@@ -67,7 +67,8 @@ def resolve(
     running = _in_order([step for step in passes if step.name in chosen], outlook, blended)
     for step in running:
         if step.makes.lasting is not None and not step.for_next:
-            users = ", ".join(s.name for s in running if s.makes in asked.get(step.makes, ()))
+            askers = {buffer for made in step.makes_all for buffer in asked.get(made, ())}
+            users = ", ".join(s.name for s in running if s.makes in askers)
             found[step.name] = Verdict(True, f"{found[step.name].reason}: for {users}" if users else "asked for")
     return Graph(tuple(running), found, {buffer: frozenset(by) for buffer, by in asked.items()})
 

@@ -40,6 +40,8 @@ class Question:
         for step in knowledge.passes:
             current = step.settings.current(options)
             if current == CUSTOM:
+                if step.settle is not None and step.settles(options) and step.name not in options.fixed:
+                    open_[step.name] = step.settings.all
                 continue
             held = step.name in done or step.name in options.fixed
             open_[step.name] = (step.settings.named(current),) if held else step.settings.all

@@ -1,27 +1,33 @@
-"""Holes in textured triangles (leaves, fences): one bit per texel says whether the surface is there."""
+"""Holes in triangles (leaves, fences): one byte per texel says whether the surface is there.
+
+Alpha is that of the texture, times the material's opacity, times what the vertices carry. A byte holds the first two in
+units of the cutoff, so that all wraps, transforms and sets of coordinates are settled before a triangle is drawn.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
-from torchrender.scene.material import Material
+from torchrender.kernels.raster.records import SOLID
+from torchrender.scene.material import WRAPS, Material
 
 
 @dataclass(frozen=True, eq=False)
 class Cutout:
-    """Texel masks of the materials that have holes.
+    """Texels of the materials that have holes.
 
-    A point is solid if its nearest texel is; texture coordinates repeat, (0,0) is the lower left corner.
+    A point is solid if its nearest texel times the opacity of the vertices is at least :data:`SOLID`.
     """
 
     mask: Tensor  # (F,) int32 row of ``table`` for each triangle, -1 where it is solid
-    table: Tensor  # (K,3) int64 offset into ``texels``, height, width
-    texels: Tensor  # (N,) uint8, 1 where solid
-    uv: Tensor | None = None  # (V,2) float32 coordinates that the masks are read at; None: those of the geometry
+    table: Tensor  # (K,4) int64 offset into ``texels``, height, width, wraps: along u plus three times along v
+    texels: Tensor  # (N,) uint8 alpha over cutoff, times SOLID
+    vertices: Tensor  # (V,3) float32 texture coordinates as the textures lie, opacity
 
     @property
     def triangles(self) -> Tensor:
@@ -29,60 +35,62 @@ class Cutout:
         return (self.mask >= 0).nonzero().reshape(-1)
 
 
-def build_cutout(materials: Sequence[Material], material_of: Tensor) -> Cutout | None:
-    """Masks for triangles (F,) of the given materials; None if no triangle has holes."""
+class Corners(NamedTuple):
+    """What the V vertices of F triangles carry; None: nothing of the kind."""
+
+    faces: Tensor  # (F,3)
+    uv: Tensor | None  # (V,2)
+    uv1: Tensor | None  # (V,2)
+    alpha: Tensor | None  # (V,)
+
+
+def build_cutout(materials: Sequence[Material], material_of: Tensor, corners: Corners, count: int) -> Cutout | None:
+    """Texels for triangles (F,) of the given materials, with ``count`` vertices; None if no triangle has holes."""
     rows = torch.full((max(len(materials), 1),), -1, dtype=torch.int32)
-    table: list[tuple[int, int, int]] = []
+    table: list[tuple[int, int, int, int]] = []
     texels: list[Tensor] = []
     offset = 0
     for index, material in enumerate(materials):
-        solid = _solid(material)
-        if solid is None or bool(solid.all()):
+        alpha = _alpha(material)
+        if alpha is None or (corners.alpha is None and bool((alpha >= SOLID).all())):
             continue
+        sampler = material.sampler("diffuse_texture")
+        wraps = WRAPS.index(sampler.wrap_u) + 3 * WRAPS.index(sampler.wrap_v)
         rows[index] = len(table)
-        table.append((offset, solid.shape[0], solid.shape[1]))
-        texels.append(solid.to(torch.uint8).reshape(-1))
-        offset += solid.numel()
+        table.append((offset, alpha.shape[0], alpha.shape[1], wraps))
+        texels.append(alpha.reshape(-1))
+        offset += alpha.numel()
     mask = rows[material_of]
     if not table or not bool((mask >= 0).any()):
         return None
-    return Cutout(mask, torch.tensor(table, dtype=torch.int64), torch.cat(texels))
+    placed = _placed(materials, material_of, corners, count)
+    return Cutout(mask, torch.tensor(table, dtype=torch.int64), torch.cat(texels), placed)
 
 
-def _solid(material: Material) -> Tensor | None:
-    """(H,W) bool texels that are there, what is mirrored beside its picture; None for a material without holes."""
-    cutoff, texture = material.alpha_cutoff, material.diffuse_texture
-    if cutoff is None:
+def _alpha(material: Material) -> Tensor | None:
+    """(H,W) uint8 alpha over cutoff, times SOLID; None without a cutoff."""
+    if material.alpha_cutoff is None:
         return None
-    if texture is None or texture.shape[2] != 4:
-        return torch.full((1, 1), material.opacity >= cutoff)
-    solid = texture.detach()[..., 3] * material.opacity >= cutoff
-    sampler = material.sampler("diffuse_texture")
-    if sampler.wrap_u == "mirror":
-        solid = torch.cat([solid, solid.flip(1)], dim=1)
-    if sampler.wrap_v == "mirror":
-        solid = torch.cat([solid.flip(0), solid], dim=0)  # the lower half, which v counts first, is the picture
-    return solid
+    texture = material.diffuse_texture
+    alpha = torch.ones(1, 1) if texture is None or texture.shape[2] < 4 else texture.detach()[..., 3]
+    alpha = alpha * material.opacity
+    share = alpha / max(material.alpha_cutoff, 1e-6)
+    # A cutoff of zero is met by everything; rounding must not move a texel over the cutoff.
+    value = torch.where(share >= 1.0, (share * SOLID).clamp(SOLID, 255), (share * SOLID).clamp(0, SOLID - 1).floor())
+    return torch.where(alpha >= material.alpha_cutoff, value.clamp_min(SOLID), value).to(torch.uint8)
 
 
-def cutout_uv(
-    materials: Sequence[Material], material_of: Tensor, faces: Tensor, sets: Sequence[Tensor | None], count: int
-) -> Tensor:
-    """(V,2) float32 coordinates for the masks: of the set and after the transform that each material's sampler names.
-
-    Vertices belong to triangles of one material. ``sets`` are the two sets of coordinates of the ``count`` vertices. A
-    picture that is clamped repeats here.
-    """
-    uv = torch.zeros(count, 2) if sets[0] is None else sets[0].clone()
-    for index, material in enumerate(materials):
-        if material.alpha_cutoff is None:
+def _placed(materials: Sequence[Material], material_of: Tensor, corners: Corners, count: int) -> Tensor:
+    """(V,3) coordinates as the textures lie, and opacity."""
+    placed = torch.zeros(count, 3)
+    placed[:, 2] = 1.0 if corners.alpha is None else corners.alpha
+    for index in torch.unique(material_of).tolist():
+        if materials[index].alpha_cutoff is None:
             continue
-        sampler = material.sampler("diffuse_texture")
-        rows = torch.unique(faces[material_of == index].long())
-        source = sets[sampler.uv_set]
-        if source is None or not len(rows):
-            continue
-        moved = source[rows] @ sampler.transform[:, :2].T + sampler.transform[:, 2]
-        scale = torch.tensor([0.5 if w == "mirror" else 1.0 for w in (sampler.wrap_u, sampler.wrap_v)])
-        uv[rows] = moved * scale
-    return uv
+        chosen = corners.faces[material_of == index].reshape(-1).long().unique()
+        sampler = materials[index].sampler("diffuse_texture")
+        uv = corners.uv if sampler.uv_set == 0 else corners.uv1
+        if uv is not None:
+            matrix = sampler.transform.double()
+            placed[chosen, :2] = (uv[chosen].double() @ matrix[:, :2].T + matrix[:, 2]).float()
+    return placed

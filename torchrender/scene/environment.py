@@ -16,7 +16,7 @@ from torch import Tensor
 from torchrender.checks import check_finite, check_range
 from torchrender.errors import InputError
 from torchrender.scene.light import DirectionalLight
-from torchrender.scene.sky.irradiance import BLOCK_ROWS, IrradianceMap, latlong_directions
+from torchrender.scene.sky.irradiance import BLOCK_ROWS, IrradianceMap, latlong_directions, solid_angles
 from torchrender.scene.sky.prefilter import FilteredSky
 from torchrender.scene.sky.sun import find_sun, turned
 
@@ -33,6 +33,7 @@ class Environment:
     intensity: float = 1.0  # multiplies the radiance
     rotation_deg: float = 0.0  # turns the picture about +y
     name: str = "environment"
+    fill: bool = False  # stands for light that finds its way: only what is near hides it, not a roof far above
     shown: Tensor | None = None  # (H,W,3) what cameras see of it, where that is not ``radiance``: with the sun
 
     def __post_init__(self) -> None:
@@ -148,6 +149,13 @@ class Environment:
             name=f"sun of {self.name}",
         )
         return replace(self, radiance=sun.rest, shown=self.radiance.detach()), light
+
+    @cached_property
+    def mean_radiance(self) -> float:
+        """Over all directions and colours, without gradient."""
+        value = self._fine.detach().double().mean(dim=-1)
+        solid = solid_angles(*value.shape)
+        return float((value * solid).sum()) / (4.0 * math.pi) * self.intensity
 
     @property
     def irradiance_map(self) -> IrradianceMap:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import torch
 from torch import Tensor
 
-from torchrender.checks import as_vector, check_range
+from torchrender.checks import as_vector, check_not_negative, check_range
 from torchrender.errors import InputError
 
 
@@ -26,9 +26,7 @@ def _vectors(light: object, *names: str, dtype: torch.dtype = torch.float32) -> 
 
 def _colors(light: object, name: str) -> None:
     _vectors(light, name)
-    value = getattr(light, name)
-    if bool((value < 0).any()):
-        raise InputError(f"{type(light).__name__}.{name} must not be negative, got {value.tolist()}")
+    check_not_negative(f"{type(light).__name__}.{name}", getattr(light, name))
 
 
 def _unit(light: object, name: str) -> None:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import torch
 from torch import Tensor
 
-from torchrender.checks import as_vector, check_choice, check_finite, check_range
+from torchrender.checks import as_vector, check_choice, check_finite, check_not_negative, check_range
 from torchrender.errors import InputError, OptionError
 
 DIELECTRIC_F0 = 0.04
@@ -100,8 +100,8 @@ class Material:
     """One material; colours are linear RGB. A texture multiplies the number of its name.
 
     Raises:
-        InputError: a colour that is not three finite numbers, a texture of a wrong shape or with values that are not
-            finite, a sampler for a texture that does not exist.
+        InputError: a colour that is not three finite numbers of zero or more, a texture of a wrong shape or with values
+            that are not finite or negative, a sampler for a texture that does not exist.
         OptionError: a number outside its range, or one of metallic-roughness on a Phong material.
     """
 
@@ -147,7 +147,8 @@ class Material:
 
     def __post_init__(self) -> None:
         for name in ("diffuse", "specular_color", "emission", "sheen_color"):
-            object.__setattr__(self, name, as_vector(f"material {self.name!r}: {name}", getattr(self, name)))
+            told = f"material {self.name!r}: {name}"
+            object.__setattr__(self, name, check_not_negative(told, as_vector(told, getattr(self, name))))
         for name in UNIT:
             self._check(name, 0.0, 1.0)
         self._check("shininess", 0.0, 1e6)
@@ -178,7 +179,8 @@ class Material:
             raise InputError(f"material {self.name!r}: {name} must have shape {shapes}, got {found}")
         if not texture.is_floating_point():
             raise InputError(f"material {self.name!r}: {name} must hold floats in linear light, got {texture.dtype}")
-        check_finite(f"material {self.name!r}: {name}", texture)
+        told = f"material {self.name!r}: {name}"
+        object.__setattr__(self, name, check_not_negative(told, check_finite(told, texture.float())))
 
     def _check_model(self) -> None:
         if self.blend and self.alpha_cutoff is not None:
@@ -201,6 +203,11 @@ class Material:
     def is_physical(self) -> bool:
         """True for metallic-roughness, False for Phong."""
         return self.metallic is not None
+
+    @property
+    def is_see_through(self) -> bool:
+        """True if what lies behind may show: blended by alpha, or a thin wall that lets light pass."""
+        return self.blend or (self.transmission > 0.0 and not self.unlit)
 
     @property
     def f0(self) -> float:

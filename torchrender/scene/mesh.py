@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchrender.checks import check_finite, check_not_negative
 from torchrender.errors import MeshError
 from torchrender.kernels.raster.culling_clusters import cluster_boxes, spatial_order, vertex_blocks
 from torchrender.numerics.tangents import Corners, TangentTable, tangents_of
@@ -25,7 +26,8 @@ class Mesh:
     """Triangles of one material in world space.
 
     Raises:
-        MeshError: wrong shapes, NaN or infinite vertices, or faces that name missing vertices; names the mesh.
+        MeshError: wrong shapes, NaN or infinite vertices, colours, opacities or tangents, negative ones, or faces that
+            name missing vertices; names the mesh.
     """
 
     vertices: Tensor  # (V,3) float32 or float64, scene units
@@ -57,6 +59,15 @@ class Mesh:
             raise MeshError(
                 f"mesh {self.name!r}: {bad.numel()} of {v.shape[0]} vertices are NaN or infinite, first {int(bad[0])}"
             )
+        for field in ("colors", "alpha", "tangents"):
+            value, told = getattr(self, field), f"mesh {self.name!r}: {field}"
+            if value is None:
+                continue
+            if not value.is_floating_point():
+                raise MeshError(f"{told} must hold floats, got {describe(value)}")
+            check_finite(told, value, MeshError)
+            if field != "tangents":
+                check_not_negative(told, value, MeshError)
         if f.numel() and (int(f.min()) < 0 or int(f.max()) >= v.shape[0]):
             raise MeshError(
                 f"mesh {self.name!r}: faces must index {v.shape[0]} vertices, got {int(f.min())} to {int(f.max())}"
@@ -80,14 +91,8 @@ class Geometry:
     tangents: Tensor | None = None  # (V,4) float32; a zero row means: derive it from the texture coordinates
     tangent_table: TangentTable | None = None  # of triangles with normal maps
     alpha: Tensor | None = None  # (V,) float32; one where a mesh has none
+    see_through: Tensor | None = None  # (F,) bool what lies behind shows, too: neither drawn nor hit as a solid
     coherent: bool = False  # triangles already follow one another in space: sorting them would only cost time
-
-    @property
-    def hole_uv(self) -> Tensor | None:
-        """(V,2) texture coordinates that tell where triangles have holes; None where none has."""
-        if self.cutout is None:
-            return None
-        return self.uv if self.cutout.uv is None else self.cutout.uv
 
     @property
     def triangle_count(self) -> int:
@@ -109,6 +114,21 @@ class Geometry:
         vertices, faces = self.vertices.numpy(), self.faces.numpy()
         return torch.from_numpy(spatial_order(vertices, faces, self.runs.numpy()))
 
+    @cached_property
+    def solid(self) -> Geometry:
+        """The triangles that hide what lies behind: the others have no area, so that ids stay."""
+        return self if self.see_through is None else replace(self.without(self.see_through), see_through=None)
+
+    @cached_property
+    def panes(self) -> Geometry:
+        """The triangles that show what lies behind: the others have no area, so that ids stay."""
+        hidden = torch.zeros(self.triangle_count, dtype=torch.bool) if self.see_through is None else self.see_through
+        return replace(self.without(~hidden), see_through=None)
+
+    def without(self, left_out: Tensor) -> Geometry:
+        """The same, with no area of the triangles where ``left_out`` (F,) bool is set: they keep their ids."""
+        return replace(self, faces=torch.where(left_out[:, None], self.faces[:, :1], self.faces))
+
     def part(self, chosen: Tensor) -> Geometry:
         """The triangles where ``chosen`` (F,) bool is set, renumbered so that neighbours in space follow one another.
 
@@ -123,6 +143,7 @@ class Geometry:
             material=self.material[rows],
             runs=torch.tensor([0, len(rows)]),
             cutout=None if self.cutout is None else replace(self.cutout, mask=self.cutout.mask[rows]),
+            see_through=None if self.see_through is None else self.see_through[rows],
             tangent_table=None if (t := self.tangent_table) is None else replace(t, row=t.row[rows]),
             coherent=True,
         )
@@ -182,7 +203,10 @@ def with_tangents(geometry: Geometry, uv_set: Tensor) -> Geometry:
     corners = tangents_of(Corners(geometry.vertices[faces], unit, uv.double(), given.double()))
     row = torch.full((geometry.triangle_count,), -1, dtype=torch.int32)
     row[chosen] = torch.arange(len(chosen), dtype=torch.int32)
-    return replace(geometry, tangent_table=TangentTable(row, corners))
+    made = replace(geometry, tangent_table=TangentTable(row, corners))
+    known = {name: value for name, value in vars(geometry).items() if name not in made.__dataclass_fields__}
+    made.__dict__.update(known)  # the same triangles: what was found out about them holds
+    return made
 
 
 def concatenate(meshes: Sequence[Mesh]) -> Geometry:

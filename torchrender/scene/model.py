@@ -9,9 +9,10 @@ from functools import cache, cached_property
 import torch
 from torch import Tensor
 
+from torchrender.checks import as_vector, check_not_negative
 from torchrender.errors import InputError
 from torchrender.scene.camera import Cameras, framing_camera
-from torchrender.scene.cutout import build_cutout, cutout_uv
+from torchrender.scene.cutout import Corners, build_cutout
 from torchrender.scene.environment import Environment
 from torchrender.scene.files.report import NOTHING, LoadReport
 from torchrender.scene.light import DirectionalLight, Light, light_color
@@ -28,7 +29,7 @@ class Scene:
     """Meshes, materials, lights, environment, media and named cameras.
 
     Raises:
-        InputError: a mesh names a material that does not exist.
+        InputError: a mesh names a material that does not exist, ambient light that is not finite or negative.
     """
 
     meshes: tuple[Mesh, ...] = ()
@@ -46,6 +47,7 @@ class Scene:
     def __post_init__(self) -> None:
         for name in ("meshes", "materials", "lights", "media", "motions"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
+        object.__setattr__(self, "ambient", check_not_negative("ambient", as_vector("ambient", self.ambient)))
         for mesh in self.meshes:
             if not 0 <= mesh.material < len(self.materials):
                 raise InputError(
@@ -55,16 +57,16 @@ class Scene:
     @cached_property
     def geometry(self) -> Geometry:
         """All triangles in one set of arrays, built on first use."""
-        geometry = self._with_tangents(concatenate(self.meshes))
-        cutout = build_cutout(self.materials, geometry.material)
-        if cutout is None:
-            return geometry
-        sets = (geometry.uv, geometry.uv1)
-        uv = cutout_uv(self.materials, geometry.material, geometry.faces, sets, len(geometry.vertices))
-        return replace(geometry, cutout=replace(cutout, uv=uv))
+        geometry = self._tangential(concatenate(self.meshes))
+        panes = torch.tensor([m.is_see_through for m in self.materials] or [False])[geometry.material]
+        if bool(panes.any()):
+            geometry = replace(geometry, see_through=panes)
+        corners = Corners(geometry.faces, geometry.uv, geometry.uv1, geometry.alpha)
+        cutout = build_cutout(self.materials, geometry.material, corners, len(geometry.vertices))
+        return geometry if cutout is None else replace(geometry, cutout=cutout)
 
-    def _with_tangents(self, geometry: Geometry) -> Geometry:
-        """The geometry with tangents where normal maps need them."""
+    def _tangential(self, geometry: Geometry) -> Geometry:
+        """With tangents where triangles have normal maps."""
         sets = torch.tensor([_normal_map_set(m) for m in self.materials] or [-1])
         return with_tangents(geometry, sets[geometry.material])
 
@@ -150,7 +152,7 @@ class Scene:
         scene = replace(self, **new._asdict())
         geometry = moved_geometry(self.geometry, self.meshes, scene.meshes)
         if geometry is not None:
-            scene.__dict__["geometry"] = scene._with_tangents(geometry)
+            scene.__dict__["geometry"] = scene._tangential(geometry)
         if "_material_table" in self.__dict__:
             scene.__dict__["_material_table"] = self._material_table
         return scene
@@ -215,7 +217,7 @@ def _studio() -> Environment:
     """What lights a scene without light, beside its sun: brighter from above. Kept: what is made of it lasts."""
     with torch.inference_mode(False):
         radiance = torch.linspace(0.55, 0.15, 16)[:, None, None].expand(16, 2, 3).contiguous()
-        return Environment(radiance=radiance, name="studio")
+        return Environment(radiance=radiance, fill=True, name="studio")
 
 
 def resized(camera: Cameras, width: int, height: int) -> Cameras:

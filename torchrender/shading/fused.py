@@ -39,6 +39,7 @@ from torchrender.shading.attributes import attribute_arrays, eye_of
 from torchrender.shading.lights import NEAREST_SQUARE
 from torchrender.shading.lobes import Around, Sent
 from torchrender.shading.looks import looks_of
+from torchrender.shading.origin import origin_of
 from torchrender.shading.sky import SkyMaps
 
 Array = np.ndarray[Any, Any]
@@ -74,7 +75,7 @@ def send_fused(
     share = np.zeros(0, f4) if around.visibility is None else array(around.visibility, f4)
     bent = np.zeros((0, 3), f4) if around.normal is None else array(around.normal.T, f4)
     for k in range(images):
-        view, seen = _hits(samples) if isinstance(samples, RaySurface) else _image(scene, samples, k)
+        view, seen = _hits(scene, samples) if isinstance(samples, RaySurface) else _image(scene, samples, k)
         part = slice(k * each, (k + 1) * each)
         none = np.zeros((0, 1), f4)
         reach = Reach(
@@ -129,10 +130,7 @@ def _image(scene: Scene, seen: VisibilityBuffer, k: int) -> tuple[View, Samples]
     """Camera ``k`` and what it sees."""
     cameras = seen.cameras
     eye = eye_of(cameras, k)
-    origin = eye.origin
-    if cameras.orthographic:  # its eye may lie far off
-        low, high = scene.bounds.numpy()
-        origin = np.minimum(np.maximum(origin, low), high)
+    origin = origin_of(scene, seen, k).numpy()
     numbers = np.concatenate(
         [eye.rays.reshape(-1), eye.origin - origin, eye.forward, [eye.footprint, float(eye.orthographic), 0, 0, 0]]
     ).astype(f4)
@@ -140,18 +138,16 @@ def _image(scene: Scene, seen: VisibilityBuffer, k: int) -> tuple[View, Samples]
     return View(numbers, origin), Samples(*images, np.zeros((0, 3)), np.zeros((0, 3), f4), np.zeros(0))
 
 
-def _hits(hits: RaySurface) -> tuple[View, Samples]:
+def _hits(scene: Scene, hits: RaySurface) -> tuple[View, Samples]:
     """Hits of rays as an image of one row."""
     assert hits.triangle is not None and hits.barycentric is not None and hits.width is not None
     triangle = array(hits.triangle, np.int64).reshape(1, -1)
     position = array(hits.position, np.float64).reshape(-1, 3)
-    seen = triangle[0] >= 0
-    origin = np.median(position[seen], axis=0) if seen.any() else np.zeros(3)
     weights, to_eye = array(hits.barycentric, f4).reshape(1, -1, 2), array(hits.to_eye, f4).reshape(-1, 3)
     samples = Samples(
         np.zeros((1, 0), f4), triangle, weights, position, to_eye, array(hits.width, np.float64).reshape(-1)
     )
-    return View(np.zeros(20, f4), origin), samples
+    return View(np.zeros(20, f4), origin_of(scene, hits).numpy()), samples
 
 
 def light_table(lights: tuple[Light, ...], origin: Array, area_light: str) -> Array:

@@ -9,6 +9,7 @@ from torchrender.buffers import GBuffer, RaySurface
 from torchrender.scene.model import Scene
 from torchrender.shading.lights import Arrival, arrival
 from torchrender.shading.lobes import Around, Sent, metallic_roughness, phong, unlit
+from torchrender.shading.origin import origin_of
 from torchrender.shading.sky import Sky
 from torchrender.shading.surface import METALLIC, PHONG, UNLIT, Reader, Surface
 
@@ -36,19 +37,6 @@ def send(
         return torch.zeros(3, count).index_copy(1, rows, value)
 
     return Sent(whole("radiance"), whole("replaced"), whole("mirrored"))
-
-
-def origin_of(scene: Scene, samples: GBuffer | RaySurface) -> Tensor:
-    """(3,) float64 in world space, where float32 positions are finest.
-
-    Perspective cameras are there themselves: what is near one must not suffer from a backdrop far away. An eye outside
-    the scene's box counts as being at its side. Else it is the middle of what is seen.
-    """
-    if isinstance(samples, GBuffer) and not samples.cameras.orthographic:
-        bounds = scene.bounds
-        return torch.minimum(torch.maximum(samples.cameras.eye[0], bounds[0]), bounds[1])
-    seen = samples.position.reshape(-1, 3)[samples.covered.reshape(-1)]
-    return seen.median(0).values if len(seen) else torch.zeros(3, dtype=torch.float64)
 
 
 def _chunk(reader: Reader, sky: Sky, visibility: Tensor | None, place: tuple[Around, Tensor], area_light: str) -> Sent:

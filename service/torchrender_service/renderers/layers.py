@@ -15,8 +15,12 @@ from dataclasses import dataclass, fields, replace
 import torch
 from torch import Tensor
 
-from torchrender.buffers import GBuffer, VisibilityBuffer
+from torchrender.buffers import GBuffer, ReflectionLayer, VisibilityBuffer
+from torchrender.effects.reflections.virtual import virtual_images
+from torchrender.image import Image
 from torchrender.kernels.warp.known_samples import find_known
+from torchrender.passes.mirrors.reflections import REFLECTIONS
+from torchrender.passes.seen.gbuffer import GBUFFER
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
 from torchrender.raster import rasterize_visibility, surface_attributes
@@ -40,6 +44,12 @@ ALIKE = 0.9
 """Cosine above which two ways to go bring the same to light."""
 TOLERANCE = 2e-3
 """Share of its depth that a sample may be off and still be the same surface."""
+
+MIRRORS_NEED = (GBUFFER.name, REFLECTIONS.name)
+"""Buffers that the picture must carry."""
+
+FEWEST_MIRRORS = 64
+"""Pixels that must mirror for their picture to be worth a message."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,7 +194,9 @@ def _shade_few(scene: Scene, gbuffer: GBuffer, options: RenderOptions, past: Ren
     height = -(-count // PACKED_WIDTH)
     empty = {"triangle": -1, "object_id": -1, "material": -1, "depth": torch.inf}
 
-    def packed(name: str) -> Tensor:
+    def packed(name: str) -> Tensor | None:
+        if getattr(gbuffer, name) is None:
+            return None
         values = getattr(gbuffer, name)[0][covered]
         room = torch.full((height * PACKED_WIDTH, *values.shape[1:]), empty.get(name, 0), dtype=values.dtype)
         room[:count] = values
@@ -195,7 +207,7 @@ def _shade_few(scene: Scene, gbuffer: GBuffer, options: RenderOptions, past: Ren
     if count:
         camera = gbuffer.cameras.sub_camera(0, 0, PACKED_WIDTH, height)
         names = [f.name for f in fields(GBuffer) if f.name != "cameras"]
-        small = GBuffer(cameras=camera, **{name: packed(name) for name in names})
+        small = GBuffer(cameras=camera, **{name: packed(name) for name in names})  # type: ignore[arg-type]
         background[0][covered] = shade_samples(scene, small, options, past).reshape(-1, 3)[:count]
     return background
 
@@ -203,3 +215,22 @@ def _shade_few(scene: Scene, gbuffer: GBuffer, options: RenderOptions, past: Ren
 def _emptied(gbuffer: GBuffer) -> GBuffer:
     nothing = torch.full_like(gbuffer.triangle, -1)
     return replace(gbuffer, triangle=nothing, material=nothing, object_id=nothing)
+
+
+def mirror_layer(image: Image, camera: Cameras) -> Layer | None:
+    """The layer of a picture that carries its reflections; None where nothing mirrors."""
+    layer, seen = image.buffers.get(REFLECTIONS.name), image.buffers.get(GBUFFER.name)
+    if not isinstance(layer, ReflectionLayer) or not isinstance(seen, GBuffer):
+        return None
+    made = virtual_images(image.scene, seen, layer)
+    if int(made.known.sum()) < FEWEST_MIRRORS:
+        return None
+    parts = (_sized(part, camera) for part in (made.depth[0], made.light[0], made.known[0]))
+    return Layer(camera, *parts)
+
+
+def _sized(picture: Tensor, camera: Cameras) -> Tensor:
+    """The nearest pixels of a picture (h,w,...) at the camera's size."""
+    rows = (torch.arange(camera.height) * picture.shape[0]) // camera.height
+    columns = (torch.arange(camera.width) * picture.shape[1]) // camera.width
+    return picture[rows][:, columns].contiguous()

@@ -19,8 +19,14 @@ from torchrender.wire.cameras import cameras_of
 from torchrender_service.renderers.engine import render_image
 from torchrender_service.renderers.jobs import BITS_STILL, Bounds, MakeKeyframe, MakeLayers, SmoothKeyframe
 from torchrender_service.renderers.keyframes import Stamp, enough_bits, first_message, layer_message, mirror_message
-from torchrender_service.renderers.layers import Layer, cameras_around, extra_layers, typical_depth
-from torchrender_service.renderers.mirrors import NEEDED, mirror_layer
+from torchrender_service.renderers.layers import (
+    MIRRORS_NEED,
+    Layer,
+    cameras_around,
+    extra_layers,
+    mirror_layer,
+    typical_depth,
+)
 
 MAX_SESSIONS = 256
 MOVING_BUDGET_MS = 150.0
@@ -183,7 +189,7 @@ class StreamRenderer:
         self, scene: Scene, camera: Cameras, state: SessionState, job: MakeKeyframe, bounds: Bounds
     ) -> tuple[Image, dict[str, Any], RenderHistory]:
         """Layer 0, its plan, and what it left for the extra layers."""
-        options = replace(STREAMED, buffers=NEEDED) if job.mirrors else STREAMED
+        options = replace(STREAMED, buffers=MIRRORS_NEED) if job.mirrors else STREAMED
         if not job.still:
             image, plan = render_image(scene, camera, bounds, options, state.history)
             assert image.history is not None

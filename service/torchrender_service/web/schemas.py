@@ -132,9 +132,10 @@ class Enhance(Strict):
 class RenderSettings(Strict):
     """Settings of a picture that a budget or error bound may change."""
 
-    shadows: bool | Literal["off", "hard", "maps", "sampled", "traced"] = Field(
-        True, description="true: maps, with guessed penumbrae; false: off"
-    )
+    shadows: Annotated[
+        bool | Literal["off", "hard", "maps", "sampled", "traced"],
+        Field(description="true: maps, with guessed penumbrae; false: off"),
+    ] = True
     shadow_size: Annotated[int, Field(ge=64, le=4096, description="texels of a shadow map's side")] | None = None
     cascades: Annotated[int, Field(ge=1, le=8, description="shadow maps along the view; none: as needed")] | None = None
     reflections: Literal["auto", "clustered", "traced", "environment", "off"] = "auto"

@@ -194,11 +194,11 @@ def test_more_clusters_do_not_miss_more() -> None:
 
 def test_rays_left_open_can_be_traced() -> None:
     scene, cameras = sphere_scene(), looking()
-    few = {"bin_factor": 0.05, "deviation_deg": 180.0, "layers": 1}
+    few = {"bin_factor": 0.05, "deviation_deg": 180.0, "layers": 2}
     _, plain = clustered(scene, cameras, **few)
     _, hybrid = clustered(scene, cameras, **few, missing="trace", trace_below=0.0)
     reference = traced(scene, cameras)
-    assert 0.05 < float(plain.unknown.mean()) < 0.95
+    assert 0.01 < float(plain.unknown.mean()) < 0.95
     error = [float((x.layer.color - reference.color).abs().mean()) for x in (plain, hybrid)]
     assert error[1] < 0.6 * error[0]
     states = set(hybrid.layer.state.unique().tolist())

@@ -23,9 +23,9 @@ from torchrender.scene.model import Scene
 from torchrender.scene.shapes import sphere
 from torchrender.wire.containers import KeyframeImage, read_container
 from torchrender_service.renderers.keyframes import Stamp, first_message, mirror_message
-from torchrender_service.renderers.mirrors import NEEDED, mirror_layer
+from torchrender_service.renderers.layers import MIRRORS_NEED, mirror_layer
 
-OPTIONS = RenderOptions(reflections="traced", shadows=False, buffers=NEEDED)
+OPTIONS = RenderOptions(reflections="traced", shadows=False, buffers=MIRRORS_NEED)
 
 
 def stepped(camera: Cameras, step: float) -> Cameras:

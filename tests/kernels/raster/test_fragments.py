@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from torchrender.kernels.raster.fragments import AGREES, CAPTURED, IDENTITY, is_hole, redundant_samples
-from torchrender.kernels.raster.records import Earlier, Holes
+from torchrender.kernels.raster.records import SOLID, Earlier, Holes
 
 SIZE = (9, 7)  # columns, rows of the earlier images
 
@@ -102,14 +102,16 @@ def test_a_fragment_before_the_near_plane_of_an_image_is_not_known_there() -> No
         assert known[0] == wanted
 
 
-def test_holes_are_the_missing_texels() -> None:
+@pytest.mark.parametrize("wraps", [(0, 0), (1, 2), (5, 7)])
+def test_holes_are_the_missing_texels(wraps: tuple[int, int]) -> None:
     rng = np.random.default_rng(4)
-    uv = rng.uniform(-1.5, 2.5, (9, 2)).astype(np.float32)
+    uv = rng.uniform(-1.5, 2.5, (9, 3)).astype(np.float32)
+    uv[:, 2] = rng.uniform(0.4, 1.0, 9)
     uv[8] = np.nan
     faces = np.array([[0, 1, 2], [3, 4, 5], [5, 6, 7], [6, 7, 8]], np.int32)
     mask = np.array([1, -1, 0, 0], np.int32)
-    pictures = [rng.integers(0, 2, (3, 5)), rng.integers(0, 2, (4, 2))]  # rows from the top
-    table = np.array([[0, 3, 5], [15, 4, 2]], np.int64)
+    pictures = [rng.integers(0, 256, (3, 5)), rng.integers(0, 256, (4, 2))]  # rows from the top
+    table = np.array([[0, 3, 5, wraps[0]], [15, 4, 2, wraps[1]]], np.int64)
     texels = np.concatenate([p.reshape(-1) for p in pictures]).astype(np.uint8)
     holes = Holes(mask, table, texels, uv)
     for t in range(4):
@@ -119,7 +121,9 @@ def test_holes_are_the_missing_texels() -> None:
             wanted = False
             if mask[t] >= 0 and t != 3:
                 a, b, c = uv[faces[t]].astype(float)
-                s, r = a + u * (b - a) + v * (c - a)
-                picture = pictures[mask[t]]
-                wanted = picture[int((1 - r % 1) * len(picture)) % len(picture), int((s % 1) * picture.shape[1])] == 0
+                s, r, opacity = a + u * (b - a) + v * (c - a)
+                picture, wrap = pictures[mask[t]], wraps[mask[t]]
+                s, r = ((x % 1, 1 - abs(1 - x % 2), min(max(x, 0), 1))[w] for x, w in ((s, wrap % 3), (r, wrap // 3)))
+                row = min(int((1 - r) * len(picture)), len(picture) - 1)
+                wanted = picture[row, min(int(s * picture.shape[1]), picture.shape[1] - 1)] * opacity < SOLID
             assert is_hole(t, u, v, faces, holes) == wanted

@@ -19,7 +19,7 @@ def settings(**changes) -> LookupSettings:
     values = {
         "orthographic": False, "cube": False, "bias": SLOPE, "filter": WINDOW, "n": 1, "radius": 1.5, "reach": 0.0,
         "b0": 0.05, "k": 1.0, "b_max": 3.0, "k_n": 0.0, "outside": 1.0, "light_size": 0.4, "rho_max": 6.0,
-        "search_near": 1.2, "search_taps": 5, "settles": False, "exact": False,
+        "search_near": 1.2, "search_taps": 5, "settles": False, "exact": False, "edges": (0.0,) * 6,
     }  # fmt: skip
     return LookupSettings(**(values | changes))
 
@@ -87,10 +87,15 @@ def twin(point, normal, index, light, view, depths, taps, s: LookupSettings) -> 
         h = ((h ^ (h >> 13)) * 0xC2B2AE35) & 0xFFFFFFFF
         turn = 2 * math.pi * ((h ^ (h >> 16)) / 2**32)
         c, sn = math.cos(turn), math.sin(turn)
-        return [
-            lit(math.floor(v + rv * (sn * x + c * y)), math.floor(u + ru * (c * x - sn * y)), ru, rv)
-            for x, y in offsets
-        ]
+        found = []
+        for x, y in offsets:
+            a, b = ru * (c * x - sn * y), rv * (sn * x + c * y)
+            tap = lit(math.floor(v + b), math.floor(u + a), ru, rv)
+            if s.filter == PCSS and tap[1] < math.inf and math.hypot(a, b) > 1:  # in the cone to the light's disc
+                gap = s.light_size / 2 * (z - tap[1]) / (1 if s.orthographic else z * tap[1])
+                tap = tap if math.hypot(a / fx, b / fy) <= 1.25 * gap else (1.0, math.inf)
+            found.append(tap)
+        return found
 
     left, top = math.floor(u - 0.5), math.floor(v - 0.5)
     a, b = u - 0.5 - left, v - 0.5 - top
@@ -248,3 +253,36 @@ def test_doubt_is_where_texels_around_disagree_or_are_close(orthographic):
         assert found in (0, -1)
         checked[unsure] += 1
     assert min(checked.values()) > 5
+
+
+@pytest.mark.parametrize("kind", ["window", "disc"])
+def test_what_rises_from_the_receiver_softens_nothing(kind):
+    """With edges that triangles settle, a wall's foot beside the point counts as lit; else it darkens the filter."""
+    height, width = SIZE
+    depths = np.full(SIZE, 3.0, np.float32)
+    depths[:, width // 2 + 1 :] -= np.arange(1, width - width // 2, dtype=np.float32) * (1.5 / 20)  # 1.5 texels a texel
+    eye = np.concatenate([np.eye(3), np.zeros((3, 1))], axis=1)
+    view = np.concatenate([eye.ravel(), [20.0, 20.0, width / 2, height / 2, 0.1, FAR]])
+    point, normal = np.array([[0.01, 0.0, 3.0]]), np.array([[0.0, 0, -1]], np.float32)
+    args = (
+        point,
+        normal,
+        np.array([0.0, 0.0, -1.0, 0.0]),
+        view[None],
+        depths[None],
+        np.tile([[0.9, 0.0], [-0.9, 0.0], [0.0, 0.9], [0.0, -0.9]], (5, 1)),
+    )
+    s = settings(orthographic=True, filter=FILTERS[kind], n=2, radius=2.5, bias=RECEIVER_PLANE, exact=True)
+    assert look_up(*args, s._replace(settles=True))[0] == 1.0
+    assert look_up(*args, s)[0] < 1.0
+
+
+def test_a_rectangle_partly_above_a_surface_is_not_called_hidden():
+    """Its centre lies below: the map knows nothing of the rest. Wholly below, it is."""
+    eye = np.concatenate([np.eye(3), np.zeros((3, 1))], axis=1)
+    view = np.concatenate([eye.ravel(), [20.0, 20.0, SIZE[1] / 2, SIZE[0] / 2, NEAR, FAR]])
+    point, normal = np.array([[0.0, 0.5, 3.0]]), np.array([[0.0, 1.0, 0.0]], np.float32)
+    args = (point, normal, np.array([0.0, 0, 0, 1]), view[None], np.full((1, *SIZE), 1.5, np.float32), np.zeros((6, 2)))
+    assert look_up(*args, settings())[0] == 0.0
+    assert look_up(*args, settings(edges=(0.2, 0.9, 0.0, 0.0, 0.0, 0.3)))[0] == 0.0
+    assert look_up(*args, settings(edges=(0.2, 1.1, 0.0, 0.0, 0.0, 0.3)))[0] == 1.0

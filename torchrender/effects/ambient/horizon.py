@@ -2,9 +2,9 @@
 
 Horizon-based occlusion (Bavoil and Sainz, *Image-space horizon-based ambient occlusion*, 2008; Jimenez et al.,
 *Practical realtime strategies for accurate indirect occlusion*, 2016) with sectors in place of two horizons (Therrien
-et al., *Screen space indirect lighting with visibility bitmask*, 2023), so that light passes behind what is near. Beyond
-these: slices go on around the eye, through six views of what the picture does not show, so that a closed room lets no
-sky in; and a second depth image tells where things end.
+et al., *Screen space indirect lighting with visibility bitmask*, 2023), so that light passes behind what is near.
+Beyond these: slices go on around the eye, through six views of what the picture does not show, so that a closed room
+lets no sky in; and a second depth image tells where things end.
 """
 
 from __future__ import annotations

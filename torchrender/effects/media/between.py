@@ -97,7 +97,7 @@ def between(
         return out.radiance, np.ones(rays.shape, bool)
     length, divisor = view(rays.length, np.float32), view(norm, np.float32)
     cells = (-(-height // block), -(-width // block))
-    samples, marked, more = np.empty(cells, np.int64), np.empty(rays.shape, bool), np.empty(rays.shape, bool)
+    samples, marked, more = np.empty((*cells, 2), np.int32), np.empty(rays.shape, bool), np.empty(rays.shape, bool)
     around = np.array([guard.column, guard.row, guard.radius], np.float32)
     eps = np.float32(options.eps_rel)
     limits = (block, eps, np.float32(options.share_tolerance))

@@ -74,8 +74,6 @@ def rays_along(origins: Tensor, directions: Tensor, lengths: Tensor, table: Medi
     beams = Beams(
         view((origins - table.origin), np.float32), view(directions, np.float32), np.empty((count, 2), np.float32)
     )
-    if count == 1:  # one origin stands for those of all rays
-        beams = beams._replace(origin=beams.origin.reshape(1, 3))
     clip_rays(table.arrays, beams, view(lengths.double().clamp_max(1e30), np.float32))
     return EyeRays(beams, (1, count), None, None)
 

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from torchrender.buffers import ShadowMap
-from torchrender.effects.media.between import Guard, Integrate, between, normaliser
+from torchrender.effects.media.between import NOWHERE, Guard, Integrate, between, normaliser
 from torchrender.effects.media.eye_rays import EyeRays, eye_of, rays_of
 from torchrender.effects.media.light_images import NO_IMAGES, NO_SLICES, images_of, slices_of, views_of
 from torchrender.effects.media.march import Marcher
@@ -23,14 +23,14 @@ from torchrender.effects.media.surroundings import Surroundings, glow
 from torchrender.effects.media.tables import LightTable, MediaTable
 from torchrender.errors import InputError
 from torchrender.kernels.media.integrate import EVERYWHERE, SLICED, WALKED, scatter_rays
-from torchrender.kernels.media.records import PLACE, SUN, Scattered, Source
+from torchrender.kernels.media.records import PLACE, SUN, Beams, Scattered, Source
 from torchrender.kernels.media.ways import ways_through
 from torchrender.rays import RayCaster
 from torchrender.scene.camera import Cameras
 from torchrender.scene.light import Light
 from torchrender.scene.medium import Medium
 
-GRID_STEPS = 64
+GRID_STEPS = 48
 """Steps of the way through a grid from the eye to a surface."""
 
 
@@ -114,8 +114,7 @@ def scatter_along(
     count = shape[0] * shape[1]
     if not len(table) or not bool((rays.length > 0).any()):
         return torch.ones(*shape, 3), torch.zeros(*shape, 3), torch.zeros(shape)
-    ways = torch.zeros(count, len(table))
-    ways_through(table.arrays, rays.beams, GRID_STEPS, ways.numpy())
+    ways = _ways(table, rays, options)
     transmittance = torch.exp(-(ways @ table.extinction)).reshape(*shape, 3)
     norm = normaliser(rays, table, ways, options)
     total, integrated = torch.zeros(count, 3), torch.zeros(shape)
@@ -131,6 +130,27 @@ def scatter_along(
         integrated += torch.from_numpy(marked) / len(illumination.lights)
     total += glow(table, rays, illumination.surroundings, ways, options)
     return transmittance, total.reshape(*shape, 3), integrated
+
+
+def _ways(table: MediaTable, rays: EyeRays, options: ScatterOptions) -> Tensor:
+    """(H W,M) integrals of the densities along the rays; through grids they lie between those of some rays, too."""
+    count = len(rays.beams.direction)
+    ways = torch.zeros(count, len(table))
+    if not table.has_grid or options.block == 1:
+        ways_through(table.arrays, rays.beams, GRID_STEPS, ways.numpy())
+        return ways
+
+    def integrate(rows: np.ndarray, out: Scattered) -> None:
+        some = np.zeros((len(rows), len(table)), np.float32)
+        beams = rays.beams
+        chosen = Beams(
+            beams.origin if len(beams.origin) == 1 else beams.origin[rows], beams.direction[rows], beams.span[rows]
+        )
+        ways_through(table.arrays, chosen, GRID_STEPS, some)
+        out.radiance[rows] = some
+
+    found, _ = between(integrate, rays, rays.length, NOWHERE, len(table), options)
+    return torch.from_numpy(found)
 
 
 def _integrator(

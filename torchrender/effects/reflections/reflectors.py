@@ -98,10 +98,10 @@ class RayShader(Protocol):
             onward: what mirrors among the hits show; None: a guess by ``surroundings``.
         """
 
-    def environment(self, direction: Tensor) -> Tensor:
-        """(N,3) the scene as seen from its middle, along unit directions (N,3)."""
+    def environment(self, direction: Tensor, eyes: Tensor | None = None) -> Tensor:
+        """(N,3) the scene as seen from its middle, along unit directions (N,3), in a picture from ``eyes`` (B,3)."""
 
-    def surroundings(self, position: Tensor, direction: Tensor) -> Tensor:
+    def surroundings(self, position: Tensor, direction: Tensor, eyes: Tensor | None = None) -> Tensor:
         """(N,3) a guess, without rays, at what arrives at positions (N,3) from unit directions (N,3)."""
 
 

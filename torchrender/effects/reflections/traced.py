@@ -91,6 +91,6 @@ def environment_reflections(pixels: ReflectivePixels, shader: RayShader) -> Refl
     """What the pixels mirror if everything were infinitely far away: one look into the scene from its centre."""
     color = torch.zeros(len(pixels), 3)
     if len(pixels):
-        color = shader.environment(pixels.direction)
+        color = shader.environment(pixels.direction, pixels.cameras.eye)
     state = torch.full((len(pixels),), int(ReflectionState.ENVIRONMENT))
     return reflection_layer(pixels, color, torch.full((len(pixels),), torch.inf), state)

@@ -14,8 +14,8 @@ from torch import Tensor
 
 from torchrender.arrays import view as numpy_view
 from torchrender.kernels.compile import thread_count
-from torchrender.kernels.raster.records import NO_HOLES, Holes
 from torchrender.kernels.shadows.exact_edges import Casters, Cells, hide
+from torchrender.rays import holes_of
 from torchrender.scene.camera import Cameras
 from torchrender.scene.mesh import Geometry
 
@@ -32,7 +32,7 @@ def hidden_points(geometry: Geometry, cameras: Cameras, chosen: Tensor, points: 
         points: (N,3) float64, moved off their own surface towards the light.
     """
     hidden = torch.zeros(len(points), dtype=torch.bool)
-    casters, holes = _casters(geometry), _holes(geometry)
+    casters, holes = _casters(geometry), holes_of(geometry)
     rows = view_rows(cameras)
     for index in range(len(cameras)):
         asked = (chosen == index).nonzero().reshape(-1)
@@ -92,11 +92,3 @@ def _casters(geometry: Geometry) -> Casters:
         clusters=numpy_view(geometry.clusters, np.int64),
         bounds=numpy_view(geometry.cluster_bounds, np.float64),
     )
-
-
-def _holes(geometry: Geometry) -> Holes:
-    cutout, uv = geometry.cutout, geometry.hole_uv
-    if cutout is None or uv is None:
-        return NO_HOLES
-    masks = numpy_view(cutout.mask, np.int32), numpy_view(cutout.table, np.int64), numpy_view(cutout.texels, np.uint8)
-    return Holes(*masks, numpy_view(uv, np.float32))

@@ -70,13 +70,13 @@ def approximate_occluders(
     """
     options = options or OccluderOptions()
     if not scene.geometry.triangle_count:
-        return scene.geometry
+        return scene.geometry.solid
     cameras = light_viewpoints(light, scene.bounds if bounds is None else bounds, options)
     images = sample_depth_images(scene, cameras, sampling_options(options))
     if options.mesh == "triangles":
         shown = torch.zeros(scene.geometry.triangle_count, dtype=torch.bool)
         shown[images.triangle[images.covered]] = True
-        return scene.geometry.part(shown)
+        return scene.geometry.solid.part(shown)
     return rebuild(scene, images, options).geometry
 
 

@@ -130,8 +130,8 @@ def light_visibility(
 
 
 def settles(options: ShadowOptions) -> bool:
-    """Edges are exact: of filters that soften an edge, not of those that make penumbrae or mistakes."""
-    return options.edges == "exact" and options.soft is None and options.filter not in ("pcss", "average_depth")
+    """Edges are exact: of filters that soften an edge, and of penumbrae no wider than texels."""
+    return options.edges == "exact" and options.soft is None and options.filter != "average_depth"
 
 
 def lights_visibility(
@@ -231,9 +231,17 @@ def _settings(light: Light, part: ShadowMap, options: ShadowOptions, *, exact: b
         rho_max=float(options.largest_radius),
         search_near=near,
         search_taps=options.search_taps,
+        edges=_edges(light),
         settles=settles(options),
         exact=exact,
     )
+
+
+def _edges(light: Light) -> tuple[float, ...]:
+    """(6,) edges of a rectangle; zeros for other lights."""
+    if not isinstance(light, RectLight):
+        return (0.0,) * 6
+    return tuple(float(x) for x in torch.cat([light.edge_u, light.edge_v]))
 
 
 def _light_size(light: Light, cameras: Cameras, options: ShadowOptions) -> float:

@@ -99,6 +99,14 @@ class Occluders:
 
     geometry: Geometry
 
+    def prepared(self) -> Occluders:
+        """Itself, with what rays, or without Embree packets, will search already sorted."""
+        if embree() is None:
+            assert self.tree is not None
+        else:
+            assert self.rays is not None
+        return self
+
     @cached_property
     def tree(self) -> Bvh:
         """For packets."""

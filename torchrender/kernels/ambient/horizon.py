@@ -1,8 +1,8 @@
 """Searches for what hides the sky from a visible point, along slices through the eye of depth images around it.
 
 A slice is a plane through the eye and the point. Within it, everything is flat: a surface that the eye sees at an angle
-``b`` from the point, at distance ``r``, lies at the angle ``atan2(r sin b, r0 - r cos b)`` from the direction to the eye,
-where ``r0`` is the point's own distance. Directions of a slice are kept as 32 sectors to either side of the eye.
+``b`` from the point, at distance ``r``, lies at the angle ``atan2(r sin b, r0 - r cos b)`` from the direction to the
+eye, where ``r0`` is the point's own distance. Directions of a slice are kept as 32 sectors to either side of the eye.
 """
 
 from __future__ import annotations
@@ -101,8 +101,8 @@ def sector(along, across):
 @kernel(inline=True)
 def between(low, high):
     """Bits of the sectors whose middles lie between two places."""
-    first = max(np.int64(low + np.float32(0.5)), 0)
-    last = min(np.int64(high + np.float32(0.5)), SECTORS)
+    first = np.int64(max(low + np.float32(0.5), np.float32(0.0)))
+    last = np.int64(min(high + np.float32(0.5), np.float32(SECTORS)))
     if last <= first:
         return np.uint64(0)
     return ((np.uint64(1) << np.uint64(last - first)) - np.uint64(1)) << np.uint64(first)

@@ -59,9 +59,9 @@ def spread_points(few, many, out):
             here = px * nx + py * ny + z * nz
             weights = np.float32(0.0)
             total[:] = np.float32(0.0)
-            for r in range(max(top, 0), min(top + 4, rows)):
+            for r in range(top if top > 0 else 0, top + 4 if top + 4 < rows else rows):
                 beside = reach - abs(y - np.float32(r))
-                for c in range(max(left, 0), min(left + 4, columns)):
+                for c in range(left if left > 0 else 0, left + 4 if left + 4 < columns else columns):
                     p, n = few.position[r, c], few.normal[r, c]
                     like = max(n[0] * nx + n[1] * ny + n[2] * nz, zero)
                     off = (p[0] * nx + p[1] * ny + p[2] * nz - here) * near

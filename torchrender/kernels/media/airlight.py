@@ -8,6 +8,7 @@ single scattering model for real time rendering, 2005; the angle: Lecocq, Michel
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numba import prange
@@ -15,7 +16,7 @@ from numba import prange
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.media.nodes import phase
 
-F = np.float32
+F: Any = np.float32
 HALF_TURN = F(math.pi)
 
 

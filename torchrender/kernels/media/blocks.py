@@ -7,12 +7,15 @@ along the ray: what is interpolated over the edge of a shaft would be wrong howe
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import prange
 
+from torchrender.kernels.atomics import borrowed
 from torchrender.kernels.compile import kernel
 
-F = np.float32
+F: Any = np.float32
 NONE, NEAREST, LSQ = 0, 1, 2
 """Gradients at samples."""
 FEWEST = 3  # neighbours that a least-squares gradient needs
@@ -35,7 +38,8 @@ def mark_blocks(length, block, eps, guard, seed, marked, samples):
         length: (H,W) of the way through the media, 0 for none; such pixels take no part.
         eps: share of its own length by which a pixel may differ from its block's mean.
         guard: column, row and radius around a lamp; radius 0 for none.
-        marked: (H,W) bool, written. samples: (H/block,W/block) int64 flat index of each block's pixel, -1 for none.
+        marked: (H,W) bool, written. samples: (H/block,W/block,2) int32 row and column of each block's pixel, -1 for
+            none.
     """
     height, width = length.shape
     for by in prange(samples.shape[0]):
@@ -48,7 +52,7 @@ def mark_blocks(length, block, eps, guard, seed, marked, samples):
                     if length[y, x] > F(0.0):
                         total += length[y, x]
                         count += 1
-            samples[by, bx] = -1
+            samples[by, bx, 0], samples[by, bx, 1] = -1, -1
             pick = hashed(bx, by, seed) % max(count, 1)
             mean = total / F(max(count, 1))
             for y in range(top, low):
@@ -58,7 +62,7 @@ def mark_blocks(length, block, eps, guard, seed, marked, samples):
                     if not d > F(0.0):
                         continue
                     if pick == 0:
-                        samples[by, bx] = y * width + x
+                        samples[by, bx, 0], samples[by, bx, 1] = y, x
                         marked[y, x] = True
                     pick -= 1
                     u, v = F(x) + F(0.5) - guard[0], F(y) + F(0.5) - guard[1]
@@ -86,10 +90,10 @@ def mark_doubtful(length, marked, samples, told, limits, more):
             by, bx = np.int64(y) // block, x // block
             for j in range(max(by - 1, 0), min(by + 2, samples.shape[0])):
                 for i in range(max(bx - 1, 0), min(bx + 2, samples.shape[1])):
-                    k = samples[j, i]
-                    if k < 0:
+                    ky, kx = np.int64(samples[j, i, 0]), np.int64(samples[j, i, 1])
+                    if ky < 0:
                         continue
-                    ky, kx = k // width, k % width
+                    k = ky * width + kx
                     if abs(kx - x) <= block and abs(ky - np.int64(y)) <= block and abs(length[ky, kx] - d) < eps * d:
                         count += 1
                         low, high = min(low, told[k, 0]), max(high, told[k, 0])
@@ -109,10 +113,10 @@ def find_gradients(length, norm, samples, told, limits, gradient, radiance, foun
     width, channels = length.shape[1], radiance.shape[1]
     for by in prange(samples.shape[0]):
         for bx in range(samples.shape[1]):
-            p = samples[by, bx]
-            if p < 0:
+            y, x = np.int64(samples[by, bx, 0]), np.int64(samples[by, bx, 1])
+            if y < 0:
                 continue
-            y, x = p // width, p % width
+            p = y * width + x
             d, share = length[y, x], told[p, 0]
             for c in range(channels):
                 found[by, bx, 0, c] = radiance[p, c] / max(norm[y, x], F(1e-8))
@@ -124,10 +128,10 @@ def find_gradients(length, norm, samples, told, limits, gradient, radiance, foun
             near_x, near_y = F(1e9), F(1e9)
             for j in range(max(np.int64(by) - 2, 0), min(np.int64(by) + 3, samples.shape[0])):
                 for i in range(max(bx - 2, 0), min(bx + 3, samples.shape[1])):
-                    k = samples[j, i]
-                    if k < 0 or k == p:
+                    ky, kx = np.int64(samples[j, i, 0]), np.int64(samples[j, i, 1])
+                    k = ky * width + kx
+                    if ky < 0 or k == p:
                         continue
-                    ky, kx = k // width, k % width
                     if abs(kx - x) > 2 * block or abs(ky - y) > 2 * block:
                         continue
                     if abs(length[ky, kx] - d) >= eps * d or abs(told[k, 0] - share) > tolerance:
@@ -175,6 +179,7 @@ def fill_between(length, norm, integrated, samples, limits, found, radiance):
     height, width = length.shape
     channels = radiance.shape[1]
     for y in prange(height):
+        near = borrowed(np.empty((9, 4), np.int64))
         for x in range(width):
             d = length[y, x]
             if integrated[y, x]:
@@ -185,19 +190,22 @@ def fill_between(length, norm, integrated, samples, limits, found, radiance):
             if not d > F(0.0):
                 continue
             by, bx = np.int64(y) // block, x // block
+            count = 0
+            for j in range(max(by - 1, 0), min(by + 2, samples.shape[0])):
+                for i in range(max(bx - 1, 0), min(bx + 2, samples.shape[1])):
+                    ky, kx = np.int64(samples[j, i, 0]), np.int64(samples[j, i, 1])
+                    if ky < 0:
+                        continue
+                    dx, dy = np.int64(x) - kx, np.int64(y) - ky
+                    if abs(dx) <= block and abs(dy) <= block and abs(length[ky, kx] - d) < eps * d:
+                        near[count, 0], near[count, 1], near[count, 2], near[count, 3] = j, i, dx, dy
+                        count += 1
             for c in range(channels):
-                total, top, count = F(0.0), F(0.0), 0
-                for j in range(max(by - 1, 0), min(by + 2, samples.shape[0])):
-                    for i in range(max(bx - 1, 0), min(bx + 2, samples.shape[1])):
-                        k = samples[j, i]
-                        if k < 0:
-                            continue
-                        ky, kx = k // width, k % width
-                        dx, dy = x - kx, np.int64(y) - ky
-                        if abs(dx) <= block and abs(dy) <= block and abs(length[ky, kx] - d) < eps * d:
-                            value = found[j, i, 0, c]
-                            total += value + found[j, i, 1, c] * F(dx) + found[j, i, 2, c] * F(dy)
-                            top = max(top, value)
-                            count += 1
+                total, top = F(0.0), F(0.0)
+                for n in range(count):
+                    j, i = near[n, 0], near[n, 1]
+                    value = found[j, i, 0, c]
+                    total += value + found[j, i, 1, c] * F(near[n, 2]) + found[j, i, 2, c] * F(near[n, 3])
+                    top = max(top, value)
                 value = min(max(total / F(max(count, 1)), F(0.0)), F(2.0) * top)
                 radiance[p, c] = value * norm[y, x]

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.media.records import BIG, DENSITY, FALLOFF, FLAT, GROUND, HEIGHT
 
-F = np.float32
+F: Any = np.float32
 SHADOWING = 24
 """Steps through a grid that lies before a light, where its mean towards the light is not known."""
 
@@ -102,9 +103,8 @@ def way_through(media, m, px, py, pz, dx, dy, dz, length, steps):
     if kind == HEIGHT:
         return height_integral(media, m, py + dy * begin, dy * way, way)
     total, step = F(0.0), way / F(steps)
+    low, high, dims = media.low[m], media.high[m], media.dims[m]
     for k in range(steps):
         t = begin + (F(k) + F(0.5)) * step
-        total += trilinear(
-            media.cells, media.dims[m], media.low[m], media.high[m], px + dx * t, py + dy * t, pz + dz * t
-        )
+        total += trilinear(media.cells, dims, low, high, px + dx * t, py + dy * t, pz + dz * t)
     return total * step

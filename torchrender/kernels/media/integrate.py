@@ -6,6 +6,7 @@ First where a ray is lit, then what arrives from there: differences of one integ
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numba import prange
@@ -13,15 +14,16 @@ from numba import prange
 from torchrender.kernels.atomics import borrowed
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.media.airlight import airlight_row, airlight_to
-from torchrender.kernels.media.angles import arctan2
 from torchrender.kernels.media.density import box_span
+from torchrender.kernels.media.functions import arctan2
 from torchrender.kernels.media.nodes import fill_nodes
 from torchrender.kernels.media.panels import WIDTH, fill_panel, integral_to
 from torchrender.kernels.media.records import AMBIENT, AXIS, FLAT, NEAREST, OUTER, RECT, SPOT, SQUARE, SUN
 from torchrender.kernels.media.slices import slice_ray
 from torchrender.kernels.media.walk import walk_ray
+from torchrender.kernels.voxels.bits import span as block_of
 
-F = np.float32
+F: Any = np.float32
 EVERYWHERE, WALKED, SLICED = 0, 1, 2
 """How it is found out where a ray is lit: it is everywhere, by a walk, by slices."""
 GROUP = 256  # rays that a thread takes at a time
@@ -149,8 +151,8 @@ def fill_panels(media, kind, light, ray, begin, end, steps, angles, scratch):
         if angles:
             first, last = arctan2(ta - t0, away), arctan2(tb - t0, away)
         number = np.int64(F(steps) * (last - first) / max(whole, F(1e-30))) + 1
-        number = 1 if exact else min(max(number, 2), steps)
-        number = min(number, panels.shape[1] - count)
+        number = np.int64(1) if exact else min(max(number, np.int64(2)), np.int64(steps))
+        number = min(number, np.int64(panels.shape[1]) - count)
         if number <= 0 or not last > first:
             continue
         part = (ta, tb, first, last, 2 * number + 1, active, angles)
@@ -210,7 +212,7 @@ def scatter_ray(media, source, seen, ray, settings, scratch, out):
     told[2] = F(looks)
     xa = arctan2(begin - t0, away) if angles else begin
     xb = arctan2(end - t0, away) if angles else end
-    lit = 0
+    lit = np.int64(0)
     for k in range(count):
         a, b = max(spans[k, 0], begin), min(spans[k, 1], end)
         if b > a:
@@ -280,13 +282,15 @@ def scatter_rays(media, source, images, slices, beams, chosen, settings, out):
         radiance, told = borrowed(out)
         rows = borrowed(chosen)
         panels = np.empty((channels, most_panels, WIDTH), F)
+        most_nodes = 2 * NEAR * steps + 1
         nodes = (
-            np.empty((channels, 2 * NEAR * steps + 1), F), np.empty((channels, 2 * NEAR * steps + 1), F), np.empty(2 * NEAR * steps + 1, F),
-            np.empty(2 * NEAR * steps + 1, F), np.empty((3, 2 * NEAR * steps + 1), F), np.empty(channels, F),
+            np.empty((channels, most_nodes), F), np.empty((channels, most_nodes), F), np.empty(most_nodes, F),
+            np.empty(most_nodes, F), np.empty((3, most_nodes), F), np.empty(channels, F),
         )  # fmt: skip
         points, active, spans = np.empty(5 * boxes + 2, F), np.empty(boxes, np.bool_), np.empty((most, 2), F)
         scratch = borrowed((panels, nodes, points, active, spans))
-        for n in range(np.int64(group) * GROUP, min(np.int64(group) * GROUP + GROUP, len(rows))):
+        begin, end = block_of(group, GROUP, len(rows))
+        for n in range(begin, end):
             i = rows[n]
             k = i if len(origin) > 1 else 0
             if span[i, 1] > span[i, 0]:

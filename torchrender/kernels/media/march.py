@@ -1,7 +1,7 @@
 """Steps along every ray with a look-up each: the way of the source, and the slow reference of the others, in float64.
 
-Source: specification 09, section 3, and Kulla, Fajardo, Importance sampling techniques for path tracing in participating
-media, 2012, for steps of equal angle at a lamp.
+Source: specification 09, section 3, and Kulla, Fajardo, Importance sampling techniques for path tracing in
+participating media, 2012, for steps of equal angle at a lamp.
 """
 
 from __future__ import annotations
@@ -16,8 +16,10 @@ from torchrender.kernels.compile import kernel
 from torchrender.kernels.media.density import density_at, way_through
 from torchrender.kernels.media.nodes import falloff, phase
 from torchrender.kernels.media.records import AXIS, SQUARE, SUN, G
+from torchrender.kernels.voxels.bits import span as block_of
 
 GROUP = 64  # rays that a thread takes at a time
+EYE_STEPS = 4  # through a grid, within a step
 EXACT_SEGMENT, SOURCE = 0, 1
 EVERYWHERE, LOOKED_UP, GIVEN = 0, 1, 2
 """How it is known where a ray is lit: it is everywhere, by the light's depth images, or it is given."""
@@ -69,7 +71,7 @@ def towards_lamp(kind, light, o, d, span, equiangular):
 
 @kernel()
 def arriving(media, kind, light, place, d, along, offset, light_steps, out):
-    """Light that a place scatters towards the eye, per unit of length and channel, in ``out[0]``; extinction in ``out[1]``."""
+    """What a place scatters towards the eye per unit of length, in ``out[0]``, and its extinction, in ``out[1]``."""
     x, y, z = place
     if kind == SUN:
         base, cosine = 1.0, -(light[AXIS] * d[0] + light[AXIS + 1] * d[1] + light[AXIS + 2] * d[2])
@@ -101,6 +103,27 @@ def arriving(media, kind, light, place, d, along, offset, light_steps, out):
 
 
 @kernel()
+def eye_ways(media, o, d, lengths, out):
+    """Optical depths of a step per channel: up to its sample in ``out[1]``, of all of it in ``out[2]``.
+
+    Steps of equal angle are long far from the lamp: one density would not do for all of them.
+    """
+    a, t, b = lengths
+    x, y, z = o[0] + d[0] * a, o[1] + d[1] * a, o[2] + d[2] * a
+    channels = media.extinction.shape[1]
+    for c in range(channels):
+        out[1, c], out[2, c] = 0.0, 0.0
+    for m in range(media.low.shape[0]):
+        part = way_through(media, m, x, y, z, d[0], d[1], d[2], t - a, EYE_STEPS)
+        whole = part + way_through(
+            media, m, x + d[0] * (t - a), y + d[1] * (t - a), z + d[2] * (t - a), d[0], d[1], d[2], b - t, EYE_STEPS
+        )
+        for c in range(channels):
+            out[1, c] += media.extinction[m, c] * part
+            out[2, c] += media.extinction[m, c] * whole
+
+
+@kernel()
 def march_ray(media, source, seen, ray, settings, work, out):
     """One ray: light per channel in ``out[0]``, lit share and number of lit parts in ``out[1]``."""
     kind, light = source
@@ -126,13 +149,15 @@ def march_ray(media, source, seen, ray, settings, work, out):
             sees = looked_up(depth, views, parallel, place[0], place[1], place[2])
         elif way == GIVEN:
             sees = visible[k]
+        if angles:
+            eye_ways(media, o, d, (a, t, b), arrived)
         for c in range(channels):
-            thick = arrived[1, c] * (b - a)
+            thick = arrived[2, c] if angles else arrived[1, c] * (b - a)
             if sees:
                 if angles:
                     # Per angle: the square of the distance cancels what falls off with it.
                     weight = (away * away + (t - t0) * (t - t0)) / away * (last - first) / steps
-                    weight *= math.exp(-arrived[1, c] * (t - a))
+                    weight *= math.exp(-arrived[1, c])
                 elif scheme == SOURCE or thick < 1e-6:
                     weight = b - a
                 else:
@@ -169,7 +194,8 @@ def march_rays(media, source, depth, seen, beams, chosen, settings, out):
         rows = borrowed(chosen)
         work = (np.empty(channels), np.empty((3, channels)))
         o, d = np.empty(3), np.empty(3)
-        for n in range(np.int64(group) * GROUP, min(np.int64(group) * GROUP + GROUP, len(rows))):
+        begin, end = block_of(group, GROUP, len(rows))
+        for n in range(begin, end):
             i = rows[n]
             k = i if len(origin) > 1 else 0
             for c in range(channels):

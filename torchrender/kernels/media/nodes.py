@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
 from torchrender.kernels.compile import kernel
-from torchrender.kernels.media.angles import tangent
 from torchrender.kernels.media.density import SHADOWING, box_span, mean_of_exponential, trilinear, way_through
+from torchrender.kernels.media.functions import exponential, tangent
 from torchrender.kernels.media.records import (
     AMBIENT,
     AREA,
@@ -28,7 +29,7 @@ from torchrender.kernels.media.records import (
     G,
 )
 
-F = np.float32
+F: Any = np.float32
 PER_SPHERE = F(0.25 / math.pi)
 
 
@@ -60,8 +61,8 @@ def falloff(kind, light, r2, along, d, offset):
         if kind == SPOT:
             share = min(max((cosine - light[OUTER]) / max(light[INNER] - light[OUTER], F(1e-6)), F(0.0)), F(1.0))
             return value * share * share * (F(3.0) - F(2.0) * share)
-        value = F(1.0) / (r2 + light[AREA] * F(0.5 / math.pi)) if light[SQUARE] > F(0.0) else F(1.0)
-        return value * light[AREA] * max(cosine, F(0.0))
+        near = F(1.0) / (r2 + light[AREA] * F(0.5 / math.pi)) if light[SQUARE] > F(0.0) else F(1.0)
+        return near * light[AREA] * max(cosine, F(0.0))
     return value
 
 
@@ -140,6 +141,32 @@ def fill_nodes(media, kind, light, ray, part, nodes):
 
 
 @kernel(inline=True)
+def along_grid(media, m, o, d, lengths, count, density, eye):
+    """Densities at the nodes, and integrals up to them.
+
+    Nodes of equal angle are far apart away from a lamp: between two of them, a grid is asked as often as between others.
+    """
+    begin, end = lengths[0], lengths[count - 1]
+    low, high, dims = media.low[m], media.high[m], media.dims[m]
+    longest = (end - begin) * F(1.01) / F(count - 1)
+    x, y, z = o[0] + d[0] * begin, o[1] + d[1] * begin, o[2] + d[2] * begin
+    density[0] = trilinear(media.cells, dims, low, high, x, y, z)
+    eye[0] = F(0.0)
+    for j in range(1, count):
+        way = lengths[j] - lengths[j - 1]
+        parts = np.int64(min(max(way / max(longest, F(1e-20)), F(0.0)), F(1e4))) + 1
+        step = way / F(parts)
+        value, total = density[j - 1], F(0.0)
+        for k in range(parts):
+            t = lengths[j - 1] + F(k + 1) * step
+            after = trilinear(media.cells, dims, low, high, o[0] + d[0] * t, o[1] + d[1] * t, o[2] + d[2] * t)
+            total += F(0.5) * (value + after)
+            value = after
+        density[j] = value
+        eye[j] = eye[j - 1] + total * step
+
+
+@kernel(inline=True)
 def add_active(media, m, kind, light, ray, lengths, count, nodes):
     """Add a medium that the nodes lie in."""
     o, d, t0, _, offset = ray
@@ -148,27 +175,7 @@ def add_active(media, m, kind, light, ray, lengths, count, nodes):
     begin = lengths[0]
     density, eye = scratch[1], scratch[2]
     if media.kind[m] == GRID:
-        for j in range(count):
-            t = lengths[j]
-            density[j] = trilinear(
-                media.cells,
-                media.dims[m],
-                media.low[m],
-                media.high[m],
-                o[0] + d[0] * t,
-                o[1] + d[1] * t,
-                o[2] + d[2] * t,
-            )
-        eye[0] = F(0.0)
-        for j in range(2, count, 2):  # a quadratic through each three nodes
-            a, b, c = density[j - 2], density[j - 1], density[j]
-            h0, h1 = lengths[j - 1] - lengths[j - 2], lengths[j] - lengths[j - 1]
-            eye[j - 1] = eye[j - 2] + F(0.5) * (a + b) * h0
-            if abs(h0 - h1) <= F(1e-3) * (h0 + h1):
-                eye[j - 1] = eye[j - 2] + max(F(5.0) * a + F(8.0) * b - c, F(0.0)) * h0 * F(1.0 / 12.0)
-                eye[j] = eye[j - 2] + (a + F(4.0) * b + c) * (h0 + h1) * F(1.0 / 6.0)
-            else:
-                eye[j] = eye[j - 1] + F(0.5) * (b + c) * h1
+        along_grid(media, m, o, d, lengths, count, density, eye)
     elif media.kind[m] == FLAT:
         a = media.numbers[m, DENSITY]
         for j in range(count):
@@ -177,7 +184,7 @@ def add_active(media, m, kind, light, ray, lengths, count, nodes):
     else:
         a, b, ground = media.numbers[m, DENSITY], media.numbers[m, FALLOFF], media.numbers[m, GROUND]
         for j in range(count):
-            density[j] = a * F(math.exp(b * (ground - o[1] - d[1] * lengths[j])))
+            density[j] = a * exponential(b * (ground - o[1] - d[1] * lengths[j]))
         for j in range(count):
             way = lengths[j] - begin
             eye[j] = way * mean_of_exponential(density[0], density[j], b * d[1] * way)

@@ -7,17 +7,18 @@ changes, the product itself is taken as a quadratic.
 
 from __future__ import annotations
 
-import math
+from typing import Any
 
 import numpy as np
 
 from torchrender.kernels.compile import kernel
+from torchrender.kernels.media.functions import exponential
 
-F = np.float32
+F: Any = np.float32
 THIN = F(0.5)
 """Change of the exponent within a panel up to which the product is taken as a quadratic."""
 WIDTH = 9
-"""Numbers of a panel: begin, width, integral before it, three coefficients, exponent's change, factor, integral after."""
+"""Numbers of a panel: begin, width, integral before, three coefficients, exponent's change, factor, integral after."""
 
 
 @kernel(inline=True)
@@ -31,13 +32,13 @@ def fill_panel(panel, begin, width, before, a, e):
     rise = e[2] - e[0]
     bend = min(max(F(0.5) * (e[0] + e[2]) - e[1], F(-30.0)), F(8.0))
     if abs(rise) <= THIN:
-        g0, g1, g2 = a[0] * F(math.exp(-e[0])), a[1] * F(math.exp(-e[1])), a[2] * F(math.exp(-e[2]))
+        g0, g1, g2 = a[0] * exponential(-e[0]), a[1] * exponential(-e[1]), a[2] * exponential(-e[2])
         factor, rise = F(1.0), F(0.0)
     else:
         # The larger of both ends is taken out, so that nothing overflows.
         base = e[0] if rise > F(0.0) else e[2]
-        g0, g1, g2 = a[0], a[1] * F(math.exp(bend)), a[2]
-        factor = F(math.exp(-base))
+        g0, g1, g2 = a[0], a[1] * exponential(bend), a[2]
+        factor = exponential(-base)
     panel[3] = g0
     panel[4] = F(4.0) * g1 - F(3.0) * g0 - g2
     panel[5] = F(2.0) * (g0 + g2) - F(4.0) * g1
@@ -71,7 +72,7 @@ def moments(k, s):
         i1 = s * s * (F(1 / 2) - y * (F(1 / 3) - y * (F(1 / 8) - y * (F(1 / 30) - y * (F(1 / 144) - y * F(1 / 840))))))
         i2 = F(1 / 3) - y * (F(1 / 4) - y * (F(1 / 10) - y * (F(1 / 36) - y * (F(1 / 168) - y * F(1 / 960)))))
         return i0, i1, s * s * s * i2
-    e = F(math.exp(-y))
+    e = exponential(-y)
     inverse = F(1.0) / k
     i0 = (F(1.0) - e) * inverse
     i1 = (i0 - s * e) * inverse

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import prange
 
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.media.records import BIG
 
-F = np.float32
+F: Any = np.float32
 BAND = 32  # rows of the finest level that a thread takes at a time
 
 
@@ -28,7 +30,7 @@ def build_pyramid(depth, parallel, levels, pyramid):
             for c in range(width):
                 z = depth[view, r, c]
                 q = min(z, BIG) if parallel else F(-1.0) / max(z, F(1e-30))
-                k = np.int64(r) * width + c
+                k = r * width + c
                 pyramid[view, k, 0] = q
                 pyramid[view, k, 1] = q
     for level in range(1, len(levels)):

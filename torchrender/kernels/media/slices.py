@@ -15,37 +15,62 @@ angle at the lamp, from the eye), and the lamp's distance or the eye's place in 
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numba import prange
 
+from torchrender.kernels.atomics import borrowed
 from torchrender.kernels.compile import kernel
-from torchrender.kernels.media.angles import arctan2, tangent
+from torchrender.kernels.media.functions import arctan2, tangent
 from torchrender.kernels.media.records import BIG
 from torchrender.kernels.media.walk import add_span
 
-F = np.float32
+F: Any = np.float32
 ACROSS, UPWARD, AXIS, ANGLE, ANGLE_STEP, START, STEP, DISTANCE, U, V, FOCAL = 0, 3, 6, 9, 10, 11, 12, 13, 13, 14, 15
 NUMBERS = 18
 TURN = F(2.0 * math.pi)
 
 
 @kernel(inline=True)
-def depth_towards(depth, views, x, y, z):
-    """Length to what a lamp sees along a unit direction; +inf for nothing, 0 where none of its views looks."""
+def view_towards(views, x, y, z):
+    """The view that lies in front of a direction most; -1 for none."""
     best, size = -1, F(0.0)
     for n in range(views.shape[0]):
         along = views[n, 8] * x + views[n, 9] * y + views[n, 10] * z
         if along > size:
             best, size = n, along
-    if best < 0:
-        return F(0.0)
-    m = views[best]
-    u = m[12] * (m[0] * x + m[1] * y + m[2] * z) / size + m[14]
-    v = m[13] * (m[4] * x + m[5] * y + m[6] * z) / size + m[15]
-    if u < F(0.0) or v < F(0.0) or u >= F(depth.shape[2]) or v >= F(depth.shape[1]):
-        return F(0.0)
-    return depth[best, np.int64(v), np.int64(u)] / size
+    return best
+
+
+@kernel(inline=True)
+def lamp_row(depth, views, numbers, basis, turns, row):
+    """Thresholds of one slice of a lamp; ``turns`` (2,K): cosines and sines of the angles at it."""
+    best = -1
+    distance = numbers[DISTANCE]
+    ax, ay, az = numbers[6], numbers[7], numbers[8]
+    bx, by, bz = basis
+    # A view turns the row's plane into a plane of its own: three numbers on either axis are all that it takes.
+    ux = uy = uz = vx = vy = vz = F(0.0)
+    for k in range(len(row)):
+        c, p = turns[0, k], turns[1, k]
+        u, v, w = p * ux - c * vx, p * uy - c * vy, p * uz - c * vz
+        if best < 0 or not (w > abs(u) and w > abs(v)):
+            best = view_towards(views, p * bx - c * ax, p * by - c * ay, p * bz - c * az)
+            if best < 0:
+                row[k] = -BIG
+                continue
+            m = views[best]
+            ux, vx = m[0] * bx + m[1] * by + m[2] * bz, m[0] * ax + m[1] * ay + m[2] * az
+            uy, vy = m[4] * bx + m[5] * by + m[6] * bz, m[4] * ax + m[5] * ay + m[6] * az
+            uz, vz = m[8] * bx + m[9] * by + m[10] * bz, m[8] * ax + m[9] * ay + m[10] * az
+            u, v, w = p * ux - c * vx, p * uy - c * vy, p * uz - c * vz
+        inverse = F(1.0) / w
+        u, v = views[best, 12] * u * inverse + views[best, 14], views[best, 13] * v * inverse + views[best, 15]
+        row[k] = -BIG
+        if u >= F(0.0) and v >= F(0.0) and u < F(depth.shape[2]) and v < F(depth.shape[1]):
+            reach = depth[best, np.int64(v), np.int64(u)]
+            row[k] = (c - distance * w / reach) / p
 
 
 @kernel(parallel=True)
@@ -58,28 +83,29 @@ def build_slices(depth, views, parallel, numbers, rows, tree):
         numbers: (18,) see the module.
     """
     count = rows.shape[1]
+    turns = np.empty((2, count), F)
+    for k in range(count):
+        at = numbers[START] + (F(k) + F(0.5)) * numbers[STEP]
+        turns[0, k], turns[1, k] = math.cos(at), max(math.sin(at), 1e-7)
     for s in prange(rows.shape[0]):
         angle = numbers[ANGLE] + (F(s) + F(0.5)) * numbers[ANGLE_STEP]
         ca, sa = F(math.cos(angle)), F(math.sin(angle))
-        bx = ca * numbers[0] + sa * numbers[3]
-        by = ca * numbers[1] + sa * numbers[4]
-        bz = ca * numbers[2] + sa * numbers[5]
-        for k in range(count):
-            at = numbers[START] + (F(k) + F(0.5)) * numbers[STEP]
-            if parallel:
+        row = borrowed(rows)[s]
+        if parallel:
+            for k in range(count):
+                at = numbers[START] + (F(k) + F(0.5)) * numbers[STEP]
                 u, v = numbers[U] + at * ca, numbers[V] + at * sa
-                rows[s, k] = BIG
+                row[k] = BIG
                 if u >= F(0.0) and v >= F(0.0) and u < F(depth.shape[2]) and v < F(depth.shape[1]):
-                    rows[s, k] = min((depth[0, np.int64(v), np.int64(u)] - numbers[FOCAL]) / at, BIG)
-            else:
-                c, p = F(math.cos(at)), max(F(math.sin(at)), F(1e-7))
-                reach = depth_towards(
-                    depth, views, p * bx - c * numbers[6], p * by - c * numbers[7], p * bz - c * numbers[8]
-                )
-                rows[s, k] = -(numbers[DISTANCE] / reach - c) / p if reach > F(0.0) else -BIG
+                    row[k] = min((depth[0, np.int64(v), np.int64(u)] - numbers[FOCAL]) / at, BIG)
+        else:
+            basis = (
+                ca * numbers[0] + sa * numbers[3], ca * numbers[1] + sa * numbers[4], ca * numbers[2] + sa * numbers[5]
+            )  # fmt: skip
+            lamp_row(borrowed(depth), borrowed(views), borrowed(numbers), basis, borrowed(turns), row)
         for k in range(count >> 1):
-            tree[s, k, 0] = min(rows[s, 2 * k], rows[s, 2 * k + 1])
-            tree[s, k, 1] = max(rows[s, 2 * k], rows[s, 2 * k + 1])
+            tree[s, k, 0] = min(row[2 * k], row[2 * k + 1])
+            tree[s, k, 1] = max(row[2 * k], row[2 * k + 1])
         first, n = 0, count >> 1
         while n > 1:
             for k in range(n >> 1):

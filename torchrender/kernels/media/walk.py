@@ -7,12 +7,14 @@ dynamic height field rendering, 2008.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.media.records import BIG
 
-F = np.float32
+F: Any = np.float32
 BEGIN = 4  # level at which a walk begins
 MOST_FACES = 24  # of a cube that a ray may meet, ties counted again
 BEYOND = F(2e-3)  # texels by which a place is looked up behind an edge

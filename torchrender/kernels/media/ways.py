@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numba import prange
@@ -11,8 +12,9 @@ from torchrender.kernels.atomics import borrowed
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.media.density import box_span, trilinear, way_through
 from torchrender.kernels.media.records import AXIS, BIG, SUN
+from torchrender.kernels.voxels.bits import span as block_of
 
-F = np.float32
+F: Any = np.float32
 GROUP = 512
 
 
@@ -74,7 +76,8 @@ def clip_rays(media, beams, lengths):
     for group in prange((count + GROUP - 1) // GROUP):
         fields = borrowed(media)
         origin, direction, span = borrowed(beams)
-        for i in range(np.int64(group) * GROUP, min(np.int64(group) * GROUP + GROUP, count)):
+        begin, end = block_of(group, GROUP, count)
+        for i in range(begin, end):
             k = i if len(origin) > 1 else 0
             span[i, 0], span[i, 1] = media_span(fields, origin[k], direction[i], lengths[i])
 
@@ -86,14 +89,15 @@ def ways_through(media, beams, steps, ways):
     for group in prange((count + GROUP - 1) // GROUP):
         fields, out = borrowed(media), borrowed(ways)
         origin, direction, span = borrowed(beams)
-        for i in range(np.int64(group) * GROUP, min(np.int64(group) * GROUP + GROUP, count)):
+        begin, end = block_of(group, GROUP, count)
+        for i in range(begin, end):
             k = i if len(origin) > 1 else 0
-            o, d, begin = origin[k], direction[i], span[i, 0]
+            o, d, enter = origin[k], direction[i], span[i, 0]
             for m in range(boxes):
                 out[i, m] = F(0.0)
-                if span[i, 1] > begin:
-                    x, y, z = o[0] + d[0] * begin, o[1] + d[1] * begin, o[2] + d[2] * begin
-                    out[i, m] = way_through(fields, m, x, y, z, d[0], d[1], d[2], span[i, 1] - begin, steps)
+                if span[i, 1] > enter:
+                    x, y, z = o[0] + d[0] * enter, o[1] + d[1] * enter, o[2] + d[2] * enter
+                    out[i, m] = way_through(fields, m, x, y, z, d[0], d[1], d[2], span[i, 1] - enter, steps)
 
 
 @kernel(parallel=True)

@@ -8,7 +8,7 @@ import numpy as np
 from numba import prange
 
 from torchrender.kernels.compile import kernel
-from torchrender.kernels.raster.records import EarlierLens
+from torchrender.kernels.raster.records import SOLID, EarlierLens
 
 IDENTITY, AGREES, CAPTURED = 0, 1, 2
 """What makes a fragment redundant: the stored triangle; also the stored depth; lying no deeper than what is stored."""
@@ -144,6 +144,17 @@ def only_identity(earlier):
     return earlier.test == IDENTITY and earlier.ratio == np.inf
 
 
+@kernel(inline=True)
+def wrapped(x, wrap):
+    """A coordinate moved into [0, 1]: repeated (0), mirrored (1) or clamped (2)."""
+    if wrap == 2:
+        return min(max(x, 0.0), 1.0)
+    if wrap == 1:
+        half = x * 0.5
+        return 1.0 - abs(1.0 - 2.0 * (half - math.floor(half)))
+    return x - math.floor(x)
+
+
 @kernel()
 def is_hole(t, u, v, faces, holes):
     """True if the texel at barycentric weights (u, v) of triangle ``t`` is missing."""
@@ -154,12 +165,13 @@ def is_hole(t, u, v, faces, holes):
     a, b, c = faces[t, 0], faces[t, 1], faces[t, 2]
     s = uv[a, 0] + u * (uv[b, 0] - uv[a, 0]) + v * (uv[c, 0] - uv[a, 0])
     r = uv[a, 1] + u * (uv[b, 1] - uv[a, 1]) + v * (uv[c, 1] - uv[a, 1])
+    opacity = uv[a, 2] + u * (uv[b, 2] - uv[a, 2]) + v * (uv[c, 2] - uv[a, 2])
     if not (math.isfinite(s) and math.isfinite(r)):
         return False
-    height, width = table[row, 1], table[row, 2]
-    i = min(np.int64((s - math.floor(s)) * width), width - 1)
-    j = min(np.int64((1.0 - (r - math.floor(r))) * height), height - 1)
-    return texels[table[row, 0] + j * width + i] == 0
+    height, width, wraps = table[row, 1], table[row, 2], table[row, 3]
+    i = min(np.int64(wrapped(np.float64(s), wraps % 3) * width), width - 1)
+    j = min(np.int64((1.0 - wrapped(np.float64(r), wraps // 3)) * height), height - 1)
+    return texels[table[row, 0] + j * width + i] * opacity < SOLID - 1e-3
 
 
 @kernel(parallel=True)

@@ -73,13 +73,17 @@ class EarlierLens(NamedTuple):
     eye_w: float
 
 
+SOLID = 128
+"""Alpha at the cutoff, in the units of :attr:`Holes.texels`."""
+
+
 class Holes(NamedTuple):
     """Missing texels of triangles; see ``scene.cutout``. Without elements there are none."""
 
     mask: np.ndarray  # (F,) int32 row of the table, or -1
-    table: np.ndarray  # (K,3) int64 first texel, height, width
-    texels: np.ndarray  # uint8, 0 where missing
-    uv: np.ndarray  # (V,2) float32
+    table: np.ndarray  # (K,4) int64 first texel, height, width, wraps: along u plus three times along v
+    texels: np.ndarray  # uint8 alpha over cutoff, times SOLID
+    uv: np.ndarray  # (V,3) float32 coordinates, opacity
 
 
 class Refusals(NamedTuple):
@@ -136,5 +140,5 @@ NO_EARLIER = Earlier(
     np.inf,
     0.0,
 )
-NO_HOLES = Holes(np.zeros(0, np.int32), np.zeros((0, 3), np.int64), np.zeros(0, np.uint8), np.zeros((0, 2), np.float32))
+NO_HOLES = Holes(np.zeros(0, np.int32), np.zeros((0, 4), np.int64), np.zeros(0, np.uint8), np.zeros((0, 3), np.float32))
 NO_IDS = (np.zeros((0, 0), np.int64), np.zeros((0, 0), np.int64), np.zeros((0, 0, 2), np.float32))

@@ -109,9 +109,9 @@ def _in_hole(state, triangle, b, c):
     """The surface is missing there."""
     holes = (
         carray(_i32(state.mask), _MANY),
-        carray(_i64(state.table), (_MANY, 3)),
+        carray(_i64(state.table), (_MANY, 4)),
         carray(_u8(state.texels), _MANY),
-        carray(_f32(state.uv), (_MANY, 2)),
+        carray(_f32(state.uv), (_MANY, 3)),
     )
     return is_hole(triangle, np.float32(b), np.float32(c), carray(_i32(state.faces), (_MANY, 3)), holes)
 

@@ -7,15 +7,17 @@ import math
 import numpy as np
 
 from torchrender.kernels.compile import kernel
-from torchrender.kernels.shading.records import MATERIAL, METALLIC, SLOT, SPAN, UNLIT
+from torchrender.kernels.shading.records import MATERIAL, METALLIC, PHONG, SLOT, SPAN, UNLIT
 from torchrender.kernels.shading.simd import HALF, INV_PI, ONE, PI, TINY, TWO, ZERO, exp2, f4, fifth, log2
 
 NX, NY, NZ, SX, SY, SZ = (SLOT[n] for n in ("NX", "NY", "NZ", "SX", "SY", "SZ"))
 EX, EY, EZ, LX, LY, LZ = (SLOT[n] for n in ("EX", "EY", "EZ", "LX", "LY", "LZ"))
-BR, OR, HR, HA, OC, RO, ME, CC = (SLOT[n] for n in ("BR", "OR", "HR", "HA", "OC", "RO", "ME", "CC"))
+BR, BG, BB, OR, HR, HG, HB, HA = (SLOT[n] for n in ("BR", "BG", "BB", "OR", "HR", "HG", "HB", "HA"))
+OC, RO, ME, CC = (SLOT[n] for n in ("OC", "RO", "ME", "CC"))
 DR, DG, DB, SR, SG, SB, AM, VS, SH = (SLOT[n] for n in ("DR", "DG", "DB", "SR", "SG", "SB", "AM", "VS", "SH"))
 FR, FG, FB, FH, KR, KG, KB = (SLOT[n] for n in ("FR", "FG", "FB", "FH", "KR", "KG", "KB"))
-WR, MR, MG, MB, LO, HI, IN, NV = (SLOT[n] for n in ("WR", "MR", "MG", "MB", "LO", "HI", "IN", "NV"))
+WR, WG, WB, MR, MG, MB = (SLOT[n] for n in ("WR", "WG", "WB", "MR", "MG", "MB"))
+LO, HI, IN, NV = (SLOT[n] for n in ("LO", "HI", "IN", "NV"))
 SL, CL, TH, YR, YG, YB = (SLOT[n] for n in ("SL", "CL", "TH", "YR", "YG", "YB"))
 DIELECTRIC, WEIGHT, SHEEN, SHEEN_ROUGHNESS = (MATERIAL[n] for n in ("dielectric", "weight", "sheen", "sheen_roughness"))
 TRANSMISSION, DEGREE, LOBE = (MATERIAL[n] for n in ("transmission", "degree", "lobe"))
@@ -69,47 +71,63 @@ def open_share(eye, seen, roughness):
 
 
 @kernel()
-def mix(s, n, mat, looks, sky):
-    """Terms of metallic-roughness that do not depend on lights, from what the textures told."""
+def look_up(s, n, mat, looks, sky, cloth):
+    """What :func:`mix` needs from tables: albedos into KR.., FR.., numbers of the materials into SL, FH, TH, LO."""
     numbers, table, mean = looks.numbers, sky.albedo, sky.mean
     last = f4(mean.shape[0] - 1)
     for i in range(n):
-        m = mat[i]
         nv = s[NX + i] * s[EX + i] + s[NY + i] * s[EY + i] + s[NZ + i] * s[EZ + i]
-        nv = min(max(nv, f4(1e-4)), ONE)
-        rough = s[RO + i]
-        a, b, _ = albedo(table, nv, rough)
-        cloth = ZERO
-        most = max(numbers[m, SHEEN], max(numbers[m, SHEEN + 1], numbers[m, SHEEN + 2]))
-        if most > ZERO:
-            _, _, cloth = albedo(table, nv, numbers[m, SHEEN_ROUGHNESS])
-        y = rough * last
+        s[NV + i] = min(max(nv, f4(1e-4)), ONE)
+        s[CL + i] = ZERO
+        s[LO + i] = ZERO
+    for i in range(n):
+        s[KR + i], s[KG + i], _ = albedo(table, s[NV + i], s[RO + i])
+        y = s[RO + i] * last
         j = min(np.int32(y), np.int32(mean.shape[0] - 2))
         v = y - f4(j)
-        mean_a = mean[j, 0] + v * (mean[j + 1, 0] - mean[j, 0])
-        mean_b = mean[j, 1] + v * (mean[j + 1, 1] - mean[j, 1])
-        metal, weight = s[ME + i], numbers[m, WEIGHT] * s[HA + i]
+        s[FR + i] = mean[j, 0] + v * (mean[j + 1, 0] - mean[j, 0])
+        s[FG + i] = mean[j, 1] + v * (mean[j + 1, 1] - mean[j, 1])
+    for i in range(n):
+        m = mat[i]
+        s[SL + i], s[FH + i], s[TH + i] = numbers[m, DIELECTRIC], numbers[m, WEIGHT], ONE - numbers[m, TRANSMISSION]
+    if cloth:
+        for i in range(n):
+            m = mat[i]
+            _, _, s[CL + i] = albedo(table, s[NV + i], numbers[m, SHEEN_ROUGHNESS])
+            s[LO + i] = max(numbers[m, SHEEN], max(numbers[m, SHEEN + 1], numbers[m, SHEEN + 2]))
+
+
+@kernel()
+def mix(s, n):
+    """Terms of metallic-roughness that do not depend on lights, from what the textures and tables told."""
+    for i in range(n):
+        a, b, mean_a, mean_b = s[KR + i], s[KG + i], s[FR + i], s[FG + i]
+        metal, weight, matte = s[ME + i], s[FH + i] * s[HA + i], (ONE - s[ME + i]) * s[TH + i]
         high = weight + metal * (ONE - weight)
         lost = ONE / max(a + b, f4(1e-3)) - ONE
         se = s[SX + i] * s[EX + i] + s[SY + i] * s[EY + i] + s[SZ + i] * s[EZ + i]
         through = ONE - s[CC + i] * (COAT_F0 + (ONE - COAT_F0) * fifth(min(max(se, f4(1e-4)), ONE)))
-        sheen_left = ONE - most * cloth
-        low = ZERO
-        for c in range(3):
-            bare = min(numbers[m, DIELECTRIC] * s[HR + c * SPAN + i], ONE) * weight
-            low = max(low, bare)
-            f0 = bare + metal * (s[BR + c * SPAN + i] - bare)
-            again = ONE + f0 * lost
-            s[FR + c * SPAN + i], s[KR + c * SPAN + i] = f0, again
-            s[WR + c * SPAN + i] = (f0 * a + high * b) * again * sheen_left * through
-            s[MR + c * SPAN + i] = s[BR + c * SPAN + i] * (ONE - metal) * (ONE - numbers[m, TRANSMISSION])
-        left = ONE - (low * a + weight * b) * (ONE + low * lost)
-        inner = ONE - (low * mean_a + weight * mean_b)
-        for c in range(3):
-            s[MR + c * SPAN + i] *= left * sheen_left * through
-        s[FH + i], s[LO + i], s[HI + i], s[NV + i], s[TH + i] = high, low, weight, nv, through
-        s[IN + i] = INV_PI / max(inner, f4(1e-3))
-        s[SL + i], s[CL + i] = sheen_left * through, cloth
+        under = (ONE - s[LO + i] * s[CL + i]) * through  # what sheen and coat leave
+        reflectance = s[SL + i]
+        bare_r = min(reflectance * s[HR + i], ONE) * weight
+        bare_g = min(reflectance * s[HG + i], ONE) * weight
+        bare_b = min(reflectance * s[HB + i], ONE) * weight
+        low = max(bare_r, max(bare_g, bare_b))
+        red, green, blue = s[BR + i], s[BG + i], s[BB + i]
+        f0, g0, b0 = (
+            bare_r + metal * (red - bare_r),
+            bare_g + metal * (green - bare_g),
+            bare_b + metal * (blue - bare_b),
+        )
+        s[FR + i], s[FG + i], s[FB + i] = f0, g0, b0
+        s[KR + i], s[KG + i], s[KB + i] = ONE + f0 * lost, ONE + g0 * lost, ONE + b0 * lost
+        s[WR + i] = (f0 * a + high * b) * (ONE + f0 * lost) * under
+        s[WG + i] = (g0 * a + high * b) * (ONE + g0 * lost) * under
+        s[WB + i] = (b0 * a + high * b) * (ONE + b0 * lost) * under
+        left = (ONE - (low * a + weight * b) * (ONE + low * lost)) * matte * under
+        s[MR + i], s[MG + i], s[MB + i] = red * left, green * left, blue * left
+        s[FH + i], s[LO + i], s[HI + i], s[TH + i], s[SL + i] = high, low, weight, through, under
+        s[IN + i] = INV_PI / max(ONE - (low * mean_a + weight * mean_b), f4(1e-3))
 
 
 @kernel()
@@ -177,19 +195,28 @@ def add_metallic(s, n, sky, light):
 
 
 @kernel()
-def write(s, n, pix, mat, looks, out):
+def write(s, n, bits, pix, mat, looks, out):
     """Radiance of each pixel by the kind of its material."""
     numbers, kinds = looks.numbers, looks.groups_of
     radiance = out.radiance
+    if bits & 16 > 0:
+        for i in range(n):
+            degree = numbers[mat[i], DEGREE] * numbers[mat[i], LOBE] * s[HA + i]
+            for c in range(3):
+                s[OR + c * SPAN + i] += degree * s[HR + c * SPAN + i] * s[SR + c * SPAN + i]
+    for c in range(3):
+        for i in range(n):
+            s[DR + c * SPAN + i] = s[BR + c * SPAN + i] * s[DR + c * SPAN + i] + s[OR + c * SPAN + i]
+    if bits & 7 != 1 << PHONG:
+        for i in range(n):
+            kind = kinds[mat[i], 2]
+            for c in range(3):
+                value = s[YR + c * SPAN + i] if kind == METALLIC else s[DR + c * SPAN + i]
+                s[DR + c * SPAN + i] = s[BR + c * SPAN + i] if kind == UNLIT else value
     for i in range(n):
-        m, p = mat[i], pix[i]
-        kind = kinds[m, 2]
-        degree = numbers[m, DEGREE] * numbers[m, LOBE] * s[HA + i]
+        p = pix[i]
         for c in range(3):
-            value = s[BR + c * SPAN + i] * s[DR + c * SPAN + i] + s[OR + c * SPAN + i]
-            value += degree * s[HR + c * SPAN + i] * s[SR + c * SPAN + i]
-            value = s[YR + c * SPAN + i] if kind == METALLIC else value
-            radiance[p, c] = s[BR + c * SPAN + i] if kind == UNLIT else value
+            radiance[p, c] = s[DR + c * SPAN + i]
 
 
 @kernel()

@@ -10,7 +10,7 @@ from torchrender.kernels.compile import kernel
 from torchrender.kernels.shading.records import LEVELS, MATERIAL, SLOT, SPAN
 from torchrender.kernels.shading.simd import HALF, ONE, TINY, TWO, ZERO, f4
 
-U, V, LV, U1, V1, L1 = (SLOT[n] for n in ("U", "V", "LV", "U1", "V1", "L1"))
+U, V, LV, U1, V1, L1, VS = (SLOT[n] for n in ("U", "V", "LV", "U1", "V1", "L1", "VS"))
 OC, RO, ME, QX, QY, QZ = (SLOT[n] for n in ("OC", "RO", "ME", "QX", "QY", "QZ"))
 CC, CK, HR, HA, OR = (SLOT[n] for n in ("CC", "CK", "HR", "HA", "OR"))
 NX, NY, NZ, GX, GY, GZ = (SLOT[n] for n in ("NX", "NY", "NZ", "GX", "GY", "GZ"))
@@ -87,10 +87,9 @@ def corners(groups, g, level, across, down, channels):
     )  # fmt: skip
 
 
-@kernel()
-def sample(s, i, g, looks):
+@kernel(inline=True)
+def sample(s, i, g, groups, transforms, texels):
     """Multiply the numbers of pixel ``i`` by the textures of group ``g``."""
-    groups, transforms, texels = looks.groups, looks.transforms, looks.texels
     second = groups[g, 4] == 1
     u, v = np.float64(s[U1 + i] if second else s[U + i]), np.float64(s[V1 + i] if second else s[V + i])
     if groups[g, 6] == 0:
@@ -142,11 +141,11 @@ def sample(s, i, g, looks):
 @kernel()
 def textures(s, n, mat, looks):
     """All textures of all pixels."""
-    groups_of = looks.groups_of
+    groups_of, groups, transforms, texels = looks.groups_of, looks.groups, looks.transforms, looks.texels
     for i in range(n):
         m = mat[i]
         for g in range(groups_of[m, 0], groups_of[m, 1]):
-            sample(s, i, np.int64(g), looks)
+            sample(s, i, np.int64(g), groups, transforms, texels)
 
 
 @kernel()
@@ -175,9 +174,11 @@ def raised(nx, ny, nz, ax, ay, az):
 @kernel()
 def bend(s, n, mat, looks):
     """Normals as their maps bend them; never below the triangle, nor turned from the eye."""
-    numbers, groups_of = looks.numbers, looks.groups_of
+    numbers = looks.numbers
     for i in range(n):
-        scale = numbers[mat[i], NORMAL_SCALE]
+        s[VS + i] = numbers[mat[i], NORMAL_SCALE]
+    for i in range(n):
+        scale = s[VS + i]
         x, y, z = (TWO * s[QX + i] - ONE) * scale, (TWO * s[QY + i] - ONE) * scale, TWO * s[QZ + i] - ONE
         nx, ny, nz = s[NX + i], s[NY + i], s[NZ + i]
         tx, ty, tz, w = s[TX + i], s[TY + i], s[TZ + i], s[TW + i]
@@ -186,7 +187,7 @@ def bend(s, n, mat, looks):
         square = mx * mx + my * my + mz * mz
         inv = ONE / math.sqrt(max(square, TINY))
         mx, my, mz = mx * inv, my * inv, mz * inv
-        usable = groups_of[mat[i], 3] & 1 > 0 and tx * tx + ty * ty + tz * tz > ZERO and square > TINY
+        usable = tx * tx + ty * ty + tz * tz > ZERO and square > TINY  # no tangent without a map
         mx, my, mz = raised(mx, my, mz, s[GX + i], s[GY + i], s[GZ + i])
         mx, my, mz = raised(mx, my, mz, s[EX + i], s[EY + i], s[EZ + i])
         s[NX + i], s[NY + i], s[NZ + i] = (mx if usable else nx), (my if usable else ny), (mz if usable else nz)

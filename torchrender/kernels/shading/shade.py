@@ -10,7 +10,15 @@ from torchrender.kernels.compile import kernel
 from torchrender.kernels.shading.gather import face, face_further, gather, gather_further, place
 from torchrender.kernels.shading.layers import add_coat, add_coat_sky, add_sheen
 from torchrender.kernels.shading.lights import rectangle, small_light
-from torchrender.kernels.shading.lobes import add_metallic, add_phong, begin_metallic, mix, write, write_mirrors
+from torchrender.kernels.shading.lobes import (
+    add_metallic,
+    add_phong,
+    begin_metallic,
+    look_up,
+    mix,
+    write,
+    write_mirrors,
+)
 from torchrender.kernels.shading.maps import bend, constants, finish, textures
 from torchrender.kernels.shading.records import METALLIC, PHONG, RECT, SLOT, SLOTS, SPAN, Work
 from torchrender.kernels.shading.simd import ONE, ZERO, f4
@@ -92,7 +100,8 @@ def tile(box, seen, packed, looks, sky, reach, out, work):
     phong, metallic, shiny = bits & (1 << PHONG) > 0, bits & (1 << METALLIC) > 0, bits & 16 > 0
     coated = cloth = False
     if metallic:
-        mix(s, n, mat, looks, sky)
+        look_up(s, n, mat, looks, sky, bits & 32 > 0)
+        mix(s, n)
         mirrored(s, n, sky, NX, RO)
         begin_metallic(s, n, mat, looks)
         if out.replaced.shape[0] > 0:
@@ -115,7 +124,7 @@ def tile(box, seen, packed, looks, sky, reach, out, work):
             add_phong(s, n, light, shiny)
     if out.replaced.shape[0] > 0:
         write_mirrors(s, n, pix, mat, looks, out)
-    write(s, n, pix, mat, looks, out)
+    write(s, n, bits, pix, mat, looks, out)
 
 
 @kernel(parallel=True)

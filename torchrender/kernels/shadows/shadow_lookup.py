@@ -28,6 +28,9 @@ from torchrender.kernels.shadows.shadow_receiver import (
 NEAREST_TEXEL, WINDOW, DISC, PCSS, AVERAGE_DEPTH = 0, 1, 2, 3, 4
 
 _BLOCK, _PARTS = 512, 64
+_RISE = 2.0  # texels of depth per texel aside, beyond the slope of the receiver
+_WITHIN = 1.25  # how far outside the cone to the light a blocker still counts: texels are not points
+_SHARP = 1.5  # radius in texels up to which a penumbra is an edge
 _CLEAR = 2.0  # texels that a blocker must lie before the receiver to be none of its own surface
 
 
@@ -39,6 +42,7 @@ class _Disc(NamedTuple):
     turn: float
     radius_u: float  # texels
     radius_v: float
+    cone: bool  # count only blockers that stand between the point and the light's disc
 
 
 @kernel(inline=True)
@@ -58,6 +62,10 @@ def _tap(maps, face, row, column, r, s):
         plane = plane_depth(r, s.orthographic, column + 0.5, row + 0.5)
         if not math.isnan(plane):
             z, bias = plane, s.b0 * r.texel + r.rounding
+    if s.settles and s.filter != PCSS:
+        # What rises from the receiver's own surface, as at the foot of a wall, is no edge to be softened.
+        x, y = column + 0.5 - r.u, row + 0.5 - r.v
+        bias += (_RISE * r.texel + abs(r.gu) + abs(r.gv)) * math.sqrt(x * x + y * y)
     if z <= depth + bias:
         return 1.0, np.inf
     return 0.0, depth
@@ -97,10 +105,23 @@ def _average_depth(maps, face, r):
     return 1.0 if r.z <= mean + r.bias else 0.0
 
 
+@kernel(inline=True)
+def _between(x, y, radius_u, radius_v, depth, r, s):
+    """A blocker at a tap's place lies in the cone from point to light's disc, or within a texel of the point."""
+    a, b = x * radius_u, y * radius_v
+    if a * a + b * b <= 1.0:
+        return True
+    gap = 0.5 * s.light_size * (r.z - depth)
+    if not s.orthographic:
+        gap = gap / (r.z * depth) if depth > 0.0 else np.inf
+    a, b = a / r.focal_u, b / r.focal_v
+    return math.sqrt(a * a + b * b) <= _WITHIN * gap
+
+
 @kernel()
 def _disc(maps, face, r, s, taps, disc):
     """Share of lit taps in a disc, and number and mean depth of the blockers."""
-    first, last, turn, radius_u, radius_v = disc
+    first, last, turn, radius_u, radius_v, cone = disc
     cosine, sine = math.cos(turn), math.sin(turn)
     lit, blockers, depth_sum = 0.0, 0, 0.0
     for i in range(first, last):
@@ -108,6 +129,8 @@ def _disc(maps, face, r, s, taps, disc):
         y = sine * taps[i, 0] + cosine * taps[i, 1]
         row, column = math.floor(r.v + radius_v * y), math.floor(r.u + radius_u * x)
         share, depth = _tap(maps, face, row, column, r, s)
+        if cone and depth < np.inf and not _between(x, y, radius_u, radius_v, depth, r, s):
+            share, depth = 1.0, np.inf
         lit += share
         if depth < np.inf:
             blockers += 1
@@ -117,7 +140,7 @@ def _disc(maps, face, r, s, taps, disc):
 
 @kernel()
 def _pcss(maps, face, r, s, taps, turn):
-    """Blocker search, penumbra width at the receiver, then a disc of that width."""
+    """Blocker search, penumbra width at the receiver, then a disc of that width; and whether texels are as wide."""
     width = s.light_size
     if s.orthographic:
         search = 0.5 * width * max(r.z - s.search_near, 0.0)
@@ -126,16 +149,16 @@ def _pcss(maps, face, r, s, taps, turn):
     longer = max(r.focal_u, r.focal_v)
     search = min(max(search, 1.0 / longer), s.rho_max / longer)
     here = with_reach(r, s, search * r.focal_u, search * r.focal_v)
-    disc = _Disc(0, s.search_taps, turn, search * r.focal_u, search * r.focal_v)
+    disc = _Disc(0, s.search_taps, turn, search * r.focal_u, search * r.focal_v, True)
     _, blockers, mean = _disc(maps, face, here, s, taps, disc)
     if blockers == 0 or (not s.orthographic and not mean > 0.0):
-        return 1.0
+        return 1.0, True
     gap = max(r.z - mean, 0.0)
     radius = 0.5 * width * gap if s.orthographic else 0.5 * width * gap / (mean * r.z)
     radius = min(max(radius, 1.0 / longer), s.rho_max / longer)
     here = with_reach(r, s, radius * r.focal_u, radius * r.focal_v)
-    disc = _Disc(s.search_taps, taps.shape[0], turn, radius * r.focal_u, radius * r.focal_v)
-    return _disc(maps, face, here, s, taps, disc)[0]
+    disc = _Disc(s.search_taps, taps.shape[0], turn, radius * r.focal_u, radius * r.focal_v, True)
+    return _disc(maps, face, here, s, taps, disc)[0], radius * longer <= _SHARP
 
 
 @kernel()
@@ -178,18 +201,19 @@ def _doubtful(maps, face, r, s):
 
 @kernel()
 def _filtered(maps, face, r, s, taps, index):
+    """Visibility, and whether it is an edge that is softened, not a penumbra."""
     if s.filter == WINDOW:
-        return _window(maps, face, with_reach(r, s, s.n + 0.5, s.n + 0.5), s)
+        return _window(maps, face, with_reach(r, s, s.n + 0.5, s.n + 0.5), s), True
     if s.filter == DISC:
         here = with_reach(r, s, s.radius, s.radius)
-        disc = _Disc(s.search_taps, taps.shape[0], _angle(index), s.radius, s.radius)
-        return _disc(maps, face, here, s, taps, disc)[0]
+        disc = _Disc(s.search_taps, taps.shape[0], _angle(index), s.radius, s.radius, False)
+        return _disc(maps, face, here, s, taps, disc)[0], True
     if s.filter == PCSS:
         return _pcss(maps, face, r, s, taps, _angle(index))
     here = with_reach(r, s, 0.0, 0.0)
     if s.filter == AVERAGE_DEPTH:
-        return _average_depth(maps, face, here)
-    return _tap(maps, face, math.floor(r.v), math.floor(r.u), here, s)[0]
+        return _average_depth(maps, face, here), False
+    return _tap(maps, face, math.floor(r.v), math.floor(r.u), here, s)[0], True
 
 
 @kernel()
@@ -209,7 +233,10 @@ def _factor(points, normals, index, light, views, maps, taps, s):
     away = math.sqrt(lx * lx + ly * ly + lz * lz)
     facing = nx * lx + ny * ly + nz * lz
     if not facing > 0.0:
-        return 0.0, -1
+        e = s.edges
+        reach = abs(nx * e[0] + ny * e[1] + nz * e[2]) + abs(nx * e[3] + ny * e[4] + nz * e[5])
+        # A part of a rectangle may stand above the surface although its centre does not: nothing is known of it.
+        return (1.0 if facing + 0.5 * reach > 0.0 else 0.0), -1
     cosine = min(facing / away, 1.0)
     height, width = maps.shape[1], maps.shape[2]
     chosen = choose_view(views, s, x, y, z, height, width)
@@ -224,8 +251,9 @@ def _factor(points, normals, index, light, views, maps, taps, s):
     if s.exact:
         size = 0.0
     r = receiver(views, chosen, s.orthographic, (u, v, depth), (nx, ny, nz), cosine, size)
-    unsure = s.settles and _doubtful(maps, chosen, r, s)
-    return _filtered(maps, chosen, r, s, taps, index), chosen if unsure else -1
+    found, edge = _filtered(maps, chosen, r, s, taps, index)
+    unsure = s.settles and edge and _doubtful(maps, chosen, r, s)
+    return found, chosen if unsure else -1
 
 
 @kernel(parallel=True)

@@ -50,7 +50,7 @@ def project(points, view, runs, starts, size, records):
     focal = lens[0] * lens[1]
     count = len(records)
     for block in prange((count + BLOCK - 1) // BLOCK):
-        row = np.int64(block) * BLOCK
+        row = int(block) * BLOCK
         end = min(row + BLOCK, count)
         r = int(np.searchsorted(starts, row, side="right")) - 1
         while row < end:

@@ -10,8 +10,11 @@ import torch
 from torch import Tensor
 
 from torchrender.buffers import GBuffer, MirrorShare, ReflectionLayer
+from torchrender.effects.ambient.visibility import AmbientVisibility
 from torchrender.passes.contract import Amounts, Pass
 from torchrender.passes.hard import HardEffect, Law, Outputs, Subject, radiance_bounds
+from torchrender.passes.light.ambient_visibility import AMBIENT_VISIBILITY
+from torchrender.passes.light.pane_shadow import PANE_SHADOW
 from torchrender.passes.light.visibility import POINT_SHADOW, SOFT_SHADOW
 from torchrender.passes.outlook import Outlook, Verdict, counted
 from torchrender.passes.seen.gbuffer import GBUFFER
@@ -21,7 +24,7 @@ from torchrender.pipeline.frame import Frame
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
 from torchrender.scene.model import Scene
-from torchrender.shade import sent_light, shade
+from torchrender.shade import AmbientReach, sent_light, shade
 
 
 def _under_all(scene: Scene, gbuffer: GBuffer, radiance: Tensor, direct: Tensor) -> Tensor:
@@ -51,6 +54,9 @@ def run(frame: Frame) -> tuple[Tensor, MirrorShare]:
     if found:
         lit = torch.ones(gbuffer.covered.shape)
         visibility = torch.stack([found.get(number, lit) for number in range(len(scene.lights))], dim=1)
+    panes = frame.get(PANE_SHADOW)
+    if panes is not None:
+        visibility = panes if visibility is None else visibility * panes
     options = frame.options
     light = sent_light(
         scene,
@@ -58,9 +64,27 @@ def run(frame: Frame) -> tuple[Tensor, MirrorShare]:
         visibility,
         background=options.background,
         area_light=options.area_light,
+        around=ambient_reach(scene, frame.get(AMBIENT_VISIBILITY)),
         mirrors=bool(frame.askers(MIRROR_SHARE)),
     )
     return light.radiance, light.share
+
+
+def ambient_reach(scene: Scene, found: AmbientVisibility | None) -> AmbientReach | None:
+    """What arrives from everywhere: the sky where nothing hides it however far, and fill light where nothing is near.
+
+    With both, their shares count as the mean radiance of each.
+    """
+    if found is None:
+        return None
+    sky, fill = 0.0, float(scene.ambient.detach().mean())
+    if scene.environment is not None:
+        light = scene.environment.mean_radiance
+        sky, fill = (sky, fill + light) if scene.environment.fill else (light, fill)
+    share = sky / max(sky + fill, 1e-30)
+    if share in (0.0, 1.0):
+        return AmbientReach(found.near) if share == 0.0 else AmbientReach(found.sky, found.bent_normal)
+    return AmbientReach(torch.lerp(found.near, found.sky, share), found.bent_normal)
 
 
 def with_share(run: Callable[[Frame], Any]) -> Callable[[Frame], Any]:
@@ -115,7 +139,7 @@ PASS = Pass(
     makes=DIRECT_LIGHT,
     also=(MIRROR_SHARE,),
     needs=(GBUFFER,),
-    uses=(POINT_SHADOW, SOFT_SHADOW),
+    uses=(POINT_SHADOW, SOFT_SHADOW, PANE_SHADOW, AMBIENT_VISIBILITY),
     applies=applies,
     run=run,
     settings=settings("irradiance of rectangles", {name: {"area_light": name} for name in ("centre", "polygon")}),

@@ -58,7 +58,7 @@ def applies(outlook: Outlook) -> Verdict:
     count = len(outlook.scene.lights) if reaching is None else reaching
     if outlook.options.shadow.coverage == "scene":
         return Verdict(True, f"{counted(count, 'light')}, of the whole scene")
-    if not count and not _mirrors(outlook):
+    if not count and not _mirrors(outlook) and outlook.scene.geometry.see_through is None:
         return Verdict(False, "no light reaches what is seen")
     return Verdict(True, f"{counted(count, 'light')}, fitted to what is seen")
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import torch
 from torch import Tensor
@@ -118,11 +117,6 @@ HARD = HardEffect(
 )
 
 
-def _sampled(samples: int, what: str) -> dict[str, Any]:
-    """Options of a setting: light samples along each edge, and what casts shadows."""
-    return {"area_shadows": "sampled", "soft_shadow.light_samples": samples, "soft_shadow.occluders": what}
-
-
 PASS = Pass(
     name="soft_shadow",
     summary="shadows of rectangular lights",
@@ -137,10 +131,9 @@ PASS = Pass(
         {
             "hard": {"area_shadows": "hard"},
             "pcss": {"area_shadows": "pcss"},
-            "4 x 4": _sampled(4, "scene"),
-            "8 x 8": _sampled(8, "scene"),
-            "16 x 16, images": _sampled(16, "images"),
-            "16 x 16": _sampled(16, "scene"),
+            "4 x 4": {"area_shadows": "sampled", "soft_shadow.light_samples": 4},
+            "8 x 8": {"area_shadows": "sampled", "soft_shadow.light_samples": 8},
+            "16 x 16": {"area_shadows": "sampled", "soft_shadow.light_samples": 16},
         },
     ),
     amounts=amounts,

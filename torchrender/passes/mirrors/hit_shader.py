@@ -21,8 +21,10 @@ from torchrender.passes.hard import (
     mean_over,
     radiance_bounds,
 )
+from torchrender.passes.light.ambient_visibility import applies as ambient_applies
 from torchrender.passes.light.shadow_map import SCENE_SHADOW_MAP, SHADOW_MAP
 from torchrender.passes.outlook import Outlook, no_shadows
+from torchrender.passes.seen.ray_caster import RAY_CASTER
 from torchrender.pipeline.buffer import Buffer, Lasting, look_of
 from torchrender.pipeline.frame import Frame
 from torchrender.pipeline.hit_shader import HitShader
@@ -32,28 +34,29 @@ from torchrender.shade import shade
 
 def look_made_with(options: RenderOptions) -> tuple[Any, ...]:
     """What of the options shows in the colours of hits."""
-    return (options.shadows, lasting_shadows(options), plain_background(options))
+    return (options.shadows, lasting_shadows(options), plain_background(options), options.ambient_visibility)
 
 
 HIT_SHADER = Buffer("hit_shader", HitShader, lasting=Lasting(look_of, look_made_with))
 
 
 def asks(outlook: Outlook) -> Buffers:
-    """Maps of everything: those of the picture follow the eye."""
-    if outlook.kept(HIT_SHADER) is not None or no_shadows(outlook):
+    """Maps of everything: those of the picture follow the eye; and rays, where these find ambient light."""
+    if outlook.kept(HIT_SHADER) is not None:
         return ()
-    return (SCENE_SHADOW_MAP,)
+    maps: Buffers = () if no_shadows(outlook) else (SCENE_SHADOW_MAP,)
+    return (*maps, RAY_CASTER) if ambient_applies(outlook).runs else maps
 
 
 def run(frame: Frame) -> HitShader:
     """That of an earlier picture, else one that shades hits by the passes of this picture."""
-    eyes = frame.cameras.eye
     earlier = frame.earlier(HIT_SHADER)
     if earlier is not None:
-        return earlier.seen_from(eyes)
-    maps = frame.get(SCENE_SHADOW_MAP)
-    over_hits = frame.over_hits({} if maps is None else {SHADOW_MAP: maps})
-    return HitShader(frame.scene, over_hits, frame.options.background, eyes)
+        return earlier
+    maps, caster = frame.get(SCENE_SHADOW_MAP), frame.get(RAY_CASTER)
+    given: dict[Buffer[Any], Any] = {} if maps is None else {SHADOW_MAP: maps}
+    over_hits = frame.over_hits(given if caster is None else {**given, RAY_CASTER: caster})
+    return HitShader(frame.scene, over_hits, frame.options.background)
 
 
 def amounts(outlook: Outlook) -> Amounts:

@@ -71,10 +71,16 @@ def run(frame: Frame) -> ReflectionLayer:
     return made.layer
 
 
+VIEWS = 300.0
+"""Depth images that curved clusters need beside those of planes, per million reflective pixels."""
+
+
 def amounts(outlook: Outlook) -> Amounts:
     """Once; reflective pixels; triangles in the clusters' pictures."""
-    drawn = outlook.triangles if outlook.options.reflections == "clustered" else 0.0
-    return (1.0, reflective(outlook), drawn)
+    options, pixels, drawn = outlook.options, reflective(outlook), 0.0
+    if options.reflections == "clustered":
+        drawn = outlook.triangles * (1.0 if options.reflection.missing == "trace" else 1.0 + VIEWS * pixels)
+    return (1.0, pixels, drawn)
 
 
 WAYS: Mapping[str, Mapping[str, Any]] = {
@@ -89,13 +95,18 @@ QUICK = 1.25
 SLACK_MS = 5.0
 
 
+def left_open(options: RenderOptions) -> bool:
+    """Nobody says how."""
+    return options.reflections == "auto"
+
+
 def settle(outlook: Outlook, prices: Prices) -> RenderOptions:
     """For ``reflections="auto"`` the most accurate of the quick ways, trees and cube maps included.
 
     In a sequence the tree counts once it turns out that the scene changes, and a way is kept while it is a quick one.
     """
     options = outlook.options
-    if options.reflections != "auto":
+    if not left_open(options):
         return options
     exact = Setting("traced", WAYS["traced"]).applied(options)
     if not mirrors(outlook).runs:
@@ -236,6 +247,7 @@ PASS = Pass(
     ),
     amounts=amounts,
     settle=settle,
+    settles=left_open,
     own=OWN,
     over_samples=over_samples,
     hard=HARD,

@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import Any
 
 import torch
+from torch import Tensor
 
 from torchrender.effects.shadows.light_reach import shines
 from torchrender.effects.shadows.occluders import OccluderOptions, approximate_occluders
@@ -16,10 +17,20 @@ from torchrender.effects.shadows.soft_shadow import Occluders, SoftShadowOptions
 from torchrender.passes.contract import Amounts, Pass, always
 from torchrender.passes.hard import LIGHTS, HardEffect, Law, Outputs, Subject
 from torchrender.passes.outlook import Outlook
+from torchrender.passes.settings import settings
 from torchrender.pipeline.buffer import Buffer, Lasting, lights_of
 from torchrender.pipeline.frame import Frame
 from torchrender.pipeline.options import RenderOptions
-from torchrender.scene.light import RectLight
+from torchrender.scene.light import Light, RectLight
+
+
+def _images(light: Light, bounds: Tensor) -> float:
+    """Depth images of a light: one from each corner, or the six faces of a cube where a corner is inside the scene."""
+    if not isinstance(light, RectLight):
+        return 0.0
+    inside = bool(((light.centre > bounds[0]) & (light.centre < bounds[1])).all())
+    return 24.0 if inside else 4.0
+
 
 IMAGE_SIDE = 1024
 """Pixels of a side of the depth images."""
@@ -45,10 +56,10 @@ def run(frame: Frame) -> Occluders:
         return earlier
     scene, kind = frame.scene, frame.options.soft_shadow.occluders
     if kind == "scene":
-        return occluders(scene.geometry)
+        return occluders(scene.geometry).prepared()
     options = OccluderOptions(mesh=MESHES[kind], size=IMAGE_SIDE)
     lights = [light for light in scene.lights if isinstance(light, RectLight) and shines(light)]
-    return occluders([approximate_occluders(scene, light, options) for light in lights])
+    return occluders([approximate_occluders(scene, light, options) for light in lights]).prepared()
 
 
 def amounts(outlook: Outlook) -> Amounts:
@@ -57,7 +68,7 @@ def amounts(outlook: Outlook) -> Amounts:
         return (0.0, 0.0, 0.0, 0.0)
     if outlook.options.soft_shadow.occluders == "scene":
         return (1.0, outlook.triangles, 0.0, 0.0)
-    images = 4.0 * outlook.area_lights
+    images = sum(_images(light, outlook.scene.bounds) for light in outlook.scene.lights)
     pixels = images * IMAGE_SIDE**2 * 1e-6
     kept = min(outlook.triangles, KEPT * pixels) if outlook.options.soft_shadow.occluders == "images" else 2 * pixels
     return (1.0, kept, images * outlook.triangles, pixels)
@@ -98,6 +109,12 @@ PASS = Pass(
     makes=OCCLUDERS,
     applies=always("area lights are sampled"),
     run=run,
+    settings=settings(
+        "what casts shadows",
+        {kind: {"soft_shadow.occluders": kind} for kind in ("rebuilt", "images", "scene")},
+        context={"area_shadows": "sampled", "soft_shadow.light_samples": 16},
+    ),
     amounts=amounts,
+    one_cost=True,
     hard=(HARD,),
 )

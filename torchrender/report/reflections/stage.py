@@ -13,7 +13,14 @@ from torch import Tensor
 
 from torchrender.arrays import view
 from torchrender.buffers import GBuffer, RayHits, ReflectionLayer
-from torchrender.effects.reflections.clustered import ClusteredReflections, ClusterOptions, clustered_reflections
+from torchrender.clock import StepClock
+from torchrender.effects.reflections.bounces import traced_onward
+from torchrender.effects.reflections.clustered import (
+    ClusteredReflections,
+    ClusterOptions,
+    clustered_onward,
+    clustered_reflections,
+)
 from torchrender.effects.reflections.reflectors import (
     START,
     ReflectivePixels,
@@ -68,15 +75,34 @@ class Stage:
         """Reflective pixels of all pixels."""
         return len(self.pixels) / self.gbuffer.triangle.numel()
 
-    def clustered(self, options: ClusterOptions | None = None) -> ClusteredReflections:
-        """By clustered depth images."""
-        caster = None if options is None or options.missing != "trace" else lambda: RayCaster(self.scene.geometry)
-        return clustered_reflections(self.scene, self.pixels, self.shader, options, direct=self.direct, caster=caster)
+    def clustered(self, options: ClusterOptions | None = None, bounces: int = 2) -> ClusteredReflections:
+        """By clustered depth images; with ``missing="trace"`` a ray caster is built for the rest."""
+        options = options or ClusterOptions()
+        caster, scene, shader = None, self.scene, self.shader
+        if options.missing == "trace":
+            caster = RayCaster(scene.geometry)
+            onward = traced_onward(caster, shader, bounces, options.lobe)
+        else:
+            onward = clustered_onward(scene, self.pixels.cameras, shader, options, bounces)
+        made = None if caster is None else lambda: caster
+        return clustered_reflections(
+            scene, self.pixels, shader, options, direct=self.direct, caster=made, onward=onward
+        )
 
-    def traced(self, caster: RayCaster | None = None, rays: int = 8) -> ReflectionLayer:
+    def traced(self, caster: RayCaster | None = None, rays: int = 8, bounces: int = 2) -> ReflectionLayer:
         """By rays; without a caster one is built, as for a scene that has just changed."""
         caster = caster or RayCaster(self.scene.geometry)
-        return trace_reflections(caster, self.pixels, self.shader, TraceOptions(glossy_rays=rays))
+        return trace_reflections(caster, self.pixels, self.shader, TraceOptions(glossy_rays=rays, bounces=bounces))
+
+    def preparations(self) -> dict[str, float]:
+        """Milliseconds of what a changed scene needs beside trees: shadow maps, and the cube map of the guesses."""
+        shadow, clock = ShadowOptions(), StepClock()
+        with clock.measure("shadow maps"):
+            maps = [render_shadow_map(self.scene, light, shadow) for light in self.scene.lights]
+        shader = hit_shader(self.scene, RenderOptions(shadow=shadow), maps)
+        with clock.measure("cube map"):
+            shader.environment(torch.tensor([[0.0, 1.0, 0.0]]))
+        return dict(clock.elapsed_ms)
 
     def environment(self) -> ReflectionLayer:
         """By the cube map alone."""
@@ -92,9 +118,14 @@ class Stage:
         return self.traced_hits(RayCaster(self.scene.geometry))
 
     @cached_property
+    def reference_layer(self) -> ReflectionLayer:
+        """Traced reflections."""
+        return self.traced()
+
+    @cached_property
     def reference(self) -> Tensor:
         """The picture with traced reflections."""
-        return self.picture(self.traced())
+        return self.picture(self.reference_layer)
 
     def plain_embree(self) -> Callable[[], object] | None:
         """Build Embree's tree, trace in float32 and shade, without the float64 test; None without embreex."""

@@ -17,6 +17,7 @@ import torch
 from PIL import Image as Picture
 from torch import Tensor
 
+from torchrender.buffers import ReflectionLayer
 from torchrender.effects.reflections.clustered import ClusterOptions
 from torchrender.images.files import write_atomically
 from torchrender.quality.machine import machine_record
@@ -26,6 +27,7 @@ from torchrender.quality.timing import take_turns
 from torchrender.rays import RayCaster
 from torchrender.report.common.command import study_parser
 from torchrender.report.reflections.errors import occlusion_errors
+from torchrender.report.reflections.metal import metal_objects
 from torchrender.report.reflections.page import write_page
 from torchrender.report.reflections.stage import Stage
 from torchrender.scene.camera import Cameras
@@ -39,6 +41,8 @@ THESIS = ClusterOptions(
 )  # fmt: skip
 """The literal algorithm."""
 
+HYBRID = ClusterOptions(missing="trace")
+
 
 @dataclass(frozen=True, kw_only=True)
 class StudyOptions:
@@ -51,12 +55,13 @@ class StudyOptions:
     rules: tuple[float, ...] = (0.25, 0.5, 1.0, 2.0)
     path: int = 8  # views along each path
     gloss_size: int = 256
+    metal_size: int = 256
     runs: int = 3
 
 
 QUICK = StudyOptions(
     size=64, triangles=20_000, counts=(10_000, 20_000), outputs=(32, 64), rules=(0.5, 1.0), path=2,
-    gloss_size=32, runs=1,
+    gloss_size=32, metal_size=32, runs=1,
 )  # fmt: skip
 
 
@@ -84,6 +89,7 @@ def run_study(study: StudyOptions, folder: Path) -> dict[str, Any]:
         "gloss": lambda: list(gloss(rooms["living_room"], study)),
         "share": lambda: [pixel_share(stages["washroom"], s, study) for s in (0.0, 0.01, 0.1, 0.3, 1.0)],
         "choices": lambda: {name: choices(stage, study) for name, stage in stages.items()},
+        "metal": lambda: metal_objects(study.metal_size),
     }
     for name, part in parts.items():
         begin = time.perf_counter()
@@ -116,7 +122,11 @@ def quality(stage: Stage) -> dict[str, Any]:
         "unanswered": float(made.unknown.mean()),
     }
     layers = {"clustered": made.layer, "environment": stage.environment()}
-    layers["hybrid"] = stage.clustered(ClusterOptions(missing="trace")).layer
+    layers["hybrid"] = stage.clustered(HYBRID).layer
+    layers["as published"] = stage.clustered(THESIS).layer
+    curved = ~made.cameras.planar[made.cameras.clusters.cluster]
+    row["curved"] = _apart(stage, layers, curved) | {"occlusion": _share(missed[curved])}
+    row["plane"] = _apart(stage, layers, ~curved) | {"occlusion": _share(missed[~curved])}
     for name, layer in layers.items():
         picture = stage.picture(layer)
         row[name] = {
@@ -130,6 +140,7 @@ def times(stage: Stage, runs: int) -> dict[str, Any]:
     """Whole reflection passes in turn, and the steps of the clustered one and of rays."""
     candidates: dict[str, Callable[[], object]] = {
         "clustered": stage.clustered,
+        "hybrid": lambda: stage.clustered(HYBRID),
         "traced": stage.traced,
         "environment": stage.environment,
     }
@@ -146,6 +157,7 @@ def times(stage: Stage, runs: int) -> dict[str, Any]:
         "candidates": measured,
         "clustered": dict(stage.clustered().elapsed_ms),
         "traced": {"tree": 1e3 * (built - begin), "rays": 1e3 * (cast - built)},
+        "preparations": stage.preparations(),
     }
 
 
@@ -244,6 +256,18 @@ def gloss(room: Scene, study: StudyOptions) -> Iterator[dict[str, Any]]:
 # ------------------------------------------------------------------ helpers
 
 
+def _apart(stage: Stage, layers: dict[str, ReflectionLayer], chosen: Tensor) -> dict[str, float]:
+    """Mean absolute error of mirrored light, 0 to 255, clipped at white, of some reflective pixels, by way."""
+    place = stage.pixels.pixel[chosen]
+    wanted = stage.reference_layer.color.reshape(-1, 3)[place].clamp(0.0, 1.0)
+    found = {name: layer.color.reshape(-1, 3)[place].clamp(0.0, 1.0) for name, layer in layers.items()}
+    return {name: 255.0 * float((color - wanted).abs().mean()) if len(place) else 0.0 for name, color in found.items()}
+
+
+def _share(chosen: Tensor) -> float:
+    return float(chosen.float().mean()) if len(chosen) else 0.0
+
+
 def error_picture(stage: Stage) -> Tensor:
     """(1,h,3w,3) display values: clustered, traced, and their difference times 50."""
     made, reference = stage.picture(stage.clustered().layer), stage.reference
@@ -269,7 +293,11 @@ def _measured(stage: Stage, options: ClusterOptions, study: StudyOptions) -> dic
 
 
 def _race(stage: Stage, study: StudyOptions) -> dict[str, Any]:
-    candidates: dict[str, Callable[[], object]] = {"clustered": stage.clustered, "traced": stage.traced}
+    candidates: dict[str, Callable[[], object]] = {
+        "clustered": stage.clustered,
+        "hybrid": lambda: stage.clustered(HYBRID),
+        "traced": stage.traced,
+    }
     plain = stage.plain_embree()
     if plain is not None:
         candidates["plain Embree"] = plain

@@ -67,6 +67,11 @@ def _synthetic(found: dict[str, Any]) -> Iterator[str]:
         f"| worst frame of {frames['poses']} poses | ≤ 40 ms (source 83) | 83 ms | **{frames['worst_ms']:.0f} ms**;"
         f" median {frames['median_ms']:.0f}, 95 % below {frames['p95_ms']:.0f} |"
     )
+    if "worst_cpu_ms" in frames:
+        yield (
+            f"| the same, processor time of both threads together | | | {frames['worst_cpu_ms']:.0f} ms; median"
+            f" {frames['median_cpu_ms']:.0f} |"
+        )
     flicker = found["flicker"]
     yield (
         "| change of filled places from frame to frame (MSE) | below screen-space filling | | "
@@ -86,6 +91,7 @@ def _synthetic(found: dict[str, Any]) -> Iterator[str]:
     yield f"A frame, median: {', '.join(f'{k} {v:.0f} ms' for k, v in frames['steps_ms'].items())}."
     yield ""
     yield from _stages(found)
+    yield from _origin(found)
     yield ""
     yield from _table(found["rows"])
     yield ""
@@ -98,6 +104,12 @@ def _stages(found: dict[str, Any]) -> Iterator[str]:
         + ", ".join(f"{k} {v / 1e3:.1f}" for k, v in ms.items())
         + " s."
     )
+
+
+def _origin(found: dict[str, Any]) -> Iterator[str]:
+    """Parts may be measured one by one: each says on what."""
+    if found.get("commit"):
+        yield f"Measured on commit {found['commit']}, with load {found['load']:.1f} on the machine when that run began."
 
 
 def _table(rows: list[dict[str, Any]]) -> Iterator[str]:
@@ -147,6 +159,7 @@ def _real(title: str, found: dict[str, Any], text: str) -> Iterator[str]:
         f"{100 * r['planar_share']:.0f} % of"
         f" pixels lie on {r['planes']} planes; {r['points']:,} points; {100 * r['kept_share']:.0f} % kept."
     )
+    yield from _origin(found)
     yield ""
     yield from _table([*found["rows"], *found["rows_as_given"]])
     yield ""

@@ -76,7 +76,7 @@ def run(study: StudyOptions, folder: Path, data: Path | None, parts: Sequence[st
     for part in parts:
         found = _step(part, partial(_part, part, study, folder, data))
         if found is not None:
-            record[part] = found
+            record[part] = found | {"commit": record["machine"].get("commit"), "load": record["load"][0]}
         write_atomically(file, text_writer(json.dumps(record, indent=1) + "\n"))
         write_page(record, folder)
     return record

@@ -10,6 +10,8 @@ name                    usual triangles     fewest       what it shows
 ``living_room``         280,000             10,000       closed interior, 25 and more reflecting objects
 ``washroom``            90,000              7,000        closed tiled interior, mirrors and chrome
 ``cornell_box``         96                  96           the classic box with an area light
+``hall``                40,000              3,000        dust in the air, sun through barred windows
+``street_lamp``         30,000              3,000        lamps in ground fog at night
 ======================  ==================  ===========  ================================================
 """
 
@@ -51,9 +53,8 @@ class Builder:
         return int(self._module.FEWEST)
 
 
-SCENES: dict[str, Builder] = {
-    name: Builder(name) for name in ("nest", "grass", "city", "tree", "living_room", "washroom", "cornell_box")
-}
+NAMES = ("nest", "grass", "city", "tree", "living_room", "washroom", "cornell_box", "hall", "street_lamp")
+SCENES: dict[str, Builder] = {name: Builder(name) for name in NAMES}
 
 
 def build(name: str, *, triangles: int | None = None, seed: int = 0) -> Scene:

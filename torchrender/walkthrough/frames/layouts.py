@@ -69,7 +69,10 @@ def load_rgbd(
             break
     else:
         known = "TUM, 7-Scenes, Redwood/Open3D .log, pose files, JSON"
-        raise SceneFileError(path, f"no RGB-D sequence of a known layout is here ({known})")
+        missing = ""
+        if not (path / "depth").is_dir() and any((path / n).is_dir() for n in ("color", "rgb", "image", "pose")):
+            missing = ": it has no folder depth with depth pictures"
+        raise SceneFileError(path, f"no RGB-D sequence of a known layout is here ({known}){missing}")
     if not sequence:
         raise SceneFileError(path, "holds no frame that has both a picture and a pose")
     return RgbdSequence(tuple(sequence), name=path.resolve().name)

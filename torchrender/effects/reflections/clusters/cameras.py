@@ -50,6 +50,7 @@ class CameraOptions:
     aim: str = "rays"  # view axis: "normal" of the fitting plane (thesis), or the mean direction of the "rays", which
     # at grazing angles lie far off the normal
     deviation_deg: float = 180.0  # mean angle between a cluster's rays and its camera's above which it is parted
+    most: int = 512  # clusters from which on none is parted for its deviation
     lobe: str = "cone"  # of glossy clusters
     planes: bool = True  # planar clusters look with the mirrored eye, pixel for pixel
 
@@ -72,6 +73,8 @@ def build_cluster_cameras(
     rounds = SPLITS if options.deviation_deg >= 180.0 else ROUNDS
     for attempt in range(rounds + 1):
         made, side = _fit(pixels, bundle, diagonal, options)
+        if len(made) >= options.most:
+            side = torch.where(side == 4, 0, side)
         if attempt == rounds or not bool(side.any()):
             break
         bundle = bundle.regroup(split(bundle.clusters, _sides(bundle, made, side)))
@@ -120,7 +123,7 @@ def _fit(
     gloss = gloss.scatter_reduce(0, bundle.clusters.cluster, pixels.gloss, "amax")
     planar &= (gloss <= 0) & options.planes
     reach = diagonal * (1.0 - gloss * options.shorten).clamp_min(0.05)
-    eye = _eyes(pixels, bundle, diagonal) - bundle.origin
+    eye = _eyes(pixels, bundle, diagonal, options.planes) - bundle.origin
     height = ((eye - middle) * axis).sum(-1)
     mirrored = eye - 2.0 * height[:, None] * axis
     frame = torch.stack([middle, *_image_axes(pixels, bundle, axis), axis], dim=1)
@@ -167,14 +170,16 @@ def _places(pixels: ReflectivePixels) -> tuple[np.ndarray, np.ndarray]:
     return view(column, np.float64), view(row, np.float64)
 
 
-def _eyes(pixels: ReflectivePixels, bundle: Bundle, diagonal: float) -> Tensor:
-    """(C,3) eye that sees each cluster; for parallel projection a very far one."""
+def _eyes(pixels: ReflectivePixels, bundle: Bundle, diagonal: float, of_picture: bool) -> Tensor:
+    """(C,3) eye that sees each cluster; for parallel projection a very far one; else where a ray to it began."""
     cameras = pixels.cameras
     some = bundle.clusters.order[bundle.clusters.starts[:-1]]
+    if not of_picture:
+        return pixels.position[some] - pixels.length[some, None] * pixels.view[some]
+    camera = pixels.pixel[some] // (pixels.shape[1] * pixels.shape[2])
     if cameras.orthographic:
-        camera = pixels.pixel[some] // (pixels.shape[1] * pixels.shape[2])
         return pixels.position[some] - 1e3 * diagonal * cameras.forward[camera]
-    return pixels.position[some] - pixels.length[some, None] * pixels.view[some]
+    return cameras.eye[camera]
 
 
 def _image_axes(pixels: ReflectivePixels, bundle: Bundle, axis: Tensor) -> tuple[Tensor, Tensor]:

@@ -29,6 +29,7 @@ class ClusterOptions:
     centre: str = "best"  # of projection: "thesis", "least_squares", or for each cluster the better one
     aim: str = "rays"  # view axis of curved clusters: mean direction of the "rays", or "normal" of the fitting plane
     deviation_deg: float = 5.0  # curved clusters whose rays lie farther off their camera's, on average, are parted
+    most_clusters: int = 512  # from which on none is parted for that
     layers: int = 4  # surfaces that depth images of curved clusters hold one behind the other
     search: str = "intersect"  # rays with the triangles that images name; "secant": depths and colours of one layer
     image_scale: float = 2.0  # sides of the depth images of curved clusters; less loses what is finer than texels
@@ -54,6 +55,7 @@ class ClusterOptions:
             shorten=self.fade,
             aim=self.aim,
             deviation_deg=self.deviation_deg,
+            most=self.most_clusters,
             lobe=self.lobe,
         )
 
@@ -74,6 +76,7 @@ class ClusterOptions:
         check_range("camera_share", self.camera_share, 0.0, 1.0)
         check_range("bin_factor", self.bin_factor, 0.01, 16.0)
         check_range("deviation_deg", self.deviation_deg, 0.1, 180.0)
+        check_range("most_clusters", self.most_clusters, 1, 1 << 20)
         check_range("layers", self.layers, 1, 16)
         check_range("image_scale", self.image_scale, 0.1, 4.0)
         check_range("depth_tolerance", self.depth_tolerance, 0.0, 1e-2)

@@ -50,7 +50,7 @@ def published_answers(
             with clock.measure("marching"):
                 answer, paint = _march(seen, color, rays, (START * scene.diagonal, ends), options.depth_tolerance)
             missed = ~answer.hits.hit
-            paint[missed] = shader.environment(rays.direction[missed])
+            paint[missed] = shader.environment(rays.direction[missed], pixels.cameras.eye)
             yield replace(Question.plain(rows, rays, answer, weight), painted=paint)
 
 

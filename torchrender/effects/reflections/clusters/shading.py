@@ -169,7 +169,8 @@ class Shading:
             )
             return self._shader(rays, hits, self._onward), hits
         color = self._shader(rays, hits, self._onward)
-        return color.index_copy(0, rows, self._shader.surroundings(rays.origin[rows], rays.direction[rows])), hits
+        eyes = self._pixels.cameras.eye
+        return color.index_copy(0, rows, self._shader.surroundings(rays.origin[rows], rays.direction[rows], eyes)), hits
 
     def _faded(self, color: Tensor, rays: ReflectedRays, hits: RayHits, pixel: Tensor) -> Tensor:
         """Glossy colours (N,3), fading to the pixel's own towards the far plane (specification 03, section 8)."""

@@ -1,14 +1,15 @@
-"""Angles and tangents in float32, as polynomials that inline: a call of the library's costs as much as a texel."""
+"""Functions of float32 numbers as polynomials that inline: a call of the library's costs as much as a texel."""
 
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
 from torchrender.kernels.compile import kernel
 
-F = np.float32
+F: Any = np.float32
 QUARTER, HALF = F(0.25 * math.pi), F(0.5 * math.pi)
 
 
@@ -46,3 +47,18 @@ def tangent(x):
     m = F(945.0) - q * (F(420.0) - q * F(15.0))
     r = m / max(n, F(1e-30)) if steep else n / m
     return r if x >= F(0.0) else -r
+
+
+@kernel(inline=True)
+def exponential(x):
+    """``exp(x)``, relative error below 1e-6; arguments beyond plus or minus 87 count as these."""
+    y = min(max(x, F(-87.0)), F(87.0)) * F(1.4426950408889634)
+    n = np.int32(y + F(512.5)) - np.int32(512)
+    f = (y - F(n)) * F(0.6931471805599453)
+    p = F(1.0 / 720.0)
+    p = p * f + F(1.0 / 120.0)
+    p = p * f + F(1.0 / 24.0)
+    p = p * f + F(1.0 / 6.0)
+    p = p * f + F(0.5)
+    p = (p * f + F(1.0)) * f + F(1.0)
+    return p * np.uint32((n + np.int32(127)) << np.int32(23)).view(np.float32)

@@ -1,0 +1,117 @@
+"""Ambient visibility: closed forms, a closed box, and depth images beside rays."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+import torch
+from torch import Tensor
+
+from torchrender.effects.ambient.horizon import horizon_ambient
+from torchrender.effects.ambient.options import AmbientOptions
+from torchrender.effects.ambient.traced import traced_ambient
+from torchrender.effects.ambient.visibility import AmbientVisibility
+from torchrender.errors import InputError, OptionError
+from torchrender.raster import rasterize
+from torchrender.rays import RayCaster
+from torchrender.scene.camera import Cameras
+from torchrender.scene.mesh import Mesh
+from torchrender.scene.model import Scene
+from torchrender.scene.shapes import box, quad
+
+FINE = AmbientOptions(slices=4, steps=32, spacing=1)
+
+
+def sheet(corner: tuple[float, ...], u: tuple[float, ...], v: tuple[float, ...]) -> Mesh:
+    return quad(torch.tensor(corner), torch.tensor(u), torch.tensor(v))
+
+
+def camera(eye: tuple[float, ...], target: tuple[float, ...], size: int = 48, **other: float) -> Cameras:
+    return Cameras.look_at(torch.tensor(eye), torch.tensor(target), fov_deg=50, width=size, height=size, **other)
+
+
+def both(
+    scene: Scene, view: Cameras, options: AmbientOptions = FINE, reach: float = 1.0
+) -> tuple[AmbientVisibility, AmbientVisibility, Tensor]:
+    seen = rasterize(scene, view)
+    rays = traced_ambient(RayCaster(scene.geometry), seen, rays=128, reach=reach, gap=1e-6)
+    return horizon_ambient(scene.geometry, seen, options, reach=reach), rays, seen.covered
+
+
+def test_nothing_hides_the_sky_from_a_plain() -> None:
+    scene = Scene(meshes=(sheet((-50.0, 0.0, 50.0), (100.0, 0.0, 0.0), (0.0, 0.0, -100.0)),))
+    for found in both(scene, camera((0.0, 2.0, 3.0), (0.0, 0.0, 0.0)))[:2]:
+        assert float(found.sky.min()) > 0.95 and float(found.sky.mean()) > 0.97
+        assert float(found.bent_normal[..., 1].min()) > 0.99
+
+
+@pytest.mark.parametrize("around", [48, 96])
+def test_no_sky_gets_into_a_closed_box(around: int) -> None:
+    scene = Scene(meshes=(box(torch.tensor([4.0, 3.0, 5.0])),))
+    options = AmbientOptions(around=around)
+    found, rays, covered = both(scene, camera((0.5, 0.1, 1.5), (0.0, -0.1, -3.0)), options)
+    assert bool(covered.all())
+    assert float(rays.sky.max()) == 0.0
+    assert float(found.sky.max()) < 0.03
+    assert float((found.near - rays.near).abs().mean()) < 0.05
+
+
+def test_at_the_foot_of_a_high_wall_half_the_sky_is_left() -> None:
+    """Of the floor's: the wall hides one half; light comes from the other one."""
+    floor = sheet((-60.0, 0.0, 60.0), (120.0, 0.0, 0.0), (0.0, 0.0, -120.0))
+    wall = sheet((0.0, 0.0, -60.0), (0.0, 0.0, 120.0), (0.0, 120.0, 0.0))
+    scene = Scene(meshes=(floor, wall))
+    found, rays, _ = both(scene, camera((3.0, 1.5, 0.0), (0.3, 0.0, 0.0)), reach=0.5)
+    seen = rasterize(scene, camera((3.0, 1.5, 0.0), (0.3, 0.0, 0.0)))
+    foot = seen.covered & (seen.position[..., 0] < 0.6) & (seen.position[..., 1].abs() < 1e-6)
+    for one in (found, rays):
+        assert float(one.sky[foot].mean()) == pytest.approx(0.5, abs=0.03)
+        assert float(one.bent_normal[..., 0][foot].mean()) > 0.3
+    away = seen.covered & (seen.position[..., 0] > 1.0)
+    assert float(found.near[away].min()) > 0.95
+
+
+def test_depth_images_agree_with_rays_behind_a_corner_and_under_a_table() -> None:
+    floor = sheet((-6.0, 0.0, 6.0), (12.0, 0.0, 0.0), (0.0, 0.0, -12.0))
+    top = replace(box(torch.tensor([1.6, 0.1, 1.0])))
+    top = replace(top, vertices=top.vertices + torch.tensor([0.0, 0.8, 0.0]))
+    scene = Scene(meshes=(floor, top))
+    found, rays, covered = both(scene, camera((0.5, 1.8, 3.0), (0.0, 0.3, 0.0), 64), reach=2.0)
+    assert float((found.sky - rays.sky).abs()[covered].mean()) < 0.05
+    under = (rays.sky < 0.75) & covered
+    assert bool(under.any()) and float((found.sky - rays.sky)[under].abs().mean()) < 0.15
+
+
+def test_a_batch_is_its_single_pictures() -> None:
+    scene = Scene(meshes=(box(torch.tensor([4.0, 3.0, 5.0])),))
+    views = Cameras.cat([camera((0.5, 0.1, 1.5), (0.0, -0.1, -3.0)), camera((-0.5, 0.4, 0.0), (2.0, 0.0, 1.0))])
+    whole = horizon_ambient(scene.geometry, rasterize(scene, views), AmbientOptions(), reach=1.0)
+    for k in range(2):
+        alone = horizon_ambient(scene.geometry, rasterize(scene, views[k]), AmbientOptions(), reach=1.0)
+        torch.testing.assert_close(whole.near[k : k + 1], alone.near)
+        torch.testing.assert_close(whole.bent_normal[k : k + 1], alone.bent_normal)
+
+
+def test_empty_pixels_see_everything_and_empty_batches_nothing() -> None:
+    scene = Scene(meshes=(box(torch.tensor([1.0, 1.0, 1.0])),))
+    found, rays, covered = both(scene, camera((0.0, 0.0, 5.0), (0.0, 0.0, 0.0)))
+    for one in (found, rays):
+        assert bool((one.sky[~covered] == 1).all()) and bool((one.bent_normal[~covered] == 0).all())
+    none = camera((0.0, 0.0, 5.0), (0.0, 0.0, 0.0))[[]]
+    assert horizon_ambient(scene.geometry, rasterize(scene, none), FINE, reach=1.0).sky.shape == (0, 48, 48)
+
+
+def test_bad_input_is_named() -> None:
+    scene = Scene(meshes=(box(torch.tensor([1.0, 1.0, 1.0])),))
+    view = camera((0.0, 0.0, 5.0), (0.0, 0.0, 0.0), 8)
+    seen = rasterize(scene, replace(view, orthographic=True, far=torch.tensor(100.0, dtype=torch.float64)))
+    with pytest.raises(InputError, match="gbuffer"):
+        horizon_ambient(scene.geometry, seen, FINE, reach=1.0)
+    with pytest.raises(OptionError, match="rays"):
+        traced_ambient(RayCaster(scene.geometry), seen, rays=0, reach=1.0, gap=0.0)
+    for name in ("slices", "steps", "spacing", "rays"):
+        with pytest.raises(OptionError, match=name):
+            AmbientOptions(**{name: 0})
+    with pytest.raises(OptionError, match="reach"):
+        AmbientOptions(reach=-1.0)

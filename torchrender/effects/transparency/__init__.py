@@ -1,0 +1,1 @@
+"""Surfaces that show what lies behind: blended by alpha, or thin walls that let light pass."""

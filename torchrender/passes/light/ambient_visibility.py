@@ -1,0 +1,168 @@
+"""The pass ``ambient_visibility``: how much of the light from everywhere reaches what is seen."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import torch
+
+from torchrender.buffers import GBuffer
+from torchrender.effects.ambient.horizon import horizon_ambient
+from torchrender.effects.ambient.options import REACH_SHARE, AmbientOptions
+from torchrender.effects.ambient.traced import traced_ambient
+from torchrender.effects.ambient.visibility import AmbientVisibility
+from torchrender.passes.contract import Amounts, Buffers, OwnMeasure, Pass
+from torchrender.passes.hard import VIEW, HardEffect, Law, Outputs, Subject, mean_over
+from torchrender.passes.outlook import Outlook, Verdict
+from torchrender.passes.seen.gbuffer import GBUFFER
+from torchrender.passes.seen.ray_caster import RAY_CASTER
+from torchrender.passes.settings import settings
+from torchrender.pipeline.buffer import Buffer
+from torchrender.pipeline.frame import Frame
+from torchrender.pipeline.history import RenderHistory
+from torchrender.pipeline.options import RenderOptions
+from torchrender.rays import RayCaster
+from torchrender.scene.model import Scene
+
+AMBIENT_VISIBILITY = Buffer("ambient_visibility", AmbientVisibility)
+
+GAP = 1e-7
+"""Height above a surface at which rays start, in diagonals of the scene: positions are exact to far less."""
+
+
+def applies(outlook: Outlook) -> Verdict:
+    """There is light from everywhere, and something that could hide it."""
+    scene = outlook.scene
+    if outlook.options.ambient_visibility == "off":
+        return Verdict(False, "ambient visibility is turned off")
+    if scene.environment is None and not bool((scene.ambient > 0).any()):
+        return Verdict(False, "no ambient light")
+    if not scene.geometry.triangle_count:
+        return Verdict(False, "the scene has no triangles")
+    kind = "ambient light" if scene.environment is None else f"light of the environment {scene.environment.name!r}"
+    return Verdict(True, f"{kind} is hidden where surfaces stand close")
+
+
+def by_rays(outlook: Outlook) -> bool:
+    """Whether rays are cast: they were asked for, or no eye sees the samples first."""
+    return outlook.options.ambient_visibility == "traced" or outlook.samples is not None or outlook.cameras.orthographic
+
+
+def asks(outlook: Outlook) -> Buffers:
+    """Triangles ready for rays, where they are cast."""
+    return (RAY_CASTER,) if by_rays(outlook) else ()
+
+
+def run(frame: Frame) -> AmbientVisibility:
+    """By rays where these are ready, else by depth images around the eye."""
+    gbuffer, options, scene = frame[GBUFFER], frame.options.ambient, frame.scene
+    reach = reach_of(scene, options)
+    caster = frame.get(RAY_CASTER) if AMBIENT_VISIBILITY in frame.askers(RAY_CASTER) else None
+    if caster is None and isinstance(gbuffer, GBuffer):
+        return horizon_ambient(scene.geometry, gbuffer, options, reach=reach)
+    assert caster is not None
+    return traced_ambient(caster, gbuffer, rays=options.rays, reach=reach, gap=GAP * scene.diagonal)
+
+
+def reach_of(scene: Scene, options: AmbientOptions) -> float:
+    """Scene units within which something hides near light."""
+    return REACH_SHARE * scene.diagonal if options.reach is None else options.reach
+
+
+def amounts(outlook: Outlook) -> Amounts:
+    """Once; pixels; depths that are looked at; triangles drawn around the eye; rays, and triangles to sort for them."""
+    pixels, options = outlook.pixels, outlook.options.ambient
+    if by_rays(outlook):
+        return (1.0, pixels, 0.0, 0.0, options.rays * pixels)
+    looks = pixels * options.slices * options.steps / options.spacing**2
+    drawn = (1 if options.around else 0) * (2 if options.backs else 1)
+    return (1.0, pixels, looks, drawn * outlook.triangles, 0.0)
+
+
+def over_samples(options: RenderOptions, history: RenderHistory) -> RenderOptions:
+    """What no eye sees first: a few rays."""
+    del history
+    return replace(options, ambient=replace(options.ambient, rays=min(options.ambient.rays, 4)))
+
+
+def _error(found: Mapping[str, Any], reference: Mapping[str, Any]) -> float:
+    """Mean absolute error of near and of far visibility, over pixels with a surface."""
+    covered, wanted, own = (
+        reference["gbuffer"].covered,
+        reference[AMBIENT_VISIBILITY.name],
+        found[AMBIENT_VISIBILITY.name],
+    )
+    pairs = ((own.near, wanted.near), (own.sky, wanted.sky))
+    return float(torch.stack([(a - b).abs()[covered].mean() for a, b in pairs]).mean())
+
+
+FEW = AmbientOptions(slices=2, steps=12, spacing=2, around=32)
+
+
+def _found(subject: Subject) -> Outputs:
+    scene, seen = subject.scene, subject.gbuffer
+    reach = 0.25 * subject.unit
+    if subject.cameras.orthographic:
+        made = traced_ambient(subject.caster, seen, rays=16, reach=reach, gap=GAP * scene.diagonal)
+    else:
+        made = horizon_ambient(scene.geometry, seen, FEW, reach=reach)
+    return {"sky": made.sky, "near": made.near, "length": made.bent_normal.norm(dim=-1)}
+
+
+def _by_rays(subject: Subject, outputs: Outputs) -> float:
+    caster = RayCaster(subject.scene.geometry)
+    exact = traced_ambient(
+        caster, subject.gbuffer, rays=32, reach=0.25 * subject.unit, gap=GAP * subject.scene.diagonal
+    )
+    covered = subject.gbuffer.covered
+    return max(mean_over((outputs[n] - getattr(exact, n)).abs(), covered) for n in ("sky", "near"))
+
+
+HARD = HardEffect(
+    name="ambient_visibility",
+    about=VIEW,
+    modules=("effects.ambient.horizon", "effects.ambient.traced"),
+    run=_found,
+    bounds=lambda _: {"sky": (0.0, 1.0), "near": (0.0, 1.0), "length": (0.0, 1.0 + 1e-5)},
+    law=Law(text="mean difference to the share of 32 rays that get away", deviation=_by_rays, limit=0.25),
+    skip=lambda subject: None if subject.scene.geometry.triangle_count else "no triangles",
+    turns=False,  # slices are laid along the axes of the picture, and their pattern shows in single values
+    rounding=0.1,  # a step of a search may find another pixel
+    twins=0.1,
+)
+
+
+def _horizon(**changes: Any) -> dict[str, Any]:
+    return {"ambient_visibility": "horizon"} | {f"ambient.{name}": value for name, value in changes.items()}
+
+
+PASS = Pass(
+    name="ambient_visibility",
+    summary="finds how much of the light from everywhere reaches what is seen",
+    makes=AMBIENT_VISIBILITY,
+    needs=(GBUFFER,),
+    asks=asks,
+    applies=applies,
+    run=run,
+    settings=settings(
+        "way, slices x steps",
+        {
+            "off": {"ambient_visibility": "off"},
+            "1 x 12": _horizon(slices=1, steps=12, spacing=4, around=32, backs=False),
+            "2 x 16": _horizon(slices=2, steps=16, spacing=3, around=64, backs=False),
+            "4 x 24": _horizon(slices=4, steps=24, spacing=2, around=96, backs=False),
+            "4 x 24, two depths": _horizon(slices=4, steps=24, spacing=2, around=96, backs=True),
+            "64 rays": {"ambient_visibility": "traced", "ambient.rays": 64},
+        },
+        ("256 rays", {"ambient_visibility": "traced", "ambient.rays": 256}),
+    ),
+    amounts=amounts,
+    off="off",
+    by_settings=True,
+    own=OwnMeasure(title="visibility error", buffer=AMBIENT_VISIBILITY, error=_error),
+    over_samples=over_samples,
+    over_hits=over_samples,
+    hard=(HARD,),
+)
