@@ -102,10 +102,9 @@ def shadow_choices(shadows: str | None = None, size: int | None = None, cascades
     if shadows is not None:
         check_choice("shadows", shadows, tuple(SHADOWS))
         made |= SHADOWS[shadows]
-    wanted: dict[str, Any] = {
-        name: value for name, value in (("size", size), ("cascades", cascades)) if value is not None
-    }
-    return made | ({"shadow": ShadowOptions(**wanted)} if wanted else {})
+    usual = ShadowOptions()
+    shadow = replace(usual, size=usual.size if size is None else size, cascades=cascades)
+    return made | ({} if shadow == usual else {"shadow": shadow})
 
 
 def lasting_shadows(options: RenderOptions) -> ShadowOptions:

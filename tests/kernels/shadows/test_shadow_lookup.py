@@ -19,8 +19,9 @@ def settings(**changes) -> LookupSettings:
     values = {
         "orthographic": False, "cube": False, "bias": SLOPE, "filter": WINDOW, "n": 1, "radius": 1.5, "reach": 0.0,
         "b0": 0.05, "k": 1.0, "b_max": 3.0, "k_n": 0.0, "outside": 1.0, "light_size": 0.4, "rho_max": 6.0,
-        "search_near": 1.2, "search_taps": 5, "settles": False, "exact": False, "edges": (0.0,) * 6,
+        "search_near": 1.2, "search_taps": 5, "settles": False, "exact": False,
     }  # fmt: skip
+    values |= dict.fromkeys(("ux", "uy", "uz", "vx", "vy", "vz"), 0.0)
     return LookupSettings(**(values | changes))
 
 
@@ -284,5 +285,5 @@ def test_a_rectangle_partly_above_a_surface_is_not_called_hidden():
     point, normal = np.array([[0.0, 0.5, 3.0]]), np.array([[0.0, 1.0, 0.0]], np.float32)
     args = (point, normal, np.array([0.0, 0, 0, 1]), view[None], np.full((1, *SIZE), 1.5, np.float32), np.zeros((6, 2)))
     assert look_up(*args, settings())[0] == 0.0
-    assert look_up(*args, settings(edges=(0.2, 0.9, 0.0, 0.0, 0.0, 0.3)))[0] == 0.0
-    assert look_up(*args, settings(edges=(0.2, 1.1, 0.0, 0.0, 0.0, 0.3)))[0] == 1.0
+    assert look_up(*args, settings(ux=0.2, uy=0.9, vz=0.3))[0] == 0.0
+    assert look_up(*args, settings(ux=0.2, uy=1.1, vz=0.3))[0] == 1.0

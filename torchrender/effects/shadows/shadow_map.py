@@ -73,7 +73,8 @@ def shadow_factor(
 ) -> Tensor:
     """Visibility of a light at surface points.
 
-    A point is lit where its depth in the light's image is at most the stored depth plus the bias. Points that face
+    A point is lit where its depth in the light's image is at most the stored depth plus the bias, whatever
+    ``options.edges`` says: :func:`light_visibility` settles them by the scene's triangles. Points that face
     away from the light are 0 without a lookup; points without a surface (zero normal, or not finite) are 1.
 
     Args:
@@ -88,7 +89,8 @@ def shadow_factor(
     Raises:
         InputError: shapes that do not fit, or a map whose cameras have skew.
     """
-    return _factors(points, normals, light, shadow_map, options or ShadowOptions())[0]
+    # Without triangles nothing else can settle what the map leaves open.
+    return _factors(points, normals, light, shadow_map, replace(options or ShadowOptions(), edges="map"))[0]
 
 
 def options_for(light: Light, scene: Scene, options: ShadowOptions | None = None) -> ShadowOptions:
@@ -113,8 +115,8 @@ def light_visibility(
     """
     options = options_for(light, scene, options)
     if shadow_map is None:
-        follows = options.coverage == "view" and isinstance(gbuffer, GBuffer)
-        shadow_map = render_shadow_map(scene, light, options, gbuffer=gbuffer if follows else None)
+        seen = gbuffer if options.coverage == "view" and isinstance(gbuffer, GBuffer) else None
+        shadow_map = render_shadow_map(scene, light, options, gbuffer=seen)
     points, normals = gbuffer.position, gbuffer.geometric_normal
     if not (settles(options) and isinstance(gbuffer, GBuffer)):
         return shadow_factor(points, normals, light, shadow_map, options)
@@ -231,17 +233,16 @@ def _settings(light: Light, part: ShadowMap, options: ShadowOptions, *, exact: b
         rho_max=float(options.largest_radius),
         search_near=near,
         search_taps=options.search_taps,
-        edges=_edges(light),
+        **_edges(light),
         settles=settles(options),
         exact=exact,
     )
 
 
-def _edges(light: Light) -> tuple[float, ...]:
-    """(6,) edges of a rectangle; zeros for other lights."""
-    if not isinstance(light, RectLight):
-        return (0.0,) * 6
-    return tuple(float(x) for x in torch.cat([light.edge_u, light.edge_v]))
+def _edges(light: Light) -> dict[str, float]:
+    """Edges of a rectangle by component; zeros for other lights."""
+    edges = torch.cat([light.edge_u, light.edge_v]).tolist() if isinstance(light, RectLight) else [0.0] * 6
+    return dict(zip(("ux", "uy", "uz", "vx", "vy", "vz"), edges, strict=True))
 
 
 def _light_size(light: Light, cameras: Cameras, options: ShadowOptions) -> float:

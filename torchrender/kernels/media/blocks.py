@@ -111,7 +111,8 @@ def find_gradients(length, norm, samples, told, limits, gradient, radiance, foun
     """
     block, eps, tolerance = limits
     width, channels = length.shape[1], radiance.shape[1]
-    for by in prange(samples.shape[0]):
+    for line in prange(samples.shape[0]):
+        by = np.int64(line)
         for bx in range(samples.shape[1]):
             y, x = np.int64(samples[by, bx, 0]), np.int64(samples[by, bx, 1])
             if y < 0:
@@ -126,7 +127,7 @@ def find_gradients(length, norm, samples, told, limits, gradient, radiance, foun
                 continue
             xx, xy, yy, count = DAMPING, F(0.0), DAMPING, 0
             near_x, near_y = F(1e9), F(1e9)
-            for j in range(max(np.int64(by) - 2, 0), min(np.int64(by) + 3, samples.shape[0])):
+            for j in range(max(by - 2, 0), min(by + 3, samples.shape[0])):
                 for i in range(max(bx - 2, 0), min(bx + 3, samples.shape[1])):
                     ky, kx = np.int64(samples[j, i, 0]), np.int64(samples[j, i, 1])
                     k = ky * width + kx

@@ -208,7 +208,7 @@ def scatter_ray(media, source, seen, ray, settings, scratch, out):
     tabled = table.shape[1] > 1 and away > light[NEAREST]
     close = kind != SUN and kind != AMBIENT and away <= light[NEAREST]
     away = max(away, max(F(0.5) * light[NEAREST], F(1e-12)))
-    count, looks = lit_spans(way, seen[0], seen[1], ray, spans)
+    count, looks = lit_spans(way, seen[0], seen[1], (o, d, begin, end), spans)
     told[2] = F(looks)
     xa = arctan2(begin - t0, away) if angles else begin
     xb = arctan2(end - t0, away) if angles else end

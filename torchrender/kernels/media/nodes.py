@@ -38,8 +38,9 @@ def phase(g, cosine):
     """Henyey-Greenstein, per steradian; ``cosine`` between the ways of the light before and after."""
     if g == F(0.0):
         return PER_SPHERE
-    # 1 + g^2 - 2 g c, without cancellation where light hardly turns.
-    base = max((F(1.0) - g) * (F(1.0) - g) + F(2.0) * g * (F(1.0) - cosine), F(1e-8))
+    # 1 + g^2 - 2 g c, without cancellation where light hardly turns, or turns back.
+    away, turn = F(1.0) - abs(g), F(1.0) - (cosine if g > F(0.0) else -cosine)
+    base = max(away * away + F(2.0) * abs(g) * turn, F(1e-8))
     return PER_SPHERE * (F(1.0) - g * g) / (base * math.sqrt(base))
 
 
@@ -144,7 +145,7 @@ def fill_nodes(media, kind, light, ray, part, nodes):
 def along_grid(media, m, o, d, lengths, count, density, eye):
     """Densities at the nodes, and integrals up to them.
 
-    Nodes of equal angle are far apart away from a lamp: between two of them, a grid is asked as often as between others.
+    Nodes of equal angle are far apart away from a lamp: a grid is asked as often between two of them as elsewhere.
     """
     begin, end = lengths[0], lengths[count - 1]
     low, high, dims = media.low[m], media.high[m], media.dims[m]

@@ -41,8 +41,8 @@ def build_pyramid(depth, parallel, levels, pyramid):
                 low, high = F(BIG), -F(BIG)
                 for j in range(2 * r, min(2 * r + 2, below[1])):
                     for i in range(2 * c, min(2 * c + 2, below[2])):
-                        k = below[0] + j * below[2] + i
-                        low, high = min(low, pyramid[view, k, 0]), max(high, pyramid[view, k, 1])
-                k = own[0] + r * own[2] + c
-                pyramid[view, k, 0] = low
-                pyramid[view, k, 1] = high
+                        b = below[0] + j * below[2] + i
+                        low, high = min(low, pyramid[view, b, 0]), max(high, pyramid[view, b, 1])
+                at = own[0] + r * own[2] + c
+                pyramid[view, at, 0] = low
+                pyramid[view, at, 1] = high

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,7 +20,7 @@ PLACE, AXIS, OUTER, INNER, AREA, NEAREST, SQUARE = 0, 3, 6, 7, 8, 9, 10
 below which it gets no brighter, and whether it falls off with the squared distance (1 or 0)."""
 LIGHT_NUMBERS = 11
 
-BIG = np.float32(1e30)
+BIG: Any = np.float32(1e30)
 
 
 class Media(NamedTuple):

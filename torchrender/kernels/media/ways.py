@@ -56,7 +56,7 @@ def eye_rays(media, camera, depth, position, beams):
             y = matrix[1, 0] * u + matrix[1, 1] * v + matrix[1, 2]
             z = matrix[2, 0] * u + matrix[2, 1] * v + matrix[2, 2]
             seen = depth[row, column] < F(np.inf)
-            length = BIG
+            length = F(BIG)
             if seen and position.shape[0] > 0:
                 x = F(position[row, column, 0] - eye[0])
                 y = F(position[row, column, 1] - eye[1])
@@ -117,7 +117,7 @@ def light_means(media, m, kind, light, steps, means):
             y = low[1] + (F(j) + F(0.5)) / F(out.shape[1]) * (high[1] - low[1])
             z = low[2] + (F(k) + F(0.5)) / F(out.shape[0]) * (high[2] - low[2])
             if kind == SUN:
-                wx, wy, wz, length = -lamp[AXIS], -lamp[AXIS + 1], -lamp[AXIS + 2], BIG
+                wx, wy, wz, length = -lamp[AXIS], -lamp[AXIS + 1], -lamp[AXIS + 2], F(BIG)
             else:
                 wx, wy, wz = lamp[0] - x, lamp[1] - y, lamp[2] - z
                 length = math.sqrt(wx * wx + wy * wy + wz * wz)

@@ -54,8 +54,8 @@ class _Work(NamedTuple):
     waiting: np.ndarray  # (WIDE,2) int64 receiver and sample
     filled: np.ndarray  # (1,) int64 rays that wait
     ends: np.ndarray  # (S,3) float64 samples in Embree's frame
-    scene: int
-    arguments: int
+    scene: np.int64
+    arguments: np.int64
 
 
 @kernel()

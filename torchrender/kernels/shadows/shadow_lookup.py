@@ -233,8 +233,7 @@ def _factor(points, normals, index, light, views, maps, taps, s):
     away = math.sqrt(lx * lx + ly * ly + lz * lz)
     facing = nx * lx + ny * ly + nz * lz
     if not facing > 0.0:
-        e = s.edges
-        reach = abs(nx * e[0] + ny * e[1] + nz * e[2]) + abs(nx * e[3] + ny * e[4] + nz * e[5])
+        reach = abs(nx * s.ux + ny * s.uy + nz * s.uz) + abs(nx * s.vx + ny * s.vy + nz * s.vz)
         # A part of a rectangle may stand above the surface although its centre does not: nothing is known of it.
         return (1.0 if facing + 0.5 * reach > 0.0 else 0.0), -1
     cosine = min(facing / away, 1.0)
@@ -248,8 +247,7 @@ def _factor(points, normals, index, light, views, maps, taps, s):
         u, v, depth = image_point(views, chosen, s.orthographic, x + step * nx, y + step * ny, z + step * nz)
     if outside_view(views, chosen, u, v, depth, 0.0, height, width):
         return s.outside, -1
-    if s.exact:
-        size = 0.0
+    size *= 0.0 if s.exact else 1.0
     r = receiver(views, chosen, s.orthographic, (u, v, depth), (nx, ny, nz), cosine, size)
     found, edge = _filtered(maps, chosen, r, s, taps, index)
     unsure = s.settles and edge and _doubtful(maps, chosen, r, s)

@@ -41,7 +41,12 @@ class LookupSettings(NamedTuple):
     rho_max: float  # PCSS: largest radius in texels
     search_near: float  # PCSS: depth before which there is no blocker
     search_taps: int  # first rows of the disc table; the rest are filter taps
-    edges: tuple[float, ...]  # (6,) of a rectangle, scene units; zero for lights without area
+    ux: float  # edges of a rectangle, scene units; zero for lights without area
+    uy: float
+    uz: float
+    vx: float
+    vy: float
+    vz: float
     settles: bool  # say where the map cannot tell
     exact: bool  # points are float64: what they are off does not grow with the distance from the origin
 

@@ -24,19 +24,35 @@ class ShadowErrors:
     false_shadow: float  # dark by more than a half although lit
     false_light: float
     mean_error: float  # mean absolute difference of the shadow factors
+    acne: float  # false shadow farther than two pixels from any edge of the reference
+    kept: float  # share of the reference's dark pixels that are dark, too; 1 where there are none
+    penumbra: float  # mean absolute difference where the reference is neither lit nor dark; 0 where it nowhere is
 
 
 def shadow_errors(visibility: Tensor, reference: Tensor, counted: Tensor) -> ShadowErrors:
     """Compare shadow factors (B,H,W) over the ``counted`` pixels (B,H,W) bool; all zero if there are none."""
     for name, value in (("reference", reference), ("counted", counted)):
         check_tensor(name, value, tuple(visibility.shape))
-    difference = (visibility - reference)[counted].double()
+    difference, wanted = (visibility - reference)[counted].double(), reference[counted]
     total = max(len(difference), 1)
+    dark, half = wanted < 0.5, (wanted > 0.02) & (wanted < 0.98)
+    far = (visibility - reference < -0.5) & counted & ~_near_edges(reference > 0.5)
     return ShadowErrors(
         false_shadow=float((difference < -0.5).sum()) / total,
         false_light=float((difference > 0.5).sum()) / total,
         mean_error=float(difference.abs().sum()) / total,
+        acne=float(far.sum()) / total,
+        kept=1.0 - float((difference > 0.5)[dark].sum()) / max(int(dark.sum()), 1),
+        penumbra=float(difference[half].abs().mean()) if bool(half.any()) else 0.0,
     )
+
+
+def _near_edges(lit: Tensor) -> Tensor:
+    """(B,H,W) bool: some pixel within two of it differs."""
+    value = lit.float()[:, None]
+    high = torch.nn.functional.max_pool2d(value, 5, 1, 2)
+    low = -torch.nn.functional.max_pool2d(-value, 5, 1, 2)
+    return (high != low)[:, 0]
 
 
 def naive_shading(scene: Scene, gbuffer: GBuffer, visibility: Tensor) -> Tensor:
@@ -95,9 +111,8 @@ def contact_displacement(gbuffer: GBuffer, light: Light, shadow_map: ShadowMap, 
     for index in range(len(shadow_map.cameras)):
         rows, view = chosen == index, light_view(shadow_map.cameras, index)
         at = project_with_slope(points[rows], normals[rows], view)
-        bias, _ = depth_bias(
-            at, view.far - view.near, (options.constant_bias, slope, options.largest_bias), options.reach
-        )
+        limits = (options.constant_bias, slope, options.largest_bias)
+        bias, _ = depth_bias(at, view, limits, options.reach)
         moved[rows] = bias * sine[rows]
     image = torch.zeros(gbuffer.triangle.shape)
     image[covered] = torch.where(cosine > 0, moved, 0.0).float()

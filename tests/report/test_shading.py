@@ -1,0 +1,18 @@
+"""The study of shading writes its page."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from torchrender.report.shading.study import run
+
+
+def test_the_page_has_a_row_for_every_scene_and_its_pictures_agree(tmp_path: Path) -> None:
+    files = run(tmp_path, quick=True)
+    record = json.loads(files[0].read_text())
+    assert [row["scene"] for row in record["direct_light"]] == ["cornell_box"]
+    assert all(row["differ"] == 0 for row in record["direct_light"])
+    assert all(0.99 < row["least"] <= row["most"] <= 1.0 + 1e-5 for row in record["furnace"])
+    text = files[1].read_text()
+    assert "| cornell_box | 128 |" in text and "| 0.4 |" in text

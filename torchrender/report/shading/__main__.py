@@ -1,0 +1,5 @@
+"""``python -m torchrender.report.shading``."""
+
+from torchrender.report.shading.study import main
+
+main()

@@ -1,0 +1,140 @@
+"""Measure shading: ``python -m torchrender.report.shading [--quick] [-o docs/results]``.
+
+Writes ``shading.md`` and ``.json``: direct light by the kernel beside what torch took before there was one, the
+price of all maps, what is left to the machine's limit, and how much of the light white metals send back.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from torchrender.quality.machine import machine_record
+from torchrender.quality.pages import write_record, write_text
+from torchrender.quality.timing import take_turns
+from torchrender.raster import rasterize
+from torchrender.report.common.command import study_parser
+from torchrender.report.shading import before
+from torchrender.report.shading.page import page
+from torchrender.report.shading.subject import Subject, built_in, machine_limits, with_all_maps
+from torchrender.scene.camera import Cameras
+from torchrender.scene.material import Material
+from torchrender.scene.model import Scene
+from torchrender.scene.shapes import sphere
+from torchrender.shade import shade
+from torchrender.shading.attributes import _interpolated
+
+SCENES = ("nest", "grass", "city", "tree", "living_room", "washroom", "cornell_box")
+SIDES = (512, 1024)
+ROUGHNESS = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
+READ, WRITTEN, GATHERS = 16 + 4, 12, 45
+"""Bytes per pixel of the visibility buffer and of the light that leaves, and numbers gathered: corners, planes, ids."""
+
+
+def direct_light(one: Subject, runs: int) -> dict[str, Any]:
+    """Times of one scene, and how much the two ways differ where the light from all around is the same."""
+    flat = Subject(one.name, _without_sky(one.scene), one.seen, one.visibility)
+    found, wanted = (way(flat.scene, flat.gbuffer, flat.visibility) for way in (shade, before.shade))
+    error = ((found - wanted).abs() / wanted.abs().clamp_min(1e-3)).amax(-1)
+    times = take_turns(
+        {
+            "attributes": lambda: _interpolated(one.scene.geometry, one.seen),
+            "torch": _before(one),
+            "kernel": lambda: shade(one.scene, one.gbuffer, one.visibility),
+        },
+        runs=runs,
+    )
+    covered = float(one.seen.covered.float().mean())
+    return {
+        "scene": one.name,
+        "side": one.seen.triangle.shape[1],
+        "covered": covered,
+        "lights": len(one.scene.lights),
+        "differ": int((error > 1e-4).sum()),
+        "largest": float(error.max()),
+        **{name: timing.record() for name, timing in times.items()},
+    }
+
+
+def _before(one: Subject) -> Any:
+    """Shading in torch, from attributes that are there."""
+    gbuffer = one.gbuffer
+    gbuffer.uv  # noqa: B018  makes the attributes
+
+    def work() -> Tensor:
+        return before.shade(one.scene, gbuffer, one.visibility)
+
+    return work
+
+
+def _without_sky(scene: Scene) -> Scene:
+    """Ambient light in place of the environment, whose irradiance was an approximation before."""
+    made = Scene(
+        meshes=scene.meshes,
+        materials=scene.materials,
+        lights=scene.lights,
+        ambient=torch.full((3,), 0.2),
+        name=scene.name,
+    )
+    made.__dict__["geometry"] = scene.geometry
+    return made
+
+
+def all_maps(name: str, side: int, runs: int) -> dict[str, Any]:
+    """The price of metallic-roughness with maps, beside the plain model."""
+    plain, mapped = with_all_maps(name, side)
+    work = {
+        "plain": lambda: shade(plain.scene, plain.gbuffer, plain.visibility),
+        "all maps": lambda: shade(mapped.scene, mapped.gbuffer, mapped.visibility),
+    }
+    return {"scene": name, "side": side, **{k: t.record() for k, t in take_turns(work, runs=runs).items()}}
+
+
+def furnace() -> list[dict[str, float]]:
+    """Least and most radiance of white metal balls where all is white around."""
+    ball = sphere(segments=96)
+    mesh = type(ball)(
+        vertices=ball.vertices, faces=ball.faces, normals=torch.nn.functional.normalize(ball.vertices, dim=-1)
+    )
+    camera = Cameras.look_at([0.0, 0.0, 6.0], [0.0, 0.0, 0.0], width=128, height=128, fov_deg=20.0)
+    rows = []
+    for roughness in ROUGHNESS:
+        metal = Material(metallic=1.0, roughness=roughness, diffuse=torch.ones(3))
+        scene = Scene(meshes=(mesh,), materials=(metal,), ambient=torch.ones(3))
+        gbuffer = rasterize(scene, camera)
+        image = shade(scene, gbuffer)[gbuffer.covered]
+        rows.append({"roughness": roughness, "least": float(image.min()), "most": float(image.max())})
+    return rows
+
+
+def run(folder: Path, quick: bool) -> list[Path]:
+    """Measure and write."""
+    names: Sequence[str] = ("cornell_box",) if quick else SCENES
+    sides = (128,) if quick else SIDES
+    runs = 2 if quick else 9
+    limits = machine_limits()
+    record = {
+        "machine": machine_record(),
+        "limits": limits,
+        "per_pixel": {"bytes": READ + WRITTEN, "gathers": GATHERS},
+        "direct_light": [direct_light(built_in(name, side), runs) for side in sides for name in names],
+        "all_maps": [
+            all_maps(name, sides[0], runs) for name in (names if quick else ("living_room", "washroom", "city"))
+        ],
+        "furnace": furnace(),
+    }
+    write_record(folder / "shading.json", record)
+    write_text(folder / "shading.md", page(record))
+    return [folder / "shading.json", folder / "shading.md"]
+
+
+def main() -> None:
+    """The command."""
+    arguments = study_parser(__doc__, quick="one small scene").parse_args()
+    for file in run(arguments.output, arguments.quick):
+        sys.stdout.write(f"{file}\n")
