@@ -9,7 +9,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from torchrender.kernels.meshes.crease import corner_groups, split_vertices, sum_normals, weld_points
+from torchrender.kernels.meshes.crease import corner_groups, split_vertices, sum_normals, unit_normals, weld_points
 
 
 def slow_groups(corners: np.ndarray, normals: np.ndarray, cosine: float) -> list[int]:
@@ -83,3 +83,17 @@ def test_angles_weigh_the_normals() -> None:
     sums = np.zeros((12, 3))
     sum_normals(points, corners, normals, np.arange(12) * (np.arange(12) % 3 != 0), sums)
     np.testing.assert_allclose(sums[0], [math.pi / 2] * 3, atol=1e-12)
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([1e-200, 1e-30, 1.0, 1e30, 1e150]))
+@settings(deadline=None)
+def test_unit_normals_of_any_size(seed: int, scale: float) -> None:
+    points = np.random.default_rng(seed).normal(size=(6, 3))
+    corners = np.array([[0, 1, 2], [3, 4, 5], [0, 0, 1], [2, 2, 2]], np.int64)
+    found = np.empty((4, 3))
+    unit_normals(points * scale, corners, found)
+    for k in range(2):
+        a, b, c = points[corners[k]]
+        cross = np.cross(b - a, c - a)
+        np.testing.assert_allclose(found[k], cross / np.linalg.norm(cross), atol=1e-9)
+    assert not found[2:].any()

@@ -146,6 +146,30 @@ def sum_normals(
 
 
 @kernel()
+def unit_normals(points: np.ndarray, corners: np.ndarray, normals: np.ndarray) -> None:
+    """Unit normals (F,3) float64 by the right-hand rule; zero for triangles without area."""
+    for f in range(len(corners)):
+        a, b, c = corners[f, 0], corners[f, 1], corners[f, 2]
+        big = 0.0
+        for k in range(3):
+            big = max(big, abs(points[b, k] - points[a, k]), abs(points[c, k] - points[a, k]))
+        normals[f] = 0.0
+        if not big > 0.0:
+            continue
+        ux, uy = (points[b, 0] - points[a, 0]) / big, (points[b, 1] - points[a, 1]) / big
+        uz = (points[b, 2] - points[a, 2]) / big
+        vx, vy = (points[c, 0] - points[a, 0]) / big, (points[c, 1] - points[a, 1]) / big
+        vz = (points[c, 2] - points[a, 2]) / big
+        x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        # Thin triangles: the product may be so small that its square is nothing.
+        most = max(abs(x), abs(y), abs(z))
+        if most > 0.0:
+            x, y, z = x / most, y / most, z / most
+            length = math.sqrt(x * x + y * y + z * z)
+            normals[f, 0], normals[f, 1], normals[f, 2] = x / length, y / length, z / length
+
+
+@kernel()
 def _angle(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> float:
     """Between the directions from a to b and from a to c; scaled first, so that no length under- or overflows."""
     big_u = max(abs(b[0] - a[0]), abs(b[1] - a[1]), abs(b[2] - a[2]))
