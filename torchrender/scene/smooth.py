@@ -37,16 +37,17 @@ def crease_normals(vertices: Array, faces: Array, crease_deg: float = CREASE_DEG
     corners = place[faces]
     normals = np.empty((len(faces), 3))
     unit_normals(points, corners, normals)
-    group = np.empty(faces.size, np.int64)
+    group = np.empty(faces.size, np.int32)
     corner_groups(corners, normals, float(np.cos(np.radians(crease_deg))), group)
     # Groups by number in place of their first corner.
-    numbers = np.cumsum(group == np.arange(faces.size)) - 1
-    group = numbers[group]
-    sums = np.zeros((int(numbers[-1]) + 1, 3))
+    numbers = np.cumsum(group == np.arange(faces.size, dtype=np.int32), dtype=np.int32)
+    group = numbers[group] - 1
+    sums = np.zeros((int(numbers[-1]), 3))
     sum_normals(points, corners, normals, group, sums)
-    new, source, label = np.empty_like(faces), np.empty(faces.size, np.int64), np.empty(faces.size, np.int64)
+    del corners, normals, numbers
+    new, source, label = np.empty_like(faces), np.empty(faces.size, np.int32), np.empty(faces.size, np.int32)
     count = split_vertices(faces, group, len(vertices), new, source, label)
-    return source[:count].copy(), new, _unit(sums[label[:count]]).astype(np.float32)
+    return source[:count].astype(np.int64), new, _unit(sums[label[:count]]).astype(np.float32)
 
 
 def weld(vertices: Array) -> tuple[Array, Array]:

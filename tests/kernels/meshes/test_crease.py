@@ -49,11 +49,11 @@ def test_groups_against_a_search(faces: int, points: int, seed: int, cosine: flo
     corners = np.stack([rng.permutation(points)[:3] for _ in range(faces)]).astype(np.int64)
     normals = rng.normal(size=(faces, 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    group = np.empty(corners.size, np.int64)
+    group = np.empty(corners.size, np.int32)
     corner_groups(corners, normals, cosine, group)
     assert group.tolist() == slow_groups(corners, normals, cosine)
     # New vertices: one for each pair of vertex and group, ordered by vertex.
-    new, source, label = np.empty_like(corners), np.empty(corners.size, np.int64), np.empty(corners.size, np.int64)
+    new, source, label = np.empty_like(corners), np.empty(corners.size, np.int32), np.empty(corners.size, np.int32)
     count = split_vertices(corners, group, points, new, source, label)
     pairs = {(int(v), int(g)) for v, g in zip(corners.reshape(-1), group, strict=True)}
     assert count == len(pairs) and {(int(s), int(g)) for s, g in zip(source[:count], label[:count])} == pairs
@@ -81,7 +81,7 @@ def test_angles_weigh_the_normals() -> None:
     normals = np.cross(b - a, c - a)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     sums = np.zeros((12, 3))
-    sum_normals(points, corners, normals, np.arange(12) * (np.arange(12) % 3 != 0), sums)
+    sum_normals(points, corners, normals, (np.arange(12) * (np.arange(12) % 3 != 0)).astype(np.int32), sums)
     np.testing.assert_allclose(sums[0], [math.pi / 2] * 3, atol=1e-12)
 
 
