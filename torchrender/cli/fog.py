@@ -33,7 +33,7 @@ def foggy(scene: Scene, arguments: argparse.Namespace) -> Scene:
         from dataclasses import replace
 
         return replace(scene, media=())
-    from torchrender.scene.fog import with_fog
+    from torchrender.scene.procedural.fog import with_fog
 
     values: dict[str, float] = {}
     for word in arguments.fog.split():

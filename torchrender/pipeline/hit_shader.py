@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import torch
 from torch import Tensor
 
@@ -16,6 +18,7 @@ from torchrender.effects.reflections.reflectors import (
 )
 from torchrender.pipeline.frame import SampleRenderer
 from torchrender.pipeline.scene_cube import SceneCube, enclosing_solids, make_cube
+from torchrender.pipeline.sky_pyramid import SkyPyramid
 from torchrender.ray_surface import ray_surface
 from torchrender.scene.model import Scene
 
@@ -43,14 +46,16 @@ class HitShader:
             radiance[rows] = self._surfaces(rays, hits, rows, onward)
         missed = (~hits.hit).nonzero().reshape(-1)
         if len(missed):
-            radiance[missed] = self.surrounding(rays.direction[missed])
+            radiance[missed] = self.surrounding(rays.direction[missed], rays.spread[missed])
         return radiance
 
-    def surrounding(self, direction: Tensor) -> Tensor:
-        """Radiance (N,3) of what lies outside the scene, along unit directions (N,3)."""
+    def surrounding(self, direction: Tensor, spread: Tensor | None = None) -> Tensor:
+        """Radiance (N,3) of what lies outside the scene, along unit directions (N,3) of rays that ``spread`` (N,)."""
         environment = self.scene.environment
         if self.background is None and environment is not None:
-            return environment.lookup(direction.float())
+            if spread is None:
+                return environment.lookup(direction.float())
+            return self._sky.lookup(direction, spread)
         color = self.scene.ambient.float() if self.background is None else as_vector("background", self.background)
         return color.expand(len(direction), 3)
 
@@ -94,6 +99,12 @@ class HitShader:
             mirrored = onward(points)
         mixed = blend_colors(self.scene, surface.material[mirrors], cosine, radiance[mirrors], mirrored)
         return radiance.index_copy(0, mirrors, mixed)
+
+    @cached_property
+    def _sky(self) -> SkyPyramid:
+        """The environment at several resolutions."""
+        assert self.scene.environment is not None
+        return SkyPyramid.of(self.scene.environment)
 
     def _cube(self, eyes: Tensor | None) -> SceneCube:
         """The scene as its middle sees it."""

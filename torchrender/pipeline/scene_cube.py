@@ -99,9 +99,9 @@ def enclosing_solids(geometry: Geometry, eyes: Tensor) -> Tensor:
         corners = geometry.vertices[geometry.faces[geometry.object_id == number].long()]
         if not bool(winding_number(corners, middle[None]).abs() > _INSIDE):
             continue
-        centres = (low + high)[present[present != number]] / 2
-        near = ((low[number] < centres) & (centres < high[number])).all(-1)
-        looked_at = torch.cat([eyes.double(), centres[near][:_SAMPLES]])
+        others = present[present != number]
+        held = others[((low[number] <= low[others]) & (high[others] <= high[number])).all(-1)]
+        looked_at = torch.cat([eyes.double(), (low + high)[held][:_SAMPLES] / 2])
         if not bool((winding_number(corners, looked_at).abs() > _INSIDE).any()):
             found.append(number)
     return torch.tensor(found, dtype=torch.int64)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 import torch
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from torchrender.effects.media.tables import MediaTable
@@ -57,7 +57,7 @@ def _density(media, x, y, z):
 
 @kernel()
 def _way(media, p, d, length, steps):
-    return way_through(media, 0, p[0], p[1], p[2], d[0], d[1], d[2], length, steps)
+    return way_through(media, 0, p, d, length, steps)
 
 
 @kernel()
@@ -122,6 +122,7 @@ def test_means_towards_a_light_are_means() -> None:
         assert means[k, j, i] == pytest.approx(wanted, rel=5e-3)
 
 
+@settings(deadline=None)
 @given(st.lists(st.floats(-1.5625, 1.5625, width=32), min_size=1, max_size=20))
 def test_polynomials_are_the_functions(values: list[float]) -> None:
     x = np.array(values, np.float32)

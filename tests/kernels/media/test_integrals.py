@@ -34,7 +34,7 @@ def _integral(panels, a, e, x):
     return integral_to(panels, len(panels), 0, x)[0]
 
 
-@pytest.mark.parametrize("slope", [0.0, 1e-3, 0.3, 2.0, -2.0, 30.0, -30.0, 1e5])
+@pytest.mark.parametrize("slope", [0.0, 1e-3, 0.3, 2.0, -2.0, 30.0, -30.0, 1e3])
 def test_a_panel_is_exact_for_a_quadratic_times_an_exponential(slope: float) -> None:
     nodes = np.arange(5) / 2
     a = (1.0 + 0.5 * nodes + 0.25 * nodes**2).astype(np.float32)
@@ -160,7 +160,7 @@ def test_every_block_has_one_sample_and_pixels_that_differ_are_marked(block: int
             continue
         assert y // block == by and x // block == bx and length[y, x] > 0 and marked[y, x]
         mean = length[part][inside].mean()
-        for j, i in np.argwhere(inside) + (by * block, bx * block):
+        for j, i in np.argwhere(inside) + np.array([by * block, bx * block]):
             near = math.hypot(i + 0.5 - 20.0, j + 0.5 - 12.0) < 3.0
             differs = abs(length[j, i] - mean) > 0.1 * length[j, i] * (1 + 1e-5)
             assert (

@@ -24,6 +24,7 @@ from torchrender.effects.reflections.clusters.layers import batches, draw_images
 from torchrender.effects.reflections.clusters.options import ClusterOptions as ClusterOptions
 from torchrender.effects.reflections.clusters.published import published_answers
 from torchrender.effects.reflections.clusters.shading import RAYS, Question, Shading, bundles, ray_ends
+from torchrender.effects.reflections.glossy import share_rays
 from torchrender.effects.reflections.reflectors import (
     START,
     MirroredPoints,
@@ -100,7 +101,8 @@ def clustered_reflections(
     known = torch.isfinite(shading.distance)
     state = torch.where(known, int(ReflectionState.DEPTH_IMAGE), int(ReflectionState.ENVIRONMENT))
     state = torch.where(known & (shading.traced > 0), int(ReflectionState.TRACED), state)
-    layer = reflection_layer(pixels, shading.color, shading.distance, state, made.clusters.cluster)
+    color = share_rays(pixels, shading.color) if options.share_rays and planes else shading.color
+    layer = reflection_layer(pixels, color, shading.distance, state, made.clusters.cluster)
     return ClusteredReflections(layer, made, shading.unknown, steps, clock.elapsed_ms)
 
 

@@ -7,6 +7,7 @@ by the degree itself, specification 04 by Schlick's term, which is the same at n
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
@@ -25,7 +26,9 @@ START = 1e-5
 """Distance from the reflector at which rays start, in scene diagonals."""
 
 LOBES = ("ggx", "cone")
-GGX_WIDTH = 1.5  # of the lobe of mirrored directions in which most light arrives, per alpha
+GGX_WIDTH = 2.0 * math.sqrt(math.pi)
+"""Width per alpha of the solid angle ``4 pi alpha^2`` that is one over the density of rays in the middle of a lobe: a
+ray is as wide as its share of that (filtered importance sampling, Krivanek and Colbert 2008)."""
 
 
 @dataclass(frozen=True, eq=False)

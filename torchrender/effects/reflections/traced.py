@@ -14,6 +14,7 @@ from torch import Tensor
 from torchrender.buffers import ReflectionLayer, ReflectionState
 from torchrender.checks import check_choice, check_range
 from torchrender.effects.reflections.bounces import traced_onward
+from torchrender.effects.reflections.glossy import share_rays
 from torchrender.effects.reflections.reflectors import (
     LOBES,
     START,
@@ -41,6 +42,7 @@ class TraceOptions:
 
     glossy_rays: int = 8  # per glossy pixel; mirrors take one
     lobe: str = "ggx"  # of glossy pixels: of facets, or an even "cone"
+    share_rays: bool = True  # neighbouring glossy pixels see what each other's rays see
     bounces: int = 2  # mirrors that light is followed over; 1: mirrors in mirrors show the environment
 
     def __post_init__(self) -> None:
@@ -74,6 +76,8 @@ def trace_reflections(
                 found = found * weight.float()[:, None]
             color[rows] = found.reshape(-1, count, 3).mean(dim=1)
             distance[rows] = mean_distance(length.reshape(-1, count))
+    if options.share_rays:
+        color = share_rays(pixels, color)
     state = torch.where(torch.isfinite(distance), int(ReflectionState.TRACED), int(ReflectionState.ENVIRONMENT))
     return reflection_layer(pixels, color, distance, state)
 

@@ -46,6 +46,8 @@ class OccluderOptions:
     redundancy: str = "pixel"  # or "visibility": by rays, at many times the cost
     pixel_test: str | None = None  # of redundancy "pixel"; None: "identity" for triangles, else "captured"
     guess_ratio: float = 1.01  # rho of guessed corners: spikes of edge-on surfaces would cast shadows of their own
+    merge_guesses: bool = True  # "hybrid": beyond the source, as in ReconstructOptions
+    adaptive_split: bool = True  # the same
 
     def __post_init__(self) -> None:
         check_choice("method", self.method, METHODS)
@@ -107,7 +109,11 @@ def rebuild(scene: Scene, images: DepthImages, options: OccluderOptions) -> Reco
         return reconstruct_hybrid(
             images,
             sample_offset_images(scene, images),
-            ReconstructOptions(guess_ratio=options.guess_ratio),
+            ReconstructOptions(
+                guess_ratio=options.guess_ratio,
+                merge_guesses=options.merge_guesses,
+                adaptive_split=options.adaptive_split,
+            ),
             colors=False,
         )
     makers: dict[str, Callable[..., Reconstruction]] = {"grid": reconstruct_grid, "splat": reconstruct_discs}

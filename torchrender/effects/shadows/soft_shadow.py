@@ -65,7 +65,7 @@ class SoftShadowOptions:
     light_samples: int = 16  # along each edge of the light
     visibility: str = "ray"  # "ray", or "shadow_map" with its aliasing
     occluders: str = "scene"  # what casts: all the "scene", or what four "images" from the light's corners show of
-    # it, or surfaces "rebuilt" from these images. Who calls :func:`soft_shadow` hands them in
+    # it, or surfaces "rebuilt" from these, which need a bias. Who calls :func:`soft_shadow` hands them in
     engine: str = "auto"  # "rays": Embree; "packets": our own tree, exact at any scale; "maps": draws every shadow map
     refine: int = 2  # "rays": step of the light samples traced before those between; 1: all are traced
     map_size: int = 1024  # texels of a shadow map's side; sets the slope bias of packets, too
@@ -99,12 +99,12 @@ class Occluders:
 
     geometry: Geometry
 
-    def prepared(self) -> Occluders:
-        """Itself, with what rays, or without Embree packets, will search already sorted."""
-        if embree() is None:
-            assert self.tree is not None
-        else:
+    def prepared(self, options: SoftShadowOptions) -> Occluders:
+        """Itself, with what is likely to be searched already sorted."""
+        if _by_rays(options):
             assert self.rays is not None
+        else:
+            assert self.tree is not None
         return self
 
     @cached_property
@@ -247,13 +247,18 @@ def _receivers(gbuffer: GBuffer, b: int) -> tuple[_Receivers, Tensor]:
     return _Receivers(points[order], normals[order], float_error(gbuffer, rows)), order
 
 
+def _by_rays(options: SoftShadowOptions) -> bool:
+    """Rays without a bias can answer: surfaces that were rebuilt lie beside those that are seen, and need one."""
+    fits = options.visibility == "ray" and options.occluders != "rebuilt"
+    return options.engine == "rays" or (options.engine == "auto" and fits and embree() is not None)
+
+
 def _light_bits(
     ready: Occluders, receivers: _Receivers, grid: LightGrid, options: SoftShadowOptions
 ) -> tuple[np.ndarray, Tensor, int]:
     """Bits (P,words) of one light, samples (P,) above each surface, and the number of pairs outside its pictures."""
     points, normals, gaps = receivers
-    fits = options.engine == "auto" and options.visibility == "ray" and usable(ready.geometry, points, grid)
-    if fits or options.engine == "rays":
+    if options.engine == "rays" or (_by_rays(options) and usable(ready.geometry, points, grid)):
         found, above = ready.rays.bits(points, normals, gaps, grid, options.light_samples, options.refine)
         return found, torch.from_numpy(above), 0
     how = Packets(

@@ -16,6 +16,7 @@ from torchrender.kernels.atomics import borrowed
 from torchrender.kernels.compile import kernel
 
 F: Any = np.float32
+I64: Any = np.int64
 NONE, NEAREST, LSQ = 0, 1, 2
 """Gradients at samples."""
 FEWEST = 3  # neighbours that a least-squares gradient needs
@@ -27,7 +28,7 @@ def hashed(x, y, seed):
     """A number in [0, 65535] that neighbouring blocks do not share."""
     h = np.uint64(x) * np.uint64(73856093) ^ np.uint64(y) * np.uint64(19349663) ^ np.uint64(seed) * np.uint64(83492791)
     h = (h ^ (h >> np.uint64(13))) * np.uint64(2654435761)
-    return np.int64((h >> np.uint64(15)) & np.uint64(0xFFFF))
+    return I64((h >> np.uint64(15)) & np.uint64(0xFFFF))
 
 
 @kernel(parallel=True)
@@ -44,7 +45,7 @@ def mark_blocks(length, block, eps, guard, seed, marked, samples):
     height, width = length.shape
     for by in prange(samples.shape[0]):
         for bx in range(samples.shape[1]):
-            top, left = np.int64(by) * block, bx * block
+            top, left = I64(by) * block, bx * block
             low, right = min(top + block, height), min(left + block, width)
             total, count = F(0.0), 0
             for y in range(top, low):
@@ -87,14 +88,14 @@ def mark_doubtful(length, marked, samples, told, limits, more):
             if marked[y, x] or not d > F(0.0):
                 continue
             count, low, high = 0, F(2.0), F(-1.0)
-            by, bx = np.int64(y) // block, x // block
+            by, bx = I64(y) // block, x // block
             for j in range(max(by - 1, 0), min(by + 2, samples.shape[0])):
                 for i in range(max(bx - 1, 0), min(bx + 2, samples.shape[1])):
-                    ky, kx = np.int64(samples[j, i, 0]), np.int64(samples[j, i, 1])
+                    ky, kx = I64(samples[j, i, 0]), I64(samples[j, i, 1])
                     if ky < 0:
                         continue
                     k = ky * width + kx
-                    if abs(kx - x) <= block and abs(ky - np.int64(y)) <= block and abs(length[ky, kx] - d) < eps * d:
+                    if abs(kx - x) <= block and abs(ky - I64(y)) <= block and abs(length[ky, kx] - d) < eps * d:
                         count += 1
                         low, high = min(low, told[k, 0]), max(high, told[k, 0])
             more[y, x] = count == 0 or high - low > tolerance
@@ -112,9 +113,9 @@ def find_gradients(length, norm, samples, told, limits, gradient, radiance, foun
     block, eps, tolerance = limits
     width, channels = length.shape[1], radiance.shape[1]
     for line in prange(samples.shape[0]):
-        by = np.int64(line)
+        by = I64(line)
         for bx in range(samples.shape[1]):
-            y, x = np.int64(samples[by, bx, 0]), np.int64(samples[by, bx, 1])
+            y, x = I64(samples[by, bx, 0]), I64(samples[by, bx, 1])
             if y < 0:
                 continue
             p = y * width + x
@@ -129,7 +130,7 @@ def find_gradients(length, norm, samples, told, limits, gradient, radiance, foun
             near_x, near_y = F(1e9), F(1e9)
             for j in range(max(by - 2, 0), min(by + 3, samples.shape[0])):
                 for i in range(max(bx - 2, 0), min(bx + 3, samples.shape[1])):
-                    ky, kx = np.int64(samples[j, i, 0]), np.int64(samples[j, i, 1])
+                    ky, kx = I64(samples[j, i, 0]), I64(samples[j, i, 1])
                     k = ky * width + kx
                     if ky < 0 or k == p:
                         continue
@@ -185,19 +186,19 @@ def fill_between(length, norm, integrated, samples, limits, found, radiance):
             d = length[y, x]
             if integrated[y, x]:
                 continue
-            p = np.int64(y) * width + x
+            p = I64(y) * width + x
             for c in range(channels):
                 radiance[p, c] = F(0.0)
             if not d > F(0.0):
                 continue
-            by, bx = np.int64(y) // block, x // block
+            by, bx = I64(y) // block, x // block
             count = 0
             for j in range(max(by - 1, 0), min(by + 2, samples.shape[0])):
                 for i in range(max(bx - 1, 0), min(bx + 2, samples.shape[1])):
-                    ky, kx = np.int64(samples[j, i, 0]), np.int64(samples[j, i, 1])
+                    ky, kx = I64(samples[j, i, 0]), I64(samples[j, i, 1])
                     if ky < 0:
                         continue
-                    dx, dy = np.int64(x) - kx, np.int64(y) - ky
+                    dx, dy = I64(x) - kx, I64(y) - ky
                     if abs(dx) <= block and abs(dy) <= block and abs(length[ky, kx] - d) < eps * d:
                         near[count, 0], near[count, 1], near[count, 2], near[count, 3] = j, i, dx, dy
                         count += 1

@@ -87,11 +87,13 @@ def height_integral(media, m, y, dy, length):
 
 
 @kernel(inline=True)
-def way_through(media, m, px, py, pz, dx, dy, dz, length, steps):
+def way_through(media, m, p, d, length, steps):
     """Integral of the density of medium ``m`` over a way of ``length`` along a unit direction, of any part in its box.
 
     Through grids it takes ``steps`` steps.
     """
+    px, py, pz = p[0], p[1], p[2]
+    dx, dy, dz = d[0], d[1], d[2]
     begin, end = box_span(media.low[m], media.high[m], px, py, pz, dx, dy, dz)
     begin, end = max(begin, F(0.0)), min(end, length)
     if not end > begin:

@@ -120,9 +120,10 @@ def break_points(media, kind, light, o, d, begin, end, points):
 
 
 @kernel(inline=True)
-def fill_panels(media, kind, light, ray, begin, end, steps, angles, scratch):
+def fill_panels(media, kind, light, ray, ends, steps, angles, scratch):
     """Panels of a ray for all channels; returns their number. ``scratch``: see :func:`scatter_rays`."""
     o, d, t0, away, _ = ray
+    begin, end = ends
     panels, nodes, points, active = scratch
     factor, exponent, _, variable, _, before = nodes
     channels = media.extinction.shape[1]
@@ -243,8 +244,7 @@ def scatter_ray(media, source, seen, ray, settings, scratch, out):
         kind,
         light,
         (o, d, t0, away, offset),
-        begin,
-        end,
+        (begin, end),
         NEAR * steps if close else steps,
         angles,
         (panels, nodes, points, active),

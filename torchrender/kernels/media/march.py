@@ -70,9 +70,10 @@ def towards_lamp(kind, light, o, d, span, equiangular):
 
 
 @kernel()
-def arriving(media, kind, light, place, d, along, offset, light_steps, out):
+def arriving(media, kind, light, place, ray, light_steps, out):
     """What a place scatters towards the eye per unit of length, in ``out[0]``, and its extinction, in ``out[1]``."""
     x, y, z = place
+    d, along, offset = ray
     if kind == SUN:
         base, cosine = 1.0, -(light[AXIS] * d[0] + light[AXIS + 1] * d[1] + light[AXIS + 2] * d[2])
         wx, wy, wz, length = -light[AXIS], -light[AXIS + 1], -light[AXIS + 2], 1e30
@@ -89,7 +90,7 @@ def arriving(media, kind, light, place, d, along, offset, light_steps, out):
         out[0, c], out[1, c], out[2, c] = 0.0, 0.0, 0.0
     for m in range(media.low.shape[0]):
         low, high = media.low[m], media.high[m]
-        way = way_through(media, m, x, y, z, wx, wy, wz, length, light_steps)
+        way = way_through(media, m, place, (wx, wy, wz), length, light_steps)
         density, turned = 0.0, 0.0
         if x >= low[0] and x <= high[0] and y >= low[1] and y <= high[1] and z >= low[2] and z <= high[2]:
             density = density_at(media, m, x, y, z)
@@ -114,10 +115,9 @@ def eye_ways(media, o, d, lengths, out):
     for c in range(channels):
         out[1, c], out[2, c] = 0.0, 0.0
     for m in range(media.low.shape[0]):
-        part = way_through(media, m, x, y, z, d[0], d[1], d[2], t - a, EYE_STEPS)
-        whole = part + way_through(
-            media, m, x + d[0] * (t - a), y + d[1] * (t - a), z + d[2] * (t - a), d[0], d[1], d[2], b - t, EYE_STEPS
-        )
+        part = way_through(media, m, (x, y, z), d, t - a, EYE_STEPS)
+        there = (x + d[0] * (t - a), y + d[1] * (t - a), z + d[2] * (t - a))
+        whole = part + way_through(media, m, there, d, b - t, EYE_STEPS)
         for c in range(channels):
             out[1, c] += media.extinction[m, c] * part
             out[2, c] += media.extinction[m, c] * whole
@@ -143,7 +143,7 @@ def march_ray(media, source, seen, ray, settings, work, out):
         a, b = step_at(k, steps, (begin, end), lamp), step_at(k + 1, steps, (begin, end), lamp)
         t = step_at(k + shift, steps, (begin, end), lamp)
         place = (o[0] + d[0] * t, o[1] + d[1] * t, o[2] + d[2] * t)
-        arriving(media, kind, light, place, d, t - t0, offset, light_steps, arrived)
+        arriving(media, kind, light, place, (d, t - t0, offset), light_steps, arrived)
         sees = way == EVERYWHERE
         if way == LOOKED_UP:
             sees = looked_up(depth, views, parallel, place[0], place[1], place[2])

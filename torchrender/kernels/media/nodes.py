@@ -83,7 +83,7 @@ def light_way(media, m, kind, light, x, y, z):
         _, end = box_span(low, high, x, y, z, wx, wy, wz)
         way = max(min(end, length), F(0.0))
         return way * trilinear(media.means, media.coarse[m], low, high, x, y, z)
-    return way_through(media, m, x, y, z, wx, wy, wz, length, SHADOWING)
+    return way_through(media, m, (x, y, z), (wx, wy, wz), length, SHADOWING)
 
 
 @kernel(inline=True)

@@ -11,6 +11,7 @@ from torchrender.kernels.compile import kernel
 from torchrender.kernels.media.records import BIG
 
 F: Any = np.float32
+I64: Any = np.int64
 BAND = 32  # rows of the finest level that a thread takes at a time
 
 
@@ -36,7 +37,7 @@ def build_pyramid(depth, parallel, levels, pyramid):
     for level in range(1, len(levels)):
         below, own = levels[level - 1], levels[level]
         for row in prange(views * own[1]):
-            view, r = np.int64(row // own[1]), np.int64(row % own[1])
+            view, r = I64(row // own[1]), I64(row % own[1])
             for c in range(own[2]):
                 low, high = F(BIG), -F(BIG)
                 for j in range(2 * r, min(2 * r + 2, below[1])):

@@ -97,7 +97,7 @@ def ways_through(media, beams, steps, ways):
                 out[i, m] = F(0.0)
                 if span[i, 1] > enter:
                     x, y, z = o[0] + d[0] * enter, o[1] + d[1] * enter, o[2] + d[2] * enter
-                    out[i, m] = way_through(fields, m, x, y, z, d[0], d[1], d[2], span[i, 1] - enter, steps)
+                    out[i, m] = way_through(fields, m, (x, y, z), d, span[i, 1] - enter, steps)
 
 
 @kernel(parallel=True)

@@ -85,7 +85,8 @@ def _visibility(subject: Subject) -> Outputs:
     scene, lights = subject.scene, subject.area_lights
     options = OccluderOptions(mesh="hybrid", size=32)
     casters = [approximate_occluders(scene, light, options) for light in lights]
-    parts = [soft_shadow(c, light, subject.gbuffer, FEW, bounds=scene.bounds) for c, light in zip(casters, lights)]
+    rebuilt = replace(FEW, occluders="rebuilt")
+    parts = [soft_shadow(c, light, subject.gbuffer, rebuilt, bounds=scene.bounds) for c, light in zip(casters, lights)]
     return {
         "scene": soft_shadow(scene.geometry, lights, subject.gbuffer, FEW).visibility,
         "depth images": torch.cat([p.visibility for p in parts], dim=1),

@@ -54,12 +54,13 @@ def run(frame: Frame) -> Occluders:
     earlier = frame.earlier(OCCLUDERS)
     if earlier is not None:
         return earlier
-    scene, kind = frame.scene, frame.options.soft_shadow.occluders
+    scene, how = frame.scene, frame.options.soft_shadow
+    kind = how.occluders
     if kind == "scene":
-        return occluders(scene.geometry).prepared()
+        return occluders(scene.geometry).prepared(how)
     options = OccluderOptions(mesh=MESHES[kind], size=IMAGE_SIDE)
     lights = [light for light in scene.lights if isinstance(light, RectLight) and shines(light)]
-    return occluders([approximate_occluders(scene, light, options) for light in lights]).prepared()
+    return occluders([approximate_occluders(scene, light, options) for light in lights]).prepared(how)
 
 
 def amounts(outlook: Outlook) -> Amounts:

@@ -37,7 +37,7 @@ from torchrender.scene.procedural import build
 SCENES = ("living_room", "washroom")
 THESIS = ClusterOptions(
     centre="thesis", aim="normal", plane_share=float("inf"), camera_share=0.0, deviation_deg=180.0, layers=1,
-    search="secant", image_scale=1.0, lobe="cone", fade=True,
+    search="secant", image_scale=1.0, lobe="cone", fade=True, share_rays=False,
 )  # fmt: skip
 """The literal algorithm."""
 
@@ -173,11 +173,11 @@ def image_scale(stage: Stage, scale: float, study: StudyOptions) -> dict[str, An
 
 def choices(stage: Stage, study: StudyOptions) -> dict[str, Any]:
     """The thesis's cameras and clusters beside what is beyond it."""
-    basic = ("plane_share", "search", "lobe", "fade", "camera_share")
+    basic = ("plane_share", "search", "lobe", "fade", "share_rays", "camera_share")
     named = {
         "as published": THESIS,
         "+ planes apart": replace(THESIS, **_defaults("plane_share")),
-        "+ rays meet triangles": replace(THESIS, **_defaults("plane_share", "search", "lobe", "fade")),
+        "+ rays meet triangles": replace(THESIS, **_defaults("plane_share", "search", "lobe", "fade", "share_rays")),
         "+ small clusters join": replace(THESIS, **_defaults(*basic)),
         "+ cameras look along their rays": replace(THESIS, **_defaults(*basic, "aim")),
         "+ best centre": replace(THESIS, **_defaults(*basic, "aim", "centre")),

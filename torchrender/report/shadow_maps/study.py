@@ -127,11 +127,13 @@ def measure(scene: Scene, light: Light, size: tuple[int, int], runs: int) -> tup
 
 
 def _faces(light: Light, gbuffer: GBuffer) -> Tensor:
-    """Pixels whose surface is not turned away from the light's centre."""
+    """Pixels whose surface is not turned away from the light's centre, on the side to which a rectangle sends."""
     place = light.centre if isinstance(light, RectLight) else getattr(light, "position", None)
     if place is None:
         return (gbuffer.geometric_normal @ -light.direction) > 0  # type: ignore[union-attr]
-    return ((place.double() - gbuffer.position) * gbuffer.geometric_normal.double()).sum(-1) > 0
+    toward = place.double() - gbuffer.position
+    facing = (toward * gbuffer.geometric_normal.double()).sum(-1) > 0
+    return facing & ((toward @ -light.normal.double()) > 0) if isinstance(light, RectLight) else facing
 
 
 def page(record: dict[str, Any]) -> str:
@@ -144,9 +146,9 @@ def page(record: dict[str, Any]) -> str:
         f"Image {width} × {height}; maps 1024² where nothing else is said. Wrong pixels: shares of the pixels",
         "that face the light, dark or lit by over a half against one shadow ray each (pcss on area lights: 64 rays).",
         "Acne: false shadow farther than two pixels from any true edge. Kept: share of the true shadow that is dark.",
-        "Penumbra: mean error where the reference is neither lit nor dark. Contact displacement: how far the map's bias",
-        "alone may move a contact, 95th percentile, share of the diagonal. Maps follow the view, and triangles",
-        "settle their edges, unless a row says otherwise; constant biases are those that a user would tune.",
+        "Penumbra: mean error where the reference is neither lit nor dark. Contact displacement: how far the bias",
+        "of the map alone may move a contact, 95th percentile, share of the diagonal. Maps follow the view, and",
+        "triangles settle their edges, unless a row says otherwise; constant biases are those that a user would tune.",
         "",
         "![per row: rays, bilinear, pcf, pcss, bilinear of the whole scene with edges by the map](shadow-maps.jpg)",
         "",

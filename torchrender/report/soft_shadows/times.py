@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -51,7 +52,8 @@ def _steps(subject: Subject, label: str, options: SoftShadowOptions, study: Stud
         chosen = OccluderOptions(size=study.size, mesh=label)
         mesh = approximate_occluders(subject.scene, study_light(subject.box), chosen, bounds=subject.box)
     sampled = time.perf_counter()
-    ready = occluders(mesh)
+    options = replace(options, occluders="rebuilt" if label == "hybrid" else "scene")
+    ready = occluders(mesh).prepared(options)
     sorted_at = time.perf_counter()
     subject.lit(ready, 1.0, options)
     done = time.perf_counter()
@@ -74,7 +76,7 @@ def penumbra_cost(study: StudyOptions) -> list[dict[str, float]]:
     view, ready, rows = rasterize(scene, camera), occluders(scene.geometry), []
     settings = {
         "skipping": SoftShadowOptions(light_samples=study.light_samples),
-        "tracing all": SoftShadowOptions(light_samples=study.light_samples, skip_lit=False, umbra_probes=0),
+        "tracing all": SoftShadowOptions(light_samples=study.light_samples, refine=1, skip_lit=False, umbra_probes=0),
     }
     for side in (0.01, 0.1, 0.25, 0.5, 1.0, 2.0, 3.0, 4.5, 6.0, 8.0):
         corner = torch.tensor([-side / 2, 6.0, -side / 2])

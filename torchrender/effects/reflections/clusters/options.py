@@ -41,6 +41,7 @@ class ClusterOptions:
     trace_below: float = 0.1  # with "trace": curved clusters with fewer rays than this share of the scene's triangles
     # get no depth image; drawing one costs more than tracing them
     lobe: str = "ggx"  # of glossy pixels: of facets, or an even "cone" as published
+    share_rays: bool = True  # neighbouring glossy pixels see what each other's rays see
     self_reflection: str = (
         "mirror"  # concave reflectors that see themselves: "mirror" as others, or own "diffuse" colour
     )

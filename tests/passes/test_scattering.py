@@ -1,0 +1,150 @@
+"""The pass ``scattering``: when it applies, what it does to surfaces, mirrors and streams."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+import torchrender as tr
+from media_scenes import LAMP, SUN, eye, fog, t1
+from torchrender.effects.media.options import ScatterOptions
+from torchrender.pipeline.history import RenderHistory
+from torchrender.pipeline.options import RenderOptions
+from torchrender.scene.camera import Cameras
+from torchrender.scene.material import Material
+from torchrender.scene.model import Scene
+
+SMALL = eye(60, 45)
+ALL = ScatterOptions(block=1)
+
+
+def reason(scene: Scene, camera: Cameras = SMALL, options: RenderOptions | None = None) -> str:
+    row = tr.plan(scene, camera, options=options or RenderOptions()).row("scattering")
+    return f"{'+' if row.runs else '-'} {row.reason}"
+
+
+def test_it_says_why_it_does_not_run() -> None:
+    scene = t1()
+    assert reason(scene) == "+ 1 medium in view"
+    assert reason(replace(scene, media=(fog(), fog()))) == "+ 2 media in view"
+    assert reason(replace(scene, media=())) == "- no medium"
+    assert reason(replace(scene, media=(fog(density=0.0),))) == "- every medium is empty"
+    assert reason(scene, options=RenderOptions(media=False)) == "- media are turned off"
+    behind = fog(low=torch.tensor([-1.0, -1.0, 3.0]), high=torch.tensor([1.0, 1.0, 4.0]))
+    dark = replace(scene, media=(behind,), lights=(replace(LAMP, position=torch.tensor([0.0, 0.0, 2.0])),))
+    assert reason(dark).startswith("- no medium in view: behind the camera")
+    above = fog(low=torch.tensor([-4.0, 20.0, -8.0]), high=torch.tensor([4.0, 21.0, 0.0]))
+    overhead = replace(SUN, direction=torch.tensor([0.0, -1.0, 0.0]))
+    assert reason(replace(scene, media=(above,), lights=(overhead,))) == "+ a medium may shadow what is in view"
+
+
+def test_clear_air_is_the_picture_without_media() -> None:
+    scene = t1()
+    clear = tr.render(replace(scene, media=()), SMALL).radiance
+    assert torch.equal(tr.render(scene, SMALL, options=RenderOptions(media=False)).radiance, clear)
+    empty = replace(scene, media=(fog(scattering=torch.zeros(3), absorption=torch.zeros(3)),))
+    assert torch.equal(tr.render(empty, SMALL).radiance, clear)
+    assert not torch.equal(tr.render(scene, SMALL).radiance, clear)
+
+
+def test_surfaces_are_lit_and_seen_through_the_medium() -> None:
+    """Absorption alone: direct light loses on both ways, exactly."""
+    medium = fog(scattering=torch.zeros(3), absorption=torch.tensor([0.1, 0.2, 0.4]))
+    scene = replace(t1(medium=medium), ambient=torch.zeros(3))
+    image = tr.render(scene, SMALL, options=RenderOptions(scattering=ALL))
+    clear = tr.render(replace(scene, media=()), SMALL)
+    seen = image.gbuffer
+    to_light = (LAMP.position.double() - seen.position).norm(dim=-1, keepdim=True)
+    to_eye = seen.position.norm(dim=-1, keepdim=True)
+    wanted = clear.radiance * torch.exp(-(to_light + to_eye) * medium.absorption)
+    inside = seen.covered & (seen.position[..., 2] > -7.99) & (seen.position[..., 1] > -1.0001)
+    torch.testing.assert_close(image.radiance[inside], wanted[inside].float(), rtol=2e-3, atol=1e-5)
+
+
+def mirror_scene(medium) -> Scene:
+    """A mirror on the left shows the wall behind the eye."""
+    scene = t1(LAMP, medium=medium)
+    mirror = Material(name="mirror", diffuse=torch.zeros(3), specular=1.0, shininess=1000.0)
+    meshes = list(scene.meshes)
+    meshes[1] = replace(meshes[1], material=1)
+    return replace(scene, meshes=tuple(meshes), materials=(*scene.materials, mirror), ambient=torch.ones(3))
+
+
+def test_a_mirror_in_fog_shows_what_both_ways_leave() -> None:
+    low, high = torch.full((3,), -30.0), torch.full((3,), 30.0)
+    medium = fog(low=low, high=high, scattering=torch.zeros(3), absorption=torch.full((3,), 0.2))
+    scene = replace(mirror_scene(medium), lights=(replace(LAMP, intensity=torch.zeros(3)),))
+    options = RenderOptions(reflections="traced", scattering=ALL, buffers=("reflections",))
+    image = tr.render(scene, SMALL, options=options)
+    clear = tr.render(replace(scene, media=()), SMALL, options=options)
+    layer = clear.buffers["reflections"]
+    chosen = (layer.state != 0) & torch.isfinite(layer.distance)
+    assert int(chosen.sum()) > 20
+    way = image.gbuffer.position.norm(dim=-1)[chosen] + layer.distance[chosen].double()
+    wanted = clear.radiance[chosen] * torch.exp(-0.2 * way)[:, None]
+    torch.testing.assert_close(image.radiance[chosen], wanted.float(), rtol=1e-2, atol=1e-4)
+
+
+def test_settings_go_from_fast_to_exact_and_errors_fall() -> None:
+    scene = t1(SUN, grille=True)
+    from torchrender.passes.table import find_pass
+
+    step = find_pass("scattering")
+    wanted = tr.render(scene, SMALL, options=step.settings.named("walked").applied(RenderOptions())).radiance
+    errors = []
+    for name in ("3 x 3", "2 x 2", "all", "walked"):
+        made = tr.render(scene, SMALL, options=step.settings.named(name).applied(RenderOptions()))
+        assert made.plan is not None and made.plan.row("scattering").setting == name
+        errors.append(float((made.radiance - wanted).abs().mean()))
+    assert errors[-1] == 0.0 and max(errors) < 0.02
+
+
+def test_the_reference_casts_rays() -> None:
+    scene = t1(LAMP, grille=True)
+    way = ScatterOptions(way="march", shadows="rays", block=1, steps=128)
+    rays = tr.render(scene, SMALL, options=RenderOptions(scattering=way)).radiance
+    maps = tr.render(scene, SMALL, options=RenderOptions(scattering=ALL)).radiance
+    assert float((rays - maps).abs().mean() / rays.mean()) < 0.02
+
+
+def test_any_edit_costs_no_preparation() -> None:
+    """What lasts is what does without media: maps and rays, nothing of the media themselves."""
+    scene = t1()
+    first = tr.render(scene, SMALL, history=RenderHistory())
+    assert first.history is not None
+    other = replace(scene, media=(fog(asymmetry=0.5),))
+    edited = tr.render(other, SMALL, history=first.history)
+    assert torch.equal(edited.radiance, tr.render(other, SMALL).radiance)
+    assert first.history.get(_shadow_map(), RenderOptions()) is not None
+    assert "scattering" not in first.history.kept
+
+
+def _shadow_map():
+    from torchrender.passes.light.shadow_map import SHADOW_MAP
+
+    return SHADOW_MAP
+
+
+def test_samples_of_streams_get_their_own_haze() -> None:
+    from torchrender_service.renderers.layers import cameras_around, extra_layers
+
+    scene = t1(LAMP)
+    image = tr.render(scene, SMALL, history=RenderHistory())
+    assert image.history is not None and image.plan is not None
+    around = cameras_around(SMALL, image.visibility.depth[0], 1)
+    layer = extra_layers(scene, image.visibility, around, image.plan.options, image.history)[0]
+    direct = tr.render(scene, around[0], options=RenderOptions(scattering=ALL)).radiance[0]
+    known = layer.known & torch.isfinite(layer.depth)
+    known[:2], known[-2:], known[:, :2], known[:, -2:] = False, False, False, False
+    assert int(known.sum()) > 10
+    difference = (layer.radiance[known] - direct[known]).abs().mean() / direct[known].mean()
+    assert float(difference) < 0.2  # the layer's rim continues what lies behind
+
+
+@pytest.mark.parametrize("supersample", [0.5, 2.0])
+def test_fewer_and_more_pixels(supersample: float) -> None:
+    made = tr.render(t1(), SMALL, options=RenderOptions(supersample=supersample)).radiance
+    wanted = tr.render(t1(), SMALL).radiance
+    assert float((made - wanted).abs().mean() / wanted.mean()) < 0.1

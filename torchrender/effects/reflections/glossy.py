@@ -1,0 +1,45 @@
+"""Neighbouring glossy pixels share their rays: few rays a pixel, turned against those of its neighbours, blurred."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from torchrender.effects.reflections.reflectors import ReflectivePixels, reflection_layer
+
+SHARE = 0.5
+"""Of a lobe's width: how far the mirrored directions of pixels may differ that share their rays (one deviation)."""
+
+LEAST = 1e-6
+"""Widths of lobes below which nothing is shared."""
+
+
+def share_rays(pixels: ReflectivePixels, color: Tensor) -> Tensor:
+    """Colours (N,3) of glossy pixels, averaged with those of the 3 x 3 pixels around on the same reflector.
+
+    A neighbour counts by how much of its lobe falls into the pixel's own: what is mirrored is blurred by less than the
+    lobe blurs it. Mirrors stay as they are. The rays of neighbours are turned against each other, so nine pixels see as
+    much of a lobe as nine times as many rays.
+    """
+    if not bool((pixels.gloss > 0).any()):
+        return color
+    alpha = pixels.gloss.square()
+    none = torch.full((len(pixels),), torch.inf)
+    layer = reflection_layer(pixels, color, none, torch.ones(len(pixels)), pixels.object_id)
+    own = reflection_layer(pixels, alpha[:, None].expand(-1, 3), none, torch.ones(len(pixels)))
+    width = SHARE * own.color[..., 0]
+    total, weight = layer.color.clone(), torch.ones_like(width)
+    height, columns = width.shape[1:]
+    for dy in (-1, 0, 1):
+        for dx in (-1, 0, 1):
+            if (dy, dx) == (0, 0) or height <= abs(dy) or columns <= abs(dx):
+                continue
+            here = (slice(None), slice(max(-dy, 0), height - max(dy, 0)), slice(max(-dx, 0), columns - max(dx, 0)))
+            there = (slice(None), slice(max(dy, 0), height - max(-dy, 0)), slice(max(dx, 0), columns - max(-dx, 0)))
+            apart = (layer.direction[here] - layer.direction[there]).square().sum(-1)
+            alike = torch.exp(-apart / (2.0 * width[here].square()).clamp_min(1e-30))
+            shared = (width[here] > LEAST) & (width[there] > LEAST) & (layer.cluster[here] == layer.cluster[there])
+            part = torch.where(shared & (layer.state[here] > 0), alike, 0.0)
+            weight[here] += part
+            total[here] += part[..., None] * layer.color[there]
+    return (total / weight[..., None]).reshape(-1, 3)[pixels.pixel]

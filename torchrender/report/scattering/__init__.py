@@ -1,0 +1,1 @@
+"""Scattering measured: errors and times beside published figures, baselines and peers."""

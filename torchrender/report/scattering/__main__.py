@@ -1,0 +1,5 @@
+"""``python -m torchrender.report.scattering``."""
+
+from torchrender.report.scattering.study import main
+
+main()
