@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import json
+import time
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +12,7 @@ import pytest
 
 from gltf_builder import Glb
 from torchrender.cli import main as cli
+from torchrender.cli import output
 from torchrender.images.files import read_image
 
 
@@ -92,3 +95,22 @@ def test_photometric_lights_set_the_exposure(tmp_path: Path, capsys: pytest.Capt
     assert 0.02 < float(read_image(tmp_path / "a.png")[16, 16].mean()) < 0.9
     assert run("render", path, "-o", tmp_path / "b.png", "--size", "32x32", "--exposure", 0) == 0
     assert float(read_image(tmp_path / "b.png")[16, 16].mean()) == 1.0
+
+
+def test_long_steps_are_shown_to_who_watches(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Terminal(io.StringIO):
+        def isatty(self) -> bool:
+            return True
+
+    monkeypatch.setattr(output, "PATIENCE_S", 0.05)
+    for stream, seen in ((Terminal(), True), (io.StringIO(), False)):
+        monkeypatch.setattr("sys.stderr", stream)
+        with output.waiting("reading a.ply"):
+            time.sleep(0.7)
+        assert ("reading a.ply" in stream.getvalue()) == seen
+    quick = Terminal()
+    monkeypatch.setattr("sys.stderr", quick)
+    monkeypatch.setattr(output, "PATIENCE_S", 5.0)
+    with output.waiting("reading a.ply"):
+        pass
+    assert not quick.getvalue()

@@ -6,6 +6,7 @@ import argparse
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+from torchrender.cli.output import waiting
 from torchrender.errors import OptionError
 
 if TYPE_CHECKING:
@@ -73,17 +74,18 @@ def load_scene(arguments: argparse.Namespace) -> Scene:
         return read_walkthrough(arguments.scene).scene()
     from torchrender.scene.load import load
 
-    return load(
-        arguments.scene,
-        size=arguments.triangles,
-        drop_invalid=arguments.drop_invalid,
-        **given(
-            time=arguments.time,
-            animation=named_or_numbered(arguments.animation),
-            variant=arguments.variant,
-            subscene=named_or_numbered(arguments.subscene),
-        ),
-    )
+    with waiting(f"reading {arguments.scene}"):
+        return load(
+            arguments.scene,
+            size=arguments.triangles,
+            drop_invalid=arguments.drop_invalid,
+            **given(
+                time=arguments.time,
+                animation=named_or_numbered(arguments.animation),
+                variant=arguments.variant,
+                subscene=named_or_numbered(arguments.subscene),
+            ),
+        )
 
 
 def named_or_numbered(text: str | None) -> str | int | None:

@@ -6,6 +6,7 @@ import gc
 import json
 import re
 import sys
+import threading
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -81,6 +82,37 @@ def saying_warnings() -> Iterator[None]:
         warnings.showwarning = say
         warnings.simplefilter("always", TorchRenderWarning)
         yield
+
+
+PATIENCE_S = 2.0
+"""What takes longer is shown, if somebody is watching."""
+
+
+@contextmanager
+def waiting(what: str) -> Iterator[None]:
+    """A line on stderr that counts the seconds of one long step, once it has taken :data:`PATIENCE_S`."""
+    if not sys.stderr.isatty():
+        yield
+        return
+    done = threading.Event()
+
+    def show() -> None:
+        if done.wait(PATIENCE_S):
+            return
+        from tqdm import tqdm
+
+        form = "{desc} {elapsed}"
+        with tqdm(desc=what, bar_format=form, file=sys.stderr, leave=False, initial=int(PATIENCE_S)) as line:
+            while not done.wait(0.5):
+                line.update()
+
+    watcher = threading.Thread(target=show, daemon=True)
+    watcher.start()
+    try:
+        yield
+    finally:
+        done.set()
+        watcher.join()
 
 
 def progress(items: Iterable[T], unit: str) -> Iterable[T]:

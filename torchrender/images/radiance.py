@@ -37,9 +37,8 @@ def read_radiance(data: bytes, name: str | Path, max_pixels: int) -> np.ndarray[
     check_size(name, *((second, first) if by_rows else (first, second)), max_pixels)
     usual = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y %d +X %d\n" % (first, second) + data[size.end() :]
     level = cv2.utils.logging.getLogLevel()
-    cv2.utils.logging.setLogLevel(
-        cv2.utils.logging.LOG_LEVEL_SILENT
-    )  # what it has to say of damaged pictures is said below
+    # What it has to say of damaged pictures is said below.
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     try:
         pixels = cv2.imdecode(np.frombuffer(usual, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error as error:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from torchrender.kernels.meshes.crease import corner_groups, split_vertices, sum_normals, weld_points
+from torchrender.kernels.meshes.crease import corner_groups, split_vertices, sum_normals, unit_normals, weld_points
 
 CREASE_DEG = 40.0
 """Faces that meet at a larger angle keep a hard edge: scans stay smooth, boxes and machine parts sharp."""
@@ -35,15 +35,19 @@ def crease_normals(vertices: Array, faces: Array, crease_deg: float = CREASE_DEG
     faces = np.ascontiguousarray(faces, np.int64)
     points, place = weld(vertices)
     corners = place[faces]
-    triangles = points[corners]
-    normals = _unit(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]))
-    group = np.empty(faces.size, np.int64)
+    normals = np.empty((len(faces), 3))
+    unit_normals(points, corners, normals)
+    group = np.empty(faces.size, np.int32)
     corner_groups(corners, normals, float(np.cos(np.radians(crease_deg))), group)
-    sums = np.zeros((faces.size, 3))
+    # Groups by number in place of their first corner.
+    numbers = np.cumsum(group == np.arange(faces.size, dtype=np.int32), dtype=np.int32)
+    group = numbers[group] - 1
+    sums = np.zeros((int(numbers[-1]), 3))
     sum_normals(points, corners, normals, group, sums)
-    new, source, label = np.empty_like(faces), np.empty(faces.size, np.int64), np.empty(faces.size, np.int64)
+    del corners, normals, numbers
+    new, source, label = np.empty_like(faces), np.empty(faces.size, np.int32), np.empty(faces.size, np.int32)
     count = split_vertices(faces, group, len(vertices), new, source, label)
-    return source[:count].copy(), new, _unit(sums[label[:count]]).astype(np.float32)
+    return source[:count].astype(np.int64), new, _unit(sums[label[:count]]).astype(np.float32)
 
 
 def weld(vertices: Array) -> tuple[Array, Array]:

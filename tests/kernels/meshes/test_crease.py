@@ -9,7 +9,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from torchrender.kernels.meshes.crease import corner_groups, split_vertices, sum_normals, weld_points
+from torchrender.kernels.meshes.crease import corner_groups, split_vertices, sum_normals, unit_normals, weld_points
 
 
 def slow_groups(corners: np.ndarray, normals: np.ndarray, cosine: float) -> list[int]:
@@ -49,11 +49,11 @@ def test_groups_against_a_search(faces: int, points: int, seed: int, cosine: flo
     corners = np.stack([rng.permutation(points)[:3] for _ in range(faces)]).astype(np.int64)
     normals = rng.normal(size=(faces, 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    group = np.empty(corners.size, np.int64)
+    group = np.empty(corners.size, np.int32)
     corner_groups(corners, normals, cosine, group)
     assert group.tolist() == slow_groups(corners, normals, cosine)
     # New vertices: one for each pair of vertex and group, ordered by vertex.
-    new, source, label = np.empty_like(corners), np.empty(corners.size, np.int64), np.empty(corners.size, np.int64)
+    new, source, label = np.empty_like(corners), np.empty(corners.size, np.int32), np.empty(corners.size, np.int32)
     count = split_vertices(corners, group, points, new, source, label)
     pairs = {(int(v), int(g)) for v, g in zip(corners.reshape(-1), group, strict=True)}
     assert count == len(pairs) and {(int(s), int(g)) for s, g in zip(source[:count], label[:count])} == pairs
@@ -81,5 +81,19 @@ def test_angles_weigh_the_normals() -> None:
     normals = np.cross(b - a, c - a)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     sums = np.zeros((12, 3))
-    sum_normals(points, corners, normals, np.arange(12) * (np.arange(12) % 3 != 0), sums)
+    sum_normals(points, corners, normals, (np.arange(12) * (np.arange(12) % 3 != 0)).astype(np.int32), sums)
     np.testing.assert_allclose(sums[0], [math.pi / 2] * 3, atol=1e-12)
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([1e-200, 1e-30, 1.0, 1e30, 1e150]))
+@settings(deadline=None)
+def test_unit_normals_of_any_size(seed: int, scale: float) -> None:
+    points = np.random.default_rng(seed).normal(size=(6, 3))
+    corners = np.array([[0, 1, 2], [3, 4, 5], [0, 0, 1], [2, 2, 2]], np.int64)
+    found = np.empty((4, 3))
+    unit_normals(points * scale, corners, found)
+    for k in range(2):
+        a, b, c = points[corners[k]]
+        cross = np.cross(b - a, c - a)
+        np.testing.assert_allclose(found[k], cross / np.linalg.norm(cross), atol=1e-9)
+    assert not found[2:].any()

@@ -18,7 +18,7 @@ def weld_points(bits: np.ndarray, place: np.ndarray, first: np.ndarray) -> int:
     ``place`` (V,) int64 gets each row's number, ``first`` (V,) the row that each number was met at; returns how many.
     """
     size = _table_size(len(bits))
-    table = np.full(size, _EMPTY, np.int64)
+    table = np.full(size, _EMPTY, np.int32)
     count = 0
     for v in range(len(bits)):
         slot = _mix(bits[v, 0], _mix(bits[v, 1], bits[v, 2])) & (size - 1)
@@ -46,13 +46,13 @@ def corner_groups(corners: np.ndarray, normals: np.ndarray, cosine: float, group
         corners: (F,3) int64 welded positions.
         normals: (F,3) float64 unit normals.
         cosine: of the greatest angle that is gentle.
-        group: (3F,) int64 gets the smallest corner that each corner is connected with.
+        group: (3F,) int32 gets the smallest corner that each corner is connected with.
     """
     faces = len(corners)
     for c in range(3 * faces):
         group[c] = c
     size = _table_size(3 * faces)
-    table = np.full(size, _EMPTY, np.int64)  # last half edge of each edge
+    table = np.full(size, _EMPTY, np.int32)  # last half edge of each edge
     for half in range(3 * faces):
         f, k = half // 3, half % 3
         p, q = corners[f, k], corners[f, (k + 1) % 3]
@@ -91,17 +91,17 @@ def split_vertices(
 
     Args:
         faces: (F,3) int64 old vertices.
-        group: (3F,) int64.
+        group: (3F,) int32.
         count: old vertices.
         new: (F,3) int64 gets the new vertex of each corner.
-        source, label: (3F,) int64 get the old vertex and the group of each new one.
+        source, label: (3F,) int32 get the old vertex and the group of each new one.
 
     Returns:
         How many new vertices there are.
     """
     flat = faces.reshape(-1)
-    head = np.full(count, _EMPTY, np.int64)  # last new vertex of each old one
-    before = np.empty(len(flat), np.int64)
+    head = np.full(count, _EMPTY, np.int32)  # last new vertex of each old one
+    before = np.empty(len(flat), np.int32)
     found = 0
     place = new.reshape(-1)
     for c in range(len(flat)):
@@ -119,7 +119,7 @@ def split_vertices(
         start[source[n] + 1] += 1
     for v in range(count):
         start[v + 1] += start[v]
-    rank = np.empty(found, np.int64)
+    rank = np.empty(found, np.int32)
     for n in range(found):
         rank[n] = start[source[n]]
         start[source[n]] += 1
@@ -143,6 +143,30 @@ def sum_normals(
             g = group[3 * f + k]
             for axis in range(3):
                 sums[g, axis] += angle * normals[f, axis]
+
+
+@kernel()
+def unit_normals(points: np.ndarray, corners: np.ndarray, normals: np.ndarray) -> None:
+    """Unit normals (F,3) float64 by the right-hand rule; zero for triangles without area."""
+    for f in range(len(corners)):
+        a, b, c = corners[f, 0], corners[f, 1], corners[f, 2]
+        big = 0.0
+        for k in range(3):
+            big = max(big, abs(points[b, k] - points[a, k]), abs(points[c, k] - points[a, k]))
+        normals[f] = 0.0
+        if not big > 0.0:
+            continue
+        ux, uy = (points[b, 0] - points[a, 0]) / big, (points[b, 1] - points[a, 1]) / big
+        uz = (points[b, 2] - points[a, 2]) / big
+        vx, vy = (points[c, 0] - points[a, 0]) / big, (points[c, 1] - points[a, 1]) / big
+        vz = (points[c, 2] - points[a, 2]) / big
+        x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        # Thin triangles: the product may be so small that its square is nothing.
+        most = max(abs(x), abs(y), abs(z))
+        if most > 0.0:
+            x, y, z = x / most, y / most, z / most
+            length = math.sqrt(x * x + y * y + z * z)
+            normals[f, 0], normals[f, 1], normals[f, 2] = x / length, y / length, z / length
 
 
 @kernel()
