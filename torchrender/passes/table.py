@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from torchrender.errors import InputError
 from torchrender.passes.contract import Pass
-from torchrender.passes.light import direct_light, light_reach, point_shadow, shadow_map, soft_shadow
+from torchrender.passes.light import direct_light, light_reach, point_shadow, shadow_map, sky_shadow, soft_shadow
 from torchrender.passes.mirrors import hit_shader, key_frame, reflection_reuse, reflections, reflective_pixel
 from torchrender.passes.picture import composite, enhancement, mesh_curvature, resample, scattering
 from torchrender.passes.picture.resample import PICTURE as PICTURE
@@ -25,6 +25,7 @@ PASSES: tuple[Pass, ...] = (
     point_shadow.PASS,
     soft_shadow.PASS,
     direct_light.PASS,
+    sky_shadow.PASS,
     hit_shader.PASS,
     reflection_reuse.PASS,
     reflections.PASS,
