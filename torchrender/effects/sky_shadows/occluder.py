@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import logging
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import astuple, dataclass
 from pathlib import Path
 from time import perf_counter
@@ -15,6 +15,7 @@ from torch import Tensor
 from torch.utils.weak import WeakIdKeyDictionary
 
 from torchrender.effects.sky_shadows.fit import Progress, SphereSet, fit_spheres
+from torchrender.effects.sky_shadows.loosened import loosened
 from torchrender.effects.sky_shadows.moving import Binding
 from torchrender.effects.sky_shadows.options import SphereOptions
 from torchrender.errors import InputError, SceneFileError
@@ -28,6 +29,7 @@ LOG = logging.getLogger("torchrender.sky_shadows")
 _KEPT: WeakIdKeyDictionary = WeakIdKeyDictionary()
 _ARRAYS = ("centres", "radii", "vertex_sphere", "face_sphere", "inner_radii")
 VERSION = 1
+POSES, MOST_ANIMATIONS = 8, 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,9 +107,18 @@ def occluder_of(
         rest = [(scene.at(None) if scene.motions else scene).meshes[m] for m in meshes]
         vertices, faces = joined(rest)
         with torch.inference_mode(False), torch.no_grad():
-            known[key] = Occluder(meshes, Binding(kept_spheres(vertices, faces, options, progress), vertices, faces))
+            fitted = kept_spheres(vertices, faces, options, progress)
+            spheres = loosened(fitted, vertices, faces, [joined([s.meshes[m] for m in meshes])[0] for s in _poses(scene)])
+            known[key] = Occluder(meshes, Binding(spheres, vertices, faces))
     made: Occluder = known[key]
     return made
+
+
+def _poses(scene: Scene) -> Iterator[Scene]:
+    """The scene at times of its animations, as many as tell which parts go together."""
+    for name, duration in list(scene.animations.items())[:MOST_ANIMATIONS]:
+        for number in range(POSES):
+            yield scene.at(duration * (number + 0.5) / POSES, name)
 
 
 def _origin(scene: Scene, mesh: int) -> object:
