@@ -83,10 +83,8 @@ def _share(points: Tensor, normals: Tensor, own: Tensor, spheres: Tensor, light:
     """Share (N,3) of the light that is left, channel by channel; 1 where there is none."""
     # A surface that spheres reach through is in contact with what they stand for; one of that itself is not hidden by it.
     inside = torch.where(own >= 0, INSIDE.index("skip"), INSIDE.index("half"))
-    left = shade(
-        points[None], normals[None], spheres[None], light, own_sphere=own[None], inside=inside[None]
-    ).radiance[0]
-    whole = shade(points[None], normals[None], spheres[None, :0], light).radiance[0]
+    found = shade(points[None], normals[None], spheres[None], light, own_sphere=own[None], inside=inside[None])
+    left, whole = found.radiance[0], found.whole[0]
     return torch.where(whole > 0, left / whole.clamp_min(1e-30), 1.0).clamp(0.0, 1.0)
 
 

@@ -21,6 +21,7 @@ class Shaded(NamedTuple):
     """Light at B sets of P points."""
 
     radiance: Tensor  # (B,P,3) float32 sent by a white matt surface: times its colour, what it sends
+    whole: Tensor  # (B,P,3) the same where nothing is hidden
     negative: int  # values that truncation had made negative, now zero
 
 
@@ -55,14 +56,15 @@ def shade(
     own = _rows("own_sphere", own_sphere, (count, number), -1)
     solid = _rows("inside", inside, (count, number), INSIDE.index(light.options.inside))
     caps, fine, chunk = caps_of(light.options), code_wavelets(), light.options.chunk
-    out = np.zeros((count, number, 3), np.float32)
+    out = np.zeros((count, number, 6), np.float32)
     negative = 0
     for b in range(count):
         samples = Samples(view(points[b], np.float64), view(normals[b], np.float32), own[b], solid[b])
         below = np.zeros(-(-number // chunk), np.int64)
         light_points(samples, view(spheres[b], np.float64), caps, light.record, fine, chunk, out[b], below)
         negative += int(below.sum())
-    return Shaded(torch.from_numpy(out), negative)
+    made = torch.from_numpy(out)
+    return Shaded(made[..., :3], made[..., 3:], negative)
 
 
 def hidden_bits(

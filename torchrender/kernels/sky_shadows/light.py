@@ -155,7 +155,7 @@ def stored_normals(x, y, z, cells, index, weight):
 
 @kernel()
 def gather(words, codes, counts, light, fine, place, out):
-    """Light (3,) that is left by what words (96,) hide; ``place``: stored normals, their weights and number."""
+    """Light (6,): left by what words (96,) hide, and with nothing hidden; ``place``: stored normals, weights, number."""
     index, weight, normals = place
     block, mean, value, column, start = light.block, light.mean, light.value, light.column, light.start
     count_blocks(words, counts)
@@ -165,6 +165,7 @@ def gather(words, codes, counts, light, fine, place, out):
         red += weight[k] * light.whole[index[k], 0]
         green += weight[k] * light.whole[index[k], 1]
         blue += weight[k] * light.whole[index[k], 2]
+    out[3], out[4], out[5] = red, green, blue
     for b in range(BLOCKS):
         count = counts[b]
         if count < 16:
@@ -201,7 +202,8 @@ def gather(words, codes, counts, light, fine, place, out):
 
 @kernel(parallel=True)
 def light_points(samples, spheres, caps, light, fine, chunk, out, negative):
-    """Light out (P,3) float32 that arrives at samples over pi, clamped at 0; ``negative`` (T,) counts what was below.
+    """Light out (P,6) float32 that arrives at samples over pi, clamped at 0, and that would with nothing hidden.
+    ``negative`` (T,) counts what was below zero.
 
     ``spheres`` (S,4) float64 centre and radius, ``fine`` (65536,16) int8 coefficients of codes.
     """
@@ -211,14 +213,12 @@ def light_points(samples, spheres, caps, light, fine, chunk, out, negative):
         rows, words = np.zeros(ROWS, np.uint32), np.zeros(WORDS, np.int64)
         codes, counts = words.view(np.uint16), np.zeros(BLOCKS, np.int32)
         index, weight = np.zeros(4, np.int64), np.zeros(4)
-        color = np.zeros(3)
+        color = np.zeros(6)
         below = 0
         first = np.int64(part) * chunk
         for i in range(first, min(first + chunk, count)):
             if not hide(samples, i, spheres, caps, rows, words):
-                for c in range(3):
-                    out[i, c] = np.float32(0.0)
-                continue
+                words[:] = -1
             normals = stored_normals(
                 np.float64(samples.normal[i, 0]),
                 np.float64(samples.normal[i, 1]),
@@ -232,6 +232,7 @@ def light_points(samples, spheres, caps, light, fine, chunk, out, negative):
                 if color[c] < 0.0:
                     below += 1
                 out[i, c] = np.float32(max(color[c], 0.0))
+                out[i, 3 + c] = np.float32(color[3 + c])
         negative[part] = below
 
 
