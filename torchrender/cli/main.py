@@ -23,6 +23,7 @@ from torchrender.cli.output import check_output, collect_garbage, image_size, pr
 from torchrender.cli.plan import add_limits, add_plan, run_calibrate, run_plan, run_tradeoff
 from torchrender.cli.points import add_points, draws_points, point_info, run_points
 from torchrender.cli.serve import add_load_test, add_serve, load_test_command, serve_command
+from torchrender.cli.spheres import add_spheres, run_spheres
 from torchrender.cli.style import add_style, run_style
 from torchrender.cli.voxelize import add_voxelize, run_voxelize, voxel_info
 from torchrender.cli.walkthrough import (
@@ -202,6 +203,7 @@ _COMMANDS = {
     "depth": _depth,
     "voxelize": _voxelize,
     "points": _points,
+    "spheres": run_spheres,
     "style": run_style,
     "walkthrough": run_walkthrough,
     "scenes": _scenes,
@@ -256,6 +258,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_depth(commands.add_parser("depth", help="write depth images of a scene from several viewpoints"))
     add_voxelize(commands.add_parser("voxelize", help="write a model as voxels, or a picture of them"))
     add_points(commands.add_parser("points", help="draw or compress a cloud of points"))
+    add_spheres(commands)
     add_style(commands)
     add_walkthrough(commands)
     commands.add_parser("scenes", help="list the built-in scenes")

@@ -13,6 +13,7 @@ from torchrender.passes.light import (
     pane_shadow,
     point_shadow,
     shadow_map,
+    sky_shadow,
     soft_shadow,
 )
 from torchrender.passes.mirrors import hit_shader, key_frame, reflection_reuse, reflections, reflective_pixel
@@ -35,6 +36,7 @@ PASSES: tuple[Pass, ...] = (
     pane_shadow.PASS,
     ambient_visibility.PASS,
     direct_light.PASS,
+    sky_shadow.PASS,
     hit_shader.PASS,
     reflection_reuse.PASS,
     reflections.PASS,

@@ -15,6 +15,7 @@ from torchrender.effects.reflections.reuse_options import ReuseOptions
 from torchrender.effects.reflections.traced import TraceOptions
 from torchrender.effects.shadows.shadow_map import ShadowOptions
 from torchrender.effects.shadows.soft_shadow import SoftShadowOptions
+from torchrender.effects.sky_shadows.options import SkyShadowOptions
 from torchrender.numerics.tonemap import OPERATORS
 from torchrender.shade import AREA_LIGHTS
 
@@ -40,6 +41,7 @@ class RenderOptions:
     point_shadows: str = "maps"  # of lights without area: shadow "maps", or "traced" by a ray per pixel and light
     area_shadows: str = "pcss"  # of rectangles: "pcss" (one map, penumbrae guessed), "hard" (one map), or "sampled"
     soft_shadow: SoftShadowOptions = field(default_factory=SoftShadowOptions)  # of area_shadows="sampled"
+    sky_shadow: SkyShadowOptions = field(default_factory=SkyShadowOptions)  # of objects before an environment
     area_light: str = "polygon"  # light of rectangles without shadows: exact, or "centre": all from their centre
     ambient_visibility: str = "horizon"  # what hides light from everywhere: "horizon" search, "traced", "off": nothing
     ambient: AmbientOptions = field(default_factory=AmbientOptions)

@@ -1,0 +1,202 @@
+"""Light from all around, prepared for shadows: a cube map of 32 x 32 texels, and its wavelets. Source: spec 08, 3 and 8."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from torchrender.checks import check_finite, check_tensor
+from torchrender.errors import InputError
+from torchrender.effects.sky_shadows.options import SkyLightOptions
+from torchrender.kernels.sky_shadows.light import Light
+from torchrender.kernels.sky_shadows.resample import texel_means
+from torchrender.numerics.cube_map import face_directions, node_directions, solid_angles, texel_directions
+from torchrender.numerics.haar import Haar, first, inverse, square_levels, transform
+from torchrender.scene.environment import Environment
+
+SIDE, BLOCK_SIDE = 32, 8
+FINEST = 512
+"""Rows of a picture of the sky from which on it is averaged first."""
+_TAKEN = 8
+"""Places in a texel, per side, where the sky is looked up."""
+
+
+@dataclass(frozen=True, eq=False)
+class SkyLight:
+    """Light prepared by :func:`prepare_light`."""
+
+    texels: Tensor  # (6,32,32,3) float64 radiance times solid angle times 32^2: the mean of what it meets is an integral
+    options: SkyLightOptions
+    kept: Tensor  # (T,4) int64 wavelets that are kept: face, square, kind, and whether it is one of the two finest levels
+    record: Light  # what the kernel reads
+
+    @property
+    def haar(self) -> Haar:
+        """Of the texels: means (3,6,341), wavelets (3,6,341,3)."""
+        return transform(self.texels.permute(3, 0, 1, 2))
+
+
+def cube_radiance(environment: Environment) -> Tensor:
+    """Mean radiance (6,32,32,3) float64 of an environment over the texels of a cube map."""
+    picture = environment.radiance.detach()
+    step = max(1, -(-picture.shape[0] // FINEST))
+    if step > 1:
+        planes = picture.permute(2, 0, 1)[None]
+        picture = torch.nn.functional.avg_pool2d(planes, step, ceil_mode=True)[0].permute(1, 2, 0)
+    azimuth, height = _places()
+    out = np.empty((6 * SIDE * SIDE, 3))
+    turn = environment.rotation_deg / 360.0
+    texel_means(picture.contiguous().numpy(), azimuth, height, turn % 1.0, out)
+    return torch.from_numpy(out).reshape(6, SIDE, SIDE, 3) * environment.intensity
+
+
+@cache
+def _places() -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
+    """(6144,64) azimuth in turns and height of places in every texel."""
+    fine = SIDE * _TAKEN
+    line = 2.0 * (torch.arange(fine, dtype=torch.float64) + 0.5) / fine - 1.0
+    v, u = torch.meshgrid(line, line, indexing="ij")
+    d = torch.nn.functional.normalize(face_directions(u, v), dim=-1)
+    azimuth = torch.atan2(d[..., 0], -d[..., 2]) / (2 * math.pi)
+    height = torch.acos(d[..., 1].clamp(-1.0, 1.0)) / math.pi
+
+    def grouped(value: Tensor) -> np.ndarray[Any, Any]:
+        parts = value.reshape(6, SIDE, _TAKEN, SIDE, _TAKEN).transpose(2, 3).reshape(-1, _TAKEN * _TAKEN)
+        return parts.float().contiguous().numpy()
+
+    return grouped(azimuth), grouped(height)
+
+
+def prepare_light(sky: Environment | Tensor, options: SkyLightOptions | None = None) -> SkyLight:
+    """Prepare an environment, or radiance (6,32,32,3) of a cube map in world axes, for :func:`shade`.
+
+    Raises:
+        InputError: radiance of another shape, negative, or not finite.
+    """
+    options = options or SkyLightOptions()
+    radiance = cube_radiance(sky) if isinstance(sky, Environment) else sky.detach().double()
+    check_tensor("radiance", radiance, (6, SIDE, SIDE, 3))
+    check_finite("radiance", radiance)
+    if bool((radiance < 0).any()):
+        raise InputError("radiance must not be negative")
+    texels = radiance * (solid_angles(SIDE) * SIDE**2)[None, :, :, None]
+    kept = _largest(transform(texels.permute(3, 0, 1, 2)).wavelets, options.terms, options.ranking)
+    return SkyLight(texels, options, kept, _record(texels, kept, options))
+
+
+def _largest(wavelets: Tensor, terms: int, ranking: str) -> Tensor:
+    """The largest wavelets (C,6,N,3) over all channels: (T,4) face, square, kind, is fine; none that is zero."""
+    size = wavelets.square().sum(0)
+    level = square_levels(5)
+    if ranking == "area":
+        size = size * torch.pow(0.25, level.double())[None, :, None]
+    flat = size.reshape(-1)
+    best = flat.topk(min(terms, flat.numel())).indices
+    best = best[flat[best] > 0].sort().values
+    face, square, kind = best // (341 * 3), best // 3 % 341, best % 3
+    return torch.stack([face, square, kind, (level[square] >= 3).long()], dim=1)
+
+
+@cache
+def stored_normals(cells: int, blend: bool) -> Tensor:
+    """(N,3) float64: corners of C x C cells of every face, or the middles of 8 x 8 for the nearest one."""
+    made = node_directions(cells) if blend else texel_directions(cells)
+    return made.reshape(-1, 3)
+
+
+def cosines(normals: Tensor) -> Tensor:
+    """(N,6,32,32) float64: cosine over pi, zero behind, at texel centres."""
+    flat = texel_directions(SIDE).reshape(-1, 3)
+    return ((normals.double() @ flat.T).clamp_min(0.0) / math.pi).reshape(-1, 6, SIDE, SIDE)
+
+
+class _Facing:
+    """What does not depend on the light: cosines of the stored normals, by blocks of texels and by squares."""
+
+    def __init__(self, cells: int, blend: bool) -> None:
+        images = cosines(stored_normals(cells, blend))
+        self.images = images
+        blocks = images.reshape(-1, 6, 8, 4, 8, 4).transpose(3, 4).reshape(len(images), 384, 16)
+        self.blocks = blocks.permute(1, 0, 2).float().contiguous()  # (384,N,16)
+        self.haar = transform(images)
+        self.means = self.haar.means.float()
+
+
+@cache
+def _facing(cells: int, blend: bool) -> _Facing:
+    with torch.inference_mode(False), torch.no_grad():
+        return _Facing(cells, blend)
+
+
+def _record(texels: Tensor, kept: Tensor, options: SkyLightOptions) -> Light:
+    blend = options.blend == "blend"
+    facing = _facing(options.normals, blend)
+    if options.cosine_terms is None:
+        light = texels.reshape(6, 8, 4, 8, 4, 3).transpose(2, 3).reshape(384, 16, 3).float()
+        block = (facing.blocks @ light).transpose(0, 1) / SIDE**2  # (N,384,3)
+    else:
+        block = _truncated(texels, kept, facing, options)
+    padded = torch.nn.functional.pad(block, (0, 1)).float()
+    fine = kept[kept[:, 3] == 1] if options.levels == 2 else kept[:0]
+    face, square, kind = fine[:, 0], fine[:, 1], fine[:, 2]
+    number, column = _fine_places(square, kind)
+    number = face * 64 + number
+    order = number.argsort(stable=True)
+    haar = transform(texels.permute(3, 0, 1, 2))
+    value = haar.wavelets[:, face, square, kind].T[order]
+    mean = facing.means[:, face, square][:, order]
+    start = torch.searchsorted(number[order].contiguous(), torch.arange(385))
+    return Light(
+        whole=padded.double().sum(1).float().contiguous().numpy(),
+        block=(padded / 16.0).contiguous().numpy(),
+        mean=mean.contiguous().numpy(),
+        value=torch.nn.functional.pad(value, (0, 1)).float().contiguous().numpy(),
+        column=column[order].int().contiguous().numpy(),
+        start=start.int().numpy(),
+        cells=options.normals if blend else -options.normals,
+    )
+
+
+def _fine_places(square: Tensor, kind: Tensor) -> tuple[Tensor, Tensor]:
+    """Block of its face, and column in the table of codes, of wavelets of the two finest levels."""
+    middle = square < first(4)
+    inner = torch.where(middle, square - first(3), square - first(4))
+    row, column = inner // 16, inner % 16
+    block = torch.where(middle, inner, row // 2 * 8 + column // 2)
+    quarter = row % 2 * 2 + column % 2
+    return block, torch.where(middle, 1 + kind, 4 + 3 * quarter + kind)
+
+
+def _truncated(texels: Tensor, kept: Tensor, facing: _Facing, options: SkyLightOptions) -> Tensor:
+    """(N,384,3) weights of blocks where the cosine is truncated, too: section 8 of the specification to the letter.
+
+    All is linear in visibility, of which these sums know means of blocks only. The sum over the cosine's wavelets is the
+    product of light and truncated cosine, less what pairs of the same wavelet of light and visibility add: of these only
+    the kept ones count, with the whole cosine's mean.
+    """
+    assert options.cosine_terms is not None
+    light = transform(texels.permute(3, 0, 1, 2))
+    chosen = torch.zeros(6, 341, 3, dtype=torch.bool)
+    chosen[kept[:, 0], kept[:, 1], kept[:, 2]] = True
+    coarse = first(3)
+    made = torch.empty(len(facing.images), 384, 3, dtype=torch.float64)
+    for n in range(len(facing.images)):
+        wavelets = facing.haar.wavelets[n]
+        mask = torch.zeros(6, 341, 3, dtype=torch.float64)
+        best = _largest(wavelets[None], options.cosine_terms, options.ranking)
+        mask[best[:, 0], best[:, 1], best[:, 2]] = 1.0
+        image = inverse(facing.haar.means[n, :, 0], wavelets * mask)
+        means = transform(image).means[:, :coarse, None]
+        whole = facing.haar.means[n, :, :coarse, None]
+        pairs = light.wavelets[:, :, :coarse] * torch.where(chosen[:, :coarse], whole, 0.0)
+        pairs = pairs - light.wavelets[:, :, :coarse] * means
+        product = (image[..., None] * texels).reshape(6, 8, 4, 8, 4, 3).mean((2, 4))
+        change = inverse(torch.zeros(3, 6, dtype=torch.float64), pairs).permute(1, 2, 3, 0)
+        made[n] = ((product + change) / 64.0).reshape(384, 3)
+    return made

@@ -1,0 +1,147 @@
+"""Shadows under the sky in a picture: light that spheres take from what is seen."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.utils.weak import WeakIdKeyDictionary
+
+from torchrender.arrays import view
+from torchrender.buffers import GBuffer
+from torchrender.effects.sky_shadows.light import SkyLight, cube_radiance, prepare_light
+from torchrender.effects.sky_shadows.occluder import Occluder
+from torchrender.effects.sky_shadows.options import INSIDE, SkyLightOptions
+from torchrender.effects.sky_shadows.shade import shade
+from torchrender.kernels.ambient.spread import Few, Many, spread_points
+from torchrender.numerics.color import luminance
+from torchrender.scene.environment import Environment
+from torchrender.scene.model import Scene
+from torchrender.shading.lobes import Around, metallic_roughness, phong
+from torchrender.shading.plain import CHUNK, origin_of
+from torchrender.shading.sky import Sky
+from torchrender.shading.surface import METALLIC, PHONG, Reader
+
+_LIGHTS: WeakIdKeyDictionary = WeakIdKeyDictionary()
+EVEN = 0.6
+"""Spread of radiance over directions, in its mean, below which shadows are too soft to need more than one number."""
+
+SHOWS = 1.0 / 512.0
+"""Share of light that may be missing unseen."""
+
+
+def light_of(environment: Environment, options: SkyLightOptions) -> SkyLight:
+    """The environment's light, prepared once."""
+    known = _LIGHTS.setdefault(environment, {})
+    if options not in known:
+        with torch.inference_mode(False), torch.no_grad():
+            known[options] = prepare_light(environment, options)
+    made: SkyLight = known[options]
+    return made
+
+
+def unevenness(environment: Environment) -> float:
+    """Standard deviation of radiance over directions, blurred to a few degrees, in its mean; 0 without light."""
+    known = _LIGHTS.setdefault(environment, {})
+    if "spread" not in known:
+        value = luminance(cube_radiance(environment)).reshape(6, 8, 4, 8, 4).mean((2, 4))
+        mean = float(value.mean())
+        known["spread"] = float(value.std()) / mean if mean > 0 else 0.0
+    found: float = known["spread"]
+    return found
+
+
+def light_left(scene: Scene, gbuffer: GBuffer, occluder: Occluder, light: SkyLight, spacing: int = 1) -> Tensor:
+    """Share (B,H,W,3) of the environment's light on matt surfaces that the occluder's spheres leave; 1 where empty.
+
+    Shaded are one of ``spacing`` times ``spacing`` pixels; those between follow along the surfaces seen.
+    """
+    spheres = occluder.spheres(scene)
+    own = occluder.face_spheres(scene)
+    batch, height, width = gbuffer.covered.shape
+    out = torch.ones(batch, height, width, 3)
+    for b in range(batch):
+        rows = slice(spacing // 2, None, spacing)
+        triangle = gbuffer.triangle[b, rows, rows] if min(height, width) > spacing // 2 else gbuffer.triangle[b, :1, :1]
+        if min(height, width) <= spacing // 2:
+            rows = slice(0, 1)
+        seen = triangle >= 0
+        values = torch.ones(*triangle.shape, 3)
+        if bool(seen.any()):
+            points, normals = gbuffer.position[b, rows, rows][seen], gbuffer.normal[b, rows, rows][seen]
+            values[seen] = _share(points, normals, own[triangle[seen]], spheres, light)
+        if spacing == 1:
+            out[b] = values
+        else:
+            _spread(gbuffer, b, (rows, values), out[b], spacing)
+    return out
+
+
+def _share(points: Tensor, normals: Tensor, own: Tensor, spheres: Tensor, light: SkyLight) -> Tensor:
+    """Share (N,3) of the light that is left, channel by channel; 1 where there is none."""
+    # A surface that spheres reach through is in contact with what they stand for; one of that itself is not hidden by it.
+    inside = torch.where(own >= 0, INSIDE.index("skip"), INSIDE.index("half"))
+    found = shade(points[None], normals[None], spheres[None], light, own_sphere=own[None], inside=inside[None])
+    left, whole = found.radiance[0], found.whole[0]
+    return torch.where(whole > 0, left / whole.clamp_min(1e-30), 1.0).clamp(0.0, 1.0)
+
+
+def _spread(gbuffer: GBuffer, b: int, few: tuple[slice, Tensor], out: Tensor, spacing: int) -> None:
+    rows, values = few
+    cameras = gbuffer.cameras
+    pose = cameras.camera_from_world[b].double()
+    position = gbuffer.position[b, rows, rows] @ pose[:3, :3].T + pose[:3, 3]
+    normal = gbuffer.normal[b, rows, rows].double() @ pose[:3, :3].T
+    k = cameras.intrinsics[b]
+    lens = torch.stack([k[0, 0], k[1, 1], k[0, 2], k[1, 2]])
+    points = Few(
+        view(position, np.float32), view(normal, np.float32), view(values, np.float32), spacing,
+    )  # fmt: skip
+    pixels = Many(
+        view(gbuffer.depth[b], np.float32), view(gbuffer.normal[b], np.float32), view(pose[:3, :3], np.float32),
+        view(lens, np.float32),
+    )  # fmt: skip
+    spread_points(points, pixels, out.numpy())
+
+
+class _LostSky(Sky):
+    """The environment's light that does not arrive: diffuse only."""
+
+    def __init__(self, scene: Scene) -> None:
+        super().__init__(replace(scene, ambient=torch.zeros(3)))
+        self.lost = torch.zeros(3, 0)
+
+    def diffuse(self, normal: Tensor) -> Tensor:
+        """Irradiance over pi (3,N)."""
+        return super().diffuse(normal) * self.lost
+
+    def mirrored(self, direction: Tensor, roughness: Tensor) -> Tensor:
+        """Nothing."""
+        del roughness
+        return torch.zeros_like(direction)
+
+
+def light_lost(scene: Scene, gbuffer: GBuffer, left: Tensor) -> Tensor:
+    """Radiance (B,H,W,3) that surfaces send less of the environment's light, of which a share ``left`` arrives."""
+    lost = (1.0 - left).reshape(-1, 3)
+    rows = (gbuffer.covered.reshape(-1) & (lost.amax(dim=-1) > SHOWS)).nonzero().reshape(-1)
+    image = torch.zeros_like(lost)
+    if len(rows):
+        reader, sky = Reader(scene, gbuffer, origin_of(scene, gbuffer)), _LostSky(scene)
+        for chunk in rows.split(CHUNK):
+            image[chunk] = _lost_of(reader, sky, chunk, lost[chunk].T)
+    return image.reshape(left.shape)
+
+
+def _lost_of(reader: Reader, sky: _LostSky, rows: Tensor, lost: Tensor) -> Tensor:
+    surface = reader.surface(rows)
+    surface = replace(surface, emission=torch.zeros_like(surface.emission))
+    value = torch.zeros(3, len(rows))
+    for kind, sent in ((PHONG, phong), (METALLIC, metallic_roughness)):
+        some = (surface.kind == kind).nonzero().reshape(-1)
+        if len(some):
+            sky.lost = lost[:, some]
+            value[:, some] = sent(surface.select(some), sky, Around(), []).radiance
+    return value.T

@@ -1,0 +1,249 @@
+"""Light at points among spheres: which texels the spheres hide, and what the others send.
+
+The bits of all spheres are joined by OR; counts of bits in blocks of 4 x 4 texels weigh light times cosine of whole
+blocks, and the two finest levels of wavelets of what is hidden, looked up by the blocks' codes, meet those of the light.
+Source: specification 08, sections 5, 6.1 and 8.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import prange
+from numba.cpython.unsafe.numbers import trailing_zeros
+
+from torchrender.kernels.compile import kernel
+from torchrender.kernels.sky_shadows.caps import BLOCKS, ROWS, SIDE, WORDS, add_cap, pack_blocks
+
+SKIP, BLOCK, HALF = 0, 1, 2
+"""What a sphere does to a point inside it: nothing, hide everything, or hide the half-space towards its centre."""
+
+
+class Samples(NamedTuple):
+    """P points."""
+
+    position: np.ndarray  # (P,3) float64
+    normal: np.ndarray  # (P,3) float32 unit
+    own: np.ndarray  # (P,) int32 the sphere that is not looked at, -1: none
+    solid: np.ndarray  # (P,) int32 what spheres around the point do: SKIP, BLOCK or HALF
+
+
+class Caps(NamedTuple):
+    """The table of caps; without rows: caps are found one by one."""
+
+    bits: np.ndarray  # (6144 R, 96) int64
+    filled: np.ndarray  # (6144 R,) int64 rows of blocks that hold a bit
+    radii: int  # R
+    smallest: float  # relative radii below are left out
+
+
+class Light(NamedTuple):
+    """Light times cosine, by normal; N stored normals, K fine wavelets of the light in order of their blocks."""
+
+    whole: np.ndarray  # (N,4) float32 without anything hidden; the fourth is padding
+    block: np.ndarray  # (N,384,4) float32 of the 16th part of a block
+    mean: np.ndarray  # (N,K) float32 mean cosine over pi in the wavelet's square
+    value: np.ndarray  # (K,4) float32 of the wavelet
+    column: np.ndarray  # (K,) int32 in the table of codes
+    start: np.ndarray  # (385,) int32 first wavelet of each block
+    cells: int  # cells of a cube face between stored normals, which are blended; negative: the nearest of so many
+
+
+@kernel()
+def count_blocks(words, counts):
+    """Bits in each of the 384 codes of words (96,) int64."""
+    even, pairs, nibbles = np.uint64(0x5555555555555555), np.uint64(0x3333333333333333), np.uint64(0x0F0F0F0F0F0F0F0F)
+    for w in range(WORDS):
+        x = np.uint64(words[w])
+        x = x - ((x >> np.uint64(1)) & even)
+        x = (x & pairs) + ((x >> np.uint64(2)) & pairs)
+        x = (x + (x >> np.uint64(4))) & nibbles
+        x = x + (x >> np.uint64(8))
+        for part in range(4):
+            counts[4 * w + part] = np.int32((x >> np.uint64(16 * part)) & np.uint64(31))
+
+
+@kernel()
+def texel_index(x, y, z):
+    """Number of the texel of the direction (x, y, z); of equal axes the first counts."""
+    a, b, c = abs(x), abs(y), abs(z)
+    if a >= b and a >= c:
+        face, u, v, major = (0, -z, -y, a) if x >= 0.0 else (1, z, -y, a)
+    elif b >= c:
+        face, u, v, major = (2, x, z, b) if y >= 0.0 else (3, x, -z, b)
+    else:
+        face, u, v, major = (4, x, -y, c) if z >= 0.0 else (5, -x, -y, c)
+    column = min(int((u / major + 1.0) * 16.0), SIDE - 1)
+    row = min(int((v / major + 1.0) * 16.0), SIDE - 1)
+    return (face * SIDE + row) * SIDE + column
+
+
+@kernel()
+def hide(samples, i, spheres, caps, rows, words):
+    """Sets words (96,) to what spheres (S,4) hide from sample i; False if that is everything."""
+    px, py, pz = samples.position[i, 0], samples.position[i, 1], samples.position[i, 2]
+    nx, ny, nz = np.float64(samples.normal[i, 0]), np.float64(samples.normal[i, 1]), np.float64(samples.normal[i, 2])
+    words[:] = 0
+    direct = caps.filled.size == 0
+    if direct:
+        rows[:] = np.uint32(0)
+    own, solid = samples.own[i], samples.solid[i]
+    bits, filled = caps.bits, caps.filled
+    for s in range(spheres.shape[0]):
+        radius = spheres[s, 3]
+        if s == own or not radius > 0.0:
+            continue
+        x, y, z = spheres[s, 0] - px, spheres[s, 1] - py, spheres[s, 2] - pz
+        distance = math.sqrt(x * x + y * y + z * z)
+        if distance <= radius:
+            if solid == SKIP:
+                continue
+            if solid == BLOCK:
+                return False
+            if distance == 0.0:
+                continue
+            size = 1.0
+        else:
+            size = radius / distance
+        x, y, z = x / distance, y / distance, z / distance
+        if size < caps.smallest or nx * x + ny * y + nz * z <= -size:
+            continue
+        if direct:
+            add_cap(x, y, z, math.sqrt(max(1.0 - size * size, 0.0)), rows)
+            continue
+        entry = texel_index(x, y, z) * caps.radii + min(int(size * caps.radii), caps.radii - 1)
+        mask = filled[entry]
+        while mask != 0:
+            group = 2 * trailing_zeros(mask)
+            words[group] |= bits[entry, group]
+            words[group + 1] |= bits[entry, group + 1]
+            mask &= mask - 1
+    if direct:
+        pack_blocks(rows, words)
+    return True
+
+
+@kernel()
+def stored_normals(x, y, z, cells, index, weight):
+    """The stored normals (4,) about the direction (x, y, z), and their weights; one alone where ``cells`` is 0."""
+    a, b, c = abs(x), abs(y), abs(z)
+    if a >= b and a >= c:
+        face, u, v, major = (0, -z, -y, a) if x >= 0.0 else (1, z, -y, a)
+    elif b >= c:
+        face, u, v, major = (2, x, z, b) if y >= 0.0 else (3, x, -z, b)
+    else:
+        face, u, v, major = (4, x, -y, c) if z >= 0.0 else (5, -x, -y, c)
+    if not major > 0.0:
+        face, u, v, major = 2, 0.0, 0.0, 1.0
+    u, v = 0.5 * (u / major + 1.0), 0.5 * (v / major + 1.0)
+    if cells <= 0:
+        side = -cells
+        index[0] = (face * side + min(int(v * side), side - 1)) * side + min(int(u * side), side - 1)
+        weight[0] = 1.0
+        return 1
+    column, row = min(int(u * cells), cells - 1), min(int(v * cells), cells - 1)
+    right, down = u * cells - column, v * cells - row
+    side = cells + 1
+    corner = (face * side + row) * side + column
+    index[0], index[1], index[2], index[3] = corner, corner + 1, corner + side, corner + side + 1
+    weight[0], weight[1] = (1.0 - right) * (1.0 - down), right * (1.0 - down)
+    weight[2], weight[3] = (1.0 - right) * down, right * down
+    return 4
+
+
+@kernel()
+def gather(words, codes, counts, light, fine, place, out):
+    """Light (6,): left by what words (96,) hide, and with nothing hidden; ``place``: stored normals, weights, number."""
+    index, weight, normals = place
+    block, mean, value, column, start = light.block, light.mean, light.value, light.column, light.start
+    count_blocks(words, counts)
+    red = green = blue = 0.0
+    left = False
+    for k in range(normals):
+        red += weight[k] * light.whole[index[k], 0]
+        green += weight[k] * light.whole[index[k], 1]
+        blue += weight[k] * light.whole[index[k], 2]
+    out[3], out[4], out[5] = red, green, blue
+    for b in range(BLOCKS):
+        count = counts[b]
+        if count < 16:
+            left = True
+        if count == 0:
+            continue
+        r = g = s = 0.0
+        for k in range(normals):
+            row = index[k]
+            r += weight[k] * block[row, b, 0]
+            g += weight[k] * block[row, b, 1]
+            s += weight[k] * block[row, b, 2]
+        red -= count * r
+        green -= count * g
+        blue -= count * s
+        if count == 16:
+            continue
+        code = codes[b]
+        for t in range(start[b], start[b + 1]):
+            hidden = fine[code, column[t]]
+            if hidden == 0:
+                continue
+            facing = 0.0
+            for k in range(normals):
+                facing += weight[k] * mean[index[k], t]
+            facing *= hidden * 0.0078125
+            red -= facing * value[t, 0]
+            green -= facing * value[t, 1]
+            blue -= facing * value[t, 2]
+    if not left:
+        red = green = blue = 0.0
+    out[0], out[1], out[2] = red, green, blue
+
+
+@kernel(parallel=True)
+def light_points(samples, spheres, caps, light, fine, chunk, out, negative):
+    """Light out (P,6) float32 that arrives at samples over pi, clamped at 0, and that would with nothing hidden.
+    ``negative`` (T,) counts what was below zero.
+
+    ``spheres`` (S,4) float64 centre and radius, ``fine`` (65536,16) int8 coefficients of codes.
+    """
+    count = samples.position.shape[0]
+    parts = (count + chunk - 1) // chunk
+    for part in prange(parts):
+        rows, words = np.zeros(ROWS, np.uint32), np.zeros(WORDS, np.int64)
+        codes, counts = words.view(np.uint16), np.zeros(BLOCKS, np.int32)
+        index, weight = np.zeros(4, np.int64), np.zeros(4)
+        color = np.zeros(6)
+        below = 0
+        first = np.int64(part) * chunk
+        for i in range(first, min(first + chunk, count)):
+            if not hide(samples, i, spheres, caps, rows, words):
+                words[:] = -1
+            normals = stored_normals(
+                np.float64(samples.normal[i, 0]),
+                np.float64(samples.normal[i, 1]),
+                np.float64(samples.normal[i, 2]),
+                light.cells,
+                index,
+                weight,
+            )
+            gather(words, codes, counts, light, fine, (index, weight, normals), color)
+            for c in range(3):
+                if color[c] < 0.0:
+                    below += 1
+                out[i, c] = np.float32(max(color[c], 0.0))
+                out[i, 3 + c] = np.float32(color[3 + c])
+        negative[part] = below
+
+
+@kernel(parallel=True)
+def hidden_words(samples, spheres, caps, words):
+    """What spheres (S,4) hide from each sample: words (P,96) int64."""
+    count = samples.position.shape[0]
+    parts = (count + 63) // 64
+    for part in prange(parts):
+        rows = np.zeros(ROWS, np.uint32)
+        first = np.int64(part) * 64
+        for i in range(first, min(first + 64, count)):
+            if not hide(samples, i, spheres, caps, rows, words[i]):
+                words[i, :] = -1
