@@ -77,14 +77,14 @@ def test_contact_displacement_bounds_what_is_measured():
     gbuffer = rasterize(scene, flat_image(100, 80))
     x = torch.linspace(1e-4, 0.6, 3000)
     points = on_plane(torch.stack([x, torch.zeros_like(x), torch.full_like(x, 0.3)], 1), torch.tensor([0.0, 1, 0]))
-    for b0 in (2e-3, 1e-2):
+    for b0 in (1.0, 5.0):
         options = ShadowOptions(size=512, bias="constant", constant_bias=b0, filter="none")
         cast = render_shadow_map(scene, sun, options)
         lit = shadow_factor(*points, sun, cast, options)[0, 0] > 0
         strip = float(x[lit].max()) if bool(lit.any()) else 0.0
         said = float(contact_displacement(gbuffer, sun, cast, options)[gbuffer.object_id == 0].max())
-        span = float(cast.cameras.far[0] - cast.cameras.near[0])
-        assert said == pytest.approx(b0 * span * math.sin(math.radians(45)), rel=1e-3)
+        texel = 1.0 / float(cast.cameras.intrinsics[0, (0, 1), (0, 1)].min())
+        assert said == pytest.approx(b0 * texel * math.sin(math.radians(45)), rel=1e-3)
         texel = math.sqrt(2) / float(cast.cameras.intrinsics[0, (0, 1), (0, 1)].min())
         assert abs(strip - said) < 1.5 * texel
 

@@ -201,7 +201,8 @@ def _fold(bounds: _Bounds, axis: int, limit: float, place: int, best: Found | No
                 if b + other_rest <= allowed and a + own_rest <= beaten and a + price * b + both_rest <= cap:
                     grown.append((a, b, after & problem.live[number], (*places, row_number)))
         front = _pareto(grown)
-    good = [entry for entry in front if not (problem.must_break and entry[2] & VALID)]
+    # The limit counts again here: what might have been saved may not have been.
+    good = [entry for entry in front if entry[1] <= allowed and not (problem.must_break and entry[2] & VALID)]
     if not good:
         return best
     aim, rest, _, places = min(good, key=lambda entry: (float(f"{entry[0]:.12g}"), entry[1]))
