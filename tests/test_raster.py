@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -309,3 +310,25 @@ def test_runs_repeat_bit_for_bit():
         assert torch.equal(first.depth, again.depth)
         assert torch.equal(first.barycentric, again.barycentric)
     assert math.isfinite(float(first.depth[first.covered].sum()))
+
+
+@pytest.mark.parametrize("distance", [3.0, 0.3])
+def test_backs_of_single_sided_materials_are_not_seen(distance: float) -> None:
+    """Near ones, too, which are clipped."""
+    quad = torch.tensor([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+    faces = torch.tensor([[0, 1, 2], [0, 2, 3]])
+    meshes = (Mesh(vertices=quad, faces=faces, material=0), Mesh(vertices=quad, faces=faces, material=1))
+    scene = Scene(
+        meshes=(meshes[0], replace(meshes[1], vertices=quad - torch.tensor([0.0, 0, 0.1]))),
+        materials=(Material(double_sided=False), Material()),
+    )
+    for side, seen in ((1.0, 0), (-1.0, 1)):
+        eye = torch.tensor([[0.0, 0.0, side * distance]])
+        camera = Cameras.look_at(eye, torch.zeros(1, 3), near=0.01, width=16, height=16, fov_deg=20.0)
+        made = rasterize(scene, camera, cull="sides")
+        assert set(made.material.unique().tolist()) == {seen}
+        assert int(rasterize(scene, camera).material[0, 8, 8]) == (0 if side > 0 else 1)
+    behind = Cameras.look_at(torch.tensor([[0.0, 0.0, -3.0]]), torch.zeros(1, 3), width=16, height=16)
+    alone = replace(scene, meshes=scene.meshes[:1])
+    assert not bool(rasterize(alone, behind, cull="sides").covered.any())
+    assert bool(rasterize(alone, behind).covered.any())

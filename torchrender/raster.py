@@ -45,7 +45,8 @@ from torchrender.scene.model import Scene
 from torchrender.shading.attributes import SeenSurface
 
 Array = np.ndarray[Any, Any]
-CULLING = ("none", "back", "front")
+NONE = np.zeros(0, np.bool_)
+CULLING = ("none", "back", "front", "sides")
 PIXEL_TESTS = ("identity", "depth_identity", "captured")  # in the order of kernels.fragments
 
 
@@ -78,7 +79,8 @@ def rasterize(scene: Scene, cameras: Cameras, *, cull: str = "none", tests: Frag
     Args:
         scene: what to draw; an empty scene gives empty images.
         cameras: B perspective or orthographic cameras.
-        cull: "back" drops triangles whose right-hand normal points away from the camera, "front" the others.
+        cull: "back" drops triangles whose right-hand normal points away from the camera, "front" the others, "sides"
+            the backs of single-sided materials.
         tests: fragments to refuse.
 
     Raises:
@@ -165,6 +167,7 @@ def _triangle_arrays(geometry: Geometry) -> TriangleArrays:
         order=geometry.order.numpy(),
         block_starts=geometry.cluster_blocks[0].numpy(),
         blocks=geometry.cluster_blocks[1].numpy(),
+        single_sided=NONE if geometry.single_sided is None else geometry.single_sided.numpy(),
     )
 
 

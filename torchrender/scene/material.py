@@ -115,7 +115,7 @@ class Material:
     occlusion_texture: Tensor | None = None  # (H,W,1|3|4) share of ambient light in the first channel
     occlusion_strength: float = 1.0  # 0: the occlusion texture does nothing
     unlit: bool = False  # shows diffuse and its texture as they are, whatever the light
-    double_sided: bool = True  # False: seen from the front only (rasteriser and rays may skip the back)
+    double_sided: bool = True  # False: pictures show the front only; mirrors, shadows and depth images have both
 
     # holes and transparency
     opacity: float = 1.0  # multiplies the alpha of diffuse_texture and of vertex colours

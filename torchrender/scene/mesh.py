@@ -92,6 +92,7 @@ class Geometry:
     tangent_table: TangentTable | None = None  # of triangles with normal maps
     alpha: Tensor | None = None  # (V,) float32; one where a mesh has none
     see_through: Tensor | None = None  # (F,) bool what lies behind shows, too: neither drawn nor hit as a solid
+    single_sided: Tensor | None = None  # (F,) bool triangles that their front alone shows; None: all have two sides
     coherent: bool = False  # triangles already follow one another in space: sorting them would only cost time
 
     @property
@@ -144,6 +145,7 @@ class Geometry:
             runs=torch.tensor([0, len(rows)]),
             cutout=None if self.cutout is None else replace(self.cutout, mask=self.cutout.mask[rows]),
             see_through=None if self.see_through is None else self.see_through[rows],
+            single_sided=None if self.single_sided is None else self.single_sided[rows],
             tangent_table=None if (t := self.tangent_table) is None else replace(t, row=t.row[rows]),
             coherent=True,
         )

@@ -61,6 +61,9 @@ class Scene:
         panes = torch.tensor([m.is_see_through for m in self.materials] or [False])[geometry.material]
         if bool(panes.any()):
             geometry = replace(geometry, see_through=panes)
+        single = torch.tensor([not m.double_sided for m in self.materials] or [False])[geometry.material]
+        if bool(single.any()):
+            geometry = replace(geometry, single_sided=single)
         corners = Corners(geometry.faces, geometry.uv, geometry.uv1, geometry.alpha)
         cutout = build_cutout(self.materials, geometry.material, corners, len(geometry.vertices))
         return geometry if cutout is None else replace(geometry, cutout=cutout)

@@ -31,9 +31,13 @@ _TAKEN = 8
 class SkyLight:
     """Light prepared by :func:`prepare_light`."""
 
-    texels: Tensor  # (6,32,32,3) float64 radiance times solid angle times 32^2: the mean of what it meets is an integral
+    texels: (
+        Tensor  # (6,32,32,3) float64 radiance times solid angle times 32^2: the mean of what it meets is an integral
+    )
     options: SkyLightOptions
-    kept: Tensor  # (T,4) int64 wavelets that are kept: face, square, kind, and whether it is one of the two finest levels
+    kept: (
+        Tensor  # (T,4) int64 wavelets that are kept: face, square, kind, and whether it is one of the two finest levels
+    )
     record: Light  # what the kernel reads
 
     @property

@@ -21,6 +21,7 @@ class Clusters(NamedTuple):
     runs: np.ndarray  # (C,2) int64 places in ``order``
     order: np.ndarray  # (F,) int32 triangle ids
     chosen: np.ndarray  # (N,) int64
+    single_sided: np.ndarray  # (F,) bool triangles whose backs are culled; (0,): none
 
 
 class Lists(NamedTuple):
@@ -81,6 +82,12 @@ def out_of_view(points, faces, t, near, far, orthographic, half_width, half_heig
     return before or behind or left or right or above or below
 
 
+@kernel()
+def side_of(t, cull, single_sided):
+    """What is culled of triangle ``t``: its back if it is ``single_sided`` (F,), or (0,) for none."""
+    return CULL_BACK if single_sided.shape[0] > 0 and single_sided[t] else cull
+
+
 @kernel(parallel=True)
 def classify(points, packed, faces, clusters, frame, cull, tile, lists):
     """Cull triangles and count tiles, in chunks of the chosen clusters.
@@ -93,7 +100,7 @@ def classify(points, packed, faces, clusters, frame, cull, tile, lists):
     columns = (width + tile[0] - 1) // tile[0]
     rows = (height + tile[1] - 1) // tile[1]
     starts, ids, boxes, to_clip = lists
-    runs, order, chosen = clusters
+    runs, order, chosen, single_sided = clusters
     chunks = starts.shape[0] - 1
     counts = np.zeros((chunks, columns * rows), np.int32)
     kept = np.zeros((chunks, 2), np.int64)
@@ -114,7 +121,7 @@ def classify(points, packed, faces, clusters, frame, cull, tile, lists):
                         m += 1
                     continue
                 x0, y0, x1, y1 = pixel_box(a, b, c, image, width >> 1, height >> 1)
-                if x0 > x1 or y0 > y1 or is_culled(doubled_area(a, b, c), cull):
+                if x0 > x1 or y0 > y1 or is_culled(doubled_area(a, b, c), side_of(t, cull, single_sided)):
                     continue
                 i0, j0, i1, j1 = x0 // tile[0], y0 // tile[1], x1 // tile[0], y1 // tile[1]
                 ids[n] = t
@@ -197,8 +204,12 @@ def clip_polygon(polygon, count, near, orthographic):
 
 
 @kernel()
-def clip_triangles(points, faces, ids, frame, cull, positions, owners):
-    """Clip the triangles ``ids`` and fan them: snapped corners (M,3) and triangle ids (M,); returns M."""
+def clip_triangles(points, faces, ids, frame, sides, positions, owners):
+    """Clip the triangles ``ids`` and fan them: snapped corners (M,3) and triangle ids (M,); returns M.
+
+    ``sides``: what to cull of all triangles, which ones are single-sided (F,) or (0,).
+    """
+    cull, single_sided = sides
     near, orthographic = frame.near, frame.orthographic
     limit = float(GUARD)
     polygon = np.zeros((MAX_CLIPPED, 3))
@@ -215,7 +226,8 @@ def clip_triangles(points, faces, ids, frame, cull, positions, owners):
             y = min(max(polygon[k, 1] / w, -limit), limit)
             corner[k] = snap(x, y)
         for k in range(1, count - 1):
-            if not is_culled(doubled_area(corner[0], corner[k], corner[k + 1]), cull):
+            area = doubled_area(corner[0], corner[k], corner[k + 1])
+            if not is_culled(area, side_of(t, cull, single_sided)):
                 positions[total, 0] = corner[0]
                 positions[total, 1] = corner[k]
                 positions[total, 2] = corner[k + 1]

@@ -16,7 +16,7 @@ from torchrender.kernels.raster.records import Bins, Buffers, Frame, Holes, Near
 from torchrender.kernels.raster.resolve import CACHED
 
 Array = np.ndarray[Any, Any]
-CULL = {"none": binning.CULL_NONE, "back": binning.CULL_BACK, "front": binning.CULL_FRONT}
+CULL = {"none": binning.CULL_NONE, "sides": binning.CULL_NONE, "back": binning.CULL_BACK, "front": binning.CULL_FRONT}
 TILE = np.array([TILE_WIDTH, TILE_HEIGHT], np.int64)
 CHUNKS_PER_THREAD = 4
 KEPT_VERTICES = 1 << 21  # 64 MiB
@@ -34,6 +34,7 @@ class TriangleArrays:
     order: Array  # (F,) int32 triangle ids, cluster by cluster
     block_starts: Array  # (C+1,) int64
     blocks: Array  # (N,) int32 vertex blocks of the clusters
+    single_sided: Array  # (F,) bool whose backs are not seen with cull "sides"; (0,): none
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +79,7 @@ def _prepare(triangles: TriangleArrays, view: View, cull: str) -> tuple[Triangle
     project.project_vertices(
         triangles.vertices, blocks, view.matrix, view.reference, near, orthographic, points, packed
     )
-    (corners, owners), bins = _bin(triangles, chosen, (points, packed), view.frame, CULL[cull])
+    (corners, owners), bins = _bin(triangles, chosen, (points, packed), view.frame, cull)
     return Triangles(points, packed, triangles.faces, triangles.objects, corners, owners), bins
 
 
@@ -113,7 +114,7 @@ def _buffers(threads: int) -> Buffers:
 
 
 def _bin(
-    triangles: TriangleArrays, chosen: Array, projected: tuple[Array, Array], frame: Frame, cull: int
+    triangles: TriangleArrays, chosen: Array, projected: tuple[Array, Array], frame: Frame, cull: str
 ) -> tuple[tuple[Array, Array], Bins]:
     """Clipped triangles, and for each tile the triangles that may touch it."""
     points, packed = projected
@@ -121,12 +122,13 @@ def _bin(
     starts = _chunk_starts(triangles.clusters, chosen)
     total = int(starts[-1])
     lists = binning.Lists(starts, np.empty(total, np.int32), np.empty((total, 4), np.int16), np.empty(total, np.int32))
-    clusters = binning.Clusters(triangles.clusters, triangles.order, chosen)
-    kept, counts = binning.classify(points, packed, faces, clusters, frame, cull, TILE, lists)
+    backless = triangles.single_sided if cull == "sides" else triangles.single_sided[:0]
+    clusters = binning.Clusters(triangles.clusters, triangles.order, chosen, backless)
+    kept, counts = binning.classify(points, packed, faces, clusters, frame, CULL[cull], TILE, lists)
     crossing = np.concatenate([lists.to_clip[s : s + n] for s, n in zip(starts[:-1], kept[:, 1], strict=True)])
     corners = np.empty(((binning.MAX_CLIPPED - 2) * len(crossing), 3), np.int64)
     owners = np.empty(len(corners), np.int32)
-    count = binning.clip_triangles(points, faces, np.sort(crossing), frame, cull, corners, owners)
+    count = binning.clip_triangles(points, faces, np.sort(crossing), frame, (CULL[cull], backless), corners, owners)
     corners, owners = corners[:count], owners[:count]
     extra = np.zeros(counts.shape[1], np.int64)
     nothing = np.zeros(0, np.int64)

@@ -24,7 +24,7 @@ GBUFFER = Buffer("gbuffer", GBuffer, (RaySurface,))
 
 def run(frame: Frame) -> GBuffer:
     """What every rendered pixel sees."""
-    return rasterize(frame.scene, frame.view)
+    return rasterize(frame.scene, frame.view, cull="sides")
 
 
 def amounts(outlook: Outlook) -> Amounts:
