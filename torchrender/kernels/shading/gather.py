@@ -16,6 +16,11 @@ SX, SY, SZ, GX, GY, GZ = (SLOT[n] for n in ("SX", "SY", "SZ", "GX", "GY", "GZ"))
 EX, EY, EZ, U, V, LV = (SLOT[n] for n in ("EX", "EY", "EZ", "U", "V", "LV"))
 U1, V1, L1, TX, TY, TZ, TW = (SLOT[n] for n in ("U1", "V1", "L1", "TX", "TY", "TZ", "TW"))
 BR, DR, SR, SH, VS = (SLOT[n] for n in ("BR", "DR", "SR", "SH", "VS"))
+_NAMES = ("PX", "PY", "PZ", "NX", "NY", "NZ", "GX", "GY", "GZ", "EX", "EY", "EZ")
+_PX, _PY, _PZ, _NX, _NY, _NZ, _GX, _GY, _GZ, _EX, _EY, _EZ = (np.uintp(SLOT[n]) for n in _NAMES)
+_MORE = ("BR", "BG", "BB", "U", "V", "LV", "SH", "VS", "DR", "DG")
+_BR, _BG, _BB, _U, _V, _LV, _SH, _VS, _DR, _DG = (np.uintp(SLOT[n]) for n in _MORE)
+_ONE = np.uintp(1)
 SHININESS = MATERIAL["shininess"]
 DIFFUSE = MATERIAL["diffuse"]
 LEAST, LARGEST = f4(1e-12), f4(1e12)
@@ -26,6 +31,7 @@ def gather(box, samples, view, packed, looks, work):
     """Attributes of the covered pixels of a tile into ``s``; -> their count, that of empty ones, kinds as bits.
 
     ``box`` = first and one past last column, then row. Bits: 1 << kind, flags of :attr:`Looks.groups_of` << 3.
+    All indices are unsigned: signed ones are tested for counting from the end, access by access.
     """
     x0, x1, y0, y1 = box
     s, pix, mat, empty = work
@@ -33,47 +39,51 @@ def gather(box, samples, view, packed, looks, work):
     corners, planes, ids = packed.corners, packed.planes, packed.ids
     numbers, kinds_of = looks.numbers, looks.groups_of
     of_rays = samples.position.shape[0] > 0
-    n, e, bits, last = 0, 0, 0, np.int64(-1)
-    a = b = c = m = np.int32(0)
+    n = e = np.uintp(0)
+    bits, last = 0, np.int64(-1)
+    a = b = c = m = np.uint32(0)
     gx = gy = gz = density = exponent = red = green = blue = ZERO
-    for y in range(y0, y1):
-        for x in range(x0, x1):
+    for y in range(np.uintp(y0), np.uintp(y1)):
+        for x in range(np.uintp(x0), np.uintp(x1)):
             t = triangle[y, x]
-            row = y * triangle.shape[1] + x
+            row = y * np.uintp(triangle.shape[1]) + x
             if t < 0:
-                s[DR + e], s[DR + SPAN + e], empty[e] = f4(x) + HALF, f4(y) + HALF, row
-                e += 1
+                s[_DR + e], s[_DG + e], empty[e] = f4(x) + HALF, f4(y) + HALF, np.uint32(row)
+                e = e + _ONE
                 continue
             if t != last:
                 last = t
-                a, b, c, m = ids[t, 0], ids[t, 1], ids[t, 2], ids[t, 3]
-                gx, gy, gz, density = planes[t, 0], planes[t, 1], planes[t, 2], planes[t, 3]
+                k = np.uintp(t)
+                a, b, c, m = ids[k, 0], ids[k, 1], ids[k, 2], ids[k, 3]
+                gx, gy, gz, density = planes[k, 0], planes[k, 1], planes[k, 2], planes[k, 3]
                 exponent = numbers[m, SHININESS]
                 red, green, blue = numbers[m, DIFFUSE], numbers[m, DIFFUSE + 1], numbers[m, DIFFUSE + 2]
                 bits |= (1 << kinds_of[m, 2]) | (kinds_of[m, 3] << 3)
             u, v = weights[y, x, 0], weights[y, x, 1]
             w = ONE - u - v
-            pix[n], mat[n] = row, m
-            s[GX + n], s[GY + n], s[GZ + n] = gx, gy, gz
-            for k in range(3):
-                s[NX + k * SPAN + n] = w * corners[a, k] + u * corners[b, k] + v * corners[c, k]
-            s[BR + n] = red * (w * corners[a, 3] + u * corners[b, 3] + v * corners[c, 3])
-            s[BR + SPAN + n] = green * (w * corners[a, 4] + u * corners[b, 4] + v * corners[c, 4])
-            s[BR + 2 * SPAN + n] = blue * (w * corners[a, 5] + u * corners[b, 5] + v * corners[c, 5])
+            pix[n], mat[n] = np.uint32(row), m
+            s[_GX + n], s[_GY + n], s[_GZ + n] = gx, gy, gz
+            s[_NX + n] = w * corners[a, 0] + u * corners[b, 0] + v * corners[c, 0]
+            s[_NY + n] = w * corners[a, 1] + u * corners[b, 1] + v * corners[c, 1]
+            s[_NZ + n] = w * corners[a, 2] + u * corners[b, 2] + v * corners[c, 2]
+            s[_BR + n] = red * (w * corners[a, 3] + u * corners[b, 3] + v * corners[c, 3])
+            s[_BG + n] = green * (w * corners[a, 4] + u * corners[b, 4] + v * corners[c, 4])
+            s[_BB + n] = blue * (w * corners[a, 5] + u * corners[b, 5] + v * corners[c, 5])
             du, dv = np.float64(u), np.float64(v)  # large texture coordinates need it
             dw = 1.0 - du - dv
-            s[U + n] = f4(dw * corners[a, 6] + du * corners[b, 6] + dv * corners[c, 6])
-            s[V + n] = f4(dw * corners[a, 7] + du * corners[b, 7] + dv * corners[c, 7])
-            s[LV + n], s[SH + n] = density, exponent
+            s[_U + n] = f4(dw * corners[a, 6] + du * corners[b, 6] + dv * corners[c, 6])
+            s[_V + n] = f4(dw * corners[a, 7] + du * corners[b, 7] + dv * corners[c, 7])
+            s[_LV + n], s[_SH + n] = density, exponent
             if of_rays:
-                for k in range(3):
-                    s[PX + k * SPAN + n] = f4(samples.position[row, k] - view.origin[k])
-                    s[EX + k * SPAN + n] = samples.to_eye[row, k]
-                s[VS + n] = f4(samples.width[row])
+                s[_PX + n] = f4(samples.position[row, 0] - view.origin[0])
+                s[_PY + n] = f4(samples.position[row, 1] - view.origin[1])
+                s[_PZ + n] = f4(samples.position[row, 2] - view.origin[2])
+                s[_EX + n], s[_EY + n] = samples.to_eye[row, 0], samples.to_eye[row, 1]
+                s[_EZ + n], s[_VS + n] = samples.to_eye[row, 2], f4(samples.width[row])
             else:
-                s[PX + n], s[PY + n], s[PZ + n] = f4(x) + HALF, f4(y) + HALF, depth[y, x]
-            n += 1
-    return n, e, bits
+                s[_PX + n], s[_PY + n], s[_PZ + n] = f4(x) + HALF, f4(y) + HALF, depth[y, x]
+            n = n + _ONE
+    return np.int64(n), np.int64(e), bits
 
 
 @kernel()

@@ -140,7 +140,7 @@ def shade(samples, view, packed, looks, sky, reach, out, how):
     tiles = across * ((height + rows - 1) // rows)
     for worker in prange(workers):
         s = np.zeros(SLOTS * SPAN, np.float32)
-        pix, mat, empty = np.zeros(SPAN, np.int32), np.zeros(SPAN, np.int32), np.zeros(SPAN, np.int32)
+        pix, mat, empty = np.zeros(SPAN, np.uint32), np.zeros(SPAN, np.uint32), np.zeros(SPAN, np.uint32)
         seen, soup, look = (borrowed(samples), borrowed(view)), borrowed(packed), borrowed(looks)
         around, light, target = borrowed(sky), borrowed(reach), borrowed(out)
         work = Work(borrowed(s), borrowed(pix), borrowed(mat), borrowed(empty))
