@@ -139,3 +139,4 @@ class Work(NamedTuple):
     pix: np.ndarray  # (SPAN,) uint32 place of each covered pixel in the flat image
     mat: np.ndarray  # (SPAN,) uint32 material
     empty: np.ndarray  # (SPAN,) uint32 place of each empty pixel
+    near: np.ndarray  # (4 * SPAN,) uint32 triangle and its three corners
