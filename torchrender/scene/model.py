@@ -186,7 +186,7 @@ def _normal_map_set(material: Material) -> int:
     return -1 if material.normal_texture is None else material.sampler("normal_texture").uv_set
 
 
-BRIGHT = 0.1
+BRIGHT = 0.5
 """Mean radiance that surfaces emit, from which on a scene needs no other light."""
 
 

@@ -118,7 +118,7 @@ def _packed(geometry: Geometry) -> Packed:
     return Packed(
         corners=corners.numpy(),
         planes=planes,
-        ids=torch.cat([geometry.faces, geometry.material.to(torch.int32)[:, None]], dim=1).numpy(),
+        ids=torch.cat([geometry.faces, geometry.material.to(torch.int32)[:, None]], dim=1).numpy().view(np.uint32),
         further=further.numpy(),
         density=density,
         tangent_row=np.zeros(0, np.int32) if table is None else table.row.numpy(),

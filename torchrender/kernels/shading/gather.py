@@ -16,6 +16,11 @@ SX, SY, SZ, GX, GY, GZ = (SLOT[n] for n in ("SX", "SY", "SZ", "GX", "GY", "GZ"))
 EX, EY, EZ, U, V, LV = (SLOT[n] for n in ("EX", "EY", "EZ", "U", "V", "LV"))
 U1, V1, L1, TX, TY, TZ, TW = (SLOT[n] for n in ("U1", "V1", "L1", "TX", "TY", "TZ", "TW"))
 BR, DR, SR, SH, VS = (SLOT[n] for n in ("BR", "DR", "SR", "SH", "VS"))
+_NAMES = ("PX", "PY", "PZ", "SX", "SY", "DR", "DG")
+_PX, _PY, _PZ, _SX, _SY, _DR, _DG = (np.uintp(SLOT[n]) for n in _NAMES)
+_ONE = np.uintp(1)
+_A, _B, _C = SPAN, 2 * SPAN, 3 * SPAN
+"""Where the corners' numbers are in :attr:`Work.near`, after the triangles."""
 SHININESS = MATERIAL["shininess"]
 DIFFUSE = MATERIAL["diffuse"]
 LEAST, LARGEST = f4(1e-12), f4(1e12)
@@ -26,54 +31,82 @@ def gather(box, samples, view, packed, looks, work):
     """Attributes of the covered pixels of a tile into ``s``; -> their count, that of empty ones, kinds as bits.
 
     ``box`` = first and one past last column, then row. Bits: 1 << kind, flags of :attr:`Looks.groups_of` << 3.
+    Short loops, one kind of look-up each: what they wait for comes from memory side by side. All indices are unsigned:
+    signed ones are tested for counting from the end, access by access.
     """
-    x0, x1, y0, y1 = box
-    s, pix, mat, empty = work
-    triangle, weights, depth = samples.triangle, samples.weights, samples.depth
-    corners, planes, ids = packed.corners, packed.planes, packed.ids
-    numbers, kinds_of = looks.numbers, looks.groups_of
-    of_rays = samples.position.shape[0] > 0
-    n, e, bits, last = 0, 0, 0, np.int64(-1)
-    a = b = c = m = np.int32(0)
-    gx = gy = gz = density = exponent = red = green = blue = ZERO
-    for y in range(y0, y1):
-        for x in range(x0, x1):
-            t = triangle[y, x]
-            row = y * triangle.shape[1] + x
-            if t < 0:
-                s[DR + e], s[DR + SPAN + e], empty[e] = f4(x) + HALF, f4(y) + HALF, row
-                e += 1
-                continue
-            if t != last:
-                last = t
-                a, b, c, m = ids[t, 0], ids[t, 1], ids[t, 2], ids[t, 3]
-                gx, gy, gz, density = planes[t, 0], planes[t, 1], planes[t, 2], planes[t, 3]
-                exponent = numbers[m, SHININESS]
-                red, green, blue = numbers[m, DIFFUSE], numbers[m, DIFFUSE + 1], numbers[m, DIFFUSE + 2]
-                bits |= (1 << kinds_of[m, 2]) | (kinds_of[m, 3] << 3)
-            u, v = weights[y, x, 0], weights[y, x, 1]
-            w = ONE - u - v
-            pix[n], mat[n] = row, m
-            s[GX + n], s[GY + n], s[GZ + n] = gx, gy, gz
+    s, pix, mat, _, near = work
+    n, e = seen_pixels(box, samples, work)
+    planes, ids, numbers, kinds_of = packed.planes, packed.ids, looks.numbers, looks.groups_of
+    bits = 0
+    for i in range(n):
+        k = near[i]
+        near[_A + i], near[_B + i], near[_C + i], mat[i] = ids[k, 0], ids[k, 1], ids[k, 2], ids[k, 3]
+    for i in range(n):
+        k = near[i]
+        s[GX + i], s[GY + i], s[GZ + i], s[LV + i] = planes[k, 0], planes[k, 1], planes[k, 2], planes[k, 3]
+    last = np.uint32(0xFFFFFFFF)
+    for i in range(n):
+        m = mat[i]
+        if m != last:
+            last = m
+            bits |= (1 << kinds_of[m, 2]) | (kinds_of[m, 3] << 3)
+    blend(s, n, packed.corners, near)
+    for i in range(n):
+        m = mat[i]
+        s[SH + i] = numbers[m, SHININESS]
+        s[BR + i] *= numbers[m, DIFFUSE]
+        s[BR + SPAN + i] *= numbers[m, DIFFUSE + 1]
+        s[BR + 2 * SPAN + i] *= numbers[m, DIFFUSE + 2]
+    if samples.position.shape[0] > 0:
+        for i in range(n):
+            row = pix[i]
             for k in range(3):
-                s[NX + k * SPAN + n] = w * corners[a, k] + u * corners[b, k] + v * corners[c, k]
-            s[BR + n] = red * (w * corners[a, 3] + u * corners[b, 3] + v * corners[c, 3])
-            s[BR + SPAN + n] = green * (w * corners[a, 4] + u * corners[b, 4] + v * corners[c, 4])
-            s[BR + 2 * SPAN + n] = blue * (w * corners[a, 5] + u * corners[b, 5] + v * corners[c, 5])
-            du, dv = np.float64(u), np.float64(v)  # large texture coordinates need it
-            dw = 1.0 - du - dv
-            s[U + n] = f4(dw * corners[a, 6] + du * corners[b, 6] + dv * corners[c, 6])
-            s[V + n] = f4(dw * corners[a, 7] + du * corners[b, 7] + dv * corners[c, 7])
-            s[LV + n], s[SH + n] = density, exponent
-            if of_rays:
-                for k in range(3):
-                    s[PX + k * SPAN + n] = f4(samples.position[row, k] - view.origin[k])
-                    s[EX + k * SPAN + n] = samples.to_eye[row, k]
-                s[VS + n] = f4(samples.width[row])
-            else:
-                s[PX + n], s[PY + n], s[PZ + n] = f4(x) + HALF, f4(y) + HALF, depth[y, x]
-            n += 1
+                s[PX + k * SPAN + i] = f4(samples.position[row, k] - view.origin[k])
+                s[EX + k * SPAN + i] = samples.to_eye[row, k]
+            s[VS + i] = f4(samples.width[row])
     return n, e, bits
+
+
+@kernel()
+def seen_pixels(box, samples, work):
+    """Places, triangles and weights of the covered pixels of a tile, places of the empty ones; -> their counts."""
+    x0, x1, y0, y1 = box
+    s, pix, _, empty, near = work
+    triangle, weights, depth = samples.triangle, samples.weights, samples.depth
+    of_image = samples.position.shape[0] == 0
+    n = e = np.uintp(0)
+    for y in range(np.uintp(y0), np.uintp(y1)):
+        for x in range(np.uintp(x0), np.uintp(x1)):
+            t = triangle[y, x]
+            row = np.uint32(y * np.uintp(triangle.shape[1]) + x)
+            if t < 0:
+                s[_DR + e], s[_DG + e], empty[e] = f4(x) + HALF, f4(y) + HALF, row
+                e = e + _ONE
+                continue
+            pix[n], near[n] = row, np.uint32(t)
+            s[_SX + n], s[_SY + n] = weights[y, x, 0], weights[y, x, 1]
+            if of_image:
+                s[_PX + n], s[_PY + n], s[_PZ + n] = f4(x) + HALF, f4(y) + HALF, depth[y, x]
+            n = n + _ONE
+    return np.int64(n), np.int64(e)
+
+
+@kernel()
+def blend(s, n, corners, near):
+    """What the corners carry, at the weights in SX and SY."""
+    for i in range(n):  # brings them near, many at a time
+        s[VS + i] = corners[near[_A + i], 0] + corners[near[_B + i], 0] + corners[near[_C + i], 0]
+    for i in range(n):
+        a, b, c = near[_A + i], near[_B + i], near[_C + i]
+        u, v = s[SX + i], s[SY + i]
+        w = ONE - u - v
+        for k in range(3):
+            s[NX + k * SPAN + i] = w * corners[a, k] + u * corners[b, k] + v * corners[c, k]
+            s[BR + k * SPAN + i] = w * corners[a, k + 3] + u * corners[b, k + 3] + v * corners[c, k + 3]
+        du, dv = np.float64(u), np.float64(v)  # large texture coordinates need it
+        dw = 1.0 - du - dv
+        s[U + i] = f4(dw * corners[a, 6] + du * corners[b, 6] + dv * corners[c, 6])
+        s[V + i] = f4(dw * corners[a, 7] + du * corners[b, 7] + dv * corners[c, 7])
 
 
 @kernel()

@@ -69,7 +69,7 @@ class Packed(NamedTuple):
 
     corners: np.ndarray  # (V,8) float32 normal, colour, uv
     planes: np.ndarray  # (F,4) float32 unit normal, uv per length
-    ids: np.ndarray  # (F,4) int32 corners, material
+    ids: np.ndarray  # (F,4) uint32 corners, material
     further: np.ndarray  # (V,4) float32 second uv, opacity; no rows where no mesh has any
     density: np.ndarray  # (F,) float32 second uv per length
     tangent_row: np.ndarray  # (F,) int32; no rows where nothing has a normal map
@@ -136,6 +136,7 @@ class Work(NamedTuple):
     """Scratch of one tile."""
 
     s: np.ndarray  # (SLOTS * SPAN,) float32
-    pix: np.ndarray  # (SPAN,) int32 place of each covered pixel in the flat image
-    mat: np.ndarray  # (SPAN,) int32 material
-    empty: np.ndarray  # (SPAN,) int32 place of each empty pixel
+    pix: np.ndarray  # (SPAN,) uint32 place of each covered pixel in the flat image
+    mat: np.ndarray  # (SPAN,) uint32 material
+    empty: np.ndarray  # (SPAN,) uint32 place of each empty pixel
+    near: np.ndarray  # (4 * SPAN,) uint32 triangle and its three corners

@@ -47,7 +47,7 @@ def keep_replaced(s, n, pix, out):
 @kernel()
 def surfaces(samples, view, packed, looks, work, n, bits):
     """What the materials of gathered pixels are, point by point."""
-    s, pix, mat, _ = work
+    s, pix, mat, _, _ = work
     if packed.further.shape[0] > 0 or packed.tangent_row.shape[0] > 0:
         gather_further(samples, packed, s, n, pix)
     if samples.position.shape[0] == 0:
@@ -89,7 +89,7 @@ def arrive(s, n, pix, number, reach):
 def tile(box, seen, packed, looks, sky, reach, out, work):
     """One tile; ``seen`` = what is seen, and its camera."""
     samples, view = seen
-    s, pix, mat, empty = work
+    s, pix, mat, empty, _ = work
     n, e, bits = gather(box, samples, view, packed, looks, work)
     if e > 0 and samples.position.shape[0] == 0:
         background(s, e, empty, view, sky, out.radiance)
@@ -140,10 +140,11 @@ def shade(samples, view, packed, looks, sky, reach, out, how):
     tiles = across * ((height + rows - 1) // rows)
     for worker in prange(workers):
         s = np.zeros(SLOTS * SPAN, np.float32)
-        pix, mat, empty = np.zeros(SPAN, np.int32), np.zeros(SPAN, np.int32), np.zeros(SPAN, np.int32)
+        pix, mat, empty = np.zeros(SPAN, np.uint32), np.zeros(SPAN, np.uint32), np.zeros(SPAN, np.uint32)
+        near = np.zeros(4 * SPAN, np.uint32)
         seen, soup, look = (borrowed(samples), borrowed(view)), borrowed(packed), borrowed(looks)
         around, light, target = borrowed(sky), borrowed(reach), borrowed(out)
-        work = Work(borrowed(s), borrowed(pix), borrowed(mat), borrowed(empty))
+        work = Work(borrowed(s), borrowed(pix), borrowed(mat), borrowed(empty), borrowed(near))
         for k in range(np.int64(worker), tiles, workers):
             x0, y0 = k % across * columns, k // across * rows
             box = (x0, min(x0 + columns, width), y0, min(y0 + rows, height))
