@@ -47,8 +47,11 @@ def radiance_at(image: tr.Image, point: list[float]) -> Tensor:
     return image.radiance[0, v, u]
 
 
+PLAIN = tr.RenderOptions(ambient_visibility="off")
+
+
 def test_sun_above_a_roof() -> None:
-    image = tr.render(floor_and_roof(SUN), SIDE)
+    image = tr.render(floor_and_roof(SUN), SIDE, options=PLAIN)
     torch.testing.assert_close(radiance_at(image, [2.5, 0.0, 0.0]), torch.full((3,), 1.25))
     torch.testing.assert_close(radiance_at(image, [0.0, 0.0, 0.0]), torch.full((3,), 0.25))
     torch.testing.assert_close(radiance_at(image, [0.0, 1.0, 0.5]), torch.tensor([1.25, 0.0, 0.0]))
@@ -56,13 +59,13 @@ def test_sun_above_a_roof() -> None:
 
 
 def test_without_shadows_the_floor_under_the_roof_is_lit() -> None:
-    image = tr.render(floor_and_roof(SUN), SIDE, options=tr.RenderOptions(shadows=False))
+    image = tr.render(floor_and_roof(SUN), SIDE, options=replace(PLAIN, shadows=False))
     torch.testing.assert_close(radiance_at(image, [0.0, 0.0, 0.0]), torch.full((3,), 1.25))
 
 
 def test_lights_have_their_own_shadows() -> None:
     low = tr.PointLight(position=torch.tensor([0.0, 0.5, 2.0]), intensity=torch.full((3,), math.pi))
-    image = tr.render(floor_and_roof(SUN, low), SIDE)
+    image = tr.render(floor_and_roof(SUN, low), SIDE, options=PLAIN)
     at = torch.tensor([0.0, 0.0, 0.5])
     offset = low.position - at
     expected = 0.25 + float(offset[1] / offset.norm() ** 3)

@@ -16,6 +16,7 @@ from torchrender.kernels.ambient.horizon import (
     Surroundings,
     between,
     cube_place,
+    cube_point,
     end_of_plane,
     measure_points,
     sector,
@@ -52,6 +53,9 @@ def test_a_direction_finds_its_face() -> None:
         found = cube_place(*d, 16)
         assert tuple(found[:3]) == (face, int((v + 1) * 8), int((u + 1) * 8))
         assert found[3] == abs(d[axis])
+        # The pixel's centre sees about the same direction.
+        centre = np.array(cube_point(*found[:3], 16, found[3]))
+        assert np.abs(centre - d).max() <= abs(d[axis]) / 16 + 1e-5
 
 
 def test_a_plane_goes_on_to_the_middle_of_a_step() -> None:

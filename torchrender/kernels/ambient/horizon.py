@@ -76,6 +76,18 @@ def cube_place(x, y, z, size):
 
 
 @kernel(inline=True)
+def cube_point(face, j, i, size, depth):
+    """What the centre of a face's pixel sees at that depth."""
+    u = (np.float32(2 * i + 1) / np.float32(size) - np.float32(1.0)) * depth
+    v = (np.float32(2 * j + 1) / np.float32(size) - np.float32(1.0)) * depth
+    if face < 2:
+        return (depth, u, v) if face == 0 else (-depth, v, u)
+    if face < 4:
+        return (v, depth, u) if face == 2 else (u, -depth, v)
+    return (u, v, depth) if face == 4 else (v, u, -depth)
+
+
+@kernel(inline=True)
 def distances(around, x, y, z):
     """Distance to the front and to the back of what lies in a direction, and the point that its pixel's centre sees.
 
@@ -98,8 +110,9 @@ def distances(around, x, y, z):
     if size == 0:
         return np.float32(-1.0), np.float32(-1.0), np.float32(0.0), np.float32(0.0), np.float32(0.0)
     face, j, i, major = cube_place(x, y, z, size)
-    front = around.cube_front[face, j, i] / major
-    return front, around.cube_back[face, j, i] / major, front * x, front * y, front * z
+    depth = around.cube_front[face, j, i]
+    px, py, pz = cube_point(face, j, i, size, depth)
+    return depth / major, around.cube_back[face, j, i] / major, px, py, pz
 
 
 @kernel(inline=True)
