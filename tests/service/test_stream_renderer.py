@@ -14,6 +14,7 @@ from torchrender.passes.mirrors.key_frame import KEY_FRAME
 from torchrender.passes.seen.ray_caster import RAY_CASTER
 from torchrender.renderer import render
 from torchrender.scene.load import load
+from torchrender.scene.procedural.fog import with_fog
 from torchrender.wire.cameras import header_of
 from torchrender.wire.codec import display_bytes
 from torchrender.wire.containers import KeyframeImage, read_container
@@ -185,3 +186,20 @@ def test_few_refinements_are_kept(scene) -> None:
         renderer.make(scene, job(scene, number, session=str(number), **STILL))
     left = [renderer.smooth(SmoothKeyframe(session=str(k), id=9))["left"] for k in range(MAX_REFINED + 1)]
     assert left == [0] + [3] * MAX_REFINED
+
+
+def test_media_follow_a_session_without_a_scene_being_loaded(scene) -> None:
+    foggy = with_fog(scene, {"scattering": 2.0})
+    renderer = StreamRenderer()
+    lossless = {"color": "webp", "quality": 100}
+
+    def light(number: int, **rest) -> np.ndarray:
+        made = renderer.make(foggy, job(foggy, number, **lossless, **rest))
+        return picture_of(made["messages"][0]).color.astype(float)
+
+    usual, thick, clear = light(0), light(1, density=4.0), light(2, density=0.0)
+    assert np.abs(thick - usual).mean() > 5 and np.abs(clear - usual).mean() > 5
+    state = renderer._sessions["one"]
+    before = state.in_air(foggy, job(foggy, density=3.0))
+    assert state.in_air(foggy, job(foggy, density=3.0)) is before, "the same wish is the same scene"
+    assert before.geometry is foggy.geometry

@@ -157,6 +157,8 @@ class MakeKeyframe(msgspec.Struct, frozen=True, kw_only=True, tag=True):
     color: ColorCodec
     quality: int
     bounds: Bounds
+    density: float = 1.0  # of all media, as a multiple of their own
+    asymmetry: float | None = None  # of all media; None: each its own
 
 
 class MakeLayers(msgspec.Struct, frozen=True, kw_only=True, tag=True):

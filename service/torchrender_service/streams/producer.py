@@ -125,4 +125,6 @@ class Producer:
             color="webp" if lossless else "jpeg",
             quality=LOSSLESS if lossless else QUALITY_STILL if still else QUALITY_MOVING,
             bounds=session.bounds,
+            density=session.density,
+            asymmetry=session.asymmetry,
         )
