@@ -195,7 +195,7 @@ def test_media_follow_a_session_without_a_scene_being_loaded(scene) -> None:
 
     def light(number: int, **rest) -> np.ndarray:
         made = renderer.make(foggy, job(foggy, number, **lossless, **rest))
-        return picture_of(made["messages"][0]).color.astype(float)
+        return picture_of(made["messages"][0]).codes.numpy().astype(float)
 
     usual, thick, clear = light(0), light(1, density=4.0), light(2, density=0.0)
     assert np.abs(thick - usual).mean() > 5 and np.abs(clear - usual).mean() > 5
