@@ -189,7 +189,7 @@ def test_few_refinements_are_kept(scene) -> None:
 
 
 def test_media_follow_a_session_without_a_scene_being_loaded(scene) -> None:
-    foggy = with_fog(scene, {"scattering": 2.0})
+    foggy = with_fog(scene, {"scattering": 0.4})
     renderer = StreamRenderer()
     lossless = {"color": "webp", "quality": 100}
 
@@ -197,7 +197,7 @@ def test_media_follow_a_session_without_a_scene_being_loaded(scene) -> None:
         made = renderer.make(foggy, job(foggy, number, **lossless, **rest))
         return picture_of(made["messages"][0]).codes.numpy().astype(float)
 
-    usual, thick, clear = light(0), light(1, density=4.0), light(2, density=0.0)
+    usual, thick, clear = light(0), light(1, density=8.0), light(2, density=0.0)
     assert np.abs(thick - usual).mean() > 5 and np.abs(clear - usual).mean() > 5
     state = renderer._sessions["one"]
     before = state.in_air(foggy, job(foggy, density=3.0))
