@@ -224,3 +224,22 @@ def test_defaults_that_help_names_are_those_of_the_options(capsys: pytest.Captur
             said = re.search(r"default ([\w.]+)", text)
             assert said is not None, flag
             assert said[1].rstrip(".") == (value if isinstance(value, str) else f"{value:g}"), flag
+
+
+def test_fog_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    plain, foggy, off = (tmp_path / f"{name}.npz" for name in ("plain", "foggy", "off"))
+    size = ["--size", "32x24"]
+    assert cli.main(["render", "cornell_box", "-o", str(plain), *size]) == 0
+    fog = ["--fog", "scattering=1.5 height=0.3 asymmetry=0.2", "--explain"]
+    assert cli.main(["render", "cornell_box", "-o", str(foggy), *size, *fog]) == 0
+    assert "1 medium in view" in capsys.readouterr().out
+    assert cli.main(["render", "cornell_box", "-o", str(off), *size, "--fog", "off"]) == 0
+    light = [np.load(file)["radiance"] for file in (plain, foggy, off)]
+    assert np.abs(light[1] - light[0]).mean() > 0.01 and np.array_equal(light[2], light[0])
+    for wrong, word in (
+        ("thick", "name=number"),
+        ("scatering=1", "no 'scatering'"),
+        ("scattering=x", "--fog scattering"),
+    ):
+        assert cli.main(["render", "cornell_box", "-o", str(off), *size, "--fog", wrong]) == 2
+        assert word in capsys.readouterr().err

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +15,7 @@ from torchrender.errors import InputError, OptionError, SceneFileError
 from torchrender.scene.files.scene_file import load_scene_file
 from torchrender.scene.files.scene_write import write_scene
 from torchrender.scene.load import load
-from torchrender.scene.medium import Medium
+from torchrender.scene.medium import Medium, medium_from_values, medium_values
 from torchrender.scene.place import place_medium
 from torchrender.scene.procedural.fog import changed_media, with_fog
 
@@ -117,3 +118,23 @@ def test_thicker_media_are_other_media_in_the_same_scene() -> None:
     with pytest.raises(OptionError, match="density"):
         changed_media(scene, -1.0)
     assert np.isfinite(float(changed_media(scene, 0.0).media[0].extinction.sum()))
+
+
+def test_plain_values_bring_a_medium_back() -> None:
+    for medium in (
+        Medium(low=LOW, high=HIGH, density=1.5, falloff=0.8, floor=0.1, asymmetry=0.3, name="mist"),
+        Medium(low=LOW, high=HIGH, density=torch.rand(2, 3, 4), density_scales="absorption"),
+    ):
+        again = medium_from_values(json.loads(json.dumps(medium_values(medium))))
+        assert again.name == medium.name and again.density_scales == medium.density_scales
+        assert again.floor == medium.floor and again.falloff == pytest.approx(medium.falloff)
+        torch.testing.assert_close(again.scattering, medium.scattering)
+        torch.testing.assert_close(torch.as_tensor(again.density), torch.as_tensor(medium.density))
+    for bad, word in (
+        ({"low": [0, 0, 0]}, "needs high"),
+        ({"low": [0, 0, 0], "high": [1, 1, 1], "colour": 1}, "no 'colour'"),
+        ({"low": [0, 0, 0], "high": [1, 1, 1], "density": "thick"}, "density must be"),
+        ({"low": [0, 0], "high": [1, 1, 1]}, "low"),
+    ):
+        with pytest.raises(InputError, match=word):
+            medium_from_values(bad)

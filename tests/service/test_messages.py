@@ -47,6 +47,7 @@ MESSAGES = (
     Problem(type="urn:x", title="t", status=422, detail="d"),
     Bye(reason="done", retry_after_s=2.0),
     Settings(budget_ms=100.0, max_error=None, layers=1),
+    Settings(density=2.5, asymmetry=-0.3),
 )
 
 

@@ -14,6 +14,7 @@ from torchrender.passes.mirrors.key_frame import KEY_FRAME
 from torchrender.passes.seen.ray_caster import RAY_CASTER
 from torchrender.renderer import render
 from torchrender.scene.load import load
+from torchrender.scene.procedural.fog import with_fog
 from torchrender.wire.cameras import header_of
 from torchrender.wire.codec import display_bytes
 from torchrender.wire.containers import KeyframeImage, read_container
@@ -200,3 +201,18 @@ def test_mirrors_come_as_a_layer_of_their_own_to_those_who_ask() -> None:
     assert bool((mirrors.depth[shown] > first.depth[shown]).all())  # behind the glass
     dull = load("cornell_box")
     assert len(StreamRenderer().make(dull, job(dull, mirrors=True))["messages"]) == 1
+def test_media_follow_a_session_without_a_scene_being_loaded(scene) -> None:
+    foggy = with_fog(scene, {"scattering": 0.4})
+    renderer = StreamRenderer()
+    lossless = {"color": "webp", "quality": 100}
+
+    def light(number: int, **rest) -> np.ndarray:
+        made = renderer.make(foggy, job(foggy, number, **lossless, **rest))
+        return picture_of(made["messages"][0]).codes.numpy().astype(float)
+
+    usual, thick, clear = light(0), light(1, density=8.0), light(2, density=0.0)
+    assert np.abs(thick - usual).mean() > 5 and np.abs(clear - usual).mean() > 5
+    state = renderer._sessions["one"]
+    before = state.in_air(foggy, job(foggy, density=3.0))
+    assert state.in_air(foggy, job(foggy, density=3.0)) is before, "the same wish is the same scene"
+    assert before.geometry is foggy.geometry

@@ -197,10 +197,22 @@ class StreamClient:
         return self._number
 
     def wish(
-        self, *, budget_ms: float | None = None, max_error: float | None = None, layers: int | None = None
+        self,
+        *,
+        budget_ms: float | None = None,
+        max_error: float | None = None,
+        layers: int | None = None,
+        density: float | None = None,
+        asymmetry: float | None = None,
     ) -> None:
-        """Change what keyframes may cost or be off, and how many extra layers they have (None: as before)."""
-        self._send(Settings(budget_ms=budget_ms, max_error=max_error, layers=layers))
+        """Change what keyframes may cost or be off, and how many extra layers they have (None: as before).
+
+        ``density`` makes all media so many times as thick as they are in the scene, ``asymmetry`` gives them another g
+        (None: as before); nothing is loaded anew.
+        """
+        self._send(
+            Settings(budget_ms=budget_ms, max_error=max_error, layers=layers, density=density, asymmetry=asymmetry)
+        )
 
     def resync(self) -> None:
         """Ask for a fresh keyframe and forget parts of others."""

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -92,3 +94,57 @@ class Medium:
         none = not bool((self.density > 0).any()) if isinstance(self.density, Tensor) else not self.density > 0
         scatters = bool((self.scattering > 0).any()) and (not none or self.density_scales == "absorption")
         return not scatters and (none or not bool((self.absorption > 0).any()))
+
+
+# ---------------------------------------------------------------- as plain values, for the extras of other formats
+
+EXTRAS = "media"
+"""Key of a list of media in the ``extras`` of a glTF scene."""
+_VECTORS = ("low", "high", "absorption", "scattering", "emission")
+_NUMBERS = ("asymmetry", "falloff", "floor")
+
+
+def medium_values(medium: Medium) -> dict[str, Any]:
+    """The medium as plain values of JSON: keys as the fields; a grid as nested lists, z, y, x."""
+    values: dict[str, Any] = {"name": medium.name, "density_scales": medium.density_scales}
+    values |= {name: [float(v) for v in getattr(medium, name)] for name in _VECTORS}
+    values |= {name: getattr(medium, name) for name in _NUMBERS if getattr(medium, name) is not None}
+    grid = isinstance(medium.density, Tensor)
+    return values | {"density": medium.density.tolist() if grid else float(medium.density)}  # type: ignore[union-attr]
+
+
+def medium_from_values(values: Mapping[str, Any]) -> Medium:
+    """The medium that :func:`medium_values` wrote, or somebody by hand; missing keys have the fields' defaults.
+
+    Raises:
+        InputError: no box, an unknown key, or a value of a wrong kind or out of its range; names it.
+    """
+    if not isinstance(values, Mapping):
+        raise InputError(f"a medium must be an object, got {type(values).__name__}")
+    known = {*_VECTORS, *_NUMBERS, "density", "density_scales", "name"}
+    for name in values:
+        if name not in known:
+            raise InputError(f"a medium has no {name!r}; known: {', '.join(sorted(known))}")
+    for name in ("low", "high"):
+        if name not in values:
+            raise InputError(f"a medium needs {name}")
+    made: dict[str, Any] = {name: as_vector(f"medium: {name}", values[name]) for name in _VECTORS if name in values}
+    for name in (*_NUMBERS, "density"):
+        if name not in values:
+            continue
+        value = values[name]
+        if name == "density" and isinstance(value, list):
+            try:
+                made[name] = torch.tensor(value, dtype=torch.float32)
+            except (TypeError, ValueError) as error:
+                raise InputError(f"medium: density must be a number or lists of numbers (D, H, W) ({error})") from error
+        elif isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+            raise InputError(f"medium: {name} must be a finite number, got {value!r}")
+        else:
+            made[name] = float(value)
+    for name in ("density_scales", "name"):
+        if name in values:
+            if not isinstance(values[name], str):
+                raise InputError(f"medium: {name} must be text, got {values[name]!r}")
+            made[name] = values[name]
+    return Medium(**made)

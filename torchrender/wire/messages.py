@@ -180,11 +180,13 @@ class Bye(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class Settings(msgspec.Struct, frozen=True, kw_only=True):
-    """What the user wants from now on; null: no bound."""
+    """What the user wants from now on; null: no bound, and of layers and media: as before."""
 
     budget_ms: Annotated[float, Meta(ge=1.0, le=1e5)] | None = None
     max_error: Annotated[float, Meta(ge=0.0, le=1.0)] | None = None
     layers: Annotated[int, Meta(ge=0, le=MAX_LAYERS)] | None = None
+    density: Annotated[float, Meta(ge=0.0, le=100.0)] | None = None  # of all media, as a multiple of their own
+    asymmetry: Annotated[float, Meta(ge=-0.99, le=0.99)] | None = None  # of all media: g
 
 
 Message = Hello | Welcome | Pose | Keyframe | Ack | Resync | Problem | Bye | Settings

@@ -158,6 +158,8 @@ class MakeKeyframe(msgspec.Struct, frozen=True, kw_only=True, tag=True):
     quality: int
     bounds: Bounds
     mirrors: bool = False  # send what mirrors show as a layer of its own
+    density: float = 1.0  # of all media, as a multiple of their own
+    asymmetry: float | None = None  # of all media; None: each its own
 
 
 class MakeLayers(msgspec.Struct, frozen=True, kw_only=True, tag=True):

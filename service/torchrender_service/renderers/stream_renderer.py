@@ -15,6 +15,7 @@ from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
+from torchrender.scene.procedural.fog import changed_media
 from torchrender.wire.cameras import cameras_of
 from torchrender_service.renderers.engine import render_image
 from torchrender_service.renderers.jobs import BITS_STILL, Bounds, MakeKeyframe, MakeLayers, SmoothKeyframe
@@ -74,6 +75,13 @@ class SessionState:
     history: RenderHistory
     packing_ms: float = 0.0  # from the last picture to its message
     begun: Begun | None = None
+    air: tuple[Scene, float, float | None, Scene] | None = None  # a scene, what was wished for, and what it is then
+
+    def in_air(self, scene: Scene, job: MakeKeyframe) -> Scene:
+        """The scene with the media that the session wishes for: the same one while the wish is."""
+        if self.air is None or self.air[0] is not scene or self.air[1:3] != (job.density, job.asymmetry):
+            self.air = (scene, job.density, job.asymmetry, changed_media(scene, job.density, job.asymmetry))
+        return self.air[3]
 
 
 class StreamRenderer:
@@ -87,6 +95,7 @@ class StreamRenderer:
     def make(self, scene: Scene, job: MakeKeyframe) -> dict[str, Any]:
         """The message of layer 0 and what the server needs to place the next keyframe."""
         state = self._state(job)
+        scene = state.in_air(scene, job)
         camera = cameras_of(job.camera)
         begin = time.perf_counter()
         bounds = _bounds(job, state.packing_ms)

@@ -127,4 +127,6 @@ class Producer:
             quality=LOSSLESS if lossless else QUALITY_STILL if still else QUALITY_MOVING,
             bounds=session.bounds,
             mirrors=self.mirrors,
+            density=session.density,
+            asymmetry=session.asymmetry,
         )

@@ -35,6 +35,8 @@ class Session:
     bounds: Bounds
     renderer: RendererHandle
     expires: float  # monotonic time after which it is gone, unless a stream is connected
+    density: float = 1.0  # of all media, as a multiple of their own
+    asymmetry: float | None = None  # of all media; None: each its own
     next_id: int = 0  # of the next keyframe
     latency_s: float = 0.0  # from a pose's arrival to its keyframe's acknowledgement; 0: not known yet
     connection: Connection | None = field(default=None, repr=False)  # set and cleared by the store alone

@@ -203,6 +203,10 @@ class Stream:
             session.bounds = Bounds(budget_ms=message.budget_ms, max_error=message.max_error)
             if message.layers is not None:
                 session.extra_layers = message.layers
+            if message.density is not None:
+                session.density = message.density
+            if message.asymmetry is not None:
+                session.asymmetry = message.asymmetry
             placement.refresh()
 
     async def _complain(self, error: ProtocolError | ServiceError) -> None:

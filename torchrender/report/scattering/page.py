@@ -31,7 +31,7 @@ def lines(record: Mapping[str, Any]) -> list[str]:
     width, height = study["size"]
     out = ["# Light that media scatter", "", machine_line(record["machine"]), ""]
     out += [
-        f"Times are of {width} x {height} pixels with all that a picture needs anew (slices or pyramids, tables, marks,",
+        f"Times are of {width} x {height} pixels with all that a picture needs anew (slices, pyramids, tables, marks,",
         "interpolation, transmittance), medians of a run in which the candidates took turns. The machine was",
         "shared with other work: ratios within a table count, not milliseconds. Errors are RMSE over the mean.",
         "",

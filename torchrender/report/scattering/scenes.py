@@ -94,7 +94,7 @@ def _lamp() -> PointLight:
 
 
 def _scene(name: str, meshes: list[Mesh], lights: tuple[Light, ...], fog: Medium) -> Scene:
-    return Scene(meshes=meshes, materials=(Material(name="white"),), lights=lights, media=(fog,), name=name)
+    return Scene(meshes=tuple(meshes), materials=(Material(name="white"),), lights=lights, media=(fog,), name=name)
 
 
 def eye(width: int, height: int, focal: float | None = None) -> Cameras:

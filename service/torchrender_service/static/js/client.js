@@ -40,6 +40,7 @@ export class Client {
     this.holesAt = 0;
     this.holesOf = 0; // the picture that was measured, by its number
     this.dirty = true;
+    this.media = {}; // what media shall be like
     this.ended = null; // what was streamed before, to know whether the view stays
     canvas.addEventListener("webglcontextlost", () => this.onContext(true));
     canvas.addEventListener("webglcontextrestored", () => this.onContext(false));
@@ -58,10 +59,11 @@ export class Client {
     this.stream.start(wishes, key);
   }
 
-  wish(settings) {
+  wish(settings, media = {}) {
     Object.assign(this.wishes, settings);
+    this.media = { ...this.media, ...media };
     this.keyframes.outdate();
-    this.stream.send(TYPE.SETTINGS, settings);
+    this.stream.send(TYPE.SETTINGS, { ...settings, ...media });
   }
 
   onState(name, detail) {
@@ -85,6 +87,10 @@ export class Client {
     this.ended = { scene: this.wishes.scene };
     this.acks = [];
     this.pose.camera = null; // the server knows no pose yet
+    if (Object.values(this.media).some((value) => value != null)) {
+      const { budget_ms = null, max_error = null, layers = null } = this.wishes;
+      this.stream.send(TYPE.SETTINGS, { budget_ms, max_error, layers, ...this.media }); // a new session knows none of it
+    }
     this.dirty = true;
   }
 

@@ -34,7 +34,7 @@ function say(text) {
 
 const panel = new Panel({
   initial: { layers: number("layers", 2), budget_ms: number("budget_ms", null), max_error: number("max_error", null) },
-  wish: (settings) => client?.wish(settings),
+  wish: (settings, media) => client?.wish(settings, media),
   resize: () => restart(),
   show: () => client && (client.dirty = true),
 });

@@ -11,6 +11,7 @@ const CHART_MS = 50; // height of the chart
 const ms = (value) => (value == null ? "–" : `${value >= 100 ? Math.round(value) : value.toFixed(value >= 10 ? 0 : 1)} ms`);
 const percent = (share) => (share == null ? "–" : `${(100 * share).toFixed(share < 0.1 ? 2 : 1)} %`);
 const bytes = (count) => (count < 1e6 ? `${Math.round(count / 1000)} kB` : `${(count / 1e6).toFixed(1)} MB`);
+const densityOf = (place) => (place === 0 ? 0 : 100 ** (place / 50 - 1)); // 0, then 0.01 to 100, 1 in the middle
 const onScale = ([low, high], share) => low * (high / low) ** share;
 const shareOf = ([low, high], value) => Math.log(value / low) / Math.log(high / low);
 
@@ -36,6 +37,12 @@ export class Panel {
     $("bound").addEventListener("change", () => wish(this.settings()));
     $("layers").addEventListener("input", () => this.showBound());
     $("layers").addEventListener("change", () => wish(this.settings()));
+    for (const name of ["density", "asymmetry"]) {
+      $(name).addEventListener("input", () => this.touched.add(name) && this.showMedia());
+      $(name).addEventListener("change", () => wish(this.settings(), this.media()));
+    }
+    this.touched = new Set(); // sliders of media that were moved: the others leave the scene's own values
+    this.showMedia();
     for (const name of ["use-earlier", "use-layers", "use-fill"]) $(name).addEventListener("change", show);
     $("enhance").addEventListener("input", () => {
       this.showBound();
@@ -60,6 +67,17 @@ export class Panel {
       max_error: this.mode === "error" ? Number(this.values.error.toPrecision(2)) : null,
       layers: Number($("layers").value),
     };
+  }
+
+  /** What media shall be like; null: as before. */
+  media() {
+    const value = (name, made) => (this.touched.has(name) ? made(Number($(name).value)) : null);
+    return { density: value("density", densityOf), asymmetry: value("asymmetry", (g) => g / 100) };
+  }
+
+  showMedia() {
+    $("density-value").textContent = `${densityOf(Number($("density").value)).toPrecision(2)} ×`;
+    $("asymmetry-value").textContent = this.touched.has("asymmetry") ? (Number($("asymmetry").value) / 100).toFixed(2) : "own";
   }
 
   /** Which sources of samples the picture uses. */
