@@ -14,8 +14,8 @@ def test_a_tiny_study_makes_its_page(tmp_path: Path) -> None:
         QUICK,
         rooms=("living_room",),
         size=24,
-        triangles=10_000,
-        counts=(10_000,),
+        triangles=5_000,
+        counts=(5_000,),
         outputs=(24,),
         rules=(1.0,),
         path=1,
@@ -27,7 +27,7 @@ def test_a_tiny_study_makes_its_page(tmp_path: Path) -> None:
     for heading in ("Against rays", "Time", "Triangles", "Number of clusters", "Gloss", "Along a path"):
         assert f"## {heading}" in page
     picture = read_image(tmp_path / "reflections.jpg")
-    assert tuple(picture.shape[:2]) == (16, 48)
+    assert tuple(picture.shape[:2]) == (24, 72)
     none, all_pixels = record["share"][0], record["share"][-1]
     assert none["pixels"] == 0 and all_pixels["pixels"] > 0
     for row in record["quality"].values():
