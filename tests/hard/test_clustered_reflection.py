@@ -157,9 +157,9 @@ def test_hollow_mirrors_split_and_stay_finite() -> None:
         normals=None if ball.meshes[0].normals is None else -ball.meshes[0].normals,
     )
     scene = scene_of(inside, ball.meshes[1])
-    eye = Cameras.look_at([0.0, 0.0, 0.6], [0.0, 0.0, -0.8], width=64, height=64, fov_deg=60.0)
+    eye = Cameras.look_at([0.0, 0.0, 0.6], [0.0, 0.0, -0.8], width=32, height=32, fov_deg=60.0)
     for options in ({}, {"self_reflection": "diffuse"}, {"centre": "thesis"}):
-        _, made = clustered(scene, eye, **options)
+        _, made = clustered(scene, eye, deviation_deg=20.0, image_scale=1.0, **options)
         sound(made)
 
 

@@ -11,7 +11,15 @@ from torchrender.report.reflections.study import QUICK, run_study, write_study
 
 def test_a_tiny_study_makes_its_page(tmp_path: Path) -> None:
     study = replace(
-        QUICK, size=24, triangles=10_000, counts=(10_000,), outputs=(24,), rules=(1.0,), path=1, gloss_size=16
+        QUICK,
+        rooms=("living_room",),
+        size=24,
+        triangles=10_000,
+        counts=(10_000,),
+        outputs=(24,),
+        rules=(1.0,),
+        path=1,
+        gloss_size=16,
     )
     record = run_study(study, tmp_path)
     write_study(record, tmp_path)
@@ -19,7 +27,7 @@ def test_a_tiny_study_makes_its_page(tmp_path: Path) -> None:
     for heading in ("Against rays", "Time", "Triangles", "Number of clusters", "Gloss", "Along a path"):
         assert f"## {heading}" in page
     picture = read_image(tmp_path / "reflections.jpg")
-    assert tuple(picture.shape[:2]) == (48, 72)
+    assert tuple(picture.shape[:2]) == (24, 72)
     none, all_pixels = record["share"][0], record["share"][-1]
     assert none["pixels"] == 0 and all_pixels["pixels"] > 0
     for row in record["quality"].values():

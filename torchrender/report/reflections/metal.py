@@ -37,10 +37,10 @@ LIMIT = 0.03
 """Mean FLIP over reflecting pixels that is aimed at."""
 
 
-def metal_objects(size: int) -> list[dict[str, Any]]:
+def metal_objects(size: int, models: bool = True) -> list[dict[str, Any]]:
     """FLIP of each way against tracing, over the pixels that mirror, for each object and finish."""
     rows = []
-    for name, mesh in objects():
+    for name, mesh in objects(models):
         for finish, roughness in ROUGHNESS.items():
             scene, camera = metal_scene(mesh, roughness), metal_view(mesh, size)
             traced = RenderOptions(reflections="traced", buffers=("reflections",))
@@ -57,12 +57,12 @@ def metal_objects(size: int) -> list[dict[str, Any]]:
     return rows
 
 
-def objects() -> Iterator[tuple[str, Mesh]]:
-    """A box, a ring, and the models that are found."""
+def objects(models: bool = True) -> Iterator[tuple[str, Mesh]]:
+    """A box, a ring, and the models that are found, if they are wanted."""
     yield "box", box(torch.ones(3))
     yield "ring", torus(0.5, 0.2, 48)
     folder = Path(os.environ.get("TORCHRENDER_DATA", "../shared/data")) / "meshes"
-    for name in MODELS:
+    for name in MODELS if models else ():
         if (folder / name).is_file():
             meshes = load(folder / name).meshes
             yield name.split(".")[0].replace("_", " "), max(meshes, key=lambda mesh: len(mesh.faces))

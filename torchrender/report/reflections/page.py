@@ -218,7 +218,7 @@ def _share(share: list[dict[str, Any]]) -> list[str]:
     return [
         "## Cost follows the reflective pixels in view",
         "",
-        "Washroom; a part of its reflective pixels, from the left border on.",
+        "The last room; a part of its reflective pixels, from the left border on.",
         "",
         *table(["reflective pixels", "clustered ms"], rows),
     ]

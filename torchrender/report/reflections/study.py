@@ -48,6 +48,7 @@ HYBRID = ClusterOptions(missing="trace")
 class StudyOptions:
     """How much is measured."""
 
+    rooms: tuple[str, ...] = SCENES  # the living room among them
     size: int = 512  # pixels of the pictures' side, 2 x 2 samples each
     triangles: int | None = None  # of the rooms; None: their usual number
     counts: tuple[int, ...] = (63_000, 132_000, 289_000, 1_000_000, 3_000_000)
@@ -56,12 +57,13 @@ class StudyOptions:
     path: int = 8  # views along each path
     gloss_size: int = 256
     metal_size: int = 256
+    metal_models: bool = True
     runs: int = 3
 
 
 QUICK = StudyOptions(
     size=64, triangles=20_000, counts=(10_000, 20_000), outputs=(32, 64), rules=(0.5, 1.0), path=2,
-    gloss_size=32, metal_size=32, runs=1,
+    gloss_size=32, metal_size=32, metal_models=False, runs=1,
 )  # fmt: skip
 
 
@@ -76,7 +78,7 @@ def main() -> None:
 def run_study(study: StudyOptions, folder: Path) -> dict[str, Any]:
     """All measurements; the picture of both rooms goes to ``folder``."""
     record: dict[str, Any] = {"machine": machine_record(), "study": asdict(study)}
-    rooms = {name: _room(name, study) for name in SCENES}
+    rooms = {name: _room(name, study) for name in study.rooms}
     stages = {name: _stage(scene, study.size, 2) for name, scene in rooms.items()}
     parts: dict[str, Callable[[], Any]] = {
         "quality": lambda: {name: quality(stage) for name, stage in stages.items()},
@@ -85,11 +87,11 @@ def run_study(study: StudyOptions, folder: Path) -> dict[str, Any]:
         "scale": lambda: [image_scale(stages["living_room"], s, study) for s in (0.5, 1.0, 2.0)],
         "output": lambda: [output_size(rooms["living_room"], n, study) for n in study.outputs],
         "triangles": lambda: [triangle_count(n, study) for n in study.counts],
-        "paths": lambda: {name: path(rooms[name], study) for name in SCENES},
+        "paths": lambda: {name: path(rooms[name], study) for name in study.rooms},
         "gloss": lambda: list(gloss(rooms["living_room"], study)),
-        "share": lambda: [pixel_share(stages["washroom"], s, study) for s in (0.0, 0.01, 0.1, 0.3, 1.0)],
+        "share": lambda: [pixel_share(stages[study.rooms[-1]], s, study) for s in (0.0, 0.01, 0.1, 0.3, 1.0)],
         "choices": lambda: {name: choices(stage, study) for name, stage in stages.items()},
-        "metal": lambda: metal_objects(study.metal_size),
+        "metal": lambda: metal_objects(study.metal_size, study.metal_models),
     }
     for name, part in parts.items():
         begin = time.perf_counter()
