@@ -28,7 +28,7 @@ def traced_ambient(
         reach: scene units within which something hides near light.
         gap: scene units above the surface at which rays start.
 
-    Directions follow a spiral that is turned from pixel to pixel, but not from hit to hit, where few rays must not leave
+    Directions follow a spiral that is turned from pixel to pixel, but not from hit to hit, where few rays must leave no
     noise; those below the geometric surface see nothing.
 
     Raises:

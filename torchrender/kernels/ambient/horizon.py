@@ -183,6 +183,9 @@ def search_side(around, point, normal, tangent, steps, search):
             continue
         along, across = r0 - front * c, front * w
         place = sector(along, across)
+        over = qx * normal[0] + qy * normal[1] + qz * normal[2] - plane
+        if over < LEVEL * math.sqrt(along * along + across * across):  # the point's own plane hides nothing
+            place = np.float32(SECTORS)
         lowest = min(lowest, place)
         if back <= front * np.float32(1.0001):
             back = front * (np.float32(1.0) + np.float32(search.thickness))

@@ -37,7 +37,7 @@ def _cells(wanted: int) -> tuple[int, int]:
     """Cells along each edge of all bodies, and of the first one, for about ``wanted`` triangles."""
     each = max(int(np.sqrt(wanted / (12.0 * _BODIES))), 1)
     left = wanted - 12 * each * each * (_BODIES - 1)
-    return each, max(int(round(np.sqrt(max(left, 12) / 12.0))), 1)
+    return each, max(round(float(np.sqrt(max(left, 12) / 12.0))), 1)
 
 
 def panes(triangles: int, seed: int) -> Scene:
@@ -56,10 +56,10 @@ def panes(triangles: int, seed: int) -> Scene:
         made.material(name, color, metallic=0.0, roughness=0.05, transmission=0.95)
     order = [name for name, *_ in PANES] + [name for name, _ in GLASS]
     for number, name in enumerate(order):
-        half = np.array((0.34, 0.3, 0.006))
-        centre = np.array((-0.85 + 0.24 * number, 0.305, 0.75 - 0.13 * number + rng.uniform(-0.02, 0.02)))
-        part = gridded_box(-half, half, np.full(3, each))
-        made.add(name, (name, part.transformed(yaw_matrix(rng.uniform(-12.0, 12.0)), centre)))
+        size = np.array((0.34, 0.3, 0.006))
+        middle = np.array((-0.85 + 0.24 * number, 0.305, 0.75 - 0.13 * number + rng.uniform(-0.02, 0.02)))
+        part = gridded_box(-size, size, np.full(3, each))
+        made.add(name, (name, part.transformed(yaw_matrix(rng.uniform(-12.0, 12.0)), middle)))
     sun = DirectionalLight(direction=torch.tensor([-0.45, -1.0, -0.7]), irradiance=torch.tensor([1.6, 1.5, 1.35]))
     lamp = PointLight(position=as_tensor((0.9, 1.3, 0.9)), intensity=torch.tensor([0.8, 0.8, 0.9]), name="lamp")
     sky = torch.linspace(0.5, 0.2, 16)[:, None, None] * torch.tensor([0.9, 0.97, 1.1])

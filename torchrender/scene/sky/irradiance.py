@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 
 from torchrender.kernels.sky.irradiance import facing_sum
-from torchrender.numerics.octahedral import interpolate_nodes, node_directions
+from torchrender.scene.sky.octahedral import interpolate_nodes, node_directions
 
 BLOCK_ROWS = (32, 64, 128, 256)
 """Blocks from zenith to nadir, twice as many around: coarse ones, and what bright ones are cut into, step by step."""

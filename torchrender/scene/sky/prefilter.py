@@ -16,8 +16,8 @@ import torch
 from torch import Tensor
 
 from torchrender.kernels.sky.lobe import SkyTree, lobe_mean
-from torchrender.numerics.octahedral import interpolate_nodes, node_directions
 from torchrender.scene.sky.irradiance import latlong_directions, solid_angles
+from torchrender.scene.sky.octahedral import interpolate_nodes, node_directions
 
 LEVELS = 8
 """Filtered images; image k has roughness (k + 1) / LEVELS."""

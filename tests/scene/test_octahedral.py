@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import torch
 
-from torchrender.numerics.octahedral import (
+from torchrender.scene.sky.octahedral import (
     direction_from_square,
     interpolate_nodes,
     node_directions,
