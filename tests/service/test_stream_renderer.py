@@ -201,6 +201,8 @@ def test_mirrors_come_as_a_layer_of_their_own_to_those_who_ask() -> None:
     assert bool((mirrors.depth[shown] > first.depth[shown]).all())  # behind the glass
     dull = load("cornell_box")
     assert len(StreamRenderer().make(dull, job(dull, mirrors=True))["messages"]) == 1
+
+
 def test_media_follow_a_session_without_a_scene_being_loaded(scene) -> None:
     foggy = with_fog(scene, {"scattering": 0.4})
     renderer = StreamRenderer()

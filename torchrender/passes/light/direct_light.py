@@ -47,27 +47,28 @@ def applies(outlook: Outlook) -> Verdict:
 
 def run(frame: Frame) -> tuple[Tensor, MirrorShare]:
     """Radiance (B,H,W,3) without reflections, and what these change."""
-    scene, gbuffer = frame.scene, frame[GBUFFER]
-    point, soft = frame.get(POINT_SHADOW), frame.get(SOFT_SHADOW)
-    found: dict[int, Tensor] = {**(point or {}), **(soft or {})}
-    visibility = None
-    if found:
-        lit = torch.ones(gbuffer.covered.shape)
-        visibility = torch.stack([found.get(number, lit) for number in range(len(scene.lights))], dim=1)
-    panes = frame.get(PANE_SHADOW)
-    if panes is not None:
-        visibility = panes if visibility is None else visibility * panes
-    options = frame.options
+    scene, options = frame.scene, frame.options
     light = sent_light(
         scene,
-        gbuffer,
-        visibility,
+        frame[GBUFFER],
+        lights_visibility(frame),
         background=options.background,
         area_light=options.area_light,
         around=ambient_reach(scene, frame.get(AMBIENT_VISIBILITY)),
         mirrors=bool(frame.askers(MIRROR_SHARE)),
     )
     return light.radiance, light.share
+
+
+def lights_visibility(frame: Frame) -> Tensor | None:
+    """Share (B,L,H,W) of each light that arrives, as far as passes found out; None: all of it."""
+    point, soft, panes = frame.get(POINT_SHADOW), frame.get(SOFT_SHADOW), frame.get(PANE_SHADOW)
+    found: dict[int, Tensor] = {**(point or {}), **(soft or {})}
+    if not found:
+        return panes
+    lit = torch.ones(frame[GBUFFER].covered.shape)
+    visibility = torch.stack([found.get(number, lit) for number in range(len(frame.scene.lights))], dim=1)
+    return visibility if panes is None else visibility * panes
 
 
 def ambient_reach(scene: Scene, found: AmbientVisibility | None) -> AmbientReach | None:

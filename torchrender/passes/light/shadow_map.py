@@ -58,7 +58,7 @@ def applies(outlook: Outlook) -> Verdict:
     count = len(outlook.scene.lights) if reaching is None else reaching
     if outlook.options.shadow.coverage == "scene":
         return Verdict(True, f"{counted(count, 'light')}, of the whole scene")
-    if not count and not _mirrors(outlook) and outlook.scene.geometry.see_through is None:
+    if not count and not _shown_elsewhere(outlook) and outlook.scene.geometry.see_through is None:
         return Verdict(False, "no light reaches what is seen")
     return Verdict(True, f"{counted(count, 'light')}, fitted to what is seen")
 
@@ -108,7 +108,9 @@ def _drawn(
     return tuple(made) if earlier is None or changed else earlier
 
 
-def _mirrors(outlook: Outlook) -> bool:
+def _shown_elsewhere(outlook: Outlook) -> bool:
+    if outlook.options.media and outlook.scene.media:  # what floats shows shadows of what the eye does not see
+        return True
     return outlook.options.reflections != "off" and any(m.is_reflector for m in outlook.scene.materials)
 
 
@@ -131,7 +133,7 @@ def amounts(outlook: Outlook) -> Amounts:
     if options.coverage == "view":
         share = 1.0 if reaching is None else reaching / max(len(lights), 1)
         count += share * sum(_fitted(light, options.cascades) for light in lights)
-    if (options.coverage == "scene" or _mirrors(outlook)) and outlook.kept(SCENE_SHADOW_MAP) is None:
+    if (options.coverage == "scene" or _shown_elsewhere(outlook)) and outlook.kept(SCENE_SHADOW_MAP) is None:
         count += sum(views(light) for light in lights)
     height, width = options.shape
     return (count, count * height * width * 1e-6, count * outlook.triangles)

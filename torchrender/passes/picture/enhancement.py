@@ -15,6 +15,8 @@ from torchrender.effects.enhancement.options import EnhanceOptions
 from torchrender.effects.enhancement.surface_image import SurfaceImage, curvature_of
 from torchrender.passes.contract import Amounts, Buffers, Pass
 from torchrender.passes.hard import HardEffect, Law, Outputs, Subject
+from torchrender.passes.light.direct_light import lights_visibility
+from torchrender.passes.light.pane_shadow import PANE_SHADOW
 from torchrender.passes.light.visibility import POINT_SHADOW, SOFT_SHADOW
 from torchrender.passes.outlook import Outlook, Verdict
 from torchrender.passes.picture.mesh_curvature import MESH_CURVATURE
@@ -63,13 +65,8 @@ def asks(outlook: Outlook) -> Buffers:
 def run(frame: Frame) -> Enhancement:
     """Gradients of the direct light."""
     options = frame.options.enhance or EnhanceOptions()
-    point, soft = frame.get(POINT_SHADOW), frame.get(SOFT_SHADOW)
-    found: dict[int, Tensor] = {**(point or {}), **(soft or {})}
-    gbuffer, visibility = frame[GBUFFER], None
-    if found:
-        lit = torch.ones(gbuffer.material.shape)
-        visibility = torch.stack([found.get(k, lit) for k in range(len(frame.scene.lights))], dim=1)
-    return Enhancement(of_scene(frame.scene, gbuffer, frame.get(MESH_CURVATURE), visibility, options), options)
+    visibility = lights_visibility(frame)
+    return Enhancement(of_scene(frame.scene, frame[GBUFFER], frame.get(MESH_CURVATURE), visibility, options), options)
 
 
 def of_scene(
@@ -160,7 +157,7 @@ PASS = Pass(
     summary="adds the gradient of the shading, so that shape reads better",
     makes=ENHANCEMENT,
     needs=(GBUFFER,),
-    uses=(POINT_SHADOW, SOFT_SHADOW),
+    uses=(POINT_SHADOW, SOFT_SHADOW, PANE_SHADOW),
     asks=asks,
     applies=applies,
     run=run,

@@ -9,7 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchrender.buffers import GBuffer, RaySurface, ReflectionLayer, ReflectionState, ShadowMap
+from torchrender.buffers import GBuffer, RaySurface, ReflectionLayer, ReflectionState
 from torchrender.effects.media.eye_rays import rays_along
 from torchrender.effects.media.in_view import boxes_in_view, boxes_of, shadowed_by, share_of_view
 from torchrender.effects.media.options import ScatterOptions
@@ -21,8 +21,10 @@ from torchrender.effects.reflections.reflectors import blend_reflections
 from torchrender.effects.shadows.shadow_map import render_shadow_map
 from torchrender.passes.contract import Amounts, Buffers, Pass
 from torchrender.passes.hard import SMALL_SHADOW, HardEffect, Law, Outputs, Subject, mean_over, no_lights
-from torchrender.passes.light.direct_light import DIRECT_LIGHT
-from torchrender.passes.light.shadow_map import SHADOW_MAP
+from torchrender.passes.light.ambient_visibility import AMBIENT_VISIBILITY
+from torchrender.passes.light.direct_light import DIRECT_LIGHT, ambient_reach, lights_visibility
+from torchrender.passes.light.pane_shadow import PANE_SHADOW
+from torchrender.passes.light.shadow_map import SCENE_SHADOW_MAP
 from torchrender.passes.light.visibility import POINT_SHADOW, SOFT_SHADOW
 from torchrender.passes.mirrors.reflections import REFLECTIONS
 from torchrender.passes.outlook import Outlook, Verdict, counted, no_shadows
@@ -34,7 +36,6 @@ from torchrender.pipeline.frame import Frame
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
 from torchrender.scene.camera import Cameras
-from torchrender.scene.light import DirectionalLight
 from torchrender.scene.medium import Medium
 from torchrender.scene.model import Scene
 from torchrender.shade import shade
@@ -96,7 +97,7 @@ def asks(outlook: Outlook) -> Buffers:
     shadows = outlook.options.scattering.shadows
     if shadows == "rays":
         return (RAY_CASTER,)
-    return (SHADOW_MAP,) if shadows == "maps" else ()
+    return (SCENE_SHADOW_MAP,) if shadows == "maps" else ()
 
 
 # ---------------------------------------------------------------- how
@@ -114,11 +115,8 @@ def run(frame: Frame) -> Hazed:
 
 def _illumination(frame: Frame) -> Illumination:
     scene, options = frame.scene, frame.options
-    maps: list[ShadowMap | None] = list(frame.get(SHADOW_MAP) or [None] * len(scene.lights))
-    for number, light in enumerate(scene.lights):
-        # Cascades follow the eye along surfaces; what floats before it may lie beside them.
-        if isinstance(light, DirectionalLight) and maps[number] is not None and options.shadow.cascades > 1:
-            maps[number] = render_shadow_map(scene, light, replace(options.shadow, cascades=1))
+    # Maps of the picture follow the eye along surfaces; what floats before it may lie beside them.
+    maps = frame.get(SCENE_SHADOW_MAP) or (None,) * len(scene.lights)
     return Illumination(
         lights=scene.lights,
         shadow_maps=tuple(maps),
@@ -150,14 +148,10 @@ def _darkened(frame: Frame, samples: GBuffer | RaySurface) -> Tensor | None:
     passed = light_transmittance(scene.media, scene.lights, samples.position, samples.covered)
     if passed is None:
         return None
-    point, soft = frame.get(POINT_SHADOW), frame.get(SOFT_SHADOW)
-    found: dict[int, Tensor] = {**(point or {}), **(soft or {})}
-    lit = torch.ones(samples.material.shape)
-    visibility = torch.stack([found.get(number, lit) for number in range(len(scene.lights))], dim=1)
-    images = [
-        shade(scene, samples, visibility * passed[..., c], background=options.background, area_light=options.area_light)
-        for c in range(passed.shape[-1])
-    ]
+    visibility, around = lights_visibility(frame), ambient_reach(scene, frame.get(AMBIENT_VISIBILITY))
+    how: dict[str, Any] = {"background": options.background, "area_light": options.area_light, "around": around}
+    arriving = passed if visibility is None else visibility[..., None] * passed
+    images = [shade(scene, samples, arriving[..., c].contiguous(), **how) for c in range(passed.shape[-1])]
     return images[0] if len(images) == 1 else torch.stack([image[..., c] for c, image in enumerate(images)], dim=-1)
 
 
@@ -260,7 +254,7 @@ PASS = Pass(
     summary="what media scatter towards the eye and keep from it",
     makes=SCATTERING,
     needs=(GBUFFER, DIRECT_LIGHT),
-    uses=(POINT_SHADOW, SOFT_SHADOW, REFLECTIONS),
+    uses=(POINT_SHADOW, SOFT_SHADOW, PANE_SHADOW, AMBIENT_VISIBILITY, REFLECTIONS),
     asks=asks,
     applies=applies,
     run=run,
