@@ -35,7 +35,7 @@ class Question:
 
     @classmethod
     def about(cls, knowledge: Knowledge, options: RenderOptions, done: frozenset[str] = frozenset()) -> Question:
-        """All settings are open but those of passes that ran, are held, or stand where no setting is."""
+        """All settings are open but those of passes that ran, are held, are turned off, or stand where no setting is."""
         open_ = {}
         for step in knowledge.passes:
             current = step.settings.current(options)
@@ -43,7 +43,7 @@ class Question:
                 if step.settle is not None and step.settles(options) and step.name not in options.fixed:
                     open_[step.name] = step.settings.all
                 continue
-            held = step.name in done or step.name in options.fixed
+            held = step.name in done or step.name in options.fixed or current == step.off
             open_[step.name] = (step.settings.named(current),) if held else step.settings.all
         return cls(knowledge=knowledge, options=options, open=open_, done=done)
 
