@@ -40,7 +40,9 @@ def still(environment: Environment | None = None) -> Scene:
     ball = replace(ball, vertices=ball.vertices + torch.tensor([0.0, 0.8, 0.0]), name="ball")
     ground = Mesh(vertices=floor, faces=torch.tensor([[0, 1, 2], [0, 2, 3]]), name="floor")
     return Scene(
-        meshes=(ground, ball), materials=(Material(name="white", diffuse=torch.full((3,), 0.8)),), environment=environment
+        meshes=(ground, ball),
+        materials=(Material(name="white", diffuse=torch.full((3,), 0.8)),),
+        environment=environment,
     )
 
 
@@ -90,7 +92,9 @@ def test_a_character_that_walks(data_dir: Path) -> None:
     low, high = scene.bounds
     y = float(low[1])
     floor = torch.tensor([[-2.0, y, -2], [-2, y, 2], [2, y, 2], [2, y, -2]])
-    ground = Mesh(vertices=floor, faces=torch.tensor([[0, 1, 2], [0, 2, 3]]), name="floor", material=len(scene.materials))
+    ground = Mesh(
+        vertices=floor, faces=torch.tensor([[0, 1, 2], [0, 2, 3]]), name="floor", material=len(scene.materials)
+    )
     scene = replace(
         scene, meshes=(*scene.meshes, ground), materials=(*scene.materials, Material(name="floor")), environment=sky()
     )

@@ -21,10 +21,14 @@ def add_spheres(commands: Any) -> None:
     """Describe the command to the parser."""
     parser = commands.add_parser("spheres", help="fit spheres to a model, for shadows under the sky")
     add_scene(parser)
-    parser.add_argument("-o", "--output", required=True, metavar="FILE", help="set.npz; a picture set.png comes beside it")
+    parser.add_argument(
+        "-o", "--output", required=True, metavar="FILE", help="set.npz; a picture set.png comes beside it"
+    )
     parser.add_argument("-n", "--spheres", type=int, default=64, metavar="N", help="number of spheres (default 64)")
     parser.add_argument("--resolution", type=int, default=64, metavar="N", help="cells of the solid's longest side")
-    parser.add_argument("--starts", type=int, default=3, metavar="N", help="random starts; the best is kept (default 3)")
+    parser.add_argument(
+        "--starts", type=int, default=3, metavar="N", help="random starts; the best is kept (default 3)"
+    )
     parser.add_argument("--seed", type=int, default=0, help="of the random starts")
     add_size(parser, "1024x512")
 

@@ -55,7 +55,9 @@ def face_place(directions: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     size = directions.abs()
     # argmax may return any of several maxima: say which.
     axis = torch.where(
-        (size[..., 0] >= size[..., 1]) & (size[..., 0] >= size[..., 2]), 0, torch.where(size[..., 1] >= size[..., 2], 1, 2)
+        (size[..., 0] >= size[..., 1]) & (size[..., 0] >= size[..., 2]),
+        0,
+        torch.where(size[..., 1] >= size[..., 2], 1, 2),
     )
     major = directions.gather(-1, axis[..., None])[..., 0]
     sign = torch.where(major < 0, -1.0, 1.0).to(directions.dtype)

@@ -43,7 +43,9 @@ def lamps(seed: int = 0, count: int = 6) -> Tensor:
 
 
 def smooth() -> Tensor:
-    return (1.2 + texel_directions(32) @ torch.tensor([[0.3], [0.8], [0.2]]).double()).expand(-1, -1, -1, 3).contiguous()
+    return (
+        (1.2 + texel_directions(32) @ torch.tensor([[0.3], [0.8], [0.2]]).double()).expand(-1, -1, -1, 3).contiguous()
+    )
 
 
 def swarm(count: int = 64, seed: int = 1) -> Tensor:
@@ -159,7 +161,9 @@ def test_batches_and_chunks_change_nothing() -> None:
     points, normals = plane(131)
     light = prepare_light(lamps())
     one = shade(points, normals, swarm(), light).radiance
-    two = shade(points.expand(2, -1, -1), normals.expand(2, -1, -1), torch.cat([swarm(), swarm(seed=5)]), light).radiance
+    two = shade(
+        points.expand(2, -1, -1), normals.expand(2, -1, -1), torch.cat([swarm(), swarm(seed=5)]), light
+    ).radiance
     assert torch.equal(one[0], two[0])
     assert torch.equal(two[1:], shade(points, normals, swarm(seed=5), light).radiance)
     assert torch.equal(one, shade(points, normals, swarm(), prepare_light(lamps(), SkyLightOptions(chunk=7))).radiance)
@@ -196,7 +200,9 @@ def test_points_at_spheres(direct: bool) -> None:
         assert bool(torch.isfinite(found).all()) and float(found.min()) >= 0
     half = shade(points, normals, spheres, light, inside=torch.full((1, 5), 2)).radiance
     # On the surface, from within and from without: the half-space of the sphere is dark.
-    assert float((half[0, 1] - half[0, 2]).abs().max()) < 1e-3 and float(half[0, 1].max()) < 0.25 * float(half[0, 4].max())
+    assert float((half[0, 1] - half[0, 2]).abs().max()) < 1e-3 and float(half[0, 1].max()) < 0.25 * float(
+        half[0, 4].max()
+    )
 
 
 def test_own_sphere_hides_nothing() -> None:
@@ -265,7 +271,7 @@ def test_the_table_is_kept_and_a_damaged_one_is_made_again(tmp_path, monkeypatch
     bits, _ = cap_table(32)
     assert bits.nbytes == 150_994_944
     monkeypatch.setattr(tables, "cache_folder", lambda: tmp_path)
-    monkeypatch.setattr(tables, "build_table", lambda radii: build_table(16))
+    monkeypatch.setattr(tables, "build_table", build_table)
     cap_table.cache_clear()
     try:
         with caplog.at_level("INFO", logger="torchrender.sky_shadows"):

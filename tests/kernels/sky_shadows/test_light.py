@@ -71,14 +71,14 @@ def test_counts_are_ones_of_codes() -> None:
 def test_a_direction_finds_its_texel() -> None:
     """Ties go to the first axis."""
     rng = np.random.default_rng(4)
-    directions = np.concatenate([rng.normal(size=(500, 3)), [d for d in np.ndindex(3, 3, 3)] - np.ones(3)])
+    directions = np.concatenate([rng.normal(size=(500, 3)), list(np.ndindex(3, 3, 3)) - np.ones(3)])
     directions = directions[np.abs(directions).max(axis=1) > 0]
     wanted = texel_of(torch.from_numpy(directions), 32)
     assert [texel_index(*d) for d in directions] == wanted.tolist()
 
 
 def test_light_left_is_the_sum_over_wavelets() -> None:
-    """The twin transforms whole images and keeps the light's terms: coarse levels of visibility, and chosen fine ones."""
+    """The twin transforms whole images and keeps the light's terms: coarse levels, chosen fine ones."""
     generator = torch.Generator().manual_seed(5)
     light = prepare_light(torch.rand(6, 32, 32, 3, generator=generator).double() ** 8, SkyLightOptions(terms=300))
     bits = np.random.default_rng(5).integers(0, 2, 6144).astype(bool).reshape(6, 32, 32)

@@ -148,7 +148,9 @@ def _model(vertices: Tensor, faces: Tensor, surface: Array, options: SphereOptio
     width = 0.25 * cell
     reach = float(np.linalg.norm(np.ptp(surface, axis=0))) + 2 * cell
     volume = len(inner) * cell**3
-    model = _Model(solid, points, np.ascontiguousarray(neighbours.astype(np.int64)), width, int(reach / width) + 3, volume)
+    model = _Model(
+        solid, points, np.ascontiguousarray(neighbours.astype(np.int64)), width, int(reach / width) + 3, volume
+    )
     return model, inner
 
 

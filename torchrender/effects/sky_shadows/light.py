@@ -1,4 +1,7 @@
-"""Light from all around, prepared for shadows: a cube map of 32 x 32 texels, and its wavelets. Source: spec 08, 3 and 8."""
+"""Light from all around, prepared for shadows: a cube map of 32 x 32 texels, and its wavelets.
+
+Source: specification 08, sections 3 and 8.
+"""
 
 from __future__ import annotations
 
@@ -12,8 +15,8 @@ import torch
 from torch import Tensor
 
 from torchrender.checks import check_finite, check_tensor
-from torchrender.errors import InputError
 from torchrender.effects.sky_shadows.options import SkyLightOptions
+from torchrender.errors import InputError
 from torchrender.kernels.sky_shadows.light import Light
 from torchrender.kernels.sky_shadows.resample import texel_means
 from torchrender.numerics.cube_map import face_directions, node_directions, solid_angles, texel_directions
@@ -31,9 +34,13 @@ _TAKEN = 8
 class SkyLight:
     """Light prepared by :func:`prepare_light`."""
 
-    texels: Tensor  # (6,32,32,3) float64 radiance times solid angle times 32^2: the mean of what it meets is an integral
+    texels: (
+        Tensor  # (6,32,32,3) float64 radiance times solid angle times 32^2: the mean of what it meets is an integral
+    )
     options: SkyLightOptions
-    kept: Tensor  # (T,4) int64 wavelets that are kept: face, square, kind, and whether it is one of the two finest levels
+    kept: (
+        Tensor  # (T,4) int64 wavelets that are kept: face, square, kind, and whether it is one of the two finest levels
+    )
     record: Light  # what the kernel reads
 
     @property
@@ -181,16 +188,16 @@ def _fine_places(square: Tensor, kind: Tensor) -> tuple[Tensor, Tensor]:
 def _truncated(texels: Tensor, kept: Tensor, facing: _Facing, options: SkyLightOptions) -> Tensor:
     """(N,384,3) weights of blocks where the cosine is truncated, too: section 8 of the specification to the letter.
 
-    All is linear in visibility, of which these sums know means of blocks only. The sum over the cosine's wavelets is the
-    product of light and truncated cosine, less what pairs of the same wavelet of light and visibility add: of these only
-    the kept ones count, with the whole cosine's mean.
+    All is linear in visibility, of which these sums know means of blocks only. The sum over the cosine's wavelets is
+    the product of light and truncated cosine, less what pairs of the same wavelet of light and visibility add: of these
+    only the kept ones count, with the whole cosine's mean.
     """
     assert options.cosine_terms is not None
     light = transform(texels.permute(3, 0, 1, 2))
     chosen = torch.zeros(6, 341, 3, dtype=torch.bool)
     chosen[kept[:, 0], kept[:, 1], kept[:, 2]] = True
     coarse = first(3)
-    made = torch.empty(len(facing.images), 384, 3, dtype=torch.float64)
+    made = torch.zeros(len(facing.images), 384, 3, dtype=torch.float64)
     for n in range(len(facing.images)):
         wavelets = facing.haar.wavelets[n]
         mask = torch.zeros(6, 341, 3, dtype=torch.float64)

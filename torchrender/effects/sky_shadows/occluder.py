@@ -108,7 +108,9 @@ def occluder_of(
         vertices, faces = joined(rest)
         with torch.inference_mode(False), torch.no_grad():
             fitted = kept_spheres(vertices, faces, options, progress)
-            spheres = loosened(fitted, vertices, faces, [joined([s.meshes[m] for m in meshes])[0] for s in _poses(scene)])
+            spheres = loosened(
+                fitted, vertices, faces, [joined([s.meshes[m] for m in meshes])[0] for s in _poses(scene)]
+            )
             known[key] = Occluder(meshes, Binding(spheres, vertices, faces))
     made: Occluder = known[key]
     return made
@@ -192,6 +194,8 @@ def read_spheres(path: str | Path) -> SphereSet:
         raise SceneFileError(path, f"no set of spheres: {reason}") from None
     count = len(arrays["radii"])
     labels = torch.cat([arrays["vertex_sphere"], arrays["face_sphere"]])
-    if arrays["centres"].shape != (count, 3) or (len(labels) and not 0 <= int(labels.min()) <= int(labels.max()) < count):
+    if arrays["centres"].shape != (count, 3) or (
+        len(labels) and not 0 <= int(labels.min()) <= int(labels.max()) < count
+    ):
         raise SceneFileError(path, "no set of spheres: its arrays do not belong together")
     return SphereSet(**arrays, error=error, volume=volume, history=history)

@@ -107,7 +107,9 @@ def _checked(points: Tensor, normals: Tensor, spheres: Tensor) -> tuple[Tensor, 
     return points, normals, spheres
 
 
-def _rows(name: str, value: Tensor | None, shape: tuple[int, int], empty: int) -> np.ndarray[tuple[int, int], np.dtype[np.int32]]:
+def _rows(
+    name: str, value: Tensor | None, shape: tuple[int, int], empty: int
+) -> np.ndarray[tuple[int, int], np.dtype[np.int32]]:
     if value is None:
         return np.full(shape, empty, np.int32)
     check_tensor(name, value, shape)
