@@ -15,7 +15,6 @@ from torchrender.effects.sky_shadows.options import SkyLightOptions
 from torchrender.effects.sky_shadows.shade import hidden_bits, shade
 from torchrender.effects.sky_shadows.tables import build_table, cap_table, code_wavelets, table_file
 from torchrender.errors import InputError, OptionError
-from torchrender.numerics.cube_map import solid_angles, texel_directions
 from torchrender.rays import RayCaster
 from torchrender.report.all_frequency.ways import (
     best_harmonics,
@@ -27,6 +26,7 @@ from torchrender.report.all_frequency.ways import (
 from torchrender.scene.environment import Environment
 from torchrender.scene.mesh import concatenate
 from torchrender.scene.shapes import sphere
+from torchrender.scene.sky.cube_map import solid_angles, texel_directions
 
 UP = torch.tensor([0.0, 1.0, 0.0])
 EXACT = SkyLightOptions(terms=6138)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from torchrender.kernels.sky_shadows.caps import ROWS, SIDE, WORDS, add_cap, fill_table, filled_rows, pack_blocks
-from torchrender.numerics.cube_map import solid_angles, texel_directions
+from torchrender.scene.sky.cube_map import solid_angles, texel_directions
 
 TEXELS = texel_directions(SIDE).numpy()
 

@@ -22,8 +22,8 @@ from torchrender.kernels.sky_shadows.light import (
     texel_index,
 )
 from torchrender.kernels.sky_shadows.resample import texel_means
-from torchrender.numerics.cube_map import texel_directions, texel_of
-from torchrender.numerics.haar import transform
+from torchrender.numerics.wavelets.haar import transform
+from torchrender.scene.sky.cube_map import texel_directions, texel_of
 
 
 def twin_bits(position: np.ndarray, normal: np.ndarray, spheres: np.ndarray, own: int, solid: int) -> np.ndarray:

@@ -19,9 +19,9 @@ from torchrender.effects.sky_shadows.options import SkyLightOptions
 from torchrender.errors import InputError
 from torchrender.kernels.sky_shadows.light import Light
 from torchrender.kernels.sky_shadows.resample import texel_means
-from torchrender.numerics.cube_map import face_directions, node_directions, solid_angles, texel_directions
-from torchrender.numerics.haar import Haar, first, inverse, square_levels, transform
+from torchrender.numerics.wavelets.haar import Haar, first, inverse, square_levels, transform
 from torchrender.scene.environment import Environment
+from torchrender.scene.sky.cube_map import face_directions, node_directions, solid_angles, texel_directions
 
 SIDE, BLOCK_SIDE = 32, 8
 FINEST = 512

@@ -14,9 +14,9 @@ from scipy.special import sph_harm_y
 from torch import Tensor
 
 from torchrender.effects.sky_shadows.light import SkyLight, cosines
-from torchrender.numerics.cube_map import solid_angles, texel_directions
-from torchrender.numerics.haar import Haar, transform, triple_product
+from torchrender.numerics.wavelets.haar import Haar, transform, triple_product
 from torchrender.rays import RayCaster
+from torchrender.scene.sky.cube_map import solid_angles, texel_directions
 
 SIDE, TEXELS = 32, 6 * 32 * 32
 ORDER = 6

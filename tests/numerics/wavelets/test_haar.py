@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from torchrender.errors import InputError
-from torchrender.numerics.haar import (
+from torchrender.numerics.wavelets.haar import (
     Haar,
     basis,
     basis_images,
