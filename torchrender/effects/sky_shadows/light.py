@@ -93,8 +93,9 @@ def prepare_light(sky: Environment | Tensor, options: SkyLightOptions | None = N
     if bool((radiance < 0).any()):
         raise InputError("radiance must not be negative")
     texels = radiance * (solid_angles(SIDE) * SIDE**2)[None, :, :, None]
-    kept = _largest(transform(texels.permute(3, 0, 1, 2)).wavelets, options.terms, options.ranking)
-    return SkyLight(texels, options, kept, _record(texels, kept, options))
+    wavelets = transform(texels.permute(3, 0, 1, 2)).wavelets
+    kept = _largest(wavelets, options.terms, options.ranking)
+    return SkyLight(texels, options, kept, _record(texels, wavelets, kept, options))
 
 
 def _largest(wavelets: Tensor, terms: int, ranking: str) -> Tensor:
@@ -146,27 +147,26 @@ def _facing(cells: int, blend: bool) -> _Facing:
         return _Facing(cells, blend)
 
 
-def _record(texels: Tensor, kept: Tensor, options: SkyLightOptions) -> Light:
+def _record(texels: Tensor, wavelets: Tensor, kept: Tensor, options: SkyLightOptions) -> Light:
     blend = options.blend == "blend"
     facing = _facing(options.normals, blend)
     if options.cosine_terms is None:
-        light = texels.reshape(6, 8, 4, 8, 4, 3).transpose(2, 3).reshape(384, 16, 3).float()
-        block = (facing.blocks @ light).transpose(0, 1) / SIDE**2  # (N,384,3)
+        light = texels.reshape(6, 8, 4, 8, 4, 3).transpose(2, 3).reshape(384, 16, 3) / (16.0 * SIDE**2)
+        padded = torch.nn.functional.pad(light, (0, 1)).float()
+        block = (facing.blocks @ padded).transpose(0, 1).contiguous()  # (N,384,4)
     else:
-        block = _truncated(texels, kept, facing, options)
-    padded = torch.nn.functional.pad(block, (0, 1)).float()
+        block = torch.nn.functional.pad(_truncated(texels, kept, facing, options), (0, 1)).float() / 16.0
     fine = kept[kept[:, 3] == 1] if options.levels == 2 else kept[:0]
     face, square, kind = fine[:, 0], fine[:, 1], fine[:, 2]
     number, column = _fine_places(square, kind)
     number = face * 64 + number
     order = number.argsort(stable=True)
-    haar = transform(texels.permute(3, 0, 1, 2))
-    value = haar.wavelets[:, face, square, kind].T[order]
+    value = wavelets[:, face, square, kind].T[order]
     mean = facing.means[:, face, square][:, order]
     start = torch.searchsorted(number[order].contiguous(), torch.arange(385))
     return Light(
-        whole=padded.double().sum(1).float().contiguous().numpy(),
-        block=(padded / 16.0).contiguous().numpy(),
+        whole=(16.0 * block.sum(1)).numpy(),
+        block=block.contiguous().numpy(),
         mean=mean.contiguous().numpy(),
         value=torch.nn.functional.pad(value, (0, 1)).float().contiguous().numpy(),
         column=column[order].int().contiguous().numpy(),
