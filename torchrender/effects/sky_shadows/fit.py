@@ -180,7 +180,7 @@ def _run(
         else:
             failures += 1
             if failures < MOST_FAILURES:
-                state = _shaken(model, state, rng)
+                state = _next_worst(state)
     final = _relaxed(model, state.centres, ROUNDS)
     step()
     if final.error < state.error:
@@ -189,16 +189,13 @@ def _run(
     return state, history
 
 
-def _shaken(model: _Model, state: _State, rng: np.random.Generator) -> _State:
-    """The same state where the sphere that stands out most is tried no more: the next one is."""
+def _next_worst(state: _State) -> _State:
+    """The same state, in which the sphere that stands out most passes its turn to the next one; the sum stays."""
     outside = state.outside.copy()
     worst = int(outside.argmax())
-    del rng, model
-    outside[worst] = 0.0 if outside.size > 1 else outside[worst]
-    # What counts as the error stays: only the choice of the next sphere changes.
-    kept = outside.copy()
-    kept[int(outside.argmax())] += state.outside[worst]
-    return replace(state, outside=kept)
+    amount, outside[worst] = outside[worst], 0.0
+    outside[int(outside.argmax())] += amount
+    return replace(state, outside=outside)
 
 
 def _relaxed(model: _Model, centres: Array, rounds: int) -> _State:

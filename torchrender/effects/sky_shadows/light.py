@@ -1,4 +1,7 @@
-"""Light from all around, prepared for shadows: a cube map of 32 x 32 texels, and its wavelets. Source: spec 08, 3 and 8."""
+"""Light from all around, prepared for shadows: a cube map of 32 x 32 texels, and its wavelets.
+
+Source: specification 08, sections 3 and 8.
+"""
 
 from __future__ import annotations
 
@@ -12,13 +15,13 @@ import torch
 from torch import Tensor
 
 from torchrender.checks import check_finite, check_tensor
-from torchrender.errors import InputError
 from torchrender.effects.sky_shadows.options import SkyLightOptions
+from torchrender.errors import InputError
 from torchrender.kernels.sky_shadows.light import Light
 from torchrender.kernels.sky_shadows.resample import texel_means
-from torchrender.numerics.cube_map import face_directions, node_directions, solid_angles, texel_directions
-from torchrender.numerics.haar import Haar, first, inverse, square_levels, transform
+from torchrender.numerics.wavelets.haar import Haar, first, inverse, square_levels, transform
 from torchrender.scene.environment import Environment
+from torchrender.scene.sky.cube_map import face_directions, node_directions, solid_angles, texel_directions
 
 SIDE, BLOCK_SIDE = 32, 8
 FINEST = 512
@@ -90,8 +93,9 @@ def prepare_light(sky: Environment | Tensor, options: SkyLightOptions | None = N
     if bool((radiance < 0).any()):
         raise InputError("radiance must not be negative")
     texels = radiance * (solid_angles(SIDE) * SIDE**2)[None, :, :, None]
-    kept = _largest(transform(texels.permute(3, 0, 1, 2)).wavelets, options.terms, options.ranking)
-    return SkyLight(texels, options, kept, _record(texels, kept, options))
+    wavelets = transform(texels.permute(3, 0, 1, 2)).wavelets
+    kept = _largest(wavelets, options.terms, options.ranking)
+    return SkyLight(texels, options, kept, _record(texels, wavelets, kept, options))
 
 
 def _largest(wavelets: Tensor, terms: int, ranking: str) -> Tensor:
@@ -115,9 +119,14 @@ def stored_normals(cells: int, blend: bool) -> Tensor:
 
 
 def cosines(normals: Tensor) -> Tensor:
-    """(N,6,32,32) float64: cosine over pi, zero behind, at texel centres."""
+    """(N,6,32,32) float64: cosine over pi, zero behind, at texel centres; scaled so that its integral is one.
+
+    Texels that the horizon cuts make it differ from one by up to 3e-4.
+    """
     flat = texel_directions(SIDE).reshape(-1, 3)
-    return ((normals.double() @ flat.T).clamp_min(0.0) / math.pi).reshape(-1, 6, SIDE, SIDE)
+    cosine = (normals.double() @ flat.T).clamp_min(0.0)
+    whole = cosine @ solid_angles(SIDE).expand(6, -1, -1).reshape(-1, 1)
+    return (cosine / whole.clamp_min(1e-300)).reshape(-1, 6, SIDE, SIDE)
 
 
 class _Facing:
@@ -138,27 +147,26 @@ def _facing(cells: int, blend: bool) -> _Facing:
         return _Facing(cells, blend)
 
 
-def _record(texels: Tensor, kept: Tensor, options: SkyLightOptions) -> Light:
+def _record(texels: Tensor, wavelets: Tensor, kept: Tensor, options: SkyLightOptions) -> Light:
     blend = options.blend == "blend"
     facing = _facing(options.normals, blend)
     if options.cosine_terms is None:
-        light = texels.reshape(6, 8, 4, 8, 4, 3).transpose(2, 3).reshape(384, 16, 3).float()
-        block = (facing.blocks @ light).transpose(0, 1) / SIDE**2  # (N,384,3)
+        light = texels.reshape(6, 8, 4, 8, 4, 3).transpose(2, 3).reshape(384, 16, 3) / (16.0 * SIDE**2)
+        padded = torch.nn.functional.pad(light, (0, 1)).float()
+        block = (facing.blocks @ padded).transpose(0, 1).contiguous()  # (N,384,4)
     else:
-        block = _truncated(texels, kept, facing, options)
-    padded = torch.nn.functional.pad(block, (0, 1)).float()
+        block = torch.nn.functional.pad(_truncated(texels, kept, facing, options), (0, 1)).float() / 16.0
     fine = kept[kept[:, 3] == 1] if options.levels == 2 else kept[:0]
     face, square, kind = fine[:, 0], fine[:, 1], fine[:, 2]
     number, column = _fine_places(square, kind)
     number = face * 64 + number
     order = number.argsort(stable=True)
-    haar = transform(texels.permute(3, 0, 1, 2))
-    value = haar.wavelets[:, face, square, kind].T[order]
+    value = wavelets[:, face, square, kind].T[order]
     mean = facing.means[:, face, square][:, order]
     start = torch.searchsorted(number[order].contiguous(), torch.arange(385))
     return Light(
-        whole=padded.double().sum(1).float().contiguous().numpy(),
-        block=(padded / 16.0).contiguous().numpy(),
+        whole=(16.0 * block.sum(1)).numpy(),
+        block=block.contiguous().numpy(),
         mean=mean.contiguous().numpy(),
         value=torch.nn.functional.pad(value, (0, 1)).float().contiguous().numpy(),
         column=column[order].int().contiguous().numpy(),
@@ -180,16 +188,16 @@ def _fine_places(square: Tensor, kind: Tensor) -> tuple[Tensor, Tensor]:
 def _truncated(texels: Tensor, kept: Tensor, facing: _Facing, options: SkyLightOptions) -> Tensor:
     """(N,384,3) weights of blocks where the cosine is truncated, too: section 8 of the specification to the letter.
 
-    All is linear in visibility, of which these sums know means of blocks only. The sum over the cosine's wavelets is the
-    product of light and truncated cosine, less what pairs of the same wavelet of light and visibility add: of these only
-    the kept ones count, with the whole cosine's mean.
+    All is linear in visibility, of which these sums know means of blocks only. The sum over the cosine's wavelets is
+    the product of light and truncated cosine, less what pairs of the same wavelet of light and visibility add: of these
+    only the kept ones count, with the whole cosine's mean.
     """
     assert options.cosine_terms is not None
     light = transform(texels.permute(3, 0, 1, 2))
     chosen = torch.zeros(6, 341, 3, dtype=torch.bool)
     chosen[kept[:, 0], kept[:, 1], kept[:, 2]] = True
     coarse = first(3)
-    made = torch.empty(len(facing.images), 384, 3, dtype=torch.float64)
+    made = torch.zeros(len(facing.images), 384, 3, dtype=torch.float64)
     for n in range(len(facing.images)):
         wavelets = facing.haar.wavelets[n]
         mask = torch.zeros(6, 341, 3, dtype=torch.float64)

@@ -81,7 +81,7 @@ def light_left(scene: Scene, gbuffer: GBuffer, occluder: Occluder, light: SkyLig
 
 def _share(points: Tensor, normals: Tensor, own: Tensor, spheres: Tensor, light: SkyLight) -> Tensor:
     """Share (N,3) of the light that is left, channel by channel; 1 where there is none."""
-    # A surface that spheres reach through is in contact with what they stand for; one of that itself is not hidden by it.
+    # A surface that spheres reach through touches what they stand for; one of that itself is not hidden by it.
     inside = torch.where(own >= 0, INSIDE.index("skip"), INSIDE.index("half"))
     found = shade(points[None], normals[None], spheres[None], light, own_sphere=own[None], inside=inside[None])
     left, whole = found.radiance[0], found.whole[0]

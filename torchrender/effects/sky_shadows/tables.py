@@ -15,8 +15,8 @@ from torch import Tensor
 from torchrender.images.files import write_atomically
 from torchrender.kernels.keys import cache_folder
 from torchrender.kernels.sky_shadows.caps import WORDS, fill_table
-from torchrender.numerics.cube_map import texel_directions
-from torchrender.numerics.haar import SIGNS
+from torchrender.numerics.wavelets.haar import SIGNS
+from torchrender.scene.sky.cube_map import texel_directions
 
 Array = np.ndarray[Any, Any]
 LOG = logging.getLogger("torchrender.sky_shadows")

@@ -1,8 +1,8 @@
 """Spherical caps on a cube map of 6 x 32 x 32 texels, one bit each: 1 where the texel's centre lies in the cap.
 
-Two layouts. Rows: (192,) uint32, face by face and row by row, the leftmost texel the highest bit. Blocks: (96,) int64,
-which are 384 codes of 16 bits, face, row and column of a block of 4 x 4 texels; within a code texel (row, column) is bit
-15 - (4 row + column). Source: specification 08, section 5.
+Two layouts. Rows: (192,) uint32, face by face and row by row, the leftmost texel the highest bit. Blocks: (96,)
+int64, which are 384 codes of 16 bits, face, row and column of a block of 4 x 4 texels; within a code texel (row,
+column) is bit 15 - (4 row + column). Source: specification 08, section 5.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ def _face_rows(x, y, z, cosine, rows):
 
 @kernel()
 def add_cap(x, y, z, cosine, rows):
-    """Adds to rows (192,) the cap of directions whose cosine to the unit vector (x, y, z) is at least ``cosine`` >= 0."""
+    """Adds to rows (192,) what lies about the unit vector (x, y, z) at a cosine of ``cosine`` >= 0 or more."""
     cosine = max(cosine, _LEAST_COSINE)
     _face_rows(-z, -y, x, cosine, rows[0:32])
     _face_rows(z, -y, -x, cosine, rows[32:64])

@@ -29,20 +29,20 @@ def outside_volume(solid, x, y, z, radius):
     """Volume of a sphere outside the solid; cells at its edge count in part, so that it is smooth."""
     filled, origin, h = solid.filled, solid.origin, solid.cell
     reach = radius + 0.5 * h
-    k0 = max(int(math.ceil((z - reach - origin[2]) / h - 0.5)), 0)
-    k1 = min(int(math.floor((z + reach - origin[2]) / h - 0.5)), filled.shape[0] - 1)
+    k0 = max(math.ceil((z - reach - origin[2]) / h - 0.5), 0)
+    k1 = min(math.floor((z + reach - origin[2]) / h - 0.5), filled.shape[0] - 1)
     inside = 0.0
     for k in range(k0, k1 + 1):
         dz = origin[2] + (k + 0.5) * h - z
         flat = math.sqrt(max(reach * reach - dz * dz, 0.0))
-        j0 = max(int(math.ceil((y - flat - origin[1]) / h - 0.5)), 0)
-        j1 = min(int(math.floor((y + flat - origin[1]) / h - 0.5)), filled.shape[1] - 1)
+        j0 = max(math.ceil((y - flat - origin[1]) / h - 0.5), 0)
+        j1 = min(math.floor((y + flat - origin[1]) / h - 0.5), filled.shape[1] - 1)
         for j in range(j0, j1 + 1):
             dy = origin[1] + (j + 0.5) * h - y
             square = dz * dz + dy * dy
             line = math.sqrt(max(reach * reach - square, 0.0))
-            i0 = max(int(math.ceil((x - line - origin[0]) / h - 0.5)), 0)
-            i1 = min(int(math.floor((x + line - origin[0]) / h - 0.5)), filled.shape[2] - 1)
+            i0 = max(math.ceil((x - line - origin[0]) / h - 0.5), 0)
+            i1 = min(math.floor((x + line - origin[0]) / h - 0.5), filled.shape[2] - 1)
             for i in range(i0, i1 + 1):
                 if filled[k, j, i] == 0:
                     continue
@@ -142,7 +142,7 @@ def volumes_within(solid, centres, width, table):
                 x, y, z = origin[0] + (i + 0.5) * h, origin[1] + (j + 0.5) * h, origin[2] + (k + 0.5) * h
                 for c in range(centres.shape[0]):
                     a, b, d = x - centres[c, 0], y - centres[c, 1], z - centres[c, 2]
-                    place = int(math.ceil(math.sqrt(a * a + b * b + d * d) / width))
+                    place = math.ceil(math.sqrt(a * a + b * b + d * d) / width)
                     table[c, min(place, last)] += 1.0
     for c in range(centres.shape[0]):
         total = 0.0
@@ -164,8 +164,8 @@ def _sticks_out(table, c, width, radius):
 def flood(points, neighbours, centres, volumes, radii, labels):
     """Gives each point (N,3) the sphere whose growth to it adds least outside the solid; ties: the nearest.
 
-    ``neighbours`` (N,M) int64, ``volumes``: table of :func:`volumes_within` and its width. ``radii`` (K,) grow from what
-    they are, and ``labels`` (N,) are set.
+    ``neighbours`` (N,M) int64, ``volumes``: table of :func:`volumes_within` and its width. ``radii`` (K,) grow from
+    what they are, and ``labels`` (N,) are set.
     """
     table, width = volumes
     count = points.shape[0]

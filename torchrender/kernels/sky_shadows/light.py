@@ -1,8 +1,8 @@
 """Light at points among spheres: which texels the spheres hide, and what the others send.
 
 The bits of all spheres are joined by OR; counts of bits in blocks of 4 x 4 texels weigh light times cosine of whole
-blocks, and the two finest levels of wavelets of what is hidden, looked up by the blocks' codes, meet those of the light.
-Source: specification 08, sections 5, 6.1 and 8.
+blocks, and the two finest levels of wavelets of what is hidden, looked up by the blocks' codes, meet those of the
+light. Source: specification 08, sections 5, 6.1 and 8.
 """
 
 from __future__ import annotations
@@ -155,7 +155,7 @@ def stored_normals(x, y, z, cells, index, weight):
 
 @kernel()
 def gather(words, codes, counts, light, fine, place, out):
-    """Light (6,): left by what words (96,) hide, and with nothing hidden; ``place``: stored normals, weights, number."""
+    """Light (6,): left by what words (96,) hide, and with nothing hidden; ``place``: normals, weights, number."""
     index, weight, normals = place
     block, mean, value, column, start = light.block, light.mean, light.value, light.column, light.start
     count_blocks(words, counts)

@@ -12,7 +12,7 @@ from torchrender.kernels.compile import kernel
 
 @kernel(parallel=True)
 def texel_means(picture, azimuth, height, turn, out):
-    """Means out (T,3) float64 of a picture (H,W,3) float32 at places (T,K): azimuth in turns, height in [0,1] from above.
+    """Means out (T,3) float64 of a picture (H,W,3) float32 at places (T,K): azimuth in turns, height 0 to 1 from above.
 
     Bilinear, periodic in azimuth, clamped at the poles; ``turn`` is added to the azimuth.
     """

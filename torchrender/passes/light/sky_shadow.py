@@ -78,7 +78,7 @@ def _left(subject: Subject) -> Outputs:
 def light_of_half(options: SkyLightOptions) -> Any:
     """Light of the upper half of all directions, radiance one."""
     from torchrender.effects.sky_shadows.light import prepare_light
-    from torchrender.numerics.cube_map import texel_directions
+    from torchrender.scene.sky.cube_map import texel_directions
 
     return prepare_light((texel_directions(32)[..., 1:2] > 0).double().expand(-1, -1, -1, 3).contiguous(), options)
 

@@ -1,4 +1,7 @@
-"""Other ways to the same light: sums over texels, all wavelets, spherical harmonics. Source: specification 08, section 10."""
+"""Other ways to the same light: sums over texels, all wavelets, spherical harmonics.
+
+Source: specification 08, section 10.
+"""
 
 from __future__ import annotations
 
@@ -11,9 +14,9 @@ from scipy.special import sph_harm_y
 from torch import Tensor
 
 from torchrender.effects.sky_shadows.light import SkyLight, cosines
-from torchrender.numerics.cube_map import solid_angles, texel_directions
-from torchrender.numerics.haar import Haar, transform, triple_product
+from torchrender.numerics.wavelets.haar import Haar, transform, triple_product
 from torchrender.rays import RayCaster
+from torchrender.scene.sky.cube_map import solid_angles, texel_directions
 
 SIDE, TEXELS = 32, 6 * 32 * 32
 ORDER = 6
@@ -25,7 +28,7 @@ PART = 256
 
 
 def mesh_bits(caster: RayCaster, points: Tensor, normals: Tensor, offset: float) -> Tensor:
-    """(P,6,32,32) bool: the mesh hides the texel's centre from points (P,3); what lies behind a surface is not asked."""
+    """(P,6,32,32) bool: the mesh hides the texel's centre from points (P,3); not asked behind their surfaces."""
     directions = texel_directions(SIDE).reshape(-1, 3)
     out = torch.zeros(len(points), TEXELS, dtype=torch.bool)
     for first in range(0, len(points), PART):

@@ -1,9 +1,9 @@
 """Two-dimensional Haar wavelets of square images, and integrals of products of three of them.
 
-An image of side S = 2^k is a function on [0,1]^2 that is constant on texels. Squares of level l = 0 ... k-1 have the side
-2^-l; they are numbered level by level and row by row, so that square (row, column) of level l has the number
-``first(l) + row 2^l + column``. Each carries three wavelets, in the order 01 (left less right), 10 (top less bottom) and
-11 (their product), of height 2^l: with the constant 1 they form an orthonormal basis.
+An image of side S = 2^k is a function on [0,1]^2 that is constant on texels. Squares of level l = 0 ... k-1 have the
+side 2^-l; they are numbered level by level and row by row, so that square (row, column) of level l has the number
+``first(l) + row 2^l + column``. Each carries three wavelets, in the order 01 (left less right), 10 (top less bottom)
+and 11 (their product), of height 2^l: with the constant 1 they form an orthonormal basis.
 
 Source: Ng, Ramamoorthi and Hanrahan, *Triple product wavelet integrals for all-frequency relighting*, 2004; and
 specification 08, sections 6 and 7.

@@ -1,0 +1,111 @@
+"""The pass ``sky_shadow``: when it runs, and what it darkens."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+
+from torchrender.effects.sky_shadows.options import SkyShadowOptions, SphereOptions
+from torchrender.errors import InputError
+from torchrender.passes.light.sky_shadow import SKY_SHADOW, applies
+from torchrender.passes.outlook import Outlook
+from torchrender.pipeline.history import RenderHistory
+from torchrender.pipeline.options import RenderOptions
+from torchrender.renderer import render
+from torchrender.scene.camera import Cameras
+from torchrender.scene.environment import Environment
+from torchrender.scene.load import load
+from torchrender.scene.material import Material
+from torchrender.scene.mesh import Mesh
+from torchrender.scene.model import Scene
+from torchrender.scene.shapes import sphere
+
+QUICK = SkyShadowOptions(
+    occluders=("ball",), spacing=1, sphere=SphereOptions(spheres=8, resolution=24, starts=1, teleports=2)
+)
+
+
+def sky() -> Environment:
+    radiance = torch.full((32, 64, 3), 0.1)
+    radiance[3:9, 20:40] = 8.0
+    return Environment(radiance=radiance, name="lamps")
+
+
+def still(environment: Environment | None = None) -> Scene:
+    floor = torch.tensor([[-3.0, 0, -3], [-3, 0, 3], [3, 0, 3], [3, 0, -3]])
+    ball = sphere(0.5, 24)
+    ball = replace(ball, vertices=ball.vertices + torch.tensor([0.0, 0.8, 0.0]), name="ball")
+    ground = Mesh(vertices=floor, faces=torch.tensor([[0, 1, 2], [0, 2, 3]]), name="floor")
+    return Scene(
+        meshes=(ground, ball),
+        materials=(Material(name="white", diffuse=torch.full((3,), 0.8)),),
+        environment=environment,
+    )
+
+
+def view() -> Cameras:
+    return Cameras.look_at([2.0, 3.0, 3.0], [0.0, 0.2, 0.0], width=48, height=48, fov_deg=50)
+
+
+def verdict(scene: Scene, **options: object) -> tuple[bool, str]:
+    made = RenderOptions(**options)  # type: ignore[arg-type]
+    outlook = Outlook(scene=scene, cameras=view(), options=made, history=RenderHistory())
+    return tuple(applies(outlook))  # type: ignore[return-value]
+
+
+def test_it_says_why() -> None:
+    assert verdict(still()) == (False, "no environment lights the scene")
+    assert verdict(still(sky()), shadows=False) == (False, "shadows are turned off")
+    assert verdict(still(sky()))[1].startswith("nothing moves")
+    even = Environment.constant(torch.ones(3))
+    assert verdict(still(even), sky_shadow=QUICK) == (False, "the environment is even: ambient visibility is enough")
+    assert verdict(still(sky()), sky_shadow=QUICK) == (True, "1 mesh, as 8 spheres, under lamps")
+    with pytest.raises(InputError, match="known meshes: ball, floor"):
+        verdict(still(sky()), sky_shadow=replace(QUICK, occluders=("bell",)))
+
+
+def test_a_chosen_object_darkens_the_floor_and_brightens_nothing() -> None:
+    scene = still(sky())
+    plain = render(scene, view(), options=RenderOptions())
+    dark = render(scene, view(), options=RenderOptions(sky_shadow=QUICK, buffers=("sky_shadow",)))
+    change = plain.radiance - dark.radiance
+    assert float(change.min()) > -1e-5 and float(change.max()) > 0.1
+    assert float((change - dark.buffers[SKY_SHADOW.name]).abs().max()) < 1e-4
+    exact = replace(QUICK, light=replace(QUICK.light, direct_bits=True, terms=6138))
+    best = render(scene, view(), options=RenderOptions(sky_shadow=exact))
+    coarse = render(scene, view(), options=RenderOptions(sky_shadow=replace(QUICK, spacing=2)))
+    assert float((best.radiance - dark.radiance).abs().mean()) < 0.1 * float(change.abs().mean())
+    assert float((coarse.radiance - dark.radiance).abs().mean()) < 0.25 * float(change.abs().mean())
+
+
+def test_an_environment_without_light_takes_none_away() -> None:
+    scene = replace(still(Environment(radiance=torch.zeros(32, 64, 3))), ambient=torch.full((3,), 0.5))
+    assert bool(torch.isfinite(render(scene, view(), options=RenderOptions(sky_shadow=QUICK)).radiance).all())
+
+
+def test_a_character_that_walks(data_dir: Path) -> None:
+    """Its shadow follows it, and its spheres are fitted once."""
+    scene = load(data_dir / "characters" / "CesiumMan.glb")
+    low, high = scene.bounds
+    y = float(low[1])
+    floor = torch.tensor([[-2.0, y, -2], [-2, y, 2], [2, y, 2], [2, y, -2]])
+    ground = Mesh(
+        vertices=floor, faces=torch.tensor([[0, 1, 2], [0, 2, 3]]), name="floor", material=len(scene.materials)
+    )
+    scene = replace(
+        scene, meshes=(*scene.meshes, ground), materials=(*scene.materials, Material(name="floor")), environment=sky()
+    )
+    camera = Cameras.look_at([2.0, 2.5, 2.5], [0.0, 0.5, 0.0], width=64, height=64, fov_deg=45)
+    options = RenderOptions(
+        sky_shadow=SkyShadowOptions(sphere=SphereOptions(spheres=24, resolution=32, starts=1, teleports=0)),
+        buffers=("sky_shadow",),
+    )
+    first = render(scene.at(0.2), camera, options=options)
+    other = render(scene.at(0.9), camera, options=options, history=first.history)
+    lost = [image.buffers["sky_shadow"] for image in (first, other)]
+    assert float(lost[0].max()) > 0.05 and float((lost[0] - lost[1]).abs().max()) > 0.02
+    assert [row.reason for row in first.plan.rows if row.name == "sky_shadow"] == ["1 mesh, as 24 spheres, under lamps"]
+    del high

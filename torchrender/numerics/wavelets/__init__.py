@@ -1,0 +1,1 @@
+"""Wavelets of images."""
