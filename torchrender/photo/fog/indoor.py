@@ -13,11 +13,12 @@ import torch
 from torch import Tensor
 
 from torchrender.errors import InputError
+from torchrender.numerics.color import luminance
 from torchrender.photo.fog.air import Air
 from torchrender.photo.fog.marks.records import Marks
 from torchrender.photo.fog.options import FogMedium, FogOptions
 from torchrender.photo.fog.picture import polygon_mask
-from torchrender.photo.fog.room.calibrate import Room, calibrate, face_of, lift
+from torchrender.photo.fog.room.calibrate import FACES, Room, calibrate, face_of, lift
 from torchrender.photo.fog.room.emitters import Emitter, emitter_of
 from torchrender.photo.fog.room.lights import GREY, LightFit, fit_lights, light_color
 from torchrender.photo.fog.room.proxy import Proxy, Seen, build_proxy, look, prism_of
@@ -179,12 +180,35 @@ def _lit(photo: Tensor, options: FogOptions, scene: RoomScene) -> RoomScene:
     strengths = [tint * s for s in found.strength]
     count = len(scene.emitters)
     radiance = torch.stack(strengths[:count]) if count else torch.zeros(0, 3)
-    sun = strengths[count] if scene.shafts is not None else torch.zeros(3)
-    ambient = strengths[-1] if options.ambient else torch.zeros(3)
+    sun, ambient = torch.zeros(3), strengths[-1] if options.ambient else torch.zeros(3)
+    if scene.shafts is not None:
+        others = torch.stack([f * s for k, (f, s) in enumerate(zip(lit, found.strength, strict=True)) if k != count])
+        told = _told_by_floor(scene, photo[pick].reshape(-1, 3), place, part, others.sum(dim=0))
+        sun = torch.maximum(strengths[count], tint * told) * options.shaft_gain
     return RoomScene(
         scene.room, scene.proxy, scene.seen, scene.emitters, radiance, scene.shafts, sun, scene.sun_fit, ambient,
         found.albedo, scene.glowing, found,
     )  # fmt: skip
+
+
+def _told_by_floor(scene: RoomScene, photo: Tensor, place: Tensor, part: Tensor, others: Tensor) -> float:
+    """Irradiance across the sun's direction by how much brighter the lit floor is than the rest of it.
+
+    That needs no albedo, and pixels that the camera cut off count, too: the least that the sun can be. A lit polygon is
+    drawn by hand and holds shadows of furniture and frames, so that its bright pixels speak for it.
+
+    Args:
+        photo: (N,3). place: (N,3). part: (N,). others: (N,) irradiance of all other sources.
+    """
+    assert scene.shafts is not None
+    floor = part == list(FACES).index("floor")
+    _, inside = scene.shafts.reach(place)
+    seen, cosine = luminance(photo), max(-float(scene.shafts.direction[1]), 0.05)
+    lit, rest = seen[floor & inside], seen[floor & ~inside]
+    if len(lit) < 4 or len(rest) < 4:
+        return 0.0
+    ratio = float(torch.quantile(lit, 0.75) / torch.quantile(rest, 0.25).clamp_min(1e-3))
+    return max(0.0, ratio - 1.0) * float(others[floor & inside].median()) / cosine
 
 
 def air_of(scene: RoomScene, medium: FogMedium) -> Air:

@@ -14,6 +14,7 @@ CONTRAST = 3.912
 """Extinction times visibility: a black object keeps 2 % of its contrast (Koschmieder)."""
 LARGEST_EXTINCTION = 20.0
 TRANSMITTANCES = ("ratio", "patches", "centroid")
+LOSSES = ("absorbed", "single", "none")
 CURVES = ("srgb", "linear", "gamma")
 
 
@@ -97,6 +98,10 @@ class FogOptions:
     ``transmittance``, of light on its way to a surface indoors: "centroid" of each light, "patches" of large ones, or
     the "ratio" of irradiance with and without the medium along the same random paths, bounces included.
 
+    ``loss``, of daylight in a layer of fog outdoors: "single" as the source has it, all that is scattered is lost, so that
+    it is night under a hundred metres of dense fog; "absorbed", what is scattered still arrives, from all sides the more
+    the thicker the layer is; "none", and the layer is lit from above alone.
+
     Raises:
         OptionError: a value outside its range; names it.
     """
@@ -105,7 +110,7 @@ class FogOptions:
     steps: int = 48  # along a ray of sight
     light_samples: int = 16  # of each area light, for the light in the air; rounded up to a square
     patch_limit: float = 0.2  # extinction times a light's diameter beyond which it is split
-    columns: int = 64  # of rays of sight along which the air's light is known, across the picture
+    columns: int = 40  # of rays of sight along which the air's light is known, across the picture
     paths: int = 48  # random paths to each place of which the ratio is known
     bounces: int = 4  # of these paths
     angle_weight: float = 1.0  # of the sun's direction: of marked directions
@@ -114,7 +119,9 @@ class FogOptions:
     scale: float = 1.0  # radiance of a white pixel
     top: float = 100.0  # metres: height of outdoor fog above the ground
     light_gain: float = 1.0  # lights are so much brighter than estimated
-    attenuated_light: bool = True  # fog dims light on its way to what it lights
+    shaft_gain: float = 1.0  # indoors: the sun is so much brighter than that
+    attenuated_light: bool = True  # indoors: fog dims light on its way to what it lights
+    loss: str = "absorbed"  # outdoors: what light loses on its way down through the layer
     ambient: bool = True  # indoors: light that comes from everywhere is fitted, too
     ground_bounce: bool = False  # outdoors: the ground lights the fog from below
     highlights: float = 1.0  # factor of saturated light sources: 2 recovers some of what the camera cut off
@@ -125,11 +132,12 @@ class FogOptions:
 
     def __post_init__(self) -> None:
         check_choice("transmittance", self.transmittance, TRANSMITTANCES)
+        check_choice("loss", self.loss, LOSSES)
         check_choice("curve", self.curve, CURVES)
         limits = {
             "steps": (8, 512), "light_samples": (1, 256), "patch_limit": (0.05, 1.0), "columns": (8, 512),
             "paths": (4, 4096), "bounces": (0, 16), "angle_weight": (0.0, 1e6), "iou_weight": (0.0, 1e6),
-            "albedo": (0.02, 0.9), "scale": (0.1, 10.0), "top": (2.0, 2000.0), "light_gain": (0.1, 10.0),
+            "albedo": (0.02, 0.9), "scale": (0.1, 10.0), "top": (2.0, 2000.0), "light_gain": (0.1, 10.0), "shaft_gain": (0.0, 100.0),
             "highlights": (1.0, 16.0), "matte_px": (0, 16), "gamma": (0.5, 5.0), "seed": (0, 2**31 - 1),
         }  # fmt: skip
         for name, (low, high) in limits.items():

@@ -180,9 +180,10 @@ def transmittance(scene: OutdoorScene, medium: FogMedium) -> Tensor:
                     * medium.extinction)  # fmt: skip
     inside = _inside(scene, scene.length)
     seen = torch.exp(-inside.run[..., None] * medium.extinction)
-    if scene.options.attenuated_light:
+    lost = _lost(scene.options, medium)
+    if bool((lost > 0).any()):
         height = (scene.eye + scene.direction[..., 1] * scene.length).clamp_min(0.0)
-        below = (scene.options.top - height).clamp_min(0.0)[..., None] * medium.extinction
+        below = (scene.options.top - height).clamp_min(0.0)[..., None] * lost
         share, slope = scene.light.share_sun, max(float(scene.light.to_sun[1]), LEAST_COSINE)
         surface = seen * (share * torch.exp(-below / slope) + (1 - share) * torch.exp(-SKY_DIFFUSE * below))
     else:
@@ -208,25 +209,33 @@ def _added(scene: OutdoorScene, medium: FogMedium, length: Tensor) -> Tensor:
     cosine = scene.direction @ light.to_sun.float()  # light goes on towards the eye where we look towards the sun
     phase = henyey_greenstein(cosine, medium.asymmetry)[..., None]
     upper = upper_share(scene.direction[..., 1], medium.asymmetry)[..., None]
+    if scene.options.loss == "absorbed":
+        # Fog is lit by fog: from below, too, the more of it there is.
+        upper = upper + (1.0 - upper) * -torch.expm1(-medium.scattering * scene.options.top)
     total = torch.zeros(*length.shape, 3)
     if bool((light.sun > 0).any()):
-        total += light.sun * phase * _integral(scene, inside, medium.extinction, 1.0 / slope)
-    total += light.sky * upper * _integral(scene, inside, medium.extinction, SKY_DIFFUSE)
+        total += light.sun * phase * _integral(inside, medium.extinction, _lost(scene.options, medium), 1.0 / slope)
+    total += light.sky * upper * _integral(inside, medium.extinction, _lost(scene.options, medium), SKY_DIFFUSE)
     if scene.options.ground_bounce:
         total += 0.5 * light.ground * held_back(medium.extinction, inside.run[..., None])
     return (total * medium.scattering).clamp_min(0.0)
 
 
-def _integral(scene: OutdoorScene, inside: _Inside, extinction: Tensor, slant: float) -> Tensor:
+def _lost(options: FogOptions, medium: FogMedium) -> Tensor:
+    """(3,) 1/m that daylight loses on its way down."""
+    if options.loss == "single":
+        return medium.extinction
+    return medium.absorption if options.loss == "absorbed" else torch.zeros(3)
+
+
+def _integral(inside: _Inside, extinction: Tensor, lost: Tensor, slant: float) -> Tensor:
     """(H,W,3) integral over a ray of transmittance to the eye times that to the layer's top at a slant.
 
     The exponent is linear along the ray; the larger end's exponential is taken out, so that nothing overflows.
     """
     run = inside.run[..., None]
-    if not scene.options.attenuated_light:
-        return held_back(extinction, run.expand(*inside.run.shape, 3))
-    rate = extinction * (1.0 - slant * inside.rise[..., None])
-    begin = -extinction * slant * inside.begin_height[..., None]
+    rate = extinction - lost * slant * inside.rise[..., None]
+    begin = -lost * slant * inside.begin_height[..., None]
     end = begin - rate * run
     return torch.exp(torch.maximum(begin, end).clamp_max(0.0)) * held_back(rate.abs(), run.expand_as(rate))
 
