@@ -18,6 +18,7 @@ from torchrender import __version__
 from torchrender.cli.arguments import add_scene, add_shadows, add_size, camera_of, exposure, given, load_scene, numbers
 from torchrender.cli.enhance import add_enhance, enhance_wish
 from torchrender.cli.fly import add_fly, fly
+from torchrender.cli.fog import add_fog, run_fog
 from torchrender.cli.output import check_output, collect_garbage, image_size, progress, saying_warnings
 from torchrender.cli.plan import add_limits, add_plan, run_calibrate, run_plan, run_tradeoff
 from torchrender.cli.points import add_points, draws_points, point_info, run_points
@@ -201,6 +202,7 @@ _COMMANDS = {
     "depth": _depth,
     "voxelize": _voxelize,
     "points": _points,
+    "fog": run_fog,
     "style": run_style,
     "walkthrough": run_walkthrough,
     "scenes": _scenes,
@@ -256,6 +258,7 @@ def _parser() -> argparse.ArgumentParser:
     add_voxelize(commands.add_parser("voxelize", help="write a model as voxels, or a picture of them"))
     add_points(commands.add_parser("points", help="draw or compress a cloud of points"))
     add_style(commands)
+    add_fog(commands)
     add_walkthrough(commands)
     commands.add_parser("scenes", help="list the built-in scenes")
     add_serve(commands)

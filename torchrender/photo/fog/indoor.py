@@ -69,7 +69,9 @@ class RoomScene:
             "room_size_m": [round(float(v), 3) for v in self.room.size],
             "focal_px": round(float(self.room.camera.intrinsics[0, 0, 0]), 2),
             "corner_error_px": round(self.room.error_px, 2),
-            "lights": {e.name: [round(float(v), 4) for v in r] for e, r in zip(self.emitters, self.radiance, strict=True)},
+            "lights": {
+                e.name: [round(float(v), 4) for v in r] for e, r in zip(self.emitters, self.radiance, strict=True)
+            },
             "ambient": [round(float(v), 4) for v in self.ambient],
             "light_error": round(self.fit.error, 4),
         }

@@ -14,8 +14,9 @@ from torch import Tensor
 
 from torchrender.errors import InputError
 from torchrender.photo.fog import outdoor
-from torchrender.photo.fog.depth.labels import Labelled, depth_from_labels, label_map, outdoor_camera
+from torchrender.photo.fog.depth.labels import SKY, VERTICAL, Labelled, depth_from_labels, label_map, outdoor_camera
 from torchrender.photo.fog.depth.measured import filled
+from torchrender.photo.fog.depth.segments import guess_sky
 from torchrender.photo.fog.indoor import RoomScene, prepare_room
 from torchrender.photo.fog.lamps import lamp_light, place_lamps
 from torchrender.photo.fog.marks.records import Marks, scaled
@@ -105,7 +106,7 @@ class FogPhoto:
             mid = time.perf_counter()
             added = self._room.scattered(medium)
             top = float(self._room.scene.room.high[1])
-            eye_only = self._room._eye(medium) if bool(self._lamps.mask.any()) else through
+            eye_only = self._room.to_eye(medium) if bool(self._lamps.mask.any()) else through
         else:
             assert self._outdoor is not None
             if medium.density is not None:
@@ -175,7 +176,9 @@ def _resized_depth(depth: Tensor, size: tuple[int, int], photo: tuple[int, ...])
     if depth.dim() != 2:
         raise InputError(f"depth must have shape (H, W), got {tuple(depth.shape)}")
     if abs(depth.shape[1] / depth.shape[0] - photo[1] / photo[0]) > 0.02 * photo[1] / photo[0]:
-        raise InputError(f"depth must have the shape of the photo, {photo[1]}x{photo[0]}, got {depth.shape[1]}x{depth.shape[0]}")
+        raise InputError(
+            f"depth must have the shape of the photo, {photo[1]}x{photo[0]}, got {depth.shape[1]}x{depth.shape[0]}"
+        )
     grown = cv2.resize(depth.numpy().astype(np.float32), (size[1], size[0]), interpolation=cv2.INTER_NEAREST)
     return torch.from_numpy(grown)
 
@@ -192,8 +195,7 @@ def _outdoor_scene(
     if labels is not None or marks.regions:
         label = label_map(marks, w, h, labels)
     else:
-        label = torch.where(known & (depth < marks.outdoor.sky * 0.99), 1, 0)
-        label = torch.where(depth >= marks.outdoor.sky * 0.99, 2, label) if bool(torch.isfinite(depth).any()) else label
-        label = torch.where(~known, 1, label)
-    found = filled(depth, label == 2, marks.outdoor.sky)
+        far = known & (depth >= marks.outdoor.sky * 0.99)
+        label = torch.where(far | (guess_sky(photo, known & ~far) & ~known), SKY, VERTICAL)
+    found = filled(depth, label == SKY, marks.outdoor.sky)
     return outdoor.prepare_outdoor(photo, marks, camera, Labelled(label, found), options)

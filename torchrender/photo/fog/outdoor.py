@@ -15,6 +15,7 @@ from torch import Tensor
 
 from torchrender.effects.media.phase import henyey_greenstein
 from torchrender.errors import InputError
+from torchrender.numerics.color import luminance
 from torchrender.photo.fog.air import held_back
 from torchrender.photo.fog.depth.labels import SKY, Labelled, soft_sky
 from torchrender.photo.fog.marks.records import Marks
@@ -23,6 +24,8 @@ from torchrender.photo.fog.picture import polygon_mask
 from torchrender.scene.camera import Cameras
 
 LEAST_COSINE = 0.05
+WHITER = 0.7
+"""Share of white in light that is only guessed."""
 SKY_DIFFUSE = 2.0
 """Light from the whole sky runs through so many times the layer's height."""
 
@@ -75,7 +78,9 @@ class OutdoorScene:
         }
 
 
-def prepare_outdoor(photo: Tensor, marks: Marks, camera: Cameras, labelled: Labelled, options: FogOptions) -> OutdoorScene:
+def prepare_outdoor(
+    photo: Tensor, marks: Marks, camera: Cameras, labelled: Labelled, options: FogOptions
+) -> OutdoorScene:
     """Everything about a photo (H,W,3) that does not depend on the medium."""
     light = estimate_light(photo, marks, camera, labelled, options)
     return OutdoorScene(camera, labelled.depth, soft_sky(photo, labelled, options.matte_px), light, options)
@@ -109,10 +114,10 @@ def estimate_light(
         shadow = medians["shadow"]
         sky = shadow / options.albedo / outdoor.sky_share
     elif len(sky_pixels):
-        sky = sky_pixels.median(dim=0).values * options.scale
+        sky = _paler(sky_pixels.median(dim=0).values * options.scale)
         shadow = torch.minimum(lit, sky * options.albedo)
     else:
-        shadow, sky = lit, lit / options.albedo
+        shadow, sky = lit, _paler(lit / options.albedo)
     sun = torch.zeros(3)
     if "sunlit" in medians:
         cosine = max(float(to_sun[1]), LEAST_COSINE)
@@ -126,6 +131,11 @@ def estimate_light(
     share = torch.where(sun > 0, (1.0 - shadow / lit.clamp_min(1e-6)).clamp(0.0, 1.0), 0.0)
     gain = options.light_gain
     return OutdoorLight(sky.float() * gain, sun.float() * gain, to_sun, share.float(), lit.float())
+
+
+def _paler(light: Tensor) -> Tensor:
+    """Daylight guessed from one colour of the photo: sky and sun together are whiter than the sky, or the ground."""
+    return torch.lerp(light, luminance(light).expand(3), WHITER)
 
 
 def sun_direction(marks: Marks, camera: Cameras, depth: Tensor) -> Tensor:

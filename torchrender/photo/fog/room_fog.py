@@ -40,13 +40,15 @@ class RoomFog:
     def transmittance(self, medium: FogMedium) -> Tensor:
         """(H,W,3) float32 in [0,1]: on the way to the eye, and of lit surfaces on the way to them."""
         self._set_air(medium)
-        seen = self._eye(medium)
+        seen = self.to_eye(medium)
         if not self.options.attenuated_light:
             return seen
         towards = self._ratio(medium) if self.options.transmittance == "ratio" else self._direct(medium)
         return torch.where(self.scene.glowing[..., None], seen, seen * towards)
 
-    def _eye(self, medium: FogMedium) -> Tensor:
+    def to_eye(self, medium: FogMedium) -> Tensor:
+        """(H,W,3) transmittance from what is seen to the eye."""
+        self._set_air(medium)
         if "eye" not in self._kept:
             length = self.scene.ray_length
             flat = self._air.ways(self.scene.eye[None], self.scene.ray_direction.reshape(-1, 3), length.reshape(-1))
@@ -72,8 +74,11 @@ class RoomFog:
             found = self._arriving(number, split)
             lit = found.lit()[:, None] * strength
             whole = found if split > 1 else self._centre(number)
-            dimmed = found.dimmed(medium.extinction) * strength if split > 1 else lit * _decay(whole.way[:, 0],
-                                                                                              medium.extinction)
+            dimmed = (
+                found.dimmed(medium.extinction) * strength
+                if split > 1
+                else lit * _decay(whole.way[:, 0], medium.extinction)
+            )
             total, weights = total + dimmed, weights + lit
             equal, sources = equal + _decay(whole.way.mean(dim=1), medium.extinction), sources + 1
         total, weights = self._sun_and_ambient(medium, place, total, weights)
@@ -186,7 +191,7 @@ class RoomFog:
             )  # fmt: skip
             total = total + sun.reshape(*shape, 3) * scene.sun
         if bool((scene.ambient > 0).any()):
-            kept = -torch.expm1(torch.log(self._eye(medium).clamp_min(1e-30)))
+            kept = -torch.expm1(torch.log(self.to_eye(medium).clamp_min(1e-30)))
             albedo = medium.scattering / medium.extinction.clamp_min(1e-30)
             dimmed = torch.exp(-medium.extinction * scene.proxy.mean_chord * float(self.options.attenuated_light))
             total = total + kept * albedo * scene.ambient * dimmed

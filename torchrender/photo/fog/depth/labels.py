@@ -8,13 +8,15 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import dataclass
+from pathlib import Path
 
 import cv2
 import numpy as np
 import torch
+from PIL import Image
 from torch import Tensor
 
-from torchrender.errors import InputError
+from torchrender.errors import ImageFileError, InputError
 from torchrender.photo.fog.marks.records import LABELS, Marks
 from torchrender.photo.fog.options import FogWarning
 from torchrender.photo.fog.picture import polygon_mask
@@ -68,7 +70,9 @@ def label_map(marks: Marks, width: int, height: int, given: Tensor | None = None
         label = given.long()
         if label.shape != (height, width):
             if abs(label.shape[1] / label.shape[0] - width / height) > 0.02:
-                raise InputError(f"labels must have the photo's size {width}x{height}, got {label.shape[1]}x{label.shape[0]}")
+                raise InputError(
+                    f"labels must have the photo's size {width}x{height}, got {label.shape[1]}x{label.shape[0]}"
+                )
             grown = cv2.resize(label.numpy().astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST)
             label = torch.from_numpy(grown).long()
     label = label.clone()
@@ -137,7 +141,9 @@ def soft_sky(photo: Tensor, labelled: Labelled, radius: int) -> Tensor:
     guide = photo.clamp(0.0, 1.0).sqrt().numpy()
     size = 2 * radius + 1
     soft = _guided(guide.mean(axis=2), hard.numpy(), size)
-    near = cv2.dilate(hard.numpy(), np.ones((size, size), np.uint8)) - cv2.erode(hard.numpy(), np.ones((size, size), np.uint8))
+    near = cv2.dilate(hard.numpy(), np.ones((size, size), np.uint8)) - cv2.erode(
+        hard.numpy(), np.ones((size, size), np.uint8)
+    )
     found = np.where(near > 0, np.clip(soft, 0.0, 1.0), hard.numpy())
     return torch.from_numpy(found.astype(np.float32))
 
@@ -150,3 +156,22 @@ def _guided(guide: np.ndarray, image: np.ndarray, size: int, eps: float = 1e-3) 
     a = (mean(guide * image) - m * p) / (mean(guide * guide) - m * m + eps)
     out: np.ndarray = mean(a) * guide + mean(p - a * m)
     return out
+
+
+def read_labels(path: str | Path) -> Tensor:
+    """(H,W) int64 labels of a grey or palette picture whose values are the labels.
+
+    Raises:
+        ImageFileError: missing, damaged, or with colours; names the file.
+    """
+    path = Path(path)
+    try:
+        with Image.open(path) as picture:
+            codes = np.array(picture)
+    except FileNotFoundError as error:
+        raise ImageFileError(path, "no such file") from error
+    except (OSError, ValueError) as error:
+        raise ImageFileError(path, f"cannot be read: {error}") from error
+    if codes.ndim != 2 or codes.dtype.kind not in "iub":
+        raise ImageFileError(path, f"labels must be one plane of whole numbers, got shape {codes.shape}")
+    return torch.from_numpy(codes.astype(np.int64))

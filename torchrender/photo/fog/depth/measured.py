@@ -94,7 +94,9 @@ def depth_from_stereo(
         InputError: pictures of different sizes.
     """
     if left.shape[:2] != right.shape[:2]:
-        raise InputError(f"stereo pictures must have one size, got {tuple(left.shape[:2])} and {tuple(right.shape[:2])}")
+        raise InputError(
+            f"stereo pictures must have one size, got {tuple(left.shape[:2])} and {tuple(right.shape[:2])}"
+        )
     check_range("focal", focal, 1.0, 1e6)
     check_range("baseline", baseline, 1e-4, 1e3)
     check_range("disparities", disparities, 0, LARGEST_DISPARITY)

@@ -175,7 +175,11 @@ def _misses(
     front = x[7] if any("front" in n for n in names) else high[2]
     places = np.array(
         [
-            [(high if "right" in n else low)[0], (high if "ceiling" in n else low)[1], front if "front" in n else low[2]]
+            [
+                (high if "right" in n else low)[0],
+                (high if "ceiling" in n else low)[1],
+                front if "front" in n else low[2],
+            ]
             for n in names
         ]
     )
