@@ -113,6 +113,22 @@ def prepare_room(photo: Tensor, marks: Marks, options: FogOptions, depth: Tensor
     ))  # fmt: skip
 
 
+def known_room(
+    room: Room, proxy: Proxy, emitters: tuple[Emitter, ...], radiance: Tensor, albedo: Tensor,
+    depth: Tensor | None = None,
+) -> RoomScene:  # fmt: skip
+    """A room all of which is known: radiance (L,3) of its emitters, albedo (P,) of its parts, perhaps depth (H,W)."""
+    seen = look(proxy, room)
+    glowing = torch.zeros(seen.depth.shape, dtype=torch.bool)
+    for emitter in emitters:
+        glowing |= polygon_mask(emitter.pixels, *seen.depth.shape)
+    seen = seen if depth is None else _with_depth(seen, depth, room)
+    dark, nothing = torch.zeros(3), LightFit(torch.zeros(0), torch.zeros(0), 0.0)
+    return RoomScene(
+        room, proxy, seen, emitters, radiance.float(), None, dark, None, dark, albedo.float(), glowing, nothing
+    )
+
+
 def with_lights(scene: RoomScene, radiance: Tensor, *, sun: Tensor | None = None, ambient: Tensor | None = None,
                 albedo: Tensor | None = None) -> RoomScene:  # fmt: skip
     """The scene with given strengths: radiance (L,3), irradiance of the sun (3,), radiance from everywhere (3,)."""

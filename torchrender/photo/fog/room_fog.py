@@ -126,7 +126,7 @@ class RoomFog:
         if "paths" not in self._kept:
             self._kept["paths"] = self._traced()
         paths, number, weight = self._kept["paths"]  # type: ignore[misc]
-        found = paths.ratio(medium.extinction)
+        found = paths.ratio(medium.extinction, self.scene.proxy.mean_chord)
         size = self.scene.seen.depth.shape
         out = torch.zeros(number.shape[0], 3)
         for k in range(number.shape[1]):
@@ -148,7 +148,10 @@ class RoomFog:
             sources, scene.proxy, self._air, place.reshape(-1, 3), normal.reshape(-1, 3), scene.albedo,
             count=options.paths, bounces=options.bounces, seed=options.seed,
         )  # fmt: skip
-        return paths, *self._neighbours(place, normal, step)
+        number, weight = self._neighbours(place, normal, step)
+        # Places that nothing lights know no ratio: their neighbours do.
+        weight = weight * (paths.lit[number] + 1e-6)
+        return paths, number, weight / weight.sum(dim=1, keepdim=True)
 
     def _neighbours(self, place: Tensor, normal: Tensor, step: int) -> tuple[Tensor, Tensor]:
         """For each pixel the four places around it, (HW,4), and their weights: near ones on the same surface count."""

@@ -77,12 +77,17 @@ class Paths:
     weight: Tensor  # (N,K)
     way: Tensor  # (N,K)
 
-    def ratio(self, extinction: Tensor) -> Tensor:
-        """(N,3) irradiance with the medium over irradiance without; 1 where nothing arrives."""
+    @property
+    def lit(self) -> Tensor:
+        """(N,) bool: something arrives."""
+        return self.weight.sum(dim=1) > 1e-12
+
+    def ratio(self, extinction: Tensor, usual: float) -> Tensor:
+        """(N,3) irradiance with the medium over irradiance without; where nothing arrives, that of ``usual`` metres."""
         clear = self.weight.sum(dim=1)
         channels = [(self.weight * torch.exp(-k * self.way)).sum(dim=1) for k in extinction]
         share = torch.stack(channels, dim=1) / clear.clamp_min(1e-20)[:, None]
-        return torch.where(clear[:, None] > 1e-12, share, torch.exp(-extinction)[None] * 0 + 1.0).clamp(0.0, 1.0)
+        return torch.where(self.lit[:, None], share, torch.exp(-extinction * usual)).clamp(0.0, 1.0)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
