@@ -76,8 +76,9 @@ def _box(x: float, z: float, w: float, d: float, h: float, yaw: float) -> Prism:
 
 
 def wavy(places: Tensor) -> Tensor:
-    """(...) density at places (...,3), of the heterogeneous case."""
+    """(...) density at places (...,3), of the heterogeneous case; x and z count from a corner of the box."""
     x, y, z = places.unbind(dim=-1)
+    x, z = x + SIDE / 2, z + SIDE
     return 1.0 + 0.9 * torch.sin(2.3 * x + 1.0) * torch.sin(2.9 * y) * torch.sin(2.1 * z + 0.5)
 
 
