@@ -52,7 +52,7 @@ def test_depth_of_labels() -> None:
     found = depth_from_labels(label_map(m, W, H), m, camera)
     inverse = 1 / found.depth[26:, 50]
     assert torch.allclose(inverse[2:] - inverse[1:-1], (inverse[1:-1] - inverse[:-2]), atol=1e-12)
-    assert float(found.depth[-1, 50]) == pytest.approx(3.0) and float(found.depth[25, 50]) == pytest.approx(90.0)
+    assert float(found.depth[-1, 50]) == pytest.approx(3.0) and float(found.depth[26, 50]) == pytest.approx(90.0)
     assert bool((found.depth[found.label == SKY] == found.depth.max()).all())
     standing = found.depth[12:40, 15]
     assert bool((standing == standing[0]).all()) and float(standing[0]) == pytest.approx(float(found.depth[39, 50]))
@@ -113,7 +113,9 @@ def test_closed_forms_beside_steps(loss: str, eye: float) -> None:
         upper = float(upper_share(way[1], g))
         if loss == "absorbed":
             upper += (1 - upper) * (1 - math.exp(-0.02 * 60.0))
-        light = scene.light.sun[1] * phase * torch.exp(-lost * below / sine) + scene.light.sky[1] * upper * torch.exp(-2 * lost * below)
+        light = scene.light.sun[1] * phase * torch.exp(-lost * below / sine) + scene.light.sky[1] * upper * torch.exp(
+            -2 * lost * below
+        )
         slow = float((light * torch.exp(-kappa * walked) * inside * 0.02).sum() * length / steps)
         assert float(found[row, column, 1]) == pytest.approx(slow, rel=2e-3, abs=1e-7)
 

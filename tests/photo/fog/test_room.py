@@ -134,7 +134,9 @@ def test_overlap_of_nothing_is_zero() -> None:
 def test_flat_window_and_floor_are_no_shaft() -> None:
     flat = torch.tensor([[0, 0, 0], [1, 0, 0], [1, 0, 1]], dtype=torch.float64)
     with pytest.warns(FogWarning, match="one plane"):
-        assert build_shafts([(flat, flat + 0.5 * INTO, torch.tensor([0, 1.0, 0], dtype=torch.float64), "w")], SUN) is None
+        assert (
+            build_shafts([(flat, flat + 0.5 * INTO, torch.tensor([0, 1.0, 0], dtype=torch.float64), "w")], SUN) is None
+        )
 
 
 def test_light_of_a_shaft_beside_steps() -> None:
@@ -154,7 +156,9 @@ def test_light_of_a_shaft_beside_steps() -> None:
     inside = eye + way[:1] * 2.6
     begin, end, _ = spans(shafts, inside[0], way[:1], length[:1])
     assert float((end - begin).sum()) >= 0.0  # the eye may be within a shaft
-    moved = build_shafts([(WINDOW, cast(WINDOW, SUN, 0.0) + torch.tensor([0.3, 0, 0], dtype=torch.float64), INTO, "w")], SUN)
+    moved = build_shafts(
+        [(WINDOW, cast(WINDOW, SUN, 0.0) + torch.tensor([0.3, 0, 0], dtype=torch.float64), INTO, "w")], SUN
+    )
     assert moved is not None and moved.hulls[0].volume != shafts.hulls[0].volume
 
 
@@ -194,7 +198,9 @@ def test_box_beside_the_reference() -> None:
 
 
 def test_centroid_table_and_patches() -> None:
-    rows = {(r["half"], r["kappa"], r["patches"]): r["mean"] for r in centroid_errors(400, (1, 2, 3)) if not r["varied"]}
+    rows = {
+        (r["half"], r["kappa"], r["patches"]): r["mean"] for r in centroid_errors(400, (1, 2, 3)) if not r["varied"]
+    }
     asked = {(0.5, 0.1): 0.002, (0.5, 0.4): 0.01, (1.0, 0.1): 0.008, (1.5, 0.4): 0.078, (2.5, 0.4): 0.16}
     for key, mean in asked.items():
         assert rows[(*key, 1)] == pytest.approx(mean, rel=0.2)

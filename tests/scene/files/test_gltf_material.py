@@ -13,11 +13,11 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
-from torchrender.scene.files.gltf.out.materials import downwards
 
 from gltf_builder import Glb
 from torchrender.errors import InputError, NotUsedWarning, SceneFileError
 from torchrender.scene.files.gltf.materials import MIRROR_IOR
+from torchrender.scene.files.gltf.out.materials import downwards
 from torchrender.scene.files.gltf.out.write import write_glb
 from torchrender.scene.files.gltf.textures import upwards
 from torchrender.scene.load import load

@@ -13,12 +13,12 @@ import torch
 import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
-from torchrender.scene.files.gltf.out.materials import metallic_roughness
 
 import torchrender as tr
 from torchrender.errors import ImageFileError, SceneFileError
 from torchrender.raster import rasterize
 from torchrender.scene.environment import Environment
+from torchrender.scene.files.gltf.out.materials import metallic_roughness
 from torchrender.scene.files.gltf.out.write import LossWarning, glb_bytes, write_glb
 from torchrender.scene.files.scene_write import write_scene
 from torchrender.scene.light import DirectionalLight, PointLight, RectLight, SpotLight

@@ -26,7 +26,7 @@ class RoomFog:
 
     def __init__(self, scene: RoomScene, options: FogOptions) -> None:
         self.scene, self.options = scene, options
-        self._density: Tensor | None | str = "none yet"
+        self._density: Tensor | str | None = "none yet"
         self._air = Air(None, scene.room.low, scene.room.high)
         self._kept: dict[object, object] = {}
 

@@ -189,7 +189,9 @@ def bounced_ratio(box: Box, kappa: float, *, samples: int, bounces: int = 4, alb
             fog += beta * weight * torch.exp(-kappa * (run + (target - at).norm(dim=-1)))
             if bounce == bounces:
                 break
-            on_ball = torch.nn.functional.normalize(torch.randn(h * w, 3, generator=random, dtype=torch.float64), dim=-1)
+            on_ball = torch.nn.functional.normalize(
+                torch.randn(h * w, 3, generator=random, dtype=torch.float64), dim=-1
+            )
             direction = torch.nn.functional.normalize(normal + on_ball * (1 - 1e-9), dim=-1)
             hits = box.proxy.caster.first_hit(at, direction, t_min=1e-5, cull_backfaces=True)
             hit = hits.triangle >= 0

@@ -60,7 +60,9 @@ def _asked(record: dict[str, Any]) -> list[str]:
     if "labels" in record:
         rows.append(["labels beside LiDAR at 100 m: mean difference of T", "0.05", f"{record['labels']['mean']:.3f}"])
     if record["recovered"]:
-        rows.append(["extinction from own composites", "10 %", _percent(max(r["kappa_error"] for r in record["recovered"]), 0)])
+        rows.append(
+            ["extinction from own composites", "10 %", _percent(max(r["kappa_error"] for r in record["recovered"]), 0)]
+        )
         rows.append(["airlight from own composites", "10 %",
                      _percent(max(r["airlight_error"] for r in record["recovered"]), 0)])  # fmt: skip
     if record["fade"]:
@@ -77,7 +79,11 @@ def _asked(record: dict[str, Any]) -> list[str]:
 def _verification(record: dict[str, Any]) -> list[str]:
     rows = []
     for r in record["verification"]:
-        errors = [_percent(r["mean"]), _percent(r["most"]), _percent(r["max"]), _percent(r["V"])] if "mean" in r else ["-"] * 4
+        errors = (
+            [_percent(r["mean"]), _percent(r["most"]), _percent(r["max"]), _percent(r["V"])]
+            if "mean" in r
+            else ["-"] * 4
+        )
         rows.append([f"{r['way']}, {'uneven' if r['varied'] else 'even'} air", *errors, f"{r['psnr']:.1f}"])
     return [
         "## The box beside a reference renderer", "",
@@ -122,7 +128,11 @@ def _photos(record: dict[str, Any]) -> list[str]:
     lines = ["## Photos", "", *table(["photo", "depth from", "size", "mean T", "mean V", "first ms", "again ms"], rows)]
     if record["fade"]:
         rows = [[f["photo"], *(f"{v:.2f}" for v in f["values"])] for f in record["fade"]]
-        lines += ["FADE without fog, and with 0.3, 1 and 2 times the photo's own:", "", *table(["photo", "0", "0.3", "1", "2"], rows)]
+        lines += [
+            "FADE without fog, and with 0.3, 1 and 2 times the photo's own:",
+            "",
+            *table(["photo", "0", "0.3", "1", "2"], rows),
+        ]
     rows = [[r["photo"], f"{r['visibility']:.0f} m", f"{r['kappa']:.4f}", f"{r['found']:.4f}", _percent(r["kappa_error"], 1),
              _percent(r["airlight_error"], 1)] for r in record["recovered"]]  # fmt: skip
     return [*lines, "Medium found again in own composites:", "",

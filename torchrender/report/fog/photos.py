@@ -173,7 +173,7 @@ def recovered(subject: Subject, visibilities: tuple[float, ...] = (60.0, 150.0, 
         scene = photo.outdoors
         assert scene is not None
         picture = photo.foggy(FogMedium.of(visibility=visibility))
-        haze = estimate_haze(picture.composite[..., :3], scene.length, sky=scene.sky > 0.99)
+        haze = estimate_haze(picture.composite[..., :3], scene.length, sky=scene.sky > 0)
         airlight = scene.light.sky / 2
         rows.append({
             "visibility": visibility, "kappa": CONTRAST / visibility, "found": haze.extinction,

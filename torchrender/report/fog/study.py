@@ -74,7 +74,12 @@ def _difference(box: Box, truth: Truth, varied: bool) -> list[Tensor]:
     """Truth, method and their difference times two."""
     through, added = method(box, measures.KAPPA, varied, "patches", patch_limit=0.1)
     found = truth.clear * through + added
-    return [truth.clear, truth.foggy, found, (srgb_from_linear(found.clamp(0, 1)) - srgb_from_linear(truth.foggy.clamp(0, 1))).abs() * 2]
+    return [
+        truth.clear,
+        truth.foggy,
+        found,
+        (srgb_from_linear(found.clamp(0, 1)) - srgb_from_linear(truth.foggy.clamp(0, 1))).abs() * 2,
+    ]
 
 
 def _write_picture(path: Path, tiles: list[Tensor]) -> None:

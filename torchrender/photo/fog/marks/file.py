@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
-import tomllib
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any, TypeVar
+
+import tomllib
 
 from torchrender.errors import InputError, SceneFileError
 from torchrender.images.files import write_atomically
