@@ -189,8 +189,10 @@ def _outdoor_scene(
     h, w = photo.shape[:2]
     camera = outdoor_camera(marks, w, h)
     if depth is None:
-        return outdoor.prepare_outdoor(photo, marks, camera, depth_from_labels(label_map(marks, w, h, labels), marks, camera),
-                                       options)  # fmt: skip
+        label = label_map(marks, w, h, labels)
+        if labels is None and not any(region.label == "sky" for region in marks.regions):
+            label = torch.where(guess_sky(photo), SKY, label)
+        return outdoor.prepare_outdoor(photo, marks, camera, depth_from_labels(label, marks, camera), options)
     known = torch.isfinite(depth) & (depth > 0)
     if labels is not None or marks.regions:
         label = label_map(marks, w, h, labels)

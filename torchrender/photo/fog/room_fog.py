@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -28,7 +29,7 @@ class RoomFog:
         self.scene, self.options = scene, options
         self._density: Tensor | str | None = "none yet"
         self._air = Air(None, scene.room.low, scene.room.high)
-        self._kept: dict[object, object] = {}
+        self._kept: dict[object, Any] = {}
 
     def _set_air(self, medium: FogMedium) -> None:
         if medium.density is not self._density:
@@ -53,9 +54,7 @@ class RoomFog:
             length = self.scene.ray_length
             flat = self._air.ways(self.scene.eye[None], self.scene.ray_direction.reshape(-1, 3), length.reshape(-1))
             self._kept["eye"] = flat.reshape(length.shape)
-        ways = self._kept["eye"]
-        assert isinstance(ways, Tensor)
-        return _decay(ways, medium.extinction)
+        return _decay(self._kept["eye"], medium.extinction)
 
     def _direct(self, medium: FogMedium) -> Tensor:
         """(H,W,3) by centres of lights, or of their patches: one factor for each source, by its share."""
@@ -94,7 +93,7 @@ class RoomFog:
         if scene.shafts is not None and sun > 0:
             if "sunlit" not in self._kept:
                 self._kept["sunlit"] = scene.shafts.reach(place)
-            distance, inside = self._kept["sunlit"]  # type: ignore[misc]
+            distance, inside = self._kept["sunlit"]
             facing = (-(scene.seen.normal.reshape(-1, 3) @ scene.shafts.direction)).clamp_min(0.0)
             lit = torch.where(inside, facing, 0.0).float()[:, None] * sun
             total, weights = total + lit * _decay(distance.float(), medium.extinction), weights + lit
@@ -109,7 +108,8 @@ class RoomFog:
             place = self.scene.seen.place.reshape(-1, 3)
             way = self._air.between(self.scene.emitters[number].centre.expand_as(place), place)
             self._kept[key] = Arriving(torch.ones(len(place), 1), way[:, None])
-        return self._kept[key]  # type: ignore[return-value]
+        found: Arriving = self._kept[key]
+        return found
 
     def _arriving(self, number: int, per_side: int) -> Arriving:
         key = ("surface", number, per_side)
@@ -119,13 +119,14 @@ class RoomFog:
             place = scene.seen.place.reshape(-1, 3) + 1e-6 * normal
             emitter = scene.emitters[number]
             self._kept[key] = arriving(emitter, scene.proxy, self._air, place, normal, per_side)
-        return self._kept[key]  # type: ignore[return-value]
+        found: Arriving = self._kept[key]
+        return found
 
     def _ratio(self, medium: FogMedium) -> Tensor:
         """(H,W,3) ratio of irradiance, at some pixels by random paths, between them by place and normal."""
         if "paths" not in self._kept:
             self._kept["paths"] = self._traced()
-        paths, number, weight = self._kept["paths"]  # type: ignore[misc]
+        paths, number, weight = self._kept["paths"]
         found = paths.ratio(medium.extinction, self.scene.proxy.mean_chord)
         size = self.scene.seen.depth.shape
         out = torch.zeros(number.shape[0], 3)
@@ -145,7 +146,7 @@ class RoomFog:
         )  # fmt: skip
         place, normal = scene.seen.place[pick], scene.seen.normal[pick]
         paths = trace_paths(
-            sources, scene.proxy, self._air, place.reshape(-1, 3), normal.reshape(-1, 3), scene.albedo,
+            sources, scene.proxy, self._air, (place.reshape(-1, 3), normal.reshape(-1, 3)), scene.albedo,
             count=options.paths, bounces=options.bounces, seed=options.seed,
         )  # fmt: skip
         number, weight = self._neighbours(place, normal, step)
@@ -208,7 +209,7 @@ class RoomFog:
             return torch.zeros(h, w, 3)
         if "air" not in self._kept:
             self._kept["air"] = self._columns()
-        directions, sources, density, before, step = self._kept["air"]  # type: ignore[misc]
+        directions, sources, density, before, step = self._kept["air"]
         high, wide, steps = density.shape
         given = torch.zeros(high * wide * steps, 3)
         for radiance, found in zip(scene.radiance, sources, strict=True):

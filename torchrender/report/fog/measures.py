@@ -102,12 +102,12 @@ def centroid_errors(count: int, sides: tuple[int, ...] = (1,)) -> list[dict[str,
         place, normal = _on_surfaces(box, count)
         air = Air(None, box.room.low, box.room.high)
         fine = arriving(box.light, box.proxy, air, place, normal, 16)
-        samples, areas = box.light.samples(16)
+        samples, _ = box.light.samples(16)
         for varied in (False, True):
             ways = way(samples[None].expand(count, -1, 3), place[:, None].expand(-1, len(samples), 3), varied, 16)
             exact = (fine.weight * torch.exp(-kappa * ways)).sum(dim=1) / fine.weight.sum(dim=1)
             for side in sides:
-                centres, areas = box.light.samples(side)
+                centres, _ = box.light.samples(side)
                 to = way(centres[None].expand(count, -1, 3), place[:, None].expand(-1, len(centres), 3), varied, 16)
                 part = arriving(box.light, box.proxy, air, place, normal, side).weight
                 share = part / part.sum(dim=1, keepdim=True).clamp_min(1e-20)

@@ -87,7 +87,7 @@ def _verification(record: dict[str, Any]) -> list[str]:
         rows.append([f"{r['way']}, {'uneven' if r['varied'] else 'even'} air", *errors, f"{r['psnr']:.1f}"])
     return [
         "## The box beside a reference renderer", "",
-        "Extinction 0.1 per metre, scattering alone, direct light. The reference takes 256 random samples of the light at"
+        "Extinction 0.1 per metre, scattering alone, direct light. The reference takes 192 random samples of the light at"
         " every pixel: the largest errors hold its noise.", "",
         *table(["way", "T mean", "T 99.9 %", "T largest", "V", "PSNR dB"], rows),
     ]  # fmt: skip

@@ -35,14 +35,14 @@ ROAD = (
     RegionMark(label="sky", polygon=((190, 0), (200, 90), (300, 140), (470, 150), (600, 160), (640, 150), (700, 120),
                                      (800, 60), (880, 0))),
 )  # fmt: skip
-STREET = (
-    RegionMark(label="ground", polygon=((0, 355), (751, 355), (751, 563), (0, 563))),
-    RegionMark(label="vertical", polygon=((0, 0), (215, 0), (222, 365), (100, 385), (0, 420))),
-    RegionMark(label="vertical", polygon=((215, 360), (215, 240), (290, 200), (400, 200), (400, 360))),
-    RegionMark(label="vertical", polygon=((380, 360), (380, 0), (751, 0), (751, 470), (560, 395))),
-    RegionMark(label="sky", polygon=((60, 0), (175, 48), (222, 165), (222, 265), (256, 262), (290, 215), (345, 158), (400, 232),
-                                     (480, 215), (495, 75), (530, 62), (700, 85), (710, 0))),
-)  # fmt: skip
+STREET = (  # no sky: it is found
+    RegionMark(label="vertical", polygon=((0, 0), (751, 0), (751, 360), (0, 360)), depth=60.0),
+    RegionMark(label="vertical", polygon=((250, 180), (400, 150), (400, 355), (250, 355)), depth=35.0),
+    RegionMark(label="vertical", polygon=((0, 0), (220, 60), (226, 365), (100, 385), (0, 415)), depth=14.0),
+    RegionMark(label="vertical", polygon=((470, 0), (751, 0), (751, 400), (470, 375)), depth=22.0),
+    RegionMark(label="vertical", polygon=((535, 320), (751, 320), (751, 470), (535, 390)), depth=8.0),
+    RegionMark(label="vertical", polygon=((470, 225), (535, 225), (535, 375), (470, 365)), depth=13.0),
+)
 ROOM = Marks(
     width=640, height=480, camera=CameraMark(focal=525.0, height=0.44),
     room=RoomMark(corners={"back_left_floor": (260, 329), "back_right_floor": (900, 366), "front_left_floor": (-200, 508),
@@ -56,10 +56,11 @@ LAMPS = (
     LampMark(at=(291, 211), distance=28, color=(1.0, 0.2, 0.1)),
     LampMark(at=(340, 213), distance=24, color=(1.0, 0.2, 0.1)),
 )  # fmt: skip
-AVENUE = (
-    RegionMark(label="vertical", polygon=((0, 90), (600, 0), (600, 235), (470, 222), (0, 222))),
-    RegionMark(label="sky", polygon=((0, 0), (480, 0), (478, 70), (440, 150), (330, 165), (180, 165), (60, 140), (0, 110))),
-)  # fmt: skip
+AVENUE = (  # no sky: it is found
+    RegionMark(label="vertical", polygon=((0, 0), (600, 0), (600, 214), (0, 214)), depth=110.0),
+    RegionMark(label="vertical", polygon=((465, 0), (600, 0), (600, 280), (465, 215)), depth=18.0),
+    RegionMark(label="vertical", polygon=((0, 140), (60, 140), (60, 226), (0, 226)), depth=35.0),
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,7 +187,7 @@ def recovered(subject: Subject, visibilities: tuple[float, ...] = (60.0, 150.0, 
 def fade_measure() -> Callable[[Tensor], float] | None:
     """Fog density FADE of an encoded picture (H,W,3) in [0,1], by the package fade-python; None if it is not there."""
     try:
-        from pyfade import fade_array
+        from pyfade import fade_array  # type: ignore[import-not-found]
     except ImportError:
         return None
 

@@ -34,7 +34,7 @@ FADE_STEPS = (0.0, 0.3, 1.0, 2.0)
 def run(folder: Path, quick: bool) -> dict[str, Any]:
     """Measure everything, write the picture, and return the record."""
     box = cornell(48, 36) if quick else cornell(96, 72)
-    samples, lights = (48, 4) if quick else (256, 8)
+    samples, lights = (48, 4) if quick else (192, 6)
     record: dict[str, Any] = {"machine": machine_record(), "quick": quick, "verification": [], "proxies": {}}
     tiles: list[Tensor] = []
     for varied in (False, True):
@@ -98,7 +98,11 @@ def _write_picture(path: Path, tiles: list[Tensor]) -> None:
         rows.append(np.hstack(made[k : k + 4]))
     sheet = np.ascontiguousarray(np.vstack(rows)[..., ::-1])
     _, data = cv2.imencode(".jpg", sheet, [cv2.IMWRITE_JPEG_QUALITY, 88])
-    write_atomically(path, lambda temporary: temporary.write_bytes(data.tobytes()) and None)
+
+    def write(temporary: Path) -> None:
+        temporary.write_bytes(data.tobytes())
+
+    write_atomically(path, write)
 
 
 def main() -> None:

@@ -39,16 +39,16 @@ def cut_out(photo: Tensor, inside: Tensor, outside: Tensor) -> Tensor:
     size = (max(2, round(w * scale)), max(2, round(h * scale)))
     codes = (photo.clamp(0.0, 1.0).sqrt() * 255).byte().numpy()
     small = cv2.resize(codes, size, interpolation=cv2.INTER_AREA)
-    mask = np.full(small.shape[:2], cv2.GC_PR_BGD, np.uint8)
+    trimap = np.full(small.shape[:2], cv2.GC_PR_BGD, np.uint8)
     for strokes, kind in ((outside, cv2.GC_BGD), (inside, cv2.GC_FGD)):
         at = cv2.resize(strokes.numpy().astype(np.float32), size, interpolation=cv2.INTER_AREA) > 0.25
-        mask[at] = kind
-    if not (mask == cv2.GC_FGD).any() or not (mask == cv2.GC_BGD).any():
+        trimap[at] = kind
+    if not (trimap == cv2.GC_FGD).any() or not (trimap == cv2.GC_BGD).any():
         raise InputError("strokes are too thin")
     cv2.setRNGSeed(0)
     models = np.zeros((1, 65)), np.zeros((1, 65))
-    cv2.grabCut(small, mask, None, *models, ROUNDS, cv2.GC_INIT_WITH_MASK)
-    found = ((mask == cv2.GC_FGD) | (mask == cv2.GC_PR_FGD)).astype(np.float32)
+    cv2.grabCut(small, trimap, None, *models, ROUNDS, cv2.GC_INIT_WITH_MASK)
+    found = ((trimap == cv2.GC_FGD) | (trimap == cv2.GC_PR_FGD)).astype(np.float32)
     grown = torch.from_numpy(cv2.resize(found, (w, h), interpolation=cv2.INTER_LINEAR)) > 0.5
     return (grown | inside) & ~outside
 
@@ -67,7 +67,7 @@ def guess_sky(photo: Tensor, never: Tensor | None = None) -> Tensor:
     sure = (level > max(BRIGHT, 0.5 * float(bright))) & cold & (rough < 0.06)
     if never is not None:
         sure &= ~never.numpy()
-    count, parts = cv2.connectedComponents(sure.astype(np.uint8), connectivity=4)
+    _, parts = cv2.connectedComponents(sure.astype(np.uint8), connectivity=4)
     top = np.unique(parts[: max(1, h // 50)])
     sky = np.isin(parts, top[top > 0])
     if sky.mean() < 0.005:
@@ -84,6 +84,6 @@ def guess_sky(photo: Tensor, never: Tensor | None = None) -> Tensor:
         found = cut_out(photo, inside, torch.from_numpy(outside) & ~inside)
     except InputError:
         return torch.from_numpy(sky)
-    count, parts = cv2.connectedComponents(found.numpy().astype(np.uint8), connectivity=8)
+    _, parts = cv2.connectedComponents(found.numpy().astype(np.uint8), connectivity=8)
     reached = np.unique(parts[eroded])
     return torch.from_numpy(np.isin(parts, reached[reached > 0]))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -129,9 +129,9 @@ def table_of(marks: Marks) -> dict[str, Any]:
         if made:
             table[key] = made
     for key in MANY:
-        made = [_plain(m) for m in getattr(marks, PLURAL[key])]
-        if made:
-            table[key] = made
+        entries = [_plain(m) for m in getattr(marks, PLURAL[key])]
+        if entries:
+            table[key] = entries
     return table
 
 
@@ -166,7 +166,16 @@ def write_marks(path: str | Path, marks: Marks) -> None:
         raise SceneFileError(path, f"marks are written to {', '.join(SUFFIXES)}")
     table = table_of(marks)
     text = json.dumps(table, indent=1) + "\n" if path.suffix.lower() == ".json" else _toml(table)
-    write_atomically(path, lambda temporary: temporary.write_text(text) and None)
+    write_atomically(path, writer(text))
+
+
+def writer(text: str) -> Callable[[Path], None]:
+    """Writes a text to a path."""
+
+    def write(path: Path) -> None:
+        path.write_text(text)
+
+    return write
 
 
 def _toml(table: dict[str, Any]) -> str:

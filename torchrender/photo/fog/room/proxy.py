@@ -113,8 +113,8 @@ def build_proxy(room: Room, prisms: Sequence[Prism]) -> Proxy:
         centre = (low.mean(dim=0) + high.mean(dim=0)) / 2
         m = len(low)
         for k in range(m):
-            side = torch.stack([low[k], low[(k + 1) % m], high[(k + 1) % m], high[k]])
-            add(side, part + k, 2 * side.mean(dim=0) - centre)
+            wall = torch.stack([low[k], low[(k + 1) % m], high[(k + 1) % m], high[k]])
+            add(wall, part + k, 2 * wall.mean(dim=0) - centre)
         add(high, part + m, 2 * high.mean(dim=0) - centre)
         part += m + 1
     v, f = torch.cat(vertices), torch.cat(faces)

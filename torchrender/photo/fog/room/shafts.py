@@ -111,7 +111,7 @@ def turn_at(corners: Tensor, normal: Tensor, i: int, j: int, p: int) -> float:
 
 def _areas(corners: Tensor, normal: Tensor) -> list[float]:
     fan = corners[1:] - corners[0]
-    return (torch.linalg.cross(fan[:-1], fan[1:]) @ normal).tolist()  # type: ignore[no-any-return]
+    return [float(v) for v in torch.linalg.cross(fan[:-1], fan[1:]) @ normal]
 
 
 def spans(shafts: Shafts, origin: Tensor, direction: Tensor, length: Tensor) -> tuple[Tensor, Tensor, Tensor]:

@@ -126,7 +126,7 @@ def fit_sun(
     first = np.array(angles_at(start))
     first[1] = max(first[1], lowest)
     step = math.radians(SIMPLEX_DEG)
-    simplex = np.stack([first, first + [step, 0.0], first + [0.0, step]])
+    simplex = np.stack([first, first + np.array([step, 0.0]), first + np.array([0.0, step])])
     options = {"initial_simplex": simplex, "maxfev": EVALUATIONS, "xatol": 1e-5, "fatol": 1e-6}
     found = minimize(cost, first, method="Nelder-Mead", options=options)
     best = found.x if found.fun <= cost(first) else first

@@ -102,16 +102,18 @@ class Sources:
 
 
 def trace_paths(
-    sources: Sources, proxy: Proxy, air: Air, places: Tensor, normals: Tensor, albedo: Tensor, *,
+    sources: Sources, proxy: Proxy, air: Air, surface: tuple[Tensor, Tensor], albedo: Tensor, *,
     count: int, bounces: int, seed: int,
 ) -> Paths:  # fmt: skip
-    """Random paths from places (N,3) to all sources.
+    """Random paths from places on surfaces to all sources.
 
     Args:
+        surface: places (N,3) and normals (N,3).
         albedo: (P,) of the proxy's parts.
         count: paths to each place.
     """
     random = torch.Generator().manual_seed(seed)
+    places, normals = surface
     n = len(places)
     # All places share their random numbers: what noise is left changes slowly over the picture.
     at, normal = places.repeat_interleave(count, 0), normals.repeat_interleave(count, 0)
