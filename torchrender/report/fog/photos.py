@@ -7,6 +7,7 @@ import time
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -29,12 +30,14 @@ from torchrender.photo.fog.marks.records import CameraMark, LampMark, OutdoorMar
 from torchrender.photo.fog.options import CONTRAST
 
 KITTI = CameraMark(focal=721.5, center=(609.6, 172.9), height=1.65)
-ROAD = (
-    RegionMark(label="vertical", polygon=((0, 0), (1242, 0), (1242, 240), (0, 240))),
-    RegionMark(label="ground", polygon=((0, 235), (560, 185), (680, 185), (800, 215), (1242, 330), (1242, 375), (0, 375))),
-    RegionMark(label="sky", polygon=((190, 0), (200, 90), (300, 140), (470, 150), (600, 160), (640, 150), (700, 120),
-                                     (800, 60), (880, 0))),
-)  # fmt: skip
+ROAD = (  # ground everywhere below
+    RegionMark(label="vertical", polygon=((0, 0), (1242, 0), (1242, 186), (0, 186))),
+    RegionMark(label="vertical", polygon=((0, 0), (260, 0), (260, 195), (0, 205)), depth=30.0),
+    RegionMark(label="vertical", polygon=((260, 0), (500, 0), (500, 190), (260, 190)), depth=45.0),
+    RegionMark(label="vertical", polygon=((740, 0), (900, 0), (900, 200), (740, 192)), depth=35.0),
+    RegionMark(label="vertical", polygon=((900, 0), (1050, 0), (1050, 215), (900, 200)), depth=22.0),
+    RegionMark(label="vertical", polygon=((1050, 0), (1242, 0), (1242, 235), (1050, 215)), depth=15.0),
+)
 STREET = (  # no sky: it is found
     RegionMark(label="vertical", polygon=((0, 0), (751, 0), (751, 360), (0, 360)), depth=60.0),
     RegionMark(label="vertical", polygon=((250, 180), (400, 150), (400, 355), (250, 355)), depth=35.0),
@@ -187,7 +190,7 @@ def recovered(subject: Subject, visibilities: tuple[float, ...] = (60.0, 150.0, 
 def fade_measure() -> Callable[[Tensor], float] | None:
     """Fog density FADE of an encoded picture (H,W,3) in [0,1], by the package fade-python; None if it is not there."""
     try:
-        from pyfade import fade_array  # type: ignore[import-not-found]
+        fade_array = import_module("pyfade").fade_array
     except ImportError:
         return None
 
