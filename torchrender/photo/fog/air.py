@@ -34,7 +34,8 @@ class Air:
         """(N,) float32 integral of the density along rays.
 
         Args:
-            origins: (N,3) float64, or (1,3) for all. directions: (N,3) unit. lengths: (N,) metres, +inf allowed for grids.
+            origins: (N,3) float64, or (1,3) for all. directions: (N,3) unit.
+            lengths: (N,) metres, +inf allowed for grids.
         """
         if self.density is None:
             return lengths.float()

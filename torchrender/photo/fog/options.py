@@ -59,8 +59,8 @@ class FogMedium:
         asymmetry: float = 0.0,
         density: Tensor | None = None,
     ) -> FogMedium:
-        """From a visibility in metres (``kappa = 3.912 / visibility``, all of it or what absorption leaves scatters), or
-        from coefficients.
+        """From a visibility in metres (``kappa = 3.912 / visibility``; what absorption leaves scatters), or from
+        coefficients.
 
         Raises:
             OptionError: both or neither, a visibility outside [0.2, 1e6] m, or one that absorption alone exceeds.
@@ -75,7 +75,7 @@ class FogMedium:
             scattered = CONTRAST / visibility - absorbed
             if bool((scattered < 0).any()):
                 raise OptionError(
-                    f"absorption must be at most 3.912 / visibility = {CONTRAST / visibility:g}, got {absorbed.tolist()}"
+                    f"absorption must be at most 3.912 / visibility, {CONTRAST / visibility:g}, got {absorbed.tolist()}"
                 )
         return cls(scattering=scattered, absorption=absorbed, asymmetry=asymmetry, density=density)
 
@@ -98,9 +98,9 @@ class FogOptions:
     ``transmittance``, of light on its way to a surface indoors: "centroid" of each light, "patches" of large ones, or
     the "ratio" of irradiance with and without the medium along the same random paths, bounces included.
 
-    ``loss``, of daylight in a layer of fog outdoors: "single" as the source has it, all that is scattered is lost, so that
-    it is night under a hundred metres of dense fog; "absorbed", what is scattered still arrives, from all sides the more
-    the thicker the layer is; "none", and the layer is lit from above alone.
+    ``loss``, of daylight in a layer of fog outdoors: "single" as the source has it, all that is scattered is lost, so
+    that it is night under a hundred metres of dense fog; "absorbed", what is scattered still arrives, from all sides
+    the more the thicker the layer is; "none", and the layer is lit from above alone.
 
     Raises:
         OptionError: a value outside its range; names it.
@@ -137,7 +137,8 @@ class FogOptions:
         limits = {
             "steps": (8, 512), "light_samples": (1, 256), "patch_limit": (0.05, 1.0), "columns": (8, 512),
             "paths": (4, 4096), "bounces": (0, 16), "angle_weight": (0.0, 1e6), "iou_weight": (0.0, 1e6),
-            "albedo": (0.02, 0.9), "scale": (0.1, 10.0), "top": (2.0, 2000.0), "light_gain": (0.1, 10.0), "shaft_gain": (0.0, 100.0),
+            "albedo": (0.02, 0.9), "scale": (0.1, 10.0), "top": (2.0, 2000.0), "light_gain": (0.1, 10.0),
+            "shaft_gain": (0.0, 100.0),
             "highlights": (1.0, 16.0), "matte_px": (0, 16), "gamma": (0.5, 5.0), "seed": (0, 2**31 - 1),
         }  # fmt: skip
         for name, (low, high) in limits.items():

@@ -139,7 +139,7 @@ def _paler(light: Tensor) -> Tensor:
 
 
 def sun_direction(marks: Marks, camera: Cameras, depth: Tensor) -> Tensor:
-    """(3,) float64 unit, towards the sun: from the tip of a shadow to the top of what casts it; else 45 degrees high."""
+    """(3,) float64 unit, towards the sun: from the tip of a shadow to the top of what casts it; else 45 degrees."""
     outdoor = marks.outdoor
     if outdoor.object_top is None or outdoor.shadow_tip is None:
         return torch.nn.functional.normalize(torch.tensor([0.5, 1.0, 0.866], dtype=torch.float64), dim=0)

@@ -85,7 +85,7 @@ def prepare(photo: Tensor) -> Prepared:
     if halvings:
         side = 2**halvings
         warnings.warn(
-            f"a photo of {photo.shape[1]} x {photo.shape[0]} pixels: fog is computed at 1/{side} of that and made larger",
+            f"a photo of {photo.shape[1]} x {photo.shape[0]} pixels: fog is computed at 1/{side} of that",
             FogWarning, stacklevel=3,
         )  # fmt: skip
     return Prepared(light, alpha, halvings)

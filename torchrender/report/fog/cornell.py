@@ -1,7 +1,7 @@
-"""The verification experiment: a Cornell box with fog by a reference renderer, and by the method from the clear picture.
+"""The verification experiment: a Cornell box with fog by a reference renderer, and by the method.
 
-The reference shares geometry and camera with the method, but none of its integrals: it takes random samples of the light
-and random steps, and evaluates the density's formula itself. Source: specification 12, section 8.
+The reference shares geometry and camera with the method, but none of its integrals: it takes random samples of the
+light and random steps, and evaluates the density's formula itself. Source: specification 12, section 8.
 """
 
 from __future__ import annotations

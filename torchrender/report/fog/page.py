@@ -16,11 +16,11 @@ def write_page(record: dict[str, Any], folder: Path) -> None:
     """``fog.md`` in ``folder``."""
     lines = [
         "# Fog, smoke and light shafts in a photograph, measured", "",
-        f"`python -m torchrender.report.fog` on {machine_line(record['machine'])}; other programs ran beside it, so that"
-        " times are upper limits.", "",
+        f"`python -m torchrender.report.fog` on {machine_line(record['machine'])}; other programs ran beside it, so"
+        " that times are upper limits.", "",
         "![Cornell box and photos](fog.jpg)", "",
-        "First row: the box in even air, clear, with fog by the reference, by the method, and twice their difference; second"
-        " row: in uneven air. Then photos, before and after.", "",
+        "First row: the box in even air, clear, with fog by the reference, by the method, and twice their difference;"
+        " second row: in uneven air. Then photos, before and after.", "",
     ]  # fmt: skip
     for part in (_asked, _verification, _centroid, _indirect, _kappa, _photos):
         lines += part(record)
@@ -44,7 +44,8 @@ def _asked(record: dict[str, Any]) -> list[str]:
         for v in (False, True)
     )
     rows = [
-        ["direct light, even air: error of T", "mean 1 %, most 4 %", f"{_percent(even['mean'])}, {_percent(even['max'])}"],
+        ["direct light, even air: error of T", "mean 1 %, most 4 %", 
+         f"{_percent(even['mean'])}, {_percent(even['max'])}"],
         ["the same: PSNR", "45 dB", f"{even['psnr']:.1f} dB"],
         ["direct light, uneven air: error of T", "mean 2 %, most 8 %",
          f"{_percent(uneven['mean'])}, {_percent(uneven['max'])}"],
@@ -54,7 +55,8 @@ def _asked(record: dict[str, Any]) -> list[str]:
         ["cuboids a tenth too small and turned, for the true boxes: PSNR", "report",
          ", ".join(f"{v:.1f} dB" for v in record["proxies"].values())],
         ["direction of the sun", "2 degrees", f"{record['sun']['deg']:.2f} degrees"],
-        ["overlap at the start, and found", "not worse", f"{record['sun']['start_iou']:.3f}, {record['sun']['iou']:.3f}"],
+        ["overlap at the start, and found", "not worse", 
+         f"{record['sun']['start_iou']:.3f}, {record['sun']['iou']:.3f}"],
         ["halo of a lamp over the median", "1.5", f"{record['halo']:.1f}"],
     ]  # fmt: skip
     if "labels" in record:
@@ -87,8 +89,8 @@ def _verification(record: dict[str, Any]) -> list[str]:
         rows.append([f"{r['way']}, {'uneven' if r['varied'] else 'even'} air", *errors, f"{r['psnr']:.1f}"])
     return [
         "## The box beside a reference renderer", "",
-        "Extinction 0.1 per metre, scattering alone, direct light. The reference takes 192 random samples of the light at"
-        " every pixel: the largest errors hold its noise.", "",
+        "Extinction 0.1 per metre, scattering alone, direct light. The reference takes 192 random samples of the light"
+        " at every pixel: the largest errors hold its noise.", "",
         *table(["way", "T mean", "T 99.9 %", "T largest", "V", "PSNR dB"], rows),
     ]  # fmt: skip
 
@@ -102,8 +104,8 @@ def _centroid(record: dict[str, Any]) -> list[str]:
             rows.append([f"{half} m, {kappa}, {'uneven' if varied else 'even'}", f"{published} %", *means])
     return [
         "## Lights by their centres", "",
-        "Mean error of T for a square light of that half-width, one centre and 2 x 2 to 4 x 4 patches. Where the density's"
-        " waves lie in the box is not told, so that uneven air can only be about alike.", "",
+        "Mean error of T for a square light of that half-width, one centre and 2 x 2 to 4 x 4 patches. Where the"
+        " density's waves lie in the box is not told, so that uneven air can only be about alike.", "",
         *table(["half-width, extinction, air", "specification", "centre", "2 x 2", "3 x 3", "4 x 4"], rows),
     ]  # fmt: skip
 
@@ -133,7 +135,8 @@ def _photos(record: dict[str, Any]) -> list[str]:
             "",
             *table(["photo", "0", "0.3", "1", "2"], rows),
         ]
-    rows = [[r["photo"], f"{r['visibility']:.0f} m", f"{r['kappa']:.4f}", f"{r['found']:.4f}", _percent(r["kappa_error"], 1),
+    rows = [[r["photo"], f"{r['visibility']:.0f} m", f"{r['kappa']:.4f}", f"{r['found']:.4f}",
+             _percent(r["kappa_error"], 1),
              _percent(r["airlight_error"], 1)] for r in record["recovered"]]  # fmt: skip
     return [*lines, "Medium found again in own composites:", "",
             *table(["photo", "visibility", "extinction", "found", "error", "airlight"], rows)]  # fmt: skip

@@ -48,7 +48,8 @@ STREET = (  # no sky: it is found
 )
 ROOM = Marks(
     width=640, height=480, camera=CameraMark(focal=525.0, height=0.44),
-    room=RoomMark(corners={"back_left_floor": (260, 329), "back_right_floor": (900, 366), "front_left_floor": (-200, 508),
+    room=RoomMark(corners={"back_left_floor": (260, 329), "back_right_floor": (900, 366),
+                           "front_left_floor": (-200, 508),
                            "back_left_ceiling": (258, -270)}),
     windows=(WindowMark(polygon=((0, -100), (178, -60), (178, 362), (0, 430)),
                         lit=((360, 600), (420, 395), (250, 340), (20, 470)), wall="left"),),

@@ -82,13 +82,16 @@ def filled(depth: Tensor, sky: Tensor | None = None, farthest: float = 5000.0) -
 def depth_from_stereo(
     left: Tensor, right: Tensor, *, focal: float, baseline: float, offset: float = 0.0, disparities: int = 0
 ) -> Tensor:
-    """(H,W) float32 metres of the left picture, +inf where the pair does not tell: ``z = focal baseline / (d + offset)``.
+    """(H,W) float32 metres of the left picture, +inf where the pair does not tell.
+
+    ``z = focal baseline / (d + offset)``.
 
     Semi-global matching (Hirschmueller 2008) as OpenCV has it, in rectified pictures.
 
     Args:
         left, right: (H,W,C) linear light. focal: pixels. baseline: metres.
-        offset: disparity of infinitely far things, negative, pixels. disparities: range searched; 0: an eighth of the width.
+        offset: disparity of infinitely far things, pixels.
+        disparities: range searched; 0: an eighth of the width.
 
     Raises:
         InputError: pictures of different sizes.
@@ -108,7 +111,8 @@ def depth_from_stereo(
     ]
     block = 5
     matcher = cv2.StereoSGBM.create(
-        minDisparity=0, numDisparities=count, blockSize=block, P1=8 * 3 * block**2, P2=32 * 3 * block**2, disp12MaxDiff=1,
+        minDisparity=0, numDisparities=count, blockSize=block, P1=8 * 3 * block**2, P2=32 * 3 * block**2,
+        disp12MaxDiff=1,
         uniquenessRatio=10, speckleWindowSize=100, speckleRange=2, mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY,
     )  # fmt: skip
     found = torch.from_numpy(matcher.compute(codes[0], codes[1]).astype(np.float32)) / 16.0

@@ -110,7 +110,7 @@ def calibrate(room: RoomMark, camera: CameraMark, width: int, height: int) -> Ro
         free = found is not None and len(room.corners) >= 6
         if found is None:
             warnings.warn(
-                f"the marked corners do not tell the focal length: {focal:.0f} pixels are assumed; name it under camera",
+                f"the marked corners do not tell the focal length: {focal:.0f} px are assumed; name it under camera",
                 FogWarning, stacklevel=3,
             )  # fmt: skip
     names = list(room.corners)
@@ -138,7 +138,7 @@ def calibrate(room: RoomMark, camera: CameraMark, width: int, height: int) -> Ro
     error = float(np.sqrt((misses**2).mean() * 2))
     if error > 0.05 * max(width, height):
         raise InputError(
-            f"no room fits these corners: they are {error:.0f} pixels off, at most {0.05 * max(width, height):.0f} may be"
+            f"no room fits these corners: they are {error:.0f} px off, at most {0.05 * max(width, height):.0f} may be"
         )
     return Room(torch.from_numpy(low), torch.from_numpy(high),
                 camera_at(turn, focal * scale, center, camera.height, width, height), error)  # fmt: skip

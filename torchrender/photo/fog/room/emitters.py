@@ -87,5 +87,5 @@ def emitter_of(corners: Tensor, wall: str, name: str, pixels: tuple[tuple[float,
 
 
 def patches_per_side(emitter: Emitter, kappa: float, limit: float) -> int:
-    """Into how many patches per side a light is split, so that extinction times a patch's diameter is within the limit."""
+    """Patches per side of a light, so that extinction times a patch's diameter is within the limit."""
     return max(1, min(8, math.ceil(kappa * emitter.diameter / limit - 1e-9)))
