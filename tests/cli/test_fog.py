@@ -35,8 +35,8 @@ def files(tmp_path: Path) -> tuple[Path, Path]:
 def test_marks_in_picture_out(files, tmp_path: Path, capsys) -> None:
     photo, marks = files
     out = [str(tmp_path / name) for name in ("o.png", "t.png", "v.exr", "d.npz")]
-    status = main(["fog", str(photo), "--marks", str(marks), "-o", out[0], "--visibility", "80",
-                   "--write-transmittance",                   out[1], "--write-scattered", out[2], "--write-depth", out[3], "--json"])  # fmt: skip
+    more = ["--write-transmittance", out[1], "--write-scattered", out[2], "--write-depth", out[3], "--json"]
+    status = main(["fog", str(photo), "--marks", str(marks), "-o", out[0], "--visibility", "80", *more])
     assert not status and all(Path(f).is_file() for f in out)
     assert json.loads(capsys.readouterr().out)["timings_ms"]["scattered"] > 0
     foggy = np.array(Image.open(out[0])).astype(int)

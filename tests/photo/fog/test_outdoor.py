@@ -89,7 +89,7 @@ def test_layer_is_constant_airlight_in_its_limit() -> None:
 @pytest.mark.parametrize("eye", [1.6, 150.0])
 def test_closed_forms_beside_steps(loss: str, eye: float) -> None:
     m = marks(camera={"horizon": 25.0, "height": eye},
-              outdoor={"shadow": [[30, 50], [40, 50], [40, 58], [30, 58]], 
+              outdoor={"shadow": [[30, 50], [40, 50], [40, 58], [30, 58]],
                        "sunlit": [[50, 50], [70, 50], [70, 58], [50, 58]]})  # fmt: skip
     picture = photo()
     picture[:, 45:] *= 3.0

@@ -44,7 +44,7 @@ def _asked(record: dict[str, Any]) -> list[str]:
         for v in (False, True)
     )
     rows = [
-        ["direct light, even air: error of T", "mean 1 %, most 4 %", 
+        ["direct light, even air: error of T", "mean 1 %, most 4 %",
          f"{_percent(even['mean'])}, {_percent(even['max'])}"],
         ["the same: PSNR", "45 dB", f"{even['psnr']:.1f} dB"],
         ["direct light, uneven air: error of T", "mean 2 %, most 8 %",
@@ -55,7 +55,7 @@ def _asked(record: dict[str, Any]) -> list[str]:
         ["cuboids a tenth too small and turned, for the true boxes: PSNR", "report",
          ", ".join(f"{v:.1f} dB" for v in record["proxies"].values())],
         ["direction of the sun", "2 degrees", f"{record['sun']['deg']:.2f} degrees"],
-        ["overlap at the start, and found", "not worse", 
+        ["overlap at the start, and found", "not worse",
          f"{record['sun']['start_iou']:.3f}, {record['sun']['iou']:.3f}"],
         ["halo of a lamp over the median", "1.5", f"{record['halo']:.1f}"],
     ]  # fmt: skip
