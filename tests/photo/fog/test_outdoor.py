@@ -52,10 +52,14 @@ def test_depth_of_labels() -> None:
     found = depth_from_labels(label_map(m, W, H), m, camera)
     inverse = 1 / found.depth[26:, 50]
     assert torch.allclose(inverse[2:] - inverse[1:-1], (inverse[1:-1] - inverse[:-2]), atol=1e-12)
-    assert float(found.depth[-1, 50]) == pytest.approx(3.0) and float(found.depth[26, 50]) == pytest.approx(90.0)
+    first = int((found.label == 0).any(dim=1).nonzero()[0])
+    ground = (found.label[first] == 0).nonzero()[0]
+    assert float(found.depth[-1, 50]) == pytest.approx(3.0)
+    assert float(found.depth[first, ground]) == pytest.approx(90.0)
     assert bool((found.depth[found.label == SKY] == found.depth.max()).all())
     standing = found.depth[12:40, 15]
-    assert bool((standing == standing[0]).all()) and float(standing[0]) == pytest.approx(float(found.depth[39, 50]))
+    lowest = int((found.label == 1).any(dim=1).nonzero()[-1])
+    assert bool((standing == standing[0]).all()) and float(standing[0]) == pytest.approx(float(found.depth[lowest, 50]))
 
 
 def test_level_ground_without_depths_is_the_plane() -> None:
@@ -184,7 +188,8 @@ def test_own_fog_is_found_again() -> None:
         haze = estimate_haze(clear * left + airlight * (1 - left), length)
         assert haze.visibility == pytest.approx(visibility, rel=0.1)
         assert torch.allclose(haze.airlight, airlight, rtol=0.1)
-        assert torch.allclose(haze.lifted(haze.moved(clear, length), length, 0.001), clear, atol=1e-3)
+        near = length < 30.0
+        assert torch.allclose(haze.lifted(haze.moved(clear, length), length)[near], clear[near], atol=1e-3)
     with pytest.raises(InputError, match="depths must vary"):
         estimate_haze(clear, torch.full((150, 200), 5.0))
 
