@@ -18,10 +18,11 @@ from torchrender import __version__
 from torchrender.cli.arguments import add_scene, add_shadows, add_size, camera_of, exposure, given, load_scene, numbers
 from torchrender.cli.enhance import add_enhance, enhance_wish
 from torchrender.cli.fly import add_fly, fly
-from torchrender.cli.fog import add_fog, foggy
+from torchrender.cli.fog import add_fog, run_fog
 from torchrender.cli.output import check_output, collect_garbage, image_size, progress, saying_warnings
 from torchrender.cli.plan import add_limits, add_plan, run_calibrate, run_plan, run_tradeoff
 from torchrender.cli.points import add_points, draws_points, point_info, run_points
+from torchrender.cli.scene_fog import add_scene_fog, foggy
 from torchrender.cli.serve import add_load_test, add_serve, load_test_command, serve_command
 from torchrender.cli.spheres import add_spheres, run_spheres
 from torchrender.cli.style import add_style, run_style
@@ -204,6 +205,7 @@ _COMMANDS = {
     "voxelize": _voxelize,
     "points": _points,
     "spheres": run_spheres,
+    "fog": run_fog,
     "style": run_style,
     "walkthrough": run_walkthrough,
     "scenes": _scenes,
@@ -260,6 +262,7 @@ def _parser() -> argparse.ArgumentParser:
     add_points(commands.add_parser("points", help="draw or compress a cloud of points"))
     add_spheres(commands)
     add_style(commands)
+    add_fog(commands)
     add_walkthrough(commands)
     commands.add_parser("scenes", help="list the built-in scenes")
     add_serve(commands)
@@ -287,7 +290,7 @@ def _add_render(parser: argparse.ArgumentParser) -> None:
         help="samples per pixel and side: 2 is two by two, 0.5 one for four pixels (default 1)",
     )
     add_limits(parser)
-    add_fog(parser)
+    add_scene_fog(parser)
     parser.add_argument("--explain", action="store_true", help="say which passes ran, which did not, and why")
     parser.add_argument("--exposure", metavar="EV", help="powers of two, or auto (default 0)")
     parser.add_argument("--tone-map", choices=("none", "reinhard", "aces"), help="default none")

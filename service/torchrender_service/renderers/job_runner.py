@@ -10,6 +10,7 @@ from torchrender.errors import CameraError
 from torchrender.wire.cameras import header_of
 from torchrender_service.renderers import jobs
 from torchrender_service.renderers.engine import plan_image, tradeoff
+from torchrender_service.renderers.photos.fog import FogPhotos
 from torchrender_service.renderers.pictures import make_container, render_picture, reproject_picture
 from torchrender_service.renderers.scene_cache import SceneCache, describe
 from torchrender_service.renderers.stream_renderer import StreamRenderer
@@ -24,6 +25,7 @@ class JobRunner:
     def __init__(self) -> None:
         self._scenes = SceneCache()
         self._streams = StreamRenderer()
+        self._fog = FogPhotos()
 
     def run(self, job: jobs.Job) -> dict[str, Any]:
         """The result of a job as plain values.
@@ -41,6 +43,8 @@ class JobRunner:
             return tradeoff(job.name)
         if isinstance(job, jobs.MakeLayers):
             return self._streams.make_layers(job)
+        if isinstance(job, jobs.FogInPhoto):
+            return self._fog.run(job)
         if isinstance(job, jobs.SmoothKeyframe):
             return self._streams.smooth(job)
         return self._run_in_scene(job)

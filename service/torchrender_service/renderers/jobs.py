@@ -141,6 +141,25 @@ class StylePhoto(msgspec.Struct, frozen=True, kw_only=True, tag=True):
     pick: dict[str, tuple[float, ...]] = {}
 
 
+class FogInPhoto(msgspec.Struct, frozen=True, kw_only=True, tag=True):
+    """Fog in a photo with its marks; no scene."""
+
+    photo: bytes
+    marks: bytes  # JSON
+    format: str  # "png" or "json"
+    max_pixels: int  # of the photo
+    visibility: float | None = None
+    scattering: float | None = None
+    absorption: float = 0.0
+    asymmetry: float = 0.0
+    transmittance: str = "ratio"
+    loss: str = "absorbed"
+    top: float = 100.0
+    light_gain: float = 1.0
+    shaft_gain: float = 1.0
+    show: str = "composite"
+
+
 class MakeKeyframe(msgspec.Struct, frozen=True, kw_only=True, tag=True):
     """Layer 0 of one keyframe of a stream."""
 
@@ -187,7 +206,7 @@ class Forget(msgspec.Struct, frozen=True, kw_only=True, tag=True):
 
 
 SceneJob = Describe | Locate | Render | Plan | DepthImages | StylePhoto | MakeKeyframe
-Job = SceneJob | Validate | Tradeoff | Reproject | MakeLayers | SmoothKeyframe | Forget
+Job = SceneJob | FogInPhoto | Validate | Tradeoff | Reproject | MakeLayers | SmoothKeyframe | Forget
 
 
 class Failure(msgspec.Struct, frozen=True, kw_only=True):

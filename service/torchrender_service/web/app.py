@@ -13,7 +13,14 @@ from torchrender import __version__
 from torchrender_service.problems import add_error_handlers
 from torchrender_service.renderers.pool import Pool
 from torchrender_service.settings import Settings
-from torchrender_service.web import routes_pictures, routes_scenes, routes_status, routes_stream, routes_style
+from torchrender_service.web import (
+    routes_fog,
+    routes_pictures,
+    routes_scenes,
+    routes_status,
+    routes_stream,
+    routes_style,
+)
 from torchrender_service.web.guard import Guard
 from torchrender_service.web.state import MakePool, ServiceState
 
@@ -48,7 +55,7 @@ def make_app(settings: Settings, make_pool: MakePool = Pool) -> FastAPI:
     )
     app.state.service = state
     add_error_handlers(app)
-    for module in (routes_scenes, routes_pictures, routes_style, routes_stream, routes_status):
+    for module in (routes_scenes, routes_pictures, routes_style, routes_fog, routes_stream, routes_status):
         app.include_router(module.router)
     if STATIC.is_dir():
         app.mount("/", StaticFiles(directory=STATIC, html=True), name="client")

@@ -76,6 +76,8 @@ class Guard:
         path = scope["path"]
         if path in ("/v1/scenes", "/v1/style"):
             return self._settings.max_upload_bytes
+        if path == "/v1/fog":
+            return self._settings.max_upload_bytes * 4 // 3 + 2**20
         # The container travels as base64 within JSON.
         return (
             self._settings.max_container_bytes * 4 // 3 + 2**16

@@ -1,0 +1,1 @@
+"""Depth of photos: from labels, pictures, stereo, LiDAR and RGB-D cameras."""

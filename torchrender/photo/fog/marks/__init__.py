@@ -1,0 +1,1 @@
+"""What a user marks in a photo, and the files that hold it."""

@@ -1,0 +1,1 @@
+"""Fog in photographs, measured."""

@@ -1,0 +1,5 @@
+"""``python -m torchrender.report.fog``."""
+
+from torchrender.report.fog.study import main
+
+main()
