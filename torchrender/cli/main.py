@@ -16,13 +16,11 @@ from typing import Any
 
 from torchrender import __version__
 from torchrender.cli.arguments import add_scene, add_shadows, add_size, camera_of, exposure, given, load_scene, numbers
-from torchrender.cli.enhance import add_enhance, enhance_wish
 from torchrender.cli.fly import add_fly, fly
 from torchrender.cli.fog import add_fog, run_fog
 from torchrender.cli.output import check_output, collect_garbage, image_size, progress, saying_warnings
 from torchrender.cli.plan import add_limits, add_plan, run_calibrate, run_plan, run_tradeoff
 from torchrender.cli.points import add_points, draws_points, point_info, run_points
-from torchrender.cli.scene_fog import add_scene_fog, foggy
 from torchrender.cli.serve import add_load_test, add_serve, load_test_command, serve_command
 from torchrender.cli.spheres import add_spheres, run_spheres
 from torchrender.cli.style import add_style, run_style
@@ -35,6 +33,7 @@ from torchrender.cli.walkthrough import (
     walkthrough_info,
 )
 from torchrender.cli.warm_up import ColdStart, add_warm_up, warm_up_command
+from torchrender.cli.wishes import add_enhance, add_scene_fog, enhance_wish, foggy
 from torchrender.errors import InputError, TorchRenderError
 from torchrender.kernels.hooks import before_compiling
 
@@ -292,7 +291,11 @@ def _add_render(parser: argparse.ArgumentParser) -> None:
     add_limits(parser)
     add_scene_fog(parser)
     parser.add_argument("--explain", action="store_true", help="say which passes ran, which did not, and why")
-    parser.add_argument("--exposure", metavar="EV", help="powers of two, or auto (default 0)")
+    parser.add_argument(
+        "--exposure",
+        metavar="EV",
+        help="powers of two, or auto (default as_lit: 0, or auto where lights are photometric)",
+    )
     parser.add_argument("--tone-map", choices=("none", "reinhard", "aces"), help="default none")
     parser.add_argument("--background", metavar="R,G,B", help="linear colour of empty pixels")
     add_enhance(parser)

@@ -282,15 +282,14 @@ class StreamClient:
             self._parts.clear()
             now = time.monotonic()
             self._first_ms = 1e3 * (now - self._sent.get(header.pose, now))
-            decode_ms = 1e3 * (now - begin)
-            self._send(Ack(id=header.id, decode_ms=decode_ms, shown_ms=1e3 * now, holes=holes))
+            self._send(Ack(id=header.id, decode_ms=1e3 * (now - begin), shown_ms=1e3 * now, holes=holes))
         elif not self._parts or self._parts[0][0].header.id != header.id:
             return None  # its first layer was lost in a resync
         self._parts.append((image, received.size))
         if len(self._parts) < header.layers:
             return None
         first = self._parts[0][0].header
-        images, size = [p for p, _ in self._parts], sum(s for _, s in self._parts)
+        images = [part for part, _ in self._parts]
         keyframe = StreamedKeyframe(
             id=first.id,
             pose=first.pose,
@@ -299,7 +298,7 @@ class StreamClient:
             images=tuple(p for p in images if not p.header.mirrors),
             mirror=next((p for p in images if p.header.mirrors), None),
             plan=first.plan,
-            bytes=size,
+            bytes=sum(size for _, size in self._parts),
             latency_ms=self._first_ms,
         )
         self._parts.clear()
@@ -329,5 +328,5 @@ class StreamClient:
 
 
 def _closed(error: ConnectionClosed) -> StreamClosed:
-    code = error.rcvd.code if error.rcvd is not None else 1006
+    code = 1006 if error.rcvd is None else error.rcvd.code
     return StreamClosed(f"the stream was closed with {code}", 1.0 if code in (1006, 1012) else None)

@@ -24,7 +24,7 @@ POINT_SHADOWS = ("maps", "traced")
 AREA_SHADOWS = ("pcss", "hard", "sampled")
 AMBIENT_VISIBILITY = ("off", "horizon", "traced")
 TRANSPARENCY = ("peeled", "traced", "off")
-AS_LIT = "as lit"
+AS_LIT = "as_lit"
 UPSCALING = ("joint", "bilinear", "nearest")
 
 
@@ -62,7 +62,7 @@ class RenderOptions:
     effects: Mapping[str, Any] = field(default_factory=dict)  # options of further passes, by name of the pass
     fixed: tuple[str, ...] = ()  # passes whose settings a budget or an error bound must leave as they are
     background: ArrayLike | None = None  # linear colour of empty pixels; None: environment, else ambient light
-    exposure: float | str | None = AS_LIT  # EV for display; None: automatic; "as lit": 0, photometric lights: automatic
+    exposure: float | str | None = AS_LIT  # EV for display; None: automatic; "as_lit": 0, photometric lights: automatic
     tone_map: str = "none"  # operator for display: none, reinhard or aces
 
     def __post_init__(self) -> None:

@@ -35,7 +35,7 @@ class Question:
 
     @classmethod
     def about(cls, knowledge: Knowledge, options: RenderOptions, done: frozenset[str] = frozenset()) -> Question:
-        """All settings are open but those of passes that ran, are held, are turned off, or stand where no setting is."""
+        """All settings are open but those of passes that ran, are held, are off, or stand where no setting is."""
         open_ = {}
         for step in knowledge.passes:
             current = step.settings.current(options)

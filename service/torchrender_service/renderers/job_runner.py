@@ -11,10 +11,10 @@ from torchrender.wire.cameras import header_of
 from torchrender_service.renderers import jobs
 from torchrender_service.renderers.engine import plan_image, tradeoff
 from torchrender_service.renderers.photos.fog import FogPhotos
+from torchrender_service.renderers.photos.style import style_photo
 from torchrender_service.renderers.pictures import make_container, render_picture, reproject_picture
 from torchrender_service.renderers.scene_cache import SceneCache, describe
 from torchrender_service.renderers.stream_renderer import StreamRenderer
-from torchrender_service.renderers.style import style_photo
 from torchrender_service.renderers.upload import validate
 from torchrender_service.renderers.views import camera_of_view
 

@@ -7,8 +7,8 @@ import torch
 from torch import Tensor
 
 from torchrender.effects.enhancement import derivatives as d
-from torchrender.numerics.harmonics import harmonics_2
 from torchrender.scene.environment import Environment
+from torchrender.scene.sky.harmonics import harmonics_2
 
 COUNT, STEP = 150, 1e-5
 

@@ -10,9 +10,9 @@ import torch
 from torch import Tensor
 
 from torchrender.effects.enhancement.derivatives import DERIVATIVES
-from torchrender.numerics.harmonics import harmonics_2
 from torchrender.scene.environment import Environment, latlong_directions
 from torchrender.scene.light import DirectionalLight, Light, PointLight, RectLight, SpotLight
+from torchrender.scene.sky.harmonics import harmonics_2
 
 POINT, PARALLEL, SPOT, RECTANGLE = range(4)
 WIDTH = 14

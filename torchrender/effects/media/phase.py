@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from torchrender.checks import check_range
-from torchrender.numerics.harmonics import harmonics_2
+from torchrender.scene.sky.harmonics import harmonics_2
 
 
 def henyey_greenstein(cosine: Tensor, asymmetry: float) -> Tensor:

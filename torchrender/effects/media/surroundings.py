@@ -20,8 +20,8 @@ from torchrender.effects.media.phase import scattered_surroundings
 from torchrender.effects.media.tables import NOTHING, MediaTable
 from torchrender.kernels.media.integrate import EVERYWHERE, scatter_rays
 from torchrender.kernels.media.records import AMBIENT, LIGHT_NUMBERS, Scattered, Source
-from torchrender.numerics.harmonics import harmonics_2
 from torchrender.scene.environment import Environment, latlong_directions
+from torchrender.scene.sky.harmonics import harmonics_2
 
 ROWS = 32
 """Rows of the picture that an environment's bands are found from."""

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from scipy.spatial import ConvexHull, QhullError, cKDTree
 from torch import Tensor
 
 from torchrender.arrays import view
@@ -21,8 +20,6 @@ from torchrender.checks import check_finite, check_tensor
 from torchrender.effects.sky_shadows.options import SphereOptions
 from torchrender.errors import InputError
 from torchrender.kernels.sky_shadows.fit import Solid, flood, outside_volume, refit, volumes_within
-from torchrender.voxels.grid import make_grid
-from torchrender.voxels.solid import SolidOptions, voxelize_solid
 
 Array = np.ndarray[Any, Any]
 Progress = Callable[[int, int], None]
@@ -134,6 +131,11 @@ def fit_spheres(
 
 
 def _model(vertices: Tensor, faces: Tensor, surface: Array, options: SphereOptions) -> tuple[_Model, Array]:
+    from scipy.spatial import cKDTree
+
+    from torchrender.voxels.grid import make_grid  # pictures need none of it
+    from torchrender.voxels.solid import SolidOptions, voxelize_solid
+
     grid = make_grid(vertices[None], options.resolution)
     voxels, _ = voxelize_solid(vertices[None], faces, grid, SolidOptions(method="winding", warn=False))
     filled = voxels.dense()[0].to(torch.uint8).numpy()
@@ -244,6 +246,8 @@ def _sphere_of(model: _Model, centre: Array, points: Array) -> tuple[Array, floa
 
 def _outermost(points: Array) -> Array:
     """Corners of the convex hull: one of them is farthest from any place."""
+    from scipy.spatial import ConvexHull, QhullError
+
     if len(points) < 32:
         return points
     try:
@@ -293,6 +297,8 @@ def _covering(
     model: _Model, state: _State, surface: tuple[Array, Array, int], inner: Array, history: list[float]
 ) -> SphereSet:
     """The set with radii for all points: those left out of the rounds join the sphere that sticks out least for it."""
+    from scipy.spatial import cKDTree
+
     points, counted, vertices = surface
     nearest = cKDTree(model.points).query(points)[1]
     labels = state.labels[nearest]
