@@ -64,7 +64,19 @@ def question(
     known = Knowledge(outlook=outlook, curves=random_curves(passes, outlook, chance), passes=tuple(passes))
     made = Question.about(known, options)
     few = {name: rows[:: thin if len(rows) > 3 else 1] for name, rows in made.open.items()}
-    return replace(made, open=few, _memo={})
+    made = replace(made, open=few, _memo={})
+    return held(made) if passes is PASSES else made
+
+
+def held(asked: Question, most: int = 700) -> Question:
+    """Passes that do not apply, and then the last ones, at their first setting: so few combinations that all are tried."""
+    applies = {step.name for step in asked.knowledge.passes if step.applies(asked.knowledge.outlook).runs}
+    few, count = {}, 1
+    for name, rows in asked.open.items():
+        few[name] = rows if name in applies and count * len(rows) <= most else rows[:1]
+        count *= len(few[name])
+    assert count > 20
+    return replace(asked, open=few, _memo={})
 
 
 def twin_cost(asked: Question, combination: Mapping[str, str]) -> tuple[float, float]:

@@ -45,6 +45,7 @@ def test_every_route_is_described() -> None:
         "/v1/depth-images": {"post"},
         "/v1/reproject": {"post"},
         "/v1/style": {"post"},
+        "/v1/fog": {"post"},
         "/v1/plan": {"get"},
         "/v1/tradeoff/{name}": {"get"},
         "/v1/sessions": {"post"},

@@ -303,8 +303,7 @@ def _add_render(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--reflections",
         choices=("auto", "clustered", "traced", "environment", "off"),
-        help="how mirrors mirror: by depth images of pixel clusters, by rays, by one cube map; auto: the most accurate "
-        "of the quick ways (default)",
+        help="how mirrors mirror; auto: the most accurate of the quick ways (default auto)",
     )
 
 

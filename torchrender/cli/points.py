@@ -94,9 +94,11 @@ def run_points(
 
 def draws_points(arguments: argparse.Namespace) -> bool:
     """Draw a file of points that was given to ``render``; False where it is none."""
+    path = Path(arguments.scene)
+    if not path.suffix:
+        return False  # a built-in scene
     from torchrender.points.load import holds_points
 
-    path = Path(arguments.scene)
     if path.suffix.lower() != COMPRESSED and not holds_points(path):
         return False
     sys.stderr.write(f"{path}: holds points: drawn as by the command points\n")

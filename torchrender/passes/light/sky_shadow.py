@@ -14,6 +14,7 @@ from torchrender.effects.sky_shadows.picture import EVEN, light_left, light_lost
 from torchrender.effects.sky_shadows.shade import shade
 from torchrender.passes.contract import Amounts, Pass
 from torchrender.passes.hard import HardEffect, Law, Outputs, Subject
+from torchrender.passes.light.ambient_visibility import AMBIENT_VISIBILITY
 from torchrender.passes.outlook import Outlook, Verdict, counted
 from torchrender.passes.seen.gbuffer import GBUFFER
 from torchrender.passes.settings import settings
@@ -58,7 +59,10 @@ def run(frame: Frame) -> Tensor:
     if occluder is None or scene.environment is None:
         return torch.zeros(*gbuffer.covered.shape, 3)
     light = light_of(scene.environment, options.light)
-    return light_lost(scene, gbuffer, light_left(scene, gbuffer, occluder, light, options.spacing))
+    lost = light_lost(scene, gbuffer, light_left(scene, gbuffer, occluder, light, options.spacing))
+    around = frame.get(AMBIENT_VISIBILITY)
+    # What stands around hides its share of the same light: only the rest can be lost.
+    return lost if around is None else lost * around.sky[..., None]
 
 
 def amounts(outlook: Outlook) -> Amounts:
@@ -125,6 +129,7 @@ PASS = Pass(
     summary="shadows of moving objects under the environment",
     makes=SKY_SHADOW,
     needs=(GBUFFER,),
+    uses=(AMBIENT_VISIBILITY,),
     applies=applies,
     run=run,
     settings=settings(
