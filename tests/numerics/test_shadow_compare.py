@@ -13,6 +13,7 @@ from torchrender.numerics.shadow_compare import (
     disc_points,
     project_with_slope,
     soft_window,
+    texel_width,
 )
 
 
@@ -57,16 +58,28 @@ def test_edge_on_planes_and_points_behind_have_no_nan():
 
 
 def test_bias_grows_with_slope_and_reach_until_the_plane_takes_over():
-    at = project_with_slope(
-        torch.zeros(3, 3, dtype=torch.float64),
-        torch.tensor([[0.0, 0, 1], [0.6, 0, 0.8], [1.0, 0, 0.001]]),
-        LightView(torch.eye(3).double(), torch.zeros(3).double(), (10.0, 10.0), (0.0, 0.0), -1.0, 9.0, True),
-    )
-    bias, steep = depth_bias(at, 10.0, (1e-3, 1.0, 0.02), 0.5)
+    """Limits are texels, here of 0.1 scene units: b0 is 0.01 and b_max 0.2, whatever the depth range."""
+    light = LightView(torch.eye(3).double(), torch.zeros(3).double(), (10.0, 10.0), (0.0, 0.0), -1.0, 9.0, True)
+    normals = torch.tensor([[0.0, 0, 1], [0.6, 0, 0.8], [1.0, 0, 0.001]])
+    at = project_with_slope(torch.zeros(3, 3, dtype=torch.float64), normals, light)
+    bias, steep = depth_bias(at, light, (0.1, 1.0, 2.0), 0.5)
     assert bias.tolist() == pytest.approx([0.01, 0.01 + 0.075, 0.01]) and steep.tolist() == [False, False, True]
-    assert depth_bias(at, 10.0, (1e-3, 2.0, 0.02), 1.5)[0][1] == 0.01  # 0.01 + 2 * 2 * 0.075 exceeds 0.2
-    constant, steep = depth_bias(at, 10.0, (1e-3, 0.0, 0.02), 0.5)
+    bias_wide, steep_wide = depth_bias(at, light, (0.1, 2.0, 2.0), 1.5)
+    assert float(bias_wide[1]) == pytest.approx(0.01) and bool(steep_wide[1])  # 0.01 + 2 * 2 * 0.075 exceeds 0.2
+    constant, steep = depth_bias(at, light, (0.1, 0.0, 2.0), 0.5)
     assert constant.tolist() == pytest.approx([0.01] * 3) and not bool(steep.any())
+    far = light._replace(far=1e6)
+    assert torch.equal(depth_bias(at, far, (0.1, 1.0, 2.0), 0.5)[0], bias)
+
+
+def test_a_texel_widens_with_depth_in_perspective_alone():
+    """The coarser axis counts; points behind the light have no width and so no bias."""
+    light = LightView(torch.eye(3).double(), torch.zeros(3).double(), (20.0, 10.0), (0.0, 0.0), 1.0, 9.0, False)
+    points, normals = torch.tensor([[0.0, 0, 2], [0, 0, 6], [0, 0, -1]]), torch.tensor([[0.0, 0, -1]] * 3)
+    at = project_with_slope(points, normals, light)
+    assert texel_width(at, light).tolist() == pytest.approx([0.2, 0.6, 0.0])
+    assert depth_bias(at, light, (0.5, 1.0, 8.0), 0.5)[0].tolist() == pytest.approx([0.1, 0.3, 0.0])
+    assert texel_width(at, light._replace(orthographic=True)).tolist() == pytest.approx([0.1] * 3)
 
 
 def test_soft_window_gradient_points_from_shadow_to_light():
@@ -74,7 +87,7 @@ def test_soft_window_gradient_points_from_shadow_to_light():
     depth = torch.full((4, 4), 2.0, requires_grad=True)
     points = torch.tensor([[0.1, 0.2, 2.05]], dtype=torch.float64, requires_grad=True)
     at = project_with_slope(points, torch.tensor([[0.0, 0, -1]]), light)
-    bias = depth_bias(at, 10.0, (0.0, 1.0, 0.02), 0.5)
+    bias = depth_bias(at, light, (0.0, 1.0, 0.2), 0.5)
     value = soft_window(depth, at, bias, 0.1, 0, 1.0, True)
     assert float(value.detach()) == pytest.approx(1 / (1 + torch.e**0.5), abs=1e-6)
     value.sum().backward()
@@ -113,8 +126,9 @@ def test_comparisons_stay_between_dark_and_lit(seed, size, orthographic, n, outs
     normals = torch.nn.functional.normalize(torch.randn(60, 3, generator=generator, dtype=torch.float64), dim=-1)
     at = project_with_slope(points, normals, light)
     assert not any(bool(torch.isnan(part).any()) for part in at)
-    bias, steep = depth_bias(at, light.far - light.near, (1e-4, 1.0, 0.02), 1.5)
-    assert bool(((bias >= 0) & (bias <= 0.02 * 8 * scale * (1 + 1e-9))).all())
+    bias, steep = depth_bias(at, light, (0.5, 1.0, 8.0), 1.5)
+    texel = (scale if orthographic else at.z.clamp_min(0)) / 70.0  # the smaller focal length: the wider side
+    assert bool(((bias >= 0) & (bias <= 8.0 * texel * (1 + 1e-9))).all())
     depth = scale * (1 + 8 * torch.rand(60, 80, generator=generator))
     depth[torch.rand(60, 80, generator=generator) < 0.2] = torch.inf
     lit = soft_window(depth, at, (bias, steep), 1e-3 * scale, n, outside, orthographic)

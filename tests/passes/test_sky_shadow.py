@@ -69,16 +69,27 @@ def test_it_says_why() -> None:
 
 def test_a_chosen_object_darkens_the_floor_and_brightens_nothing() -> None:
     scene = still(sky())
-    plain = render(scene, view(), options=RenderOptions())
-    dark = render(scene, view(), options=RenderOptions(sky_shadow=QUICK, buffers=("sky_shadow",)))
+    usual = RenderOptions(ambient_visibility="off")
+    plain = render(scene, view(), options=usual)
+    dark = render(scene, view(), options=replace(usual, sky_shadow=QUICK, buffers=("sky_shadow",)))
     change = plain.radiance - dark.radiance
     assert float(change.min()) > -1e-5 and float(change.max()) > 0.1
     assert float((change - dark.buffers[SKY_SHADOW.name]).abs().max()) < 1e-4
     exact = replace(QUICK, light=replace(QUICK.light, direct_bits=True, terms=6138))
-    best = render(scene, view(), options=RenderOptions(sky_shadow=exact))
-    coarse = render(scene, view(), options=RenderOptions(sky_shadow=replace(QUICK, spacing=2)))
+    best = render(scene, view(), options=replace(usual, sky_shadow=exact))
+    coarse = render(scene, view(), options=replace(usual, sky_shadow=replace(QUICK, spacing=2)))
     assert float((best.radiance - dark.radiance).abs().mean()) < 0.1 * float(change.abs().mean())
     assert float((coarse.radiance - dark.radiance).abs().mean()) < 0.25 * float(change.abs().mean())
+
+
+def test_what_stands_around_hides_its_share_first() -> None:
+    """No more light is taken away than there is left."""
+    scene = still(sky())
+    plain = render(scene, view(), options=RenderOptions())
+    dark = render(scene, view(), options=RenderOptions(sky_shadow=QUICK, buffers=("sky_shadow",)))
+    change = plain.radiance - dark.radiance
+    assert float(change.min()) > -1e-5 and float(change.max()) > 0.05
+    assert float((change - dark.buffers[SKY_SHADOW.name]).max()) < 1e-4
 
 
 def test_an_environment_without_light_takes_none_away() -> None:

@@ -368,3 +368,17 @@ def test_what_cannot_be_fixed_is_named(box: Scene) -> None:
             tr.plan(box, camera, options=options, budget_ms=5.0)
         with pytest.raises(InputError, match=words):
             tr.render(box, camera, options=options)
+
+
+def test_any_pass_may_be_held_at_any_setting_in_a_sequence(washroom: Scene) -> None:
+    """Where that makes invalid what the earlier picture left, the picture is made anew."""
+    camera = view(washroom)
+    options = RenderOptions(reflections="traced")
+    history = tr.render(washroom, camera, history=RenderHistory(), options=options).history
+    for step in PASSES:
+        for setting in step.settings.all:
+            wish = setting.applied(RenderOptions())
+            if step.settings.current(wish) == setting.name:
+                held = replace(wish, fixed=(step.name,))
+                plan = tr.plan(washroom, camera, options=held, history=history, budget_ms=80.0)
+                assert step.settings.current(plan.options) == setting.name

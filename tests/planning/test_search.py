@@ -69,11 +69,12 @@ def question(
 
 
 def held(asked: Question, most: int = 700) -> Question:
-    """Passes that do not apply, and then the last ones, at their first setting: so few combinations that all are tried."""
+    """Passes that do not apply, and then the last ones, are held: so few combinations that all are tried."""
     applies = {step.name for step in asked.knowledge.passes if step.applies(asked.knowledge.outlook).runs}
     few, count = {}, 1
     for name, rows in asked.open.items():
-        few[name] = rows if name in applies and count * len(rows) <= most else rows[:1]
+        stands = [row for row in rows if row.matches(asked.options)] or rows[:1]
+        few[name] = rows if name in applies and count * len(rows) <= most else tuple(stands[:1])
         count *= len(few[name])
     assert count > 20
     return replace(asked, open=few, _memo={})

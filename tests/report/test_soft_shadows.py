@@ -20,7 +20,7 @@ from torchrender.scene.procedural import build
 def visibility(bits: list[int], samples: int = 64) -> LightVisibility:
     words = torch.tensor(bits).reshape(1, 1, 1, -1, 1)
     lit = count_bits(words)
-    return LightVisibility(lit, lit / samples, words, (samples,), (0,), ())
+    return LightVisibility(lit, lit / samples, torch.full_like(lit, samples), words, (samples,), (0,), ())
 
 
 def test_error_definitions() -> None:

@@ -56,6 +56,7 @@ def test_peers_are_measured_or_say_why_not(name: str) -> None:
             assert shares["missing"] < 0.3 and shares["extra"] < 0.4  # their grids are understood
 
 
+@pytest.mark.filterwarnings("ignore:.*stanford_dragon.*repaired")
 def test_study_writes_its_page(tmp_path: Path) -> None:
     torch.manual_seed(0)
     record = run(QUICK, tmp_path)

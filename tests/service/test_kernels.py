@@ -67,6 +67,18 @@ def test_a_failure_is_no_reason_not_to_serve(monkeypatch: pytest.MonkeyPatch, co
     assert preparation.finished
 
 
+def test_a_kernel_that_failed_is_a_record_of_the_log(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    told = {"part": "serve.first", "failed": "shadows.look_up: TypingError: no such field"}
+    instead(monkeypatch, f"import json; print(json.dumps({told!r}))\n{SLOW}")
+    preparation = KernelPreparation()
+    asyncio.run(preparation.run())
+    assert preparation.finished
+    (record,) = [one for one in caplog.records if one.levelname == "WARNING"]
+    assert (record.part, record.failed) == tuple(told.values())  # type: ignore[attr-defined]
+
+
 def test_a_server_that_stops_ends_the_compilation(monkeypatch: pytest.MonkeyPatch) -> None:
     instead(monkeypatch, "import time; time.sleep(60)")
 

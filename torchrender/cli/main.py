@@ -282,19 +282,13 @@ def _add_render(parser: argparse.ArgumentParser) -> None:
         " give it several times for several pictures",
     )
     add_size(parser)
-    parser.add_argument(
-        "--supersample",
-        type=float,
-        metavar="N",
-        help="samples per pixel and side: 2 is two by two, 0.5 one for four pixels (default 1)",
-    )
+    help_text = "samples per pixel and side: 2 is two by two, 0.5 one for four pixels (default 1)"
+    parser.add_argument("--supersample", type=float, metavar="N", help=help_text)
     add_limits(parser)
     add_scene_fog(parser)
     parser.add_argument("--explain", action="store_true", help="say which passes ran, which did not, and why")
     parser.add_argument(
-        "--exposure",
-        metavar="EV",
-        help="powers of two, or auto (default as_lit: 0, or auto where lights are photometric)",
+        "--exposure", metavar="EV", help="powers of two, or auto (default as_lit: auto for lux, else 0)"
     )
     parser.add_argument("--tone-map", choices=("none", "reinhard", "aces"), help="default none")
     parser.add_argument("--background", metavar="R,G,B", help="linear colour of empty pixels")

@@ -231,10 +231,8 @@ class StreamClient:
         end = time.monotonic() + timeout_s
         while True:
             received = self._next(max(0.0, end - time.monotonic()))
-            if isinstance(received.message, Keyframe):
-                keyframe = self._take(received, holes)
-                if keyframe is not None:
-                    return keyframe
+            if isinstance(received.message, Keyframe) and (keyframe := self._take(received, holes)) is not None:
+                return keyframe
 
     def view(self, camera: Cameras, *, options: ReprojectOptions | None = None) -> Reprojection:
         """The kept keyframes as other cameras see them, computed here.
@@ -289,21 +287,20 @@ class StreamClient:
         if len(self._parts) < header.layers:
             return None
         first = self._parts[0][0].header
-        images = [part for part, _ in self._parts]
-        keyframe = StreamedKeyframe(
+        made = StreamedKeyframe(
             id=first.id,
             pose=first.pose,
             still=first.still,
             samples=first.samples,
-            images=tuple(p for p in images if not p.header.mirrors),
-            mirror=next((p for p in images if p.header.mirrors), None),
+            images=tuple(p for p, _ in self._parts if not p.header.mirrors),
+            mirror=next((p for p, _ in self._parts if p.header.mirrors), None),
             plan=first.plan,
             bytes=sum(size for _, size in self._parts),
             latency_ms=self._first_ms,
         )
         self._parts.clear()
-        self.kept.append(keyframe)
-        return keyframe
+        self.kept.append(made)
+        return made
 
     def _next(self, timeout_s: float) -> Received:
         try:

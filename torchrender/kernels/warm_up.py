@@ -287,21 +287,27 @@ def _environment() -> dict[str, str]:
 
 
 def main(parts: list[str]) -> int:
-    """Compile for one of these parts after the other; progress as lines of JSON, for a process that knows no numba.
+    """Compile for one of these parts after the other; progress, and what failed, as lines of JSON on standard output.
 
-    The first part is waited for; the others are compiled with whatever time is left.
+    They are for a process that knows no numba. The first part is waited for; the others are compiled with whatever
+    time is left.
     """
     for number, part in enumerate(parts):
         if number == 1 and hasattr(os, "nice"):
             os.nice(GENTLY)
 
         def tell(done: int, total: int, part: str = part) -> None:
-            sys.stdout.write(json.dumps({"part": part, "done": done, "total": total}) + "\n")
-            sys.stdout.flush()
+            _say({"part": part, "done": done, "total": total})
 
         for failure in warm_up(missing([part]), tell).failed:
-            sys.stderr.write(f"{failure}\n")
+            with contextlib.suppress(OSError):  # nobody reads it any more
+                _say({"part": part, "failed": failure})
     return 0
+
+
+def _say(told: dict[str, Any]) -> None:
+    sys.stdout.write(json.dumps(told) + "\n")
+    sys.stdout.flush()
 
 
 if __name__ == "__main__":

@@ -136,10 +136,21 @@ class Problem:
 def problems(question: Question, count: Setting) -> list[Problem]:
     """That of a number of pixels, and another one where a pass may go on from an earlier picture."""
     going_on = next((step for step in question.hopeful if step.continues is not None), None)
-    lost = question.lost.get((question.first.name, count.name), frozenset())
-    if going_on is None or going_on.name in lost:
+    if going_on is None or not _may_go_on(question, count, going_on):
         return [_Builder(question, count, None, False).problem()]
     return [_Builder(question, count, going_on, runs).problem() for runs in (True, False)]
+
+
+def _may_go_on(question: Question, count: Setting, going_on: Pass) -> bool:
+    """Every pass has a setting that leaves valid what the earlier picture left; one may be held where none does."""
+
+    def leaves(step: Pass, setting: Setting) -> bool:
+        return going_on.name not in question.lost.get((step.name, setting.name), frozenset())
+
+    passes = question.knowledge.passes
+    return leaves(question.first, count) and all(
+        any(leaves(step, setting) for setting in question.settings_of(step, count)) for step in passes
+    )
 
 
 class _Builder:

@@ -164,7 +164,8 @@ class Walkthrough:
         """A scene of this project: planes as textured meshes, points as squares with vertex colours.
 
         The colours of photos hold their light already: ambient light is 1 and there are no lights, so that a picture
-        shows them as they are. Lights that are added shade and shadow them like any other mesh.
+        with ``RenderOptions(ambient_visibility="off")`` shows them as they are; otherwise corners, dark in the photos
+        already, darken again. Lights that are added shade and shadow them like any other mesh.
         """
         meshes, materials = [], []
         table = srgb_table(8).numpy()

@@ -48,6 +48,9 @@ class KernelPreparation:
             assert process.stdout is not None
             async for line in process.stdout:
                 told = json.loads(line)
+                if "failed" in told:
+                    LOG.warning("a kernel was not compiled; renderers do it as they need it", extra=told)
+                    continue
                 if told["total"] and (told["done"] == 0 or told["done"] == told["total"]):
                     LOG.info("compiling kernels, once", extra=told)
                 self.done, self.total = told["done"], told["total"]

@@ -25,7 +25,7 @@ def arrays_of(vertices: np.ndarray, faces: np.ndarray) -> TriangleArrays:
     culling_clusters.cluster_boxes(vertices, faces, order, clusters, boxes)
     starts, blocks = culling_clusters.vertex_blocks(faces, order, clusters, len(vertices))
     objects = np.arange(len(faces), dtype=np.int64) * 3 % 5
-    return TriangleArrays(vertices, faces, objects, clusters, boxes, order, starts, blocks)
+    return TriangleArrays(vertices, faces, objects, clusters, boxes, order, starts, blocks, np.zeros(0, np.bool_))
 
 
 def view_of(orthographic: bool) -> View:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -49,7 +50,8 @@ def factors(scene: Scene, count: int) -> Tensor:
 @pytest.mark.parametrize("orthographic", [True, False])
 def test_images_against_torch(environment: bool, orthographic: bool) -> None:
     scene = scene_of_all(*LIGHTS, environment=environment)
-    seen = rasterize_visibility(scene.geometry, views(count=2, orthographic=orthographic))
+    all_of_it = replace(scene.geometry, see_through=None)  # what shows what lies behind, too
+    seen = rasterize_visibility(all_of_it, views(count=2, orthographic=orthographic))
     gbuffer = surface_attributes(scene, seen)
     shadow = factors(scene, seen.triangle.numel())
     covered = gbuffer.covered.reshape(-1)

@@ -106,7 +106,7 @@ def hall(triangles: int, seed: int) -> Scene:
     made.add("books", ("paper", boxes(place, sizes, rng.uniform(0, 360, count))))
     cameras = {
         "default": view((3.9, 1.6, -7.6), (-3.0, 2.9, 2.0), 64.0, 0.05, 60.0),
-        "windows": view((3.8, 1.6, -1.0), (-4.5, 3.4, -0.4), 66.0, 0.05, 60.0),
+        "close": view((3.8, 1.6, -1.0), (-4.5, 3.4, -0.4), 66.0, 0.05, 60.0),
         "along": view((0.6, 1.7, 8.6), (0.3, 2.8, -8.0), 58.0, 0.05, 60.0),
     }
     sun = DirectionalLight(

@@ -15,7 +15,7 @@ from torchrender.scene.procedural.parts.curves import cylinder, sphere, tube
 from torchrender.scene.procedural.parts.shapes import Part, box, boxes, merge
 from torchrender.scene.procedural.parts.textures import bricks, mottled
 
-USUAL, FEWEST = 30_000, 3_000
+USUAL, FEWEST = 30_000, 5_000
 FULL = 34_000
 LAMPS = (-3.0, -12.0, -21.0)  # z
 HEIGHT = 4.4
@@ -101,7 +101,7 @@ def street_lamp(triangles: int, seed: int) -> Scene:
     )  # fmt: skip
     cameras = {
         "default": view((1.6, 1.7, 4.6), (-1.0, 2.3, -8.0), 58.0, 0.05, 80.0),
-        "lamp": view((-0.4, 1.7, 1.2), (-2.5, 3.4, -3.0), 60.0, 0.05, 80.0),
+        "close": view((-0.4, 1.7, 1.2), (-2.5, 3.4, -3.0), 60.0, 0.05, 80.0),
         "fence": view((1.4, 1.4, -2.5), (-4.2, 1.9, -4.4), 62.0, 0.05, 80.0),
     }
     scene = made.scene("street_lamp", lights=[*lights, head], cameras=cameras, ambient=(0.004, 0.005, 0.008))
