@@ -63,7 +63,7 @@ def light_reach(scene: Scene, samples: GBuffer | RaySurface, *, side: int = TILE
         for index, points in enumerate(points_of(scene, samples)):
             mark_tiles(points, lamps, side, threads, marks[index])
     found = torch.from_numpy(marks) & shining
-    flat = found.reshape(count * tiles, -1)
+    flat = found.reshape(count * tiles, found.shape[-1] if found.dim() else 0)
     starts = torch.zeros(count * tiles + 1, dtype=torch.int64)
     torch.cumsum(flat.sum(dim=1), dim=0, out=starts[1:])
     return LightReach(found.any(dim=1), starts, flat.nonzero()[:, 1].int(), side)

@@ -31,6 +31,7 @@ from torchrender.pipeline.frame import Frame
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions, lasting_shadows
 from torchrender.rays import RayCaster
+from torchrender.scene.light import vectors_to
 
 
 def applies(outlook: Outlook) -> Verdict:
@@ -93,11 +94,14 @@ def _filters(subject: Subject) -> Outputs:
 
 
 def _maps_by_rays(subject: Subject, outputs: Outputs) -> float:
-    worst = 0.0
+    worst, seen = 0.0, subject.gbuffer
     for number, light in enumerate(subject.scene.lights):
-        rays = traced_visibility(subject.caster, light, subject.gbuffer)
+        rays = traced_visibility(subject.caster, light, seen)
         wrong = (outputs[f"none, light {number}"] - rays).abs() > 0.5
-        worst = max(worst, mean_over(wrong.float(), receives(subject, light)))
+        # Behind its surface nobody asks for a light: there both may say what they like.
+        to_light = vectors_to(light, seen.position.reshape(-1, 3)).reshape(seen.position.shape)
+        before = (to_light * seen.geometric_normal.double()).sum(dim=-1) > 0
+        worst = max(worst, mean_over(wrong.float(), receives(subject, light) & before))
     return worst
 
 
