@@ -108,7 +108,7 @@ def _more_spheres(subject: Subject, outputs: Outputs) -> float:
 
 HARD = HardEffect(
     name="sky_shadow",
-    modules=("effects.sky_shadows.shade",),
+    modules=("effects.sky_shadows.shade", "effects.sky_shadows.occluder", "effects.sky_shadows.picture"),
     run=_left,
     bounds=lambda _: {"radiance": (0.0, 1.01)},
     law=Law(text="a further sphere brings no light: most that it brings", deviation=_more_spheres, limit=0.01),

@@ -200,7 +200,7 @@ HARD = (
     HardEffect(
         name="traced_reflections",
         about=VIEW,
-        modules=("effects.reflections.traced",),
+        modules=("effects.reflections.traced", "effects.reflections.virtual"),
         run=lambda s: _layer(_traced(s), s),
         bounds=_layer_bounds,
         law=Law(

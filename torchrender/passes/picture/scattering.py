@@ -235,7 +235,7 @@ def _against_steps(subject: Subject, _: Outputs) -> float:
 
 HARD = HardEffect(
     name="scattering",
-    modules=("effects.media.scatter",),
+    modules=("effects.media.scatter", "effects.media.in_view", "effects.media.surfaces"),
     run=_layers,
     bounds=lambda _: {"transmittance": (0.0, 1.0), "scattered": (0.0, math.inf)},
     law=Law(

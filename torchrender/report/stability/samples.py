@@ -243,7 +243,8 @@ def _points(subject: Subject) -> Outputs:
 
 
 def _white_stays_white(subject: Subject, _: Outputs) -> float:
-    white = replace(_cloud(subject), color=torch.ones(POINTS, 3))
+    cloud = _cloud(subject)
+    white = replace(cloud, color=torch.ones(len(cloud.position), 3))
     drawn = render_points(white, subject.cameras, SplatOptions(shading="none"))
     return mean_over((drawn.image - 1.0).abs().amax(dim=-1), drawn.mask)
 
