@@ -6,13 +6,12 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-import torch
 from torch import Tensor
 
 from torchrender.effects.enhancement.derivatives import DERIVATIVES
-from torchrender.scene.environment import Environment, latlong_directions
+from torchrender.scene.environment import Environment
 from torchrender.scene.light import DirectionalLight, Light, PointLight, RectLight, SpotLight
-from torchrender.scene.sky.harmonics import harmonics_2
+from torchrender.scene.sky.harmonics import environment_bands
 
 POINT, PARALLEL, SPOT, RECTANGLE = range(4)
 WIDTH = 14
@@ -70,11 +69,7 @@ def _brightness(light: PointLight | SpotLight | RectLight, direction: Tensor, di
 
 def environment_harmonics(environment: Environment) -> Tensor:
     """(9,3) float64 order-2 harmonics of an environment's radiance."""
-    directions = latlong_directions(GRID, 2 * GRID).double()
-    polar = (torch.arange(GRID, dtype=torch.float64) + 0.5) * math.pi / GRID
-    weight = torch.sin(polar)[:, None] * (math.pi / GRID) ** 2
-    radiance = environment.lookup(directions.float()).double()
-    return torch.einsum("hwk,hwc,hw->kc", harmonics_2(directions), radiance, weight.expand(GRID, 2 * GRID))
+    return environment_bands(environment, GRID)
 
 
 def harmonic_table(environment: Environment | None) -> np.ndarray:

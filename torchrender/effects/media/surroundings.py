@@ -20,8 +20,8 @@ from torchrender.effects.media.phase import scattered_surroundings
 from torchrender.effects.media.tables import NOTHING, MediaTable
 from torchrender.kernels.media.integrate import EVERYWHERE, scatter_rays
 from torchrender.kernels.media.records import AMBIENT, LIGHT_NUMBERS, Scattered, Source
-from torchrender.scene.environment import Environment, latlong_directions
-from torchrender.scene.sky.harmonics import harmonics_2
+from torchrender.scene.environment import Environment
+from torchrender.scene.sky.harmonics import environment_bands
 
 ROWS = 32
 """Rows of the picture that an environment's bands are found from."""
@@ -39,12 +39,7 @@ class Surroundings:
         bands = torch.zeros(9, 3)
         bands[0] = ambient.float() * math.sqrt(4.0 * math.pi)
         if environment is not None:
-            d = latlong_directions(ROWS, 2 * ROWS)
-            polar = (torch.arange(ROWS) + 0.5) * math.pi / ROWS
-            weight = torch.sin(polar)[:, None] * (math.pi / ROWS) ** 2
-            bands += torch.einsum(
-                "hwk,hwc,hw->kc", harmonics_2(d), environment.lookup(d), weight.expand(ROWS, 2 * ROWS)
-            )
+            bands += environment_bands(environment, ROWS).float()
         return cls(bands) if bool((bands != 0).any()) else None
 
 

@@ -21,7 +21,7 @@ from torchrender.scene.camera import Cameras
 from torchrender.scene.environment import Environment
 from torchrender.scene.light import DirectionalLight, Light, PointLight, RectLight, SpotLight
 from torchrender.scene.model import Scene
-from torchrender.scene.sky.irradiance import latlong_directions
+from torchrender.scene.sky.harmonics import environment_bands, harmonics_2
 
 CHUNK = 1 << 15
 """Pixels shaded at a time: their intermediate values stay in the processor's cache."""
@@ -222,26 +222,9 @@ def _ambient(scene: Scene, normal: Tensor) -> Tensor:
 def _irradiance(environment: Environment, normals: Tensor) -> Tensor:
     """Irradiance (N,3) by second-order spherical harmonics (Ramamoorthi and Hanrahan 2001)."""
     if environment not in _HARMONICS:
-        d = latlong_directions(64, 128)
-        polar = (torch.arange(64, dtype=torch.float64) + 0.5) * math.pi / 64
-        weight = torch.sin(polar)[:, None] * (math.pi / 64) ** 2
-        value = environment.lookup(d).double()
-        _HARMONICS[environment] = torch.einsum("hwk,hwc,hw->kc", _basis(d.double()), value, weight.expand(64, 128))
+        _HARMONICS[environment] = environment_bands(environment, 64)
     band = torch.tensor([math.pi] + [2 * math.pi / 3] * 3 + [math.pi / 4] * 5, dtype=normals.dtype)
-    return ((_basis(normals) * band) @ _HARMONICS[environment].to(normals.dtype)).clamp_min(0.0)
-
-
-def _basis(d: Tensor) -> Tensor:
-    """The nine real spherical harmonics up to band 2 (...,9)."""
-    x, y, z = d.unbind(-1)
-    second = [
-        1.092548 * x * y,
-        1.092548 * y * z,
-        0.315392 * (3 * z * z - 1),
-        1.092548 * x * z,
-        0.546274 * (x * x - y * y),
-    ]
-    return torch.stack([0.282095 * torch.ones_like(x), 0.488603 * y, 0.488603 * z, 0.488603 * x, *second], dim=-1)
+    return ((harmonics_2(normals) * band) @ _HARMONICS[environment].to(normals.dtype)).clamp_min(0.0)
 
 
 def _phong_lobe(surface: _Surface, direction: Tensor) -> Tensor:

@@ -1,9 +1,14 @@
-"""Real spherical harmonics."""
+"""Real spherical harmonics, and the light of an environment in them."""
 
 from __future__ import annotations
 
+import math
+
 import torch
 from torch import Tensor
+
+from torchrender.scene.environment import Environment
+from torchrender.scene.sky.irradiance import latlong_directions
 
 
 def harmonics_2(d: Tensor) -> Tensor:
@@ -24,3 +29,12 @@ def harmonics_2(d: Tensor) -> Tensor:
         ],
         dim=-1,
     )
+
+
+def environment_bands(environment: Environment, rows: int) -> Tensor:
+    """(9,3) float64 bands 0 to 2 of an environment's radiance, from a picture of ``rows`` by twice as many texels."""
+    directions = latlong_directions(rows, 2 * rows)
+    polar = (torch.arange(rows, dtype=torch.float64) + 0.5) * math.pi / rows
+    weight = torch.sin(polar)[:, None] * (math.pi / rows) ** 2
+    radiance = environment.lookup(directions).double()
+    return torch.einsum("hwk,hwc,hw->kc", harmonics_2(directions.double()), radiance, weight.expand(rows, 2 * rows))

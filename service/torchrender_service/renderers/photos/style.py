@@ -2,19 +2,11 @@
 
 from __future__ import annotations
 
-import io
-import tempfile
 import warnings
-from pathlib import Path
 from typing import Any
 
 import torch
-from PIL import Image as PilImage
-from PIL import UnidentifiedImageError
-from torch import Tensor
 
-from torchrender.errors import ImageFileError
-from torchrender.images.files import read_image_bytes, write_image
 from torchrender.numerics.color import srgb_from_linear
 from torchrender.photo.style.finish import albedo
 from torchrender.photo.style.options import SearchOptions, StyleOptions
@@ -23,10 +15,8 @@ from torchrender.photo.style.sheet import contact_sheet
 from torchrender.photo.style.transfer import style_scene
 from torchrender.scene.files.gltf.out.write import glb_bytes
 from torchrender.scene.model import Scene
-from torchrender_service.errors import ServiceError
 from torchrender_service.renderers.jobs import StylePhoto
-
-NAME = Path("photo")
+from torchrender_service.renderers.photos.pictures import png_bytes, read_photo
 
 
 def style_photo(scene: Scene, job: StylePhoto) -> dict[str, Any]:
@@ -35,7 +25,7 @@ def style_photo(scene: Scene, job: StylePhoto) -> dict[str, Any]:
     Raises:
         ServiceError, TorchRenderError: the photo, an object's name or a region is not usable.
     """
-    image = _photo(job)
+    image = read_photo(job.photo, job.max_pixels)
     options = StyleOptions(
         views=job.views,
         cut=job.by,
@@ -54,29 +44,12 @@ def style_photo(scene: Scene, job: StylePhoto) -> dict[str, Any]:
     }
 
 
-def _photo(job: StylePhoto) -> Tensor:
-    """The photo; its size is checked before it is decoded."""
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            width, height = PilImage.open(io.BytesIO(job.photo), formats=("PNG", "JPEG")).size
-    except (UnidentifiedImageError, OSError, ValueError, SyntaxError) as error:
-        raise ImageFileError(NAME, "is no PNG or JPEG picture", key="photo") from error
-    if width * height > job.max_pixels:
-        detail = f"a photo may have at most {job.max_pixels} pixels, this one declares {width} x {height}"
-        raise ServiceError(422, "too-large", detail)
-    return read_image_bytes(job.photo, NAME)
-
-
 def _glb(style: Style) -> dict[str, Any]:
     return {"file": glb_bytes(style.scene)}
 
 
 def _sheet(style: Style) -> dict[str, Any]:
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "sheet.png"
-        write_image(path, contact_sheet(style))
-        return {"file": path.read_bytes()}
+    return {"file": png_bytes(contact_sheet(style))}
 
 
 def _facts(style: Style) -> dict[str, Any]:
