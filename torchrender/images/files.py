@@ -58,13 +58,21 @@ def read_image(path: str | Path, *, encoded: bool = False) -> Tensor:
     path = Path(path)
     if path.suffix.lower() not in READ_SUFFIXES:
         raise ImageFileError(path, f"cannot read {path.suffix or 'a file without suffix'}; {_list(READ_SUFFIXES)}")
+    return read_image_bytes(picture_bytes(path), path, encoded=encoded)
+
+
+def picture_bytes(path: Path) -> bytes:
+    """What is in the file of a picture.
+
+    Raises:
+        ImageFileError: missing, or not readable.
+    """
     try:
-        data = path.read_bytes()
+        return path.read_bytes()
     except FileNotFoundError as error:
         raise ImageFileError(path, "no such file") from error
     except OSError as error:
         raise ImageFileError(path, error.strerror or str(error)) from error
-    return read_image_bytes(data, path, encoded=encoded)
 
 
 def read_image_bytes(data: bytes, name: str | Path, *, encoded: bool = False) -> Tensor:

@@ -79,10 +79,28 @@ def random_pixels(capture: Capture, i: int, count: int, rng: np.random.Generator
 def match(capture: Capture, i: int, j: int, pixels: tuple[Array, Array], limit: float) -> Matches:
     """Points of photo i at ``pixels`` that photo j sees too: depths that differ by less than ``limit`` times depth."""
     rows, columns = pixels
-    height, width = capture.size
     world = capture.points(i, rows, columns) @ capture.pose[i, :3, :3].T + capture.pose[i, :3, 3]
     turn, eye = capture.pose[j, :3, :3], capture.pose[j, :3, 3]
-    camera = (world - eye) @ turn
+    fx, fy, cx, cy = capture.lens[j]
+    z, (u, v), (a, b), there, good = _looked_at(capture, world, j)
+    good &= np.abs(np.where(good, there, 0.0) - z) < limit * np.abs(z)
+    a, b, there, u, v = a[good], b[good], there[good], u[good], v[good]
+    # Depth there belongs to the pixel's centre: onto the ray through (u, v) along the tangent plane.
+    centre = np.stack([(b + 0.5 - cx) / fx, (a + 0.5 - cy) / fy, np.ones(len(a))], axis=1) * there[:, None]
+    normal = capture.normal[j, a, b].astype(np.float64)
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9)
+    return Matches(world[good], centre @ turn.T + eye, normal @ turn.T, rows[good], columns[good], u, v, there)
+
+
+def _looked_at(
+    capture: Capture, world: Array, j: int
+) -> tuple[Array, tuple[Array, Array], tuple[Array, Array], Array, Array]:
+    """Where points (N,3) fall into photo j.
+
+    Depth of the points, pixel coordinates, rows and columns, depth that the photo has there, and whether it has one.
+    """
+    height, width = capture.size
+    camera = (world - capture.pose[j, :3, 3]) @ capture.pose[j, :3, :3]
     z = camera[:, 2]
     fx, fy, cx, cy = capture.lens[j]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -91,13 +109,7 @@ def match(capture: Capture, i: int, j: int, pixels: tuple[Array, Array], limit: 
     a, b = np.where(inside, v, 1).astype(int), np.where(inside, u, 1).astype(int)
     there = capture.depth[j, a, b].astype(np.float64)
     good = inside & (there > 0) & np.isfinite(there) & (capture.guard[j, a, b] == 0)
-    good &= np.abs(np.where(good, there, 0.0) - z) < limit * np.abs(z)
-    a, b, there, u, v = a[good], b[good], there[good], u[good], v[good]
-    # Depth there belongs to the pixel's centre: onto the ray through (u, v) along the tangent plane.
-    centre = np.stack([(b + 0.5 - cx) / fx, (a + 0.5 - cy) / fy, np.ones(len(a))], axis=1) * there[:, None]
-    normal = capture.normal[j, a, b].astype(np.float64)
-    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9)
-    return Matches(world[good], centre @ turn.T + eye, normal @ turn.T, rows[good], columns[good], u, v, there)
+    return z, (u, v), (a, b), there, good
 
 
 def seen_through(
@@ -109,21 +121,12 @@ def seen_through(
     the other photo sees something before say nothing, they may be hidden.
     """
     rng = np.random.default_rng(seed)
-    height, width = capture.size
     past = total = 0
     for i in range(len(capture)):
         rows, columns = random_pixels(capture, i, samples, rng)
         world = capture.points(i, rows, columns) @ capture.pose[i, :3, :3].T + capture.pose[i, :3, 3]
         for j in near[i][:6].tolist():
-            camera = (world - capture.pose[j, :3, 3]) @ capture.pose[j, :3, :3]
-            z = camera[:, 2]
-            fx, fy, cx, cy = capture.lens[j]
-            with np.errstate(divide="ignore", invalid="ignore"):
-                u, v = camera[:, 0] / z * fx + cx, camera[:, 1] / z * fy + cy
-            inside = (z > 0) & (u >= 1) & (u < width - 1) & (v >= 1) & (v < height - 1)
-            a, b = np.where(inside, v, 1).astype(int), np.where(inside, u, 1).astype(int)
-            there = capture.depth[j, a, b]
-            good = inside & (there > 0) & np.isfinite(there) & (capture.guard[j, a, b] == 0)
+            z, _, _, there, good = _looked_at(capture, world, j)
             past += int((good & (there > (1 + limit) * z)).sum())
             total += int(good.sum())
     return past / total if total else 0.0

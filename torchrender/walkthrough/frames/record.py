@@ -14,6 +14,7 @@ from torch import Tensor
 
 from torchrender.checks import check_tensor
 from torchrender.errors import CameraError, ImageFileError, InputError, SceneFileError
+from torchrender.images.files import picture_bytes
 from torchrender.numerics.color import srgb_from_linear
 
 Array = np.ndarray[Any, Any]
@@ -177,12 +178,7 @@ class RgbdSequence:
 
 
 def _decode(path: Path, flags: int) -> Array:
-    try:
-        data = path.read_bytes()
-    except FileNotFoundError as error:
-        raise ImageFileError(path, "no such file") from error
-    except OSError as error:
-        raise ImageFileError(path, error.strerror or str(error)) from error
+    data = picture_bytes(path)
     try:
         codes = cv2.imdecode(np.frombuffer(data, np.uint8), flags) if data else None
     except cv2.error as error:
