@@ -45,7 +45,7 @@ def overshoot(subject: Subject, made: Tensor, weight: float) -> float:
 
 def ridge_mask(subject: Subject) -> Tensor:
     """(1,H,W) bool: pixels of the vertices with the strongest principal curvature, by libigl."""
-    import igl  # type: ignore[import-untyped]
+    import igl
 
     geometry = subject.scene.geometry
     vertices, faces = geometry.vertices.numpy(), geometry.faces.numpy().astype(np.int64)
