@@ -91,7 +91,7 @@ def _work(orders: Connection, first: int, last: int, name: str) -> None:
             begin = time.perf_counter()
             try:
                 found = read(suffix, mutated(data, number), folder)
-            except Exception as error:  # noqa: BLE001 that is what is looked for
+            except Exception as error:
                 found = f"!{type(error).__name__}: {error}"[:300]
             taken = time.perf_counter() - begin
             grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * scale - start
