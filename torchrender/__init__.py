@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from torchrender.reconstruct.reproject import ReprojectOptions, reproject
     from torchrender.renderer import render
     from torchrender.scene.camera import Cameras
-    from torchrender.scene.camera_path import CameraPath, built_in_path, load_path
+    from torchrender.scene.cameras.path import CameraPath, built_in_path, load_path
     from torchrender.scene.environment import Environment
     from torchrender.scene.files.scene_write import write_scene
     from torchrender.scene.info import scene_info
@@ -180,7 +180,7 @@ _HOME = {
     "next_views": "torchrender.walkthrough.review.next_view",
     "read_walkthrough": "torchrender.walkthrough.file",
     "write_walkthrough": "torchrender.walkthrough.file",
-    "CameraPath": "torchrender.scene.camera_path",
+    "CameraPath": "torchrender.scene.cameras.path",
     "Cameras": "torchrender.scene.camera",
     "ClusterOptions": "torchrender.effects.reflections.clustered",
     "CollisionOptions": "torchrender.voxels.collision",
@@ -226,12 +226,12 @@ _HOME = {
     "approximate_occluders": "torchrender.effects.shadows.occluders",
     "blend_reflections": "torchrender.effects.reflections.reflectors",
     "build_patches": "torchrender.points.tree",
-    "built_in_path": "torchrender.scene.camera_path",
+    "built_in_path": "torchrender.scene.cameras.path",
     "clustered_reflections": "torchrender.effects.reflections.clustered",
     "collide": "torchrender.voxels.collision",
     "contact_sheet": "torchrender.photo.style.sheet",
     "load": "torchrender.scene.load",
-    "load_path": "torchrender.scene.camera_path",
+    "load_path": "torchrender.scene.cameras.path",
     "load_points": "torchrender.points.load",
     "make_grid": "torchrender.voxels.grid",
     "open_points": "torchrender.points.file",
@@ -274,4 +274,4 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return sorted(__all__)
