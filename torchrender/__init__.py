@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from torchrender.buffers import DepthImages, GBuffer, ReflectionLayer, VisibilityBuffer
+    from torchrender.depth.correspondence import Flow, flow, visibility
     from torchrender.depth.options import SamplingOptions
     from torchrender.depth.sample import sample_depth_images, sample_offset_images
     from torchrender.effects.enhancement.curvature import vertex_curvature
@@ -85,6 +86,7 @@ __all__ = [
     "EnhanceOptions",
     "Environment",
     "FitOptions",
+    "Flow",
     "GBuffer",
     "Image",
     "Material",
@@ -131,6 +133,7 @@ __all__ = [
     "contact_sheet",
     "draw_walkthrough",
     "enhance_picture",
+    "flow",
     "load",
     "load_path",
     "load_points",
@@ -156,6 +159,7 @@ __all__ = [
     "style_scene",
     "trace_reflections",
     "vertex_curvature",
+    "visibility",
     "voxel_mesh",
     "voxelize_attributes",
     "voxelize_implicit",
@@ -188,6 +192,9 @@ _HOME = {
     "DirectionalLight": "torchrender.scene.light",
     "Environment": "torchrender.scene.environment",
     "FitOptions": "torchrender.photo.style.options",
+    "Flow": "torchrender.depth.correspondence",
+    "flow": "torchrender.depth.correspondence",
+    "visibility": "torchrender.depth.correspondence",
     "GBuffer": "torchrender.buffers",
     "Image": "torchrender.image",
     "Material": "torchrender.scene.material",
