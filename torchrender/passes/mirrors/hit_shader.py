@@ -40,6 +40,10 @@ def look_made_with(options: RenderOptions) -> tuple[Any, ...]:
 HIT_SHADER = Buffer("hit_shader", HitShader, lasting=Lasting(look_of, look_made_with))
 
 
+RAYS_OF_MANY = 2
+"""Rays towards ambient light at each of several hits whose mean counts."""
+
+
 def asks(outlook: Outlook) -> Buffers:
     """Maps of everything: those of the picture follow the eye; and rays, where these find ambient light."""
     if outlook.kept(HIT_SHADER) is not None:
@@ -55,8 +59,10 @@ def run(frame: Frame) -> HitShader:
         return earlier
     maps, caster = frame.get(SCENE_SHADOW_MAP), frame.get(RAY_CASTER)
     given: dict[Buffer[Any], Any] = {} if maps is None else {SHADOW_MAP: maps}
-    over_hits = frame.over_hits(given if caster is None else {**given, RAY_CASTER: caster})
-    return HitShader(frame.scene, over_hits, frame.options.background)
+    given = given if caster is None else {**given, RAY_CASTER: caster}
+    rays = min(frame.options.ambient.rays, RAYS_OF_MANY)
+    of_many = frame.over_hits(given, ambient={"rays": rays})
+    return HitShader(frame.scene, frame.over_hits(given), frame.options.background, of_many)
 
 
 def amounts(outlook: Outlook) -> Amounts:
