@@ -71,7 +71,7 @@ def send_fused(
     made = np.zeros if isinstance(samples, RaySurface) else np.empty
     radiance = made((count, 3), f4)
     more = [np.zeros((count if mirrors else 0, 3), f4) for _ in range(2)]
-    shadow = None if visibility is None else array(visibility, f4).reshape(len(scene.lights), -1)
+    shadow = None if visibility is None or not scene.lights else array(visibility, f4).reshape(len(scene.lights), -1)
     share = np.zeros(0, f4) if around.visibility is None else array(around.visibility, f4)
     bent = np.zeros((0, 3), f4) if around.normal is None else array(around.normal.T, f4)
     for k in range(images):

@@ -79,7 +79,7 @@ def _numbers(samples: GBuffer | RaySurface, place: Tensor, turned: bool) -> Tens
 def _cosine_directions(normal: Tensor, rays: int, number: Tensor) -> Tensor:
     """Directions (N,rays,3) about normals (N,3), as dense as the cosine; the spiral of each pixel is another one."""
     steps = torch.arange(rays, dtype=torch.float32)
-    shift = torch.frac(number.double() * 0.754877666246693).float()[:, None]
+    shift = torch.frac(0.5 + number.double() * 0.754877666246693).float()[:, None]
     turn = torch.frac(number.double() * 0.569840290998053).float()[:, None] * (2 * math.pi)
     share = (steps + shift) / rays
     angle = steps * (math.pi * (3.0 - math.sqrt(5.0))) + turn

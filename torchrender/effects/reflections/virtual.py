@@ -40,9 +40,9 @@ def virtual_images(scene: Scene, gbuffer: GBuffer, layer: ReflectionLayer) -> Vi
     # The light's bundle bends by 1 / cosine across the plane of incidence's axis, by cosine along it, and seems to come
     # from two places; the point between that moves as far as both do on the mean, when the eye moves, stands for them.
     bend = 2.0 * _curvature(gbuffer)
-    seen = [_virtual(distance, bend * share) for share in (1.0 / cosine, cosine)]
-    nearness = sum(0.5 / (length + virtual) for virtual, _ in seen)
-    known = known & seen[0][1] & seen[1][1]
+    (steep, clear), (flat, open_) = (_virtual(distance, bend * share) for share in (1.0 / cosine, cosine))
+    nearness = 0.5 / (length + steep) + 0.5 / (length + flat)
+    known = known & clear & open_
     depth = torch.where(known, gbuffer.depth.double() / (length * nearness).clamp_min(1e-300), torch.inf)
     depth = torch.where(nearness > 0, depth, torch.inf)
     return VirtualImages(depth.float(), torch.where(known[..., None], light, 0.0), known)
