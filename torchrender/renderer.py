@@ -15,6 +15,7 @@ from torchrender.clock import StepClock
 from torchrender.errors import ExposureWarning, InputError
 from torchrender.image import Image
 from torchrender.passes.contract import Buffers, Pass
+from torchrender.passes.light.direct_light import MIRROR_SHARE
 from torchrender.passes.outlook import Outlook
 from torchrender.passes.picture.composite import COMPOSITE
 from torchrender.passes.seen.picture_visibility import PICTURE_VISIBILITY
@@ -32,6 +33,7 @@ from torchrender.planning.planner import check_names, check_wishes, make_plan
 from torchrender.scene.camera import Cameras
 from torchrender.scene.load import load
 from torchrender.scene.model import DEFAULT_SIZE, Scene, resized
+from torchrender.shade import SentLight
 
 if TYPE_CHECKING:
     from torchrender.points.cloud import PointCloud
@@ -252,17 +254,19 @@ class Run:
             values=self.values,
             asked=self.graph.asked,
             hits=self._over_hits,
+            wanted=frozenset(self.knowledge.wanted),
         )
 
-    def _over_hits(self, given: Mapping[Buffer[Any], Any]) -> OverHits:
+    def _over_hits(self, given: Mapping[Buffer[Any], Any], changes: Mapping[str, Any]) -> OverHits:
         """The same passes, over what rays hit."""
         outlook = self.knowledge.outlook
-        options = self.plan.options
+        groups = {name: replace(getattr(self.plan.options, name), **values) for name, values in changes.items()}
+        options = replace(self.plan.options, **groups)
         for step in self.knowledge.passes:
             options = step.over_hits(options, outlook.history)
         alone = replace(outlook.history, sequence=False, kept={})
         over = replace(outlook, options=options, history=alone, known={}, facts={})
-        knowledge = replace(self.knowledge, outlook=over, wanted=(COMPOSITE,), given=())
+        knowledge = replace(self.knowledge, outlook=over, wanted=(COMPOSITE, MIRROR_SHARE), given=())
         return OverHits(knowledge, dict(given))
 
     def _take(self, step: Pass, made: Any) -> None:
@@ -308,12 +312,12 @@ class OverHits:
     knowledge: Knowledge
     given: dict[Buffer[Any], Any]
 
-    def __call__(self, samples: GBuffer | RaySurface) -> Tensor:
-        """Radiance (B,H,W,3) of samples (B,H,W), reflections left out."""
+    def __call__(self, samples: GBuffer | RaySurface) -> SentLight:
+        """Radiance (B,H,W,3) of samples (B,H,W), reflections left out, and how these go into it."""
         cameras = samples.cameras if isinstance(samples, GBuffer) else self.knowledge.outlook.cameras
         outlook: Outlook = replace(self.knowledge.outlook, samples=samples, cameras=cameras)
         known = replace(self.knowledge, outlook=outlook, given=(GBUFFER, *self.given))
         run = Run(known, (None, None), StepClock())
-        radiance: Tensor = run.buffers({GBUFFER: samples, **self.given})[COMPOSITE]
+        made = run.buffers({GBUFFER: samples, **self.given})
         self.given |= run.lasting
-        return radiance
+        return SentLight(made[COMPOSITE], made[MIRROR_SHARE])
