@@ -57,7 +57,8 @@ class SoftShadowOptions:
     Rays start off the surface by what its position may be off, and need no bias. Surfaces that were rebuilt, maps, and
     engine "packets" where it is asked for take
     ``bias = constant_bias z + slope_bias g(z) min(tan theta, largest_slope)`` with z the depth of the point seen from
-    the light sample, g(z) the width of a texel there and theta the angle between normal and light.
+    the light sample, g(z) the width of a texel there and theta the angle between normal and light. The former ask
+    staggered samples, the latter cell centres, as published.
 
     Raises:
         OptionError: a value outside its range, or an engine that cannot answer what is asked; names the option.
@@ -200,7 +201,8 @@ def soft_shadow(
     covered = gbuffer.covered
     if bounds is None:
         bounds = _bounds(ready.geometry, gbuffer.position[covered].double())
-    grids = [light_grid(light, bounds, per_side=options.light_samples, size=options.map_size) for light in lights]
+    how = {"per_side": options.light_samples, "size": options.map_size, "staggered": _unbiased(options)}
+    grids = [light_grid(light, bounds, **how) for light in lights]
     words = (max(len(g.samples) for g in grids) + 63) // 64
     shape = (*covered.shape, len(lights))
     bits = torch.full((*shape, words), -1, dtype=torch.int64)
