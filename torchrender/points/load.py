@@ -20,7 +20,7 @@ from torchrender.scene.files.gltf.points import has_only_points, read_gltf_point
 from torchrender.scene.files.plain.ply import declares_faces, read_ply
 from torchrender.scene.files.plain.ply_format import MAX_HEADER, read_header
 from torchrender.scene.files.report import Notes
-from torchrender.scene.files.source import read_bytes
+from torchrender.scene.files.content import read_bytes
 from torchrender.scene.load import load
 from torchrender.scene.model import Scene
 from torchrender.voxels.coverage import surface_alpha, surface_colors

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from torchrender.kernels.meshes.crease import weld_points
+from torchrender.kernels.meshes.crease import turn_faces, weld_points
 from torchrender.numerics.color import linear_from_srgb
 from torchrender.scene.files.report import Notes
 from torchrender.scene.mesh import Mesh
@@ -77,10 +77,10 @@ def _without_doubles(surface: Surface, notes: Notes) -> Surface:
     if len(surface.faces) < 2:
         return surface
     # Each face from its smallest vertex on: the same face may begin anywhere.
-    first = surface.faces.argmin(axis=1)
-    turned = surface.faces[np.arange(len(surface.faces))[:, None], (first[:, None] + np.arange(3)) % 3]
+    turned = np.empty((len(surface.faces), 3), np.int64)
+    turn_faces(np.ascontiguousarray(surface.faces, np.int64), turned)
     place, kept = np.empty(len(turned), np.int64), np.empty(len(turned), np.int64)
-    count = weld_points(np.ascontiguousarray(turned, np.int64), place, kept)
+    count = weld_points(turned, place, kept)
     if count == len(turned):
         return surface
     double = np.ones(len(turned), bool)
@@ -104,7 +104,12 @@ def _without_invalid(surface: Surface, notes: Notes) -> Surface:
 def _with_normals(surface: Surface) -> Surface:
     if surface.normals is not None or not len(surface.faces):
         return surface
-    groups = np.full(len(surface.faces), -1) if surface.smoothing is None else surface.smoothing
+    if surface.smoothing is None:
+        source, new, normal = crease_normals(surface.vertices, surface.faces, CREASE_DEG)
+        same = len(source) == len(surface.vertices) and bool((source == np.arange(len(source))).all())
+        # Without a sharp edge the vertices stay as they are: no copy of large meshes.
+        return replace(surface, faces=new, normals=normal) if same else surface.taken(source, new, normals=normal)
+    groups = surface.smoothing
     sources, faces, normals, count = [], np.empty_like(surface.faces), [], 0
     for group in np.unique(groups).tolist():
         rows = groups == group

@@ -93,7 +93,7 @@ def read_ply(path: Path, data: bytes, notes: Notes) -> PlyModel:
     corner_uv = _corner_uv(face, counts) if "face" in elements else None
     face_colors = _colors({k: v for k, v in face.items() if not isinstance(v, Lists)}, notes)
     return PlyModel(
-        position=position.astype(np.float64),
+        position=position.astype(np.float64, copy=False),
         normals=_group(vertex, NORMALS),
         uv=_group(vertex, COORDINATES),
         colors=_colors(vertex, notes),
@@ -195,10 +195,12 @@ def _gaussians(vertex: dict[str, Array], notes: Notes) -> Gaussians | None:
 
 def surface_of(model: PlyModel, notes: Notes) -> Surface:
     """The triangles of a file with faces; attributes of faces and corners go to vertices of their own."""
+    split = model.corner_uv is not None or (model.face_colors is not None and model.colors is None)
+    if not split and bool((model.counts == 3).all()):  # most large files: nothing to cut, nothing to split
+        return _plain_surface(model)
     places, owner = triangulate(model.position, model.corners, model.counts)
     few = int((model.counts < 3).sum())
     notes.repaired("faces with less than three corners: left out", few)
-    split = model.corner_uv is not None or (model.face_colors is not None and model.colors is None)
     rows = model.corners[places.reshape(-1)] if split else np.arange(len(model.position))
     faces = np.arange(len(rows)).reshape(-1, 3) if split else model.corners[places]
     colors, uv = model.colors, model.uv
@@ -210,12 +212,28 @@ def surface_of(model: PlyModel, notes: Notes) -> Surface:
         uv = model.corner_uv[places.reshape(-1)]
     elif uv is not None:
         uv = uv[rows]
-    has_alpha = colors is not None and colors.shape[1] == 4 and bool((colors[:, 3] < 1.0).any())
     return Surface(
         vertices=model.position[rows],
         faces=faces,
         normals=None if model.normals is None else model.normals[rows],
         uv=None if uv is None else uv.astype(np.float64),
-        colors=None if colors is None else colors[:, :3],
-        alpha=colors[:, 3] if colors is not None and has_alpha else None,
+        **_tint(colors),
     )
+
+
+def _plain_surface(model: PlyModel) -> Surface:
+    return Surface(
+        vertices=model.position,
+        faces=model.corners.reshape(-1, 3),
+        normals=model.normals,
+        uv=None if model.uv is None else model.uv.astype(np.float64),
+        **_tint(model.colors),
+    )
+
+
+def _tint(colors: Array | None) -> dict[str, Any]:
+    has_alpha = colors is not None and colors.shape[1] == 4 and bool((colors[:, 3] < 1.0).any())
+    return {
+        "colors": None if colors is None else colors[:, :3],
+        "alpha": colors[:, 3] if colors is not None and has_alpha else None,
+    }
