@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from torchrender.kernels.compile import kernel
 
 
 @kernel()
-def number_rows(numbers: np.ndarray, lists: np.ndarray, starts: np.ndarray, counts: np.ndarray) -> tuple[int, int]:
+def number_rows(numbers: np.ndarray, lists: np.ndarray, starts: np.ndarray, counts: np.ndarray) -> tuple[int, Any]:
     """Where the values of rows are among numbers, as far as there are whole rows.
 
     Args:
@@ -20,7 +22,7 @@ def number_rows(numbers: np.ndarray, lists: np.ndarray, starts: np.ndarray, coun
         Whole rows, and the first number behind them. -1 rows where a count is no whole number >= 0: the second is then
         its place.
     """
-    n, at = len(numbers), 0
+    n, at = len(numbers), np.int64(0)
     for row in range(len(starts)):
         here = at
         for p in range(len(lists)):
@@ -44,7 +46,7 @@ def number_rows(numbers: np.ndarray, lists: np.ndarray, starts: np.ndarray, coun
 @kernel()
 def byte_rows(
     data: np.ndarray, heads: np.ndarray, widths: np.ndarray, big: bool, starts: np.ndarray, counts: np.ndarray
-) -> tuple[int, int]:
+) -> tuple[int, Any]:
     """Where the values of packed rows are among bytes, as far as there are whole rows.
 
     Args:

@@ -143,16 +143,27 @@ def linear_colors(values: Array, notes: Notes | None = None) -> Array:
     Whole numbers are codes up to 255, or up to the greatest of their type where there are larger ones; fractions above
     2 are codes up to 255 that were stored as fractions. Opacity is only scaled.
     """
-    whole = values.dtype.kind in "iu"
     numbers = np.nan_to_num(np.asarray(values, np.float64), posinf=0.0, neginf=0.0).clip(0.0)
-    largest = float(numbers.max(initial=0.0))
-    if not whole and largest <= 2.0:
+    top = color_top(values.dtype, float(numbers.max(initial=0.0)))
+    if top is None:
         return numbers.astype(np.float32)
-    top = 255.0
-    if whole and values.dtype.itemsize > 1 and largest > 255.0:
-        top = 65535.0 if largest <= 65535.0 else float(np.iinfo(values.dtype).max)
-    if not whole and notes is not None:
+    if values.dtype.kind not in "iu" and notes is not None:
         notes.read("colours as fractions up to 255, read as sRGB codes")
-    scaled = (numbers / top).clip(0.0, 1.0)
-    color = linear_from_srgb(torch.from_numpy(scaled[:, :3])).numpy()
+    return decoded_colors(numbers, top)
+
+
+def color_top(kind: np.dtype[Any], largest: float) -> float | None:
+    """The code of white in a column of that type whose largest value is this; None: it is linear light."""
+    whole = kind.kind in "iu"
+    if not whole and largest <= 2.0:
+        return None
+    if whole and kind.itemsize > 1 and largest > 255.0:
+        return 65535.0 if largest <= 65535.0 else float(np.iinfo(kind).max)
+    return 255.0
+
+
+def decoded_colors(codes: Array, top: float) -> Array:
+    """(N,3|4) float32 linear of sRGB codes of which ``top`` is white; opacity is only scaled."""
+    scaled = (codes / top).clip(0.0, 1.0)
+    color = linear_from_srgb(torch.from_numpy(np.ascontiguousarray(scaled[:, :3]))).numpy()
     return np.concatenate([color, scaled[:, 3:]], axis=1).astype(np.float32)

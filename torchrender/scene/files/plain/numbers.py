@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+import io
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -24,17 +25,17 @@ def numbers_of(text: bytes) -> Array:
         ValueError: a word that is no number; names it.
     """
     parts = []
-    stream = NumberStream(text)
+    stream = NumberStream(io.BytesIO(text))
     while len(block := stream.block()):
         parts.append(block)
     return parts[0] if len(parts) == 1 else np.concatenate([np.zeros(0), *parts])
 
 
 class NumberStream:
-    """The numbers of a text from some byte on, handed out in order."""
+    """The numbers of a text file from where it stands on, handed out in order."""
 
-    def __init__(self, text: bytes | memoryview, at: int = 0) -> None:
-        self._text, self._at = memoryview(text), at
+    def __init__(self, file: BinaryIO) -> None:
+        self._file, self._word = file, b""
         self._left = np.zeros(0)
 
     def take(self, count: int) -> Array:
@@ -68,33 +69,28 @@ class NumberStream:
 
     def _parse(self) -> Array:
         """The numbers of the next bytes; none only at the end."""
-        while self._at < len(self._text):
-            end = self._word_end(min(self._at + BLOCK, len(self._text)))
-            found = _parsed(self._text[self._at : end])
-            self._at = end
+        while read := self._file.read(BLOCK):
+            text = self._word + read
+            # The last word may go on in the next block.
+            end = max(text.rfind(b) for b in _BLANKS) + 1
+            self._word = text[end:]
+            if len(self._word) > _LONGEST:
+                raise ValueError(f"{self._word[:40]!r} is no number")
+            found = _parsed(text[:end])
             if len(found):
                 return found
-        return np.zeros(0)
-
-    def _word_end(self, end: int) -> int:
-        """A place at or before ``end`` where no word is cut."""
-        if end == len(self._text):
-            return end
-        tail = bytes(self._text[max(self._at, end - _LONGEST) : end])
-        blank = max(tail.rfind(b) for b in _BLANKS)
-        if blank < 0:
-            raise ValueError(f"{tail[:40]!r} is no number")
-        return end - len(tail) + blank + 1
+        text, self._word = self._word, b""
+        return _parsed(text)
 
 
-def _parsed(text: memoryview) -> Array:
+def _parsed(text: bytes) -> Array:
     source = np.frombuffer(text, np.uint8)
     room = len(source) // 2 + 1
     # Pages are only taken when they are written to.
     out, hard = np.empty(room), np.empty((room, 2), np.int64)
     count, left = parse_numbers(source, out, hard)
     for number, start in hard[:left].tolist():
-        word = bytes(text[start : start + 400]).split(None, 1)[0]
+        word = text[start : start + 400].split(None, 1)[0]
         try:
             if b"_" in word:  # Python's digits may be grouped, those of files not
                 raise ValueError

@@ -81,7 +81,7 @@ def read_ply(path: Path, data: bytes, notes: Notes) -> PlyModel:
     header = read_header(path, data)
     elements = read_columns(path, data, header)
     vertex = {k: v for k, v in elements.get("vertex", {}).items() if not isinstance(v, Lists)}
-    position = _group(vertex, (("x", "y", "z"),))
+    position = group_of(vertex, (("x", "y", "z"),))
     if position is None:
         raise SceneFileError(path, "has no vertices with x, y and z")
     count = len(position)
@@ -90,12 +90,13 @@ def read_ply(path: Path, data: bytes, notes: Notes) -> PlyModel:
     for name in elements:
         if name not in ("vertex", "face", "tristrips") and header.element(name):
             notes.not_used(f"element {name!r}", header.element(name).count)  # type: ignore[union-attr]
+    say_unused_columns(header, notes)
     corner_uv = _corner_uv(face, counts) if "face" in elements else None
     face_colors = _colors({k: v for k, v in face.items() if not isinstance(v, Lists)}, notes)
     return PlyModel(
         position=position.astype(np.float64, copy=False),
-        normals=_group(vertex, NORMALS),
-        uv=_group(vertex, COORDINATES),
+        normals=group_of(vertex, NORMALS),
+        uv=group_of(vertex, COORDINATES),
         colors=_colors(vertex, notes),
         radius=next((np.asarray(vertex[n], np.float64) for n in RADII if n in vertex), None),
         corners=corners,
@@ -107,7 +108,26 @@ def read_ply(path: Path, data: bytes, notes: Notes) -> PlyModel:
     )
 
 
-def _group(columns: dict[str, Array], names: tuple[tuple[str, ...], ...]) -> Array | None:
+def say_unused_columns(header: Header, notes: Notes) -> None:
+    """Name the columns of vertices and faces that nothing is made of."""
+    element = header.element("vertex")
+    if element is not None and element.count:
+        names = {p.name.lower() for p in element.properties}
+        gaussian = {n for n in names if names >= set(GAUSSIAN) and (n in GAUSSIAN or n.startswith("f_rest_"))}
+        groups = [next((g for g in groups if names >= set(g)), ()) for groups in (NORMALS, COLORS, COORDINATES)]
+        used = {"x", "y", "z", *gaussian, *(n for g in groups for n in g)}
+        used |= {n for n in OPACITIES if groups[1]} | set(RADII)
+        left = sorted(names - used)
+        notes.not_used(f"columns of vertices: {', '.join(left)[:200]}", len(left))
+    element = header.element("face")
+    if element is not None and element.count:
+        names = {p.name.lower() for p in element.properties}
+        group = next((g for g in COLORS if names >= set(g)), ())
+        left = sorted(names - {*FACE_LISTS, "texcoord", *group, *(OPACITIES if group else ())})
+        notes.not_used(f"columns of faces: {', '.join(left)[:200]}", len(left))
+
+
+def group_of(columns: dict[str, Array], names: tuple[tuple[str, ...], ...]) -> Array | None:
     """The first group of columns that is there, side by side; names do not care about case."""
     lower = {k.lower(): v for k, v in columns.items()}
     for group in names:
@@ -117,7 +137,7 @@ def _group(columns: dict[str, Array], names: tuple[tuple[str, ...], ...]) -> Arr
 
 
 def _colors(columns: dict[str, Array], notes: Notes) -> Array | None:
-    color = _group(columns, COLORS)
+    color = group_of(columns, COLORS)
     if color is None:
         return None
     opacity = next((columns[n] for n in OPACITIES if n in columns), None)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -46,7 +47,9 @@ class _Text:
     """Numbers in text, cut into columns block by block."""
 
     def __init__(self, path: Path, data: bytes, header: Header) -> None:
-        self._path, self._numbers = path, NumberStream(data, header.size)
+        text = io.BytesIO(data)
+        text.seek(header.size)
+        self._path, self._numbers = path, NumberStream(text)
 
     def element(self, element: Element) -> Columns:
         """The columns of the element that comes next."""
@@ -56,12 +59,8 @@ class _Text:
         out = [np.empty(element.count, _column_type(p.type)) for p in element.properties]
         for row in range(0, element.count if width else 0, ROWS):
             rows = min(ROWS, element.count - row)
-            numbers = self._numbers.take(rows * width)
-            if len(numbers) < rows * width:
-                raise _short(self._path, element)
-            table = numbers.reshape(rows, width)
-            for k, p in enumerate(element.properties):
-                out[k][row : row + rows] = _typed(table[:, k], p.type)
+            for k, values in enumerate(text_rows(self._path, self._numbers, element, rows)):
+                out[k][row : row + rows] = values
         return {p.name: values for p, values in zip(element.properties, out, strict=True)}
 
     def _with_lists(self, element: Element) -> Columns:
@@ -89,6 +88,20 @@ class _Text:
                 numbers, left = numbers[at:], left - rows
         self._numbers.back(numbers)
         return parts.columns()
+
+
+def text_rows(path: Path, numbers: NumberStream, element: Element, rows: int) -> list[Array]:
+    """The next rows of an element without lists: a column for each property.
+
+    Raises:
+        SceneFileError: the text ends before. ValueError: a word that is no number.
+    """
+    width = len(element.properties)
+    found = numbers.take(rows * width)
+    if len(found) < rows * width:
+        raise _short(path, element)
+    table = found.reshape(rows, width)
+    return [_typed(table[:, k], p.type) for k, p in enumerate(element.properties)]
 
 
 class _Parts:
