@@ -57,6 +57,7 @@ def read_gltf(path: Path, data: bytes, choice: FileChoice = PLAIN_CHOICE) -> Sce
     worlds, weights = posed(nodes, animation, choice.time, motion.root)
     draft = _Draft(file, replace(motion, worlds=worlds, weights=weights), choice)
     entries = file.entries("nodes")
+    draft.begin([m for m in (entries[index].get("mesh") for index in order) if isinstance(m, int)])
     for index in order:
         if not entries[index].keys().isdisjoint(_SHOWN):
             draft.node(index)
@@ -92,6 +93,10 @@ class _Draft:
         self._cameras: dict[str, Cameras] = {}
         self._hung_cameras: list[tuple[str, int, Cameras]] = []
         self._objects = 0
+
+    def begin(self, meshes: list[int]) -> None:
+        """What takes long and can be done side by side: pictures."""
+        self._reader.begin(meshes)
 
     def node(self, index: int) -> None:
         """Everything that hangs on one node."""
