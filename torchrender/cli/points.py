@@ -16,6 +16,7 @@ from torchrender.errors import OptionError
 
 if TYPE_CHECKING:
     from torchrender.points.cloud import PointCloud
+    from torchrender.points.options import SplatOptions
     from torchrender.points.tree import PatchSet
     from torchrender.scene.camera import Cameras
 
@@ -77,20 +78,8 @@ def run_points(
         return
     from torchrender.images.files import write_image
     from torchrender.points.draw import render_points
-    from torchrender.points.options import SplatOptions
-    from torchrender.points.select import SelectionOptions
 
-    selection = SelectionOptions()
-    if arguments.radius is not None:  # the finer one keeps its ratio, within its range
-        ratio = selection.fine_radius / selection.coarse_radius
-        fine = max(0.3, min(2.0, ratio * arguments.radius))
-        selection = replace(selection, coarse_radius=arguments.radius, fine_radius=fine)
-    options = SplatOptions(
-        filter=arguments.filter,
-        selection=selection,
-        two_sided=True if arguments.two_sided else None,
-        background=(background[0], background[1], background[2]),
-    )
+    options = _options(arguments, background)
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
         if _is_large(source, arguments.memory):
             packed = Path(folder) / f"{source.stem}{COMPRESSED}"
@@ -115,6 +104,24 @@ def run_points(
     found = drawn.statistics[0]
     steps = "  ".join(f"{step} {elapsed:.0f} ms" for step, elapsed in found.ms.items())
     yield f"{output}  {size[0]}x{size[1]}  {found.points:,} points, {found.drawn:,} drawn  {steps}"
+
+
+def _options(arguments: argparse.Namespace, background: list[float]) -> SplatOptions:
+    """How the command line wants points to be drawn."""
+    from torchrender.points.options import SplatOptions
+    from torchrender.points.select import SelectionOptions
+
+    selection = SelectionOptions()
+    if arguments.radius is not None:  # the finer one keeps its ratio, within its range
+        ratio = selection.fine_radius / selection.coarse_radius
+        fine = max(0.3, min(2.0, ratio * arguments.radius))
+        selection = replace(selection, coarse_radius=arguments.radius, fine_radius=fine)
+    return SplatOptions(
+        filter=arguments.filter,
+        selection=selection,
+        two_sided=True if arguments.two_sided else None,
+        background=(background[0], background[1], background[2]),
+    )
 
 
 def draws_points(arguments: argparse.Namespace) -> bool:
