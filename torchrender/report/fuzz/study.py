@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import multiprocessing
+import os
 import sys
 import tempfile
 import time
@@ -86,6 +87,10 @@ def _work(orders: Connection, first: int, last: int, name: str) -> None:
     """Read files ``first`` to ``last`` of a kind and tell about each."""
     import resource
 
+    # Libraries print what they think of damaged files, past everything that Python could hold back.
+    silence = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(silence, 1)
+    os.dup2(silence, 2)
     suffix, data = seeds()[name]
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
