@@ -1,8 +1,9 @@
 """Closed forms for one homogeneous medium.
 
-A lamp: one table gives the light from any stretch of any ray. With the angle at the lamp as variable, extinction on both ways is ``exp(-u (tan x + 1 / cos x))``, where ``u`` is the
-optical depth of the ray's distance from the lamp. Sources: Sun, Ramamoorthi, Narasimhan, Nayar, A practical analytic
-single scattering model for real time rendering, 2005; the angle: Lecocq, Michelin, Arques, Kemeny, 2000.
+A lamp: one table gives the light from any stretch of any ray. With the angle at the lamp as variable, extinction on
+both ways is ``exp(-u (tan x + 1 / cos x))``, where ``u`` is the optical depth of the ray's distance from the lamp.
+Sources: Sun, Ramamoorthi, Narasimhan, Nayar, A practical analytic single scattering model for real time rendering,
+2005; the angle: Lecocq, Michelin, Arques, Kemeny, 2000.
 
 The sun: the way to it through the box is the least of three linear functions of the place on the ray, so that light
 is one exponential function between any two places where another of these becomes the least.
