@@ -42,6 +42,7 @@ from torchrender.kernels.raster.records import (
 from torchrender.scene.camera import Cameras
 from torchrender.scene.mesh import Geometry
 from torchrender.scene.model import Scene
+from torchrender.scene.triangles import Shape, geometry_of
 from torchrender.shading.attributes import SeenSurface
 
 Array = np.ndarray[Any, Any]
@@ -95,7 +96,7 @@ def surface_attributes(scene: Scene, seen: VisibilityBuffer) -> GBuffer:
 
 
 def rasterize_visibility(
-    geometry: Geometry, cameras: Cameras, *, cull: str = "none", tests: FragmentTests | None = None
+    geometry: Shape, cameras: Cameras, *, cull: str = "none", tests: FragmentTests | None = None
 ) -> VisibilityBuffer:
     """Depth, triangle id, object id and barycentrics of the nearest surface in every pixel; see :func:`rasterize`."""
     shape = (len(cameras), cameras.height, cameras.width)
@@ -103,6 +104,7 @@ def rasterize_visibility(
     triangle, objects = np.zeros(shape, np.int64), np.zeros(shape, np.int64)
     barycentric = np.zeros((*shape, 2), np.float32)
     check_choice("cull", cull, CULLING)
+    geometry = geometry_of("geometry", geometry)
     triangles = _triangle_arrays(geometry)
     for k, (view, checks) in enumerate(_views(geometry, cameras, tests)):
         draw_view.draw_view(triangles, view, cull, checks, Visible(depth[k], triangle[k], objects[k], barycentric[k]))
@@ -146,10 +148,11 @@ def count_nearer(
     return torch.from_numpy(count), torch.from_numpy(touching)
 
 
-def rasterize_depth(geometry: Geometry, cameras: Cameras, *, cull: str = "none") -> Tensor:
+def rasterize_depth(geometry: Shape, cameras: Cameras, *, cull: str = "none") -> Tensor:
     """Camera depth (B,H,W) float32 of the nearest surface, +inf where empty: what a shadow map needs, and no more."""
     check_choice("cull", cull, CULLING)
     depth = np.zeros((len(cameras), cameras.height, cameras.width), np.float32)
+    geometry = geometry_of("geometry", geometry)
     triangles = _triangle_arrays(geometry)
     for k, (view, checks) in enumerate(_views(geometry, cameras, None)):
         draw_view.draw_view(triangles, view, cull, checks, Visible(depth[k], *NO_IDS))
