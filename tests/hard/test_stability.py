@@ -32,7 +32,6 @@ PAIRS = list(pairs())
 
 
 KNOWN = {
-    ("scattering", "far away"): "not the picture of the case near the origin",
     (
         "light_reach",
         "light on surface",
