@@ -46,6 +46,7 @@ class Scene:
     name: str = "scene"
     motions: tuple[Motion, ...] = ()  # what may move: see at()
     photometric: bool = False  # lights are in candela and lux: a picture needs an exposure to match
+    photo_light: bool = False  # colours are of photos, ambient light and its shadows in them: nothing hides it again
     report: LoadReport = NOTHING  # what a file was read as
 
     __repr__ = brief
