@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from torchrender_service.errors import ServiceError
 from torchrender_service.renderers.contract import RendererHandle
 from torchrender_service.renderers.jobs import FogInPhoto
-from torchrender_service.web.negotiation import negotiate
+from torchrender_service.web.negotiation import negotiate, warning_headers
 from torchrender_service.web.routes_photos import PhotoId
 from torchrender_service.web.schemas import problems
 from torchrender_service.web.state import ServiceState, state_of
@@ -21,7 +21,6 @@ from torchrender_service.web.state import ServiceState, state_of
 router = APIRouter(prefix="/v1", tags=["fog"])
 
 RESULTS = {"image/png": "png", "image/jpeg": "jpeg", "application/json": "json"}
-MAX_WARNING_BYTES = 2000
 _BINARY = {"schema": {"type": "string", "format": "binary"}}
 _HEADERS = {
     "Server-Timing": {"description": "milliseconds of each stage", "schema": {"type": "string"}},
@@ -83,8 +82,7 @@ async def fog(request: Request, body: FogRequest) -> Response:
                      max_pixels=state.settings.max_texture_pixels, **settings)  # fmt: skip
     made = await state.pool.run(job, renderer=renderer)
     headers = {"Server-Timing": ", ".join(f"{stage};dur={ms:.2f}" for stage, ms in made["timings_ms"].items())}
-    if made["warnings"]:
-        headers["Torchrender-Warnings"] = json.dumps(made["warnings"])[:MAX_WARNING_BYTES]
+    headers |= warning_headers(made["warnings"])
     if media_type == "application/json":
         return Response(json.dumps({k: made[k] for k in ("facts", "timings_ms", "warnings")}), media_type=media_type,
                         headers=headers)  # fmt: skip

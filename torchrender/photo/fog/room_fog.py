@@ -73,12 +73,18 @@ class RoomFog:
         self._set_air(medium)
         return _decay(self._way_to_eye(), medium.extinction)
 
+    def _rays(self) -> tuple[Tensor, Tensor]:
+        """Directions (HW,3) and lengths (HW,) of all rays of sight; they outlast other strengths of the lights."""
+        if "rays" not in self._kept:
+            self._kept["rays"] = (self.scene.ray_direction.reshape(-1, 3), self.scene.ray_length.reshape(-1))
+        found: tuple[Tensor, Tensor] = self._kept["rays"]
+        return found
+
     def _way_to_eye(self) -> Tensor:
         """(H,W) float32 air between what is seen and the eye."""
         if "eye" not in self._kept:
-            length = self.scene.ray_length
-            flat = self._air.ways(self.scene.eye[None], self.scene.ray_direction.reshape(-1, 3), length.reshape(-1))
-            self._kept["eye"] = flat.reshape(length.shape)
+            flat = self._air.ways(self.scene.eye[None], *self._rays())
+            self._kept["eye"] = flat.reshape(self.scene.seen.depth.shape)
         found: Tensor = self._kept["eye"]
         return found
 
@@ -217,7 +223,7 @@ class RoomFog:
             return torch.zeros(*shape, 3)
         total = self._from_lights(medium)
         if scene.shafts is not None and bool((scene.sun > 0).any()):
-            rays = (scene.eye, scene.ray_direction.reshape(-1, 3), scene.ray_length.reshape(-1))
+            rays = (scene.eye, *self._rays())
             if "shafts" not in self._kept:
                 self._kept["shafts"] = shaft_ways(scene.shafts, *rays)
             sun = shaft_light(scene.shafts, *rays, medium, self._air, self.options.steps, self._kept["shafts"])
@@ -264,7 +270,7 @@ class RoomFog:
         h, w = self.scene.seen.depth.shape
         steps = summed.shape[2] - 1
         v, u = (torch.arange(h) + 0.5) / h * 2 - 1, (torch.arange(w) + 0.5) / w * 2 - 1
-        z = (self.scene.ray_length.float() / (step * steps)).clamp(0.0, 1.0) * 2 - 1
+        z = (self._rays()[1].reshape(h, w).float() / (step * steps)).clamp(0.0, 1.0) * 2 - 1
         grid = torch.stack([u[None, :].expand(h, w), v[:, None].expand(h, w)], dim=-1)
         # Across the picture samples lie at cell centres, along the ray at the ends of steps.
         z = z * steps / (steps + 1)
