@@ -14,12 +14,14 @@ from torchrender.numerics.color import LUMINANCE_WEIGHTS
 from torchrender.photo.fog.air import Air, held_back
 from torchrender.photo.fog.indoor import RoomScene, air_of, with_lights
 from torchrender.photo.fog.options import FogMedium, FogOptions
+from torchrender.photo.fog.picture import nearest_on_part
 from torchrender.photo.fog.room.emitters import patches_per_side
 from torchrender.photo.fog.room.shafts import shaft_light, shaft_ways
 from torchrender.photo.fog.room.transport import Arriving, Paths, Sources, arriving, trace_paths
 
 GRID_FACTOR = 1.0  # columns of places with known transmittance over columns of rays with known light
-NEAREST_PLACES = 3
+PENUMBRA = 0.05
+"""Share of the picture's width within which a place that sees no patch's centre takes the share of one that does."""
 _WEIGHTS = torch.tensor(LUMINANCE_WEIGHTS)
 
 
@@ -115,7 +117,12 @@ class RoomFog:
         total, weights = self._sun_and_ambient(medium, place, total, weights)
         share = total / weights.clamp_min(1e-12)
         usual = equal / sources if sources else torch.ones(len(place), 3)
-        return torch.where(weights > 1e-9, share, usual).clamp(0.0, 1.0).reshape(*scene.seen.depth.shape, 3)
+        lit = weights[:, 0] > 1e-9
+        found = torch.where(lit[:, None], share, usual)
+        if self.options.transmittance == "patches":
+            near = nearest_on_part(scene.seen.part, lit.reshape(scene.seen.part.shape), PENUMBRA)
+            found = torch.where((near >= 0)[:, None], found[near.clamp_min(0)], found)
+        return found.clamp(0.0, 1.0).reshape(*scene.seen.depth.shape, 3)
 
     def _sun_and_ambient(
         self, medium: FogMedium, place: Tensor, total: Tensor, weights: Tensor
