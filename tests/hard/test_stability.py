@@ -41,8 +41,7 @@ KNOWN = {
     ("direct_light", "75 x 64"): "sums in another order: 1.1e-5 where 1e-5 is asked",
     ("point_shadow", "all sizes"): "triangles of all sizes in one map: lit on faces that rays find dark",
     ("soft_shadow", "all sizes"): "the same",
-    ("hit_shader", "all sizes"): "ambient visibility of hits by eight rays",
-    ("hit_shader", "no light"): "ambient visibility of hits by eight rays",
+    ("hit_shader", "all sizes"): "the same, on the three pixels that see a surface",
     (
         "ambient_visibility",
         "eye on mirror plane",

@@ -61,7 +61,6 @@ def run_points(
         share = written / patches.point_count
         yield f"{output}  {patches.point_count:,} points  {written:,} bytes  {share:.1f} a point, tree included"
         return
-    from torchrender.images.files import write_image
     from torchrender.points.draw import render_points
     from torchrender.points.options import SplatOptions
     from torchrender.points.select import SelectionOptions
@@ -80,13 +79,7 @@ def run_points(
     patches = _patches(arguments)
     camera = camera_of(patches, arguments.camera or [], *size)
     drawn = render_points(patches, camera, options)
-    if output.suffix.lower() == ".exr":
-        import torch
-
-        planes = torch.cat([drawn.image[0], drawn.depth[0][..., None]], dim=-1)
-        write_image(output, planes, channels=("R", "G", "B", "Z"))
-    else:
-        write_image(output, drawn.image[0])
+    drawn.save(output)
     found = drawn.statistics[0]
     steps = "  ".join(f"{step} {elapsed:.0f} ms" for step, elapsed in found.ms.items())
     yield f"{output}  {size[0]}x{size[1]}  {found.points:,} points, {found.drawn:,} drawn  {steps}"

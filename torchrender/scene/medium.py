@@ -10,6 +10,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from torchrender.brief import brief
 from torchrender.checks import as_vector, check_choice, check_finite, check_range
 from torchrender.errors import InputError
 
@@ -43,6 +44,8 @@ class Medium:
     floor: float | None = None  # height y at which a density that falls off is the number; None: the box's floor
     density_scales: str = "both"  # what the density multiplies: "both" coefficients, or "absorption" alone
     name: str = "medium"
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         for name in ("low", "high", "absorption", "scattering", "emission"):
