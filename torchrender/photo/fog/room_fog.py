@@ -118,11 +118,11 @@ class RoomFog:
         share = total / weights.clamp_min(1e-12)
         usual = equal / sources if sources else torch.ones(len(place), 3)
         lit = weights[:, 0] > 1e-9
-        found = torch.where(lit[:, None], share, usual)
+        towards = torch.where(lit[:, None], share, usual)
         if self.options.transmittance == "patches":
             near = nearest_on_part(scene.seen.part, lit.reshape(scene.seen.part.shape), PENUMBRA)
-            found = torch.where((near >= 0)[:, None], found[near.clamp_min(0)], found)
-        return found.clamp(0.0, 1.0).reshape(*scene.seen.depth.shape, 3)
+            towards = torch.where((near >= 0)[:, None], towards[near.clamp_min(0)], towards)
+        return towards.clamp(0.0, 1.0).reshape(*scene.seen.depth.shape, 3)
 
     def _sun_and_ambient(
         self, medium: FogMedium, place: Tensor, total: Tensor, weights: Tensor
