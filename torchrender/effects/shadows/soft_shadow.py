@@ -22,7 +22,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -201,8 +201,10 @@ def soft_shadow(
     covered = gbuffer.covered
     if bounds is None:
         bounds = _bounds(ready.geometry, gbuffer.position[covered].double())
-    how = {"per_side": options.light_samples, "size": options.map_size, "staggered": _unbiased(options)}
-    grids = [light_grid(light, bounds, **how) for light in lights]
+    make = partial(
+        light_grid, bounds=bounds, per_side=options.light_samples, size=options.map_size, staggered=_unbiased(options)
+    )
+    grids = [make(light) for light in lights]
     words = (max(len(g.samples) for g in grids) + 63) // 64
     shape = (*covered.shape, len(lights))
     bits = torch.full((*shape, words), -1, dtype=torch.int64)
