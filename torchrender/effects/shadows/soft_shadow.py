@@ -30,6 +30,7 @@ import torch
 from torch import Tensor
 
 from torchrender.arrays import view as numpy_view
+from torchrender.brief import brief
 from torchrender.buffers import GBuffer
 from torchrender.checks import check_choice, check_range
 from torchrender.effects.shadows.light_packets import Packets, packet_bits
@@ -41,6 +42,7 @@ from torchrender.kernels.rays.bvh_build import Bvh, build_bvh
 from torchrender.kernels.rays.embree_library import embree
 from torchrender.scene.light import RectLight
 from torchrender.scene.mesh import Geometry
+from torchrender.scene.triangles import Shape, geometry_of
 
 VISIBILITIES = ("ray", "shadow_map")
 OCCLUDERS = ("scene", "images", "rebuilt")
@@ -132,13 +134,17 @@ class LightVisibility:
     outside: tuple[int, ...]  # for each light, pairs outside the sample's pictures, taken as lit; skipped groups apart
     notes: tuple[str, ...]  # what was done about lights without area
 
+    __repr__ = brief
 
-def occluders(geometry: Geometry | Sequence[Geometry]) -> Occluders:
+
+def occluders(geometry: Shape | Sequence[Shape]) -> Occluders:
     """Triangles of one or several geometries for :func:`soft_shadow`, sorted when first used.
 
     Zero-area triangles cast no shadow.
     """
-    return Occluders(geometry if isinstance(geometry, Geometry) else join(geometry))
+    if isinstance(geometry, Sequence):
+        return Occluders(join([geometry_of("casters", one) for one in geometry]))
+    return Occluders(geometry_of("casters", geometry))
 
 
 def join(geometries: Sequence[Geometry]) -> Geometry:
@@ -169,7 +175,7 @@ def join(geometries: Sequence[Geometry]) -> Geometry:
 
 
 def soft_shadow(
-    casters: Occluders | Geometry | Sequence[Geometry],
+    casters: Occluders | Shape | Sequence[Shape],
     lights: RectLight | Sequence[RectLight],
     gbuffer: GBuffer,
     options: SoftShadowOptions | None = None,
