@@ -116,7 +116,7 @@ def _maps_by_rays(subject: Subject, outputs: Outputs) -> float:
 
 HARD = HardEffect(
     name="point_shadow",
-    modules=("effects.shadows.shadow_map",),
+    modules=("effects.shadows.shadow_map", "effects.shadows.small_lights"),
     run=_filters,
     bounds=lambda s: {f"{name}, light {k}": (0.0, 1.0) for name in FILTERS for k in range(len(s.scene.lights))},
     law=Law(
