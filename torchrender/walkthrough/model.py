@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchrender.brief import brief
 from torchrender.kernels.walkthrough.plane_pixels import FINENESS, Atlas
 from torchrender.numerics.color import linear_from_srgb, srgb_table
 from torchrender.points.cloud import PointCloud
@@ -115,6 +116,8 @@ class Walkthrough:
     world_from_input: Tensor = field(default_factory=lambda: torch.eye(4, dtype=torch.float64))
     report: Mapping[str, Any] = field(default_factory=dict)
     name: str = "walkthrough"
+
+    __repr__ = brief
 
     @property
     def texel_count(self) -> int:

@@ -19,10 +19,11 @@ from torch import Tensor
 
 from torchrender.errors import SceneFileError
 from torchrender.images.files import read_image
-from torchrender.scene.camera import MAX_SIDE, Cameras, look_at_matrix, pinhole_matrix
+from torchrender.scene.camera import Cameras, look_at_matrix, pinhole_matrix
+from torchrender.scene.cameras.record import MAX_SIDE
 from torchrender.scene.environment import Environment
+from torchrender.scene.files.content import read_bytes
 from torchrender.scene.files.scene_geometry import read_geometry
-from torchrender.scene.files.source import read_bytes
 from torchrender.scene.files.texture_file import as_texture
 from torchrender.scene.files.toml_table import Table, parse_toml
 from torchrender.scene.files.volume_file import read_volume

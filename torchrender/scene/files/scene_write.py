@@ -26,9 +26,9 @@ SUFFIXES = (".glb", ".toml")
 def write_scene(path: str | Path, scene: Scene) -> list[Path]:
     """Write a scene that :func:`~torchrender.scene.load.load` reads back; returns the files, the named one first.
 
-    ``.glb`` holds meshes, materials, textures, cameras and punctual lights. ``.toml`` holds lights of every kind,
-    cameras, environment, ambient light and media, and names the files beside it: the meshes (GLB), the environment
-    (EXR), grids of densities (NPY). Every file appears whole or not at all, the scene file last.
+    ``.glb`` holds meshes, materials, textures, cameras, punctual lights and media. ``.toml`` holds lights of every
+    kind, cameras, environment, ambient light and media, and names the files beside it: the meshes (GLB), the
+    environment (EXR), grids of densities (NPY). Every file appears whole or not at all, the scene file last.
 
     Raises:
         SceneFileError: another suffix, missing folder, no triangles, or a file that cannot be written.
