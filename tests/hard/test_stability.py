@@ -43,8 +43,6 @@ KNOWN = {
         "ambient_visibility",
         "eye on mirror plane",
     ): "few pixels: the search misses what rays find, 0.28 to 0.34",
-    ("ambient_visibility", "one pixel"): "the same",
-    ("ambient_visibility", "one row"): "the same",
 }
 """Faults that are known and not mended yet."""
 

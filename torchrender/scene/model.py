@@ -172,6 +172,11 @@ class Scene:
             scene.__dict__["_material_table"] = self._material_table
         return scene
 
+    def looped(self, seconds: float) -> float:
+        """The time of :meth:`at` after so many seconds, if its first animations play again and again."""
+        length = max((m.animations[0].duration for m in self.motions if m.animations), default=0.0)
+        return seconds % length if length > 0 else 0.0
+
     # --------------------------------------------------------------- editing
 
     def replace(self, **changes: Any) -> Scene:

@@ -28,6 +28,7 @@ Progress = Callable[[int, int], None]
 ROUNDS = 30
 SETTLED = 1e-3
 MOST_FAILURES = 5
+AFTER_TELEPORT = 6
 LEAST_GAIN = 1e-4
 ADDED = 3
 """Times that points outside of all spheres join those that are clustered."""
@@ -122,6 +123,8 @@ def _run(
         if failures >= min(MOST_FAILURES, len(spare)):
             break
         other = best.without(spare[failures])
+        if other.outside.sum() >= best.outside.sum() * (1.0 - LEAST_GAIN):
+            other = Sharing(model, _relaxed(model, other.centres, AFTER_TELEPORT)).settle()
         step()
         if other.outside.sum() < best.outside.sum() * (1.0 - LEAST_GAIN):
             best, failures, spare = other, 0, other.dispensable()
