@@ -147,8 +147,8 @@ def write_depth(output: Path, images: DepthImages) -> list[Path]:
     """Depth images: one NPZ file, or an EXR file per image with ``cameras.json``."""
     import torch
 
-    from torchrender.image import camera_arrays, numbered
-    from torchrender.images.files import write_image, write_npz
+    from torchrender.image import camera_arrays
+    from torchrender.images.files import numbered, write_image, write_npz
 
     if output.suffix == ".npz":
         write_npz(output, {**{name: getattr(images, name) for name in _ARRAYS}, **camera_arrays(images.cameras)})
@@ -175,8 +175,7 @@ def write_depth(output: Path, images: DepthImages) -> list[Path]:
 def write_kinds(output: Path, images: DepthImages, kinds: SampleKinds) -> Iterator[str]:
     """Pictures of the images coloured by kind of sample, beside the depth files; yields a line about each."""
     from torchrender.depth.picture import kinds_picture
-    from torchrender.image import numbered
-    from torchrender.images.files import write_image
+    from torchrender.images.files import numbered, write_image
 
     pattern = output.with_name(f"{output.stem}_kinds.png") if output.suffix else output / "kinds.png"
     for number, picture in enumerate(kinds_picture(images, kinds)):

@@ -76,7 +76,6 @@ def run_points(
         share = written / patches.point_count
         yield f"{output}  {patches.point_count:,} points  {written:,} bytes  {share:.1f} a point, tree included"
         return
-    from torchrender.images.files import write_image
     from torchrender.points.draw import render_points
 
     options = _options(arguments, background)
@@ -94,13 +93,7 @@ def run_points(
             sys.stderr.write(f"{source}: all points face away: drawn from both sides\n")
             drawn = render_points(model, camera, replace(options, two_sided=True))
         del model  # closes the file
-    if output.suffix.lower() == ".exr":
-        import torch
-
-        planes = torch.cat([drawn.image[0], drawn.depth[0][..., None]], dim=-1)
-        write_image(output, planes, channels=("R", "G", "B", "Z"))
-    else:
-        write_image(output, drawn.image[0])
+    drawn.save(output)
     found = drawn.statistics[0]
     steps = "  ".join(f"{step} {elapsed:.0f} ms" for step, elapsed in found.ms.items())
     yield f"{output}  {size[0]}x{size[1]}  {found.points:,} points, {found.drawn:,} drawn  {steps}"

@@ -8,6 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchrender.brief import brief
 from torchrender.checks import check_finite, check_tensor
 from torchrender.errors import InputError
 from torchrender.scene.camera import Cameras, framing_camera
@@ -36,6 +37,8 @@ class PointCloud:
     spread: Tensor | None = None  # (P,3,3) float32 covariance of 3D Gaussians, square scene units; None: discs
     two_sided: bool = False  # the sides of the normals are not known
     name: str = "points"
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         count = check_tensor("position", self.position, ("P", 3)).shape[0]

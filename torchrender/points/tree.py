@@ -13,6 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchrender.brief import brief
 from torchrender.checks import check_range
 from torchrender.errors import OptionError
 from torchrender.kernels.compile import thread_count
@@ -111,6 +112,8 @@ class PatchSet:
     nodes: NodeStore
     two_sided: bool
     name: str = "points"
+
+    __repr__ = brief
 
     @property
     def point_count(self) -> int:

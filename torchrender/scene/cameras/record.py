@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
+from torchrender.brief import brief
 from torchrender.checks import check_finite
 from torchrender.errors import CameraError
 
@@ -38,6 +39,8 @@ class CameraRecord:
     near: Tensor = field(default_factory=lambda: torch.tensor(0.01, dtype=torch.float64))  # (B,), > 0 for perspective
     far: Tensor = field(default_factory=lambda: torch.tensor(math.inf, dtype=torch.float64))  # (B,), or +inf then
     orthographic: bool = False
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         for name in ("camera_from_world", "intrinsics", "near", "far"):

@@ -58,7 +58,8 @@ def write_scene(path: str | Path, scene: Scene) -> list[Path]:
             table |= {"density_file": grid.name}
             written.append(grid)
         tables.append(("medium", table))
-    lines = [f"name = {_text(scene.name)}", f"ambient = {_value(scene.ambient)}", ""]
+    lines = [f"name = {_text(scene.name)}", f"ambient = {_value(scene.ambient)}"]
+    lines += ["photo_light = true", ""] if scene.photo_light else [""]
     if scene.environment is not None:
         sky = path.with_name(f"{path.stem}_environment.exr")
         write_image(sky, scene.environment.radiance)
