@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import tracemalloc
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from PIL import Image
 import torchrender as tr
 from torchrender.errors import MeshError, NotUsedWarning, RepairedWarning, SceneFileError
 from torchrender.images.files import write_image
+from torchrender.scene.files.plain import numbers, ply_columns
 from torchrender.scene.files.plain.polygons import triangulate
 from torchrender.scene.load import load
 
@@ -478,3 +480,45 @@ def test_several_solids(tmp_path: Path) -> None:
     assert [m.object_id for m in scene.meshes] == [0, 1, 2] and area(scene) == pytest.approx(1.5)
     with pytest.raises(SceneFileError, match="2 corners are no whole triangles"):
         load(text(tmp_path, "b.stl", content[: content.index("VERTEX")]))
+
+
+# ------------------------------------------------------------------ large files
+
+
+def test_text_is_parsed_block_by_block_within_four_times_the_mesh(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Wherever a block ends, numbers are whole; and the memory beside the mesh is less than three of it."""
+    monkeypatch.setattr(numbers, "BLOCK", 1 << 16)
+    monkeypatch.setattr(ply_columns, "ROWS", 1 << 12)
+    side = 180
+    u, v = np.meshgrid(np.arange(side) / side, np.arange(side) / side)
+    points = np.stack([u, v, 0.1 * np.sin(9 * u) * np.cos(7 * v)], axis=-1).reshape(-1, 3).round(6)
+    corner = np.arange(side * side).reshape(side, side)
+    a, b, c, d = (corner[i : side - 1 + i, j : side - 1 + j].reshape(-1) for i, j in ((0, 0), (0, 1), (1, 1), (1, 0)))
+    faces = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+    head = f"ply\nformat ascii 1.0\nelement vertex {len(points)}\nproperty float x\nproperty float y\n"
+    head += f"property float z\nelement face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
+    rows = [" ".join(map(repr, p)) for p in points.tolist()] + [f"3 {i} {j} {k}" for i, j, k in faces.tolist()]
+    (tmp_path / "a.ply").write_text(head + "\n".join(rows) + "\n")
+    load(tmp_path / "a.ply")  # compiled and imported
+    tracemalloc.start()
+    try:
+        mesh = load(tmp_path / "a.ply").meshes[0]
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert np.array_equal(mesh.vertices.numpy(), points) and np.array_equal(mesh.faces.numpy(), faces)
+    assert mesh.normals is not None
+    size = sum(t.numel() * t.element_size() for t in (mesh.vertices, mesh.faces, mesh.normals))
+    assert peak < 4.0 * size
+
+
+@pytest.mark.parametrize("block", [1, 2, 5, 17])
+def test_blocks_may_end_anywhere(monkeypatch: pytest.MonkeyPatch, block: int) -> None:
+    monkeypatch.setattr(numbers, "BLOCK", block)
+    text = b" 1.5 -2e3\n\t7 nan   1e400 12345678901234567890\r\n"
+    found = numbers.numbers_of(text)
+    np.testing.assert_array_equal(found, [1.5, -2e3, 7.0, np.nan, np.inf, 12345678901234567890.0])
+    with pytest.raises(ValueError, match="'x' is no number"):
+        numbers.numbers_of(b"1 2 x 3")

@@ -57,7 +57,9 @@ def read_gltf(path: Path, data: bytes, choice: FileChoice = PLAIN_CHOICE) -> Sce
     animation = motion.animation(choice.animation)
     if choice.time is not None and animation is None:
         file.notes.not_used("time: the file has no animation")
-    worlds, weights = posed(nodes, animation, choice.time, motion.root)
+    # Who names an animation wants to see it, be it at its start.
+    time = 0.0 if choice.time is None and choice.animation is not None else choice.time
+    worlds, weights = posed(nodes, animation, time, motion.root)
     draft = _Draft(file, replace(motion, worlds=worlds, weights=weights), choice)
     entries = file.entries("nodes")
     draft.begin([m for m in (entries[index].get("mesh") for index in order) if isinstance(m, int)])
