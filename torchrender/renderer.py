@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, overload
 
 from torch import Tensor
 
@@ -32,12 +32,16 @@ from torchrender.planning.plan import Plan
 from torchrender.planning.planner import check_names, check_wishes, make_plan
 from torchrender.scene.camera import Cameras
 from torchrender.scene.load import load
-from torchrender.scene.model import Scene, resized
+from torchrender.scene.model import DEFAULT_SIZE, Scene, resized
 from torchrender.shade import SentLight
 
-DEFAULT_SIZE = (1024, 768)
+if TYPE_CHECKING:
+    from torchrender.points.cloud import PointCloud
+    from torchrender.points.options import PointImage
+    from torchrender.points.tree import PatchSet
 
 
+@overload
 def render(
     scene: Scene | str | Path,
     camera: Cameras | str | None = None,
@@ -48,11 +52,31 @@ def render(
     history: RenderHistory | None = None,
     budget_ms: float | None = None,
     max_error: float | None = None,
-) -> Image:
+) -> Image: ...
+@overload
+def render(
+    scene: PointCloud | PatchSet,
+    camera: Cameras | None = None,
+    *,
+    width: int | None = None,
+    height: int | None = None,
+) -> PointImage: ...
+def render(
+    scene: Scene | PointCloud | PatchSet | str | Path,
+    camera: Cameras | str | None = None,
+    *,
+    width: int | None = None,
+    height: int | None = None,
+    options: RenderOptions | None = None,
+    history: RenderHistory | None = None,
+    budget_ms: float | None = None,
+    max_error: float | None = None,
+) -> Image | PointImage:
     """Pictures of a scene, one per camera.
 
     Args:
-        scene: a scene, or the name or file of one.
+        scene: a scene, or the name or file of one. A point cloud or patch set is drawn by
+            :func:`~torchrender.points.draw.render_points`, which has options of its own.
         camera: cameras, the name of one of the scene's cameras, or None for its first, or where it has none one that
             frames the scene.
         width, height: size of the picture in pixels; the default is the size of ``camera`` where cameras are given,
@@ -73,6 +97,11 @@ def render(
         InputError: no camera, buffer or pass of that name; a size or an option out of range.
         OptionError: ``budget_ms`` not positive, ``max_error`` outside [0, 1].
     """
+    if not isinstance(scene, Scene | str | Path):
+        from torchrender.points.picture import picture
+
+        wishes = {"options": options, "history": history, "budget_ms": budget_ms, "max_error": max_error}
+        return picture(scene, camera, (width, height), wishes)
     check_wishes(budget_ms, max_error)
     options = options or RenderOptions()
     check_names(options)

@@ -30,7 +30,7 @@ from torchrender.rays import RayCaster
 from torchrender.report.common.hits import hit_shader
 from torchrender.report.reflections.baselines import depth_reprojection, mirror_motion_vectors
 from torchrender.scene.camera import Cameras
-from torchrender.scene.camera_path import built_in_path
+from torchrender.scene.cameras.path import built_in_path
 from torchrender.scene.light import PointLight
 from torchrender.scene.material import Material
 from torchrender.scene.model import Scene

@@ -15,6 +15,7 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
+from torchrender.brief import brief
 from torchrender.buffers import GBuffer, RayHits, ReflectionLayer, ReflectionState
 from torchrender.checks import check_tensor
 from torchrender.numerics.lobe import ggx_directions, lobe_directions, reflect, schlick
@@ -48,6 +49,8 @@ class ReflectivePixels:
     depth: Tensor  # (N,) float64 camera z
     length: Tensor  # (N,) float64 from the eye
     pixel_angle: Tensor  # (N,) float64 width of a pixel per unit of ray length
+
+    __repr__ = brief
 
     def __len__(self) -> int:
         return len(self.pixel)

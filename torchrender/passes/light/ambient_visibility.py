@@ -45,6 +45,10 @@ def applies(outlook: Outlook) -> Verdict:
         return Verdict(False, "no ambient light")
     if not scene.geometry.triangle_count:
         return Verdict(False, "the scene has no triangles")
+    if scene.photo_light:
+        return Verdict(False, "colours of photos hold the shadows of their light already")
+    if all(scene.materials[mesh.material].unlit for mesh in scene.meshes if len(mesh.faces)):
+        return Verdict(False, "every surface shows its colour as it is, whatever the light")
     kind = "ambient light" if scene.environment is None else f"light of the environment {scene.environment.name!r}"
     return Verdict(True, f"{kind} is hidden where surfaces stand close")
 
