@@ -67,9 +67,7 @@ class LightGrid:
         return (step[:, None] * count + step).reshape(-1), parts.reshape(-1, 3, 3)
 
 
-def light_grid(
-    light: RectLight, bounds: Tensor, *, per_side: int, size: int, staggered: bool = False
-) -> LightGrid:
+def light_grid(light: RectLight, bounds: Tensor, *, per_side: int, size: int, staggered: bool = False) -> LightGrid:
     """``per_side`` x ``per_side`` samples of a light; a line has ``per_side``, a point one.
 
     Args:
