@@ -38,7 +38,6 @@ KNOWN = {
     ): "float32 cosines at a light that lies in a surface: 1e-4 of the brightest",
     ("direct_light", "light on surface"): "the same",
     ("direct_light", "75 x 64"): "sums in another order: 1.1e-5 where 1e-5 is asked",
-    ("hit_shader", "all sizes"): "triangles of all sizes in one picture, on the three pixels that see a surface",
     (
         "ambient_visibility",
         "eye on mirror plane",
