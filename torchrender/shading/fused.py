@@ -13,6 +13,7 @@ from torch.utils.weak import WeakIdKeyDictionary
 from torchrender.arrays import view as array
 from torchrender.buffers import GBuffer, RaySurface, VisibilityBuffer
 from torchrender.kernels.compile import thread_count
+from torchrender.kernels.shading.needs import stages_of
 from torchrender.kernels.shading.pack import pack_planes
 from torchrender.kernels.shading.records import (
     CENTRE,
@@ -72,6 +73,7 @@ def send_fused(
     radiance = made((count, 3), f4)
     more = [np.zeros((count if mirrors else 0, 3), f4) for _ in range(2)]
     shadow = None if visibility is None else array(visibility, f4).reshape(len(scene.lights), -1)
+    rows = np.arange(len(scene.lights))
     share = np.zeros(0, f4) if around.visibility is None else array(around.visibility, f4)
     bent = np.zeros((0, 3), f4) if around.normal is None else array(around.normal.T, f4)
     for k in range(images):
@@ -81,12 +83,17 @@ def send_fused(
         reach = Reach(
             light_table(scene.lights, view.origin, area_light),
             none if shadow is None or not len(shadow) else np.ascontiguousarray(shadow[:, part]),
+            rows,
             share[part],
             bent[part],
+            np.zeros(1, np.int64),
+            np.zeros(0, np.int32),
         )
         out = Out(radiance[part], *(value[part] for value in more))
-        columns, rows = TILE if seen.triangle.shape[0] > 1 else (SPAN, 1)
-        shade(seen, view, packed, looks, sky, reach, out, np.array([columns, rows, thread_count()]))
+        columns, lines = TILE if seen.triangle.shape[0] > 1 else (SPAN, 1)
+        stages = stages_of(seen, view, packed, looks, sky, reach, out)
+        stages = stages._replace(columns=columns, rows=lines, workers=thread_count())
+        shade(seen, view, packed, looks, sky, reach, out, stages)
     return Sent(torch.from_numpy(radiance).T, *(torch.from_numpy(value).T for value in more))
 
 
