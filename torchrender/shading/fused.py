@@ -23,6 +23,7 @@ from torchrender.kernels.shading.records import (
     RECT,
     SPAN,
     TILE,
+    Looks,
     Out,
     Packed,
     Reach,
@@ -46,6 +47,8 @@ from torchrender.shading.sky import SkyMaps
 Array = np.ndarray[Any, Any]
 f4 = np.float32
 _PACKED: WeakIdKeyDictionary = WeakIdKeyDictionary()
+_EVERYWHERE = (np.zeros(1, np.int64), np.zeros(0, np.int32))
+"""No lists of lights: each may reach all pixels."""
 
 
 def send_fused(
@@ -72,8 +75,8 @@ def send_fused(
     made = np.zeros if isinstance(samples, RaySurface) else np.empty
     radiance = made((count, 3), f4)
     more = [np.zeros((count if mirrors else 0, 3), f4) for _ in range(2)]
-    shadow = None if visibility is None else array(visibility, f4).reshape(len(scene.lights), -1)
-    rows = np.arange(len(scene.lights))
+    shadow = None if visibility is None or not scene.lights else array(visibility, f4).reshape(len(scene.lights), -1)
+    lights = np.arange(len(scene.lights))
     share = np.zeros(0, f4) if around.visibility is None else array(around.visibility, f4)
     bent = np.zeros((0, 3), f4) if around.normal is None else array(around.normal.T, f4)
     for k in range(images):
@@ -83,18 +86,46 @@ def send_fused(
         reach = Reach(
             light_table(scene.lights, view.origin, area_light),
             none if shadow is None or not len(shadow) else np.ascontiguousarray(shadow[:, part]),
-            rows,
+            lights,
             share[part],
             bent[part],
-            np.zeros(1, np.int64),
-            np.zeros(0, np.int32),
+            *_EVERYWHERE,
         )
-        out = Out(radiance[part], *(value[part] for value in more))
-        columns, lines = TILE if seen.triangle.shape[0] > 1 else (SPAN, 1)
-        stages = stages_of(seen, view, packed, looks, sky, reach, out)
-        stages = stages._replace(columns=columns, rows=lines, workers=thread_count())
-        shade(seen, view, packed, looks, sky, reach, out, stages)
+        out = Out(radiance[part], more[0][part], more[1][part], np.zeros((0, 4), f4))
+        _run(seen, view, packed, looks, sky, reach, out)
     return Sent(torch.from_numpy(radiance).T, *(torch.from_numpy(value).T for value in more))
+
+
+def read_fused(scene: Scene, samples: VisibilityBuffer | RaySurface, rows: Tensor) -> tuple[Tensor, Tensor]:
+    """Shading normals (N,3), bent by their maps, and roughness (N,) of samples in flat rows (N,); nothing is lit."""
+    packed = packed_geometry(scene.geometry)
+    looks = looks_of(scene.materials, scene.material_table)
+    images = 1 if isinstance(samples, RaySurface) else len(samples.cameras)
+    count = samples.covered.numel()
+    each = count // max(images, 1)
+    surface = np.zeros((count, 4), f4)
+    left_out = np.ones(count, np.bool_)
+    left_out[rows.numpy()] = False
+    none = np.zeros((0, 3), f4)
+    dark = Reach(
+        np.zeros((0, 32), f4), np.zeros((0, 1), f4), np.zeros(0, np.int64), np.zeros(0, f4), none, *_EVERYWHERE
+    )
+    for k in range(images):
+        view, seen = _hits(scene, samples) if isinstance(samples, RaySurface) else _image(scene, samples, k)
+        part = slice(k * each, (k + 1) * each)
+        chosen = np.where(left_out[part].reshape(seen.triangle.shape), -1, seen.triangle)
+        seen, out = seen._replace(triangle=chosen), Out(none, none, none, surface[part])
+        _run(seen, view, packed, looks, _no_sky(), dark, out)
+    found = torch.from_numpy(surface).index_select(0, rows)
+    return found[:, :3], found[:, 3]
+
+
+def _run(samples: Samples, view: View, packed: Packed, looks: Looks, sky: Sky, reach: Reach, out: Out) -> None:
+    """The kernel, with the stages that it needs."""
+    columns, rows = TILE if samples.triangle.shape[0] > 1 else (SPAN, 1)
+    stages = stages_of(samples, view, packed, looks, sky, reach, out)
+    split = stages._replace(columns=columns, rows=rows, workers=thread_count())
+    shade(samples, view, packed, looks, sky, reach, out, split)
 
 
 def packed_geometry(geometry: Geometry) -> Packed:
@@ -207,6 +238,13 @@ def _sky(scene: Scene, background: Tensor | None) -> Sky:
         radiance=array(shown.radiance if shown.shown is None else shown.shown, f4),
         turn=np.array([math.radians(shown.rotation_deg), shown.intensity], f4),
     )
+
+
+def _no_sky() -> Sky:
+    """Nothing around, for surfaces that are read only."""
+    empty = np.zeros((0, 3), f4)
+    maps = (empty, empty, np.zeros((0, 2), np.int64), np.zeros((0, 0, 4), f4), np.zeros((0, 2), f4))
+    return Sky(np.zeros(3, f4), *maps, np.zeros((1, 1, 3), f4), np.zeros(2, f4))
 
 
 def is_of(samples: GBuffer | RaySurface, scene: Scene) -> bool:

@@ -20,6 +20,7 @@ def shading_needs(scene: Scene) -> set[str]:
         "phong": any(not m.is_physical and not m.unlit for m in materials),
         "metallic": any(m.is_physical and not m.unlit for m in materials),
         "layers": any(m.clearcoat > 0 or bool((m.sheen_color > 0).any()) for m in materials),
+        "maps": any(m.normal_texture is not None or m.metallic_roughness_texture is not None for m in materials),
         "mirrors": any(m.is_reflector for m in materials),
     }
     return {f"shading.{name}" for name, needed in found.items() if needed}

@@ -60,6 +60,7 @@ def _needs(packed: Packed, looks: Looks, sky: Sky, reach: Reach, out: Out) -> It
         "coat_light": layered[0] and bool(lights),
         "sheen_light": layered[1] and bool(lights),
         "mirrors": len(out.replaced) > 0,
+        "surface": len(out.surface) > 0,
     }
     return (name for name, needed in found.items() if needed)
 
@@ -88,6 +89,7 @@ def _compiled(wanted: frozenset[str], writeable: tuple[bool, ...], told: _Types)
         "further": (samples, packed, work, number),
         "textures": (looks, work, number),
         "bend": (looks, work, number),
+        "surface": (out, work, number),
         "ambient": (looks, sky, reach, work, number, number),
         "background": (view, sky, work, number, types.float32[:, ::1]),
         "small_light": (work, number, light),

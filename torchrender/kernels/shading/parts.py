@@ -61,6 +61,17 @@ def bend(looks, work, n):
     bend_normals(work.s, n, work.mat, looks)
 
 
+@stage("maps")
+def surface(out, work, n):
+    """Shading normals and roughness, for whoever follows what the pixels mirror."""
+    s = work.s
+    for i in range(n):
+        p = work.pix[i]
+        for c in range(3):
+            out.surface[p, c] = s[NX + c * SPAN + i]
+        out.surface[p, 3] = s[RO + i]
+
+
 @stage()
 def ambient(looks, sky, reach, work, n, bits):
     """Diffuse light from all around."""

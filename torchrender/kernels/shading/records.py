@@ -119,6 +119,7 @@ class Out(NamedTuple):
     radiance: np.ndarray  # (N,3)
     replaced: np.ndarray  # (N,3)
     mirrored: np.ndarray  # (N,3)
+    surface: np.ndarray  # (N,4) shading normal with its map, roughness
 
 
 class Stages(NamedTuple):
@@ -132,6 +133,7 @@ class Stages(NamedTuple):
     further: int
     textures: int
     bend: int
+    surface: int
     ambient: int
     background: int
     small_light: int

@@ -60,7 +60,7 @@ def tile(box, seen, looks, sky, reach, out, work, stages):
     s, pix = work.s, work.pix
     run(stages.surfaces, (box, samples, view, packed, looks, work))
     n, e, bits = work.found[0], work.found[1], work.found[2]
-    if e > 0 and samples.position.shape[0] == 0:
+    if e > 0 and samples.position.shape[0] == 0 and out.radiance.shape[0] > 0:
         if stages.background != 0:
             run(stages.background, (view, sky, work, e, out.radiance))
         else:
@@ -75,6 +75,10 @@ def tile(box, seen, looks, sky, reach, out, work, stages):
         run(stages.textures, (looks, work, n))
     if bits & 8 > 0 and packed.tangent_row.shape[0] > 0:
         run(stages.bend, (looks, work, n))
+    if out.surface.shape[0] > 0:
+        run(stages.surface, (out, work, n))
+        if out.radiance.shape[0] == 0:
+            return
     run(stages.ambient, (looks, sky, reach, work, n, bits))
     phong, metallic, shiny = bits & (1 << PHONG) > 0, bits & (1 << METALLIC) > 0, bits & 16 > 0
     coated = cloth = False
