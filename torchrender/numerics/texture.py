@@ -79,7 +79,7 @@ def _in_a_row(textures: Sequence[Tensor], sizes: list[tuple[int, int]]) -> Tenso
 def _in_place(textures: Sequence[Tensor], sizes: list[tuple[int, int]]) -> Tensor:
     """The same, each level written where it stays: textures of users are large."""
     channels = sum(texture.shape[2] for texture in textures)
-    texels = torch.empty(sum(h * w for h, w in sizes), channels)
+    texels = torch.zeros(sum(h * w for h, w in sizes), channels)
     first, (height, width) = 0, sizes[0]
     finer = texels[: height * width].view(height, width, channels)
     begin = 0

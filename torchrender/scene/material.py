@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 
 import torch
 from torch import Tensor
+from torch.utils.weak import WeakTensorKeyDictionary
 
 from torchrender.brief import brief
 from torchrender.checks import as_vector, check_choice, check_finite, check_not_negative, check_range

@@ -23,7 +23,6 @@ from torchrender.kernels.shading.records import (
     RECT,
     SPAN,
     TILE,
-    Looks,
     Out,
     Packed,
     Reach,
@@ -38,7 +37,7 @@ from torchrender.scene.light import DirectionalLight, Light, RectLight, SpotLigh
 from torchrender.scene.mesh import Geometry
 from torchrender.scene.model import Scene
 from torchrender.shading.attributes import attribute_arrays, eye_of
-from torchrender.shading.lights import NEAREST_SQUARE
+from torchrender.shading.lights import NEAREST_SQUARE, LightLists
 from torchrender.shading.lobes import Around, Sent
 from torchrender.shading.looks import looks_of
 from torchrender.shading.origin import origin_of
@@ -57,6 +56,7 @@ def send_fused(
     visibility: Tensor | None,
     around: Around,
     how: tuple[str, Tensor | None, bool],
+    lists: LightLists | None = None,
 ) -> Sent:
     """As :func:`torchrender.shading.plain.send`, the background of images included.
 
@@ -64,6 +64,7 @@ def send_fused(
         samples: of the scene's own geometry; hits of rays must know their triangles.
         how: way of area lights; colour (3,) of the background, None: environment, else ambient light; mirrors: compute
             what they need, else those parts are empty.
+        lists: of images, lights that are not listed for a block of pixels are left out there.
     """
     area_light, background, mirrors = how
     packed = packed_geometry(scene.geometry)
@@ -75,8 +76,8 @@ def send_fused(
     made = np.zeros if isinstance(samples, RaySurface) else np.empty
     radiance = made((count, 3), f4)
     more = [np.zeros((count if mirrors else 0, 3), f4) for _ in range(2)]
-    shadow = None if visibility is None or not scene.lights else array(visibility, f4).reshape(len(scene.lights), -1)
-    lights = np.arange(len(scene.lights))
+    shadow = None if visibility is None or not len(visibility) else array(visibility, f4).reshape(len(visibility), -1)
+    lights = _rows_of(scene, lists)
     share = np.zeros(0, f4) if around.visibility is None else array(around.visibility, f4)
     bent = np.zeros((0, 3), f4) if around.normal is None else array(around.normal.T, f4)
     for k in range(images):
@@ -89,10 +90,10 @@ def send_fused(
             lights,
             share[part],
             bent[part],
-            *_EVERYWHERE,
+            *_listed(lists, k, images),
         )
         out = Out(radiance[part], more[0][part], more[1][part], np.zeros((0, 4), f4))
-        _run(seen, view, packed, looks, sky, reach, out)
+        _run(seen, view, packed, looks, sky, reach, out, side=1 if lists is None else lists.side)
     return Sent(torch.from_numpy(radiance).T, *(torch.from_numpy(value).T for value in more))
 
 
@@ -120,12 +121,30 @@ def read_fused(scene: Scene, samples: VisibilityBuffer | RaySurface, rows: Tenso
     return found[:, :3], found[:, 3]
 
 
-def _run(samples: Samples, view: View, packed: Packed, looks: Looks, sky: Sky, reach: Reach, out: Out) -> None:
-    """The kernel, with the stages that it needs."""
-    columns, rows = TILE if samples.triangle.shape[0] > 1 else (SPAN, 1)
-    stages = stages_of(samples, view, packed, looks, sky, reach, out)
-    split = stages._replace(columns=columns, rows=rows, workers=thread_count())
-    shade(samples, view, packed, looks, sky, reach, out, split)
+def _run(*given: Any, side: int = 1) -> None:
+    """The kernel on its records, with the stages that it needs; lights are listed for blocks of ``side`` pixels."""
+    columns, rows = TILE if given[0].triangle.shape[0] > 1 else (SPAN, 1)
+    stages = stages_of(*given)
+    shade(*given, stages._replace(columns=columns, rows=rows, workers=thread_count(), side=side))
+
+
+def _rows_of(scene: Scene, lists: LightLists | None) -> Array:
+    """(L,) int64 which shadow factors a light has, -1: none, all of it arrives."""
+    count = len(scene.lights)
+    if lists is None or lists.shaded is None:
+        return np.arange(count)
+    rows = np.full(count, -1)
+    rows[list(lists.shaded)] = np.arange(len(lists.shaded))
+    return rows
+
+
+def _listed(lists: LightLists | None, k: int, images: int) -> tuple[Array, Array]:
+    """Where the lists of image ``k`` begin, and what is listed."""
+    if lists is None:
+        return _EVERYWHERE
+    blocks = (len(lists.starts) - 1) // images
+    starts = array(lists.starts[k * blocks : (k + 1) * blocks + 1], np.int64)
+    return starts, array(lists.lights, np.int32)
 
 
 def packed_geometry(geometry: Geometry) -> Packed:
