@@ -207,8 +207,8 @@ def soft_shadow(
     covered = gbuffer.covered
     if bounds is None:
         bounds = _bounds(ready.geometry, gbuffer.position[covered].double())
-    how = {"per_side": options.light_samples, "size": options.map_size, "staggered": _unbiased(options)}
-    grids = [light_grid(light, bounds, **how) for light in lights]
+    per_side, size, staggered = options.light_samples, options.map_size, _unbiased(options)
+    grids = [light_grid(one, bounds, per_side=per_side, size=size, staggered=staggered) for one in lights]
     words = (max(len(g.samples) for g in grids) + 63) // 64
     shape = (*covered.shape, len(lights))
     bits = torch.full((*shape, words), -1, dtype=torch.int64)
