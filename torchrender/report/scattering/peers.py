@@ -47,7 +47,9 @@ def _case(mi: Any, size: tuple[int, int], name: str, change: dict[str, Any]) -> 
     begin = time.perf_counter()
     found = stage.light()
     ms = 1e3 * (time.perf_counter() - begin)
-    rows = [{"case": name, "what": "slices, 2 x 2", "ms": ms, "rmse": _rmse(found.numpy(), wanted)}]
+    rows: list[dict[str, Any]] = [
+        {"case": name, "what": "slices, 2 x 2", "ms": ms, "rmse": _rmse(found.numpy(), wanted)}
+    ]
     world = mi.load_dict(_world(mi, size, scene.media[0]))
     for samples in SAMPLES:
         mi.render(world, spp=samples, seed=1)
