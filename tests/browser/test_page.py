@@ -84,7 +84,7 @@ def test_new_keyframes_follow_the_view(visit: Callable[..., Visit]) -> None:
 def test_settings_reach_the_server(visit: Callable[..., Visit]) -> None:
     page = visit()
     page.wait(JPEG_READY)
-    page.page.evaluate("() => document.querySelector('#toggle').click()")
+    page.page.evaluate("() => { window.loaded = 1; document.querySelector('#toggle').click(); }")
     choose = "element => element.click()"
     page.page.locator("input[value=budget]").evaluate(choose)
     page.page.locator("#bound").fill("20")
@@ -98,6 +98,13 @@ def test_settings_reach_the_server(visit: Callable[..., Visit]) -> None:
         Type.SETTINGS, lambda it: it.layers == 3 and it.budget_ms is None and it.max_error is not None
     )
     page.wait("() => window.torchrender.keyframes[0].layers === 4")
+    page.page.locator("#density").fill("75")
+    page.wait_for_message(Type.SETTINGS, lambda it: it.density == pytest.approx(10) and it.asymmetry is None)
+    page.page.locator("#asymmetry").fill("-40")
+    page.wait_for_message(
+        Type.SETTINGS, lambda it: it.density == pytest.approx(10) and it.asymmetry == pytest.approx(-0.4)
+    )
+    assert page.page.evaluate("() => window.loaded") == 1, "fog changes without another load of the page"
     rows = page.page.locator("#plan tr").all_inner_texts()
     assert len(rows) >= 3 and "together" in rows[-1]
     assert page.page.locator("#plan").inner_text().count("ms") >= 1

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import torch
 
+from torchrender.report.scattering.motion import edits, film
 from torchrender.report.scattering.page import lines
 from torchrender.report.scattering.scenes import KINDS, eye, t1, t2
-from torchrender.report.scattering.study import QUICK, Stage, costs, errors, film, published, shaft_edges, trends
+from torchrender.report.scattering.stage import QUICK, Stage, errors, shaft_edges
+from torchrender.report.scattering.study import baselines, costs, published, trends
 
 
 def test_errors_are_shares_of_the_mean() -> None:
@@ -33,12 +35,13 @@ def test_the_page_holds_what_was_measured(tmp_path) -> None:
         "published": published(QUICK),
         "ways": [],
         "costs": costs(QUICK),
-        "baselines": {"all": {"rmse": 0.1, "p99": 0.2}},
+        "baselines": baselines(QUICK),
         "trends": trends(QUICK),
         "film": film(QUICK, tmp_path),
-        "peer": {"missing": "mitsuba is not installed"},
+        "edits": edits(QUICK),
+        "peer": {"missing": "Mitsuba is not installed"},
     }  # fmt: skip
     text = "\n".join(lines(record))
-    assert "3 x 3 | 20 | lsq" in text and "behind the camera" in text and "mitsuba is not installed" in text
+    assert "3 x 3 | 20 | lsq" in text and "behind the camera" in text and "Mitsuba is not installed" in text
     more = record["trends"]["scattering 0.02 to 0.1, no absorption"]
     assert more == sorted(more)

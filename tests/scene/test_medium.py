@@ -138,3 +138,12 @@ def test_plain_values_bring_a_medium_back() -> None:
     ):
         with pytest.raises(InputError, match=word):
             medium_from_values(bad)
+
+
+def test_boxes_keep_their_places_far_from_the_origin() -> None:
+    """float32 steps are 1/16 there: sides of the box would move by as much."""
+    low, high = torch.tensor([786432.3, -655360.7, 917504.1], dtype=torch.float64), torch.full((3,), 1e6 + 0.3).double()
+    medium = Medium(low=low, high=high)
+    assert torch.equal(medium.low, low) and torch.equal(medium.high, high)
+    again = medium_from_values(medium_values(medium))
+    assert torch.equal(again.low, low) and torch.equal(again.high, high)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
 
-from media_scenes import LAMP, eye, fog, quadrature, scattered, t1
+from media_scenes import LAMP, SUN, eye, fog, quadrature, scattered, t1
 from torchrender.effects.media.between import GRADIENTS
 from torchrender.effects.media.eye_rays import eye_of, rays_of
 from torchrender.effects.media.light_images import NO_IMAGES, NO_SLICES
@@ -92,6 +93,24 @@ def test_a_lamp_in_a_homogeneous_medium_is_the_analytic_case() -> None:
             d, (0.0, end), place, lambda a, b: 0.4 * np.linalg.norm(b - a, axis=-1), lambda p: np.full(len(p), 0.3)
         )
         assert found[row] == pytest.approx(wanted, rel=1e-4)
+
+
+@pytest.mark.parametrize("direction", [SUN.direction, torch.tensor([0.0, -1.0, 0.0]), torch.tensor([0.0, 0.6, 0.8])])
+def test_the_sun_in_a_homogeneous_medium_is_an_integral(direction: torch.Tensor) -> None:
+    table, rays, _ = prepared(asymmetry=0.4)
+    lamp = LightTable.of(replace(SUN, direction=direction), table.origin, 1e-3, "inverse_square")
+    found = light_of(table, rays, lamp, 8)
+    low, high, travels = (v.double().numpy() for v in (table.media[0].low, table.media[0].high, direction))
+    travels = travels / np.linalg.norm(travels)
+    for row in range(0, 1200, 97):
+        d, end = rays.beams.direction[row].astype(float), float(rays.beams.span[row, 1])
+        t = end * (np.arange(20000) + 0.5) / 20000
+        with np.errstate(divide="ignore", invalid="ignore"):
+            sides = (d * t[:, None] - np.where(travels > 0, low, high)) / travels
+        way = np.where(travels == 0, np.inf, sides).min(axis=1)
+        phase = (1 - 0.16) / (4 * math.pi) / (1.16 + 0.8 * float(travels @ d)) ** 1.5
+        wanted = 0.3 * phase * np.exp(-0.4 * (t + way)).sum() * end / 20000
+        assert found[row] == pytest.approx(wanted, rel=1e-5)
 
 
 def test_a_lamp_in_a_medium_that_falls_off_meets_quadrature() -> None:

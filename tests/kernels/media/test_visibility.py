@@ -107,7 +107,7 @@ def test_slices_find_nearly_what_the_walk_finds(name: str) -> None:
         lengths = [float((s[:n, 1] - s[:n, 0]).sum() / (end - begin)) for s, n in ((a, walked), (b, sliced))]
         shares.append(lengths)
     pairs = np.array(shares)
-    assert np.abs(pairs[:, 0] - pairs[:, 1]).mean() < 0.01
+    assert np.abs(pairs[:, 0] - pairs[:, 1]).mean() < (0.002 if name == "sun" else 0.01)
     assert pairs[:, 0].std() > 0.02, "the case has something to find"
 
 
@@ -141,4 +141,4 @@ def test_pictures_by_slices_are_near_those_by_walks(name: str) -> None:
     scene, camera = t1(LIGHTS[name], grille=True), eye(100, 75)
     walked = scattered(scene, camera, way="walk", block=1).scattered
     sliced = scattered(scene, camera, way="slices", block=1).scattered
-    assert rmse(sliced, walked) < 0.05
+    assert rmse(sliced, walked) < (0.002 if name == "sun" else 0.01)

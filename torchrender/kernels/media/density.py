@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
 
 from torchrender.kernels.compile import kernel
+from torchrender.kernels.media.functions import exponential
 from torchrender.kernels.media.records import BIG, DENSITY, FALLOFF, FLAT, GROUND, HEIGHT
 
 F: Any = np.float32
@@ -74,7 +74,7 @@ def density_at(media, m, x, y, z):
     if kind == FLAT:
         return media.numbers[m, DENSITY]
     if kind == HEIGHT:
-        return media.numbers[m, DENSITY] * math.exp(media.numbers[m, FALLOFF] * (media.numbers[m, GROUND] - y))
+        return media.numbers[m, DENSITY] * exponential(media.numbers[m, FALLOFF] * (media.numbers[m, GROUND] - y))
     return trilinear(media.cells, media.dims[m], media.low[m], media.high[m], x, y, z)
 
 
@@ -82,7 +82,7 @@ def density_at(media, m, x, y, z):
 def height_integral(media, m, y, dy, length):
     """Integral of a density that falls off with height over a way that begins at height ``y`` and climbs by ``dy``."""
     a, b, ground = media.numbers[m, DENSITY], media.numbers[m, FALLOFF], media.numbers[m, GROUND]
-    first, last = a * math.exp(b * (ground - y)), a * math.exp(b * (ground - y - dy))
+    first, last = a * exponential(b * (ground - y)), a * exponential(b * (ground - y - dy))
     return length * mean_of_exponential(first, last, b * dy)
 
 

@@ -1,104 +1,40 @@
 """Scattering measured: errors against full integration and against rays, times, trends, baselines and a peer.
 
-``python -m torchrender.report.scattering [--quick] [-o docs/results]`` writes ``scattering.md``, ``.json`` and
-``scattering.jpg``. Candidates take turns; nothing is kept between their runs, so every time holds all set-up.
+``python -m torchrender.report.scattering [--quick] [-o docs/results]`` writes ``scattering.md``, ``.json``,
+``scattering.jpg`` and ``scattering-film.jpg``. Candidates take turns; nothing is kept between their runs, so every time
+holds all set-up.
 """
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 from PIL import Image as Picture
 from torch import Tensor
 
-from torchrender.buffers import GBuffer
+from torchrender.effects.media.between import NOWHERE, between
+from torchrender.effects.media.eye_rays import eye_of, rays_of
 from torchrender.effects.media.options import ScatterOptions
-from torchrender.effects.media.scatter import Illumination, ScatteringLayer, scatter
-from torchrender.effects.shadows.shadow_map import ShadowOptions, render_shadow_map
+from torchrender.effects.media.tables import MediaTable
 from torchrender.images.files import write_atomically
+from torchrender.kernels.media.records import Scattered
 from torchrender.numerics.color import srgb_from_linear
 from torchrender.quality.machine import machine_record
 from torchrender.quality.pages import write_record
 from torchrender.quality.timing import take_turns
-from torchrender.raster import rasterize
-from torchrender.rays import RayCaster
 from torchrender.report.common.command import study_parser
+from torchrender.report.scattering.motion import edits, film
 from torchrender.report.scattering.page import write_page
 from torchrender.report.scattering.peers import beside_mitsuba
 from torchrender.report.scattering.scenes import KINDS, eye, t1, t2
-from torchrender.scene.camera import Cameras
-from torchrender.scene.light import DirectionalLight, PointLight
-from torchrender.scene.model import Scene
-
-
-@dataclass(frozen=True, kw_only=True)
-class StudyOptions:
-    """How much is measured."""
-
-    size: tuple[int, int] = (800, 600)  # of pictures that are timed
-    small: tuple[int, int] = (200, 150)  # of pictures that are compared with rays
-    map_size: int = 1024  # texels of lights' images
-    rays_steps: int = 512
-    frames: int = 60  # of the film
-    film: tuple[int, int] = (160, 120)
-    runs: int = 5
-
-
-QUICK = StudyOptions(size=(80, 60), small=(40, 30), map_size=256, rays_steps=64, frames=4, film=(40, 30), runs=1)
-
-
-@dataclass(frozen=True, eq=False)
-class Stage:
-    """A scene with everything that scattering takes from other passes."""
-
-    scene: Scene
-    camera: Cameras
-    seen: GBuffer
-    lit: Illumination
-
-    @classmethod
-    def of(cls, scene: Scene, camera: Cameras, size: int, *, shadows: bool = True) -> Stage:
-        """With shadow maps of ``size`` texels."""
-        maps = tuple(render_shadow_map(scene, light, ShadowOptions(size=size)) for light in scene.lights)
-        caster = RayCaster(scene.geometry)
-        lit = Illumination(lights=scene.lights, shadow_maps=maps if shadows else (), caster=caster, size=scene.diagonal)
-        return cls(scene, camera, rasterize(scene, camera), lit)
-
-    def layer(self, **options: Any) -> ScatteringLayer:
-        """By these options."""
-        how = ScatterOptions(**options)
-        return scatter(self.scene.media, self.camera, self.seen.depth, self.lit, how, position=self.seen.position)
-
-    def light(self, **options: Any) -> Tensor:
-        """(H,W) float64 scattered light, of one colour."""
-        return self.layer(**options).scattered[0, ..., 0].double()
-
-
-def errors(found: Tensor, wanted: Tensor, edge: Tensor | None = None) -> dict[str, float]:
-    """RMSE over the mean, and percentile and maximum of relative errors; with ``edge`` RMSE there."""
-    off = found - wanted
-    relative = (off.abs() / wanted.clamp_min(1e-3 * float(wanted.mean()))).reshape(-1)
-    made = {
-        "rmse": float(off.square().mean().sqrt() / wanted.mean()),
-        "p99": float(relative.kthvalue(max(int(0.99 * relative.numel()), 1)).values),
-        "max": float(relative.max()),
-    }
-    if edge is not None and bool(edge.any()):
-        made["edge"] = float(off[edge].square().mean().sqrt() / wanted[edge].mean().clamp_min(1e-12))
-    return made
-
-
-def shaft_edges(light: Tensor) -> Tensor:
-    """(H,W) bool: the twentieth of the pixels where light changes most, as a share of it."""
-    dy, dx = torch.gradient(light)
-    change = torch.sqrt(dx * dx + dy * dy) / (light + 0.1 * light.mean())
-    return change > change.reshape(-1).kthvalue(int(0.95 * change.numel())).values
-
+from torchrender.report.scattering.stage import QUICK, Stage, StudyOptions, errors, shaft_edges
+from torchrender.scene.light import PointLight
 
 # ---------------------------------------------------------------- parts
 
@@ -204,8 +140,33 @@ def baselines(study: StudyOptions) -> dict[str, dict[str, float]]:
         "3 x 3, least squares": errors(stage.light(block=3), reference),
         "3 x 3, no gradient": errors(stage.light(block=3, gradient="none"), reference),
         "3 x 3, nearest (printed)": errors(stage.light(block=3, gradient="nearest"), reference),
+        "3 x 3, bilinear, samples alone": errors(_bilinear(stage, 3), reference),
+        "3 x 3, no division by length": errors(_undivided(stage, 3), reference),
         "plain fog blend": errors(blend, reference),
     }
+
+
+def _bilinear(stage: Stage, block: int) -> Tensor:
+    """Light of one pixel per block, the others between these."""
+    every = stage.light(block=1)
+    few = every[block // 2 :: block, block // 2 :: block]
+    mode = {"size": every.shape, "mode": "bilinear", "align_corners": False}
+    return torch.nn.functional.interpolate(few[None, None], **mode)[0, 0]  # type: ignore[arg-type]
+
+
+def _undivided(stage: Stage, block: int) -> Tensor:
+    """The source's interpolation with light itself in place of light per length."""
+    camera, seen = stage.camera, stage.seen
+    table = MediaTable.of(stage.scene.media, eye_of(camera))
+    rays = rays_of(camera, seen.depth[0], table, seen.position[0])
+    options = ScatterOptions(block=block)
+    every = stage.layer(block=1).scattered[0, ..., :1].reshape(-1, 1).numpy()
+
+    def integrate(rows: np.ndarray, out: Scattered) -> None:
+        out.radiance[rows] = every[rows]
+
+    found, _ = between(integrate, rays, torch.ones_like(rays.length), NOWHERE, 1, options)
+    return torch.from_numpy(found).double().reshape(rays.shape)
 
 
 def trends(study: StudyOptions) -> dict[str, list[float]]:
@@ -228,28 +189,6 @@ def trends(study: StudyOptions) -> dict[str, list[float]]:
             mean(scattering=three(0.5), asymmetry=g) for g in (-0.6, -0.3, 0.0, 0.3, 0.6)
         ],
     }
-
-
-def film(study: StudyOptions, folder: Path) -> dict[str, float]:
-    """A sun that turns slowly: variance over time of the error, beside plain bilinear interpolation."""
-    scene, camera = t2("sun"), eye(*study.film)
-    ours, plain = [], []
-    for k in range(study.frames):
-        angle = 0.15 * k / max(study.frames - 1, 1)
-        sun = DirectionalLight(
-            direction=torch.tensor([0.75, -0.55 + angle, -0.35 + angle]), irradiance=torch.full((3,), 3.0)
-        )
-        stage = Stage.of(replace(scene, lights=(sun,)), camera, study.map_size)
-        every = stage.light(block=1)
-        few = every[1::3, 1::3]
-        between = torch.nn.functional.interpolate(
-            few[None, None], size=every.shape, mode="bilinear", align_corners=False
-        )[0, 0]
-        ours.append(stage.light(block=3) - every)
-        plain.append(between - every)
-    variance = [float(torch.stack(e).var(dim=0, unbiased=False).mean()) for e in (ours, plain)]
-    del folder
-    return {"ours": variance[0], "bilinear": variance[1], "ratio": variance[0] / max(variance[1], 1e-30)}
 
 
 def picture(study: StudyOptions, path: Path) -> None:
@@ -279,6 +218,7 @@ def run_study(study: StudyOptions, folder: Path) -> dict[str, Any]:
         "baselines": lambda: baselines(study),
         "trends": lambda: trends(study),
         "film": lambda: film(study, folder),
+        "edits": lambda: edits(study),
         "peer": lambda: beside_mitsuba(study.small),
     }
     record: dict[str, Any] = {"machine": machine_record(), "study": asdict(study)}
