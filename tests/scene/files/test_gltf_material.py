@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
@@ -183,6 +183,7 @@ angles = st.floats(-3.0, 3.0)
 factors = st.floats(0.1, 4.0)
 
 
+@settings(deadline=None)
 @given(angles, factors, factors, angles, angles, st.floats(0, 1), st.floats(0, 1))
 def test_texture_transform_turns_the_way_of_the_format(
     angle: float, sx: float, sy: float, ox: float, oy: float, u: float, v: float

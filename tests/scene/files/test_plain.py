@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
@@ -74,6 +74,7 @@ def test_concave_polygons_cover_their_area_and_keep_their_side(
     assert signed_area(scene) == pytest.approx(-expected if turned else expected)
 
 
+@settings(deadline=None)
 @given(st.lists(st.floats(0.2, 1.0), min_size=3, max_size=25), st.integers(0, 2), st.integers(0, 24))
 def test_star_shaped_polygons(radii: list[float], axis: int, start: int) -> None:
     """Any polygon around a point, in any plane, from any corner on: the shoelace area, every triangle on its side."""
