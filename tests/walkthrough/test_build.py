@@ -230,3 +230,25 @@ def test_what_is_left_out_is_said():
         warnings.simplefilter("error")
         build_walkthrough(sequence, OPTIONS)
     assert pattern(torch.zeros(1, 3)).shape == (1, 3)
+
+
+@pytest.mark.parametrize("share", [0.3, 0.15])
+def test_a_named_size_is_kept(share):
+    capture_ = capture(4, size=96)
+    free, held = (build_walkthrough(capture_, WalkthroughOptions(n_min=80, size_share=s)) for s in (None, share))
+    raw = free.report["bytes"]["photos"]
+    assert free.size_bytes > 0.3 * raw
+    assert held.size_bytes <= share * raw
+    assert len(held.points) < len(free.points) and held.texel_count < free.texel_count
+    error = [code_psnr(draw_walkthrough(m, m.cameras[0]).image[0], *_first(capture_)) for m in (free, held)]
+    assert error[0] - error[1] < 8.0
+
+
+def _first(sequence):
+    color = sequence.frames[0].read_color()
+    return color, torch.ones(color.shape[:2], dtype=torch.bool)
+
+
+def test_a_size_that_leaves_no_room_is_named():
+    with pytest.raises(OptionError, match="size_share"):
+        build_walkthrough(capture(2, size=64), WalkthroughOptions(n_min=80, size_share=0.05, view_detail=2))
