@@ -2,8 +2,8 @@
 
 ``python tests/kernel_uses.py --write`` compiles everything in an empty folder and writes
 ``torchrender/data/kernels.json``, which ``torchrender warm-up`` compiles from; ``tests/kernels/test_signatures.py``
-runs the same work and compares. ``--check`` warms up in an empty folder, does all of the work, and fails if anything
-is compiled then.
+runs the same work and compares. ``--seconds`` measures again how long what is recorded takes to compile. ``--check``
+warms up in an empty folder, does all of the work, and fails if anything is compiled then.
 """
 
 from __future__ import annotations
@@ -267,20 +267,40 @@ def record(only: tuple[str, ...] = ()) -> Recorder:
 
 
 def write(path: Path) -> int:
-    """Record with nothing compiled, for the seconds; the number of kernels with types."""
+    """Record with nothing compiled; the number of kernels with types."""
     recorder = record()
     rows = [
-        json.dumps(
-            {
-                "kernel": kernel,
-                "seconds": round(recorder.seconds.get((kernel, kinds), 0.1), 2),
-                "parts": sorted(parts),
-                "types": json.loads(kinds),
-            }
-        )
+        {
+            "kernel": kernel,
+            "seconds": round(recorder.seconds.get((kernel, kinds), 0.1), 2),
+            "parts": sorted(parts),
+            "types": json.loads(kinds),
+        }
         for (kernel, kinds), parts in sorted(recorder.parts.items())
     ]
-    path.write_text('{"kernels": [\n' + ",\n".join(rows) + "\n]}\n")
+    return _put(path, rows)
+
+
+def write_seconds(path: Path) -> int:
+    """Compile what is recorded, with nothing compiled before, and note how long each took: who begins with the longest
+    ends earlier.
+    """
+    from torchrender.kernels.signatures import Use, kernel_of, types_of
+
+    rows = json.loads(path.read_text())["kernels"]
+    for row in rows:
+        use = Use(row["kernel"], json.dumps(row["types"]), 0.0, ())
+        kernel = kernel_of(use)
+        getattr(sys.modules[kernel.py_func.__module__], "load_library", bool)()
+        begin = time.process_time()
+        kernel.compile(types_of(use))
+        row["seconds"] = round(time.process_time() - begin, 2)
+    return _put(path, rows)
+
+
+def _put(path: Path, rows: list[dict[str, Any]]) -> int:
+    lines = [json.dumps({key: row[key] for key in ("kernel", "seconds", "parts", "types")}) for row in rows]
+    path.write_text('{"kernels": [\n' + ",\n".join(lines) + "\n]}\n")
     return len(rows)
 
 
@@ -323,7 +343,7 @@ def check() -> int:
 
 
 if __name__ == "__main__":
-    if not {"--write", "--check"}.intersection(sys.argv):
+    if not {"--write", "--seconds", "--check"}.intersection(sys.argv):
         sys.exit(__doc__)
     with tempfile.TemporaryDirectory() as empty:
         os.environ["NUMBA_CACHE_DIR"] = empty
@@ -332,4 +352,5 @@ if __name__ == "__main__":
             sys.exit(check() > 0)
         from torchrender.kernels.signatures import RECORDED
 
-        sys.stdout.write(f"{write(RECORDED)} kernels with types\n")
+        done = write_seconds if "--seconds" in sys.argv else write
+        sys.stdout.write(f"{done(RECORDED)} kernels with types\n")

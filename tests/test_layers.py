@@ -21,6 +21,7 @@ ORDER = (
     "torchrender.errors",
     "torchrender.extras",
     "torchrender.checks",
+    "torchrender.brief",
     "torchrender.clock",
     "torchrender.arrays",
     "torchrender.kernels.hooks",

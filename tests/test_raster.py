@@ -16,6 +16,7 @@ from torchrender.kernels.raster.project import visible_clusters
 from torchrender.raster import FragmentTests, rasterize, rasterize_depth, rasterize_visibility
 from torchrender.rays import RayCaster
 from torchrender.scene.camera import Cameras
+from torchrender.scene.load import load
 from torchrender.scene.material import Material
 from torchrender.scene.mesh import Mesh, concatenate
 from torchrender.scene.model import Scene
@@ -332,3 +333,28 @@ def test_backs_of_single_sided_materials_are_not_seen(distance: float) -> None:
     alone = replace(scene, meshes=scene.meshes[:1])
     assert not bool(rasterize(alone, behind, cull="sides").covered.any())
     assert bool(rasterize(alone, behind).covered.any())
+
+
+# ------------------------------------------------------------------ some attributes of many views
+
+
+def test_chosen_outputs_are_those_of_the_whole_in_chunks(monkeypatch) -> None:
+    scene = load("cornell_box")
+    views = Cameras.cat([Cameras.look_at([x, 1.0, 3.0], [0.0, 1.0, 0.0], width=20, height=16) for x in (-1, 0, 0.5, 1)])
+    whole = rasterize(scene, views)
+    monkeypatch.setattr("torchrender.raster.CHUNK", 3 * 20 * 16)
+    names = ("depth", "normal", "object_id", "position")
+    found = rasterize(scene, views, outputs=names)
+    assert list(found) == list(names)
+    for name in names:
+        wanted = getattr(whole, name)
+        assert torch.equal(found[name], wanted.float() if wanted.is_floating_point() else wanted)
+        assert found[name].dtype in (torch.float32, torch.int64)
+    peeled = FragmentTests(beyond=whole.depth.double(), skip=whole.triangle)
+    layers = rasterize(scene, views, tests=peeled, outputs=("depth",))["depth"]
+    assert torch.equal(layers, rasterize(scene, views, tests=peeled).depth)
+    assert rasterize(scene, views[[]], outputs="depth")["depth"].shape == (0, 16, 20)
+    with pytest.raises(OptionError, match="outputs must be one of depth, triangle"):
+        rasterize(scene, views, outputs=("colour",))
+    with pytest.raises(OptionError, match="no mesh of the scene has uv1"):
+        rasterize(scene, views, outputs=("uv1",))

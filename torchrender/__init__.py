@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from torchrender.buffers import DepthImages, GBuffer, ReflectionLayer, VisibilityBuffer
+    from torchrender.depth.correspondence import Flow, flow, visibility
     from torchrender.depth.options import SamplingOptions
     from torchrender.depth.sample import sample_depth_images, sample_offset_images
     from torchrender.effects.enhancement.curvature import vertex_curvature
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
     from torchrender.points.file import open_points, write_points
     from torchrender.points.load import load_points
     from torchrender.points.options import SplatOptions
+    from torchrender.points.pack import PackOptions, pack_points
     from torchrender.points.tree import build_patches
     from torchrender.raster import rasterize, rasterize_depth
     from torchrender.rays import RayCaster
@@ -44,7 +46,7 @@ if TYPE_CHECKING:
     from torchrender.reconstruct.reproject import ReprojectOptions, reproject
     from torchrender.renderer import render
     from torchrender.scene.camera import Cameras
-    from torchrender.scene.camera_path import CameraPath, built_in_path, load_path
+    from torchrender.scene.cameras.path import CameraPath, built_in_path, load_path
     from torchrender.scene.environment import Environment
     from torchrender.scene.files.scene_write import write_scene
     from torchrender.scene.info import scene_info
@@ -85,12 +87,14 @@ __all__ = [
     "EnhanceOptions",
     "Environment",
     "FitOptions",
+    "Flow",
     "GBuffer",
     "Image",
     "Material",
     "Medium",
     "Mesh",
     "OccluderOptions",
+    "PackOptions",
     "Plan",
     "PointCloud",
     "PointLight",
@@ -131,6 +135,7 @@ __all__ = [
     "contact_sheet",
     "draw_walkthrough",
     "enhance_picture",
+    "flow",
     "load",
     "load_path",
     "load_points",
@@ -138,6 +143,7 @@ __all__ = [
     "make_grid",
     "next_views",
     "open_points",
+    "pack_points",
     "plan",
     "rasterize",
     "rasterize_depth",
@@ -156,6 +162,7 @@ __all__ = [
     "style_scene",
     "trace_reflections",
     "vertex_curvature",
+    "visibility",
     "voxel_mesh",
     "voxelize_attributes",
     "voxelize_implicit",
@@ -180,7 +187,7 @@ _HOME = {
     "next_views": "torchrender.walkthrough.review.next_view",
     "read_walkthrough": "torchrender.walkthrough.file",
     "write_walkthrough": "torchrender.walkthrough.file",
-    "CameraPath": "torchrender.scene.camera_path",
+    "CameraPath": "torchrender.scene.cameras.path",
     "Cameras": "torchrender.scene.camera",
     "ClusterOptions": "torchrender.effects.reflections.clustered",
     "CollisionOptions": "torchrender.voxels.collision",
@@ -188,6 +195,9 @@ _HOME = {
     "DirectionalLight": "torchrender.scene.light",
     "Environment": "torchrender.scene.environment",
     "FitOptions": "torchrender.photo.style.options",
+    "Flow": "torchrender.depth.correspondence",
+    "flow": "torchrender.depth.correspondence",
+    "visibility": "torchrender.depth.correspondence",
     "GBuffer": "torchrender.buffers",
     "Image": "torchrender.image",
     "Material": "torchrender.scene.material",
@@ -213,6 +223,7 @@ _HOME = {
     "ShadowOptions": "torchrender.effects.shadows.shadow_map",
     "SoftShadowOptions": "torchrender.effects.shadows.soft_shadow",
     "SolidOptions": "torchrender.voxels.solid",
+    "PackOptions": "torchrender.points.pack",
     "SplatOptions": "torchrender.points.options",
     "SpotLight": "torchrender.scene.light",
     "Style": "torchrender.photo.style.session",
@@ -226,12 +237,12 @@ _HOME = {
     "approximate_occluders": "torchrender.effects.shadows.occluders",
     "blend_reflections": "torchrender.effects.reflections.reflectors",
     "build_patches": "torchrender.points.tree",
-    "built_in_path": "torchrender.scene.camera_path",
+    "built_in_path": "torchrender.scene.cameras.path",
     "clustered_reflections": "torchrender.effects.reflections.clustered",
     "collide": "torchrender.voxels.collision",
     "contact_sheet": "torchrender.photo.style.sheet",
     "load": "torchrender.scene.load",
-    "load_path": "torchrender.scene.camera_path",
+    "load_path": "torchrender.scene.cameras.path",
     "load_points": "torchrender.points.load",
     "make_grid": "torchrender.voxels.grid",
     "open_points": "torchrender.points.file",
@@ -242,6 +253,7 @@ _HOME = {
     "reflective_pixels": "torchrender.effects.reflections.reflectors",
     "plan": "torchrender.planning.planner",
     "render": "torchrender.renderer",
+    "pack_points": "torchrender.points.pack",
     "render_points": "torchrender.points.draw",
     "render_volume": "torchrender.voxels.volume",
     "reproject": "torchrender.reconstruct.reproject",
@@ -274,4 +286,4 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return sorted(__all__)

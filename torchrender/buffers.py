@@ -13,6 +13,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from torchrender.brief import brief
 from torchrender.scene.camera import Cameras
 
 
@@ -25,6 +26,8 @@ class VisibilityBuffer:
     triangle: Tensor  # (B,H,W) int64 row of Geometry.faces
     object_id: Tensor  # (B,H,W) int64
     barycentric: Tensor  # (B,H,W,2) weights of the triangle's second and third vertex
+
+    __repr__ = brief
 
     @property
     def covered(self) -> Tensor:
@@ -48,6 +51,8 @@ class GBuffer(VisibilityBuffer):
     tangent: Tensor | None = None  # (B,H,W,4) along u, interpolated, and the bitangent's sign; 0: none; None: no one
     alpha: Tensor | None = None  # (B,H,W) interpolated opacity of the vertices; None: one everywhere
 
+    __repr__ = brief
+
 
 @dataclass(frozen=True, eq=False)
 class DepthImages(VisibilityBuffer):
@@ -62,6 +67,8 @@ class DepthImages(VisibilityBuffer):
     layer: Tensor  # (B,H,W) int32 surfaces skipped before the stored one; where empty: surfaces skipped in all
     truncated: Tensor  # (B,H,W) bool: empty because the search gave up, not because nothing is left
     parameters: Mapping[str, Any]
+
+    __repr__ = brief
 
     def __len__(self) -> int:
         return int(self.depth.shape[0])
@@ -82,6 +89,8 @@ class RayHits:
     triangle: Tensor  # (N,) int64; -1 for a miss
     barycentric: Tensor  # (N,2) float32 weights of the second and third vertex
 
+    __repr__ = brief
+
     @property
     def hit(self) -> Tensor:
         """(N,) bool."""
@@ -101,6 +110,8 @@ class ShadowMap:
     cameras: Cameras  # N views of the light
     depth: Tensor  # (N,S,S) or (N,H,W) camera z of the light's view; +inf where empty
     starts: tuple[int, ...] | None = None  # views starts[b] to starts[b + 1] were fitted to picture b; None: all to all
+
+    __repr__ = brief
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,6 +138,8 @@ class RaySurface:
     barycentric: Tensor | None = None  # (N,2)
     width: Tensor | None = None  # (N,) float64 of each ray at its hit, scene units
     source: Any = None  # the geometry that all attributes are those of
+
+    __repr__ = brief
 
     @property
     def image(self) -> RaySurface:
@@ -162,6 +175,8 @@ class MirrorShare:
     replaced: Tensor  # (B,H,W,3): mirrored environment; of Phong materials the share of diffuse light that mirrors take
     mirrored: Tensor  # (B,H,W,3) tint and share of what is mirrored, by Schlick's term or by the lobe's albedo
 
+    __repr__ = brief
+
 
 @dataclass(frozen=True, eq=False)
 class ReflectionLayer:
@@ -176,3 +191,5 @@ class ReflectionLayer:
     state: Tensor  # (B,H,W) uint8 ReflectionState
     cluster: Tensor  # (B,H,W) int64 group of pixels that shared a depth image, -1 for none
     share: MirrorShare | None = None  # how it is blended in; None: by the specular degree of whole materials
+
+    __repr__ = brief

@@ -85,3 +85,7 @@ class ExposureWarning(TorchRenderWarning):
 
 class RepairedWarning(TorchRenderWarning):
     """A file was damaged or odd in a way that could be mended; names what was done."""
+
+
+class LeakWarning(UserWarning):
+    """A mesh is not closed: columns of cells leave the mesh as inside, or enter it as outside."""

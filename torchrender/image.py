@@ -11,10 +11,11 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from torchrender.brief import brief
 from torchrender.buffers import GBuffer, VisibilityBuffer
 from torchrender.checks import check_choice, check_range, check_tensor
 from torchrender.errors import ImageFileError
-from torchrender.images.files import write_image, write_npz
+from torchrender.images.files import numbered, png_bytes, side_by_side, write_image, write_npz
 from torchrender.numerics.color import srgb_from_linear
 from torchrender.numerics.tonemap import OPERATORS, auto_exposure, tone_map
 from torchrender.pipeline.history import RenderHistory
@@ -74,6 +75,12 @@ class Image:
         """What was shaded, if that has the picture's size."""
         whole = self.rendered is not None and self.rendered.triangle.shape == self.radiance.shape[:3]
         return self.rendered if whole else None
+
+    __repr__ = brief
+
+    def _repr_png_(self) -> bytes:
+        """In notebooks."""
+        return png_bytes(side_by_side(self.displayed()))
 
     def displayed(self) -> Tensor:
         """(B,H,W,3) linear values in [0,1]: exposed and tone mapped, one exposure for all views."""
@@ -137,11 +144,6 @@ class Image:
             "color": g.color,
             **camera_arrays(g.cameras),
         }
-
-
-def numbered(path: Path, number: int, count: int) -> Path:
-    """``path`` itself if it is the only one of ``count``, else with ``_000``-style number before the suffix."""
-    return path if count == 1 else path.with_name(f"{path.stem}_{number:03d}{path.suffix}")
 
 
 def camera_arrays(cameras: Cameras) -> dict[str, Tensor]:

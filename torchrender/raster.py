@@ -11,9 +11,9 @@ index per triangle and tile it touches; there are no fragment lists.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any, overload
 
 import numpy as np
 import torch
@@ -22,7 +22,7 @@ from torch import Tensor
 from torchrender.arrays import view as numpy_view
 from torchrender.buffers import GBuffer, VisibilityBuffer
 from torchrender.checks import check_choice, check_tensor
-from torchrender.errors import InputError
+from torchrender.errors import InputError, OptionError
 from torchrender.kernels.raster import draw_view
 from torchrender.kernels.raster.draw_view import TriangleArrays, View
 from torchrender.kernels.raster.records import (
@@ -42,11 +42,15 @@ from torchrender.kernels.raster.records import (
 from torchrender.scene.camera import Cameras
 from torchrender.scene.mesh import Geometry
 from torchrender.scene.model import Scene
+from torchrender.scene.triangles import Shape, geometry_of
 from torchrender.shading.attributes import SeenSurface
 
 Array = np.ndarray[Any, Any]
 NONE = np.zeros(0, np.bool_)
 CULLING = ("none", "back", "front", "sides")
+OUTPUTS = tuple(field.name for field in fields(GBuffer) if field.name != "cameras")
+CHUNK = 1 << 18
+"""Pixels that are drawn at a time where only some attributes are kept."""
 PIXEL_TESTS = ("identity", "depth_identity", "captured")  # in the order of kernels.fragments
 
 
@@ -72,8 +76,28 @@ class FragmentTests:
     def __post_init__(self) -> None:
         check_choice("tests.test", self.test, PIXEL_TESTS)
 
+    def of(self, part: slice) -> FragmentTests:
+        """Those of some of the cameras."""
+        beyond, skip = (None if one is None else one[part] for one in (self.beyond, self.skip))
+        return replace(self, beyond=beyond, skip=skip)
 
-def rasterize(scene: Scene, cameras: Cameras, *, cull: str = "none", tests: FragmentTests | None = None) -> GBuffer:
+
+@overload
+def rasterize(
+    scene: Scene, cameras: Cameras, *, cull: str = "none", tests: FragmentTests | None = None, outputs: None = None
+) -> GBuffer: ...
+@overload
+def rasterize(
+    scene: Scene, cameras: Cameras, *, cull: str = "none", tests: FragmentTests | None = None, outputs: Sequence[str]
+) -> dict[str, Tensor]: ...
+def rasterize(
+    scene: Scene,
+    cameras: Cameras,
+    *,
+    cull: str = "none",
+    tests: FragmentTests | None = None,
+    outputs: Sequence[str] | None = None,
+) -> GBuffer | dict[str, Tensor]:
     """The nearest surface in every pixel of B cameras, with all that shading needs.
 
     Args:
@@ -82,11 +106,37 @@ def rasterize(scene: Scene, cameras: Cameras, *, cull: str = "none", tests: Frag
         cull: "back" drops triangles whose right-hand normal points away from the camera, "front" the others, "sides"
             the backs of single-sided materials.
         tests: fragments to refuse.
+        outputs: names of attributes of :class:`~torchrender.buffers.GBuffer`, such as ``("depth", "normal",
+            "object_id")``: only these are made and kept, a few cameras at a time, so that hundreds of views fit into
+            memory. Returns them by name, (B,H,W) or (B,H,W,C), float32 or int64.
 
     Raises:
-        OptionError: unknown ``cull``. InputError: ``tests`` that do not fit the cameras.
+        OptionError: unknown ``cull`` or output. InputError: ``tests`` that do not fit the cameras.
     """
-    return surface_attributes(scene, rasterize_visibility(scene.geometry, cameras, cull=cull, tests=tests))
+    if outputs is None:
+        return surface_attributes(scene, rasterize_visibility(scene.geometry, cameras, cull=cull, tests=tests))
+    if isinstance(outputs, str):
+        outputs = (outputs,)
+    for name in outputs:
+        check_choice("outputs", name, OUTPUTS)
+    kept: dict[str, Tensor] = {}
+    step = max(1, CHUNK // (cameras.width * cameras.height))
+    for first in range(0, max(len(cameras), 1), step):
+        part = slice(first, first + step)
+        few = None if tests is None else tests.of(part)
+        made = surface_attributes(scene, rasterize_visibility(scene.geometry, cameras[part], cull=cull, tests=few))
+        for name in outputs:
+            values = _kept(name, getattr(made, name))
+            if name not in kept:
+                kept[name] = torch.zeros(len(cameras), *values.shape[1:], dtype=values.dtype)
+            kept[name][part] = values
+    return kept
+
+
+def _kept(name: str, values: Tensor | None) -> Tensor:
+    if values is None:
+        raise OptionError(f"outputs: no mesh of the scene has {name}")
+    return values.float() if values.is_floating_point() else values
 
 
 def surface_attributes(scene: Scene, seen: VisibilityBuffer) -> GBuffer:
@@ -95,7 +145,7 @@ def surface_attributes(scene: Scene, seen: VisibilityBuffer) -> GBuffer:
 
 
 def rasterize_visibility(
-    geometry: Geometry, cameras: Cameras, *, cull: str = "none", tests: FragmentTests | None = None
+    geometry: Shape, cameras: Cameras, *, cull: str = "none", tests: FragmentTests | None = None
 ) -> VisibilityBuffer:
     """Depth, triangle id, object id and barycentrics of the nearest surface in every pixel; see :func:`rasterize`."""
     shape = (len(cameras), cameras.height, cameras.width)
@@ -103,6 +153,7 @@ def rasterize_visibility(
     triangle, objects = np.zeros(shape, np.int64), np.zeros(shape, np.int64)
     barycentric = np.zeros((*shape, 2), np.float32)
     check_choice("cull", cull, CULLING)
+    geometry = geometry_of("geometry", geometry)
     triangles = _triangle_arrays(geometry)
     for k, (view, checks) in enumerate(_views(geometry, cameras, tests)):
         draw_view.draw_view(triangles, view, cull, checks, Visible(depth[k], triangle[k], objects[k], barycentric[k]))
@@ -146,10 +197,11 @@ def count_nearer(
     return torch.from_numpy(count), torch.from_numpy(touching)
 
 
-def rasterize_depth(geometry: Geometry, cameras: Cameras, *, cull: str = "none") -> Tensor:
+def rasterize_depth(geometry: Shape, cameras: Cameras, *, cull: str = "none") -> Tensor:
     """Camera depth (B,H,W) float32 of the nearest surface, +inf where empty: what a shadow map needs, and no more."""
     check_choice("cull", cull, CULLING)
     depth = np.zeros((len(cameras), cameras.height, cameras.width), np.float32)
+    geometry = geometry_of("geometry", geometry)
     triangles = _triangle_arrays(geometry)
     for k, (view, checks) in enumerate(_views(geometry, cameras, None)):
         draw_view.draw_view(triangles, view, cull, checks, Visible(depth[k], *NO_IDS))

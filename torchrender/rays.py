@@ -26,6 +26,7 @@ from torchrender.kernels.rays.embree_library import embree
 from torchrender.kernels.rays.embree_scene import QUICK, USUAL, EmbreeScene
 from torchrender.kernels.rays.watertight import TIE, Rays
 from torchrender.scene.mesh import Geometry
+from torchrender.scene.triangles import Shape, geometry_of
 
 BACKENDS = ("auto", "embree", "bvh")
 
@@ -42,7 +43,7 @@ class RayCaster:
     the leading shape. Several threads may cast at once. A copy through ``pickle`` builds its tree anew.
 
     Args:
-        geometry: vertices (V,3) float64, faces (F,3) int32; the row of a face is its triangle id.
+        geometry: a scene, a mesh, or triangles: vertices (V,3) float64, faces (F,3) int32; the row of a face is its id.
         backend: "embree", "bvh" (no Embree needed), or "auto": Embree where it is installed and of a known version. A
             scene whose triangles are mostly too small for float32, beside its whole extent, is always left to the tree.
 
@@ -53,8 +54,8 @@ class RayCaster:
         OptionError: an unknown backend, or "embree" where embreex is not installed or not usable.
     """
 
-    def __init__(self, geometry: Geometry, backend: str = "auto") -> None:
-        self._set_up(geometry, backend, USUAL)
+    def __init__(self, geometry: Shape, backend: str = "auto") -> None:
+        self._set_up(geometry_of("geometry", geometry), backend, USUAL)
 
     def _set_up(self, geometry: Geometry, backend: str, quality: int) -> None:
         check_choice("backend", backend, BACKENDS)

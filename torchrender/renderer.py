@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, overload
 
 from torch import Tensor
 
@@ -15,6 +15,7 @@ from torchrender.clock import StepClock
 from torchrender.errors import ExposureWarning, InputError
 from torchrender.image import Image
 from torchrender.passes.contract import Buffers, Pass
+from torchrender.passes.light.direct_light import MIRROR_SHARE
 from torchrender.passes.outlook import Outlook
 from torchrender.passes.picture.composite import COMPOSITE
 from torchrender.passes.seen.picture_visibility import PICTURE_VISIBILITY
@@ -31,11 +32,16 @@ from torchrender.planning.plan import Plan
 from torchrender.planning.planner import check_names, check_wishes, make_plan
 from torchrender.scene.camera import Cameras
 from torchrender.scene.load import load
-from torchrender.scene.model import Scene, resized
+from torchrender.scene.model import DEFAULT_SIZE, Scene, resized
+from torchrender.shade import SentLight
 
-DEFAULT_SIZE = (1024, 768)
+if TYPE_CHECKING:
+    from torchrender.points.cloud import PointCloud
+    from torchrender.points.options import PointImage
+    from torchrender.points.tree import PatchSet
 
 
+@overload
 def render(
     scene: Scene | str | Path,
     camera: Cameras | str | None = None,
@@ -46,11 +52,31 @@ def render(
     history: RenderHistory | None = None,
     budget_ms: float | None = None,
     max_error: float | None = None,
-) -> Image:
+) -> Image: ...
+@overload
+def render(
+    scene: PointCloud | PatchSet,
+    camera: Cameras | None = None,
+    *,
+    width: int | None = None,
+    height: int | None = None,
+) -> PointImage: ...
+def render(
+    scene: Scene | PointCloud | PatchSet | str | Path,
+    camera: Cameras | str | None = None,
+    *,
+    width: int | None = None,
+    height: int | None = None,
+    options: RenderOptions | None = None,
+    history: RenderHistory | None = None,
+    budget_ms: float | None = None,
+    max_error: float | None = None,
+) -> Image | PointImage:
     """Pictures of a scene, one per camera.
 
     Args:
-        scene: a scene, or the name or file of one.
+        scene: a scene, or the name or file of one. A point cloud or patch set is drawn by
+            :func:`~torchrender.points.draw.render_points`, which has options of its own.
         camera: cameras, the name of one of the scene's cameras, or None for its first, or where it has none one that
             frames the scene.
         width, height: size of the picture in pixels; the default is the size of ``camera`` where cameras are given,
@@ -71,6 +97,11 @@ def render(
         InputError: no camera, buffer or pass of that name; a size or an option out of range.
         OptionError: ``budget_ms`` not positive, ``max_error`` outside [0, 1].
     """
+    if not isinstance(scene, Scene | str | Path):
+        from torchrender.points.picture import picture
+
+        wishes = {"options": options, "history": history, "budget_ms": budget_ms, "max_error": max_error}
+        return picture(scene, camera, (width, height), wishes)
     check_wishes(budget_ms, max_error)
     options = options or RenderOptions()
     check_names(options)
@@ -223,17 +254,19 @@ class Run:
             values=self.values,
             asked=self.graph.asked,
             hits=self._over_hits,
+            wanted=frozenset(self.knowledge.wanted),
         )
 
-    def _over_hits(self, given: Mapping[Buffer[Any], Any]) -> OverHits:
+    def _over_hits(self, given: Mapping[Buffer[Any], Any], changes: Mapping[str, Any]) -> OverHits:
         """The same passes, over what rays hit."""
         outlook = self.knowledge.outlook
-        options = self.plan.options
+        groups = {name: replace(getattr(self.plan.options, name), **values) for name, values in changes.items()}
+        options = replace(self.plan.options, **groups)
         for step in self.knowledge.passes:
             options = step.over_hits(options, outlook.history)
         alone = replace(outlook.history, sequence=False, kept={})
         over = replace(outlook, options=options, history=alone, known={}, facts={})
-        knowledge = replace(self.knowledge, outlook=over, wanted=(COMPOSITE,), given=())
+        knowledge = replace(self.knowledge, outlook=over, wanted=(COMPOSITE, MIRROR_SHARE), given=())
         return OverHits(knowledge, dict(given))
 
     def _take(self, step: Pass, made: Any) -> None:
@@ -279,12 +312,12 @@ class OverHits:
     knowledge: Knowledge
     given: dict[Buffer[Any], Any]
 
-    def __call__(self, samples: GBuffer | RaySurface) -> Tensor:
-        """Radiance (B,H,W,3) of samples (B,H,W), reflections left out."""
+    def __call__(self, samples: GBuffer | RaySurface) -> SentLight:
+        """Radiance (B,H,W,3) of samples (B,H,W), reflections left out, and how these go into it."""
         cameras = samples.cameras if isinstance(samples, GBuffer) else self.knowledge.outlook.cameras
         outlook: Outlook = replace(self.knowledge.outlook, samples=samples, cameras=cameras)
         known = replace(self.knowledge, outlook=outlook, given=(GBUFFER, *self.given))
         run = Run(known, (None, None), StepClock())
-        radiance: Tensor = run.buffers({GBUFFER: samples, **self.given})[COMPOSITE]
+        made = run.buffers({GBUFFER: samples, **self.given})
         self.given |= run.lasting
-        return radiance
+        return SentLight(made[COMPOSITE], made[MIRROR_SHARE])

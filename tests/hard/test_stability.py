@@ -32,17 +32,13 @@ PAIRS = list(pairs())
 
 
 KNOWN = {
-    ("scattering", "far away"): "not the picture of the case near the origin",
     (
         "light_reach",
         "light on surface",
     ): "float32 cosines at a light that lies in a surface: 1e-4 of the brightest",
     ("direct_light", "light on surface"): "the same",
     ("direct_light", "75 x 64"): "sums in another order: 1.1e-5 where 1e-5 is asked",
-    ("point_shadow", "all sizes"): "triangles of all sizes in one map: lit on faces that rays find dark",
-    ("soft_shadow", "all sizes"): "the same",
-    ("hit_shader", "all sizes"): "ambient visibility of hits by eight rays",
-    ("hit_shader", "no light"): "ambient visibility of hits by eight rays",
+    ("hit_shader", "all sizes"): "triangles of all sizes in one picture, on the three pixels that see a surface",
     (
         "ambient_visibility",
         "eye on mirror plane",

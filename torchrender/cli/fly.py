@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from torch import Tensor
 
     from torchrender.image import Image
-    from torchrender.scene.camera_path import CameraPath
+    from torchrender.scene.cameras.path import CameraPath
     from torchrender.scene.model import Scene
 
 
@@ -126,7 +126,7 @@ def _times(scene: Scene, arguments: argparse.Namespace) -> list[float] | None:
 
 
 def _path(scene: Scene, name: str, seed: int) -> CameraPath:
-    from torchrender.scene.camera_path import built_in_path, load_path, walks_of
+    from torchrender.scene.cameras.path import built_in_path, load_path, walks_of
 
     if Path(name).suffix.lower() in (".toml", ".json"):
         return load_path(name)

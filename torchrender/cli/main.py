@@ -76,7 +76,8 @@ def _render(arguments: argparse.Namespace) -> None:
         return
     if Path(arguments.scene).exists() or not Path(arguments.scene).suffix:
         COLD.begin()
-    from torchrender.image import SUFFIXES, numbered
+    from torchrender.image import SUFFIXES
+    from torchrender.images.files import numbered
     from torchrender.pipeline.options import RenderOptions, shadow_choices
     from torchrender.renderer import render
 

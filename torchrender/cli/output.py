@@ -8,7 +8,7 @@ import re
 import sys
 import threading
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -115,6 +115,24 @@ def waiting(what: str) -> Iterator[None]:
         watcher.join()
 
 
+@contextmanager
+def sharing(what: str) -> Iterator[Callable[[str, float], None]]:
+    """A progress bar on stderr for steps that tell their share, after :data:`PATIENCE_S`, if somebody is watching."""
+    if not sys.stderr.isatty():
+        yield lambda _step, _share: None
+        return
+    from tqdm import tqdm
+
+    with tqdm(total=100, desc=what, delay=PATIENCE_S, file=sys.stderr, leave=False, bar_format="{l_bar}{bar}") as bar:
+
+        def show(step: str, share: float) -> None:
+            bar.set_description(f"{what}: {step}", refresh=False)
+            bar.n = round(100 * share)
+            bar.update(0)
+
+        yield show
+
+
 def progress(items: Iterable[T], unit: str) -> Iterable[T]:
     """A progress bar on stderr for more than one item, if somebody is watching."""
     known = list(items)
@@ -129,8 +147,8 @@ def write_depth(output: Path, images: DepthImages) -> list[Path]:
     """Depth images: one NPZ file, or an EXR file per image with ``cameras.json``."""
     import torch
 
-    from torchrender.image import camera_arrays, numbered
-    from torchrender.images.files import write_image, write_npz
+    from torchrender.image import camera_arrays
+    from torchrender.images.files import numbered, write_image, write_npz
 
     if output.suffix == ".npz":
         write_npz(output, {**{name: getattr(images, name) for name in _ARRAYS}, **camera_arrays(images.cameras)})
@@ -157,8 +175,7 @@ def write_depth(output: Path, images: DepthImages) -> list[Path]:
 def write_kinds(output: Path, images: DepthImages, kinds: SampleKinds) -> Iterator[str]:
     """Pictures of the images coloured by kind of sample, beside the depth files; yields a line about each."""
     from torchrender.depth.picture import kinds_picture
-    from torchrender.image import numbered
-    from torchrender.images.files import write_image
+    from torchrender.images.files import numbered, write_image
 
     pattern = output.with_name(f"{output.stem}_kinds.png") if output.suffix else output / "kinds.png"
     for number, picture in enumerate(kinds_picture(images, kinds)):

@@ -16,7 +16,7 @@ from torchrender.errors import OptionError
 
 if TYPE_CHECKING:
     from torchrender.scene.camera import Cameras
-    from torchrender.scene.camera_path import CameraPath
+    from torchrender.scene.cameras.path import CameraPath
     from torchrender.walkthrough.model import Walkthrough
 
 SUFFIX = ".trw"
@@ -185,8 +185,7 @@ def _next_views(made: Walkthrough, count: int, seed: int) -> Iterator[str]:
 
 def render_walkthrough(arguments: argparse.Namespace) -> None:
     """``torchrender render room.trw``."""
-    from torchrender.image import numbered
-    from torchrender.images.files import write_image
+    from torchrender.images.files import numbered, write_image
     from torchrender.walkthrough.draw import draw_walkthrough
     from torchrender.walkthrough.file import read_walkthrough
 
@@ -249,7 +248,7 @@ def fly_pictures(arguments: argparse.Namespace, size: tuple[int, int]) -> Iterat
 
 def flight(made: Walkthrough, name: str, frames: int, size: tuple[int, int]) -> Cameras:
     """Cameras of a flight: past the cameras of the photos, or along a path file."""
-    from torchrender.scene.camera_path import load_path
+    from torchrender.scene.cameras.path import load_path
 
     near = 1e-3 * (made.diagonal or 1.0)
     if Path(name).suffix.lower() in (".toml", ".json"):
@@ -271,7 +270,7 @@ def photo_path(made: Walkthrough, most: int = 24) -> CameraPath:
 
     import torch
 
-    from torchrender.scene.camera_path import CameraPath
+    from torchrender.scene.cameras.path import CameraPath
 
     cameras = made.cameras
     if cameras is None or len(cameras) < 2:

@@ -34,7 +34,9 @@ def draw_with_mirrors(
     """
     whole = linear(images[0])
     part = torch.where(mirror.known[..., None], linear(mirror), 0.0).minimum(whole)
-    own = [whole - part, *(linear(image) for image in images[1:])]
+    # White hides how bright it is: where what is mirrored does not make it so, something else does, and stays.
+    dazzling = (images[0].codes == 255) & (part < 1.0)
+    own = [torch.where(dazzling, whole, whole - part), *(linear(image) for image in images[1:])]
     drawn = draw_keyframes(images, camera, colors=torch.stack(own), options=options)
     camera = replace(camera, far=torch.full_like(camera.far, torch.inf))
     surface = depth_images_of([images[0]])
@@ -44,7 +46,7 @@ def draw_with_mirrors(
     virtual = reproject(depth_images_of([mirror]), camera, options=options)
     mirrors = (drawn.source == 0) & where.valid & (where.color[..., 0] > 0.5)
     light = torch.where((virtual.valid & (virtual.depth > drawn.depth))[..., None], virtual.color, painted.color)
-    return replace(drawn, color=drawn.color + torch.where(mirrors[..., None], light, 0.0))
+    return replace(drawn, color=(drawn.color + torch.where(mirrors[..., None], light, 0.0)).clamp_max(1.0))
 
 
 def linear(image: KeyframeImage) -> Tensor:

@@ -5,6 +5,7 @@ PNG, JPEG, WebP, BMP, TGA and KTX2 hold sRGB; Radiance HDR and OpenEXR hold line
 
 from __future__ import annotations
 
+import io
 import os
 import secrets
 import tempfile
@@ -122,6 +123,24 @@ def write_image(path: str | Path, image: Tensor, *, channels: Sequence[str] | No
         raise InputError(f"channels must be {pixels.shape[2]} different names, got {names}")
     planes = {name: pixels[..., k].numpy() for k, name in enumerate(names)}
     write_atomically(path, lambda temporary: write_exr(temporary, planes))
+
+
+def numbered(path: Path, number: int, count: int) -> Path:
+    """``path`` itself if it is the only one of ``count``, else with ``_000``-style number before the suffix."""
+    return path if count == 1 else path.with_name(f"{path.stem}_{number:03d}{path.suffix}")
+
+
+def png_bytes(image: Tensor) -> bytes:
+    """Linear (H,W) or (H,W,C) as the content of a PNG file, 8-bit sRGB, clamped to [0,1]."""
+    pixels = image.detach().cpu().float()
+    out = io.BytesIO()
+    _encode_png(pixels[..., None] if pixels.dim() == 2 else pixels).save(out, format="PNG")
+    return out.getvalue()
+
+
+def side_by_side(pictures: Tensor, most: int = 4) -> Tensor:
+    """The first of B pictures (B,H,W,C) in a row (H,W,C), as notebooks show a batch."""
+    return torch.cat(list(pictures[:most].detach()), dim=1)
 
 
 def write_npz(path: str | Path, arrays: Mapping[str, Tensor | np.ndarray[Any, Any]]) -> None:

@@ -6,14 +6,13 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol, TypeVar
 
-from torch import Tensor
-
 from torchrender.buffers import GBuffer, RaySurface
 from torchrender.pipeline.buffer import Buffer, Layer
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
+from torchrender.shade import SentLight
 
 T = TypeVar("T")
 
@@ -21,8 +20,8 @@ T = TypeVar("T")
 class SampleRenderer(Protocol):
     """The passes of the picture over other samples: see :meth:`Frame.over_hits`."""
 
-    def __call__(self, samples: GBuffer | RaySurface) -> Tensor:
-        """Radiance (B,H,W,3) of samples (B,H,W), reflections left out."""
+    def __call__(self, samples: GBuffer | RaySurface) -> SentLight:
+        """Radiance (B,H,W,3) of samples (B,H,W), reflections left out, and how these go into it."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -35,7 +34,8 @@ class Frame:
     history: RenderHistory
     values: Mapping[Buffer[Any], Any]  # made so far
     asked: Mapping[Buffer[Any], frozenset[Buffer[Any]]]  # what is asked for, and by the makers of what
-    hits: Callable[[Mapping[Buffer[Any], Any]], SampleRenderer] = field(repr=False)
+    hits: Callable[[Mapping[Buffer[Any], Any], Mapping[str, Any]], SampleRenderer] = field(repr=False)
+    wanted: frozenset[Buffer[Any]] = frozenset()  # asked for from outside
 
     @property
     def view(self) -> Cameras:
@@ -63,6 +63,10 @@ class Frame:
         found = [(buffer.layer, value) for buffer, value in self.values.items() if buffer.layer is not None]
         yield from sorted(found, key=lambda pair: pair[0].order)
 
-    def over_hits(self, given: Mapping[Buffer[Any], Any]) -> SampleRenderer:
-        """The same passes, at the settings that they have for the hits of rays, with these buffers at hand."""
-        return self.hits(given)
+    def over_hits(self, given: Mapping[Buffer[Any], Any], **changes: Any) -> SampleRenderer:
+        """The same passes, at the settings that they have for the hits of rays, with these buffers at hand.
+
+        Args:
+            changes: other values of options, by group: ``ambient={"rays": 2}``.
+        """
+        return self.hits(given, changes)

@@ -10,6 +10,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
+from torchrender.brief import brief
 from torchrender.pipeline.buffer import Buffer, look_of, same, triangles_of
 from torchrender.pipeline.options import RenderOptions
 from torchrender.pipeline.pace import Pace
@@ -60,6 +61,8 @@ class RenderHistory:
     pace: Pace | None = None  # what the pictures so far took, beside what was predicted
     pictures: int = 0  # made so far
     sequence: bool = True  # what belongs to one sequence is used again, too
+
+    __repr__ = brief
 
     @classmethod
     def alone(cls) -> RenderHistory:

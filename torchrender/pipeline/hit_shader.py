@@ -6,6 +6,7 @@ from functools import cached_property
 
 import torch
 from torch import Tensor
+from torch.nn.functional import normalize
 
 from torchrender.buffers import RayHits, RaySurface
 from torchrender.checks import ArrayLike, as_vector
@@ -13,7 +14,6 @@ from torchrender.effects.reflections.reflectors import (
     MirroredPoints,
     Onward,
     ReflectedRays,
-    blend_colors,
     mirrored_direction,
 )
 from torchrender.pipeline.frame import SampleRenderer
@@ -21,6 +21,7 @@ from torchrender.pipeline.scene_cube import SceneCube, enclosing_solids, make_cu
 from torchrender.pipeline.sky_pyramid import SkyPyramid
 from torchrender.ray_surface import ray_surface
 from torchrender.scene.model import Scene
+from torchrender.shading.mirrors import mirror_values
 
 
 class HitShader:
@@ -29,12 +30,20 @@ class HitShader:
     Args:
         light: the passes of the picture over other samples, reflections left out.
         background: colour of what surrounds the scene; None: its environment, or its ambient light.
+        light_of_many: the same for rays of which several count together: noise is no harm. None: ``light``.
     """
 
-    def __init__(self, scene: Scene, light: SampleRenderer, background: ArrayLike | None = None) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        light: SampleRenderer,
+        background: ArrayLike | None = None,
+        light_of_many: SampleRenderer | None = None,
+    ) -> None:
         self.scene = scene
         self.background = background
         self._light = light
+        self._light_of_many = light if light_of_many is None else light_of_many
         self._cubes: dict[tuple[int, ...], SceneCube] = {}
         self._solids: tuple[Tensor, tuple[int, ...]] | None = None  # eyes, and what is left out for them
 
@@ -84,21 +93,20 @@ class HitShader:
         direction = rays.direction[rows]
         width = rays.width[rows] + rays.spread[rows] * found.t
         surface = ray_surface(self.scene, rays.origin[rows], direction, found, width)
-        radiance = self._light(surface.image)[0, 0]
+        image = surface.image
+        sent = self._light_of_many(image) if rays.many else self._light(image)
+        radiance = sent.radiance[0, 0]
         mirrors = self.scene.material_table.is_reflector[surface.material].nonzero().reshape(-1)
         if not len(mirrors):
             return radiance
-        at = RayHits(found.t[mirrors], found.triangle[mirrors], found.barycentric[mirrors])
-        points = _mirrored(self.scene, surface, mirrors, at, (width[mirrors], rays.spread[rows][mirrors]))
-        cosine = (points.normal * points.rays.direction).sum(-1).abs().float()
+        leaving = (width[mirrors], rays.spread[rows][mirrors], rays.many)
+        points = _mirrored(self.scene, surface, mirrors, found, leaving)
         if onward is None:
-            mirrored = self.surroundings(points.rays.origin, points.rays.direction)
-            # Without the growth towards grazing angles: a cube map is too coarse an answer to give it full weight.
-            cosine = torch.ones(len(mirrors))
+            shown = self.surroundings(points.rays.origin, points.rays.direction)
         else:
-            mirrored = onward(points)
-        mixed = blend_colors(self.scene, surface.material[mirrors], cosine, radiance[mirrors], mirrored)
-        return radiance.index_copy(0, mirrors, mixed)
+            shown = onward(points)
+        replaced, weight = (part[0, 0, mirrors] for part in (sent.share.replaced, sent.share.mirrored))
+        return radiance.index_copy(0, mirrors, (radiance[mirrors] - replaced + weight * shown).clamp_min(0.0))
 
     @cached_property
     def _sky(self) -> SkyPyramid:
@@ -119,17 +127,18 @@ class HitShader:
 
 
 def _mirrored(
-    scene: Scene, surface: RaySurface, rows: Tensor, hits: RayHits, size: tuple[Tensor, Tensor]
+    scene: Scene, surface: RaySurface, rows: Tensor, hits: RayHits, size: tuple[Tensor, Tensor, bool]
 ) -> MirroredPoints:
-    """The mirrors among what rays hit, and the rays that leave them: ``size`` = their width and spread."""
-    normal, flat = surface.normal[rows].double(), surface.geometric_normal[rows].double()
+    """The mirrors among what rays hit, and the rays that leave them: ``size`` = their width, spread, and if many."""
+    normal, gloss = mirror_values(scene, surface, rows)
+    normal, flat = normalize(normal.double(), dim=-1, eps=1e-30), surface.geometric_normal[rows].double()
     arriving = -surface.to_eye[rows].double()
     return MirroredPoints(
         rays=ReflectedRays(surface.position[rows], mirrored_direction(arriving, normal, flat), *size),
         normal=normal,
         geometric_normal=flat,
         arriving=arriving,
-        length=hits.t,
-        gloss=scene.material_table.gloss[surface.material[rows]],
-        object_id=scene.geometry.object_id[hits.triangle],
+        length=hits.t[rows],
+        gloss=gloss,
+        object_id=scene.geometry.object_id[hits.triangle[rows]],
     )

@@ -66,7 +66,8 @@ def make_cube(scene: Scene, light: SampleRenderer, surrounding: Surrounding, lef
     """
     seen = rasterize(_without(scene, left_out), _cameras(scene))
     covered = Environment.from_cube(seen.covered.float()[..., None].expand(*seen.covered.shape, 3))
-    direct = light(seen)
+    sent = light(seen)
+    direct = sent.radiance
     pixels = reflective_pixels(scene, seen)
     cube = SceneCube(Environment.from_cube(direct), covered)
     if not len(pixels):
@@ -76,7 +77,7 @@ def make_cube(scene: Scene, light: SampleRenderer, surrounding: Surrounding, lef
     around = surrounding(pixels.direction)
     mirrored = around
     for _ in range(MIRRORED_TWICE):
-        layer = reflection_layer(pixels, mirrored, far, state)
+        layer = replace(reflection_layer(pixels, mirrored, far, state), share=sent.share)
         cube = replace(cube, radiance=Environment.from_cube(blend_reflections(scene, seen, direct, layer)))
         mirrored = cube.lookup(pixels.direction, around)
     return cube

@@ -8,6 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchrender.brief import brief
 from torchrender.checks import check_finite, check_tensor
 from torchrender.errors import InputError
 from torchrender.scene.camera import Cameras, framing_camera
@@ -36,6 +37,8 @@ class PointCloud:
     spread: Tensor | None = None  # (P,3,3) float32 covariance of 3D Gaussians, square scene units; None: discs
     two_sided: bool = False  # the sides of the normals are not known
     name: str = "points"
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         count = check_tensor("position", self.position, ("P", 3)).shape[0]
@@ -77,8 +80,11 @@ class PointCloud:
         return float((high - low).norm())
 
     def camera(self, name: str | None = None, *, width: int, height: int) -> Cameras:
-        """A camera that frames the points, of Gaussians with two standard deviations around them."""
+        """A camera that frames the points with their discs, of Gaussians two standard deviations around them."""
         bounds = self.bounds
+        if self.radius is not None:
+            reach = self.radius.double()[:, None]
+            bounds = torch.stack([(self.position - reach).amin(0), (self.position + reach).amax(0)])
         if self.spread is not None:
             reach = 2.0 * self.spread.diagonal(dim1=1, dim2=2).double().clamp_min(0.0).sqrt()
             bounds = torch.stack([(self.position - reach).amin(0), (self.position + reach).amax(0)])

@@ -5,11 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 
+import torch
 from torch import Tensor
 
+from torchrender.brief import brief
 from torchrender.checks import check_choice, check_range
 from torchrender.errors import OptionError
+from torchrender.images.files import numbered, png_bytes, side_by_side, write_image
 from torchrender.points.select import SelectionOptions
 
 FILTERS = ("adaptive", "full", "reconstruction", "low_pass", "squares")
@@ -92,6 +96,31 @@ class PointImage:
     depth: Tensor  # (B,H,W) camera z, weighted mean of what was blended; +inf where nothing is
     weight: Tensor  # (B,H,W) sum of weights
     statistics: tuple[SplatStatistics, ...]  # one per camera
+
+    __repr__ = brief
+
+    def __len__(self) -> int:
+        return int(self.image.shape[0])
+
+    def _repr_png_(self) -> bytes:
+        """In notebooks."""
+        return png_bytes(side_by_side(self.image))
+
+    def save(self, path: str | Path) -> list[Path]:
+        """Write the pictures and return the files written, for several views numbered ``name_000``, ``name_001`` …
+
+        ``.png``: 8-bit sRGB. ``.exr``: linear colour and depth as R, G, B, Z.
+
+        Raises:
+            ImageFileError: another suffix, a missing folder, or a file that cannot be written.
+        """
+        path = Path(path)
+        deep = path.suffix.lower() == ".exr"
+        pictures = torch.cat([self.image, self.depth[..., None]], dim=-1) if deep else self.image
+        files = [numbered(path, number, len(self)) for number in range(len(self))]
+        for file, picture in zip(files, pictures, strict=True):
+            write_image(file, picture, channels=("R", "G", "B", "Z") if deep else None)
+        return files
 
     @property
     def mask(self) -> Tensor:

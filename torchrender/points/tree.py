@@ -13,6 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchrender.brief import brief
 from torchrender.checks import check_range
 from torchrender.errors import OptionError
 from torchrender.kernels.compile import thread_count
@@ -112,6 +113,8 @@ class PatchSet:
     two_sided: bool
     name: str = "points"
 
+    __repr__ = brief
+
     @property
     def point_count(self) -> int:
         """Points of the model, without the nodes above them."""
@@ -129,8 +132,11 @@ class PatchSet:
         return float((high - low).norm())
 
     def camera(self, name: str | None = None, *, width: int, height: int) -> Cameras:
-        """A camera that frames the points."""
-        return framing_cloud(self.bounds, name, width, height)
+        """A camera that frames the points with their discs."""
+        reach = self.headers.radius[:, -1, 2:]
+        box = self.headers.box
+        bounds = torch.stack([(box[:, 0] - reach).amin(0), (box[:, 1] + reach).amax(0)])
+        return framing_cloud(bounds, name, width, height)
 
 
 @dataclass(frozen=True, eq=False)

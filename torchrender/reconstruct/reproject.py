@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 from torchrender.arrays import view
+from torchrender.brief import brief
 from torchrender.buffers import DepthImages
 from torchrender.checks import check_choice, check_range, check_tensor
 from torchrender.errors import InputError
@@ -60,6 +61,8 @@ class Reprojection:
     depth: Tensor  # (B,H,W) camera z; +inf where no sample reaches
     valid: Tensor  # (B,H,W) bool: some sample reaches the pixel
     source: Tensor  # (B,H,W) int64 depth image that the pixel comes from, -1 where there is none
+
+    __repr__ = brief
 
 
 def reproject(

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import torch
 from torch import Tensor
@@ -17,13 +17,11 @@ from torch import Tensor
 from torchrender.checks import as_vector, check_finite, check_range
 from torchrender.errors import CameraError
 from torchrender.numerics.transforms import look_at_matrix, pinhole_matrix
+from torchrender.scene.cameras.doors import CameraDoors
 
-MAX_SIDE = 32768
 
-
-@dataclass(frozen=True, eq=False)
-class Cameras:
-    """B cameras that share one image size.
+class Cameras(CameraDoors):
+    """B cameras that share one image size: what they are made of, ways in and out, how they project.
 
     Perspective: ``u = fx x/z + cx``, ``v = fy y/z + cy``. Orthographic: ``u = fx x + cx``, ``v = fy y + cy`` with
     ``fx`` in pixels per scene unit. Fragments with ``z < near`` or ``z > far`` are not seen.
@@ -31,50 +29,6 @@ class Cameras:
     Raises:
         CameraError: a wrong shape, a value that is not finite, a singular matrix, near not in front of far.
     """
-
-    camera_from_world: Tensor  # (B,4,4) float64, rigid
-    intrinsics: Tensor  # (B,3,3) float64 [[fx, skew, cx], [0, fy, cy], [0, 0, 1]], pixels
-    width: int
-    height: int
-    near: Tensor  # (B,) float64, > 0 for perspective cameras
-    far: Tensor  # (B,) float64, +inf allowed for perspective cameras
-    orthographic: bool = False
-
-    def __post_init__(self) -> None:
-        for name in ("camera_from_world", "intrinsics", "near", "far"):
-            value = torch.as_tensor(getattr(self, name)).detach().to("cpu", torch.float64)
-            object.__setattr__(self, name, value)
-        matrix, k = self.camera_from_world, self.intrinsics
-        if matrix.dim() != 3 or matrix.shape[1:] != (4, 4):
-            raise CameraError(f"camera_from_world must have shape (B, 4, 4), got {tuple(matrix.shape)}")
-        count = matrix.shape[0]
-        if k.shape != (count, 3, 3):
-            raise CameraError(f"intrinsics must have shape ({count}, 3, 3), got {tuple(k.shape)}")
-        for name in ("near", "far"):
-            value = getattr(self, name)
-            if value.dim() > 1 or value.numel() not in (1, count):
-                raise CameraError(f"{name} must be one number or have shape ({count},), got {tuple(value.shape)}")
-            object.__setattr__(self, name, value.reshape(-1).expand(count).contiguous())
-        for name, side in (("width", self.width), ("height", self.height)):
-            if not isinstance(side, int) or not 1 <= side <= MAX_SIDE:
-                raise CameraError(f"{name} must be an integer in [1, {MAX_SIDE}], got {side!r}")
-        self._check_values()
-
-    def _check_values(self) -> None:
-        check_finite("camera_from_world", self.camera_from_world, CameraError)
-        check_finite("intrinsics", self.intrinsics, CameraError)
-        if self.camera_from_world.shape[0] == 0:
-            return
-        if bool((torch.linalg.det(self.camera_from_world[:, :3, :3]).abs() < 1e-12).any()):
-            raise CameraError("camera_from_world must be invertible, its rotation part is singular")
-        if bool((self.intrinsics[:, (0, 1), (0, 1)] <= 0).any()):
-            raise CameraError("intrinsics must have positive focal lengths")
-        if not self.orthographic and not bool((self.near > 0).all()):
-            raise CameraError(f"near must be > 0, got {self.near.tolist()}")
-        if not bool((self.far > self.near).all()) or bool(self.near.isinf().any()):
-            raise CameraError(f"far must be greater than near, got near {self.near.tolist()} far {self.far.tolist()}")
-        if self.orthographic and bool(self.far.isinf().any()):
-            raise CameraError("far must be finite for orthographic cameras")
 
     # ---------------------------------------------------------------- making
 
@@ -122,41 +76,6 @@ class Cameras:
         )
 
     # --------------------------------------------------------------- reading
-
-    def __len__(self) -> int:
-        return int(self.camera_from_world.shape[0])
-
-    def __getitem__(self, index: int | slice | Sequence[int] | Tensor) -> Cameras:
-        """A batch of the chosen cameras; an integer gives a batch of one."""
-        if isinstance(index, int):
-            index = [range(len(self))[index]]
-        return replace(
-            self,
-            camera_from_world=self.camera_from_world[index],
-            intrinsics=self.intrinsics[index],
-            near=self.near[index],
-            far=self.far[index],
-        )
-
-    @property
-    def rotation(self) -> Tensor:
-        """(B,3,3): rows are the camera's right, down and forward axes in world space."""
-        return self.camera_from_world[:, :3, :3]
-
-    @property
-    def world_from_camera(self) -> Tensor:
-        """(B,4,4), the inverse of ``camera_from_world``."""
-        return torch.linalg.inv(self.camera_from_world)
-
-    @property
-    def eye(self) -> Tensor:
-        """(B,3) centre of projection (orthographic: origin of the camera frame) in world space."""
-        return self.world_from_camera[:, :3, 3]
-
-    @property
-    def forward(self) -> Tensor:
-        """(B,3) unit view direction in world space."""
-        return torch.nn.functional.normalize(self.world_from_camera[:, :3, 2], dim=-1)
 
     def footprint(self, depth: Tensor) -> Tensor:
         """Width of one pixel at camera depth (B,...), scene units: ``z max(1/fx, 1/fy)``; orthographic: constant."""

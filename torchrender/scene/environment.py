@@ -13,6 +13,7 @@ from functools import cached_property
 import torch
 from torch import Tensor
 
+from torchrender.brief import brief
 from torchrender.checks import check_finite, check_range
 from torchrender.errors import InputError
 from torchrender.scene.light import DirectionalLight
@@ -35,6 +36,8 @@ class Environment:
     name: str = "environment"
     fill: bool = False  # stands for light that finds its way: only what is near hides it, not a roof far above
     shown: Tensor | None = None  # (H,W,3) what cameras see of it, where that is not ``radiance``: with the sun
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "radiance", self._checked("radiance", self.radiance))

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 import torch
 from torch import Tensor
 
+from torchrender.brief import brief
 from torchrender.checks import as_vector, check_choice, check_finite, check_not_negative, check_range
 from torchrender.errors import InputError, OptionError
 
@@ -144,6 +145,8 @@ class Material:
     transmission_texture: Tensor | None = None  # (H,W,1|3|4) share in the first channel
 
     samplers: Mapping[str, Sampler] = field(default_factory=dict)  # by texture field; those left out are PLAIN
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         for name in ("diffuse", "specular_color", "emission", "sheen_color"):

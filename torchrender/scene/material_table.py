@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from torchrender.brief import brief
 from torchrender.scene.material import Material
 
 KINDS = ("phong", "metallic-roughness", "unlit")
@@ -77,6 +78,8 @@ class MaterialTable:
     mirrored: Tensor  # (M+1,) specular degree of reflectors, 0 for all others
     physical: PhysicalTable  # what metallic-roughness materials have beside it
     has_physical: bool  # some material is a metallic-roughness one
+
+    __repr__ = brief
 
     @classmethod
     def of(cls, materials: Sequence[Material]) -> MaterialTable:

@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchrender.brief import brief
 from torchrender.checks import check_finite, check_not_negative
 from torchrender.errors import MeshError
 from torchrender.kernels.raster.culling_clusters import cluster_boxes, spatial_order, vertex_blocks
@@ -41,6 +42,8 @@ class Mesh:
     alpha: Tensor | None = None  # (V,) opacity that multiplies the material's
     material: int = 0  # index into Scene.materials
     object_id: int | None = None  # None: the mesh's place in the scene; several meshes may form one object
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         v, f = self.vertices, self.faces
@@ -94,6 +97,8 @@ class Geometry:
     see_through: Tensor | None = None  # (F,) bool what lies behind shows, too: neither drawn nor hit as a solid
     single_sided: Tensor | None = None  # (F,) bool triangles that their front alone shows; None: all have two sides
     coherent: bool = False  # triangles already follow one another in space: sorting them would only cost time
+
+    __repr__ = brief
 
     @property
     def triangle_count(self) -> int:

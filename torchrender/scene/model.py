@@ -9,6 +9,7 @@ from functools import cache, cached_property
 import torch
 from torch import Tensor
 
+from torchrender.brief import brief
 from torchrender.checks import as_vector, check_not_negative
 from torchrender.errors import InputError
 from torchrender.scene.camera import Cameras, framing_camera
@@ -22,6 +23,9 @@ from torchrender.scene.medium import Medium
 from torchrender.scene.mesh import Geometry, Mesh, concatenate, with_tangents
 from torchrender.scene.motion.records import Motion
 from torchrender.scene.motion.update import Moving, at_time, moved_geometry
+
+DEFAULT_SIZE = (1024, 768)
+"""Of pictures whose size nobody says: width and height in pixels."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -42,7 +46,10 @@ class Scene:
     name: str = "scene"
     motions: tuple[Motion, ...] = ()  # what may move: see at()
     photometric: bool = False  # lights are in candela and lux: a picture needs an exposure to match
+    photo_light: bool = False  # colours are of photos, ambient light and its shadows in them: nothing hides it again
     report: LoadReport = NOTHING  # what a file was read as
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         for name in ("meshes", "materials", "lights", "media", "motions"):

@@ -71,7 +71,7 @@ def send_fused(
     made = np.zeros if isinstance(samples, RaySurface) else np.empty
     radiance = made((count, 3), f4)
     more = [np.zeros((count if mirrors else 0, 3), f4) for _ in range(2)]
-    shadow = None if visibility is None else array(visibility, f4).reshape(len(scene.lights), -1)
+    shadow = None if visibility is None or not scene.lights else array(visibility, f4).reshape(len(scene.lights), -1)
     share = np.zeros(0, f4) if around.visibility is None else array(around.visibility, f4)
     bent = np.zeros((0, 3), f4) if around.normal is None else array(around.normal.T, f4)
     for k in range(images):
@@ -84,10 +84,37 @@ def send_fused(
             share[part],
             bent[part],
         )
-        out = Out(radiance[part], *(value[part] for value in more))
-        columns, rows = TILE if seen.triangle.shape[0] > 1 else (SPAN, 1)
-        shade(seen, view, packed, looks, sky, reach, out, np.array([columns, rows, thread_count()]))
+        out = Out(radiance[part], more[0][part], more[1][part], np.zeros((0, 4), f4))
+        shade(seen, view, packed, looks, sky, reach, out, _tiles(seen))
     return Sent(torch.from_numpy(radiance).T, *(torch.from_numpy(value).T for value in more))
+
+
+def read_fused(scene: Scene, samples: VisibilityBuffer | RaySurface, rows: Tensor) -> tuple[Tensor, Tensor]:
+    """Shading normals (N,3), bent by their maps, and roughness (N,) of samples in flat rows (N,); nothing is lit."""
+    packed = packed_geometry(scene.geometry)
+    looks = looks_of(scene.materials, scene.material_table)
+    images = 1 if isinstance(samples, RaySurface) else len(samples.cameras)
+    count = samples.covered.numel()
+    each = count // max(images, 1)
+    surface = np.zeros((count, 4), f4)
+    left_out = np.ones(count, np.bool_)
+    left_out[rows.numpy()] = False
+    none = np.zeros((0, 3), f4)
+    dark = Reach(np.zeros((0, 32), f4), np.zeros((0, 1), f4), np.zeros(0, f4), none)
+    for k in range(images):
+        view, seen = _hits(scene, samples) if isinstance(samples, RaySurface) else _image(scene, samples, k)
+        part = slice(k * each, (k + 1) * each)
+        chosen = np.where(left_out[part].reshape(seen.triangle.shape), -1, seen.triangle)
+        seen, out = seen._replace(triangle=chosen), Out(none, none, none, surface[part])
+        shade(seen, view, packed, looks, _no_sky(), dark, out, _tiles(seen))
+    found = torch.from_numpy(surface).index_select(0, rows)
+    return found[:, :3], found[:, 3]
+
+
+def _tiles(seen: Samples) -> Array:
+    """Columns and rows of a tile, and workers."""
+    columns, rows = TILE if seen.triangle.shape[0] > 1 else (SPAN, 1)
+    return np.array([columns, rows, thread_count()])
 
 
 def packed_geometry(geometry: Geometry) -> Packed:
@@ -200,6 +227,13 @@ def _sky(scene: Scene, background: Tensor | None) -> Sky:
         radiance=array(shown.radiance if shown.shown is None else shown.shown, f4),
         turn=np.array([math.radians(shown.rotation_deg), shown.intensity], f4),
     )
+
+
+def _no_sky() -> Sky:
+    """Nothing around, for surfaces that are read only."""
+    empty = np.zeros((0, 3), f4)
+    maps = (empty, empty, np.zeros((0, 2), np.int64), np.zeros((0, 0, 4), f4), np.zeros((0, 2), f4))
+    return Sky(np.zeros(3, f4), *maps, np.zeros((1, 1, 3), f4), np.zeros(2, f4))
 
 
 def is_of(samples: GBuffer | RaySurface, scene: Scene) -> bool:

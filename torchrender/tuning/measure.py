@@ -19,7 +19,7 @@ from torchrender.pipeline.options import RenderOptions
 from torchrender.quality.metrics import flip_map, psnr, relative_squared_error
 from torchrender.renderer import render
 from torchrender.scene.camera import Cameras
-from torchrender.scene.camera_path import built_in_path, walks_of
+from torchrender.scene.cameras.path import built_in_path, walks_of
 from torchrender.scene.model import Scene
 
 SIDE = 512

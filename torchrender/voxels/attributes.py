@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchrender.brief import brief
 from torchrender.checks import check_finite
 from torchrender.errors import InputError
 from torchrender.kernels.compile import thread_count
@@ -40,6 +41,8 @@ class SurfaceFragments:
     triangle: Tensor  # (M,) int64
     barycentric: Tensor  # (M,2) float64 weights of the second and third vertex
     weight: Tensor  # (M,) float64 area, squared cells
+
+    __repr__ = brief
 
     def mean(self, values: Tensor) -> Tensor:
         """(N,K) float32 weighted means of fragment values (M,K)."""
@@ -145,6 +148,8 @@ class VoxelAttributes:
     values: tuple[Tensor, ...]  # B times (N,K) float32
     weight: tuple[Tensor, ...]  # B times (N,) float64 surface area, squared cells
 
+    __repr__ = brief
+
     def dense(self) -> Tensor:
         """(B,nz,ny,nx,K) float32; zero in empty cells."""
         return torch.stack([spread(v, c, self.voxels.grid) for v, c in zip(self.values, self.cells, strict=True)])
@@ -194,6 +199,8 @@ class SurfaceVoxels:
     uv: Tensor  # (N,2) float32 texture coordinates, zero where the scene has none
     material: Tensor  # (N,) int64 of the largest fragment
     density: Tensor  # (N,) float32 surface area over the area of a cell's side, at most 1
+
+    __repr__ = brief
 
     @property
     def grid(self) -> VoxelGrid:

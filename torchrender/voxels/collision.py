@@ -8,9 +8,11 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from torchrender.brief import brief
 from torchrender.checks import check_range, check_tensor
 from torchrender.errors import InputError
 from torchrender.scene.mesh import Geometry
+from torchrender.scene.triangles import Shape, geometry_of
 from torchrender.voxels.grid import MAX_SIDE, VoxelGrid, Voxels
 from torchrender.voxels.solid import SolidOptions, voxelize_solid
 from torchrender.voxels.surface import voxelize_surface
@@ -52,6 +54,11 @@ class Collision:
     cells: Tensor  # (N,3) int64 i, j, k
     shared: Voxels | None  # None where the boxes of the bodies are apart
 
+    __repr__ = brief
+
+    def __bool__(self) -> bool:
+        return self.touching
+
     @property
     def cell(self) -> float:
         """Edge of a voxel, scene units; zero where the boxes are apart."""
@@ -59,8 +66,8 @@ class Collision:
 
 
 def collide(
-    first: Geometry,
-    second: Geometry,
+    first: Shape,
+    second: Shape,
     options: CollisionOptions | None = None,
     *,
     world_from_first: Tensor | None = None,
@@ -69,7 +76,7 @@ def collide(
     """Voxels that both bodies meet or hold, on a grid fitted to the overlap of their boxes.
 
     Args:
-        first, second: triangles; closed where their insides are to count.
+        first, second: scenes, meshes or triangles; closed where their insides are to count.
         world_from_first, world_from_second: (4,4) placement.
 
     Raises:
@@ -79,6 +86,7 @@ def collide(
         LeakWarning: a body is not closed.
     """
     options = options or CollisionOptions()
+    first, second = geometry_of("first", first), geometry_of("second", second)
     bodies = [
         (_placed("world_from_first", first, world_from_first), first.faces),
         (_placed("world_from_second", second, world_from_second), second.faces),

@@ -13,6 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchrender.brief import brief
 from torchrender.checks import check_tensor
 from torchrender.errors import InputError, SceneFileError
 from torchrender.images.files import write_atomically, write_npz
@@ -42,6 +43,8 @@ class VoxelModel:
     normal: Tensor | None = None  # (N,2) uint8, see encode_normals; N cells in the order of voxels.cells()
     color: Tensor | None = None  # (N,3) uint8 sRGB
     density: Tensor | None = None  # (N,) uint8
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         if len(self.voxels.grid) != 1:
@@ -96,14 +99,20 @@ class VoxelModel:
         }
 
 
-def write_voxels(path: str | Path, model: VoxelModel) -> None:
-    """Write ``.npz`` or ``.vox``, whole or not at all.
+def write_voxels(path: str | Path, model: VoxelModel | SurfaceVoxels | Voxels) -> None:
+    """Write ``.npz`` or ``.vox``, whole or not at all; voxels without a name are called after the file.
 
     Raises:
         ImageFileError: missing folder, or the file cannot be written.
         SceneFileError: another suffix, or a grid of more than 256 cells per side for ``.vox``.
     """
     path = Path(path)
+    if isinstance(model, SurfaceVoxels):
+        model = VoxelModel.of(model, path.stem)
+    elif isinstance(model, Voxels):
+        model = VoxelModel(voxels=model, name=path.stem)
+    elif not isinstance(model, VoxelModel):
+        raise InputError(f"model must be a VoxelModel, SurfaceVoxels or Voxels, got {type(model).__name__}")
     suffix = path.suffix.lower()
     if suffix == ".vox":
         data = _vox(path, model)

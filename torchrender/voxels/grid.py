@@ -13,6 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchrender.brief import brief
 from torchrender.checks import check_finite, check_range, check_tensor
 from torchrender.errors import InputError, OptionError
 from torchrender.kernels.voxels.bits import count_ones, count_runs, list_ones
@@ -35,6 +36,8 @@ class VoxelGrid:
     origin: Tensor  # (B,3) float64 lowest corner, scene units
     cell: Tensor  # (B,) float64 edge of a cell, scene units
     dims: tuple[int, int, int] = DIMS  # nx, ny, nz
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         origin = check_tensor("origin", self.origin, ("B", 3)).detach().double().contiguous()
@@ -137,6 +140,8 @@ class Voxels:
     words: Tensor  # (B,nz,ny,nw) int64; cell i of a row is bit i % 64 of word i // 64, bits beyond nx are zero
     grid: VoxelGrid
     stats: dict[str, float] = field(default_factory=dict)  # what making them took and met
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         _, ny, nz = self.grid.dims

@@ -8,29 +8,29 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass, field
+from typing import TypeAlias, overload
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from torchrender.checks import check_choice, check_range
-from torchrender.errors import InputError
+from torchrender.errors import InputError, LeakWarning
 from torchrender.kernels.compile import thread_count
 from torchrender.kernels.voxels import columns as columns
 from torchrender.kernels.voxels.bits import spread_across, spread_planes
 from torchrender.scene.smooth import weld
+from torchrender.scene.triangles import Shape
 from torchrender.voxels.grid import WORD, VoxelGrid, Voxels, empty_words, flat, row_mask
+from torchrender.voxels.mesh_arguments import mesh_arguments
 from torchrender.voxels.soup import soup_words
 from torchrender.voxels.surface import SurfaceOptions, checked_mesh, voxelize_surface
 
 METHODS = ("winding", "parity", "vote", "soup", "toggle")
 AXES = ("x", "y", "z")
+Solid: TypeAlias = "tuple[Voxels, SolidReport]"
 FARTHEST = 1 << 30
 """Vertices must lie within this many snapped units of the grid's origin."""
-
-
-class LeakWarning(UserWarning):
-    """A mesh is not closed: columns of cells leave the mesh as inside, or enter it as outside."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,20 +86,27 @@ class _Fill:
     crossed: int
 
 
+@overload
 def voxelize_solid(
-    vertices: Tensor, faces: Tensor, grid: VoxelGrid, options: SolidOptions | None = None
-) -> tuple[Voxels, SolidReport]:
-    """Cells with their centre inside the mesh, and what was wrong with it.
+    vertices: Tensor, faces: Tensor, grid: VoxelGrid | int, options: SolidOptions | None = None
+) -> Solid: ...
+@overload
+def voxelize_solid(shape: Shape, grid: VoxelGrid | int, /, *, options: SolidOptions | None = None) -> Solid: ...
+def voxelize_solid(
+    vertices: Tensor | Shape,
+    faces: Tensor | VoxelGrid | int,
+    grid: VoxelGrid | int | None = None,
+    options: SolidOptions | None = None,
+) -> Solid:
+    """Cells with their centre inside the mesh, and what was wrong with it: ``voxelize_solid(mesh, 128)``.
 
     Arguments and errors as in :func:`~torchrender.voxels.surface.voxelize_surface`. Vertices are snapped to
-    2^-subbits of a cell and must lie within 2^(30 - subbits) cells of the grid.
-
-    Raises:
-        InputError: also for vertices farther away.
+    2^-subbits of a cell; farther than 2^(30 - subbits) cells from the grid is an InputError, too.
 
     Warns:
         LeakWarning: with the share of columns that leak.
     """
+    vertices, faces, grid = mesh_arguments(vertices, faces, grid)
     options = options or SolidOptions()
     points, triangles = checked_mesh(vertices, faces, grid)
     words = empty_words(grid)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import overload
 
 import numpy as np
 import torch
@@ -14,7 +15,9 @@ from torchrender.errors import InputError
 from torchrender.kernels.compile import thread_count
 from torchrender.kernels.voxels.cells import Soup
 from torchrender.kernels.voxels.surface import classify, mark_surface
+from torchrender.scene.triangles import Shape
 from torchrender.voxels.grid import WORD, VoxelGrid, Voxels, empty_words, flat
+from torchrender.voxels.mesh_arguments import mesh_arguments
 
 MODES = ("conservative", "thin")
 
@@ -34,13 +37,25 @@ class SurfaceOptions:
         check_choice("mode", self.mode, MODES)
 
 
-def voxelize_surface(vertices: Tensor, faces: Tensor, grid: VoxelGrid, options: SurfaceOptions | None = None) -> Voxels:
+@overload
+def voxelize_surface(
+    vertices: Tensor, faces: Tensor, grid: VoxelGrid | int, options: SurfaceOptions | None = None
+) -> Voxels: ...
+@overload
+def voxelize_surface(shape: Shape, grid: VoxelGrid | int, /, *, options: SurfaceOptions | None = None) -> Voxels: ...
+def voxelize_surface(
+    vertices: Tensor | Shape,
+    faces: Tensor | VoxelGrid | int,
+    grid: VoxelGrid | int | None = None,
+    options: SurfaceOptions | None = None,
+) -> Voxels:
     """Cells that the triangles meet.
 
     Args:
-        vertices: (B,V,3) float, scene units.
+        vertices: (B,V,3) float, scene units; or a scene, a mesh or a geometry, then without ``faces``.
         faces: (F,3) integer, shared by the batch.
-        grid: B grids; parts of the mesh outside are left out.
+        grid: B grids; parts of the mesh outside are left out. A number: a grid around it with so many cells along the
+            longest side.
 
     Returns:
         Voxels, with ``stats``: ``pairs`` of triangle and cell, and ``flat`` triangles, which have no area and are
@@ -49,6 +64,7 @@ def voxelize_surface(vertices: Tensor, faces: Tensor, grid: VoxelGrid, options: 
     Raises:
         InputError: wrong shapes, vertices that are not finite, faces that name missing vertices.
     """
+    vertices, faces, grid = mesh_arguments(vertices, faces, grid)
     options = options or SurfaceOptions()
     points, triangles = checked_mesh(vertices, faces, grid)
     words = empty_words(grid)

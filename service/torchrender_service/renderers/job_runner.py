@@ -25,7 +25,7 @@ class JobRunner:
     def __init__(self) -> None:
         self._scenes = SceneCache()
         self._streams = StreamRenderer()
-        self._fog = FogPhotos()
+        self._photos = FogPhotos()
 
     def run(self, job: jobs.Job) -> dict[str, Any]:
         """The result of a job as plain values.
@@ -43,8 +43,8 @@ class JobRunner:
             return tradeoff(job.name)
         if isinstance(job, jobs.MakeLayers):
             return self._streams.make_layers(job)
-        if isinstance(job, jobs.FogInPhoto):
-            return self._fog.run(job)
+        if isinstance(job, jobs.PhotoJob):
+            return self._photos.run(job)
         if isinstance(job, jobs.SmoothKeyframe):
             return self._streams.smooth(job)
         return self._run_in_scene(job)

@@ -158,6 +158,39 @@ class FogInPhoto(msgspec.Struct, frozen=True, kw_only=True, tag=True):
     light_gain: float = 1.0
     shaft_gain: float = 1.0
     show: str = "composite"
+    side: int | None = None  # pixels that the longer side has at most; None: as many as the photo
+
+
+class DescribePhoto(msgspec.Struct, frozen=True, kw_only=True, tag=True):
+    """Size of a photo, upright."""
+
+    photo: bytes
+    max_pixels: int
+
+
+class StrokeLine(msgspec.Struct, frozen=True, kw_only=True):
+    """A stroke over a part of a photo."""
+
+    part: int
+    points: tuple[tuple[float, float], ...]
+    width: float = 9.0
+
+
+class DividePhoto(msgspec.Struct, frozen=True, kw_only=True, tag=True):
+    """Regions of a photo by a few strokes."""
+
+    photo: bytes
+    max_pixels: int
+    strokes: tuple[StrokeLine, ...]
+    labels: tuple[str, ...]  # of each part
+    depths: tuple[float | None, ...]  # metres, of each part
+
+
+class CheckMarks(msgspec.Struct, frozen=True, kw_only=True, tag=True):
+    """Marks of a file, checked, as a table and as TOML."""
+
+    marks: bytes
+    name: str  # its suffix tells the kind
 
 
 class MakeKeyframe(msgspec.Struct, frozen=True, kw_only=True, tag=True):
@@ -206,7 +239,8 @@ class Forget(msgspec.Struct, frozen=True, kw_only=True, tag=True):
 
 
 SceneJob = Describe | Locate | Render | Plan | DepthImages | StylePhoto | MakeKeyframe
-Job = SceneJob | FogInPhoto | Validate | Tradeoff | Reproject | MakeLayers | SmoothKeyframe | Forget
+PhotoJob = FogInPhoto | DescribePhoto | DividePhoto | CheckMarks
+Job = SceneJob | PhotoJob | Validate | Tradeoff | Reproject | MakeLayers | SmoothKeyframe | Forget
 
 
 class Failure(msgspec.Struct, frozen=True, kw_only=True):

@@ -15,6 +15,7 @@ from torchrender_service.renderers.pool import Pool
 from torchrender_service.settings import Settings
 from torchrender_service.web import (
     routes_fog,
+    routes_photos,
     routes_pictures,
     routes_scenes,
     routes_status,
@@ -55,7 +56,15 @@ def make_app(settings: Settings, make_pool: MakePool = Pool) -> FastAPI:
     )
     app.state.service = state
     add_error_handlers(app)
-    for module in (routes_scenes, routes_pictures, routes_style, routes_fog, routes_stream, routes_status):
+    for module in (
+        routes_scenes,
+        routes_pictures,
+        routes_style,
+        routes_fog,
+        routes_photos,
+        routes_stream,
+        routes_status,
+    ):
         app.include_router(module.router)
     if STATIC.is_dir():
         app.mount("/", StaticFiles(directory=STATIC, html=True), name="client")

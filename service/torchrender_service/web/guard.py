@@ -74,7 +74,7 @@ class Guard:
 
     def _limit(self, scope: Scope) -> int:
         path = scope["path"]
-        if path in ("/v1/scenes", "/v1/style"):
+        if path in ("/v1/scenes", "/v1/style", "/v1/photos"):
             return self._settings.max_upload_bytes
         if path == "/v1/fog":
             return self._settings.max_upload_bytes * 4 // 3 + 2**20

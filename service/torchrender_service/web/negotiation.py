@@ -1,13 +1,15 @@
-"""Which of several representations a client wants (RFC 9110, section 12.5.1)."""
+"""Which of several representations a client wants (RFC 9110, section 12.5.1), and what is said beside one."""
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Sequence
 
 from torchrender_service.errors import ServiceError
 
 _MAX_RANGES = 32
+_MAX_WARNING_BYTES = 4000
 
 
 def negotiate(accept: str | None, offered: Sequence[str]) -> str:
@@ -28,6 +30,14 @@ def negotiate(accept: str | None, offered: Sequence[str]) -> str:
     if chosen is None:
         raise ServiceError(406, "not-acceptable", f"Accept must allow one of {', '.join(offered)}")
     return chosen
+
+
+def warning_headers(warnings: Sequence[str]) -> dict[str, str]:
+    """What is said beside a result that is no JSON: a JSON list, as many of them as a header may hold."""
+    kept = list(warnings)
+    while kept and len(json.dumps(kept)) > _MAX_WARNING_BYTES:
+        kept.pop()
+    return {"Torchrender-Warnings": json.dumps(kept)} if kept else {}
 
 
 def _parse(part: str) -> tuple[str, float]:

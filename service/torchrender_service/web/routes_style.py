@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from torchrender_service.errors import ServiceError
 from torchrender_service.renderers.jobs import StylePhoto
-from torchrender_service.web.negotiation import negotiate
+from torchrender_service.web.negotiation import negotiate, warning_headers
 from torchrender_service.web.schemas import SceneId, problems
 from torchrender_service.web.state import state_of
 
@@ -20,7 +20,6 @@ router = APIRouter(prefix="/v1", tags=["style"])
 PHOTOS = ("image/jpeg", "image/png")
 RESULTS = {"model/gltf-binary": "glb", "image/png": "png", "application/json": "json"}
 MAX_LOCKS = 256
-MAX_WARNING_BYTES = 2000
 _BINARY = {"schema": {"type": "string", "format": "binary"}}
 _NUMBER = r"\d{1,9}(?:\.\d{1,6})?"
 _PICK = re.compile(rf"(.{{1,200}})=({_NUMBER}),({_NUMBER}),({_NUMBER}),({_NUMBER})", re.DOTALL)
@@ -92,8 +91,7 @@ async def style(
     made = await state.pool.run(job)
     times = ", ".join(f"{stage};dur={ms:.2f}" for stage, ms in made["timings_ms"].items())
     headers = {"Server-Timing": times}
-    if made["warnings"]:
-        headers["Torchrender-Warnings"] = json.dumps(made["warnings"])[:MAX_WARNING_BYTES]
+    headers |= warning_headers(made["warnings"])
     if media_type == "application/json":
         facts = {name: made[name] for name in ("objects", "cost", "views", "timings_ms", "warnings")}
         return Response(json.dumps(facts), media_type=media_type, headers=headers)

@@ -17,7 +17,7 @@ from torchrender_service.scenes.store import SceneStore
 from torchrender_service.settings import Settings
 from torchrender_service.streams.sessions import Session, SessionStore
 from torchrender_service.streams.stream import SCENE_GONE, Surroundings
-from torchrender_service.web.kept import KeptContainers
+from torchrender_service.web.kept import KeptContainers, KeptPhotos
 
 LOG = logging.getLogger("torchrender_service.web.state")
 EXPIRE_S = 1.0
@@ -33,6 +33,7 @@ class ServiceState:
         self.pool = make_pool(settings, self.metrics)
         self.scenes = SceneStore(settings, self.pool)
         self.kept = KeptContainers(settings.max_kept_bytes)
+        self.photos = KeptPhotos(self.pool, settings.max_kept_bytes)
         self.sessions = SessionStore(settings, self._session_ended)
         self.around = Surroundings(settings=settings, sessions=self.sessions, pool=self.pool, metrics=self.metrics)
         self.stopping = False
@@ -78,6 +79,7 @@ class ServiceState:
         while True:
             await asyncio.sleep(EXPIRE_S)
             self.sessions.expire()
+            self.photos.expire()
 
     async def _warm_up(self) -> None:
         """Start every renderer and learn about the built-in scenes, so that the first client need not wait."""

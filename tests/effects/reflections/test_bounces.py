@@ -61,10 +61,10 @@ def hall_radiance(eye: Tensor, direction: Tensor, depth: int) -> Tensor:
 def test_infinite_mirrors_are_those_of_the_closed_form() -> None:
     scene = hall()
     eye = torch.tensor([0.0, 1.2, 1.0], dtype=torch.float64)
-    camera = Cameras.look_at(eye.tolist(), [0.0, 1.0, 0.0], width=96, height=96, fov_deg=60.0)
+    camera = Cameras.look_at(eye.tolist(), [0.0, 1.0, 0.0], width=64, height=64, fov_deg=60.0)
     shown = render(scene, camera, options=RenderOptions(reflections="traced", tracing=TraceOptions(bounces=8)))
     directions = torch.nn.functional.normalize(camera.rays()[1].reshape(-1, 3), dim=-1)
-    wanted = hall_radiance(eye, directions, 8).reshape(1, 96, 96, 1).expand(-1, -1, -1, 3)
+    wanted = hall_radiance(eye, directions, 8).reshape(1, 64, 64, 1).expand(-1, -1, -1, 3)
     assert len(wanted.unique()) >= 4  # several pictures of the stripe
     assert float(psnr(shown.radiance.double(), wanted)[0]) > 30.0
     flat = render(scene, camera, options=RenderOptions(reflections="traced", tracing=TraceOptions(bounces=2)))
@@ -151,7 +151,7 @@ def test_a_camera_inside_a_chrome_sphere_sees_the_lamp_again_and_again() -> None
     shell = replace(sphere(2.0, 48), material=0)
     bulb = placed(sphere(0.3, 24), (0.5, 0.3, -0.8), 1)
     scene = Scene(meshes=(shell, bulb), materials=(chrome, lamp), ambient=torch.full((3,), 0.05))
-    camera = Cameras.look_at([0.2, 0.0, 1.0], [0.0, 0.0, -2.0], width=48, height=48, fov_deg=90.0)
+    camera = Cameras.look_at([0.2, 0.0, 1.0], [0.0, 0.0, -2.0], width=32, height=32, fov_deg=90.0)
     seen = [
         render(scene, camera, options=RenderOptions(reflections="traced", tracing=TraceOptions(bounces=n))).radiance
         for n in (1, 2, 4)

@@ -33,7 +33,7 @@ from torchrender.quality.metrics import mean_absolute_error, psnr
 from torchrender.renderer import render
 from torchrender.report.reflections.errors import occlusion_errors
 from torchrender.scene.camera import Cameras
-from torchrender.scene.load import load
+from torchrender.scene.procedural import build
 
 
 def eye(angle_deg: float, size: int = 64) -> Cameras:
@@ -207,11 +207,11 @@ def test_rays_left_open_can_be_traced() -> None:
 
 @pytest.mark.parametrize("name", ["living_room", "washroom"])
 def test_rooms_meet_the_figures(name: str) -> None:
-    scene = load(name)
+    scene = build(name, triangles=30000)
     pictures = {}
     for mode in ("traced", "clustered", "environment"):
         options = RenderOptions(reflections=mode, shadows=False)
-        pictures[mode] = render(scene, width=192, height=192, options=options)
+        pictures[mode] = render(scene, width=160, height=160, options=options)
     image = {mode: p.radiance.clamp(0, 1) ** (1 / 2.2) for mode, p in pictures.items()}
     mask = reflective(scene, pictures["traced"].gbuffer)
     error, baseline = (

@@ -22,7 +22,7 @@ from torchrender.photo.style.terms import default_light
 from torchrender.photo.style.transfer import style_scene
 from torchrender.photo.style.views import look, make_views
 from torchrender.raster import rasterize
-from torchrender.scene.material import Material
+from torchrender.scene.material import Material, Sampler
 from torchrender.scene.shapes import box, sphere
 
 QUICK = StyleOptions(views=8, width=80, height=60)
@@ -255,13 +255,15 @@ def test_textures_keep_their_pattern_and_take_the_new_colour() -> None:
     scene = room()
     table = next(k for k, m in enumerate(scene.meshes) if m.name == "table")
     materials = list(scene.materials)
-    materials[table] = replace(materials[table], diffuse_texture=board)
+    lies = Sampler(wrap_u="clamp", transform=torch.tensor([[2.0, 0.0, 0.0], [0.0, 3.0, 0.0]]))
+    materials[table] = replace(materials[table], diffuse_texture=board, samplers={"diffuse_texture": lies})
     scene = replace(scene, materials=tuple(materials))
     dropped = style_scene(scene, striped_photo(), QUICK).scene
     assert dropped.materials[dropped.meshes[table].material].diffuse_texture is None
     kept = style_scene(scene, striped_photo(), replace(QUICK, keep_textures=True))
     made = kept.scene.materials[kept.scene.meshes[table].material]
     assert made.diffuse_texture is not None and float(made.diffuse.max()) <= 1.0
+    assert made.sampler("diffuse_texture") is lies, "it lies on the table as it did"
     shown = (made.diffuse_texture * made.diffuse).reshape(-1, 3)
     assert float(shown.amax(dim=0)[0] / shown.amin(dim=0)[0]) > 2
     mean = albedo(kept.materials, kept.problem.cosine)[table]

@@ -15,6 +15,7 @@ from PIL import Image
 
 import torchrender as tr
 from torchrender.errors import MeshError, NotUsedWarning, RepairedWarning, SceneFileError
+from torchrender.images.files import write_image
 from torchrender.scene.files.plain.polygons import triangulate
 from torchrender.scene.load import load
 
@@ -262,6 +263,26 @@ def test_masks_cut_or_blend(tmp_path: Path, soft: bool, expected: tuple[float | 
     made = material(tmp_path, "map_d mask.png")
     assert (made.alpha_cutoff, made.blend) == expected
     assert made.diffuse_texture is not None and made.diffuse_texture.shape == (4, 4, 4)
+
+
+@pytest.mark.parametrize("name", ["C:\\\\Users\\\\x\\\\Red.PNG", "/home/x/red.png", "RED.png", "../textures/red.png"])
+def test_pictures_of_other_machines_are_found_beside_the_file(tmp_path: Path, name: str) -> None:
+    write_image(tmp_path / "red.png", torch.tensor([1.0, 0.0, 0.0]).expand(2, 2, 3))
+    (tmp_path / "a.mtl").write_text(f"newmtl a\nKd 1 1 1\nmap_Kd {name}\n")
+    (tmp_path / "a.obj").write_text("mtllib A.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl a\nf 1 2 3\n")
+    with pytest.warns(RepairedWarning, match=r"red\.png beside the file is taken"):
+        found = load(tmp_path / "a.obj").materials[0].diffuse_texture
+    assert found is not None and found[0, 0].tolist() == [1.0, 0.0, 0.0]
+
+
+def test_columns_that_are_not_used_are_named(tmp_path: Path) -> None:
+    (tmp_path / "a.ply").write_text(
+        "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+        "property float quality\nproperty uchar red\nelement face 1\nproperty list uchar int vertex_indices\n"
+        "property int flags\nend_header\n0 0 0 1 2\n1 0 0 1 2\n0 1 0 1 2\n3 0 1 2 7\n"
+    )
+    with pytest.warns(NotUsedWarning, match=r"columns of vertices: quality, red \(2\), columns of faces: flags \(1\)"):
+        load(tmp_path / "a.ply")
 
 
 def test_several_libraries(tmp_path: Path) -> None:

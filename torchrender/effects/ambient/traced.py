@@ -18,7 +18,13 @@ CHUNK = 1 << 18
 
 
 def traced_ambient(
-    caster: RayCaster, samples: GBuffer | RaySurface, *, rays: int, reach: float, gap: float
+    caster: RayCaster,
+    samples: GBuffer | RaySurface,
+    *,
+    rays: int,
+    reach: float,
+    gap: float,
+    turned: bool | None = None,
 ) -> AmbientVisibility:
     """Visibility (B,H,W) from ``rays`` cosine-weighted directions about each shading normal.
 
@@ -28,8 +34,10 @@ def traced_ambient(
         reach: scene units within which something hides near light.
         gap: scene units above the surface at which rays start.
 
-    Directions follow a spiral that is turned from pixel to pixel, but not from hit to hit, where few rays must leave no
-    noise; those below the geometric surface see nothing.
+        turned: directions follow a spiral that is another one for each sample. None: from pixel to pixel, but not from
+            hit to hit, where few rays must leave no noise. Hits go by their place, whatever else was hit.
+
+    Directions below the geometric surface see nothing.
 
     Raises:
         OptionError: no rays, a negative reach or gap.
@@ -40,9 +48,7 @@ def traced_ambient(
     covered = samples.covered
     normal, surface = samples.normal[covered], samples.geometric_normal[covered]
     start = samples.position[covered] + surface.double() * gap
-    number = torch.arange(covered.numel()).reshape(covered.shape)[covered]
-    if isinstance(samples, RaySurface):
-        number = torch.zeros_like(number)
+    number = _numbers(samples, start, isinstance(samples, GBuffer) if turned is None else turned)
     sky, near, bent = torch.zeros(len(start)), torch.zeros(len(start)), torch.zeros(len(start), 3)
     for rows in torch.arange(len(start)).split(max(1, CHUNK // rays)):
         toward = _cosine_directions(normal[rows], rays, number[rows])
@@ -59,10 +65,21 @@ def traced_ambient(
     return as_images(covered, sky, near, bent, samples.normal)
 
 
+def _numbers(samples: GBuffer | RaySurface, place: Tensor, turned: bool) -> Tensor:
+    """Numbers (N,) int64 of the spirals of covered samples at places (N,3)."""
+    if not turned:
+        return torch.zeros(len(place), dtype=torch.int64)
+    covered = samples.covered
+    if isinstance(samples, GBuffer):
+        return torch.arange(covered.numel()).reshape(covered.shape)[covered]
+    bits = place.contiguous().view(torch.int64) >> 20  # what rounding leaves alone
+    return ((bits * torch.tensor([73856093, 19349663, 83492791])).sum(-1) >> 7) & 0xFFFF
+
+
 def _cosine_directions(normal: Tensor, rays: int, number: Tensor) -> Tensor:
     """Directions (N,rays,3) about normals (N,3), as dense as the cosine; the spiral of each pixel is another one."""
     steps = torch.arange(rays, dtype=torch.float32)
-    shift = torch.frac(number.double() * 0.754877666246693).float()[:, None]
+    shift = torch.frac(0.5 + number.double() * 0.754877666246693).float()[:, None]
     turn = torch.frac(number.double() * 0.569840290998053).float()[:, None] * (2 * math.pi)
     share = (steps + shift) / rays
     angle = steps * (math.pi * (3.0 - math.sqrt(5.0))) + turn

@@ -17,7 +17,7 @@ from torchrender.effects.reflections.reflectors import (
 from torchrender.rays import RayCaster
 
 SECOND_LOBE = 4
-"""Rays of a glossy lobe that is seen in a mirror; lobes seen in those take one."""
+"""Rays of a glossy lobe that is seen in a mirror; lobes seen in lobes take one."""
 
 _RAYS = 1 << 19  # cast together
 
@@ -44,7 +44,8 @@ def _follow(caster: RayCaster, shader: RayShader, left: int, rays: int, lobe: st
     def onward(points: MirroredPoints) -> Tensor:
         color = torch.zeros(len(points.gloss), 3)
         mirror = points.gloss <= 0
-        for chosen, count in ((mirror, 1), (~mirror, rays)):
+        each = 1 if points.rays.many else rays
+        for chosen, count in ((mirror, 1), (~mirror, each)):
             for rows in chosen.nonzero().reshape(-1).split(_RAYS // count):
                 sent, weight = (
                     (points.rays.select(rows), None) if chosen is mirror else _lobe(points, rows, count, lobe)

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
+from torchrender.brief import brief
 from torchrender.buffers import RayHits, ReflectionLayer, ReflectionState
 from torchrender.clock import StepClock
 from torchrender.effects.reflections.clusters.bundle import ClusterCameras
@@ -50,6 +51,8 @@ class ClusteredReflections:
     unknown: Tensor  # (N,) share of each pixel's rays that no depth image answered
     steps: int  # texels visited by all rays
     elapsed_ms: Mapping[str, float]  # clusters, cameras, depth images, marching, shading
+
+    __repr__ = brief
 
 
 def clustered_reflections(

@@ -7,7 +7,7 @@ from torch import Tensor
 
 from torchrender.effects.reflections.reflectors import ReflectivePixels, reflection_layer
 
-SHARE = 0.5
+SHARE = 0.35
 """Of a lobe's width: how far the mirrored directions of pixels may differ that share their rays (one deviation)."""
 
 LEAST = 1e-6

@@ -15,6 +15,7 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
+from torchrender.brief import brief
 from torchrender.buffers import GBuffer, RayHits, ReflectionLayer, ReflectionState
 from torchrender.checks import check_tensor
 from torchrender.numerics.lobe import ggx_directions, lobe_directions, reflect, schlick
@@ -49,6 +50,8 @@ class ReflectivePixels:
     length: Tensor  # (N,) float64 from the eye
     pixel_angle: Tensor  # (N,) float64 width of a pixel per unit of ray length
 
+    __repr__ = brief
+
     def __len__(self) -> int:
         return len(self.pixel)
 
@@ -68,10 +71,12 @@ class ReflectedRays:
     direction: Tensor  # (N,3) float64 unit
     width: Tensor  # (N,) float64
     spread: Tensor  # (N,) float64
+    many: bool = False  # each is one of several of a lobe, whose mean counts
 
     def select(self, index: Tensor) -> ReflectedRays:
         """Some of the rays, by index or mask (N,)."""
-        return ReflectedRays(self.origin[index], self.direction[index], self.width[index], self.spread[index])
+        own = (self.origin[index], self.direction[index], self.width[index], self.spread[index])
+        return ReflectedRays(*own, self.many)
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,6 +236,7 @@ def spread_rays(
         direction=toward.reshape(-1, 3),
         width=mirrored.width.repeat_interleave(count),
         spread=torch.maximum(mirrored.spread, share).repeat_interleave(count),
+        many=mirrored.many or count > 1,
     )
     return rays, weight.reshape(-1)
 

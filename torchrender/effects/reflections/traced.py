@@ -40,7 +40,7 @@ class TraceOptions:
         OptionError: a value outside its range; names it.
     """
 
-    glossy_rays: int = 8  # per glossy pixel; mirrors take one
+    glossy_rays: int = 4  # per glossy pixel; mirrors take one
     lobe: str = "ggx"  # of glossy pixels: of facets, or an even "cone"
     share_rays: bool = True  # neighbouring glossy pixels see what each other's rays see
     bounces: int = 2  # mirrors that light is followed over; 1: mirrors in mirrors show the environment

@@ -37,14 +37,24 @@ def virtual_images(scene: Scene, gbuffer: GBuffer, layer: ReflectionLayer) -> Vi
     length = torch.where(known, offset.norm(dim=-1), 1.0).clamp_min(1e-300)
     distance = torch.where(known, layer.distance, 0.0).double()
     cosine = (gbuffer.normal * layer.direction).sum(-1).abs().clamp_min(0.1).double()
-    # Half of the light's bundle bends by 1 / cosine, half by cosine: the mean of both planes.
-    bend = 2.0 * _curvature(gbuffer) * (0.5 / cosine + 0.5 * cosine)
+    # The light's bundle bends by 1 / cosine across the plane of incidence's axis, by cosine along it, and seems to come
+    # from two places; the point between that moves as far as both do on the mean, when the eye moves, stands for them.
+    bend = 2.0 * _curvature(gbuffer)
+    (steep, clear), (flat, open_) = (_virtual(distance, bend * share) for share in (1.0 / cosine, cosine))
+    nearness = 0.5 / (length + steep) + 0.5 / (length + flat)
+    known = known & clear & open_
+    depth = torch.where(known, gbuffer.depth.double() / (length * nearness).clamp_min(1e-300), torch.inf)
+    depth = torch.where(nearness > 0, depth, torch.inf)
+    return VirtualImages(depth.float(), torch.where(known[..., None], light, 0.0), known)
+
+
+def _virtual(distance: Tensor, bend: Tensor) -> tuple[Tensor, Tensor]:
+    """By the mirror equation, how far behind a mirror of that bend (...) what is ``distance`` (...) away is seen; and
+    whether it is seen there at all."""
     near = torch.isfinite(distance)
     ratio = 1.0 + bend * torch.where(near, distance, 0.0)
-    virtual = torch.where(near, distance / ratio.clamp_min(CROSSING), torch.where(bend > 0, 1.0 / bend, torch.inf))
-    known = known & (ratio > CROSSING) & (near | (bend >= 0))
-    depth = torch.where(known, gbuffer.depth.double() * (1.0 + virtual / length), torch.inf)
-    return VirtualImages(depth.float(), torch.where(known[..., None], light, 0.0), known)
+    place = torch.where(near, distance / ratio.clamp_min(CROSSING), torch.where(bend > 0, 1.0 / bend, torch.inf))
+    return place, (ratio > CROSSING) & (near | (bend >= 0))
 
 
 def _curvature(gbuffer: GBuffer) -> Tensor:

@@ -30,6 +30,7 @@ import torch
 from torch import Tensor
 
 from torchrender.arrays import view as numpy_view
+from torchrender.brief import brief
 from torchrender.buffers import GBuffer
 from torchrender.checks import check_choice, check_range
 from torchrender.effects.shadows.light_packets import Packets, packet_bits
@@ -41,6 +42,7 @@ from torchrender.kernels.rays.bvh_build import Bvh, build_bvh
 from torchrender.kernels.rays.embree_library import embree
 from torchrender.scene.light import RectLight
 from torchrender.scene.mesh import Geometry
+from torchrender.scene.triangles import Shape, geometry_of
 
 VISIBILITIES = ("ray", "shadow_map")
 OCCLUDERS = ("scene", "images", "rebuilt")
@@ -54,9 +56,11 @@ _ONES = np.array([bin(value).count("1") for value in range(256)], np.int32)
 class SoftShadowOptions:
     """How light visibility is found.
 
-    Rays of Embree start off the surface by what its position may be off, and need no bias. Packets and maps take
+    Rays start off the surface by what its position may be off, and need no bias. Surfaces that were rebuilt, maps, and
+    engine "packets" where it is asked for take
     ``bias = constant_bias z + slope_bias g(z) min(tan theta, largest_slope)`` with z the depth of the point seen from
-    the light sample, g(z) the width of a texel there and theta the angle between normal and light.
+    the light sample, g(z) the width of a texel there and theta the angle between normal and light. The former ask
+    staggered samples, the latter cell centres, as published.
 
     Raises:
         OptionError: a value outside its range, or an engine that cannot answer what is asked; names the option.
@@ -130,13 +134,17 @@ class LightVisibility:
     outside: tuple[int, ...]  # for each light, pairs outside the sample's pictures, taken as lit; skipped groups apart
     notes: tuple[str, ...]  # what was done about lights without area
 
+    __repr__ = brief
 
-def occluders(geometry: Geometry | Sequence[Geometry]) -> Occluders:
+
+def occluders(geometry: Shape | Sequence[Shape]) -> Occluders:
     """Triangles of one or several geometries for :func:`soft_shadow`, sorted when first used.
 
     Zero-area triangles cast no shadow.
     """
-    return Occluders(geometry if isinstance(geometry, Geometry) else join(geometry))
+    if isinstance(geometry, Sequence):
+        return Occluders(join([geometry_of("casters", one) for one in geometry]))
+    return Occluders(geometry_of("casters", geometry))
 
 
 def join(geometries: Sequence[Geometry]) -> Geometry:
@@ -167,7 +175,7 @@ def join(geometries: Sequence[Geometry]) -> Geometry:
 
 
 def soft_shadow(
-    casters: Occluders | Geometry | Sequence[Geometry],
+    casters: Occluders | Shape | Sequence[Shape],
     lights: RectLight | Sequence[RectLight],
     gbuffer: GBuffer,
     options: SoftShadowOptions | None = None,
@@ -199,7 +207,8 @@ def soft_shadow(
     covered = gbuffer.covered
     if bounds is None:
         bounds = _bounds(ready.geometry, gbuffer.position[covered].double())
-    grids = [light_grid(light, bounds, per_side=options.light_samples, size=options.map_size) for light in lights]
+    per_side, size, staggered = options.light_samples, options.map_size, _unbiased(options)
+    grids = [light_grid(one, bounds, per_side=per_side, size=size, staggered=staggered) for one in lights]
     words = (max(len(g.samples) for g in grids) + 63) // 64
     shape = (*covered.shape, len(lights))
     bits = torch.full((*shape, words), -1, dtype=torch.int64)
@@ -247,10 +256,14 @@ def _receivers(gbuffer: GBuffer, b: int) -> tuple[_Receivers, Tensor]:
     return _Receivers(points[order], normals[order], float_error(gbuffer, rows)), order
 
 
+def _unbiased(options: SoftShadowOptions) -> bool:
+    """Nothing but rounding need be cleared: surfaces that were rebuilt lie beside those that are seen."""
+    return options.engine in ("auto", "rays") and options.visibility == "ray" and options.occluders != "rebuilt"
+
+
 def _by_rays(options: SoftShadowOptions) -> bool:
-    """Rays without a bias can answer: surfaces that were rebuilt lie beside those that are seen, and need one."""
-    fits = options.visibility == "ray" and options.occluders != "rebuilt"
-    return options.engine == "rays" or (options.engine == "auto" and fits and embree() is not None)
+    """Embree can answer."""
+    return options.engine == "rays" or (_unbiased(options) and embree() is not None)
 
 
 def _light_bits(
@@ -261,15 +274,19 @@ def _light_bits(
     if options.engine == "rays" or (_by_rays(options) and usable(ready.geometry, points, grid)):
         found, above = ready.rays.bits(points, normals, gaps, grid, options.light_samples, options.refine)
         return found, torch.from_numpy(above), 0
+    bias = (float(options.constant_bias), float(options.slope_bias), float(options.largest_slope))
+    starts = points
+    if _unbiased(options):
+        starts, bias, grid = points + normals * gaps[:, None], (0.0, 0.0, 0.0), replace(grid, near=0.0)
     how = Packets(
         visibility=options.visibility,
         drawn=options.engine == "maps",
         per_side=options.light_samples,
-        bias=(float(options.constant_bias), float(options.slope_bias), float(options.largest_slope)),
+        bias=bias,
         skip=options.skip_lit,
         probes=options.umbra_probes,
     )
-    found, missed = packet_bits(ready.geometry, ready.tree, (points, normals), grid, how)
+    found, missed = packet_bits(ready.geometry, ready.tree, (starts, normals), grid, how)
     return found, samples_above(points, normals, grid), missed
 
 

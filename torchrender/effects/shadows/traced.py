@@ -46,7 +46,7 @@ def traced_visibility(
     origins = points + normals * gap[:, None]
     seen = torch.zeros(len(points), dtype=torch.float64)
     above = torch.zeros(len(points), dtype=torch.float64)
-    targets = light.samples(samples) if isinstance(light, RectLight) else torch.zeros(1, 3)
+    targets = light.samples(samples, staggered=True) if isinstance(light, RectLight) else torch.zeros(1, 3)
     for target in targets:
         faces = ((vectors_to(light, points, target) * normals).sum(-1) > 0).nonzero().reshape(-1)
         start = origins[faces]

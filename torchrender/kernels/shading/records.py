@@ -116,6 +116,7 @@ class Out(NamedTuple):
     radiance: np.ndarray  # (N,3)
     replaced: np.ndarray  # (N,3)
     mirrored: np.ndarray  # (N,3)
+    surface: np.ndarray  # (N,4) shading normal with its map, roughness
 
 
 MATERIAL = {

@@ -45,6 +45,16 @@ def keep_replaced(s, n, pix, out):
 
 
 @kernel()
+def keep_surface(s, n, pix, out):
+    """Shading normals and roughness, for whoever follows what the pixels mirror."""
+    for i in range(n):
+        p = pix[i]
+        for c in range(3):
+            out.surface[p, c] = s[NX + c * SPAN + i]
+        out.surface[p, 3] = s[RO + i]
+
+
+@kernel()
 def surfaces(samples, view, packed, looks, work, n, bits):
     """What the materials of gathered pixels are, point by point."""
     s, pix, mat, _, _ = work
@@ -91,11 +101,15 @@ def tile(box, seen, packed, looks, sky, reach, out, work):
     samples, view = seen
     s, pix, mat, empty, _ = work
     n, e, bits = gather(box, samples, view, packed, looks, work)
-    if e > 0 and samples.position.shape[0] == 0:
+    if e > 0 and samples.position.shape[0] == 0 and out.radiance.shape[0] > 0:
         background(s, e, empty, view, sky, out.radiance)
     if n == 0:
         return
     surfaces(samples, view, packed, looks, work, n, bits)
+    if out.surface.shape[0] > 0:
+        keep_surface(s, n, pix, out)
+        if out.radiance.shape[0] == 0:
+            return
     diffuse(s, n, pix, sky, reach)
     phong, metallic, shiny = bits & (1 << PHONG) > 0, bits & (1 << METALLIC) > 0, bits & 16 > 0
     coated = cloth = False

@@ -32,6 +32,10 @@ GAP = 1e-7
 """Height above a surface at which rays start, in diagonals of the scene: positions are exact to far less."""
 
 
+AT_HITS = 8
+"""Rays where no eye looks first."""
+
+
 def applies(outlook: Outlook) -> Verdict:
     """There is light from everywhere, and something that could hide it."""
     scene = outlook.scene
@@ -41,6 +45,10 @@ def applies(outlook: Outlook) -> Verdict:
         return Verdict(False, "no ambient light")
     if not scene.geometry.triangle_count:
         return Verdict(False, "the scene has no triangles")
+    if scene.photo_light:
+        return Verdict(False, "colours of photos hold the shadows of their light already")
+    if all(scene.materials[mesh.material].unlit for mesh in scene.meshes if len(mesh.faces)):
+        return Verdict(False, "every surface shows its colour as it is, whatever the light")
     kind = "ambient light" if scene.environment is None else f"light of the environment {scene.environment.name!r}"
     return Verdict(True, f"{kind} is hidden where surfaces stand close")
 
@@ -68,7 +76,8 @@ def run(frame: Frame) -> AmbientVisibility:
     if caster is None and isinstance(gbuffer, GBuffer):
         return horizon_ambient(scene.geometry, gbuffer, options, reach=reach)
     assert caster is not None
-    return traced_ambient(caster, gbuffer, rays=options.rays, reach=reach, gap=GAP * scene.diagonal)
+    turned = isinstance(gbuffer, GBuffer) or options.rays < AT_HITS
+    return traced_ambient(caster, gbuffer, rays=options.rays, reach=reach, gap=GAP * scene.diagonal, turned=turned)
 
 
 def reach_of(scene: Scene, options: AmbientOptions) -> float:
@@ -89,7 +98,7 @@ def amounts(outlook: Outlook) -> Amounts:
 def over_samples(options: RenderOptions, history: RenderHistory) -> RenderOptions:
     """What no eye sees first: a few rays."""
     del history
-    return replace(options, ambient=replace(options.ambient, rays=min(options.ambient.rays, 8)))
+    return replace(options, ambient=replace(options.ambient, rays=min(options.ambient.rays, AT_HITS)))
 
 
 def _error(found: Mapping[str, Any], reference: Mapping[str, Any]) -> float:

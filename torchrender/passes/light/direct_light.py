@@ -55,7 +55,7 @@ def run(frame: Frame) -> tuple[Tensor, MirrorShare]:
         background=options.background,
         area_light=options.area_light,
         around=ambient_reach(scene, frame.get(AMBIENT_VISIBILITY)),
-        mirrors=bool(frame.askers(MIRROR_SHARE)),
+        mirrors=MIRROR_SHARE in frame.wanted or bool(frame.askers(MIRROR_SHARE)),
     )
     return light.radiance, light.share
 

@@ -18,7 +18,7 @@ from torchrender.photo.fog.air import Air
 from torchrender.photo.fog.marks.records import Marks
 from torchrender.photo.fog.options import FogMedium, FogOptions
 from torchrender.photo.fog.picture import polygon_mask
-from torchrender.photo.fog.room.calibrate import FACES, Room, calibrate, face_of, lift
+from torchrender.photo.fog.room.calibrate import FACES, Room, calibrate, corners_in_view, face_of, lift
 from torchrender.photo.fog.room.emitters import Emitter, emitter_of
 from torchrender.photo.fog.room.lights import GREY, LightFit, fit_lights, light_color
 from torchrender.photo.fog.room.proxy import Proxy, Seen, build_proxy, look, prism_of
@@ -69,6 +69,7 @@ class RoomScene:
             "room_size_m": [round(float(v), 3) for v in self.room.size],
             "focal_px": round(float(self.room.camera.intrinsics[0, 0, 0]), 2),
             "corner_error_px": round(self.room.error_px, 2),
+            "corners_px": corners_in_view(self.room),
             "lights": {
                 e.name: [round(float(v), 4) for v in r] for e, r in zip(self.emitters, self.radiance, strict=True)
             },

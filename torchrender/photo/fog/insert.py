@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import time
 import warnings
+from copy import copy
 from dataclasses import replace
 
 import torch
 from torch import Tensor
 
-from torchrender.errors import InputError
+from torchrender.errors import InputError, OptionError
 from torchrender.photo.fog import outdoor
 from torchrender.photo.fog.depth.labels import SKY, VERTICAL, Labelled, depth_from_labels, label_map, outdoor_camera
 from torchrender.photo.fog.depth.measured import filled
@@ -25,6 +26,8 @@ from torchrender.photo.fog.picture import FogPicture, prepare
 from torchrender.photo.fog.room_fog import RoomFog
 
 SATURATED = 0.98
+ADJUSTABLE = ("top", "loss", "ground_bounce", "light_gain", "shaft_gain")
+"""Options that a prepared photo can change."""
 
 
 class FogPhoto:
@@ -76,6 +79,25 @@ class FogPhoto:
     def outdoors(self) -> outdoor.OutdoorScene | None:
         """The ground and its light, outdoors."""
         return self._outdoor
+
+    def adjusted(self, options: FogOptions) -> FogPhoto:
+        """The same photo with other values of :data:`ADJUSTABLE`; all that was prepared is shared.
+
+        Raises:
+            OptionError: something else differs, or shafts were switched off and shall come back.
+        """
+        own = {name: getattr(self.options, name) for name in ADJUSTABLE}
+        if replace(options, **own) != self.options:
+            raise OptionError(f"only {', '.join(ADJUSTABLE)} can be adjusted: prepare the photo anew for the rest")
+        if options == self.options:
+            return self
+        other = copy(self)
+        other.options = options
+        if self._room is not None:
+            other._room = self._room.adjusted(options)
+        elif self._outdoor is not None:
+            other._outdoor = replace(self._outdoor, options=options)
+        return other
 
     def facts(self) -> dict[str, object]:
         """What was found out about the photo."""

@@ -104,3 +104,27 @@ def disc_mask(centre: tuple[float, float], radius: float, height: int, width: in
     """(H,W) bool: pixels around a place."""
     v, u = torch.meshgrid(torch.arange(height) + 0.5, torch.arange(width) + 0.5, indexing="ij")
     return (u - centre[0]) ** 2 + (v - centre[1]) ** 2 <= radius * radius
+
+
+def nearest_on_part(part: Tensor, known: Tensor, reach: float) -> Tensor:
+    """(HW,) int64 for each pixel that is not known the number of the nearest known one of its own part.
+
+    Args:
+        part: (H,W) int64 what a pixel shows, -1 for nothing. known: (H,W) bool.
+        reach: share of the width; -1 is said of pixels that have none so near, and of the known ones themselves.
+    """
+    h, w = part.shape
+    found = torch.full((h, w), -1)
+    for number in part[~known].unique().tolist():
+        own = (part == number) & known
+        if number < 0 or not bool(own.any()):
+            continue
+        distance, label = cv2.distanceTransformWithLabels(
+            (~own).byte().numpy(), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+        )
+        owner = np.full(int(label.max()) + 1, -1)
+        flat = own.reshape(-1).nonzero()[:, 0].numpy()
+        owner[label.reshape(-1)[flat]] = flat
+        wanted = ((part == number) & ~known).numpy() & (distance <= reach * w)
+        found[torch.from_numpy(wanted)] = torch.from_numpy(owner[label[wanted]])
+    return found.reshape(-1)

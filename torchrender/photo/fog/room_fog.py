@@ -9,16 +9,19 @@ import torch
 from torch import Tensor
 
 from torchrender.effects.media.phase import henyey_greenstein
+from torchrender.errors import OptionError
 from torchrender.numerics.color import LUMINANCE_WEIGHTS
 from torchrender.photo.fog.air import Air, held_back
-from torchrender.photo.fog.indoor import RoomScene, air_of
+from torchrender.photo.fog.indoor import RoomScene, air_of, with_lights
 from torchrender.photo.fog.options import FogMedium, FogOptions
+from torchrender.photo.fog.picture import nearest_on_part
 from torchrender.photo.fog.room.emitters import patches_per_side
-from torchrender.photo.fog.room.shafts import shaft_light
+from torchrender.photo.fog.room.shafts import shaft_light, shaft_ways
 from torchrender.photo.fog.room.transport import Arriving, Paths, Sources, arriving, trace_paths
 
 GRID_FACTOR = 1.0  # columns of places with known transmittance over columns of rays with known light
-NEAREST_PLACES = 3
+PENUMBRA = 0.05
+"""Share of the picture's width within which a place that sees no patch's centre takes the share of one that does."""
 _WEIGHTS = torch.tensor(LUMINANCE_WEIGHTS)
 
 
@@ -30,11 +33,31 @@ class RoomFog:
         self._density: Tensor | str | None = "none yet"
         self._air = Air(None, scene.room.low, scene.room.high)
         self._kept: dict[object, Any] = {}
+        self._sun_factor = 1.0  # the sun is so much stronger than it was for what is kept
 
     def _set_air(self, medium: FogMedium) -> None:
         if medium.density is not self._density:
             self._density, self._air = medium.density, air_of(self.scene, medium)
             self._kept.clear()
+
+    def adjusted(self, options: FogOptions) -> RoomFog:
+        """The same room with other gains of its lights; what is kept is shared.
+
+        Raises:
+            OptionError: shafts were switched off, so that no factor brings them back.
+        """
+        gain = options.light_gain / self.options.light_gain
+        if self.options.shaft_gain == 0 and options.shaft_gain > 0:
+            raise OptionError("shaft_gain cannot be adjusted from 0")
+        shaft = 1.0 if options.shaft_gain == self.options.shaft_gain else options.shaft_gain / self.options.shaft_gain
+        scene = self.scene
+        other = RoomFog(with_lights(scene, scene.radiance * gain, sun=scene.sun * gain * shaft,
+                                    ambient=scene.ambient * gain), options)  # fmt: skip
+        other._density, other._air, other._kept = self._density, self._air, self._kept
+        other._sun_factor = self._sun_factor * shaft
+        if shaft == 0.0:  # what others trace with the sun must not be traced without it
+            other._kept, other._sun_factor = {k: v for k, v in self._kept.items() if k != "paths"}, 1.0
+        return other
 
     # ------------------------------------------------------- what of the photo is left
 
@@ -50,11 +73,22 @@ class RoomFog:
     def to_eye(self, medium: FogMedium) -> Tensor:
         """(H,W,3) transmittance from what is seen to the eye."""
         self._set_air(medium)
+        return _decay(self._way_to_eye(), medium.extinction)
+
+    def _rays(self) -> tuple[Tensor, Tensor]:
+        """Directions (HW,3) and lengths (HW,) of all rays of sight; they outlast other strengths of the lights."""
+        if "rays" not in self._kept:
+            self._kept["rays"] = (self.scene.ray_direction.reshape(-1, 3), self.scene.ray_length.reshape(-1))
+        found: tuple[Tensor, Tensor] = self._kept["rays"]
+        return found
+
+    def _way_to_eye(self) -> Tensor:
+        """(H,W) float32 air between what is seen and the eye."""
         if "eye" not in self._kept:
-            length = self.scene.ray_length
-            flat = self._air.ways(self.scene.eye[None], self.scene.ray_direction.reshape(-1, 3), length.reshape(-1))
-            self._kept["eye"] = flat.reshape(length.shape)
-        return _decay(self._kept["eye"], medium.extinction)
+            flat = self._air.ways(self.scene.eye[None], *self._rays())
+            self._kept["eye"] = flat.reshape(self.scene.seen.depth.shape)
+        found: Tensor = self._kept["eye"]
+        return found
 
     def _direct(self, medium: FogMedium) -> Tensor:
         """(H,W,3) by centres of lights, or of their patches: one factor for each source, by its share."""
@@ -83,7 +117,12 @@ class RoomFog:
         total, weights = self._sun_and_ambient(medium, place, total, weights)
         share = total / weights.clamp_min(1e-12)
         usual = equal / sources if sources else torch.ones(len(place), 3)
-        return torch.where(weights > 1e-9, share, usual).clamp(0.0, 1.0).reshape(*scene.seen.depth.shape, 3)
+        lit = weights[:, 0] > 1e-9
+        towards = torch.where(lit[:, None], share, usual)
+        if self.options.transmittance == "patches":
+            near = nearest_on_part(scene.seen.part, lit.reshape(scene.seen.part.shape), PENUMBRA)
+            towards = torch.where((near >= 0)[:, None], towards[near.clamp_min(0)], towards)
+        return towards.clamp(0.0, 1.0).reshape(*scene.seen.depth.shape, 3)
 
     def _sun_and_ambient(
         self, medium: FogMedium, place: Tensor, total: Tensor, weights: Tensor
@@ -127,6 +166,8 @@ class RoomFog:
         if "paths" not in self._kept:
             self._kept["paths"] = self._traced()
         paths, number, weight = self._kept["paths"]
+        if self._sun_factor != 1.0:
+            paths = paths.with_sun(self._sun_factor)
         found = paths.ratio(medium.extinction, self.scene.proxy.mean_chord)
         size = self.scene.seen.depth.shape
         out = torch.zeros(number.shape[0], 3)
@@ -142,7 +183,7 @@ class RoomFog:
         pick = (rows[:, None], columns[None, :])
         sources = Sources(
             emitters=scene.emitters, radiance=(scene.radiance @ _WEIGHTS).tolist(), shafts=scene.shafts,
-            sun=float(scene.sun @ _WEIGHTS), ambient=float(scene.ambient @ _WEIGHTS),
+            sun=float(scene.sun @ _WEIGHTS) / self._sun_factor, ambient=float(scene.ambient @ _WEIGHTS),
         )  # fmt: skip
         place, normal = scene.seen.place[pick], scene.seen.normal[pick]
         paths = trace_paths(
@@ -189,16 +230,17 @@ class RoomFog:
             return torch.zeros(*shape, 3)
         total = self._from_lights(medium)
         if scene.shafts is not None and bool((scene.sun > 0).any()):
-            sun = shaft_light(
-                scene.shafts, scene.eye, scene.ray_direction.reshape(-1, 3), scene.ray_length.reshape(-1), medium,
-                self._air, self.options.steps,
-            )  # fmt: skip
+            rays = (scene.eye, *self._rays())
+            if "shafts" not in self._kept:
+                self._kept["shafts"] = shaft_ways(scene.shafts, *rays)
+            sun = shaft_light(scene.shafts, *rays, medium, self._air, self.options.steps, self._kept["shafts"])
             total = total + sun.reshape(*shape, 3) * scene.sun
         if bool((scene.ambient > 0).any()):
-            kept = -torch.expm1(torch.log(self.to_eye(medium).clamp_min(1e-30)))
+            way, grey = self._way_to_eye(), bool((medium.extinction == medium.extinction[0]).all())
+            held = -torch.expm1(-way[..., None] * (medium.extinction[:1] if grey else medium.extinction))
             albedo = medium.scattering / medium.extinction.clamp_min(1e-30)
             dimmed = torch.exp(-medium.extinction * scene.proxy.mean_chord * float(self.options.attenuated_light))
-            total = total + kept * albedo * scene.ambient * dimmed
+            total = total + held * (albedo * scene.ambient * dimmed)
         return total.clamp_min(0.0)
 
     def _from_lights(self, medium: FogMedium) -> Tensor:
@@ -235,7 +277,7 @@ class RoomFog:
         h, w = self.scene.seen.depth.shape
         steps = summed.shape[2] - 1
         v, u = (torch.arange(h) + 0.5) / h * 2 - 1, (torch.arange(w) + 0.5) / w * 2 - 1
-        z = (self.scene.ray_length.float() / (step * steps)).clamp(0.0, 1.0) * 2 - 1
+        z = (self._rays()[1].reshape(h, w).float() / (step * steps)).clamp(0.0, 1.0) * 2 - 1
         grid = torch.stack([u[None, :].expand(h, w), v[:, None].expand(h, w)], dim=-1)
         # Across the picture samples lie at cell centres, along the ray at the ends of steps.
         z = z * steps / (steps + 1)

@@ -26,7 +26,7 @@ from torchrender.photo.style.phong import AMBIENT_SHARE, MAX_EXPONENT
 from torchrender.photo.style.views import Views
 from torchrender.scene.files.gltf.out.materials import metalness
 from torchrender.scene.light import PointLight
-from torchrender.scene.material import DIELECTRIC_F0, Material, from_metallic_roughness
+from torchrender.scene.material import DIELECTRIC_F0, Material, Sampler, from_metallic_roughness
 from torchrender.scene.model import Scene
 from torchrender.shade import diffuse_color
 
@@ -165,7 +165,7 @@ def _holed(old: Material, new: Material) -> Material:
         return new
     alpha = old.diffuse_texture[..., 3:]
     texture = torch.cat([torch.ones_like(alpha).expand(-1, -1, 3), alpha], dim=-1)
-    return replace(new, diffuse_texture=texture, alpha_cutoff=old.alpha_cutoff)
+    return replace(new, diffuse_texture=texture, samplers=_lies_as(old), alpha_cutoff=old.alpha_cutoff)
 
 
 def _patterned(old: Material, new: Material, ratio: Tensor) -> Material:
@@ -176,7 +176,15 @@ def _patterned(old: Material, new: Material, ratio: Tensor) -> Material:
         above = color.clamp_min(1.0)
         if bool((above > 1.0).any()):
             texture = torch.cat([(texture[..., :3] * above).clamp(max=1.0), texture[..., 3:]], dim=-1)
-    return replace(new, diffuse=color.clamp(0.0, 1.0), diffuse_texture=texture, alpha_cutoff=old.alpha_cutoff)
+    return replace(
+        new, diffuse=color.clamp(0.0, 1.0), diffuse_texture=texture, samplers=_lies_as(old),
+        alpha_cutoff=old.alpha_cutoff,
+    )  # fmt: skip
+
+
+def _lies_as(old: Material) -> dict[str, Sampler]:
+    """How the colour texture of a material lies on the surface, where that is told."""
+    return {name: sampler for name, sampler in old.samplers.items() if name == "diffuse_texture"}
 
 
 def _named_apart(materials: list[Material]) -> tuple[Material, ...]:

@@ -14,6 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchrender.brief import brief
 from torchrender.checks import check_range
 from torchrender.clock import StepClock
 from torchrender.errors import InputError
@@ -86,6 +87,8 @@ class Style:
     timings_ms: Mapping[str, float]
 
     # --------------------------------------------------------------- reading
+
+    __repr__ = brief
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -28,7 +28,7 @@ from torchrender.renderer import render
 from torchrender.report.budget.page import page, plot
 from torchrender.report.common.command import study_parser
 from torchrender.scene.camera import Cameras
-from torchrender.scene.camera_path import built_in_path, walks_of
+from torchrender.scene.cameras.path import built_in_path, walks_of
 from torchrender.scene.load import load
 from torchrender.scene.model import Scene
 from torchrender.scene.procedural import SCENES

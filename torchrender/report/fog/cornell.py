@@ -118,15 +118,20 @@ class Truth:
         return self.clear * self.transmittance[..., None] + self.scattered
 
 
-def _on_light(box: Box, count: int, random: torch.Generator) -> Tensor:
+def _on_light(box: Box, count: int, random: torch.Generator, cell: tuple[int, int] = (0, 1)) -> Tensor:
+    """(count,3) random places on the light, or in one cell of so many a side."""
+    number, side = cell
     u = torch.rand(count, 2, generator=random, dtype=torch.float64)
+    u = (u + torch.tensor([number % side, number // side])) / side
     c = box.light.corners
     return c[0] + (c[1] - c[0]) * u[:, :1] + (c[3] - c[0]) * u[:, 1:]
 
 
-def _from_light(box: Box, places: Tensor, normals: Tensor | None, random: torch.Generator) -> tuple[Tensor, Tensor]:
+def _from_light(
+    box: Box, places: Tensor, normals: Tensor | None, random: torch.Generator, cell: tuple[int, int] = (0, 1)
+) -> tuple[Tensor, Tensor]:
     """Weight at unit radiance and place on the light, one random sample for each place (N,3)."""
-    target = _on_light(box, len(places), random)
+    target = _on_light(box, len(places), random, cell)
     offset = places - target
     length = offset.norm(dim=-1).clamp_min(1e-6)
     weight = (offset @ box.light.normal / length).clamp_min(0.0) * box.light.area / length.square()
@@ -137,16 +142,21 @@ def _from_light(box: Box, places: Tensor, normals: Tensor | None, random: torch.
 
 
 def reference(box: Box, kappa: float, varied: bool, *, samples: int = 64, steps: int = 48, lights: int = 8) -> Truth:
-    """Direct light and single scattering by random samples; scattering only, isotropic."""
+    """Direct light and single scattering by random samples; scattering only, isotropic.
+
+    Args:
+        samples: of the light at every surface, one in each cell of a grid: fewer are taken if it is no square.
+    """
     random = torch.Generator().manual_seed(1)
     h, w = box.seen.depth.shape
     place = (box.seen.place + 1e-6 * box.seen.normal).reshape(-1, 3)
     normal = box.seen.normal.reshape(-1, 3)
     clear, fog = torch.zeros(h * w, dtype=torch.float64), torch.zeros(h * w, dtype=torch.float64)
-    for _ in range(samples):
-        weight, target = _from_light(box, place, normal, random)
-        clear += weight / samples
-        fog += weight / samples * torch.exp(-kappa * way(target, place, varied))
+    side = math.isqrt(samples)
+    for number in range(side * side):
+        weight, target = _from_light(box, place, normal, random, (number, side))
+        clear += weight / side**2
+        fog += weight / side**2 * torch.exp(-kappa * way(target, place, varied))
     eye = box.room.camera.eye
     seen = torch.exp(-kappa * way(eye.expand_as(place), place, varied))
     through = torch.where(clear > 0, fog / clear.clamp_min(1e-30), 1.0)

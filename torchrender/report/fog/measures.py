@@ -32,6 +32,8 @@ from torchrender.report.fog.cornell import (
 from torchrender.scene.camera import Cameras
 
 KAPPA = 0.1
+PATCH_LIMIT = 0.05
+"""Extinction times the diameter of a patch of the light."""
 CENTROID_CASES = ((0.5, 0.1), (0.5, 0.4), (1.0, 0.1), (1.5, 0.4), (2.5, 0.4))
 PUBLISHED = {(0.5, 0.1): (0.2, 0.6), (0.5, 0.4): (1.0, 2.5), (1.0, 0.1): (0.8, 1.9), (1.5, 0.4): (7.8, 13.0),
              (2.5, 0.4): (16.0, 21.0)}  # fmt: skip
@@ -42,14 +44,14 @@ def verification(box: Box, varied: bool, truth: Truth) -> list[dict[str, Any]]:
     """Errors of transmittance and composite for every way, and for every baseline."""
     rows = []
     for name in ("centroid", "patches", "ratio"):
-        through, added = method(box, KAPPA, varied, name, patch_limit=0.1)
+        through, added = method(box, KAPPA, varied, name, patch_limit=PATCH_LIMIT)
         error = ((through[..., 0] - truth.transmittance).abs() / truth.transmittance)[truth.lit]
         rows.append({
             "way": name, "varied": varied, "mean": float(error.mean()), "most": float(error.quantile(0.999)),
             "max": float(error.max()), "psnr": psnr(truth.clear * through + added, truth.foggy),
             "V": float((added - truth.scattered).abs().mean() / truth.scattered.mean()),
         })  # fmt: skip
-    through, added = method(box, KAPPA, varied, "patches", patch_limit=0.1)
+    through, added = method(box, KAPPA, varied, "patches", patch_limit=PATCH_LIMIT)
     for name, picture in baselines(box, truth, added).items():
         rows.append({"way": name, "varied": varied, "psnr": psnr(picture, truth.foggy)})
     return rows

@@ -7,7 +7,7 @@ from typing import Any
 
 from torchrender.quality.machine import machine_line
 from torchrender.quality.pages import table, write_text
-from torchrender.report.fog.measures import PUBLISHED
+from torchrender.report.fog.measures import PATCH_LIMIT, PUBLISHED
 
 GAIN_DB = 6.0
 
@@ -16,8 +16,8 @@ def write_page(record: dict[str, Any], folder: Path) -> None:
     """``fog.md`` in ``folder``."""
     lines = [
         "# Fog, smoke and light shafts in a photograph, measured", "",
-        f"`python -m torchrender.report.fog` on {machine_line(record['machine'])}; other programs ran beside it, so"
-        " that times are upper limits.", "",
+        f"`python -m torchrender.report.fog` on {machine_line(record['machine'])}; times are the least of"
+        " three.", "",
         "![Cornell box and photos](fog.jpg)", "",
         "First row: the box in even air, clear, with fog by the reference, by the method, and twice their difference;"
         " second row: in uneven air. Then photos, before and after.", "",
@@ -89,8 +89,9 @@ def _verification(record: dict[str, Any]) -> list[str]:
         rows.append([f"{r['way']}, {'uneven' if r['varied'] else 'even'} air", *errors, f"{r['psnr']:.1f}"])
     return [
         "## The box beside a reference renderer", "",
-        "Extinction 0.1 per metre, scattering alone, direct light. The reference takes 192 random samples of the light"
-        " at every pixel: the largest errors hold its noise.", "",
+        "Extinction 0.1 per metre, scattering alone, direct light. The reference takes one random sample in each of"
+        " 14 x 14 cells of the light at every pixel: the largest errors hold its noise. Patches are so small that"
+        f" extinction times their diameter is at most {PATCH_LIMIT:g}.", "",
         *table(["way", "T mean", "T 99.9 %", "T largest", "V", "PSNR dB"], rows),
     ]  # fmt: skip
 

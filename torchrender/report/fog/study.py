@@ -34,7 +34,7 @@ FADE_STEPS = (0.0, 0.3, 1.0, 2.0)
 def run(folder: Path, quick: bool) -> dict[str, Any]:
     """Measure everything, write the picture, and return the record."""
     box = cornell(48, 36) if quick else cornell(96, 72)
-    samples, lights = (48, 4) if quick else (192, 6)
+    samples, lights = (49, 4) if quick else (196, 6)
     record: dict[str, Any] = {"machine": machine_record(), "quick": quick, "verification": [], "proxies": {}}
     tiles: list[Tensor] = []
     for varied in (False, True):
@@ -51,7 +51,8 @@ def run(folder: Path, quick: bool) -> dict[str, Any]:
     fade = fade_measure()
     for subject in subjects():
         picture, row = foggy(subject)
-        row["ms"] = foggy(subject)[1]  # once more: the first time compiles
+        again = [foggy(subject)[1] for _ in range(1 if quick else 3)]  # the first time compiles
+        row["ms"] = {key: min(times[key] for times in again) for key in ("first_ms", "again_ms")}
         record["photos"].append(row)
         tiles += [subject.photo[..., :3], picture.composite[..., :3]]
         if subject.name in ("street", "road"):
@@ -72,7 +73,7 @@ def _fades(subject: Subject, fade: Any) -> list[float]:
 
 def _difference(box: Box, truth: Truth, varied: bool) -> list[Tensor]:
     """Truth, method and their difference times two."""
-    through, added = method(box, measures.KAPPA, varied, "patches", patch_limit=0.1)
+    through, added = method(box, measures.KAPPA, varied, "patches", patch_limit=measures.PATCH_LIMIT)
     found = truth.clear * through + added
     return [
         truth.clear,

@@ -45,7 +45,7 @@ from torchrender.report.common.hits import hit_shader
 from torchrender.report.reflections.baselines import BaselineReflections, depth_reprojection, mirror_motion_vectors
 from torchrender.report.reuse.page import write_page
 from torchrender.scene.camera import Cameras
-from torchrender.scene.camera_path import built_in_path
+from torchrender.scene.cameras.path import built_in_path
 from torchrender.scene.model import Scene
 from torchrender.scene.procedural import build
 from torchrender.shade import shade

@@ -26,6 +26,7 @@ from torchrender.photo.style.transfer import style_scene
 from torchrender.photo.style.views import Views, look, make_views
 from torchrender.scene.camera import Cameras
 from torchrender.scene.files.scene_geometry import rotation_xyz
+from torchrender.scene.material import Material, Sampler
 from torchrender.scene.model import Scene
 
 LIMIT = 10.0
@@ -79,10 +80,15 @@ def stripped(scene: Scene) -> Scene:
     grey = tuple(
         m
         if float(m.emission.max()) > 0
-        else replace(m, diffuse=torch.full((3,), 0.5), diffuse_texture=None, specular=0.0)
+        else replace(m, diffuse=torch.full((3,), 0.5), diffuse_texture=None, samplers=_others(m), specular=0.0)
         for m in scene.materials
     )
     return replace(scene, materials=grey, meshes=tuple(replace(m, colors=None) for m in scene.meshes))
+
+
+def _others(material: Material) -> dict[str, Sampler]:
+    """How the textures lie that stay."""
+    return {name: sampler for name, sampler in material.samplers.items() if name != "diffuse_texture"}
 
 
 def mean_colors(style: Style, rows: Tensor) -> np.ndarray:

@@ -17,7 +17,7 @@ from torchrender.numerics.color import srgb_from_linear, srgb_table
 from torchrender.report.walkthrough.peers import Draw
 from torchrender.report.walkthrough.synthetic import SyntheticCapture, photos_of, without_highlights
 from torchrender.scene.camera import Cameras
-from torchrender.scene.camera_path import built_in_path, walks_of
+from torchrender.scene.cameras.path import built_in_path, walks_of
 from torchrender.scene.model import Scene
 from torchrender.walkthrough.build import Stages
 from torchrender.walkthrough.draw import NOTHING, draw_walkthrough

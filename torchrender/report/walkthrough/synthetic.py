@@ -15,7 +15,7 @@ from torchrender.pipeline.options import RenderOptions
 from torchrender.raster import rasterize_visibility
 from torchrender.renderer import render
 from torchrender.scene.camera import Cameras
-from torchrender.scene.camera_path import built_in_path, walks_of
+from torchrender.scene.cameras.path import built_in_path, walks_of
 from torchrender.scene.model import Scene
 from torchrender.scene.smooth import weld
 from torchrender.walkthrough.frames.record import Array, RgbdSequence

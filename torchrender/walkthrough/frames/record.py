@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchrender.brief import brief
 from torchrender.checks import check_tensor
 from torchrender.errors import CameraError, ImageFileError, InputError, SceneFileError
 from torchrender.images.files import picture_bytes
@@ -123,6 +124,8 @@ class RgbdSequence:
 
     frames: tuple[Frame, ...]
     name: str = "capture"
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         if not self.frames:

@@ -7,15 +7,19 @@ import tempfile
 import warnings
 from pathlib import Path
 
+import cv2
+import numpy as np
 from PIL import Image as PilImage
 from PIL import UnidentifiedImageError
 from torch import Tensor
 
 from torchrender.errors import ImageFileError
 from torchrender.images.files import read_image_bytes, write_image
+from torchrender.numerics.color import srgb_from_linear
 from torchrender_service.errors import ServiceError
 
 NAME = Path("photo")
+QUALITY = 88
 
 
 def read_photo(data: bytes, max_pixels: int) -> Tensor:
@@ -42,3 +46,11 @@ def png_bytes(picture: Tensor) -> bytes:
         path = Path(folder) / "picture.png"
         write_image(path, picture)
         return path.read_bytes()
+
+
+def jpeg_bytes(picture: Tensor) -> bytes:
+    """A picture (H,W,C), linear, as a JPEG file, for a look: an eighth of a PNG's time and size."""
+    codes = (srgb_from_linear(picture[..., :3].clamp(0.0, 1.0)) * 255).round().byte().numpy()
+    done, data = cv2.imencode(".jpg", np.ascontiguousarray(codes[..., ::-1]), [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+    assert done
+    return bytes(data)

@@ -154,7 +154,7 @@ export class Client {
     if (!view || !this.keyframes.newest) return;
     const begin = performance.now();
     const sources = this.hooks.sources();
-    this.warp.warp(this.keyframes.pictures(view, sources), view, this.near, sources.enhance);
+    this.warp.warp(this.keyframes.pictures(view, sources), view, this.near, sources);
     this.warp.present({ fill: sources.fill });
     this.figures.warp.add(performance.now() - begin);
     this.dirty = false;
@@ -219,8 +219,8 @@ export class Client {
   // ------------------------------------------------------------------ for window.torchrender
 
   /** Draw another view (default: the present one) beside the loop and read it; the page shows the present one again. */
-  capture({ camera = this.walker.camera, earlier = true, layers = true, fill = true, enhance = 0 } = {}) {
-    this.warp.warp(this.keyframes.pictures(camera, { earlier, layers }), camera, this.near, enhance);
+  capture({ camera = this.walker.camera, earlier = true, layers = true, fill = true, enhance = 0, mirrors = true } = {}) {
+    this.warp.warp(this.keyframes.pictures(camera, { earlier, layers }), camera, this.near, { enhance, mirrors });
     const pixels = this.warp.capture(fill);
     this.dirty = true;
     const { width, height } = this.warp.target;
@@ -232,7 +232,7 @@ export class Client {
     const pictures = this.keyframes.pictures(this.walker.camera, sources);
     const begin = performance.now();
     for (let k = 0; k < count; k++) {
-      this.warp.warp(pictures, this.walker.camera, this.near);
+      this.warp.warp(pictures, this.walker.camera, this.near, sources);
       this.warp.present();
       this.warp.finish();
     }

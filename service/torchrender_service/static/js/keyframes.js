@@ -10,10 +10,13 @@ const BLUR_DISTANCE = 0.1; // of the typical depth: from here a keyframe looks h
 const NEWEST_BONUS = 1.3; // its shading fits best
 const REFINED_BONUS = 3; // made without haste, while pictures of a moving view may hold fewer samples than pixels
 
+/** How many of the layers of a keyframe are there. */
+export const received = (group) => 1 + group.extra.length + (group.picture.mirrors ? 1 : 0);
+
 export class KeyframeSet {
   constructor(warp) {
     this.warp = warp;
-    this.groups = []; // newest first; each has its picture (layer 0) and extra layers
+    this.groups = []; // newest first; each has its picture (layer 0), what its mirrors show, and extra layers
   }
 
   get newest() {
@@ -25,9 +28,10 @@ export class KeyframeSet {
     const { id, layer, layers, camera } = image.header;
     const known = this.groups.find((group) => group.id === id);
     if (layer > 0) {
-      if (known) known.extra.push(this.warp.add(image));
-      else image.color.close();
-      if (known === this.newest && known?.extra.length === layers - 1) this.dropRepeated(known);
+      if (!known) image.color.close();
+      else if (image.header.mirrors) this.warp.addMirrors(known.picture, this.warp.add(image));
+      else known.extra.push(this.warp.add(image));
+      if (known === this.newest && known && received(known) === layers) this.dropRepeated(known);
       return null;
     }
     if (known) this.drop(known);

@@ -4,6 +4,7 @@
 
 import { Client } from "./client.js";
 import { Walker } from "./controls.js";
+import { received } from "./keyframes.js";
 import { Panel } from "./panel.js";
 import { ServiceError, request } from "./stream.js";
 
@@ -136,7 +137,7 @@ function expose() {
       return client.moving;
     },
     get keyframes() {
-      return client.keyframes.groups.map(({ header, extra }) => structuredClone({ ...header, received: 1 + extra.length }));
+      return client.keyframes.groups.map((group) => structuredClone({ ...group.header, received: received(group) }));
     },
     get scene() {
       return client.wishes?.scene ?? null;

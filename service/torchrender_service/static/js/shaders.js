@@ -11,6 +11,15 @@ void main() {
   gl_Position = clip_from_source * vec4(corner.xy, 1.0, corner.z);
 }`;
 
+// sRGB, there and back.
+const LIGHT = `
+vec3 to_linear(vec3 c) {
+  return mix(c / 12.92, pow((c + 0.055) / 1.055, vec3(2.4)), vec3(greaterThan(c, vec3(0.04045))));
+}
+vec3 to_display(vec3 c) {
+  return mix(12.92 * c, 1.055 * pow(max(c, vec3(1e-9)), vec3(1.0 / 2.4)) - 0.055, vec3(greaterThan(c, vec3(0.0031308))));
+}`;
+
 // Colours are filtered only among texels of one surface. At the keyframe's own view the weights select one texel, whose
 // bytes come through.
 export const WARP_FRAGMENT = `
@@ -23,6 +32,9 @@ uniform usampler2D joined;  // which of the four texels around each corner are o
 uniform sampler2D color;
 uniform float code_scale;  // 1/z of code 1
 uniform float enhance;     // how much shape is made easier to read; 0: colours as they came
+uniform int part;           // of the light: ALL, without what mirrors show (OWN), that alone (MIRRORED), or nothing
+uniform sampler2D shown;    // what mirrors show, a part of the colours
+uniform usampler2D behind;  // codes of it: 65535 where nothing mirrors
 uniform bool trim;         // leave out what lies beside something nearer: there JPEG mixes the colours of both
 layout(location = 0) out vec4 picture;  // display colour; a > 0 tells that the pixel is covered, and how near it is
 
@@ -35,6 +47,18 @@ const float GAIN = 45.0;     // bend, as a share of 1/z, that counts by half: 1 
 float at(ivec2 p) {
   uint code = texelFetch(depth, p, 0).r;
   return code == 65535u ? -1.0 : float(code) * code_scale;
+}
+
+const int OWN = 1;
+const int MIRRORED = 2;
+${LIGHT}
+// The two parts of a colour: what mirrors show may not be brighter than all. White hides how bright it is: where what
+// is mirrored does not make it so, something else does, and stays.
+vec3 part_of(vec3 all, vec3 mirrored) {
+  vec3 light = min(to_linear(mirrored), to_linear(all));
+  if (part == MIRRORED) return to_display(light);
+  vec3 rest = to_display(to_linear(all) - light);
+  return mix(rest, all, vec3(greaterThan(all, vec3(0.998))) * vec3(lessThan(light, vec3(1.0))));
 }
 
 vec3 color_at(ivec2 p) {
@@ -81,9 +105,12 @@ void main() {
   uint label = (word >> (2u * ((t.x < 0.5 ? 0u : 1u) + (t.y < 0.5 ? 0u : 2u)))) & 3u;
   uvec4 labels = (uvec4(word) >> uvec4(0u, 2u, 4u, 6u)) & 3u;
   vec4 alike = vec4(equal(labels, uvec4(label)));
+  bool mirrors = (part == OWN || part == MIRRORED) && texelFetch(behind, own, 0).r != 65535u;
   vec3 c;
+  vec3 m = vec3(0.0);
   if (alike == vec4(1.0)) {
     c = textureLod(color, source.xy / vec2(last + 1), 0.0).rgb;
+    if (mirrors) m = textureLod(shown, source.xy / vec2(last + 1), 0.0).rgb;
   } else {
     if (trim) {
       vec4 around = vec4(at(p0), at(p1), at(p2), at(p3)) * (1.0 - alike);
@@ -92,7 +119,13 @@ void main() {
     vec4 weight = vec4(1.0 - t.x, t.x, 1.0 - t.x, t.x) * vec4(1.0 - t.y, 1.0 - t.y, t.y, t.y) * alike;
     weight /= dot(weight, vec4(1.0));
     c = weight.x * color_at(p0) + weight.y * color_at(p1) + weight.z * color_at(p2) + weight.w * color_at(p3);
+    if (mirrors) m = texelFetch(shown, own, 0).rgb;
   }
+  if (part >= MIRRORED) {
+    picture = part == MIRRORED && mirrors ? vec4(part_of(c, m), 1.0) : vec4(0.0);
+    return;
+  }
+  if (mirrors) c = part_of(c, m);
   if (enhance != 0.0 && near > 0.0) c = clamp(c * (1.0 + enhance * shape(own, near, last)), 0.0, 1.0);
   // The buffer holds 1 - near / depth; steps of 3 % of the depth tell well enough what lies behind what.
   float key = clamp(1.0 + log2(max(1.0 - gl_FragCoord.z, 1e-9)) / OCTAVES, 0.0, 1.0);
@@ -103,6 +136,28 @@ export const SCREEN_VERTEX = `
 precision highp float;
 in vec3 position;
 void main() { gl_Position = vec4(position.xy, 0.0, 1.0); }`;
+
+// A picture with the light that its mirrors show, from where that seems to be; where no such sample reaches, it stays
+// where it was, painted on the mirror.
+export const MIRROR_FRAGMENT = `
+precision highp float;
+uniform sampler2D warped;   // the rest of the light
+uniform sampler2D painted;  // what mirrors showed; a > 0 where a mirror is seen
+uniform sampler2D beyond;   // what lies behind the mirrors, seen as if they were windows
+layout(location = 0) out vec4 picture;
+
+${LIGHT}
+void main() {
+  ivec2 own = ivec2(gl_FragCoord.xy);
+  vec4 rest = texelFetch(warped, own, 0);
+  vec4 paint = texelFetch(painted, own, 0);
+  if (paint.a > 0.0) {
+    vec4 through = texelFetch(beyond, own, 0);
+    vec3 light = through.a > 0.0 && through.a <= rest.a ? through.rgb : paint.rgb;
+    rest.rgb = to_display(min(to_linear(rest.rgb) + to_linear(light), 1.0));
+  }
+  picture = rest;
+}`;
 
 // A hole gets the colours of the covered pixels around it, mostly of the farthest ones: what a hole hides lies behind.
 export const FILL_FRAGMENT = `

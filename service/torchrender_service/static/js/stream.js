@@ -113,7 +113,8 @@ export class Stream {
     const timer = setTimeout(() => !this.welcomed && socket.close(), OPEN_TIMEOUT);
     socket.onopen = () => {
       const layers = this.wishes.layers;
-      const hello = { versions: [1, 1], depth: ["pz1"], color: ["jpeg", "webp"], max_pixels: MAX_PIXELS, layers };
+      const images = { depth: ["pz1"], color: ["jpeg", "webp"], max_pixels: MAX_PIXELS, mirrors: true };
+      const hello = { versions: [1, 1], ...images, layers };
       socket.send(encodeMessage(TYPE.HELLO, hello));
     };
     socket.onmessage = ({ data }) => generation === this.generation && this.receive(data);

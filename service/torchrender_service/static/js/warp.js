@@ -24,7 +24,15 @@ import {
   WebGLRenderTarget,
 } from "../vendor/three/three.module.min.js";
 import { clipFromSource, eyeOf, length, subtract } from "./camera.js";
-import { COUNT_FRAGMENT, COUNT_TILE, FILL_FRAGMENT, SCREEN_VERTEX, WARP_FRAGMENT, WARP_VERTEX } from "./shaders.js";
+import {
+  COUNT_FRAGMENT,
+  COUNT_TILE,
+  FILL_FRAGMENT,
+  MIRROR_FRAGMENT,
+  SCREEN_VERTEX,
+  WARP_FRAGMENT,
+  WARP_VERTEX,
+} from "./shaders.js";
 
 const FILL_RADIUS = 8; // pixels
 const BACKDROP = [0.055, 0.063, 0.078];
@@ -36,6 +44,12 @@ const STEP_BIAS = 0.001;
 // Seen from the very eye of the preferred picture nothing can come out from behind anything: others only fill holes.
 const SAME_EYE = 0.05; // in clip distances
 const FILL_BIAS = 0.9;
+
+// Parts of a picture's light: everything; without what its mirrors show; that alone.
+const ALL = 0;
+const OWN = 1;
+const MIRRORED = 2;
+const NOTHING = 3;
 
 const material = (vertexShader, fragmentShader, uniforms, depth) =>
   new RawShaderMaterial({
@@ -90,6 +104,12 @@ export class Warp {
       radius: { value: FILL_RADIUS },
       mark: { value: false },
     });
+    this.joint = this.pass(triangle, MIRROR_FRAGMENT, {
+      warped: { value: null },
+      painted: { value: null },
+      beyond: { value: null },
+    });
+    this.mirrorBuffers = null; // made when a mirror is first seen
     this.count = this.pass(triangle, COUNT_FRAGMENT, { warped: { value: null } });
     this.counting = false;
   }
@@ -113,6 +133,9 @@ export class Warp {
     this.renderer.setSize(width, height, false);
     this.target?.dispose();
     this.target = this.buffer(width, height, true);
+    this.shown = this.target; // what was drawn last
+    for (const buffer of Object.values(this.mirrorBuffers ?? {})) buffer.dispose();
+    this.mirrorBuffers = null;
     this.counts?.dispose();
     this.counts = this.buffer(Math.ceil(width / COUNT_TILE), Math.ceil(height / COUNT_TILE), false);
   }
@@ -148,6 +171,9 @@ export class Warp {
       code_scale: { value: image.scale },
       enhance: { value: 0 },
       trim: { value: false },
+      part: { value: ALL },
+      shown: { value: color }, // textures of the right kind, until mirrors come
+      behind: { value: depth },
     };
     const geometry = new BufferGeometry();
     geometry.setAttribute("corner", new BufferAttribute(image.quads.data, 3));
@@ -159,12 +185,20 @@ export class Warp {
     geometry.setDrawRange(0, 6 * image.quads.count);
     const { camera, layer, color: encoded } = image.header;
     const lossy = layer === 0 && encoded.codec === "jpeg";
-    const picture = { camera, extra: layer > 0, lossy, mesh, uniforms, quads: image.quads.count, bitmap: image.color };
+    const picture = { camera, extra: layer > 0, lossy, mesh, uniforms, quads: image.quads.count, bitmap: image.color, mirrors: null };
     this.pictures.add(picture);
     this.renderer.initTexture(depth);
     this.renderer.initTexture(joined);
     this.renderer.initTexture(color);
     return picture;
+  }
+
+  /** Join to a picture the one of what its mirrors show. */
+  addMirrors(picture, mirrors) {
+    if (picture.mirrors) this.remove(picture.mirrors);
+    picture.mirrors = mirrors;
+    picture.uniforms.shown.value = mirrors.uniforms.color.value;
+    picture.uniforms.behind.value = mirrors.uniforms.depth.value;
   }
 
   growIndex(count) {
@@ -179,6 +213,7 @@ export class Warp {
 
   remove(picture) {
     this.pictures.delete(picture);
+    if (picture.mirrors) this.remove(picture.mirrors);
     const { mesh, uniforms } = picture;
     mesh.geometry.setIndex(null); // the others still use it
     mesh.geometry.dispose();
@@ -189,11 +224,16 @@ export class Warp {
     picture.bitmap.close();
   }
 
-  /** Warp `pictures`, the preferred one first, into the buffer as `camera` sees them. `near`: clip distance; `enhance`: how much shape is made easier to read. */
-  warp(pictures, camera, near, enhance = 0) {
+  /**
+   * Warp `pictures`, the preferred one first, into the buffer as `camera` sees them. `near`: clip distance; `enhance`:
+   * how much shape is made easier to read; `mirrors`: what the preferred picture's mirrors show moves by itself.
+   */
+  warp(pictures, camera, near, { enhance = 0, mirrors = true } = {}) {
     this.scene.clear();
-    const step = pictures.length ? length(subtract(eyeOf(pictures[0].camera), eyeOf(camera))) : 0;
-    const least = step < SAME_EYE * near ? FILL_BIAS : 0;
+    const first = pictures[0] ?? null;
+    const step = first ? length(subtract(eyeOf(first.camera), eyeOf(camera))) : 0;
+    const still = step < SAME_EYE * near;
+    const least = still ? FILL_BIAS : 0;
     pictures.forEach((picture, rank) => {
       const bias = rank === 0 ? 0 : Math.max(least, picture.extra ? EXTRA_BIAS : EARLIER_BIAS) + rank * STEP_BIAS;
       picture.uniforms.enhance.value = enhance;
@@ -201,14 +241,50 @@ export class Warp {
       picture.uniforms.clip_from_source.value = clipFromSource(picture.camera, camera, near, bias);
       this.scene.add(picture.mesh);
     });
-    this.renderer.setRenderTarget(this.target);
+    this.shown = this.target;
+    if (!mirrors || still || !first?.mirrors) {
+      this.drawPart(pictures, ALL, this.target); // from the same eye a mirror shows what it showed
+      return;
+    }
+    const buffers = this.makeMirrorBuffers();
+    this.drawPart(pictures, OWN, this.target);
+    this.drawPart(pictures, MIRRORED, buffers.painted);
+    this.scene.clear();
+    this.scene.add(first.mirrors.mesh);
+    first.mirrors.uniforms.clip_from_source.value = clipFromSource(first.mirrors.camera, camera, near, 0);
+    this.drawPart([], ALL, buffers.beyond);
+    const { uniforms, scene } = this.joint;
+    uniforms.warped.value = this.target.texture;
+    uniforms.painted.value = buffers.painted.texture;
+    uniforms.beyond.value = buffers.beyond.texture;
+    this.renderer.setRenderTarget(buffers.joint);
+    this.renderer.render(scene, this.camera);
+    this.shown = buffers.joint;
+  }
+
+  /** Draw the scene; of the first picture `part` of its light, of others all, or none where only mirrored light counts. */
+  drawPart(pictures, part, target) {
+    pictures.forEach((picture, rank) => {
+      picture.uniforms.part.value = rank === 0 ? part : part === MIRRORED ? NOTHING : ALL;
+    });
+    this.renderer.setRenderTarget(target);
     this.renderer.clear(true, true, false);
     this.renderer.render(this.scene, this.camera);
   }
 
+  makeMirrorBuffers() {
+    const { width, height } = this.target;
+    this.mirrorBuffers ??= {
+      painted: this.buffer(width, height, true),
+      beyond: this.buffer(width, height, true),
+      joint: this.buffer(width, height, false),
+    };
+    return this.mirrorBuffers;
+  }
+
   /** Fill small holes and show the picture. */
   present({ fill = true, mark = false, target = null } = {}) {
-    this.fill.uniforms.warped.value = this.target.texture;
+    this.fill.uniforms.warped.value = this.shown.texture;
     this.fill.uniforms.radius.value = fill ? FILL_RADIUS : 0;
     this.fill.uniforms.mark.value = mark;
     this.renderer.setRenderTarget(target);
@@ -216,7 +292,7 @@ export class Warp {
   }
 
   drawCounts() {
-    this.count.uniforms.warped.value = this.target.texture;
+    this.count.uniforms.warped.value = this.shown.texture;
     this.renderer.setRenderTarget(this.counts);
     this.renderer.render(this.count.scene, this.camera);
   }
@@ -254,7 +330,7 @@ export class Warp {
 
   /** Wait until everything drawn so far is done. */
   finish() {
-    this.read(this.target, 1, 1, new Uint8Array(4));
+    this.read(this.shown, 1, 1, new Uint8Array(4));
   }
 
   /** Read the lower left pixels of `target` at once. */

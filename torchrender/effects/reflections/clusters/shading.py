@@ -118,12 +118,9 @@ class Shading:
 
     def _shade(self) -> None:
         waiting, self._waiting, self._count = self._waiting, [], 0
-        rays = ReflectedRays(
-            *(
-                torch.cat([getattr(q.rays, name) for q in waiting])
-                for name in ("origin", "direction", "width", "spread")
-            )
-        )
+        names = ("origin", "direction", "width", "spread")
+        sent = {name: torch.cat([getattr(q.rays, name) for q in waiting]) for name in names}
+        rays = ReflectedRays(**sent, many=all(q.rays.many for q in waiting))
         hits = RayHits(
             *(torch.cat([getattr(q.answer.hits, n) for q in waiting]) for n in ("t", "triangle", "barycentric"))
         )

@@ -164,9 +164,13 @@ def write_marks(path: str | Path, marks: Marks) -> None:
     path = Path(path)
     if path.suffix.lower() not in SUFFIXES:
         raise SceneFileError(path, f"marks are written to {', '.join(SUFFIXES)}")
+    write_atomically(path, writer(text_of(marks, path.suffix)))
+
+
+def text_of(marks: Marks, suffix: str) -> str:
+    """The text of a file of marks: JSON, or TOML for any other suffix."""
     table = table_of(marks)
-    text = json.dumps(table, indent=1) + "\n" if path.suffix.lower() == ".json" else _toml(table)
-    write_atomically(path, writer(text))
+    return json.dumps(table, indent=1) + "\n" if suffix.lower() == ".json" else _toml(table)
 
 
 def writer(text: str) -> Callable[[Path], None]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import torch
@@ -17,13 +18,15 @@ from scipy.spatial.transform import Rotation
 from torch import Tensor
 
 from torchrender.errors import InputError
-from torchrender.photo.fog.marks.records import CameraMark, Polygon, RoomMark
+from torchrender.photo.fog.marks.records import CORNERS, CameraMark, Polygon, RoomMark
 from torchrender.photo.fog.options import FogWarning
 from torchrender.scene.camera import Cameras
 
 Array = NDArray[np.float64]
 FLIP = np.diag([1.0, -1.0, -1.0])
 """Camera from world of a level camera that looks along -z."""
+IN_VIEW = 0.05
+"""Metres before the camera from which on a corner has a place in the picture."""
 BEHIND = 0.5
 """Metres behind the camera at which a room ends whose front is not marked."""
 _AXES = {"x": ("left", "right"), "y": ("floor", "ceiling"), "z": ("back", "front")}
@@ -173,16 +176,7 @@ def _misses(
 ) -> Array:  # fmt: skip
     turn, low, high, scale = _unpack(x, names, eye, room, free)
     front = x[7] if any("front" in n for n in names) else high[2]
-    places = np.array(
-        [
-            [
-                (high if "right" in n else low)[0],
-                (high if "ceiling" in n else low)[1],
-                front if "front" in n else low[2],
-            ]
-            for n in names
-        ]
-    )
+    places = np.where(_upper(tuple(names)), [high[0], high[1], front], low)
     seen = (places - [0.0, eye, 0.0]) @ turn.T
     z = seen[:, 2]
     # Corners behind the camera have no image: they are pulled before it.
@@ -191,6 +185,26 @@ def _misses(
     # A fit must not flee to infinity along what no corner tells.
     unused = 1e-3 * (x[3:8] - np.array([-2.0, 2.0, 2.5, -4.0, -0.5]))
     return np.concatenate([out.reshape(-1), 1e3 * np.minimum(z - 0.02, 0.0), unused, 1e-2 * x[8:]])
+
+
+def corners_in_view(room: Room) -> dict[str, list[float]]:
+    """Pixels of the box's corners by name; those behind the camera are left out."""
+    places = torch.where(torch.from_numpy(_upper(CORNERS)), room.high, room.low)
+    seen = room.camera.transform(places)[0]
+    pixels = seen @ room.camera.intrinsics[0].T
+    pixels = pixels[:, :2] / pixels[:, 2:].clamp_min(1e-9)
+    return {
+        name: [round(float(v), 2) for v in pixel]
+        for name, pixel, z in zip(CORNERS, pixels, seen[:, 2], strict=True)
+        if float(z) > IN_VIEW
+    }
+
+
+@lru_cache(maxsize=64)
+def _upper(names: tuple[str, ...]) -> NDArray[np.bool_]:
+    """(N,3) which corners lie on the right, at the ceiling, and in front."""
+    words = ("right", "ceiling", "front")
+    return np.array([[w in n for w in words] for n in names])
 
 
 def _start(

@@ -141,33 +141,57 @@ def spans(shafts: Shafts, origin: Tensor, direction: Tensor, length: Tensor) -> 
     return begin, torch.maximum(end, begin), order
 
 
-def shaft_light(
-    shafts: Shafts, origin: Tensor, direction: Tensor, length: Tensor, medium: FogMedium, air: Air, steps: int
-) -> Tensor:
-    """(N,3) float32 light of the sun, at unit irradiance, that shafts scatter to the eye.
+@dataclass(frozen=True, eq=False)
+class ShaftWays:
+    """Rays of sight that run through one shaft after the other: all that does not depend on the medium."""
 
-    In even air by the closed form of the integral, in grids by steps. Arguments as in :func:`spans`.
-    """
+    rows: Tensor  # (M,) int64 of the rays
+    direction: Tensor  # (M,3) float64
+    cosine: Tensor  # (M,) float64 between the light's way and that to the eye
+    begin: Tensor  # (M,) where the ray enters
+    end: Tensor  # (M,) and leaves
+    first: Tensor  # (M,) air between window and entry
+    grows: Tensor  # (M,) how fast that grows along the ray
+
+
+def shaft_ways(shafts: Shafts, origin: Tensor, direction: Tensor, length: Tensor) -> list[ShaftWays]:
+    """One record for the first, second, ... shaft that rays meet. Arguments as in :func:`spans`."""
     begin, end, order = spans(shafts, origin, direction, length)
-    phase = henyey_greenstein(-(direction @ shafts.direction), medium.asymmetry)
-    total = torch.zeros(len(direction), 3)
+    windows, found = torch.stack([h.window for h in shafts.hulls]), []
     for k in range(len(shafts.hulls)):
         rows = (end[k] > begin[k]).nonzero()[:, 0]
         if not len(rows):
             continue
-        d, b, e, which = direction[rows], begin[k][rows], end[k][rows], order[k][rows]
-        planes = torch.stack([h.window for h in shafts.hulls])[which]
+        d, b, e, planes = direction[rows], begin[k][rows], end[k][rows], windows[order[k][rows]]
         slope = (planes[:, :3] @ shafts.direction).clamp_min(1e-3)
         near = ((origin + d * b[:, None]) * planes[:, :3]).sum(-1) + planes[:, 3]
         grows = (d * planes[:, :3]).sum(-1) / slope
-        first = (near / slope).clamp_min(0.0)
+        found.append(ShaftWays(rows, d, -(d @ shafts.direction), b, e, (near / slope).clamp_min(0.0), grows))
+    return found
+
+
+def shaft_light(
+    shafts: Shafts, origin: Tensor, direction: Tensor, length: Tensor, medium: FogMedium, air: Air, steps: int,
+    ways: list[ShaftWays] | None = None,
+) -> Tensor:  # fmt: skip
+    """(N,3) float32 light of the sun, at unit irradiance, that shafts scatter to the eye.
+
+    In even air by the closed form of the integral, in grids by steps. Arguments as in :func:`spans`; ``ways``, of
+    :func:`shaft_ways` for the same rays, where they are known.
+    """
+    total = torch.zeros(len(direction), 3)
+    grey = bool((medium.extinction == medium.extinction[0]).all())
+    extinction = (medium.extinction[:1] if grey else medium.extinction).double()
+    for way in shaft_ways(shafts, origin, direction, length) if ways is None else ways:
         if air.density is None:
-            rate = medium.extinction.double() * (1 + grows)[:, None]
-            start = torch.exp(-medium.extinction.double() * (b + first)[:, None])
-            found = start * held_back(rate, (e - b)[:, None].expand(-1, 3))
+            rate = extinction * (1 + way.grows)[:, None]
+            start = torch.exp(-extinction * (way.begin + way.first)[:, None])
+            found = start * held_back(rate, (way.end - way.begin)[:, None])
         else:
-            found = _stepped(shafts, air, medium, origin, d, (b, e, first, grows), steps)
-        total[rows] += (found * phase[rows, None] * medium.scattering.double()).float()
+            span = (way.begin, way.end, way.first, way.grows)
+            found = _stepped(shafts, air, medium, origin, way.direction, span, steps)
+        phase = henyey_greenstein(way.cosine, medium.asymmetry)
+        total[way.rows] += (found * phase[:, None]).float() * medium.scattering
     return total
 
 

@@ -76,6 +76,11 @@ class Paths:
 
     weight: Tensor  # (N,K)
     way: Tensor  # (N,K)
+    sunny: Tensor  # (K,) bool: contributions of the sun
+
+    def with_sun(self, factor: float) -> Paths:
+        """The same paths where the sun is so many times as strong."""
+        return Paths(self.weight * torch.where(self.sunny, factor, 1.0), self.way, self.sunny)
 
     @property
     def lit(self) -> Tensor:
@@ -119,21 +124,24 @@ def trace_paths(
     at, normal = places.repeat_interleave(count, 0), normals.repeat_interleave(count, 0)
     at = at + 1e-6 * normal
     beta, behind = torch.ones(n * count, dtype=torch.float64), torch.zeros(n * count)
-    weights, ways = [], []
+    weights, ways, sunny = [], [], []
     for bounce in range(bounces + 1):
         for emitter, radiance in zip(sources.emitters, sources.radiance, strict=True):
             if radiance > 0:
                 weight, way = _sampled(emitter, proxy, air, at, normal, count, random)
                 weights.append(beta * weight * radiance)
                 ways.append(behind + way)
+                sunny.append(False)
         if sources.shafts is not None and sources.sun > 0:
             distance, inside = sources.shafts.reach(at)
             cosine = (-(normal @ sources.shafts.direction)).clamp_min(0.0)
             weights.append(beta * torch.where(inside, cosine, 0.0) * sources.sun)
             ways.append(behind + distance.float())
+            sunny.append(True)
         if bounce == 0 and sources.ambient > 0:
             weights.append(beta * (math.pi * sources.ambient))
             ways.append(behind + proxy.mean_chord)
+            sunny.append(False)
         if bounce == bounces:
             break
         direction = _cosine_directions(normal, count, n, random)
@@ -151,7 +159,8 @@ def trace_paths(
     def gathered(parts: list[Tensor]) -> Tensor:
         return torch.stack(parts, dim=1).reshape(n, -1).float() if parts else torch.zeros(n, 1)
 
-    return Paths(gathered(weights), gathered(ways))
+    from_sun = torch.tensor(sunny).repeat(count) if sunny else torch.zeros(1, dtype=torch.bool)
+    return Paths(gathered(weights), gathered(ways), from_sun)
 
 
 def _sampled(

@@ -13,7 +13,8 @@ from typing import Any
 import torch
 
 from torchrender.errors import InputError, SceneFileError
-from torchrender.scene.camera import MAX_SIDE, Cameras, pinhole_matrix
+from torchrender.scene.camera import Cameras, pinhole_matrix
+from torchrender.scene.cameras.record import MAX_SIDE
 from torchrender.scene.files.gltf.container import GltfFile, object_of
 from torchrender.scene.light import DirectionalLight, Light, PointLight, SpotLight
 

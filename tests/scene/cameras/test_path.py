@@ -9,7 +9,7 @@ import torch
 
 from torchrender.errors import InputError, SceneFileError
 from torchrender.rays import RayCaster
-from torchrender.scene.camera_path import CameraPath, built_in_path, load_path, walks_of
+from torchrender.scene.cameras.path import CameraPath, built_in_path, load_path, walks_of
 from torchrender.scene.model import Scene
 from torchrender.scene.procedural import build
 
