@@ -255,3 +255,15 @@ def _first(sequence):
 def test_a_size_that_leaves_no_room_is_named():
     with pytest.raises(OptionError, match="size_share"):
         build_walkthrough(capture(2, size=64), WalkthroughOptions(n_min=80, size_share=0.05, view_detail=2))
+
+
+def test_the_empty_rim_of_a_held_out_photo_does_not_count(stages):
+    frame = capture(6, size=160).frames[2]
+    rimmed = frame.read_color().copy()
+    rimmed[:4], rimmed[-4:], rimmed[:, :4], rimmed[:, -4:] = 255, 255, 255, 255
+    plain, other = (
+        held_out_error(stages.walkthrough, RgbdSequence((replace(frame, color=color),), "held"))
+        for color in (frame.read_color(), rimmed)
+    )
+    assert abs(plain.mean_psnr_db - other.mean_psnr_db) < 1.0
+    assert other.mean_coverage > 0.99

@@ -179,8 +179,11 @@ def _texture(
         )
     alpha = np.where(seen, SEEN_ALPHA, np.where(wanted, FILLED, 0)).astype(np.uint8)
     # A little further, except where somebody saw through.
-    grown = cv2.dilate((alpha > 0).astype(np.uint8), np.ones((2 * MARGIN + 1, 2 * MARGIN + 1), np.uint8)) > 0
+    grown = _beside(alpha > 0)
     alpha[grown & (alpha == 0) & (state != HOLE)] = FILLED
+    if not capture.exact:
+        # Beside what is seen through, noise leaves texels that nobody votes on: filled, they stick out of outlines.
+        alpha[(alpha == FILLED) & _beside(state == HOLE)] = 0
     color = np.where((seen | wanted)[..., None], color, _padded(color, seen | wanted))
     return _patch(patch, np.concatenate([color, alpha[..., None]], axis=2)), counts
 
@@ -191,6 +194,10 @@ def _hull(seen: Array) -> Array:
     mask = np.zeros(seen.shape, np.uint8)
     cv2.fillConvexPoly(mask, hull, 1)
     return mask > 0
+
+
+def _beside(mask: Array) -> Array:
+    return cv2.dilate(mask.astype(np.uint8), np.ones((2 * MARGIN + 1, 2 * MARGIN + 1), np.uint8)) > 0
 
 
 def _without_strays(seen: Array) -> Array:
