@@ -183,9 +183,7 @@ def _texture(
     alpha[grown & (alpha == 0) & (state != HOLE)] = FILLED
     if not capture.exact:
         # Beside what is seen through, noise leaves texels that nobody votes on: filled, they stick out of outlines.
-        # Specks of noise are no outlines.
-        holes = cv2.morphologyEx((state == HOLE).astype(np.uint8), cv2.MORPH_OPEN, np.ones((5, 5), np.uint8))
-        alpha[(alpha == FILLED) & _beside(holes > 0)] = 0
+        alpha[(alpha == FILLED) & _beside(state == HOLE)] = 0
     color = np.where((seen | wanted)[..., None], color, _padded(color, seen | wanted))
     return _patch(patch, np.concatenate([color, alpha[..., None]], axis=2)), counts
 
