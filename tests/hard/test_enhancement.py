@@ -20,7 +20,7 @@ from torchrender.scene.model import Scene
 WISHES = (
     EnhanceOptions(),
     EnhanceOptions(magnitude="sum", terms=("geometry", "projection", "visibility", "specular")),
-    EnhanceOptions(magnitude="l2", curvature="full", range_limit=0.25),
+    EnhanceOptions(magnitude="l2", curvature="full", range_limit=0.25, overshoot_limit=1 / 3),
     EnhanceOptions(exponent=0.1, source="picture", centred=True),
 )
 LAMP = PointLight(position=torch.tensor([2.0, 3.0, 3.0]), intensity=torch.full((3,), 20.0))

@@ -18,7 +18,6 @@ from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
 from torchrender.walkthrough.build import build_stages, build_walkthrough
 from torchrender.walkthrough.classify import crease, fit_plane
-from torchrender.walkthrough.clusters import box_around, build_points, cluster_points
 from torchrender.walkthrough.density import Samples
 from torchrender.walkthrough.draw import FILLED, PLANE, draw_walkthrough
 from torchrender.walkthrough.drawing.culling import Occluders, visible_runs
@@ -29,6 +28,7 @@ from torchrender.walkthrough.frames.record import RgbdSequence
 from torchrender.walkthrough.holes import fill_holes
 from torchrender.walkthrough.model import Walkthrough, no_points
 from torchrender.walkthrough.options import DrawOptions, WalkthroughOptions
+from torchrender.walkthrough.points.clusters import box_around, build_points, cluster_points
 from walkthrough_scenes import capture, photos, quad, room, views
 
 OPTIONS = WalkthroughOptions(n_min=80)

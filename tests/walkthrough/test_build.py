@@ -233,3 +233,37 @@ def test_what_is_left_out_is_said():
         warnings.simplefilter("error")
         build_walkthrough(sequence, OPTIONS)
     assert pattern(torch.zeros(1, 3)).shape == (1, 3)
+
+
+@pytest.mark.parametrize("share", [0.3, 0.15])
+def test_a_named_size_is_kept(share):
+    capture_ = capture(4, size=96)
+    free, held = (build_walkthrough(capture_, WalkthroughOptions(n_min=80, size_share=s)) for s in (None, share))
+    raw = free.report["bytes"]["photos"]
+    assert free.size_bytes > 0.3 * raw
+    assert held.size_bytes <= share * raw
+    assert len(held.points) < len(free.points) and held.texel_count < free.texel_count
+    error = [code_psnr(draw_walkthrough(m, m.cameras[0]).image[0], *_first(capture_)) for m in (free, held)]
+    assert error[0] - error[1] < 8.0
+
+
+def _first(sequence):
+    color = sequence.frames[0].read_color()
+    return color, torch.ones(color.shape[:2], dtype=torch.bool)
+
+
+def test_a_size_that_leaves_no_room_is_named():
+    with pytest.raises(OptionError, match="size_share"):
+        build_walkthrough(capture(2, size=64), WalkthroughOptions(n_min=80, size_share=0.05, view_detail=2))
+
+
+def test_the_empty_rim_of_a_held_out_photo_does_not_count(stages):
+    frame = capture(6, size=160).frames[2]
+    rimmed = frame.read_color().copy()
+    rimmed[:4], rimmed[-4:], rimmed[:, :4], rimmed[:, -4:] = 255, 255, 255, 255
+    plain, other = (
+        held_out_error(stages.walkthrough, RgbdSequence((replace(frame, color=color),), "held"))
+        for color in (frame.read_color(), rimmed)
+    )
+    assert abs(plain.mean_psnr_db - other.mean_psnr_db) < 1.0
+    assert other.mean_coverage > 0.99

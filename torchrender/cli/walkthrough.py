@@ -44,6 +44,8 @@ def add_walkthrough(commands: Any) -> None:
     parser.add_argument("--n-min", type=int, default=400, metavar="PX", help="least plane in a photo (default 400)")
     parser.add_argument("--tau-z", type=float, default=0.01, help="share of depth within which photos agree (0.01)")
     parser.add_argument("--rho-scale", type=float, default=1.0, metavar="F", help="texels per unit, factor (default 1)")
+    parser.add_argument("--size-share", type=float, metavar="F",
+                        help="keep to this share of the photos' raw size (0.25 if it hardly shows)")  # fmt: skip
     parser.add_argument("--fill", choices=("exemplar", "inpaint", "off"), default="exemplar",
                         help="how parts of planes that no photo saw are filled (default exemplar)")  # fmt: skip
     parser.add_argument("--no-repair", action="store_true", help="take poses and exposure as they are")
@@ -75,6 +77,7 @@ def run_walkthrough(arguments: argparse.Namespace) -> None:
         n_min=arguments.n_min,
         tau_z=arguments.tau_z,
         rho_scale=arguments.rho_scale,
+        size_share=arguments.size_share,
         fill=arguments.fill,
         exposure=repair,
         registration=repair,

@@ -16,8 +16,7 @@ from torchrender.clock import StepClock
 from torchrender.errors import OptionError
 from torchrender.scene.camera import Cameras
 from torchrender.walkthrough.classify import Fit, Tolerances, classify_all
-from torchrender.walkthrough.clusters import build_points
-from torchrender.walkthrough.density import Comparisons, Samples, compare_density
+from torchrender.walkthrough.density import Comparisons, compare_density
 from torchrender.walkthrough.draw import draw_walkthrough
 from torchrender.walkthrough.frames.exposure import solve_exposure
 from torchrender.walkthrough.frames.pairs import overlaps, partners, seen_through
@@ -25,9 +24,11 @@ from torchrender.walkthrough.frames.prepare import Capture, Progress, prepare, q
 from torchrender.walkthrough.frames.record import Array, CaptureWarning, Frame, RgbdSequence
 from torchrender.walkthrough.frames.registration import color_shift, disagreement, register, shift_color
 from torchrender.walkthrough.frames.rim import empty_rim
-from torchrender.walkthrough.model import PIXEL_BYTES, POINT_BYTES, TEXEL_BYTES, Walkthrough
+from torchrender.walkthrough.model import PIXEL_BYTES, POINT_BYTES, TEXEL_BYTES, PlanePatch, Walkthrough
 from torchrender.walkthrough.options import DrawOptions, WalkthroughOptions
 from torchrender.walkthrough.planes import Plane, assign_pixels, merge_fits
+from torchrender.walkthrough.points.budget import within_budget
+from torchrender.walkthrough.points.clusters import build_points
 from torchrender.walkthrough.review.held_out import held_out_error, located_poses
 from torchrender.walkthrough.textures import TextureReport, make_textures
 from torchrender.walkthrough.view_colors import ViewColors, pack, residual_picture
@@ -113,9 +114,13 @@ def build_stages(
     with clock.measure("compare density"):
         found = compare_density(capture, near, len(planes), options, progress)
     with clock.measure("textures"):
-        patches, textures = make_textures(capture, planes, found, options, progress, near=tolerances.largest)
+
+        def texture(how: WalkthroughOptions) -> tuple[list[PlanePatch], TextureReport]:
+            return make_textures(capture, planes, found, how, progress, near=tolerances.largest)
+
+        patches, textures, samples = within_budget(capture, found.samples, texture, options)
     with clock.measure("points"):
-        points = build_points(_limited(found.samples, options), options)
+        points = build_points(samples, options)
     walkthrough = Walkthrough(
         planes=tuple(patches),
         points=points,
@@ -218,26 +223,6 @@ def _repair(capture: Capture, options: WalkthroughOptions, progress: Progress) -
         )
     found = {"disagreement_before": before, "disagreement_after": after, "seen_through": past, "camera_moved": moved}
     return near, found
-
-
-def _limited(samples: Samples, options: WalkthroughOptions) -> Samples:
-    """At most ``max_points``, evenly out of all; what is left stands for more area each."""
-    count = len(samples.position)
-    if count <= options.max_points:
-        return samples
-    warnings.warn(
-        f"{count} points are more than max_points = {options.max_points}: every "
-        f"{count / options.max_points:.1f}th is kept",
-        CaptureWarning,
-        stacklevel=3,
-    )
-    rows = np.sort(np.random.default_rng(options.seed).choice(count, options.max_points, replace=False))
-    return Samples(
-        position=samples.position[rows],
-        normal=samples.normal[rows],
-        color=samples.color[rows],
-        log_density=samples.log_density[rows] + np.float32(np.log(options.max_points / count)),
-    )
 
 
 def _view_colors(

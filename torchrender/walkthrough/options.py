@@ -42,6 +42,7 @@ class WalkthroughOptions:
     exposure: str = "auto"  # one gain for each photo
     registration: str = "auto"  # poses, and a shift between colour and depth
     view_detail: int = 4  # each photo's difference is kept at this fraction of its size; 0: not at all
+    size_share: float | None = None  # of the photos' raw size, kept to; None: 0.25 as far as it hardly shows
     compare: bool = True  # False: every photo's samples are kept
     upright: bool = True  # turn the scene so that the cameras' mean up is +y
     max_frames: int = 200  # photos to build from, chosen over the whole sequence, sharp ones first
@@ -75,6 +76,8 @@ class WalkthroughOptions:
         check_choice("exposure", self.exposure, REPAIRS)
         check_choice("registration", self.registration, REPAIRS)
         check_range("view_detail", self.view_detail, 0, 64)
+        if self.size_share is not None:
+            check_range("size_share", self.size_share, 0.01, 100.0)
         check_range("max_frames", self.max_frames, 1, 100_000)
         check_range("max_partners", self.max_partners, 1, 1000)
         check_range("memory_mb", self.memory_mb, 16, 2**24)

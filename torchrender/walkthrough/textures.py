@@ -24,6 +24,12 @@ MARGIN = 2
 
 FEATHER = 12.0
 
+STRAY, MOST_STRAY = 0.003, 64.0
+"""Share of a plane's seen texels, and texels, below which a piece of it that stands apart is none."""
+
+CLOSED = 0.03
+"""Share of a texture's longer side: gaps as wide as twice that in its outline do not open what it encloses."""
+
 
 @dataclass(frozen=True)
 class TextureReport:
@@ -153,11 +159,14 @@ def _texture(
     color, state = np.zeros((height, width, 3), np.uint8), np.zeros((height, width), np.uint8)
     chosen = _seeing(capture, patch, size, poses)
     resample(patch, chosen, np.ascontiguousarray(poses[chosen]), capture.photos, votes, color, state)
-    seen = state == SEEN
+    seen = _without_strays(state == SEEN)
+    state[(state == SEEN) & ~seen] = HOLE
     if not seen.any():
         return None, np.zeros(3, np.int64)
     inside = _hull(seen)
-    guessed = inside & (state == GUESSED)
+    guessed = inside & (state == GUESSED) & _enclosed(seen)
+    # A guess that hangs in the open is none: behind glass without depth anything may be.
+    state[(state == GUESSED) & ~guessed] = HOLE
     unseen = inside & (state == UNSEEN)
     wanted = unseen | guessed if options.fill != "off" else np.zeros_like(seen)
     counts = np.array([seen.sum(), wanted.sum(), (inside & (state == HOLE)).sum()], np.int64)
@@ -170,8 +179,11 @@ def _texture(
         )
     alpha = np.where(seen, SEEN_ALPHA, np.where(wanted, FILLED, 0)).astype(np.uint8)
     # A little further, except where somebody saw through.
-    grown = cv2.dilate((alpha > 0).astype(np.uint8), np.ones((2 * MARGIN + 1, 2 * MARGIN + 1), np.uint8)) > 0
+    grown = _beside(alpha > 0)
     alpha[grown & (alpha == 0) & (state != HOLE)] = FILLED
+    if not capture.exact:
+        # Beside what is seen through, noise leaves texels that nobody votes on: filled, they stick out of outlines.
+        alpha[(alpha == FILLED) & _beside(state == HOLE)] = 0
     color = np.where((seen | wanted)[..., None], color, _padded(color, seen | wanted))
     return _patch(patch, np.concatenate([color, alpha[..., None]], axis=2)), counts
 
@@ -182,6 +194,31 @@ def _hull(seen: Array) -> Array:
     mask = np.zeros(seen.shape, np.uint8)
     cv2.fillConvexPoly(mask, hull, 1)
     return mask > 0
+
+
+def _beside(mask: Array) -> Array:
+    return cv2.dilate(mask.astype(np.uint8), np.ones((2 * MARGIN + 1, 2 * MARGIN + 1), np.uint8)) > 0
+
+
+def _without_strays(seen: Array) -> Array:
+    """The texels ``seen`` (Ht,Wt) without specks apart from the rest: at outlines of other things some pixels are taken
+    for the plane, and what lies between would be filled."""
+    joined = cv2.dilate(seen.astype(np.uint8), np.ones((3, 3), np.uint8))
+    count, labels = cv2.connectedComponents(joined, connectivity=8)
+    size = np.bincount(labels.reshape(-1), weights=seen.reshape(-1), minlength=count)
+    least = min(STRAY * float(seen.sum()), MOST_STRAY)
+    return seen & (size >= least)[labels]
+
+
+def _enclosed(seen: Array) -> Array:
+    """(Ht,Wt) bool: within the outer outlines of what was seen, small gaps in them closed."""
+    reach = max(int(CLOSED * max(seen.shape)), 2)
+    square = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
+    padded = np.pad(seen.astype(np.uint8), reach)
+    closed = cv2.morphologyEx(padded, cv2.MORPH_CLOSE, square)
+    outlines, _ = cv2.findContours(closed, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    cv2.drawContours(closed, outlines, -1, 1, thickness=cv2.FILLED)
+    return np.asarray(closed[reach:-reach, reach:-reach] > 0)
 
 
 def _padded(color: Array, known: Array) -> Array:

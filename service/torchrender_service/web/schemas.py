@@ -126,6 +126,7 @@ class Enhance(Strict):
     limit: Annotated[float, Field(ge=0.0, le=1e12, allow_inf_nan=False)] | None = None
     magnitude: Literal["signed_l2", "sum", "l1", "l2"] = "signed_l2"
     source: Literal["auto", "mesh", "picture"] = "auto"
+    overshoot_limit: Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)] | None = None
     range_limit: Annotated[float, Field(ge=0.0, le=100.0, allow_inf_nan=False)] | None = None
 
 

@@ -12,6 +12,7 @@ from scipy.ndimage import binary_erosion, gaussian_filter
 from torch import Tensor
 
 import torchrender as tr
+from torchrender.effects.enhancement.creases import FADE, REACH, crease_distance
 from torchrender.effects.enhancement.curvature import mesh_curvature
 from torchrender.effects.enhancement.enhance import WINDOW, enhance_picture, enhanced, enhancement, magnitude
 from torchrender.effects.enhancement.gradient import Lighting
@@ -201,6 +202,43 @@ def test_range_limit_keeps_within_the_neighbourhood() -> None:
         room = 0.25 * (window.amax(0) - window.amin(0))
         assert bool((made[0, j, i] <= window.amax(0) + room + 1e-6).all())
         assert bool((made[0, j, i] >= (window.amin(0) - room).clamp_min(0) - 1e-6).all())
+
+
+def ridges(side: int) -> SurfaceImage:
+    """Steep roofs side by side, seen from above: creases across the whole view."""
+    x = torch.linspace(-3.0, 3.0, 9)
+    z = 0.5 * (torch.arange(9) % 2)
+    strip = torch.stack([torch.stack([x, torch.full((9,), y), z], dim=1) for y in (-3.0, 3.0)]).reshape(-1, 3)
+    faces = [[k, k + 1, k + 10] for k in range(8)] + [[k, k + 10, k + 9] for k in range(8)]
+    scene = Scene(meshes=(Mesh(vertices=strip, faces=torch.tensor(faces)),))
+    camera = Cameras.look_at(torch.tensor([[0.0, 0.0, 3.0]]), torch.zeros(1, 3), width=side, height=side)
+    return SurfaceImage.of(rasterize(scene, camera))
+
+
+@pytest.mark.parametrize("share", [0.0, 1 / 3, 0.8])
+def test_overshoot_beside_creases_is_bounded_and_nothing_else_changes(share: float) -> None:
+    surface = ridges(96)
+    distance = crease_distance(surface)
+    near, far = distance <= REACH, distance > REACH + FADE
+    assert bool(near.any()) and bool(far.any())
+    g = torch.Generator().manual_seed(0)
+    picture, size = torch.rand(1, 96, 96, 3, generator=g) + 3, torch.randn(1, 96, 96, 3, generator=g)
+    free, held = (
+        enhanced(picture, size, surface, EnhanceOptions(plain_weight=1.0, overshoot_limit=limit)) - picture
+        for limit in (None, share)
+    )
+    assert float(held[near].abs().max()) <= share * float(free[near].abs().max()) + 1e-6
+    assert bool((held.abs() <= free.abs() + 1e-6).all()) and bool((held * free >= -1e-6).all())
+    torch.testing.assert_close(held[far], free[far])
+    small = near[..., None] & (free.abs() <= share * free[near].abs().quantile(0.99))
+    torch.testing.assert_close(held[small], free[small], atol=1e-6, rtol=0)
+
+
+def test_a_plane_without_creases_is_not_bounded() -> None:
+    g = torch.Generator().manual_seed(0)
+    picture, size = torch.rand(1, 20, 20, 3, generator=g), torch.randn(1, 20, 20, 3, generator=g)
+    free, held = (enhanced(picture, size, wall(20), EnhanceOptions(overshoot_limit=limit)) for limit in (None, 0.1))
+    torch.testing.assert_close(held, free)
 
 
 def test_shadow_edges_point_into_the_shadow_and_lie_on_both_sides() -> None:

@@ -11,6 +11,7 @@ from torch import Tensor
 
 from torchrender.arrays import view
 from torchrender.checks import check_tensor
+from torchrender.effects.enhancement.creases import bound_overshoot
 from torchrender.effects.enhancement.curvature import strength
 from torchrender.effects.enhancement.gradient import NEAREST, Gloss, Lighting, shading_gradient
 from torchrender.effects.enhancement.lights import harmonic_table, light_table
@@ -85,13 +86,16 @@ def enhanced(radiance: Tensor, size: Tensor, surface: SurfaceImage, options: Enh
 
     With ``range_limit`` it stays within the range of ``plain_weight I`` over those of 7 x 7 pixels that lie on the same
     side of creases and outlines, widened by that share on either side: beside edges contrast cannot flip. What the
-    limit cuts off has no derivative.
+    limit cuts off has no derivative. With ``overshoot_limit`` what is added beside creases stays within that share of
+    the largest that would be; see :func:`~.creases.bound_overshoot`.
     """
     plain = options.plain_weight * radiance
-    made = torch.add(plain, size, alpha=options.gradient_weight)
+    made = torch.add(plain, size, alpha=options.gradient_weight).clamp_min(0.0)
     if options.range_limit is not None:
-        made = _limited(plain, made, surface, options.range_limit)
-    return torch.where(surface.covered[..., None], made.clamp_min(0.0), radiance)
+        made = _limited(plain, made, surface, options.range_limit).clamp_min(0.0)
+    if options.overshoot_limit is not None:
+        made = bound_overshoot(plain, made, surface, options.overshoot_limit)
+    return torch.where(surface.covered[..., None], made, radiance)
 
 
 def _limited(plain: Tensor, made: Tensor, surface: SurfaceImage, share: float) -> Tensor:

@@ -37,6 +37,9 @@ class EnhanceOptions:
     grazing: float = 0.05  # least cosine of the angle of view that projection divides by
     shadow_sharpness: float | None = None  # k of the smooth shadow step, 1/unit; None: 1.5 / median width of an edge
     shadow_blur: float = 1.5  # standard deviation, pixels, that the gradient of shadows is blurred by
+    overshoot_limit: float | None = (
+        None  # beside creases, of the largest change there: 1/3 keeps contrast from flipping
+    )
     range_limit: float | None = None  # share that the local range may be exceeded by: keeps edges from flipping
 
     def __post_init__(self) -> None:
@@ -46,6 +49,8 @@ class EnhanceOptions:
         check_range("step", self.step, 0.0, 10.0)
         check_range("grazing", self.grazing, 0.01, 0.2)
         check_range("shadow_blur", self.shadow_blur, 0.0, 5.0)
+        if self.overshoot_limit is not None:
+            check_range("overshoot_limit", self.overshoot_limit, 0.0, 1.0)
         for name in ("limit", "shadow_sharpness", "range_limit"):
             if getattr(self, name) is not None:
                 check_range(name, getattr(self, name), 0.0, 1e12)

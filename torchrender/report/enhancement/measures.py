@@ -31,7 +31,9 @@ def mean_shift(subject: Subject, made: Tensor) -> float:
 
 
 def overshoot(subject: Subject, made: Tensor, weight: float) -> float:
-    """99.9th percentile of the change beside creases: within 4 pixels of where faces meet at 30 degrees and more."""
+    """99.9th percentile of the change beside creases: within 4 pixels of where faces meet at 30 degrees and more.
+
+    NaN if there are none."""
     normal = subject.seen.geometric_normal[0]
     crease = torch.zeros(normal.shape[:2], dtype=torch.bool)
     for axis in (0, 1):
@@ -40,7 +42,7 @@ def overshoot(subject: Subject, made: Tensor, weight: float) -> float:
     near = torch.nn.functional.max_pool2d(crease[None, None].float(), 9, 1, 4)[:, 0] > 0
     chosen = near & subject.inner
     change = (made - weight * subject.plain).abs()[chosen]
-    return float(change.quantile(0.999)) if change.numel() else 0.0
+    return float(change.quantile(0.999)) if change.numel() else float("nan")
 
 
 def ridge_mask(subject: Subject) -> Tensor:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import torch
 import trimesh
-from scipy.ndimage import distance_transform_edt
+from scipy.ndimage import distance_transform_cdt
 from torch import Tensor
 
 from torchrender.effects.enhancement.curvature import mesh_curvature
@@ -77,8 +77,8 @@ class Subject:
 
     @cached_property
     def inner(self) -> Tensor:
-        """(1,H,W) bool: more than six pixels from where nothing is."""
-        return torch.from_numpy(distance_transform_edt(self.seen.covered[0].numpy()) > 6)[None]
+        """(1,H,W) bool: more than six pixels from where nothing is, along rows, columns and diagonals."""
+        return torch.from_numpy(distance_transform_cdt(self.seen.covered[0].numpy()) > 6)[None]
 
 
 def bumps(light: tuple[float, float, float] = (-3.0, -3.0, 0.0)) -> Subject:

@@ -51,8 +51,8 @@ def _table(record: Mapping[str, Any]) -> list[str]:
         "",
         "Contrast gain, in brackets that of the specification (asked: within 15 %, and a gain by projection of at",
         "least 1.2 in every row). With the light beside the eye the line between lit and unlit runs through both",
-        "regions; the step there weighs most in the figures, and they differ by more than asked. How the outline is",
-        "left out, too: six pixels by Euclidean distance here.",
+        "regions; the step there weighs most in the figures, and with side light in front they differ by more than",
+        "asked. The outline is left out by six pixels along rows, columns and diagonals.",
         "",
         *table(head, rows),
     ]
@@ -65,8 +65,8 @@ def _objects(record: Mapping[str, Any]) -> list[str]:
         "*Shift* is that of the mean level; *overshoot* the 99.9th percentile of the change within 4 pixels of",
         "creases; *ridges* the area under the ROC curve of the change as a detector of the 5 % of the surface with the",
         "strongest principal curvature (libigl). Asked: grazing at least 1.2 times that of Radiance Scaling at a shift",
-        "of at most 0.03, ridges 0.05 above it; overshoot with the limit at most a third of that without, grazing",
-        "still 1.1: a narrower limit reaches the third and loses the gain, a wider one the other way round.",
+        "of at most 0.03, ridges 0.05 above it; overshoot with the limit (`overshoot_limit=1/3`) at most a third of",
+        "that without, grazing still 1.1.",
         "",
     ]
     for name, rows in record["objects"].items():

@@ -34,7 +34,7 @@ from torchrender.report.enhancement.sheet import write_sheet
 LIGHTS = ((0.0, 0.0, 0.0), (-3.0, -3.0, 0.0), (3.0, -3.0, 0.0))
 EVEN = EnhanceOptions(plain_weight=1.0, gradient_weight=0.6, exponent=1.5, centred=True)
 SHIFT = 0.03
-LIMITED = replace(EVEN, range_limit=0.25)
+LIMITED = replace(EVEN, overshoot_limit=1 / 3)
 OURS = {"ours": EVEN, "ours, limited": LIMITED}
 DISTANCES_CM = (50.0, 100.0, 150.0, 200.0)
 
@@ -177,7 +177,7 @@ def times(data: Path, quick: bool) -> dict[str, Any]:
     lit = scene.with_default_light()
     camera = lit.camera(width=size, height=size)
     history = render(lit, camera, history=_history()).history
-    wishes = {"plain": None, "enhanced": EnhanceOptions(), "limited": EnhanceOptions(range_limit=0.25)}
+    wishes = {"plain": None, "enhanced": EnhanceOptions(), "limited": EnhanceOptions(overshoot_limit=1 / 3)}
     past = render(lit, camera, history=history, options=RenderOptions(enhance=EnhanceOptions())).history
     frames = {
         name: (lambda wish=wish: render(lit, camera, history=past, options=RenderOptions(enhance=wish)))

@@ -25,6 +25,7 @@ from torchrender.walkthrough.frames.exposure import apply_gain
 from torchrender.walkthrough.frames.prepare import read_frame
 from torchrender.walkthrough.frames.record import Array, RgbdSequence
 from torchrender.walkthrough.frames.registration import shifted
+from torchrender.walkthrough.frames.rim import empty_rim
 from torchrender.walkthrough.model import Walkthrough
 from torchrender.walkthrough.options import DrawOptions
 from torchrender.walkthrough.review.held_out import code_psnr, held_out_error, photo_camera
@@ -84,8 +85,9 @@ def peer_row(
         begin = time.perf_counter()
         image, mask = draw(camera)
         ms.append(1e3 * (time.perf_counter() - begin))
-        psnr.append(code_psnr(image, color, mask))
-        coverage.append(float(mask.float().mean()))
+        shown = torch.from_numpy(~empty_rim(color))
+        psnr.append(code_psnr(image, color, mask & shown))
+        coverage.append(float(mask[shown].float().mean()))
     share = float(np.mean(coverage))
     return Row(name, float(np.mean(psnr)), share, float(np.median(ms)), 1.0 - share)
 

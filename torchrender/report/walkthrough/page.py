@@ -27,7 +27,8 @@ def _lines(record: dict[str, Any]) -> Iterator[str]:
     yield (
         f"The machine was shared: load {record['load'][0]:.1f} when it began, so wall times are upper bounds "
         "and processor"
-        " time stands beside them. PSNR is of sRGB values over the pixels that show something."
+        " time stands beside them. PSNR is of sRGB values over the pixels that show something; the empty rim of"
+        " undistorted photos does not count."
     )
     yield ""
     if "synthetic" in record:

@@ -45,6 +45,9 @@ SHARED: dict[str, tuple[tuple[float, ...] | None, int]] = {
 }
 """Intrinsics where the folder has none, and every how manieth photo is held out."""
 
+SHARE = 0.25
+"""Of raw size that the shared sequences are kept to, as asked."""
+
 PARTS = ("synthetic", "livingroom1", "slambook2", "noisy")
 
 
@@ -93,7 +96,7 @@ def _part(part: str, study: StudyOptions, folder: Path, data: Path | None) -> di
         return None
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
-        return real(load_rgbd(place, intrinsics=lens), hold, study)
+        return real(load_rgbd(place, intrinsics=lens), hold, study, WalkthroughOptions(size_share=SHARE))
 
 
 def _step(name: str, work: Callable[[], Any]) -> Any:
@@ -181,13 +184,15 @@ def noisy(study: StudyOptions) -> dict[str, Any]:
     return real(sequence, 8 if views > 8 else 3, study)
 
 
-def real(sequence: RgbdSequence, hold_out: int, study: StudyOptions) -> dict[str, Any]:
+def real(
+    sequence: RgbdSequence, hold_out: int, study: StudyOptions, options: WalkthroughOptions | None = None
+) -> dict[str, Any]:
     """A capture with every so manieth photo held out, beside TSDF and warps, at the poses given and at the repaired
     ones."""
     begin, cpu = time.perf_counter(), time.process_time()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        stages = build_stages(sequence, hold_out=hold_out)
+        stages = build_stages(sequence, options, hold_out=hold_out)
     seconds, cpu_seconds = time.perf_counter() - begin, time.process_time() - cpu
     model, held = stages.walkthrough, stages.held
     assert held is not None

@@ -11,17 +11,21 @@ from torch import Tensor
 
 from torchrender.numerics.color import srgb_from_linear
 from torchrender.scene.camera import Cameras
-from torchrender.walkthrough.draw import FILLED, NOTHING, draw_walkthrough
+from torchrender.walkthrough.draw import FILLED, draw_walkthrough
 from torchrender.walkthrough.frames.prepare import Capture, Progress, prepare, quiet, read_frame
 from torchrender.walkthrough.frames.record import Array, RgbdSequence
 from torchrender.walkthrough.frames.registration import locate, shift_color, shifted
+from torchrender.walkthrough.frames.rim import empty_rim
 from torchrender.walkthrough.model import Walkthrough
 from torchrender.walkthrough.options import DrawOptions, WalkthroughOptions
 
 
 @dataclass(frozen=True)
 class HeldOutError:
-    """Error on N photos that the walkthrough was not made of. PSNR is of sRGB values, over covered pixels."""
+    """Error on N photos that the walkthrough was not made of. PSNR is of sRGB values, over covered pixels.
+
+    The empty rim of undistorted photos shows nothing: its pixels do not count.
+    """
 
     names: tuple[str, ...]
     psnr_db: tuple[float, ...]
@@ -114,6 +118,7 @@ def held_out_error(
         color, depth, lens = read_frame(frame)
         if not np.array_equal(affine, np.eye(2, 3)):
             color = shifted(color, affine)
+        shown = torch.from_numpy(~empty_rim(color))
         near = 1e-3 * max(walkthrough.diagonal, 1e-9)
         pose = (
             world @ frame.world_from_camera if poses is None else poses.get(frame.name, world @ frame.world_from_camera)
@@ -126,9 +131,9 @@ def held_out_error(
         rows.append(
             (
                 frame.name,
-                code_psnr(drawn.image[0], color, covered),
-                float((drawn.kind[0] != NOTHING).float().mean()),
-                float((drawn.kind[0] == FILLED).float().mean()),
+                code_psnr(drawn.image[0], color, covered & shown),
+                float(covered[shown].float().mean()),
+                float((drawn.kind[0] == FILLED)[shown].float().mean()),
                 float(np.median(off)) if len(off) else float("nan"),
                 sum(drawn.statistics[0].ms.values()),
             )

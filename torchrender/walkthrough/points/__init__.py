@@ -1,0 +1,1 @@
+"""Points of a walkthrough: how many, which belong together."""
