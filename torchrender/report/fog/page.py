@@ -22,7 +22,7 @@ def write_page(record: dict[str, Any], folder: Path) -> None:
         "First row: the box in even air, clear, with fog by the reference, by the method, and twice their difference;"
         " second row: in uneven air. Then photos, before and after.", "",
         "![The page for marks](../fog-page.jpg)", "",
-        "Marks are made in the browser, at `/fog.html` of `torchrender serve`: here five strokes labelled a street.", "",
+        "Marks are made in the browser, at `/fog.html` of `torchrender serve`: here by five strokes.", "",
     ]  # fmt: skip
     for part in (_asked, _verification, _centroid, _indirect, _kappa, _photos):
         lines += part(record)
