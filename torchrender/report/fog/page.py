@@ -16,8 +16,8 @@ def write_page(record: dict[str, Any], folder: Path) -> None:
     """``fog.md`` in ``folder``."""
     lines = [
         "# Fog, smoke and light shafts in a photograph, measured", "",
-        f"`python -m torchrender.report.fog` on {machine_line(record['machine'])}; times are the least of"
-        " three. Run time: about three minutes.", "",
+        f"`python -m torchrender.report.fog` on {machine_line(record['machine'])}; photos' times are"
+        " the least of three.", "", *([record["note"], ""] if "note" in record else []),
         "![Cornell box and photos](fog.jpg)", "",
         "First row: the box in even air, clear, with fog by the reference, by the method, and twice their difference;"
         " second row: in uneven air. Then photos, before and after.", "",
