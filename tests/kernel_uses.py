@@ -39,6 +39,8 @@ class Recorder:
 
         from torchrender.cli.warm_up import ColdStart
         from torchrender.kernels.compile import Kernel
+        from torchrender.kernels.shading import needs
+        from torchrender.kernels.stages import Stage
 
         plain, compiling = CPUDispatcher.__call__, Kernel.compile
 
@@ -54,6 +56,16 @@ class Recorder:
                 self.seconds.setdefault(with_types, time.process_time() - begin)
             return made
 
+        finding, keeping = Stage.address, needs._compiled
+
+        def address(stage: Any, *kinds: Any) -> int:
+            where = self._where()
+            if stage.need is not None and self.group == "render":
+                where = {f"render.shading.{stage.need}{self.suffix}"}
+            self.parts.setdefault(self._key(stage, kinds), set()).update(where)
+            return finding(stage, *kinds)
+
+        Stage.address, needs._compiled = address, keeping.__wrapped__  # asked for every picture
         asking, beginning = ColdStart.__call__, ColdStart.begin
         Kernel.__call__, Kernel.compile = call, compile_timed
         ColdStart.__call__, ColdStart.begin = lambda *_: False, lambda _: None
@@ -62,6 +74,7 @@ class Recorder:
         finally:
             del Kernel.__call__
             Kernel.compile = compiling
+            Stage.address, needs._compiled = finding, keeping
             ColdStart.__call__, ColdStart.begin = asking, beginning
 
     def run(self, group: str, work: Callable[[], Any], suffix: str = "") -> None:
@@ -120,6 +133,7 @@ def glb_scene(folder: Path) -> Any:
 
 def default_pictures() -> None:
     """What ``torchrender render`` does without options, and ``make demo``."""
+    from shading_scenes import LIGHTS, scene_of_all, views
     from torchrender.pipeline.options import RenderOptions
     from torchrender.renderer import render
 
@@ -128,6 +142,8 @@ def default_pictures() -> None:
     with tempfile.TemporaryDirectory() as folder:
         render(glb_scene(Path(folder)), width=SIDE, height=SIDE)
     render("living_room", width=SIDE, height=SIDE, options=RenderOptions(supersample=2.0))
+    scene = scene_of_all(*LIGHTS)
+    render(scene, views(SIDE, SIDE))
 
 
 def all_pictures() -> None:

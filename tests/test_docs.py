@@ -9,13 +9,17 @@ from pathlib import Path
 import pytest
 
 from torchrender.cli.main import main
+from torchrender.image import Image
 from torchrender.scene.procedural import SCENES
 
 README = (Path(__file__).resolve().parent.parent / "README.md").read_text()
 
 
-def blocks(language: str) -> list[str]:
-    return re.findall(rf"```{language}\n(.*?)```", README, re.DOTALL)
+PAGES = sorted((Path(__file__).resolve().parent.parent / "docs").glob("*.md"))
+
+
+def blocks(language: str, text: str = README) -> list[str]:
+    return re.findall(rf"```{language}\n(.*?)```", text, re.DOTALL)
 
 
 def test_the_python_example_runs(tmp_path, monkeypatch, capsys):
@@ -23,10 +27,26 @@ def test_the_python_example_runs(tmp_path, monkeypatch, capsys):
     # What needs a running server is tested with one, in tests/service.
     found = [block for block in blocks("python") if "StreamClient" not in block]
     assert found
+    pictures = []
     for block in found:
-        exec(compile(block, "README.md", "exec"), {})
+        names: dict[str, object] = {}
+        exec(compile(block, "README.md", "exec"), names)
+        pictures += [value for value in names.values() if isinstance(value, Image)]
+    assert pictures
+    for picture in pictures:
+        shown = picture.displayed()
+        assert float(shown.std()) > 0.05, "a reader would see a blank wall"
+        assert len(picture.visibility.object_id.unique()) > 4
     assert (tmp_path / "room.png").stat().st_size > 10_000
     assert "total" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_python_on_pages_runs(page: Path, tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for block in blocks("python", page.read_text()):
+        if "__main__" not in block:  # scripts that start processes are tested as files
+            exec(compile(block, page.name, "exec"), {})
 
 
 COMMANDS = re.findall(r"^    (torchrender .+)$", README, re.MULTILINE)
@@ -49,5 +69,6 @@ def test_command_lines_run(command, tmp_path, monkeypatch):
 
 def test_every_linked_file_exists():
     root = Path(__file__).resolve().parent.parent
-    missing = [link for link in re.findall(r"\]\(([^)#:]+)\)", README) if not (root / link).exists()]
-    assert not missing
+    for page in (root / "README.md", *PAGES):
+        links = re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text())
+        assert not [link for link in links if not (page.parent / link).exists()], page.name

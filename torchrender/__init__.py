@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from torchrender.points.file import open_points, write_points
     from torchrender.points.load import load_points
     from torchrender.points.options import SplatOptions
+    from torchrender.points.pack import PackOptions, pack_points
     from torchrender.points.tree import build_patches
     from torchrender.raster import rasterize, rasterize_depth
     from torchrender.rays import RayCaster
@@ -93,6 +94,7 @@ __all__ = [
     "Medium",
     "Mesh",
     "OccluderOptions",
+    "PackOptions",
     "Plan",
     "PointCloud",
     "PointLight",
@@ -141,6 +143,7 @@ __all__ = [
     "make_grid",
     "next_views",
     "open_points",
+    "pack_points",
     "plan",
     "rasterize",
     "rasterize_depth",
@@ -220,6 +223,7 @@ _HOME = {
     "ShadowOptions": "torchrender.effects.shadows.shadow_map",
     "SoftShadowOptions": "torchrender.effects.shadows.soft_shadow",
     "SolidOptions": "torchrender.voxels.solid",
+    "PackOptions": "torchrender.points.pack",
     "SplatOptions": "torchrender.points.options",
     "SpotLight": "torchrender.scene.light",
     "Style": "torchrender.photo.style.session",
@@ -249,6 +253,7 @@ _HOME = {
     "reflective_pixels": "torchrender.effects.reflections.reflectors",
     "plan": "torchrender.planning.planner",
     "render": "torchrender.renderer",
+    "pack_points": "torchrender.points.pack",
     "render_points": "torchrender.points.draw",
     "render_volume": "torchrender.voxels.volume",
     "reproject": "torchrender.reconstruct.reproject",

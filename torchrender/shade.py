@@ -16,6 +16,7 @@ from torchrender.checks import ArrayLike, as_vector, check_choice, check_tensor
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
 from torchrender.shading.fused import is_of, send_fused
+from torchrender.shading.lights import LightLists
 from torchrender.shading.lobes import Around
 from torchrender.shading.plain import CHUNK, send
 from torchrender.shading.surface import Reader
@@ -86,6 +87,7 @@ def sent_light(
     area_light: str = "polygon",
     around: AmbientReach | None = None,
     mirrors: bool = True,
+    lists: LightLists | None = None,
 ) -> SentLight:
     """The same with what mirrors need; arguments and errors as of :func:`shade`.
 
@@ -94,21 +96,24 @@ def sent_light(
 
     Args:
         mirrors: False leaves the parts that mirrors need without pixels.
+        lists: lights that may reach each block of pixels, and for which of them ``visibility`` has images, in their
+            order; None: any light any pixel, one image for each.
     """
     check_choice("area_light", area_light, AREA_LIGHTS)
     check_tensor("samples.covered", samples.covered, ("B", "H", "W"))
     count, height, width = samples.covered.shape
     if visibility is not None:
-        check_tensor("visibility", visibility, (count, len(scene.lights), height, width))
-        visibility = visibility.permute(1, 0, 2, 3).reshape(len(scene.lights), count * height * width)
+        given = len(scene.lights) if lists is None or lists.shaded is None else len(lists.shaded)
+        check_tensor("visibility", visibility, (count, given, height, width))
+        visibility = visibility.permute(1, 0, 2, 3).reshape(given, count * height * width)
     reach = _flat(around, (count, height, width))
     shape = (count, height, width, 3)
     if is_of(samples, scene) and not wants_gradient(scene, visibility, reach.visibility):
         color = None if background is None else as_vector("background", background)
-        sent = send_fused(scene, samples, visibility, reach, (area_light, color, mirrors))
+        sent = send_fused(scene, samples, visibility, reach, (area_light, color, mirrors), lists)
         radiance = sent.radiance.T
     else:
-        sent = send(scene, samples, visibility, reach, area_light)
+        sent = send(scene, samples, _of_all(scene, visibility, lists), reach, area_light)
         radiance = sent.radiance.T
         covered = samples.covered.reshape(-1)
         if isinstance(samples, GBuffer) and not bool(covered.all()):
@@ -119,6 +124,14 @@ def sent_light(
         return SentLight(radiance.reshape(shape), MirrorShare(none, none))
     share = MirrorShare(sent.replaced.T.reshape(shape), sent.mirrored.T.reshape(shape))
     return SentLight(radiance.reshape(shape), share)
+
+
+def _of_all(scene: Scene, visibility: Tensor | None, lists: LightLists | None) -> Tensor | None:
+    """Shadow factors (L,N) of all lights."""
+    if visibility is None or lists is None or lists.shaded is None:
+        return visibility
+    rows = torch.tensor(lists.shaded, dtype=torch.int64)
+    return torch.ones(len(scene.lights), visibility.shape[1]).index_copy(0, rows, visibility)
 
 
 def diffuse_color(scene: Scene, gbuffer: GBuffer) -> Tensor:

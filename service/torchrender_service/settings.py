@@ -27,7 +27,7 @@ Count = Annotated[int, Meta(ge=1, le=2**40)]
 Seconds = Annotated[float, Meta(gt=0.0, le=86400.0)]
 PREFIX = "TORCHRENDER_"
 LOOPBACK_NAMES = ("localhost", "127.0.0.1", "[::1]", "::1")
-BUILT_IN = ("living_room", "cornell_box", "washroom", "nest", "grass", "city", "tree")
+BUILT_IN = ("living_room", "cornell_box", "washroom", "nest", "grass", "city", "tree", "walker")
 
 
 class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

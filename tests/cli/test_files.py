@@ -77,6 +77,25 @@ def test_points_given_to_render_and_meshes_to_points(tmp_path: Path, capsys: pyt
     assert "holds surfaces: sampled by 1,000,000 points" in capsys.readouterr().err
 
 
+def test_points_are_packed_within_a_bound_of_memory(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """To a file, or to a picture by way of one; and what faces away is drawn all the same, which is said."""
+    head = "ply\nformat ascii 1.0\nelement vertex 400\n" + "".join(
+        f"property float {n}\n" for n in ("x", "y", "z", "nx", "ny", "nz")
+    )
+    rows = "\n".join(f"{k % 20 / 20} {k // 20 / 20} 0 0 0 -1" for k in range(400))
+    path = tmp_path / "away.ply"
+    path.write_text(head + "end_header\n" + rows + "\n")
+    assert run("points", path, "-o", tmp_path / "a.trp", "--memory", 128) == 0
+    assert "400 points" in capsys.readouterr().out
+    for name, more in (("a.png", ()), ("b.png", ("--memory", 128))):
+        assert run("points", path, "-o", tmp_path / name, "--size", "32x32", *more) == 0
+        assert "away.ply: all points face away: drawn from both sides" in capsys.readouterr().err
+        assert float(read_image(tmp_path / name).max()) > 0.1
+    assert run("points", path, "-o", tmp_path / "c.trp", "--memory", 1) == 2
+    assert "memory_mb must be in [128.0" in capsys.readouterr().err
+    assert sorted(f.name for f in tmp_path.iterdir()) == ["a.png", "a.trp", "away.ply", "b.png"]
+
+
 def test_invalid_vertices_can_be_dropped(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv nan 0 0\nf 1 2 3\nf 2 3 4\n")
     assert run("render", tmp_path / "a.obj", "-o", tmp_path / "a.png", "--size", "32x32") == 2
@@ -114,3 +133,18 @@ def test_long_steps_are_shown_to_who_watches(monkeypatch: pytest.MonkeyPatch) ->
     with output.waiting("reading a.ply"):
         pass
     assert not quick.getvalue()
+
+
+def test_shares_of_long_steps_are_shown_to_who_watches(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Terminal(io.StringIO):
+        def isatty(self) -> bool:
+            return True
+
+    for patience, stream, seen in ((0.0, Terminal(), True), (9.0, Terminal(), False), (0.0, io.StringIO(), False)):
+        monkeypatch.setattr(output, "PATIENCE_S", patience)
+        monkeypatch.setattr("sys.stderr", stream)
+        with output.sharing("a.ply") as show:
+            for share in (0.25, 0.5, 1.0):
+                show("reading", share)
+                time.sleep(0.15)
+        assert ("a.ply: reading:  50%" in stream.getvalue()) == seen, stream.getvalue()

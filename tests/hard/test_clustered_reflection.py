@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import warnings
 from dataclasses import replace
 
@@ -13,7 +12,6 @@ import torch
 from reflection_scenes import (
     clustered,
     looking,
-    materials,
     mirror_scene,
     prepared,
     rectangle,
@@ -220,60 +218,6 @@ def test_batches_and_parallel_projection() -> None:
 # ------------------------------------------------------------------- marching
 
 
-def wall_image(size: int = 32, depth: float = 4.0, low: float = -9.0):
-    """A camera at the origin, looking along z at a wall of two triangles, which covers columns from ``low`` on."""
-    vertices = np.array([[low, -9.0, depth], [9.0, -9.0, depth], [9.0, 9.0, depth], [low, 9.0, depth]])
-    faces = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
-    v, u = np.meshgrid(np.arange(size) + 0.5, np.arange(size) + 0.5, indexing="ij")
-    x, y = (u - size / 2) / (size / 2) * depth, (v - size / 2) / (size / 2) * depth
-    seen = x >= low
-    image = np.where(seen, depth, np.inf).astype(np.float32)
-    triangle = np.where(seen, np.where(x - low > (y + 9.0) * (9.0 - low) / 18.0, 0, 1), -1).astype(np.int64)
-    matrix = np.array([[size / 2, 0, size / 2, 0], [0, size / 2, size / 2, 0], [0, 0, 1.0, 0]])
-    return (vertices, faces), image, triangle, (matrix, 0.1, 2.0 / size)
-
-
-def march(origins, directions, image=None, end: float = 20.0):
-    scene, depth, triangle, lens = image or wall_image()
-    blocks = np.empty((-(-depth.shape[0] // 8), -(-depth.shape[1] // 8)), np.float32)
-    depth_march.nearest_depths(depth, blocks)
-    count = len(origins)
-    state, steps = np.zeros(count, np.uint8), np.zeros(2, np.int64)
-    found = depth_march.MarchedHits(
-        state, np.zeros(count), np.zeros(count, np.int64), np.zeros((count, 2), np.float32), steps
-    )
-    rays = (np.array(origins, np.float64), np.array(directions, np.float64))
-    ends = (1e-6, np.full(count, end))
-    seen = depth_march.DepthImage(depth, triangle, blocks, *lens)
-    depth_march.march_rays(scene, seen, 1e-4, rays, np.arange(count), ends, found)
-    return state, found[1:4]
-
-
-def test_known_rays() -> None:
-    origins = [[0, 0, 1], [0, 0, 1], [0.5, 0, 1], [0, 0, -3], [0, 0, 1], [0, 0, 3], [0.5, 0.2, 2]]
-    directions = [[0, 0, 1], [0, 0, -1], [0.2, 0, 1], [0, 0, 1], [1, 0, 0], [0.1, 0, 1e-9], [-0.4, 0.3, 1]]
-    state, (t, triangle, weights) = march(origins, directions)
-    hit = [0, 2, 3, 6]
-    assert state[hit].tolist() == [depth_march.HIT] * 4
-    assert t[hit] == pytest.approx([3.0, 3.0, 7.0, 2.0])
-    assert (triangle[hit] >= 0).all() and (weights[hit] >= -1e-6).all()
-    assert state[[1, 4]].tolist() == [depth_march.UNKNOWN] * 2  # behind the camera, out of the image
-    assert state[5] == depth_march.CLEAR  # along the wall, in view to its end
-
-
-def test_a_ray_of_no_length_and_one_that_ends_before_the_wall() -> None:
-    state, _ = march([[0, 0, 1], [0, 0, 1]], [[0, 0, 1], [0.1, 0, 1]], end=1e-6)
-    assert state.tolist() == [depth_march.CLEAR] * 2
-    state, _ = march([[0, 0, 1]], [[0, 0, 1]], end=2.5)
-    assert state.tolist() == [depth_march.CLEAR]
-
-
-def test_a_ray_behind_the_rim_of_something_is_open_not_a_hit() -> None:
-    image = wall_image(low=0.0)  # the wall covers the right half
-    state, _ = march([[-3.0, 0.0, 9.0]], [[1.0, 0.0, 0.0]], image, end=6.0)
-    assert state.tolist() == [depth_march.UNKNOWN]
-
-
 def test_depth_along_the_projection_is_exact() -> None:
     rng = np.random.default_rng(5)
     for _ in range(200):
@@ -287,25 +231,3 @@ def test_depth_along_the_projection_is_exact() -> None:
         screen = (1 - share) * a[:2] / a[2] + share * b[:2] / b[2]
         assert z == pytest.approx(point[2], rel=1e-9)
         assert point[:2] / point[2] == pytest.approx(screen, rel=1e-9, abs=1e-12)
-
-
-def test_march_matches_its_slow_twin() -> None:
-    """Every ray that a walk over all texels, without blocks, finds in front of a surface."""
-    rng = np.random.default_rng(2)
-    image = wall_image(size=48)
-    origins = rng.uniform(-0.5, 0.5, (300, 3)) + np.array([0, 0, 1.5])
-    directions = rng.normal(size=(300, 3))
-    state, (t, _, _) = march(origins, directions, image, end=15.0)
-    for i in range(300):
-        # The wall is all there is: rays that reach it inside the image hit it, all others do not.
-        dz = directions[i, 2]
-        length = (4.0 - origins[i, 2]) / dz if dz > 0 else math.inf
-        at = origins[i] + (length if length < 15.0 else 0.0) * directions[i]
-        if length < 15.0 and (np.abs(at[:2]) < 3.8).all():
-            assert state[i] == depth_march.HIT and t[i] == pytest.approx(length, rel=1e-9)
-        elif length >= 15.0 or (np.abs(at[:2]) > 4.2).any():
-            assert state[i] != depth_march.HIT
-
-
-def test_materials_of_the_test_scenes_are_reflectors() -> None:
-    assert [m.is_reflector for m in materials()] == [True, False, False, True]

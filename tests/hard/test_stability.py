@@ -32,22 +32,16 @@ PAIRS = list(pairs())
 
 
 KNOWN = {
-    ("scattering", "far away"): "not the picture of the case near the origin",
     (
         "light_reach",
         "light on surface",
     ): "float32 cosines at a light that lies in a surface: 1e-4 of the brightest",
     ("direct_light", "light on surface"): "the same",
     ("direct_light", "75 x 64"): "sums in another order: 1.1e-5 where 1e-5 is asked",
-    ("point_shadow", "all sizes"): "triangles of all sizes in one map: lit on faces that rays find dark",
-    ("soft_shadow", "all sizes"): "the same",
-    ("hit_shader", "all sizes"): "the same, on the three pixels that see a surface",
     (
         "ambient_visibility",
         "eye on mirror plane",
     ): "few pixels: the search misses what rays find, 0.28 to 0.34",
-    ("ambient_visibility", "one pixel"): "the same",
-    ("ambient_visibility", "one row"): "the same",
 }
 """Faults that are known and not mended yet."""
 

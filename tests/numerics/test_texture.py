@@ -162,3 +162,14 @@ def test_values_stay_between_the_darkest_and_the_brightest_texel(size, seed, sca
     value = sample_texture(build_pyramid(texture), uv, torch.full((32,), footprint))
     low, high = texture.amin((0, 1)), texture.amax((0, 1))
     assert bool(((value >= low - 1e-6) & (value <= high + 1e-6)).all())
+
+
+@pytest.mark.parametrize("size", [(8, 8), (16, 4), (7, 12), (1, 5)])
+def test_a_pyramid_made_in_place_is_the_one_that_gradients_pass(size: tuple[int, int]) -> None:
+    parts = [picture(*size, channels, seed=channels) for channels in (3, 1)]
+    plain = module.pyramid_of(parts)
+    traced = module.pyramid_of([parts[0].clone().requires_grad_(True), parts[1]])
+    torch.testing.assert_close(plain.texels, traced.texels.detach())
+    assert traced.texels.requires_grad and plain.texels.shape[1] == 4
+    together = build_pyramid(torch.cat(parts, dim=2))
+    torch.testing.assert_close(together.texels, plain.texels)

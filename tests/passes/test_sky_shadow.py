@@ -8,13 +8,18 @@ from pathlib import Path
 import pytest
 import torch
 
+from torchrender.buffers import GBuffer
+from torchrender.effects.ambient.options import AmbientOptions
+from torchrender.effects.sky_shadows.light import prepare_light
 from torchrender.effects.sky_shadows.options import SkyShadowOptions, SphereOptions
 from torchrender.errors import InputError
 from torchrender.passes.light.sky_shadow import SKY_SHADOW, applies
 from torchrender.passes.outlook import Outlook
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
+from torchrender.rays import RayCaster
 from torchrender.renderer import render
+from torchrender.report.all_frequency.ways import mesh_bits, texel_sum
 from torchrender.scene.camera import Cameras
 from torchrender.scene.environment import Environment
 from torchrender.scene.load import load
@@ -82,14 +87,44 @@ def test_a_chosen_object_darkens_the_floor_and_brightens_nothing() -> None:
     assert float((coarse.radiance - dark.radiance).abs().mean()) < 0.25 * float(change.abs().mean())
 
 
-def test_what_stands_around_hides_its_share_first() -> None:
-    """No more light is taken away than there is left."""
+def by_rays(scene: Scene, gbuffer: GBuffer, albedo: float) -> tuple[torch.Tensor, torch.Tensor]:
+    """Radiance (N,3) of some pixels with up-facing white floor, a ray through every texel; and the rows."""
+    rows = (gbuffer.covered & (gbuffer.normal[..., 1] > 0.99)).reshape(-1).nonzero().reshape(-1)[::9]
+    points, normals = gbuffer.position.reshape(-1, 3)[rows], gbuffer.normal.reshape(-1, 3)[rows]
+    assert scene.environment is not None
+    hidden = mesh_bits(RayCaster(scene.geometry), points, normals, 1e-4)
+    return albedo * texel_sum(hidden, normals, prepare_light(scene.environment)), rows
+
+
+@pytest.mark.parametrize("walls", [0, 1])
+def test_it_takes_the_occluders_place_among_what_hides_the_sky(walls: int) -> None:
+    """A ball alone, and beside a wall: each hides its part of the sky once."""
     scene = still(sky())
-    plain = render(scene, view(), options=RenderOptions())
-    dark = render(scene, view(), options=RenderOptions(sky_shadow=QUICK, buffers=("sky_shadow",)))
-    change = plain.radiance - dark.radiance
-    assert float(change.min()) > -1e-5 and float(change.max()) > 0.05
-    assert float((change - dark.buffers[SKY_SHADOW.name]).max()) < 1e-4
+    if walls:
+        corners = torch.tensor([[-1.2, 0, -3], [-1.2, 2, -3], [-1.2, 2, 3], [-1.2, 0, 3]])
+        wall = Mesh(vertices=corners, faces=torch.tensor([[0, 1, 2], [0, 2, 3]]), name="wall")
+        scene = replace(scene, meshes=(*scene.meshes, wall))
+    usual = RenderOptions(ambient_visibility="traced", ambient=AmbientOptions(rays=64), buffers=("gbuffer",))
+    wanted, rows = by_rays(scene, render(scene, view(), options=usual).buffers["gbuffer"], 0.8)
+    error = {}
+    for name, options in {
+        "ambient": usual,
+        "occluder": replace(usual, ambient_visibility="off", sky_shadow=QUICK),
+        "both": replace(usual, sky_shadow=QUICK),
+        "by depth images": replace(usual, ambient_visibility="horizon", sky_shadow=QUICK),
+    }.items():
+        found = render(scene, view(), options=options).radiance.reshape(-1, 3)[rows]
+        error[name] = float((found - wanted).abs().mean() / wanted.mean())
+    if walls:  # of which ambient visibility knows a number only
+        assert max(error["both"], error["by depth images"]) < min(error["ambient"], error["occluder"])
+    else:
+        assert error["both"] < 0.25 * error["ambient"] and error["by depth images"] < 0.6 * error["ambient"]
+
+
+def test_what_ambient_visibility_took_too_much_comes_back() -> None:
+    """Before a dim part of the sky the ball hides less light than its share of the sky."""
+    lost = render(still(sky()), view(), options=RenderOptions(sky_shadow=QUICK, buffers=("sky_shadow",)))
+    assert float(lost.buffers["sky_shadow"].min()) < -0.01 and float(lost.radiance.min()) >= 0
 
 
 def test_an_environment_without_light_takes_none_away() -> None:

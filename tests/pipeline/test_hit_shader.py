@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 import torch
 from torch import Tensor
@@ -15,6 +17,7 @@ from torchrender.rays import RayCaster
 from torchrender.renderer import render
 from torchrender.report.common.hits import hit_shader
 from torchrender.scene.camera import Cameras
+from torchrender.scene.environment import Environment
 from torchrender.scene.material import Material
 from torchrender.scene.model import Scene
 from torchrender.scene.shapes import quad
@@ -71,3 +74,28 @@ def test_far_checks_in_a_mirror_read_near_their_mean() -> None:
     on_card = seen[108:132, 108:132]
     assert float(on_card.mean()) == pytest.approx(0.5, abs=0.05)
     assert float(on_card.std()) < 0.05
+
+
+def test_a_mirror_shows_metal_with_its_textures() -> None:
+    """Polished gold by its texture alone, seen by way of a mirror under a white sky: what is seen of it directly."""
+    gold = torch.tensor([1.0, 0.6, 0.2])
+    metal = Material(
+        diffuse=torch.ones(3),
+        diffuse_texture=gold.expand(4, 4, 3).contiguous(),
+        metallic=1.0,
+        roughness=1.0,
+        metallic_roughness_texture=torch.tensor([0.0, 0.0, 1.0]).expand(4, 4, 3).contiguous(),
+    )
+    mirror = quad(torch.tensor([-4.0, -4.0, 0.0]), torch.tensor([8.0, 0.0, 0.0]), torch.tensor([0.0, 8.0, 0.0]))
+    plate = quad(torch.tensor([4.0, -4.0, 9.0]), torch.tensor([-8.0, 0.0, 0.0]), torch.tensor([0.0, 8.0, 0.0]))
+    scene = Scene(
+        meshes=(replace(mirror, material=0), replace(plate, material=1)),
+        materials=(Material(specular=1.0, diffuse=torch.zeros(3)), metal),
+        environment=Environment.constant(torch.ones(3)),
+    )
+    camera = Cameras.look_at([0.0, 0.0, 4.0], [0.3, 0.2, 0.0], width=32, height=32, fov_deg=20.0)
+    options = RenderOptions(reflections="traced", tracing=TraceOptions(bounces=3), ambient_visibility="off")
+    seen = render(scene, camera, options=options).radiance[0, 8:24, 8:24].reshape(-1, 3).mean(dim=0)
+    # The plate mirrors the mirror, which mirrors the plate once more, and so on: between one and three times gold.
+    assert bool((seen <= gold + 0.02).all()) and bool((seen >= gold**3 - 0.02).all())
+    assert float(seen[2] / seen[0]) < 0.4

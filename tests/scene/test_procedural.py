@@ -44,7 +44,7 @@ from torchrender.scene.procedural.parts.vessels import basin_tap, bottle, bowl, 
 
 ROOT = Path(__file__).resolve().parents[2]
 USUAL = {"nest": 67_000, "grass": 56_000, "city": 50_000, "tree": 113_000, "living_room": 280_000, "washroom": 90_000,
-         "hall": 40_000, "street_lamp": 30_000, "panes": 4_800}  # fmt: skip
+         "hall": 40_000, "street_lamp": 30_000, "panes": 4_800, "walker": 14_000}  # fmt: skip
 ROOMS = ("living_room", "washroom")
 OPEN = ("ground", "view hills", "view trees")  # surfaces that are seen from one side only
 _built: dict[str, Scene] = {}
@@ -175,7 +175,7 @@ def test_usual_count_and_cameras(name: str) -> None:
     wanted = USUAL.get(name, 96)
     assert abs(triangles(scene) - wanted) <= 0.05 * wanted
     assert next(iter(scene.cameras)) == "default" and "close" in scene.cameras
-    assert scene.name == name and scene.lights and (scene.ambient > 0).all()
+    assert scene.name == name and (scene.lights or scene.environment) and (scene.ambient > 0).all()
     camera = scene.camera(width=1024, height=768)
     assert float(camera.near) < 0.02 * scene.diagonal < float(camera.far)
 

@@ -112,11 +112,12 @@ def _render(arguments: argparse.Namespace) -> None:
 
 
 def _planned(scene: Any, camera: Any, options: Any, arguments: argparse.Namespace) -> list[str]:
-    """Names of the passes that a picture will run."""
+    """Names of the passes that a picture will run, and of what the scene needs from the kernel that shades."""
     from torchrender.planning.planner import plan
+    from torchrender.shading.needs import shading_needs
 
     made = plan(scene, camera, options=options, budget_ms=arguments.budget_ms, max_error=arguments.max_error)
-    return [row.name for row in made.running]
+    return [*(row.name for row in made.running), *shading_needs(scene)]
 
 
 def _plan(arguments: argparse.Namespace) -> None:

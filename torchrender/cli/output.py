@@ -8,7 +8,7 @@ import re
 import sys
 import threading
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -113,6 +113,24 @@ def waiting(what: str) -> Iterator[None]:
     finally:
         done.set()
         watcher.join()
+
+
+@contextmanager
+def sharing(what: str) -> Iterator[Callable[[str, float], None]]:
+    """A progress bar on stderr for steps that tell their share, after :data:`PATIENCE_S`, if somebody is watching."""
+    if not sys.stderr.isatty():
+        yield lambda _step, _share: None
+        return
+    from tqdm import tqdm
+
+    with tqdm(total=100, desc=what, delay=PATIENCE_S, file=sys.stderr, leave=False, bar_format="{l_bar}{bar}") as bar:
+
+        def show(step: str, share: float) -> None:
+            bar.set_description(f"{what}: {step}", refresh=False)
+            bar.n = round(100 * share)
+            bar.update(0)
+
+        yield show
 
 
 def progress(items: Iterable[T], unit: str) -> Iterable[T]:

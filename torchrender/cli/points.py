@@ -4,21 +4,25 @@ from __future__ import annotations
 
 import argparse
 import sys
+import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from torchrender.cli.arguments import add_size, camera_of, numbers
-from torchrender.cli.output import check_output, image_size
+from torchrender.cli.output import check_output, image_size, sharing, waiting
 from torchrender.errors import OptionError
 
 if TYPE_CHECKING:
     from torchrender.points.cloud import PointCloud
+    from torchrender.points.options import SplatOptions
     from torchrender.points.tree import PatchSet
     from torchrender.scene.camera import Cameras
 
 COMPRESSED = ".trp"
+LARGE = 256_000_000
+"""Bytes of a file of points from which on it is not read as a whole."""
 
 CameraOf = Callable[[Any, list[str], int, int], "Cameras"]
 
@@ -30,6 +34,12 @@ def add_points(parser: argparse.ArgumentParser) -> None:
         "-o", "--output", required=True, metavar="FILE", help="picture (.png, .exr) or compressed points (.trp)"
     )
     parser.add_argument("--drop-invalid", action="store_true", help="leave points that are NaN or infinite out")
+    parser.add_argument(
+        "--memory",
+        type=float,
+        metavar="MB",
+        help="pack the points on disk within that much memory; files of 256 MB and more always are (default 1024)",
+    )
     parser.add_argument("--samples", type=int, metavar="N", help="points to sample a mesh by (default 1,000,000)")
     parser.add_argument(
         "--filter",
@@ -50,10 +60,15 @@ def run_points(
     """Draw or compress; yields a line about what was written."""
     output = Path(arguments.output)
     check_output(output, (".png", ".exr", COMPRESSED))
-    from torchrender.points.file import write_points
+    from torchrender.points.file import open_points, write_points
     from torchrender.points.tree import PatchSet
 
+    source = Path(arguments.cloud)
     if output.suffix.lower() == COMPRESSED:
+        if _is_large(source, arguments.memory):
+            written, count = _pack(source, output, arguments), open_points(output).point_count
+            yield f"{output}  {count:,} points  {written:,} bytes  {written / count:.1f} a point, tree included"
+            return
         patches = _patches(arguments)
         if not isinstance(patches, PatchSet):
             raise OptionError(f"{COMPRESSED} files hold opaque discs: {arguments.cloud} has opacity or ellipsoids")
@@ -62,6 +77,30 @@ def run_points(
         yield f"{output}  {patches.point_count:,} points  {written:,} bytes  {share:.1f} a point, tree included"
         return
     from torchrender.points.draw import render_points
+
+    options = _options(arguments, background)
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
+        if _is_large(source, arguments.memory):
+            packed = Path(folder) / f"{source.stem}{COMPRESSED}"
+            _pack(source, packed, arguments)
+            model: Any = open_points(packed)
+        else:
+            model = _patches(arguments)
+        camera = camera_of(model, arguments.camera or [], *size)
+        drawn = render_points(model, camera, options)
+        found = drawn.statistics[0]
+        if not found.drawn and (found.back or found.patches_back) and not arguments.camera:
+            sys.stderr.write(f"{source}: all points face away: drawn from both sides\n")
+            drawn = render_points(model, camera, replace(options, two_sided=True))
+        del model  # closes the file
+    drawn.save(output)
+    found = drawn.statistics[0]
+    steps = "  ".join(f"{step} {elapsed:.0f} ms" for step, elapsed in found.ms.items())
+    yield f"{output}  {size[0]}x{size[1]}  {found.points:,} points, {found.drawn:,} drawn  {steps}"
+
+
+def _options(arguments: argparse.Namespace, background: list[float]) -> SplatOptions:
+    """How the command line wants points to be drawn."""
     from torchrender.points.options import SplatOptions
     from torchrender.points.select import SelectionOptions
 
@@ -70,19 +109,12 @@ def run_points(
         ratio = selection.fine_radius / selection.coarse_radius
         fine = max(0.3, min(2.0, ratio * arguments.radius))
         selection = replace(selection, coarse_radius=arguments.radius, fine_radius=fine)
-    options = SplatOptions(
+    return SplatOptions(
         filter=arguments.filter,
         selection=selection,
         two_sided=True if arguments.two_sided else None,
         background=(background[0], background[1], background[2]),
     )
-    patches = _patches(arguments)
-    camera = camera_of(patches, arguments.camera or [], *size)
-    drawn = render_points(patches, camera, options)
-    drawn.save(output)
-    found = drawn.statistics[0]
-    steps = "  ".join(f"{step} {elapsed:.0f} ms" for step, elapsed in found.ms.items())
-    yield f"{output}  {size[0]}x{size[1]}  {found.points:,} points, {found.drawn:,} drawn  {steps}"
 
 
 def draws_points(arguments: argparse.Namespace) -> bool:
@@ -102,6 +134,7 @@ def draws_points(arguments: argparse.Namespace) -> bool:
         output=arguments.output,
         samples=None,
         filter="adaptive",
+        memory=None,
         radius=None,
         two_sided=False,
         camera=(arguments.camera or [None])[0],
@@ -123,8 +156,27 @@ def _patches(arguments: argparse.Namespace) -> PatchSet | PointCloud:
         if arguments.samples is not None:
             raise OptionError("--samples is for meshes only")
         return open_points(arguments.cloud)
-    cloud = load_points(arguments.cloud, samples=arguments.samples, drop_invalid=arguments.drop_invalid)
-    return cloud if is_blended(cloud) else build_patches(cloud)
+    with waiting(f"reading {arguments.cloud}"):
+        cloud = load_points(arguments.cloud, samples=arguments.samples, drop_invalid=arguments.drop_invalid)
+        return cloud if is_blended(cloud) else build_patches(cloud)
+
+
+def _is_large(path: Path, memory_mb: float | None) -> bool:
+    """Whether a file of points is packed on disk, not read as a whole."""
+    if path.suffix.lower() != ".ply" or not path.is_file() or (memory_mb is None and path.stat().st_size < LARGE):
+        return False
+    from torchrender.points.load import holds_points
+
+    return holds_points(path)
+
+
+def _pack(source: Path, target: Path, arguments: argparse.Namespace) -> int:
+    from torchrender.points.pack import PackOptions, pack_points
+
+    memory = PackOptions.memory_mb if arguments.memory is None else arguments.memory
+    options = PackOptions(memory_mb=memory, drop_invalid=arguments.drop_invalid)
+    with sharing(str(source)) as show:
+        return pack_points(source, target, options, progress=show)
 
 
 def point_info(name: str, *, drop_invalid: bool = False) -> dict[str, Any] | None:
@@ -153,6 +205,8 @@ def point_info(name: str, *, drop_invalid: bool = False) -> dict[str, Any] | Non
 
     if not holds_points(path):
         return None
+    if _is_large(path, None):
+        return _survey_info(path)
     cloud = load_points(path, drop_invalid=drop_invalid)
     size = cloud.radius
     if cloud.spread is not None:
@@ -168,4 +222,23 @@ def point_info(name: str, *, drop_invalid: bool = False) -> dict[str, Any] | Non
         "radius": [float(size.min()), float(size.max())],
         "bounds": cloud.bounds.tolist(),
         "diagonal": cloud.diagonal,
+    }
+
+
+def _survey_info(path: Path) -> dict[str, Any]:
+    """What one look through a large file tells."""
+    from torchrender.points.pieces import PointPieces
+
+    pieces = PointPieces(path)
+    with waiting(f"reading {path}"):
+        survey = pieces.survey(1)
+    return {
+        "name": path.stem,
+        "points": survey.count,
+        "invalid": survey.invalid,
+        "bytes": path.stat().st_size,
+        "colors": pieces.has_color,
+        "normals": pieces.has_normals,
+        "bounds": survey.bounds.tolist(),
+        "diagonal": float(((survey.bounds[1] - survey.bounds[0]) ** 2).sum() ** 0.5),
     }

@@ -62,6 +62,7 @@ class StreamedKeyframe:
     pose: int  # number of the pose that asked for it, -1: none
     still: bool  # a refinement of a view that stands still
     samples: int  # pictures whose mean its colours are
+    scene_s: float | None  # seconds into the scene's animation; None: it stands as its file does
     images: tuple[KeyframeImage, ...]  # layer 0 first
     mirror: KeyframeImage | None  # what the mirrors of layer 0 show, where it seems to be
     plan: Mapping[str, Any] | None  # what ran and why
@@ -190,10 +191,8 @@ class StreamClient:
         self._sent[self._number] = now
         self._sent = dict(list(self._sent.items())[-256:])
         rates = (tuple(map(float, velocity)), tuple(map(float, spin)))
-        header = header_of(camera)
-        self._send(
-            Pose(seq=self._number, time_ms=1e3 * now, camera=header, velocity=rates[0], spin=rates[1], moving=moving)
-        )
+        told = {"velocity": rates[0], "spin": rates[1], "moving": moving}
+        self._send(Pose(seq=self._number, time_ms=1e3 * now, camera=header_of(camera), **told))  # type: ignore[arg-type]
         return self._number
 
     def wish(
@@ -204,15 +203,15 @@ class StreamClient:
         layers: int | None = None,
         density: float | None = None,
         asymmetry: float | None = None,
+        playing: bool | None = None,
     ) -> None:
         """Change what keyframes may cost or be off, and how many extra layers they have (None: as before).
 
-        ``density`` makes all media so many times as thick as they are in the scene, ``asymmetry`` gives them another g
-        (None: as before); nothing is loaded anew.
+        ``density`` makes all media so many times as thick as they are in the scene, ``asymmetry`` gives them another g,
+        ``playing`` starts and stops the scene's animation (None: as before); nothing is loaded anew.
         """
-        self._send(
-            Settings(budget_ms=budget_ms, max_error=max_error, layers=layers, density=density, asymmetry=asymmetry)
-        )
+        wish = {"budget_ms": budget_ms, "max_error": max_error, "layers": layers, "density": density}
+        self._send(Settings(**wish, asymmetry=asymmetry, playing=playing))  # type: ignore[arg-type]
 
     def resync(self) -> None:
         """Ask for a fresh keyframe and forget parts of others."""
@@ -237,16 +236,17 @@ class StreamClient:
     def view(self, camera: Cameras, *, options: ReprojectOptions | None = None) -> Reprojection:
         """The kept keyframes as other cameras see them, computed here.
 
-        The newest picture goes first; what it does not reach, and what stands in front of it, comes from its extra
-        layers and earlier keyframes. What mirrors show moves as mirrored points do, where the keyframe tells it.
-        ``source`` counts the newest keyframe's images first, then those of the one before it, and so on.
+        The newest picture goes first; what it does not reach comes from its extra layers and earlier keyframes of the
+        same time. What mirrors show moves as mirrored points do, where the keyframe tells it. ``source`` counts the
+        newest keyframe's images first, then those of the one before it, and so on.
 
         Raises:
             InputError: nothing was received yet.
         """
         if not self.kept:
             raise InputError("nothing was received yet: call receive() first")
-        images = [image for keyframe in reversed(self.kept) for image in keyframe.images]
+        now = [keyframe for keyframe in reversed(self.kept) if keyframe.scene_s == self.kept[-1].scene_s]
+        images = [image for keyframe in now for image in keyframe.images]
         images = [image for image in images if image.depth.shape == images[0].depth.shape]
         mirror = self.kept[-1].mirror
         if mirror is not None:
@@ -292,6 +292,7 @@ class StreamClient:
             pose=first.pose,
             still=first.still,
             samples=first.samples,
+            scene_s=first.scene_s,
             images=tuple(p for p, _ in self._parts if not p.header.mirrors),
             mirror=next((p for p, _ in self._parts if p.header.mirrors), None),
             plan=first.plan,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import threading
 import warnings
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,12 @@ from torch import Tensor
 from torchrender.errors import ImageFileError
 from torchrender.numerics.color import srgb_table
 
+Array = np.ndarray[Any, Any]
+
+_CACHED = 1 << 16
 FORMATS = ("PNG", "JPEG", "WEBP", "BMP", "TGA")
+_FILTERS = threading.Lock()
+"""Filters of warnings are the process's: only one thread at a time may set them aside."""
 PIXELS_PER_BYTE = {"PNG": 8 * 1032, "JPEG": 1024, "TGA": 128}
 """At most: deflate makes 1032 bytes of one, of one bit a pixel; a block of JPEG's 64 pixels takes half a bit."""
 
@@ -34,14 +40,14 @@ def _check_density(name: str | Path, picture: Image.Image, size: int) -> None:
         raise ImageFileError(name, f"cut off: declares {width} x {height} pixels, {size} bytes cannot hold them")
 
 
-def read_codes(data: bytes, name: str | Path, max_pixels: int) -> np.ndarray[Any, Any]:
+def read_codes(data: bytes, name: str | Path, max_pixels: int) -> Array:
     """(H,W,C) uint8 or uint16 of a PNG, JPEG, WebP, BMP or TGA picture, turned as its orientation tag says.
 
     Raises:
         ImageFileError: damaged, cut off, or larger than ``max_pixels``.
     """
     try:
-        with warnings.catch_warnings():
+        with _FILTERS, warnings.catch_warnings():
             # Pillow's own size limit only warns, and lower than ours; ours is checked before decoding.
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)
             picture: Image.Image = Image.open(io.BytesIO(data), formats=FORMATS)
@@ -49,17 +55,19 @@ def read_codes(data: bytes, name: str | Path, max_pixels: int) -> np.ndarray[Any
         _check_density(name, picture, len(data))
         deep = picture.format == "PNG" and data[24:25] == b"\x10"
         picture.load()
-        codes = _deep_png(data, name) if deep else _codes(ImageOps.exif_transpose(picture))
+        if deep:
+            return _deep_png(data, name)
+        ImageOps.exif_transpose(picture, in_place=True)
+        return _codes(picture)
     except ImageFileError:
         raise
     except Image.DecompressionBombError as error:
         raise ImageFileError(name, f"declares more pixels than the limit of {max_pixels}") from error
     except (UnidentifiedImageError, OSError, ValueError, SyntaxError, EOFError) as error:
         raise ImageFileError(name, f"damaged or cut off ({error})") from error
-    return codes
 
 
-def _codes(picture: Image.Image) -> np.ndarray[Any, Any]:
+def _codes(picture: Image.Image) -> Array:
     """(H,W,C) uint8."""
     if picture.mode not in ("L", "LA", "RGB", "RGBA"):
         clear = "transparency" in picture.info or picture.mode in ("PA", "La", "RGBa")
@@ -71,7 +79,7 @@ def _codes(picture: Image.Image) -> np.ndarray[Any, Any]:
     return codes[..., None] if codes.ndim == 2 else codes
 
 
-def _deep_png(data: bytes, name: str | Path) -> np.ndarray[Any, Any]:
+def _deep_png(data: bytes, name: str | Path) -> Array:
     """(H,W,C) uint16; Pillow would cut 16-bit colour to 8 bits."""
     import cv2  # slow to import, and few pictures need it
 
@@ -86,19 +94,32 @@ def _deep_png(data: bytes, name: str | Path) -> np.ndarray[Any, Any]:
     return codes[..., 2:] if data[25] == 4 else codes
 
 
-def scaled(codes: np.ndarray[Any, Any]) -> Tensor:
+def scaled(codes: Array) -> Tensor:
     """(H,W,C) float32 in [0,1]."""
-    return torch.from_numpy(codes.astype(np.float32) / np.float32(np.iinfo(codes.dtype).max))
+    plain = _shares(codes.dtype)
+    return _looked_up(codes, plain, plain, codes.shape[2])
 
 
-def linear(codes: np.ndarray[Any, Any]) -> Tensor:
+def linear(codes: Array) -> Tensor:
     """(H,W,C) float32 linear light; alpha is only scaled."""
-    bits = 8 * codes.dtype.itemsize
-    colors = 1 if codes.shape[2] <= 2 else 3
-    table = srgb_table(bits).numpy()
-    if codes.shape[2] == colors:
-        return torch.from_numpy(table[codes])
-    out = np.zeros(codes.shape, dtype=np.float32)
-    out[..., :colors] = table[codes[..., :colors]]
-    out[..., colors] = codes[..., colors] / np.float32(2**bits - 1)
+    table = srgb_table(8 * codes.dtype.itemsize).numpy()
+    return _looked_up(codes, table, _shares(codes.dtype), 1 if codes.shape[2] <= 2 else 3)
+
+
+def _shares(kind: np.dtype[Any]) -> Array:
+    """(K,) float32 share of the greatest code that each code is."""
+    most = np.iinfo(kind).max
+    shares: Array = np.arange(most + 1, dtype=np.float32) / np.float32(most)
+    return shares
+
+
+def _looked_up(codes: Array, table: Array, plain: Array, colors: int) -> Tensor:
+    """What tables (K,) say of each code: the first ``colors`` channels by ``table``, the others by ``plain``."""
+    out = np.empty(codes.shape, np.float32)
+    # Some rows at a time stay in the cache: an index takes eight times the memory of its codes.
+    rows = max(_CACHED // max(codes.shape[1] * codes.shape[2], 1), 1)
+    for row in range(0, len(codes), rows):
+        part = codes[row : row + rows]
+        np.take(table, part[..., :colors], out=out[row : row + rows, :, :colors], mode="clip")
+        np.take(plain, part[..., colors:], out=out[row : row + rows, :, colors:], mode="clip")
     return torch.from_numpy(out)

@@ -23,6 +23,7 @@ from numba.np.ufunc import parallel as numba_parallel
 
 from torchrender.errors import ForkError
 from torchrender.kernels.claims import Claim, take, wait
+from torchrender.kernels.front_end import shorten
 from torchrender.kernels.hooks import is_dealt_with
 from torchrender.kernels.keys import cache_folder, file_key, module_key, module_name
 from torchrender.kernels.libraries import KernelCompiler, is_used
@@ -30,6 +31,8 @@ from torchrender.kernels.store import CodeStore
 
 # Two threads that enter compiled code at once abort the process under the "workqueue" layer.
 numba_config.THREADING_LAYER_PRIORITY = ["omp", "tbb", "workqueue"]
+if is_used():
+    shorten()
 
 LOG = logging.getLogger("torchrender.kernels")
 
@@ -137,18 +140,17 @@ def kernel(*, parallel: bool = False, inline: bool = False) -> Callable[[Callabl
     def decorate(function: Callable[..., Any]) -> Any:
         if numba_config.DISABLE_JIT:
             return function
-        options: dict[str, Any] = {
-            "nopython": True,
-            "error_model": "numpy",
-            "nogil": True,
-            "parallel": parallel,
-            "boundscheck": None,
-        }
+        options = options_of(parallel=parallel)
         if inline:
             options["forceinline"] = True
         return Kernel(function, targetoptions=options)
 
     return decorate
+
+
+def options_of(*, parallel: bool = False) -> dict[str, Any]:
+    """How numba compiles all of them."""
+    return {"nopython": True, "error_model": "numpy", "nogil": True, "parallel": parallel, "boundscheck": None}
 
 
 def _refuse(self: Kernel, *_: Any, **__: Any) -> Any:

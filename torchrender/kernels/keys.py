@@ -24,7 +24,7 @@ _IMPORT = re.compile(
     r"|import torchrender\.kernels\.(?P<whole>[\w.]+))",
     re.MULTILINE,
 )
-_NO_CODE = frozenset({"claims", "compile", "hooks", "keys", "libraries", "store"})
+_NO_CODE = frozenset({"claims", "compile", "front_end", "hooks", "keys", "libraries", "store"})
 """Modules that make no machine code: the decorator and what it needs."""
 ANSWER_S = 5.0
 """A disk that says nothing for so long is not asked again."""

@@ -27,6 +27,8 @@ TESTED = {("0.68.1", "0.50.0")}
 """Versions of numba and llvmlite."""
 PLAIN = "TORCHRENDER_PLAIN_COMPILER"
 KIND = "torchrender-helper"
+OWN_CODE: set[Any] = set()
+"""Python functions that get machine code although Python never calls it."""
 _LOOP_PARTS = ("__numba_parfor_gufunc", "parallelgufuncwrapper", "<numba.np.ufunc.wrappers._GufuncWrapper")
 
 
@@ -128,7 +130,8 @@ class _Lowering(typed_passes.BaseNativeLowering):
     def run_pass(self, state: Any) -> bool:
         if state.library is None:
             codegen = state.targetctx.codegen()
-            kind = HelperLibrary if state.flags.no_cpython_wrapper else RootLibrary
+            is_linked = state.flags.no_cpython_wrapper and state.func_id.func not in OWN_CODE
+            kind = HelperLibrary if is_linked else RootLibrary
             state.library = kind(codegen, state.func_id.func_qualname)
             state.library.enable_object_caching()
         with _loops_as_helpers(state.targetctx.codegen()):

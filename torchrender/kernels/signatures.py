@@ -21,7 +21,8 @@ RECORDED = Path(__file__).parent.parent / "data" / "kernels.json"
 PACKAGE = "torchrender.kernels."
 GROUPS = ("render", "depth", "points", "voxels", "serve")
 """What kernels can be compiled for. The parts of ``render`` are named ``render.`` and the pass, with ``.more`` at the
-end what only other settings than the usual ones need; ``serve.first`` is what first keyframes need."""
+end what only other settings than the usual ones need, or ``render.shading.`` and what only some scenes have;
+``serve.first`` is what first keyframes need."""
 MORE = ".more"
 
 

@@ -6,6 +6,7 @@ top. Texel (j, i) covers one cell and its value sits at the cell's centre.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -50,20 +51,54 @@ def build_pyramid(texture: Tensor) -> TexturePyramid:
     and the mean of a level is kept where the sides are even.
     """
     check_tensor("texture", texture, ("H", "W", "C"))
-    levels = [texture.float()]
-    while max(levels[-1].shape[:2]) > 1:
-        height, width, _ = levels[-1].shape
-        image = levels[-1].permute(2, 0, 1)[None]
-        smaller = torch.nn.functional.adaptive_avg_pool2d(image, (max(height // 2, 1), max(width // 2, 1)))
+    return pyramid_of([texture])
+
+
+def pyramid_of(textures: Sequence[Tensor]) -> TexturePyramid:
+    """The pyramid of textures (H,W,C_k) of one size side by side, as one of all their channels."""
+    height, width, _ = textures[0].shape
+    sizes = [(height, width)]
+    while max(sizes[-1]) > 1:
+        sizes.append((max(sizes[-1][0] // 2, 1), max(sizes[-1][1] // 2, 1)))
+    shapes = torch.tensor(sizes, dtype=torch.int64)
+    counts = shapes[:, 0] * shapes[:, 1]
+    wanted = any(texture.requires_grad for texture in textures) and torch.is_grad_enabled()
+    texels = _in_a_row(textures, sizes) if wanted else _in_place(textures, sizes)
+    return TexturePyramid(texels, counts.cumsum(0) - counts, shapes[:, 1].contiguous(), shapes[:, 0].contiguous())
+
+
+def _in_a_row(textures: Sequence[Tensor], sizes: list[tuple[int, int]]) -> Tensor:
+    """Texels of all levels, through which derivatives are known."""
+    levels = [torch.cat([texture.float() for texture in textures], dim=2)]
+    for height, width in sizes[1:]:
+        smaller = torch.nn.functional.adaptive_avg_pool2d(levels[-1].permute(2, 0, 1)[None], (height, width))
         levels.append(smaller[0].permute(1, 2, 0))
-    sizes = torch.tensor([level.shape[:2] for level in levels], dtype=torch.int64)
-    counts = sizes[:, 0] * sizes[:, 1]
-    return TexturePyramid(
-        texels=torch.cat([level.reshape(-1, level.shape[2]) for level in levels]),
-        offset=counts.cumsum(0) - counts,
-        width=sizes[:, 1].contiguous(),
-        height=sizes[:, 0].contiguous(),
-    )
+    return torch.cat([level.reshape(-1, level.shape[2]) for level in levels])
+
+
+def _in_place(textures: Sequence[Tensor], sizes: list[tuple[int, int]]) -> Tensor:
+    """The same, each level written where it stays: textures of users are large."""
+    channels = sum(texture.shape[2] for texture in textures)
+    texels = torch.zeros(sum(h * w for h, w in sizes), channels)
+    first, (height, width) = 0, sizes[0]
+    finer = texels[: height * width].view(height, width, channels)
+    begin = 0
+    for texture in textures:
+        finer[..., begin : begin + texture.shape[2]] = texture.detach()
+        begin += texture.shape[2]
+    for height, width in sizes[1:]:
+        first += finer.shape[0] * finer.shape[1]
+        level = texels[first : first + height * width].view(height, width, channels)
+        if finer.shape[:2] == (2 * height, 2 * width):
+            rows = finer.view(height, 2, 2 * width, channels)
+            pairs = (rows[:, 0] + rows[:, 1]).view(height, width, 2, channels)
+            torch.add(pairs[:, :, 0], pairs[:, :, 1], out=level)
+            level *= 0.25
+        else:
+            image = finer.permute(2, 0, 1)[None]
+            level.copy_(torch.nn.functional.adaptive_avg_pool2d(image, (height, width))[0].permute(1, 2, 0))
+        finer = level
+    return texels
 
 
 def color_pyramid(texture: Tensor) -> TexturePyramid:

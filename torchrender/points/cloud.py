@@ -80,8 +80,11 @@ class PointCloud:
         return float((high - low).norm())
 
     def camera(self, name: str | None = None, *, width: int, height: int) -> Cameras:
-        """A camera that frames the points, of Gaussians with two standard deviations around them."""
+        """A camera that frames the points with their discs, of Gaussians two standard deviations around them."""
         bounds = self.bounds
+        if self.radius is not None:
+            reach = self.radius.double()[:, None]
+            bounds = torch.stack([(self.position - reach).amin(0), (self.position + reach).amax(0)])
         if self.spread is not None:
             reach = 2.0 * self.spread.diagonal(dim1=1, dim2=2).double().clamp_min(0.0).sqrt()
             bounds = torch.stack([(self.position - reach).amin(0), (self.position + reach).amax(0)])

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import struct
 import zlib
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,8 @@ VERSION = 1
 _MAGIC = b"TRPOINTS"
 _PREAMBLE = struct.Struct("<8sIIQQQI")
 _PAGE = 4096
+Array = np.ndarray[Any, Any]
+
 _COLOR, _TWO_SIDED, _OCTAHEDRON = 1, 2, 4
 
 
@@ -41,32 +44,71 @@ def write_points(path: str | Path, patches: PatchSet, *, normals: str = "angles"
     packed = compress(patches, normals=normals)
     nodes = packed.nodes
     assert isinstance(nodes, PackedNodes)
-    flags = _COLOR * nodes.has_color + _TWO_SIDED * packed.two_sided + _OCTAHEDRON * (normals == "octahedron")
-    headers = packed.headers
-    sums = np.zeros((len(headers), headers.levels), np.uint32)
-    for patch, level in np.ndindex(*sums.shape):
-        sums[patch, level] = _checksum(nodes.access, headers, patch, level)
-    arrays: dict[str, np.ndarray[Any, Any]] = {
-        name: getattr(headers, name).numpy() for name in ("box", "cone", "sigma", "radius", "count")
-    }
-    arrays |= {"palette": nodes.palette.numpy(), "sums": sums}
-    body = b"".join(
-        np.ascontiguousarray(arrays[name], dtype).tobytes()
-        for name, (dtype, _) in _fields(len(headers), headers.levels).items()
+    parts = [(nodes.access.codes, nodes.access.colors)]
+    return write_nodes(
+        path,
+        packed.headers,
+        nodes.palette,
+        parts,
+        has_color=nodes.has_color,
+        two_sided=packed.two_sided,
+        normals=normals,
     )
-    head = _PREAMBLE.pack(_MAGIC, VERSION, flags, len(headers), headers.levels, len(nodes), zlib.crc32(body))
-    head += struct.pack("<I", zlib.crc32(head))
+
+
+def write_nodes(
+    path: Path,
+    headers: PatchHeaders,
+    palette: torch.Tensor,
+    parts: Iterable[tuple[Array, Array | None]],
+    *,
+    has_color: bool,
+    two_sided: bool,
+    normals: str,
+) -> int:
+    """Write codes (T,8) and colours (T,3) that come in parts of whole patches; returns the size of the file.
+
+    Raises:
+        ImageFileError: the folder does not exist, or the file cannot be written.
+    """
+    flags = _COLOR * has_color + _TWO_SIDED * two_sided + _OCTAHEDRON * (normals == "octahedron")
+    arrays: dict[str, Array] = {n: getattr(headers, n).numpy() for n in ("box", "cone", "sigma", "radius", "count")}
+    sums = np.zeros((len(headers), headers.levels), np.uint32)
+    arrays |= {"palette": palette.numpy(), "sums": sums}
+    total = int(headers.start[-1, -1])
+    fields = _fields(len(headers), headers.levels)
+    size = _PREAMBLE.size + 4 + sum(np.dtype(dtype).itemsize * int(np.prod(shape)) for dtype, shape in fields.values())
+    codes_at = _aligned(size)
+    colors_at = _aligned(codes_at + 8 * total)
 
     def write(temporary: Path) -> None:
         with temporary.open("wb") as file:
-            file.write(head + body)
-            for data in (nodes.access.codes, nodes.access.colors):
-                if data is not None:
-                    file.write(b"\0" * (-file.tell() % _PAGE))
-                    file.write(np.ascontiguousarray(data).data)
+            node = 0
+            for codes, colors in parts:
+                file.seek(codes_at + 8 * node)
+                file.write(np.ascontiguousarray(codes).data)
+                if colors is not None:
+                    file.seek(colors_at + 3 * node)
+                    file.write(np.ascontiguousarray(colors).data)
+                _sum_up(sums, headers, NodeAccess(codes, colors), node)
+                node += len(codes)
+            body = b"".join(np.ascontiguousarray(arrays[n], dtype).tobytes() for n, (dtype, _) in fields.items())
+            head = _PREAMBLE.pack(_MAGIC, VERSION, flags, len(headers), headers.levels, total, zlib.crc32(body))
+            file.seek(0)
+            file.write(head + struct.pack("<I", zlib.crc32(head)) + body)
 
     write_atomically(path, write)
     return path.stat().st_size
+
+
+def _sum_up(sums: Array, headers: PatchHeaders, access: NodeAccess, first: int) -> None:
+    """Checksums of the patches whose nodes, from number ``first`` on, are given."""
+    start = headers.start.numpy()
+    rows = np.flatnonzero((start[:, 0] >= first) & (start[:, 0] < first + len(access.codes)))
+    for patch in rows.tolist():
+        for level in range(headers.levels):
+            low, high = (start[patch, level : level + 2] - first).tolist()
+            sums[patch, level] = _checksum_of(access, low, high)
 
 
 def open_points(path: str | Path) -> PatchSet:
@@ -146,7 +188,10 @@ class MappedAccess(NodeAccess):
 
 
 def _checksum(access: NodeAccess, headers: PatchHeaders, patch: int, level: int) -> int:
-    low, high = int(headers.start[patch, level]), int(headers.start[patch, level + 1])
+    return _checksum_of(access, int(headers.start[patch, level]), int(headers.start[patch, level + 1]))
+
+
+def _checksum_of(access: NodeAccess, low: int, high: int) -> int:
     found = zlib.crc32(np.ascontiguousarray(access.codes[low:high]).data)
     if access.colors is not None:
         found = zlib.crc32(np.ascontiguousarray(access.colors[low:high]).data, found)

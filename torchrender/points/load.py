@@ -15,12 +15,12 @@ from torchrender.checks import check_range
 from torchrender.errors import InputError, MeshError, SceneFileError, TorchRenderWarning
 from torchrender.points.cloud import PointCloud
 from torchrender.points.gaussians import covariances
+from torchrender.scene.files.content import read_bytes
 from torchrender.scene.files.gltf.container import GltfFile
 from torchrender.scene.files.gltf.points import has_only_points, read_gltf_points
 from torchrender.scene.files.plain.ply import declares_faces, read_ply
 from torchrender.scene.files.plain.ply_format import MAX_HEADER, read_header
 from torchrender.scene.files.report import Notes
-from torchrender.scene.files.source import read_bytes
 from torchrender.scene.load import load
 from torchrender.scene.model import Scene
 from torchrender.voxels.coverage import surface_alpha, surface_colors
@@ -60,7 +60,8 @@ def load_points(
         drop_invalid: leave points that are NaN or infinite out, in place of an error.
 
     Raises:
-        SceneFileError: missing, damaged or unsupported file, or positions that are not finite.
+        SceneFileError: missing, damaged or unsupported file, one that is too large (:func:`pack_points` takes files of
+            any size), or positions that are not finite.
         InputError: an unknown name; ``samples`` given for a file of points.
     """
     source = Path(path)

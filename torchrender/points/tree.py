@@ -132,8 +132,11 @@ class PatchSet:
         return float((high - low).norm())
 
     def camera(self, name: str | None = None, *, width: int, height: int) -> Cameras:
-        """A camera that frames the points."""
-        return framing_cloud(self.bounds, name, width, height)
+        """A camera that frames the points with their discs."""
+        reach = self.headers.radius[:, -1, 2:]
+        box = self.headers.box
+        bounds = torch.stack([(box[:, 0] - reach).amin(0), (box[:, 1] + reach).amax(0)])
+        return framing_cloud(bounds, name, width, height)
 
 
 @dataclass(frozen=True, eq=False)

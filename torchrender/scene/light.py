@@ -124,11 +124,29 @@ class RectLight:
         """(3,) float64 centre of the parallelogram."""
         return self.corner + (self.edge_u + self.edge_v) / 2
 
-    def samples(self, per_side: int) -> Tensor:
-        """(per_side^2, 3) float64 cell centres ``corner + (a+0.5)/n edge_u + (b+0.5)/n edge_v``; b runs fastest."""
-        t = (torch.arange(per_side, dtype=torch.float64) + 0.5) / per_side
-        grid = t[:, None, None] * self.edge_u.double() + t[None, :, None] * self.edge_v.double()
-        return (self.corner.double() + grid).reshape(-1, 3)
+    def samples(self, per_side: int, *, staggered: bool = False) -> Tensor:
+        """(per_side^2, 3) float64 points ``corner + s edge_u + t edge_v``, one in each of n x n cells; b runs fastest.
+
+        Cell centres ``s = (a+0.5)/n, t = (b+0.5)/n``; or staggered, as in :func:`cell_shares`.
+        """
+        s, t = cell_shares(per_side, staggered=staggered)[..., None].unbind(2)
+        return (self.corner.double() + (s * self.edge_u.double() + t * self.edge_v.double())).reshape(-1, 3)
+
+
+def cell_shares(n: int, *, staggered: bool = False) -> Tensor:
+    """(n,n,2) float64 shares of a square's edges, one point in each of n x n cells: its centre, or staggered.
+
+    Staggered points have n^2 different shares of either edge, one in each of n^2 equal steps: a shadow's edge that runs
+    along the light's covers them one by one, where it would cover n cell centres at once. Source: Chiu, Shirley and
+    Wang, Multi-jittered sampling, 1994; the order within cells is van der Corput's.
+    """
+    cell = torch.arange(n, dtype=torch.float64)
+    within = torch.full((n,), 0.5, dtype=torch.float64)
+    if staggered:
+        bits = torch.arange(max((n - 1).bit_length(), 1))
+        mirrored = ((torch.arange(n)[:, None] >> bits & 1) * 0.5 ** (bits + 1)).sum(dim=1)
+        within = (mirrored.argsort().argsort().double() + 0.5) / n
+    return torch.stack([cell[:, None] + within[None, :], cell[None, :] + within[:, None]], dim=-1) / n
 
 
 Light = PointLight | DirectionalLight | SpotLight | RectLight

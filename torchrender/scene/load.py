@@ -31,7 +31,8 @@ def load(
     Args:
         path_or_name: a path with a known suffix, or a name such as ``"city"``.
         size: triangles that a procedural scene should have, about; not for files.
-        time: seconds into an animation; None: the pose that the file stands in. :meth:`Scene.at` goes on from there.
+        time: seconds into an animation; None: the pose that the file stands in, or the start of ``animation`` where
+            one is named. :meth:`Scene.at` goes on from there.
         animation: its name or number; None: the first one.
         variant: name of a variant of the materials (KHR_materials_variants).
         subscene: name or number of one of several scenes in a glTF file; None: its default one.
@@ -47,13 +48,22 @@ def load(
     path = Path(path_or_name)
     suffix = path.suffix.lower()
     built_in = not suffix and len(path.parts) == 1 and not path.is_file()
-    if (built_in or suffix == SCENE_SUFFIX) and not choice.is_plain:
-        raise InputError(f"time, animation, variant and subscene are for glTF files, not for {path_or_name}")
+    if (built_in or suffix == SCENE_SUFFIX) and (variant is not None or subscene is not None):
+        raise InputError(f"variant and subscene are for glTF files, not for {path_or_name}")
     if built_in:
-        return build_procedural(str(path_or_name), size)
+        return _at(build_procedural(str(path_or_name), size), time, animation)
     if suffix not in (*MESH_SUFFIXES, SCENE_SUFFIX):
         reason = f"cannot read {suffix or 'files without suffix'}; supported: {SUPPORTED}"
         raise SceneFileError(path, reason if suffix or path.exists() else "no such file")
     if size is not None:
         raise InputError(f"size is for procedural scenes only, {path} is a file")
-    return load_scene_file(path) if suffix == SCENE_SUFFIX else load_mesh_file(path, choice)
+    return _at(load_scene_file(path), time, animation) if suffix == SCENE_SUFFIX else load_mesh_file(path, choice)
+
+
+def _at(scene: Scene, time: float | None, animation: str | int | None) -> Scene:
+    """The scene at a time of its animation, where one is asked for."""
+    if time is None and animation is None:
+        return scene
+    if not scene.animations:
+        raise InputError(f"time and animation are for scenes that move; {scene.name} has no animation")
+    return scene.at(time, animation)

@@ -13,12 +13,16 @@ from dataclasses import dataclass, field
 
 import torch
 from torch import Tensor
+from torch.utils.weak import WeakTensorKeyDictionary
 
 from torchrender.brief import brief
 from torchrender.checks import as_vector, check_choice, check_finite, check_not_negative, check_range
 from torchrender.errors import InputError, OptionError
 
 DIELECTRIC_F0 = 0.04
+
+_CHECKED: WeakTensorKeyDictionary = WeakTensorKeyDictionary()
+"""Versions of textures, float32, whose numbers are known to be right: materials are made anew with what they have."""
 
 WRAPS = ("repeat", "mirror", "clamp")
 FILTERS = ("trilinear", "bilinear", "nearest")
@@ -182,8 +186,12 @@ class Material:
             raise InputError(f"material {self.name!r}: {name} must have shape {shapes}, got {found}")
         if not texture.is_floating_point():
             raise InputError(f"material {self.name!r}: {name} must hold floats in linear light, got {texture.dtype}")
+        if _CHECKED.get(texture) == texture._version:
+            return
         told = f"material {self.name!r}: {name}"
-        object.__setattr__(self, name, check_not_negative(told, check_finite(told, texture.float())))
+        checked = check_not_negative(told, check_finite(told, texture.float()))
+        _CHECKED[checked] = checked._version
+        object.__setattr__(self, name, checked)
 
     def _check_model(self) -> None:
         if self.blend and self.alpha_cutoff is not None:

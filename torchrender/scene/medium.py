@@ -33,8 +33,8 @@ class Medium:
         OptionError: ``asymmetry`` outside [-0.99, 0.99], ``falloff`` negative, another ``density_scales``.
     """
 
-    low: Tensor  # (3,) smallest corner
-    high: Tensor  # (3,) largest corner
+    low: Tensor  # (3,) float64 smallest corner
+    high: Tensor  # (3,) float64 largest corner
     absorption: Tensor = field(default_factory=lambda: torch.zeros(3))  # (3,) 1/unit
     scattering: Tensor = field(default_factory=lambda: torch.full((3,), 0.1))  # (3,) 1/unit
     emission: Tensor = field(default_factory=lambda: torch.zeros(3))  # (3,) radiance
@@ -48,8 +48,11 @@ class Medium:
     __repr__ = brief
 
     def __post_init__(self) -> None:
+        # Places are float64: float32 steps far from the origin would move the sides of the box.
         for name in ("low", "high", "absorption", "scattering", "emission"):
-            object.__setattr__(self, name, as_vector(f"medium {self.name!r}: {name}", getattr(self, name)))
+            dtype = torch.float64 if name in ("low", "high") else torch.float32
+            value = as_vector(f"medium {self.name!r}: {name}", getattr(self, name), dtype=dtype)
+            object.__setattr__(self, name, value)
         if not bool((self.high > self.low).all()):
             raise InputError(f"medium {self.name!r}: high must exceed low, got {self.low} and {self.high}")
         for name in ("absorption", "scattering", "emission"):
@@ -131,7 +134,9 @@ def medium_from_values(values: Mapping[str, Any]) -> Medium:
     for name in ("low", "high"):
         if name not in values:
             raise InputError(f"a medium needs {name}")
-    made: dict[str, Any] = {name: as_vector(f"medium: {name}", values[name]) for name in _VECTORS if name in values}
+    made: dict[str, Any] = {
+        name: as_vector(f"medium: {name}", values[name], dtype=torch.float64) for name in _VECTORS if name in values
+    }
     for name in (*_NUMBERS, "density"):
         if name not in values:
             continue

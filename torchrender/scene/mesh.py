@@ -76,6 +76,32 @@ class Mesh:
                 f"mesh {self.name!r}: faces must index {v.shape[0]} vertices, got {int(f.min())} to {int(f.max())}"
             )
 
+    def transformed(self, matrix: Tensor | Sequence[Sequence[float]]) -> Mesh:
+        """Turned, moved, scaled or sheared by a (4,4) matrix; faces are turned round where it mirrors.
+
+        Raises:
+            MeshError: another shape, not finite, not affine, or singular.
+        """
+        m = torch.as_tensor(matrix, dtype=torch.float64)
+        told = f"mesh {self.name!r}: matrix"
+        if m.shape != (4, 4) or not bool(torch.isfinite(m).all()):
+            raise MeshError(f"{told} must be finite with shape (4, 4), got {describe(m)}")
+        linear, size = m[:3, :3], torch.linalg.det(m[:3, :3])
+        if bool((m[3] != torch.tensor([0.0, 0.0, 0.0, 1.0], dtype=torch.float64)).any()):
+            raise MeshError(f"{told} must have the last row 0 0 0 1, got {m[3].tolist()}")
+        if not abs(float(size)) > 1e-12 * float(linear.abs().max()) ** 3:
+            raise MeshError(f"{told} must be invertible, its determinant is {float(size):.3g}")
+        vertices = (self.vertices.double() @ linear.T + m[:3, 3]).to(self.vertices.dtype)
+        faces = self.faces if size > 0 else self.faces.flip(1)
+        normals, tangents = self.normals, self.tangents
+        if normals is not None:
+            turned = torch.nn.functional.normalize(normals.double() @ torch.linalg.inv(linear), dim=1)
+            normals = turned.to(normals.dtype)
+        if tangents is not None:
+            along = torch.nn.functional.normalize(tangents[:, :3].double() @ linear.T, dim=1)
+            tangents = torch.cat([along, tangents[:, 3:].double() * size.sign()], dim=1).to(tangents.dtype)
+        return replace(self, vertices=vertices, faces=faces, normals=normals, tangents=tangents)
+
 
 @dataclass(frozen=True, eq=False)
 class Geometry:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
+from difflib import get_close_matches
 from functools import cache, cached_property
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -46,6 +48,7 @@ class Scene:
     name: str = "scene"
     motions: tuple[Motion, ...] = ()  # what may move: see at()
     photometric: bool = False  # lights are in candela and lux: a picture needs an exposure to match
+    photo_light: bool = False  # colours are of photos, ambient light and its shadows in them: nothing hides it again
     report: LoadReport = NOTHING  # what a file was read as
 
     __repr__ = brief
@@ -158,13 +161,67 @@ class Scene:
         """
         old = Moving(self.meshes, self.lights, self.cameras, self.motions)
         new = at_time(old, time, animation)
-        scene = replace(self, **new._asdict())
+        return self._followed_by(replace(self, **new._asdict()))
+
+    def _followed_by(self, scene: Scene) -> Scene:
+        """``scene``, whose meshes are these at other places, with what was found out about them."""
         geometry = moved_geometry(self.geometry, self.meshes, scene.meshes)
         if geometry is not None:
             scene.__dict__["geometry"] = scene._tangential(geometry)
         if "_material_table" in self.__dict__:
             scene.__dict__["_material_table"] = self._material_table
         return scene
+
+    def looped(self, seconds: float) -> float:
+        """The time of :meth:`at` after so many seconds, if its first animations play again and again."""
+        length = max((m.animations[0].duration for m in self.motions if m.animations), default=0.0)
+        return seconds % length if length > 0 else 0.0
+
+    # --------------------------------------------------------------- editing
+
+    def replace(self, **changes: Any) -> Scene:
+        """A copy with other lights, meshes, cameras …, by the names of the fields."""
+        unknown = sorted(set(changes) - {one.name for one in fields(self)})
+        if unknown:
+            known = ", ".join(one.name for one in fields(self))
+            raise InputError(f"a scene has no {', '.join(unknown)}; it has {known}")
+        return replace(self, **changes)
+
+    def parts(self, name: str) -> tuple[Mesh, ...]:
+        """The meshes of an object: those of that name, and its parts by material, ``"armchair/fabric"``.
+
+        Raises:
+            InputError: there is none; the message names the nearest ones.
+        """
+        found = tuple(mesh for mesh in self.meshes if mesh.name == name or mesh.name.startswith(f"{name}/"))
+        if not found:
+            objects = list(dict.fromkeys(mesh.name.partition("/")[0] for mesh in self.meshes))
+            near = get_close_matches(name, objects, 5) or objects[:5]
+            raise InputError(f"scene {self.name!r} has no mesh {name!r}; there are {', '.join(near) or 'none'}")
+        return found
+
+    def mesh(self, name: str) -> Mesh:
+        """The mesh of that name; an object of several materials has :meth:`parts`.
+
+        Raises:
+            InputError: none or several.
+        """
+        found = self.parts(name)
+        if len(found) > 1:
+            raise InputError(f"{name!r} has {len(found)} parts: {', '.join(mesh.name for mesh in found)}; use parts()")
+        return found[0]
+
+    def moved(self, name: str, matrix: Tensor | Sequence[Sequence[float]]) -> Scene:
+        """An object (:meth:`parts`) turned and moved by a (4,4) matrix from where it stands now.
+
+        Everything else stays the same object, so that a sequence of pictures keeps what was made for it.
+
+        Raises:
+            InputError: no such object. MeshError: a matrix that is not affine or not invertible.
+        """
+        chosen = {id(mesh) for mesh in self.parts(name)}
+        meshes = [mesh.transformed(matrix) if id(mesh) in chosen else mesh for mesh in self.meshes]
+        return self._followed_by(replace(self, meshes=tuple(meshes)))
 
     def with_default_light(self) -> Scene:
         """This scene, or if nothing really lights it (:attr:`is_lit`), a copy lit from the upper left."""

@@ -34,17 +34,19 @@ def crease_normals(vertices: Array, faces: Array, crease_deg: float = CREASE_DEG
         return np.arange(len(vertices)), faces.astype(np.int64), np.zeros((len(vertices), 3), np.float32)
     faces = np.ascontiguousarray(faces, np.int64)
     points, place = weld(vertices)
-    corners = place[faces]
+    corners = faces if len(points) == len(vertices) else place[faces]
+    del place
     normals = np.empty((len(faces), 3))
     unit_normals(points, corners, normals)
     group = np.empty(faces.size, np.int32)
     corner_groups(corners, normals, float(np.cos(np.radians(crease_deg))), group)
     # Groups by number in place of their first corner.
     numbers = np.cumsum(group == np.arange(faces.size, dtype=np.int32), dtype=np.int32)
-    group = numbers[group] - 1
     sums = np.zeros((int(numbers[-1]), 3))
+    numbers -= 1
+    np.take(numbers, group, out=group)
     sum_normals(points, corners, normals, group, sums)
-    del corners, normals, numbers
+    del points, corners, normals, numbers
     new, source, label = np.empty_like(faces), np.empty(faces.size, np.int32), np.empty(faces.size, np.int32)
     count = split_vertices(faces, group, len(vertices), new, source, label)
     return source[:count].astype(np.int64), new, _unit(sums[label[:count]]).astype(np.float32)

@@ -13,6 +13,7 @@ from torch.utils.weak import WeakIdKeyDictionary
 from torchrender.arrays import view as array
 from torchrender.buffers import GBuffer, RaySurface, VisibilityBuffer
 from torchrender.kernels.compile import thread_count
+from torchrender.kernels.shading.needs import stages_of
 from torchrender.kernels.shading.pack import pack_planes
 from torchrender.kernels.shading.records import (
     CENTRE,
@@ -36,7 +37,7 @@ from torchrender.scene.light import DirectionalLight, Light, RectLight, SpotLigh
 from torchrender.scene.mesh import Geometry
 from torchrender.scene.model import Scene
 from torchrender.shading.attributes import attribute_arrays, eye_of
-from torchrender.shading.lights import NEAREST_SQUARE
+from torchrender.shading.lights import NEAREST_SQUARE, LightLists
 from torchrender.shading.lobes import Around, Sent
 from torchrender.shading.looks import looks_of
 from torchrender.shading.origin import origin_of
@@ -45,6 +46,8 @@ from torchrender.shading.sky import SkyMaps
 Array = np.ndarray[Any, Any]
 f4 = np.float32
 _PACKED: WeakIdKeyDictionary = WeakIdKeyDictionary()
+_EVERYWHERE = (np.zeros(1, np.int64), np.zeros(0, np.int32))
+"""No lists of lights: each may reach all pixels."""
 
 
 def send_fused(
@@ -53,6 +56,7 @@ def send_fused(
     visibility: Tensor | None,
     around: Around,
     how: tuple[str, Tensor | None, bool],
+    lists: LightLists | None = None,
 ) -> Sent:
     """As :func:`torchrender.shading.plain.send`, the background of images included.
 
@@ -60,6 +64,7 @@ def send_fused(
         samples: of the scene's own geometry; hits of rays must know their triangles.
         how: way of area lights; colour (3,) of the background, None: environment, else ambient light; mirrors: compute
             what they need, else those parts are empty.
+        lists: of images, lights that are not listed for a block of pixels are left out there.
     """
     area_light, background, mirrors = how
     packed = packed_geometry(scene.geometry)
@@ -71,7 +76,8 @@ def send_fused(
     made = np.zeros if isinstance(samples, RaySurface) else np.empty
     radiance = made((count, 3), f4)
     more = [np.zeros((count if mirrors else 0, 3), f4) for _ in range(2)]
-    shadow = None if visibility is None or not scene.lights else array(visibility, f4).reshape(len(scene.lights), -1)
+    shadow = None if visibility is None or not len(visibility) else array(visibility, f4).reshape(len(visibility), -1)
+    lights = _rows_of(scene, lists)
     share = np.zeros(0, f4) if around.visibility is None else array(around.visibility, f4)
     bent = np.zeros((0, 3), f4) if around.normal is None else array(around.normal.T, f4)
     for k in range(images):
@@ -81,11 +87,13 @@ def send_fused(
         reach = Reach(
             light_table(scene.lights, view.origin, area_light),
             none if shadow is None or not len(shadow) else np.ascontiguousarray(shadow[:, part]),
+            lights,
             share[part],
             bent[part],
+            *_listed(lists, k, images),
         )
         out = Out(radiance[part], more[0][part], more[1][part], np.zeros((0, 4), f4))
-        shade(seen, view, packed, looks, sky, reach, out, _tiles(seen))
+        _run(seen, view, packed, looks, sky, reach, out, side=1 if lists is None else lists.side)
     return Sent(torch.from_numpy(radiance).T, *(torch.from_numpy(value).T for value in more))
 
 
@@ -100,21 +108,43 @@ def read_fused(scene: Scene, samples: VisibilityBuffer | RaySurface, rows: Tenso
     left_out = np.ones(count, np.bool_)
     left_out[rows.numpy()] = False
     none = np.zeros((0, 3), f4)
-    dark = Reach(np.zeros((0, 32), f4), np.zeros((0, 1), f4), np.zeros(0, f4), none)
+    dark = Reach(
+        np.zeros((0, 32), f4), np.zeros((0, 1), f4), np.zeros(0, np.int64), np.zeros(0, f4), none, *_EVERYWHERE
+    )
     for k in range(images):
         view, seen = _hits(scene, samples) if isinstance(samples, RaySurface) else _image(scene, samples, k)
         part = slice(k * each, (k + 1) * each)
         chosen = np.where(left_out[part].reshape(seen.triangle.shape), -1, seen.triangle)
         seen, out = seen._replace(triangle=chosen), Out(none, none, none, surface[part])
-        shade(seen, view, packed, looks, _no_sky(), dark, out, _tiles(seen))
+        _run(seen, view, packed, looks, _no_sky(), dark, out)
     found = torch.from_numpy(surface).index_select(0, rows)
     return found[:, :3], found[:, 3]
 
 
-def _tiles(seen: Samples) -> Array:
-    """Columns and rows of a tile, and workers."""
-    columns, rows = TILE if seen.triangle.shape[0] > 1 else (SPAN, 1)
-    return np.array([columns, rows, thread_count()])
+def _run(*given: Any, side: int = 1) -> None:
+    """The kernel on its records, with the stages that it needs; lights are listed for blocks of ``side`` pixels."""
+    columns, rows = TILE if given[0].triangle.shape[0] > 1 else (SPAN, 1)
+    stages = stages_of(*given)
+    shade(*given, stages._replace(columns=columns, rows=rows, workers=thread_count(), side=side))
+
+
+def _rows_of(scene: Scene, lists: LightLists | None) -> Array:
+    """(L,) int64 which shadow factors a light has, -1: none, all of it arrives."""
+    count = len(scene.lights)
+    if lists is None or lists.shaded is None:
+        return np.arange(count)
+    rows = np.full(count, -1)
+    rows[list(lists.shaded)] = np.arange(len(lists.shaded))
+    return rows
+
+
+def _listed(lists: LightLists | None, k: int, images: int) -> tuple[Array, Array]:
+    """Where the lists of image ``k`` begin, and what is listed."""
+    if lists is None:
+        return _EVERYWHERE
+    blocks = (len(lists.starts) - 1) // images
+    starts = array(lists.starts[k * blocks : (k + 1) * blocks + 1], np.int64)
+    return starts, array(lists.lights, np.int32)
 
 
 def packed_geometry(geometry: Geometry) -> Packed:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -14,6 +15,18 @@ from torchrender.shading.surface import Surface
 
 NEAREST_SQUARE = 1e-18
 """Square of the closest distance to a small light that counts, scene units: keeps inverse squares finite."""
+
+
+class LightLists(NamedTuple):
+    """The lights that may reach each block of ``side`` x ``side`` pixels of B images.
+
+    Blocks go row by row, image after image; block t has ``lights[starts[t]:starts[t + 1]]``.
+    """
+
+    starts: Tensor  # (B*T+1,) int64
+    lights: Tensor  # (K,) int32 numbers in the scene
+    side: int
+    shaded: tuple[int, ...] | None = None  # the lights that there are shadow factors of; None: all
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ from torch import Tensor
 from torch.utils.weak import WeakIdKeyDictionary
 
 from torchrender.kernels.shading.records import CHANNEL, LEVELS, MATERIAL, SLOT, Looks
-from torchrender.numerics.texture import build_pyramid
+from torchrender.numerics.texture import pyramid_of
 from torchrender.scene.material import FILTERS, PLAIN, WRAPS, Material, Sampler
 from torchrender.scene.material_table import MaterialTable
 from torchrender.shading.surface import METALLIC, PHONG
@@ -105,7 +105,7 @@ class _Atlas:
             parts.append(part)
         key = tuple((name, id(texture), texture._version) for name, texture in members)
         if key not in self.known:
-            pyramid = build_pyramid(torch.cat(parts, dim=2))
+            pyramid = pyramid_of(parts)
             levels = zip(pyramid.offset.tolist(), pyramid.width.tolist(), pyramid.height.tolist())
             told = [n for o, w, h in levels for n in (self.size + o * len(slots), w, h)]
             self.known[key] = (told, pyramid.level_count)
@@ -125,8 +125,15 @@ class _Atlas:
         width = max([len(row) for row in self.rows], default=LEVELS + 3)
         rows = np.array([row + [0] * (width - len(row)) for row in self.rows], np.int64).reshape(-1, width)
         transforms = np.array(self.transforms, np.float32).reshape(-1, 8)
-        texels = torch.cat(self.parts).numpy() if self.parts else np.zeros(0, np.float32)
+        texels = _joined(self.parts)
         return rows, transforms, texels
+
+
+def _joined(parts: list[Tensor]) -> np.ndarray[Any, Any]:
+    """All texels in a row; those of one group stay where they are."""
+    if len(parts) == 1:
+        return parts[0].numpy()
+    return torch.cat(parts).numpy() if parts else np.zeros(0, np.float32)
 
 
 def _manner(sampler: Sampler) -> tuple[Any, ...]:

@@ -121,7 +121,7 @@ def write_scene(folder: str | Path, walkthrough: Walkthrough, *, most_points: in
         fields = {n: getattr(p, n)[rows] for n in ("position", "normal", "color", "object_id")}
         thinner = replace(p, **fields, log_density=p.log_density[rows] + less)
         walkthrough = replace(walkthrough, points=thinner)
-    lines = [f"name = {json.dumps(walkthrough.name)}", "ambient = 1.0"]
+    lines = [f"name = {json.dumps(walkthrough.name)}", "ambient = 1.0", "photo_light = true"]
     if walkthrough.planes:
         write_glb(folder / "planes.glb", walkthrough)
         lines += ["[[geometry]]", 'file = "planes.glb"']

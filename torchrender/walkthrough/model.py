@@ -166,9 +166,9 @@ class Walkthrough:
     def scene(self, *, points: bool = True) -> Scene:
         """A scene of this project: planes as textured meshes, points as squares with vertex colours.
 
-        The colours of photos hold their light already: ambient light is 1 and there are no lights, so that a picture
-        with ``RenderOptions(ambient_visibility="off")`` shows them as they are; otherwise corners, dark in the photos
-        already, darken again. Lights that are added shade and shadow them like any other mesh.
+        The colours of photos hold their light already: ambient light is 1, nothing hides it a second time, and there
+        are no lights, so that a picture shows them as they are. Lights that are added shade and shadow them like any
+        other mesh.
         """
         meshes, materials = [], []
         table = srgb_table(8).numpy()
@@ -194,6 +194,7 @@ class Walkthrough:
             meshes=tuple(meshes),
             materials=tuple(materials) or (Material(name="default"),),
             ambient=torch.ones(3),
+            photo_light=True,
             cameras=self._named_cameras(),
             name=self.name,
         )

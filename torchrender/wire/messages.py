@@ -138,6 +138,7 @@ class Keyframe(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     layers: Annotated[int, Meta(ge=1, le=256)]
     still: bool
     samples: Annotated[int, Meta(ge=1, le=256)] = 1  # pictures whose mean the colours are
+    scene_s: NotNegative | None = None  # seconds into the scene's animation; None: it stands as its file does
     mirrors: bool = False  # light that was mirrored, a part of layer 0's, at the depths where what it shows seems to be
     depth: DepthBlob
     color: ColorBlob
@@ -187,6 +188,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True):
     layers: Annotated[int, Meta(ge=0, le=MAX_LAYERS)] | None = None
     density: Annotated[float, Meta(ge=0.0, le=100.0)] | None = None  # of all media, as a multiple of their own
     asymmetry: Annotated[float, Meta(ge=-0.99, le=0.99)] | None = None  # of all media: g
+    playing: bool | None = None  # the scene's animation goes on, again and again; false: it stops where it is
 
 
 Message = Hello | Welcome | Pose | Keyframe | Ack | Resync | Problem | Bye | Settings

@@ -212,6 +212,7 @@ class MakeKeyframe(msgspec.Struct, frozen=True, kw_only=True, tag=True):
     mirrors: bool = False  # send what mirrors show as a layer of its own
     density: float = 1.0  # of all media, as a multiple of their own
     asymmetry: float | None = None  # of all media; None: each its own
+    scene_s: float | None = None  # since the scene's animation was started; None: it never was
 
 
 class MakeLayers(msgspec.Struct, frozen=True, kw_only=True, tag=True):

@@ -34,6 +34,7 @@ class Stamp:
     bits: Bits = BITS_STILL
     color: ColorCodec = "jpeg"
     quality: int = QUALITY_MOVING  # 100: WebP without loss
+    scene_s: float | None = None  # seconds into the scene's animation
     mirrors: bool = False  # of the layer that holds what mirrors show
 
 
@@ -95,6 +96,7 @@ def _message(
         layers=stamp.layers,
         still=stamp.still,
         samples=stamp.samples,
+        scene_s=stamp.scene_s,
         mirrors=stamp.mirrors,
         depth=DepthBlob(codec="pz1", bits=stamp.bits, near=encoded.near, length=len(encoded.data), error=encoded.error),
         color=ColorBlob(codec=stamp.color, length=len(blobs[1])),

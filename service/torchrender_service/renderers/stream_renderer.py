@@ -95,9 +95,10 @@ class StreamRenderer:
     def make(self, scene: Scene, job: MakeKeyframe) -> dict[str, Any]:
         """The message of layer 0 and what the server needs to place the next keyframe."""
         state = self._state(job)
-        scene = state.in_air(scene, job)
-        camera = cameras_of(job.camera)
         begin = time.perf_counter()
+        scene_s = None if job.scene_s is None else scene.looped(job.scene_s)
+        scene = state.in_air(scene if scene_s is None else scene.at(scene_s), job)
+        camera = cameras_of(job.camera)
         bounds = _bounds(job, state.packing_ms)
         image, plan, past = self._picture(scene, camera, state, job, bounds)
         render_ms = 1e3 * (time.perf_counter() - begin)
@@ -114,6 +115,7 @@ class StreamRenderer:
             bits=BITS_STILL if job.still else enough_bits(job.camera.fx, float(depth.min()), typical),
             color=job.color,
             quality=job.quality,
+            scene_s=scene_s,
         )
         messages = [first_message(stamp, camera, depth, image.radiance[0], render_ms=render_ms, plan=plan)]
         if mirrors is not None:

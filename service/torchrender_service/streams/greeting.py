@@ -41,6 +41,8 @@ def welcome_of(session: Session, settings: Settings, ticket: str, max_pixels: in
         resume=ticket,
         credits=CREDITS,
         limits=limits,
-        scene={"id": session.scene.id} | {k: facts[k] for k in ("name", "triangles", "diagonal", "bounds")},
+        scene={"id": session.scene.id}
+        | {k: facts[k] for k in ("name", "triangles", "diagonal", "bounds")}
+        | {"animations": facts.get("animations", {})},
         camera=session.camera,
     )

@@ -50,6 +50,7 @@ class Placement:
         self._still_s = still_s
         self._trips = deque([latency_s] if latency_s else [], maxlen=TRIPS)
         self.pose: Pose | None = None
+        self.playing = False  # the scene moves: every keyframe is old as soon as it is made
         self._pose_at = 0.0
         self._moved_at = 0.0
         self._holes = 0.0
@@ -104,7 +105,7 @@ class Placement:
         pose, shown = self.pose, self._shown
         if pose is None or len(self._flights) >= CREDITS:
             return None
-        if self._fresh or shown is None:
+        if self._fresh or shown is None or self.playing:
             return "moving"
         if needs_keyframe(shown.view, self.view(pose, now), shown.typical_depth, shown.overscan):
             return "moving"

@@ -129,4 +129,5 @@ class Producer:
             mirrors=self.mirrors,
             density=session.density,
             asymmetry=session.asymmetry,
+            scene_s=session.clock.at(time.monotonic()),
         )

@@ -22,6 +22,26 @@ class Connection(Protocol):
         """Close with a code."""
 
 
+@dataclass
+class SceneClock:
+    """Seconds into a scene's animation, counted while it plays."""
+
+    playing: bool = False
+    _passed: float | None = None  # until the last start or stop; None: never started
+    _since: float = 0.0
+
+    def play(self, playing: bool, now: float) -> None:
+        """Go on, or stop."""
+        if playing != self.playing:
+            self._passed, self._since, self.playing = self.at(now) or 0.0, now, playing
+
+    def at(self, now: float) -> float | None:
+        """Seconds; None where it never started."""
+        if self._passed is None or not self.playing:
+            return self._passed
+        return self._passed + now - self._since
+
+
 @dataclass(eq=False, kw_only=True)
 class Session:
     """What a client asked for, and what the server learned about it; outlives a connection for a while."""
@@ -37,6 +57,7 @@ class Session:
     expires: float  # monotonic time after which it is gone, unless a stream is connected
     density: float = 1.0  # of all media, as a multiple of their own
     asymmetry: float | None = None  # of all media; None: each its own
+    clock: SceneClock = field(default_factory=SceneClock)  # of the scene's animation
     next_id: int = 0  # of the next keyframe
     latency_s: float = 0.0  # from a pose's arrival to its keyframe's acknowledgement; 0: not known yet
     connection: Connection | None = field(default=None, repr=False)  # set and cleared by the store alone

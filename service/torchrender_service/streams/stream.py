@@ -77,6 +77,7 @@ class Stream:
         self._around = around
         self._hello = Hello(versions=(MAJOR, MAJOR))
         self._placement = Placement(around.settings.still_s, session.latency_s)
+        self._placement.playing = session.clock.playing
         self._welcomed = False
         self._errors = 0
         self._wake = asyncio.Event()
@@ -207,6 +208,9 @@ class Stream:
                 session.density = message.density
             if message.asymmetry is not None:
                 session.asymmetry = message.asymmetry
+            if message.playing is not None:
+                session.clock.play(message.playing and bool(session.facts.get("animations")), now)
+                placement.playing = session.clock.playing
             placement.refresh()
 
     async def _complain(self, error: ProtocolError | ServiceError) -> None:

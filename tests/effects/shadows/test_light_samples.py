@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from torchrender.effects.shadows.light_samples import light_grid
-from torchrender.scene.light import RectLight
+from torchrender.scene.light import RectLight, cell_shares
 
 BOX = torch.tensor([[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]], dtype=torch.float64)
 
@@ -38,3 +38,15 @@ def test_parts_hold_their_samples_and_cover_the_light(per_side: int) -> None:
 def test_a_line_is_one_part_even_of_sixteen_samples(edge_v: tuple[float, float, float]) -> None:
     part, outlines = grid(16, edge_v).tiles(16, 4)
     assert len(part) == 16 and len(outlines) == 1 and int(part.max()) == 0
+
+
+@pytest.mark.parametrize("n", [1, 2, 5, 16])
+def test_staggered_samples_cover_edges_one_by_one(n: int) -> None:
+    """One in each cell, and along either edge one in each of n^2 equal steps; cell centres repeat n shares n times."""
+    shares = cell_shares(n, staggered=True)
+    cells = torch.stack(torch.meshgrid(torch.arange(n), torch.arange(n), indexing="ij"), dim=-1)
+    assert torch.equal((shares * n).floor().long(), cells)
+    for axis in range(2):
+        assert (shares[..., axis] * n * n).floor().long().reshape(-1).sort().values.tolist() == list(range(n * n))
+    assert torch.allclose(shares.mean(dim=(0, 1)), torch.full((2,), 0.5, dtype=torch.float64))
+    assert len(cell_shares(n)[..., 0].unique()) == n

@@ -15,7 +15,7 @@ from torchrender.effects.shadows.shadow_map import ShadowOptions, render_shadow_
 from torchrender.kernels.media.integrate import light_span
 from torchrender.kernels.media.march import looked_up
 from torchrender.kernels.media.pyramid import build_pyramid
-from torchrender.kernels.media.slices import slice_ray
+from torchrender.kernels.media.slices import RUN, slice_ray
 from torchrender.kernels.media.walk import walk_ray
 from torchrender.raster import rasterize
 from torchrender.scene.light import Light, RectLight, SpotLight
@@ -116,7 +116,8 @@ def test_a_tree_of_thresholds_holds_the_least_and_the_greatest() -> None:
     shadow_map, views, rays, lamp = prepared(SUN, camera)
     slices = slices_of(shadow_map, views, lamp, rays.sight, ScatterOptions(slices=(64, 32)))
     assert slices is not None
-    count, first, size = 16, 0, 2
+    assert slices.rows.shape[1] >= 2 * RUN
+    count, first, size = slices.rows.shape[1] // RUN, 0, RUN
     while count >= 1:
         for k in range(count):
             part = slices.rows[:, k * size : (k + 1) * size]

@@ -9,7 +9,14 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from torchrender.kernels.meshes.crease import corner_groups, split_vertices, sum_normals, unit_normals, weld_points
+from torchrender.kernels.meshes.crease import (
+    corner_groups,
+    split_vertices,
+    sum_normals,
+    turn_faces,
+    unit_normals,
+    weld_points,
+)
 
 
 def slow_groups(corners: np.ndarray, normals: np.ndarray, cosine: float) -> list[int]:
@@ -60,6 +67,27 @@ def test_groups_against_a_search(faces: int, points: int, seed: int, cosine: flo
     assert (np.diff(source[:count]) >= 0).all()
     np.testing.assert_array_equal(source[new], corners)
     np.testing.assert_array_equal(label[new.reshape(-1)], group)
+
+
+def test_a_hub_of_many_edges() -> None:
+    """More edges at one position than the table has places near it; each rim edge is that of two faces."""
+    spokes = np.arange(1, 61)
+    fan = np.stack([np.zeros(60, np.int64), spokes, np.roll(spokes, -1)], axis=1)
+    corners = np.concatenate([fan, fan[:, ::-1] + np.array([0, 0, 61])])
+    normals = np.random.default_rng(0).normal(size=(120, 3))
+    group = np.empty(corners.size, np.int32)
+    corner_groups(np.ascontiguousarray(corners), normals, 0.0, group)
+    assert group.tolist() == slow_groups(corners, normals, 0.0)
+
+
+@given(st.lists(st.tuples(*[st.integers(0, 3)] * 3), min_size=1, max_size=20))
+@settings(deadline=None)
+def test_faces_begin_at_their_smallest_corner(rows: list[tuple[int, int, int]]) -> None:
+    turned = np.empty((len(rows), 3), np.int64)
+    turn_faces(np.array(rows), turned)
+    for row, found in zip(rows, turned.tolist(), strict=True):
+        ways = [row[k:] + row[:k] for k in range(3)]
+        assert tuple(found) in ways and found[0] == min(row)
 
 
 @given(st.lists(st.tuples(*[st.sampled_from([0.0, 1.0, -1.0, 1e-300, 5.0])] * 3), min_size=1, max_size=40))

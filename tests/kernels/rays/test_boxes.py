@@ -16,7 +16,6 @@ from torchrender.kernels.rays.boxes import (
     group_triangles,
     has_area,
     pack_groups,
-    scaled_points,
 )
 
 PAD = 1e-6
@@ -44,10 +43,10 @@ SCENES = pytest.mark.parametrize("scene", [grid(20), soup(500), soup(1)], ids=["
 
 def packed_of(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, ...]:
     frame = frame_of(vertices, faces)
-    points, starts = scaled_points(vertices, frame[SCALE]), np.zeros(len(faces), np.int32)
+    points, starts = vertices * frame[SCALE], np.zeros(len(faces), np.int32)
     first = group_triangles(points, faces, starts)
     packed, waste = np.zeros((first[-1], LINE)), np.zeros(first[-1], np.float32)
-    sums = pack_groups((points, faces), starts, first, packed, waste, PAD)
+    sums = pack_groups((points, faces), starts, first, packed, waste, PAD).sum(axis=0)
     return frame, points, packed, waste, np.array(sums)
 
 

@@ -257,6 +257,38 @@ def test_doubt_is_where_texels_around_disagree_or_are_close(orthographic):
 
 
 @pytest.mark.parametrize("kind", ["window", "disc"])
+def test_a_filter_wider_than_a_shadow_keeps_its_side(kind):
+    """A strip of three dark texels under a filter of eleven: dark in its middle, lit beside it, though softly."""
+    height, width = SIZE
+    depths = np.full(SIZE, np.inf, np.float32)
+    depths[:, 19:22] = 1.5
+    eye = np.concatenate([np.eye(3), np.zeros((3, 1))], axis=1)
+    view = np.concatenate([eye.ravel(), [20.0, 20.0, width / 2, height / 2, 0.1, FAR]])
+    points = np.array([[(c + 0.5 - width / 2) / 20, 0.01, 3.0] for c in (20, 17, 5)])
+    normals = np.tile(np.array([0, 0, -1], np.float32), (3, 1))
+    taps = np.random.default_rng(2).uniform(-0.7, 0.7, (69, 2))
+    args = (points, normals, np.array([0.0, 0, -1, 0]), view[None], depths[None], taps)
+    s = settings(orthographic=True, filter=FILTERS[kind], n=5, radius=5.5, bias=RECEIVER_PLANE, exact=True)
+    plain, kept = look_up(*args, s), look_up(*args, s._replace(settles=True))
+    assert 0.5 < plain[0] < 0.9 and kept[0] == pytest.approx(1 - plain[0], abs=1e-6)
+    assert 0.5 < plain[1] < 1 and kept[1] == plain[1] and kept[2] == plain[2] == 1.0
+
+
+def test_between_a_light_and_its_near_plane_triangles_decide():
+    """Nothing was drawn there: not lit for certain where edges are settled, the outside value else."""
+    eye = np.concatenate([np.eye(3), np.zeros((3, 1))], axis=1)
+    view = np.concatenate([eye.ravel(), [20.0, 20.0, SIZE[1] / 2, SIZE[0] / 2, NEAR, FAR]])
+    points = np.array([[0.0, 0.0, 0.5], [0.0, 0.0, 5.5], [2.0, 0.0, 0.5]])  # near, too far, beside the map
+    maps, normals = np.full((1, *SIZE), np.inf, np.float32), np.tile(np.array([0, 0, -1], np.float32), (3, 1))
+    for settled, wanted in ((True, [0, -1, -1]), (False, [-1, -1, -1])):
+        out, doubt = np.zeros(3, np.float32), np.full(3, -1, np.int32)
+        s = settings(settles=settled)
+        light = np.array([0.0, 0, 0, 1])
+        shadow_lookup(points, normals, light, view[None], maps, np.zeros((6, 2)), s, (out, doubt))
+        assert doubt.tolist() == wanted and out.tolist() == [1.0, 1.0, 1.0]
+
+
+@pytest.mark.parametrize("kind", ["window", "disc"])
 def test_what_rises_from_the_receiver_softens_nothing(kind):
     """With edges that triangles settle, a wall's foot beside the point counts as lit; else it darkens the filter."""
     height, width = SIZE

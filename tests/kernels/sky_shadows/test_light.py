@@ -21,9 +21,9 @@ from torchrender.kernels.sky_shadows.light import (
     stored_normals,
     texel_index,
 )
-from torchrender.kernels.sky_shadows.resample import texel_means
+from torchrender.kernels.sky_shadows.resample import texel_means, weigh_blocks
 from torchrender.numerics.wavelets.haar import transform
-from torchrender.scene.sky.cube_map import texel_directions, texel_of
+from torchrender.scene.sky.cube_map import solid_angles, texel_directions, texel_of
 
 
 def twin_bits(position: np.ndarray, normal: np.ndarray, spheres: np.ndarray, own: int, solid: int) -> np.ndarray:
@@ -91,7 +91,7 @@ def test_light_left_is_the_sum_over_wavelets() -> None:
     index, weight = np.zeros(4, np.int64), np.zeros(4)
     number = stored_normals(*normal.tolist(), 8, index, weight)
     assert number == 4 and abs(weight.sum() - 1) < 1e-12
-    out = np.zeros(6)
+    out = np.zeros(8)
     codes, counts = words.view(np.uint16), np.zeros(384, np.int32)
     gather(words, codes, counts, light.record, code_wavelets(), (index, weight, number), out)
     from torchrender.effects.sky_shadows.light import stored_normals as stored
@@ -107,7 +107,20 @@ def test_light_left_is_the_sum_over_wavelets() -> None:
             wanted += value * cosine.means[face, square]
     np.testing.assert_allclose(out[:3], wanted.numpy(), rtol=2e-6)
     whole = torch.einsum("fij,fijc->c", facing, light.texels) / 1024
-    np.testing.assert_allclose(out[3:], whole.numpy(), rtol=2e-6)
+    np.testing.assert_allclose(out[4:7], whole.numpy(), rtol=2e-6)
+    even = torch.einsum("fij,fij,ij->", coarse, facing, solid_angles(32))
+    np.testing.assert_allclose(out[[3, 7]], [float(even), 1.0], rtol=1e-5)
+
+
+def test_blocks_are_weighed_by_cosines() -> None:
+    rng = np.random.default_rng(9)
+    cosine, light = rng.random((5, 384, 16)).astype(np.float32), rng.random((384, 16, 4)).astype(np.float32)
+    out = np.empty((5, 384, 4), np.float32)
+    weigh_blocks(cosine, light, out)
+    wanted = np.zeros((5, 384, 4))
+    for n, b, t in np.ndindex(5, 384, 16):
+        wanted[n, b] += float(cosine[n, b, t]) * light[b, t]
+    np.testing.assert_allclose(out, wanted, rtol=1e-5)
 
 
 def test_means_of_a_picture_over_texels() -> None:

@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import torchrender as tr
-from torchrender.errors import ImageFileError, SceneFileError
+from torchrender.errors import ImageFileError, NotUsedWarning, SceneFileError
 from torchrender.raster import rasterize
 from torchrender.scene.environment import Environment
 from torchrender.scene.files.gltf.out.materials import metallic_roughness
@@ -23,7 +23,7 @@ from torchrender.scene.files.gltf.out.write import LossWarning, glb_bytes, write
 from torchrender.scene.files.scene_write import write_scene
 from torchrender.scene.light import DirectionalLight, PointLight, RectLight, SpotLight
 from torchrender.scene.material import Material, from_metallic_roughness
-from torchrender.scene.medium import Medium
+from torchrender.scene.medium import Medium, medium_values
 from torchrender.scene.shapes import box, sphere
 
 ODD = 'stühle/"rot" = [1]\n\\ 椅子 \x7f'
@@ -186,6 +186,28 @@ def test_toml_holds_everything(tmp_path: Path) -> None:
         assert torch.allclose(after.cameras[name].camera_from_world, camera.camera_from_world, atol=1e-6)
         assert torch.allclose(after.cameras[name].intrinsics, camera.intrinsics, rtol=1e-6)
     assert [m.name for m in after.meshes] == [m.name for m in before.meshes]
+
+
+def test_media_come_back_from_extras(tmp_path: Path) -> None:
+    """Every field of them, also where the file is one of several in a scene; other programs' extras are said."""
+    grid = Medium(low=torch.zeros(3), high=torch.ones(3), density=torch.rand(2, 3, 4), name="smoke", asymmetry=0.3)
+    haze = Medium(
+        low=torch.tensor([-5.0, 0.0, -5.0]), high=torch.tensor([5.0, 2.0, 5.0]), density=0.2, falloff=0.5, floor=0.1,
+        absorption=torch.tensor([0.1, 0.2, 0.3]), emission=torch.tensor([0.0, 0.5, 0.0]), density_scales="absorption",
+    )  # fmt: skip
+    write_glb(tmp_path / "a.glb", scene(media=(grid, haze)))
+    (tmp_path / "b.toml").write_text("[[geometry]]\nfile = 'a.glb'\nkeep = ['media']\n")
+    for file in ("a.glb", "b.toml"):
+        after = tr.load(tmp_path / file)
+        assert [medium_values(m) for m in after.media] == [medium_values(m) for m in (grid, haze)]
+    assert "media (2)" in str(tr.load(tmp_path / "a.glb").report)
+    data = (tmp_path / "a.glb").read_bytes()
+    (tmp_path / "c.glb").write_bytes(data.replace(b'"low":', b'"lot":'))
+    with pytest.warns(NotUsedWarning, match=r"extras\.media of the scene"):
+        assert tr.load(tmp_path / "c.glb").media == ()
+    (tmp_path / "d.glb").write_bytes(data.replace(b'"asymmetry":0.3', b'"asymmetry":7.5'))
+    with pytest.raises(SceneFileError, match=r"scenes\[0\]\.extras\.media\[0\].*asymmetry"):
+        tr.load(tmp_path / "d.glb")
 
 
 @pytest.mark.parametrize("name", ["a.obj", "a", "missing/a.glb", "missing/a.toml"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import tracemalloc
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,8 @@ from PIL import Image
 
 import torchrender as tr
 from torchrender.errors import MeshError, NotUsedWarning, RepairedWarning, SceneFileError
+from torchrender.images.files import write_image
+from torchrender.scene.files.plain import numbers, ply_columns
 from torchrender.scene.files.plain.polygons import triangulate
 from torchrender.scene.load import load
 
@@ -264,6 +267,26 @@ def test_masks_cut_or_blend(tmp_path: Path, soft: bool, expected: tuple[float | 
     assert made.diffuse_texture is not None and made.diffuse_texture.shape == (4, 4, 4)
 
 
+@pytest.mark.parametrize("name", ["C:\\\\Users\\\\x\\\\Red.PNG", "/home/x/red.png", "RED.png", "../textures/red.png"])
+def test_pictures_of_other_machines_are_found_beside_the_file(tmp_path: Path, name: str) -> None:
+    write_image(tmp_path / "red.png", torch.tensor([1.0, 0.0, 0.0]).expand(2, 2, 3))
+    (tmp_path / "a.mtl").write_text(f"newmtl a\nKd 1 1 1\nmap_Kd {name}\n")
+    (tmp_path / "a.obj").write_text("mtllib A.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl a\nf 1 2 3\n")
+    with pytest.warns(RepairedWarning, match=r"red\.png beside the file is taken"):
+        found = load(tmp_path / "a.obj").materials[0].diffuse_texture
+    assert found is not None and found[0, 0].tolist() == [1.0, 0.0, 0.0]
+
+
+def test_columns_that_are_not_used_are_named(tmp_path: Path) -> None:
+    (tmp_path / "a.ply").write_text(
+        "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+        "property float quality\nproperty uchar red\nelement face 1\nproperty list uchar int vertex_indices\n"
+        "property int flags\nend_header\n0 0 0 1 2\n1 0 0 1 2\n0 1 0 1 2\n3 0 1 2 7\n"
+    )
+    with pytest.warns(NotUsedWarning, match=r"columns of vertices: quality, red \(2\), columns of faces: flags \(1\)"):
+        load(tmp_path / "a.ply")
+
+
 def test_several_libraries(tmp_path: Path) -> None:
     (tmp_path / "b c.mtl").write_text("newmtl other\nKd 1 0 0\n")
     for library in ("mtllib none.mtl a.mtl", "mtllib b c.mtl\nmtllib a.mtl"):
@@ -457,3 +480,45 @@ def test_several_solids(tmp_path: Path) -> None:
     assert [m.object_id for m in scene.meshes] == [0, 1, 2] and area(scene) == pytest.approx(1.5)
     with pytest.raises(SceneFileError, match="2 corners are no whole triangles"):
         load(text(tmp_path, "b.stl", content[: content.index("VERTEX")]))
+
+
+# ------------------------------------------------------------------ large files
+
+
+def test_text_is_parsed_block_by_block_within_four_times_the_mesh(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Wherever a block ends, numbers are whole; and the memory beside the mesh is less than three of it."""
+    monkeypatch.setattr(numbers, "BLOCK", 1 << 16)
+    monkeypatch.setattr(ply_columns, "ROWS", 1 << 12)
+    side = 180
+    u, v = np.meshgrid(np.arange(side) / side, np.arange(side) / side)
+    points = np.stack([u, v, 0.1 * np.sin(9 * u) * np.cos(7 * v)], axis=-1).reshape(-1, 3).round(6)
+    corner = np.arange(side * side).reshape(side, side)
+    a, b, c, d = (corner[i : side - 1 + i, j : side - 1 + j].reshape(-1) for i, j in ((0, 0), (0, 1), (1, 1), (1, 0)))
+    faces = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+    head = f"ply\nformat ascii 1.0\nelement vertex {len(points)}\nproperty float x\nproperty float y\n"
+    head += f"property float z\nelement face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
+    rows = [" ".join(map(repr, p)) for p in points.tolist()] + [f"3 {i} {j} {k}" for i, j, k in faces.tolist()]
+    (tmp_path / "a.ply").write_text(head + "\n".join(rows) + "\n")
+    load(tmp_path / "a.ply")  # compiled and imported
+    tracemalloc.start()
+    try:
+        mesh = load(tmp_path / "a.ply").meshes[0]
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert np.array_equal(mesh.vertices.numpy(), points) and np.array_equal(mesh.faces.numpy(), faces)
+    assert mesh.normals is not None
+    size = sum(t.numel() * t.element_size() for t in (mesh.vertices, mesh.faces, mesh.normals))
+    assert peak < 4.0 * size
+
+
+@pytest.mark.parametrize("block", [1, 2, 5, 17])
+def test_blocks_may_end_anywhere(monkeypatch: pytest.MonkeyPatch, block: int) -> None:
+    monkeypatch.setattr(numbers, "BLOCK", block)
+    text = b" 1.5 -2e3\n\t7 nan   1e400 12345678901234567890\r\n"
+    found = numbers.numbers_of(text)
+    np.testing.assert_array_equal(found, [1.5, -2e3, 7.0, np.nan, np.inf, 12345678901234567890.0])
+    with pytest.raises(ValueError, match="'x' is no number"):
+        numbers.numbers_of(b"1 2 x 3")

@@ -13,6 +13,8 @@ import torch
 import torchrender as tr
 from gltf_builder import TRIANGLE, Glb
 from torchrender.errors import InputError, NotUsedWarning, RepairedWarning, SceneFileError
+from torchrender.rays import RayCaster
+from torchrender.scene.camera import framing_camera
 from torchrender.scene.load import load
 from torchrender.scene.mesh import concatenate
 from torchrender.scene.motion.pose import slerp
@@ -300,6 +302,18 @@ def test_unknown_animations_and_files_that_have_none(tmp_path: Path) -> None:
         load("cornell_box", time=1.0)
     still = tr.Scene()
     assert still.at(3.0).meshes == ()
+
+
+def test_rays_follow_a_figure_that_walks(data_dir: Path) -> None:
+    """The faces stay the same tensor, so that the ray tree follows, and it hits what a new one hits."""
+    scene = load(data_dir / "characters" / "CesiumMan.glb")
+    moved = scene.at(0.6)
+    caster = RayCaster(scene.geometry).following(moved.geometry)
+    assert caster is not None and moved.geometry.faces is scene.geometry.faces
+    origins, directions = (r.reshape(-1, 3) for r in framing_camera(moved.bounds[None], width=40, height=40).rays())
+    first, second = (c.first_hit(origins, directions) for c in (caster, RayCaster(moved.geometry)))
+    assert torch.equal(first.triangle, second.triangle) and bool((first.triangle >= 0).any())
+    assert not torch.equal(first.triangle, RayCaster(scene.geometry).first_hit(origins, directions).triangle)
 
 
 def test_deep_trees_and_many_nodes(tmp_path: Path) -> None:

@@ -16,12 +16,15 @@ from torchrender.effects.media.tables import LightTable
 from torchrender.errors import InputError
 from torchrender.kernels.media.pyramid import build_pyramid
 from torchrender.kernels.media.records import PLACE, SUN, Images, Slices
-from torchrender.kernels.media.slices import NUMBERS, build_slices
+from torchrender.kernels.media.slices import NUMBERS, RUN, build_slices
 
 NO_IMAGES = Images(
     np.zeros((0, 16), np.float32), False, np.zeros((0, 1, 2), np.float32), np.zeros((1, 3), np.int64)
 )  # fmt: skip
-NO_SLICES = Slices(np.zeros((1, 1), np.float32), np.zeros((1, 1, 2), np.float32), np.zeros(NUMBERS, np.float32))
+NO_SLICES = Slices(
+    np.zeros((1, RUN), np.float32), np.zeros((1, 2, 2), np.float32), np.zeros((1, 4), np.float32),
+    np.zeros(NUMBERS, np.float32),
+)  # fmt: skip
 CLOSE = 1e-3
 """Distance of a lamp from the eye, as a share of the longest ray, below which there is no plane through both."""
 
@@ -70,7 +73,10 @@ class Sight:
 def slices_of(
     shadow_map: ShadowMap, views: np.ndarray, light: LightTable, sight: Sight, options: ScatterOptions
 ) -> Slices | None:
-    """Slices of the light's images through the eye, which is the origin; None where the lamp is the eye."""
+    """Slices of the light's images through the eye, which is the origin; None where the lamp is the eye.
+
+    Rows of parallel light hold all texels that the longest ray passes, whatever ``options.slices`` says of them.
+    """
     numbers = np.zeros(NUMBERS, np.float64)
     count, texels = options.slices
     if light.kind == SUN:
@@ -80,12 +86,14 @@ def slices_of(
     if span is None:
         return None
     numbers[10] = (span[1] - span[0]) / count
+    if light.kind == SUN:
+        texels = max(1 << (2 * int(span[2]) - 1).bit_length(), RUN)
     numbers[9], numbers[12] = span[0], span[2] / texels
     rows = np.empty((count, texels), np.float32)
-    tree = np.empty((count, texels, 2), np.float32)
-    given = numbers.astype(np.float32)
-    build_slices(view(shadow_map.depth, np.float32), views, light.kind == SUN, given, rows, tree)
-    return Slices(rows, tree, given)
+    tree = np.empty((count, 2 * texels // RUN, 2), np.float32)
+    lines, given = np.zeros((count, 4), np.float32), numbers.astype(np.float32)
+    build_slices(view(shadow_map.depth, np.float32), views, light.kind == SUN, given, rows, tree, lines)
+    return Slices(rows, tree, lines, given)
 
 
 def _lamp_numbers(numbers: np.ndarray, light: LightTable, sight: Sight) -> tuple[float, float, float] | None:
@@ -112,14 +120,12 @@ def _parallel_numbers(
     numbers[:9] = frame.reshape(-1).numpy()
     numbers[13], numbers[14], numbers[15] = u, v, depth
     width, height = shadow_map.cameras.width, shadow_map.cameras.height
-    beside = math.hypot(max(-u, u - width, 0.0), max(-v, v - height, 0.0))
-    farthest = max(math.hypot(a - u, b - v) for a in (0, width) for b in (0, height))
     speed = float(torch.linalg.matrix_norm(frame[:2], 2))  # texels per unit of length, at most
-    farthest = max(min(farthest, sight.longest * speed), beside + 1.0)
-    numbers[11] = beside
     x, y, z = (sight.corners @ frame.T).unbind(1)
     first, last = angle_range(x, y, z * speed)
-    return first, last, (farthest - beside) * (1.0 + 1e-5)
+    beside = math.hypot(max(-u, u - width, 0.0), max(-v, v - height, 0.0))
+    columns = min(max(width, height), max(sight.longest * speed - beside, 0.0) + 2.0)
+    return first, last, columns
 
 
 def angle_range(x: Tensor, y: Tensor, z: Tensor) -> tuple[float, float]:

@@ -172,7 +172,10 @@ def _integrator(
         slices, way = (NO_SLICES, WALKED) if made is None else (made, SLICED)
     media, source = table.towards(lamp.kind, lamp.numbers, options), Source(lamp.numbers, lamp.airlight(table, reach))
     panels = options.panels * (2 if table.has_grid else 1)
-    most = slices.rows.shape[1] + 2 * int(images.levels[0, 1:].sum()) * max(len(images.views), 1) + 8
+    # Most lit parts of a ray; room that is never touched costs time, too.
+    most = 8 + slices.rows.shape[1] // 2
+    if way == WALKED:
+        most += 2 * int(images.levels[0, 1:].sum()) * max(len(images.views), 1)
     settings = (lamp.kind, way, panels, most, np.float32(reach))
 
     def integrate(rows: np.ndarray, out: Scattered) -> None:

@@ -18,7 +18,7 @@ from torchrender.numerics.shadow_compare import LightView
 from torchrender.scene.camera import Cameras, look_at_matrix, pinhole_matrix
 from torchrender.scene.light import DirectionalLight, Light, PointLight, RectLight, SpotLight
 
-NEAREST = 1e-6
+NEAREST = 1e-10
 """Smallest near plane of a light inside the scene, as a share of its far plane."""
 
 WIDEST_CONE_DEG = 65.0

@@ -95,9 +95,12 @@ def _samples_of(grid: LightGrid, per_side: int, step: int) -> LightSamples:
 def _order(n: int, step: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Probes of a group, coarse samples of a receiver, rows of the fine grid; of n x n samples."""
     random, cells = np.random.default_rng(0), round((GROUP * _PROBES) ** 0.5)
-    # One sample in each of the light's cells, dealt out so that every receiver sees all of it, coarsely.
+    # One sample in each of the light's cells, dealt out so that every receiver sees all of it, coarsely. Those of outer
+    # cells lie at the rim: what hides a part of the light mostly comes from there.
     a, b = (v.ravel() for v in np.meshgrid(np.arange(cells), np.arange(cells), indexing="ij"))
-    row, column = ((v * n + random.integers(0, n, len(v))) // cells for v in (a, b))
+    within = [random.integers(0, n, len(v)) for v in (a, b)]
+    ends = [np.where(v == 0, 0, np.where(v == cells - 1, n - 1, r)) for v, r in zip((a, b), within, strict=True)]
+    row, column = ((v * n + r) // cells for v, r in zip((a, b), ends, strict=True))
     half = cells // 2
     quarter = (a // half) * 2 + b // half
     dealt = np.stack([random.permutation(np.flatnonzero(quarter == q)) for q in range(_PROBES)], axis=1)

@@ -80,7 +80,10 @@ def shines(light: Light) -> bool:
 def takes_light(scene: Scene) -> Tensor:
     """(M+1,) bool: the material sends back light that arrives directly; the last row stands for no surface."""
     table = scene.material_table
-    return (table.diffuse != 0).any(dim=1) | (table.highlight != 0).any(dim=1)
+    physical = table.physical
+    layered = (physical.clearcoat[:, 0] != 0) | (physical.sheen != 0).any(dim=1)
+    glossy = (physical.kind == 1) & (physical.dielectric * physical.weight != 0) | layered
+    return (table.diffuse != 0).any(dim=1) | (table.highlight != 0).any(dim=1) | glossy
 
 
 def points_of(scene: Scene, samples: GBuffer | RaySurface) -> list[Points]:

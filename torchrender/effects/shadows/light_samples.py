@@ -67,20 +67,21 @@ class LightGrid:
         return (step[:, None] * count + step).reshape(-1), parts.reshape(-1, 3, 3)
 
 
-def light_grid(light: RectLight, bounds: Tensor, *, per_side: int, size: int) -> LightGrid:
-    """``per_side`` x ``per_side`` cell centres of a light; a line has ``per_side`` samples, a point one.
+def light_grid(light: RectLight, bounds: Tensor, *, per_side: int, size: int, staggered: bool = False) -> LightGrid:
+    """``per_side`` x ``per_side`` samples of a light; a line has ``per_side``, a point one.
 
     Args:
         light: edges may be zero or parallel.
         bounds: (2,3) box that the cameras look at, scene units.
         per_side: samples along each edge.
         size: pixels of a picture's side.
+        staggered: as in :meth:`~torchrender.scene.light.RectLight.samples`, else the centres of cells.
 
     Raises:
         InputError, OptionError: a box of another shape or not finite, counts below one.
     """
     check_range("per_side", per_side, 1)
-    samples, outline, note = _samples(light, per_side)
+    samples, outline, note = _samples(light, per_side, staggered)
     return _grid(samples, outline, note, bounds, size)
 
 
@@ -92,19 +93,18 @@ def corner_grid(light: RectLight, bounds: Tensor, *, size: int) -> LightGrid:
     for c in corners:
         if not any(bool((c == other).all()) for other in kept):
             kept.append(c)
-    _, outline, note = _samples(light, 1)
+    _, outline, note = _samples(light, 1, False)
     return _grid(torch.stack(kept), outline, note, bounds, size)
 
 
-def _samples(light: RectLight, per_side: int) -> tuple[Tensor, Tensor, str]:
+def _samples(light: RectLight, per_side: int, staggered: bool) -> tuple[Tensor, Tensor, str]:
     """Samples (S,3), outline (3,3) and note."""
     corner, u, v = light.corner.double(), light.edge_u.double(), light.edge_v.double()
     lengths = float(u.norm()), float(v.norm())
     area = float(torch.linalg.cross(u, v).norm())
-    t = (torch.arange(per_side, dtype=torch.float64) + 0.5) / per_side
     if area > 1e-9 * lengths[0] * lengths[1]:
-        grid = t[:, None, None] * u + t[None, :, None] * v
-        return (corner + grid).reshape(-1, 3), torch.stack([corner, u, v]), ""
+        return light.samples(per_side, staggered=staggered), torch.stack([corner, u, v]), ""
+    t = (torch.arange(per_side, dtype=torch.float64) + 0.5) / per_side
     # Edges that point against each other: the line runs from one tip to the other.
     start, long = (corner, u + v) if float(u @ v) >= 0 else (corner + v, u - v)
     length = float(long.norm())

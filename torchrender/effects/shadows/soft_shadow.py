@@ -56,9 +56,11 @@ _ONES = np.array([bin(value).count("1") for value in range(256)], np.int32)
 class SoftShadowOptions:
     """How light visibility is found.
 
-    Rays of Embree start off the surface by what its position may be off, and need no bias. Packets and maps take
+    Rays start off the surface by what its position may be off, and need no bias. Surfaces that were rebuilt, maps, and
+    engine "packets" where it is asked for take
     ``bias = constant_bias z + slope_bias g(z) min(tan theta, largest_slope)`` with z the depth of the point seen from
-    the light sample, g(z) the width of a texel there and theta the angle between normal and light.
+    the light sample, g(z) the width of a texel there and theta the angle between normal and light. The former ask
+    staggered samples, the latter cell centres, as published.
 
     Raises:
         OptionError: a value outside its range, or an engine that cannot answer what is asked; names the option.
@@ -205,7 +207,8 @@ def soft_shadow(
     covered = gbuffer.covered
     if bounds is None:
         bounds = _bounds(ready.geometry, gbuffer.position[covered].double())
-    grids = [light_grid(light, bounds, per_side=options.light_samples, size=options.map_size) for light in lights]
+    per_side, size, staggered = options.light_samples, options.map_size, _unbiased(options)
+    grids = [light_grid(one, bounds, per_side=per_side, size=size, staggered=staggered) for one in lights]
     words = (max(len(g.samples) for g in grids) + 63) // 64
     shape = (*covered.shape, len(lights))
     bits = torch.full((*shape, words), -1, dtype=torch.int64)
@@ -253,10 +256,14 @@ def _receivers(gbuffer: GBuffer, b: int) -> tuple[_Receivers, Tensor]:
     return _Receivers(points[order], normals[order], float_error(gbuffer, rows)), order
 
 
+def _unbiased(options: SoftShadowOptions) -> bool:
+    """Nothing but rounding need be cleared: surfaces that were rebuilt lie beside those that are seen."""
+    return options.engine in ("auto", "rays") and options.visibility == "ray" and options.occluders != "rebuilt"
+
+
 def _by_rays(options: SoftShadowOptions) -> bool:
-    """Rays without a bias can answer: surfaces that were rebuilt lie beside those that are seen, and need one."""
-    fits = options.visibility == "ray" and options.occluders != "rebuilt"
-    return options.engine == "rays" or (options.engine == "auto" and fits and embree() is not None)
+    """Embree can answer."""
+    return options.engine == "rays" or (_unbiased(options) and embree() is not None)
 
 
 def _light_bits(
@@ -267,15 +274,19 @@ def _light_bits(
     if options.engine == "rays" or (_by_rays(options) and usable(ready.geometry, points, grid)):
         found, above = ready.rays.bits(points, normals, gaps, grid, options.light_samples, options.refine)
         return found, torch.from_numpy(above), 0
+    bias = (float(options.constant_bias), float(options.slope_bias), float(options.largest_slope))
+    starts = points
+    if _unbiased(options):
+        starts, bias, grid = points + normals * gaps[:, None], (0.0, 0.0, 0.0), replace(grid, near=0.0)
     how = Packets(
         visibility=options.visibility,
         drawn=options.engine == "maps",
         per_side=options.light_samples,
-        bias=(float(options.constant_bias), float(options.slope_bias), float(options.largest_slope)),
+        bias=bias,
         skip=options.skip_lit,
         probes=options.umbra_probes,
     )
-    found, missed = packet_bits(ready.geometry, ready.tree, (points, normals), grid, how)
+    found, missed = packet_bits(ready.geometry, ready.tree, (starts, normals), grid, how)
     return found, samples_above(points, normals, grid), missed
 
 

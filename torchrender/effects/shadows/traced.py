@@ -46,14 +46,14 @@ def traced_visibility(
     origins = points + normals * gap[:, None]
     seen = torch.zeros(len(points), dtype=torch.float64)
     above = torch.zeros(len(points), dtype=torch.float64)
-    targets = light.samples(samples) if isinstance(light, RectLight) else torch.zeros(1, 3)
+    targets = light.samples(samples, staggered=True) if isinstance(light, RectLight) else torch.zeros(1, 3)
     for target in targets:
         faces = ((vectors_to(light, points, target) * normals).sum(-1) > 0).nonzero().reshape(-1)
         start = origins[faces]
         toward = vectors_to(light, start, target)
         here = toward.norm(dim=-1) > 0  # on the light itself nothing lies between
         hidden = torch.zeros(len(faces), dtype=torch.bool)
-        limit = math.inf if isinstance(light, DirectionalLight) else _end(light, toward)[here]
+        limit = math.inf if isinstance(light, DirectionalLight) else ray_end(_place(light), toward)[here]
         hidden[here] = caster.occluded(start[here], toward[here], t_max=limit)
         seen[faces] += (~hidden).double()
         above[faces] += 1.0
@@ -72,9 +72,12 @@ def float_error(gbuffer: GBuffer, rows: Tensor) -> Tensor:
     return SEEN * distance + HELD * position.abs().amax(dim=-1)
 
 
-def _end(light: Light, toward: Tensor) -> Tensor:
-    """Where rays (N,3) stop, in their own lengths: 1 is the light itself."""
-    assert not isinstance(light, DirectionalLight)
-    place = light.corner if isinstance(light, RectLight) else light.position
+def ray_end(place: Tensor, toward: Tensor) -> Tensor:
+    """Where rays (N,3) to lights at ``place`` (...,3) stop, in their own lengths: 1 is the light itself."""
     coarse = 4.0 * torch.finfo(place.dtype).eps * float(place.abs().max())
     return (1.0 - _END - coarse / toward.norm(dim=-1).clamp_min(1e-300)).clamp_min(0.0)
+
+
+def _place(light: Light) -> Tensor:
+    assert not isinstance(light, DirectionalLight)
+    return light.corner if isinstance(light, RectLight) else light.position

@@ -18,7 +18,7 @@ from torchrender.checks import check_finite, check_tensor
 from torchrender.effects.sky_shadows.options import SkyLightOptions
 from torchrender.errors import InputError
 from torchrender.kernels.sky_shadows.light import Light
-from torchrender.kernels.sky_shadows.resample import texel_means
+from torchrender.kernels.sky_shadows.resample import texel_means, weigh_blocks
 from torchrender.numerics.wavelets.haar import Haar, first, inverse, square_levels, transform
 from torchrender.scene.environment import Environment
 from torchrender.scene.sky.cube_map import face_directions, node_directions, solid_angles, texel_directions
@@ -26,8 +26,8 @@ from torchrender.scene.sky.cube_map import face_directions, node_directions, sol
 SIDE, BLOCK_SIDE = 32, 8
 FINEST = 512
 """Rows of a picture of the sky from which on it is averaged first."""
-_TAKEN = 8
-"""Places in a texel, per side, where the sky is looked up."""
+FEW, MANY = 4, 8
+"""Places in a texel, per side, where the sky is looked up: few where a texel is no more than a few pixels of it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +56,7 @@ def cube_radiance(environment: Environment) -> Tensor:
     if step > 1:
         planes = picture.permute(2, 0, 1)[None]
         picture = torch.nn.functional.avg_pool2d(planes, step, ceil_mode=True)[0].permute(1, 2, 0)
-    azimuth, height = _places()
+    azimuth, height = _places(FEW if picture.shape[0] <= 8 * SIDE else MANY)
     out = np.empty((6 * SIDE * SIDE, 3))
     turn = environment.rotation_deg / 360.0
     texel_means(picture.contiguous().numpy(), azimuth, height, turn % 1.0, out)
@@ -64,9 +64,9 @@ def cube_radiance(environment: Environment) -> Tensor:
 
 
 @cache
-def _places() -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
-    """(6144,64) azimuth in turns and height of places in every texel."""
-    fine = SIDE * _TAKEN
+def _places(taken: int) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
+    """(6144,K) azimuth in turns and height of places in every texel, ``taken`` to its side."""
+    fine = SIDE * taken
     line = 2.0 * (torch.arange(fine, dtype=torch.float64) + 0.5) / fine - 1.0
     v, u = torch.meshgrid(line, line, indexing="ij")
     d = torch.nn.functional.normalize(face_directions(u, v), dim=-1)
@@ -74,7 +74,7 @@ def _places() -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
     height = torch.acos(d[..., 1].clamp(-1.0, 1.0)) / math.pi
 
     def grouped(value: Tensor) -> np.ndarray[Any, Any]:
-        parts = value.reshape(6, SIDE, _TAKEN, SIDE, _TAKEN).transpose(2, 3).reshape(-1, _TAKEN * _TAKEN)
+        parts = value.reshape(6, SIDE, taken, SIDE, taken).transpose(2, 3).reshape(-1, taken * taken)
         return parts.float().contiguous().numpy()
 
     return grouped(azimuth), grouped(height)
@@ -136,7 +136,9 @@ class _Facing:
         images = cosines(stored_normals(cells, blend))
         self.images = images
         blocks = images.reshape(-1, 6, 8, 4, 8, 4).transpose(3, 4).reshape(len(images), 384, 16)
-        self.blocks = blocks.permute(1, 0, 2).float().contiguous()  # (384,N,16)
+        self.blocks = blocks.float().contiguous()  # (N,384,16)
+        even = solid_angles(SIDE).expand(6, -1, -1).reshape(6, 8, 4, 8, 4).transpose(2, 3)
+        self.even = (even.reshape(384, 16, 1) / 16.0).float()  # light of radiance one
         self.haar = transform(images)
         self.means = self.haar.means.float()
 
@@ -150,23 +152,23 @@ def _facing(cells: int, blend: bool) -> _Facing:
 def _record(texels: Tensor, wavelets: Tensor, kept: Tensor, options: SkyLightOptions) -> Light:
     blend = options.blend == "blend"
     facing = _facing(options.normals, blend)
-    if options.cosine_terms is None:
-        light = texels.reshape(6, 8, 4, 8, 4, 3).transpose(2, 3).reshape(384, 16, 3) / (16.0 * SIDE**2)
-        padded = torch.nn.functional.pad(light, (0, 1)).float()
-        block = (facing.blocks @ padded).transpose(0, 1).contiguous()  # (N,384,4)
-    else:
-        block = torch.nn.functional.pad(_truncated(texels, kept, facing, options), (0, 1)).float() / 16.0
+    light = texels.reshape(6, 8, 4, 8, 4, 3).transpose(2, 3).reshape(384, 16, 3) / (16.0 * SIDE**2)
+    block = torch.zeros(len(facing.blocks), 384, 4)
+    weighed = torch.cat([light.float(), facing.even], dim=2).contiguous()
+    weigh_blocks(facing.blocks.numpy(), weighed.numpy(), block.numpy())
+    if options.cosine_terms is not None:
+        block[..., :3] = _truncated(texels, kept, facing, options).float() / 16.0
     fine = kept[kept[:, 3] == 1] if options.levels == 2 else kept[:0]
     face, square, kind = fine[:, 0], fine[:, 1], fine[:, 2]
     number, column = _fine_places(square, kind)
     number = face * 64 + number
     order = number.argsort(stable=True)
     value = wavelets[:, face, square, kind].T[order]
-    mean = facing.means[:, face, square][:, order]
+    mean = facing.means.reshape(len(block), -1)[:, (face * facing.means.shape[2] + square)[order]]
     start = torch.searchsorted(number[order].contiguous(), torch.arange(385))
     return Light(
         whole=(16.0 * block.sum(1)).numpy(),
-        block=block.contiguous().numpy(),
+        block=block.numpy(),
         mean=mean.contiguous().numpy(),
         value=torch.nn.functional.pad(value, (0, 1)).float().contiguous().numpy(),
         column=column[order].int().contiguous().numpy(),

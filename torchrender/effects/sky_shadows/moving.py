@@ -11,6 +11,9 @@ from torchrender.effects.sky_shadows.fit import SphereSet
 FEWEST = 4
 """Vertices that a sphere follows at least; one with fewer of its own follows the nearest ones as well."""
 
+LEAST_SNUG = 0.75
+"""Share of its radius that a snug sphere keeps at least."""
+
 
 class Binding:
     """What a set of spheres follows."""
@@ -42,8 +45,10 @@ class Binding:
     def _means(self, values: Tensor) -> Tensor:
         return _sums(values, self.labels, len(self.set.centres)) / self.number[:, None]
 
-    def at(self, vertices: Tensor) -> Tensor:
+    def at(self, vertices: Tensor, *, snug: bool = False) -> Tensor:
         """Spheres (S,4) float64 for the mesh's vertices (V,3) in another pose.
+
+        They cover the mesh; ``snug`` ones are smaller, so that what stands out of it makes up for what they leave out.
 
         A centre moves as its cluster does: the rotation between the two poses that fits best, and the mean. A radius is
         the distance to the cluster's farthest point now; what lies inside the mesh keeps its distance.
@@ -63,6 +68,8 @@ class Binding:
         mine = slice(0, self.own)
         radii = _farthest(radii, now[self.rows[mine]], centres, self.labels[mine])
         radii = _farthest(radii, now[self.faces].mean(dim=1), centres, self.set.face_sphere)
+        if snug:
+            radii = torch.maximum(radii - self.set.margin * scale, LEAST_SNUG * radii)
         return torch.cat([centres, radii[:, None]], dim=1)
 
 

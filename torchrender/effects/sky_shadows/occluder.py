@@ -28,7 +28,7 @@ from torchrender.scene.motion.records import Motion, Part
 LOG = logging.getLogger("torchrender.sky_shadows")
 _KEPT: WeakIdKeyDictionary = WeakIdKeyDictionary()
 _ARRAYS = ("centres", "radii", "vertex_sphere", "face_sphere", "inner_radii")
-VERSION = 1
+VERSION = 2
 POSES, MOST_ANIMATIONS = 8, 4
 
 
@@ -40,8 +40,9 @@ class Occluder:
     binding: Binding
 
     def spheres(self, scene: Scene) -> Tensor:
-        """(S,4) float64 centre and radius, where the scene's meshes are now."""
-        return self.binding.at(torch.cat([scene.meshes[m].vertices.detach().double() for m in self.meshes]))
+        """(S,4) float64 centre and radius, where the scene's meshes are now: together they hold their volume."""
+        vertices = torch.cat([scene.meshes[m].vertices.detach().double() for m in self.meshes])
+        return self.binding.at(vertices, snug=True)
 
     def face_spheres(self, scene: Scene) -> Tensor:
         """(F,) int64 by triangle of the scene's geometry: the sphere that it belongs to, -1 for other meshes."""
@@ -173,7 +174,8 @@ def content_key(vertices: Tensor, faces: Tensor, options: SphereOptions) -> str:
 def write_spheres(path: str | Path, spheres: SphereSet) -> None:
     """Write a set to an NPZ file: centres, radii, the sphere of every vertex and triangle."""
     numbers = {
-        "error": np.array(spheres.error), "volume": np.array(spheres.volume), "history": np.array(spheres.history),
+        "error": np.array(spheres.error), "volume": np.array(spheres.volume), "margin": np.array(spheres.margin),
+        "history": np.array(spheres.history),
     }  # fmt: skip
     write_npz(path, {**{name: getattr(spheres, name) for name in _ARRAYS}, **numbers})
 
@@ -187,7 +189,8 @@ def read_spheres(path: str | Path) -> SphereSet:
     try:
         with np.load(path, allow_pickle=False) as data:
             arrays = {name: torch.from_numpy(np.array(data[name])) for name in _ARRAYS}
-            error, volume, history = float(data["error"]), float(data["volume"]), tuple(data["history"].tolist())
+            error, volume, margin = (float(data[name]) for name in ("error", "volume", "margin"))
+            history = tuple(data["history"].tolist())
     except FileNotFoundError:
         raise SceneFileError(path, "there is no such file") from None
     except (OSError, ValueError, KeyError, EOFError, TypeError) as reason:
@@ -198,4 +201,4 @@ def read_spheres(path: str | Path) -> SphereSet:
         len(labels) and not 0 <= int(labels.min()) <= int(labels.max()) < count
     ):
         raise SceneFileError(path, "no set of spheres: its arrays do not belong together")
-    return SphereSet(**arrays, error=error, volume=volume, history=history)
+    return SphereSet(**arrays, error=error, volume=volume, margin=margin, history=history)

@@ -84,7 +84,7 @@ class SkyShadowOptions:
 
     occluders: tuple[str, ...] | str = "moving"  # names of meshes, or "moving": all that animations move; "none"
     spacing: int = 2  # pixels between shaded points, per side; those between follow along surfaces; 1: every pixel
-    sphere: SphereOptions = SphereOptions(starts=1, teleports=6)
+    sphere: SphereOptions = SphereOptions(starts=1, teleports=0)
     light: SkyLightOptions = SkyLightOptions()
 
     def __post_init__(self) -> None:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import torch
 from torch import Tensor
+from torch.nn.functional import normalize
 from torch.utils.weak import WeakIdKeyDictionary
 
 from torchrender.arrays import view
@@ -54,21 +56,22 @@ def unevenness(environment: Environment) -> float:
 
 
 def light_left(scene: Scene, gbuffer: GBuffer, occluder: Occluder, light: SkyLight, spacing: int = 1) -> Tensor:
-    """Share (B,H,W,3) of the environment's light on matt surfaces that the occluder's spheres leave; 1 where empty.
+    """Share (B,H,W,4) of the environment's light on matt surfaces that the occluder's spheres leave; 1 where empty.
 
-    Shaded are one of ``spacing`` times ``spacing`` pixels; those between follow along the surfaces seen.
+    The fourth is that of light that is the same from everywhere. Shaded are one of ``spacing`` times ``spacing``
+    pixels; those between follow along the surfaces seen.
     """
     spheres = occluder.spheres(scene)
     own = occluder.face_spheres(scene)
     batch, height, width = gbuffer.covered.shape
-    out = torch.ones(batch, height, width, 3)
+    if gbuffer.cameras.orthographic or min(height, width) < 2 * spacing:
+        spacing = 1  # no eye to spread from, or too few rows
+    out = torch.ones(batch, height, width, 4)
     for b in range(batch):
         rows = slice(spacing // 2, None, spacing)
-        triangle = gbuffer.triangle[b, rows, rows] if min(height, width) > spacing // 2 else gbuffer.triangle[b, :1, :1]
-        if min(height, width) <= spacing // 2:
-            rows = slice(0, 1)
+        triangle = gbuffer.triangle[b, rows, rows]
         seen = triangle >= 0
-        values = torch.ones(*triangle.shape, 3)
+        values = torch.ones(*triangle.shape, 4)
         if bool(seen.any()):
             points, normals = gbuffer.position[b, rows, rows][seen], gbuffer.normal[b, rows, rows][seen]
             values[seen] = _share(points, normals, own[triangle[seen]], spheres, light)
@@ -80,12 +83,13 @@ def light_left(scene: Scene, gbuffer: GBuffer, occluder: Occluder, light: SkyLig
 
 
 def _share(points: Tensor, normals: Tensor, own: Tensor, spheres: Tensor, light: SkyLight) -> Tensor:
-    """Share (N,3) of the light that is left, channel by channel; 1 where there is none."""
+    """Share (N,4) of the light that is left, channel by channel, and of even light; 1 where there is none."""
     # A surface that spheres reach through touches what they stand for; one of that itself is not hidden by it.
     inside = torch.where(own >= 0, INSIDE.index("skip"), INSIDE.index("half"))
     found = shade(points[None], normals[None], spheres[None], light, own_sphere=own[None], inside=inside[None])
     left, whole = found.radiance[0], found.whole[0]
-    return torch.where(whole > 0, left / whole.clamp_min(1e-30), 1.0).clamp(0.0, 1.0)
+    share = torch.where(whole > 0, left / whole.clamp_min(1e-30), 1.0)
+    return torch.cat([share, found.open_share[0, :, None]], dim=1).clamp(0.0, 1.0)
 
 
 def _spread(gbuffer: GBuffer, b: int, few: tuple[slice, Tensor], out: Tensor, spacing: int) -> None:
@@ -106,6 +110,14 @@ def _spread(gbuffer: GBuffer, b: int, few: tuple[slice, Tensor], out: Tensor, sp
     spread_points(points, pixels, out.numpy())
 
 
+class Surroundings(NamedTuple):
+    """What all surfaces together leave of the sky's light, as the picture's light was computed with."""
+
+    taken: Tensor  # (B,H,W) share of the light that arrived
+    normal: Tensor | None  # (B,H,W,3) unit, where it was looked up; None: along the surface's normal
+    sky: Tensor  # (B,H,W) share of the sky that is open, the occluder among what hides it
+
+
 class _LostSky(Sky):
     """The environment's light that does not arrive: diffuse only."""
 
@@ -115,7 +127,12 @@ class _LostSky(Sky):
 
     def diffuse(self, normal: Tensor) -> Tensor:
         """Irradiance over pi (3,N)."""
-        return super().diffuse(normal) * self.lost
+        del normal
+        return self.lost
+
+    def arriving(self, normal: Tensor) -> Tensor:
+        """Irradiance over pi (3,N) at normals (3,N), all of it."""
+        return super().diffuse(normal)
 
     def mirrored(self, direction: Tensor, roughness: Tensor) -> Tensor:
         """Nothing."""
@@ -123,21 +140,31 @@ class _LostSky(Sky):
         return torch.zeros_like(direction)
 
 
-def light_lost(scene: Scene, gbuffer: GBuffer, left: Tensor) -> Tensor:
-    """Radiance (B,H,W,3) that surfaces send less of the environment's light, of which a share ``left`` arrives."""
-    lost = (1.0 - left).reshape(-1, 3)
-    rows = (gbuffer.covered.reshape(-1) & (lost.amax(dim=-1) > SHOWS)).nonzero().reshape(-1)
-    image = torch.zeros_like(lost)
+def light_lost(scene: Scene, gbuffer: GBuffer, left: Tensor, around: Surroundings | None = None) -> Tensor:
+    """Radiance (B,H,W,3) that surfaces send less of the environment's light, of which shares ``left`` arrive.
+
+    Where all surfaces hide a part of the sky (``around``), the occluder is among them: its part, the share of even
+    light that its spheres hide, is taken out of theirs, and ``left`` put in its place. Where the occluder stands before
+    what is dark, surfaces so gain light: the loss is negative.
+
+    Args:
+        left: (B,H,W,4) as :func:`light_left` has it.
+        around: what the picture's light was computed with; None: nothing was hidden.
+    """
+    flat = left.reshape(-1, 4)
+    rows = (gbuffer.covered.reshape(-1) & ((1.0 - flat).amax(dim=-1) > SHOWS)).nonzero().reshape(-1)
+    image = torch.zeros(len(flat), 3)
     if len(rows):
         reader, sky = Reader(scene, gbuffer, origin_of(scene, gbuffer)), _LostSky(scene)
         for chunk in rows.split(CHUNK):
-            image[chunk] = _lost_of(reader, sky, chunk, lost[chunk].T)
-    return image.reshape(left.shape)
+            image[chunk] = _lost_of(reader, sky, chunk, (flat[chunk], around))
+    return image.reshape(*left.shape[:-1], 3)
 
 
-def _lost_of(reader: Reader, sky: _LostSky, rows: Tensor, lost: Tensor) -> Tensor:
+def _lost_of(reader: Reader, sky: _LostSky, rows: Tensor, shares: tuple[Tensor, Surroundings | None]) -> Tensor:
     surface = reader.surface(rows)
     surface = replace(surface, emission=torch.zeros_like(surface.emission))
+    lost = _lost_light(sky, surface.normal, rows, shares)
     value = torch.zeros(3, len(rows))
     for kind, sent in ((PHONG, phong), (METALLIC, metallic_roughness)):
         some = (surface.kind == kind).nonzero().reshape(-1)
@@ -145,3 +172,19 @@ def _lost_of(reader: Reader, sky: _LostSky, rows: Tensor, lost: Tensor) -> Tenso
             sky.lost = lost[:, some]
             value[:, some] = sent(surface.select(some), sky, Around(), []).radiance
     return value.T
+
+
+def _lost_light(sky: _LostSky, normal: Tensor, rows: Tensor, shares: tuple[Tensor, Surroundings | None]) -> Tensor:
+    """Irradiance over pi (3,N) that does not arrive at normals (3,N)."""
+    left, around = shares
+    if around is None:
+        return sky.arriving(normal) * (1.0 - left[:, :3]).T
+    taken, whole = around.taken.reshape(-1)[rows], around.sky.reshape(-1)[rows]
+    others = (whole / left[:, 3].clamp_min(1e-6)).clamp(0.0, 1.0)  # share that is left by what else is there
+    was = towards = normal
+    if around.normal is not None:
+        was = around.normal.reshape(-1, 3)[rows].T
+        # The open sky's middle lies off the normal in the measure in which others hide it.
+        part = ((1.0 - others) / (1.0 - whole).clamp_min(1e-6)).clamp(0.0, 1.0)
+        towards = normalize(torch.lerp(normal, was, part), dim=0)
+    return sky.arriving(was) * taken - sky.arriving(towards) * (others * left[:, :3].T)

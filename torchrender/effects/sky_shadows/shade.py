@@ -22,6 +22,7 @@ class Shaded(NamedTuple):
 
     radiance: Tensor  # (B,P,3) float32 sent by a white matt surface: times its colour, what it sends
     whole: Tensor  # (B,P,3) the same where nothing is hidden
+    open_share: Tensor  # (B,P) share of even light that arrives
     negative: int  # values that truncation had made negative, now zero
 
 
@@ -56,7 +57,7 @@ def shade(
     own = _rows("own_sphere", own_sphere, (count, number), -1)
     solid = _rows("inside", inside, (count, number), INSIDE.index(light.options.inside))
     caps, fine, chunk = caps_of(light.options), code_wavelets(), light.options.chunk
-    out = np.zeros((count, number, 6), np.float32)
+    out = np.zeros((count, number, 8), np.float32)
     negative = 0
     for b in range(count):
         samples = Samples(view(points[b], np.float64), view(normals[b], np.float32), own[b], solid[b])
@@ -64,7 +65,7 @@ def shade(
         light_points(samples, view(spheres[b], np.float64), caps, light.record, fine, chunk, out[b], below)
         negative += int(below.sum())
     made = torch.from_numpy(out)
-    return Shaded(made[..., :3], made[..., 3:], negative)
+    return Shaded(made[..., :3], made[..., 4:7], made[..., 3] / made[..., 7].clamp_min(1e-30), negative)
 
 
 def hidden_bits(

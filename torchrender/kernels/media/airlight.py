@@ -1,8 +1,12 @@
-"""A lamp in a homogeneous medium: one table gives the light from any stretch of any ray.
+"""Closed forms for one homogeneous medium.
 
-With the angle at the lamp as variable, extinction on both ways is ``exp(-u (tan x + 1 / cos x))``, where ``u`` is the
-optical depth of the ray's distance from the lamp. Sources: Sun, Ramamoorthi, Narasimhan, Nayar, A practical analytic
-single scattering model for real time rendering, 2005; the angle: Lecocq, Michelin, Arques, Kemeny, 2000.
+A lamp: one table gives the light from any stretch of any ray. With the angle at the lamp as variable, extinction on
+both ways is ``exp(-u (tan x + 1 / cos x))``, where ``u`` is the optical depth of the ray's distance from the lamp.
+Sources: Sun, Ramamoorthi, Narasimhan, Nayar, A practical analytic single scattering model for real time rendering,
+2005; the angle: Lecocq, Michelin, Arques, Kemeny, 2000.
+
+The sun: the way to it through the box is the least of three linear functions of the place on the ray, so that light
+is one exponential function between any two places where another of these becomes the least.
 """
 
 from __future__ import annotations
@@ -14,7 +18,10 @@ import numpy as np
 from numba import prange
 
 from torchrender.kernels.compile import kernel
+from torchrender.kernels.media.density import mean_of_exponential
+from torchrender.kernels.media.functions import exponential
 from torchrender.kernels.media.nodes import phase
+from torchrender.kernels.media.records import AXIS, BIG, DENSITY, G
 
 F: Any = np.float32
 HALF_TURN = F(math.pi)
@@ -66,3 +73,54 @@ def airlight_row(table, share):
     lower, upper = F(row) / F(rows - 1), F(row + 1) / F(rows - 1)
     lower, upper = lower * lower, upper * upper
     return row, (share - lower) / (upper - lower)
+
+
+@kernel(inline=True)
+def add_sunlight(media, light, o, d, begin, a, b, radiance):
+    """Add to ``radiance`` (C,) what the only medium, a homogeneous one, scatters of the sun between two lengths.
+
+    Args:
+        begin: length at which the ray enters the medium; ``a`` and ``b`` lie behind it, inside.
+    """
+    sx, sy, sz = light[AXIS], light[AXIS + 1], light[AXIS + 2]
+    low, high = media.low[0], media.high[0]
+    # Way to the sun, value + rate t, until the box ends along each axis.
+    vx = vy = vz = F(BIG)
+    rx = ry = rz = F(0.0)
+    if sx != F(0.0):
+        inverse = F(1.0) / sx
+        vx, rx = (o[0] - (low[0] if sx > F(0.0) else high[0])) * inverse, d[0] * inverse
+    if sy != F(0.0):
+        inverse = F(1.0) / sy
+        vy, ry = (o[1] - (low[1] if sy > F(0.0) else high[1])) * inverse, d[1] * inverse
+    if sz != F(0.0):
+        inverse = F(1.0) / sz
+        vz, rz = (o[2] - (low[2] if sz > F(0.0) else high[2])) * inverse, d[2] * inverse
+    density = media.numbers[0, DENSITY]
+    turned = density * phase(media.numbers[0, G], -(sx * d[0] + sy * d[1] + sz * d[2]))
+    t = a
+    while t < b:
+        x, y, z = vx + rx * t, vy + ry * t, vz + rz * t
+        value, rate = x, rx
+        if y < value or (y == value and ry < rate):
+            value, rate = y, ry
+        if z < value or (z == value and rz < rate):
+            value, rate = z, rz
+        stop = b
+        if rx < rate:
+            stop = min(stop, t + max((x - value) / (rate - rx), F(0.0)))
+        if ry < rate:
+            stop = min(stop, t + max((y - value) / (rate - ry), F(0.0)))
+        if rz < rate:
+            stop = min(stop, t + max((z - value) / (rate - rz), F(0.0)))
+        if not stop > t:  # the next function is less already, by rounding
+            stop = min(t + F(1e-5) * (b - a) + F(1e-6) * abs(t), b)
+            if not stop > t:
+                break
+        for c in range(media.extinction.shape[1]):
+            thick = media.extinction[0, c] * density
+            first = thick * (t - begin + max(value, F(0.0)))
+            rise = thick * (F(1.0) + rate) * (stop - t)
+            part = mean_of_exponential(exponential(-first), exponential(-first - rise), rise)
+            radiance[c] += media.scattering[0, c] * turned * (stop - t) * part
+        t = stop

@@ -13,7 +13,7 @@ from numba import prange
 
 from torchrender.kernels.atomics import borrowed
 from torchrender.kernels.compile import kernel
-from torchrender.kernels.media.airlight import airlight_row, airlight_to
+from torchrender.kernels.media.airlight import add_sunlight, airlight_row, airlight_to
 from torchrender.kernels.media.density import box_span
 from torchrender.kernels.media.functions import arctan2
 from torchrender.kernels.media.nodes import fill_nodes
@@ -129,7 +129,6 @@ def fill_panels(media, kind, light, ray, ends, steps, angles, scratch):
     channels = media.extinction.shape[1]
     pieces = break_points(media, kind, light, o, d, begin, end, points)
     whole = arctan2(end - t0, away) - arctan2(begin - t0, away) if angles else end - begin
-    exact = kind == SUN and media.low.shape[0] == 1 and media.kind[0] == FLAT
     count = np.int64(0)
     for c in range(channels):
         before[c] = F(0.0)
@@ -152,7 +151,7 @@ def fill_panels(media, kind, light, ray, ends, steps, angles, scratch):
         if angles:
             first, last = arctan2(ta - t0, away), arctan2(tb - t0, away)
         number = np.int64(F(steps) * (last - first) / max(whole, F(1e-30))) + 1
-        number = np.int64(1) if exact else min(max(number, np.int64(2)), np.int64(steps))
+        number = min(max(number, np.int64(2)), np.int64(steps))
         number = min(number, np.int64(panels.shape[1]) - count)
         if number <= 0 or not last > first:
             continue
@@ -239,16 +238,14 @@ def scatter_ray(media, source, seen, ray, settings, scratch, out):
             optical = media.extinction[0, c] * media.numbers[0, 0] * (ray[2] - t0)
             radiance[c] = max(total, F(0.0)) * strength * F(math.exp(min(optical, F(80.0))))
         return
+    if kind == SUN and media.low.shape[0] == 1 and media.kind[0] == FLAT:
+        for k in range(lit):
+            add_sunlight(media, light, o, d, ray[2], spans[k, 0], spans[k, 1], radiance)
+        return
     number = fill_panels(
-        media,
-        kind,
-        light,
-        (o, d, t0, away, offset),
-        (begin, end),
-        NEAR * steps if close else steps,
-        angles,
+        media, kind, light, (o, d, t0, away, offset), (begin, end), NEAR * steps if close else steps, angles,
         (panels, nodes, points, active),
-    )
+    )  # fmt: skip
     if number == 0:
         return
     for c in range(channels):

@@ -62,8 +62,9 @@ class Slices(NamedTuple):
     """Planes through the eye along the light, each a row of thresholds: a ray is lit where its slope is not above."""
 
     rows: np.ndarray  # (S,K) thresholds
-    tree: np.ndarray  # (S,K,2) least and greatest of 2, 4, ... neighbours
-    numbers: np.ndarray  # (16,) see slices
+    tree: np.ndarray  # (S,2 K/RUN,2) least and greatest of runs, and of 2, 4, ... of these
+    lines: np.ndarray  # (S,4) of parallel light, see slices
+    numbers: np.ndarray  # (18,) see slices
 
 
 class Source(NamedTuple):

@@ -2,14 +2,19 @@
 
 In such a plane all rays of the eye pass the same texels of the light's depth image, and each is lit in a texel where
 one number of its own, its slope, is at most one number of the texel. A tree of least and greatest numbers passes whole
-runs of texels at once.
+runs of texels at once; the runs of its lowest level are read one by one.
+
+A row of parallel light has two entries for each column of texels (or row, if the slice runs along these rather): the
+slice passes at most two texels there. So a row holds every texel that it passes, and where a ray leaves one is found
+from the texel's own side and the ray's own direction. A row of a lamp has entries of equal angle.
 Sources: Engelhardt, Dachsbacher, Epipolar sampling for shadows and crepuscular rays in participating media with single
 scattering, 2010; Baran, Chen, Ragan-Kelley, Durand, Lehtinen, A hierarchical volumetric shadow algorithm for single
 scattering, 2010; Chen, Baran, Durand, Jarosz, Real-time volumetric shadows using 1D min-max mipmaps, 2011.
 
 Numbers of the slices: a frame of two axes across the light's direction (lamp: from the eye to it), the axis, the angle
-of the first slice and between slices, the first texel and the step along a row (parallel: texels of the image; lamp:
-angle at the lamp, from the eye), and the lamp's distance or the eye's place in the image.
+of the first slice and between slices, the first angle at the lamp and the step along a row, and the lamp's distance or
+the eye's place in the image. Lines of parallel slices: whether they run along rows, the side of the first column, in
+which direction columns follow, and by how much the other coordinate changes with each.
 """
 
 from __future__ import annotations
@@ -30,6 +35,8 @@ F: Any = np.float32
 ACROSS, UPWARD, AXIS, ANGLE, ANGLE_STEP, START, STEP, DISTANCE, U, V, FOCAL = 0, 3, 6, 9, 10, 11, 12, 13, 13, 14, 15
 NUMBERS = 18
 TURN = F(2.0 * math.pi)
+RUN = 16  # entries that the lowest level of the tree sums up
+ALONG, FIRST, SIGN, SLANT = 0, 1, 2, 3  # numbers of a line
 
 
 @kernel(inline=True)
@@ -73,9 +80,64 @@ def lamp_row(depth, views, numbers, basis, turns, row):
             row[k] = (c - distance * w / reach) / p
 
 
+@kernel(inline=True)
+def parallel_row(depth, numbers, angle, line, row):
+    """Thresholds of one slice of parallel light, and its line."""
+    ca, sa = F(math.cos(angle)), F(math.sin(angle))
+    along = abs(ca) >= abs(sa)
+    eye, other = (numbers[U], numbers[V]) if along else (numbers[V], numbers[U])
+    rate, slant = (ca, sa / ca) if along else (sa, ca / sa)
+    sign = F(1.0) if rate > F(0.0) else F(-1.0)
+    columns = depth.shape[2] if along else depth.shape[1]
+    others = depth.shape[1] if along else depth.shape[2]
+    # From the column on that the eye is in, or from the image's border.
+    first = F(math.floor(eye)) if rate > F(0.0) else F(math.ceil(eye))
+    first = min(max(first, F(0.0)), F(columns))
+    line[ALONG], line[FIRST], line[SIGN], line[SLANT] = F(1.0) if along else F(0.0), first, sign, sign * slant
+    away = F(1.0) / abs(rate)
+    start = (first - eye) * sign  # columns from the eye
+    for j in range(len(row) >> 1):
+        row[2 * j], row[2 * j + 1] = BIG, BIG
+        column = np.int64(first) + j if rate > F(0.0) else np.int64(first) - 1 - j
+        if column < 0 or column >= columns:
+            continue
+        here = other + (start + F(j)) * line[SLANT]
+        there = here + line[SLANT]
+        a, b = np.int64(math.floor(here)), np.int64(math.floor(there))
+        share = F(1.0)
+        if a != b:
+            share = min(max((F(max(a, b)) - here) / (there - here), F(0.0)), F(1.0))
+        middle = F(0.5) if a == b else F(0.5) * share
+        for half in range(2):
+            texel = b if half == 1 else a
+            if texel >= 0 and texel < others:
+                reach = depth[0, texel, column] if along else depth[0, column, texel]
+                at = max((start + F(j) + middle) * away, F(1e-3))
+                row[2 * j + half] = min((reach - numbers[FOCAL]) / at, BIG)
+            middle = F(0.5) if a == b else F(0.5) * (F(1.0) + share)
+
+
+@kernel(inline=True)
+def fill_tree(row, tree):
+    """Least and greatest of runs of RUN entries, then of 2, 4, ... of these."""
+    count = len(row) // RUN
+    for k in range(count):
+        low, high = row[k * RUN], row[k * RUN]
+        for e in range(k * RUN + 1, k * RUN + RUN):
+            low, high = min(low, row[e]), max(high, row[e])
+        tree[k, 0], tree[k, 1] = low, high
+    first, n = 0, count
+    while n > 1:
+        for k in range(n >> 1):
+            a = first + 2 * k
+            tree[first + n + k, 0] = min(tree[a, 0], tree[a + 1, 0])
+            tree[first + n + k, 1] = max(tree[a, 1], tree[a + 1, 1])
+        first, n = first + n, n >> 1
+
+
 @kernel(parallel=True)
-def build_slices(depth, views, parallel, numbers, rows, tree):
-    """Fill ``rows`` (S,K) and ``tree`` (S,K,2): thresholds, and least and greatest of 2, 4, ... neighbours.
+def build_slices(depth, views, parallel, numbers, rows, tree, lines):
+    """Fill ``rows`` (S,K), ``tree`` (S,2 K/RUN,2) and ``lines`` (S,4); K is a power of two, at least RUN.
 
     Args:
         depth: (V,H,W) of the light's views, +inf where they see nothing.
@@ -89,50 +151,33 @@ def build_slices(depth, views, parallel, numbers, rows, tree):
         turns[0, k], turns[1, k] = math.cos(at), max(math.sin(at), 1e-7)
     for s in prange(rows.shape[0]):
         angle = numbers[ANGLE] + (F(s) + F(0.5)) * numbers[ANGLE_STEP]
-        ca, sa = F(math.cos(angle)), F(math.sin(angle))
         row = borrowed(rows)[s]
         if parallel:
-            for k in range(count):
-                at = numbers[START] + (F(k) + F(0.5)) * numbers[STEP]
-                u, v = numbers[U] + at * ca, numbers[V] + at * sa
-                row[k] = BIG
-                if u >= F(0.0) and v >= F(0.0) and u < F(depth.shape[2]) and v < F(depth.shape[1]):
-                    row[k] = min((depth[0, np.int64(v), np.int64(u)] - numbers[FOCAL]) / at, BIG)
+            parallel_row(borrowed(depth), borrowed(numbers), angle, borrowed(lines)[s], row)
         else:
+            ca, sa = F(math.cos(angle)), F(math.sin(angle))
             basis = (
                 ca * numbers[0] + sa * numbers[3], ca * numbers[1] + sa * numbers[4], ca * numbers[2] + sa * numbers[5]
             )  # fmt: skip
             lamp_row(borrowed(depth), borrowed(views), borrowed(numbers), basis, borrowed(turns), row)
-        for k in range(count >> 1):
-            tree[s, k, 0] = min(row[2 * k], row[2 * k + 1])
-            tree[s, k, 1] = max(row[2 * k], row[2 * k + 1])
-        first, n = 0, count >> 1
-        while n > 1:
-            for k in range(n >> 1):
-                a, b = first + 2 * k, first + 2 * k + 1
-                tree[s, first + n + k, 0] = min(tree[s, a, 0], tree[s, b, 0])
-                tree[s, first + n + k, 1] = max(tree[s, a, 1], tree[s, b, 1])
-            first, n = first + n, n >> 1
+        fill_tree(row, borrowed(tree)[s])
 
 
 @kernel(inline=True)
-def along_slice(parallel, n, d, end):
-    """Angle of a ray's slice, its slope, what a step along the row is worth, and how many there are.
-
-    Steps of parallel light are ray lengths, of a lamp angles at it.
-    """
-    u = n[0] * d[0] + n[1] * d[1] + n[2] * d[2]
-    v = n[3] * d[0] + n[4] * d[1] + n[5] * d[2]
-    w = n[6] * d[0] + n[7] * d[1] + n[8] * d[2]
-    angle = arctan2(v, u)
-    if parallel:
-        rate = max(math.sqrt(u * u + v * v), F(1e-9))
-        return angle, w / rate, F(1.0) / rate, rate * end
-    across = math.sqrt(u * u + v * v)
-    slope = -w / max(across, F(1e-9))
-    first = arctan2(slope, F(1.0))
-    t0, away = n[DISTANCE] * w, n[DISTANCE] * max(across, F(1e-9))
-    return angle, slope, F(1.0), arctan2(end - t0, away) - first
+def enters_column(n, line, u, v, k):
+    """Length at which a ray enters entry ``k`` of a row of parallel light; ``u``, ``v``: texels per length."""
+    along = line[ALONG] > F(0.0)
+    eye, other = (n[U], n[V]) if along else (n[V], n[U])
+    major, minor = (u, v) if along else (v, u)
+    inverse = F(1.0) / max(major * line[SIGN], F(1e-9))
+    start = (line[FIRST] - eye) * line[SIGN] + F(k >> 1)
+    t = start * inverse
+    if k & 1:
+        here = other + start * line[SLANT]
+        a, b = math.floor(here), math.floor(here + line[SLANT])
+        if a != b and minor != F(0.0):
+            t = min(max((F(max(a, b)) - other) / minor, t), t + inverse)
+    return t
 
 
 @kernel(inline=True)
@@ -140,57 +185,71 @@ def slice_ray(slices, parallel, d, begin, end, spans):
     """Lit parts of an eye ray between two lengths, in ``spans`` (K,2).
 
     Returns:
-        Their number, and of runs that were looked at.
+        Their number, and of runs and entries that were looked at.
     """
-    rows, tree, n = slices
-    angle, slope, worth, reach = along_slice(parallel, n, d, end)
-    angle -= n[ANGLE]
+    rows, tree, lines, n = slices
+    u = n[0] * d[0] + n[1] * d[1] + n[2] * d[2]
+    v = n[3] * d[0] + n[4] * d[1] + n[5] * d[2]
+    w = n[6] * d[0] + n[7] * d[1] + n[8] * d[2]
+    across = max(math.sqrt(u * u + v * v), F(1e-9))
+    slope = w / across if parallel else -w / across
+    angle = arctan2(v, u) - n[ANGLE]
     if angle < F(0.0):
         angle += TURN
     elif angle >= TURN:
         angle -= TURN
     s = min(np.int64(angle / n[ANGLE_STEP]), rows.shape[0] - 1)
+    row, line, boxes = rows[s], lines[s], tree[s]
     total = rows.shape[1]
-    last = min(np.int64(max((reach - n[START]) / n[STEP], F(0.0))) + 1, total)
+    t0, away, first = n[DISTANCE] * w, n[DISTANCE] * across, F(0.0)
+    if parallel:
+        along = line[ALONG] > F(0.0)
+        reach = (u if along else v) * line[SIGN] * end - (line[FIRST] - (n[U] if along else n[V])) * line[SIGN]
+        last = 2 * np.int64(min(max(reach + F(1.0), F(0.0)), F(total)))
+    else:
+        first = arctan2(-t0, away)
+        last = np.int64(max((arctan2(end - t0, away) - first - n[START]) / n[STEP], F(0.0))) + 1
+    last = min(last, total)
+    runs = total // RUN
     levels = 0
-    while (1 << (levels + 1)) <= total:
+    while (2 << levels) <= runs:
         levels += 1
-    t0 = n[DISTANCE] * (n[6] * d[0] + n[7] * d[1] + n[8] * d[2])
-    away = math.sqrt(max(n[DISTANCE] * n[DISTANCE] - t0 * t0, F(1e-12)))
-    first = arctan2(-t0, away)
-    level = min(4, levels)
-    offset = total - (2 * total >> level)
+    level = min(1, levels)
+    offset = 2 * runs - (2 * runs >> level)
     lit, since, count, looks, k = parallel, begin, np.int64(0), np.int64(0), np.int64(0)
     while k < last:
-        m = k >> level
+        size = RUN << level
+        m = k // size
         looks += 1
-        if level:
-            low, high = tree[s, offset + m, 0], tree[s, offset + m, 1]
-        else:
-            low = high = rows[s, k]
-        if slope <= low:
-            new = True
-        elif slope > high:
-            new = False
-        else:
-            offset -= total >> (level - 1)
-            level -= 1
-            continue
-        if new != lit:
-            at = n[START] + F(k) * n[STEP]
-            t = at * worth if parallel else t0 + away * tangent(first + at)
-            t = begin if k == 0 and not parallel else t
-            if new:
-                since = min(max(t, begin), end)
-            else:
-                count = add_span(spans, count, since, min(max(t, begin), end))
-            lit = new
-        k = (m + 1) << level
+        low, high = boxes[offset + m, 0], boxes[offset + m, 1]
+        stop, whole = k + 1, True
+        if slope > low and slope <= high:
+            if level > 0:
+                offset -= runs >> (level - 1)
+                level -= 1
+                continue
+            stop, whole = min(k + RUN, last), False
+            looks += RUN
+        part = row[k:stop]
+        for e in range(len(part)):
+            new = slope <= (low if whole else part[e])
+            if new != lit:
+                if parallel:
+                    t = enters_column(n, line, u, v, k + e)
+                else:
+                    t = t0 + away * tangent(first + n[START] + F(k + e) * n[STEP]) if k + e > 0 else begin
+                t = min(max(t, begin), end)
+                if new:
+                    since = t
+                else:
+                    count = add_span(spans, count, since, t)
+                lit = new
+        k = (m + 1) * size
         if (m & 1) and level < levels:
-            offset += total >> level
+            offset += runs >> level
             level += 1
     if parallel and last == total and not lit:
-        t = (n[START] + F(total) * n[STEP]) * worth
+        t = enters_column(n, line, u, v, total)
         if t < end:
             lit, since = True, max(t, begin)
     if lit:

@@ -9,6 +9,8 @@ import numpy as np
 from torchrender.kernels.compile import kernel
 
 _EMPTY = -1
+_NEAR = 8
+"""Places of a table that are tried near the own one."""
 
 
 @kernel()
@@ -39,6 +41,19 @@ def weld_points(bits: np.ndarray, place: np.ndarray, first: np.ndarray) -> int:
 
 
 @kernel()
+def turn_faces(faces: np.ndarray, turned: np.ndarray) -> None:
+    """Each face (F,3) int64 from its smallest corner on, in the same order: ``turned`` (F,3) int64."""
+    for f in range(len(faces)):
+        k = 0
+        if faces[f, 1] < faces[f, 0]:
+            k = 1
+        if faces[f, 2] < faces[f, k]:
+            k = 2
+        for j in range(3):
+            turned[f, j] = faces[f, (k + j) % 3]
+
+
+@kernel()
 def corner_groups(corners: np.ndarray, normals: np.ndarray, cosine: float, group: np.ndarray) -> None:
     """Corners of one position that edges connect whose faces meet gently.
 
@@ -53,11 +68,17 @@ def corner_groups(corners: np.ndarray, normals: np.ndarray, cosine: float, group
         group[c] = c
     size = _table_size(3 * faces)
     table = np.full(size, _EMPTY, np.int32)  # last half edge of each edge
+    most = np.int64(0)
+    for f in range(faces):
+        for k in range(3):
+            most = max(most, corners[f, k])
+    room = max(size // (most + 1), 1)
     for half in range(3 * faces):
         f, k = half // 3, half % 3
         p, q = corners[f, k], corners[f, (k + 1) % 3]
         low, high = min(p, q), max(p, q)
-        slot = _mix(low, high) & (size - 1)
+        # Neighbours in the mesh are neighbours in the table, which keeps it in the cache; hubs overflow to anywhere.
+        slot, tries = (low * room + high % _NEAR) & (size - 1), 0
         while True:
             other = table[slot]
             if other == _EMPTY:
@@ -78,7 +99,8 @@ def corner_groups(corners: np.ndarray, normals: np.ndarray, cosine: float, group
                         _join(group, here, there_next)
                         _join(group, here_next, there)
                 break
-            slot = (slot + 1) & (size - 1)
+            tries += 1
+            slot = _mix(low, high) & (size - 1) if tries == _NEAR else (slot + 1) & (size - 1)
     for c in range(3 * faces):
         group[c] = _root(group, c)
 

@@ -202,7 +202,8 @@ def pack_groups(geometry, starts, first, packed, waste, pad):
         pad: boxes are larger by this on all sides.
 
     Returns:
-        Sum of the surfaces of boxes, number of boxes that are mostly padding, sums of shadows and of ``waste``.
+        (64,4) of each part: sum of the surfaces of boxes, number of boxes that are mostly padding, sums of shadows and
+        of ``waste``. Summed up by whoever calls: four sums cost a second of compiling.
     """
     count = geometry[1].shape[0]
     part = (count + _LANES - 1) // _LANES
@@ -213,7 +214,7 @@ def pack_groups(geometry, starts, first, packed, waste, pad):
             geometry, min(k * part, count), min(count, (k + 1) * part), starts, first[k : k + 2], packed, waste, pad
         )
         sums[k, 0], sums[k, 1], sums[k, 2], sums[k, 3] = a, b, c, d
-    return sums[:, 0].sum(), sums[:, 1].sum(), sums[:, 2].sum(), sums[:, 3].sum()
+    return sums
 
 
 @kernel()
@@ -289,13 +290,3 @@ def cut_boxes(packed, frame, first, pad, boxes, owner):
     for i in prange(packed.shape[0]):
         begin, end = np.int64(first[i]), np.int64(first[i + 1])
         _cut(packed[i], frame, boxes[begin:end], owner[begin:end], np.int64(i), pad)
-
-
-@kernel(parallel=True)
-def scaled_points(vertices, scale):
-    """Vertices (V,3) times ``scale``."""
-    out = np.empty(vertices.shape)
-    for i in prange(vertices.shape[0]):
-        for k in range(3):
-            out[i, k] = vertices[i, k] * scale
-    return out

@@ -15,7 +15,6 @@ from torchrender.kernels.rays.boxes import (
     frame_of,
     group_triangles,
     pack_groups,
-    scaled_points,
 )
 from torchrender.kernels.rays.embree import PAD, Boxes, callbacks, cast_through_boxes
 from torchrender.kernels.rays.embree_library import embree
@@ -44,12 +43,13 @@ class EmbreeScene:
 
     def __init__(self, vertices: np.ndarray, faces: np.ndarray, quality: int = USUAL) -> None:
         frame = frame_of(vertices, faces)
-        points = scaled_points(vertices, frame[SCALE])
+        points = vertices * frame[SCALE]
         starts = np.empty(len(faces), np.int32)
         parts = group_triangles(points, faces, starts)
         groups = int(parts[-1])
         packed, waste, first = _lines(groups), np.empty(groups, np.float32), np.empty(groups + 1, np.int32)
-        surface, coarse, shadows, wasted = pack_groups((points, faces), starts, parts, packed, waste, PAD)
+        sums = pack_groups((points, faces), starts, parts, packed, waste, PAD).sum(axis=0)
+        surface, coarse, shadows, wasted = sums.tolist()
         self.coarseness = coarse / max(groups, 1)
         # Twice the shadows is the surface of a box without depth: cut where boxes are mostly air.
         extra = float(np.clip(0.5 * (surface / max(shadows, 1e-300) - _FILLED), 0.0, _MOST_EXTRA))

@@ -14,8 +14,8 @@ from torchrender.kernels.shading.simd import HALF, ONE, TINY, ZERO, f4, log2
 PX, PY, PZ, NX, NY, NZ = (SLOT[n] for n in ("PX", "PY", "PZ", "NX", "NY", "NZ"))
 SX, SY, SZ, GX, GY, GZ = (SLOT[n] for n in ("SX", "SY", "SZ", "GX", "GY", "GZ"))
 EX, EY, EZ, U, V, LV = (SLOT[n] for n in ("EX", "EY", "EZ", "U", "V", "LV"))
-U1, V1, L1, TX, TY, TZ, TW = (SLOT[n] for n in ("U1", "V1", "L1", "TX", "TY", "TZ", "TW"))
-BR, DR, SR, SH, VS = (SLOT[n] for n in ("BR", "DR", "SR", "SH", "VS"))
+U1, V1, L1, TX, TW, AM = (SLOT[n] for n in ("U1", "V1", "L1", "TX", "TW", "AM"))
+BR, DR, SH, VS = (SLOT[n] for n in ("BR", "DR", "SH", "VS"))
 _NAMES = ("PX", "PY", "PZ", "SX", "SY", "DR", "DG")
 _PX, _PY, _PZ, _SX, _SY, _DR, _DG = (np.uintp(SLOT[n]) for n in _NAMES)
 _ONE = np.uintp(1)
@@ -34,7 +34,7 @@ def gather(box, samples, view, packed, looks, work):
     Short loops, one kind of look-up each: what they wait for comes from memory side by side. All indices are unsigned:
     signed ones are tested for counting from the end, access by access.
     """
-    s, pix, mat, _, near = work
+    s, pix, mat, near = work.s, work.pix, work.mat, work.near
     n, e = seen_pixels(box, samples, work)
     planes, ids, numbers, kinds_of = packed.planes, packed.ids, looks.numbers, looks.groups_of
     bits = 0
@@ -71,7 +71,7 @@ def gather(box, samples, view, packed, looks, work):
 def seen_pixels(box, samples, work):
     """Places, triangles and weights of the covered pixels of a tile, places of the empty ones; -> their counts."""
     x0, x1, y0, y1 = box
-    s, pix, _, empty, near = work
+    s, pix, empty, near = work.s, work.pix, work.empty, work.near
     triangle, weights, depth = samples.triangle, samples.weights, samples.depth
     of_image = samples.position.shape[0] == 0
     n = e = np.uintp(0)
@@ -111,7 +111,7 @@ def blend(s, n, corners, near):
 
 @kernel()
 def gather_further(samples, packed, s, n, pix):
-    """Second texture coordinates and tangents, where the scene has some."""
+    """Second texture coordinates and tangents, where the scene has some; after :func:`face`."""
     triangle, weights = samples.triangle, samples.weights
     width = np.int64(triangle.shape[1])
     second, tangents = packed.further.shape[0] > 0, packed.tangent_row.shape[0] > 0
@@ -128,16 +128,16 @@ def gather_further(samples, packed, s, n, pix):
             f = packed.further
             s[U1 + i] = f4(dw * f[a, 0] + du * f[b, 0] + dv * f[c, 0])
             s[V1 + i] = f4(dw * f[a, 1] + du * f[b, 1] + dv * f[c, 1])
-            s[L1 + i] = packed.density[t]
+            s[L1 + i] = log2(min(max(packed.density[t] * s[VS + i], LEAST), LARGEST))
         if tangents:
             row = packed.tangent_row[t]
             for k in range(4):
                 s[TX + k * SPAN + i] = ZERO
             if row >= 0:
-                g = packed.tangents
+                g, turned = packed.tangents, s[AM + i]
                 for k in range(3):
-                    s[TX + k * SPAN + i] = w * g[row, 0, k] + u * g[row, 1, k] + v * g[row, 2, k]
-                s[TW + i] = ONE if w * g[row, 0, 3] + u * g[row, 1, 3] + v * g[row, 2, 3] >= ZERO else -ONE
+                    s[TX + k * SPAN + i] = turned * (w * g[row, 0, k] + u * g[row, 1, k] + v * g[row, 2, k])
+                s[TW + i] = turned if w * g[row, 0, 3] + u * g[row, 1, 3] + v * g[row, 2, 3] >= ZERO else -turned
 
 
 @kernel()
@@ -162,7 +162,9 @@ def place(s, n, view):
 
 @kernel()
 def face(s, n):
-    """Normals that face the eye; footprints of the pixel in texture coordinates, as logarithms."""
+    """Normals that face the eye; the footprint of a pixel there (VS) and in texture coordinates, as a logarithm; which
+    side is seen (AM: -1 where tangents turn).
+    """
     for i in range(n):
         dx, dy, dz = s[EX + i], s[EY + i], s[EZ + i]
         gx, gy, gz = s[GX + i], s[GY + i], s[GZ + i]
@@ -182,15 +184,4 @@ def face(s, n):
         s[SX + i], s[SY + i], s[SZ + i] = nx, ny, nz
         s[LV + i] = log2(min(max(s[LV + i] * width, LEAST), LARGEST))
         s[VS + i] = width
-        turned = -ONE if (side < ZERO or (not own and facing < ZERO)) else ONE
-        s[TX + i], s[TY + i] = s[TX + i] * turned, s[TY + i] * turned
-        s[TZ + i], s[TW + i] = s[TZ + i] * turned, s[TW + i] * turned
-    for i in range(n):
-        s[SR + i] = s[SR + SPAN + i] = s[SR + 2 * SPAN + i] = ZERO
-
-
-@kernel()
-def face_further(s, n):
-    """Footprints in the second texture coordinates, as logarithms."""
-    for i in range(n):
-        s[L1 + i] = log2(min(max(s[L1 + i] * s[VS + i], LEAST), LARGEST))
+        s[AM + i] = -ONE if (side < ZERO or (not own and facing < ZERO)) else ONE

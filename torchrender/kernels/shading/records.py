@@ -97,7 +97,7 @@ class Sky(NamedTuple):
     levels: np.ndarray  # (K,2) int64 first texel and side
     albedo: np.ndarray  # (S,S,4) float32 directional albedo
     mean: np.ndarray  # (S,2) float32
-    radiance: np.ndarray  # (H,W,3) float32 background
+    radiance: np.ndarray  # (H,W,3) float32 background; 1 x 1: the same everywhere
     turn: np.ndarray  # (2,) float32: turn of the background, its intensity
 
 
@@ -105,9 +105,12 @@ class Reach(NamedTuple):
     """What of the light arrives."""
 
     lights: np.ndarray  # (L,32) float32, see LIGHT
-    shadow: np.ndarray  # (L,N) float32; no rows: all
+    shadow: np.ndarray  # (K,N) float32; no rows: all
+    rows: np.ndarray  # (L,) int64 row of a light in shadow, -1: all of it arrives
     around: np.ndarray  # (N,) float32; no rows: all
     bent: np.ndarray  # (N,3) float32; no rows: the normal
+    starts: np.ndarray  # (T+1,) int64 where the list of each block of pixels begins; one row: all lights everywhere
+    listed: np.ndarray  # (K,) int32 lights of the lists
 
 
 class Out(NamedTuple):
@@ -117,6 +120,32 @@ class Out(NamedTuple):
     replaced: np.ndarray  # (N,3)
     mirrored: np.ndarray  # (N,3)
     surface: np.ndarray  # (N,4) shading normal with its map, roughness
+
+
+class Stages(NamedTuple):
+    """Addresses of the stages, see :mod:`parts`, 0 where no pixel needs one; and how an image is split."""
+
+    columns: int  # of a tile
+    rows: int
+    workers: int
+    side: int  # pixels of the blocks that lights are listed for
+    surfaces: int
+    further: int
+    textures: int
+    bend: int
+    surface: int
+    ambient: int
+    background: int
+    small_light: int
+    rectangle: int
+    phong: int
+    metallic: int
+    metallic_light: int
+    sheen_light: int
+    coat: int
+    coat_light: int
+    write: int
+    mirrors: int
 
 
 MATERIAL = {
@@ -141,3 +170,5 @@ class Work(NamedTuple):
     mat: np.ndarray  # (SPAN,) uint32 material
     empty: np.ndarray  # (SPAN,) uint32 place of each empty pixel
     near: np.ndarray  # (4 * SPAN,) uint32 triangle and its three corners
+    found: np.ndarray  # (3,) int64 covered pixels, empty ones, bits of their materials, see gather
+    lit: np.ndarray  # (L,) bool lights that may reach the tile

@@ -7,24 +7,11 @@ from numba import prange
 
 from torchrender.kernels.atomics import borrowed
 from torchrender.kernels.compile import kernel
-from torchrender.kernels.shading.gather import face, face_further, gather, gather_further, place
-from torchrender.kernels.shading.layers import add_coat, add_coat_sky, add_sheen
-from torchrender.kernels.shading.lights import rectangle, small_light
-from torchrender.kernels.shading.lobes import (
-    add_metallic,
-    add_phong,
-    begin_metallic,
-    look_up,
-    mix,
-    write,
-    write_mirrors,
-)
-from torchrender.kernels.shading.maps import bend, constants, finish, textures
 from torchrender.kernels.shading.records import METALLIC, PHONG, RECT, SLOT, SLOTS, SPAN, Work
 from torchrender.kernels.shading.simd import ONE, ZERO, f4
-from torchrender.kernels.shading.sky import background, diffuse, mirrored
+from torchrender.kernels.stages import run
 
-LX, NX, SX, RO, CC, CK, VS = (SLOT[n] for n in ("LX", "NX", "SX", "RO", "CC", "CK", "VS"))
+CC, VS = SLOT["CC"], SLOT["VS"]
 
 
 @kernel()
@@ -37,129 +24,114 @@ def some(s, n, slot):
 
 
 @kernel()
-def keep_replaced(s, n, pix, out):
-    """The mirrored environment, before its slots are used for lights."""
-    for i in range(n):
-        for c in range(3):
-            out.replaced[pix[i], c] = s[LX + c * SPAN + i]
-
-
-@kernel()
-def keep_surface(s, n, pix, out):
-    """Shading normals and roughness, for whoever follows what the pixels mirror."""
-    for i in range(n):
-        p = pix[i]
-        for c in range(3):
-            out.surface[p, c] = s[NX + c * SPAN + i]
-        out.surface[p, 3] = s[RO + i]
-
-
-@kernel()
-def surfaces(samples, view, packed, looks, work, n, bits):
-    """What the materials of gathered pixels are, point by point."""
-    s, pix, mat, _, _ = work
-    if packed.further.shape[0] > 0 or packed.tangent_row.shape[0] > 0:
-        gather_further(samples, packed, s, n, pix)
-    if samples.position.shape[0] == 0:
-        place(s, n, view)
-    face(s, n)
-    if packed.further.shape[0] > 0:
-        face_further(s, n)
-    physical = bits & (1 << METALLIC) > 0
-    constants(s, n, mat, looks, physical)
-    textures(s, n, mat, looks)
-    finish(s, n, mat, looks, physical)
-    if bits & 8 > 0 and packed.tangent_row.shape[0] > 0:
-        bend(s, n, mat, looks)
-
-
-@kernel()
-def arrive(s, n, pix, number, reach):
-    """Light ``number`` at the pixels; False if none of them sees it."""
-    lights, shadow = reach.lights, reach.shadow
-    if shadow.shape[0] > 0:
-        most = ZERO
-        for i in range(n):
-            f = shadow[number, pix[i]]
-            s[VS + i] = f
-            most = max(most, f)
-        if most == ZERO:
-            return False
-    else:
+def arrives(s, n, pix, number, reach):
+    """Share of light ``number`` that arrives at the pixels, into VS; False if none of them sees it."""
+    shadow = reach.shadow
+    row = reach.rows[number] if shadow.shape[0] > 0 else np.int64(-1)
+    if row < 0:
         for i in range(n):
             s[VS + i] = ONE
-    if lights[number, 0] == f4(RECT):
-        rectangle(s, n, lights[number])
-    else:
-        small_light(s, n, lights[number])
-    return True
+        return True
+    most = ZERO
+    for i in range(n):
+        f = shadow[row, pix[i]]
+        s[VS + i] = f
+        most = max(most, f)
+    return most > ZERO
 
 
 @kernel()
-def tile(box, seen, packed, looks, sky, reach, out, work):
-    """One tile; ``seen`` = what is seen, and its camera."""
-    samples, view = seen
-    s, pix, mat, empty, _ = work
-    n, e, bits = gather(box, samples, view, packed, looks, work)
+def find_lit(box, across, side, reach, lit):
+    """Which lights are listed for any of the blocks of ``side`` pixels, ``across`` in a row, that the tile lies in."""
+    x0, x1, y0, y1 = box
+    for k in range(lit.shape[0]):
+        lit[k] = False
+    for j in range(y0 // side, (y1 - 1) // side + 1):
+        for i in range(x0 // side, (x1 - 1) // side + 1):
+            block = j * across + i
+            for k in range(reach.starts[block], reach.starts[block + 1]):
+                lit[reach.listed[k]] = True
+
+
+@kernel()
+def tile(box, seen, looks, sky, reach, out, work, stages):
+    """One tile; ``seen`` = what is seen, its camera, its triangles."""
+    samples, view, packed = seen
+    s, pix = work.s, work.pix
+    run(stages.surfaces, (box, samples, view, packed, looks, work))
+    n, e, bits = work.found[0], work.found[1], work.found[2]
     if e > 0 and samples.position.shape[0] == 0 and out.radiance.shape[0] > 0:
-        background(s, e, empty, view, sky, out.radiance)
+        if stages.background != 0:
+            run(stages.background, (view, sky, work, e, out.radiance))
+        else:
+            for i in range(e):
+                for c in range(3):
+                    out.radiance[work.empty[i], c] = sky.radiance[0, 0, c] * sky.turn[1]
     if n == 0:
         return
-    surfaces(samples, view, packed, looks, work, n, bits)
+    if stages.further != 0:
+        run(stages.further, (samples, packed, work, n))
+    if stages.textures != 0:
+        run(stages.textures, (looks, work, n))
+    if bits & 8 > 0 and packed.tangent_row.shape[0] > 0:
+        run(stages.bend, (looks, work, n))
     if out.surface.shape[0] > 0:
-        keep_surface(s, n, pix, out)
+        run(stages.surface, (out, work, n))
         if out.radiance.shape[0] == 0:
             return
-    diffuse(s, n, pix, sky, reach)
+    run(stages.ambient, (looks, sky, reach, work, n, bits))
     phong, metallic, shiny = bits & (1 << PHONG) > 0, bits & (1 << METALLIC) > 0, bits & 16 > 0
     coated = cloth = False
     if metallic:
-        look_up(s, n, mat, looks, sky, bits & 32 > 0)
-        mix(s, n)
-        mirrored(s, n, sky, NX, RO)
-        begin_metallic(s, n, mat, looks)
-        if out.replaced.shape[0] > 0:
-            keep_replaced(s, n, pix, out)
+        run(stages.metallic, (looks, sky, out, work, n, bits))
         coated, cloth = some(s, n, CC), bits & 32 > 0
         if coated:
-            mirrored(s, n, sky, SX, CK)
-            add_coat_sky(s, n, sky)
+            run(stages.coat, (sky, work, n))
     for number in range(reach.lights.shape[0]):
-        if not arrive(s, n, pix, number, reach):
+        if not work.lit[number] or not arrives(s, n, pix, number, reach):
             continue
         light = reach.lights[number]
+        if light[0] == f4(RECT):
+            run(stages.rectangle, (work, n, light))
+        else:
+            run(stages.small_light, (work, n, light))
         if metallic:
-            add_metallic(s, n, sky, light)
+            run(stages.metallic_light, (sky, work, n, light))
             if cloth:
-                add_sheen(s, n, mat, looks, light)
+                run(stages.sheen_light, (looks, work, n, light))
             if coated:
-                add_coat(s, n, light)
+                run(stages.coat_light, (work, n, light))
         if phong:
-            add_phong(s, n, light, shiny)
+            run(stages.phong, (work, n, light, shiny))
     if out.replaced.shape[0] > 0:
-        write_mirrors(s, n, pix, mat, looks, out)
-    write(s, n, bits, pix, mat, looks, out)
+        run(stages.mirrors, (looks, out, work, n))
+    run(stages.write, (looks, out, work, n, bits))
 
 
 @kernel(parallel=True)
-def shade(samples, view, packed, looks, sky, reach, out, how):
-    """Light of all samples into ``out``; ``how`` = (columns and rows of a tile, workers).
-
-    A light that no pixel of a tile sees is skipped there.
-    """
+def shade(samples, view, packed, looks, sky, reach, out, stages):
+    """Light of all samples into ``out``. A light that no pixel of a tile sees is skipped there."""
     triangle = samples.triangle
     height, width = triangle.shape
-    columns, rows, workers = how
+    columns, rows, workers, side = stages.columns, stages.rows, stages.workers, stages.side
     across = (width + columns - 1) // columns
     tiles = across * ((height + rows - 1) // rows)
+    blocks = (width + side - 1) // side
     for worker in prange(workers):
         s = np.zeros(SLOTS * SPAN, np.float32)
         pix, mat, empty = np.zeros(SPAN, np.uint32), np.zeros(SPAN, np.uint32), np.zeros(SPAN, np.uint32)
-        near = np.zeros(4 * SPAN, np.uint32)
-        seen, soup, look = (borrowed(samples), borrowed(view)), borrowed(packed), borrowed(looks)
+        near, found, lit = (
+            np.zeros(4 * SPAN, np.uint32),
+            np.zeros(3, np.int64),
+            np.ones(reach.lights.shape[0], np.bool_),
+        )
+        shown, look = (borrowed(samples), borrowed(view), borrowed(packed)), borrowed(looks)
         around, light, target = borrowed(sky), borrowed(reach), borrowed(out)
-        work = Work(borrowed(s), borrowed(pix), borrowed(mat), borrowed(empty), borrowed(near))
+        parts = (borrowed(s), borrowed(pix), borrowed(mat), borrowed(empty), borrowed(near))
+        work = Work(*parts, borrowed(found), borrowed(lit))
         for k in range(np.int64(worker), tiles, workers):
             x0, y0 = k % across * columns, k // across * rows
             box = (x0, min(x0 + columns, width), y0, min(y0 + rows, height))
-            tile(box, seen, soup, look, around, light, target, work)
+            if light.starts.shape[0] > 1:
+                find_lit(box, blocks, side, light, work.lit)
+            tile(box, shown, look, around, light, target, work, stages)

@@ -35,7 +35,7 @@ def map_corners(first, side, across, down):
 
 @kernel()
 def diffuse(s, n, pix, sky, reach):
-    """Irradiance over pi from all around into DR.., times what of it arrives."""
+    """Irradiance over pi from all around into DR.., times what of it arrives; SR.. begin at zero."""
     ambient, texels = sky.ambient, sky.irradiance
     if reach.around.shape[0] > 0:
         for i in range(n):
@@ -43,6 +43,7 @@ def diffuse(s, n, pix, sky, reach):
     for c in range(3):
         for i in range(n):
             s[DR + c * SPAN + i] = ambient[c]
+            s[SR + c * SPAN + i] = ZERO
     if texels.shape[0] > 0:
         bent = reach.bent.shape[0] > 0
         for i in range(n):
@@ -94,15 +95,10 @@ def mirrored(s, n, sky, normal, rough):
 
 @kernel()
 def background(s, e, empty, view, sky, out):
-    """Latitude-longitude look-up for empty pixels, or a constant (a 1 x 1 picture)."""
+    """Latitude-longitude look-up for empty pixels."""
     radiance, view = sky.radiance, view.numbers
     height, width = radiance.shape[0], radiance.shape[1]
     strength, turn = sky.turn[1], sky.turn[0]
-    if height == 1 and width == 1:
-        for i in range(e):
-            for c in range(3):
-                out[empty[i], c] = radiance[0, 0, c] * strength
-        return
     r00, r01, r02, r10, r11, r12 = view[0], view[1], view[2], view[3], view[4], view[5]
     r20, r21, r22, fx, fy, fz, flat = view[6], view[7], view[8], view[12], view[13], view[14], view[16]
     for i in range(e):

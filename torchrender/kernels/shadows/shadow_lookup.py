@@ -26,6 +26,7 @@ from torchrender.kernels.shadows.shadow_receiver import (
 )
 
 NEAREST_TEXEL, WINDOW, DISC, PCSS, AVERAGE_DEPTH = 0, 1, 2, 3, 4
+UNSURE, DARK, LIT = 0, 1, 2
 
 _BLOCK, _PARTS = 512, 64
 _RISE = 2.0  # texels of depth per texel aside, beyond the slope of the receiver
@@ -172,13 +173,13 @@ def _angle(index):
 
 
 @kernel(inline=True)
-def _doubtful(maps, face, r, s):
-    """The 3 x 3 texels around a point do not all say lit, nor all dark by a clear margin, beside the receiver's plane.
+def _side(maps, face, r, s):
+    """LIT or DARK where the 3 x 3 texels around a point all say so, dark by a clear margin; else UNSURE.
 
-    Edges, contacts and surfaces that are rough beside a texel: a map cannot tell there.
+    They are compared with the receiver's plane. Unsure are edges, contacts and surfaces that are rough beside a texel.
     """
     if not r.flat:
-        return True
+        return UNSURE
     height, width = maps.shape[1], maps.shape[2]
     left, top = math.floor(r.u), math.floor(r.v)
     lit = dark = 0
@@ -189,14 +190,16 @@ def _doubtful(maps, face, r, s):
             depth = np.float64(maps[face, row, column])
             plane = plane_depth(r, s.orthographic, column + 0.5, row + 0.5)
             if math.isnan(plane):
-                return True
+                return UNSURE
             if plane <= depth + s.b0 * r.texel + r.rounding:
                 lit += 1
             elif plane > depth + _CLEAR * r.texel:
                 dark += 1
             else:
-                return True
-    return lit > 0 and dark > 0
+                return UNSURE
+    if lit > 0 and dark > 0:
+        return UNSURE
+    return LIT if lit > 0 else DARK
 
 
 @kernel()
@@ -246,12 +249,20 @@ def _factor(points, normals, index, light, views, maps, taps, s):
             step *= depth
         u, v, depth = image_point(views, chosen, s.orthographic, x + step * nx, y + step * ny, z + step * nz)
     if outside_view(views, chosen, u, v, depth, 0.0, height, width):
-        return s.outside, -1
+        # Between the light and its near plane nothing was drawn, but triangles may stand there.
+        close = s.settles and not s.orthographic and 0.0 < depth <= views[chosen, NEAR]
+        return s.outside, chosen if close and u >= 0.0 and v >= 0.0 and u < width and v < height else -1
     size *= 0.0 if s.exact else 1.0
     r = receiver(views, chosen, s.orthographic, (u, v, depth), (nx, ny, nz), cosine, size)
     found, edge = _filtered(maps, chosen, r, s, taps, index)
-    unsure = s.settles and edge and _doubtful(maps, chosen, r, s)
-    return found, chosen if unsure else -1
+    if not (s.settles and edge):
+        return found, -1
+    side = _side(maps, chosen, r, s)
+    if side == UNSURE:
+        return found, chosen
+    # A filter wider than a shadow, or than a gap between two, says softness and no side.
+    other = 1.0 - found
+    return max(found, other) if side == LIT else min(found, other), -1
 
 
 @kernel(parallel=True)

@@ -42,7 +42,7 @@ class Caps(NamedTuple):
 class Light(NamedTuple):
     """Light times cosine, by normal; N stored normals, K fine wavelets of the light in order of their blocks."""
 
-    whole: np.ndarray  # (N,4) float32 without anything hidden; the fourth is padding
+    whole: np.ndarray  # (N,4) float32 without anything hidden; the fourth is that of even light
     block: np.ndarray  # (N,384,4) float32 of the 16th part of a block
     mean: np.ndarray  # (N,K) float32 mean cosine over pi in the wavelet's square
     value: np.ndarray  # (K,4) float32 of the wavelet
@@ -155,32 +155,38 @@ def stored_normals(x, y, z, cells, index, weight):
 
 @kernel()
 def gather(words, codes, counts, light, fine, place, out):
-    """Light (6,): left by what words (96,) hide, and with nothing hidden; ``place``: normals, weights, number."""
+    """Light (8,): left by what words (96,) hide, and with nothing hidden, each of three colours and of even light.
+
+    ``place``: normals, weights, number.
+    """
     index, weight, normals = place
     block, mean, value, column, start = light.block, light.mean, light.value, light.column, light.start
     count_blocks(words, counts)
-    red = green = blue = 0.0
+    red = green = blue = even = 0.0
     left = False
     for k in range(normals):
         red += weight[k] * light.whole[index[k], 0]
         green += weight[k] * light.whole[index[k], 1]
         blue += weight[k] * light.whole[index[k], 2]
-    out[3], out[4], out[5] = red, green, blue
+        even += weight[k] * light.whole[index[k], 3]
+    out[4], out[5], out[6], out[7] = red, green, blue, even
     for b in range(BLOCKS):
         count = counts[b]
         if count < 16:
             left = True
         if count == 0:
             continue
-        r = g = s = 0.0
+        r = g = s = e = 0.0
         for k in range(normals):
             row = index[k]
             r += weight[k] * block[row, b, 0]
             g += weight[k] * block[row, b, 1]
             s += weight[k] * block[row, b, 2]
+            e += weight[k] * block[row, b, 3]
         red -= count * r
         green -= count * g
         blue -= count * s
+        even -= count * e
         if count == 16:
             continue
         code = codes[b]
@@ -196,13 +202,13 @@ def gather(words, codes, counts, light, fine, place, out):
             green -= facing * value[t, 1]
             blue -= facing * value[t, 2]
     if not left:
-        red = green = blue = 0.0
-    out[0], out[1], out[2] = red, green, blue
+        red = green = blue = even = 0.0
+    out[0], out[1], out[2], out[3] = red, green, blue, even
 
 
 @kernel(parallel=True)
 def light_points(samples, spheres, caps, light, fine, chunk, out, negative):
-    """Light out (P,6) float32 that arrives at samples over pi, clamped at 0, and that would with nothing hidden.
+    """Light out (P,8) float32 that arrives at samples over pi, clamped at 0, and that would with nothing hidden.
     ``negative`` (T,) counts what was below zero.
 
     ``spheres`` (S,4) float64 centre and radius, ``fine`` (65536,16) int8 coefficients of codes.
@@ -213,7 +219,7 @@ def light_points(samples, spheres, caps, light, fine, chunk, out, negative):
         rows, words = np.zeros(ROWS, np.uint32), np.zeros(WORDS, np.int64)
         codes, counts = words.view(np.uint16), np.zeros(BLOCKS, np.int32)
         index, weight = np.zeros(4, np.int64), np.zeros(4)
-        color = np.zeros(6)
+        color = np.zeros(8)
         below = 0
         first = np.int64(part) * chunk
         for i in range(first, min(first + chunk, count)):
@@ -228,11 +234,11 @@ def light_points(samples, spheres, caps, light, fine, chunk, out, negative):
                 weight,
             )
             gather(words, codes, counts, light, fine, (index, weight, normals), color)
-            for c in range(3):
-                if color[c] < 0.0:
+            for c in range(4):
+                if color[c] < 0.0 and c < 3:
                     below += 1
                 out[i, c] = np.float32(max(color[c], 0.0))
-                out[i, 3 + c] = np.float32(color[3 + c])
+                out[i, 4 + c] = np.float32(color[4 + c])
         negative[part] = below
 
 

@@ -1,4 +1,4 @@
-"""Means of a latitude-longitude picture over the texels of a cube map."""
+"""Means of a latitude-longitude picture over the texels of a cube map, and texels weighed by cosines."""
 
 from __future__ import annotations
 
@@ -34,3 +34,18 @@ def texel_means(picture, azimuth, height, turn, out):
             blue += p * picture[j0, i0, 2] + q * picture[j0, i1, 2] + r * picture[j1, i0, 2] + s * picture[j1, i1, 2]
         share = 1.0 / np.float64(azimuth.shape[1])
         out[t, 0], out[t, 1], out[t, 2] = red * share, green * share, blue * share
+
+
+@kernel(parallel=True)
+def weigh_blocks(cosine, light, out):
+    """Sums out (N,B,4) float32 over the 16 texels of each block: cosines (N,B,16) of N normals, light (B,16,4)."""
+    for n in prange(out.shape[0]):
+        for b in range(out.shape[1]):
+            red = green = blue = even = np.float32(0.0)
+            for t in range(16):
+                weight = cosine[n, b, t]
+                red += weight * light[b, t, 0]
+                green += weight * light[b, t, 1]
+                blue += weight * light[b, t, 2]
+                even += weight * light[b, t, 3]
+            out[n, b, 0], out[n, b, 1], out[n, b, 2], out[n, b, 3] = red, green, blue, even

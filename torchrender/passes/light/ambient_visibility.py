@@ -24,9 +24,13 @@ from torchrender.pipeline.frame import Frame
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
 from torchrender.rays import RayCaster
+from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
 
 AMBIENT_VISIBILITY = Buffer("ambient_visibility", AmbientVisibility)
+
+LEAST_SIDE = 16
+"""Rows and columns of a picture whose depth is searched."""
 
 GAP = 1e-7
 """Height above a surface at which rays start, in diagonals of the scene: positions are exact to far less."""
@@ -45,6 +49,10 @@ def applies(outlook: Outlook) -> Verdict:
         return Verdict(False, "no ambient light")
     if not scene.geometry.triangle_count:
         return Verdict(False, "the scene has no triangles")
+    if scene.photo_light:
+        return Verdict(False, "colours of photos hold the shadows of their light already")
+    if all(scene.materials[mesh.material].unlit for mesh in scene.meshes if len(mesh.faces)):
+        return Verdict(False, "every surface shows its colour as it is, whatever the light")
     kind = "ambient light" if scene.environment is None else f"light of the environment {scene.environment.name!r}"
     return Verdict(True, f"{kind} is hidden where surfaces stand close")
 
@@ -55,8 +63,18 @@ def has_ambient_light(scene: Scene) -> bool:
 
 
 def by_rays(outlook: Outlook) -> bool:
-    """Whether rays are cast: they were asked for, or no eye sees the samples first."""
-    return outlook.options.ambient_visibility == "traced" or outlook.samples is not None or outlook.cameras.orthographic
+    """Whether rays are cast: they were asked for, no eye sees the samples first, or a picture's own depth tells little.
+
+    In a row or a few pixels nothing stands beside what is seen, and rays cost next to nothing.
+    """
+    if outlook.options.ambient_visibility == "traced" or outlook.samples is not None or outlook.cameras.orthographic:
+        return True
+    return is_small(outlook.cameras)
+
+
+def is_small(cameras: Cameras) -> bool:
+    """A picture of few pixels, or of few rows or columns."""
+    return min(cameras.width, cameras.height) < LEAST_SIDE
 
 
 def asks(outlook: Outlook) -> Buffers:
@@ -112,7 +130,7 @@ FEW = AmbientOptions(slices=2, steps=12, spacing=2, around=32)
 def _found(subject: Subject) -> Outputs:
     scene, seen = subject.scene, subject.gbuffer
     reach = 0.25 * subject.unit
-    if subject.cameras.orthographic:
+    if subject.cameras.orthographic or is_small(subject.cameras):
         made = traced_ambient(subject.caster, seen, rays=16, reach=reach, gap=GAP * scene.diagonal)
     else:
         made = horizon_ambient(scene.geometry, seen, FEW, reach=reach)

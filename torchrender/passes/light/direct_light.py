@@ -14,6 +14,7 @@ from torchrender.effects.ambient.visibility import AmbientVisibility
 from torchrender.passes.contract import Amounts, Pass
 from torchrender.passes.hard import HardEffect, Law, Outputs, Subject, radiance_bounds
 from torchrender.passes.light.ambient_visibility import AMBIENT_VISIBILITY
+from torchrender.passes.light.light_reach import LIGHT_REACH
 from torchrender.passes.light.pane_shadow import PANE_SHADOW
 from torchrender.passes.light.visibility import POINT_SHADOW, SOFT_SHADOW
 from torchrender.passes.outlook import Outlook, Verdict, counted
@@ -25,6 +26,7 @@ from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
 from torchrender.scene.model import Scene
 from torchrender.shade import AmbientReach, sent_light, shade
+from torchrender.shading.lights import LightLists
 
 
 def _under_all(scene: Scene, gbuffer: GBuffer, radiance: Tensor, direct: Tensor) -> Tensor:
@@ -32,6 +34,9 @@ def _under_all(scene: Scene, gbuffer: GBuffer, radiance: Tensor, direct: Tensor)
     del scene, gbuffer, radiance
     return direct
 
+
+FEW = 4
+"""Lights that are not worth a look at lists."""
 
 DIRECT_LIGHT = Buffer("direct_light", Tensor, layer=Layer(Order.DIRECT, _under_all))
 """Radiance (B,H,W,3)."""
@@ -48,27 +53,45 @@ def applies(outlook: Outlook) -> Verdict:
 def run(frame: Frame) -> tuple[Tensor, MirrorShare]:
     """Radiance (B,H,W,3) without reflections, and what these change."""
     scene, options = frame.scene, frame.options
+    visibility, lists = _listed(frame)
     light = sent_light(
         scene,
         frame[GBUFFER],
-        lights_visibility(frame),
+        visibility,
         background=options.background,
         area_light=options.area_light,
         around=ambient_reach(scene, frame.get(AMBIENT_VISIBILITY)),
         mirrors=MIRROR_SHARE in frame.wanted or bool(frame.askers(MIRROR_SHARE)),
+        lists=lists,
     )
     return light.radiance, light.share
 
 
 def lights_visibility(frame: Frame) -> Tensor | None:
     """Share (B,L,H,W) of each light that arrives, as far as passes found out; None: all of it."""
-    point, soft, panes = frame.get(POINT_SHADOW), frame.get(SOFT_SHADOW), frame.get(PANE_SHADOW)
-    found: dict[int, Tensor] = {**(point or {}), **(soft or {})}
+    found, panes = _shadows(frame), frame.get(PANE_SHADOW)
     if not found:
         return panes
     lit = torch.ones(frame[GBUFFER].covered.shape)
     visibility = torch.stack([found.get(number, lit) for number in range(len(frame.scene.lights))], dim=1)
     return visibility if panes is None else visibility * panes
+
+
+def _shadows(frame: Frame) -> dict[int, Tensor]:
+    point, soft = frame.get(POINT_SHADOW), frame.get(SOFT_SHADOW)
+    return {**(point or {}), **(soft or {})}
+
+
+def _listed(frame: Frame) -> tuple[Tensor | None, LightLists | None]:
+    """The same, with many lights of those alone whose shadows were made (B,K,H,W); and where lights reach."""
+    reach = frame.get(LIGHT_REACH)
+    if reach is None or len(frame.scene.lights) <= FEW:
+        return lights_visibility(frame), None
+    lists, found = LightLists(reach.starts, reach.lights, reach.side), _shadows(frame)
+    if not found or frame.get(PANE_SHADOW) is not None:
+        return lights_visibility(frame), lists
+    known = tuple(sorted(found))
+    return torch.stack([found[number] for number in known], dim=1), lists._replace(shaded=known)
 
 
 def ambient_reach(scene: Scene, found: AmbientVisibility | None) -> AmbientReach | None:
@@ -140,7 +163,7 @@ PASS = Pass(
     makes=DIRECT_LIGHT,
     also=(MIRROR_SHARE,),
     needs=(GBUFFER,),
-    uses=(POINT_SHADOW, SOFT_SHADOW, PANE_SHADOW, AMBIENT_VISIBILITY),
+    uses=(LIGHT_REACH, POINT_SHADOW, SOFT_SHADOW, PANE_SHADOW, AMBIENT_VISIBILITY),
     applies=applies,
     run=run,
     settings=settings("irradiance of rectangles", {name: {"area_light": name} for name in ("centre", "polygon")}),

@@ -7,6 +7,7 @@ from dataclasses import replace
 from torch import Tensor
 
 from torchrender.effects.shadows.shadow_map import FILTERS, light_visibility, render_shadow_map
+from torchrender.effects.shadows.small_lights import FEWEST, small_light_visibility
 from torchrender.effects.shadows.traced import traced_visibility
 from torchrender.passes.contract import Amounts, Buffers, OwnMeasure, Pass
 from torchrender.passes.hard import (
@@ -22,7 +23,7 @@ from torchrender.passes.hard import (
 )
 from torchrender.passes.light.light_reach import LIGHT_REACH, POINT_LIGHTS
 from torchrender.passes.light.shadow_map import SHADOW_MAP
-from torchrender.passes.light.visibility import POINT_SHADOW, lights_in_view, visibility_error
+from torchrender.passes.light.visibility import POINT_SHADOW, lights_by_rays, lights_in_view, visibility_error
 from torchrender.passes.outlook import Outlook, Verdict, counted, no_shadows
 from torchrender.passes.seen.gbuffer import GBUFFER
 from torchrender.passes.seen.ray_caster import RAY_CASTER
@@ -49,8 +50,11 @@ def applies(outlook: Outlook) -> Verdict:
 
 
 def asks(outlook: Outlook) -> Buffers:
-    """Rays or maps."""
-    return (RAY_CASTER,) if outlook.options.point_shadows == "traced" else (SHADOW_MAP,)
+    """Rays or maps; of many lights those that reach little of the picture take rays."""
+    if outlook.options.point_shadows == "traced":
+        return (RAY_CASTER,)
+    many = outlook.known.get(POINT_LIGHTS, 0.0) >= FEWEST
+    return (SHADOW_MAP, RAY_CASTER) if many else (SHADOW_MAP,)
 
 
 def run(frame: Frame) -> dict[int, Tensor]:
@@ -59,8 +63,13 @@ def run(frame: Frame) -> dict[int, Tensor]:
     gbuffer = frame[GBUFFER]
     if frame.options.point_shadows == "traced":
         return {n: traced_visibility(frame[RAY_CASTER], light, gbuffer) for n, light in lights.items()}
-    maps, options = frame[SHADOW_MAP], frame.options.shadow
-    return {n: light_visibility(frame.scene, light, gbuffer, options, maps[n]) for n, light in lights.items()}
+    maps, options, small = frame[SHADOW_MAP], frame.options.shadow, lights_by_rays(frame)
+    found = {n: light_visibility(frame.scene, lights[n], gbuffer, options, maps[n]) for n in lights if n not in small}
+    if small:
+        caster = frame.get(RAY_CASTER) or RayCaster(frame.scene.geometry)
+        few = {n: lights[n] for n in sorted(small)}
+        found |= small_light_visibility(caster, few, gbuffer, frame[LIGHT_REACH])
+    return found
 
 
 def amounts(outlook: Outlook) -> Amounts:
@@ -107,7 +116,7 @@ def _maps_by_rays(subject: Subject, outputs: Outputs) -> float:
 
 HARD = HardEffect(
     name="point_shadow",
-    modules=("effects.shadows.shadow_map",),
+    modules=("effects.shadows.shadow_map", "effects.shadows.small_lights"),
     run=_filters,
     bounds=lambda s: {f"{name}, light {k}": (0.0, 1.0) for name in FILTERS for k in range(len(s.scene.lights))},
     law=Law(

@@ -7,17 +7,19 @@ the camera moves.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 from torchrender.buffers import GBuffer, ShadowMap
 from torchrender.effects.shadows.light_reach import shines
+from torchrender.effects.shadows.options import ShadowOptions
 from torchrender.effects.shadows.shadow_map import draw_shadow_map, render_shadow_map
 from torchrender.effects.shadows.view_cameras import same_views, view_cameras
 from torchrender.passes.contract import Amounts, OwnMeasure, Pass
 from torchrender.passes.hard import LIGHTS, SMALL_SHADOW, HardEffect, Law, Outputs, Subject, difference, no_lights
 from torchrender.passes.light.light_reach import LIGHT_REACH, lights_in_view
-from torchrender.passes.light.visibility import POINT_SHADOW, visibility_error
+from torchrender.passes.light.visibility import POINT_SHADOW, lights_by_rays, visibility_error
 from torchrender.passes.light.visibility import lights_in_view as in_view
 from torchrender.passes.outlook import Outlook, Verdict, counted, no_shadows
 from torchrender.passes.seen.gbuffer import GBUFFER
@@ -26,6 +28,9 @@ from torchrender.pipeline.buffer import Buffer, Lasting, lights_of
 from torchrender.pipeline.frame import Frame
 from torchrender.pipeline.options import RenderOptions, lasting_shadows
 from torchrender.scene.light import DirectionalLight, Light, PointLight, RectLight
+
+MOST_TEXELS = 1 << 26
+"""Of all maps of everything together: where lights are many, each gets fewer, down to 128 along a side."""
 
 
 def _made_with(options: RenderOptions) -> tuple[Any, ...]:
@@ -84,7 +89,7 @@ def run(frame: Frame) -> tuple[tuple[ShadowMap | None, ...], tuple[ShadowMap | N
 def lights_in_picture(frame: Frame) -> set[int]:
     """Numbers of the lights whose maps the picture looks up."""
     lights = {**in_view(frame, area=False), **in_view(frame, area=True)}
-    return {n for n, light in lights.items() if looked_up(light, frame.options)}
+    return {n for n, light in lights.items() if looked_up(light, frame.options)} - lights_by_rays(frame)
 
 
 def _drawn(
@@ -99,13 +104,23 @@ def _drawn(
         how = lasting_shadows(frame.options)
         how = replace(how, filter="pcss", soft=None) if isinstance(light, RectLight) else how
         if seen is None:
-            made[number] = kept or render_shadow_map(scene, light, how)
+            made[number] = kept or render_shadow_map(scene, light, _shared_out(how, scene.lights))
             continue
         cameras, starts = view_cameras(scene, light, seen, how)
         if kept is None or kept.starts != starts or not same_views(kept.cameras, cameras):
             made[number] = draw_shadow_map(scene.geometry, cameras, starts, how)
     changed = earlier is None or any(a is not b for a, b in zip(made, earlier, strict=True))
     return tuple(made) if earlier is None or changed else earlier
+
+
+def _shared_out(options: ShadowOptions, lights: Sequence[Light]) -> ShadowOptions:
+    """Maps of a size that those of all lights fit in."""
+    height, width = options.shape
+    count = sum(views(light) for light in lights)
+    share = math.sqrt(MOST_TEXELS / (count * height * width))
+    if share >= 1.0 or not lights:
+        return options
+    return replace(options, size=(min(height, max(128, int(height * share))), min(width, max(128, int(width * share)))))
 
 
 def _shown_elsewhere(outlook: Outlook) -> bool:

@@ -8,13 +8,22 @@ import torch
 from torch import Tensor
 
 from torchrender.buffers import GBuffer, RaySurface
+from torchrender.effects.ambient.visibility import AmbientVisibility
 from torchrender.effects.sky_shadows.occluder import chosen_meshes, occluder_of
 from torchrender.effects.sky_shadows.options import SkyLightOptions
-from torchrender.effects.sky_shadows.picture import EVEN, light_left, light_lost, light_of, unevenness
+from torchrender.effects.sky_shadows.picture import (
+    EVEN,
+    Surroundings,
+    light_left,
+    light_lost,
+    light_of,
+    unevenness,
+)
 from torchrender.effects.sky_shadows.shade import shade
 from torchrender.passes.contract import Amounts, Pass
 from torchrender.passes.hard import HardEffect, Law, Outputs, Subject
 from torchrender.passes.light.ambient_visibility import AMBIENT_VISIBILITY
+from torchrender.passes.light.direct_light import ambient_reach
 from torchrender.passes.outlook import Outlook, Verdict, counted
 from torchrender.passes.seen.gbuffer import GBUFFER
 from torchrender.passes.settings import settings
@@ -24,13 +33,15 @@ from torchrender.scene.model import Scene
 
 
 def _darken(scene: Scene, gbuffer: GBuffer, radiance: Tensor, lost: Tensor) -> Tensor:
-    """What does not arrive is taken off what surfaces send."""
+    """What does not arrive is taken off what surfaces send; what ambient visibility took too much comes back."""
     del scene, gbuffer
     return (radiance - lost).clamp_min(0.0)
 
 
 SKY_SHADOW = Buffer("sky_shadow", Tensor, layer=Layer(Order.DIRECT + 2, _darken))
-"""Radiance (B,H,W,3) that surfaces do not send because objects hide a part of the environment from them."""
+"""Radiance (B,H,W,3) that surfaces do not send because objects hide a part of the environment from them.
+
+Negative where ambient visibility, which takes all light from everywhere for the same, hid more than they do."""
 
 
 def applies(outlook: Outlook) -> Verdict:
@@ -59,10 +70,16 @@ def run(frame: Frame) -> Tensor:
     if occluder is None or scene.environment is None:
         return torch.zeros(*gbuffer.covered.shape, 3)
     light = light_of(scene.environment, options.light)
-    lost = light_lost(scene, gbuffer, light_left(scene, gbuffer, occluder, light, options.spacing))
-    around = frame.get(AMBIENT_VISIBILITY)
-    # What stands around hides its share of the same light: only the rest can be lost.
-    return lost if around is None else lost * around.sky[..., None]
+    left = light_left(scene, gbuffer, occluder, light, options.spacing)
+    return light_lost(scene, gbuffer, left, _surroundings(scene, frame.get(AMBIENT_VISIBILITY)))
+
+
+def _surroundings(scene: Scene, found: AmbientVisibility | None) -> Surroundings | None:
+    """What the picture's light was computed with."""
+    reach = ambient_reach(scene, found)
+    if reach is None or found is None or scene.environment is None:
+        return None
+    return Surroundings(reach.visibility, reach.bent_normal, found.near if scene.environment.fill else found.sky)
 
 
 def amounts(outlook: Outlook) -> Amounts:

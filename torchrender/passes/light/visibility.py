@@ -8,6 +8,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from torchrender.effects.shadows.small_lights import small_lights
 from torchrender.passes.light.light_reach import LIGHT_REACH
 from torchrender.pipeline.buffer import Buffer
 from torchrender.pipeline.frame import Frame
@@ -25,6 +26,14 @@ def lights_in_view(frame: Frame, *, area: bool) -> dict[int, Light]:
     reach = frame.get(LIGHT_REACH)
     known = [True] * len(frame.scene.lights) if reach is None else reach.any.tolist()
     return {n: x for n, x in enumerate(frame.scene.lights) if known[n] and isinstance(x, RectLight) == area}
+
+
+def lights_by_rays(frame: Frame) -> set[int]:
+    """Numbers of the lights without area that reach so little of the picture that rays are asked, not maps."""
+    reach = frame.get(LIGHT_REACH)
+    if reach is None or frame.options.point_shadows != "maps" or frame.options.shadow.coverage != "view":
+        return set()
+    return small_lights(reach, lights_in_view(frame, area=False), frame.options.shadow)
 
 
 def visibility_error(buffer: Buffer[dict[int, Tensor]]) -> Callable[[Mapping[str, Any], Mapping[str, Any]], float]:

@@ -17,7 +17,9 @@ import torch
 from torch import Tensor
 
 from torchrender.arrays import view
+from torchrender.effects.sky_shadows.fit import fit_spheres
 from torchrender.effects.sky_shadows.light import SkyLight, prepare_light
+from torchrender.effects.sky_shadows.moving import Binding
 from torchrender.effects.sky_shadows.occluder import joined, kept_spheres
 from torchrender.effects.sky_shadows.options import SkyLightOptions, SphereOptions
 from torchrender.effects.sky_shadows.shade import caps_of, hidden_bits, shade
@@ -38,6 +40,7 @@ from torchrender.report.common.command import study_parser
 from torchrender.scene.environment import Environment
 from torchrender.scene.load import load
 from torchrender.scene.mesh import concatenate
+from torchrender.scene.shapes import torus
 
 SKIES = {
     "grace": "grace_latlong_small.hdr",
@@ -59,6 +62,7 @@ class Stage:
     normals: Tensor
     caster: RayCaster
     spheres: dict[int, Tensor]  # (S,4) by number
+    snug: dict[int, Tensor]  # the same as pictures take them: together they hold the model's volume
     fits: dict[int, float]  # E over the volume
 
 
@@ -78,6 +82,7 @@ def stage(folder: Path, name: str, numbers: tuple[int, ...], options: SphereOpti
         normals=torch.tensor([0.0, 1.0, 0.0]).expand(SIDE * SIDE, 3),
         caster=RayCaster(concatenate(scene.meshes)),
         spheres={n: s.spheres for n, s in sets.items()},
+        snug={n: Binding(s, vertices, faces).at(vertices, snug=True) for n, s in sets.items()},
         fits={n: s.relative_error for n, s in sets.items()},
     )
 
@@ -123,6 +128,12 @@ def accuracy(at: Stage, environment: Environment, count: int) -> dict[str, Any]:
     whole = texel_sum(torch.zeros(1, 6, 32, 32, dtype=torch.bool), normals[:1], light)
     made: dict[str, Any] = {
         "spheres for mesh": errors(by_exact, mesh, whole),
+        "the same, points inside under a half-space": errors(
+            _by_bits(at.spheres[count], points, normals, light), mesh, whole
+        ),
+        "snug spheres, points inside under a half-space": errors(
+            _by_bits(at.snug[count], points, normals, light), mesh, whole
+        ),
         "table for exact caps": errors(by_table, by_exact, whole),
         "all wavelets for texels": errors(wavelet_sum(table[:64], normals[:64], light), by_table[:64], whole),
     }
@@ -135,6 +146,36 @@ def accuracy(at: Stage, environment: Environment, count: int) -> dict[str, Any]:
     made["best harmonics"] = errors(best_harmonics(exact[few], normals[few], light), by_exact[few], whole)
     shexp = exponentiated_harmonics(points[few], normals[few], spheres, light)
     made["SHEXP"] = errors(shexp, by_exact[few], whole)
+    return made
+
+
+def _by_bits(spheres: Tensor, points: Tensor, normals: Tensor, light: SkyLight) -> Tensor:
+    """The sum over texels, as pictures treat points inside of spheres."""
+    options = SkyLightOptions(direct_bits=True, inside="half")
+    return texel_sum(hidden_bits(points[None], normals[None], spheres[None], options)[0], normals, light)
+
+
+def fits(folder: Path, options: SphereOptions) -> list[dict[str, Any]]:
+    """What stands out of a torus and of a scanned figure, and how long that took to find."""
+    ring = torus(1.0, 0.35, 48)
+    figure = joined(load(folder / "meshes" / "armadillo.ply").meshes)
+    made = []
+    for name, (vertices, faces), asked in (
+        ("torus, 16", (ring.vertices.double(), ring.faces), 0.30),
+        ("torus, 32", (ring.vertices.double(), ring.faces), 0.10),
+        ("torus, 64", (ring.vertices.double(), ring.faces), 0.06),
+        ("armadillo, 64", figure, None),
+    ):
+        begin = perf_counter()
+        found = fit_spheres(vertices, faces, replace(options, spheres=int(name.split()[-1])))
+        took = perf_counter() - begin
+        points = torch.cat([vertices, vertices[faces].mean(1)])
+        labels = torch.cat([found.vertex_sphere, found.face_sphere])
+        out = (points - found.centres[labels]).norm(dim=-1) > found.radii[labels] * (1 + 1e-9)
+        used = torch.cat([torch.unique(faces), torch.arange(len(faces)) + len(vertices)])
+        made.append(
+            {"name": name, "error": found.relative_error, "asked": asked, "s": took, "out": int(out[used].sum())}
+        )
     return made
 
 
@@ -210,6 +251,7 @@ def main() -> None:
         "quick": quick,
         "model": at.name,
         "fits": {str(n): e for n, e in at.fits.items()},
+        "models": [] if quick else fits(arguments.data, SphereOptions()),
         "accuracy": {f"{name},{n}": accuracy(at, sky(arguments.data, name), n) for name in names for n in (32, 64)},
         "times": times(at, sky(arguments.data, names[0])),
     }

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
+from torchrender.report.fuzz.coded import coded
+
 SQUARE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], np.float32)
 
 
@@ -24,6 +26,8 @@ def seeds() -> dict[str, tuple[str, bytes]]:
         "ply text": (".ply", _ply("ascii")),
         "ply little": (".ply", _ply("binary_little_endian")),
         "ply big": (".ply", _ply("binary_big_endian")),
+        "ply mixed": (".ply", _mixed()),
+        "ply gaussian": (".ply", _gaussians()),
         "stl text": (".stl", STL),
         "stl binary": (".stl", b" " * 80 + struct.pack("<I", 2) + _facet(0) + _facet(0x801F)),
         "toml": (".toml", TOML),
@@ -34,7 +38,7 @@ def seeds() -> dict[str, tuple[str, bytes]]:
         "tga": (".tga", picture("TGA")),
         "hdr": (".hdr", _radiance()),
     }
-    return found | _compressed()
+    return found | _compressed() | coded()
 
 
 OBJ = (
@@ -66,6 +70,23 @@ def picture(kind: str) -> bytes:
 
 def _facet(attribute: int) -> bytes:
     return struct.pack("<12fH", 0, 0, 1, *SQUARE[:3].reshape(-1), attribute)
+
+
+def _mixed() -> bytes:
+    """Polygons of different sizes, and a strip, packed."""
+    head = b"ply\nformat binary_little_endian 1.0\nelement vertex 4\nproperty float x\nproperty float y\n"
+    head += (
+        b"property float z\nelement face 2\nproperty list uchar int vertex_indices\nproperty uchar flags\nend_header\n"
+    )
+    return head + SQUARE.tobytes() + struct.pack("<B4iBB3iB", 4, 0, 1, 2, 3, 7, 3, 0, 1, 2, 7)
+
+
+def _gaussians() -> bytes:
+    names = ["x", "y", "z", *(f"f_dc_{k}" for k in range(3)), "opacity"]
+    names += [*(f"scale_{k}" for k in range(3)), *(f"rot_{k}" for k in range(4))]
+    head = "ply\nformat binary_little_endian 1.0\nelement vertex 4\n"
+    head += "".join(f"property float {n}\n" for n in names) + "end_header\n"
+    return head.encode() + np.concatenate([SQUARE, np.full((4, len(names) - 3), 0.5)], axis=1).astype("<f4").tobytes()
 
 
 def _ply(order: str) -> bytes:

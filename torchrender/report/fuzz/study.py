@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import multiprocessing
+import os
 import sys
 import tempfile
 import time
@@ -25,7 +26,7 @@ from torchrender.report.fuzz.seeds import picture, seeds
 SECONDS = 5.0
 MEGABYTES = 1024.0
 START_SECONDS = 120.0
-PICTURES = (".png", ".jpg", ".webp", ".bmp", ".tga", ".hdr")
+PICTURES = (".png", ".jpg", ".webp", ".bmp", ".tga", ".hdr", ".exr", ".ktx2")
 
 
 @dataclass
@@ -52,7 +53,9 @@ def read(suffix: str, data: bytes, folder: Path) -> str:
     """
     from torchrender.errors import TorchRenderError
     from torchrender.images.files import read_image
-    from torchrender.points.load import load_points
+    from torchrender.points.draw import render_points
+    from torchrender.points.file import open_points
+    from torchrender.points.load import holds_points, load_points
     from torchrender.scene.load import load
 
     path = folder / f"a{suffix}"
@@ -62,6 +65,13 @@ def read(suffix: str, data: bytes, folder: Path) -> str:
             warnings.simplefilter("ignore")
             if suffix in PICTURES:
                 read_image(path)
+                return "read"
+            if suffix == ".trp":
+                points = open_points(path)
+                render_points(points, points.camera(width=16, height=16))
+                return "read"
+            if suffix == ".ply" and holds_points(path):
+                load_points(path)
                 return "read"
             scene = load(folder / "a.obj" if suffix == ".mtl" else path)
             if scene.animations:
@@ -77,6 +87,10 @@ def _work(orders: Connection, first: int, last: int, name: str) -> None:
     """Read files ``first`` to ``last`` of a kind and tell about each."""
     import resource
 
+    # Libraries print what they think of damaged files, past everything that Python could hold back.
+    silence = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(silence, 1)
+    os.dup2(silence, 2)
     suffix, data = seeds()[name]
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)

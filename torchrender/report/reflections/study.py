@@ -29,6 +29,7 @@ from torchrender.report.common.command import study_parser
 from torchrender.report.reflections.errors import occlusion_errors
 from torchrender.report.reflections.metal import metal_objects
 from torchrender.report.reflections.page import write_page
+from torchrender.report.reflections.race import HYBRID, candidates_of, race
 from torchrender.report.reflections.stage import Stage
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
@@ -40,8 +41,6 @@ THESIS = ClusterOptions(
     search="secant", image_scale=1.0, lobe="cone", fade=True, share_rays=False,
 )  # fmt: skip
 """The literal algorithm."""
-
-HYBRID = ClusterOptions(missing="trace")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -140,15 +139,7 @@ def quality(stage: Stage) -> dict[str, Any]:
 
 def times(stage: Stage, runs: int) -> dict[str, Any]:
     """Whole reflection passes in turn, and the steps of the clustered one and of rays."""
-    candidates: dict[str, Callable[[], object]] = {
-        "clustered": stage.clustered,
-        "hybrid": lambda: stage.clustered(HYBRID),
-        "traced": stage.traced,
-        "environment": stage.environment,
-    }
-    plain = stage.plain_embree()
-    if plain is not None:
-        candidates["plain Embree"] = plain
+    candidates = candidates_of(stage) | {"environment": stage.environment}
     measured = {k: t.record() for k, t in take_turns(candidates, runs=runs, warm_up=1).items()}
     begin = time.perf_counter()
     caster = RayCaster(stage.scene.geometry)
@@ -193,14 +184,16 @@ def choices(stage: Stage, study: StudyOptions) -> dict[str, Any]:
 
 def output_size(scene: Scene, size: int, study: StudyOptions) -> dict[str, Any]:
     """Table 16: pixels of the picture."""
-    return _race(_stage(scene, size, 1), study) | {"size": size}
+    cameras = scene.camera(width=size, height=size)
+    return race(Stage.of(scene, cameras), cameras, study.runs) | {"size": size}
 
 
 def triangle_count(count: int, study: StudyOptions) -> dict[str, Any]:
     """Table 18: triangles of the room."""
     scene = build("living_room", triangles=count)
     runs = study.runs if count <= 300_000 else 1
-    return _race(_stage(scene, study.size, 1), replace(study, runs=runs)) | {"triangles": scene.geometry.triangle_count}
+    cameras = scene.camera(width=study.size, height=study.size)
+    return race(Stage.of(scene, cameras), cameras, runs) | {"triangles": scene.geometry.triangle_count}
 
 
 def pixel_share(stage: Stage, share: float, study: StudyOptions) -> dict[str, Any]:
@@ -292,19 +285,6 @@ def _measured(stage: Stage, options: ClusterOptions, study: StudyOptions) -> dic
         "occlusion": float(missed.float().mean()),
         "psnr": float(psnr(stage.picture(made.layer), stage.reference)),
     }
-
-
-def _race(stage: Stage, study: StudyOptions) -> dict[str, Any]:
-    candidates: dict[str, Callable[[], object]] = {
-        "clustered": stage.clustered,
-        "hybrid": lambda: stage.clustered(HYBRID),
-        "traced": stage.traced,
-    }
-    plain = stage.plain_embree()
-    if plain is not None:
-        candidates["plain Embree"] = plain
-    timing = take_turns(candidates, runs=study.runs, warm_up=1 if study.runs > 1 else 0)
-    return {"pixels": len(stage.pixels)} | {name: t.median for name, t in timing.items()}
 
 
 def _defaults(*names: str) -> dict[str, Any]:

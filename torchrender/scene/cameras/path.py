@@ -17,7 +17,7 @@ from torch import Tensor
 from torchrender.checks import check_finite, check_tensor
 from torchrender.errors import InputError, SceneFileError
 from torchrender.scene.camera import Cameras
-from torchrender.scene.files.source import read_bytes
+from torchrender.scene.files.content import read_bytes
 from torchrender.scene.files.toml_table import Table, parse_toml
 from torchrender.scene.model import Scene
 

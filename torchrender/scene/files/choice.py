@@ -16,7 +16,7 @@ class FileChoice:
         OptionError: a time that is not a finite number.
     """
 
-    time: float | None = None  # seconds; None: the pose that the file stands in
+    time: float | None = None  # seconds; None: the pose that the file stands in, or the start of ``animation``
     animation: str | int | None = None  # name or number; None: the first one
     variant: str | None = None  # of KHR_materials_variants; None: the materials of the file itself
     subscene: str | int | None = None  # name or number of a scene in the file; None: its default one

@@ -27,7 +27,7 @@ FORMATS = (
         "glTF 2.0: nodes, instances, all modes of triangles, metallic-roughness and specular-glossiness materials with "
         "all textures, samplers and two sets of coordinates, variants, vertex colours with opacity, tangents, cameras, "
         "punctual lights, skins, morph targets, animations of every interpolation, sparse and quantised accessors, "
-        "several scenes; points through `load_points`",
+        "several scenes; points through `load_points`; media in `extras.media` of a scene",
         "lines, a third set of texture coordinates, the range of lights, extensions that are not listed below",
     ),
     Format(
@@ -50,7 +50,7 @@ FORMATS = (
         "text and both binary orders, lists of any type, polygons of mixed sizes, strips, normals, colours and "
         "coordinates under their usual names and in every type, colours of faces, coordinates of corners, TextureFile; "
         "points with radii and opacity; 3D Gaussians",
-        "other elements, higher harmonics of 3D Gaussians",
+        "other elements and columns, higher harmonics of 3D Gaussians",
     ),
     Format(
         (".stl",),

@@ -1,7 +1,8 @@
 """TOML scene files: what is in the scene, where it stands, what it is made of, what lights it and who looks at it.
 
-A file holds ``name``, ``ambient`` and any number of ``[[geometry]]``, ``[[material]]``, ``[[light]]``, ``[[medium]]``
-and ``[[camera]]`` tables, and at most one ``[environment]``. Every key is checked; entries count from zero in messages.
+A file holds ``name``, ``ambient``, ``photo_light`` (true: colours are of photos, which no ambient shadow darkens again)
+and any number of ``[[geometry]]``, ``[[material]]``, ``[[light]]``, ``[[medium]]`` and ``[[camera]]`` tables, and at
+most one ``[environment]``. Every key is checked; entries count from zero in messages.
 Colours are linear RGB (one number or three) or sRGB ``"#rrggbb"``. Paths are relative to the scene file. The keys of
 each table are documented at the function that reads it.
 """
@@ -21,8 +22,8 @@ from torchrender.images.files import read_image
 from torchrender.scene.camera import Cameras, look_at_matrix, pinhole_matrix
 from torchrender.scene.cameras.record import MAX_SIDE
 from torchrender.scene.environment import Environment
+from torchrender.scene.files.content import read_bytes
 from torchrender.scene.files.scene_geometry import read_geometry
-from torchrender.scene.files.source import read_bytes
 from torchrender.scene.files.texture_file import as_texture
 from torchrender.scene.files.toml_table import Table, parse_toml
 from torchrender.scene.files.volume_file import read_volume
@@ -61,6 +62,7 @@ def load_scene_file(path: str | Path) -> Scene:
         media=media,
         environment=environment,
         ambient=table.color("ambient", torch.zeros(3)),
+        photo_light=table.flag("photo_light", False),
         name=name,
     )
     for entry in table.tables("geometry"):

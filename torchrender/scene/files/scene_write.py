@@ -26,9 +26,9 @@ SUFFIXES = (".glb", ".toml")
 def write_scene(path: str | Path, scene: Scene) -> list[Path]:
     """Write a scene that :func:`~torchrender.scene.load.load` reads back; returns the files, the named one first.
 
-    ``.glb`` holds meshes, materials, textures, cameras and punctual lights. ``.toml`` holds lights of every kind,
-    cameras, environment, ambient light and media, and names the files beside it: the meshes (GLB), the environment
-    (EXR), grids of densities (NPY). Every file appears whole or not at all, the scene file last.
+    ``.glb`` holds meshes, materials, textures, cameras, punctual lights and media. ``.toml`` holds lights of every
+    kind, cameras, environment, ambient light and media, and names the files beside it: the meshes (GLB), the
+    environment (EXR), grids of densities (NPY). Every file appears whole or not at all, the scene file last.
 
     Raises:
         SceneFileError: another suffix, missing folder, no triangles, or a file that cannot be written.
@@ -58,7 +58,8 @@ def write_scene(path: str | Path, scene: Scene) -> list[Path]:
             table |= {"density_file": grid.name}
             written.append(grid)
         tables.append(("medium", table))
-    lines = [f"name = {_text(scene.name)}", f"ambient = {_value(scene.ambient)}", ""]
+    lines = [f"name = {_text(scene.name)}", f"ambient = {_value(scene.ambient)}"]
+    lines += ["photo_light = true", ""] if scene.photo_light else [""]
     if scene.environment is not None:
         sky = path.with_name(f"{path.stem}_environment.exr")
         write_image(sky, scene.environment.radiance)

@@ -8,12 +8,12 @@ from pathlib import Path
 from torchrender.checks import check_range
 from torchrender.errors import InputError, SceneFileError
 from torchrender.scene.files.choice import PLAIN_CHOICE, FileChoice
+from torchrender.scene.files.content import read_bytes
 from torchrender.scene.model import Scene
 
 MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl")
 SCENE_SUFFIX = ".toml"
 SUPPORTED = ", ".join((SCENE_SUFFIX, *MESH_SUFFIXES))
-MAX_FILE_BYTES = 2**31
 MAX_SIZE = 50_000_000
 
 
@@ -22,37 +22,16 @@ def load_mesh_file(path: Path, choice: FileChoice = PLAIN_CHOICE) -> Scene:
     suffix = path.suffix.lower()
     if suffix not in MESH_SUFFIXES:
         raise SceneFileError(path, f"no mesh file; supported: {', '.join(MESH_SUFFIXES)}")
-    data = read_bytes(path)
     # Each reader brings libraries that take a visible share of a program's start: only the one wanted is loaded.
     if suffix in (".glb", ".gltf"):
         from torchrender.scene.files.gltf.read import read_gltf
 
-        return read_gltf(path, data, choice)
+        return read_gltf(path, read_bytes(path), choice)
     from torchrender.scene.files.plain.read import read_mesh_file
 
     if not choice.is_plain:
         raise InputError(f"time, animation, variant and subscene are for glTF files only, {path} is none")
-    return read_mesh_file(path, data, drop_invalid=choice.drop_invalid)
-
-
-def read_bytes(path: Path) -> bytes:
-    """The content of a file.
-
-    Raises:
-        SceneFileError: missing, a folder, unreadable, empty or larger than ``MAX_FILE_BYTES``.
-    """
-    try:
-        size = path.stat().st_size
-        if path.is_file() and size > MAX_FILE_BYTES:
-            raise SceneFileError(path, f"has {size} bytes, the limit is {MAX_FILE_BYTES}")
-        data = path.read_bytes()
-    except FileNotFoundError as error:
-        raise SceneFileError(path, "no such file") from error
-    except OSError as error:
-        raise SceneFileError(path, error.strerror or str(error)) from error
-    if not data:
-        raise SceneFileError(path, "the file is empty")
-    return data
+    return read_mesh_file(path, drop_invalid=choice.drop_invalid)
 
 
 def build_procedural(name: str, triangles: int | None = None, seed: int = 0) -> Scene:

@@ -20,6 +20,25 @@ def warn_missing_texture(path: Path, where: str, reason: str) -> None:
     warnings.warn(f"{path}: {where}: {reason}; the plain colour is used", MissingTextureWarning, stacklevel=2)
 
 
+def find_beside(path: Path, name: str) -> Path:
+    """The file of that name beside ``path``; where there is none, one of its last part, in any case of letters.
+
+    Files are often written on another machine: they name their pictures by whole paths, or in other letters.
+    """
+    named = path.parent / name.replace("\\", "/")
+    try:
+        if named.is_file():
+            return named
+        last = named.name.lower()
+        for folder in dict.fromkeys((named.parent, path.parent)):
+            found = sorted(f for f in folder.iterdir() if f.name.lower() == last) if folder.is_dir() else []
+            if found:
+                return found[0]
+    except (OSError, ValueError):  # no name at all: too long, or with bytes that names do not have
+        pass
+    return named
+
+
 def as_texture(image: Tensor) -> Tensor:
     """(H,W,3|4) from a picture (H,W,C) of 1 to 4 channels: grey is repeated."""
     if image.shape[2] <= 2:

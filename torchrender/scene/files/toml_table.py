@@ -120,6 +120,13 @@ class Table:
             raise self.error(name, f"must be text, got {value!r}")
         return value
 
+    def flag(self, name: str, default: Any = _MISSING) -> Any:
+        """``true`` or ``false``."""
+        value = self._take(name, default)
+        if value is not default and not isinstance(value, bool):
+            raise self.error(name, f"must be true or false, got {value!r}")
+        return value
+
     def choice(self, name: str, choices: Sequence[str], default: Any = _MISSING) -> Any:
         """One of the given words."""
         value = self._take(name, default)

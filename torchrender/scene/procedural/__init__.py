@@ -13,6 +13,7 @@ name                    usual triangles     fewest       what it shows
 ``hall``                40,000              3,000        dust in the air, sun through barred windows
 ``street_lamp``         30,000              3,000        lamps in ground fog at night
 ``panes``               4,800               192          coloured glass, up to sixteen layers deep
+``walker``              14,000              3,000        a figure that walks: moving, under a sky
 ======================  ==================  ===========  ================================================
 """
 
@@ -54,7 +55,19 @@ class Builder:
         return int(self._module.FEWEST)
 
 
-NAMES = ("nest", "grass", "city", "tree", "living_room", "washroom", "cornell_box", "hall", "street_lamp", "panes")
+NAMES = (
+    "nest",
+    "grass",
+    "city",
+    "tree",
+    "living_room",
+    "washroom",
+    "cornell_box",
+    "hall",
+    "street_lamp",
+    "panes",
+    "walker",
+)
 SCENES: dict[str, Builder] = {name: Builder(name) for name in NAMES}
 
 

@@ -85,6 +85,7 @@ export class Client {
       this.walker.camera = { ...camera, world_from_camera };
     }
     this.ended = { scene: this.wishes.scene };
+    this.hooks.scene(header.scene);
     this.acks = [];
     this.pose.camera = null; // the server knows no pose yet
     if (Object.values(this.media).some((value) => value != null)) {

@@ -35,6 +35,9 @@ export class KeyframeSet {
       return null;
     }
     if (known) this.drop(known);
+    // What a scene looked like at another time of its animation is not there any more.
+    const now = image.header.scene_s ?? null;
+    for (const other of this.groups.filter((g) => (g.header.scene_s ?? null) !== now)) this.drop(other);
     const group = { id, camera, typical: image.typical, header: image.header, picture: this.warp.add(image), extra: [] };
     this.groups.unshift(group);
     if (layers === 1) this.dropRepeated(group);

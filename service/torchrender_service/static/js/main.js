@@ -160,6 +160,7 @@ function begin() {
       figures: (stats) => panel.showFigures(stats),
       sources: () => panel.sources,
       context: showContext,
+      scene: (scene) => panel.showScene(scene),
     });
   } catch (error) {
     panel.showState("failed", { reason: error.message });

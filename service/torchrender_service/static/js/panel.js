@@ -41,6 +41,7 @@ export class Panel {
       $(name).addEventListener("input", () => this.touched.add(name) && this.showMedia());
       $(name).addEventListener("change", () => wish(this.settings(), this.media()));
     }
+    $("play").addEventListener("change", () => this.touched.add("play") && wish(this.settings(), this.media()));
     this.touched = new Set(); // sliders of media that were moved: the others leave the scene's own values
     this.showMedia();
     for (const name of ["use-earlier", "use-layers", "use-fill"]) $(name).addEventListener("change", show);
@@ -72,7 +73,13 @@ export class Panel {
   /** What media shall be like; null: as before. */
   media() {
     const value = (name, made) => (this.touched.has(name) ? made(Number($(name).value)) : null);
-    return { density: value("density", densityOf), asymmetry: value("asymmetry", (g) => g / 100) };
+    const playing = this.touched.has("play") ? $("play").checked : null;
+    return { density: value("density", densityOf), asymmetry: value("asymmetry", (g) => g / 100), playing };
+  }
+
+  /** A scene that moves can be played, one that does not cannot. */
+  showScene(scene) {
+    $("play-row").hidden = Object.keys(scene.animations ?? {}).length === 0;
   }
 
   showMedia() {

@@ -6,7 +6,7 @@ is the specular colour. What a material here has no field for is named in the re
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import torch
@@ -30,6 +30,10 @@ class GltfMaterials:
     def __init__(self, file: GltfFile) -> None:
         self._file = file
         self._textures = GltfTextures(file)
+
+    def begin(self, materials: Iterable[int]) -> None:
+        """Decode the pictures of materials that will be read."""
+        self._textures.begin(materials)
 
     def read(self, index: int) -> tuple[Material, tuple[int, ...]]:
         """Material ``index``, and the sets of texture coordinates in the file that its sets 0 and 1 stand for.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -65,6 +65,11 @@ class GltfMeshes:
         self.variants = _variant_names(file)
         self._variant = self._chosen(choice.variant)
         self._drop = choice.drop_invalid
+
+    def begin(self, meshes: Iterable[int]) -> None:
+        """Decode the pictures of the materials of meshes that will be placed."""
+        used = [e.get("material") for m in dict.fromkeys(meshes) for e in primitives_of(self._file, m)]
+        self._pictures.begin(dict.fromkeys(m for m in used if isinstance(m, int)))
 
     def placed(self, index: object, name: str, object_id: int, copies: Array | None) -> Iterator[tuple[Maker, Shape]]:
         """The surfaces of mesh ``index``, one for each primitive: how to make its mesh, and its shape.

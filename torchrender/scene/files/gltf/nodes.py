@@ -15,8 +15,8 @@ from torchrender.scene.motion.records import Nodes
 INSTANCING = "EXT_mesh_gpu_instancing"
 
 
-def chosen_scene(file: GltfFile, subscene: str | int | None) -> list[Any]:
-    """Numbers of the root nodes: of the scene of that name or number, else of the default one.
+def chosen_scene(file: GltfFile, subscene: str | int | None) -> tuple[list[Any], int | None]:
+    """Numbers of the root nodes, and of the scene: of that name or number, else the default one; None without any.
 
     Raises:
         InputError: there is no such scene; the message lists those there are.
@@ -27,7 +27,7 @@ def chosen_scene(file: GltfFile, subscene: str | int | None) -> list[Any]:
             raise InputError(f"there is no scene {subscene!r}; {file.path} names none")
         listed = [c for n in file.entries("nodes") if isinstance(n, dict) for c in _children(file, n)]
         children = {c for c in listed if isinstance(c, int)}
-        return [k for k in range(len(file.entries("nodes"))) if k not in children]
+        return [k for k in range(len(file.entries("nodes"))) if k not in children], None
     names = [str(object_of(e).get("name", k)) for k, e in enumerate(entries)]
     number = file.json.get("scene", 0) if subscene is None else subscene
     if isinstance(number, str):
@@ -43,7 +43,7 @@ def chosen_scene(file: GltfFile, subscene: str | int | None) -> list[Any]:
     roots = entry.get("nodes", [])
     if not isinstance(roots, list):
         raise SceneFileError(file.path, "must be an array", key=f"scenes[{number}].nodes")
-    return roots
+    return roots, number
 
 
 def read_nodes(file: GltfFile, roots: list[Any]) -> tuple[Nodes, list[int]]:

@@ -29,7 +29,7 @@ def read_gltf_points(path: Path, data: bytes) -> dict[str, Array | None]:
         SceneFileError: damaged, or without points.
     """
     file = GltfFile(path, data)
-    nodes, order = read_nodes(file, chosen_scene(file, None))
+    nodes, order = read_nodes(file, chosen_scene(file, None)[0])
     worlds, _ = posed(nodes, None, None, np.eye(4))
     reader = PrimitiveReader(file)
     parts: list[tuple[Array, Array | None, Array | None]] = []

@@ -19,9 +19,11 @@ from torchrender.scene.files.gltf.animations import GltfMotion
 from torchrender.scene.files.gltf.container import GltfFile, object_of
 from torchrender.scene.files.gltf.extensions import unused_extensions
 from torchrender.scene.files.gltf.lenses import LIGHTS, read_camera, read_light
+from torchrender.scene.files.gltf.media import read_media
 from torchrender.scene.files.gltf.meshes import GltfMeshes, surface_count
 from torchrender.scene.files.gltf.nodes import chosen_scene, instance_count, instances, read_nodes
 from torchrender.scene.light import Light
+from torchrender.scene.medium import Medium
 from torchrender.scene.mesh import Mesh
 from torchrender.scene.model import Scene
 from torchrender.scene.motion.attach import camera_at, light_at
@@ -45,7 +47,8 @@ def read_gltf(path: Path, data: bytes, choice: FileChoice = PLAIN_CHOICE) -> Sce
         InputError: an animation, variant or scene that the file does not have.
     """
     file = GltfFile(path, data)
-    nodes, order = read_nodes(file, chosen_scene(file, choice.subscene))
+    roots, number = chosen_scene(file, choice.subscene)
+    nodes, order = read_nodes(file, roots)
     total = triangle_total(file, order)
     if total > MAX_TRIANGLES:
         raise SceneFileError(path, f"declares {total} triangles, the limit is {MAX_TRIANGLES}")
@@ -54,13 +57,16 @@ def read_gltf(path: Path, data: bytes, choice: FileChoice = PLAIN_CHOICE) -> Sce
     animation = motion.animation(choice.animation)
     if choice.time is not None and animation is None:
         file.notes.not_used("time: the file has no animation")
-    worlds, weights = posed(nodes, animation, choice.time, motion.root)
+    # Who names an animation wants to see it, be it at its start.
+    time = 0.0 if choice.time is None and choice.animation is not None else choice.time
+    worlds, weights = posed(nodes, animation, time, motion.root)
     draft = _Draft(file, replace(motion, worlds=worlds, weights=weights), choice)
     entries = file.entries("nodes")
+    draft.begin([m for m in (entries[index].get("mesh") for index in order) if isinstance(m, int)])
     for index in order:
         if not entries[index].keys().isdisjoint(_SHOWN):
             draft.node(index)
-    return draft.scene()
+    return draft.scene(read_media(file, number))
 
 
 def triangle_total(file: GltfFile, order: list[int]) -> int:
@@ -92,6 +98,10 @@ class _Draft:
         self._cameras: dict[str, Cameras] = {}
         self._hung_cameras: list[tuple[str, int, Cameras]] = []
         self._objects = 0
+
+    def begin(self, meshes: list[int]) -> None:
+        """What takes long and can be done side by side: pictures."""
+        self._reader.begin(meshes)
 
     def node(self, index: int) -> None:
         """Everything that hangs on one node."""
@@ -140,8 +150,8 @@ class _Draft:
                 self._parts.append(moving)
         self._objects += 1
 
-    def scene(self) -> Scene:
-        """What all nodes gave."""
+    def scene(self, media: tuple[Medium, ...]) -> Scene:
+        """What all nodes gave, with the media between them."""
         file, notes = self._file, self._file.notes
         for name, count in unused_extensions(file.json).items():
             notes.not_used(name, count)
@@ -152,6 +162,7 @@ class _Draft:
             )
         notes.not_used("points; load_points and the command points read them", points)
         self._say_what_was_read()
+        notes.read("media", len(media))
         generator = str(object_of(file.json.get("asset")).get("generator", ""))
         motion = replace(
             self._motion,
@@ -165,6 +176,7 @@ class _Draft:
             materials=tuple(self._reader.materials),
             lights=tuple(self._lights),
             cameras=self._cameras,
+            media=media,
             name=file.path.stem,
             motions=(motion,) if moves else (),
             photometric=bool(self._lights) and not generator.startswith(GENERATOR),

@@ -6,6 +6,10 @@ Samplers are turned from the file's v, which points down, to ours, which points 
 from __future__ import annotations
 
 import math
+import os
+from collections.abc import Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -22,6 +26,19 @@ _WRAPS = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
 _NEAREST, _NEAREST_MIPS = 9728, (9728, 9984, 9986)
 _PLAIN_FILTERS = (9728, 9729)
 _SOURCES = ("KHR_texture_basisu", "EXT_texture_webp")
+COLOR_TEXTURES = {
+    *("baseColorTexture", "diffuseTexture", "emissiveTexture", "sheenColorTexture"),
+    *("specularColorTexture", "specularGlossinessTexture"),
+}
+"""Pictures of a material that hold colours."""
+PLAIN_TEXTURES = {
+    *("metallicRoughnessTexture", "normalTexture", "occlusionTexture", "specularTexture"),
+    *("clearcoatTexture", "clearcoatRoughnessTexture", "transmissionTexture"),
+}
+"""Those that hold plain numbers."""
+THREADS = min(4, os.cpu_count() or 1)
+MAX_DEPTH = 4
+"""Of the extensions in a material, where pictures are named."""
 SETS = 2
 """Sets of texture coordinates that a mesh here has."""
 
@@ -47,6 +64,28 @@ class GltfTextures:
     def __init__(self, file: GltfFile) -> None:
         self._file = file
         self._images: dict[tuple[int, bool], Tensor | None] = {}
+        self._begun: dict[tuple[int, bool], Future[Tensor]] = {}
+        self._pool: ThreadPoolExecutor | None = None
+
+    def begin(self, materials: Iterable[int]) -> None:
+        """Decode the pictures of these materials side by side, until they are asked for."""
+        entries = self._file.entries("materials")
+        wanted: dict[tuple[int, bool], None] = {}
+        for number in materials:
+            for name, info in _texture_infos(entries[number] if 0 <= number < len(entries) else None):
+                with suppress(SceneFileError):  # said when the picture is asked for
+                    sources = self._sources(self._file.item("textures", info.get("index")))
+                    if sources:
+                        wanted[sources[0][0], name not in COLOR_TEXTURES] = None
+        if len(wanted) < 2:
+            return
+        self._pool = ThreadPoolExecutor(min(THREADS, len(wanted)), "pictures")
+        for source, encoded in wanted:
+            with suppress(SceneFileError):
+                _, data = image_bytes(self._file, source)
+                name = f"images[{source}]"
+                self._begun[source, encoded] = self._pool.submit(_decoded, data, name, encoded=encoded)
+        self._pool.shutdown(wait=False)
 
     def color(self, info: Any, key: str) -> Tensor | None:
         """(H,W,3|4) linear light; None where there is no texture, or none that can be read, which is said."""
@@ -116,8 +155,9 @@ class GltfTextures:
         except SceneFileError as error:
             self._say_missing(key, f"image {index}", error.reason, kind, last=last)
             return None
+        begun = self._begun.pop((index, encoded), None)
         try:
-            return as_texture(read_image_bytes(data, f"images[{index}]", encoded=encoded))
+            return begun.result() if begun is not None else _decoded(data, f"images[{index}]", encoded=encoded)
         except SceneFileError as error:
             self._say_missing(key, name, error.reason, kind, last=last)
             return None
@@ -127,6 +167,21 @@ class GltfTextures:
             warn_missing_texture(self._file.path, key, f"texture {name!r}: {reason}")
         else:
             self._file.notes.not_used(f"{kind}, the plain picture is taken: {reason}")
+
+
+def _decoded(data: bytes, name: str, *, encoded: bool) -> Tensor:
+    return as_texture(read_image_bytes(data, name, encoded=encoded))
+
+
+def _texture_infos(value: Any, depth: int = 0) -> Iterator[tuple[str, dict[str, Any]]]:
+    """The pictures that a material names, with what they are for."""
+    if not isinstance(value, dict) or depth > MAX_DEPTH:
+        return
+    for name, entry in value.items():
+        if name in COLOR_TEXTURES | PLAIN_TEXTURES and isinstance(entry, dict):
+            yield name, entry
+        else:
+            yield from _texture_infos(entry, depth + 1)
 
 
 def image_bytes(file: GltfFile, index: int) -> tuple[str, bytes]:

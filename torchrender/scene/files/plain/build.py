@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from torchrender.kernels.meshes.crease import weld_points
+from torchrender.kernels.meshes.crease import turn_faces, weld_points
 from torchrender.numerics.color import linear_from_srgb
 from torchrender.scene.files.report import Notes
 from torchrender.scene.mesh import Mesh
@@ -77,10 +77,10 @@ def _without_doubles(surface: Surface, notes: Notes) -> Surface:
     if len(surface.faces) < 2:
         return surface
     # Each face from its smallest vertex on: the same face may begin anywhere.
-    first = surface.faces.argmin(axis=1)
-    turned = surface.faces[np.arange(len(surface.faces))[:, None], (first[:, None] + np.arange(3)) % 3]
+    turned = np.empty((len(surface.faces), 3), np.int64)
+    turn_faces(np.ascontiguousarray(surface.faces, np.int64), turned)
     place, kept = np.empty(len(turned), np.int64), np.empty(len(turned), np.int64)
-    count = weld_points(np.ascontiguousarray(turned, np.int64), place, kept)
+    count = weld_points(turned, place, kept)
     if count == len(turned):
         return surface
     double = np.ones(len(turned), bool)
@@ -104,7 +104,12 @@ def _without_invalid(surface: Surface, notes: Notes) -> Surface:
 def _with_normals(surface: Surface) -> Surface:
     if surface.normals is not None or not len(surface.faces):
         return surface
-    groups = np.full(len(surface.faces), -1) if surface.smoothing is None else surface.smoothing
+    if surface.smoothing is None:
+        source, new, normal = crease_normals(surface.vertices, surface.faces, CREASE_DEG)
+        same = len(source) == len(surface.vertices) and bool((source == np.arange(len(source))).all())
+        # Without a sharp edge the vertices stay as they are: no copy of large meshes.
+        return replace(surface, faces=new, normals=normal) if same else surface.taken(source, new, normals=normal)
+    groups = surface.smoothing
     sources, faces, normals, count = [], np.empty_like(surface.faces), [], 0
     for group in np.unique(groups).tolist():
         rows = groups == group
@@ -138,16 +143,27 @@ def linear_colors(values: Array, notes: Notes | None = None) -> Array:
     Whole numbers are codes up to 255, or up to the greatest of their type where there are larger ones; fractions above
     2 are codes up to 255 that were stored as fractions. Opacity is only scaled.
     """
-    whole = values.dtype.kind in "iu"
     numbers = np.nan_to_num(np.asarray(values, np.float64), posinf=0.0, neginf=0.0).clip(0.0)
-    largest = float(numbers.max(initial=0.0))
-    if not whole and largest <= 2.0:
+    top = color_top(values.dtype, float(numbers.max(initial=0.0)))
+    if top is None:
         return numbers.astype(np.float32)
-    top = 255.0
-    if whole and values.dtype.itemsize > 1 and largest > 255.0:
-        top = 65535.0 if largest <= 65535.0 else float(np.iinfo(values.dtype).max)
-    if not whole and notes is not None:
+    if values.dtype.kind not in "iu" and notes is not None:
         notes.read("colours as fractions up to 255, read as sRGB codes")
-    scaled = (numbers / top).clip(0.0, 1.0)
-    color = linear_from_srgb(torch.from_numpy(scaled[:, :3])).numpy()
+    return decoded_colors(numbers, top)
+
+
+def color_top(kind: np.dtype[Any], largest: float) -> float | None:
+    """The code of white in a column of that type whose largest value is this; None: it is linear light."""
+    whole = kind.kind in "iu"
+    if not whole and largest <= 2.0:
+        return None
+    if whole and kind.itemsize > 1 and largest > 255.0:
+        return 65535.0 if largest <= 65535.0 else float(np.iinfo(kind).max)
+    return 255.0
+
+
+def decoded_colors(codes: Array, top: float) -> Array:
+    """(N,3|4) float32 linear of sRGB codes of which ``top`` is white; opacity is only scaled."""
+    scaled = (codes / top).clip(0.0, 1.0)
+    color = linear_from_srgb(torch.from_numpy(np.ascontiguousarray(scaled[:, :3]))).numpy()
     return np.concatenate([color, scaled[:, 3:]], axis=1).astype(np.float32)

@@ -25,7 +25,7 @@ from torchrender.scene.files.plain.mtl_maps import (
 )
 from torchrender.scene.files.plain.obj import decoded
 from torchrender.scene.files.report import Notes
-from torchrender.scene.files.texture_file import warn_missing_texture
+from torchrender.scene.files.texture_file import find_beside, warn_missing_texture
 from torchrender.scene.material import Material, Sampler
 
 _PHYSICAL = ("pr", "pm", "pc", "ps", "map_pr", "map_pm")
@@ -69,22 +69,22 @@ def read_materials(path: Path, libraries: list[str], wanted: list[str], notes: N
     return found
 
 
-def picture_material(path: Path, file: str) -> Material:
+def picture_material(path: Path, file: str, notes: Notes) -> Material:
     """A white material with that picture."""
-    picture = MapReader(path, Notes(path)).read(MapUse(file), "")
+    picture = MapReader(path, notes).read(MapUse(file), "")
     return Material(name="default", diffuse=torch.ones(3), diffuse_texture=picture)
 
 
 def _files(path: Path, library: str) -> list[Path]:
     """The file of that name, which may hold blanks; else several files."""
-    whole = path.parent / library.replace("\\", "/")
+    whole = find_beside(path, library)
     words = library.split()
     try:
         if len(words) < 2 or whole.is_file():
             return [whole]
     except (OSError, ValueError):
         return [whole]
-    return [path.parent / word.replace("\\", "/") for word in words]
+    return [find_beside(path, word) for word in words]
 
 
 def _entries(text: str) -> dict[str, Entry]:

@@ -11,7 +11,7 @@ from torch import Tensor
 from torchrender.errors import ImageFileError
 from torchrender.images.files import read_image
 from torchrender.scene.files.report import Notes
-from torchrender.scene.files.texture_file import as_texture, warn_missing_texture
+from torchrender.scene.files.texture_file import as_texture, find_beside, warn_missing_texture
 from torchrender.scene.material import Sampler
 
 _OPTIONS = {
@@ -107,8 +107,11 @@ class MapReader:
         return picture[..., :3].mean(dim=-1)
 
     def _load(self, name: str, material: str, *, encoded: bool) -> Tensor | None:
+        found = find_beside(self._path, name)
+        if found != self._path.parent / name.replace("\\", "/"):
+            self._notes.repaired(f"picture {name!r} is not there, {found.name} beside the file is taken")
         try:
-            return as_texture(read_image(self._path.parent / name.replace("\\", "/"), encoded=encoded))
+            return as_texture(read_image(found, encoded=encoded))
         except ImageFileError as error:
             warn_missing_texture(self._path, f"material {material!r}", f"texture {name!r}: {error.reason}")
             return None

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from torchrender.errors import SceneFileError
+from torchrender.kernels.files.corners import count_words
 from torchrender.scene.files.plain.build import Surface, linear_colors
 from torchrender.scene.files.plain.numbers import numbers_of
 from torchrender.scene.files.plain.obj_corners import read_corners
@@ -185,19 +186,21 @@ def _numbers(lines: list[str]) -> tuple[Array, int] | None:
     """All numbers, and how many each line has; None where lines differ or hold something else."""
     if not lines:
         return np.zeros(0), 0
-    if any("#" in line for line in lines):
-        lines = [line.partition("#")[0] for line in lines]
-    width = len(lines[0].split())
+    text = "\n".join(lines)
+    if "#" in text:
+        text = "\n".join(line.partition("#")[0] for line in lines)
+    source = text.encode()
+    width = len(lines[0].partition("#")[0].split())
     try:
-        values = numbers_of("\n".join(lines).encode())
+        values = numbers_of(source)
     except ValueError:
         return None
     if not width or len(values) != width * len(lines):
         return None
     # As many words in all, and yet not in every line.
-    if any(len(line.split()) != width for line in lines):
-        return None
-    return values, width
+    counts = np.zeros(len(lines), np.int64)
+    count_words(np.frombuffer(source, np.uint8), counts)
+    return (values, width) if bool((counts == width).all()) else None
 
 
 def _table(path: Path, kind: str, lines: list[str], width: int) -> Array:

@@ -8,12 +8,35 @@ from typing import Any
 import numpy as np
 
 from torchrender.errors import SceneFileError
+from torchrender.kernels.files.corners import parse_corners
 
 Array = np.ndarray[Any, Any]
 
 
 def read_corners(path: Path, lines: list[str], sizes: tuple[int, int, int]) -> tuple[Array, Array]:
     """(C,3) int64 place of vertex, texture coordinate and normal of each corner, -1: none; corners of each face."""
+    table, counts = _quick(lines) or _by_words(path, lines)
+    for k, (what, size) in enumerate(zip(("vertex", "texture coordinate", "normal"), sizes, strict=True)):
+        wrong = (table[:, k] > size) | (table[:, k] < (1 if k == 0 else 0))
+        if wrong.any():
+            row = int(np.searchsorted(counts.cumsum(), int(wrong.argmax()), side="right"))
+            value = int(table[int(wrong.argmax()), k])
+            raise SceneFileError(path, f"face {row + 1} names {what} {value}, there are {size}")
+    table -= 1
+    return table, counts
+
+
+def _quick(lines: list[str]) -> tuple[Array, Array] | None:
+    """What most files hold: indices that count from the start. None where there is anything else."""
+    text = "\n".join(lines).encode()
+    # A corner takes two bytes at least.
+    table, counts = np.empty((len(text) // 2 + 1, 3), np.int64), np.zeros(len(lines), np.int64)
+    found = parse_corners(np.frombuffer(text, np.uint8), table, counts)
+    return None if found < 0 else (table[:found].copy(), counts)
+
+
+def _by_words(path: Path, lines: list[str]) -> tuple[Array, Array]:
+    """Relative indices, comments, and what is damaged."""
     words: list[str] = []
     counts = np.zeros(len(lines), np.int64)
     for row, line in enumerate(lines):
@@ -28,14 +51,7 @@ def read_corners(path: Path, lines: list[str], sizes: tuple[int, int, int]) -> t
             own = [_absolute(path, word, here) for word in own]
         counts[row] = len(own)
         words += own
-    table = _indices(path, words)
-    for k, (what, size) in enumerate(zip(("vertex", "texture coordinate", "normal"), sizes, strict=True)):
-        wrong = (table[:, k] > size) | (table[:, k] < (1 if k == 0 else 0))
-        if wrong.any():
-            row = int(np.searchsorted(counts.cumsum(), int(wrong.argmax()), side="right"))
-            value = int(table[int(wrong.argmax()), k])
-            raise SceneFileError(path, f"face {row + 1} names {what} {value}, there are {size}")
-    return table - 1, counts
+    return _indices(path, words), counts
 
 
 def _absolute(path: Path, word: str, here: list[int]) -> str:

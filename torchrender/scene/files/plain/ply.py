@@ -81,7 +81,7 @@ def read_ply(path: Path, data: bytes, notes: Notes) -> PlyModel:
     header = read_header(path, data)
     elements = read_columns(path, data, header)
     vertex = {k: v for k, v in elements.get("vertex", {}).items() if not isinstance(v, Lists)}
-    position = _group(vertex, (("x", "y", "z"),))
+    position = group_of(vertex, (("x", "y", "z"),))
     if position is None:
         raise SceneFileError(path, "has no vertices with x, y and z")
     count = len(position)
@@ -90,12 +90,13 @@ def read_ply(path: Path, data: bytes, notes: Notes) -> PlyModel:
     for name in elements:
         if name not in ("vertex", "face", "tristrips") and header.element(name):
             notes.not_used(f"element {name!r}", header.element(name).count)  # type: ignore[union-attr]
+    say_unused_columns(header, notes)
     corner_uv = _corner_uv(face, counts) if "face" in elements else None
     face_colors = _colors({k: v for k, v in face.items() if not isinstance(v, Lists)}, notes)
     return PlyModel(
-        position=position.astype(np.float64),
-        normals=_group(vertex, NORMALS),
-        uv=_group(vertex, COORDINATES),
+        position=position.astype(np.float64, copy=False),
+        normals=group_of(vertex, NORMALS),
+        uv=group_of(vertex, COORDINATES),
         colors=_colors(vertex, notes),
         radius=next((np.asarray(vertex[n], np.float64) for n in RADII if n in vertex), None),
         corners=corners,
@@ -107,7 +108,26 @@ def read_ply(path: Path, data: bytes, notes: Notes) -> PlyModel:
     )
 
 
-def _group(columns: dict[str, Array], names: tuple[tuple[str, ...], ...]) -> Array | None:
+def say_unused_columns(header: Header, notes: Notes) -> None:
+    """Name the columns of vertices and faces that nothing is made of."""
+    element = header.element("vertex")
+    if element is not None and element.count:
+        names = {p.name.lower() for p in element.properties}
+        gaussian = {n for n in names if names >= set(GAUSSIAN) and (n in GAUSSIAN or n.startswith("f_rest_"))}
+        groups = [next((g for g in groups if names >= set(g)), ()) for groups in (NORMALS, COLORS, COORDINATES)]
+        used = {"x", "y", "z", *gaussian, *(n for g in groups for n in g)}
+        used |= {n for n in OPACITIES if groups[1]} | set(RADII)
+        left = sorted(names - used)
+        notes.not_used(f"columns of vertices: {', '.join(left)[:200]}", len(left))
+    element = header.element("face")
+    if element is not None and element.count:
+        names = {p.name.lower() for p in element.properties}
+        group = next((g for g in COLORS if names >= set(g)), ())
+        left = sorted(names - {*FACE_LISTS, "texcoord", *group, *(OPACITIES if group else ())})
+        notes.not_used(f"columns of faces: {', '.join(left)[:200]}", len(left))
+
+
+def group_of(columns: dict[str, Array], names: tuple[tuple[str, ...], ...]) -> Array | None:
     """The first group of columns that is there, side by side; names do not care about case."""
     lower = {k.lower(): v for k, v in columns.items()}
     for group in names:
@@ -117,7 +137,7 @@ def _group(columns: dict[str, Array], names: tuple[tuple[str, ...], ...]) -> Arr
 
 
 def _colors(columns: dict[str, Array], notes: Notes) -> Array | None:
-    color = _group(columns, COLORS)
+    color = group_of(columns, COLORS)
     if color is None:
         return None
     opacity = next((columns[n] for n in OPACITIES if n in columns), None)
@@ -195,10 +215,12 @@ def _gaussians(vertex: dict[str, Array], notes: Notes) -> Gaussians | None:
 
 def surface_of(model: PlyModel, notes: Notes) -> Surface:
     """The triangles of a file with faces; attributes of faces and corners go to vertices of their own."""
+    split = model.corner_uv is not None or (model.face_colors is not None and model.colors is None)
+    if not split and bool((model.counts == 3).all()):  # most large files: nothing to cut, nothing to split
+        return _plain_surface(model)
     places, owner = triangulate(model.position, model.corners, model.counts)
     few = int((model.counts < 3).sum())
     notes.repaired("faces with less than three corners: left out", few)
-    split = model.corner_uv is not None or (model.face_colors is not None and model.colors is None)
     rows = model.corners[places.reshape(-1)] if split else np.arange(len(model.position))
     faces = np.arange(len(rows)).reshape(-1, 3) if split else model.corners[places]
     colors, uv = model.colors, model.uv
@@ -210,12 +232,28 @@ def surface_of(model: PlyModel, notes: Notes) -> Surface:
         uv = model.corner_uv[places.reshape(-1)]
     elif uv is not None:
         uv = uv[rows]
-    has_alpha = colors is not None and colors.shape[1] == 4 and bool((colors[:, 3] < 1.0).any())
     return Surface(
         vertices=model.position[rows],
         faces=faces,
         normals=None if model.normals is None else model.normals[rows],
         uv=None if uv is None else uv.astype(np.float64),
-        colors=None if colors is None else colors[:, :3],
-        alpha=colors[:, 3] if colors is not None and has_alpha else None,
+        **_tint(colors),
     )
+
+
+def _plain_surface(model: PlyModel) -> Surface:
+    return Surface(
+        vertices=model.position,
+        faces=model.corners.reshape(-1, 3),
+        normals=model.normals,
+        uv=None if model.uv is None else model.uv.astype(np.float64),
+        **_tint(model.colors),
+    )
+
+
+def _tint(colors: Array | None) -> dict[str, Any]:
+    has_alpha = colors is not None and colors.shape[1] == 4 and bool((colors[:, 3] < 1.0).any())
+    return {
+        "colors": None if colors is None else colors[:, :3],
+        "alpha": colors[:, 3] if colors is not None and has_alpha else None,
+    }

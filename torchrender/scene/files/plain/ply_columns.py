@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from torchrender.errors import SceneFileError
-from torchrender.scene.files.plain.numbers import numbers_of
+from torchrender.kernels.files.rows import byte_rows, join_bytes, join_numbers, number_rows
+from torchrender.scene.files.plain.numbers import NumberStream
 from torchrender.scene.files.plain.ply_format import Element, Header
 
 Array = np.ndarray[Any, Any]
@@ -24,6 +26,8 @@ class Lists:
 
 
 Columns = dict[str, "Array | Lists"]
+ROWS = 1 << 17
+"""Rows that are cut into columns at a time: what is needed beside text and columns does not grow with the file."""
 
 
 def read_columns(path: Path, data: bytes, header: Header) -> dict[str, Columns]:
@@ -33,91 +37,96 @@ def read_columns(path: Path, data: bytes, header: Header) -> dict[str, Columns]:
         SceneFileError: cut off, or text that is no number.
     """
     source: _Text | _Binary = _Binary(path, data, header) if header.order else _Text(path, data, header)
-    return {element.name: source.element(element) for element in header.elements}
+    try:
+        return {element.name: source.element(element) for element in header.elements}
+    except ValueError as error:
+        raise SceneFileError(path, f"damaged: text that is no number among the data ({error})") from error
 
 
 class _Text:
-    """Numbers in text: parsed at once, then cut into columns."""
+    """Numbers in text, cut into columns block by block."""
 
     def __init__(self, path: Path, data: bytes, header: Header) -> None:
-        self._path, self._at = path, 0
-        try:
-            self._numbers = numbers_of(data[header.size :])
-        except ValueError as error:
-            raise SceneFileError(path, f"damaged: text that is no number among the data ({error})") from error
+        text = io.BytesIO(data)
+        text.seek(header.size)
+        self._path, self._numbers = path, NumberStream(text)
 
     def element(self, element: Element) -> Columns:
         """The columns of the element that comes next."""
-        if not any(p.count_type for p in element.properties):
-            table = self._take(element.count * len(element.properties), element).reshape(
-                element.count, len(element.properties)
-            )
-            return {p.name: _typed(table[:, k], p.type) for k, p in enumerate(element.properties)}
-        return self._with_lists(element)
+        if any(p.count_type for p in element.properties):
+            return self._with_lists(element)
+        width = len(element.properties)
+        out = [np.empty(element.count, _column_type(p.type)) for p in element.properties]
+        for row in range(0, element.count if width else 0, ROWS):
+            rows = min(ROWS, element.count - row)
+            for k, values in enumerate(text_rows(self._path, self._numbers, element, rows)):
+                out[k][row : row + rows] = values
+        return {p.name: values for p, values in zip(element.properties, out, strict=True)}
 
     def _with_lists(self, element: Element) -> Columns:
-        numbers, at = self._numbers, self._at
-        uniform = self._uniform(element)
-        if uniform is not None:
-            return uniform
-        counts: dict[str, list[int]] = {p.name: [] for p in element.properties}
-        starts: dict[str, list[int]] = {p.name: [] for p in element.properties}
-        for _ in range(element.count):
-            for p in element.properties:
-                if p.count_type:
-                    if at >= len(numbers):
-                        raise self._short(element)
-                    count = _count(self._path, numbers[at], element)
-                    at += 1
-                else:
-                    count = 1
-                counts[p.name].append(count)
-                starts[p.name].append(at)
-                at += count
-            if at > len(numbers):
-                raise self._short(element)
-        self._at = at
+        mask = np.array([p.count_type is not None for p in element.properties])
+        parts = _Parts(element)
+        left, numbers = element.count, np.zeros(0)
+        while left:
+            block = self._numbers.block()
+            if not len(block):
+                raise _short(self._path, element)
+            numbers = np.concatenate([numbers, block]) if len(numbers) else block
+            rows = asked = 0
+            while left and rows == asked:
+                asked = min(left, ROWS)
+                starts, counts = np.empty((asked, len(mask)), np.int64), np.empty((asked, len(mask)), np.int64)
+                rows, at = number_rows(numbers, mask, starts, counts)
+                if rows < 0:
+                    reason = f"damaged: a list of {numbers[at]:g} values in element {element.name!r}"
+                    raise SceneFileError(self._path, reason)
+                for k, p in enumerate(element.properties):
+                    count, start = counts[:rows, k].copy(), starts[:rows, k].copy()
+                    values = np.empty(int(count.sum()))
+                    join_numbers(numbers, start, count, values)
+                    parts.add(k, count, _typed(values, p.type))
+                numbers, left = numbers[at:], left - rows
+        self._numbers.back(numbers)
+        return parts.columns()
+
+
+def text_rows(path: Path, numbers: NumberStream, element: Element, rows: int) -> list[Array]:
+    """The next rows of an element without lists: a column for each property.
+
+    Raises:
+        SceneFileError: the text ends before. ValueError: a word that is no number.
+    """
+    width = len(element.properties)
+    found = numbers.take(rows * width)
+    if len(found) < rows * width:
+        raise _short(path, element)
+    table = found.reshape(rows, width)
+    return [_typed(table[:, k], p.type) for k, p in enumerate(element.properties)]
+
+
+class _Parts:
+    """The columns of an element with lists, as they come."""
+
+    def __init__(self, element: Element) -> None:
+        self._element = element
+        self._counts: list[list[Array]] = [[] for _ in element.properties]
+        self._values: list[list[Array]] = [[] for _ in element.properties]
+
+    def add(self, column: int, counts: Array, values: Array) -> None:
+        """The next rows of a column."""
+        self._counts[column].append(counts)
+        self._values[column].append(values)
+
+    def columns(self) -> Columns:
+        """All of them; the parts are given up."""
         out: Columns = {}
-        for p in element.properties:
-            count_of, start = np.array(counts[p.name], np.int64), np.array(starts[p.name], np.int64)
-            values = _typed(numbers[_ranges(start, count_of)], p.type)
-            out[p.name] = Lists(count_of, values) if p.count_type else values
+        for k, p in enumerate(self._element.properties):
+            values = np.concatenate(self._values[k] or [np.zeros(0, _column_type(p.type))])
+            self._values[k] = []
+            out[p.name] = Lists(np.concatenate(self._counts[k] or [np.zeros(0, np.int64)]), values)
+            if p.count_type is None:
+                out[p.name] = values
         return out
-
-    def _uniform(self, element: Element) -> Columns | None:
-        """All rows have lists as long as those of the first; None where they have not."""
-        at, places = self._at, []
-        for p in element.properties:
-            if p.count_type:
-                if at >= len(self._numbers):
-                    return None
-                places.append((p, at - self._at + 1, _count(self._path, self._numbers[at], element)))
-                at += 1 + places[-1][2]
-            else:
-                places.append((p, at - self._at, 1))
-                at += 1
-        width = at - self._at
-        total = width * element.count
-        if not element.count or self._at + total > len(self._numbers):
-            return None
-        table = self._numbers[self._at : self._at + total].reshape(element.count, width)
-        if any((table[:, first - 1] != count).any() for p, first, count in places if p.count_type):
-            return None
-        self._at += total
-        out: Columns = {}
-        for p, first, count in places:
-            values = _typed(table[:, first : first + count].reshape(-1), p.type)
-            out[p.name] = Lists(np.full(element.count, count, np.int64), values) if p.count_type else values
-        return out
-
-    def _take(self, count: int, element: Element) -> Array:
-        if self._at + count > len(self._numbers):
-            raise self._short(element)
-        self._at += count
-        return self._numbers[self._at - count : self._at]
-
-    def _short(self, element: Element) -> SceneFileError:
-        return SceneFileError(self._path, f"cut off among the {element.count} rows of element {element.name!r}")
 
 
 class _Binary:
@@ -138,7 +147,7 @@ class _Binary:
     def _table(self, element: Element, row: np.dtype[Any]) -> Array:
         size = row.itemsize * element.count
         if self._at + size > len(self._data):
-            raise SceneFileError(self._path, f"cut off among the {element.count} rows of element {element.name!r}")
+            raise _short(self._path, element)
         table = np.frombuffer(self._data, row, element.count, self._at)
         self._at += size
         return table
@@ -175,35 +184,35 @@ class _Binary:
         }
 
     def _walk(self, element: Element) -> Columns:
-        data, at = memoryview(self._data), self._at
-        sizes = [
-            (np.dtype(p.count_type).itemsize if p.count_type else 0, np.dtype(p.type).itemsize)
-            for p in element.properties
-        ]
-        endian = "little" if self._order == "<" else "big"
-        starts: list[list[int]] = [[] for _ in sizes]
-        counts: list[list[int]] = [[] for _ in sizes]
-        end = len(data)
-        for _ in range(element.count):
-            for k, (head, width) in enumerate(sizes):
-                count = 1
-                if head:
-                    count = int.from_bytes(data[at : at + head], endian)  # type: ignore[arg-type]
-                    at += head
-                starts[k].append(at)
-                counts[k].append(count)
-                at += count * width
-            if at > end:
-                raise SceneFileError(self._path, f"cut off among the {element.count} rows of element {element.name!r}")
-        self._at = at
+        heads = np.array([np.dtype(p.count_type).itemsize if p.count_type else 0 for p in element.properties])
+        widths = np.array([np.dtype(p.type).itemsize for p in element.properties])
         raw = np.frombuffer(self._data, np.uint8)
-        out: Columns = {}
-        for k, p in enumerate(element.properties):
-            count_of, start, width = np.array(counts[k], np.int64), np.array(starts[k], np.int64), sizes[k][1]
-            places = _ranges(start, count_of, width)
-            values = raw[places[:, None] + np.arange(width)].reshape(-1).view(self._order + p.type)
-            out[p.name] = Lists(count_of, values) if p.count_type else values
-        return out
+        parts, left = _Parts(element), element.count
+        while left:
+            asked = min(left, ROWS)
+            starts, counts = np.empty((asked, len(heads)), np.int64), np.empty((asked, len(heads)), np.int64)
+            rest = raw[self._at :]
+            rows, size = byte_rows(rest, heads, widths, self._order == ">", starts, counts)
+            if rows < asked:
+                raise _short(self._path, element)
+            for k, p in enumerate(element.properties):
+                count, start = counts[:, k].copy(), starts[:, k].copy()
+                values = np.empty(int(count.sum()) * int(widths[k]), np.uint8)
+                join_bytes(rest, start, count, int(widths[k]), values)
+                parts.add(k, count, values.view(self._order + p.type))
+            self._at += size
+            left -= asked
+        return parts.columns()
+
+
+def _short(path: Path, element: Element) -> SceneFileError:
+    return SceneFileError(path, f"cut off among the {element.count} rows of element {element.name!r}")
+
+
+def _column_type(kind: str) -> np.dtype[Any]:
+    """Numbers of text keep all their digits, whatever fraction they are declared as."""
+    dtype = np.dtype(kind)
+    return np.dtype(np.float64) if dtype.kind == "f" else dtype
 
 
 def _typed(values: Array, kind: str) -> Array:
@@ -220,11 +229,3 @@ def _count(path: Path, value: Any, element: Element) -> int:
     if not 0 <= value <= 2**31 or value != int(value):
         raise SceneFileError(path, f"damaged: a list of {value} values in element {element.name!r}")
     return int(value)
-
-
-def _ranges(starts: Array, counts: Array, step: int = 1) -> Array:
-    """All places ``start, start + step, ...`` of each start, one range after the other."""
-    ends = np.cumsum(counts)
-    within = np.arange(int(ends[-1]) if len(ends) else 0) - (ends - counts).repeat(counts)
-    places: Array = starts.repeat(counts) + step * within
-    return places

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from torchrender.errors import SceneFileError, TorchRenderError
+from torchrender.scene.files.content import read_bytes
 from torchrender.scene.files.plain.build import Surface, build_mesh
 from torchrender.scene.files.plain.mtl import picture_material, read_materials
 from torchrender.scene.files.plain.obj import read_obj
@@ -22,17 +23,17 @@ from torchrender.scene.mesh import Mesh
 from torchrender.scene.model import Scene
 
 
-def read_mesh_file(path: Path, data: bytes, *, drop_invalid: bool = False) -> Scene:
+def read_mesh_file(path: Path, *, drop_invalid: bool = False) -> Scene:
     """The meshes of an ``.obj``, ``.ply`` or ``.stl`` file, one per material and object.
 
     Raises:
-        SceneFileError: damaged, cut off, or without triangles.
+        SceneFileError: not readable, damaged, cut off, or without triangles.
         MeshError: vertices that are NaN or infinite, without ``drop_invalid``.
     """
     suffix, notes = path.suffix.lower(), Notes(path)
     read = {".obj": _obj, ".ply": _ply, ".stl": _stl}[suffix]
     try:
-        meshes, materials = read(path, data, notes, drop_invalid)
+        meshes, materials = read(path, notes, drop_invalid)
     except (TorchRenderError, MemoryError):
         raise
     # What a damaged file may trip a reader over besides: bytes that are no text, numbers that are too large ...
@@ -46,8 +47,8 @@ def read_mesh_file(path: Path, data: bytes, *, drop_invalid: bool = False) -> Sc
     return Scene(meshes=tuple(meshes), materials=tuple(materials), name=path.stem, report=notes.close())
 
 
-def _obj(path: Path, data: bytes, notes: Notes, drop: bool) -> tuple[list[Mesh], list[Material]]:
-    parts, libraries = read_obj(path, data, notes)
+def _obj(path: Path, notes: Notes, drop: bool) -> tuple[list[Mesh], list[Material]]:
+    parts, libraries = read_obj(path, read_bytes(path), notes)
     wanted = list(dict.fromkeys(p.material for p in parts if p.material is not None)) if libraries else []
     known = read_materials(path, libraries, wanted, notes)
     rows: dict[str | None, int] = {}
@@ -65,20 +66,23 @@ def _obj(path: Path, data: bytes, notes: Notes, drop: bool) -> tuple[list[Mesh],
     return meshes, materials
 
 
-def _ply(path: Path, data: bytes, notes: Notes, drop: bool) -> tuple[list[Mesh], list[Material]]:
-    model = read_ply(path, data, notes)
+def _ply(path: Path, notes: Notes, drop: bool) -> tuple[list[Mesh], list[Material]]:
+    # Nothing here holds the bytes any longer than they are needed: meshes of large files take as much again.
+    model = read_ply(path, read_bytes(path), notes)
     if not len(model.counts):
         raise SceneFileError(path, f"holds {len(model.position)} points but no triangles")
     material = Material(name="default")
     if model.textures:
-        material = picture_material(path, model.textures[0])
+        material = picture_material(path, model.textures[0], notes)
         notes.not_used("further textures", len(model.textures) - 1)
-    return [build_mesh(surface_of(model, notes), path.stem, notes, drop_invalid=drop)], [material]
+    surface = surface_of(model, notes)
+    del model
+    return [build_mesh(surface, path.stem, notes, drop_invalid=drop)], [material]
 
 
-def _stl(path: Path, data: bytes, notes: Notes, drop: bool) -> tuple[list[Mesh], list[Material]]:
+def _stl(path: Path, notes: Notes, drop: bool) -> tuple[list[Mesh], list[Material]]:
     meshes = []
-    for number, solid in enumerate(read_stl(path, data, notes)):
+    for number, solid in enumerate(read_stl(path, read_bytes(path), notes)):
         count = len(solid.corners)
         surface = Surface(
             vertices=solid.corners.reshape(-1, 3),

@@ -3,7 +3,8 @@
 Every object becomes a node of its own name, at its middle, so that float32 vertices keep their precision far from the
 world's origin. What :func:`~torchrender.scene.files.gltf.read.read_gltf` makes of the file looks as the scene did.
 
-glTF knows no rectangle lights, environments, ambient light or media: a :class:`LossWarning` names what is left out.
+Media go to the ``extras`` of the scene, where other programs pass them by. glTF knows no rectangle lights, environments
+or ambient light: a :class:`LossWarning` names what is left out.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from torchrender.scene.camera import Cameras
 from torchrender.scene.files.gltf.out.document import GlbDocument
 from torchrender.scene.files.gltf.out.materials import MaterialWriter
 from torchrender.scene.light import DirectionalLight, Light, PointLight, SpotLight
+from torchrender.scene.medium import EXTRAS, Medium, medium_values
 from torchrender.scene.mesh import Mesh
 from torchrender.scene.model import Scene
 
@@ -64,6 +66,7 @@ def glb_bytes(scene: Scene, name: str | Path = "scene.glb") -> bytes:
         out.camera(title, camera)
     for light in scene.lights:
         out.light(light)
+    out.media(scene.media)
     return out.content(name)
 
 
@@ -73,7 +76,6 @@ def _warn_losses(scene: Scene) -> None:
         lost.append(f"environment {scene.environment.name!r}")
     if bool((scene.ambient > 0).any()):
         lost.append("ambient light")
-    lost += [f"medium {m.name!r}" for m in scene.media]
     lost += [f"the off-centre picture of camera {n!r}" for n, c in scene.cameras.items() if off_centre(c)]
     if scene.motions:
         lost.append("animations, skins and morph targets (the present pose is written)")
@@ -167,6 +169,11 @@ class _Writer(GlbDocument):
         matrix = camera.world_from_camera[0].clone()
         matrix[:3, 1:3] *= -1.0
         self.node({"name": name, "camera": index, "matrix": matrix.T.reshape(-1).tolist()})
+
+    def media(self, media: tuple[Medium, ...]) -> None:
+        """Boxes of smoke and fog, in the extras of the scene."""
+        if media:
+            self.json["scenes"][0]["extras"] = {EXTRAS: [medium_values(m) for m in media]}
 
     def light(self, light: Light) -> None:
         """A punctual light at a node of its own; others are named in the warning."""

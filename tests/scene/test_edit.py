@@ -1,0 +1,115 @@
+"""Scenes with other values, and objects that stand elsewhere."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import torch
+
+from torchrender.errors import InputError, MeshError
+from torchrender.raster import rasterize
+from torchrender.scene import shapes
+from torchrender.scene.camera import Cameras
+from torchrender.scene.light import PointLight
+from torchrender.scene.mesh import Mesh, concatenate
+from torchrender.scene.model import Scene
+
+
+def matrix(scale: tuple[float, float, float] = (1.0, 1.0, 1.0), turn: float = 0.3) -> torch.Tensor:
+    c, s = math.cos(turn), math.sin(turn)
+    out = torch.eye(4, dtype=torch.float64)
+    turned = torch.tensor([[c, 0, s], [0, 1, 0], [-s, 0, c]], dtype=torch.float64)
+    out[:3, :3] = turned * torch.tensor(scale, dtype=torch.float64)
+    out[:3, 3] = torch.tensor([0.2, -0.1, 0.4])
+    return out
+
+
+@pytest.fixture
+def scene() -> Scene:
+    ball, box = shapes.sphere(0.5, 24), shapes.box(torch.tensor([0.4, 0.4, 0.4]))
+    parts = [
+        Mesh(vertices=ball.vertices, faces=ball.faces, normals=ball.normals, uv=ball.uv, name="ball"),
+        Mesh(vertices=box.vertices + 1.0, faces=box.faces, name="chair/wood"),
+        Mesh(vertices=box.vertices + 1.5, faces=box.faces, name="chair/cloth"),
+    ]
+    return Scene(meshes=parts, name="set")
+
+
+@pytest.mark.parametrize("scale", [(1.0, 1.0, 1.0), (2.0, 0.5, 1.5), (-1.0, 1.0, 1.0)])
+def test_normals_stay_across_the_surface_and_faces_keep_their_outside(scene, scale) -> None:
+    ball = scene.mesh("ball").transformed(matrix(scale))
+    # An ellipsoid: the gradient of its equation at every vertex.
+    back = torch.linalg.inv(matrix(scale))
+    local = ball.vertices.double() @ back[:3, :3].T + back[:3, 3]
+    gradient = torch.nn.functional.normalize(local @ back[:3, :3], dim=1)
+    assert float((ball.normals.double() * gradient).sum(1).min()) > 0.999
+    a, b, c = ball.vertices.double()[ball.faces].unbind(1)
+    outward = torch.linalg.cross(b - a, c - a)
+    centre = torch.tensor([0.2, -0.1, 0.4], dtype=torch.float64)
+    area = outward.norm(dim=1) > 1e-9
+    assert bool(((outward * ((a + b + c) / 3 - centre)).sum(1)[area] > 0).all())
+
+
+def test_transforming_back_gives_the_mesh(scene) -> None:
+    ball = scene.mesh("ball")
+    back = ball.transformed(matrix((2.0, 0.5, -1.5))).transformed(torch.linalg.inv(matrix((2.0, 0.5, -1.5))))
+    torch.testing.assert_close(back.vertices, ball.vertices, atol=1e-6, rtol=0)
+    torch.testing.assert_close(back.normals, ball.normals, atol=1e-6, rtol=0)
+    assert torch.equal(back.faces, ball.faces)
+
+
+def test_a_moved_object_takes_all_its_parts_and_nothing_else(scene) -> None:
+    before = scene.geometry
+    shifted = scene.moved("chair", matrix())
+    assert shifted.meshes[0] is scene.meshes[0]
+    for was, now in zip(scene.parts("chair"), shifted.parts("chair"), strict=True):
+        wanted = was.vertices.double() @ matrix()[:3, :3].T + matrix()[:3, 3]
+        torch.testing.assert_close(now.vertices.double(), wanted, atol=1e-6, rtol=0)
+    # What was found out is kept, and says the same as what would be found out anew.
+    assert shifted.geometry.order is before.order
+    fresh = concatenate(shifted.meshes)
+    assert torch.equal(shifted.geometry.vertices, fresh.vertices)
+    camera = Cameras.look_at([4.0, 2.0, 4.0], [0.8, 0.8, 0.8], width=48, height=36)
+    assert torch.equal(rasterize(shifted, camera).triangle, rasterize(Scene(meshes=shifted.meshes), camera).triangle)
+    assert not torch.equal(rasterize(shifted, camera).triangle, rasterize(scene, camera).triangle)
+
+
+def test_moving_twice_adds_up(scene) -> None:
+    twice = scene.moved("ball", matrix()).moved("ball", matrix())
+    once = scene.moved("ball", matrix() @ matrix())
+    torch.testing.assert_close(twice.mesh("ball").vertices, once.mesh("ball").vertices, atol=1e-6, rtol=0)
+
+
+def test_other_values_by_name(scene) -> None:
+    lamp = PointLight(position=torch.tensor([0.0, 2.0, 0.0]), intensity=torch.ones(3))
+    lit = scene.replace(lights=[lamp], name="lit")
+    assert lit.lights == (lamp,)
+    assert (lit.name, scene.name) == ("lit", "set")
+    assert lit.meshes == scene.meshes
+    with pytest.raises(InputError, match="a scene has no lamps; it has meshes, materials, lights"):
+        scene.replace(lamps=[lamp])
+
+
+def test_what_is_not_there_is_named(scene) -> None:
+    with pytest.raises(InputError, match="scene 'set' has no mesh 'chiar'; there are chair"):
+        scene.mesh("chiar")
+    with pytest.raises(InputError, match=r"'chair' has 2 parts: chair/wood, chair/cloth; use parts\(\)"):
+        scene.mesh("chair")
+    assert scene.mesh("chair/wood") is scene.meshes[1]
+    with pytest.raises(InputError, match="there are none"):
+        Scene().mesh("x")
+
+
+@pytest.mark.parametrize(
+    ("wrong", "told"),
+    [
+        (torch.eye(3), r"matrix must be finite with shape \(4, 4\)"),
+        (torch.full((4, 4), math.nan), "matrix must be finite"),
+        (torch.diag(torch.tensor([1.0, 1.0, 0.0, 1.0])), "matrix must be invertible"),
+        (torch.eye(4) + torch.eye(4).flip(0), "matrix must have the last row"),
+    ],
+)
+def test_matrices_that_move_nothing_rightly_are_refused(scene, wrong, told: str) -> None:
+    with pytest.raises(MeshError, match=told):
+        scene.moved("ball", wrong)
