@@ -13,6 +13,7 @@ from PIL import Image
 from torchrender.errors import ImageFileError, InputError, OptionError
 from torchrender.images.files import read_image
 from torchrender.photo.fog import FogMedium, FogOptions, FogPhoto, FogWarning, Marks, add_fog, outdoor
+from torchrender.photo.fog import picture as fog_picture
 from torchrender.photo.fog.depth.labels import SKY, depth_from_labels, label_map, outdoor_camera, read_labels
 from torchrender.photo.fog.depth.measured import (
     dense_from_points,
@@ -26,6 +27,7 @@ from torchrender.photo.fog.depth.segments import cut_out, guess_sky
 from torchrender.photo.fog.estimate import estimate_haze
 from torchrender.photo.fog.marks.file import marks_of
 from torchrender.photo.fog.outdoor import upper_share
+from torchrender.photo.fog.picture import prepare
 
 H, W = 60, 80
 TABLE = {
@@ -217,12 +219,21 @@ def test_codes_and_turned_photos(tmp_path) -> None:
         assert float((clear.composite - picture).abs().max()) <= 1 / 255
 
 
-def test_large_photos_are_halved_and_said() -> None:
-    picture = photo().repeat_interleave(50, 0).repeat_interleave(50, 1)  # 12 megapixels
+def test_large_photos_are_halved_and_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    large = torch.zeros(3000, 4000, 3)
+    with pytest.warns(FogWarning, match="4000 x 3000 pixels: fog is computed at 1/2"):
+        assert prepare(large).work_size == (1500, 2000)
+    # The same with a small photo, so that what comes out can be looked at.
+    picture = photo().repeat_interleave(4, 0).repeat_interleave(4, 1)
+    given, medium = marks(photo={"width": 80, "height": 60}), FogMedium.of(visibility=80.0)
+    with pytest.warns(FogWarning, match="are stretched"):
+        whole = FogPhoto(picture, given).foggy(medium)
+    monkeypatch.setattr(fog_picture, "MAX_PIXELS", H * W * 5)
     with pytest.warns(FogWarning, match="1/2"), warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="the marks are those", category=FogWarning)
-        made = FogPhoto(picture, marks(photo={"width": 80, "height": 60})).foggy(FogMedium.of(visibility=80.0))
+        made = FogPhoto(picture, given).foggy(medium)
     assert made.composite.shape == picture.shape
+    assert float((made.composite - whole.composite).abs().mean()) < 0.003
 
 
 def test_batches_are_their_photos() -> None:

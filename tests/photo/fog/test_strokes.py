@@ -46,7 +46,7 @@ def test_a_few_strokes_divide_a_photo() -> None:
 
 
 def test_regions_show_the_parts_again() -> None:
-    photo, truth = scene()
+    _, truth = scene()
     labels = ("ground", "vertical", "sky", "vertical")
     regions = regions_of(truth, labels, (None, 12.0, None, None))
     shown = label_map(Marks(regions=tuple(regions)), W, H)
@@ -54,7 +54,6 @@ def test_regions_show_the_parts_again() -> None:
     assert float((shown != wanted).float().mean()) < 0.005, "the hole in the house included"
     depths = sorted((r.depth or 0.0) for r in regions if r.label == "vertical")
     assert depths == [0.0, 12.0] and all(r.depth is None for r in regions if r.label != "vertical")
-    del photo
 
 
 def test_strokes_are_painted_one_over_the_other() -> None:
@@ -84,9 +83,9 @@ def test_bad_strokes_are_named() -> None:
 
 def test_hard_photos_are_divided() -> None:
     flat = torch.full((H, W, 3), 0.4)
-    halves = divide(flat, seeds(0, 2))
+    halves = divide(flat[::2, ::2].contiguous(), seeds(0, 2)[::2, ::2])
     assert set(halves.unique().tolist()) == {0, 2}, "without any edge, too"
     tiny = divide(torch.rand(3, 3, 3), torch.tensor([[0, 0, 0], [-1, -1, -1], [1, 1, 1]]))
     assert tiny.shape == (3, 3) and tiny[0].eq(0).all() and tiny[2].eq(1).all()
-    dark = divide(torch.zeros(H, W, 3), seeds(0, 1, 2))
+    dark = divide(0.0 * flat[::2, ::2], seeds(0, 1, 2)[::2, ::2])
     assert bool((dark >= 0).all())

@@ -76,6 +76,8 @@ def test_a_hidden_object_gets_the_neutral_material_and_a_warning() -> None:
         made = style_scene(scene, striped_photo(), QUICK)
     assert made.unseen == ("in the sofa",)
     assert made.materials[-1].tolist() == list(NEUTRAL)
+    locked = style_scene(scene, striped_photo(), QUICK, keep=["in the sofa"]).scene
+    assert locked.materials[locked.meshes[-1].material].name == scene.materials[0].name, "it may be locked all the same"
 
 
 # -------------------------------------------------------------------- result

@@ -128,7 +128,6 @@ class FogPhoto:
             mid = time.perf_counter()
             added = self._room.scattered(medium)
             top = float(self._room.scene.room.high[1])
-            eye_only = self._room.to_eye(medium) if bool(self._lamps.mask.any()) else through
         else:
             assert self._outdoor is not None
             if medium.density is not None:
@@ -137,14 +136,13 @@ class FogPhoto:
             mid = time.perf_counter()
             added = outdoor.scattered(self._outdoor, medium)
             top = self.options.top
-            eye_only = through
-            if bool(self._lamps.mask.any()):
-                eye_only = torch.exp(-self._outdoor.length[..., None] * medium.extinction)
         if self._lamps.lights and bool((medium.scattering > 0).any()):
             if medium.density is not None:
                 warnings.warn("lamps shine through air of density 1, not of the grid", FogWarning, stacklevel=2)
             added = added + lamp_light(self._lamps, self.camera, self.depth, medium, top)
-            through = torch.where(self._lamps.mask[..., None], eye_only, through)
+        if bool(self._lamps.mask.any()):
+            own = torch.exp(-self._lamps.length[..., None] * medium.extinction)
+            through = torch.where(self._lamps.mask[..., None], own, through)
         end = time.perf_counter()
         through, added = self._photo.full(through).clamp(0.0, 1.0), self._photo.full(added).clamp_min(0.0)
         light = self._photo.light if self._bright is None else self._photo.light * self._bright

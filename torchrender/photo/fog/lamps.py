@@ -32,6 +32,7 @@ class Lamps:
 
     lights: tuple[PointLight | SpotLight, ...]
     mask: Tensor  # (H,W) bool
+    length: Tensor  # (H,W) float32 metres from the eye to the lamp that a pixel of the mask is
 
 
 def place_lamps(marks: Sequence[LampMark], photo: Tensor, camera: Cameras, depth: Tensor) -> Lamps:
@@ -42,7 +43,7 @@ def place_lamps(marks: Sequence[LampMark], photo: Tensor, camera: Cameras, depth
     """
     h, w = photo.shape[:2]
     lights: list[PointLight | SpotLight] = []
-    mask = torch.zeros(h, w, dtype=torch.bool)
+    mask, nearest = torch.zeros(h, w, dtype=torch.bool), torch.full((h, w), torch.inf, dtype=torch.float64)
     for number, mark in enumerate(marks):
         name = f"lamp[{number}]"
         x, y = mark.at
@@ -52,7 +53,9 @@ def place_lamps(marks: Sequence[LampMark], photo: Tensor, camera: Cameras, depth
         own = disc_mask(mark.at, max(mark.radius, 1.0), h, w)
         color = torch.tensor(mark.color) if mark.color is not None else _color(photo[own])
         intensity = color * (mark.strength * INTENSITY)
-        mask |= own & (depth >= z * 0.98)  # what stands before the lamp is none
+        shown = own & (depth >= z * 0.98)  # what stands before the lamp is none
+        mask |= shown
+        nearest = torch.where(shown, nearest.clamp_max(z), nearest)
         if mark.kind == "point":
             lights.append(PointLight(position=place, intensity=intensity, name=name))
         else:
@@ -62,7 +65,8 @@ def place_lamps(marks: Sequence[LampMark], photo: Tensor, camera: Cameras, depth
                     inner_deg=0.7 * mark.angle_deg, outer_deg=mark.angle_deg, name=name,
                 )
             )  # fmt: skip
-    return Lamps(tuple(lights), mask)
+    stretch = camera.rays()[1][0].norm(dim=-1) if marks else torch.ones(h, w)
+    return Lamps(tuple(lights), mask, torch.where(mask, nearest * stretch, 0.0).float())
 
 
 def _distance(mark: LampMark, name: str, camera: Cameras, depth: Tensor, inside: bool) -> float:

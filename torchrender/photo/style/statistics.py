@@ -157,8 +157,9 @@ def build_tables(
     views = torch.cat([torch.full((len(p[0]),), j) for j, p in enumerate(parts)])
     order = (objects * len(terms) + views).argsort()
     pixels = torch.cat([p[1] for p in parts])
-    sums = torch.cat([p[2] for p in parts]).reshape(-1, columns, 5)
-    counts = torch.cat([p[3][..., kept] for p in parts]).reshape(-1, columns, len(kept))
+    # Nothing may be wanted that any view shows: sizes are named, for none follows from no elements.
+    sums = torch.cat([p[2] for p in parts]).reshape(len(objects), columns, 5)
+    counts = torch.cat([p[3][..., kept] for p in parts]).reshape(len(objects), columns, len(kept))
     return StyleTables(
         object=objects[order].numpy(),
         view=views[order].numpy(),

@@ -16,11 +16,13 @@ def write_page(record: dict[str, Any], folder: Path) -> None:
     """``fog.md`` in ``folder``."""
     lines = [
         "# Fog, smoke and light shafts in a photograph, measured", "",
-        f"`python -m torchrender.report.fog` on {machine_line(record['machine'])}; times are the least of"
-        " three.", "",
+        f"`python -m torchrender.report.fog` on {machine_line(record['machine'])}; photos' times are"
+        " the least of three.", "", *([record["note"], ""] if "note" in record else []),
         "![Cornell box and photos](fog.jpg)", "",
         "First row: the box in even air, clear, with fog by the reference, by the method, and twice their difference;"
         " second row: in uneven air. Then photos, before and after.", "",
+        "![The page for marks](../fog-page.jpg)", "",
+        "Marks are made in the browser, at `/fog.html` of `torchrender serve`: here by five strokes.", "",
     ]  # fmt: skip
     for part in (_asked, _verification, _centroid, _indirect, _kappa, _photos):
         lines += part(record)
@@ -74,7 +76,8 @@ def _asked(record: dict[str, Any]) -> list[str]:
         for row in record["photos"]:
             if row["name"] == name:
                 rows.append([f"{name}, {row['size']}: first picture, another medium", f"{first} ms, {again} ms",
-                             f"{row['ms']['first_ms']:.0f} ms, {row['ms']['again_ms']:.0f} ms"])  # fmt: skip
+                             f"{row['ms']['first_ms']:.0f} ms, {row['ms']['again_ms']:.0f} ms (of all cores together"
+                             f" {row['ms']['first_cpu_ms']:.0f} ms, {row['ms']['again_cpu_ms']:.0f} ms)"])  # fmt: skip
     return ["## Asked and measured", "", *table(["figure", "asked", "measured"], rows)]
 
 

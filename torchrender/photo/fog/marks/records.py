@@ -45,6 +45,32 @@ def as_polygon(name: str, value: object, least: int = 3) -> Polygon:
     return points
 
 
+def as_outline(name: str, value: object) -> Polygon:
+    """A polygon whose edges do not cross.
+
+    Raises:
+        InputError: as :func:`as_polygon`, or two edges that cross.
+    """
+    points = as_polygon(name, value)
+    if crosses_itself(points):
+        raise InputError(f"{name} crosses itself: name its corners one after the other around it")
+    return points
+
+
+def crosses_itself(points: Polygon) -> bool:
+    """Whether two edges of a closed polygon cross inside of both."""
+
+    def side(a: Point, b: Point, p: Point) -> float:
+        return (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0])
+
+    edges = [(points[k - 1], points[k]) for k in range(len(points))]
+    return any(
+        side(a, b, c) * side(a, b, d) < 0 and side(c, d, a) * side(c, d, b) < 0
+        for k, (a, b) in enumerate(edges)
+        for c, d in edges[k + 1 :]
+    )
+
+
 def _spread(points: Polygon) -> float:
     """Largest area of a triangle of the polygon's first edge's fan, square pixels."""
     (x0, y0) = points[0]
@@ -98,7 +124,7 @@ class LightMark:
     on: bool = True
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "polygon", as_polygon("light polygon", self.polygon))
+        object.__setattr__(self, "polygon", as_outline("light polygon", self.polygon))
         if self.wall is not None:
             check_choice("light wall", self.wall, WALLS)
 
@@ -113,7 +139,7 @@ class WindowMark:
     glow: bool = True  # sky light comes through it, too
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "polygon", as_polygon("window polygon", self.polygon))
+        object.__setattr__(self, "polygon", as_outline("window polygon", self.polygon))
         if self.wall is not None:
             check_choice("window wall", self.wall, WALLS)
         if self.lit is not None:
@@ -133,7 +159,7 @@ class CuboidMark:
     top: Point | None = None  # or: where the edge above the first corner ends
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "base", as_polygon("cuboid base", self.base))
+        object.__setattr__(self, "base", as_outline("cuboid base", self.base))
         if (self.height is None) == (self.top is None):
             raise InputError("a cuboid needs either height or top")
         if self.height is not None:

@@ -21,6 +21,7 @@ from torchrender.errors import InputError
 from torchrender.photo.fog.options import FogWarning
 from torchrender.scene.camera import Cameras
 
+FEW_CORNERS = 5
 LOWEST_DEG = 3.0
 NEAR = 0.05
 """Metres before the camera at which polygons are cut."""
@@ -62,7 +63,10 @@ def angles_at(direction: Tensor) -> tuple[float, float]:
 
 
 def same_order(window: Tensor, lit: Tensor, name: str) -> Tensor:
-    """Lit corners (m,3) in the order of the window's: reversed or shifted if their connectors cross, with a warning."""
+    """Lit corners (m,3) in the order of the window's, with a warning if their connectors cross as they are given.
+
+    Reversed and shifted orders are tried, of few corners all.
+    """
 
     def spread(order: Tensor) -> float:
         ways = torch.nn.functional.normalize(order - window, dim=-1)
@@ -70,9 +74,12 @@ def same_order(window: Tensor, lit: Tensor, name: str) -> Tensor:
 
     if crossings(window, lit) == 0:
         return lit
-    orders = [o.roll(k, 0) for o in (lit, lit.flip(0)) for k in range(len(lit))]
+    if len(lit) <= FEW_CORNERS:
+        orders = [lit[list(order)] for order in itertools.permutations(range(len(lit)))]
+    else:
+        orders = [o.roll(k, 0) for o in (lit, lit.flip(0)) for k in range(len(lit))]
     best = min(orders, key=spread)
-    if best is not lit and spread(best) < spread(lit) - 1e-9:
+    if spread(best) < spread(lit) - 1e-9:
         warnings.warn(
             f"{name}: lines from its corners to its lit corners cross: the lit corners are taken in another order",
             FogWarning, stacklevel=3,
