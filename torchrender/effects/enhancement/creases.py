@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import cv2
 import numpy as np
 import torch
 from torch import Tensor
@@ -45,6 +44,8 @@ def _distance_to(mask: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
     """(H,W) float32 pixels to the nearest of ``mask`` (H,W) bool."""
     if not mask.any():
         return np.full(mask.shape, sum(mask.shape), np.float32)
+    import cv2  # slow to import, and few pictures need it
+
     return np.asarray(cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_C, 3))
 
 
