@@ -253,7 +253,8 @@ def test_a_huge_budget_gives_the_reference(box: Scene) -> None:
     for row in plan.running:
         if row.name not in ("resample", "shadow_map"):
             choices = find_pass(row.name).settings
-            assert row.setting in (choices.reference.name, choices.all[-1].name), row
+            best = row.setting in (choices.reference.name, choices.all[-1].name)
+            assert best or row.predicted_error == 0.0, row  # what is as good as the reference here may be quicker
     assert plan.predicted_error is not None and plan.predicted_error < 0.01
 
 
@@ -349,7 +350,7 @@ def test_curves_without_measurements_predict_nothing(box: Scene) -> None:
 
 
 def test_a_budget_leaves_fixed_passes_alone(box: Scene) -> None:
-    camera = view(box, 64)
+    camera = view(box, 256)
     for upscaling in ("nearest", "joint"):
         options = RenderOptions(upscaling=upscaling, fixed=("resample",))
         made = tr.plan(box, camera, options=options, budget_ms=5.0)
