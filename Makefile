@@ -30,8 +30,10 @@ demo: setup
 test: setup
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy
-	$(BIN)/python -m pytest -n 2 --dist loadfile
+	@# Types are checked beside the tests, which leave a part of the cores idle; both must be right.
+	@$(BIN)/mypy & types=$$!; \
+	$(BIN)/python -m pytest -n 2 --dist loadfile; tests=$$?; \
+	wait $$types && exit $$tests
 
 serve: setup
 	$(BIN)/torchrender serve --port $(PORT)
