@@ -30,10 +30,8 @@ demo: setup
 test: setup
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	@# Types are checked beside the tests, which leave a part of the cores idle; both must be right.
-	@$(BIN)/mypy & types=$$!; \
-	$(BIN)/python -m pytest -n 2 --dist loadfile; tests=$$?; \
-	wait $$types && exit $$tests
+	$(BIN)/mypy
+	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 serve: setup
 	$(BIN)/torchrender serve --port $(PORT)

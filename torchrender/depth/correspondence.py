@@ -61,7 +61,8 @@ def visibility(cameras: Cameras, gbuffer: GBuffer, shape: Shape | RayCaster | No
     caster = shape if isinstance(shape, RayCaster) else RayCaster(_geometry(gbuffer, shape))
     same = isinstance(gbuffer, SeenSurface) and gbuffer.source is caster.geometry
     own = gbuffer.triangle.expand(count, *gbuffer.triangle.shape[1:]) if same else None
-    return _seen_by_rays(cameras, position, covered, own, caster)
+    pixels, depth = _project(cameras, position)
+    return _seen_by_rays(cameras, position, depth, covered & _inside(cameras, pixels, depth), own, caster)
 
 
 def flow(a: GBuffer, b: GBuffer, *, method: str = "rays") -> Flow:
@@ -84,15 +85,16 @@ def flow(a: GBuffer, b: GBuffer, *, method: str = "rays") -> Flow:
     if count != len(a.depth):
         raise InputError(f"b must have 1 or {len(a.depth)} pictures, got {len(b.depth)}")
     position = torch.where(a.covered[..., None], _followed(a, b), torch.zeros((), dtype=torch.float64))
-    pixels, depth = b.cameras.project(position) if len(b.cameras) == count else _project_one(b.cameras, position)
+    pixels, depth = _project(b.cameras, position)
+    inside = a.covered & _inside(b.cameras, pixels, depth)
     move = (pixels - a.cameras.pixel_centres()).float()
     move[~a.covered] = torch.nan
     if method == "rays":
         geometry = _geometry(b, None)
         own = a.triangle if isinstance(a, SeenSurface) and _same_order(a.source, geometry) else None
-        seen = _seen_by_rays(b.cameras, position, a.covered, own, RayCaster(geometry))
+        seen = _seen_by_rays(b.cameras, position, depth, inside, own, RayCaster(geometry))
     else:
-        seen = a.covered & _inside(b.cameras, pixels, depth) & _shown(b, pixels, depth)
+        seen = inside & _shown(b, pixels, depth)
     return Flow(move, seen, position)
 
 
@@ -127,8 +129,11 @@ def _same_order(before: Geometry | None, after: Geometry) -> bool:
     return before is after or (before is not None and torch.equal(before.faces, after.faces))
 
 
-def _project_one(camera: Cameras, position: Tensor) -> tuple[Tensor, Tensor]:
-    flat, depth = camera.project(position.reshape(1, -1, 3))
+def _project(cameras: Cameras, position: Tensor) -> tuple[Tensor, Tensor]:
+    """Pixel coordinates and depth in as many cameras as pictures, or in one."""
+    if len(cameras) == len(position):
+        return cameras.project(position)
+    flat, depth = cameras.project(position.reshape(1, -1, 3))
     return flat.reshape(*position.shape[:-1], 2), depth.reshape(position.shape[:-1])
 
 
@@ -139,10 +144,10 @@ def _inside(cameras: Cameras, pixels: Tensor, depth: Tensor) -> Tensor:
     return ((pixels >= 0) & (pixels < size)).all(dim=-1) & (depth >= limits[0]) & (depth <= limits[1])
 
 
-def _seen_by_rays(cameras: Cameras, position: Tensor, covered: Tensor, own: Tensor | None, caster: RayCaster) -> Tensor:
+def _seen_by_rays(
+    cameras: Cameras, position: Tensor, depth: Tensor, asked: Tensor, own: Tensor | None, caster: RayCaster
+) -> Tensor:
     """(B,H,W) bool; ``own`` are the triangles that the positions lie on, where the caster has the same ones."""
-    pixels, depth = cameras.project(position) if len(cameras) == len(position) else _project_one(cameras, position)
-    asked = covered & _inside(cameras, pixels, depth)
     if cameras.orthographic:
         toward = cameras.forward[:, None, None].expand_as(position) * depth[..., None]
         origins = position - toward

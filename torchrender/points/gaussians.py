@@ -16,6 +16,7 @@ from torch import Tensor
 from torchrender.errors import CameraError
 from torchrender.kernels.points.blended import TILE, blend_tiles, count_tiles, fill_tiles
 from torchrender.numerics.color import linear_from_srgb, srgb_from_linear
+from torchrender.numerics.quaternions import rotations
 from torchrender.points.cloud import PointCloud
 from torchrender.points.options import PointImage, SplatOptions, SplatStatistics
 from torchrender.scene.camera import Cameras
@@ -34,11 +35,7 @@ _GREY = 0.8
 
 def covariances(model: Gaussians) -> np.ndarray:
     """(N,3,3) float32 ``R S S^T R^T`` of scales and rotations."""
-    w, x, y, z = model.rotation.astype(np.float64).T
-    turn = np.empty((len(w), 3, 3))
-    turn[:, 0] = np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], axis=1)
-    turn[:, 1] = np.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], axis=1)
-    turn[:, 2] = np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], axis=1)
+    turn = rotations(model.rotation.astype(np.float64)[:, [1, 2, 3, 0]])
     axes = turn * model.scale.astype(np.float64)[:, None, :]
     with np.errstate(over="ignore"):
         spread: np.ndarray = (axes @ axes.transpose(0, 2, 1)).clip(-3e38, 3e38).astype(np.float32)

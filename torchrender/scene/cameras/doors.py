@@ -15,6 +15,7 @@ from torch import Tensor
 
 from torchrender.checks import check_finite
 from torchrender.errors import CameraError
+from torchrender.numerics.quaternions import rotations
 from torchrender.numerics.transforms import pinhole_matrix
 from torchrender.scene.cameras.record import CameraRecord
 
@@ -177,16 +178,9 @@ def rotation_of(quaternion: Tensor) -> Tensor:
     Raises:
         CameraError: one of length zero.
     """
-    length = quaternion.norm(dim=1, keepdim=True)
-    if not bool((length > 0).all()):
+    if not bool((quaternion.norm(dim=1) > 0).all()):
         raise CameraError("qvec must not be zero")
-    w, x, y, z = (quaternion / length).unbind(1)
-    rows = [
-        torch.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], dim=1),
-        torch.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], dim=1),
-        torch.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], dim=1),
-    ]
-    return torch.stack(rows, dim=1)
+    return torch.from_numpy(rotations(quaternion.roll(-1, 1).numpy()))
 
 
 def _batch(name: str, value: Numbers, shapes: tuple[tuple[int, ...], ...]) -> Tensor:

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from torchrender.numerics.quaternions import normalised, rotations
 from torchrender.scene.motion.records import CUBIC, STEP, Animation, Array, Channel, Nodes
 
 
@@ -48,14 +49,6 @@ def _rotation_checked(channel: Channel, value: Array) -> Array:
     return normalised(value) if channel.path == "rotation" else value
 
 
-def normalised(quaternions: Array) -> Array:
-    """Unit quaternions (...,4); zero, which is none, means no rotation."""
-    length = np.linalg.norm(quaternions, axis=-1, keepdims=True)
-    usable = np.isfinite(length) & (length > 0)
-    unit: Array = np.where(usable, quaternions / np.where(usable, length, 1.0), [0.0, 0.0, 0.0, 1.0])
-    return unit
-
-
 def slerp(first: Array, second: Array, share: float) -> Array:
     """Between two quaternions (4,) along the shorter arc at constant speed."""
     first, second = normalised(first), normalised(second)
@@ -67,17 +60,6 @@ def slerp(first: Array, second: Array, share: float) -> Array:
     angle = np.arccos(min(cosine, 1.0))
     mixed: Array = (np.sin((1 - share) * angle) * first + np.sin(share * angle) * second) / np.sin(angle)
     return mixed
-
-
-def rotations(quaternions: Array) -> Array:
-    """(N,3,3) of quaternions (N,4) x, y, z, w of any length."""
-    x, y, z, w = normalised(quaternions).T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), 2, 0)
 
 
 def transforms(translation: Array, rotation: Array, scale: Array) -> Array:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from torchrender.errors import SceneFileError
+from torchrender.numerics.quaternions import rotations
 from torchrender.walkthrough.frames.record import Array
 
 MAX_BYTES = 2**26
@@ -63,13 +64,8 @@ def from_quaternion(row: Sequence[float], path: Path) -> Array:
     length = float(np.linalg.norm(q))
     if not 0.5 < length < 2.0:
         raise SceneFileError(path, f"a quaternion has length {length:g}, not 1")
-    a, b, c, w = q / length
     pose = np.eye(4)
-    pose[:3, :3] = [
-        [1 - 2 * (b * b + c * c), 2 * (a * b - c * w), 2 * (a * c + b * w)],
-        [2 * (a * b + c * w), 1 - 2 * (a * a + c * c), 2 * (b * c - a * w)],
-        [2 * (a * c - b * w), 2 * (b * c + a * w), 1 - 2 * (a * a + b * b)],
-    ]
+    pose[:3, :3] = rotations(q[None])[0]
     pose[:3, 3] = (x, y, z)
     return pose
 
