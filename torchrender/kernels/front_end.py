@@ -8,11 +8,13 @@ change, so this is for the versions that it was tested with.
 
 from __future__ import annotations
 
+import importlib
 from typing import Any
 
 from numba.core import ir, types
 from numba.core.targetconfig import TargetConfig
 from numba.core.types.functions import BaseFunction
+from numba.np import linalg
 
 _LEAVES = frozenset({str, int, float, bool, type(None), ir.Loc})
 """What statements hold that are no variables and hold none."""
@@ -69,8 +71,19 @@ def _type_of_call(self: BaseFunction, context: Any, args: Any, kws: Any) -> Any:
     return found
 
 
+def _import_without_blas() -> None:
+    """Numba imports SciPy's linear algebra to see whether it is there; it is, and kernels do without."""
+    asked = linalg.ensure_blas
+    linalg.ensure_blas = lambda: None
+    try:
+        importlib.import_module("numba.np.arraymath").ensure_blas = asked
+    finally:
+        linalg.ensure_blas = asked
+
+
 def shorten() -> None:
     """Put the shortcuts in place; again does nothing more."""
+    _import_without_blas()
     TargetConfig.__eq__ = _same_options
     TargetConfig.__hash__ = _options_hash
     ir.Inst._rec_list_vars = _variables
