@@ -14,7 +14,6 @@ from typing import Any
 from numba.core import ir, types
 from numba.core.targetconfig import TargetConfig
 from numba.core.types.functions import BaseFunction
-from numba.np import linalg
 
 _LEAVES = frozenset({str, int, float, bool, type(None), ir.Loc})
 """What statements hold that are no variables and hold none."""
@@ -73,6 +72,7 @@ def _type_of_call(self: BaseFunction, context: Any, args: Any, kws: Any) -> Any:
 
 def _import_without_blas() -> None:
     """Numba imports SciPy's linear algebra to see whether it is there; it is, and kernels do without."""
+    linalg: Any = importlib.import_module("numba.np.linalg")
     asked = linalg.ensure_blas
     linalg.ensure_blas = lambda: None
     try:
