@@ -74,9 +74,10 @@ def _import_without_blas() -> None:
     """Numba imports SciPy's linear algebra to see whether it is there; it is, and kernels do without."""
     linalg: Any = importlib.import_module("numba.np.linalg")
     asked = linalg.ensure_blas
-    linalg.ensure_blas = lambda: None
+    linalg.ensure_blas = bool  # says nothing and does nothing
     try:
-        importlib.import_module("numba.np.arraymath").ensure_blas = asked
+        arrays: Any = importlib.import_module("numba.np.arraymath")
+        arrays.ensure_blas = asked
     finally:
         linalg.ensure_blas = asked
 
