@@ -71,6 +71,7 @@ ORDER = (
     "torchrender_service.web",
     "torchrender_service.load_test",
     "torchrender.cli",
+    "torchrender.__main__",
 )
 EFFECTS = "torchrender.effects."
 COMMAND = "torchrender.cli.serve"
