@@ -70,6 +70,7 @@ ORDER = (
     "torchrender_service.streams",
     "torchrender_service.web",
     "torchrender_service.load_test",
+    "torchrender.batch",
     "torchrender.cli",
     "torchrender.__main__",
 )

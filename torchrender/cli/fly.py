@@ -85,7 +85,7 @@ def fly(arguments: argparse.Namespace) -> None:
             records.append(_record(number, image) | ({} if times is None else {"moved_ms": round(moved, 2)}))
             yield image.displayed()[0]
 
-    files = _write_film(output, pictures(), arguments.fps) if film else _write_frames(output, pictures())
+    files = write_film(output, pictures(), arguments.fps) if film else _write_frames(output, pictures())
     files += _write_statistics(output, records)
     for line in (*(str(f) for f in files[-3:]), _summary(records)):
         sys.stdout.write(line + "\n")
@@ -105,7 +105,7 @@ def _fly_walkthrough(arguments: argparse.Namespace, size: tuple[int, int], *, fi
             records.append(record)
             yield picture
 
-    files = _write_film(output, pictures(), arguments.fps) if film else _write_frames(output, pictures())
+    files = write_film(output, pictures(), arguments.fps) if film else _write_frames(output, pictures())
     files += _write_statistics(output, records)
     for line in (*(str(f) for f in files[-3:]), _summary(records)):
         sys.stdout.write(line + "\n")
@@ -174,7 +174,7 @@ def _write_frames(folder: Path, pictures: Iterator[Tensor]) -> list[Path]:
     return files
 
 
-def _write_film(path: Path, pictures: Iterator[Tensor], fps: float) -> list[Path]:
+def write_film(path: Path, pictures: Iterator[Tensor], fps: float) -> list[Path]:
     """One film file, whole or not at all."""
     from torchrender.images.files import write_atomically
 
