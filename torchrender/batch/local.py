@@ -63,14 +63,19 @@ def run(job: Job, folder: str | Path, *, workers: int | None = None, tell: Tell 
     if not 1 <= count <= MAX_WORKERS:
         raise OptionError(f"workers must be in [1, {MAX_WORKERS}], got {workers}")
     folder = Path(folder)
-    there = open_folder(folder, job, scene_digest(job.scene.load()))
-    left = [chunk for chunk in range(job.chunks) if chunk not in there]
-    done = sum(len(job.rows(chunk)) for chunk in there)
-    if tell is not None:
-        tell(done, len(job.cameras))
+    left, done = begin(job, folder, tell)
     if not left:
         return Outcome(done, 0, {}, 0)
     return _Pool(job, folder, done, tell).work(left, min(count, len(left)), max(1, cores // count))
+
+
+def begin(job: Job, folder: Path, tell: Tell | None) -> tuple[list[int], int]:
+    """Open the folder; chunks that are left, and how many cameras are done."""
+    there = open_folder(folder, job, scene_digest(job.scene.load()))
+    done = sum(len(job.rows(chunk)) for chunk in there)
+    if tell is not None:
+        tell(done, len(job.cameras))
+    return [chunk for chunk in range(job.chunks) if chunk not in there], done
 
 
 class _Pool:

@@ -50,6 +50,7 @@ def add_batch(commands: Any) -> None:
     parser.add_argument("--outputs", default="depth,normal,object_id", metavar="NAMES", help="arrays of depth images")
     parser.add_argument("--chunk", type=int, metavar="N", help="cameras that one process makes in a row (default 32)")
     parser.add_argument("--workers", type=int, metavar="N", help="processes (default: one for each core)")
+    parser.add_argument("--ray", metavar="ADDRESS", help="on a Ray cluster: its address, or auto")
     parser.add_argument("--fps", type=float, default=30.0, help="pictures per second of a film (default 30)")
     add_size(parser, "512x512")
     add_look(parser)
@@ -84,7 +85,12 @@ def batch_command(arguments: argparse.Namespace) -> None:
     )
     output, progress = Path(arguments.output), _Progress()
     begin = time.monotonic()
-    outcome = run(job, output, workers=arguments.workers, tell=progress)
+    if arguments.ray is None:
+        outcome = run(job, output, workers=arguments.workers, tell=progress)
+    else:
+        from torchrender.batch.on_ray import run_on_ray
+
+        outcome = run_on_ray(job, output, address=arguments.ray, workers=arguments.workers, tell=progress)
     progress.end()
     took = time.monotonic() - begin
     rate = f", {outcome.made / took:.1f}/s" if outcome.made else ""
