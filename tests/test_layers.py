@@ -65,6 +65,7 @@ ORDER = (
     "torchrender_service.settings",
     "torchrender_service.logs",
     "torchrender_service.metrics",
+    "torchrender_service.door",
     "torchrender_service.renderers",
     "torchrender_service.scenes",
     "torchrender_service.streams",
