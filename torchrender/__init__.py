@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from torchrender.effects.shadows.soft_shadow import SoftShadowOptions, soft_shadow
     from torchrender.errors import TorchRenderError
     from torchrender.image import Image
+    from torchrender.images.film import write_film
     from torchrender.photo.style.options import FitOptions, SearchOptions, StyleOptions
     from torchrender.photo.style.session import Style
     from torchrender.photo.style.sheet import contact_sheet
@@ -170,6 +171,7 @@ __all__ = [
     "voxelize_scene",
     "voxelize_solid",
     "voxelize_surface",
+    "write_film",
     "write_points",
     "write_scene",
     "write_voxels",
@@ -270,6 +272,7 @@ _HOME = {
     "voxelize_scene": "torchrender.voxels.attributes",
     "voxelize_solid": "torchrender.voxels.solid",
     "voxelize_surface": "torchrender.voxels.surface",
+    "write_film": "torchrender.images.film",
     "write_points": "torchrender.points.file",
     "write_scene": "torchrender.scene.files.scene_write",
     "write_voxels": "torchrender.voxels.file",

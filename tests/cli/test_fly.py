@@ -55,7 +55,7 @@ def test_without_reuse_and_along_a_file(tmp_path) -> None:
 @pytest.mark.parametrize(
     ("words", "named"),
     [
-        (["-o", "film.avi"], ".mp4"),
+        (["-o", "film.mov"], ".mp4"),
         (["-o", "none/film.mp4"], "does not exist"),
         (["-o", "out", "--path", "nowhere"], "walk1"),
         (["-o", "out", "--path", "none.toml"], "none.toml"),
