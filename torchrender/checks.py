@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchrender.errors import InputError, OptionError
+from torchrender.errors import GradientError, InputError, OptionError
 
 ArrayLike = Tensor | Sequence[float] | float
 
@@ -56,6 +56,20 @@ def check_not_negative(name: str, value: Tensor, error: type[InputError] = Input
         bad = below.reshape(-1).nonzero().reshape(-1)
         raise error(f"{name} must not be negative: {bad.numel()} of {value.numel()} values are, first at {int(bad[0])}")
     return value
+
+
+def check_no_gradient(function: str, **inputs: object) -> None:
+    """Refuse tensors that ask for a gradient which ``function`` does not give.
+
+    Raises:
+        GradientError: names the function and the input.
+    """
+    if torch.is_grad_enabled():
+        for name, value in inputs.items():
+            if isinstance(value, Tensor) and value.requires_grad:
+                raise GradientError(
+                    f"{function} gives no gradient to {name}: detach it, or call it under torch.no_grad()"
+                )
 
 
 def check_range(name: str, value: float, low: float, high: float = math.inf) -> float:

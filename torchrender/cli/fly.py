@@ -11,7 +11,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
-from torchrender.cli.arguments import add_scene, add_size, given, load_scene, named_or_numbered
+from torchrender.cli.arguments import add_scene, add_size, given, load_scene, named_or_numbered, numbers
 from torchrender.cli.output import check_output, collect_garbage, image_size, make_folder, progress
 from torchrender.cli.walkthrough import fly_pictures, is_walkthrough
 from torchrender.errors import InputError, OptionError
@@ -45,6 +45,13 @@ def add_fly(commands: Any) -> None:
     parser.add_argument(
         "--animate", action="store_true", help="play the scene's animation, at its own speed and again from its start"
     )
+    parser.add_argument(
+        "--move",
+        action="append",
+        default=[],
+        metavar="NAME=X,Y,Z[,TURN]",
+        help="move an object by so much over the film, and turn it by degrees; or NAME=PATH.toml; may be repeated",
+    )
     parser.add_argument("--no-reuse", action="store_true", help="every picture from nothing, for comparison")
 
 
@@ -69,6 +76,7 @@ def fly(arguments: argparse.Namespace) -> None:
     options = RenderOptions(reuse=ReuseOptions(**given(key_frame_threshold=arguments.threshold)))
     scene = load_scene(arguments)
     times = _times(scene, arguments)
+    moves = _moves(scene, arguments)
     collect_garbage()
     path = _path(scene, arguments.path, arguments.seed)
     cameras = path.cameras(arguments.frames, width=width, height=height, near=1e-3 * (scene.diagonal or 1.0))
@@ -82,10 +90,14 @@ def fly(arguments: argparse.Namespace) -> None:
         for number in progress(range(len(cameras)), "frames"):
             begin = perf_counter()
             now = scene if times is None else scene.at(times[number], named_or_numbered(arguments.animation))
+            for name, matrices in moves:
+                now = now.moved(name, matrices[number])
             moved = 1e3 * (perf_counter() - begin)
             image = render(now, cameras[number], options=options, history=history)
             history = image.history
-            records.append(_record(number, image) | ({} if times is None else {"moved_ms": round(moved, 2)}))
+            records.append(
+                _record(number, image) | ({"moved_ms": round(moved, 2)} if moves or times is not None else {})
+            )
             yield image.displayed()[0]
 
     files = write_film(output, pictures(), arguments.fps)
@@ -128,6 +140,26 @@ def _times(scene: Scene, arguments: argparse.Namespace) -> list[float] | None:
     start = arguments.time or 0.0
     steps = (start + number / arguments.fps for number in range(arguments.frames))
     return [step % length if length > 0 else 0.0 for step in steps]
+
+
+def _moves(scene: Scene, arguments: argparse.Namespace) -> list[tuple[str, Tensor]]:
+    """Names of objects and their matrices (frames,4,4), from where they stand at the start."""
+    from torchrender.scene.model import Scene
+    from torchrender.scene.motion.along import load_object_path, straight
+
+    found = []
+    for text in arguments.move:
+        name, sign, way = text.partition("=")
+        if not sign or not name:
+            raise OptionError(f"--move must look like NAME=X,Y,Z[,TURN] or NAME=PATH.toml, got {text!r}")
+        if Path(way).suffix.lower() in (".toml", ".json"):
+            path = load_object_path(way)
+        else:
+            words = numbers("--move", way, 4 if way.count(",") == 3 else 3)
+            path = straight(words[:3], *words[3:])
+        bounds = Scene(meshes=scene.parts(name), materials=scene.materials).bounds
+        found.append((name, path.matrices(arguments.frames, bounds)))
+    return found
 
 
 def _path(scene: Scene, name: str, seed: int) -> CameraPath:

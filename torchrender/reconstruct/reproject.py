@@ -15,7 +15,7 @@ from torch import Tensor
 from torchrender.arrays import view
 from torchrender.brief import brief
 from torchrender.buffers import DepthImages
-from torchrender.checks import check_choice, check_range, check_tensor
+from torchrender.checks import check_choice, check_no_gradient, check_range, check_tensor
 from torchrender.errors import InputError
 from torchrender.kernels.compile import thread_count
 from torchrender.kernels.warp.resolve import resolve
@@ -90,13 +90,14 @@ def reproject(
 
     Raises:
         InputError: orthographic cameras, colours of another shape, or more than 2^32 - 2 samples.
-        OptionError: an unknown method.
+        OptionError: an unknown method. GradientError: colours or depths that ask for gradients.
     """
     options = options or ReprojectOptions()
     method = check_choice("method", method or options.method, METHODS)
     source = images.images if isinstance(images, SampleQuads) else images
     count, height, width = source.depth.shape
     colors = check_tensor("colors", source.color if colors is None else colors, (count, height, width, 3))
+    check_no_gradient("reproject", colors=colors, depth=source.depth)
     if cameras.orthographic or source.cameras.orthographic:
         raise InputError("images and cameras must be perspective")
     if source.depth.numel() >= 2**32 - 1:

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from torchrender.brief import brief
-from torchrender.checks import check_finite, check_range, check_tensor
+from torchrender.checks import as_array, check_finite, check_range, check_tensor
 from torchrender.errors import InputError, OptionError
 from torchrender.kernels.voxels.bits import count_ones, count_runs, list_ones
 
@@ -101,7 +101,7 @@ def make_grid(points: Tensor, dims: Sequence[int] | int = DIMS, pad: int = 2) ->
         InputError: wrong shape, or points that are not finite.
         OptionError: ``dims`` or ``pad`` outside their ranges.
     """
-    check_tensor("points", points, ("B", "N", 3))
+    points = check_tensor("points", as_array("points", points), ("B", "N", 3))
     check_finite("points", points)
     check_range("pad", pad, 0, 8)
     points = points.detach().double()
