@@ -50,6 +50,24 @@ def test_pictures_carry_gradients_to_light_and_colour(vary: Callable[[Tensor], d
     assert float(value.grad.sum()) == pytest.approx(float(sums[1] - sums[0]) / 0.2, rel=2e-3)
 
 
+def test_places_of_lights_carry_gradients_with_shadows_as_they_are() -> None:
+    options = replace(OPTIONS, shadows=False)
+
+    def brightness(place: Tensor) -> Tensor:
+        lamp = tr.PointLight(position=place, intensity=20)
+        return tr.render(scene(lights=[lamp]), CAMERA, options=options).radiance.double().sum()
+
+    place = torch.tensor([2.0, 3.0, 4.0], dtype=torch.float64, requires_grad=True)
+    brightness(place).backward()
+    assert place.grad is not None
+    for axis in range(3):
+        step = torch.zeros(3, dtype=torch.float64)
+        step[axis] = 0.02
+        with torch.no_grad():
+            slope = (brightness(place + step) - brightness(place - step)) / 0.04
+        assert float(place.grad[axis]) == pytest.approx(float(slope), rel=0.02)
+
+
 VERTICES = BOX.vertices.clone().requires_grad_()
 RAYS = torch.tensor([[0.0, 0.0, 3.0]])
 LOST: dict[str, tuple[Callable[[], object], str]] = {

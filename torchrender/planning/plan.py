@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+from torchrender.brief import html_table
 from torchrender.pipeline.options import RenderOptions
 
 
@@ -103,6 +104,16 @@ class Plan:
             "measured_ms": _rounded(self.measured_ms, 2),
             "predicted_error": _rounded(self.predicted_error, 5),
         }
+
+    def _repr_html_(self) -> str:
+        """In notebooks: what runs, then what does not and why."""
+        rows = [
+            [row.name, row.setting if row.runs else "–", _ms(row.predicted_ms), _ms(row.measured_ms), row.reason]
+            for row in self.rows
+        ]
+        rows.append(["in all", "", _ms(self.predicted_ms), _ms(self.measured_ms), self._wishes()])
+        rows += [["", "", "", "", text] for text in (*self.changes, self.statement) if text]
+        return html_table(("pass", "setting", "predicted", "took", "why"), rows)
 
     def __str__(self) -> str:
         cells = [("pass", "setting", "predicted", "took", "why")]

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchrender.brief import brief
+from torchrender.brief import brief, brief_html
 from torchrender.checks import as_array, check_finite, check_no_gradient, check_tensor
 from torchrender.errors import InputError
 from torchrender.scene.camera import Cameras, framing_camera
@@ -40,6 +40,7 @@ class PointCloud:
     name: str = "points"
 
     __repr__ = brief
+    _repr_html_ = brief_html
 
     def __post_init__(self) -> None:
         for name in ("position", "normal", "radius", "color", "opacity", "spread"):

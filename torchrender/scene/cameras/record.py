@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
-from torchrender.brief import brief
+from torchrender.brief import brief, brief_html
 from torchrender.checks import check_finite, check_no_gradient
 from torchrender.errors import CameraError
 
@@ -42,6 +42,7 @@ class CameraRecord:
     orthographic: bool = False
 
     __repr__ = brief
+    _repr_html_ = brief_html
 
     def __post_init__(self) -> None:
         for name in ("camera_from_world", "intrinsics", "near", "far"):
