@@ -137,11 +137,9 @@ def _wishes(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def _film(folder: Path, names: tuple[str, ...], fps: float) -> Path:
-    from torchrender.cli.fly import write_film
     from torchrender.images.files import read_image
+    from torchrender.images.film import write_film
 
-    if not 1.0 <= fps <= 240.0:
-        raise OptionError(f"--fps must be in [1, 240], got {fps}")
     return write_film(folder / "film.mp4", (read_image(folder / f"{name}.png") for name in names), fps)[0]
 
 
