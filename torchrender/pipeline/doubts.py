@@ -138,10 +138,19 @@ def _sides(scene: Scene, geometry: Geometry, triangles: Tensor, view: tuple[Visi
     inward = ((shading * normal[:, None]).sum(-1) < 0).all(1)
     for one in objects[given & inward].unique():
         own = given & (objects == one)
-        if float(inward[own].double().mean()) >= MOST:
+        if float(inward[own].double().mean()) >= MOST and _is_turned(geometry, int(one)):
             text = f"normals of {_name(scene, int(one))!r} point to the inside of its faces: turn them, or its faces"
             found.append((NormalsWarning, f"{scene.name}: {text}"))
     return found
+
+
+def _is_turned(geometry: Geometry, number: int) -> bool:
+    """Whether normals of most triangles of an object, also of those out of view, are on the other side."""
+    faces = geometry.faces[geometry.object_id == number].long()
+    a, b, c = geometry.vertices[faces].unbind(1)
+    assert geometry.normals is not None
+    along = (geometry.normals[faces].double() * torch.linalg.cross(b - a, c - a)[:, None]).sum(-1)
+    return float((along < 0).all(1).double().mean()) >= MOST
 
 
 def _name(scene: Scene, number: int) -> str:
