@@ -19,7 +19,7 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 DEMO := out/demo.png
 
-.PHONY: demo test bench docs docs-setup serve setup clean
+.PHONY: demo test bench docs docs-setup serve page setup clean
 
 # Kernels are compiled by the picture itself, on all cores, while its scene is made.
 demo: setup
@@ -36,6 +36,13 @@ test: setup
 
 serve: setup
 	$(BIN)/torchrender serve --port $(PORT)
+
+# After a change of static/js; needs node, which nothing else does. What it makes is kept in the repository.
+page:
+	cd service/torchrender_service/static && for part in js/main.js:page js/decode-worker.js:decode-worker js/fog/main.js:fog; do \
+	  npx --yes esbuild@0.28.2 $${part%%:*} --bundle --minify --format=esm --target=es2022 --legal-comments=eof \
+	    --outfile=bundle/$${part##*:}.js; done
+	python3 service/note_page_sources.py
 
 bench: $(VENV)/.stamp-bench
 	$(BIN)/python -m torchrender.report.foundation
