@@ -92,15 +92,12 @@ def render(
             quickest settings are chosen that keep it; with a budget, too, that comes first.
 
     A scene without any light gets :meth:`Scene.with_default_light`. A scene without triangles gives its background.
-
-    Gradients: to colours and textures of materials, to light colours, ambient light and environments, with visibility
-    as it is; none to meshes and cameras.
+    Gradients reach colours, textures, lights and environments, with visibility as it is; not meshes, not cameras.
 
     Raises:
-        GradientError: a mesh asks for a gradient.
         SceneFileError: the scene cannot be loaded.
         InputError: no camera, buffer or pass of that name; a size or an option out of range.
-        OptionError: ``budget_ms`` not positive, ``max_error`` outside [0, 1].
+        OptionError: ``budget_ms`` not positive, ``max_error`` outside [0, 1]. GradientError: a mesh wants a gradient.
     """
     if not isinstance(scene, Scene | str | Path):
         from torchrender.points.picture import picture
