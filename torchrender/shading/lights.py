@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from torchrender.numerics.polygon_light import polygon_irradiance
-from torchrender.scene.light import DirectionalLight, Light, PointLight, RectLight, SpotLight
+from torchrender.scene.light import DirectionalLight, Light, PointLight, RectLight, SpotLight, window
 from torchrender.shading.surface import Surface
 
 NEAREST_SQUARE = 1e-18
@@ -48,7 +48,7 @@ def arrival(light: Light, surface: Surface, origin: Tensor, area_light: str) -> 
     direction, falloff = _towards(light, surface, origin)
     amount = cosine(surface, direction) * falloff
     if isinstance(light, SpotLight):
-        amount = amount * light.cone(-(direction * light.direction[:, None]).sum(0))
+        amount = amount * light.cone_about(0.5 * (direction + light.direction[:, None]).square().sum(0))
     return Arrival(amount, direction, light.intensity)
 
 
@@ -59,11 +59,11 @@ def cosine(surface: Surface, direction: Tensor) -> Tensor:
 
 
 def _towards(light: PointLight | SpotLight, surface: Surface, origin: Tensor) -> tuple[Tensor, Tensor]:
-    """Unit direction to the light (3,N) and inverse squared distance (N,)."""
+    """Unit direction to the light (3,N) and inverse squared distance (N,), which a range cuts off."""
     offset = (light.position.double() - origin).float()[:, None] - surface.position
     square = offset.square().sum(0)
     direction = offset / square.sqrt().clamp_min(1e-18)
-    return direction, 1.0 / square.clamp_min(NEAREST_SQUARE)
+    return direction, window(square, light.range) / square.clamp_min(NEAREST_SQUARE)
 
 
 def _from_rectangle(light: RectLight, surface: Surface, origin: Tensor, from_centre: bool) -> Arrival:
