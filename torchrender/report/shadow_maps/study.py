@@ -28,11 +28,12 @@ from torchrender.raster import rasterize
 from torchrender.rays import RayCaster
 from torchrender.report.common.command import study_parser
 from torchrender.report.shadow_maps.quality import contact_displacement, disc_visibility, shadow_errors
+from torchrender.report.shadow_maps.terrain import terrain
 from torchrender.scene.light import DirectionalLight, Light, RectLight
 from torchrender.scene.model import Scene
 from torchrender.scene.procedural import build
 
-CASES = (("city", 0), ("living_room", 1), ("cornell_box", 0), ("nest", 0))
+CASES = (("city", 0), ("living_room", 1), ("cornell_box", 0), ("nest", 0), ("terrain", 0))
 _MAP = ShadowOptions(edges="map")
 _WHOLE = ShadowOptions(edges="map", coverage="scene")
 SETTINGS = {
@@ -67,7 +68,7 @@ def main() -> None:
     record: dict[str, Any] = {"machine": machine_record(), "size": [width, height], "cases": {}}
     rows = []
     for name, index in CASES:
-        scene = build(name)
+        scene = terrain(64 if arguments.quick else 256) if name == "terrain" else build(name)
         light = scene.lights[index]
         sys.stderr.write(f"{name}: {light.name}\n")
         measured, pictures = measure(scene, light, (width, height), runs)
