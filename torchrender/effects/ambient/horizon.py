@@ -61,7 +61,7 @@ def horizon_ambient(
     if cameras.orthographic:
         raise InputError("gbuffer must be of perspective cameras: others have no eye that slices go through")
     shape = gbuffer.depth.shape
-    seen = gbuffer.covered.reshape(len(cameras), -1).any(dim=1).tolist()
+    seen = gbuffer.covered.flatten(1).any(dim=1).tolist()
     if not any(seen):  # the sky: nothing around needs to be drawn
         return AmbientVisibility(torch.ones(shape), torch.ones(shape), torch.zeros(*shape, 3))
     pixels = torch.ones(*shape, 5)
