@@ -11,7 +11,7 @@ from torch import Tensor
 
 from torchrender.kernels.shading.simd import LEVEL
 from torchrender.numerics.polygon_light import polygon_irradiance
-from torchrender.scene.light import DirectionalLight, Light, PointLight, RectLight, SpotLight
+from torchrender.scene.light import DirectionalLight, Light, PointLight, RectLight, SpotLight, window
 from torchrender.shading.surface import Surface
 
 NEAREST_SQUARE = 1e-18
@@ -50,7 +50,7 @@ def arrival(light: Light, surface: Surface, origin: Tensor, area_light: str) -> 
     direction, falloff, level = _towards(light, surface, origin)
     amount = _cosine(surface, direction, level) * falloff
     if isinstance(light, SpotLight):
-        amount = amount * light.cone(-(direction * light.direction[:, None]).sum(0))
+        amount = amount * light.cone_about(0.5 * (direction + light.direction[:, None]).square().sum(0))
     return Arrival(amount, direction, light.intensity)
 
 
@@ -66,12 +66,13 @@ def _level(surface: Surface, place: Tensor) -> Tensor:
 
 
 def _towards(light: PointLight | SpotLight, surface: Surface, origin: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Unit direction to the light (3,N), inverse squared distance (N,), and cosine (N,) that is none."""
+    """Unit direction to the light (3,N), inverse squared distance (N,) in its range, and cosine (N,) that is none."""
     place = (light.position.double() - origin).float()
     offset = place[:, None] - surface.position
     square = offset.square().sum(0)
     length = square.sqrt().clamp_min(1e-18)
-    return offset / length, 1.0 / square.clamp_min(NEAREST_SQUARE), _level(surface, place) / length.detach()
+    falloff = window(square, light.range) / square.clamp_min(NEAREST_SQUARE)
+    return offset / length, falloff, _level(surface, place) / length.detach()
 
 
 def _from_rectangle(light: RectLight, surface: Surface, origin: Tensor, from_centre: bool) -> Arrival:

@@ -16,6 +16,7 @@ from torchrender.kernels.media.records import (
     AXIS,
     BIG,
     DENSITY,
+    FADE,
     FALLOFF,
     FLAT,
     GRID,
@@ -55,6 +56,8 @@ def falloff(kind, light, r2, along, d, offset):
         offset: (3,) from the lamp to the nearest place.
     """
     value = F(1.0) / max(r2, light[NEAREST] * light[NEAREST]) if light[SQUARE] > F(0.0) else F(1.0)
+    faded = r2 * light[FADE]
+    value *= max(F(1.0) - faded * faded, F(0.0))
     if kind == SPOT or kind == RECT:
         r = max(math.sqrt(r2), F(1e-20))
         toward = light[AXIS] * (offset[0] + d[0] * along)

@@ -93,7 +93,7 @@ def small_light(s, n, light):
     far = ZERO if parallel else ONE
     bx, by, bz = (-light[4], -light[5], -light[6]) if parallel else (light[1], light[2], light[3])
     ax, ay, az, outer, slope, nearest = light[4], light[5], light[6], light[10], light[11], light[28]
-    mx, my, mz, area = light[12], light[13], light[14], light[29]
+    mx, my, mz, area, fade = light[12], light[13], light[14], light[29], light[30]
     size = norm1(bx, by, bz)
     for i in range(n):
         ux, uy, uz = bx - far * s[PX + i], by - far * s[PY + i], bz - far * s[PZ + i]
@@ -103,9 +103,11 @@ def small_light(s, n, light):
         inv = ONE / math.sqrt(max(square, TINY))
         ux, uy, uz = ux * inv, uy * inv, uz * inv
         amount = max(s[NX + i] * ux + s[NY + i] * uy + s[NZ + i] * uz, ZERO)
-        amount *= ONE if parallel else ONE / max(square, nearest)
+        faded = square * fade
+        amount *= ONE if parallel else max(ONE - faded * faded, ZERO) / max(square, nearest)
         amount *= max(-(mx * ux + my * uy + mz * uz), ZERO) * area if centre else ONE
-        share = min(max((-(ux * ax + uy * ay + uz * az) - outer) * slope, ZERO), ONE)
+        wx, wy, wz = ux + ax, uy + ay, uz + az  # one minus a cosine of float32 has no digits left in narrow cones
+        share = min(max((outer - HALF * (wx * wx + wy * wy + wz * wz)) * slope, ZERO), ONE)
         amount *= share * share * (THREE - TWO * share) * s[VS + i]
         s[AM + i] = amount if above else ZERO
         s[LX + i], s[LY + i], s[LZ + i] = ux, uy, uz

@@ -14,7 +14,7 @@ from torchrender.effects.ambient.visibility import AmbientVisibility
 from torchrender.passes.contract import Amounts, Pass
 from torchrender.passes.hard import HardEffect, Law, Outputs, Subject, radiance_bounds
 from torchrender.passes.light.ambient_visibility import AMBIENT_VISIBILITY
-from torchrender.passes.light.light_reach import LIGHT_REACH
+from torchrender.passes.light.light_reach import AREA_LISTED, LIGHT_REACH, POINT_LISTED
 from torchrender.passes.light.pane_shadow import PANE_SHADOW
 from torchrender.passes.light.visibility import POINT_SHADOW, SOFT_SHADOW
 from torchrender.passes.outlook import Outlook, Verdict, counted
@@ -127,8 +127,10 @@ def with_share(run: Callable[[Frame], Any]) -> Callable[[Frame], Any]:
 
 def amounts(outlook: Outlook) -> Amounts:
     """Once; pixels; pixels times lights, without and with area."""
-    pixels = outlook.pixels
-    return (1.0, pixels, pixels * outlook.point_lights, pixels * outlook.area_lights)
+    pixels, point, area = outlook.pixels, float(outlook.point_lights), float(outlook.area_lights)
+    if point + area > FEW:  # those that are listed for a tile
+        point, area = outlook.known.get(POINT_LISTED, point), outlook.known.get(AREA_LISTED, area)
+    return (1.0, pixels, pixels * point, pixels * area)
 
 
 def over_hits(options: RenderOptions, history: RenderHistory) -> RenderOptions:
