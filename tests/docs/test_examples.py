@@ -13,6 +13,7 @@ from torchrender.images.files import read_image
 EXAMPLES = Path(__file__).resolve().parents[2] / "docs" / "examples"
 # Arguments that make them small, and a picture that somebody would look at.
 SCRIPTS: dict[str, tuple[tuple[str, ...], str | None]] = {
+    "batch": (("24", "2", "cornell_box"), None),
     "budget": (("48",), None),
     "dataset": (("32", "6", "0", "cornell_box"), None),
     "depth_image": (("64",), "mesh.exr"),
