@@ -8,7 +8,6 @@ as irradiance 1, so that a light of 1 cd gives a facing wall one unit away irrad
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import Any
 
 import torch
@@ -83,7 +82,9 @@ def read_light(file: GltfFile, index: object, name: str) -> Light:
     origin, ahead = torch.zeros(3, dtype=torch.float64), torch.tensor([0.0, 0.0, -1.0])
     try:
         if kind == "point":
-            return PointLight(position=origin, intensity=torch.from_numpy(color), **_range(file, entry, key), **values)
+            return PointLight(
+                position=origin, intensity=torch.from_numpy(color), range=_range(file, entry, key), **values
+            )
         if kind == "directional":
             return DirectionalLight(direction=ahead, irradiance=torch.from_numpy(color), **values)
     except InputError as error:
@@ -100,19 +101,19 @@ def read_light(file: GltfFile, index: object, name: str) -> Light:
         intensity=torch.from_numpy(color),
         inner_deg=min(max(inner, 0.0), outer),
         outer_deg=outer,
-        **_range(file, entry, key),
+        range=_range(file, entry, key),
         **values,
     )
 
 
-def _range(file: GltfFile, entry: Mapping[str, Any], key: str) -> dict[str, float]:
-    """The distance beyond which a light lights nothing, where it has one."""
+def _range(file: GltfFile, entry: dict[str, Any], key: str) -> float:
+    """The distance beyond which a light lights nothing; +inf where it has none."""
     if "range" not in entry:
-        return {}
-    found = file.number(entry, "range", math.inf, key)
+        return math.inf
+    found = float(file.number(entry, "range", math.inf, key))
     if not found >= SHORTEST_RANGE:
         raise SceneFileError(file.path, f"must be greater than 0, got {found:g}", key=f"{key}.range")
-    return {"range": found}
+    return found
 
 
 def _inside(file: GltfFile, value: float, low: float, high: float, key: str) -> float:
