@@ -33,6 +33,7 @@ LIMITS = {
     "TICKET_S": "20",
     "STILL_S": "0.2",
     "BATCH_NICENESS": "2",
+    "SPARE_RENDERER": "false",
     "INSPECT_S": "250",
     "REQUESTS_PER_S": "100000",
 }
