@@ -1,6 +1,7 @@
 # make demo   set up and render a picture
 # make test   set up, lint, type-check and run the tests
 # make bench  set up and write the report pages
+# make docs   set up and build the documentation in build/docs
 # make serve  set up and start the service on http://127.0.0.1:8000; PORT=8080 for another port
 #
 # PYTHON=python3.12      another interpreter (3.10 or newer) for the virtual environment
@@ -18,7 +19,7 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 DEMO := out/demo.png
 
-.PHONY: demo test bench serve page setup clean
+.PHONY: demo test bench docs docs-setup serve page setup clean
 
 # Kernels are compiled by the picture itself, on all cores, while its scene is made.
 demo: setup
@@ -46,6 +47,12 @@ page:
 bench: $(VENV)/.stamp-bench
 	$(BIN)/python -m torchrender.report.foundation
 
+docs: docs-setup
+	$(BIN)/python -m sphinx -q -W --keep-going -b html docs build/docs
+	@echo "Built $(CURDIR)/build/docs/index.html"
+
+docs-setup: $(VENV)/.stamp-docs
+
 setup: $(VENV)/.stamp
 
 # torch first: it is the largest download and the only one that may come from an index of its own.
@@ -58,6 +65,10 @@ $(VENV)/.stamp: pyproject.toml constraints.txt
 
 $(VENV)/.stamp-bench: $(VENV)/.stamp
 	$(PIP) install --quiet -c constraints.txt -e '.[bench]'
+	@touch $@
+
+$(VENV)/.stamp-docs: $(VENV)/.stamp
+	$(PIP) install --quiet -c constraints.txt -e '.[docs]'
 	@touch $@
 
 clean:

@@ -71,7 +71,9 @@ ORDER = (
     "torchrender_service.streams",
     "torchrender_service.web",
     "torchrender_service.load_test",
+    "torchrender.batch",
     "torchrender.cli",
+    "torchrender.__main__",
 )
 EFFECTS = "torchrender.effects."
 COMMAND = "torchrender.cli.serve"
