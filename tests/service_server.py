@@ -32,7 +32,7 @@ LIMITS = {
     "HELLO_S": "1.0",
     "TICKET_S": "20",
     "STILL_S": "0.2",
-    "BATCH_NICENESS": "2",
+    "BATCH_RENDERER": "false",
     "SPARE_RENDERER": "false",
     "INSPECT_S": "250",
     "REQUESTS_PER_S": "100000",

@@ -64,6 +64,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     waiting: Count = 64  # jobs that may wait for one renderer
     job_s: Seconds = 120.0  # a renderer that takes longer is stopped
     batch_s: Seconds = 600.0  # the same for large pictures, which give way to all others
+    batch_renderer: bool = True  # a process of its own for large pictures and photos; else they wait with the others
     batch_niceness: Annotated[int, Meta(ge=2, le=19)] = 19  # 19: a fiftieth of the time while others need all
     inspect_s: Seconds = 60.0  # the same for an upload that is looked at
 
@@ -116,7 +117,9 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
         """What each renderer may take: as set, or its share of three quarters of the memory of host or container."""
         if self.renderer_memory_mb:
             return max(512, self.renderer_memory_mb)
-        return max(512, int(0.75 * memory_of_host_mb()) // (self.renderer_count + 1 + self.spare_renderer))
+        return max(
+            512, int(0.75 * memory_of_host_mb()) // (self.renderer_count + self.batch_renderer + self.spare_renderer)
+        )
 
     @property
     def renderer_threads(self) -> int:

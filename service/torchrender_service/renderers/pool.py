@@ -48,8 +48,10 @@ class Pool:
             RendererProcess(kind(str(k), memory, settings.job_s), settings.waiting, metrics, self._spare)
             for k in range(count)
         ]
-        batch = kind("batch", memory, settings.batch_s, niceness=settings.batch_niceness, **aside)
-        self._batch = RendererProcess(batch, settings.waiting, metrics)
+        self._batch = self._renderers[-1]
+        if settings.batch_renderer:
+            batch = kind("batch", memory, settings.batch_s, niceness=settings.batch_niceness, **aside)
+            self._batch = RendererProcess(batch, settings.waiting, metrics)
         # A file that is built to exhaust memory or time only stops this one.
         inspector = kind("inspector", memory // 2, settings.inspect_s, **aside)
         self._inspector = RendererProcess(inspector, settings.waiting, metrics)
@@ -60,7 +62,12 @@ class Pool:
 
     @property
     def _all(self) -> list[RendererProcess]:
-        return [*self._renderers, self._batch, self._inspector]
+        return [*self._working, self._inspector]
+
+    @property
+    def _working(self) -> list[RendererProcess]:
+        """Those that render."""
+        return list(dict.fromkeys([*self._renderers, self._batch]))
 
     def start(self) -> None:
         """Begin to take jobs."""
@@ -132,7 +139,7 @@ class Pool:
     @property
     def waiting(self) -> int:
         """Jobs waiting or running."""
-        return sum(r.load for r in (*self._renderers, self._batch))
+        return sum(r.load for r in self._working)
 
     @property
     def pids(self) -> list[int]:
@@ -167,12 +174,12 @@ class Pool:
 
     def forget(self, job: Forget) -> None:
         """Tell all renderers that run, without waiting."""
-        for renderer in (*self._renderers, self._batch):
+        for renderer in self._working:
             if renderer.ready and not self._closed:
                 renderer.post(job)
 
     def _process(self, renderer: RendererHandle) -> RendererProcess:
-        if not isinstance(renderer, AssignedProcess) or renderer.process not in (*self._renderers, self._batch):
+        if not isinstance(renderer, AssignedProcess) or renderer.process not in self._working:
             raise TypeError(f"renderer must be a handle of this pool, got {renderer!r}")
         return renderer.process
 
