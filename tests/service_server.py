@@ -32,7 +32,8 @@ LIMITS = {
     "HELLO_S": "1.0",
     "TICKET_S": "20",
     "STILL_S": "0.2",
-    "BATCH_NICENESS": "2",
+    "BATCH_RENDERER": "false",
+    "SPARE_RENDERER": "false",
     "INSPECT_S": "250",
     "REQUESTS_PER_S": "100000",
 }
@@ -73,7 +74,7 @@ class RunningServer:
         names = {name.replace("_", "-"): value for name, value in headers.items()}
         request = urllib.request.Request(self.url + path, data, names, method=method)
         try:
-            with urllib.request.urlopen(request, timeout=60) as response:
+            with urllib.request.urlopen(request, timeout=250) as response:
                 return Answer(response.status, {k.lower(): v for k, v in response.headers.items()}, response.read())
         except urllib.error.HTTPError as error:
             with error:

@@ -60,9 +60,11 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     threads: Annotated[int, Meta(ge=0, le=1024)] = 0  # of each renderer; 0: as many as there are cores, at most 4
     renderers: Annotated[int, Meta(ge=0, le=256)] = 0  # processes; 0: cores divided by threads
     renderer_memory_mb: Annotated[int, Meta(ge=0, le=2**24)] = 0  # beyond a fresh process's; 0: a share of the host's
+    spare_renderer: bool = True  # one more process stands ready for when a renderer dies
     waiting: Count = 64  # jobs that may wait for one renderer
     job_s: Seconds = 120.0  # a renderer that takes longer is stopped
     batch_s: Seconds = 600.0  # the same for large pictures, which give way to all others
+    batch_renderer: bool = True  # a process of its own for large pictures and photos; else they wait with the others
     batch_niceness: Annotated[int, Meta(ge=2, le=19)] = 19  # 19: a fiftieth of the time while others need all
     inspect_s: Seconds = 60.0  # the same for an upload that is looked at
 
@@ -115,7 +117,9 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
         """What each renderer may take: as set, or its share of three quarters of the memory of host or container."""
         if self.renderer_memory_mb:
             return max(512, self.renderer_memory_mb)
-        return max(512, int(0.75 * memory_of_host_mb()) // (self.renderer_count + 1))
+        return max(
+            512, int(0.75 * memory_of_host_mb()) // (self.renderer_count + self.batch_renderer + self.spare_renderer)
+        )
 
     @property
     def renderer_threads(self) -> int:

@@ -10,6 +10,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ import pytest
 from service_little import FACTS, PICTURE, LittleServer, little_server
 from service_parts import FakePool
 from torchrender.errors import OptionError
+from torchrender_service.door import traces
 from torchrender_service.door.address import client_of, group_of
 from torchrender_service.door.rates import Quota, Rates
 from torchrender_service.errors import ServiceError
@@ -137,6 +139,21 @@ def test_an_address_that_asks_too_often_is_told_to_wait(tmp_path: Path) -> None:
     rates.check("10.0.0.2")
 
 
+def test_attempts_to_open_a_stream_count_too(tmp_path: Path) -> None:
+    with little_server(tmp_path, requests_per_s=1) as server:
+        head = (
+            "GET /v1/stream HTTP/1.1\r\nhost: localhost\r\nupgrade: websocket\r\nconnection: upgrade\r\n"
+            "sec-websocket-version: 13\r\nsec-websocket-key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n"
+        )
+        for _ in range(50):
+            with server.connect() as other:
+                other.sendall(head.encode())
+                said = other.recv(4096)
+            if b" 429 " in said:
+                break
+        assert b" 429 " in said
+
+
 def test_work_for_a_client_that_left_is_given_up(little: LittleServer) -> None:
     little.pool.waits = True
     try:
@@ -173,6 +190,22 @@ def test_pages_of_other_sites_cannot_ask(little: LittleServer) -> None:
 def test_every_answer_has_a_request_id(little: LittleServer) -> None:
     assert little.ask("GET", "/health", x_request_id="mine-1").headers["x-request-id"] == "mine-1"
     assert re.fullmatch("[0-9a-f]{16}", little.ask("GET", "/health", x_request_id="a b").headers["x-request-id"])
+
+
+def test_requests_and_their_jobs_are_traced(little: LittleServer, monkeypatch: pytest.MonkeyPatch) -> None:
+    spans: list[tuple[str, dict[str, str]]] = []
+
+    class Tracer:
+        @contextmanager
+        def start_as_current_span(self, name: str, attributes: dict[str, str]) -> Iterator[None]:
+            spans.append((name, attributes))
+            yield
+
+    monkeypatch.setattr(traces, "TRACER", Tracer())
+    little.ask("GET", "/v1/plan?scene=cornell_box&width=8&height=8", x_request_id="abc")
+    assert spans == [("GET", {"request": "abc", "path": "/v1/plan"}), ("Plan", {"class": "interactive"})]
+    monkeypatch.setattr(traces, "TRACER", None)
+    assert little.ask("GET", "/health").status == 200
 
 
 def test_the_service_works_below_a_path(little: LittleServer) -> None:

@@ -15,11 +15,16 @@ from service_parts import Actor
 from torchrender_service.errors import ServiceError
 from torchrender_service.metrics import Metrics
 from torchrender_service.renderers.contract import RendererPool
-from torchrender_service.renderers.jobs import Forget
+from torchrender_service.renderers.jobs import Bounds, Forget, Job, Render, SceneSource, View
 from torchrender_service.renderers.pool import Pool
 from torchrender_service.settings import read_settings
 
 KEY = "a-key-of-enough-letters"
+
+
+def picture(side: int) -> Job:
+    view, scene = View(width=side, height=side), SceneSource(id="cornell_box")
+    return Render(scene=scene, view=view, bounds=Bounds(), options={}, format="png")
 
 
 def make_pool(**settings: Any) -> Pool:
@@ -45,6 +50,24 @@ def test_sessions_are_spread_and_give_their_renderer_back() -> None:
     pool.release(second)  # a second time does not count
     third, fourth = pool.assign(), pool.assign()
     assert asyncio.run(busy(second, first, third, fourth)) == [True, False, True, False]
+
+
+def test_large_pictures_wait_apart_and_the_first_renderer_is_kept_for_streams() -> None:
+    def chosen(pool: Pool, job: Job) -> str:
+        async def put() -> str:
+            task = asyncio.create_task(pool.run(job))
+            await asyncio.sleep(0)
+            name = next(renderer.name for renderer in pool._working if renderer.load)
+            task.cancel()
+            await asyncio.gather(task, return_exceptions=True)
+            return name
+
+        return asyncio.run(put())
+
+    pool, small = make_pool(renderers=2), make_pool(renderers=1, batch_renderer=False)
+    assert [chosen(pool, picture(side)) for side in (64, 2048)] == ["1", "batch"]
+    assert [chosen(small, picture(side)) for side in (64, 2048)] == ["0", "0"]
+    assert pool.idle(pool.assign(background=True)) and small.idle(small.assign(background=True))
 
 
 def test_a_handle_of_another_pool_is_refused() -> None:

@@ -31,10 +31,11 @@ from torchrender_service.renderers.jobs import (
     Tradeoff,
     View,
 )
-from torchrender_service.renderers.processes import process as processes
+from torchrender_service.renderers.processes import start as processes
 from torchrender_service.renderers.processes.desk import Cancelled, Desk
-from torchrender_service.renderers.processes.process import Kind, RendererProcess
+from torchrender_service.renderers.processes.process import RendererProcess
 from torchrender_service.renderers.processes.schedule import PATIENCE_S, FairQueue, Waiting
+from torchrender_service.renderers.processes.start import Kind, Spare
 
 WORKER = """
 import os, struct, sys, threading, time
@@ -135,7 +136,8 @@ class Stage:
         monkeypatch.setattr(processes.asyncio, "create_subprocess_exec", instead)
         self.metrics = Metrics()
         given = {"name": "0", "memory_mb": 512, "job_s": 60.0, **kind}
-        self.renderer = RendererProcess(Kind(**given), 1, 64, self.metrics)
+        self.spare = Spare(Kind(**given))
+        self.renderer = RendererProcess(Kind(**given), 64, self.metrics, self.spare)
 
     def run(self, play: Coroutine[Any, Any, None]) -> None:
         async def whole() -> None:
@@ -144,6 +146,7 @@ class Stage:
                 await asyncio.wait_for(play, 60.0)
             finally:
                 await self.renderer.stop()
+                await self.spare.stop()
 
         asyncio.run(whole())
 
@@ -176,6 +179,23 @@ def test_a_renderer_that_is_killed_while_idle_lives_again_at_once(monkeypatch: p
         assert stage.count("renderer_deaths", renderer="0") == 1
         assert (await stage.renderer.submit(QUICK))["did"] == "quick"
         assert stage.count("renderer_evictions", renderer="0") == 2
+
+    stage.run(play())
+
+
+def test_the_process_that_stands_ready_takes_the_place_of_one_that_died(monkeypatch: pytest.MonkeyPatch) -> None:
+    stage = Stage(monkeypatch)
+
+    async def play() -> None:
+        first = await stage.ready()
+        stage.spare.prepare()
+        while (ready := stage.spare.pid) is None:
+            await asyncio.sleep(0.01)
+        os.kill(first, signal.SIGKILL)
+        while stage.renderer.pid in (None, first):
+            await asyncio.sleep(0.01)
+        assert stage.renderer.pid == ready and stage.spare.pid is None
+        assert (await stage.renderer.submit(QUICK))["did"] == "quick"
 
     stage.run(play())
 

@@ -67,7 +67,7 @@ def add_load_test(commands: Any) -> None:
     """Describe the command to the parser."""
     parser = commands.add_parser("load-test", help="measure the service under load and faults, and write a page")
     parser.add_argument("-o", "--output", default="docs/results", metavar="FOLDER", help="default docs/results")
-    parser.add_argument("--quick", action="store_true", help="two minutes with small pictures instead of half an hour")
+    parser.add_argument("--quick", action="store_true", help="five minutes with small pictures instead of half an hour")
     parser.add_argument("--soak", type=float, default=600.0, metavar="SECONDS", help="of the soak (default 600)")
 
 

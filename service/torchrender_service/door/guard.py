@@ -16,11 +16,13 @@ from typing import Any
 from fastapi import HTTPException
 from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from starlette.websockets import WebSocket
 
 from torchrender_service.door.address import UNKNOWN, client_of
 from torchrender_service.door.bodies import Bodies
 from torchrender_service.door.policy import security_headers
 from torchrender_service.door.rates import Quota, Rates
+from torchrender_service.door.traces import span
 from torchrender_service.errors import ServiceError
 from torchrender_service.metrics import Metrics
 from torchrender_service.problems import problem_response
@@ -67,7 +69,7 @@ class Guard:
             return
         self._arrive(scope)
         if scope["type"] == "websocket":
-            await self._app(scope, receive, send)
+            await self._stream(scope, receive, send)
             return
         begin, status, visit = time.monotonic(), 500, visit_of(scope)
         started = False
@@ -81,7 +83,7 @@ class Guard:
             await _send_in_pieces(message, send)
 
         try:
-            with self._admitted(scope):
+            with self._admitted(scope), span(_method(scope), {"request": visit.id, "path": scope["path"][:200]}):
                 await self._app(scope, self._limited(scope, receive), noting)
         except asyncio.CancelledError:
             if not self._bodies.stopping or started:
@@ -92,6 +94,16 @@ class Guard:
             await problem_response(error)(scope, receive, noting)
         finally:
             self._note(scope, status, time.monotonic() - begin)
+
+    async def _stream(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Tickets are looked at by the route; here only how often somebody tries."""
+        try:
+            self._rates.check(visit_of(scope).client)
+        except ServiceError as error:
+            self._metrics.count("rejected", kind=error.kind)
+            await WebSocket(scope, receive, send).send_denial_response(problem_response(error))
+            return
+        await self._app(scope, receive, send)
 
     def _arrive(self, scope: Scope) -> None:
         """Take the prefix of a proxy off the path, and note who asks."""

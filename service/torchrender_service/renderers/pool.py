@@ -19,8 +19,9 @@ from torchrender_service.renderers.asked import Asked, Rank, rank_of
 from torchrender_service.renderers.contract import RendererHandle
 from torchrender_service.renderers.jobs import Forget, Job, PhotoJob, WarmUp
 from torchrender_service.renderers.kernels import KernelPreparation
-from torchrender_service.renderers.processes.process import Kind, RendererProcess
+from torchrender_service.renderers.processes.process import RendererProcess
 from torchrender_service.renderers.processes.schedule import RETRY_S
+from torchrender_service.renderers.processes.start import Kind, Spare
 from torchrender_service.settings import Settings
 
 
@@ -38,16 +39,22 @@ class Pool:
         count, memory = settings.renderer_count, settings.memory_mb
         self._settings = settings
 
-        def make(name: str, memory_mb: int, job_s: float, **rest: Any) -> RendererProcess:
-            kind = Kind(name=name, memory_mb=memory_mb, job_s=job_s, **rest)
-            return RendererProcess(kind, settings.renderer_threads, settings.waiting, metrics)
+        def kind(name: str, memory_mb: int, job_s: float, **rest: Any) -> Kind:
+            return Kind(name=name, memory_mb=memory_mb, job_s=job_s, threads=settings.renderer_threads, **rest)
 
-        self._renderers = [make(str(k), memory, settings.job_s) for k in range(count)]
-        self._batch = make(
-            "batch", memory, settings.batch_s, niceness=settings.batch_niceness, eager=False, express=False
-        )
+        aside = {"eager": False, "express": False}
+        self._spare = Spare(kind("spare", memory, settings.job_s)) if settings.spare_renderer else None
+        self._renderers = [
+            RendererProcess(kind(str(k), memory, settings.job_s), settings.waiting, metrics, self._spare)
+            for k in range(count)
+        ]
+        self._batch = self._renderers[-1]
+        if settings.batch_renderer:
+            batch = kind("batch", memory, settings.batch_s, niceness=settings.batch_niceness, **aside)
+            self._batch = RendererProcess(batch, settings.waiting, metrics)
         # A file that is built to exhaust memory or time only stops this one.
-        self._inspector = make("inspector", memory // 2, settings.inspect_s, eager=False, express=False)
+        inspector = kind("inspector", memory // 2, settings.inspect_s, **aside)
+        self._inspector = RendererProcess(inspector, settings.waiting, metrics)
         self._kernels = KernelPreparation()
         self._warm: set[str] = set()
         self._assigned: set[RendererHandle] = set()
@@ -55,7 +62,12 @@ class Pool:
 
     @property
     def _all(self) -> list[RendererProcess]:
-        return [*self._renderers, self._batch, self._inspector]
+        return [*self._working, self._inspector]
+
+    @property
+    def _working(self) -> list[RendererProcess]:
+        """Those that render."""
+        return list(dict.fromkeys([*self._renderers, self._batch]))
 
     def start(self) -> None:
         """Begin to take jobs."""
@@ -67,6 +79,8 @@ class Pool:
         warming = [asyncio.create_task(self._warm_renderer(renderer)) for renderer in self._renderers]
         try:
             await asyncio.gather(self._kernels.run(), *warming)
+            if self._spare is not None:
+                self._spare.prepare()
         finally:
             for task in warming:
                 task.cancel()
@@ -89,7 +103,8 @@ class Pool:
     async def stop(self) -> None:
         """End all processes."""
         self._closed = True
-        await asyncio.gather(*(r.stop() for r in self._all))
+        spare = [] if self._spare is None else [self._spare.stop()]
+        await asyncio.gather(*spare, *(r.stop() for r in self._all))
 
     @property
     def ready(self) -> bool:
@@ -124,12 +139,13 @@ class Pool:
     @property
     def waiting(self) -> int:
         """Jobs waiting or running."""
-        return sum(r.load for r in (*self._renderers, self._batch))
+        return sum(r.load for r in self._working)
 
     @property
     def pids(self) -> list[int]:
         """Of the processes that run."""
-        return [r.pid for r in self._all if r.pid is not None]
+        spare = None if self._spare is None else self._spare.pid
+        return [pid for pid in (*(r.pid for r in self._all), spare) if pid is not None]
 
     async def run(
         self, job: Job, *, renderer: RendererHandle | None = None, asked: Asked | None = None
@@ -158,12 +174,12 @@ class Pool:
 
     def forget(self, job: Forget) -> None:
         """Tell all renderers that run, without waiting."""
-        for renderer in (*self._renderers, self._batch):
+        for renderer in self._working:
             if renderer.ready and not self._closed:
                 renderer.post(job)
 
     def _process(self, renderer: RendererHandle) -> RendererProcess:
-        if not isinstance(renderer, AssignedProcess) or renderer.process not in (*self._renderers, self._batch):
+        if not isinstance(renderer, AssignedProcess) or renderer.process not in self._working:
             raise TypeError(f"renderer must be a handle of this pool, got {renderer!r}")
         return renderer.process
 

@@ -10,6 +10,7 @@ from typing import Any
 from starlette.requests import Request
 
 from torchrender_service.door.guard import visit_of
+from torchrender_service.door.traces import span
 from torchrender_service.errors import ServiceError
 from torchrender_service.renderers.asked import Asked, rank_of
 from torchrender_service.renderers.contract import RendererHandle
@@ -33,7 +34,8 @@ async def work(request: Request, job: Job, *, renderer: RendererHandle | None = 
     if scene is not None:
         visit.facts["scene"] = scene.id
     try:
-        return await while_there(request, state.pool.run(job, renderer=renderer, asked=asked))
+        with span(type(job).__name__, {"class": rank.name.lower()}):
+            return await while_there(request, state.pool.run(job, renderer=renderer, asked=asked))
     finally:
         visit.facts["waited_ms"] = round(1e3 * asked.waited_s, 1)
 

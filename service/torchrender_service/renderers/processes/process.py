@@ -10,8 +10,6 @@ import asyncio
 import contextlib
 import itertools
 import logging
-import os
-import sys
 import time
 from dataclasses import dataclass
 from typing import Any
@@ -21,28 +19,22 @@ from torchrender_service.metrics import Metrics
 from torchrender_service.renderers.asked import Asked, Rank, rank_of
 from torchrender_service.renderers.jobs import JOB_ENCODER, REPLY_DECODER, Cancel, Forget, Job, Reply, Task
 from torchrender_service.renderers.processes.schedule import RETRY_S, FairQueue, Waiting
+from torchrender_service.renderers.processes.start import (
+    Kind,
+    Spare,
+    end_process,
+    kill_process,
+    read_message,
+    start_process,
+)
 from torchrender_service.renderers.worker import LENGTH
 
 LOG = logging.getLogger("torchrender_service.renderers.processes.process")
-START_S = 120.0
 STOP_S = 3.0
 """A job that takes too long is asked to stop; after this time its process is killed."""
 BACK_OFF_S = (0.0, 0.5, 1.0, 2.0, 5.0, 10.0)
 """Before a renderer is started again that did not live long."""
 LONG_LIFE_S = 20.0
-MAX_REPLY_BYTES = 2**32
-
-
-@dataclass(frozen=True, kw_only=True)
-class Kind:
-    """What a renderer is for."""
-
-    name: str
-    memory_mb: int
-    job_s: float
-    niceness: int = 2
-    eager: bool = True  # runs from the start, not from its first job
-    express: bool = True  # keyframes need not wait for the job that runs
 
 
 @dataclass(eq=False)
@@ -59,9 +51,9 @@ class Running:
 class RendererProcess:
     """One renderer and the jobs that wait for it."""
 
-    def __init__(self, kind: Kind, threads: int, room: int, metrics: Metrics) -> None:
+    def __init__(self, kind: Kind, room: int, metrics: Metrics, spare: Spare | None = None) -> None:
         self.kind = kind
-        self._threads = threads
+        self._spare = spare
         self._metrics = metrics
         self.queue = FairQueue(room)
         self._running: dict[int, Running] = {}
@@ -168,7 +160,7 @@ class RendererProcess:
         if running is None:
             return
         if running.late:
-            self._kill()
+            kill_process(self._process)
             return
         running.late = True
         detail = f"took longer than {self.kind.job_s:g} s: ask for a smaller picture"
@@ -250,7 +242,7 @@ class RendererProcess:
         self._pump()
         try:
             while True:
-                self._finish(REPLY_DECODER.decode(await self._read(process.stdout)))
+                self._finish(REPLY_DECODER.decode(await read_message(process.stdout)))
                 self._pump()
         except (asyncio.IncompleteReadError, ConnectionError):
             doing = [type(running.waiting.job).__name__ for running in self._running.values()]
@@ -272,46 +264,16 @@ class RendererProcess:
         for waiting in self.queue.drain() if queued else []:
             _fail(waiting, error)
 
-    async def _read(self, stream: asyncio.StreamReader) -> bytes:
-        (size,) = LENGTH.unpack(await stream.readexactly(LENGTH.size))
-        if size > MAX_REPLY_BYTES:
-            raise ConnectionError(f"reply of {size} bytes")
-        return await stream.readexactly(size)
-
     async def _begin(self) -> None:
-        """Start the process and wait until it says that it is there."""
-        threads = str(self._threads)
-        names = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
-        environment = {k: v for k, v in os.environ.items() if k != "TORCHRENDER_API_KEY"}
-        environment |= dict.fromkeys(names, threads)
-        environment |= {
-            "OMP_WAIT_POLICY": "PASSIVE",
-            "TORCHRENDER_RENDERER_LIMIT_MB": str(self.kind.memory_mb),
-            "TORCHRENDER_RENDERER_NICENESS": str(self.kind.niceness),
-        }
-        pipe = asyncio.subprocess.PIPE
-        command = (sys.executable, "-m", "torchrender_service.renderers.worker")
-        self._process = await asyncio.create_subprocess_exec(
-            *command, stdin=pipe, stdout=pipe, env=environment, limit=2**22
-        )
-        assert self._process.stdout is not None
-        try:
-            await asyncio.wait_for(self._read(self._process.stdout), START_S)
-        except (asyncio.TimeoutError, asyncio.IncompleteReadError) as error:
-            await self._end()
-            raise ServiceError(503, "renderer-stopped", "the renderer does not start", retry_after_s=RETRY_S) from error
-        LOG.info("renderer started", extra={"renderer": self.name, "pid": self._process.pid, "threads": threads})
-
-    def _kill(self) -> None:
-        if self._process is not None and self._process.returncode is None:
-            with contextlib.suppress(ProcessLookupError):
-                self._process.kill()
+        """Start the process and wait until it says that it is there; or take the one that stands ready."""
+        self._process = None if self._spare is None else self._spare.take()
+        if self._process is None:
+            self._process = await start_process(self.kind)
+        LOG.info("renderer started", extra={"renderer": self.name, "pid": self._process.pid})
 
     async def _end(self) -> None:
-        self._kill()
         process, self._process = self._process, None
-        if process is not None:
-            await process.wait()
+        await end_process(process)
 
 
 def _fail(waiting: Waiting, error: ServiceError) -> None:
