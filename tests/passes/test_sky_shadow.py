@@ -11,12 +11,15 @@ import torch
 from torchrender.buffers import GBuffer
 from torchrender.effects.ambient.options import AmbientOptions
 from torchrender.effects.sky_shadows.light import prepare_light
+from torchrender.effects.sky_shadows.occluder import chosen_meshes, occluder_of
 from torchrender.effects.sky_shadows.options import SkyShadowOptions, SphereOptions
+from torchrender.effects.sky_shadows.picture import light_left
 from torchrender.errors import InputError
 from torchrender.passes.light.sky_shadow import SKY_SHADOW, applies
 from torchrender.passes.outlook import Outlook
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
+from torchrender.raster import rasterize
 from torchrender.rays import RayCaster
 from torchrender.renderer import render
 from torchrender.report.all_frequency.ways import mesh_bits, texel_sum
@@ -26,6 +29,7 @@ from torchrender.scene.load import load
 from torchrender.scene.material import Material
 from torchrender.scene.mesh import Mesh
 from torchrender.scene.model import Scene
+from torchrender.scene.procedural.walker import walker
 from torchrender.scene.shapes import sphere
 
 QUICK = SkyShadowOptions(
@@ -85,6 +89,34 @@ def test_a_chosen_object_darkens_the_floor_and_brightens_nothing() -> None:
     coarse = render(scene, view(), options=replace(usual, sky_shadow=replace(QUICK, spacing=2)))
     assert float((best.radiance - dark.radiance).abs().mean()) < 0.1 * float(change.abs().mean())
     assert float((coarse.radiance - dark.radiance).abs().mean()) < 0.25 * float(change.abs().mean())
+
+
+def test_every_mesh_is_a_body_and_a_figure_of_limbs_is_one() -> None:
+    """Bodies that touch darken each other at once; a figure's joints do not."""
+    scene = still(sky())
+    ball = scene.meshes[1]
+    other = replace(ball, vertices=ball.vertices + torch.tensor([1.0, 0.0, 0.0]), name="other")
+    scene = replace(scene, meshes=(*scene.meshes, other))
+    made = occluder_of(scene, chosen_meshes(scene, ("ball", "other")), QUICK.sphere)
+    assert made is not None
+    used = made.binding.set.radii > 0
+    left = made.binding.set.centres[:, 0] < 0.5
+    assert torch.equal(made.bodies[used] == 0, left[used]) and set(made.bodies[used].tolist()) == {0, 1}
+    light, camera = (
+        prepare_light(sky()),
+        Cameras.look_at([0.5, 1.2, 3.0], [0.5, 0.8, 0.0], width=64, height=64, fov_deg=30),
+    )
+    seen = rasterize(scene, camera)
+    two, one = (
+        light_left(scene, seen, occluder, light)
+        for occluder in (made, replace(made, bodies=torch.zeros_like(made.bodies)))
+    )
+    assert bool((two <= one).all()) and float((one - two).max()) > 1e-3
+    figure = walker(3000, 0)
+    limbs = occluder_of(
+        figure, chosen_meshes(figure, "moving"), SphereOptions(spheres=4, resolution=16, starts=1, teleports=0)
+    )
+    assert limbs is not None and set(limbs.bodies.tolist()) == {0}
 
 
 def by_rays(scene: Scene, gbuffer: GBuffer, albedo: float) -> tuple[torch.Tensor, torch.Tensor]:
