@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from torchrender.buffers import RayHits
+from torchrender.effects.ambient import horizon
 from torchrender.effects.ambient.horizon import horizon_ambient
 from torchrender.effects.ambient.options import AmbientOptions
 from torchrender.effects.ambient.traced import traced_ambient
@@ -133,6 +134,23 @@ def test_empty_pixels_see_everything_and_empty_batches_nothing() -> None:
         assert bool((one.sky[~covered] == 1).all()) and bool((one.bent_normal[~covered] == 0).all())
     none = camera((0.0, 0.0, 5.0), (0.0, 0.0, 0.0))[[]]
     assert horizon_ambient(scene.geometry, rasterize(scene, none), FINE, reach=1.0).sky.shape == (0, 48, 48)
+
+
+def test_where_nothing_is_seen_nothing_around_is_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One picture of two looks at the sky; of two that do none draws anything."""
+    scene = Scene(meshes=(box(torch.ones(3)),))
+    there, up = camera((3.0, 2.0, 3.0), (0.0, 0.0, 0.0)), camera((3.0, 2.0, 3.0), (3.1, 9.0, 3.0))
+    drawn = []
+    real = horizon.rasterize_visibility
+    monkeypatch.setattr(horizon, "rasterize_visibility", lambda *a, **k: drawn.append(1) or real(*a, **k))
+    seen = rasterize(scene, Cameras.cat([there, up]))
+    found = horizon_ambient(scene.geometry, seen, AmbientOptions(), reach=1.0)
+    of_one, alone = len(drawn), horizon_ambient(scene.geometry, rasterize(scene, there), AmbientOptions(), reach=1.0)
+    assert len(drawn) == 2 * of_one and torch.equal(found.sky[:1], alone.sky) and bool((found.sky[1] == 1).all())
+    empty = horizon_ambient(scene.geometry, rasterize(scene, Cameras.cat([up, up])), AmbientOptions(), reach=1.0)
+    assert len(drawn) == 2 * of_one > 0
+    assert empty.sky.shape == empty.near.shape == (2, 48, 48) and bool((empty.near == 1).all())
+    assert empty.bent_normal.shape == (2, 48, 48, 3) and not bool(empty.bent_normal.any())
 
 
 def test_bad_input_is_named() -> None:

@@ -60,8 +60,12 @@ def horizon_ambient(
     cameras = gbuffer.cameras
     if cameras.orthographic:
         raise InputError("gbuffer must be of perspective cameras: others have no eye that slices go through")
-    pixels = torch.ones(*gbuffer.depth.shape, 5)
-    for k in range(len(cameras)):
+    shape = gbuffer.depth.shape
+    seen = gbuffer.covered.flatten(1).any(dim=1).tolist()
+    if not any(seen):  # the sky: nothing around needs to be drawn
+        return AmbientVisibility(torch.ones(shape), torch.ones(shape), torch.zeros(*shape, 3))
+    pixels = torch.ones(*shape, 5)
+    for k in (k for k, some in enumerate(seen) if some):
         around = _surroundings(geometry, cameras[k], gbuffer.depth[k], options)
         _measure(around, gbuffer, k, options, reach, pixels[k])
     covered = gbuffer.covered

@@ -12,6 +12,7 @@ from torchrender.effects.ambient.options import AmbientOptions
 from torchrender.effects.ambient.traced import traced_ambient
 from torchrender.effects.reflections.reflectors import ReflectedRays
 from torchrender.effects.shadows.shadow_map import lights_visibility
+from torchrender.effects.shadows.small_lights import FEWEST
 from torchrender.passes.contract import Amounts, Buffers, Pass, always
 from torchrender.passes.hard import (
     SMALL_SHADOW,
@@ -51,11 +52,12 @@ AROUND = 4
 
 
 def asks(outlook: Outlook) -> Buffers:
-    """Maps of everything: those of the picture follow the eye; and rays, where these find ambient light."""
+    """Maps of everything: those of the picture follow the eye; and rays to many lights or for ambient light."""
     if outlook.kept(HIT_SHADER) is not None:
         return ()
     maps: Buffers = () if no_shadows(outlook) else (SCENE_SHADOW_MAP,)
-    return (*maps, RAY_CASTER) if has_ambient_light(outlook.scene) else maps
+    rays = has_ambient_light(outlook.scene) or (bool(maps) and outlook.point_lights >= FEWEST)
+    return (*maps, RAY_CASTER) if rays else maps
 
 
 def run(frame: Frame) -> HitShader:
