@@ -31,6 +31,10 @@ def test_the_page_and_its_figures(tmp_path) -> None:
     assert own < 1.0 and painted > 3 * own
     row = next(line for line in page.splitlines() if line.startswith("| washroom walk1") and f"{painted:.2f}" in line)
     assert f"{own:.2f}" in row
+    assert all("popping" in f for f in frames[1:])
+    whole = stored["walks"]["washroom walk1"]["whole"]
+    assert len(whole) == 5 and "## Whole walks at 32²" in page
+    assert [k for k, f in enumerate(whole) if "trace_ms" in f] == [1, 4] and whole[0]["traced_share"] == 1.0
     assert record["walks"].keys() == stored["walks"].keys()
     for link in re.findall(r"\]\(([^)]+)\)", page):
         assert (tmp_path / link).stat().st_size > 500

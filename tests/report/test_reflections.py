@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from torchrender.images.files import read_image
+from torchrender.report.reflections.page import PARTS
 from torchrender.report.reflections.study import QUICK, run_study, write_study
 
 
@@ -28,6 +29,8 @@ def test_a_tiny_study_makes_its_page(tmp_path: Path) -> None:
         assert f"## {heading}" in page
     picture = read_image(tmp_path / "reflections.jpg")
     assert tuple(picture.shape[:2]) == (24, 72)
+    time, paid = (page.index(f"| living room{label} |") for label in ("", ", everything paid"))
+    assert 0 < page.index("## Time") < time < paid and record["triangles"][0]["preparations"].keys() == {*PARTS}
     none, all_pixels = record["share"][0], record["share"][-1]
     assert none["pixels"] == 0 and all_pixels["pixels"] > 0
     for row in record["quality"].values():

@@ -10,6 +10,7 @@ from typing import Any
 from torchrender.images.files import write_atomically
 from torchrender.quality.machine import machine_line
 from torchrender.quality.pages import write_text
+from torchrender.report.reuse.whole_page import whole_section
 
 Frames = list[dict[str, Any]]
 
@@ -54,6 +55,7 @@ def write_page(record: dict[str, Any], folder: Path) -> None:
         *_table_23(walks),
         *_baselines(walks),
         *_errors(walks),
+        *whole_section(walks, study),
         *_search(walks),
         *_whole(walks),
         *_pictures(walks),
@@ -180,20 +182,29 @@ def _errors(walks: dict[str, dict[str, Any]]) -> list[str]:
         "## Errors",
         "",
         "Published mean absolute intensity errors of three pictures: 0.13, 0.45, 0.12. Occlusion error: share of the "
-        "reflective pixels that are reused although the ray meets something more than 2 % nearer or farther.",
+        "reflective pixels that are reused although the ray meets something more than 2 % nearer or farther. Change "
+        "of the error: mean difference, over the picture, between the errors of a frame and of the one before: what "
+        "pops, most of all where a key frame takes all error away at once.",
         "",
-        "| Walk | Error over reflective pixels | over the picture | greatest of a frame | Occlusion error % |",
-        "|---|---|---|---|---|",
+        "| Walk | Error over reflective pixels | over the picture | greatest of a frame | Occlusion error % "
+        "| Change of the error | at key frames |",
+        "|---|---|---|---|---|---|---|",
     ]
     for label, walk in walks.items():
         frames: Frames = walk["frames"]
         lines.append(
             f"| {label} | {_mean(frames, lambda f: f['error']):.2f} | {_mean(frames, lambda f: f['image_error']):.2f} "
             f"| {max(f['image_error'] for f in frames):.2f} "
-            f"| {100 * _mean(frames, lambda f: f['occlusion_error']):.2f} |"
+            f"| {100 * _mean(frames, lambda f: f['occlusion_error']):.2f} "
+            f"| {_popping(_others(frames))} | {_popping([f for f in frames if f['report']['key_frame']])} |"
         )
     lines += ["", "![Error and reuse against the distance from the key frame](reflection-reuse.png)", ""]
     return lines
+
+
+def _popping(frames: Frames) -> str:
+    changes = [f["popping"] for f in frames if "popping" in f]
+    return f"{statistics.fmean(changes):.2f}" if changes else "–"
 
 
 def _search(walks: dict[str, dict[str, Any]]) -> list[str]:

@@ -65,10 +65,22 @@ class StudyOptions:
     triangles: int | None = None
     rendered: int = 8  # frames of render() with and without a history
     sheet: int = 12  # frames on the contact sheet
+    whole_size: int = 1024  # pixels of the side of the pictures of whole walks
+    whole_frames: int = 240
+    whole_step: int = 8  # every so many frames of these are traced, too
 
 
 QUICK = StudyOptions(
-    walks=(("washroom", "walk1"),), size=64, frames=5, walk_frames=120, triangles=8000, rendered=2, sheet=4
+    walks=(("washroom", "walk1"),),
+    size=64,
+    frames=5,
+    walk_frames=120,
+    triangles=8000,
+    rendered=2,
+    sheet=4,
+    whole_size=32,
+    whole_frames=5,
+    whole_step=3,
 )
 
 
@@ -121,7 +133,7 @@ def measure_walk(name: str, walk: str, study: StudyOptions, folder: Path) -> dic
     state: ReuseState | None = None
     frames: list[dict[str, Any]] = []
     sheet: list[Tensor] = []
-    picture, middle = None, len(stage.cameras) // 2
+    picture, middle, last = None, len(stage.cameras) // 2, None
     for number in range(len(stage.cameras)):
         gbuffer, raster_ms = _timed(partial(rasterize, stage.scene, stage.cameras[number]))
         direct, shade_ms = _timed(partial(stage.direct, gbuffer))
@@ -144,6 +156,9 @@ def measure_walk(name: str, walk: str, study: StudyOptions, folder: Path) -> dic
         truth = stage.shown(gbuffer, direct, exact)
         own = stage.shown(gbuffer, direct, made.layer)
         record |= _errors(own, truth, made.layer, exact, pixels)
+        if last is not None:
+            record["popping"] = float((own - truth - last).abs().mean())
+        last = own - truth
         if before is not None and not made.report.key_frame:
             record |= _against_key(stage, before, pixels, gbuffer, direct, exact, truth, number)
             if picture is None or (picture < middle <= number):  # the first one, or better one from the middle
@@ -154,7 +169,31 @@ def measure_walk(name: str, walk: str, study: StudyOptions, folder: Path) -> dic
         frames.append(record)
         _say(f"{name} {walk} {number + 1}/{len(stage.cameras)}")
     _contact_sheet(folder / f"reflection-reuse-{name}-{walk}-frames.png", sheet[: study.sheet])
-    return {"frames": frames, "triangles": stage.scene.geometry.triangle_count, "rendered": _rendered(stage, study)}
+    count, whole = stage.scene.geometry.triangle_count, whole_walk(name, walk, study)
+    return {"frames": frames, "triangles": count, "rendered": _rendered(stage, study), "whole": whole}
+
+
+def whole_walk(name: str, walk: str, study: StudyOptions) -> list[dict[str, Any]]:
+    """Every frame of a walk in large pictures; some of them are traced, too."""
+    stage = Stage.of(name, walk, replace(study, size=study.whole_size, frames=study.whole_frames))
+    state: ReuseState | None = None
+    frames: list[dict[str, Any]] = []
+    for number in range(len(stage.cameras)):
+        gbuffer = rasterize(stage.scene, stage.cameras[number])
+        pixels = reflective_pixels(stage.scene, gbuffer)
+        if number == 0:
+            reuse_reflections(pixels, gbuffer, stage.trace)
+        made, took = _timed(partial(stage.reuse, pixels, gbuffer, state))
+        state, report = made.state, made.report
+        row: dict[str, Any] = {"key_frame": report.key_frame, "traced_share": report.traced_share, "reuse_ms": took}
+        if number % study.whole_step == study.whole_step // 2:
+            exact, row["trace_ms"] = _timed(partial(stage.trace, pixels))
+            direct = stage.direct(gbuffer)
+            own, truth = (stage.shown(gbuffer, direct, layer) for layer in (made.layer, exact))
+            row |= _errors(own, truth, made.layer, exact, pixels)
+        frames.append(row)
+        _say(f"{name} {walk} {study.whole_size}² {number + 1}/{len(stage.cameras)}")
+    return frames
 
 
 def _plain(report: Any) -> dict[str, Any]:
