@@ -24,6 +24,7 @@ from torchrender.pipeline.buffer import Buffer, Layer, Order
 from torchrender.pipeline.frame import Frame
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
+from torchrender.scene.light import Light
 from torchrender.scene.model import Scene
 from torchrender.shade import AmbientReach, sent_light, shade
 from torchrender.shading.lights import LightLists
@@ -138,9 +139,14 @@ def over_hits(options: RenderOptions, history: RenderHistory) -> RenderOptions:
 
 def _light_by_light(subject: Subject, outputs: Outputs) -> float:
     scene, seen = subject.scene, subject.gbuffer
-    dark = replace(scene, lights=())
-    rest = shade(dark, seen)
-    parts = [shade(replace(scene, lights=(light,)), seen) - rest for light in scene.lights]
+
+    def lit_by(*lights: Light) -> Tensor:
+        made = replace(scene, lights=lights)
+        made.__dict__["geometry"] = scene.geometry  # the same triangles: the same kernel
+        return shade(made, seen)
+
+    rest = lit_by()
+    parts = [lit_by(light) - rest for light in scene.lights]
     total = torch.stack([rest, *parts]).double().sum(dim=0)
     return float((total - outputs["radiance"]).abs().max() / total.abs().max().clamp_min(1e-30))
 
