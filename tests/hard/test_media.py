@@ -35,19 +35,21 @@ def test_panels_find_what_many_steps_find(kind: str, light: Light) -> None:
     """Lamp inside, lamp outside, sun; every kind of density: ways inside of the box have forms of their own."""
     lights = [light] if light is SUN else [light, replace(LAMP, position=torch.tensor([1.0, 4.6, -4.5]))]
     for lamp in lights:
-        quick = layer(fog(**KINDS[kind]), lamp, panels=32, light_steps=64).scattered
-        slow = layer(fog(**KINDS[kind]), lamp, way="march", steps=512, light_steps=64).scattered
+        how = {"camera": eye(16, 12), "depth": torch.full((1, 12, 16), 7.0), "light_steps": 64}
+        quick = layer(fog(**KINDS[kind]), lamp, panels=32, **how).scattered
+        slow = layer(fog(**KINDS[kind]), lamp, way="march", steps=512, **how).scattered
         # Towards a light, a grid's density is known from the centres of its cells.
         assert rmse(quick, slow) < (0.012 if kind == "grid" else 0.003)
 
 
-@pytest.mark.parametrize("g", [-0.99])
+@pytest.mark.parametrize("g", [-0.99, 0.99])
 def test_peaks_of_the_phase_function_are_not_missed(g: float) -> None:
     behind = replace(LAMP, position=torch.tensor([0.5, 0.4, -7.5]))
+    camera, depth = eye(20, 15), torch.full((1, 15, 20), 7.0)
     for light in (behind, SUN):
-        quick = layer(fog(asymmetry=g), light).scattered
-        slow = layer(fog(asymmetry=g), light, way="march", steps=1024).scattered
-        assert rmse(quick, slow) < 0.02
+        quick = layer(fog(asymmetry=g), light, camera=camera, depth=depth).scattered
+        slow = layer(fog(asymmetry=g), light, camera=camera, depth=depth, way="march", steps=1024).scattered
+        assert float((quick / slow - 1).abs().max()) < 0.03  # of every ray: the mean is that of the brightest few
 
 
 @pytest.mark.parametrize("way", ["slices", "walk"])

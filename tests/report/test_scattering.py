@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict, replace
+
+import pytest
 import torch
 
 from torchrender.report.scattering.motion import edits, film
-from torchrender.report.scattering.page import lines
+from torchrender.report.scattering.page import lines, plot
+from torchrender.report.scattering.peers import beside_mitsuba
 from torchrender.report.scattering.scenes import KINDS, eye, t1, t2
 from torchrender.report.scattering.stage import QUICK, Stage, errors, shaft_edges
+from torchrender.report.scattering.streamed import after_steps
 from torchrender.report.scattering.study import baselines, costs, published, trends
 
 
@@ -29,19 +34,58 @@ def test_scenes_have_shafts_and_all_kinds_of_media() -> None:
 
 
 def test_the_page_holds_what_was_measured(tmp_path) -> None:
+    named = ("processor", "cores", "kernel_threads", "system", "python", "commit", "date")
+    row = {
+        "case": "T2 sun, height",
+        "ms": 90.0,
+        "least_ms": 80.0,
+        "share": 0.3,
+        "walk": {"rmse": 0.01},
+        "rays": {"rmse": 0.02},
+    }
+    rows = [row | {"way": "slices, 2 x 2"}, row | {"way": "64 steps", "least_ms": 400.0}]
+    peer = {"case": "T1", "rows": [{"what": "slices", "ms": 10.0, "rmse": 0.01}], "mean": 1.0, "tiles": 0.02}
     record = {
-        "machine": dict.fromkeys(("processor", "cores", "kernel_threads", "system", "python", "commit", "date"), "-"),
-        "study": {"size": QUICK.size, "frames": 2},
+        "machine": dict.fromkeys(named, 2),
+        "load": 3.0,
+        "study": asdict(QUICK),
         "published": published(QUICK),
-        "ways": [],
+        "ways": rows,
         "costs": costs(QUICK),
         "baselines": baselines(QUICK),
         "trends": trends(QUICK),
         "film": film(QUICK, tmp_path),
         "edits": edits(QUICK),
-        "peer": {"missing": "Mitsuba is not installed"},
-    }  # fmt: skip
+        "streamed": [{"scene": "hall", "step": 0.1, "fog": 0.02, "clear": 0.01}],
+        "peer": {"version": "3", "variant": "x", "size": (4, 3), "cases": [peer | {"at_our_time": 0.5}]},
+    }
     text = "\n".join(lines(record))
-    assert "3 x 3 | 20 | lsq" in text and "behind the camera" in text and "Mitsuba is not installed" in text
+    assert "3 x 3 | 20 | lsq" in text and "behind the camera" in text and "Other work ran beside (load 3.0" in text
+    assert "80 | 80 | 5.0" in text, "what was asked for, and how many times as quick as 64 steps"
+    assert "| T1 | 1.0000 | 2.00 % | 50.00 % | 50 |" in text
+    assert "| hall | 0.1 | 2.00 % | 1.00 % |" in text
+    quiet = "\n".join(lines(record | {"load": 0.1, "peer": {"missing": "Mitsuba is not installed"}}))
+    assert "Nothing else ran on the machine (load 0.1" in quiet and "Mitsuba is not installed" in quiet
+    assert record["edits"]["pictures"]["density"]["ratio"] > 0 and record["edits"]["none in view"] < 50
     more = record["trends"]["scattering 0.02 to 0.1, no absorption"]
     assert more == sorted(more)
+    plot(tmp_path / "cost.png", record["costs"])
+    assert (tmp_path / "cost.png").stat().st_size > 5000
+
+
+def test_a_path_tracer_finds_the_same_light() -> None:
+    """The same scene in the same units: means of the whole picture, beside what is drawn here."""
+    pytest.importorskip("mitsuba")
+    made = beside_mitsuba(replace(QUICK, peer_samples=(256,)))
+    assert len(made["cases"]) == 3
+    for case in made["cases"]:
+        assert case["mean"] == pytest.approx(1.0, abs=0.15) and case["tiles"] < 0.5
+        assert case["rows"][0]["rmse"] < 0.2 < case["rows"][1]["rmse"]
+
+
+def test_fog_of_keyframes_stays_on_what_lies_behind_it() -> None:
+    """Near the keyframe hardly anything is wrong; farther away more is, and more than in clear air."""
+    rows = after_steps(64, ("hall",))
+    fog = [row["fog"] for row in rows]
+    assert fog == sorted(fog) and 0.0 < fog[0] < 0.2
+    assert fog[-1] < 1.0 and all(row["clear"] > 0.0 for row in rows)

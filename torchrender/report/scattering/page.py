@@ -14,6 +14,8 @@ ASKED = {
     "T2 lamp, height": 80, "T2 sun, grid": 130, "T2 lamp, grid": 200,
 }  # fmt: skip
 """Milliseconds at 800 x 600 that were asked for."""
+LIGHT_LOAD = 0.5
+"""Load of a machine on which nothing else runs."""
 
 
 def _percent(value: float) -> str:
@@ -31,9 +33,10 @@ def lines(record: Mapping[str, Any]) -> list[str]:
     width, height = study["size"]
     out = ["# Light that media scatter", "", machine_line(record["machine"]), ""]
     out += [
-        f"Times are of {width} x {height} pixels with all that a picture needs anew (slices, pyramids, tables, marks,",
-        "interpolation, transmittance), medians of a run in which the candidates took turns. The machine was",
-        "shared with other work: ratios within a table count, not milliseconds. Errors are RMSE over the mean.",
+        f"`python -m torchrender.report.scattering`. Times are of {width} x {height} pixels with all that the layer",
+        "needs anew (slices, pyramids, tables, marks, interpolation, transmittance); G-buffer and light images are",
+        f"those of other passes. The candidates of a table took turns, {study['runs']} times. {_busy(record)}",
+        "Errors are RMSE over the mean.",
         "",
         "![T1, T2 with a lamp, T2 with the sun; homogeneous, height, grid](scattering.jpg)",
         "",
@@ -43,13 +46,17 @@ def lines(record: Mapping[str, Any]) -> list[str]:
     out += _published(record["published"])
     out += ["## Ways: errors against the walk, against rays, and times", ""]
     out += [
-        "`walk` is exact for the texels of the light's images, `rays` casts shadow rays; edges are the twentieth of",
-        "the pixels where light changes most. `64 steps` is the source's way, with a look-up at each step.",
+        f"`walk` is exact for the texels of the light's images ({study['map_size']} a side), at {width} x {height};",
+        f"`rays` takes {study['rays_steps']} steps along every ray with a shadow ray at each, at",
+        f"{study['small'][0]} x {study['small'][1]}. Edges are the twentieth of the pixels where light changes most.",
+        "`64 steps` is the source's way, with a look-up at each step; 3 x 3 of it marks by length and lit share.",
+        "`times` is how much quicker than 64 steps along every ray.",
         "",
     ]
     out += _ways(record["ways"])
     out += ["## Time against steps, blocks, lights, and rays that meet the medium", ""]
     out += _costs(record["costs"])
+    out += ["![Milliseconds by share of rays, steps and lamps](scattering-cost.png)", ""]
     out += ["## Baselines, against the mean of 8 jittered pictures of 1,024 steps", ""]
     rows = [[k, _percent(v["rmse"]), _percent(v["p99"])] for k, v in record["baselines"].items()]
     out += table(["way", "RMSE", "99th percentile"], rows)
@@ -67,13 +74,42 @@ def lines(record: Mapping[str, Any]) -> list[str]:
         "",
         "## Edits",
         "",
-        "Nothing lasts from picture to picture. Least time of a picture; asked: after an edit at most 1.05 of the",
-        "next one, and at most 1 ms where no medium is in view, for which the planner asks nothing but this.",
+        "The layer keeps nothing from picture to picture. Whole pictures of the renderer with its history: the first",
+        "one after an edit, and the next; asked: at most 1.05 of it. A light that moves needs new images of its own,",
+        "which last for as long as it stays.",
         "",
     ]
-    out += table(["picture of", "ms"], [[k, f"{v:.2f}"] for k, v in record["edits"].items()])
-    out += _peer(record["peer"])
-    return out
+    edits = record["edits"]
+    rows = [[k, f"{v['first']:.1f}", f"{v['next']:.1f}", f"{v['ratio']:.3f}"] for k, v in edits["pictures"].items()]
+    out += table(["edit", "first, ms", "next, ms", "first / next"], rows)
+    out += [
+        f"Where no medium is in view the planner finds that out in {edits['none in view']:.2f} ms (asked: at most 1),",
+        "and nothing else is done.",
+        "",
+    ]
+    return [*out, *_streamed(record["streamed"]), *_peer(record["peer"])]
+
+
+def _streamed(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    out = [
+        "## In streams",
+        "",
+        "Keyframes hold the light of a pixel with what media add and take; clients move it with the surface behind it.",
+        "After a step, shafts and halos are therefore seen as if painted on what lies behind them, until the next",
+        "keyframe. Mean error of the pixels that the keyframe knows, as a share of the mean light, against a picture",
+        "from there, and the same without media: the rest is what reprojection costs anyway.",
+        "",
+    ]
+    cells = [[r["scene"], f"{r['step']:g}", _percent(r["fog"]), _percent(r["clear"])] for r in rows]
+    return out + table(["scene", "step to the side, m", "with media", "clear air"], cells)
+
+
+def _busy(record: Mapping[str, Any]) -> str:
+    """What the machine did beside: told by its load when the study began."""
+    load, cores = record["load"], record["machine"]["cores"]
+    if load < LIGHT_LOAD:
+        return f"Nothing else ran on the machine (load {load:.1f} at the beginning)."
+    return f"Other work ran beside (load {load:.1f} on {cores} cores at the beginning): ratios count, not milliseconds."
 
 
 def _published(rows: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -86,15 +122,17 @@ def _published(rows: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 def _ways(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    full = {r["case"]: r["least_ms"] for r in rows if r["way"] == "64 steps"}
     cells = []
     for r in rows:
         asked = ASKED.get(r["case"]) if r["way"].startswith("slices") else None
         cells.append([
             f"{r['case']}: {r['way']}", f"{r['ms']:.0f}", f"{r['least_ms']:.0f}", "" if asked is None else str(asked),
+            f"{full[r['case']] / r['least_ms']:.1f}",
             _percent(r["share"]), _percent(r["walk"]["rmse"]), _percent(r["walk"].get("edge", 0.0)),
             _percent(r["rays"]["rmse"]), _percent(r["rays"].get("edge", 0.0)),
         ])  # fmt: skip
-    head = ["case", "ms", "least ms", "asked", "integrated", "to walk", "edges", "to rays", "edges"]
+    head = ["case", "ms", "least ms", "asked", "times", "integrated", "to walk", "edges", "to rays", "edges"]
     return table(head, cells)
 
 
@@ -106,14 +144,44 @@ def _costs(costs: Mapping[str, Any]) -> list[str]:
     )
 
 
+def plot(path: Path, costs: Mapping[str, Any]) -> None:
+    """Milliseconds by the share of rays that meet the medium, by steps, and by lamps."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(11, 3.6), layout="constrained")
+    axes = figure.subplots(1, 3)
+    # "0, behind the camera" is a share, too; steps stand beside blocks, which have none.
+    shares = sorted((float(k.partition(",")[0]), v["median"]) for k, v in costs["shares"].items())
+    steps = sorted((int(k.split()[0]), v["median"]) for k, v in costs["ways"].items() if k.endswith("steps"))
+    lamps = sorted((int(k), v["median"]) for k, v in costs["lights"].items())
+    named = (("share of rays in the medium", shares), ("steps along every ray", steps), ("lamps", lamps))
+    for axis, (label, points) in zip(axes, named, strict=True):
+        axis.plot(*zip(*points, strict=True), "o-", color="tab:blue")
+        axis.set(xlabel=label, ylabel="ms", xlim=(0, None), ylim=(0, None))
+        axis.grid(alpha=0.3)
+    figure.savefig(path, dpi=100, format="png")
+
+
 def _peer(peer: Mapping[str, Any]) -> list[str]:
     out = ["## Beside a path tracer", ""]
     if "missing" in peer:
         return [*out, peer["missing"] + ".", ""]
+    width, height = peer["size"]
     out += [
-        f"Mitsuba {peer['version']}, {peer['variant']}, `volpath` with one scattering, black surfaces. `at our time`:",
-        "its error if it had as long as our picture, by the law of its own noise (asked: ten times ours or more).",
+        f"Mitsuba {peer['version']}, `{peer['variant']}`, `volpath` with one scattering, at {width} x {height}: the",
+        "same triangles, painted black, the same light in the same units, the same homogeneous medium. Ours is timed",
+        "with G-buffer and light images; both programs keep their tree of rays. Errors are against many steps along",
+        "every ray with a shadow ray at each. That both mean the same: ratio of the means of the picture, and RMSE of",
+        "means over 5 x 5 parts of it, of the most samples. `at our time` is the path tracer's error if it had as long",
+        "as our picture, by the law of its own noise; asked: ten times ours or more.",
         "",
     ]
-    rows = [[r["case"], r["what"], f"{r['ms']:.0f}", _percent(r["rmse"])] for r in peer["rows"]]
-    return out + table(["scene", "way", "ms", "RMSE"], rows)
+    cases = peer["cases"]
+    rows = [[c["case"], r["what"], f"{r['ms']:.0f}", _percent(r["rmse"])] for c in cases for r in c["rows"]]
+    out += table(["scene", "way", "ms", "RMSE"], rows)
+    rows = [
+        [c["case"], f"{c['mean']:.4f}", _percent(c["tiles"]), _percent(c["at_our_time"]),
+         f"{c['at_our_time'] / c['rows'][0]['rmse']:.0f}"]
+        for c in cases
+    ]  # fmt: skip
+    return out + table(["scene", "its mean / ours", "25 parts", "at our time", "times our error"], rows)

@@ -29,9 +29,14 @@ class StudyOptions:
     frames: int = 60  # of the film
     film: tuple[int, int] = (160, 120)
     runs: int = 3
+    peer_samples: tuple[int, ...] = (1, 4, 16, 64)  # per pixel, of the path tracer
+    peer_seeds: int = 4  # pictures whose mean is the reference of the path tracer
 
 
-QUICK = StudyOptions(size=(80, 60), small=(40, 30), map_size=256, rays_steps=64, frames=4, film=(40, 30), runs=1)
+QUICK = StudyOptions(
+    size=(80, 60), small=(40, 30), map_size=256, rays_steps=64, frames=4, film=(40, 30), runs=1,
+    peer_samples=(1, 4), peer_seeds=1,
+)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,10 +49,12 @@ class Stage:
     lit: Illumination
 
     @classmethod
-    def of(cls, scene: Scene, camera: Cameras, size: int, *, shadows: bool = True) -> Stage:
-        """With shadow maps of ``size`` texels."""
+    def of(
+        cls, scene: Scene, camera: Cameras, size: int, *, shadows: bool = True, caster: RayCaster | None = None
+    ) -> Stage:
+        """With shadow maps of ``size`` texels; ``caster``: one that is known already."""
         maps = tuple(render_shadow_map(scene, light, ShadowOptions(size=size)) for light in scene.lights)
-        caster = RayCaster(scene.geometry)
+        caster = caster or RayCaster(scene.geometry)
         lit = Illumination(lights=scene.lights, shadow_maps=maps if shadows else (), caster=caster, size=scene.diagonal)
         return cls(scene, camera, rasterize(scene, camera), lit)
 

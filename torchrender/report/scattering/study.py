@@ -1,12 +1,13 @@
 """Scattering measured: errors against full integration and against rays, times, trends, baselines and a peer.
 
 ``python -m torchrender.report.scattering [--quick] [-o docs/results]`` writes ``scattering.md``, ``.json``,
-``scattering.jpg`` and ``scattering-film.jpg``. Candidates take turns; nothing is kept between their runs, so every time
-holds all set-up.
+``scattering.jpg``, ``scattering-film.jpg`` and ``scattering-cost.png``. Candidates take turns; nothing is kept between
+their runs, so every time holds all set-up.
 """
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable
 from dataclasses import asdict, replace
@@ -30,10 +31,11 @@ from torchrender.quality.pages import write_record
 from torchrender.quality.timing import take_turns
 from torchrender.report.common.command import study_parser
 from torchrender.report.scattering.motion import edits, film
-from torchrender.report.scattering.page import write_page
+from torchrender.report.scattering.page import plot, write_page
 from torchrender.report.scattering.peers import beside_mitsuba
 from torchrender.report.scattering.scenes import KINDS, eye, t1, t2
 from torchrender.report.scattering.stage import QUICK, Stage, StudyOptions, errors, shaft_edges
+from torchrender.report.scattering.streamed import after_steps
 from torchrender.scene.light import PointLight
 
 # ---------------------------------------------------------------- parts
@@ -86,11 +88,12 @@ def _ways_of(
     timed = take_turns({k: _timed(stage, o) for k, o in plans.items()}, runs=study.runs, warm_up=1)
     rows = []
     for label, how in plans.items():
-        against_walk = errors(stage.light(**how), *walk)
+        layer = stage.layer(**how)
+        against_walk = errors(layer.scattered[0, ..., 0].double(), *walk)
         against_rays = errors(small.light(**how), *rays)
         rows.append({
             "case": name, "way": label, "ms": timed[label].median, "least_ms": timed[label].least,
-            "walk": against_walk, "rays": against_rays, "share": float(stage.layer(**how).integrated.mean()),
+            "walk": against_walk, "rays": against_rays, "share": float(layer.integrated.mean()),
         })  # fmt: skip
     return rows
 
@@ -219,13 +222,15 @@ def run_study(study: StudyOptions, folder: Path) -> dict[str, Any]:
         "trends": lambda: trends(study),
         "film": lambda: film(study, folder),
         "edits": lambda: edits(study),
-        "peer": lambda: beside_mitsuba(study.small),
+        "streamed": lambda: after_steps(study.film[0] * 2),
+        "peer": lambda: beside_mitsuba(study),
     }
-    record: dict[str, Any] = {"machine": machine_record(), "study": asdict(study)}
+    record: dict[str, Any] = {"machine": machine_record(), "load": os.getloadavg()[0], "study": asdict(study)}
     for name, measure in parts.items():
         record[name] = measure()
         sys.stderr.write(f"{name}: measured\n")
     picture(study, folder / "scattering.jpg")
+    write_atomically(folder / "scattering-cost.png", lambda path: plot(path, record["costs"]))
     return record
 
 
