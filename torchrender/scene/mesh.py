@@ -14,7 +14,7 @@ from torch import Tensor
 from torchrender.brief import brief
 from torchrender.checks import check_finite, check_not_negative
 from torchrender.errors import MeshError
-from torchrender.kernels.raster.culling_clusters import cluster_boxes, spatial_order, vertex_blocks
+from torchrender.kernels.raster.culling_clusters import cluster_boxes, first_use, spatial_order, vertex_blocks
 from torchrender.numerics.tangents import Corners, TangentTable, tangents_of
 from torchrender.scene.cutout import Cutout
 
@@ -199,10 +199,34 @@ class Geometry:
         return boxes
 
     @cached_property
+    def numbering(self) -> tuple[Tensor, Tensor, Tensor]:
+        """Vertices as clusters first use them: what is drawn together lies together in memory.
+
+        Returns:
+            rows (N,) int32 of ``vertices``; faces (F,3) int32 in these numbers; the same faces in ``order``.
+        """
+        if self.coherent:
+            return torch.arange(len(self.vertices), dtype=torch.int32), self.faces, self.faces
+        made = first_use(self.faces.numpy(), self.order.numpy(), len(self.vertices))
+        used, faces, listed = (torch.from_numpy(a) for a in made)
+        return used, faces, listed
+
+    @cached_property
+    def numbered_vertices(self) -> Tensor:
+        """(N,3) float64 vertices by :attr:`numbering`."""
+        return self.vertices if self.coherent else self.vertices[self.numbering[0].long()]
+
+    @cached_property
+    def numbered_holes(self) -> Tensor:
+        """(N,3) float32 what :attr:`cutout` holds of its vertices, by :attr:`numbering`; it must be there."""
+        assert self.cutout is not None
+        return self.cutout.vertices if self.coherent else self.cutout.vertices[self.numbering[0].long()]
+
+    @cached_property
     def cluster_blocks(self) -> tuple[Tensor, Tensor]:
-        """Blocks of vertices that cluster c uses: ``blocks[starts[c]:starts[c + 1]]``; starts (C+1,), blocks (N,)."""
-        arrays = (self.faces.numpy(), self.order.numpy(), self.clusters.numpy())
-        starts, blocks = vertex_blocks(*arrays, len(self.vertices))
+        """Blocks of numbered vertices that cluster c uses: ``blocks[starts[c]:starts[c + 1]]``; (C+1,) and (N,)."""
+        used, faces, _ = self.numbering
+        starts, blocks = vertex_blocks(faces.numpy(), self.order.numpy(), self.clusters.numpy(), len(used))
         return torch.from_numpy(starts), torch.from_numpy(blocks)
 
     @cached_property
