@@ -13,8 +13,9 @@ from torch import Tensor
 
 from torchrender import shade as module
 from torchrender.buffers import GBuffer
-from torchrender.errors import InputError
+from torchrender.errors import InputError, OptionError
 from torchrender.numerics.polygon_light import polygon_irradiance
+from torchrender.raster import rasterize
 from torchrender.scene.camera import Cameras
 from torchrender.scene.environment import Environment
 from torchrender.scene.light import DirectionalLight, Light, PointLight, RectLight, SpotLight
@@ -98,7 +99,8 @@ def slow_pixel(scene: Scene, eye: Tensor, p: Tensor, n: Tensor, s: list[float]) 
         else:
             offset = light.position.double() - p
             direction, color = offset / offset.norm(), light.intensity.double()
-            amount = max(float(n @ direction), 0.0) / float(offset @ offset)
+            square = float(offset @ offset)
+            amount = max(float(n @ direction), 0.0) / square * max(1.0 - (square / light.range**2) ** 2, 0.0)
             if isinstance(light, SpotLight):
                 amount *= float(light.cone(-(direction @ light.direction.double())))
         diffuse += factor * amount * color / math.pi
@@ -121,6 +123,32 @@ def test_agrees_with_a_loop_over_pixels() -> None:
                 p, n = gbuffer.position[b, j, i], gbuffer.normal[b, j, i]
                 expected = slow_pixel(scene, cameras.eye[b], p, n, visibility[b, :, j, i].tolist())
                 torch.testing.assert_close(image[b, j, i], expected, rtol=2e-5, atol=1e-6)
+
+
+def test_a_range_cuts_the_inverse_square_off() -> None:
+    """By torch and by the kernel; beyond the range nothing is left."""
+    lights = (replace(LAMP, range=3.1), replace(SPOT, range=3.2), replace(LAMP, range=0.5))
+    scene, cameras = floor_scene(*lights, material=GLOSSY), overhead(width=24, height=16)
+    seen = floor_gbuffer(cameras)
+    plain = shade(scene, seen)
+    dark = 0
+    for j in range(1, 16):
+        for i in range(24):
+            wanted = slow_pixel(scene, cameras.eye[0], seen.position[0, j, i], seen.normal[0, j, i], [1.0] * 3)
+            torch.testing.assert_close(plain[0, j, i], wanted, rtol=2e-5, atol=1e-6)
+            dark += not bool(wanted.any())
+    assert 20 < dark < 300 and float(plain.max()) > 0
+    fused = shade(scene, rasterize(scene, cameras))
+    torch.testing.assert_close(fused[0, 1:], plain[0, 1:], rtol=1e-4, atol=1e-6)
+    endless = floor_scene(*(replace(light, range=math.inf) for light in lights), material=GLOSSY)
+    assert bool((shade(endless, seen)[0, 1:] >= plain[0, 1:]).all())
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, math.nan])
+def test_a_range_that_is_none_is_refused(value: float) -> None:
+    for light in (LAMP, SPOT):
+        with pytest.raises(OptionError, match="range"):
+            replace(light, range=value)
 
 
 def test_chunks_do_not_show(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -43,7 +43,7 @@ from torchrender.kernels.raster.records import (
 from torchrender.scene.camera import Cameras
 from torchrender.scene.mesh import Geometry
 from torchrender.scene.model import Scene
-from torchrender.scene.triangles import Shape, geometry_of
+from torchrender.scene.triangles import Shape, check_fixed, geometry_of
 from torchrender.shading.attributes import SeenSurface
 
 Array = np.ndarray[Any, Any]
@@ -114,7 +114,9 @@ def rasterize(
 
     Raises:
         OptionError: unknown ``cull`` or output. InputError: ``tests`` that do not fit the cameras.
+        GradientError: meshes that ask for gradients, which there are none of.
     """
+    check_fixed("rasterize", scene)
     if outputs is None:
         return surface_attributes(scene, rasterize_visibility(scene.geometry, cameras, cull=cull, tests=tests))
     if isinstance(outputs, str):

@@ -10,16 +10,20 @@ import torch
 from torch import Tensor
 
 from shadow_scenes import box, floor, quad
+from torchrender.effects.shadows.light_reach import light_reach
 from torchrender.effects.shadows.shadow_map import FILTERS, ShadowOptions, light_visibility
 from torchrender.effects.shadows.soft_shadow import SoftShadowOptions, soft_shadow
 from torchrender.effects.shadows.traced import traced_visibility
 from torchrender.raster import rasterize
 from torchrender.rays import RayCaster
+from torchrender.renderer import render
 from torchrender.scene.camera import Cameras
 from torchrender.scene.light import DirectionalLight, PointLight, RectLight, SpotLight
+from torchrender.scene.material import Material
 from torchrender.scene.mesh import Mesh
 from torchrender.scene.model import Scene
 from torchrender.scene.procedural import build
+from torchrender.shade import shade
 
 SUN = DirectionalLight(direction=torch.tensor([-0.6, -1.0, -0.2]))
 POST = box((-0.15, 0.0, -0.15), (0.15, 0.6, 0.15))
@@ -99,12 +103,14 @@ def test_no_false_shadow_with_any_filter_that_softens_edges(name: str) -> None:
 
 
 def faces(light, seen) -> Tensor:
-    """(B,H,W) bool: the surface is not turned away from the light, and lies inside its cone and on its side."""
+    """(B,H,W) bool: the surface is not turned away from the light, and lies in its range, in its cone, on its side."""
     if isinstance(light, DirectionalLight):
         return (seen.geometric_normal @ -light.direction) > 0
     place = light.centre if isinstance(light, RectLight) else light.position
     toward = torch.nn.functional.normalize(place.double() - seen.position, dim=-1)
     found = (toward * seen.geometric_normal).sum(-1) > 1e-6  # beyond what float32 depth leaves open
+    if isinstance(light, PointLight | SpotLight):
+        found &= (place.double() - seen.position).norm(dim=-1) < light.range
     if isinstance(light, SpotLight):
         found &= (toward @ -light.direction.double()) > math.cos(math.radians(light.outer_deg))
     return found & ((toward @ -light.normal.double()) > 0) if isinstance(light, RectLight) else found
@@ -120,7 +126,13 @@ ODD = {
     "narrow": SpotLight(
         position=torch.tensor([0.6, 1.5, 0.4]), direction=torch.tensor([-6.0, -12, -4]), inner_deg=0.05, outer_deg=0.1
     ),
-    "wide": SpotLight(position=torch.tensor([0.6, 1.5, 0.4]), direction=torch.tensor([0.0, -1, 0]), outer_deg=89.0),
+    "0.01 degrees": SpotLight(
+        position=torch.tensor([0.6, 1.5, 0.4]), direction=torch.tensor([-6.0, -12, -4]), inner_deg=0.0, outer_deg=0.005
+    ),
+    "179 degrees": SpotLight(
+        position=torch.tensor([0.6, 1.5, 0.4]), direction=torch.tensor([0.0, -1, 0]), outer_deg=89.5
+    ),
+    "with a range": PointLight(position=torch.tensor([0.6, 0.9, 0.4]), range=1.0),
     "sun at the horizon": DirectionalLight(direction=torch.tensor([-1.0, -1e-3, -0.3])),
     "sun along the floor": DirectionalLight(direction=torch.tensor([-1.0, 0.0, 0.0])),
     "occluder behind": PointLight(position=torch.tensor([0.3, 0.3, 0.0])),
@@ -160,6 +172,38 @@ def test_corners_of_a_room_are_lit_up_to_the_edge() -> None:
             assert int((found < 0.5)[seen.covered].sum()) == 0, kind
 
 
+def test_light_reaches_as_far_as_its_range_and_no_farther() -> None:
+    """Lists, shading and shadows of a light with a range; another that ends before the floor changes nothing."""
+    lamp, short = ODD["with a range"], PointLight(position=torch.tensor([-1.0, 0.8, -1.0]), range=0.7)
+    scene = replace(on_ground(2.0), lights=(lamp,), ambient=torch.zeros(3))
+    image, more = (render(s, look(96, 72)).radiance for s in (scene, replace(scene, lights=(lamp, short))))
+    assert torch.equal(image, more)
+    seen = rasterize(scene, look(96, 72))
+    away = (seen.position - lamp.position).norm(dim=-1)
+    lit = (away < 0.98) & faces(lamp, seen) & (traced_visibility(RayCaster(scene.geometry), lamp, seen) > 0.5)
+    lit, beyond = lit & seen.covered, seen.covered & (away > 1.0 + 1e-6)
+    assert int(lit.sum()) > 100 and int(beyond.sum()) > 100
+    assert bool((image.amax(dim=-1)[lit] > 0).all()) and float(image[beyond].abs().max()) == 0
+
+
+def test_a_beam_of_a_hundredth_of_a_degree_lights_its_spot() -> None:
+    """Cosines of float32 cannot tell such an angle; its light is still as strong in the middle as a point light's."""
+    up = torch.tensor([0.3, 1e4, -0.2])
+    beam = SpotLight(position=up, direction=torch.tensor([0.0, -1.0, 0.0]), inner_deg=0.0, outer_deg=0.005)
+    bright = replace(beam, intensity=torch.full((3,), 1e8))
+    scene = Scene(meshes=(floor(2.0),), lights=(bright,))
+    view = Cameras.look_at((0.3, 4.0, -0.1), (0.3, 0.0, -0.2), width=61, height=61, fov_deg=40.0)
+    plain, fused = (shade(replace(scene, lights=(light,)), rasterize(scene, view)) for light in (
+        PointLight(position=up, intensity=bright.intensity), bright))  # fmt: skip
+    seen = rasterize(scene, view)
+    angle = ((seen.position[..., [0, 2]] - up[[0, 2]]).norm(dim=-1) / 1e4).rad2deg()
+    share = bright.cone(angle.double().deg2rad().cos())
+    wanted = plain[..., 0] * share
+    assert 0.1 < float((share > 0).double().mean()) < 0.9
+    assert float((fused[..., 0] - wanted).abs()[seen.covered].max()) < 0.02 * float(plain.max())
+    assert bool(light_reach(scene, seen).any.all())
+
+
 def test_receivers_parallel_to_the_light_and_leaves_with_holes() -> None:
     """Light along a wall gives it nothing, and no value in between; a leaf shadows from both sides, holes do not."""
     wall = quad((0.0, 0.0, -2.0), (0.0, 0.0, 4.0), (0.0, 2.0, 0.0))
@@ -174,6 +218,31 @@ def test_receivers_parallel_to_the_light_and_leaves_with_holes() -> None:
     wanted = traced_visibility(RayCaster(both.geometry), SUN, seen)
     lost, false = shares(light_visibility(both, SUN, seen), wanted, seen.covered & faces(SUN, seen))
     assert lost == 0 and false == 0
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_leaves_with_holes_shadow_by_what_is_left_of_them(side: float) -> None:
+    """A cut-out sheet, seen by the light from either side: solid texels shadow, missing ones do not."""
+    texture = torch.zeros(8, 8, 4)
+    texture[..., 3] = ((torch.arange(8)[:, None] // 2 + torch.arange(8) // 2) % 2).float()
+    leaf = replace(
+        quad((-0.5, 0.7, 0.5 * side), (1.0, 0, 0), (0, 0, -side)),
+        uv=torch.tensor([[0.0, 0], [1, 0], [1, 1], [0, 1]]),
+        material=1,
+    )
+    materials = (Material(), Material(name="leaf", diffuse_texture=texture, alpha_cutoff=0.5))
+    scene = Scene(meshes=(floor(2.0), leaf), materials=materials, lights=(SUN,))
+    seen = rasterize(scene, look(120, 90))
+    exact = traced_visibility(RayCaster(scene.geometry), SUN, seen)
+    ground = seen.covered & (seen.object_id == 0)
+    solid = replace(scene, materials=(Material(), Material(name="sheet")))
+    whole = traced_visibility(RayCaster(solid.geometry), SUN, rasterize(solid, look(120, 90)))
+    both = ground & (rasterize(solid, look(120, 90)).object_id == 0)
+    dark, all_dark = int((exact < 0.5)[both].sum()), int((whole < 0.5)[both].sum())
+    assert all_dark > 300 and 0.35 < dark / all_dark < 0.65
+    for kind in EDGES:
+        lost, false = shares(light_visibility(scene, SUN, seen, ShadowOptions(filter=kind, size=512)), exact, ground)
+        assert lost <= 0.02 and false <= 0.003, kind
 
 
 @pytest.mark.parametrize("half", [2.0, 2000.0])

@@ -8,6 +8,7 @@ import pytest
 import torch
 
 import torchrender as tr
+from torchrender.effects.transparency.passing import passing_light
 from torchrender.points.load import sample_points
 from torchrender.scene.material import Material, Sampler
 from torchrender.scene.shapes import plane
@@ -58,6 +59,46 @@ def test_what_blends_is_thinner() -> None:
     torch.testing.assert_close(thin.density, 0.25 * full.density, atol=0.02, rtol=0.05)
     points = sample_points(scene, 500)
     assert points.opacity is not None and points.opacity.tolist() == pytest.approx([0.25] * 500)
+
+
+@pytest.mark.parametrize(
+    ("pane", "alpha"),
+    [
+        (Material(blend=True, opacity=0.75), 0.75),
+        (Material(metallic=0.0, roughness=0.0, transmission=0.5, diffuse=torch.ones(3)), 1 - 0.5 * 0.96),
+        (
+            Material(metallic=0.0, roughness=0.0, transmission=1.0, diffuse=torch.tensor([0.9, 0.6, 0.3])),
+            1 - 0.96 * 0.6,
+        ),
+        (
+            Material(metallic=0.0, roughness=0.0, transmission=1.0, diffuse=torch.ones(3), blend=True, opacity=0.5),
+            0.5 * (1 - 0.96),
+        ),
+    ],
+)
+def test_panes_are_as_solid_as_pictures_show_them(pane: Material, alpha: float) -> None:
+    """What is left of the light behind, straight through; pictures say the same."""
+    scene = replace(solid_scene(), materials=(pane,))
+    grid = tr.make_grid(scene.bounds[None], 8)
+    full, thin = tr.voxelize_scene(solid_scene(), grid), tr.voxelize_scene(scene, grid)
+    torch.testing.assert_close(thin.density.sum() / full.density.sum(), torch.tensor(alpha), atol=0.01, rtol=0)
+    points = sample_points(scene, 50)
+    assert points.opacity is not None and points.opacity.tolist() == pytest.approx([alpha] * 50, abs=2e-3)
+    origin, down = torch.tensor([[0.1, 1.0, 0.1]]).double(), torch.tensor([[0.0, -1.0, 0.0]]).double()
+    hits = tr.RayCaster(scene.geometry.panes).first_hit(origin, down)
+    assert bool(hits.hit.all())
+    _, behind = passing_light(scene, origin, down, hits)
+    assert 1.0 - float(behind.mean()) == pytest.approx(alpha, abs=2e-3)
+
+
+def test_a_picture_of_transmission_counts() -> None:
+    """Half of the wall lets light pass, the other half is solid."""
+    picture = torch.cat([torch.zeros(2, 64, 1), torch.ones(2, 64, 1)], dim=1)
+    pane = Material(metallic=0.0, transmission=1.0, transmission_texture=picture, diffuse=torch.ones(3))
+    points = sample_points(replace(solid_scene(), materials=(pane,)), 400)
+    assert points.opacity is not None
+    assert float((points.opacity > 0.9).float().mean()) == pytest.approx(0.5, abs=0.1)
+    assert float((points.opacity < 0.2).float().mean()) == pytest.approx(0.5, abs=0.1)
 
 
 def test_points_stand_on_what_is_solid() -> None:

@@ -135,7 +135,7 @@ def sample_points(scene: Scene, count: int, *, seed: int = 0) -> PointCloud:
     """``count`` points spread evenly over all surfaces of a scene, with normals, colours and radii.
 
     Those that fall into holes of textures are left out, so that there may be less; surfaces that blend give their
-    opacity.
+    opacity, thin walls what they keep of the light behind them.
 
     A closed surface that is inside out is turned; an open one gives points that are drawn from both sides. Stratified
     along the triangles by area. Radius: 1.7 times the square root of the area per point. Colours are those
@@ -166,17 +166,19 @@ def sample_points(scene: Scene, count: int, *, seed: int = 0) -> PointCloud:
     spacing = math.sqrt(total / count)
     alpha = surface_alpha(scene, triangle, weights, 0.0)
     if alpha is not None:
-        keep = alpha >= HALF if not any(m.blend for m in scene.materials) else alpha > SEEN
+        has_holes = torch.tensor([m.alpha_cutoff is not None for m in scene.materials])[geometry.material[triangle]]
+        keep = alpha > torch.where(has_holes, HALF - 1e-9, SEEN)
         if not bool(keep.any()):
             raise MeshError(f"scene {scene.name!r} has no surface to sample: all of it is transparent")
-        triangle, weights, alpha = triangle[keep], weights[keep], alpha[keep]
+        alpha = torch.where(has_holes, 1.0, alpha)[keep]
+        triangle, weights = triangle[keep], weights[keep]
     chosen = geometry.faces[triangle].long()
     return PointCloud(
         position=(weights[:, :, None] * corners[triangle]).sum(1),
         normal=sign * _normals(scene, triangle, chosen, weights),
         radius=torch.full((len(triangle),), COVER * spacing),
         color=surface_colors(scene, triangle, weights, spacing).float(),
-        opacity=None if alpha is None or bool((alpha >= HALF).all()) else alpha.float(),
+        opacity=None if alpha is None or bool((alpha == 1.0).all()) else alpha.float(),
         two_sided=two_sided,
         name=scene.name,
     )

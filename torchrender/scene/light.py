@@ -14,6 +14,11 @@ from torch import Tensor
 from torchrender.checks import as_vector, check_not_negative, check_range
 from torchrender.errors import InputError
 
+NARROWEST_DEG, WIDEST_DEG = 0.001, 90.0
+"""Half angles of a spot's cone."""
+SHORTEST_RANGE = 1e-12
+"""Of a light, scene units: its square must not vanish."""
+
 
 def _white() -> Tensor:
     return torch.ones(3)
@@ -37,17 +42,29 @@ def _unit(light: object, name: str) -> None:
     object.__setattr__(light, name, (value.double() / length).float())
 
 
+def window(square: Tensor, limit: float) -> Tensor:
+    """Share in [0,1] of an inverse square that a light's ``range`` leaves at squared distances: 1 - (d / range)^4.
+
+    It falls to 0 at the range and stays there. Source: the glTF extension KHR_lights_punctual.
+    """
+    if math.isinf(limit):
+        return torch.ones_like(square)
+    return 1.0 - (square / limit**2).clamp_max(1.0).square()
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PointLight:
-    """Irradiance at distance r is ``intensity cos(theta) / r^2``."""
+    """Irradiance at distance r is ``intensity cos(theta) / r^2``, times :func:`window` where the light has a range."""
 
     position: Tensor  # (3,) float64, scene units
     intensity: Tensor = field(default_factory=_white)  # (3,) power per solid angle
     name: str = "point"
+    range: float = math.inf  # scene units; beyond it the light lights nothing
 
     def __post_init__(self) -> None:
         _vectors(self, "position", dtype=torch.float64)
         _colors(self, "intensity")
+        check_range("PointLight.range", self.range, SHORTEST_RANGE)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -74,19 +91,36 @@ class SpotLight:
     inner_deg: float = 20.0
     outer_deg: float = 30.0
     name: str = "spot"
+    range: float = math.inf  # as of a point light
 
     def __post_init__(self) -> None:
         _vectors(self, "position", dtype=torch.float64)
         _vectors(self, "direction")
         _colors(self, "intensity")
         _unit(self, "direction")
-        check_range("SpotLight.outer_deg", self.outer_deg, 0.1, 89.0)
+        check_range("SpotLight.outer_deg", self.outer_deg, NARROWEST_DEG, WIDEST_DEG)
         check_range("SpotLight.inner_deg", self.inner_deg, 0.0, self.outer_deg)
+        check_range("SpotLight.range", self.range, SHORTEST_RANGE)
+
+    @property
+    def axis(self) -> Tensor:
+        """(3,) ``direction`` as a unit vector of float64."""
+        return torch.nn.functional.normalize(self.direction.double(), dim=0)
+
+    @property
+    def versines(self) -> tuple[float, float]:
+        """One minus the cosine of either half angle, inner and outer, to all digits; the cone never ends at once."""
+        inner, outer = (2.0 * math.sin(math.radians(a) / 2) ** 2 for a in (self.inner_deg, self.outer_deg))
+        return min(inner, outer * (1.0 - 1e-6)), outer
 
     def cone(self, cosine: Tensor) -> Tensor:
         """Share of the intensity for the cosine between the cone's axis and the direction to the point, in [0,1]."""
-        inner, outer = (math.cos(math.radians(a)) for a in (self.inner_deg, self.outer_deg))
-        share = ((cosine - outer) / max(inner - outer, 1e-6)).clamp(0.0, 1.0)
+        return self.cone_about(1.0 - cosine)
+
+    def cone_about(self, versine: Tensor) -> Tensor:
+        """The same for one minus the cosine: half the squared difference of unit vectors, exact in narrow cones."""
+        inner, outer = self.versines
+        share = ((outer - versine) / (outer - inner)).clamp(0.0, 1.0)
         return share * share * (3.0 - 2.0 * share)
 
 

@@ -99,8 +99,8 @@ def similarity_scale(matrix: Tensor) -> float:
 
 
 def place_light(light: Light, matrix: Tensor) -> Light:
-    """The light after a similarity (4,4); point and spot lights get brighter with the square of the scale, so that
-    what they light looks the same.
+    """The light after a similarity (4,4); point and spot lights get brighter with the square of the scale, and their
+    range grows with it, so that what they light looks the same.
 
     Raises:
         InputError: the map is no similarity.
@@ -117,12 +117,12 @@ def place_light(light: Light, matrix: Tensor) -> Light:
     if isinstance(light, RectLight):
         u, v = linear @ light.edge_u.double(), linear @ light.edge_v.double()
         return replace(light, corner=point(light.corner), edge_u=u, edge_v=v)
-    intensity = light.intensity * scale**2
+    intensity, reach = light.intensity * scale**2, light.range * scale
     if isinstance(light, SpotLight):
         direction = linear @ light.direction.double()
-        return replace(light, position=point(light.position), direction=direction, intensity=intensity)
+        return replace(light, position=point(light.position), direction=direction, intensity=intensity, range=reach)
     assert isinstance(light, PointLight)
-    return replace(light, position=point(light.position), intensity=intensity)
+    return replace(light, position=point(light.position), intensity=intensity, range=reach)
 
 
 def place_cameras(cameras: Cameras, matrix: Tensor) -> Cameras:

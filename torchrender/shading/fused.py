@@ -212,7 +212,7 @@ def light_table(lights: tuple[Light, ...], origin: Array, area_light: str) -> Ar
     table, start = np.zeros((len(lights), 32), f4), torch.from_numpy(origin)
     c = LIGHT
     for row, light in zip(table, lights):
-        row[c["cone"] : c["cone"] + 2] = -2.0, 1.0  # a cone that holds everything
+        row[c["cone"] : c["cone"] + 2] = 3.0, 1.0  # a cone that holds everything
         row[c["nearest"]] = NEAREST_SQUARE
         place = slice(c["place"], c["place"] + 3)
         color = slice(c["color"], c["color"] + 3)
@@ -229,10 +229,11 @@ def light_table(lights: tuple[Light, ...], origin: Array, area_light: str) -> Ar
             row[0], row[axis], row[color] = PARALLEL, light.direction, light.irradiance
         else:
             row[0], row[place], row[color] = POINT, (light.position.double() - start).float(), light.intensity
+            row[c["fade"]] = light.range**-2
             if isinstance(light, SpotLight):
-                inner, outer = (math.cos(math.radians(a)) for a in (light.inner_deg, light.outer_deg))
+                inner, outer = light.versines
                 row[axis] = light.direction
-                row[c["cone"] : c["cone"] + 2] = outer, 1 / max(inner - outer, 1e-6)
+                row[c["cone"] : c["cone"] + 2] = outer, 1.0 / (outer - inner)
     return table
 
 

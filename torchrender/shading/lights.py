@@ -9,8 +9,9 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from torchrender.kernels.shading.simd import LEVEL
 from torchrender.numerics.polygon_light import polygon_irradiance
-from torchrender.scene.light import DirectionalLight, Light, PointLight, RectLight, SpotLight
+from torchrender.scene.light import DirectionalLight, Light, PointLight, RectLight, SpotLight, window
 from torchrender.shading.surface import Surface
 
 NEAREST_SQUARE = 1e-18
@@ -44,26 +45,34 @@ def arrival(light: Light, surface: Surface, origin: Tensor, area_light: str) -> 
         return _from_rectangle(light, surface, origin, area_light == "centre")
     if isinstance(light, DirectionalLight):
         direction = -light.direction[:, None].expand_as(surface.position)
-        return Arrival(cosine(surface, direction), direction, light.irradiance)
-    direction, falloff = _towards(light, surface, origin)
-    amount = cosine(surface, direction) * falloff
+        level = float(LEVEL) * light.direction.abs().sum()
+        return Arrival(_cosine(surface, direction, level), direction, light.irradiance)
+    direction, falloff, level = _towards(light, surface, origin)
+    amount = _cosine(surface, direction, level) * falloff
     if isinstance(light, SpotLight):
-        amount = amount * light.cone(-(direction * light.direction[:, None]).sum(0))
+        amount = amount * light.cone_about(0.5 * (direction + light.direction[:, None]).square().sum(0))
     return Arrival(amount, direction, light.intensity)
 
 
-def cosine(surface: Surface, direction: Tensor) -> Tensor:
-    """Cosine (N,) at the shading normal; 0 where the light lies behind the geometric surface."""
-    above = (surface.geometric * direction).sum(0) > 0
+def _cosine(surface: Surface, direction: Tensor, level: Tensor) -> Tensor:
+    """Cosine (N,) at the shading normal; 0 where the light lies behind the geometric surface, or in it: see LEVEL."""
+    above = (surface.geometric * direction).sum(0) > level
     return torch.where(above, (surface.normal * direction).sum(0).clamp_min(0.0), 0.0)
 
 
-def _towards(light: PointLight | SpotLight, surface: Surface, origin: Tensor) -> tuple[Tensor, Tensor]:
-    """Unit direction to the light (3,N) and inverse squared distance (N,)."""
-    offset = (light.position.double() - origin).float()[:, None] - surface.position
+def _level(surface: Surface, place: Tensor) -> Tensor:
+    """Heights (N,) that float32 cannot tell from zero, between the points and a place (3,)."""
+    return float(LEVEL) * (place.abs().sum() + surface.position.detach().abs().sum(0))
+
+
+def _towards(light: PointLight | SpotLight, surface: Surface, origin: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Unit direction to the light (3,N), inverse squared distance (N,) in its range, and cosine (N,) that is none."""
+    place = (light.position.double() - origin).float()
+    offset = place[:, None] - surface.position
     square = offset.square().sum(0)
-    direction = offset / square.sqrt().clamp_min(1e-18)
-    return direction, 1.0 / square.clamp_min(NEAREST_SQUARE)
+    length = square.sqrt().clamp_min(1e-18)
+    falloff = window(square, light.range) / square.clamp_min(NEAREST_SQUARE)
+    return offset / length, falloff, _level(surface, place) / length.detach()
 
 
 def _from_rectangle(light: RectLight, surface: Surface, origin: Tensor, from_centre: bool) -> Arrival:
@@ -73,14 +82,18 @@ def _from_rectangle(light: RectLight, surface: Surface, origin: Tensor, from_cen
     # Plane tests as differences of two numbers per point: cheaper than vectors to each corner.
     along = light.normal @ surface.position - light.normal @ corner
     height = (corners @ surface.geometric) - (surface.position * surface.geometric).sum(0)
-    sees = (along > 0) & (height > 0).any(0)
+    level = torch.stack([_level(surface, one) for one in corners]).amax(0)
+    sees = (along > level) & (height > level).any(0)
     offset = (corner + (u + v) / 2)[:, None] - surface.position
     square = offset.square().sum(0)
-    direction = offset / square.sqrt().clamp_min(1e-18)
+    length = square.sqrt().clamp_min(1e-18)
+    direction = offset / length
     if from_centre:
         emitted = -(light.normal[:, None] * direction).sum(0).clamp_max(0.0) * light.area
         falloff = emitted / square.clamp_min(max(light.area / math.pi, NEAREST_SQUARE))
-        return Arrival(torch.where(along > 0, cosine(surface, direction) * falloff, 0.0), direction, light.radiance)
+        centre = _level(surface, corner + (u + v) / 2) / length.detach()
+        amount = torch.where(along > level, _cosine(surface, direction, centre) * falloff, 0.0)
+        return Arrival(amount, direction, light.radiance)
     amount = torch.zeros_like(along)
     chosen = sees.nonzero().reshape(-1)
     if len(chosen):

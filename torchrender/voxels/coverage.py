@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from torchrender.numerics.split_sum import directional_albedo
 from torchrender.numerics.texture import build_pyramid, color_pyramid, sample_texture
 from torchrender.scene.material import Material, Sampler
 from torchrender.scene.mesh import Geometry
@@ -75,20 +76,39 @@ def surface_colors(scene: Scene, triangle: Tensor, weights: Tensor, spacing: flo
 def surface_alpha(scene: Scene, triangle: Tensor, weights: Tensor, spacing: float) -> Tensor | None:
     """(N,) float64 share of the surface that is there around points on it, in [0,1]; None where all of it is.
 
-    Of a material with holes the share that is solid within ``spacing`` scene units, of one that blends its opacity.
+    Of a material with holes the share that is solid within ``spacing`` scene units, of one that blends its opacity,
+    of a thin wall what it keeps of light that comes straight at it, mean over the colours.
     """
-    if all(m.alpha_cutoff is None and not m.blend for m in scene.materials):
+    if all(m.alpha_cutoff is None and not m.is_see_through for m in scene.materials):
         return None
     geometry = scene.geometry
     material = geometry.material[triangle]
     alpha = torch.ones(len(triangle), dtype=torch.float64)
     for number in torch.unique(material).tolist():
         one = scene.materials[number]
-        if one.alpha_cutoff is None and not one.blend:
+        if one.alpha_cutoff is None and not one.is_see_through:
             continue
         rows = (material == number).nonzero().reshape(-1)
-        alpha[rows] = _alpha_of(geometry, one, triangle[rows], weights[rows], spacing)
+        part = triangle[rows], weights[rows]
+        if one.alpha_cutoff is not None or one.blend:
+            alpha[rows] = _alpha_of(geometry, one, *part, spacing)
+        if one.transmission > 0.0 and not one.unlit:
+            passing = _passing(geometry, one, *part, spacing) * surface_colors(scene, *part, spacing).mean(dim=1)
+            alpha[rows] *= 1.0 - passing.clamp(0.0, 1.0)
     return alpha
+
+
+def _passing(geometry: Geometry, material: Material, triangle: Tensor, weights: Tensor, spacing: float) -> Tensor:
+    """(N,) share of light that a white thin wall of the material would let pass, straight through."""
+    a, b = directional_albedo(torch.tensor(1.0), torch.tensor(material.roughness))
+    mirrored = float(material.f0 * material.specular_color.max() * a + material.specular_weight * b)
+    share = material.transmission * (1.0 - (material.metallic or 0.0)) * (1.0 - min(mirrored, 1.0))
+    sampler, texture = material.sampler("transmission_texture"), material.transmission_texture
+    uv = None if texture is None else surface_uv(geometry, sampler, triangle, weights)
+    if texture is None or uv is None:
+        return torch.full((len(triangle),), share, dtype=torch.float64)
+    footprint = uv_per_unit(geometry, sampler, triangle) * spacing
+    return share * sample_texture(build_pyramid(texture[..., :1].float()), uv, footprint)[:, 0].double()
 
 
 def _alpha_of(geometry: Geometry, material: Material, triangle: Tensor, weights: Tensor, spacing: float) -> Tensor:

@@ -35,6 +35,8 @@ DARK = {
     "sun from below": DirectionalLight(direction=vector(0.0, 1.0, 0.0)),
     "cone beside the view": SpotLight(position=vector(0.0, 3.0, 0.0), direction=vector(0.0, 1.0, 0.0)),
     "off": PointLight(position=vector(0.0, 2.0, 0.0), intensity=torch.zeros(3)),
+    "range that ends before": PointLight(position=vector(0.0, 2.0, 0.0), range=1.99),
+    "spot that ends before": SpotLight(position=vector(0.0, 3.0, 0.0), direction=vector(0.0, -1.0, 0.0), range=2.99),
     "panel that looks up": RectLight(
         corner=vector(-1.0, 3.0, -1.0), edge_u=vector(0.0, 0, 2.0), edge_v=vector(2.0, 0, 0)
     ),

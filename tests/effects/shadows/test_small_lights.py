@@ -14,10 +14,12 @@ from torchrender.effects.shadows.small_lights import FEWEST, small_light_visibil
 from torchrender.effects.shadows.traced import traced_visibility
 from torchrender.pipeline.options import RenderOptions
 from torchrender.raster import rasterize
+from torchrender.ray_surface import ray_surface
 from torchrender.rays import RayCaster
 from torchrender.renderer import render
 from torchrender.scene.camera import Cameras
 from torchrender.scene.light import DirectionalLight, SpotLight
+from torchrender.scene.material import Material
 from torchrender.scene.model import Scene
 
 
@@ -78,3 +80,44 @@ def test_the_picture_is_that_of_traced_shadows() -> None:
         render(scene, EYE, options=replace(options, point_shadows=kind)).radiance for kind in ("maps", "traced")
     )
     assert float((quick - exact).abs().max()) <= 1e-5 * float(exact.max())
+
+
+def mirror_over_street(count: int) -> tuple[Scene, Cameras]:
+    """The posts and their lamps before an upright mirror."""
+    mirror = replace(box((-3.0, 0.0, -3.2), (3.0, 2.5, -3.1)), material=1)
+    scene = street(count)
+    polished = Material(name="mirror", metallic=1.0, roughness=0.0)
+    scene = replace(scene, meshes=(*scene.meshes, mirror), materials=(Material(), polished))
+    return scene, Cameras.look_at((0.0, 1.6, 0.5), (0.0, 1.0, -3.0), width=90, height=60)
+
+
+def test_mirrors_ask_many_small_lights_by_rays() -> None:
+    """No map of everything is drawn, and hits are as bright as when each light has a fine one."""
+    scene, eye = mirror_over_street(FEWEST)
+    options = RenderOptions(reflections="traced", buffers=("scene_shadow_map",))
+    image = render(scene, eye, options=options)
+    assert all(cast is None for cast in image.buffers["scene_shadow_map"])
+    few = replace(scene, lights=scene.lights[: FEWEST - 1])
+    drawn = render(few, eye, options=options)
+    assert all(cast is not None for cast in drawn.buffers["scene_shadow_map"])
+    away = SpotLight(position=torch.tensor([0.0, 50.0, 0.0]), direction=torch.tensor([0.0, 1.0, 0.0]))
+    by_rays = render(replace(few, lights=(*few.lights, away)), eye, options=options)
+    assert all(cast is None for cast in by_rays.buffers["scene_shadow_map"])
+    found, wanted = by_rays.radiance, drawn.radiance
+    assert float(wanted.max()) > 0.1
+    assert float(((found - wanted).abs().amax(-1) > 0.05 * wanted.max()).double().mean()) < 0.01
+
+
+def test_hits_of_rays_are_listed_and_asked_in_one_row() -> None:
+    scene = street(18)
+    caster = RayCaster(scene.geometry)
+    origins, directions = (v.reshape(-1, 3) for v in EYE.rays())
+    surface = ray_surface(scene, origins, directions, caster.first_hit(origins, directions), 1e-2).image
+    seen = rasterize(scene, EYE)
+    found = small_light_visibility(caster, dict(enumerate(scene.lights)), surface, light_reach(scene, surface))
+    for number, light in enumerate(scene.lights):
+        toward = light.position - seen.position
+        lit = seen.covered & (light.cone(-(toward @ light.direction.double()) / toward.norm(dim=-1)) > 0)
+        lit &= (toward * seen.geometric_normal).sum(-1) > 0
+        wanted = traced_visibility(caster, light, seen)
+        assert int((found[number].reshape(wanted.shape) != wanted)[lit].sum()) <= 1

@@ -108,7 +108,7 @@ def test_ways_of_many_rays_are_those_of_each() -> None:
 
 def test_means_towards_a_light_are_means() -> None:
     made = table(density=GRID)
-    numbers = np.zeros(11, np.float32)
+    numbers = np.zeros(12, np.float32)
     numbers[3:6] = (0.6, -0.8, 0.0)
     means = np.zeros((3, 3, 3), np.float32)
     light_means(made.arrays, 0, SUN, numbers, 200, means)

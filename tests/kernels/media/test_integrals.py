@@ -22,6 +22,7 @@ from torchrender.kernels.media.integrate import EVERYWHERE, scatter_rays
 from torchrender.kernels.media.march import EXACT_SEGMENT, march_rays
 from torchrender.kernels.media.panels import WIDTH, fill_panel, integral_to
 from torchrender.kernels.media.records import Media, Scattered, Source
+from torchrender.scene.light import SpotLight
 
 
 @kernel()
@@ -111,6 +112,39 @@ def test_the_sun_in_a_homogeneous_medium_is_an_integral(direction: torch.Tensor)
         phase = (1 - 0.16) / (4 * math.pi) / (1.16 + 0.8 * float(travels @ d)) ** 1.5
         wanted = 0.3 * phase * np.exp(-0.4 * (t + way)).sum() * end / 20000
         assert found[row] == pytest.approx(wanted, rel=1e-5)
+
+
+def test_light_that_begins_within_the_medium_comes_through_what_lies_before() -> None:
+    """A lamp's range is a ball, a spot's cone begins somewhere: quadrature with the same window, from the eye on."""
+    table, rays, lamp = prepared()
+    place, downward = lamp.numbers[:3].astype(float), torch.tensor([0.0, -1.0, 0.3])
+    cone = SpotLight(
+        position=LAMP.position, direction=downward, intensity=LAMP.intensity, inner_deg=5.0, outer_deg=40.0
+    )
+    ranged = LightTable.of(replace(LAMP, range=1.7), table.origin, 1e-3, "inverse_square")
+    spot = LightTable.of(cone, table.origin, 1e-3, "inverse_square")
+    assert ranged.airlight(table, float(np.linalg.norm(place))) is NOTHING
+    axis = cone.axis.numpy()
+
+    def in_range(p: np.ndarray) -> np.ndarray:
+        return 0.3 * np.maximum(1.0 - (((p - place) ** 2).sum(axis=-1) / 1.7**2) ** 2, 0.0)
+
+    def in_cone(p: np.ndarray) -> np.ndarray:
+        toward = p - place
+        return 0.3 * cone.cone(torch.from_numpy(toward @ axis / np.linalg.norm(toward, axis=-1))).numpy()
+
+    for light, scattering in ((ranged, in_range), (spot, in_cone)):
+        out = Scattered(np.zeros((1200, 1), np.float32), np.zeros((1200, 3), np.float32))
+        settings = (light.kind, EVERYWHERE, 64, 16, np.float32(1.0))
+        source = Source(light.numbers, NOTHING)
+        scatter_rays(table.arrays, source, NO_IMAGES, NO_SLICES, rays.beams, np.arange(1200), settings, out)
+        bright = 0
+        for row in range(0, 1200, 37):
+            d, end = rays.beams.direction[row].astype(float), float(rays.beams.span[row, 1])
+            wanted = quadrature(d, (0.0, end), place, lambda a, b: 0.4 * np.linalg.norm(b - a, axis=-1), scattering)
+            assert out.radiance[row, 0] == pytest.approx(wanted, rel=5e-3, abs=1e-7)
+            bright += wanted > 1e-4
+        assert 3 < bright < 30
 
 
 def test_a_lamp_in_a_medium_that_falls_off_meets_quadrature() -> None:

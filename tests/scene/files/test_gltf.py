@@ -154,7 +154,7 @@ def test_scaled_camera_nodes_stay_rigid(tmp_path: Path) -> None:
 def test_punctual_lights(tmp_path: Path) -> None:
     lights = [
         {"type": "point", "color": [1.0, 0.5, 0.0], "intensity": 8.0, "name": "lamp"},
-        {"type": "spot", "spot": {"innerConeAngle": 0.2, "outerConeAngle": 0.5}},
+        {"type": "spot", "range": 7.5, "spot": {"innerConeAngle": 0.2, "outerConeAngle": 0.5}},
         {"type": "directional", "intensity": 3.0},
     ]
     nodes: list[dict[str, object]] = [
@@ -173,10 +173,24 @@ def test_punctual_lights(tmp_path: Path) -> None:
     assert isinstance(spot, SpotLight)
     assert spot.position.tolist() == [1.0, 0.0, 0.0]
     torch.testing.assert_close(spot.direction, torch.tensor([-1.0, 0.0, 0.0]))
+    assert (point.range, spot.range) == (math.inf, 7.5)
     assert (spot.inner_deg, spot.outer_deg) == pytest.approx((math.degrees(0.2), math.degrees(0.5)))
     assert isinstance(sun, DirectionalLight)
     torch.testing.assert_close(sun.direction, torch.tensor([-1.0, 0.0, 0.0]))
     assert sun.irradiance.tolist() == [3.0, 3.0, 3.0]
+
+
+@pytest.mark.parametrize("value", [0, -2.5, "far"])
+def test_a_range_of_nothing_is_an_error(value: object, tmp_path: Path) -> None:
+    lights = [{"type": "point", "range": value}]
+    glb = Glb(
+        extensions={"KHR_lights_punctual": {"lights": lights}},
+        scenes=[{"nodes": [0, 1]}],
+        nodes=[{"extensions": {"KHR_lights_punctual": {"light": 0}}}, {"mesh": 0}],
+    )
+    glb.mesh()
+    with pytest.raises(SceneFileError, match=r"lights\[0\]\.range"):
+        load(glb.write(tmp_path / "a.glb"))
 
 
 # -------------------------------------------------------------------- materials

@@ -28,7 +28,8 @@ from torchrender.scene.shapes import box, sphere
 
 ODD = 'stühle/"rot" = [1]\n\\ 椅子 \x7f'
 LAMPS = (
-    PointLight(position=torch.tensor([1.0, 2.0, 3.0]), intensity=torch.tensor([3.0, 2.0, 0.0]), name="point"),
+    PointLight(position=torch.tensor([1.0, 2.0, 3.0]), intensity=torch.tensor([3.0, 2.0, 0.0]), name="point",
+               range=12.0),
     SpotLight(
         position=torch.tensor([0.0, 3.0, 0.0]), direction=torch.tensor([0.0, -1.0, 0.2]),
         intensity=torch.tensor([5.0, 5.0, 4.0]), inner_deg=12.0, outer_deg=33.0, name="spot",
@@ -122,6 +123,7 @@ def test_lights_and_cameras_come_back(tmp_path: Path) -> None:
     point, spot, sun = after.lights
     assert torch.allclose(point.position, LAMPS[0].position) and torch.allclose(point.intensity, LAMPS[0].intensity)
     assert torch.allclose(spot.direction, LAMPS[1].direction, atol=1e-6)
+    assert (point.range, spot.range) == (12.0, math.inf)
     assert spot.outer_deg == pytest.approx(33.0) and spot.inner_deg == pytest.approx(12.0)
     assert torch.allclose(sun.direction, LAMPS[2].direction, atol=1e-6)
     assert torch.allclose(sun.irradiance, LAMPS[2].irradiance)

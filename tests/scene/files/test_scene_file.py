@@ -54,6 +54,7 @@ name = "ball"
 type = "point"
 position = [0, 3, 0]
 intensity = 5
+range = 20
 
 [[light]]
 type = "directional"
@@ -139,11 +140,12 @@ def test_whole_file(full: Scene) -> None:
 def test_lights_cameras_and_media(full: Scene) -> None:
     point, sun, spot, window = full.lights
     assert isinstance(point, PointLight)
-    assert point.intensity.tolist() == [5, 5, 5]
+    assert (point.intensity.tolist(), point.range) == ([5, 5, 5], 20.0)
     assert isinstance(sun, DirectionalLight)
     assert sun.direction.tolist() == [0, -1, 0]
     assert isinstance(spot, SpotLight)
     assert spot.direction.tolist() == pytest.approx([0, -0.6, 0.8])
+    assert spot.range == math.inf
     assert isinstance(window, RectLight)
     assert (window.name, window.area) == ("window", 2.0)
     assert full.environment is not None
@@ -187,12 +189,13 @@ BAD = {
     "[[light]]\ntype = 'point'\nposition = [0, 1]": r"light\[0\]\.position: must be 3 numbers, got \[0, 1\]",
     "[[light]]\ntype = 'point'\nposition = [0, 1, nan]": r"light\[0\]\.position: must be 3 numbers",
     "[[light]]\ntype = 'point'\nposition = [0, 1, true]": r"light\[0\]\.position: must be 3 numbers",
+    LAMP + "range = 0": r"light\[0\]\.range: must be",
     LAMP + "intensity = -1": r"light\[0\]\.intensity: must be >= 0",
     LAMP + "intensity = '#12'": r"light\[0\]\.intensity: must be three numbers",
     LAMP + "intensty = 1": r"light\[0\]\.intensty: .*did you mean 'intensity'",
     "[[light]]\ntype = 'spot'\nposition = [0, 1, 2]": r"light\[0\]: needs either direction or target",
     "[[light]]\ntype = 'directional'\ndirection = [0, 0, 0]": r"light\[0\]\.direction: gives no direction",
-    SPOT + "outer_deg = 95": r"outer_deg: must be in \[0.1, 89\]",
+    SPOT + "outer_deg = 95": r"outer_deg: must be in \[0.001, 90\]",
     "[[material]]\nname = 'a'\nspecular = 1.5": r"material\[0\]\.specular: must be in \[0, 1\], got 1.5",
     "[[material]]\nname = 'a'\n[[material]]\nname = 'a'": r"material\[1\]\.name: is used twice",
     "[[material]]\nname = 'a'\ntexture = 'no.png'": r"material\[0\]\.texture: no such file: 'no.png'",
@@ -321,6 +324,7 @@ def test_moved_lights_light_the_moved_scene_as_before(full: Scene) -> None:
     there = matrix[:3, :3] @ here + matrix[:3, 3]
     before = old.intensity / (here - old.position).square().sum()
     torch.testing.assert_close(point.intensity / (there - point.position).square().sum(), before, rtol=1e-5, atol=0)
+    assert point.range == pytest.approx(20.0 * 1.7, rel=1e-6)
     assert isinstance(sun, DirectionalLight)
     assert isinstance(spot, SpotLight)
     assert isinstance(window, RectLight)

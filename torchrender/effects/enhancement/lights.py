@@ -10,12 +10,13 @@ from torch import Tensor
 
 from torchrender.effects.enhancement.derivatives import DERIVATIVES
 from torchrender.scene.environment import Environment
-from torchrender.scene.light import DirectionalLight, Light, PointLight, RectLight, SpotLight
+from torchrender.scene.light import DirectionalLight, Light, PointLight, RectLight, SpotLight, window
 from torchrender.scene.sky.harmonics import environment_bands
 
 POINT, PARALLEL, SPOT, RECTANGLE = range(4)
 WIDTH = 14
-"""Numbers of a light in :func:`light_table`."""
+FADE = 12
+"""Numbers of a light in :func:`light_table`, and where one over its squared range stands."""
 
 GRID = 64
 """Rows of the picture that an environment's harmonics are taken from."""
@@ -28,6 +29,7 @@ def light_table(lights: Sequence[Light], origin: Tensor) -> np.ndarray:
     """
     table = np.zeros((len(lights), WIDTH))
     for row, light in zip(table, lights):
+        row[FADE] = light.range**-2 if isinstance(light, PointLight | SpotLight) else 0.0
         if isinstance(light, DirectionalLight):
             row[0], row[1:4], row[7:10] = PARALLEL, -light.direction.double(), light.irradiance
         elif isinstance(light, SpotLight):
@@ -62,6 +64,7 @@ def _brightness(light: PointLight | SpotLight | RectLight, direction: Tensor, di
     if isinstance(light, RectLight):
         emitted = -(direction * light.normal.to(direction.dtype)).sum(dim=-1)
         return light.radiance * (falloff * emitted.clamp_min(0.0) * light.area)[:, None]
+    falloff = falloff * window(distance.square(), light.range)
     if isinstance(light, SpotLight):
         falloff = falloff * light.cone(-(direction * light.direction.to(direction.dtype)).sum(dim=-1))
     return light.intensity * falloff[:, None]

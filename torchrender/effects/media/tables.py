@@ -17,6 +17,7 @@ from torchrender.kernels.media.records import (
     AMBIENT,
     AREA,
     AXIS,
+    FADE,
     FLAT,
     GRID,
     HEIGHT,
@@ -40,6 +41,8 @@ AIRLIGHT = (128, 1024)
 """Rows and columns of the table for lamps in a homogeneous medium."""
 THICKEST = 12.0
 """Optical depth from a lamp beyond which its table is too coarse."""
+FINER = 3
+"""Means towards a light have up to so many cells for each of a grid's own: they bend at its sides, too."""
 NOTHING = np.zeros((1, 1, 1), np.float32)
 
 
@@ -119,7 +122,7 @@ class MediaTable:
         coarse, parts, first = np.ones((len(self), 4), np.int64), [], 0
         for m, medium in enumerate(self.media):
             if isinstance(medium.density, Tensor):
-                shape = [min(side, options.light_cells) for side in medium.density.shape]
+                shape = [min(FINER * side, options.light_cells) for side in medium.density.shape]
                 means = np.zeros(shape, np.float32)
                 light_means(self.arrays, m, kind, numbers, options.light_steps, means)
                 coarse[m] = [*shape, first]
@@ -147,7 +150,7 @@ class LightTable:
     """A light as the kernels read it."""
 
     kind: int
-    numbers: np.ndarray  # (11,) float32, see records
+    numbers: np.ndarray  # (12,) float32, see records
     color: Tensor  # (3,) radiance, power per solid angle, or irradiance
 
     @classmethod
@@ -163,6 +166,7 @@ class LightTable:
         if isinstance(light, RectLight):
             numbers[AXIS : AXIS + 3], numbers[AREA] = light.normal.numpy(), light.area
             return cls(RECT, numbers, light.radiance)
+        numbers[FADE] = light.range**-2
         if isinstance(light, SpotLight):
             numbers[AXIS : AXIS + 3] = light.direction.numpy()
             numbers[OUTER], numbers[INNER] = (math.cos(math.radians(a)) for a in (light.outer_deg, light.inner_deg))
@@ -178,6 +182,8 @@ class LightTable:
         """
         media = table.arrays
         if self.kind != LAMP or len(table) != 1 or media.kind[0] != FLAT or not self.numbers[SQUARE] > 0:
+            return NOTHING
+        if self.numbers[FADE] > 0:  # its light ends before
             return NOTHING
         place = self.numbers[PLACE : PLACE + 3]
         depths = media.extinction[0] * media.numbers[0, 0] * np.float32(reach)

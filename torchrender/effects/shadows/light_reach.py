@@ -19,7 +19,7 @@ from torchrender.buffers import GBuffer, RaySurface
 from torchrender.checks import check_range
 from torchrender.kernels.compile import thread_count
 from torchrender.kernels.shadows.light_reach import PARALLEL, POINT, RECTANGLE, SPOT, Lamps, Points, mark_tiles
-from torchrender.scene.light import DirectionalLight, Light, PointLight, RectLight
+from torchrender.scene.light import DirectionalLight, Light, PointLight, RectLight, SpotLight
 from torchrender.scene.model import Scene
 
 TILE = 16
@@ -123,8 +123,9 @@ def lamps_of(lights: Sequence[Light]) -> Lamps:
             lamps.kind[number], place = POINT, light.position
         else:
             lamps.kind[number], place = SPOT, light.position
-            lamps.axis[number] = light.direction.double().numpy()
+            lamps.axis[number] = light.axis.numpy()
             lamps.cosine[number] = math.cos(math.radians(light.outer_deg))
         lamps.place[number] = place.detach().double().numpy()
-        lamps.reach[number] = float(getattr(light, "range", None) or math.inf)
+        if isinstance(light, PointLight | SpotLight):
+            lamps.reach[number] = light.range
     return lamps

@@ -7,7 +7,7 @@ import math
 import torch
 from torch import Tensor
 
-from torchrender.buffers import GBuffer
+from torchrender.buffers import GBuffer, RaySurface
 from torchrender.checks import check_range
 from torchrender.rays import RayCaster
 from torchrender.scene.light import DirectionalLight, Light, RectLight, vectors_to
@@ -17,6 +17,9 @@ SEEN = 2.0**-22
 
 HELD = 2.0**-48
 """What float64 arithmetic on coordinates may be off, as a share of them."""
+
+WIDE = 2.0**-12
+"""What a ray's hit may be off, as a share of the ray's width there: nothing of a picture shows so little."""
 
 _END = 1e-6  # rays end this share of their length before the light
 
@@ -62,11 +65,18 @@ def traced_visibility(
     return image
 
 
-def float_error(gbuffer: GBuffer, rows: Tensor) -> Tensor:
-    """(N,) float64 scene units that the positions of pixels may be off; ``rows`` (N,) are numbers of covered pixels."""
-    cameras, position = gbuffer.cameras, gbuffer.position.reshape(-1, 3).index_select(0, rows).double()
+def float_error(samples: GBuffer | RaySurface, rows: Tensor) -> Tensor:
+    """(N,) float64 scene units that the positions of pixels, or hits of rays, may be off.
+
+    ``rows`` (N,) are numbers of covered ones. Hits are found in float64.
+    """
+    position = samples.position.reshape(-1, 3).index_select(0, rows).double()
+    if isinstance(samples, RaySurface):
+        wide = torch.zeros(len(rows)) if samples.width is None else samples.width.reshape(-1)[rows]
+        return WIDE * wide.double() + 8.0 * HELD * position.abs().amax(dim=-1)
+    cameras = samples.cameras
     if cameras.orthographic:
-        distance = gbuffer.depth.reshape(-1)[rows].double().abs()
+        distance = samples.depth.reshape(-1)[rows].double().abs()
     else:
         distance = (position - cameras.eye[rows // (cameras.width * cameras.height)]).norm(dim=-1)
     return SEEN * distance + HELD * position.abs().amax(dim=-1)

@@ -20,9 +20,12 @@ def light_at(light, x, y, z, nearest):
     if light[0] == PARALLEL:
         return dx, dy, dz, 0.0, 1.0
     dx, dy, dz = dx - x, dy - y, dz - z
-    inverse = 1.0 / max(math.sqrt(dx * dx + dy * dy + dz * dz), nearest)
+    square = dx * dx + dy * dy + dz * dz
+    inverse = 1.0 / max(math.sqrt(square), nearest)
     dx, dy, dz = dx * inverse, dy * inverse, dz * inverse
     share = inverse * inverse
+    faded = square * light[12]
+    share *= max(1.0 - faded * faded, 0.0)
     if light[0] == SPOT:
         cosine = -(dx * light[4] + dy * light[5] + dz * light[6])
         open_ = min(max((cosine - light[11]) / max(light[10] - light[11], 1e-6), 0.0), 1.0)

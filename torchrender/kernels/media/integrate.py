@@ -18,7 +18,7 @@ from torchrender.kernels.media.density import box_span
 from torchrender.kernels.media.functions import arctan2
 from torchrender.kernels.media.nodes import fill_nodes
 from torchrender.kernels.media.panels import WIDTH, fill_panel, integral_to
-from torchrender.kernels.media.records import AMBIENT, AXIS, FLAT, NEAREST, OUTER, RECT, SPOT, SQUARE, SUN
+from torchrender.kernels.media.records import AMBIENT, AXIS, FADE, FLAT, NEAREST, OUTER, RECT, SPOT, SQUARE, SUN
 from torchrender.kernels.media.slices import slice_ray
 from torchrender.kernels.media.walk import walk_ray
 from torchrender.kernels.voxels.bits import span as block_of
@@ -34,7 +34,20 @@ SHARE, PARTS, LOOKS = 0, 1, 2
 
 @kernel(inline=True)
 def light_span(kind, light, o, d, begin, end):
-    """The part of a ray that a light shines on: inside a spot's cone, before a rectangle."""
+    """The part of a ray that a light shines on: in its range, inside a spot's cone, before a rectangle."""
+    if light[FADE] > F(0.0):
+        pp, pd = F(0.0), F(0.0)
+        for c in range(3):
+            p = o[c] - light[c]
+            pp += p * p
+            pd += p * d[c]
+        root = pd * pd - pp + F(1.0) / light[FADE]
+        if root <= F(0.0):
+            return F(1.0), F(0.0)
+        root = math.sqrt(root)
+        begin, end = max(begin, -pd - root), min(end, -pd + root)
+        if not end > begin:
+            return F(1.0), F(0.0)
     if kind == RECT:
         value, rate = F(0.0), F(0.0)
         for c in range(3):
@@ -121,13 +134,23 @@ def break_points(media, kind, light, o, d, begin, end, points):
 
 @kernel(inline=True)
 def fill_panels(media, kind, light, ray, ends, steps, angles, scratch):
-    """Panels of a ray for all channels; returns their number. ``scratch``: see :func:`scatter_rays`."""
+    """Panels of a ray for all channels; returns their number. ``scratch``: see :func:`scatter_rays`.
+
+    ``ends``: where the ray begins, where it begins to be lit, and where it ends. What lies before the light dims it.
+    """
     o, d, t0, away, _ = ray
-    begin, end = ends
+    start, begin, end = ends
     panels, nodes, points, active = scratch
     factor, exponent, _, variable, _, before = nodes
     channels = media.extinction.shape[1]
-    pieces = break_points(media, kind, light, o, d, begin, end, points)
+    pieces = break_points(media, kind, light, o, d, start, end, points)
+    if begin > start:
+        last_one = pieces
+        while points[last_one - 1] > begin:
+            points[last_one] = points[last_one - 1]
+            last_one -= 1
+        points[last_one] = begin
+        pieces += 1
     whole = arctan2(end - t0, away) - arctan2(begin - t0, away) if angles else end - begin
     count = np.int64(0)
     for c in range(channels):
@@ -151,6 +174,8 @@ def fill_panels(media, kind, light, ray, ends, steps, angles, scratch):
         if angles:
             first, last = arctan2(ta - t0, away), arctan2(tb - t0, away)
         number = np.int64(F(steps) * (last - first) / max(whole, F(1e-30))) + 1
+        if tb <= begin:
+            number = np.int64(F(steps) * (tb - ta) / (begin - start)) + 1
         number = min(max(number, np.int64(2)), np.int64(steps))
         number = min(number, np.int64(panels.shape[1]) - count)
         if number <= 0 or not last > first:
@@ -173,13 +198,16 @@ def fill_panels(media, kind, light, ray, ends, steps, angles, scratch):
 
 
 @kernel(inline=True)
-def lit_spans(way, images, slices, ray, spans):
-    """Lit parts of a ray between two lengths; returns their number and what was looked at."""
+def lit_spans(way, images, slices, ray, angles, spans):
+    """Lit parts of a ray between two lengths; returns their number and what was looked at.
+
+    With ``angles`` slices tell them as angles at the lamp, all others as lengths.
+    """
     o, d, begin, end = ray
     if way == WALKED:
         return walk_ray(images, o, d, begin, end, spans)
     if way == SLICED:
-        return slice_ray(slices, images.parallel, d, begin, end, spans)
+        return slice_ray(slices, images.parallel, angles, d, (begin, end), spans)
     spans[0, 0], spans[0, 1] = begin, end
     return np.int64(1), np.int64(0)
 
@@ -208,15 +236,18 @@ def scatter_ray(media, source, seen, ray, settings, scratch, out):
     tabled = table.shape[1] > 1 and away > light[NEAREST]
     close = kind != SUN and kind != AMBIENT and away <= light[NEAREST]
     away = max(away, max(F(0.5) * light[NEAREST], F(1e-12)))
-    count, looks = lit_spans(way, seen[0], seen[1], (o, d, begin, end), spans)
+    # Slices know the ray's own distance from the lamp only: where that is less than the least one, lengths it is.
+    told_angles = angles and way == SLICED and not close
+    count, looks = lit_spans(way, seen[0], seen[1], (o, d, begin, end), told_angles, spans)
     told[2] = F(looks)
     xa = arctan2(begin - t0, away) if angles else begin
     xb = arctan2(end - t0, away) if angles else end
     lit = np.int64(0)
+    low, high = (xa, xb) if told_angles else (begin, end)
     for k in range(count):
-        a, b = max(spans[k, 0], begin), min(spans[k, 1], end)
+        a, b = max(spans[k, 0], low), min(spans[k, 1], high)
         if b > a:
-            if angles:
+            if angles and not told_angles:
                 a, b = arctan2(a - t0, away), arctan2(b - t0, away)
             spans[lit, 0], spans[lit, 1] = a, b
             told[0] += b - a
@@ -243,7 +274,7 @@ def scatter_ray(media, source, seen, ray, settings, scratch, out):
             add_sunlight(media, light, o, d, ray[2], spans[k, 0], spans[k, 1], radiance)
         return
     number = fill_panels(
-        media, kind, light, (o, d, t0, away, offset), (begin, end), NEAR * steps if close else steps, angles,
+        media, kind, light, (o, d, t0, away, offset), (ray[2], begin, end), NEAR * steps if close else steps, angles,
         (panels, nodes, points, active),
     )  # fmt: skip
     if number == 0:
@@ -269,7 +300,7 @@ def scatter_rays(media, source, images, slices, beams, chosen, settings, out):
     """
     kind, way, steps, most, reach = settings
     boxes, channels = media.extinction.shape
-    most_panels = (2 * boxes + 2) * 2 + NEAR * steps + 8
+    most_panels = (2 * boxes + 3) * 2 + 2 * NEAR * steps + 8
     groups = (len(chosen) + GROUP - 1) // GROUP
     for group in prange(groups):
         fields, sight = borrowed(media), (borrowed(images), borrowed(slices))
@@ -284,7 +315,7 @@ def scatter_rays(media, source, images, slices, beams, chosen, settings, out):
             np.empty((channels, most_nodes), F), np.empty((channels, most_nodes), F), np.empty(most_nodes, F),
             np.empty(most_nodes, F), np.empty((3, most_nodes), F), np.empty(channels, F),
         )  # fmt: skip
-        points, active, spans = np.empty(5 * boxes + 2, F), np.empty(boxes, np.bool_), np.empty((most, 2), F)
+        points, active, spans = np.empty(5 * boxes + 3, F), np.empty(boxes, np.bool_), np.empty((most, 2), F)
         scratch = borrowed((panels, nodes, points, active, spans))
         begin, end = block_of(group, GROUP, len(rows))
         for n in range(begin, end):

@@ -175,7 +175,7 @@ def march_rays(media, source, depth, seen, beams, chosen, settings, out):
     """Light of one source along the chosen rays, step by step.
 
     Args:
-        media: :class:`Media` in float64. source: (11,) float64 numbers of the light.
+        media: :class:`Media` in float64. source: (12,) float64 numbers of the light.
         depth: (V,H,W) float32 of its views.
         seen: (views (V,16) float64, visible (N,steps) bool or (0,0), shifts (N,) in [0,1)): how far into a step a ray's
             samples lie.

@@ -6,10 +6,16 @@ import math
 
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.shading.records import CENTRE, PARALLEL, SLOT
-from torchrender.kernels.shading.simd import HALF, ONE, THREE, TINY, TWO, ZERO, angle, f4
+from torchrender.kernels.shading.simd import HALF, LEVEL, ONE, THREE, TINY, TWO, ZERO, angle, f4
 
 PX, PY, PZ, NX, NY, NZ = (SLOT[n] for n in ("PX", "PY", "PZ", "NX", "NY", "NZ"))
 GX, GY, GZ, AM, VS, LX, LY, LZ = (SLOT[n] for n in ("GX", "GY", "GZ", "AM", "VS", "LX", "LY", "LZ"))
+
+
+@kernel(inline=True)
+def norm1(x, y, z):
+    """Sum of the absolute components."""
+    return abs(x) + abs(y) + abs(z)
 
 
 @kernel(inline=True)
@@ -61,6 +67,7 @@ def rectangle(s, n, light):
     mx, my, mz, d0, x0, y0, z0 = light[12], light[13], light[14], light[15], light[1], light[2], light[3]
     ax, ay, az, bx, by, bz = light[16], light[17], light[18], light[19], light[20], light[21]
     cx, cy, cz, dx, dy, dz = light[22], light[23], light[24], light[25], light[26], light[27]
+    size = max(max(norm1(ax, ay, az), norm1(bx, by, bz)), max(norm1(cx, cy, cz), norm1(dx, dy, dz)))
     for i in range(n):
         x, y, z = s[PX + i], s[PY + i], s[PZ + i]
         gx, gy, gz = s[GX + i], s[GY + i], s[GZ + i]
@@ -70,7 +77,8 @@ def rectangle(s, n, light):
             max(a[0] * gx + a[1] * gy + a[2] * gz, b[0] * gx + b[1] * gy + b[2] * gz),
             max(c[0] * gx + c[1] * gy + c[2] * gz, d[0] * gx + d[1] * gy + d[2] * gz),
         )
-        sees = (mx * x + my * y + mz * z - d0 > ZERO) and top > ZERO
+        least = LEVEL * (size + norm1(x, y, z))
+        sees = (mx * x + my * y + mz * z - d0 > least) and top > least
         total = polygon(a, b, c, d, (s[NX + i], s[NY + i], s[NZ + i]))
         s[AM + i] = total * s[VS + i] if sees else ZERO
         ux, uy, uz = x0 - x, y0 - y, z0 - z
@@ -85,17 +93,21 @@ def small_light(s, n, light):
     far = ZERO if parallel else ONE
     bx, by, bz = (-light[4], -light[5], -light[6]) if parallel else (light[1], light[2], light[3])
     ax, ay, az, outer, slope, nearest = light[4], light[5], light[6], light[10], light[11], light[28]
-    mx, my, mz, area = light[12], light[13], light[14], light[29]
+    mx, my, mz, area, fade = light[12], light[13], light[14], light[29], light[30]
+    size = norm1(bx, by, bz)
     for i in range(n):
         ux, uy, uz = bx - far * s[PX + i], by - far * s[PY + i], bz - far * s[PZ + i]
         square = ux * ux + uy * uy + uz * uz
+        height = s[GX + i] * ux + s[GY + i] * uy + s[GZ + i] * uz
+        above = height > LEVEL * (size + far * norm1(s[PX + i], s[PY + i], s[PZ + i]))
         inv = ONE / math.sqrt(max(square, TINY))
         ux, uy, uz = ux * inv, uy * inv, uz * inv
-        above = s[GX + i] * ux + s[GY + i] * uy + s[GZ + i] * uz > ZERO
         amount = max(s[NX + i] * ux + s[NY + i] * uy + s[NZ + i] * uz, ZERO)
-        amount *= ONE if parallel else ONE / max(square, nearest)
+        faded = square * fade
+        amount *= ONE if parallel else max(ONE - faded * faded, ZERO) / max(square, nearest)
         amount *= max(-(mx * ux + my * uy + mz * uz), ZERO) * area if centre else ONE
-        share = min(max((-(ux * ax + uy * ay + uz * az) - outer) * slope, ZERO), ONE)
+        wx, wy, wz = ux + ax, uy + ay, uz + az  # one minus a cosine of float32 has no digits left in narrow cones
+        share = min(max((outer - HALF * (wx * wx + wy * wy + wz * wz)) * slope, ZERO), ONE)
         amount *= share * share * (THREE - TWO * share) * s[VS + i]
         s[AM + i] = amount if above else ZERO
         s[LX + i], s[LY + i], s[LZ + i] = ux, uy, uz

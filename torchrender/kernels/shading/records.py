@@ -157,9 +157,10 @@ MATERIAL = {
 
 LIGHT = {
     "kind": 0, "place": 1, "axis": 4, "color": 7, "cone": 10, "slope": 11, "normal": 12, "offset": 15, "corners": 16,
-    "nearest": 28, "area": 29,
+    "nearest": 28, "area": 29, "fade": 30,
 }  # fmt: skip
-"""First column of each in :attr:`Reach.lights`."""
+"""First column of each in :attr:`Reach.lights`; ``fade`` is one over the squared range, ``cone``
+one minus the cosine of the outer half angle."""
 
 
 class Work(NamedTuple):

@@ -20,6 +20,7 @@ PARALLEL, POINT, SPOT, RECTANGLE = 0, 1, 2, 3
 LOW_A, HIGH_A, LOW_B, HIGH_B, LOW_Z, HIGH_Z, COUNT = 0, 1, 2, 3, 4, 5, 6
 """Places in a row of :func:`bound_receivers`."""
 
+_ROUNDING = 1e-9  # of lengths
 _PARTS = 16
 _BLOCK = 1024
 
@@ -120,14 +121,35 @@ def _box_takes(box, lamps, i):
 
 
 @kernel(inline=True)
+def _box_faces(box, lamps, i):
+    """Some surface of a box, with normals in another (smallest and largest corner each), may face a light."""
+    top = size = 0.0
+    for k in range(3):
+        low = high = lamps.place[i, k]
+        if lamps.kind[i] == RECTANGLE:
+            for e in range(2):
+                low += min(lamps.edges[i, e, k], 0.0)
+                high += max(lamps.edges[i, e, k], 0.0)
+        if lamps.kind[i] != PARALLEL:
+            low, high = low - box[3 + k], high - box[k]
+        a, b = box[6 + k], box[9 + k]
+        top += max(max(a * low, a * high), max(b * low, b * high))
+        size += max(abs(low), abs(high))
+    return top > -_ROUNDING * size
+
+
+@kernel(inline=True)
 def _tile_box(points, tile, side, box):
-    """The box around the surfaces of a tile, in ``box`` (6,); False if there are none that take light."""
+    """The box around the surfaces of a tile, in ``box`` (12,), then that of their normals.
+
+    False if there are none that take light.
+    """
     height, width = points.takes.shape
     columns = (width + side - 1) // side
     top, left = (tile // columns) * side, (tile % columns) * side
     any_point = False
     for k in range(3):
-        box[k], box[3 + k] = np.inf, -np.inf
+        box[k], box[3 + k], box[6 + k], box[9 + k] = np.inf, -np.inf, np.inf, -np.inf
     for row in range(top, min(top + side, height)):
         for column in range(left, min(left + side, width)):
             if points.takes[row, column]:
@@ -135,6 +157,8 @@ def _tile_box(points, tile, side, box):
                 for k in range(3):
                     box[k] = min(box[k], points.position[row, column, k])
                     box[3 + k] = max(box[3 + k], points.position[row, column, k])
+                    box[6 + k] = min(box[6 + k], np.float64(points.normal[row, column, k]))
+                    box[9 + k] = max(box[9 + k], np.float64(points.normal[row, column, k]))
     return any_point
 
 
@@ -152,13 +176,13 @@ def mark_tiles(points, lamps, side, threads, marks):
     height, width = points.takes.shape
     columns = (width + side - 1) // side
     for worker in prange(threads):
-        box = np.zeros(6)
+        box = np.zeros(12)
         for tile in range(np.int64(worker), tiles, threads):
             filled = _tile_box(points, tile, side, box)
             top, left = (tile // columns) * side, (tile % columns) * side
             for i in range(count):
                 found = False
-                if filled and _box_takes(box, lamps, i):
+                if filled and _box_faces(box, lamps, i) and _box_takes(box, lamps, i):
                     for row in range(top, min(top + side, height)):
                         for column in range(left, min(left + side, width)):
                             if _takes(points, row, column, lamps, i):

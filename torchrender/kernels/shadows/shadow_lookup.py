@@ -44,11 +44,16 @@ class _Disc(NamedTuple):
     radius_u: float  # texels
     radius_v: float
     cone: bool  # count only blockers that stand between the point and the light's disc
+    rise: bool  # see _tap
 
 
 @kernel(inline=True)
-def _tap(maps, face, row, column, r, s):
-    """1 or 0 for lit or not, and the depth of the blocker (+inf if there is none)."""
+def _tap(maps, face, row, column, r, s, rise):
+    """1 or 0 for lit or not, and the depth of the blocker (+inf if there is none).
+
+    With ``rise``, what rises from the receiver's own surface, as at the foot of a wall, blocks nothing: it is no edge
+    to be softened.
+    """
     height, width = maps.shape[1], maps.shape[2]
     if row < 0 or column < 0 or row >= height or column >= width:
         if not s.cube:
@@ -63,8 +68,7 @@ def _tap(maps, face, row, column, r, s):
         plane = plane_depth(r, s.orthographic, column + 0.5, row + 0.5)
         if not math.isnan(plane):
             z, bias = plane, s.b0 * r.texel + r.rounding
-    if s.settles and s.filter != PCSS:
-        # What rises from the receiver's own surface, as at the foot of a wall, is no edge to be softened.
+    if rise:
         x, y = column + 0.5 - r.u, row + 0.5 - r.v
         bias += (_RISE * r.texel + abs(r.gu) + abs(r.gv)) * math.sqrt(x * x + y * y)
     if z <= depth + bias:
@@ -85,7 +89,7 @@ def _window(maps, face, r, s):
         for i in range(-n, n + 2):
             weight_u = (1.0 - a) if i == -n else (a if i == n + 1 else 1.0)
             if weight_u > 0.0:
-                row += weight_u * _tap(maps, face, top + j, left + i, r, s)[0]
+                row += weight_u * _tap(maps, face, top + j, left + i, r, s, s.settles)[0]
         total += weight_v * row
     return min(total / ((2.0 * n + 1.0) * (2.0 * n + 1.0)), 1.0)
 
@@ -122,14 +126,14 @@ def _between(x, y, radius_u, radius_v, depth, r, s):
 @kernel()
 def _disc(maps, face, r, s, taps, disc):
     """Share of lit taps in a disc, and number and mean depth of the blockers."""
-    first, last, turn, radius_u, radius_v, cone = disc
+    first, last, turn, radius_u, radius_v, cone, rise = disc
     cosine, sine = math.cos(turn), math.sin(turn)
     lit, blockers, depth_sum = 0.0, 0, 0.0
     for i in range(first, last):
         x = cosine * taps[i, 0] - sine * taps[i, 1]
         y = sine * taps[i, 0] + cosine * taps[i, 1]
         row, column = math.floor(r.v + radius_v * y), math.floor(r.u + radius_u * x)
-        share, depth = _tap(maps, face, row, column, r, s)
+        share, depth = _tap(maps, face, row, column, r, s, rise)
         if cone and depth < np.inf and not _between(x, y, radius_u, radius_v, depth, r, s):
             share, depth = 1.0, np.inf
         lit += share
@@ -150,16 +154,18 @@ def _pcss(maps, face, r, s, taps, turn):
     longer = max(r.focal_u, r.focal_v)
     search = min(max(search, 1.0 / longer), s.rho_max / longer)
     here = with_reach(r, s, search * r.focal_u, search * r.focal_v)
-    disc = _Disc(0, s.search_taps, turn, search * r.focal_u, search * r.focal_v, True)
+    disc = _Disc(0, s.search_taps, turn, search * r.focal_u, search * r.focal_v, True, False)
     _, blockers, mean = _disc(maps, face, here, s, taps, disc)
     if blockers == 0 or (not s.orthographic and not mean > 0.0):
         return 1.0, True
     gap = max(r.z - mean, 0.0)
     radius = 0.5 * width * gap if s.orthographic else 0.5 * width * gap / (mean * r.z)
     radius = min(max(radius, 1.0 / longer), s.rho_max / longer)
+    sharp = radius * longer <= _SHARP
     here = with_reach(r, s, radius * r.focal_u, radius * r.focal_v)
-    disc = _Disc(s.search_taps, taps.shape[0], turn, radius * r.focal_u, radius * r.focal_v, True)
-    return _disc(maps, face, here, s, taps, disc)[0], radius * longer <= _SHARP
+    rise = s.settles and sharp
+    disc = _Disc(s.search_taps, taps.shape[0], turn, radius * r.focal_u, radius * r.focal_v, True, rise)
+    return _disc(maps, face, here, s, taps, disc)[0], sharp
 
 
 @kernel()
@@ -209,14 +215,14 @@ def _filtered(maps, face, r, s, taps, index):
         return _window(maps, face, with_reach(r, s, s.n + 0.5, s.n + 0.5), s), True
     if s.filter == DISC:
         here = with_reach(r, s, s.radius, s.radius)
-        disc = _Disc(s.search_taps, taps.shape[0], _angle(index), s.radius, s.radius, False)
+        disc = _Disc(s.search_taps, taps.shape[0], _angle(index), s.radius, s.radius, False, s.settles)
         return _disc(maps, face, here, s, taps, disc)[0], True
     if s.filter == PCSS:
         return _pcss(maps, face, r, s, taps, _angle(index))
     here = with_reach(r, s, 0.0, 0.0)
     if s.filter == AVERAGE_DEPTH:
         return _average_depth(maps, face, here), False
-    return _tap(maps, face, math.floor(r.v), math.floor(r.u), here, s)[0], True
+    return _tap(maps, face, math.floor(r.v), math.floor(r.u), here, s, s.settles)[0], True
 
 
 @kernel()

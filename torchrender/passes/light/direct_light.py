@@ -14,7 +14,7 @@ from torchrender.effects.ambient.visibility import AmbientVisibility
 from torchrender.passes.contract import Amounts, Pass
 from torchrender.passes.hard import HardEffect, Law, Outputs, Subject, radiance_bounds
 from torchrender.passes.light.ambient_visibility import AMBIENT_VISIBILITY
-from torchrender.passes.light.light_reach import LIGHT_REACH
+from torchrender.passes.light.light_reach import AREA_LISTED, LIGHT_REACH, POINT_LISTED
 from torchrender.passes.light.pane_shadow import PANE_SHADOW
 from torchrender.passes.light.visibility import POINT_SHADOW, SOFT_SHADOW
 from torchrender.passes.outlook import Outlook, Verdict, counted
@@ -24,6 +24,7 @@ from torchrender.pipeline.buffer import Buffer, Layer, Order
 from torchrender.pipeline.frame import Frame
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
+from torchrender.scene.light import Light
 from torchrender.scene.model import Scene
 from torchrender.shade import AmbientReach, sent_light, shade
 from torchrender.shading.lights import LightLists
@@ -126,8 +127,10 @@ def with_share(run: Callable[[Frame], Any]) -> Callable[[Frame], Any]:
 
 def amounts(outlook: Outlook) -> Amounts:
     """Once; pixels; pixels times lights, without and with area."""
-    pixels = outlook.pixels
-    return (1.0, pixels, pixels * outlook.point_lights, pixels * outlook.area_lights)
+    pixels, point, area = outlook.pixels, float(outlook.point_lights), float(outlook.area_lights)
+    if point + area > FEW:  # those that are listed for a tile
+        point, area = outlook.known.get(POINT_LISTED, point), outlook.known.get(AREA_LISTED, area)
+    return (1.0, pixels, pixels * point, pixels * area)
 
 
 def over_hits(options: RenderOptions, history: RenderHistory) -> RenderOptions:
@@ -138,9 +141,14 @@ def over_hits(options: RenderOptions, history: RenderHistory) -> RenderOptions:
 
 def _light_by_light(subject: Subject, outputs: Outputs) -> float:
     scene, seen = subject.scene, subject.gbuffer
-    dark = replace(scene, lights=())
-    rest = shade(dark, seen)
-    parts = [shade(replace(scene, lights=(light,)), seen) - rest for light in scene.lights]
+
+    def lit_by(*lights: Light) -> Tensor:
+        made = replace(scene, lights=lights)
+        made.__dict__["geometry"] = scene.geometry  # the same triangles: the same kernel
+        return shade(made, seen)
+
+    rest = lit_by()
+    parts = [lit_by(light) - rest for light in scene.lights]
     total = torch.stack([rest, *parts]).double().sum(dim=0)
     return float((total - outputs["radiance"]).abs().max() / total.abs().max().clamp_min(1e-30))
 

@@ -8,6 +8,7 @@ import torch
 
 from torchrender.buffers import RaySurface
 from torchrender.effects.shadows.light_reach import LightReach, light_reach
+from torchrender.effects.shadows.small_lights import FEWEST, small_lights
 from torchrender.passes.contract import Amounts, Pass
 from torchrender.passes.hard import HardEffect, Law, Outputs, Subject, no_lights
 from torchrender.passes.outlook import Outlook, Verdict, counted, no_shadows
@@ -22,6 +23,10 @@ LIGHT_REACH = Buffer("light_reach", LightReach)
 
 POINT_LIGHTS, AREA_LIGHTS = "point lights in view", "area lights in view"
 """Quantities that are known after this pass."""
+POINT_LISTED, AREA_LISTED = "point lights of a tile", "area lights of a tile"
+"""Means over the tiles."""
+SMALL_LIGHTS = "point lights by rays"
+"""Those that reach so little that they take rays, where others take maps."""
 
 
 def applies(outlook: Outlook) -> Verdict:
@@ -29,8 +34,8 @@ def applies(outlook: Outlook) -> Verdict:
     nothing = no_shadows(outlook)
     if nothing is not None:
         return nothing
-    if isinstance(outlook.samples, RaySurface):
-        return Verdict(False, "rays end anywhere: any light may reach them")
+    if isinstance(outlook.samples, RaySurface) and outlook.point_lights < FEWEST:
+        return Verdict(False, "rays end anywhere, and lights are few: any may reach them")
     total = len(outlook.scene.lights)
     reaching = lights_in_view(outlook)
     if reaching is None:
@@ -52,10 +57,20 @@ def run(frame: Frame) -> LightReach:
 
 
 def checkpoint(frame: Frame) -> Mapping[str, float]:
-    """How many lights reach what is seen: where none does, no shadows are made."""
-    reaching = frame[LIGHT_REACH].any.tolist()
-    area = sum(r and isinstance(light, RectLight) for r, light in zip(reaching, frame.scene.lights, strict=True))
-    return {POINT_LIGHTS: float(sum(reaching) - area), AREA_LIGHTS: float(area)}
+    """How many lights reach what is seen, and a tile of it: where none does, no shadows are made."""
+    reach, lights = frame[LIGHT_REACH], frame.scene.lights
+    reaching = reach.any
+    wide = torch.tensor([isinstance(light, RectLight) for light in lights], dtype=torch.bool)
+    area, tiles = int((reaching & wide).sum()), max(len(reach.starts) - 1, 1)
+    listed = int(wide[reach.lights.long()].sum())
+    seen = {n: light for n, light in enumerate(lights) if reaching[n]}
+    return {
+        POINT_LIGHTS: float(int(reaching.sum()) - area),
+        AREA_LIGHTS: float(area),
+        POINT_LISTED: (len(reach.lights) - listed) / tiles,
+        AREA_LISTED: listed / tiles,
+        SMALL_LIGHTS: float(len(small_lights(reach, seen, frame.options.shadow))),
+    }
 
 
 def amounts(outlook: Outlook) -> Amounts:

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from torch import Tensor
 
+from torchrender.effects.shadows.light_reach import light_reach
 from torchrender.effects.shadows.shadow_map import FILTERS, light_visibility, render_shadow_map
 from torchrender.effects.shadows.small_lights import FEWEST, small_light_visibility
 from torchrender.effects.shadows.traced import traced_visibility
@@ -53,22 +54,29 @@ def asks(outlook: Outlook) -> Buffers:
     """Rays or maps; of many lights those that reach little of the picture take rays."""
     if outlook.options.point_shadows == "traced":
         return (RAY_CASTER,)
-    many = outlook.known.get(POINT_LIGHTS, 0.0) >= FEWEST
+    many = outlook.known.get(POINT_LIGHTS, 0.0) >= FEWEST or over_many(outlook)
     return (SHADOW_MAP, RAY_CASTER) if many else (SHADOW_MAP,)
 
 
+def over_many(outlook: Outlook) -> bool:
+    """Hits of rays in the light of many small lights, which have no maps of everything."""
+    return outlook.samples is not None and outlook.point_lights >= FEWEST
+
+
 def run(frame: Frame) -> dict[int, Tensor]:
-    """Visibility (B,H,W) of the lights without area, by their number."""
+    """Visibility (B,H,W) of the lights without area, by their number; those without a map take rays."""
     lights = lights_in_view(frame, area=False)
     gbuffer = frame[GBUFFER]
     if frame.options.point_shadows == "traced":
         return {n: traced_visibility(frame[RAY_CASTER], light, gbuffer) for n, light in lights.items()}
     maps, options, small = frame[SHADOW_MAP], frame.options.shadow, lights_by_rays(frame)
+    small |= {n for n in lights if maps[n] is None}
     found = {n: light_visibility(frame.scene, lights[n], gbuffer, options, maps[n]) for n in lights if n not in small}
     if small:
         caster = frame.get(RAY_CASTER) or RayCaster(frame.scene.geometry)
         few = {n: lights[n] for n in sorted(small)}
-        found |= small_light_visibility(caster, few, gbuffer, frame[LIGHT_REACH])
+        reach = frame.get(LIGHT_REACH) or light_reach(frame.scene, gbuffer)
+        found |= small_light_visibility(caster, few, gbuffer, reach)
     return found
 
 

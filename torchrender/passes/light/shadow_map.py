@@ -15,10 +15,11 @@ from torchrender.buffers import GBuffer, ShadowMap
 from torchrender.effects.shadows.light_reach import shines
 from torchrender.effects.shadows.options import ShadowOptions
 from torchrender.effects.shadows.shadow_map import draw_shadow_map, render_shadow_map
+from torchrender.effects.shadows.small_lights import lights_without_maps
 from torchrender.effects.shadows.view_cameras import same_views, view_cameras
 from torchrender.passes.contract import Amounts, OwnMeasure, Pass
 from torchrender.passes.hard import LIGHTS, SMALL_SHADOW, HardEffect, Law, Outputs, Subject, difference, no_lights
-from torchrender.passes.light.light_reach import LIGHT_REACH, lights_in_view
+from torchrender.passes.light.light_reach import LIGHT_REACH, SMALL_LIGHTS, lights_in_view
 from torchrender.passes.light.visibility import POINT_SHADOW, lights_by_rays, visibility_error
 from torchrender.passes.light.visibility import lights_in_view as in_view
 from torchrender.passes.outlook import Outlook, Verdict, counted, no_shadows
@@ -28,6 +29,7 @@ from torchrender.pipeline.buffer import Buffer, Lasting, lights_of
 from torchrender.pipeline.frame import Frame
 from torchrender.pipeline.options import RenderOptions, lasting_shadows
 from torchrender.scene.light import DirectionalLight, Light, PointLight, RectLight
+from torchrender.scene.model import Scene
 
 MOST_TEXELS = 1 << 26
 """Of all maps of everything together: where lights are many, each gets fewer, down to 128 along a side."""
@@ -79,11 +81,22 @@ def run(frame: Frame) -> tuple[tuple[ShadowMap | None, ...], tuple[ShadowMap | N
     seen = options.shadow.coverage == "view" and isinstance(frame[GBUFFER], GBuffer)
     picture, mirrors = bool(frame.askers(SHADOW_MAP)), bool(frame.askers(SCENE_SHADOW_MAP))
     wanted = lights_in_picture(frame) if picture else set()
-    whole = {n for n, light in enumerate(scene.lights) if shines(light)} if mirrors else set()
+    whole = _of_everything(scene, options) if mirrors else set()
     everything = _drawn(frame, SCENE_SHADOW_MAP, whole if seen else whole | wanted, None)
     if not seen:
         return everything, everything
     return _drawn(frame, SHADOW_MAP, wanted, frame[GBUFFER]), everything
+
+
+def _of_everything(scene: Scene, options: RenderOptions) -> set[int]:
+    """Numbers of the lights whose maps of everything are looked up.
+
+    Hits ask many small lights by rays; what floats looks all lights up.
+    """
+    shining = {n for n, light in enumerate(scene.lights) if shines(light)}
+    if options.media and scene.media:
+        return shining
+    return shining - lights_without_maps(scene.lights, lasting_shadows(options))
 
 
 def lights_in_picture(frame: Frame) -> set[int]:
@@ -98,13 +111,15 @@ def _drawn(
     """The maps of these lights: those of an earlier picture where they still fit, and new ones."""
     scene, earlier = frame.scene, frame.earlier(buffer)
     made = list(earlier or [None] * len(scene.lights))
+    drawn = range(len(made)) if frame.options.shadow.coverage == "scene" else _of_everything(scene, frame.options)
+    shared = _shared_out(lasting_shadows(frame.options), [scene.lights[n] for n in drawn]).size
     for number in sorted(wanted):
         light, kept = scene.lights[number], made[number]
         # With the border that penumbrae need, so that the same map serves both kinds of look-up.
         how = lasting_shadows(frame.options)
         how = replace(how, filter="pcss", soft=None) if isinstance(light, RectLight) else how
         if seen is None:
-            made[number] = kept or render_shadow_map(scene, light, _shared_out(how, scene.lights))
+            made[number] = kept or render_shadow_map(scene, light, replace(how, size=shared))
             continue
         cameras, starts = view_cameras(scene, light, seen, how)
         if kept is None or kept.starts != starts or not same_views(kept.cameras, cameras):
@@ -117,8 +132,8 @@ def _shared_out(options: ShadowOptions, lights: Sequence[Light]) -> ShadowOption
     """Maps of a size that those of all lights fit in."""
     height, width = options.shape
     count = sum(views(light) for light in lights)
-    share = math.sqrt(MOST_TEXELS / (count * height * width))
-    if share >= 1.0 or not lights:
+    share = math.sqrt(MOST_TEXELS / max(count * height * width, 1))
+    if share >= 1.0:
         return options
     return replace(options, size=(min(height, max(128, int(height * share))), min(width, max(128, int(width * share)))))
 
@@ -146,10 +161,14 @@ def amounts(outlook: Outlook) -> Amounts:
     reaching = lights_in_view(outlook)
     count = 0.0
     if options.coverage == "view":
-        share = 1.0 if reaching is None else reaching / max(len(lights), 1)
+        mapped = len(lights) if reaching is None else reaching
+        if options.edges == "exact" and outlook.options.point_shadows == "maps":
+            mapped -= int(outlook.known.get(SMALL_LIGHTS, 0))
+        share = mapped / max(len(lights), 1)
         count += share * sum(_fitted(light, options.cascades) for light in lights)
     if (options.coverage == "scene" or _shown_elsewhere(outlook)) and outlook.kept(SCENE_SHADOW_MAP) is None:
-        count += sum(views(light) for light in lights)
+        whole = range(len(lights)) if options.coverage == "scene" else _of_everything(outlook.scene, outlook.options)
+        count += sum(views(lights[number]) for number in whole)
     height, width = options.shape
     return (count, count * height * width * 1e-6, count * outlook.triangles)
 

@@ -27,7 +27,12 @@ from torchrender.scene.load import load
 from torchrender.scene.model import Scene
 from torchrender.scene.procedural import SCENES, build
 
-MODELS = ("meshes/stanford_bunny.ply", "meshes/stanford_dragon_res2.ply", "scenes/house_garden.glb")
+MODELS = (
+    "meshes/stanford_dragon_res2.ply",
+    "scenes/forest_tile.glb",
+    "gltf/2CylinderEngine.glb",
+    "characters/CesiumMan.glb",
+)
 LAMP_DROP = torch.tensor([0.0, 0.4, 0.0])  # the world file puts the lights inside their shades
 COLUMNS, MARGIN, CAPTION = 4, 6, 18
 

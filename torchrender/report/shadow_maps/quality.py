@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import torch
@@ -11,8 +12,10 @@ from torchrender.buffers import GBuffer, ShadowMap
 from torchrender.checks import check_tensor
 from torchrender.effects.shadows.light_cameras import choose_views, light_view
 from torchrender.effects.shadows.shadow_map import ShadowOptions
+from torchrender.effects.shadows.traced import float_error
 from torchrender.numerics.shadow_compare import depth_bias, project_with_slope
-from torchrender.scene.light import Light, vectors_to
+from torchrender.rays import RayCaster
+from torchrender.scene.light import DirectionalLight, Light, vectors_to
 from torchrender.scene.model import Scene
 from torchrender.shade import shade
 
@@ -53,6 +56,31 @@ def _near_edges(lit: Tensor) -> Tensor:
     high = torch.nn.functional.max_pool2d(value, 5, 1, 2)
     low = -torch.nn.functional.max_pool2d(-value, 5, 1, 2)
     return (high != low)[:, 0]
+
+
+def disc_visibility(caster: RayCaster, light: Light, gbuffer: GBuffer, width: float, points: Tensor) -> Tensor:
+    """Share (B,H,W) that rays find of a light without area, taken as a disc that faces each pixel's surface point.
+
+    Args:
+        width: of the disc, scene units; of parallel light twice the tangent of the half angle that it fills.
+        points: (N,2) places in the unit disc.
+    """
+    covered = gbuffer.covered
+    rows = covered.reshape(-1).nonzero().reshape(-1)
+    normals = gbuffer.geometric_normal[covered].double()
+    start = gbuffer.position[covered].double() + normals * float_error(gbuffer, rows)[:, None]
+    middle, seen = vectors_to(light, start), torch.zeros(len(start))
+    facing = torch.nn.functional.normalize(middle, dim=-1, eps=1e-300)
+    axis = torch.nn.functional.one_hot(facing.abs().argmin(dim=-1), 3).double()
+    u = torch.nn.functional.normalize(torch.linalg.cross(facing, axis), dim=-1)
+    v = torch.linalg.cross(facing, u)
+    limit = math.inf if isinstance(light, DirectionalLight) else 1.0 - 1e-6
+    for a, b in (0.5 * width * points.double()).tolist():
+        toward = middle + a * u + b * v
+        seen += ((toward * normals).sum(-1) > 0) & ~caster.occluded(start, toward, t_max=limit)
+    image = torch.ones(gbuffer.triangle.shape)
+    image[covered] = seen / len(points)
+    return image
 
 
 def naive_shading(scene: Scene, gbuffer: GBuffer, visibility: Tensor) -> Tensor:

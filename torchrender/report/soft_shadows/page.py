@@ -150,15 +150,18 @@ def _times(record: dict[str, Any]) -> list[str]:
         "pixels and scaled to all of them, by the ray caster and by Embree alone.",
         "",
         "| scene, triangles | four images, triangles | four images, hybrid | full scene | ray caster | Embree alone "
-        "| Embree / triangles | Embree / hybrid |",
-        "|---|---|---|---|---|---|---|---|",
+        "| Embree / full scene | Embree / triangles | Embree / hybrid |",
+        "|---|---|---|---|---|---|---|---|---|",
     ]
     least: dict[str, int] = {}
     for name, counts in record["times"].items():
         for row in counts.values():
             rays = row["single rays"]
             caster, embree = rays["build"] + rays["trace"], rays.get("embree build", 0.0) + rays.get("embree trace", 0)
-            ratios = [f"{embree / row[label]['total']:.1f}" if embree else "–" for label in ("triangles", "hybrid")]
+            ratios = [
+                f"{embree / row[label]['total']:.1f}" if embree else "–"
+                for label in ("full scene", "triangles", "hybrid")
+            ]
             cells = [_steps(row[label]) for label in ("triangles", "hybrid", "full scene")]
             cells += [f"{caster:.1f}", f"{embree:.1f}" if embree else "–", *ratios]
             lines.append(f"| {name} {row['count']:,} | " + " | ".join(cells) + " |")

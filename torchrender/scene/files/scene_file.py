@@ -27,7 +27,16 @@ from torchrender.scene.files.scene_geometry import read_geometry
 from torchrender.scene.files.texture_file import as_texture
 from torchrender.scene.files.toml_table import Table, parse_toml
 from torchrender.scene.files.volume_file import read_volume
-from torchrender.scene.light import DirectionalLight, Light, PointLight, RectLight, SpotLight
+from torchrender.scene.light import (
+    NARROWEST_DEG,
+    SHORTEST_RANGE,
+    WIDEST_DEG,
+    DirectionalLight,
+    Light,
+    PointLight,
+    RectLight,
+    SpotLight,
+)
 from torchrender.scene.material import Material
 from torchrender.scene.medium import SCALES, Medium
 from torchrender.scene.mesh import Mesh
@@ -158,7 +167,12 @@ def _direction(table: Table, position: Tensor | None) -> Tensor:
 
 
 def _point(table: Table, name: str) -> Light:
-    return PointLight(position=table.vector("position"), intensity=table.color("intensity", torch.ones(3)), name=name)
+    return PointLight(
+        position=table.vector("position"),
+        intensity=table.color("intensity", torch.ones(3)),
+        name=name,
+        range=table.number("range", math.inf, SHORTEST_RANGE),
+    )
 
 
 def _directional(table: Table, name: str) -> Light:
@@ -168,7 +182,7 @@ def _directional(table: Table, name: str) -> Light:
 
 def _spot(table: Table, name: str) -> Light:
     position = table.vector("position")
-    outer = table.number("outer_deg", 30.0, 0.1, 89.0)
+    outer = table.number("outer_deg", 30.0, NARROWEST_DEG, WIDEST_DEG)
     return SpotLight(
         position=position,
         direction=_direction(table, position),
@@ -176,6 +190,7 @@ def _spot(table: Table, name: str) -> Light:
         inner_deg=table.number("inner_deg", min(20.0, outer), 0.0, outer),
         outer_deg=outer,
         name=name,
+        range=table.number("range", math.inf, SHORTEST_RANGE),
     )
 
 

@@ -102,6 +102,9 @@ def _light(light: Light) -> dict[str, object]:
         }
     out: dict[str, object] = {"type": "point", "name": light.name, "position": light.position}
     out["intensity"] = light.intensity
+    assert not isinstance(light, RectLight | DirectionalLight)
+    if math.isfinite(light.range):
+        out["range"] = light.range
     if isinstance(light, SpotLight):
         out |= {"type": "spot", "direction": light.direction}
         out |= {"inner_deg": light.inner_deg, "outer_deg": light.outer_deg}

@@ -2,12 +2,13 @@
 
 Lights (KHR_lights_punctual): intensities are taken over as numbers, one candela as power per solid angle 1 and one lux
 as irradiance 1, so that a light of 1 cd gives a facing wall one unit away irradiance 1. A spot's falloff is that of
-:class:`~torchrender.scene.light.SpotLight`.
+:class:`~torchrender.scene.light.SpotLight`; the ``range`` of a light cuts it off as the extension says.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import torch
@@ -16,7 +17,15 @@ from torchrender.errors import InputError, SceneFileError
 from torchrender.scene.camera import Cameras, pinhole_matrix
 from torchrender.scene.cameras.record import MAX_SIDE
 from torchrender.scene.files.gltf.container import GltfFile, object_of
-from torchrender.scene.light import DirectionalLight, Light, PointLight, SpotLight
+from torchrender.scene.light import (
+    NARROWEST_DEG,
+    SHORTEST_RANGE,
+    WIDEST_DEG,
+    DirectionalLight,
+    Light,
+    PointLight,
+    SpotLight,
+)
 
 CAMERA_HEIGHT = 720
 """Image height of cameras from glTF files, which say nothing about pixels; ``Scene.camera`` changes it."""
@@ -69,14 +78,12 @@ def read_light(file: GltfFile, index: object, name: str) -> Light:
     color = file.numbers(entry, "color", [1.0, 1.0, 1.0], key) * file.number(entry, "intensity", 1.0, key)
     if (color < 0).any():
         raise SceneFileError(file.path, "color and intensity must not be negative", key=key)
-    if "range" in entry:
-        file.notes.not_used("range of lights")
     kind, name = entry.get("type"), str(entry.get("name", name))
     values: dict[str, Any] = {"name": name}
     origin, ahead = torch.zeros(3, dtype=torch.float64), torch.tensor([0.0, 0.0, -1.0])
     try:
         if kind == "point":
-            return PointLight(position=origin, intensity=torch.from_numpy(color), **values)
+            return PointLight(position=origin, intensity=torch.from_numpy(color), **_range(file, entry, key), **values)
         if kind == "directional":
             return DirectionalLight(direction=ahead, irradiance=torch.from_numpy(color), **values)
     except InputError as error:
@@ -86,15 +93,26 @@ def read_light(file: GltfFile, index: object, name: str) -> Light:
     cone = object_of(entry.get("spot"))
     outer = math.degrees(file.number(cone, "outerConeAngle", math.pi / 4, key))
     inner = math.degrees(file.number(cone, "innerConeAngle", 0.0, key))
-    outer = min(max(_inside(file, outer, 0.0, 90.0, f"{key}.spot.outerConeAngle"), 0.1), 89.0)
+    outer = max(_inside(file, outer, 0.0, WIDEST_DEG, f"{key}.spot.outerConeAngle"), NARROWEST_DEG)
     return SpotLight(
         position=origin,
         direction=ahead,
         intensity=torch.from_numpy(color),
         inner_deg=min(max(inner, 0.0), outer),
         outer_deg=outer,
+        **_range(file, entry, key),
         **values,
     )
+
+
+def _range(file: GltfFile, entry: Mapping[str, Any], key: str) -> dict[str, float]:
+    """The distance beyond which a light lights nothing, where it has one."""
+    if "range" not in entry:
+        return {}
+    found = file.number(entry, "range", math.inf, key)
+    if not found >= SHORTEST_RANGE:
+        raise SceneFileError(file.path, f"must be greater than 0, got {found:g}", key=f"{key}.range")
+    return {"range": found}
 
 
 def _inside(file: GltfFile, value: float, low: float, high: float, key: str) -> float:

@@ -194,6 +194,8 @@ class _Writer(GlbDocument):
         else:
             node["rotation"] = _turn_from_minus_z(light.direction.double().numpy())
             entry["type"] = "directional"
+        if not isinstance(light, DirectionalLight) and math.isfinite(light.range):
+            entry["range"] = light.range
         if isinstance(light, SpotLight):
             entry["type"] = "spot"
             entry["spot"] = {
