@@ -15,7 +15,7 @@ from torchrender.brief import brief
 from torchrender.checks import ArrayLike, as_array, as_vector, check_finite, check_not_negative
 from torchrender.errors import MeshError
 from torchrender.kernels.raster.culling_clusters import cluster_boxes, first_use, spatial_order, vertex_blocks
-from torchrender.numerics.tangents import Corners, TangentTable, tangents_of
+from torchrender.numerics.tangents import TangentTable
 from torchrender.scene.cutout import Cutout
 from torchrender.scene.primitives import arrays
 
@@ -278,32 +278,6 @@ class Geometry:
         scale = cross.abs().amax(dim=1, keepdim=True)
         cross = torch.where(scale > 0, cross / scale.clamp_min(1e-300), cross)
         return torch.nn.functional.normalize(cross, dim=1, eps=1e-30).float()
-
-
-def with_tangents(geometry: Geometry, uv_set: Tensor) -> Geometry:
-    """The same with tangents of the triangles where ``uv_set`` (F,) says whose texture coordinates they follow.
-
-    0 and 1 are the sets, -1 stands for triangles that need no tangents.
-    """
-    chosen = (uv_set >= 0).nonzero().reshape(-1)
-    if not len(chosen):
-        return geometry
-    faces = geometry.faces[chosen].long()
-    flat = geometry.face_normals[chosen][:, None].expand(-1, 3, 3)
-    normal = flat if geometry.normals is None else geometry.normals[faces]
-    normal = torch.where(normal.square().sum(-1, keepdim=True) > 0, normal, flat).double()
-    none = torch.zeros(len(geometry.vertices), 2)
-    first, second = (none if uv is None else uv for uv in (geometry.uv, geometry.uv1))
-    uv = torch.where((uv_set[chosen] == 0)[:, None, None], first[faces], second[faces])
-    given = torch.zeros(len(chosen), 3, 4) if geometry.tangents is None else geometry.tangents[faces]
-    unit = torch.nn.functional.normalize(normal, dim=-1, eps=1e-30)
-    corners = tangents_of(Corners(geometry.vertices[faces], unit, uv.double(), given.double()))
-    row = torch.full((geometry.triangle_count,), -1, dtype=torch.int32)
-    row[chosen] = torch.arange(len(chosen), dtype=torch.int32)
-    made = replace(geometry, tangent_table=TangentTable(row, corners))
-    known = {name: value for name, value in vars(geometry).items() if name not in made.__dataclass_fields__}
-    made.__dict__.update(known)  # the same triangles: what was found out about them holds
-    return made
 
 
 def concatenate(meshes: Sequence[Mesh]) -> Geometry:
