@@ -159,9 +159,7 @@ def rasterize_visibility(
     barycentric = _memory.empty((*shape, 2), np.float32)
     check_choice("cull", cull, CULLING)
     geometry = geometry_of("geometry", geometry)
-    triangles = _triangle_arrays(geometry)
-    for k, (view, checks) in enumerate(_views(geometry, cameras, tests)):
-        draw_view.draw_view(triangles, view, cull, checks, Visible(depth[k], triangle[k], objects[k], barycentric[k]))
+    _draw(geometry, cameras, cull, tests, Visible(depth, triangle, objects, barycentric))
     return VisibilityBuffer(
         cameras=cameras,
         depth=torch.from_numpy(depth),
@@ -207,17 +205,31 @@ def rasterize_depth(geometry: Shape, cameras: Cameras, *, cull: str = "none") ->
     check_choice("cull", cull, CULLING)
     depth = _memory.empty((len(cameras), cameras.height, cameras.width), np.float32)
     geometry = geometry_of("geometry", geometry)
-    triangles = _triangle_arrays(geometry)
-    for k, (view, checks) in enumerate(_views(geometry, cameras, None)):
-        draw_view.draw_view(triangles, view, cull, checks, Visible(depth[k], *NO_IDS))
+    _draw(geometry, cameras, cull, None, Visible(depth, *NO_IDS))
     return torch.from_numpy(depth)
+
+
+def _draw(geometry: Geometry, cameras: Cameras, cull: str, tests: FragmentTests | None, outputs: Visible) -> None:
+    """Fill the images of all cameras: many small ones by whole cameras, others together by all threads."""
+    triangles = _triangle_arrays(geometry)
+    views = _views(geometry, cameras, tests)
+    if tests is None and draw_view.suits_whole_views(triangles, len(cameras), cameras.width * cameras.height):
+        every = list(views)
+        draw_view.draw_views(triangles, [view for view, _ in every], cull, every[0][1].holes, outputs)
+        return
+    wants_ids = outputs.triangle.size > 0
+    for k, (view, checks) in enumerate(views):
+        one = Visible(*(image[k] for image in outputs)) if wants_ids else Visible(outputs.depth[k], *NO_IDS)
+        draw_view.draw_view(triangles, view, cull, checks, one)
 
 
 def _triangle_arrays(geometry: Geometry) -> TriangleArrays:
     geometry = geometry.solid
+    _, faces, listed = geometry.numbering
     return TriangleArrays(
-        vertices=geometry.vertices.numpy(),
-        faces=geometry.faces.numpy(),
+        vertices=geometry.numbered_vertices.numpy(),
+        faces=faces.numpy(),
+        listed=listed.numpy(),
         objects=geometry.object_id.numpy(),
         clusters=geometry.clusters.numpy(),
         cluster_bounds=geometry.cluster_bounds.numpy(),
@@ -235,7 +247,8 @@ def _views(geometry: Geometry, cameras: Cameras, tests: FragmentTests | None) ->
     holes = NO_HOLES
     if geometry.cutout is not None:
         cutout = geometry.cutout
-        holes = Holes(cutout.mask.numpy(), cutout.table.numpy(), cutout.texels.numpy(), cutout.vertices.numpy())
+        corners = geometry.solid.numbered_holes
+        holes = Holes(cutout.mask.numpy(), cutout.table.numpy(), cutout.texels.numpy(), corners.numpy())
     for k in range(len(cameras)):
         view = view_arrays(cameras, k, world_from_camera[k], planes[k])
         limits = NO_LIMITS

@@ -49,13 +49,17 @@ def test_clusters_hold_all_triangles_once_and_stay_within_their_mesh():
     g = concatenate([shuffled, strip(3)])
     assert sorted(g.order.tolist()) == list(range(303))
     assert torch.equal(g.order[300:].sort().values, torch.tensor([300, 301, 302], dtype=torch.int32))
+    rows, faces, listed = g.numbering
+    assert torch.equal(rows[faces.long()], g.faces) and torch.equal(listed, faces[g.order.long()])
+    assert torch.equal(g.numbered_vertices, g.vertices[rows.long()]) and len(rows) == len(g.faces.unique())
     starts, blocks = g.cluster_blocks
     for c, ((first, end), (low, high)) in enumerate(zip(g.clusters, g.cluster_bounds, strict=True)):
         used = g.faces[g.order[first:end].long()].long()
         corners = g.vertices[used]
         assert torch.equal(corners.amin((0, 1)), low) and torch.equal(corners.amax((0, 1)), high)
         assert float(high[0] - low[0]) <= 3.0 * (CLUSTER + 6)  # neighbours, however the faces were shuffled
-        assert sorted(blocks[starts[c] : starts[c + 1]].tolist()) == (used // BLOCK).unique().tolist()
+        own = faces[g.order[first:end].long()]
+        assert sorted(blocks[starts[c] : starts[c + 1]].tolist()) == (own // BLOCK).unique().tolist()
     torch.testing.assert_close(g.bounds[1], torch.tensor([899.0, 2, 0], dtype=torch.float64))
 
 

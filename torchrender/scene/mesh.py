@@ -14,8 +14,8 @@ from torch import Tensor
 from torchrender.brief import brief
 from torchrender.checks import ArrayLike, as_array, as_vector, check_finite, check_not_negative
 from torchrender.errors import MeshError
-from torchrender.kernels.raster.culling_clusters import cluster_boxes, spatial_order, vertex_blocks
-from torchrender.numerics.tangents import Corners, TangentTable, tangents_of
+from torchrender.kernels.raster.culling_clusters import cluster_boxes, first_use, spatial_order, vertex_blocks
+from torchrender.numerics.tangents import TangentTable
 from torchrender.scene.cutout import Cutout
 from torchrender.scene.primitives import arrays
 
@@ -239,10 +239,34 @@ class Geometry:
         return boxes
 
     @cached_property
+    def numbering(self) -> tuple[Tensor, Tensor, Tensor]:
+        """Vertices as clusters first use them: what is drawn together lies together in memory.
+
+        Returns:
+            rows (N,) int32 of ``vertices``; faces (F,3) int32 in these numbers; the same faces in ``order``.
+        """
+        if self.coherent:
+            return torch.arange(len(self.vertices), dtype=torch.int32), self.faces, self.faces
+        made = first_use(self.faces.numpy(), self.order.numpy(), len(self.vertices))
+        used, faces, listed = (torch.from_numpy(a) for a in made)
+        return used, faces, listed
+
+    @cached_property
+    def numbered_vertices(self) -> Tensor:
+        """(N,3) float64 vertices by :attr:`numbering`."""
+        return self.vertices if self.coherent else self.vertices[self.numbering[0].long()]
+
+    @cached_property
+    def numbered_holes(self) -> Tensor:
+        """(N,3) float32 what :attr:`cutout` holds of its vertices, by :attr:`numbering`; it must be there."""
+        assert self.cutout is not None
+        return self.cutout.vertices if self.coherent else self.cutout.vertices[self.numbering[0].long()]
+
+    @cached_property
     def cluster_blocks(self) -> tuple[Tensor, Tensor]:
-        """Blocks of vertices that cluster c uses: ``blocks[starts[c]:starts[c + 1]]``; starts (C+1,), blocks (N,)."""
-        arrays = (self.faces.numpy(), self.order.numpy(), self.clusters.numpy())
-        starts, blocks = vertex_blocks(*arrays, len(self.vertices))
+        """Blocks of numbered vertices that cluster c uses: ``blocks[starts[c]:starts[c + 1]]``; (C+1,) and (N,)."""
+        used, faces, _ = self.numbering
+        starts, blocks = vertex_blocks(faces.numpy(), self.order.numpy(), self.clusters.numpy(), len(used))
         return torch.from_numpy(starts), torch.from_numpy(blocks)
 
     @cached_property
@@ -254,32 +278,6 @@ class Geometry:
         scale = cross.abs().amax(dim=1, keepdim=True)
         cross = torch.where(scale > 0, cross / scale.clamp_min(1e-300), cross)
         return torch.nn.functional.normalize(cross, dim=1, eps=1e-30).float()
-
-
-def with_tangents(geometry: Geometry, uv_set: Tensor) -> Geometry:
-    """The same with tangents of the triangles where ``uv_set`` (F,) says whose texture coordinates they follow.
-
-    0 and 1 are the sets, -1 stands for triangles that need no tangents.
-    """
-    chosen = (uv_set >= 0).nonzero().reshape(-1)
-    if not len(chosen):
-        return geometry
-    faces = geometry.faces[chosen].long()
-    flat = geometry.face_normals[chosen][:, None].expand(-1, 3, 3)
-    normal = flat if geometry.normals is None else geometry.normals[faces]
-    normal = torch.where(normal.square().sum(-1, keepdim=True) > 0, normal, flat).double()
-    none = torch.zeros(len(geometry.vertices), 2)
-    first, second = (none if uv is None else uv for uv in (geometry.uv, geometry.uv1))
-    uv = torch.where((uv_set[chosen] == 0)[:, None, None], first[faces], second[faces])
-    given = torch.zeros(len(chosen), 3, 4) if geometry.tangents is None else geometry.tangents[faces]
-    unit = torch.nn.functional.normalize(normal, dim=-1, eps=1e-30)
-    corners = tangents_of(Corners(geometry.vertices[faces], unit, uv.double(), given.double()))
-    row = torch.full((geometry.triangle_count,), -1, dtype=torch.int32)
-    row[chosen] = torch.arange(len(chosen), dtype=torch.int32)
-    made = replace(geometry, tangent_table=TangentTable(row, corners))
-    known = {name: value for name, value in vars(geometry).items() if name not in made.__dataclass_fields__}
-    made.__dict__.update(known)  # the same triangles: what was found out about them holds
-    return made
 
 
 def concatenate(meshes: Sequence[Mesh]) -> Geometry:

@@ -14,6 +14,7 @@ from torch import Tensor
 from torchrender.brief import brief, brief_html
 from torchrender.checks import as_vector, check_not_negative
 from torchrender.errors import InputError
+from torchrender.numerics import tangents
 from torchrender.scene.camera import Cameras, framing_camera
 from torchrender.scene.cutout import Corners, build_cutout
 from torchrender.scene.environment import Environment
@@ -22,7 +23,7 @@ from torchrender.scene.light import DirectionalLight, Light, light_color
 from torchrender.scene.material import Material
 from torchrender.scene.material_table import MaterialTable, wants_gradient
 from torchrender.scene.medium import Medium
-from torchrender.scene.mesh import Geometry, Mesh, concatenate, with_tangents
+from torchrender.scene.mesh import Geometry, Mesh, concatenate
 from torchrender.scene.motion.records import Motion
 from torchrender.scene.motion.update import Moving, at_time, moved_geometry
 
@@ -81,7 +82,7 @@ class Scene:
     def _tangential(self, geometry: Geometry) -> Geometry:
         """With tangents where triangles have normal maps."""
         sets = torch.tensor([_normal_map_set(m) for m in self.materials] or [-1])
-        return with_tangents(geometry, sets[geometry.material])
+        return _with_tangents(geometry, sets[geometry.material])
 
     @property
     def material_table(self) -> MaterialTable:
@@ -297,3 +298,29 @@ def resized(camera: Cameras, width: int, height: int) -> Cameras:
     k[:, 0, 2] = width / 2 + (k[:, 0, 2] - camera.width / 2) * scale
     k[:, 1, 2] = height / 2 + (k[:, 1, 2] - camera.height / 2) * scale
     return replace(camera, intrinsics=k, width=width, height=height)
+
+
+def _with_tangents(geometry: Geometry, uv_set: Tensor) -> Geometry:
+    """The same with tangents of the triangles where ``uv_set`` (F,) says whose texture coordinates they follow.
+
+    0 and 1 are the sets, -1 stands for triangles that need no tangents.
+    """
+    chosen = (uv_set >= 0).nonzero().reshape(-1)
+    if not len(chosen):
+        return geometry
+    faces = geometry.faces[chosen].long()
+    flat = geometry.face_normals[chosen][:, None].expand(-1, 3, 3)
+    normal = flat if geometry.normals is None else geometry.normals[faces]
+    normal = torch.where(normal.square().sum(-1, keepdim=True) > 0, normal, flat).double()
+    none = torch.zeros(len(geometry.vertices), 2)
+    first, second = (none if uv is None else uv for uv in (geometry.uv, geometry.uv1))
+    uv = torch.where((uv_set[chosen] == 0)[:, None, None], first[faces], second[faces])
+    given = torch.zeros(len(chosen), 3, 4) if geometry.tangents is None else geometry.tangents[faces]
+    unit = torch.nn.functional.normalize(normal, dim=-1, eps=1e-30)
+    corners = tangents.tangents_of(tangents.Corners(geometry.vertices[faces], unit, uv.double(), given.double()))
+    row = torch.full((geometry.triangle_count,), -1, dtype=torch.int32)
+    row[chosen] = torch.arange(len(chosen), dtype=torch.int32)
+    made = replace(geometry, tangent_table=tangents.TangentTable(row, corners))
+    known = {name: value for name, value in vars(geometry).items() if name not in made.__dataclass_fields__}
+    made.__dict__.update(known)  # the same triangles: what was found out about them holds
+    return made

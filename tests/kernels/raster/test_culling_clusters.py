@@ -8,6 +8,7 @@ import pytest
 from torchrender.kernels.raster.culling_clusters import (
     BITS,
     cluster_boxes,
+    first_use,
     morton_codes,
     radix_order,
     spatial_order,
@@ -49,6 +50,16 @@ def test_codes_follow_runs_and_cells() -> None:
             assert codes[starts[run] + k] == (run << (3 * BITS)) | code
     order = spatial_order(vertices, faces, starts)
     assert sorted(order[:25].tolist()) == list(range(25)) and sorted(order[30:].tolist()) == list(range(30, 40))
+
+
+def test_vertices_are_numbered_as_they_are_first_used() -> None:
+    rng = np.random.default_rng(4)
+    faces, order = rng.integers(0, 40, (25, 3)).astype(np.int32), rng.permutation(25).astype(np.int32)
+    used, renamed, listed = first_use(faces, order, 50)
+    assert used.tolist() == list(dict.fromkeys(faces[order].reshape(-1).tolist()))
+    np.testing.assert_array_equal(used[renamed], faces)
+    np.testing.assert_array_equal(listed, renamed[order])
+    assert [len(a) for a in first_use(faces[:0], order[:0], 5)] == [0, 0, 0]
 
 
 def test_boxes_and_blocks_against_sets() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 
 import numpy as np
@@ -11,7 +12,17 @@ from torchrender.kernels.raster import binning, culling_clusters, draw_view, til
 from torchrender.kernels.raster.draw_view import TriangleArrays, View
 from torchrender.kernels.raster.planes import barycentric_planes, key_plane
 from torchrender.kernels.raster.project import SUBPIXEL, snap
-from torchrender.kernels.raster.records import NO_EARLIER, NO_HOLES, NO_LIMITS, Frame, Nearer, Refusals, Stored, Visible
+from torchrender.kernels.raster.records import (
+    NO_EARLIER,
+    NO_HOLES,
+    NO_IDS,
+    NO_LIMITS,
+    Frame,
+    Nearer,
+    Refusals,
+    Stored,
+    Visible,
+)
 
 SIZE = (70, 37)  # columns and rows: four tiles, of which three are cut
 BIG = 1e3
@@ -25,7 +36,9 @@ def arrays_of(vertices: np.ndarray, faces: np.ndarray) -> TriangleArrays:
     culling_clusters.cluster_boxes(vertices, faces, order, clusters, boxes)
     starts, blocks = culling_clusters.vertex_blocks(faces, order, clusters, len(vertices))
     objects = np.arange(len(faces), dtype=np.int64) * 3 % 5
-    return TriangleArrays(vertices, faces, objects, clusters, boxes, order, starts, blocks, np.zeros(0, np.bool_))
+    listed = np.ascontiguousarray(faces[order])
+    backs = np.zeros(0, np.bool_)
+    return TriangleArrays(vertices, faces, listed, objects, clusters, boxes, order, starts, blocks, backs)
 
 
 def view_of(orthographic: bool) -> View:
@@ -222,3 +235,36 @@ def test_the_least_keys_of_blocks_bound_what_can_be_seen() -> None:
     np.testing.assert_array_equal(lows, blocks.reshape(-1))
     for x0, y0, x1, y1 in ((0, 0, 63, 31), (15, 7, 16, 8), (33, 9, 40, 15), (63, 31, 63, 31)):
         assert tiles.least_low(lows, x0, y0, x1, y1) == blocks[y0 // 8 : y1 // 8 + 1, x0 // 16 : x1 // 16 + 1].min()
+
+
+@pytest.mark.parametrize("cull", ["none", "sides"])
+@pytest.mark.parametrize("orthographic", [False, True])
+def test_whole_views_are_the_loop_over_views(orthographic: bool, cull: str) -> None:
+    """Also where triangles are clipped, and with fewer views than threads, none in sight, or depth alone."""
+    rng = np.random.default_rng(11)
+    vertices, faces = soup(rng, 60, 25.0)
+    if orthographic:
+        vertices[:, :2] /= vertices[:, 2:]
+    vertices = np.concatenate([vertices, [[-400.0, 3.0, -5.0], [400.0, 3.0, -5.0], [0.0, 30.0, 30.0]]])
+    faces = np.concatenate([faces, [[180, 181, 182]]]).astype(np.int32)
+    triangles = arrays_of(vertices, faces)
+    triangles = dataclasses.replace(triangles, single_sided=rng.random(len(faces)) < 0.5)
+    width, height = SIZE
+    one = view_of(orthographic)
+    away = dataclasses.replace(one, planes=np.tile([0.0, 0.0, 0.0, -1.0], (6, 1)))
+    turned = dataclasses.replace(one, matrix=np.diag([-1.0, 0.7, 1.0]), reference=np.array([0.5, 0.2, 0.4]))
+    views = [one, turned, away, one, turned]
+    wanted = []
+    for view in views:
+        out = tuple(np.full((height, width), -7, kind) for kind in (np.float32, np.int64, np.int64))
+        wanted.append(Visible(*out, np.full((height, width, 2), -7, np.float32)))
+        draw_view.draw_view(triangles, view, cull, Refusals(NO_LIMITS, NO_EARLIER, NO_HOLES), wanted[-1])
+    found = Visible(*(np.stack([np.zeros_like(a) for a in images]) for images in zip(*wanted, strict=True)))
+    draw_view.draw_views(triangles, views, cull, NO_HOLES, found)
+    depth = Visible(np.zeros_like(found.depth), *NO_IDS)
+    draw_view.draw_views(triangles, views, cull, NO_HOLES, depth)
+    np.testing.assert_array_equal(depth.depth, found.depth)
+    for k, images in enumerate(wanted):
+        for name in Visible._fields:
+            np.testing.assert_array_equal(getattr(found, name)[k], getattr(images, name))
+    assert (found.triangle[0] == 60).any() and (found.triangle[2] == -1).all() and (found.triangle[1] >= 0).any()

@@ -109,15 +109,16 @@ def greatest_key(points, faces, t, frame):
 
 
 @kernel()
-def classify_clusters(projected, faces, clusters, frame, how, part, lists, counts):
+def classify_clusters(projected, listed, clusters, frame, how, part, lists, counts):
     """Cull the triangles of some chosen clusters, list the others and count their tiles.
 
-    ``projected``: vertices and the same memory as integers; ``how``: a :class:`Listing`.
+    ``projected``: vertices and the same memory as integers; ``listed`` (F,3): faces in the order of the clusters;
+    ``how``: a :class:`Listing`.
     ``part``: first and one-past-last of ``chosen``, and first place in ``lists``. Small triangles that hit no pixel
     centre end here. Returns the numbers kept and to clip.
     """
     points, packed = borrowed(projected)
-    faces = borrowed(faces)
+    listed = borrowed(listed)
     lists, counts = borrowed(lists), borrowed(counts)
     runs, order, chosen, single_sided = borrowed(clusters)
     width, height, near, far, orthographic = frame
@@ -134,10 +135,10 @@ def classify_clusters(projected, faces, clusters, frame, how, part, lists, count
     for k in range(first, end):
         for place in range(runs[chosen[k], 0], runs[chosen[k], 1]):
             t = order[place]
-            va, vb, vc = faces[t, 0], faces[t, 1], faces[t, 2]
+            va, vb, vc = listed[place, 0], listed[place, 1], listed[place, 2]
             a, b, c = packed[va, 3], packed[vb, 3], packed[vc, 3]
             if a == NEEDS_CLIP or b == NEEDS_CLIP or c == NEEDS_CLIP:
-                if not out_of_view(points, faces, t, near, far, orthographic, width * 0.5 + 1, height * 0.5 + 1):
+                if not out_of_view(points, listed, place, near, far, orthographic, width * 0.5 + 1, height * 0.5 + 1):
                     to_clip[m] = t
                     m += 1
                 continue
@@ -161,7 +162,7 @@ def classify_clusters(projected, faces, clusters, frame, how, part, lists, count
             if bits == 0:
                 corners[n, 0], corners[n, 1], corners[n, 2] = a, b, c
             bits_of[n] = bits
-            highs[n] = greatest_key(points, faces, t, frame)
+            highs[n] = greatest_key(points, listed, place, frame)
             boxes[n, 0], boxes[n, 1], boxes[n, 2], boxes[n, 3] = x0, y0, x1, y1
             n += 1
             for j in range(j0, j1 + 1):
@@ -171,7 +172,7 @@ def classify_clusters(projected, faces, clusters, frame, how, part, lists, count
 
 
 @kernel(parallel=True)
-def classify(projected, faces, clusters, frame, how, starts, lists):
+def classify(projected, listed, clusters, frame, how, starts, lists):
     """Cull triangles and count tiles, in chunks of the chosen clusters.
 
     Arguments as above; ``starts`` (chunks+1,): first place of each chunk in ``lists``, :class:`Lists`,
@@ -187,7 +188,7 @@ def classify(projected, faces, clusters, frame, how, starts, lists):
     for chunk in prange(chunks):
         first = min(np.int64(chunk) * per, count)
         part = (first, min(first + per, count), starts[chunk])
-        n, m = classify_clusters(projected, faces, clusters, frame, how, part, lists, counts[chunk])
+        n, m = classify_clusters(projected, listed, clusters, frame, how, part, lists, counts[chunk])
         kept[chunk, 0] = n
         kept[chunk, 1] = m
     return kept, counts

@@ -100,6 +100,29 @@ def collect_blocks(faces, order, clusters, stamps, starts, blocks):
                 starts[c + 1] = count
 
 
+@kernel()
+def renumber(faces, order, number, used, renamed, listed):
+    """Number vertices as they are first used; returns how many there are.
+
+    ``number`` (V,): -1, becomes the new one of each; ``used`` (V,): the old one of each; ``renamed`` (F,3): faces in
+    new numbers; ``listed`` (F,3): these in ``order``.
+    """
+    count = np.int32(0)
+    for place in range(order.shape[0]):
+        t = order[place]
+        for corner in range(3):
+            v = faces[t, corner]
+            n = number[v]
+            if n < 0:
+                n = count
+                number[v] = n
+                used[n] = v
+                count += np.int32(1)
+            renamed[t, corner] = n
+            listed[place, corner] = n
+    return count
+
+
 def spatial_order(vertices, faces, starts):
     """Triangle ids (F,) int32, run by run, neighbours close together."""
     codes = np.zeros(len(faces), np.int64)
@@ -118,3 +141,11 @@ def vertex_blocks(faces, order, clusters, vertex_count):
     if len(blocks):
         collect_blocks(faces, order, clusters, np.zeros((chunks, total), np.int32), starts, blocks)
     return starts, blocks
+
+
+def first_use(faces, order, vertex_count):
+    """Vertices (N,) int32 in the order of their first use, faces (F,3) in these numbers, and the same in order."""
+    number, used = np.full(vertex_count, -1, np.int32), np.empty(vertex_count, np.int32)
+    renamed, listed = np.empty_like(faces), np.empty_like(faces)
+    count = renumber(faces, order, number, used, renamed, listed)
+    return used[:count].copy(), renamed, listed

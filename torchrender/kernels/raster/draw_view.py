@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from torchrender.kernels.compile import thread_count
-from torchrender.kernels.raster import binning, project, tiles
+from torchrender.kernels.raster import binning, many_views, project, tiles
 from torchrender.kernels.raster import count_layers as layers
 from torchrender.kernels.raster.coverage import TILE_HEIGHT, TILE_WIDTH
 from torchrender.kernels.raster.records import Bins, Buffers, Frame, Holes, Nearer, Refusals, Stored, Triangles, Visible
@@ -20,6 +20,8 @@ CULL = {"none": binning.CULL_NONE, "sides": binning.CULL_NONE, "back": binning.C
 CHUNKS_PER_THREAD = 4
 KEPT_VERTICES = 1 << 21  # 64 MiB
 KEPT_TRIANGLES = 1 << 20  # 64 MiB
+WHOLE_PIXELS = 1 << 18  # of pictures that one thread draws alone
+WHOLE_ROOM = 1 << 28  # bytes that all threads may need for it
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +30,7 @@ class TriangleArrays:
 
     vertices: Array  # (V,3) float64
     faces: Array  # (F,3) int32
+    listed: Array  # (F,3) int32 the same in ``order``
     objects: Array  # (F,) int64
     clusters: Array  # (C,2) int64
     cluster_bounds: Array  # (C,2,3) float64
@@ -52,6 +55,40 @@ def draw_view(triangles: TriangleArrays, view: View, cull: str, tests: Refusals,
     how = binning.Listing(CULL[cull], not len(tests.limits.keys) and not len(tests.earlier.ids), tests.holes.mask)
     scene, bins = _prepare(triangles, view, how, cull == "sides")
     tiles.render_tiles(scene, bins, view.frame, *tests, _buffers(thread_count()), outputs)
+
+
+def draw_views(triangles: TriangleArrays, views: list[View], cull: str, holes: Holes, outputs: Visible) -> None:
+    """Fill ``outputs``, images with a row for each of the views, which share size and projection.
+
+    Each thread draws whole views: for many small ones, see :func:`suits_whole_views`.
+    """
+    threads = thread_count()
+    shape = many_views.Shape(*(getattr(triangles, name) for name in many_views.Shape._fields))
+    if cull != "sides":
+        shape = shape._replace(single_sided=shape.single_sided[:0])
+    frames = [view.frame for view in views]
+    poses = many_views.Views(
+        np.stack([view.matrix for view in views]),
+        np.stack([view.reference for view in views]),
+        np.stack([view.planes for view in views]),
+        np.array([[frame.near, frame.far] for frame in frames]),
+        *(frames[0].width, frames[0].height, frames[0].orthographic),
+    )
+    points = np.empty((threads, len(triangles.vertices), 4))
+    room = many_views.Room(points, points.view(np.int64), *_buffers(threads))
+    lists = _lists(threads, len(triangles.faces))
+    if not outputs.triangle.size:
+        none = np.zeros((len(views), 0, 0), np.int64)
+        outputs = Visible(outputs.depth, none, none, np.zeros((len(views), 0, 0, 2), np.float32))
+    how = binning.Listing(CULL[cull], True, holes.mask)
+    many_views.draw_views(shape, poses, how, holes, room, lists, outputs)
+
+
+def suits_whole_views(triangles: TriangleArrays, count: int, pixels: int) -> bool:
+    """True if ``count`` pictures of so many pixels are drawn faster by a thread each."""
+    threads = thread_count()
+    room = threads * (len(triangles.vertices) * 32 + len(triangles.faces) * 64)
+    return count >= 4 * threads and pixels <= WHOLE_PIXELS and room <= WHOLE_ROOM
 
 
 def count_view(
@@ -113,13 +150,13 @@ class _Memory(threading.local):
         return self._lists
 
 
-def _lists(count: int) -> binning.Lists:
+def _lists(*count: int) -> binning.Lists:
     return binning.Lists(
-        np.empty((count, 3), np.int64),
+        np.empty((*count, 3), np.int64),
         np.empty(count, np.int64),
         np.empty(count),
         np.empty(count, np.int32),
-        np.empty((count, 4), np.int32),
+        np.empty((*count, 4), np.int32),
         np.empty(count, np.int32),
     )
 
@@ -154,7 +191,7 @@ def _bin(
     lists = _memory.lists(int(starts[-1]))
     backless = triangles.single_sided if sides else triangles.single_sided[:0]
     clusters = binning.Clusters(triangles.clusters, triangles.order, chosen, backless)
-    kept, counts = binning.classify(projected, faces, clusters, frame, how, starts, lists)
+    kept, counts = binning.classify(projected, triangles.listed, clusters, frame, how, starts, lists)
     crossing = np.concatenate([lists.to_clip[s : s + n] for s, n in zip(starts[:-1], kept[:, 1], strict=True)])
     clipped = np.empty(((binning.MAX_CLIPPED - 2) * len(crossing), 3), np.int64)
     owners = np.empty(len(clipped), np.int32)

@@ -177,6 +177,9 @@ def render_tile(scene, bins, frame, tests, k, buffers, outputs):
                     t = np.int64(owner[entry])
                     fill_tiny(t, plane_in_tile(t, left, top, scene, frame), x0, y0, bits, keys, ids)
                     tried += 1
+                    if tried > REFRESH:
+                        lowest = find_lows(keys, lows)
+                        tried = 0
                 continue
         t, a, b, c = fetch(entry, scene)
         x0, y0, x1, y1 = pixel_box(a, b, c, bounds, centre_x, centre_y)

@@ -98,7 +98,7 @@ def _attached(motion: Motion, worlds: Array, lights: list[Light], cameras: dict[
             cameras[name] = camera_at(camera, worlds[node])
 
 
-KEPT = ("order", "clusters", "cluster_blocks")
+KEPT = ("order", "clusters", "numbering", "cluster_blocks")
 """What a geometry found out about its triangles that stays true while they move."""
 
 
