@@ -1,6 +1,7 @@
 # make demo   set up and render a picture
 # make test   set up, lint, type-check and run the tests
 # make bench  set up and write the report pages
+# make docs   set up and build the documentation in build/docs
 # make serve  set up and start the service on http://127.0.0.1:8000; PORT=8080 for another port
 #
 # PYTHON=python3.12      another interpreter (3.10 or newer) for the virtual environment
@@ -18,7 +19,7 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 DEMO := out/demo.png
 
-.PHONY: demo test bench serve setup clean
+.PHONY: demo test bench docs docs-setup serve page setup clean
 
 # Kernels are compiled by the picture itself, on all cores, while its scene is made.
 demo: setup
@@ -36,8 +37,21 @@ test: setup
 serve: setup
 	$(BIN)/torchrender serve --port $(PORT)
 
+# After a change of static/js; needs node, which nothing else does. What it makes is kept in the repository.
+page:
+	cd service/torchrender_service/static && for part in js/main.js:page js/decode-worker.js:decode-worker js/fog/main.js:fog; do \
+	  npx --yes esbuild@0.28.2 $${part%%:*} --bundle --minify --format=esm --target=es2022 --legal-comments=eof \
+	    --outfile=bundle/$${part##*:}.js; done
+	python3 service/note_page_sources.py
+
 bench: $(VENV)/.stamp-bench
 	$(BIN)/python -m torchrender.report.foundation
+
+docs: docs-setup
+	$(BIN)/python -m sphinx -q -W --keep-going -b html docs build/docs
+	@echo "Built $(CURDIR)/build/docs/index.html"
+
+docs-setup: $(VENV)/.stamp-docs
 
 setup: $(VENV)/.stamp
 
@@ -51,6 +65,10 @@ $(VENV)/.stamp: pyproject.toml constraints.txt
 
 $(VENV)/.stamp-bench: $(VENV)/.stamp
 	$(PIP) install --quiet -c constraints.txt -e '.[bench]'
+	@touch $@
+
+$(VENV)/.stamp-docs: $(VENV)/.stamp
+	$(PIP) install --quiet -c constraints.txt -e '.[docs]'
 	@touch $@
 
 clean:

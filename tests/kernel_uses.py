@@ -2,8 +2,9 @@
 
 ``python tests/kernel_uses.py --write`` compiles everything in an empty folder and writes
 ``torchrender/data/kernels.json``, which ``torchrender warm-up`` compiles from; ``tests/kernels/test_signatures.py``
-runs the same work and compares. ``--seconds`` measures again how long what is recorded takes to compile. ``--check``
-warms up in an empty folder, does all of the work, and fails if anything is compiled then.
+runs the same work and compares. ``--keep-more`` leaves out what takes most of that, other settings than the usual ones,
+and keeps what was recorded of them. ``--seconds`` measures again how long what is recorded takes to compile.
+``--check`` warms up in an empty folder, does all of the work, and fails if anything is compiled then.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from typing import Any
 
 Key = tuple[str, str]  # kernel and its types as JSON
 SIDE = 48
+MORE = ".more"
 
 
 class Recorder:
@@ -282,9 +284,19 @@ def record(only: tuple[str, ...] = ()) -> Recorder:
     return recorder
 
 
-def write(path: Path) -> int:
-    """Record with nothing compiled; the number of kernels with types."""
-    recorder = record()
+def write(path: Path, *, keep_more: bool = False) -> int:
+    """Record with nothing compiled; the number of kernels with types.
+
+    Args:
+        keep_more: leave out the work that takes longest, all settings of all pictures; what only it needs stays as it
+            was recorded, as far as there still are such kernels.
+    """
+    recorder = record(tuple(work.__name__ for _, work, suffix in WORK if not suffix) if keep_more else ())
+    for row in json.loads(path.read_text())["kernels"] if keep_more else ():
+        key, more = (row["kernel"], json.dumps(row["types"])), {one for one in row["parts"] if one.endswith(MORE)}
+        if more and (key in recorder.parts or _is_kernel(row["kernel"])):
+            recorder.parts.setdefault(key, set()).update(more)
+            recorder.seconds.setdefault(key, row["seconds"])
     rows = [
         {
             "kernel": kernel,
@@ -295,6 +307,15 @@ def write(path: Path) -> int:
         for (kernel, kinds), parts in sorted(recorder.parts.items())
     ]
     return _put(path, rows)
+
+
+def _is_kernel(name: str) -> bool:
+    from torchrender.kernels.signatures import Use, kernel_of
+
+    try:
+        return bool(kernel_of(Use(name, "[]", 0.0, ())))
+    except (ImportError, AttributeError, TypeError):
+        return False
 
 
 def write_seconds(path: Path) -> int:
@@ -368,5 +389,6 @@ if __name__ == "__main__":
             sys.exit(check() > 0)
         from torchrender.kernels.signatures import RECORDED
 
-        done = write_seconds if "--seconds" in sys.argv else write
-        sys.stdout.write(f"{done(RECORDED)} kernels with types\n")
+        keep = "--keep-more" in sys.argv
+        count = write_seconds(RECORDED) if "--seconds" in sys.argv else write(RECORDED, keep_more=keep)
+        sys.stdout.write(f"{count} kernels with types\n")

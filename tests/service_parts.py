@@ -9,6 +9,7 @@ from typing import Any
 import msgspec
 
 from torchrender.wire.messages import CameraHeader
+from torchrender_service.renderers.asked import Asked
 from torchrender_service.renderers.contract import RendererHandle, RendererPool
 from torchrender_service.renderers.jobs import Bounds, Describe, Forget, Job, Locate, SceneSource
 from torchrender_service.streams.sessions import Session
@@ -42,10 +43,14 @@ class FakePool(RendererPool):
     async def warm_up(self) -> None:
         pass
 
+    async def drain(self, seconds: float) -> None:
+        pass
+
     async def stop(self) -> None:
         pass
 
-    def assign(self) -> RendererHandle:
+    def assign(self, *, background: bool = False) -> RendererHandle:
+        del background
         self.given.append(Actor(self.addresses[len(self.given) % len(self.addresses)]))
         return self.given[-1]
 
@@ -55,12 +60,16 @@ class FakePool(RendererPool):
     def idle(self, renderer: RendererHandle) -> bool:
         return renderer in self.given
 
-    async def run(self, job: Job, *, renderer: RendererHandle | None = None) -> dict[str, Any]:
+    async def run(
+        self, job: Job, *, renderer: RendererHandle | None = None, asked: Asked | None = None
+    ) -> dict[str, Any]:
+        del asked
         assert renderer is None or isinstance(renderer, Actor)
         self.jobs.append((None if renderer is None else renderer.address, job))
         return self.answer(job)
 
-    async def inspect(self, job: Job) -> dict[str, Any]:
+    async def inspect(self, job: Job, asked: Asked | None = None) -> dict[str, Any]:
+        del asked
         return self.answer(job)
 
     def forget(self, job: Forget) -> None:

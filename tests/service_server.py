@@ -32,6 +32,9 @@ LIMITS = {
     "HELLO_S": "1.0",
     "TICKET_S": "20",
     "STILL_S": "0.2",
+    "BATCH_NICENESS": "2",
+    "INSPECT_S": "250",
+    "REQUESTS_PER_S": "100000",
 }
 
 

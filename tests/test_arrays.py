@@ -1,11 +1,13 @@
-"""The numpy view of a tensor."""
+"""The numpy view of a tensor, and arrays that are handed out again."""
 
 from __future__ import annotations
 
 import numpy as np
 import torch
 
-from torchrender.arrays import view
+from torchrender.arrays import Recycler, view
+
+SHAPE = (300, 300)
 
 
 def test_memory_is_shared_where_type_and_layout_fit_and_copied_elsewhere():
@@ -22,3 +24,48 @@ def test_memory_is_shared_where_type_and_layout_fit_and_copied_elsewhere():
 def test_a_tensor_with_gradients_is_seen_without_them():
     tensor = torch.ones(3, requires_grad=True)
     np.testing.assert_array_equal(view(tensor * 2, np.float32), [2.0, 2.0, 2.0])
+
+
+def place(array: np.ndarray) -> int:
+    return array.__array_interface__["data"][0]
+
+
+def test_an_array_is_handed_out_again_when_nothing_holds_it() -> None:
+    memory = Recycler(1 << 20)
+    first = memory.empty(SHAPE, np.float32)
+    where = place(first)
+    del first
+    second = memory.empty(SHAPE, np.int32)
+    assert place(second) == where and second.shape == SHAPE and second.dtype == np.int32
+
+
+def test_views_and_tensors_keep_it() -> None:
+    memory = Recycler(1 << 20)
+    held = memory.empty(SHAPE, np.float32)
+    where, part = place(held), held[5]
+    tensor = torch.from_numpy(held)
+    row = tensor[3]
+    for kept in ("array", "view", "tensor"):
+        assert place(memory.empty(SHAPE, np.float32)) != where, kept
+        if kept == "array":
+            del held
+        elif kept == "view":
+            del part
+        else:
+            del tensor
+    assert place(memory.empty(SHAPE, np.float32)) != where, "a row of the tensor"
+    del row
+    again = [memory.empty(SHAPE, np.float32) for _ in range(2)]
+    assert where in [place(array) for array in again]
+
+
+def test_no_more_is_kept_than_asked_for() -> None:
+    memory = Recycler(1 << 20)
+    held = [memory.empty(SHAPE, np.float64) for _ in range(3)]
+    assert len({place(array) for array in held}) == 3
+    for number, array in enumerate(held):
+        array[:] = number
+    assert [float(array.max()) for array in held] == [0, 1, 2]
+    assert sum(a.nbytes for a in memory._arrays) <= 1 << 20
+    assert memory.empty((1 << 10, 1 << 10), np.float64).shape == (1 << 10, 1 << 10), "larger than all that is kept"
+    assert memory.empty((0, 5), np.float32).size == 0

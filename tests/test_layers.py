@@ -65,12 +65,15 @@ ORDER = (
     "torchrender_service.settings",
     "torchrender_service.logs",
     "torchrender_service.metrics",
+    "torchrender_service.door",
     "torchrender_service.renderers",
     "torchrender_service.scenes",
     "torchrender_service.streams",
     "torchrender_service.web",
     "torchrender_service.load_test",
+    "torchrender.batch",
     "torchrender.cli",
+    "torchrender.__main__",
 )
 EFFECTS = "torchrender.effects."
 COMMAND = "torchrender.cli.serve"

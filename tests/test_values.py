@@ -156,6 +156,16 @@ def test_representations_are_short_and_say_what_is_there(forms, camera, cloud) -
     assert f"{len(scene.meshes)} Mesh" in repr(scene)
 
 
+def test_values_and_plans_are_tables_in_notebooks(forms, camera, cloud) -> None:
+    odd = forms[2].replace(name="<b>&")
+    for value, told in ((odd, "&lt;b&gt;&amp;"), (camera, "float64 (1, 4, 4)"), (cloud, "position")):
+        shown = value._repr_html_()
+        assert told in shown and shown.count("<tr>") == shown.count("</tr>") > 2 and len(shown) < 4 * LONGEST
+    plan = tr.plan(forms[2], camera, budget_ms=1e-3)
+    shown = plan._repr_html_()
+    assert all(row.name in shown for row in plan.rows) and plan.statement in shown and plan.changes[0] in shown
+
+
 def test_a_representation_makes_nothing(forms, camera) -> None:
     seen = tr.rasterize(forms[2], camera)
     before = set(vars(seen))

@@ -1,6 +1,23 @@
 """torchrender: complex scenes approximated by depth images, every effect computed in image space on those.
 
-The public names below are imported on first use, so that ``import torchrender`` itself is quick.
+    import torchrender as tr
+
+    scene = tr.load("living_room")         # or a .glb, .gltf, .obj, .ply, .stl or .toml file
+    image = tr.render(scene, width=640, height=480)
+    image.save("room.png")                 # .exr: radiance, depth, normals, ids; .npz: everything
+    print(image.plan)                      # what ran, why, and what it took
+
+Scenes      tr.load, tr.Scene, tr.Mesh.box, tr.Mesh.sphere, tr.Material, tr.RectLight; scene.replace, scene.moved
+Cameras     tr.Cameras.look_at, .from_opencv, .from_opengl, .from_gltf, .from_colmap; tr.CameraPath
+Pictures    tr.render, tr.RenderOptions, tr.plan, tr.write_film; budgets: tr.render(..., budget_ms=200)
+Geometry    tr.rasterize, tr.RayCaster, tr.visibility, tr.flow
+Depth       tr.sample_depth_images, tr.reconstruct_hybrid, tr.reproject
+Voxels      tr.voxelize_solid, tr.voxelize_surface, tr.collide, tr.render_volume
+Points      tr.load_points, tr.render_points, tr.pack_points
+Photos      tr.style_scene, torchrender.photo.fog, tr.load_rgbd, tr.build_walkthrough
+
+Images are (B,H,W) or (B,H,W,C), float32, linear light; cameras look along +z with y down, worlds have y up; a pixel
+that sees nothing has depth +inf and id -1. help(tr.NAME) tells the rest; so do the pages in docs/ (make docs).
 """
 
 from __future__ import annotations
@@ -25,6 +42,7 @@ if TYPE_CHECKING:
     from torchrender.effects.shadows.soft_shadow import SoftShadowOptions, soft_shadow
     from torchrender.errors import TorchRenderError
     from torchrender.image import Image
+    from torchrender.images.film import write_film
     from torchrender.photo.style.options import FitOptions, SearchOptions, StyleOptions
     from torchrender.photo.style.session import Style
     from torchrender.photo.style.sheet import contact_sheet
@@ -170,6 +188,7 @@ __all__ = [
     "voxelize_scene",
     "voxelize_solid",
     "voxelize_surface",
+    "write_film",
     "write_points",
     "write_scene",
     "write_voxels",
@@ -270,6 +289,7 @@ _HOME = {
     "voxelize_scene": "torchrender.voxels.attributes",
     "voxelize_solid": "torchrender.voxels.solid",
     "voxelize_surface": "torchrender.voxels.surface",
+    "write_film": "torchrender.images.film",
     "write_points": "torchrender.points.file",
     "write_scene": "torchrender.scene.files.scene_write",
     "write_voxels": "torchrender.voxels.file",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+import threading
 from typing import Any
 
 import numpy as np
@@ -11,3 +13,37 @@ from torch import Tensor
 def view(tensor: Tensor, dtype: type | np.dtype[Any]) -> np.ndarray[Any, Any]:
     """A contiguous numpy view of a CPU tensor, copied only where type or layout differ."""
     return np.ascontiguousarray(tensor.detach().cpu().numpy(), dtype=dtype)
+
+
+class Recycler:
+    """Arrays that nobody else holds any more, handed out again: fresh pages cost as much as what is drawn into them.
+
+    A tensor made from an array, and every view of either, keep it from being handed out.
+    """
+
+    def __init__(self, most: int) -> None:
+        """``most``: bytes that are kept at most."""
+        self._most = most
+        self._arrays: list[np.ndarray[Any, Any]] = []
+        self._lock = threading.Lock()
+
+    def empty(self, shape: tuple[int, ...], dtype: type) -> np.ndarray[Any, Any]:
+        """An array with anything in it."""
+        size = int(np.prod(shape, dtype=np.int64)) * np.dtype(dtype).itemsize
+        if not _LEAST <= size <= self._most:
+            return np.empty(shape, dtype)
+        with self._lock:
+            for place in range(len(self._arrays)):
+                kept = self._arrays[place]
+                if kept.nbytes == size and sys.getrefcount(kept) == _UNUSED:
+                    self._arrays.append(self._arrays.pop(place))
+                    return kept.view(dtype).reshape(shape)
+            made = np.empty(size, np.uint8)
+            self._arrays.append(made)
+            while sum(a.nbytes for a in self._arrays) > self._most:
+                self._arrays.pop(0)
+            return made.view(dtype).reshape(shape)
+
+
+_LEAST = 1 << 18  # bytes; below this the allocator itself keeps pages
+_UNUSED = 3  # references: the list's, the loop's, and that of the call that counts them

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields
+from html import escape
 from typing import Any
 
 import numpy as np
@@ -20,15 +21,33 @@ def brief(self: Any) -> str:
 
     A class takes it as ``__repr__ = brief``.
     """
-    told = []
+    told = ", ".join(f"{name}={text}" for name, text in _fields(self))
+    return f"{type(self).__name__}({told})"
+
+
+def brief_html(self: Any) -> str:
+    """The same as a table, for notebooks: a class takes it as ``_repr_html_ = brief_html``."""
+    return html_table((type(self).__name__, ""), list(_fields(self)))
+
+
+def html_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table whose cells hold these texts, as they are."""
+
+    def line(cells: Sequence[str], kind: str) -> str:
+        made = "".join(f'<{kind} style="text-align:left">{escape(cell)}</{kind}>' for cell in cells)
+        return f"<tr>{made}</tr>"
+
+    body = "".join(line(row, "td") for row in rows)
+    return f"<table><thead>{line(head, 'th')}</thead><tbody>{body}</tbody></table>"
+
+
+def _fields(self: Any) -> Iterator[tuple[str, str]]:
     for one in fields(self):
         if not one.repr or one.name.startswith("_"):
             continue
         value = vars(self).get(one.name)  # what is made on first use is not made for this
-        if value is None or _is_empty(value):
-            continue
-        told.append(f"{one.name}={_told(value)}")
-    return f"{type(self).__name__}({', '.join(told)})"
+        if value is not None and not _is_empty(value):
+            yield one.name, _told(value)
 
 
 def _is_empty(value: object) -> bool:

@@ -13,7 +13,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchrender.brief import brief
+from torchrender.brief import brief, brief_html
 from torchrender.scene.camera import Cameras
 
 
@@ -28,6 +28,7 @@ class VisibilityBuffer:
     barycentric: Tensor  # (B,H,W,2) weights of the triangle's second and third vertex
 
     __repr__ = brief
+    _repr_html_ = brief_html
 
     @property
     def covered(self) -> Tensor:
@@ -52,6 +53,7 @@ class GBuffer(VisibilityBuffer):
     alpha: Tensor | None = None  # (B,H,W) interpolated opacity of the vertices; None: one everywhere
 
     __repr__ = brief
+    _repr_html_ = brief_html
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +71,7 @@ class DepthImages(VisibilityBuffer):
     parameters: Mapping[str, Any]
 
     __repr__ = brief
+    _repr_html_ = brief_html
 
     def __len__(self) -> int:
         return int(self.depth.shape[0])
@@ -90,6 +93,7 @@ class RayHits:
     barycentric: Tensor  # (N,2) float32 weights of the second and third vertex
 
     __repr__ = brief
+    _repr_html_ = brief_html
 
     @property
     def hit(self) -> Tensor:
@@ -112,6 +116,7 @@ class ShadowMap:
     starts: tuple[int, ...] | None = None  # views starts[b] to starts[b + 1] were fitted to picture b; None: all to all
 
     __repr__ = brief
+    _repr_html_ = brief_html
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,6 +145,7 @@ class RaySurface:
     source: Any = None  # the geometry that all attributes are those of
 
     __repr__ = brief
+    _repr_html_ = brief_html
 
     @property
     def image(self) -> RaySurface:
@@ -176,6 +182,7 @@ class MirrorShare:
     mirrored: Tensor  # (B,H,W,3) tint and share of what is mirrored, by Schlick's term or by the lobe's albedo
 
     __repr__ = brief
+    _repr_html_ = brief_html
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,3 +200,4 @@ class ReflectionLayer:
     share: MirrorShare | None = None  # how it is blended in; None: by the specular degree of whole materials
 
     __repr__ = brief
+    _repr_html_ = brief_html

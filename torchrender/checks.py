@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+import numpy as np
 import torch
 from torch import Tensor
 
-from torchrender.errors import InputError, OptionError
+from torchrender.errors import GradientError, InputError, OptionError
 
 ArrayLike = Tensor | Sequence[float] | float
 
@@ -57,6 +58,20 @@ def check_not_negative(name: str, value: Tensor, error: type[InputError] = Input
     return value
 
 
+def check_no_gradient(function: str, **inputs: object) -> None:
+    """Refuse tensors that ask for a gradient which ``function`` does not give.
+
+    Raises:
+        GradientError: names the function and the input.
+    """
+    if torch.is_grad_enabled():
+        for name, value in inputs.items():
+            if isinstance(value, Tensor) and value.requires_grad:
+                raise GradientError(
+                    f"{function} gives no gradient to {name}: detach it, or call it under torch.no_grad()"
+                )
+
+
 def check_range(name: str, value: float, low: float, high: float = math.inf) -> float:
     """Return ``value`` if ``low <= value <= high``; NaN never passes.
 
@@ -87,3 +102,25 @@ def as_vector(name: str, value: ArrayLike, size: int = 3, dtype: torch.dtype = t
     if out.shape != (size,):
         raise InputError(f"{name} must be {size} numbers, got shape {tuple(out.shape)}")
     return check_finite(name, out)
+
+
+def as_array(
+    name: str, value: object, dtype: torch.dtype = torch.float64, error: type[InputError] = InputError
+) -> Tensor:
+    """A tensor as it is; nested lists and arrays of NumPy as one, lists as ``dtype``.
+
+    Arrays of floats keep their precision.
+
+    Raises:
+        InputError: rows of several lengths, or no numbers; names the argument.
+    """
+    if isinstance(value, Tensor):
+        return value
+    try:
+        array = np.array(value)  # a copy: what the caller does to his array later changes nothing here
+        tensor = torch.from_numpy(array.astype(array.dtype.newbyteorder("=")))
+    except (TypeError, ValueError, RuntimeError) as reason:
+        raise error(f"{name} must be numbers in rows of one length ({reason})") from reason
+    if tensor.is_floating_point() and tensor.numel() and (isinstance(value, np.ndarray) or not dtype.is_floating_point):
+        return tensor  # as precise as it was given; floats that should be integers are for the caller to refuse
+    return tensor.to(dtype)

@@ -1,10 +1,43 @@
-"""Wall time per step."""
+"""Wall time per step, and what may come between two steps of whatever is being made."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
+
+
+class Interruption:
+    """What is called between steps, and the time that it took away."""
+
+    def __init__(self, check: Callable[[], None]) -> None:
+        self._check = check
+        self.away_s = 0.0
+
+    def __call__(self) -> None:
+        """Let others work; what they raise ends whatever is being made."""
+        begin = time.perf_counter()
+        token = _BETWEEN.set(None)  # what is done meanwhile is not interrupted again
+        try:
+            self._check()
+        finally:
+            _BETWEEN.reset(token)
+            self.away_s += time.perf_counter() - begin
+
+
+_BETWEEN: ContextVar[Interruption | None] = ContextVar("between", default=None)
+
+
+@contextmanager
+def interruptible(check: Callable[[], None]) -> Iterator[None]:
+    """Pictures that are made inside call ``check`` between their passes: it may do other work, whose time is not
+    counted as theirs, or raise to end them."""
+    token = _BETWEEN.set(Interruption(check))
+    try:
+        yield
+    finally:
+        _BETWEEN.reset(token)
 
 
 class StepClock:
@@ -15,7 +48,14 @@ class StepClock:
 
     @contextmanager
     def measure(self, step: str) -> Iterator[None]:
-        """Time what runs inside."""
+        """Time what runs inside, without what came between its own steps."""
+        between = _BETWEEN.get()
+        if between is not None:
+            between()
+        away_s = 0.0 if between is None else between.away_s
         begin = time.perf_counter()
         yield
-        self.elapsed_ms[step] = self.elapsed_ms.get(step, 0.0) + 1e3 * (time.perf_counter() - begin)
+        passed = time.perf_counter() - begin
+        if between is not None:
+            passed -= between.away_s - away_s
+        self.elapsed_ms[step] = self.elapsed_ms.get(step, 0.0) + 1e3 * passed

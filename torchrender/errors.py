@@ -27,6 +27,10 @@ class MeshError(InputError):
     """A mesh is not usable: bad indices, NaN or infinite vertices; the message names the mesh."""
 
 
+class GradientError(InputError):
+    """An input asks for a gradient that the function does not give; a lost one would look like zero."""
+
+
 class MissingExtraError(TorchRenderError, ImportError):
     """A part of the package needs packages that the base installation leaves out; ``extra`` brings them."""
 
@@ -81,6 +85,26 @@ class NotUsedWarning(TorchRenderWarning):
 
 class ExposureWarning(TorchRenderWarning):
     """A picture got an exposure that nobody asked for, as its lights are in candela and lux."""
+
+
+class SceneWarning(TorchRenderWarning):
+    """A scene or a view can be drawn, but hardly as it was meant."""
+
+
+class LightWarning(SceneWarning):
+    """A light faces away from everything there is."""
+
+
+class ViewWarning(SceneWarning):
+    """A camera sees nothing, or stands inside a solid."""
+
+
+class NormalsWarning(SceneWarning):
+    """Shading normals of an object point to the inside of its faces."""
+
+
+class UnitsWarning(SceneWarning):
+    """Lights are in candela and lux, which take a unit as a metre, and the scene is as large as if in millimetres."""
 
 
 class RepairedWarning(TorchRenderWarning):

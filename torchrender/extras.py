@@ -7,7 +7,11 @@ from importlib.util import find_spec
 from torchrender.errors import MissingExtraError
 
 CLIENT = ("msgspec", "simplejpeg", "websockets", "zstandard")
-EXTRAS = {"client": CLIENT, "service": (*CLIENT, "fastapi", "httptools", "uvicorn")}
+EXTRAS = {
+    "client": CLIENT,
+    "ray": ("ray", "pyarrow"),
+    "service": (*CLIENT, "fastapi", "filelock", "httptools", "limits", "uvicorn"),
+}
 """As in pyproject.toml."""
 
 

@@ -19,6 +19,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchrender.arrays import Recycler
 from torchrender.arrays import view as numpy_view
 from torchrender.buffers import GBuffer, VisibilityBuffer
 from torchrender.checks import check_choice, check_tensor
@@ -42,7 +43,7 @@ from torchrender.kernels.raster.records import (
 from torchrender.scene.camera import Cameras
 from torchrender.scene.mesh import Geometry
 from torchrender.scene.model import Scene
-from torchrender.scene.triangles import Shape, geometry_of
+from torchrender.scene.triangles import Shape, check_fixed, geometry_of
 from torchrender.shading.attributes import SeenSurface
 
 Array = np.ndarray[Any, Any]
@@ -51,6 +52,7 @@ CULLING = ("none", "back", "front", "sides")
 OUTPUTS = tuple(field.name for field in fields(GBuffer) if field.name != "cameras")
 CHUNK = 1 << 18
 """Pixels that are drawn at a time where only some attributes are kept."""
+_memory = Recycler(1 << 26)
 PIXEL_TESTS = ("identity", "depth_identity", "captured")  # in the order of kernels.fragments
 
 
@@ -112,7 +114,9 @@ def rasterize(
 
     Raises:
         OptionError: unknown ``cull`` or output. InputError: ``tests`` that do not fit the cameras.
+        GradientError: meshes that ask for gradients, which there are none of.
     """
+    check_fixed("rasterize", scene)
     if outputs is None:
         return surface_attributes(scene, rasterize_visibility(scene.geometry, cameras, cull=cull, tests=tests))
     if isinstance(outputs, str):
@@ -149,9 +153,10 @@ def rasterize_visibility(
 ) -> VisibilityBuffer:
     """Depth, triangle id, object id and barycentrics of the nearest surface in every pixel; see :func:`rasterize`."""
     shape = (len(cameras), cameras.height, cameras.width)
-    depth = np.zeros(shape, np.float32)
-    triangle, objects = np.zeros(shape, np.int64), np.zeros(shape, np.int64)
-    barycentric = np.zeros((*shape, 2), np.float32)
+    # Every pixel is written.
+    depth = _memory.empty(shape, np.float32)
+    triangle, objects = _memory.empty(shape, np.int64), _memory.empty(shape, np.int64)
+    barycentric = _memory.empty((*shape, 2), np.float32)
     check_choice("cull", cull, CULLING)
     geometry = geometry_of("geometry", geometry)
     triangles = _triangle_arrays(geometry)
@@ -200,7 +205,7 @@ def count_nearer(
 def rasterize_depth(geometry: Shape, cameras: Cameras, *, cull: str = "none") -> Tensor:
     """Camera depth (B,H,W) float32 of the nearest surface, +inf where empty: what a shadow map needs, and no more."""
     check_choice("cull", cull, CULLING)
-    depth = np.zeros((len(cameras), cameras.height, cameras.width), np.float32)
+    depth = _memory.empty((len(cameras), cameras.height, cameras.width), np.float32)
     geometry = geometry_of("geometry", geometry)
     triangles = _triangle_arrays(geometry)
     for k, (view, checks) in enumerate(_views(geometry, cameras, None)):

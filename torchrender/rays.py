@@ -17,7 +17,7 @@ from torch import Tensor
 
 from torchrender.arrays import view
 from torchrender.buffers import RayHits
-from torchrender.checks import check_choice, check_finite, check_tensor
+from torchrender.checks import as_array, check_choice, check_finite, check_no_gradient, check_tensor
 from torchrender.errors import InputError, OptionError
 from torchrender.kernels.raster.records import NO_HOLES, Holes
 from torchrender.kernels.rays.bvh import trace
@@ -126,6 +126,7 @@ class RayCaster:
 
         Raises:
             InputError: wrong shapes, NaN or infinite rays, zero directions, NaN limits; names the argument.
+            GradientError: rays that ask for gradients, which hits do not give.
         """
         rays, shape = _rays(origins, directions, t_min, t_max, None, cull_backfaces)
         return _hits(self._cast(rays), shape)
@@ -150,6 +151,7 @@ class RayCaster:
         Raises:
             InputError: as in :meth:`first_hit`.
         """
+        origins = as_array("origins", origins)
         beyond = torch.from_numpy(_limit("hits_t", hits_t, origins.shape[:-1])).reshape(origins.shape[:-1])
         beyond = torch.where(torch.isinf(beyond), beyond, beyond + TIE * beyond.abs())
         rays, shape = _rays(origins, directions, beyond, t_max, ignore_triangle, cull_backfaces)
@@ -204,6 +206,8 @@ def _rays(
     any_hit: bool = False,
 ) -> tuple[Rays, torch.Size]:
     """Checked rays as flat arrays, and their leading shape."""
+    origins, directions = as_array("origins", origins), as_array("directions", directions)
+    check_no_gradient("casting rays", origins=origins, directions=directions)
     for name, value in (("origins", origins), ("directions", directions)):
         if not isinstance(value, Tensor) or not value.is_floating_point() or value.shape[-1:] != (3,):
             raise InputError(f"{name} must be a float tensor (..., 3), got {_describe(value)}")

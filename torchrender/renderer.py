@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -12,7 +11,7 @@ from torch import Tensor
 
 from torchrender.buffers import GBuffer, RaySurface
 from torchrender.clock import StepClock
-from torchrender.errors import ExposureWarning, InputError
+from torchrender.errors import InputError
 from torchrender.image import Image
 from torchrender.passes.contract import Buffers, Pass
 from torchrender.passes.light.direct_light import MIRROR_SHARE
@@ -22,6 +21,7 @@ from torchrender.passes.seen.picture_visibility import PICTURE_VISIBILITY
 from torchrender.passes.settings import CUSTOM
 from torchrender.passes.table import GBUFFER, PICTURE
 from torchrender.pipeline.buffer import Buffer
+from torchrender.pipeline.doubts import Doubt, exposure_of, say, scene_doubts, view_doubts
 from torchrender.pipeline.frame import Frame
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
@@ -33,6 +33,7 @@ from torchrender.planning.planner import check_names, check_wishes, make_plan
 from torchrender.scene.camera import Cameras
 from torchrender.scene.load import load
 from torchrender.scene.model import DEFAULT_SIZE, Scene, resized
+from torchrender.scene.triangles import check_fixed
 from torchrender.shade import SentLight
 
 if TYPE_CHECKING:
@@ -92,7 +93,11 @@ def render(
 
     A scene without any light gets :meth:`Scene.with_default_light`. A scene without triangles gives its background.
 
+    Gradients: to colours and textures of materials, to light colours, ambient light and environments, with visibility
+    as it is; none to meshes and cameras.
+
     Raises:
+        GradientError: a mesh asks for a gradient.
         SceneFileError: the scene cannot be loaded.
         InputError: no camera, buffer or pass of that name; a size or an option out of range.
         OptionError: ``budget_ms`` not positive, ``max_error`` outside [0, 1].
@@ -111,9 +116,11 @@ def render(
             scene = load(scene)
     with clock.measure("total"):
         cameras = view_of(scene, camera, width, height)
+        check_fixed("render", scene)
         knowledge = Knowledge.of(scene, cameras, options, history, load_curves())
         run = Run(knowledge, (budget_ms, max_error), clock)
         image = run.image()
+        say([*scene_doubts(scene), *run.doubts])
     plan = run.plan.measured(clock.elapsed_ms, run.amounts, clock.elapsed_ms["total"])
     kept = None if history is None else run.history(plan)
     return replace(image, plan=plan, timings_ms=clock.elapsed_ms, history=kept)
@@ -160,16 +167,6 @@ def make_buffers(
     return run.buffers(given or {})
 
 
-def exposure_of(scene: Scene, options: RenderOptions) -> float | None:
-    """EV for display, None for automatic; lights in candela and lux ask for the latter, and it is said."""
-    if not isinstance(options.exposure, str):
-        return options.exposure
-    if not scene.photometric:
-        return 0.0
-    warnings.warn(f"{scene.name}: lights in candela and lux: exposure is automatic", ExposureWarning, stacklevel=4)
-    return None
-
-
 def view_of(scene: Scene, camera: Cameras | str | None, width: int | None, height: int | None) -> Cameras:
     """The cameras that :func:`render` takes; same arguments and errors."""
     if isinstance(camera, Cameras):
@@ -193,6 +190,7 @@ class Run:
     amounts: dict[str, tuple[float, ...]] = field(init=False, default_factory=dict)  # of work, by pass
     done: list[str] = field(init=False, default_factory=list)  # passes that ran
     found: dict[str, float] = field(init=False, default_factory=dict)  # quantities, since the plan was made
+    doubts: list[Doubt] = field(init=False, default_factory=list)  # about what cameras see
 
     def image(self) -> Image:
         """The picture."""
@@ -273,6 +271,8 @@ class Run:
         values = made if step.also else (made,)
         for buffer, value in zip(step.makes_all, values, strict=True):
             self.values[buffer] = buffer.checked(value)
+            if buffer is GBUFFER:
+                self.doubts += view_doubts(self.knowledge.outlook.scene, value)
             if buffer.lasting is not None:
                 self.lasting[buffer] = value
 

@@ -19,3 +19,8 @@ class ServiceError(TorchRenderError):
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (self.status, self.kind, self.detail), {"retry_after_s": self.retry_after_s}
+
+
+def out_of_memory(error: Exception) -> bool:
+    """Whether there was no memory left; torch says so in words."""
+    return isinstance(error, MemoryError) or "allocate memory" in str(error)

@@ -7,8 +7,10 @@ import logging
 import re
 import sys
 import time
-from typing import Any
+from typing import Any, TextIO
 
+LOG_BYTES_PER_S = 15_000.0
+LOG_BURST_BYTES = 64_000.0
 _STANDARD = {
     *logging.LogRecord("", 0, "", 0, "", None, None).__dict__,
     "message",
@@ -36,9 +38,42 @@ class JsonLines(logging.Formatter):
         return _SECRET.sub(r"\1***", json.dumps(values, default=str))
 
 
+class Budget(logging.StreamHandler[TextIO]):
+    """Writes to a stream, and no more than so many bytes a second: whoever floods the service must not fill its disk.
+
+    What does not fit is left out and counted; a line tells how many, once there is room again.
+    """
+
+    def __init__(self, stream: TextIO, bytes_per_s: float = LOG_BYTES_PER_S, burst: float = LOG_BURST_BYTES) -> None:
+        super().__init__(stream)
+        self._rate, self._burst = bytes_per_s, burst
+        self._room, self._since = burst, time.monotonic()
+        self._left_out = 0
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Write it if there is room."""
+        now = time.monotonic()
+        self._room = min(self._burst, self._room + (now - self._since) * self._rate)
+        self._since = now
+        if self._room <= 0.0:
+            self._left_out += 1
+            return
+        if self._left_out:
+            count, self._left_out = self._left_out, 0
+            text = f"{count} records were left out: there were too many"
+            self.emit(logging.LogRecord(__name__, logging.WARNING, __file__, 0, text, None, None))
+        text = self.format(record)
+        self._room -= len(text) + 1
+        try:
+            self.stream.write(text + self.terminator)
+            self.flush()
+        except Exception:
+            self.handleError(record)
+
+
 def set_up_logs(level: str) -> None:
     """Send everything to standard error as JSON lines."""
-    handler = logging.StreamHandler(sys.stderr)
+    handler = Budget(sys.stderr)
     handler.setFormatter(JsonLines())
     root = logging.getLogger()
     root.handlers[:] = [handler]

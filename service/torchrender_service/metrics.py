@@ -15,6 +15,14 @@ HELP = {
     "request_seconds": "Time until the response was complete.",
     "job_seconds": "Time that a renderer worked on a job.",
     "renderers_restarted": "Renderers that died or took too long.",
+    "renderer_deaths": "Renderers that ended by themselves or were killed from outside.",
+    "renderer_memory_bytes": "Resident memory of each renderer after its last job.",
+    "renderer_kept_bytes": "What each renderer keeps of scenes and pictures.",
+    "renderer_evictions": "Scenes and histories that a renderer dropped to make room.",
+    "queue_wait_seconds": "Time that jobs waited for a renderer, by class.",
+    "jobs_cancelled": "Jobs whose client went away.",
+    "connections": "Connections that are open.",
+    "connections_ended": "Connections that the server closed, by the deadline that passed.",
     "keyframes": "Keyframes sent.",
     "keyframe_bytes": "Bytes of all messages of those keyframes.",
     "keyframe_latency_seconds": "From a pose's arrival to the acknowledgement of its keyframe.",
@@ -35,6 +43,7 @@ class Metrics:
 
     def __init__(self) -> None:
         self._counters: dict[tuple[str, Labels], float] = defaultdict(float)
+        self._gauges: dict[tuple[str, Labels], float] = {}
         self._histograms: dict[tuple[str, Labels], list[float]] = {}
 
     def count(self, name: str, amount: float = 1.0, **labels: str) -> None:
@@ -48,11 +57,19 @@ class Metrics:
         row[bisect.bisect_left(BUCKETS, seconds)] += 1
         row[-1] += seconds
 
+    def set(self, name: str, value: float, **labels: str) -> None:
+        """Set a gauge."""
+        self._gauges[name, tuple(sorted(labels.items()))] = value
+
     def text(self, gauges: Mapping[str, float]) -> str:
         """All values, with ``gauges`` as they are now."""
         lines: list[str] = []
         for name, value in sorted(gauges.items()):
             lines += [*_head(name, "gauge"), f"{PREFIX}{name} {value:g}"]
+        for name in sorted({name for name, _ in self._gauges}):
+            lines += _head(name, "gauge")
+            rows = sorted((labels, value) for (n, labels), value in self._gauges.items() if n == name)
+            lines += [f"{PREFIX}{name}{_labels(labels)} {value:.17g}" for labels, value in rows]
         for name in sorted({name for name, _ in self._counters}):
             lines += _head(f"{name}_total", "counter", name)
             rows = sorted((labels, value) for (n, labels), value in self._counters.items() if n == name)

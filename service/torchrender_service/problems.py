@@ -9,6 +9,7 @@ from typing import Any
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect
 from starlette.responses import Response
 
 from torchrender.errors import SceneFileError, TorchRenderError
@@ -31,7 +32,9 @@ TITLES = {
     422: "A value cannot be used",
     429: "Too many requests",
     500: "Internal error",
+    499: "The client has left",
     503: "Not available now",
+    507: "No room on the disk",
 }
 _KINDS = {404: "not-found", 405: "method-not-allowed", 400: "bad-request"}
 _SHOWN_ERRORS = 16
@@ -85,6 +88,11 @@ def add_error_handlers(app: FastAPI) -> None:
         found = [{"at": _place(e["loc"]), "reason": str(e["msg"])} for e in error.errors()[:_SHOWN_ERRORS]]
         detail = "; ".join(f"{e['at']}: {e['reason']}" for e in found)
         return problem_response(ServiceError(422, "invalid-value", detail[:2000]), errors=found)
+
+    @app.exception_handler(ClientDisconnect)
+    async def left(request: Request, error: ClientDisconnect) -> Response:
+        del request, error
+        return Response(status_code=499)  # nobody reads it
 
     @app.exception_handler(HTTPException)
     async def http(request: Request, error: HTTPException) -> Response:

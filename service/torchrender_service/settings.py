@@ -6,6 +6,8 @@ environment. Lists are separated by commas there.
 
 from __future__ import annotations
 
+import contextlib
+import difflib
 import ipaddress
 import os
 import sys
@@ -26,6 +28,14 @@ else:
 Count = Annotated[int, Meta(ge=1, le=2**40)]
 Seconds = Annotated[float, Meta(gt=0.0, le=86400.0)]
 PREFIX = "TORCHRENDER_"
+OTHER_VARIABLES = {
+    PREFIX + name
+    for name in (
+        *("CONFIG", "CURVES", "KERNELS", "DATA", "CHROMIUM", "REQUIRE_BROWSER"),
+        *("RENDERER_LIMIT_MB", "RENDERER_NICENESS", "PLAIN_COMPILER"),
+    )
+}
+"""Of the package, its tests and its renderers."""
 LOOPBACK_NAMES = ("localhost", "127.0.0.1", "[::1]", "::1")
 BUILT_IN = (
     *("living_room", "cornell_box", "washroom", "nest", "grass", "city", "tree"),
@@ -41,15 +51,32 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     api_key: Annotated[str, Meta(min_length=16)] | None = None  # required on addresses other than loopback
     allowed_origins: tuple[str, ...] = ()  # besides the service's own
     allowed_hosts: tuple[str, ...] = ()  # names in the Host header besides loopback's; empty off loopback: all
+    root_path: Annotated[str, Meta(pattern="^(/[^/?#]+)*$")] = ""  # below which a proxy shows the service
+    trusted_proxies: tuple[str, ...] = ()  # their X-Forwarded-For tells whose request it is
     data_dir: str = "torchrender-data"  # uploaded scenes
     built_in: tuple[str, ...] = BUILT_IN
     log_level: Annotated[str, Meta(pattern="^(debug|info|warning|error)$")] = "info"
 
     threads: Annotated[int, Meta(ge=0, le=1024)] = 0  # of each renderer; 0: as many as there are cores, at most 4
     renderers: Annotated[int, Meta(ge=0, le=256)] = 0  # processes; 0: cores divided by threads
-    renderer_memory_mb: Annotated[int, Meta(ge=512, le=2**24)] = 8192  # beyond what a fresh process needs
+    renderer_memory_mb: Annotated[int, Meta(ge=0, le=2**24)] = 0  # beyond a fresh process's; 0: a share of the host's
     waiting: Count = 64  # jobs that may wait for one renderer
     job_s: Seconds = 120.0  # a renderer that takes longer is stopped
+    batch_s: Seconds = 600.0  # the same for large pictures, which give way to all others
+    batch_niceness: Annotated[int, Meta(ge=2, le=19)] = 19  # 19: a fiftieth of the time while others need all
+    inspect_s: Seconds = 60.0  # the same for an upload that is looked at
+
+    max_connections: Count = 1024
+    max_connections_per_address: Count = 256
+    max_requests: Count = 512  # under way at a time
+    max_requests_per_address: Count = 64
+    requests_per_s: Count = 250  # of one address
+    max_uploads: Count = 16  # large bodies under way at a time
+    max_uploads_per_address: Count = 4
+    header_s: Seconds = 10.0  # for the headers of a request
+    body_s: Seconds = 15.0  # for each 16 KiB of a body
+    idle_s: Seconds = 15.0  # of a connection between two requests
+    write_s: Seconds = 30.0  # for the peer to take 16 KiB of an answer
 
     max_body_bytes: Count = 2**20
     max_upload_bytes: Count = 2**27
@@ -62,8 +89,10 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     max_scenes: Count = 256
     max_store_bytes: Count = 2**34
     max_kept_bytes: Count = 2**28  # keyframe containers kept in memory for reproject
+    max_buffered_bytes: Count = 2**28  # large bodies in memory at a time
 
     max_sessions: Count = 64
+    max_sessions_per_address: Count = 32
     ticket_s: Seconds = 60.0
     resume_s: Seconds = 60.0
     hello_s: Seconds = 10.0
@@ -82,6 +111,13 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
             return False
 
     @property
+    def memory_mb(self) -> int:
+        """What each renderer may take: as set, or its share of three quarters of the memory of host or container."""
+        if self.renderer_memory_mb:
+            return max(512, self.renderer_memory_mb)
+        return max(512, int(0.75 * memory_of_host_mb()) // (self.renderer_count + 1))
+
+    @property
     def renderer_threads(self) -> int:
         """Threads of each renderer."""
         return self.threads or min(os.cpu_count() or 1, 4)
@@ -90,6 +126,36 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     def renderer_count(self) -> int:
         """Renderers that run at a time: cores divided by threads."""
         return self.renderers or max(1, (os.cpu_count() or 1) // self.renderer_threads)
+
+
+def memory_of_host_mb() -> int:
+    """Memory that this process and its children may take: of the machine, or of the container where that is less."""
+    found = [8 * 2**30]
+    with contextlib.suppress(AttributeError, ValueError, OSError):
+        found = [os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")]
+    for file in ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes"):
+        try:
+            found.append(int(Path(file).read_text()))
+        except (OSError, ValueError):  # there is none, or it is "max"
+            continue
+    return min(found) // 2**20
+
+
+def misspelt(environment: Mapping[str, str]) -> list[str]:
+    """What is said about variables of the environment that look like settings and are none."""
+    known = {PREFIX + name.upper() for name in Settings.__struct_fields__} | OTHER_VARIABLES
+    said = []
+    for name in sorted(environment):
+        if not name.startswith(PREFIX) or name in known:
+            continue
+        if environment[name].startswith("tcp://"):  # set by orchestrators, for services
+            continue
+        near = difflib.get_close_matches(name, sorted(known), n=1, cutoff=0.8)
+        if near:
+            said.append(f"{name} is no setting and changes nothing; did you mean {near[0]}?")
+        else:
+            said.append(f"{name} is no setting and changes nothing")
+    return said
 
 
 def read_settings(

@@ -52,15 +52,31 @@ def test_without_reuse_and_along_a_file(tmp_path) -> None:
     assert len(records) == 2 and "reused_share" not in records[0]
 
 
+def test_objects_along_paths(tmp_path) -> None:
+    poses = "[[pose]]\noffset = [0, 0, 0]\n[[pose]]\noffset = [0, 0.3, 0]\nturn = 90\n"
+    (tmp_path / "up.toml").write_text(poses)
+    words = ["fly", "cornell_box", "--frames", "2", "--size", "24x24", "--path", "orbit"]
+    moves = ["--move", "short box=0.1,0,0.1,45", "--move", f"tall box={tmp_path / 'up.toml'}"]
+    for name, more in (("still", []), ("moved", moves)):
+        assert main([*words, *more, "-o", str(tmp_path / name)]) == 0
+    first, last = ([read_image(tmp_path / name / f"frame_{k:04d}.png") for name in ("still", "moved")] for k in (0, 1))
+    assert bool((first[0] == first[1]).all()) and not bool((last[0] == last[1]).all())
+    assert all(r["moved_ms"] > 0 for r in json.loads((tmp_path / "moved" / "statistics.json").read_text()))
+
+
 @pytest.mark.parametrize(
     ("words", "named"),
     [
-        (["-o", "film.avi"], ".mp4"),
+        (["-o", "film.mov"], ".mp4"),
         (["-o", "none/film.mp4"], "does not exist"),
         (["-o", "out", "--path", "nowhere"], "walk1"),
         (["-o", "out", "--path", "none.toml"], "none.toml"),
         (["-o", "out", "--frames", "0"], "frames"),
         (["-o", "out", "--fps", "0"], "--fps"),
+        (["-o", "out", "--move", "nobody=0,0,1"], "has no mesh 'nobody'"),
+        (["-o", "out", "--move", "0,0,1"], "NAME=X,Y,Z"),
+        (["-o", "out", "--move", "basin=0,1"], "--move"),
+        (["-o", "out", "--move", "basin=none.toml"], "none.toml"),
         (["-o", "out", "--threshold", "2"], "key_frame_threshold"),
         (["-o", "out", "--size", "0x3"], "--size"),
         (["-o", "film.mp4", "--size", "1x1"], "2x2"),

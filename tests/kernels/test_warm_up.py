@@ -104,7 +104,7 @@ def test_an_interrupted_warm_up_leaves_no_process_and_goes_on(empty, tmp_path) -
     os.utime(old, (time.time() - 2 * OLD_S,) * 2)
     environment = {**os.environ, "PYTHONPATH": PATH, "NUMBA_CACHE_DIR": str(empty)}
     process = subprocess.Popen(
-        [sys.executable, "-m", "torchrender.cli", "warm-up", "--for", "points"],
+        [sys.executable, "-m", "torchrender", "warm-up", "--for", "points"],
         env=environment, stderr=subprocess.PIPE, text=True, cwd=tmp_path, start_new_session=True,
     )  # fmt: skip
     assert process.stderr is not None

@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import pytest
 import torch
 
+import torchrender.passes.light.ambient_visibility as ambient
+import torchrender.passes.mirrors.hit_shader as hit_shaders
+import torchrender.pipeline.scene_cube as scene_cube
 from reflection_scenes import placed, sphere_scene
+from torchrender.effects.ambient.options import AmbientOptions
 from torchrender.pipeline.options import RenderOptions
 from torchrender.pipeline.scene_cube import enclosing_solids
 from torchrender.report.common.hits import hit_shader
@@ -55,3 +62,19 @@ def test_guesses_see_the_walls_and_not_the_inside_of_the_mirror() -> None:
     assert float((seen[:, 2] - wanted[2]).min()) > -0.05 and float(seen[:, 0].max()) < 3.0
     guess = shader.surroundings(torch.zeros(200, 3).double() + 0.51, directions.double())
     assert float(guess[:, 2].min()) > 0.5
+
+
+def test_the_cube_finds_ambient_light_by_a_sixteenth_of_the_rays(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A half of the usual cube, beside one with 24 rays a texel: less than a step or two of 255 apart on the mean."""
+    monkeypatch.setattr(scene_cube, "CUBE_SIZE", 64)
+    scene = replace(room(placed(box(torch.ones(3)), (1.5, -2.0, 0.0), 1)), ambient=torch.full((3,), 0.5))
+    scene = replace(scene, materials=(scene.materials[0], Material(diffuse=torch.full((3,), 0.7))), environment=None)
+    made = []
+    for spacing, rays in ((1, 24), (hit_shaders.AROUND, 8)):
+        monkeypatch.setattr(hit_shaders, "AROUND", spacing)
+        monkeypatch.setattr(ambient, "AT_HITS", rays)
+        shader = hit_shader(scene, RenderOptions(shadows=False, ambient=AmbientOptions(rays=rays)))
+        made.append(shader.environment(torch.randn(4000, 3, generator=torch.Generator().manual_seed(2))))
+    exact, few = made
+    assert float(exact.std()) > 0.03
+    assert float((few - exact).abs().mean()) < 0.01

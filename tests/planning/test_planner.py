@@ -242,9 +242,31 @@ def test_an_impossible_budget_gives_the_cheapest_complete_picture(washroom: Scen
     assert image.plan is not None and not image.plan.possible
     assert "not enough" in image.plan.statement and image.plan.statement in str(image.plan)
     assert image.plan.row("gbuffer").setting == "0.25" and image.plan.row("reflections").setting == "environment"
+    assert "gbuffer: 0.25 instead of 1, saves" in str(image.plan)
+    assert any(text.startswith("reflections: environment instead of ") for text in image.plan.changes)
     assert image.radiance.shape == (1, 40, 40, 3) and bool(torch.isfinite(image.radiance).all())
     assert float((image.radiance.sum(-1) > 0).float().mean()) > 0.99
     assert image.gbuffer.depth.shape == (1, 40, 40)
+
+
+def test_a_plan_speaks_with_one_voice(washroom: Scene) -> None:
+    """Before anything is spent, table, total and statement say the same; later pictures are told apart."""
+    camera = view(washroom, 256)
+    plan = tr.plan(washroom, camera, budget_ms=1.0)
+    assert plan.predicted_ms is not None and plan.following_ms is not None
+    assert plan.predicted_ms == pytest.approx(sum(row.predicted_ms or 0.0 for row in plan.running))
+    assert f"about {plan.predicted_ms:.0f} ms" in plan.statement
+    made_once = {row.name for row in plan.running if row.lasts}
+    assert "ray_caster" not in {row.name for row in plan.running} or "ray_caster" in made_once
+    assert plan.following_ms < plan.predicted_ms and f"and {plan.following_ms:.0f} ms each" in plan.statement
+    assert f"pictures that follow about {plan.following_ms:.0f} ms" in str(plan)
+    told = plan.to_dict()
+    assert told["following_ms"] == pytest.approx(plan.following_ms, abs=0.01) and told["changes"] == list(plan.changes)
+    free = tr.plan(washroom, camera)
+    for text in plan.changes:
+        name, setting = text.split(":")[0], free.row(text.split(":")[0]).setting
+        assert f"instead of {setting}" in text and plan.row(name).setting != setting
+    assert not free.changes and len(plan.changes) >= 2
 
 
 def test_a_huge_budget_gives_the_reference(box: Scene) -> None:

@@ -38,7 +38,7 @@ BOX = b'name = "box"\n[[geometry]]\nshape = "box"\nsize = 1.0\n'
 
 def test_health_ready_metrics(server: RunningServer) -> None:
     assert server.ask("GET", "/health").json()["status"] == "ok"
-    end = time.monotonic() + 60
+    end = time.monotonic() + 250
     while server.ask("GET", "/ready").status != 200 and time.monotonic() < end:
         time.sleep(0.1)
     assert server.ask("GET", "/ready").json() == {"status": "ready"}

@@ -95,9 +95,11 @@ def test_a_server_that_stops_ends_the_compilation(monkeypatch: pytest.MonkeyPatc
 def test_a_pool_is_not_ready_before_its_kernels_are(monkeypatch: pytest.MonkeyPatch) -> None:
     pool = Pool(read_settings(None, {}, renderers=1), Metrics())
     assert not pool.ready and pool.progress == "looking for kernels"
-    pool._kernels.finished = True
+    pool._kernels.first.set()
     assert not pool.ready and pool.progress == "starting renderers"
     monkeypatch.setattr(pools.RendererProcess, "ready", True)
+    assert not pool.ready and pool.progress == "making a first picture"
+    pool._warm.add("0")
     pool._kernels.done, pool._kernels.total = 1, 4
     assert pool.ready and pool.progress == "compiling kernels for further settings, once: 1 of 4"
     pool._kernels.done = 4

@@ -17,7 +17,10 @@ with warnings.catch_warnings():
     schemathesis = pytest.importorskip("schemathesis", reason="pip install 'torchrender[test]'")
 
 
-@schemathesis.serializer("model/gltf-binary", "application/toml", "image/jpeg", "image/png")
+KEYFRAMES = "application/vnd.torchrender.keyframes"
+
+
+@schemathesis.serializer("model/gltf-binary", "application/toml", "image/jpeg", "image/png", KEYFRAMES)
 def as_it_is(context: Any, value: Any) -> bytes:
     """Scenes and photos are sent as bytes or text."""
     del context
@@ -34,7 +37,7 @@ QUICK = settings(
 )
 DESCRIPTION: dict[str, Any] = make_app(read_settings(None, {})).openapi()
 OPERATIONS = [found.ok() for found in schemathesis.openapi.from_dict(DESCRIPTION).get_all_operations()]
-ANY_BYTES = ("/v1/photos", "/v1/marks")
+ANY_BYTES = ("/v1/photos", "/v1/marks", "/v1/keyframes")
 """Their bodies are bytes and nothing else: none is outside of the description."""
 MODES = (schemathesis.GenerationMode.POSITIVE, schemathesis.GenerationMode.NEGATIVE)
 
@@ -46,6 +49,7 @@ def test_every_route_is_described() -> None:
         "/v1/render": {"post"},
         "/v1/depth-images": {"post"},
         "/v1/reproject": {"post"},
+        "/v1/keyframes": {"post"},
         "/v1/style": {"post"},
         "/v1/fog": {"post"},
         "/v1/photos": {"post"},
@@ -62,6 +66,12 @@ def test_every_route_is_described() -> None:
     for path, methods in DESCRIPTION["paths"].items():
         for method, operation in methods.items():
             assert operation.get("summary") and operation.get("description"), (path, method)
+
+
+def test_the_api_key_is_described() -> None:
+    assert DESCRIPTION["components"]["securitySchemes"]["api-key"]["scheme"] == "bearer"
+    secured = {path for path, methods in DESCRIPTION["paths"].items() if any("security" in m for m in methods.values())}
+    assert secured == {path for path in DESCRIPTION["paths"] if path not in ("/health", "/ready")}
 
 
 @pytest.mark.parametrize("path", ["/v1/render", "/v1/depth-images", "/v1/sessions"])

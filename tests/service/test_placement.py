@@ -176,3 +176,11 @@ def test_overscan_keeps_the_view_in_the_middle():
     coarse = overscanned(CAMERA, 1.2, 1000)
     assert coarse.width * coarse.height <= 1000
     assert coarse.fx / coarse.width == pytest.approx(50 / 64)
+
+
+@pytest.mark.parametrize("size", [(32768, 1), (1, 32768), (32760, 3)])
+def test_overscan_keeps_within_the_largest_side_of_a_message(size: tuple[int, int]) -> None:
+    camera = msgspec.structs.replace(CAMERA, width=size[0], height=size[1])
+    wide = overscanned(camera, 1.5, 2**21)
+    again = msgspec.msgpack.decode(msgspec.msgpack.encode(wide), type=CameraHeader)
+    assert again == wide and max(wide.width, wide.height) <= 32768

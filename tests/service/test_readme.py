@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
+import runpy
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -49,6 +51,14 @@ def test_the_python_example_runs(server: RunningServer) -> None:
     exec(compile(adapted(example, server), "README.md", "exec"), names)
     assert names["depth"].shape[0] == 3  # type: ignore[attr-defined]
     assert names["picture"].shape == (1, 36, 64, 3)  # type: ignore[attr-defined]
+
+
+def test_the_script_of_the_documentation_runs(server: RunningServer, monkeypatch, capsys) -> None:
+    monkeypatch.setattr(sys, "argv", ["stream.py", server.url, "36"])
+    runpy.run_path(str(ROOT / "docs" / "examples" / "stream.py"), run_name="__main__")
+    told = capsys.readouterr().out.splitlines()
+    known = [float(line.split(", ")[1].split("%")[0]) for line in told]
+    assert len(known) == 3 and min(known) > 80
 
 
 def test_every_setting_that_is_named_exists() -> None:

@@ -8,6 +8,7 @@ import pytest
 
 from torchrender_service.renderers import scene_cache
 from torchrender_service.renderers.jobs import SceneSource
+from torchrender_service.renderers.keeping.sizes import TREE_BYTES
 from torchrender_service.renderers.scene_cache import SceneCache
 
 
@@ -25,7 +26,7 @@ def loaded(monkeypatch: pytest.MonkeyPatch) -> list[object]:
 
 
 def test_the_scene_that_was_not_used_for_longest_goes_first(loaded: list[object]) -> None:
-    cache = SceneCache(max_triangles=10)
+    cache = SceneCache(max_bytes=20 * TREE_BYTES)
     for name in "ABAC":
         assert cache.get(SceneSource(id=name)).name == name
     assert loaded == ["A", "B", "C"]
@@ -36,7 +37,7 @@ def test_the_scene_that_was_not_used_for_longest_goes_first(loaded: list[object]
 
 
 def test_a_scene_larger_than_everything_allowed_is_kept_alone(loaded: list[object]) -> None:
-    cache = SceneCache(max_triangles=9)
+    cache = SceneCache(max_bytes=9 * TREE_BYTES)
     for name in "AABB":
         cache.get(SceneSource(id=name))
     assert loaded == ["A", "B"]

@@ -7,6 +7,7 @@ import base64
 import io
 import json
 import struct
+import time
 from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
@@ -15,13 +16,17 @@ import pytest
 from PIL import Image as PilImage
 
 from gltf_builder import Glb
-from torchrender.errors import NotUsedWarning, SceneFileError, TorchRenderError
+from torchrender.errors import InputError, NotUsedWarning, SceneFileError, TorchRenderError
 from torchrender.report.fuzz.seeds import seeds
+from torchrender.scene.load import load
 from torchrender_service.errors import ServiceError
-from torchrender_service.renderers.jobs import Validate
-from torchrender_service.renderers.upload import validate
+from torchrender_service.load_test.files import large_texture_glb
+from torchrender_service.renderers.jobs import SceneSource, Validate, View
+from torchrender_service.renderers.scene_cache import SceneCache
+from torchrender_service.renderers.upload import check_toml_text, validate
+from torchrender_service.renderers.views import camera_of_view
 from torchrender_service.renderers.worker import failure_of
-from torchrender_service.scenes.store import MAX_UPLOADS, SceneStore
+from torchrender_service.scenes.store import SceneStore
 from torchrender_service.settings import Settings, read_settings
 from torchrender_service.web.schemas import SceneFacts
 
@@ -209,6 +214,59 @@ def test_dotted_keys_nest_without_limit(tmp_path):
         checked(tmp_path, f"{deep} = 1\n".encode(), "toml")
 
 
+@pytest.mark.parametrize(
+    "line",
+    [
+        "a" + ".a" * 45_000 + " = 1",
+        "[" + ".".join(["'a'"] * 30_000) + "]",
+        "x = {a = 1, " + 'a . "b c" .' * 9_000 + "c = 1}",
+    ],
+    ids=["key", "table", "inline"],
+)
+def test_keys_of_many_parts_are_refused_before_they_are_parsed(tmp_path, line):
+    """Parsing one of 90 KB takes ten seconds."""
+    begin = time.process_time()
+    with pytest.raises(SceneFileError, match="line 2: a key may have at most 16 parts"):
+        check_toml_text(tmp_path, f"name = 'x'\n{line}\n".encode())
+    assert time.process_time() - begin < 0.5
+
+
+def test_what_looks_like_a_long_key_is_refused_in_linear_time(tmp_path):
+    texts = ["a." * 15 + "a = 1\n", 'name = "' + "a.b" * 20 + '"\n', "a" * 500_000, ", " * 250_000, '"' * 100_001]
+    for text in texts:
+        begin = time.process_time()
+        check_toml_text(tmp_path, text.encode())
+        assert time.process_time() - begin < 0.5
+
+
+def test_long_names_are_shown_cut_and_cameras_found_by_what_is_shown(tmp_path):
+    name = "n" * 3_000_000
+    camera = {"type": "perspective", "perspective": {"yfov": 1.0, "znear": 0.1}, "name": name}
+    made = glb(cameras=[camera], nodes=[{"mesh": 0, "name": name}, {"camera": 0, "name": name}])
+    made.json |= {"scenes": [{"nodes": [0, 1], "name": name}], "scene": 0}
+    facts = checked(tmp_path, made.bytes())
+    assert len(json.dumps(facts)) < 20_000 and [len(one) for one in facts["cameras"]] == [80]
+    scene = load(tmp_path / "scene.glb")
+    view = View(width=8, height=8, name=facts["cameras"][0])
+    assert camera_of_view(scene, view).width == 8
+    with pytest.raises(InputError):
+        camera_of_view(scene, View(width=8, height=8, name="nobody"))
+
+
+def test_a_texture_that_is_small_as_a_file_counts_by_its_texels(tmp_path):
+    assert checked(tmp_path, large_texture_glb(64))["triangles"] == 1
+    data = large_texture_glb(2048)
+    assert len(data) < 40_000
+    with pytest.raises(ServiceError, match="texture pixels"):
+        checked(tmp_path, data)
+
+
+def test_a_scene_that_goes_while_it_is_wanted_is_not_found(tmp_path):
+    with pytest.raises(ServiceError) as caught:
+        SceneCache().get(SceneSource(id="a" * 64, path=str(tmp_path / "gone.glb")))
+    assert caught.value.status == 404 and "a" * 64 in caught.value.detail
+
+
 def test_empty_scenes_and_too_many_lights(tmp_path):
     with pytest.raises(ServiceError, match="no triangles"):
         checked(tmp_path, b'name = "nothing"\n', "toml")
@@ -285,18 +343,6 @@ def test_at_once(tmp_path):
     made = asyncio.run(both())
     assert sum(new for _, new in made) == 1
     assert len(list((tmp_path / "scenes").iterdir())) == 1
-
-
-def test_too_many_at_once(tmp_path):
-    store = store_in(tmp_path)
-
-    async def many() -> list[object]:
-        uploads = (store.keep(chunks(b"scene %d" % k), "glb", None) for k in range(MAX_UPLOADS + 3))
-        return list(await asyncio.gather(*uploads, return_exceptions=True))
-
-    refused = [e for e in asyncio.run(many()) if isinstance(e, ServiceError)]
-    assert [e.status for e in refused] == [429] * 3
-    assert keep(store, b"later")[1]
 
 
 def test_what_is_refused_leaves_nothing(tmp_path):

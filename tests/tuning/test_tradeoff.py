@@ -35,6 +35,16 @@ def test_weights_are_found_again_and_never_negative() -> None:
     assert (fit(amounts, np.maximum(5.0 - amounts[:, 0], 0.1)) >= 0).all()
 
 
+def test_weights_of_scattered_times_are_not_low() -> None:
+    rng = np.random.default_rng(4)
+    amounts = rng.uniform(1.0, 5.0, (400, 2))
+    true = np.array([3.0, 8.0])
+    times = amounts @ true * np.exp(rng.normal(0.0, 0.7, 400))
+    times[:8] *= 50.0  # pictures that something else held up
+    ratio = np.median(times / (amounts @ fit(amounts, times)))
+    assert 0.8 < ratio < 1.15
+
+
 def test_the_norm_is_found_again() -> None:
     pairs = [([0.1, 0.2, 0.05], 0.0), ([0.3, 0.3], 0.0), ([0.02, 0.2], 0.0)]
     for norm in (1.0, 2.0):

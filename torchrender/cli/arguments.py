@@ -47,6 +47,22 @@ def add_shadows(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_look(parser: argparse.ArgumentParser) -> None:
+    """How pictures are made and shown: samples, exposure, shadows, reflections."""
+    help_text = "samples per pixel and side: 2 is two by two, 0.5 one for four pixels (default 1)"
+    parser.add_argument("--supersample", type=float, metavar="N", help=help_text)
+    help_text = "powers of two, or auto (default as_lit: auto for lux, else 0)"
+    parser.add_argument("--exposure", metavar="EV", help=help_text)
+    parser.add_argument("--tone-map", choices=("none", "reinhard", "aces"), help="default none")
+    parser.add_argument("--background", metavar="R,G,B", help="linear colour of empty pixels")
+    add_shadows(parser)
+    parser.add_argument(
+        "--reflections",
+        choices=("auto", "clustered", "traced", "environment", "off"),
+        help="how mirrors mirror; auto: the most accurate of the quick ways (default auto)",
+    )
+
+
 def given(**values: Any) -> dict[str, Any]:
     """Those that the command line names; the others keep the default of the option or function that they are for."""
     return {name: value for name, value in values.items() if value is not None}

@@ -11,10 +11,10 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
-from torchrender.cli.arguments import add_scene, add_size, given, load_scene, named_or_numbered
+from torchrender.cli.arguments import add_scene, add_size, given, load_scene, named_or_numbered, numbers
 from torchrender.cli.output import check_output, collect_garbage, image_size, make_folder, progress
 from torchrender.cli.walkthrough import fly_pictures, is_walkthrough
-from torchrender.errors import ImageFileError, InputError, OptionError
+from torchrender.errors import InputError, OptionError
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -28,7 +28,9 @@ def add_fly(commands: Any) -> None:
     """Describe the command to the parser."""
     parser = commands.add_parser("fly", help="render a camera path, reusing reflections, to a film or a folder")
     add_scene(parser)
-    parser.add_argument("-o", "--output", required=True, metavar="OUT", help="film.mp4, or a folder for PNG files")
+    parser.add_argument(
+        "-o", "--output", required=True, metavar="OUT", help="film.mp4, .avi or .gif, or a folder for PNG files"
+    )
     parser.add_argument(
         "--path",
         default="",
@@ -43,12 +45,20 @@ def add_fly(commands: Any) -> None:
     parser.add_argument(
         "--animate", action="store_true", help="play the scene's animation, at its own speed and again from its start"
     )
+    parser.add_argument(
+        "--move",
+        action="append",
+        default=[],
+        metavar="NAME=X,Y,Z[,TURN]",
+        help="move an object by so much over the film, and turn it by degrees; or NAME=PATH.toml; may be repeated",
+    )
     parser.add_argument("--no-reuse", action="store_true", help="every picture from nothing, for comparison")
 
 
 def fly(arguments: argparse.Namespace) -> None:
     """Run the command."""
     from torchrender.effects.reflections.reuse_options import ReuseOptions
+    from torchrender.images.film import FILMS, write_film
     from torchrender.pipeline.history import RenderHistory
     from torchrender.pipeline.options import RenderOptions
     from torchrender.renderer import render
@@ -56,7 +66,7 @@ def fly(arguments: argparse.Namespace) -> None:
     output = Path(arguments.output)
     film = bool(output.suffix)
     if film:
-        check_output(output, (".mp4",))
+        check_output(output, FILMS)
     if not 1.0 <= arguments.fps <= 240.0:
         raise OptionError(f"--fps must be in [1, 240], got {arguments.fps}")
     width, height = image_size(arguments.size)
@@ -66,6 +76,7 @@ def fly(arguments: argparse.Namespace) -> None:
     options = RenderOptions(reuse=ReuseOptions(**given(key_frame_threshold=arguments.threshold)))
     scene = load_scene(arguments)
     times = _times(scene, arguments)
+    moves = _moves(scene, arguments)
     collect_garbage()
     path = _path(scene, arguments.path, arguments.seed)
     cameras = path.cameras(arguments.frames, width=width, height=height, near=1e-3 * (scene.diagonal or 1.0))
@@ -79,13 +90,17 @@ def fly(arguments: argparse.Namespace) -> None:
         for number in progress(range(len(cameras)), "frames"):
             begin = perf_counter()
             now = scene if times is None else scene.at(times[number], named_or_numbered(arguments.animation))
+            for name, matrices in moves:
+                now = now.moved(name, matrices[number])
             moved = 1e3 * (perf_counter() - begin)
             image = render(now, cameras[number], options=options, history=history)
             history = image.history
-            records.append(_record(number, image) | ({} if times is None else {"moved_ms": round(moved, 2)}))
+            records.append(
+                _record(number, image) | ({"moved_ms": round(moved, 2)} if moves or times is not None else {})
+            )
             yield image.displayed()[0]
 
-    files = _write_film(output, pictures(), arguments.fps) if film else _write_frames(output, pictures())
+    files = write_film(output, pictures(), arguments.fps)
     files += _write_statistics(output, records)
     for line in (*(str(f) for f in files[-3:]), _summary(records)):
         sys.stdout.write(line + "\n")
@@ -93,6 +108,8 @@ def fly(arguments: argparse.Namespace) -> None:
 
 def _fly_walkthrough(arguments: argparse.Namespace, size: tuple[int, int], *, film: bool) -> None:
     """A flight through planes and points from photos."""
+    from torchrender.images.film import write_film
+
     output = Path(arguments.output)
     if arguments.frames < 1:
         raise OptionError(f"--frames must be >= 1, got {arguments.frames}")
@@ -105,7 +122,7 @@ def _fly_walkthrough(arguments: argparse.Namespace, size: tuple[int, int], *, fi
             records.append(record)
             yield picture
 
-    files = _write_film(output, pictures(), arguments.fps) if film else _write_frames(output, pictures())
+    files = write_film(output, pictures(), arguments.fps)
     files += _write_statistics(output, records)
     for line in (*(str(f) for f in files[-3:]), _summary(records)):
         sys.stdout.write(line + "\n")
@@ -123,6 +140,26 @@ def _times(scene: Scene, arguments: argparse.Namespace) -> list[float] | None:
     start = arguments.time or 0.0
     steps = (start + number / arguments.fps for number in range(arguments.frames))
     return [step % length if length > 0 else 0.0 for step in steps]
+
+
+def _moves(scene: Scene, arguments: argparse.Namespace) -> list[tuple[str, Tensor]]:
+    """Names of objects and their matrices (frames,4,4), from where they stand at the start."""
+    from torchrender.scene.model import Scene
+    from torchrender.scene.motion.along import load_object_path, straight
+
+    found = []
+    for text in arguments.move:
+        name, sign, way = text.partition("=")
+        if not sign or not name:
+            raise OptionError(f"--move must look like NAME=X,Y,Z[,TURN] or NAME=PATH.toml, got {text!r}")
+        if Path(way).suffix.lower() in (".toml", ".json"):
+            path = load_object_path(way)
+        else:
+            words = numbers("--move", way, 4 if way.count(",") == 3 else 3)
+            path = straight(words[:3], *words[3:])
+        bounds = Scene(meshes=scene.parts(name), materials=scene.materials).bounds
+        found.append((name, path.matrices(arguments.frames, bounds)))
+    return found
 
 
 def _path(scene: Scene, name: str, seed: int) -> CameraPath:
@@ -162,46 +199,6 @@ def _summary(records: list[dict[str, Any]]) -> str:
         share = sum(r["reused_share"] for r in reused) / len(reused)
         line += f"; {100 * share:.0f} % of reflective pixels reused, {keys} key frames"
     return line
-
-
-def _write_frames(folder: Path, pictures: Iterator[Tensor]) -> list[Path]:
-    from torchrender.images.files import write_image
-
-    files = []
-    for number, picture in enumerate(pictures):
-        files.append(folder / f"frame_{number:04d}.png")
-        write_image(files[-1], picture)
-    return files
-
-
-def _write_film(path: Path, pictures: Iterator[Tensor], fps: float) -> list[Path]:
-    """One film file, whole or not at all."""
-    from torchrender.images.files import write_atomically
-
-    write_atomically(path, lambda temporary: _encode(temporary, pictures, fps))
-    return [path]
-
-
-def _encode(path: Path, pictures: Iterator[Tensor], fps: float) -> None:
-    import cv2
-    import numpy as np
-
-    from torchrender.numerics.color import srgb_from_linear
-
-    writer = None
-    for picture in pictures:
-        codes = (srgb_from_linear(picture) * 255.0 + 0.5).to("cpu").numpy().astype(np.uint8)[..., ::-1]
-        if writer is None:
-            # Films have even sides: an odd row or column is left out.
-            size = (codes.shape[1] // 2 * 2, codes.shape[0] // 2 * 2)
-            if min(size) < 2:
-                raise InputError(f"a film needs pictures of at least 2x2 pixels, got {codes.shape[1]}x{codes.shape[0]}")
-            writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), fps, size)
-            if not writer.isOpened():
-                raise ImageFileError(path, "OpenCV cannot write MP4 films here; give a folder for PNG files")
-        writer.write(np.ascontiguousarray(codes[: size[1], : size[0]]))
-    if writer is not None:
-        writer.release()
 
 
 def _write_statistics(output: Path, records: list[dict[str, Any]]) -> list[Path]:

@@ -15,7 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from torchrender import __version__
-from torchrender.cli.arguments import add_scene, add_shadows, add_size, camera_of, exposure, given, load_scene, numbers
+from torchrender.cli.arguments import add_look, add_scene, add_size, camera_of, exposure, given, load_scene, numbers
+from torchrender.cli.batch import add_batch, batch_command
 from torchrender.cli.fly import add_fly, fly
 from torchrender.cli.fog import add_fog, run_fog
 from torchrender.cli.output import check_output, collect_garbage, image_size, progress, saying_warnings
@@ -197,6 +198,7 @@ def _scenes(arguments: argparse.Namespace) -> None:
 
 _COMMANDS = {
     "render": _render,
+    "batch": batch_command,
     "fly": fly,
     "plan": _plan,
     "tradeoff": _tradeoff,
@@ -261,6 +263,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_depth(commands.add_parser("depth", help="write depth images of a scene from several viewpoints"))
     add_voxelize(commands.add_parser("voxelize", help="write a model as voxels, or a picture of them"))
     add_points(commands.add_parser("points", help="draw or compress a cloud of points"))
+    add_batch(commands)
     add_spheres(commands)
     add_style(commands)
     add_fog(commands)
@@ -284,23 +287,11 @@ def _add_render(parser: argparse.ArgumentParser) -> None:
         " give it several times for several pictures",
     )
     add_size(parser)
-    help_text = "samples per pixel and side: 2 is two by two, 0.5 one for four pixels (default 1)"
-    parser.add_argument("--supersample", type=float, metavar="N", help=help_text)
     add_limits(parser)
     add_scene_fog(parser)
     parser.add_argument("--explain", action="store_true", help="say which passes ran, which did not, and why")
-    parser.add_argument(
-        "--exposure", metavar="EV", help="powers of two, or auto (default as_lit: auto for lux, else 0)"
-    )
-    parser.add_argument("--tone-map", choices=("none", "reinhard", "aces"), help="default none")
-    parser.add_argument("--background", metavar="R,G,B", help="linear colour of empty pixels")
     add_enhance(parser)
-    add_shadows(parser)
-    parser.add_argument(
-        "--reflections",
-        choices=("auto", "clustered", "traced", "environment", "off"),
-        help="how mirrors mirror; auto: the most accurate of the quick ways (default auto)",
-    )
+    add_look(parser)
 
 
 def _add_depth(parser: argparse.ArgumentParser) -> None:

@@ -8,6 +8,7 @@ change, so this is for the versions that it was tested with.
 
 from __future__ import annotations
 
+import importlib
 from typing import Any
 
 from numba.core import ir, types
@@ -69,8 +70,21 @@ def _type_of_call(self: BaseFunction, context: Any, args: Any, kws: Any) -> Any:
     return found
 
 
+def _import_without_blas() -> None:
+    """Numba imports SciPy's linear algebra to see whether it is there; it is, and kernels do without."""
+    linalg: Any = importlib.import_module("numba.np.linalg")
+    asked = linalg.ensure_blas
+    linalg.ensure_blas = bool  # says nothing and does nothing
+    try:
+        arrays: Any = importlib.import_module("numba.np.arraymath")
+        arrays.ensure_blas = asked
+    finally:
+        linalg.ensure_blas = asked
+
+
 def shorten() -> None:
     """Put the shortcuts in place; again does nothing more."""
+    _import_without_blas()
     TargetConfig.__eq__ = _same_options
     TargetConfig.__hash__ = _options_hash
     ir.Inst._rec_list_vars = _variables

@@ -54,7 +54,7 @@ def albedo_table() -> AlbedoTable:
     """The table, computed when it is first asked for."""
     with torch.inference_mode(False), torch.no_grad():
         steps = torch.arange(SIZE, dtype=torch.float64) / (SIZE - 1)
-        sheen = torch.stack([_sheen(steps.square().clamp_min(1e-5), float(r)) for r in steps])
+        sheen = _sheen(steps.square().clamp_min(1e-5), steps)
         terms = split_sum_table().transpose(0, 1).double()
         split = torch.cat([terms, sheen[..., None], torch.zeros(SIZE, SIZE, 1)], dim=-1)
         # Weighted means by trapezia over the cosine, of the piecewise linear table.
@@ -66,18 +66,16 @@ def albedo_table() -> AlbedoTable:
         return AlbedoTable(split.float().contiguous(), mean.float().contiguous())
 
 
-def _sheen(cosine: Tensor, roughness: float) -> Tensor:
-    """Share of uniform light (S,) that white sheen sends back, at most 1."""
+def _sheen(cosine: Tensor, roughness: Tensor) -> Tensor:
+    """Share of uniform light (R,S) that white sheen of roughness (R,) sends to an eye at cosine (S,), at most 1."""
     steps = 24
     mu = (torch.arange(steps, dtype=torch.float64) + 0.5) / steps
     turn = (torch.arange(steps, dtype=torch.float64) + 0.5) / steps * math.pi
     light, angle = torch.meshgrid(mu, turn, indexing="ij")
-    found = []
-    for c in cosine.tolist():
-        sine = math.sqrt(max(1.0 - c * c, 0.0))
-        other = (1.0 - light * light).sqrt()
-        x, y, z = sine + other * torch.cos(angle), other * torch.sin(angle), c + light
-        flat = (x * x + y * y) / (x * x + y * y + z * z).clamp_min(1e-30)
-        lobe = sheen_lobe(flat, light, torch.full_like(light, c), torch.full_like(light, roughness))
-        found.append((lobe * light).mean() * 2.0 * math.pi)
-    return torch.stack(found).clamp_max(1.0)
+    c = cosine[:, None, None]
+    sine = (1.0 - c * c).clamp_min(0.0).sqrt()
+    other = (1.0 - light * light).sqrt()
+    x, y, z = sine + other * torch.cos(angle), other * torch.sin(angle), c + light
+    flat = (x * x + y * y) / (x * x + y * y + z * z).clamp_min(1e-30)
+    rows = [(sheen_lobe(flat, light, c, rough) * light).mean(dim=(-1, -2)) for rough in roughness]
+    return (torch.stack(rows) * 2.0 * math.pi).clamp_max(1.0)

@@ -31,6 +31,7 @@ class HitShader:
         light: the passes of the picture over other samples, reflections left out.
         background: colour of what surrounds the scene; None: its environment, or its ambient light.
         light_of_many: the same for rays of which several count together: noise is no harm. None: ``light``.
+        light_around: the same for what the scene's middle sees all around, a guess as it is. None: ``light``.
     """
 
     def __init__(
@@ -39,11 +40,13 @@ class HitShader:
         light: SampleRenderer,
         background: ArrayLike | None = None,
         light_of_many: SampleRenderer | None = None,
+        light_around: SampleRenderer | None = None,
     ) -> None:
         self.scene = scene
         self.background = background
         self._light = light
         self._light_of_many = light if light_of_many is None else light_of_many
+        self._light_around = light if light_around is None else light_around
         self._cubes: dict[tuple[int, ...], SceneCube] = {}
         self._solids: tuple[Tensor, tuple[int, ...]] | None = None  # eyes, and what is left out for them
 
@@ -122,7 +125,7 @@ class HitShader:
         left_out = self._solids[1]
         if left_out not in self._cubes:
             some = torch.tensor(left_out, dtype=torch.int64)
-            self._cubes[left_out] = make_cube(self.scene, self._light, self.surrounding, some)
+            self._cubes[left_out] = make_cube(self.scene, self._light_around, self.surrounding, some)
         return self._cubes[left_out]
 
 

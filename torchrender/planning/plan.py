@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+from torchrender.brief import html_table
 from torchrender.pipeline.options import RenderOptions
 
 
@@ -22,6 +23,7 @@ class PlanRow:
     predicted_error: float | None = None  # mean FLIP against the pass's reference
     measured_ms: float | None = None
     amounts: tuple[float, ...] | None = None  # of work, once the pass ran; None where predictions do not cover it
+    lasts: bool = False  # what it makes is kept by pictures that follow, as long as the scene stands still
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,6 +42,7 @@ class Plan:
     statement: str = ""
     predicted_error: float | None = None  # mean FLIP of the whole picture; None where a setting was never measured
     measured_ms: float | None = None
+    changes: tuple[str, ...] = ()  # settings that a budget or a bound chose instead of those asked for, in words
 
     @property
     def running(self) -> tuple[PlanRow, ...]:
@@ -48,9 +51,13 @@ class Plan:
 
     @property
     def predicted_ms(self) -> float | None:
-        """Time of all passes; None where one was never measured."""
-        times = [row.predicted_ms for row in self.running]
-        return None if any(t is None for t in times) else sum(t for t in times if t is not None)
+        """Time of this picture, all passes; None where one was never measured."""
+        return _sum([row.predicted_ms for row in self.running])
+
+    @property
+    def following_ms(self) -> float | None:
+        """Time of the pictures that follow in a sequence: without what this one makes and they keep."""
+        return _sum([row.predicted_ms for row in self.running if not row.lasts])
 
     def row(self, name: str) -> PlanRow:
         """The row of a pass.
@@ -91,10 +98,22 @@ class Plan:
             "max_error": self.max_error,
             "possible": self.possible,
             "statement": self.statement,
+            "changes": list(self.changes),
             "predicted_ms": _rounded(self.predicted_ms, 2),
+            "following_ms": _rounded(self.following_ms, 2),
             "measured_ms": _rounded(self.measured_ms, 2),
             "predicted_error": _rounded(self.predicted_error, 5),
         }
+
+    def _repr_html_(self) -> str:
+        """In notebooks: what runs, then what does not and why."""
+        rows = [
+            [row.name, row.setting if row.runs else "–", _ms(row.predicted_ms), _ms(row.measured_ms), row.reason]
+            for row in self.rows
+        ]
+        rows.append(["in all", "", _ms(self.predicted_ms), _ms(self.measured_ms), self._wishes()])
+        rows += [["", "", "", "", text] for text in (*self.changes, self.statement) if text]
+        return html_table(("pass", "setting", "predicted", "took", "why"), rows)
 
     def __str__(self) -> str:
         cells = [("pass", "setting", "predicted", "took", "why")]
@@ -110,7 +129,7 @@ class Plan:
             lines.append(f"{text}  {line[3]:>{widths[3]}}  {line[4]}".rstrip())
             if number == 0:
                 lines.append("-" * max(len(lines[0]), 60))
-        return "\n".join([*lines, *([self.statement] if self.statement else [])])
+        return "\n".join([*lines, *self.changes, *([self.statement] if self.statement else [])])
 
     def _wishes(self) -> str:
         parts = [] if self.predicted_error is None else [f"error about {self.predicted_error:.4f} (mean FLIP)"]
@@ -118,7 +137,13 @@ class Plan:
             parts.append(f"budget {self.budget_ms:g} ms")
         if self.max_error is not None:
             parts.append(f"error bound {self.max_error:g}")
+        if any(row.lasts for row in self.running) and self.following_ms is not None:
+            parts.append(f"pictures that follow about {self.following_ms:.0f} ms")
         return ", ".join(parts)
+
+
+def _sum(times: list[float | None]) -> float | None:
+    return None if any(t is None for t in times) else sum(t for t in times if t is not None)
 
 
 def _ms(value: float | None) -> str:

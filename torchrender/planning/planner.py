@@ -92,9 +92,26 @@ def make_plan(
         max_error=max_error,
         predicted_error=knowledge.curves.together(known) if len(known) == len(errors) else None,
     )
-    if choice is None or choice.possible:
+    if choice is None:
         return plan
-    return replace(plan, possible=False, statement=_statement(plan, choice))
+    asked = _settled(knowledge, knowledge.outlook.options, frozenset(done or ()))
+    plan = replace(plan, changes=_changes(_rows(knowledge, asked), rows))
+    return plan if choice.possible else replace(plan, possible=False, statement=_statement(plan, choice, spent_ms))
+
+
+def _changes(asked: tuple[PlanRow, ...], chosen: tuple[PlanRow, ...]) -> tuple[str, ...]:
+    """What a choice took away, or added, in words; what saves most comes first."""
+    before = {row.name: row for row in asked if row.runs and row.setting != CUSTOM}
+    found = []
+    for row in chosen:
+        old = before.get(row.name)
+        if old is None or (row.runs and old.setting == row.setting):
+            continue
+        saved = (old.predicted_ms or 0.0) - ((row.predicted_ms or 0.0) if row.runs else 0.0)
+        now = f"{row.setting} instead of {old.setting}" if row.runs else f"left out instead of {old.setting}"
+        cost = f"saves {saved:.0f} ms" if saved >= 0 else f"takes {-saved:.0f} ms more"
+        found.append((-saved, f"{row.name}: {now}, {cost}"))
+    return tuple(text for _, text in sorted(found))
 
 
 def _settled(knowledge: Knowledge, options: RenderOptions, done: frozenset[str]) -> RenderOptions:
@@ -115,11 +132,17 @@ def _settled(knowledge: Knowledge, options: RenderOptions, done: frozenset[str])
     return options
 
 
-def _statement(plan: Plan, choice: Choice) -> str:
+def _statement(plan: Plan, choice: Choice, spent_ms: float) -> str:
+    """Why a wish cannot be met; times are those of the table."""
     if plan.budget_ms is not None and choice.predicted_ms > plan.budget_ms:
+        spent = f", {spent_ms:.0f} ms of which are spent" if spent_ms >= 1.0 else ""
+        expected = f"about {choice.predicted_ms:.0f} ms{spent}" if plan.predicted_ms is None or spent else ""
+        expected = expected or f"about {plan.predicted_ms:.0f} ms"
+        after = plan.following_ms
+        follow = "" if after is None or after == plan.predicted_ms else f", and {after:.0f} ms each that follow"
         return (
             f"a budget of {plan.budget_ms:g} ms is not enough for this picture: the cheapest settings are taken, "
-            f"about {choice.predicted_ms:.0f} ms"
+            f"{expected}{follow}"
         )
     if plan.budget_ms is not None and plan.max_error is None:
         return f"a budget of {plan.budget_ms:g} ms leaves little headroom: the cheapest settings are taken"
@@ -144,6 +167,7 @@ def _rows(knowledge: Knowledge, options: RenderOptions) -> tuple[PlanRow, ...]:
                 setting=setting,
                 predicted_ms=time,
                 predicted_error=error,
+                lasts=step.makes.lasting is not None,
             )
         )
     return tuple(rows)

@@ -8,8 +8,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchrender.brief import brief
-from torchrender.checks import check_finite, check_tensor
+from torchrender.brief import brief, brief_html
+from torchrender.checks import as_array, check_finite, check_no_gradient, check_tensor
 from torchrender.errors import InputError
 from torchrender.scene.camera import Cameras, framing_camera
 
@@ -20,13 +20,14 @@ NORMAL_NEIGHBOURS = 16
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PointCloud:
-    """P points. What is missing may be estimated: see :meth:`completed`.
+    """P points; lists and arrays of NumPy are taken as tensors. What is missing may be estimated: :meth:`completed`.
 
     A normal that is zero or not finite is unknown: such a point is drawn as a disc that faces the eye. A radius that
     is not finite, zero or negative is unknown.
 
     Raises:
-        InputError: wrong shapes, no points, positions or colours that are not finite.
+        InputError: wrong shapes, no points, positions or colours that are not finite. GradientError: a value asks for
+            gradients, which drawing points does not give.
     """
 
     position: Tensor  # (P,3) float64, scene units
@@ -39,8 +40,14 @@ class PointCloud:
     name: str = "points"
 
     __repr__ = brief
+    _repr_html_ = brief_html
 
     def __post_init__(self) -> None:
+        for name in ("position", "normal", "radius", "color", "opacity", "spread"):
+            if (value := getattr(self, name)) is not None:
+                kind = torch.float64 if name == "position" else torch.float32
+                object.__setattr__(self, name, as_array(name, value, kind))
+                check_no_gradient("a point cloud", **{name: getattr(self, name)})
         count = check_tensor("position", self.position, ("P", 3)).shape[0]
         if not count:
             raise InputError("position must hold at least one point")

@@ -15,7 +15,7 @@ from torch import Tensor
 from torchrender.arrays import view
 from torchrender.brief import brief
 from torchrender.buffers import DepthImages
-from torchrender.checks import check_choice, check_range, check_tensor
+from torchrender.checks import check_choice, check_no_gradient, check_range, check_tensor
 from torchrender.errors import InputError
 from torchrender.kernels.compile import thread_count
 from torchrender.kernels.warp.resolve import resolve
@@ -24,6 +24,7 @@ from torchrender.kernels.warp.warp import Canvas, Poses, Quads, draw_quads
 from torchrender.reconstruct.corners import ReconstructOptions, SampleQuads, fit_corners
 from torchrender.reconstruct.discs import facing_normals
 from torchrender.reconstruct.grid_mesh import fit_grid
+from torchrender.reconstruct.pinholes import close_pinholes
 from torchrender.scene.camera import Cameras
 
 LEAD = 5e-4
@@ -43,6 +44,7 @@ class ReprojectOptions:
 
     method: str = "hybrid"
     color_filter: str = "bilinear"  # among samples of one surface; "nearest": each sample keeps its own colour
+    close_pinholes: bool = True  # of hybrid: pixels that samples missed within a surface take its own
     splat_scale: float = 1.0  # disc radius; below 1 leaves holes, above overdraws
     reconstruct: ReconstructOptions = field(default_factory=ReconstructOptions)
 
@@ -76,8 +78,10 @@ def reproject(
 ) -> Reprojection:
     """Pictures of B cameras from N depth images (N,H,W), with the pixels that the depth images know marked valid.
 
-    Surfaces seen from behind are not drawn. Where images agree on a surface, the one whose camera is nearest to the new
-    one goes first (its colours and resolution fit best), then the earlier one; so they do not mingle pixel by pixel.
+    Views near those of the images have no pinholes in surfaces: a pixel that all samples missed, between neighbours
+    that lie on one surface, takes theirs. Surfaces seen from behind are not drawn. Where images agree on a surface, the
+    one whose camera is nearest to the new one goes first (its colours and resolution fit best), then the earlier one;
+    so they do not mingle pixel by pixel.
     The result does not depend on the number of threads.
 
     Args:
@@ -90,13 +94,14 @@ def reproject(
 
     Raises:
         InputError: orthographic cameras, colours of another shape, or more than 2^32 - 2 samples.
-        OptionError: an unknown method.
+        OptionError: an unknown method. GradientError: colours or depths that ask for gradients.
     """
     options = options or ReprojectOptions()
     method = check_choice("method", method or options.method, METHODS)
     source = images.images if isinstance(images, SampleQuads) else images
     count, height, width = source.depth.shape
     colors = check_tensor("colors", source.color if colors is None else colors, (count, height, width, 3))
+    check_no_gradient("reproject", colors=colors, depth=source.depth)
     if cameras.orthographic or source.cameras.orthographic:
         raise InputError("images and cameras must be perspective")
     if source.depth.numel() >= 2**32 - 1:
@@ -119,6 +124,8 @@ def reproject(
         limits = (float(camera.near[0]) * (1.0 - 1e-6), float(camera.far[0]))
         back = _pixel_matrices_back(camera, source.cameras)
         resolve(keys, pixel_arrays, back, bias, limits, texels, smooth, tuple(a[k] for a in outputs))
+        if options.close_pinholes and method == "hybrid":
+            close_pinholes(*(a[k] for a in outputs))
     return Reprojection(cameras, *(torch.from_numpy(a) for a in outputs))
 
 

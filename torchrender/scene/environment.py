@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import torch
 from torch import Tensor
@@ -68,17 +68,8 @@ class Environment:
         """From six square faces (6,N,N,3) in the order +x, -x, +y, -y, +z, -z (OpenGL cube-map orientation)."""
         if faces.dim() != 4 or faces.shape[0] != 6 or faces.shape[1] != faces.shape[2] or faces.shape[3] != 3:
             raise InputError(f"faces must have shape (6, N, N, 3), got {tuple(faces.shape)}")
-        d = latlong_directions(height, 2 * height)
-        axis = d.abs().argmax(dim=-1)
-        major = d.gather(-1, axis[..., None])[..., 0]
-        face = 2 * axis + (major < 0).long()
-        x, y, z = d.unbind(-1)
-        sign = major.sign()
-        s = torch.where(axis == 0, -sign * z, torch.where(axis == 1, x, sign * x)) / major.abs()
-        t = torch.where(axis == 1, sign * z, -y) / major.abs()
-        n = faces.shape[1]
-        column, row = ((((v + 1) / 2) * n).long().clamp(0, n - 1) for v in (s, t))
-        return cls(radiance=faces[face, row, column].float(), name="cube")
+        picture = faces.reshape(-1, 3).float()[_cube_texels(height, faces.shape[1])]
+        return cls(radiance=picture.reshape(height, 2 * height, 3), name="cube")
 
     def lookup(self, directions: Tensor) -> Tensor:
         """Radiance (...,3) for unit world directions (...,3): bilinear, periodic in azimuth, clamped at the poles."""
@@ -187,3 +178,18 @@ class Environment:
             return self.radiance
         plain = Environment(radiance=self.radiance)
         return plain.lookup(latlong_directions(max(height, rows), max(width, 2 * rows)))
+
+
+@lru_cache(maxsize=4)
+def _cube_texels(height: int, size: int) -> Tensor:
+    """Number of the cube map's texel that is seen at each pixel of a latitude-longitude picture, row by row."""
+    d = latlong_directions(height, 2 * height)
+    axis = d.abs().argmax(dim=-1)
+    major = d.gather(-1, axis[..., None])[..., 0]
+    face = 2 * axis + (major < 0).long()
+    x, y, z = d.unbind(-1)
+    sign = major.sign()
+    s = torch.where(axis == 0, -sign * z, torch.where(axis == 1, x, sign * x)) / major.abs()
+    t = torch.where(axis == 1, sign * z, -y) / major.abs()
+    column, row = ((((v + 1) / 2) * size).long().clamp(0, size - 1) for v in (s, t))
+    return ((face * size + row) * size + column).reshape(-1)

@@ -12,11 +12,12 @@ import torch
 from torch import Tensor
 
 from torchrender.brief import brief
-from torchrender.checks import check_finite, check_not_negative
+from torchrender.checks import ArrayLike, as_array, as_vector, check_finite, check_not_negative
 from torchrender.errors import MeshError
 from torchrender.kernels.raster.culling_clusters import cluster_boxes, spatial_order, vertex_blocks
 from torchrender.numerics.tangents import Corners, TangentTable, tangents_of
 from torchrender.scene.cutout import Cutout
+from torchrender.scene.primitives import arrays
 
 CLUSTER = 128
 """Triangles per culling cluster at most: neighbours of one mesh."""
@@ -24,7 +25,7 @@ CLUSTER = 128
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Mesh:
-    """Triangles of one material in world space.
+    """Triangles of one material in world space. Lists and arrays of NumPy are taken as tensors.
 
     Raises:
         MeshError: wrong shapes, NaN or infinite vertices, colours, opacities or tangents, negative ones, or faces that
@@ -45,7 +46,46 @@ class Mesh:
 
     __repr__ = brief
 
+    @classmethod
+    def box(cls, size: ArrayLike = 1.0, centre: ArrayLike = 0.0, *, name: str = "box", material: int = 0) -> Mesh:
+        """A closed box along the axes: edge lengths (3,) or one number, scene units, about ``centre`` (3,).
+
+        Raises:
+            InputError: a length that is not positive.
+        """
+        return _placed(cls(**arrays.box(size)._asdict(), name=name, material=material), centre)
+
+    @classmethod
+    def sphere(
+        cls,
+        radius: float = 1.0,
+        centre: ArrayLike = 0.0,
+        *,
+        segments: int = 64,
+        name: str = "sphere",
+        material: int = 0,
+    ) -> Mesh:
+        """A closed sphere of ``segments`` meridians and half as many parallels, about ``centre`` (3,).
+
+        Raises:
+            OptionError: a radius that is not positive, fewer than 4 or more than 2048 segments.
+        """
+        return _placed(cls(**arrays.sphere(radius, segments)._asdict(), name=name, material=material), centre)
+
+    @classmethod
+    def plane(cls, size: ArrayLike = 1.0, centre: ArrayLike = 0.0, *, name: str = "plane", material: int = 0) -> Mesh:
+        """A horizontal rectangle that faces up (+y): sides along x and z (2,) or one number, about ``centre`` (3,).
+
+        Raises:
+            InputError: a side that is not positive.
+        """
+        return _placed(cls(**arrays.plane(size)._asdict(), name=name, material=material), centre)
+
     def __post_init__(self) -> None:
+        for field in ("vertices", "faces", "normals", "uv", "uv1", "tangents", "colors", "alpha"):
+            if (value := getattr(self, field)) is not None:
+                kind = {"vertices": torch.float64, "faces": torch.int64}.get(field, torch.float32)
+                object.__setattr__(self, field, as_array(f"mesh {self.name!r}: {field}", value, kind, MeshError))
         v, f = self.vertices, self.faces
         if not isinstance(v, Tensor) or v.dim() != 2 or v.shape[1] != 3 or not v.is_floating_point():
             raise MeshError(f"mesh {self.name!r}: vertices must be a float tensor (V, 3), got {describe(v)}")
@@ -271,6 +311,11 @@ def concatenate(meshes: Sequence[Mesh]) -> Geometry:
 def describe(value: object) -> str:
     """Type and shape of a value, for error messages."""
     return f"{value.dtype} {tuple(value.shape)}" if isinstance(value, Tensor) else type(value).__name__
+
+
+def _placed(mesh: Mesh, centre: ArrayLike) -> Mesh:
+    place = as_vector("centre", centre, dtype=torch.float64)
+    return replace(mesh, vertices=mesh.vertices + place) if bool(place.any()) else mesh
 
 
 def _cat(parts: list[Tensor], width: int, dtype: torch.dtype) -> Tensor:

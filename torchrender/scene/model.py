@@ -11,7 +11,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchrender.brief import brief
+from torchrender.brief import brief, brief_html
 from torchrender.checks import as_vector, check_not_negative
 from torchrender.errors import InputError
 from torchrender.scene.camera import Cameras, framing_camera
@@ -52,6 +52,7 @@ class Scene:
     report: LoadReport = NOTHING  # what a file was read as
 
     __repr__ = brief
+    _repr_html_ = brief_html
 
     def __post_init__(self) -> None:
         for name in ("meshes", "materials", "lights", "media", "motions"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from torchrender.checks import check_no_gradient
 from torchrender.errors import InputError
 from torchrender.scene.mesh import Geometry, Mesh, concatenate
 from torchrender.scene.model import Scene
@@ -10,12 +11,24 @@ Shape = Scene | Mesh | Geometry
 """What functions of triangles take."""
 
 
+def check_fixed(function: str, shape: object) -> None:
+    """Refuse meshes that ask for gradients: where things are is decided by compiled code, which gives none.
+
+    Raises:
+        GradientError: names the function, the mesh and its field.
+    """
+    for mesh in shape.meshes if isinstance(shape, Scene) else (shape,) if isinstance(shape, Mesh) else ():
+        for field in ("vertices", "normals", "uv", "uv1", "tangents", "colors", "alpha"):
+            check_no_gradient(function, **{f"{field} of mesh {mesh.name!r}": getattr(mesh, field)})
+
+
 def geometry_of(name: str, shape: object) -> Geometry:
     """The triangles of a scene, of a mesh, or as they are.
 
     Raises:
-        InputError: something else; names the argument.
+        InputError: something else; names the argument. GradientError: vertices that ask for gradients.
     """
+    check_fixed("its triangles are read by compiled code, which", shape)
     if isinstance(shape, Geometry):
         return shape
     if isinstance(shape, Scene):

@@ -37,6 +37,9 @@ NORMS = np.arange(0.75, 3.01, 0.05)
 SHORTEST_MS = 0.5
 """Times below count as this in relative errors: nobody plans with them."""
 
+ROUNDS = 60
+"""Of a fit, at most: each takes errors relative to what the one before predicts."""
+
 Tell = Callable[[str], None]
 
 
@@ -173,11 +176,26 @@ def _slower(measured_ms: float, predicted_ms: float) -> float:
 
 
 def fit(amounts: Sequence[Sequence[float]], times_ms: Sequence[float]) -> np.ndarray:
-    """Weights, none negative, with the least squared *relative* errors of ``amounts @ weights``."""
-    times = np.asarray(times_ms, float)
+    """Weights, none negative, of ``amounts @ weights`` that are as often too high as too low.
+
+    Relative to the times that were measured, a prediction that is too low errs by its whole value at most and one that
+    is too high without limit, so that fits of those squares come out low: by several times where times scatter. Errors
+    are taken relative to what is predicted, and those beyond a half count in proportion (Huber): a picture that
+    something else held up moves the weights little.
+    """
+    work, times = np.asarray(amounts, float), np.asarray(times_ms, float)
     scale = np.maximum(times, SHORTEST_MS)
-    weights, _ = nnls(np.asarray(amounts, float) / scale[:, None], times / scale)
-    return np.asarray(weights)
+    weights = np.zeros(work.shape[1])
+    for _ in range(ROUNDS):
+        found, _ = nnls(work / scale[:, None], times / scale)
+        settled = np.allclose(found, weights, rtol=1e-4, atol=0.0)
+        weights = np.asarray(found)
+        if settled:
+            break
+        predicted = np.maximum(work @ weights, SHORTEST_MS)
+        error = np.abs(times - predicted) / predicted
+        scale = predicted * np.sqrt(np.maximum(error / 0.5, 1.0))
+    return weights
 
 
 def fit_norm(joint: Sequence[tuple[Sequence[float], float]]) -> float:

@@ -13,8 +13,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchrender.brief import brief
-from torchrender.checks import check_finite, check_range, check_tensor
+from torchrender.brief import brief, brief_html
+from torchrender.checks import as_array, check_finite, check_range, check_tensor
 from torchrender.errors import InputError, OptionError
 from torchrender.kernels.voxels.bits import count_ones, count_runs, list_ones
 
@@ -38,6 +38,7 @@ class VoxelGrid:
     dims: tuple[int, int, int] = DIMS  # nx, ny, nz
 
     __repr__ = brief
+    _repr_html_ = brief_html
 
     def __post_init__(self) -> None:
         origin = check_tensor("origin", self.origin, ("B", 3)).detach().double().contiguous()
@@ -101,7 +102,7 @@ def make_grid(points: Tensor, dims: Sequence[int] | int = DIMS, pad: int = 2) ->
         InputError: wrong shape, or points that are not finite.
         OptionError: ``dims`` or ``pad`` outside their ranges.
     """
-    check_tensor("points", points, ("B", "N", 3))
+    points = check_tensor("points", as_array("points", points), ("B", "N", 3))
     check_finite("points", points)
     check_range("pad", pad, 0, 8)
     points = points.detach().double()
@@ -142,6 +143,7 @@ class Voxels:
     stats: dict[str, float] = field(default_factory=dict)  # what making them took and met
 
     __repr__ = brief
+    _repr_html_ = brief_html
 
     def __post_init__(self) -> None:
         _, ny, nz = self.grid.dims

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import numpy as np
+import torch
 from torch import Tensor
 
+from torchrender.checks import as_array, check_no_gradient
 from torchrender.errors import InputError
 from torchrender.scene.triangles import Shape, geometry_of
 from torchrender.voxels.grid import VoxelGrid, make_grid
@@ -14,12 +17,18 @@ def mesh_arguments(
 ) -> tuple[Tensor, Tensor, VoxelGrid]:
     """Vertices (B,V,3), faces (F,3) and B grids.
 
-    A shape stands for vertices and faces, and what follows it is the grid; a number of cells along the longest side
-    stands for a grid around the vertices.
+    Lists and arrays of NumPy are taken as tensors, vertices (V,3) of them as one mesh. A shape stands for vertices and
+    faces, and what follows it is the grid; a number of cells along the longest side stands for a grid around the
+    vertices.
 
     Raises:
-        InputError: no shape, no tensors, or no grid.
+        InputError: no shape, no tensors, or no grid. GradientError: vertices ask for gradients.
     """
+    if isinstance(vertices, list | tuple | np.ndarray):
+        vertices = as_array("vertices", vertices)
+        vertices = vertices[None] if vertices.dim() == 2 else vertices
+    if isinstance(faces, list | tuple | np.ndarray):
+        faces = as_array("faces", faces, torch.int64)
     if not isinstance(vertices, Tensor):
         geometry = geometry_of("shape", vertices)
         if isinstance(faces, Tensor) or grid is not None:
@@ -27,6 +36,7 @@ def mesh_arguments(
         count = len(faces) if isinstance(faces, VoxelGrid) else 1
         points = geometry.vertices.expand(count, *geometry.vertices.shape)
         return points, geometry.faces, _grid(points, faces)
+    check_no_gradient("voxelization", vertices=vertices)
     if not isinstance(faces, Tensor):
         raise InputError(f"faces must be a torch tensor, got {type(faces).__name__}")
     if grid is None:

@@ -29,7 +29,9 @@ _FIXED = struct.Struct("<4sBBHI")
 _LARGEST = 1e15
 
 Natural = Annotated[int, Meta(ge=0, le=2**53)]
-Side = Annotated[int, Meta(ge=1, le=32768)]
+MAX_SIDE = 32768
+"""Pixels along a side of a picture."""
+Side = Annotated[int, Meta(ge=1, le=MAX_SIDE)]
 Number = Annotated[float, Meta(ge=-_LARGEST, le=_LARGEST)]
 Positive = Annotated[float, Meta(gt=0.0, le=_LARGEST)]
 NotNegative = Annotated[float, Meta(ge=0.0, le=_LARGEST)]

@@ -52,6 +52,15 @@ class ServerUnderTest:
     process: subprocess.Popen[str]
     host: str
     port: int
+    log: Path | None = None
+
+    def log_bytes(self) -> int:
+        """What the server has written to its log."""
+        return 0 if self.log is None else self.log.stat().st_size
+
+    def children(self) -> list[int]:
+        """Processes of its renderers."""
+        return _family(self.process.pid)[1:]
 
     @property
     def url(self) -> str:
@@ -96,7 +105,7 @@ def running_server(**settings: str) -> Iterator[ServerUnderTest]:
             if "http://" not in line:
                 raise LoadTestError(f"the server does not start: {(Path(folder) / 'log').read_text()[-500:]}")
             host, _, port = line.split("http://")[1].strip().rstrip("/").partition(":")
-            yield ServerUnderTest(process, host, int(port))
+            yield ServerUnderTest(process, host, int(port), Path(folder) / "log")
         finally:
             process.terminate()
             try:

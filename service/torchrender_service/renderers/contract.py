@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Protocol
 
+from torchrender_service.renderers.asked import Asked
 from torchrender_service.renderers.jobs import Forget, Job
 
 
@@ -37,11 +38,18 @@ class RendererPool(Protocol):
     async def warm_up(self) -> None:
         """Start all renderers."""
 
+    async def drain(self, seconds: float) -> None:
+        """Take no more jobs: those that wait fail, those that run have so long to end."""
+
     async def stop(self) -> None:
         """End all renderers; jobs that wait fail."""
 
-    def assign(self) -> RendererHandle:
-        """The renderer for the jobs of a new session, until :meth:`release`; as few sessions as possible share it."""
+    def assign(self, *, background: bool = False) -> RendererHandle:
+        """The renderer for the jobs of a new session, until :meth:`release`; as few sessions as possible share it.
+
+        Args:
+            background: one that does batch work, which keeps no stream waiting.
+        """
 
     def release(self, renderer: RendererHandle) -> None:
         """The session is over. A handle that was released before does nothing."""
@@ -49,17 +57,20 @@ class RendererPool(Protocol):
     def idle(self, renderer: RendererHandle) -> bool:
         """Whether a renderer of :meth:`assign` has nothing to do."""
 
-    async def run(self, job: Job, *, renderer: RendererHandle | None = None) -> dict[str, Any]:
-        """The result of a job.
+    async def run(
+        self, job: Job, *, renderer: RendererHandle | None = None, asked: Asked | None = None
+    ) -> dict[str, Any]:
+        """The result of a job. Whoever stops waiting for it takes it back.
 
         Args:
-            renderer: of :meth:`assign`; None: the one with the least to do.
+            renderer: of :meth:`assign`; None: the one with the least to do, of those that do work of its class.
+            asked: for whom; how long the job waited is noted there.
 
         Raises:
             ServiceError: what the renderer says about the job, 429 where too many jobs wait, 503 while stopping.
         """
 
-    async def inspect(self, job: Job) -> dict[str, Any]:
+    async def inspect(self, job: Job, asked: Asked | None = None) -> dict[str, Any]:
         """The result of a job that may do harm, apart from the others. Errors as :meth:`run`."""
 
     def forget(self, job: Forget) -> None:

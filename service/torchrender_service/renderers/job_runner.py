@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import gc
+import logging
 from typing import Any
 
 import msgspec
 
 from torchrender.errors import CameraError
 from torchrender.wire.cameras import header_of
+from torchrender_service.errors import out_of_memory
 from torchrender_service.renderers import jobs
 from torchrender_service.renderers.engine import plan_image, tradeoff
+from torchrender_service.renderers.keeping.lasting import LastingParts
 from torchrender_service.renderers.photos.fog import FogPhotos
 from torchrender_service.renderers.photos.style import style_photo
 from torchrender_service.renderers.pictures import make_container, render_picture, reproject_picture
@@ -18,23 +22,67 @@ from torchrender_service.renderers.stream_renderer import StreamRenderer
 from torchrender_service.renderers.upload import validate
 from torchrender_service.renderers.views import camera_of_view
 
+LOG = logging.getLogger("torchrender_service.renderers.job_runner")
+FIRST_SCENE = "cornell_box"
+FIRST_SIZE = (64, 36)
+
+
+SCENES_SHARE, LASTING_SHARE, SESSIONS_SHARE = 0.3, 0.15, 0.15
+"""Of a renderer's memory: for scenes, for what their pictures share, and for what is each session's own. The rest is
+for the picture that is made."""
+USUAL_MB = 8192
+"""What a renderer may take where nobody says."""
+
 
 class JobRunner:
-    """Carries out one job after the other."""
+    """Carries out one job after the other.
 
-    def __init__(self) -> None:
-        self._scenes = SceneCache()
-        self._streams = StreamRenderer()
+    Args:
+        limit_mb: memory that the process may take; 0: as much as usual.
+    """
+
+    def __init__(self, limit_mb: int = 0) -> None:
+        room = (limit_mb or USUAL_MB) * 2**20
+        self._scenes = SceneCache(int(SCENES_SHARE * room))
+        self._lasting = LastingParts(int(LASTING_SHARE * room))
+        self._streams = StreamRenderer(self._lasting, int(SESSIONS_SHARE * room))
         self._photos = FogPhotos()
 
+    @property
+    def kept_bytes(self) -> int:
+        """Of everything that is kept for later."""
+        return self._scenes.bytes + self._lasting.bytes + self._streams.bytes
+
+    @property
+    def evictions(self) -> int:
+        """Scenes and histories that were dropped to make room."""
+        return self._scenes.evictions + self._lasting.evictions + self._streams.evictions
+
     def run(self, job: jobs.Job) -> dict[str, Any]:
-        """The result of a job as plain values.
+        """The result of a job as plain values. Where memory is not enough, it is tried once more without all that was
+        kept for later.
 
         Raises:
             TorchRenderError: the job cannot be done; the message is fit for the client.
         """
+        try:
+            return self._run(job)
+        except Exception as error:
+            if not out_of_memory(error):
+                raise
+            LOG.warning("out of memory during %s: what was kept is dropped", type(job).__name__)
+        self._streams.clear()
+        self._lasting.clear()
+        self._scenes.clear()
+        self._photos = FogPhotos()
+        gc.collect()
+        return self._run(job)
+
+    def _run(self, job: jobs.Job) -> dict[str, Any]:
         if isinstance(job, jobs.Forget):
             return self._forget(job)
+        if isinstance(job, jobs.WarmUp):
+            return self._warm_up()
         if isinstance(job, jobs.Validate):
             return validate(job)
         if isinstance(job, jobs.Reproject):
@@ -54,7 +102,7 @@ class JobRunner:
         if isinstance(job, jobs.MakeKeyframe):
             return self._streams.make(scene, job)
         if isinstance(job, jobs.Render):
-            return render_picture(scene, job)
+            return render_picture(scene, job, self._lasting)
         if isinstance(job, jobs.DepthImages):
             return make_container(scene, job)
         if isinstance(job, jobs.StylePhoto):
@@ -69,7 +117,24 @@ class JobRunner:
         return {"camera": msgspec.to_builtins(header_of(camera))}
 
     def _forget(self, job: jobs.Forget) -> dict[str, Any]:
-        self._streams.forget(session=job.session, scene=job.scene)
+        self._streams.forget(session=job.session)
         if job.scene is not None:
+            self._lasting.forget(job.scene)
             self._scenes.forget(job.scene)
         return {}
+
+    def _warm_up(self) -> dict[str, Any]:
+        """A first keyframe with everything about it, of a small scene."""
+        scene = self._scenes.get(jobs.SceneSource(id=FIRST_SCENE))
+        view = jobs.View(width=FIRST_SIZE[0], height=FIRST_SIZE[1])
+        camera = header_of(camera_of_view(scene, view))
+        source, session = jobs.SceneSource(id=FIRST_SCENE), "warm-up"
+        for still in (False, True):
+            job = jobs.MakeKeyframe(
+                session=session, scene=source, id=int(still), pose=0, time_ms=0.0, camera=camera, still=still,
+                extra_layers=1, direction=(0.0, 0.0, 0.0), baseline=0.0, color="webp" if still else "jpeg",
+                quality=jobs.LOSSLESS if still else jobs.QUALITY_MOVING, bounds=jobs.Bounds(), mirrors=True,
+            )  # fmt: skip
+            self._streams.make(scene, job)
+            self._streams.make_layers(jobs.MakeLayers(session=session, id=job.id))
+        return self._forget(jobs.Forget(session=session))

@@ -239,9 +239,35 @@ class Forget(msgspec.Struct, frozen=True, kw_only=True, tag=True):
     scene: str | None = None
 
 
+class WarmUp(msgspec.Struct, frozen=True, kw_only=True, tag=True):
+    """Load what pictures need, so that the first one takes no longer than the others."""
+
+
 SceneJob = Describe | Locate | Render | Plan | DepthImages | StylePhoto | MakeKeyframe
 PhotoJob = FogInPhoto | DescribePhoto | DividePhoto | CheckMarks
-Job = SceneJob | PhotoJob | Validate | Tradeoff | Reproject | MakeLayers | SmoothKeyframe | Forget
+Job = SceneJob | PhotoJob | Validate | Tradeoff | Reproject | MakeLayers | SmoothKeyframe | Forget | WarmUp
+
+
+class Task(msgspec.Struct, frozen=True, kw_only=True, tag=True):
+    """A job on its way to a renderer."""
+
+    serial: int
+    job: Job
+    express: bool = False  # done between two passes of whatever is being done
+
+
+class SentTask(msgspec.Struct, frozen=True, kw_only=True, tag="Task"):
+    """A task as it arrives: a job that cannot be read is its own failure, not the renderer's."""
+
+    serial: int
+    job: msgspec.Raw
+    express: bool = False
+
+
+class Cancel(msgspec.Struct, frozen=True, kw_only=True, tag=True):
+    """Nobody waits for a task any more."""
+
+    serial: int
 
 
 class Failure(msgspec.Struct, frozen=True, kw_only=True):
@@ -255,10 +281,15 @@ class Failure(msgspec.Struct, frozen=True, kw_only=True):
 class Reply(msgspec.Struct, frozen=True, kw_only=True):
     """What a renderer answers."""
 
+    serial: int = 0  # of the task; 0: the renderer has started
+    memory_mb: float = 0.0  # resident
+    kept_mb: float = 0.0  # of scenes and histories
+    evictions: int = 0  # since it started
     result: dict[str, Any] | None = None
     failure: Failure | None = None
 
 
 JOB_ENCODER = msgspec.msgpack.Encoder()
 JOB_DECODER = msgspec.msgpack.Decoder(Job)
+TASK_DECODER = msgspec.msgpack.Decoder(SentTask | Cancel)
 REPLY_DECODER = msgspec.msgpack.Decoder(Reply)

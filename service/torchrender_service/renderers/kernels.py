@@ -24,7 +24,12 @@ class KernelPreparation:
     def __init__(self) -> None:
         self.done = 0
         self.total = 0
-        self.finished = False  # with those that first keyframes need
+        self.first = asyncio.Event()  # those that first keyframes need are compiled
+
+    @property
+    def finished(self) -> bool:
+        """Those that first keyframes need are compiled."""
+        return self.first.is_set()
 
     @property
     def text(self) -> str:
@@ -54,7 +59,8 @@ class KernelPreparation:
                 if told["total"] and (told["done"] == 0 or told["done"] == told["total"]):
                     LOG.info("compiling kernels, once", extra=told)
                 self.done, self.total = told["done"], told["total"]
-                self.finished = told["part"] != FIRST or self.done == self.total
+                if told["part"] != FIRST or self.done == self.total:
+                    self.first.set()
             if await process.wait():
                 LOG.warning("kernels were not compiled; renderers do it as they need them")
         except (OSError, ValueError, KeyError) as error:
@@ -64,4 +70,5 @@ class KernelPreparation:
                 with contextlib.suppress(ProcessLookupError):
                     process.terminate()
                 await process.wait()
-            self.done, self.total, self.finished = 0, 0, True
+            self.done, self.total = 0, 0
+            self.first.set()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,15 +28,21 @@ from torchrender.wire.containers import depth_images_of, read_container
 from torchrender_service.errors import ServiceError
 from torchrender_service.renderers.engine import render_image
 from torchrender_service.renderers.jobs import DepthImages, Render, Reproject
+from torchrender_service.renderers.keeping.lasting import LastingParts
 from torchrender_service.renderers.keyframes import Stamp, first_message, layer_message
 from torchrender_service.renderers.layers import Layer
 from torchrender_service.renderers.views import camera_of_view
 
 
-def render_picture(scene: Scene, job: Render) -> dict[str, Any]:
-    """A picture as the bytes of a file, with its plan and times."""
+def render_picture(scene: Scene, job: Render, lasting: LastingParts) -> dict[str, Any]:
+    """A picture as the bytes of a file, with its plan and times. What it shares with others of its scene is used again,
+    and so is how long they took: a budget is kept from the second picture on."""
     options = _options(job.options)
-    image, plan = render_image(scene, camera_of_view(scene, job.view), job.bounds, options)
+    use = ("request", job.view.width, job.view.height, options.supersample)
+    past = replace(lasting.get(job.scene.id, use), sequence=False)
+    image, plan = render_image(scene, camera_of_view(scene, job.view), job.bounds, options, past)
+    assert image.history is not None
+    lasting.put(job.scene.id, use, image.history, whole=True)
     return {"file": _picture_file(image, job), "plan": plan, "timings_ms": dict(image.timings_ms)}
 
 

@@ -6,40 +6,84 @@ from collections import OrderedDict
 from pathlib import Path
 from typing import Any
 
+from torchrender.errors import SceneFileError
 from torchrender.scene.load import load
 from torchrender.scene.model import Scene
+from torchrender_service.errors import ServiceError
 from torchrender_service.renderers.jobs import SceneSource
+from torchrender_service.renderers.keeping.sizes import TREE_BYTES, bytes_of
 
-MAX_TRIANGLES = 5_000_000
-"""Triangles of all scenes that are kept, the newest one left out of account: about 2 GB."""
+MAX_BYTES = 2**31
+"""Of all scenes that are kept, where nothing else is said."""
+MAX_NAME = 80
+"""Characters of a name that clients are shown."""
+MAX_NAMES = 64
 
 
 class SceneCache:
-    """Loads scenes on first use."""
+    """Loads scenes on first use.
 
-    def __init__(self, max_triangles: int = MAX_TRIANGLES) -> None:
-        self._max = max_triangles
+    Args:
+        max_bytes: of all scenes together, with their textures; the newest one is kept whatever it takes.
+    """
+
+    def __init__(self, max_bytes: int = MAX_BYTES) -> None:
+        self._max = max_bytes
         self._scenes: OrderedDict[str, Scene] = OrderedDict()
+        self._sizes: dict[str, int] = {}
+        self.evictions = 0
+
+    @property
+    def bytes(self) -> int:
+        """Of all scenes."""
+        return sum(self._sizes.values())
 
     def get(self, source: SceneSource) -> Scene:
         """The scene, loaded where it is not.
 
         Raises:
-            SceneFileError: the file is gone or damaged.
+            ServiceError: 404, the scene was deleted meanwhile.
+            SceneFileError: the file is damaged.
         """
         if source.id not in self._scenes:
-            self._scenes[source.id] = load(source.id if source.path is None else Path(source.path))
+            scene = _loaded(source)
+            self._scenes[source.id] = scene
+            self._sizes[source.id] = bytes_of(scene) + TREE_BYTES * scene.geometry.triangle_count
         self._scenes.move_to_end(source.id)
-        while len(self._scenes) > 1 and self._triangles() > self._max:
-            self._scenes.popitem(last=False)
+        while len(self._scenes) > 1 and self.bytes > self._max:
+            self.forget(next(iter(self._scenes)))
+            self.evictions += 1
         return self._scenes[source.id]
 
     def forget(self, name: str) -> None:
         """Drop a scene."""
         self._scenes.pop(name, None)
+        self._sizes.pop(name, None)
 
-    def _triangles(self) -> int:
-        return sum(scene.geometry.triangle_count for scene in list(self._scenes.values())[:-1])
+    def clear(self) -> None:
+        """Drop all scenes."""
+        self.evictions += len(self._scenes)
+        self._scenes.clear()
+        self._sizes.clear()
+
+
+def _loaded(source: SceneSource) -> Scene:
+    if source.path is None:
+        return load(source.id)
+    gone = ServiceError(404, "no-such-scene", f"there is no scene {source.id[:MAX_NAME]!r}")
+    if not Path(source.path).is_file():
+        raise gone
+    try:
+        return load(Path(source.path))
+    except (SceneFileError, OSError):
+        if not Path(source.path).is_file():  # it went while it was read
+            raise gone from None
+        raise
+
+
+def shown(name: str) -> str:
+    """A name as clients see it: cut where it is long."""
+    return name if len(name) <= MAX_NAME else name[: MAX_NAME - 1] + "…"
 
 
 def describe(scene: Scene) -> dict[str, Any]:
@@ -47,13 +91,13 @@ def describe(scene: Scene) -> dict[str, Any]:
     low, high = scene.bounds
     camera = scene.camera(width=640, height=360)
     return {
-        "name": scene.name,
+        "name": shown(scene.name),
         "triangles": scene.geometry.triangle_count,
         "lights": len(scene.lights),
-        "cameras": list(scene.cameras)[:64],
+        "cameras": [shown(name) for name in list(scene.cameras)[:MAX_NAMES]],
         "bounds": [low.tolist(), high.tolist()],
         "diagonal": scene.diagonal,
         "orthographic": camera.orthographic,
-        "animations": {name[:80]: duration for name, duration in list(scene.animations.items())[:64]},
+        "animations": {shown(name): duration for name, duration in list(scene.animations.items())[:MAX_NAMES]},
         "report": {part: [note[:200] for note in notes[:64]] for part, notes in scene.report.plain().items()},
     }

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from torchrender.image import Image
 from torchrender.passes.picture import resample
-from torchrender.pipeline.history import RenderHistory
+from torchrender.pipeline.history import Kept, RenderHistory
 from torchrender.pipeline.options import RenderOptions
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
@@ -19,6 +19,8 @@ from torchrender.scene.procedural.fog import changed_media
 from torchrender.wire.cameras import cameras_of
 from torchrender_service.renderers.engine import render_image
 from torchrender_service.renderers.jobs import BITS_STILL, Bounds, MakeKeyframe, MakeLayers, SmoothKeyframe
+from torchrender_service.renderers.keeping.lasting import LastingParts
+from torchrender_service.renderers.keeping.sizes import bytes_of
 from torchrender_service.renderers.keyframes import Stamp, enough_bits, first_message, layer_message, mirror_message
 from torchrender_service.renderers.layers import (
     MIRRORS_NEED,
@@ -30,6 +32,10 @@ from torchrender_service.renderers.layers import (
 )
 
 MAX_SESSIONS = 256
+MAX_BYTES = 2**31
+"""Of what is kept, where nothing else is said."""
+STREAM = "stream"
+"""The use whose pace streams share."""
 MOVING_BUDGET_MS = 150.0
 """Time for a moving keyframe where the session asks for no other."""
 STILL_FACTOR = 4.0
@@ -76,6 +82,7 @@ class SessionState:
     packing_ms: float = 0.0  # from the last picture to its message
     begun: Begun | None = None
     air: tuple[Scene, float, float | None, Scene] | None = None  # a scene, what was wished for, and what it is then
+    bytes: int = 0  # of what is this session's own
 
     def in_air(self, scene: Scene, job: MakeKeyframe) -> Scene:
         """The scene with the media that the session wishes for: the same one while the wish is."""
@@ -85,12 +92,24 @@ class SessionState:
 
 
 class StreamRenderer:
-    """Makes keyframes."""
+    """Makes keyframes.
 
-    def __init__(self) -> None:
+    Args:
+        lasting: what pictures of one scene share: maps, ray caster, pace.
+        max_bytes: of what is each session's own, all together; the session that was quiet longest starts anew first.
+    """
+
+    def __init__(self, lasting: LastingParts | None = None, max_bytes: int = MAX_BYTES) -> None:
+        self._lasting = lasting or LastingParts(MAX_BYTES)
+        self._max = max_bytes
         self._sessions: OrderedDict[str, SessionState] = OrderedDict()
-        self._scenes: dict[str, RenderHistory] = {}  # what sessions of one scene share: maps, ray caster, pace
         self._refined: OrderedDict[str, Refinement] = OrderedDict()
+        self.evictions = 0
+
+    @property
+    def bytes(self) -> int:
+        """Of what is each session's own."""
+        return sum(state.bytes for state in self._sessions.values())
 
     def make(self, scene: Scene, job: MakeKeyframe) -> dict[str, Any]:
         """The message of layer 0 and what the server needs to place the next keyframe."""
@@ -128,6 +147,7 @@ class StreamRenderer:
             self._refined[job.session] = Refinement(begun, scene, camera, bounds, light, render_ms)
             while len(self._refined) > MAX_REFINED:
                 self._refined.popitem(last=False)
+        self._weigh(job, state)
         state.packing_ms = 1e3 * (time.perf_counter() - begin) - render_ms
         return {
             "messages": messages,
@@ -179,18 +199,33 @@ class StreamRenderer:
         state.begun = replace(begun, stamp=stamp) if begun.around else None
         return {"messages": messages, "left": 0, "extra_layers": len(begun.around)}
 
-    def forget(self, *, session: str | None = None, scene: str | None = None) -> None:
-        """Drop what is kept for a session or a scene."""
+    def forget(self, *, session: str | None = None) -> None:
+        """Drop what is kept for a session."""
         if session is not None:
             self._sessions.pop(session, None)
             self._refined.pop(session, None)
-        if scene is not None:
-            self._scenes.pop(scene, None)
+
+    def clear(self) -> None:
+        """Drop everything: all sessions start anew."""
+        self.evictions += len(self._sessions)
+        self._sessions.clear()
+        self._refined.clear()
+
+    def _weigh(self, job: MakeKeyframe, state: SessionState) -> None:
+        """Note what a session has of its own, and make room."""
+        own = [kept.value for kept in state.history.kept.values() if not _is_shared(kept)]
+        begun = None if state.begun is None else state.begun.image.buffers
+        refined = self._refined.get(job.session)
+        state.bytes = bytes_of(own, begun, None if refined is None else (refined.light, refined.begun.image.buffers))
+        while self.bytes > self._max and len(self._sessions) > 1:
+            name = next(iter(self._sessions))
+            self.forget(session=name)
+            self.evictions += 1
 
     def _state(self, job: MakeKeyframe) -> SessionState:
         state = self._sessions.get(job.session)
         if state is None:
-            state = self._sessions[job.session] = SessionState(self._scenes.get(job.scene.id, RenderHistory()))
+            state = self._sessions[job.session] = SessionState(self._lasting.get(job.scene.id, STREAM).shared())
         self._sessions.move_to_end(job.session)
         while len(self._sessions) > MAX_SESSIONS:
             self._sessions.popitem(last=False)
@@ -205,11 +240,15 @@ class StreamRenderer:
             image, plan = render_image(scene, camera, bounds, options, state.history)
             assert image.history is not None
             state.history = image.history
-            self._scenes[job.scene.id] = image.history.shared()
+            self._lasting.put(job.scene.id, STREAM, image.history)
             return image, plan, image.history
         image, plan = _at_rest(scene, camera, bounds, state.history, options)
         assert image.history is not None
         return image, plan, image.history
+
+
+def _is_shared(kept: Kept) -> bool:
+    return kept.buffer.lasting is not None and kept.buffer.lasting.shared
 
 
 def _at_rest(

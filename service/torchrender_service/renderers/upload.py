@@ -9,6 +9,7 @@ import base64
 import binascii
 import io
 import logging
+import re
 import struct
 import warnings
 from pathlib import Path
@@ -38,6 +39,10 @@ MAX_NODES = 100_000
 MAX_TABLES = 10_000
 BYTES_PER_TRIANGLE = 256
 """What three vertices and their indices take, generously."""
+MAX_TOML_BYTES = 2**23
+MAX_KEY_PARTS = 16
+_PART = rb"""(?:[A-Za-z0-9_-]+|"[^"\n]*"|'[^'\n]*')[ \t]*"""
+_LONG_KEY = re.compile(rb"(?:^|[\[{,])[ \t]*(?:" + _PART + rb"\.[ \t]*){%d}" % MAX_KEY_PARTS, re.MULTILINE)
 PROBE = (48, 27)
 _FILE_KEYS = ("file", "texture", "density_file")
 _SEGMENTS = {"box": 2, "quad": 1, "plane": 1}
@@ -76,6 +81,20 @@ def _read(path: Path, job: Validate) -> Scene:
         return read_gltf(path, data)
     check_toml(path, data, job)
     return load_scene_file(path)
+
+
+def check_toml_text(path: Path, data: bytes) -> None:
+    """Refuse keys that take a parser minutes: its time grows with the square of a key's parts.
+
+    Raises:
+        SceneFileError: too large, or a key with too many parts.
+    """
+    if len(data) > MAX_TOML_BYTES:
+        raise SceneFileError(path, f"a scene file may have at most {MAX_TOML_BYTES} bytes, this one has {len(data)}")
+    found = _LONG_KEY.search(data)
+    if found is not None:
+        line = data.count(b"\n", 0, found.start()) + 1
+        raise SceneFileError(path, f"line {line}: a key may have at most {MAX_KEY_PARTS} parts")
 
 
 def check_glb(path: Path, data: bytes, limits: Validate) -> None:
@@ -117,6 +136,7 @@ def check_toml(path: Path, data: bytes, limits: Validate) -> None:
     Raises:
         ServiceError, SceneFileError: says what.
     """
+    check_toml_text(path, data)
     values = parse_toml_values(path, data)
     tables = _tables(values)
     if len(tables) > MAX_TABLES:

@@ -8,6 +8,7 @@ from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
 from torchrender.wire.cameras import cameras_of
 from torchrender_service.renderers.jobs import View
+from torchrender_service.renderers.scene_cache import shown
 
 
 def camera_of_view(scene: Scene, view: View) -> Cameras:
@@ -20,7 +21,14 @@ def camera_of_view(scene: Scene, view: View) -> Cameras:
         return cameras_of(view.pose)
     if view.look_at is not None:
         return _looking(scene, view, view.look_at)
-    return scene.camera(view.name, width=view.width, height=view.height)
+    return scene.camera(_whole_name(scene, view.name), width=view.width, height=view.height)
+
+
+def _whole_name(scene: Scene, name: str | None) -> str | None:
+    """The name of a camera that clients know by its beginning."""
+    if name is None or name in scene.cameras:
+        return name
+    return next((whole for whole in scene.cameras if shown(whole) == name), name)
 
 
 def _looking(scene: Scene, view: View, given: dict[str, Any]) -> Cameras:

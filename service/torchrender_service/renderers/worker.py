@@ -11,14 +11,19 @@ import os
 import signal
 import struct
 import sys
+import threading
 import traceback
-from typing import BinaryIO
+from typing import TYPE_CHECKING, BinaryIO
 
 import msgspec
 
 from torchrender.errors import SceneFileError, TorchRenderError
-from torchrender_service.errors import ServiceError
-from torchrender_service.renderers.jobs import JOB_DECODER, Failure, Reply
+from torchrender_service.errors import ServiceError, out_of_memory
+from torchrender_service.renderers.jobs import JOB_DECODER, TASK_DECODER, Failure, Reply, SentTask
+from torchrender_service.renderers.processes.desk import Cancelled, Desk
+
+if TYPE_CHECKING:
+    from torchrender_service.renderers.job_runner import JobRunner
 
 LENGTH = struct.Struct("<Q")
 _ENCODER = msgspec.msgpack.Encoder()
@@ -32,24 +37,48 @@ def main() -> int:
     # Replies own the pipe; whatever else prints goes to the log.
     out = os.fdopen(os.dup(1), "wb", buffering=0)
     os.dup2(2, 1)
-    if hasattr(os, "nice"):
-        os.nice(NICENESS)
     # Interrupts from a terminal reach the whole group; the server ends its renderers itself.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     from torchrender_service.renderers.job_runner import JobRunner
 
-    runner = JobRunner()
-    _limit_memory(int(os.environ.get("TORCHRENDER_RENDERER_LIMIT_MB", "0")))
+    limit_mb = int(os.environ.get("TORCHRENDER_RENDERER_LIMIT_MB", "0"))
+    runner = JobRunner(limit_mb)
+    if hasattr(os, "nice"):  # not before: somebody waits until it has started
+        os.nice(int(os.environ.get("TORCHRENDER_RENDERER_NICENESS", str(NICENESS))))
+    _limit_memory(limit_mb)
+
+    def work(task: SentTask) -> None:
+        _send(out, _ENCODER.encode(_reply(runner, desk, task)))
+
+    desk = Desk(work)
     _send(out, _ENCODER.encode(Reply(result={"ready": True})))
-    while True:
-        data = _receive(sys.stdin.buffer)
-        if data is None:
-            return 0
-        try:
-            reply = Reply(result=runner.run(JOB_DECODER.decode(data)))
-        except Exception as error:
-            reply = Reply(failure=failure_of(error))
-        _send(out, _ENCODER.encode(reply))
+    threading.Thread(target=_read_tasks, args=(sys.stdin.buffer, desk), daemon=True).start()
+    desk.run()
+    return 0
+
+
+def _read_tasks(source: BinaryIO, desk: Desk) -> None:
+    """Everything that comes, until the server is gone."""
+    try:
+        while (data := _receive(source)) is not None:
+            desk.put(TASK_DECODER.decode(data))
+    finally:
+        desk.close()
+
+
+def _reply(runner: JobRunner, desk: Desk, task: SentTask) -> Reply:
+    result, failure = None, None
+    try:
+        if desk.cancelled(task):
+            raise Cancelled
+        result = runner.run(JOB_DECODER.decode(task.job))
+    except Cancelled:
+        failure = Failure(status=499, kind="cancelled", detail="nobody waits for it")
+    except Exception as error:
+        failure = failure_of(error)
+    kept = runner.kept_bytes / 2**20
+    reply = Reply(serial=task.serial, memory_mb=_resident_mb(), kept_mb=kept, evictions=runner.evictions)
+    return msgspec.structs.replace(reply, result=result, failure=failure)
 
 
 def failure_of(error: Exception) -> Failure:
@@ -59,12 +88,23 @@ def failure_of(error: Exception) -> Failure:
     if isinstance(error, SceneFileError):
         where = f"{error.key}: " if error.key else ""
         return Failure(status=422, kind="scene-file", detail=_plain(where + error.reason))
+    if isinstance(error, msgspec.ValidationError):
+        return Failure(status=422, kind="invalid-value", detail=_plain(f"the job cannot be read: {error}"))
     if isinstance(error, TorchRenderError):
         return Failure(status=422, kind="invalid-value", detail=_plain(str(error)))
-    if isinstance(error, MemoryError) or "allocate memory" in str(error):
+    if out_of_memory(error):
         return Failure(status=422, kind="too-large", detail="needs more memory than a renderer may take")
     logging.getLogger("torchrender_service.renderers.worker").error("job failed\n%s", traceback.format_exc())
     return Failure(status=500, kind="internal", detail="the renderer met an error of its own; it is in the log")
+
+
+def _resident_mb() -> float:
+    """Memory of this process; 0 where the system does not tell."""
+    try:
+        with open("/proc/self/statm") as file:
+            return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 2**20
+    except (OSError, ValueError, IndexError, AttributeError):
+        return 0.0
 
 
 def _plain(text: str) -> str:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import errno
 import hashlib
 import json
 import logging
@@ -15,10 +16,13 @@ import os
 import re
 import secrets
 import shutil
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
 from typing import Any
 
+from filelock import FileLock, Timeout
+
+from torchrender.errors import OptionError
 from torchrender_service.errors import ServiceError
 from torchrender_service.renderers.contract import RendererPool
 from torchrender_service.renderers.jobs import Describe, Forget, SceneSource, Validate
@@ -29,8 +33,12 @@ KINDS = {"glb": "scene.glb", "toml": "scene.toml"}
 _HASH = re.compile(r"[0-9a-f]{64}")
 _UNFINISHED = ".unfinished-"
 _FACTS = "facts.json"
-MAX_UPLOADS = 8
-"""At a time: each holds a file of the greatest size on the disk before it is judged."""
+SCENE_SHARE = 4
+"""The textures of a scene may fill one in so many parts of a renderer's memory."""
+TEXEL_BYTES = 22
+"""Of a decoded texel with its smaller copies: four numbers of four bytes, and a third of that again."""
+MAX_SHOWN = 80
+"""Characters of a name in what an earlier server has kept."""
 
 
 class SceneStore:
@@ -42,7 +50,28 @@ class SceneStore:
         self._folder = Path(settings.data_dir) / "scenes"
         self._built_in: dict[str, asyncio.Task[dict[str, Any]]] = {}
         self._uploads: dict[str, dict[str, Any]] = {}
-        self._receiving = 0
+
+    @contextlib.contextmanager
+    def own_folder(self) -> Iterator[None]:
+        """Keep the data folder for this process: two that write there would destroy each other's uploads.
+
+        Raises:
+            OptionError: it cannot be made or written, or another server has it.
+        """
+        lock = FileLock(self._folder.parent / ".lock")
+        try:
+            self._folder.mkdir(parents=True, exist_ok=True)
+            if not os.access(self._folder, os.W_OK | os.X_OK):
+                raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+            lock.acquire(timeout=0)
+        except Timeout:
+            detail = f"data_dir {self._settings.data_dir}: another server uses this folder"
+            raise OptionError(detail) from None
+        except OSError as error:
+            detail = f"data_dir {self._settings.data_dir} cannot be used: {error.strerror or error}"
+            raise OptionError(detail) from error
+        with lock:
+            yield
 
     def open(self) -> None:
         """Read what an earlier process left; remove what it did not finish."""
@@ -56,6 +85,11 @@ class SceneStore:
                     LOG.warning("scene folder is not usable", extra={"scene": folder.name})
                 else:
                     self._uploads[folder.name] = facts
+
+    @property
+    def version(self) -> str:
+        """Changes whenever the list of scenes does."""
+        return hashlib.sha256("\n".join(self.names).encode()).hexdigest()[:32]
 
     @property
     def names(self) -> list[str]:
@@ -93,32 +127,44 @@ class SceneStore:
         """Check an upload and keep it; returns its facts and whether it is new.
 
         Raises:
-            ServiceError: 409 the store is full, 413 too large, 422 not a scene, 429 too many at a time.
+            ServiceError: 409 the store is full, 413 too large, 422 not a scene, 507 the disk is full.
         """
         self._check_room(0)
-        if self._receiving >= MAX_UPLOADS:
-            raise ServiceError(429, "busy", f"{MAX_UPLOADS} scenes are being uploaded already", retry_after_s=5.0)
-        self._receiving += 1
         folder = self._folder / (_UNFINISHED + secrets.token_hex(8))
         try:
             folder.mkdir()
-            file = folder / KINDS[kind]
-            scene, size = await self._receive(body, file, kind)
-            if scene in self._uploads:
-                return self._uploads[scene], False
-            self._check_room(size)
-            limits = (self._settings.max_triangles, self._settings.max_texture_pixels)
-            job = Validate(path=str(file), kind=kind, max_triangles=limits[0], max_texture_pixels=limits[1])
-            facts = await self._pool.inspect(job)
-            facts |= {"id": scene, "built_in": False, "kind": kind, "bytes": size, "name": name or facts["name"]}
-            await asyncio.to_thread(_finish, folder, facts, self._folder / scene)
-            new = scene not in self._uploads
-            self._uploads.setdefault(scene, facts)
-            LOG.info("scene kept", extra={"scene": scene, "bytes": size, "triangles": facts["triangles"]})
-            return self._uploads[scene], new
+            return await self._keep(body, kind, name, folder)
+        except OSError as error:
+            if error.errno not in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+                raise
+            LOG.error("an upload does not fit on the disk", extra={"reason": error.strerror})
+            raise ServiceError(507, "disk-full", "the disk of the server is full", retry_after_s=60.0) from error
         finally:
-            self._receiving -= 1
             shutil.rmtree(folder, ignore_errors=True)
+
+    async def _keep(
+        self, body: AsyncIterator[bytes], kind: str, name: str | None, folder: Path
+    ) -> tuple[dict[str, Any], bool]:
+        file = folder / KINDS[kind]
+        scene, size = await self._receive(body, file, kind)
+        if scene in self._uploads:
+            return self._uploads[scene], False
+        self._check_room(size)
+        settings = self._settings
+        texels = settings.memory_mb * 2**20 // SCENE_SHARE // TEXEL_BYTES
+        job = Validate(
+            path=str(file),
+            kind=kind,
+            max_triangles=settings.max_triangles,
+            max_texture_pixels=min(settings.max_texture_pixels, texels),
+        )
+        facts = await self._pool.inspect(job)
+        facts |= {"id": scene, "built_in": False, "kind": kind, "bytes": size, "name": name or facts["name"]}
+        await asyncio.to_thread(_finish, folder, facts, self._folder / scene)
+        new = scene not in self._uploads
+        self._uploads.setdefault(scene, facts)
+        LOG.info("scene kept", extra={"scene": scene, "bytes": size, "triangles": facts["triangles"]})
+        return self._uploads[scene], new
 
     async def delete(self, scene: str) -> None:
         """Remove an uploaded scene.
@@ -158,10 +204,20 @@ class SceneStore:
 def _read_facts(folder: Path) -> dict[str, Any] | None:
     try:
         facts = json.loads((folder / _FACTS).read_text())
+        facts = _cut(dict(facts))
         whole = facts["id"] == folder.name and (folder / KINDS[facts["kind"]]).stat().st_size == facts["bytes"]
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return None
-    return dict(facts) if whole else None
+    return facts if whole else None
+
+
+def _cut(facts: dict[str, Any]) -> dict[str, Any]:
+    """Without names and lists that are longer than clients are shown; earlier servers kept them whole."""
+    cut = dict(facts) | {"name": str(facts["name"])[:MAX_SHOWN]}
+    cut["cameras"] = [str(name)[:MAX_SHOWN] for name in facts.get("cameras", [])[:64]]
+    if "animations" in facts:
+        cut["animations"] = {str(name)[:MAX_SHOWN]: s for name, s in list(facts["animations"].items())[:64]}
+    return cut
 
 
 def _finish(folder: Path, facts: dict[str, Any], target: Path) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import msgspec
 
-from torchrender.wire.messages import CameraHeader, Pose
+from torchrender.wire.messages import MAX_SIDE, CameraHeader, Pose
 
 MAX_LEAD_S = 1.0
 MAX_SPIN = 8.0
@@ -42,7 +42,8 @@ def overscanned(camera: CameraHeader, overscan: float, max_pixels: int) -> Camer
     shrink = min(1.0, math.sqrt(max_pixels / pixels))
     width, height = max(1, int(camera.width * shrink)), max(1, int(camera.height * shrink))
     sx, sy = width / camera.width, height / camera.height
-    factor = max(1.0, min(overscan, math.sqrt(max_pixels / (width * height))))
+    room = MAX_SIDE / max(width, height)
+    factor = max(1.0, min(overscan, math.sqrt(max_pixels / (width * height)), room))
     # As many pixels on both sides: pixels of the wider picture then coincide with those of the view.
     left, top = (int(side * (factor - 1.0) / 2.0 + 1e-6) for side in (width, height))
     wide, high = width + 2 * left, height + 2 * top

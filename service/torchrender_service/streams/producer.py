@@ -11,6 +11,7 @@ from typing import Any
 from torchrender.wire.messages import CameraHeader, Pose
 from torchrender_service.errors import ServiceError
 from torchrender_service.metrics import Metrics
+from torchrender_service.renderers.asked import Asked
 from torchrender_service.renderers.contract import RendererPool
 from torchrender_service.renderers.jobs import (
     LOSSLESS,
@@ -62,7 +63,7 @@ class Producer:
         number, session.next_id = session.next_id, session.next_id + 1
         flight = placement.begin(number, now, timed=not still)
         try:
-            made = await self.pool.run(self._job(number, pose, camera, still), renderer=session.renderer)
+            made = await self._run(self._job(number, pose, camera, still))
         except ServiceError:
             placement.failed(number)
             raise
@@ -76,7 +77,7 @@ class Producer:
         placement, session = self.placement, self.session
         job = SmoothKeyframe(session=session.id, id=session.next_id)
         try:
-            made = await self.pool.run(job, renderer=session.renderer)
+            made = await self._run(job)
         except ServiceError as error:
             LOG.warning("a refinement stays as it is: %s", error.detail)
             placement.smoothed()
@@ -97,7 +98,7 @@ class Producer:
         await self._send_all(made["messages"])
         if made["extra_layers"]:
             try:
-                more = await self.pool.run(MakeLayers(session=session.id, id=number), renderer=session.renderer)
+                more = await self._run(MakeLayers(session=session.id, id=number))
             except ServiceError as error:
                 await self.complain(error)
                 return
@@ -107,6 +108,10 @@ class Producer:
         for message in messages:
             await self.send(message)
             self.metrics.count("keyframe_bytes", len(message))
+
+    async def _run(self, job: MakeKeyframe | MakeLayers | SmoothKeyframe) -> dict[str, Any]:
+        session = self.session
+        return await self.pool.run(job, renderer=session.renderer, asked=Asked(client=session.client))
 
     def _job(self, number: int, pose: Pose, camera: CameraHeader, still: bool) -> MakeKeyframe:
         session = self.session

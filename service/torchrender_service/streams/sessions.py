@@ -54,6 +54,7 @@ class Session:
     overscan: float
     bounds: Bounds
     renderer: RendererHandle
+    client: str = "unknown"  # the address that it counts for
     expires: float  # monotonic time after which it is gone, unless a stream is connected
     density: float = 1.0  # of all media, as a multiple of their own
     asymmetry: float | None = None  # of all media; None: each its own
@@ -84,13 +85,18 @@ class SessionStore:
         """The streams that are connected."""
         return [s.connection for s in self._sessions.values() if s.connection is not None]
 
-    def check_room(self) -> None:
+    def check_room(self, client: str = "unknown") -> None:
         """Refuse early.
 
         Raises:
-            ServiceError: 429, as many sessions as may be.
+            ServiceError: 429, as many sessions as may be, of this address or in all.
         """
         self.expire()
+        own = [s for s in self._sessions.values() if s.client == client]
+        if len(own) >= self._settings.max_sessions_per_address:
+            limit = self._settings.max_sessions_per_address
+            detail = f"this address has {limit} sessions already"
+            raise ServiceError(429, "too-many-sessions", detail, retry_after_s=self._settings.ticket_s)
         if len(self._sessions) >= self._settings.max_sessions:
             soonest = min(s.expires for s in self._sessions.values()) - time.monotonic()
             wait = min(max(soonest, 1.0), self._settings.ticket_s)
@@ -99,7 +105,7 @@ class SessionStore:
 
     def add(self, session: Session) -> str:
         """Keep a session; returns its ticket."""
-        self.check_room()
+        self.check_room(session.client)
         self._sessions[session.id] = session
         return self.ticket(session)
 

@@ -12,7 +12,7 @@ import time
 from dataclasses import dataclass
 from typing import Any
 
-from starlette.websockets import WebSocket, WebSocketDisconnect
+from starlette.websockets import WebSocket, WebSocketDisconnect, WebSocketState
 
 from torchrender.wire.errors import ProtocolError
 from torchrender.wire.messages import (
@@ -47,6 +47,7 @@ SCENE_GONE = 4404
 TICK_S = 0.25
 CLOSE_S = 1.0
 RETRY_S = 1.0
+AGAIN_S = 0.1
 
 
 class Closed(Exception):
@@ -104,6 +105,9 @@ class Stream:
             closed = error
         except (WebSocketDisconnect, ConnectionError):
             pass
+        except RuntimeError:  # the framework's, for a message to a client that has left
+            if WebSocketState.DISCONNECTED not in (self._socket.client_state, self._socket.application_state):
+                raise
         except asyncio.CancelledError:
             closed = Closed(1012, "the server is stopping")
         finally:
@@ -266,7 +270,9 @@ class Stream:
         if error.status == 404:
             raise Closed(SCENE_GONE, "the scene was deleted")
         await self._complain(error)
-        if error.status in (429, 503):
+        if error.kind == "renderer-stopped":
+            await asyncio.sleep(AGAIN_S)  # the next one is on its way: the job waits for it
+        elif error.status in (429, 503):
             await asyncio.sleep(error.retry_after_s or RETRY_S)
         else:
             self._placement.drop_pose()

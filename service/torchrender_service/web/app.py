@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
+from typing import Any
 
 from fastapi import FastAPI
-from starlette.staticfiles import StaticFiles
 
 from torchrender import __version__
+from torchrender_service.door.guard import Guard
 from torchrender_service.problems import add_error_handlers
 from torchrender_service.renderers.pool import Pool
 from torchrender_service.settings import Settings
@@ -22,7 +23,7 @@ from torchrender_service.web import (
     routes_stream,
     routes_style,
 )
-from torchrender_service.web.guard import Guard
+from torchrender_service.web.page import PageFiles
 from torchrender_service.web.state import MakePool, ServiceState
 
 STATIC = Path(__file__).parent.parent / "static"
@@ -55,6 +56,7 @@ def make_app(settings: Settings, make_pool: MakePool = Pool) -> FastAPI:
         openapi_url="/v1/openapi.json",
     )
     app.state.service = state
+    add_security(app)
     add_error_handlers(app)
     for module in (
         routes_scenes,
@@ -67,6 +69,25 @@ def make_app(settings: Settings, make_pool: MakePool = Pool) -> FastAPI:
     ):
         app.include_router(module.router)
     if STATIC.is_dir():
-        app.mount("/", StaticFiles(directory=STATIC, html=True), name="client")
-    app.add_middleware(Guard, settings=settings, metrics=state.metrics)
+        app.mount("/", PageFiles(directory=STATIC, html=True), name="client")
+    app.add_middleware(Guard, settings=settings, metrics=state.metrics, bodies=state.bodies)
     return app
+
+
+def add_security(app: FastAPI) -> None:
+    """Say in the description which calls take the API key, and below which path the service stands."""
+    make = app.openapi
+
+    def described() -> dict[str, Any]:
+        document = make()
+        schemes = document.setdefault("components", {}).setdefault("securitySchemes", {})
+        schemes["api-key"] = {"type": "http", "scheme": "bearer", "description": "where the server has an API key"}
+        for path, methods in document["paths"].items():
+            for operation in methods.values():
+                if path.startswith("/v1/") or path == "/metrics":
+                    # Also without one: a server on loopback may have none.
+                    operation["security"] = [{"api-key": []}, {}]
+        document["servers"] = [{"url": app.state.service.settings.root_path or "/"}]
+        return document
+
+    app.openapi = described  # type: ignore[method-assign]

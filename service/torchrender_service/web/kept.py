@@ -7,11 +7,38 @@ import time
 from collections import OrderedDict
 from dataclasses import dataclass
 
+from torchrender.wire.errors import ProtocolError
+from torchrender.wire.messages import Keyframe, Type, decode
 from torchrender_service.errors import ServiceError
 from torchrender_service.renderers.contract import RendererHandle, RendererPool
 
 LASTS_S = 3600.0
 """Seconds after its last use that a photo is dropped."""
+
+
+def id_of(data: bytes) -> str:
+    """What is kept goes by the hash of its content: the same thing sent twice is kept once."""
+    return hashlib.sha256(data).hexdigest()
+
+
+def count_keyframes(container: bytes, *, max_pixels: int, max_images: int) -> int:
+    """How many keyframes a container declares; their pictures are only decoded when they are used.
+
+    Raises:
+        ProtocolError: no container, cut off, or more or larger pictures than allowed.
+    """
+    rest, count = memoryview(container), 0
+    while rest:
+        received = decode(rest, (Type.KEYFRAME,), whole=False)
+        header = received.message
+        assert isinstance(header, Keyframe)
+        if count == max_images or header.camera.width * header.camera.height > max_pixels:
+            raise ProtocolError(f"a container may hold {max_images} pictures of {max_pixels} pixels each")
+        count += 1
+        rest = rest[received.size :]
+    if not count:
+        raise ProtocolError("the container holds no keyframe")
+    return count
 
 
 class KeptContainers:
@@ -22,9 +49,9 @@ class KeptContainers:
         self._kept: OrderedDict[str, bytes] = OrderedDict()
         self._size = 0
 
-    def put(self, container: bytes) -> str:
+    def put(self, container: bytes, name: str | None = None) -> str:
         """Keep a container; returns its id. One that is larger than everything allowed is not kept."""
-        name = hashlib.sha256(container).hexdigest()
+        name = name or id_of(container)
         if name in self._kept:
             self._kept.move_to_end(name)
             return name
@@ -34,6 +61,10 @@ class KeptContainers:
             _, dropped = self._kept.popitem(last=False)
             self._size -= len(dropped)
         return name
+
+    def has(self, name: str) -> bool:
+        """Whether a container is kept."""
+        return name in self._kept
 
     def get(self, name: str) -> bytes:
         """The container.
@@ -66,9 +97,9 @@ class KeptPhotos:
 
     def put(self, data: bytes) -> str:
         """Keep a photo; returns its id."""
-        name = hashlib.sha256(data).hexdigest()
+        name = id_of(data)
         if name not in self._kept:
-            self._kept[name] = KeptPhoto(data, self._pool.assign(), time.monotonic())
+            self._kept[name] = KeptPhoto(data, self._pool.assign(background=True), time.monotonic())
         self._touch(name)
         while len(self._kept) > 1 and sum(len(p.data) for p in self._kept.values()) > self._max:
             self._drop(next(iter(self._kept)))

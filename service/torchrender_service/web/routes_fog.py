@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import base64
 import binascii
 import json
@@ -17,6 +18,7 @@ from torchrender_service.web.negotiation import negotiate, warning_headers
 from torchrender_service.web.routes_photos import PhotoId
 from torchrender_service.web.schemas import problems
 from torchrender_service.web.state import ServiceState, state_of
+from torchrender_service.web.work import work
 
 router = APIRouter(prefix="/v1", tags=["fog"])
 
@@ -76,11 +78,11 @@ async def fog(request: Request, body: FogRequest) -> Response:
     """Put fog into a photo. Another medium for the photo that was sent last takes little time."""
     media_type = negotiate(request.headers.get("accept"), list(RESULTS))
     state = state_of(request)
-    photo, renderer = _photo(state, body)
+    photo, renderer = await _photo(state, body)
     settings = body.model_dump(exclude={"photo", "photo_id", "marks"})
     job = FogInPhoto(photo=photo, marks=json.dumps(body.marks).encode(), format=RESULTS[media_type],
                      max_pixels=state.settings.max_texture_pixels, **settings)  # fmt: skip
-    made = await state.pool.run(job, renderer=renderer)
+    made = await work(request, job, renderer=renderer)
     headers = {"Server-Timing": ", ".join(f"{stage};dur={ms:.2f}" for stage, ms in made["timings_ms"].items())}
     headers |= warning_headers(made["warnings"])
     if media_type == "application/json":
@@ -89,12 +91,12 @@ async def fog(request: Request, body: FogRequest) -> Response:
     return Response(made["file"], media_type=media_type, headers=headers)
 
 
-def _photo(state: ServiceState, body: FogRequest) -> tuple[bytes, RendererHandle | None]:
+async def _photo(state: ServiceState, body: FogRequest) -> tuple[bytes, RendererHandle | None]:
     """The photo, and the renderer that has it ready."""
     if body.photo_id is not None:
         kept = state.photos.get(body.photo_id)
         return kept.data, kept.renderer
     try:
-        return base64.b64decode(body.photo or "", validate=True), None
+        return await asyncio.to_thread(base64.b64decode, body.photo or "", validate=True), None
     except (binascii.Error, ValueError) as error:
         raise ServiceError(422, "invalid-value", "photo must be base64") from error

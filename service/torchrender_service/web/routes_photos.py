@@ -13,6 +13,7 @@ from torchrender_service.renderers.jobs import CheckMarks, DescribePhoto, Divide
 from torchrender_service.web.negotiation import negotiate
 from torchrender_service.web.schemas import problems
 from torchrender_service.web.state import state_of
+from torchrender_service.web.work import work
 
 router = APIRouter(prefix="/v1", tags=["photos"])
 
@@ -92,11 +93,12 @@ async def keep(request: Request) -> PhotoFacts:
     if kind not in PHOTOS:
         raise ServiceError(415, "media-type", f"Content-Type must be one of {', '.join(PHOTOS)}")
     state = state_of(request)
-    name = state.photos.put(await request.body())
+    async with state.bodies.read(request) as data:
+        name = state.photos.put(data)
     photo = state.photos.get(name)
     job = DescribePhoto(photo=photo.data, max_pixels=state.settings.max_texture_pixels)
     try:
-        found = await state.pool.run(job, renderer=photo.renderer)
+        found = await work(request, job, renderer=photo.renderer)
     except ServiceError as error:
         if error.status == 422:  # it is none, and would only take room
             state.photos.drop(name)
@@ -118,7 +120,7 @@ async def regions(request: Request, photo: PhotoId, body: DivideRequest) -> Regi
         labels=tuple(p.label for p in body.parts),
         depths=tuple(p.depth for p in body.parts),
     )
-    return Regions(**await state.pool.run(job, renderer=kept.renderer))
+    return Regions(**await work(request, job, renderer=kept.renderer))
 
 
 @router.post(
@@ -133,6 +135,7 @@ async def marks(request: Request) -> Response:
     if kind not in MARKS:
         raise ServiceError(415, "media-type", f"Content-Type must be one of {', '.join(MARKS)}")
     media_type = negotiate(request.headers.get("accept"), list(MARKS))
-    made = await state_of(request).pool.run(CheckMarks(marks=await request.body(), name=f"marks{MARKS[kind]}"))
+    job = CheckMarks(marks=await request.body(), name=f"marks{MARKS[kind]}")
+    made = await work(request, job)
     text = json.dumps(made["table"]) if media_type == "application/json" else made["toml"]
     return Response(text, media_type=media_type)

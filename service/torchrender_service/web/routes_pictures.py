@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import base64
 import binascii
 import json
@@ -13,10 +14,12 @@ from fastapi import APIRouter, Path, Query, Request, Response
 from torchrender.wire.messages import CONTENT_TYPE
 from torchrender_service.errors import ServiceError
 from torchrender_service.renderers.jobs import Bounds, DepthImages, Plan, Render, Reproject, Tradeoff, View
+from torchrender_service.web.kept import count_keyframes, id_of
 from torchrender_service.web.negotiation import negotiate
 from torchrender_service.web.schemas import (
     Budget,
     DepthImagesRequest,
+    KeptKeyframes,
     MaxError,
     RenderRequest,
     ReprojectRequest,
@@ -27,6 +30,7 @@ from torchrender_service.web.schemas import (
     view_of,
 )
 from torchrender_service.web.state import ServiceState, state_of
+from torchrender_service.web.work import work
 
 router = APIRouter(prefix="/v1", tags=["pictures"])
 
@@ -34,6 +38,7 @@ PICTURES = {"image/png": "png", "image/x-exr": "exr", "application/x-npz": "npz"
 REPROJECTIONS = {"image/png": "png", "application/x-npz": "npz"}
 MAX_PLAN_BYTES = 6000  # many clients and proxies take 8 KB of headers
 _BINARY = {"schema": {"type": "string", "format": "binary"}}
+_KEPT: dict[int | str, dict[str, Any]] = {200: {"description": "They are kept already.", "model": KeptKeyframes}}
 
 
 def _file(description: str, types: Sequence[str], **headers: str) -> dict[str, Any]:
@@ -63,7 +68,7 @@ async def render(request: Request, body: RenderRequest) -> Response:
         format=PICTURES[media_type],
         buffers=tuple(body.buffers),
     )
-    made = await state.pool.run(job)
+    made = await work(request, job)
     headers = {"Torchrender-Plan": _plan_header(made["plan"]), "Server-Timing": _timing(made["timings_ms"])}
     return Response(made["file"], media_type=media_type, headers=headers)
 
@@ -99,9 +104,34 @@ async def depth_images(request: Request, body: DepthImagesRequest) -> Response:
         spread=body.spread,
         options=body.options.model_dump(),
     )
-    made = await state.pool.run(job)
-    name = state.kept.put(made["container"])
+    made = await work(request, job)
+    name = await asyncio.to_thread(id_of, made["container"])
+    state.kept.put(made["container"], name)
     return Response(made["container"], media_type=CONTENT_TYPE, headers={"Torchrender-Keyframes": name})
+
+
+@router.post(
+    "/keyframes",
+    status_code=201,
+    response_model=KeptKeyframes,
+    responses=_KEPT | problems(400, 403, 413, 415, 422, 429, 503),
+    openapi_extra={"requestBody": {"required": True, "content": {CONTENT_TYPE: _BINARY}}},
+)
+async def keep_keyframes(request: Request, response: Response) -> dict[str, Any]:
+    """Keep depth images for POST /v1/reproject: keyframe messages one after the other, as they are. The oldest make
+    room for newer ones."""
+    if request.headers.get("content-type", "").partition(";")[0].strip().lower() != CONTENT_TYPE:
+        raise ServiceError(415, "media-type", f"Content-Type must be {CONTENT_TYPE}")
+    state = state_of(request)
+    async with state.bodies.read(request) as container:
+        limits = {"max_pixels": state.settings.max_pixels // 4, "max_images": state.settings.max_views}
+        images = await asyncio.to_thread(count_keyframes, container, **limits)
+        name = await asyncio.to_thread(id_of, container)
+        there = state.kept.has(name)
+        state.kept.put(container, name)
+    if there:
+        response.status_code = 200
+    return {"id": name, "images": images}
 
 
 @router.post(
@@ -117,13 +147,13 @@ async def reproject(request: Request, body: ReprojectRequest) -> Response:
     state, media_type = state_of(request), _media_type(request, REPROJECTIONS)
     job = Reproject(
         view=_view(state, body),
-        container=_container(state, body),
+        container=await _container(state, body),
         method=body.method,
         format=REPROJECTIONS[media_type],
         max_pixels=state.settings.max_pixels // 4,
         max_images=state.settings.max_views,
     )
-    made = await state.pool.run(job)
+    made = await work(request, job)
     headers = {"Torchrender-Valid-Share": f"{made['valid_share']:.6f}"}
     return Response(made["file"], media_type=media_type, headers=headers)
 
@@ -143,7 +173,7 @@ async def plan(
     view = View(width=width, height=height, name=camera)
     _check_pixels(state, view)
     bounds = Bounds(budget_ms=budget_ms, max_error=max_error)
-    return await state.pool.run(Plan(scene=state.scenes.source(scene), view=view, bounds=bounds))
+    return await work(request, Plan(scene=state.scenes.source(scene), view=view, bounds=bounds))
 
 
 @router.get("/tradeoff/{name}", responses=problems(404, 422, 429, 503))
@@ -151,7 +181,7 @@ async def tradeoff(
     request: Request, name: Annotated[str, Path(pattern=r"^[a-z_]{1,40}$", examples=["soft_shadow"])]
 ) -> dict[str, Any]:
     """Time against error of the settings of one pass."""
-    return await state_of(request).pool.run(Tradeoff(name=name))
+    return await work(request, Tradeoff(name=name))
 
 
 def _media_type(request: Request, formats: Mapping[str, str]) -> str:
@@ -166,12 +196,12 @@ def _view(state: ServiceState, body: RenderRequest | ReprojectRequest, supersamp
     return view
 
 
-def _container(state: ServiceState, body: ReprojectRequest) -> bytes:
+async def _container(state: ServiceState, body: ReprojectRequest) -> bytes:
     """The depth images of a request: kept ones, or those that came along."""
     if body.keyframes is not None:
         return state.kept.get(body.keyframes)
     try:
-        return base64.b64decode(body.container or "", validate=True)
+        return await asyncio.to_thread(base64.b64decode, body.container or "", validate=True)
     except (binascii.Error, ValueError) as error:
         raise ServiceError(422, "invalid-value", "container must be base64") from error
 

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Path, Query, Request, Response
 
 from torchrender_service.errors import ServiceError
-from torchrender_service.web.schemas import SceneFacts, SceneList, problems
+from torchrender_service.web.schemas import SceneFacts, SceneId, SceneList, problems
 from torchrender_service.web.state import state_of
 
 router = APIRouter(prefix="/v1/scenes", tags=["scenes"])
@@ -19,6 +19,7 @@ MEDIA_TYPES = {
     "application/toml": "toml",
     "text/x-toml": "toml",
 }
+MAX_LISTED = 256
 SceneParameter = Annotated[str, Path(pattern=r"^[a-z0-9_]{1,64}$", examples=["cornell_box"])]
 _THERE: dict[int | str, dict[str, Any]] = {
     200: {"description": "The same scene is there already.", "model": SceneFacts}
@@ -30,18 +31,50 @@ _TOML = {
 }
 
 
-@router.get("", response_model=SceneList, responses=problems(503))
-async def list_scenes(request: Request) -> dict[str, Any]:
-    """All scenes: the built-in ones, then the uploaded ones."""
+_SAME: dict[int | str, dict[str, Any]] = {304: {"description": "Nothing has changed since the ETag that came."}}
+
+
+@router.get("", response_model=SceneList, responses=_SAME | problems(404, 422, 503))
+async def list_scenes(
+    request: Request,
+    response: Response,
+    limit: Annotated[int, Query(ge=1, le=MAX_LISTED, description="scenes at most")] = MAX_LISTED,
+    after: Annotated[SceneId | None, Query(description="the last one that is known already")] = None,
+) -> Any:
+    """Scenes: the built-in ones, then the uploaded ones; ``next`` leads to more of them."""
     scenes = state_of(request).scenes
-    return {"scenes": [await scenes.facts(name) for name in scenes.names]}
+    tag = f'"{scenes.version}-{limit}-{after or ""}"'
+    if same_tag(request, tag):
+        return Response(status_code=304, headers={"ETag": tag})
+    names = scenes.names
+    if after is not None and after not in names:
+        raise ServiceError(404, "no-such-scene", f"there is no scene {after[:80]!r}")
+    begin = 0 if after is None else names.index(after) + 1
+    listed = names[begin : begin + limit]
+    more = begin + limit < len(names)
+    response.headers["ETag"] = tag
+    response.headers["Cache-Control"] = "no-cache"  # to be asked for each time, but not sent again
+    found = []
+    for name in listed:
+        try:
+            found.append(await scenes.facts(name))
+        except ServiceError as error:
+            if error.status != 404:  # deleted meanwhile
+                raise
+    return {"scenes": found, "next": f"v1/scenes?limit={limit}&after={listed[-1]}" if more else None}
+
+
+def same_tag(request: Request, tag: str) -> bool:
+    """Whether the client has what the tag stands for (RFC 9110, section 13.1.2)."""
+    known = [word.strip().removeprefix("W/") for word in request.headers.get("if-none-match", "").split(",")]
+    return tag in known or "*" in known
 
 
 @router.post(
     "",
     status_code=201,
     response_model=SceneFacts,
-    responses=_THERE | problems(400, 403, 409, 413, 415, 422, 429, 503),
+    responses=_THERE | problems(400, 403, 409, 413, 415, 422, 429, 503, 507),
     openapi_extra={
         "requestBody": {"required": True, "content": {"model/gltf-binary": _BINARY, "application/toml": _TOML}}
     },
@@ -61,7 +94,7 @@ async def upload_scene(
     facts, new = await state_of(request).scenes.keep(_body(request), kind, name)
     if not new:
         response.status_code = 200
-    response.headers["Location"] = f"/v1/scenes/{facts['id']}"
+    response.headers["Location"] = f"{state_of(request).settings.root_path}/v1/scenes/{facts['id']}"
     return facts
 
 

@@ -51,5 +51,6 @@ async def metrics(request: Request) -> Response:
         "streams": len(state.sessions.connections),
         "jobs": state.pool.waiting,
         "scenes": len(state.scenes.names),
+        "connections": len(state.connections),
     }
     return Response(state.metrics.text(gauges), media_type=CONTENT_TYPE)

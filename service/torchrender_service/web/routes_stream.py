@@ -7,18 +7,19 @@ import time
 from typing import Any
 
 import msgspec
-from fastapi import APIRouter, Request, WebSocket
+from fastapi import APIRouter, Request, WebSocket, WebSocketDisconnect
 
 from torchrender.wire.messages import SUBPROTOCOL, CameraHeader
+from torchrender_service.door.guard import check_host, check_origin, visit_of
 from torchrender_service.errors import ServiceError
 from torchrender_service.problems import problem_response
 from torchrender_service.renderers.contract import RendererHandle
 from torchrender_service.renderers.jobs import Locate, View
 from torchrender_service.streams.sessions import Session
 from torchrender_service.streams.stream import Stream
-from torchrender_service.web.guard import check_host, check_origin
 from torchrender_service.web.schemas import PinholeCamera, SessionMade, SessionRequest, bounds_of, problems, view_of
 from torchrender_service.web.state import ServiceState, state_of
+from torchrender_service.web.work import work
 
 router = APIRouter(prefix="/v1", tags=["stream"])
 TICKET = "bearer."
@@ -37,10 +38,11 @@ async def make_session(request: Request, body: SessionRequest) -> dict[str, Any]
     if view.width * view.height > limit:
         detail = f"width x height must be at most {limit}, got {view.width} x {view.height}"
         raise ServiceError(422, "too-many-pixels", detail)
-    state.sessions.check_room()
+    client = visit_of(request.scope).client
+    state.sessions.check_room(client)
     renderer = state.pool.assign()
     try:
-        session = await _prepared(state, body, view, renderer)
+        session = await _prepared(request, body, view, renderer)
         ticket = state.sessions.add(session)
     except BaseException:  # also where the client goes away meanwhile
         state.pool.release(renderer)
@@ -56,10 +58,11 @@ async def make_session(request: Request, body: SessionRequest) -> dict[str, Any]
     }
 
 
-async def _prepared(state: ServiceState, body: SessionRequest, view: View, renderer: RendererHandle) -> Session:
+async def _prepared(request: Request, body: SessionRequest, view: View, renderer: RendererHandle) -> Session:
     """A session whose renderer knows its scene and first view."""
+    state = state_of(request)
     source, facts = state.scenes.source(body.scene), await state.scenes.facts(body.scene)
-    found = await state.pool.run(Locate(scene=source, view=view), renderer=renderer)
+    found = await work(request, Locate(scene=source, view=view), renderer=renderer)
     return Session(
         id=secrets.token_hex(8),
         scene=source,
@@ -69,6 +72,7 @@ async def _prepared(state: ServiceState, body: SessionRequest, view: View, rende
         overscan=body.overscan,
         bounds=bounds_of(body.budget_ms, body.max_error),
         renderer=renderer,
+        client=visit_of(request.scope).client,
         expires=time.monotonic() + state.settings.ticket_s,
     )
 
@@ -83,7 +87,10 @@ async def stream(socket: WebSocket) -> None:
         state.metrics.count("rejected", kind=error.kind)
         await socket.send_denial_response(problem_response(error))
         return
-    await socket.accept(subprotocol=SUBPROTOCOL)
+    try:
+        await socket.accept(subprotocol=SUBPROTOCOL)
+    except (WebSocketDisconnect, RuntimeError):
+        return  # the client has left meanwhile; its session expires
     await Stream(socket, session, state.around).run()
 
 

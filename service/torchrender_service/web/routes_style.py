@@ -14,6 +14,7 @@ from torchrender_service.renderers.jobs import StylePhoto
 from torchrender_service.web.negotiation import negotiate, warning_headers
 from torchrender_service.web.schemas import SceneId, problems
 from torchrender_service.web.state import state_of
+from torchrender_service.web.work import work
 
 router = APIRouter(prefix="/v1", tags=["style"])
 
@@ -75,20 +76,21 @@ async def style(
         raise ServiceError(415, "media-type", f"Content-Type must be one of {', '.join(PHOTOS)}")
     media_type = negotiate(request.headers.get("accept"), list(RESULTS))
     state = state_of(request)
-    job = StylePhoto(
-        scene=state.scenes.source(query.scene),
-        photo=await request.body(),
-        format=RESULTS[media_type],
-        max_pixels=state.settings.max_texture_pixels,
-        seed=query.seed,
-        views=query.views,
-        by=query.by,
-        prior=query.prior,
-        keep_textures=query.keep_textures,
-        lock=tuple(query.lock),
-        pick=_picks(query.pick),
-    )
-    made = await state.pool.run(job)
+    async with state.bodies.read(request) as photo:
+        job = StylePhoto(
+            scene=state.scenes.source(query.scene),
+            photo=photo,
+            format=RESULTS[media_type],
+            max_pixels=state.settings.max_texture_pixels,
+            seed=query.seed,
+            views=query.views,
+            by=query.by,
+            prior=query.prior,
+            keep_textures=query.keep_textures,
+            lock=tuple(query.lock),
+            pick=_picks(query.pick),
+        )
+        made = await work(request, job)
     times = ", ".join(f"{stage};dur={ms:.2f}" for stage, ms in made["timings_ms"].items())
     headers = {"Server-Timing": times}
     headers |= warning_headers(made["warnings"])

@@ -112,9 +112,17 @@ class SceneFacts(BaseModel):
 
 
 class SceneList(BaseModel):
-    """All scenes."""
+    """Scenes, so many at a time."""
 
     scenes: list[SceneFacts]
+    next: str | None = Field(None, description="relative address of the next ones; null: these were the last")
+
+
+class KeptKeyframes(BaseModel):
+    """Depth images that are kept."""
+
+    id: str
+    images: int
 
 
 class Enhance(Strict):
@@ -269,11 +277,12 @@ PROBLEMS: dict[int | str, dict[str, Any]] = {
         421: "The Host header names another service.",
         422: "A value is out of range or does not fit the scene.",
         429: "Too many sessions or requests; Retry-After says when to try again.",
-        503: "The server is starting or stopping, or a renderer was lost.",
+        503: "The server is starting or stopping, too much is under way, or a renderer was lost.",
+        507: "The disk is full.",
     }.items()
 }
 
 
 def problems(*codes: int) -> dict[int | str, dict[str, Any]]:
     """Responses of a route besides its own."""
-    return {code: PROBLEMS[code] for code in (401, 421, *codes)}
+    return {code: PROBLEMS[code] for code in sorted({401, 403, 421, 429, 503, *codes})}

@@ -2,40 +2,27 @@
 
 from __future__ import annotations
 
+import asyncio
+import logging
+import os
 import socket
 import sys
+import time
 from typing import Any
 
 import uvicorn
-from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
-from websockets.http11 import Request
 
+from torchrender_service.door.protocol import StreamProtocol, http_protocol
 from torchrender_service.logs import set_up_logs
-from torchrender_service.settings import Settings
+from torchrender_service.renderers.pool import Pool
+from torchrender_service.settings import Settings, misspelt
 from torchrender_service.streams.greeting import MAX_MESSAGE_BYTES
 from torchrender_service.web.app import make_app
+from torchrender_service.web.state import MakePool
 
-LINGER_S = 5.0
-"""After a close the peer may take this long to read what was sent before."""
-
-
-class StreamProtocol(WebSocketsSansIOProtocol):
-    """Lets the application cut off a peer that does not read; closing would wait for it."""
-
-    def handle_connect(self, event: Request) -> None:
-        """Tell the application how."""
-        super().handle_connect(event)
-        scope: Any = getattr(self, "scope", None)
-        if scope is not None:
-            scope["extensions"]["torchrender.abort"] = self.transport.abort
-
-    async def send(self, message: Any) -> None:
-        """Also end connections that were refused or closed, whatever the peer does."""
-        await super().send(message)
-        if self.initial_response is not None and self.close_sent:
-            self.handshake_complete = True  # the refusal was the whole handshake
-        if message["type"] == "websocket.close":
-            self.loop.call_later(LINGER_S, self.transport.abort)
+LOG = logging.getLogger("torchrender_service.web.server")
+UNTIL_CANCELLED_S = 3.0
+"""Of the time for a shutdown: what is left for requests that were cut short to be told so."""
 
 
 class Server(uvicorn.Server):
@@ -44,20 +31,33 @@ class Server(uvicorn.Server):
     def __init__(self, config: uvicorn.Config, settings: Settings) -> None:
         super().__init__(config)
         self._settings = settings
+        self._told: dict[str, float] = {}
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """Also print where the service is."""
+        asyncio.get_running_loop().set_exception_handler(self._loop_error)
         await super().startup(sockets)
         if self.started:
             host, port = self.servers[0].sockets[0].getsockname()[:2]
             shown = f"[{host}]" if ":" in host else host
-            sys.stdout.write(f"torchrender serves on http://{shown}:{port}/\n")
+            sys.stdout.write(f"torchrender serves on http://{shown}:{port}{self._settings.root_path}/\n")
             sys.stdout.flush()
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        """BYE and close 1012 to every stream, then whatever else is open."""
-        await self.config.loaded_app.state.service.stop_streams()
+        """BYE and close 1012 to every stream; requests get their answers, or are told to come again."""
+        await self.config.loaded_app.state.service.say_goodbye(self._settings.shutdown_s - UNTIL_CANCELLED_S)
         await super().shutdown(sockets)
+
+    def _loop_error(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+        """As asyncio does, but the same thing at most once a second: where no file is left, accepting fails all the
+        time."""
+        del loop
+        message = str(context.get("message"))
+        now = time.monotonic()
+        if now - self._told.get(message, -1.0) < 1.0:
+            return
+        self._told = {**{m: t for m, t in self._told.items() if now - t < 60.0}, message: now}
+        LOG.error("%s", message, exc_info=context.get("exception"))
 
 
 def socket_settings() -> dict[str, Any]:
@@ -65,14 +65,17 @@ def socket_settings() -> dict[str, Any]:
     return {"ws": StreamProtocol, "ws_per_message_deflate": False, "ws_max_size": MAX_MESSAGE_BYTES}
 
 
-def make_server(settings: Settings) -> Server:
+def make_server(settings: Settings, make_pool: MakePool = Pool) -> Server:
     """A server for these settings, not yet running."""
+    app = make_app(settings, make_pool)
     config = uvicorn.Config(
-        make_app(settings),
+        app,
         host=settings.host.strip("[]"),
         port=settings.port,
+        http=http_protocol(app.state.service.connections, settings),
         **socket_settings(),
-        timeout_graceful_shutdown=max(1, int(settings.shutdown_s) - 3),
+        timeout_graceful_shutdown=max(1, int(UNTIL_CANCELLED_S)),
+        timeout_keep_alive=max(1, int(settings.idle_s)),
         log_config=None,
         access_log=False,
         proxy_headers=False,
@@ -82,6 +85,15 @@ def make_server(settings: Settings) -> Server:
 
 
 def serve(settings: Settings) -> None:
-    """Run until a signal stops it."""
+    """Run until a signal stops it.
+
+    Raises:
+        OptionError: the data folder cannot be used.
+    """
     set_up_logs(settings.log_level)
-    make_server(settings).run()
+    for said in misspelt(os.environ):
+        LOG.warning(said)
+    server = make_server(settings)
+    app: Any = server.config.app
+    with app.state.service.scenes.own_folder():
+        server.run()

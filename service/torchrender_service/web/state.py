@@ -8,6 +8,8 @@ from collections.abc import Callable
 
 from starlette.requests import HTTPConnection
 
+from torchrender_service.door.bodies import Bodies
+from torchrender_service.door.connections import Connections
 from torchrender_service.errors import ServiceError
 from torchrender_service.metrics import Metrics
 from torchrender_service.renderers.contract import RendererPool
@@ -30,32 +32,45 @@ class ServiceState:
     def __init__(self, settings: Settings, make_pool: MakePool = Pool) -> None:
         self.settings = settings
         self.metrics = Metrics()
+        self.connections = Connections(settings, self.metrics)
+        self.bodies = Bodies(settings)
         self.pool = make_pool(settings, self.metrics)
         self.scenes = SceneStore(settings, self.pool)
         self.kept = KeptContainers(settings.max_kept_bytes)
         self.photos = KeptPhotos(self.pool, settings.max_kept_bytes)
         self.sessions = SessionStore(settings, self._session_ended)
         self.around = Surroundings(settings=settings, sessions=self.sessions, pool=self.pool, metrics=self.metrics)
-        self.stopping = False
         self._tasks: list[asyncio.Task[None]] = []
 
     async def start(self) -> None:
         """Open the store and start the renderers."""
         self.scenes.open()
+        self.connections.open_files()
         self.pool.start()
-        self._tasks = [asyncio.create_task(self._expire()), asyncio.create_task(self._warm_up())]
+        work = (self._expire(), self._warm_up(), self.connections.sweep())
+        self._tasks = [asyncio.create_task(one) for one in work]
 
     async def stop(self) -> None:
         """End everything."""
-        await self.stop_streams()
+        await self.say_goodbye(0.0)
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
         await self.pool.stop()
 
-    async def stop_streams(self) -> None:
-        """Say goodbye to all clients and wait until they are told; no new sessions from now on."""
-        self.stopping = True
+    @property
+    def stopping(self) -> bool:
+        """Nothing new is begun."""
+        return self.bodies.stopping
+
+    async def say_goodbye(self, seconds: float) -> None:
+        """Begin nothing new: streams end, jobs that wait are given back, and those that run may take so long."""
+        self.bodies.stopping = True
+        await asyncio.gather(self._stop_streams(), self.pool.drain(seconds))
+        await self.pool.stop()  # what has not ended by now is told to come again
+
+    async def _stop_streams(self) -> None:
+        """Say goodbye to all clients and wait until they are told."""
         for connection in self.sessions.connections:
             connection.end(1012, "the server is stopping")
         for _ in range(40):

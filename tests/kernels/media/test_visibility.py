@@ -92,23 +92,35 @@ def test_a_walk_finds_what_small_steps_find(name: str) -> None:
 
 @pytest.mark.parametrize("name", LIGHTS)
 def test_slices_find_nearly_what_the_walk_finds(name: str) -> None:
-    camera = eye(40, 30)
+    camera = eye(200, 150)
     shadow_map, views, rays, lamp = prepared(LIGHTS[name], camera)
     images = images_of(shadow_map, views, pyramid=True)
     slices = slices_of(shadow_map, views, lamp, rays.sight, ScatterOptions(slices=(2048, 1024)))
     assert slices is not None
     a, b = np.zeros((4096, 2), np.float32), np.zeros((4096, 2), np.float32)
     shares = []
-    for row in range(0, 1200, 11):
+    for row in range(0, 30000, 277):
         begin, end = rays.beams.span[row]
         d = rays.beams.direction[row]
         walked, _ = walk_ray(images, np.zeros(3, np.float32), d, begin, end, a)
-        sliced, _ = slice_ray(slices, shadow_map.cameras.orthographic, d, begin, end, b)
+        sliced, _ = slice_ray(slices, shadow_map.cameras.orthographic, False, d, (begin, end), b)
         lengths = [float((s[:n, 1] - s[:n, 0]).sum() / (end - begin)) for s, n in ((a, walked), (b, sliced))]
         shares.append(lengths)
     pairs = np.array(shares)
     assert np.abs(pairs[:, 0] - pairs[:, 1]).mean() < (0.002 if name == "sun" else 0.01)
     assert pairs[:, 0].std() > 0.02, "the case has something to find"
+
+
+def test_pictures_of_few_pixels_have_few_slices() -> None:
+    """In proportion to their side, up to what was asked for; less than a pixel apart."""
+    found = []
+    for width in (20, 40, 400):
+        camera = eye(width, width * 3 // 4)
+        shadow_map, views, rays, lamp = prepared(SUN, camera)
+        slices = slices_of(shadow_map, views, lamp, rays.sight, ScatterOptions(slices=(512, 64)))
+        assert slices is not None
+        found.append(len(slices.rows))
+    assert found[1] == pytest.approx(2 * found[0], rel=0.1) and found[2] == 512 and 32 <= found[0] < 80
 
 
 def test_a_tree_of_thresholds_holds_the_least_and_the_greatest() -> None:

@@ -7,7 +7,20 @@ import itertools
 import numpy as np
 import pytest
 
-from torchrender.kernels.raster.coverage import TILE_HEIGHT, TILE_WIDTH, covered_bits, edge, fill, fill_small, spans
+from torchrender.kernels.raster.coverage import (
+    TILE_HEIGHT,
+    TILE_WIDTH,
+    TINY,
+    covered_bits,
+    edge,
+    fill,
+    fill_small,
+    fill_tiny,
+    is_hidden,
+    small_bits,
+    spans,
+    tiny_bits,
+)
 from torchrender.kernels.raster.project import SUBPIXEL, snap
 
 
@@ -65,6 +78,13 @@ def test_spans_and_bits_are_the_covered_pixels(step: float) -> None:
         flat = tuple(itertools.chain(*edges_of(packed, corners, 2, 1)))
         bits = covered_bits(flat, 5, 4)
         assert [(bits >> n) & 1 for n in range(20)] == wanted[1:5, 2:7].reshape(-1).tolist()
+        area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+        pixel = (2 * SUBPIXEL + SUBPIXEL // 2, SUBPIXEL + SUBPIXEL // 2)
+        assert small_bits(*packed, area, pixel, 5, 4) == bits
+        for columns, rows in itertools.product((1, 2, 3, 4), (1, 2, 3, 4)):  # also where the box cuts the triangle
+            tiny = tiny_bits(*packed, area, pixel, columns, rows)
+            part = wanted[1 : 1 + rows, 2 : 2 + columns]
+            assert {n for n in range(64) if (tiny >> n) & 1} == {TINY * y + x for y, x in np.argwhere(part)}
 
 
 def test_two_triangles_share_no_pixel_and_leave_none_out() -> None:
@@ -87,10 +107,11 @@ def test_two_triangles_share_no_pixel_and_leave_none_out() -> None:
         assert total == count.sum() == int(b[0] - 0.5) * int(b[1] - 0.5)
 
 
-@pytest.mark.parametrize("small", [False, True])
-def test_the_nearest_wins_and_of_equal_ones_the_lowest_id(small: bool) -> None:
+@pytest.mark.parametrize("small", [False, True, None])
+def test_the_nearest_wins_and_of_equal_ones_the_lowest_id(small: bool | None) -> None:
     """Coincident triangles, in every order, and planes that cross."""
-    box = (3, 2, 7, 5)
+    right = 7 if small is not None else 6  # tiny ones have four columns
+    box = (3, 2, right, 5)
     planes = [
         (0.0, 0.0, 0.5, 0.1, 0.9),
         (0.0, 0.0, 0.5, 0.1, 0.9),  # coincident
@@ -99,14 +120,16 @@ def test_the_nearest_wins_and_of_equal_ones_the_lowest_id(small: bool) -> None:
     ]
     wanted_keys = np.full((TILE_HEIGHT, TILE_WIDTH), 0.05)
     wanted = np.full((TILE_HEIGHT, TILE_WIDTH), -1)
-    for y, x in itertools.product(range(2, 6), range(3, 8)):
+    for y, x in itertools.product(range(2, 6), range(3, right + 1)):
         values = [min(max((kc + ky * y) + kx * x, low), high) for kx, ky, kc, low, high in planes]
         wanted[y, x] = max(range(4), key=lambda k: (values[k], -k))
         wanted_keys[y, x] = max(values)
     for order in itertools.permutations(range(4)):
         keys, ids = np.full(TILE_WIDTH * TILE_HEIGHT, 0.05), np.full(TILE_WIDTH * TILE_HEIGHT, -1, np.int32)
         for t in order:
-            if small:
+            if small is None:
+                fill_tiny(t, planes[t], 3, 2, np.int64(0xFFFF), keys, ids)
+            elif small:
                 fill_small(t, planes[t], box, np.int64(-1), keys, ids)
             else:
                 first, last = np.zeros(4, np.int64), np.full(4, 4, np.int64)
@@ -114,3 +137,12 @@ def test_the_nearest_wins_and_of_equal_ones_the_lowest_id(small: bool) -> None:
         np.testing.assert_array_equal(ids.reshape(wanted.shape), wanted)
         np.testing.assert_allclose(keys.reshape(wanted.shape), wanted_keys, rtol=1e-14)
     assert set(np.unique(wanted)) == {-1, 0, 2, 3}
+
+
+def test_a_tiny_triangle_is_hidden_where_all_its_pixels_are_nearer() -> None:
+    keys = np.full(TILE_WIDTH * TILE_HEIGHT, 0.5)
+    keys[4 * TILE_WIDTH + 7] = 0.2
+    inside = np.int64(1 << (TINY * 2 + 2))  # that pixel, in a box from column 5 and row 2
+    assert is_hidden(0.4, 5, 2, np.int64(0xFFFF) & ~inside, keys) and not is_hidden(0.4, 5, 2, np.int64(0xFFFF), keys)
+    assert not is_hidden(0.4, 5, 2, inside, keys) and is_hidden(0.1, 5, 2, inside, keys)
+    assert not is_hidden(0.5, 5, 2, np.int64(1), keys), "of equal keys the id decides"

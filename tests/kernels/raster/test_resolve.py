@@ -15,8 +15,8 @@ def tile(rng: np.random.Generator, faces: int) -> Buffers:
     """Runs of triangles, whose ids share places among the kept planes."""
     pixels = TILE_WIDTH * TILE_HEIGHT
     ids = np.repeat(rng.choice([-1, 0, 1, CACHED, CACHED + 1, faces - 1], pixels // 4), 4).astype(np.int32)
-    known, planes = np.full(CACHED, 3, np.int64), np.full((CACHED, 6), np.nan)
-    return Buffers(rng.uniform(0.1, 1, pixels), ids, np.zeros((2, TILE_HEIGHT), np.int64), known, planes)
+    known, planes = np.full(CACHED, -1, np.int64), np.full((CACHED, 6), np.nan)
+    return Buffers(rng.uniform(0.1, 1, pixels), ids, np.zeros(0), np.zeros((2, TILE_HEIGHT), np.int64), known, planes)
 
 
 @pytest.mark.parametrize("wants_ids", [False, True])
@@ -28,13 +28,15 @@ def test_a_tile_against_a_loop(orthographic: bool, wants_ids: bool) -> None:
     points = np.concatenate([rng.uniform(-60, 60, (count + 2, 2)) * (1 if orthographic else z), z, z], axis=1)
     faces = np.stack([np.arange(count), np.arange(count) + 1, np.arange(count) + 2], 1).astype(np.int32)
     objects = rng.integers(0, 9, count)
-    nothing = np.zeros((0, 3), np.int64)
-    scene = Triangles(points, points.view(np.int64), faces, objects, nothing, np.zeros(0, np.int32))
+    nothing, none = np.zeros((0, 3), np.int64), np.zeros(0, np.int32)
+    lists = (nothing, nothing[:, 0], np.zeros(0), none, np.zeros((0, 4), np.int32))
+    scene = Triangles(points, faces, objects, *lists, nothing, none)
     frame = Frame(150, 80, 0.1, 100.0, orthographic)
     left, top, width, height = 64, 32, 51, 23
     buffers = tile(rng, count)
     if orthographic:
         buffers = buffers._replace(keys=-1.0 / buffers.keys)
+    keys = buffers.keys.copy()  # they become depths
     depth = np.full((80, 150), -7, np.float32)
     others = (np.full((80, 150), -7), np.full((80, 150), -7), np.full((80, 150, 2), -7, np.float32))
     out = Visible(depth, *(others if wants_ids else NO_IDS))
@@ -44,7 +46,7 @@ def test_a_tile_against_a_loop(orthographic: bool, wants_ids: bool) -> None:
     for y in range(height):
         for x in range(width):
             place, at = (top + y, left + x), y * TILE_WIDTH + x
-            key, t = buffers.keys[at], buffers.ids[at]
+            key, t = keys[at], buffers.ids[at]
             found = -key if orthographic else 1.0 / key
             assert out.depth[place] == np.float32(found if t >= 0 else np.inf)
             if not wants_ids:

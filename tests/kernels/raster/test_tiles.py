@@ -214,9 +214,11 @@ def test_a_box_is_that_of_the_pixel_centres_within_its_bounds() -> None:
             assert list(range(low, high + 1)) == inside
 
 
-def test_the_farthest_depth_of_a_tile_is_that_of_its_least_key() -> None:
+def test_the_least_keys_of_blocks_bound_what_can_be_seen() -> None:
     rng = np.random.default_rng(10)
-    keys = rng.uniform(0.1, 1, 64)
-    assert tiles.farthest_depth(keys, False) == 1.0 / keys.min() and tiles.farthest_depth(-keys, True) == keys.max()
-    keys[7] = -1.0
-    assert tiles.farthest_depth(keys, False) == np.inf
+    keys, lows = rng.uniform(0.1, 1, (32, 64)), np.zeros(tiles.BLOCKS)
+    assert tiles.find_lows(keys.reshape(-1), lows) == keys.min()
+    blocks = keys.reshape(4, 8, 4, 16).min(axis=(1, 3))
+    np.testing.assert_array_equal(lows, blocks.reshape(-1))
+    for x0, y0, x1, y1 in ((0, 0, 63, 31), (15, 7, 16, 8), (33, 9, 40, 15), (63, 31, 63, 31)):
+        assert tiles.least_low(lows, x0, y0, x1, y1) == blocks[y0 // 8 : y1 // 8 + 1, x0 // 16 : x1 // 16 + 1].min()

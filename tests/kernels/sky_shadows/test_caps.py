@@ -39,7 +39,7 @@ def axes() -> list[np.ndarray]:
     return [d / np.linalg.norm(d) for d in (*found, *near, *rng.normal(size=(120, 3)))]
 
 
-@pytest.mark.parametrize("size", [0.004, 1 / 64, 0.1, 0.37, 1 / math.sqrt(3), 0.75, 0.999, 1.0])
+@pytest.mark.parametrize("size", [1e-9, 0.004, 1 / 64, 0.1, 0.37, 1 / math.sqrt(3), 1 / math.sqrt(2), 0.75, 0.999, 1.0])
 def test_a_cap_holds_the_texels_whose_centres_lie_in_it(size: float) -> None:
     cosine = math.sqrt(1 - size * size)
     for axis in axes():

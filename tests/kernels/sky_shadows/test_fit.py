@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from torchrender.kernels.sky_shadows.fit import Solid, flood, outside_volume, refit, volumes_within
+from torchrender.kernels.sky_shadows.fit import flood, outside_volume, refit, solid_of, volumes_within
 
 RNG = np.random.default_rng(0)
 FILLED = (RNG.random((7, 6, 9)) < 0.5).astype(np.uint8)
-SOLID = Solid(FILLED, np.array([-1.0, 0.5, 2.0]), 0.25)
+SOLID = solid_of(FILLED, np.array([-1.0, 0.5, 2.0]), 0.25)
 CELLS = SOLID.origin + (np.argwhere(FILLED)[:, ::-1] + 0.5) * SOLID.cell
 
 

@@ -30,10 +30,11 @@ def twin_bits(position: np.ndarray, normal: np.ndarray, spheres: np.ndarray, own
     """One sphere, one texel after the other, with the table's directions and radii."""
     texels = texel_directions(32).reshape(-1, 3)
     hidden = np.zeros(6144, bool)
-    for s, (*centre, radius) in enumerate(spheres):
+    for s, (*centre, radius, body) in enumerate(spheres):
         towards = np.array(centre) - position
         distance = np.linalg.norm(towards)
-        if s == own or radius <= 0 or (distance <= radius and solid == SKIP):
+        mine = own >= 0 and body == spheres[own, 4]
+        if s == own or radius <= 0 or (distance <= radius and (solid == SKIP or mine)):
             continue
         size = min(radius / distance, 1.0)
         if normal @ towards / distance <= -size:
@@ -49,7 +50,8 @@ def test_hidden_texels_are_those_of_every_sphere() -> None:
     position = rng.normal(size=(40, 3)) * 0.4
     normal = rng.normal(size=(40, 3)).astype(np.float32)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    spheres = np.concatenate([rng.normal(size=(9, 3)), rng.random((9, 1)) * 0.6], axis=1)
+    bodies = np.arange(9)[:, None] % 4
+    spheres = np.concatenate([rng.normal(size=(9, 3)), rng.random((9, 1)) * 0.9, bodies], axis=1)
     own = rng.integers(-1, 9, 40).astype(np.int32)
     solid = np.where(rng.random(40) < 0.5, SKIP, HALF).astype(np.int32)
     words = np.empty((40, 96), np.int64)

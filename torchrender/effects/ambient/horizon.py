@@ -15,6 +15,7 @@ from torch import Tensor
 
 from torchrender.arrays import view
 from torchrender.buffers import GBuffer
+from torchrender.effects.ambient.lattice import lattice_of, spread
 from torchrender.effects.ambient.options import AmbientOptions
 from torchrender.effects.ambient.visibility import AmbientVisibility
 from torchrender.errors import InputError
@@ -26,7 +27,6 @@ from torchrender.kernels.ambient.horizon import (
     Surroundings,
     measure_points,
 )
-from torchrender.kernels.ambient.spread import Few, Many, spread_points
 from torchrender.raster import rasterize_visibility
 from torchrender.scene.camera import Cameras
 from torchrender.scene.mesh import Geometry
@@ -77,32 +77,22 @@ def _measure(
     around: Surroundings, gbuffer: GBuffer, k: int, options: AmbientOptions, reach: float, out: Tensor
 ) -> None:
     """Fill the pixels (H,W,5) of camera ``k``: every few of them searches, and the others follow."""
-    step = options.spacing
-    rows = torch.arange(min(step // 2, gbuffer.depth.shape[1] - 1), gbuffer.depth.shape[1], step)
-    columns = torch.arange(min(step // 2, gbuffer.depth.shape[2] - 1), gbuffer.depth.shape[2], step)
-    depth = gbuffer.depth[k][rows][:, columns]
-    turn = gbuffer.cameras.rotation[k].float()
-    normal = gbuffer.normal[k][rows][:, columns] @ turn.T
-    fx, fy, cx, cy = around.lens.tolist()
-    x, y = (columns + 0.5 - cx) / fx, (rows + 0.5 - cy) / fy
-    ray = torch.stack([x.expand(len(rows), -1), y[:, None].expand(-1, len(columns)), torch.ones_like(depth)], dim=-1)
-    seen = torch.isfinite(depth)
-    position = ray * torch.where(seen, depth, 0.0)[..., None]
+    grid = lattice_of(gbuffer, k, options.spacing)
+    seen, ray = grid.seen, grid.ray
+    fx, fy = around.lens[:2].tolist()
     tile = torch.tensor(ORDER).reshape(4, 4)
-    number = tile[(torch.arange(len(rows)) % 4)[:, None], torch.arange(len(columns)) % 4]
+    number = tile[(torch.arange(len(grid.rows)) % 4)[:, None], torch.arange(len(grid.columns)) % 4]
     points = Points(
         view(torch.nn.functional.normalize(ray[seen], dim=-1), np.float32),
-        view(position[seen].norm(dim=-1), np.float32),
-        view(normal[seen], np.float32),
+        view(grid.position[seen].norm(dim=-1), np.float32),
+        view(grid.normal[seen], np.float32),
         view(number[seen], np.int64),
     )
     found = np.zeros((len(points.distance), 5), np.float32)
     measure_points(around, points, _tables(), _search(options, min(1.5 / fx, 1.5 / fy), reach), found)
-    values = torch.zeros(*depth.shape, 5)
+    values = torch.zeros(*seen.shape, 5)
     values[seen] = torch.from_numpy(found)
-    few = Few(view(position, np.float32), view(normal * seen[..., None], np.float32), view(values, np.float32), step)
-    many = Many(around.front, view(gbuffer.normal[k], np.float32), view(turn, np.float32), around.lens)
-    spread_points(few, many, out.numpy())
+    spread(gbuffer, k, grid, values, out)
 
 
 def _surroundings(geometry: Geometry, camera: Cameras, depth: Tensor, options: AmbientOptions) -> Surroundings:

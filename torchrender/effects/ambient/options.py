@@ -24,12 +24,14 @@ class AmbientOptions:
     around: int = 64  # pixels of a side of the six views around the eye, for what the picture does not show; 0: none
     backs: bool = False  # draw where things end behind what is seen, too
     rays: int = 16  # of each pixel, where rays are cast
+    ray_spacing: int = 1  # as ``spacing``, where rays are cast; parallel views take every pixel
     reach: float | None = None  # scene units within which things hide near light; None: a tenth of the scene's diagonal
 
     def __post_init__(self) -> None:
         check_range("slices", self.slices, 1, 64)
         check_range("steps", self.steps, 2, 256)
         check_range("spacing", self.spacing, 1, 16)
+        check_range("ray_spacing", self.ray_spacing, 1, 16)
         check_range("around", self.around, 0, 2048)
         check_range("rays", self.rays, 1, 1 << 16)
         if self.reach is not None:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
 from torchrender.buffers import GBuffer, RaySurface
 from torchrender.checks import check_range
+from torchrender.effects.ambient.lattice import lattice_of, spread
 from torchrender.effects.ambient.visibility import AmbientVisibility, as_images
 from torchrender.numerics.lobe import frame
 from torchrender.rays import RayCaster
@@ -25,6 +27,7 @@ def traced_ambient(
     reach: float,
     gap: float,
     turned: bool | None = None,
+    spacing: int = 1,
 ) -> AmbientVisibility:
     """Visibility (B,H,W) from ``rays`` cosine-weighted directions about each shading normal.
 
@@ -33,9 +36,10 @@ def traced_ambient(
         samples: what cameras see, or what rays hit as an image.
         reach: scene units within which something hides near light.
         gap: scene units above the surface at which rays start.
-
         turned: directions follow a spiral that is another one for each sample. None: from pixel to pixel, but not from
             hit to hit, where few rays must leave no noise. Hits go by their place, whatever else was hit.
+        spacing: one point casts rays for so many pixels and side of what perspective cameras see, others follow along
+            surfaces.
 
     Directions below the geometric surface see nothing.
 
@@ -45,10 +49,46 @@ def traced_ambient(
     check_range("rays", rays, 1, 1 << 16)
     check_range("reach", reach, 0.0, math.inf)
     check_range("gap", gap, 0.0, math.inf)
+    cast, turn = Cast(caster, rays, reach, gap), isinstance(samples, GBuffer) if turned is None else turned
+    if spacing > 1 and isinstance(samples, GBuffer) and not samples.cameras.orthographic:
+        return _from_few(samples, cast, spacing)
+    return as_images(samples.covered, *_cast(samples, samples.covered, cast, 1 if turn else 0), samples.normal)
+
+
+class Cast(NamedTuple):
+    """How rays are cast; see :func:`traced_ambient`."""
+
+    caster: RayCaster
+    rays: int
+    reach: float
+    gap: float
+
+
+def _from_few(samples: GBuffer, how: Cast, spacing: int) -> AmbientVisibility:
+    """Rays of few points, whose values all pixels take that lie on their surfaces."""
     covered = samples.covered
-    normal, surface = samples.normal[covered], samples.geometric_normal[covered]
-    start = samples.position[covered] + surface.double() * gap
-    number = _numbers(samples, start, isinstance(samples, GBuffer) if turned is None else turned)
+    chosen, found = torch.zeros_like(covered), torch.zeros(*covered.shape, 5)
+    grids = [lattice_of(samples, k, spacing) for k in range(len(covered))]
+    for k, grid in enumerate(grids):
+        chosen[k, grid.rows[:, None], grid.columns] = grid.seen
+    sky, near, bent = _cast(samples, chosen, how, spacing)
+    found[chosen] = torch.cat([sky[:, None], near[:, None], bent / how.rays], dim=1)
+    pixels = torch.ones(*covered.shape, 5)
+    for k, grid in enumerate(grids):
+        spread(samples, k, grid, found[k][grid.rows][:, grid.columns], pixels[k])
+    sky, near, bent = pixels[covered].split([1, 1, 3], dim=1)
+    return as_images(covered, sky[:, 0].clamp(0.0, 1.0), near[:, 0].clamp(0.0, 1.0), bent, samples.normal)
+
+
+def _cast(samples: GBuffer | RaySurface, chosen: Tensor, how: Cast, step: int) -> tuple[Tensor, Tensor, Tensor]:
+    """Visibility of the sky and of what is near, (N,), and sums (N,3) of open directions, of the chosen samples.
+
+    ``step``: pixels between samples with spirals of their own; 0: all have the same.
+    """
+    caster, rays, reach, gap = how
+    normal, surface = samples.normal[chosen], samples.geometric_normal[chosen]
+    start = samples.position[chosen] + surface.double() * gap
+    number = _numbers(samples, chosen, start, step)
     sky, near, bent = torch.zeros(len(start)), torch.zeros(len(start)), torch.zeros(len(start), 3)
     for rows in torch.arange(len(start)).split(max(1, CHUNK // rays)):
         toward = _cosine_directions(normal[rows], rays, number[rows])
@@ -62,16 +102,17 @@ def traced_ambient(
         sky[rows] = is_open.float().mean(dim=1)
         near[rows] = (t > reach).float().mean(dim=1)
         bent[rows] = (toward * is_open[..., None]).sum(dim=1)
-    return as_images(covered, sky, near, bent, samples.normal)
+    return sky, near, bent
 
 
-def _numbers(samples: GBuffer | RaySurface, place: Tensor, turned: bool) -> Tensor:
-    """Numbers (N,) int64 of the spirals of covered samples at places (N,3)."""
-    if not turned:
+def _numbers(samples: GBuffer | RaySurface, chosen: Tensor, place: Tensor, step: int) -> Tensor:
+    """Numbers (N,) int64 of the spirals of the chosen samples at places (N,3)."""
+    if not step:
         return torch.zeros(len(place), dtype=torch.int64)
-    covered = samples.covered
     if isinstance(samples, GBuffer):
-        return torch.arange(covered.numel()).reshape(covered.shape)[covered]
+        picture, row, column = chosen.nonzero().unbind(-1)
+        height, width = (-(-n // step) for n in chosen.shape[1:])
+        return (picture * height + row // step) * width + column // step
     bits = place.contiguous().view(torch.int64) >> 20  # what rounding leaves alone
     return ((bits * torch.tensor([73856093, 19349663, 83492791])).sum(-1) >> 7) & 0xFFFF
 

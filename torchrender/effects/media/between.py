@@ -90,7 +90,7 @@ def between(
     """
     height, width = rays.shape
     count = height * width
-    out = Scattered(np.zeros((count, channels), np.float32), np.zeros((count, 3), np.float32))
+    out = Scattered(np.empty((count, channels), np.float32), np.zeros((count, 3), np.float32))
     block = options.block
     if block == 1:
         integrate(np.arange(count), out)

@@ -27,6 +27,10 @@ NO_SLICES = Slices(
 )  # fmt: skip
 CLOSE = 1e-3
 """Distance of a lamp from the eye, as a share of the longest ray, below which there is no plane through both."""
+CLOSEST = 0.4
+"""Pixels between slices, closer than which they tell no more."""
+FEWEST = 32
+"""Slices, however few pixels there are."""
 
 
 def views_of(shadow_map: ShadowMap, origin: Tensor) -> np.ndarray:
@@ -68,6 +72,7 @@ class Sight:
 
     corners: Tensor  # (4,3) float64 directions through the picture's corners, in order around it
     longest: float  # ray length
+    pixel: float  # angle between the rays of neighbouring pixels, radians
 
 
 def slices_of(
@@ -76,6 +81,7 @@ def slices_of(
     """Slices of the light's images through the eye, which is the origin; None where the lamp is the eye.
 
     Rows of parallel light hold all texels that the longest ray passes, whatever ``options.slices`` says of them.
+    Pictures of few pixels get fewer slices.
     """
     numbers = np.zeros(NUMBERS, np.float64)
     count, texels = options.slices
@@ -85,6 +91,7 @@ def slices_of(
         span = _lamp_numbers(numbers, light, sight)
     if span is None:
         return None
+    count = min(count, _useful(numbers, sight, span[1] - span[0]))
     numbers[10] = (span[1] - span[0]) / count
     if light.kind == SUN:
         texels = max(1 << (2 * int(span[2]) - 1).bit_length(), RUN)
@@ -94,6 +101,17 @@ def slices_of(
     lines, given = np.zeros((count, 4), np.float32), numbers.astype(np.float32)
     build_slices(view(shadow_map.depth, np.float32), views, light.kind == SUN, given, rows, tree, lines)
     return Slices(rows, tree, lines, given)
+
+
+def _useful(numbers: np.ndarray, sight: Sight, span: float) -> int:
+    """How many slices of ``span`` radians lie as close as ``CLOSEST`` pixels where they are farthest apart."""
+    across, upward, axis = torch.from_numpy(numbers[:9].reshape(3, 3))
+    cosine = (sight.corners @ axis) / sight.corners.norm(dim=1)
+    # At right angles to the axis they are; where no ray is that, at a corner.
+    beside = 1.0 if float(cosine.min()) <= 0.0 <= float(cosine.max()) else float((1 - cosine.square()).max()) ** 0.5
+    first, second = float(across.norm()), float(upward.norm())
+    skewed = max(first, second) / max(min(first, second), 1e-30)
+    return max(math.ceil(min(span * beside * skewed / (CLOSEST * sight.pixel), 2.0**20)), FEWEST)
 
 
 def _lamp_numbers(numbers: np.ndarray, light: LightTable, sight: Sight) -> tuple[float, float, float] | None:

@@ -29,7 +29,7 @@ class ScatterOptions:
     shadows: str = "maps"  # of objects in the medium: depth images, "rays" (only way="march"), or "none"
     block: int = 2  # pixels of a block's side, of which one is integrated: 1 to 3
     panels: int = 8  # along a ray, in heights and several media; twice as many in grids
-    slices: tuple[int, int] = (2048, 1024)  # epipolar slices, and texels of each
+    slices: tuple[int, int] = (2048, 1024)  # epipolar slices, at most, and texels of each
     share_tolerance: float = 0.02  # lit shares of neighbours may differ by so much, or they are not mixed
     eps_rel: float = 0.1  # ways through the medium may differ by this share
     halo_guard_px: int = 20  # all pixels as near to a lamp are integrated

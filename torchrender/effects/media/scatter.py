@@ -91,7 +91,12 @@ def scatter(
     if not parts:
         empty = torch.zeros(*depth.shape, 3)
         return ScatteringLayer(empty, empty, torch.zeros(depth.shape))
-    return ScatteringLayer(*(torch.stack(images) for images in zip(*parts, strict=True)))
+    return ScatteringLayer(*(_batch(images) for images in zip(*parts, strict=True)))
+
+
+def _batch(images: Sequence[Tensor]) -> Tensor:
+    """One tensor of images; of a single one a view."""
+    return images[0][None] if len(images) == 1 else torch.stack(list(images))
 
 
 def _one(
@@ -115,21 +120,27 @@ def scatter_along(
     if not len(table) or not bool((rays.length > 0).any()):
         return torch.ones(*shape, 3), torch.zeros(*shape, 3), torch.zeros(shape)
     ways = _ways(table, rays, options)
-    transmittance = torch.exp(-(ways @ table.extinction)).reshape(*shape, 3)
+    channels = table.arrays.extinction.shape[1]
+    # Where extinction has no colour, one channel is enough, seen three times.
+    transmittance = torch.exp(-(ways @ table.extinction[:, :channels])).expand(count, 3).reshape(*shape, 3)
     norm = normaliser(rays, table, ways, options)
-    total, integrated = torch.zeros(count, 3), torch.zeros(shape)
+    parts: list[Tensor] = []
+    integrated = torch.zeros(shape)
     for number, light in enumerate(illumination.lights):
         lamp = LightTable.of(light, table.origin, options.nearest * max(illumination.size, 1e-12), options.falloff)
         integrate = _integrator(lamp, illumination, number, table, rays, options)
         place = None if lamp.kind == SUN or options.block == 1 else lamp.numbers[PLACE : PLACE + 3]
         guard = Guard.of(None if place is None else torch.from_numpy(place), rays, options.halo_guard_px)
-        channels = table.arrays.extinction.shape[1]
         found, marked = between(integrate, rays, norm, guard, channels, options)
-        radiance = torch.from_numpy(found) * (table.tint * lamp.color)
-        total += radiance
-        integrated += torch.from_numpy(marked) / len(illumination.lights)
-    total += glow(table, rays, illumination.surroundings, ways, options)
-    return transmittance, total.reshape(*shape, 3), integrated
+        parts.append(torch.from_numpy(found) * (table.tint * lamp.color))
+        integrated += torch.from_numpy(marked)
+    around = glow(table, rays, illumination.surroundings, ways, options)
+    if around is not None:
+        parts.append(around)
+    total = parts[0] if parts else torch.zeros(count, 3)
+    for part in parts[1:]:
+        total += part
+    return transmittance, total.reshape(*shape, 3), integrated / max(len(illumination.lights), 1)
 
 
 def _ways(table: MediaTable, rays: EyeRays, options: ScatterOptions) -> Tensor:

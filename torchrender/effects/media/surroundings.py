@@ -13,6 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchrender.effects.media.between import NOWHERE, between
 from torchrender.effects.media.eye_rays import EyeRays
 from torchrender.effects.media.light_images import NO_IMAGES, NO_SLICES
 from torchrender.effects.media.options import ScatterOptions
@@ -45,13 +46,13 @@ class Surroundings:
 
 def glow(
     table: MediaTable, rays: EyeRays, surroundings: Surroundings | None, ways: Tensor, options: ScatterOptions
-) -> Tensor:
-    """Radiance (H W,3) that media send to the eye of their surroundings' light, and of their own.
+) -> Tensor | None:
+    """Radiance (H W,3) that media send to the eye of their surroundings' light, and of their own; None: none.
 
     Args:
         ways: (H W,M) integrals of the media's densities along the rays.
     """
-    total = torch.zeros(len(ways), 3)
+    total = None
     direction = torch.from_numpy(rays.beams.direction)
     for number, medium in enumerate(table.media):
         given = (medium.absorption * medium.emission).expand(1, 3)
@@ -63,7 +64,8 @@ def glow(
             else:
                 given = given + medium.scattering * scattered_surroundings(coefficients, direction, medium.asymmetry)
         if bool((given > 0).any()):
-            total += given * _held_back(table, number, rays, ways, options)
+            part = given * _held_back(table, number, rays, ways, options)
+            total = part if total is None else total.add_(part)
     return total
 
 
@@ -76,9 +78,12 @@ def _held_back(table: MediaTable, number: int, rays: EyeRays, ways: Tensor, opti
     channels = table.arrays.extinction.shape[1]
     strength = torch.zeros(len(table), channels)
     strength[number] = 1.0
-    count = len(ways)
-    out = Scattered(np.zeros((count, channels), np.float32), np.zeros((count, 3), np.float32))
     source = Source(np.zeros(LIGHT_NUMBERS, np.float32), NOTHING)
     settings = (AMBIENT, EVERYWHERE, options.panels * (2 if table.has_grid else 1), 8, np.float32(1.0))
-    scatter_rays(table.emitting(strength), source, NO_IMAGES, NO_SLICES, rays.beams, np.arange(count), settings, out)
-    return torch.from_numpy(out.radiance).expand(count, 3)
+    media = table.emitting(strength)
+
+    def integrate(rows: np.ndarray, out: Scattered) -> None:
+        scatter_rays(media, source, NO_IMAGES, NO_SLICES, rays.beams, rows, settings, out)
+
+    found, _ = between(integrate, rays, rays.length, NOWHERE, channels, options)
+    return torch.from_numpy(found).expand(len(ways), 3)

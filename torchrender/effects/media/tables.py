@@ -40,6 +40,8 @@ AIRLIGHT = (128, 1024)
 """Rows and columns of the table for lamps in a homogeneous medium."""
 THICKEST = 12.0
 """Optical depth from a lamp beyond which its table is too coarse."""
+FINER = 3
+"""Means towards a light have up to so many cells for each of a grid's own: they bend at its sides, too."""
 NOTHING = np.zeros((1, 1, 1), np.float32)
 
 
@@ -119,7 +121,7 @@ class MediaTable:
         coarse, parts, first = np.ones((len(self), 4), np.int64), [], 0
         for m, medium in enumerate(self.media):
             if isinstance(medium.density, Tensor):
-                shape = [min(side, options.light_cells) for side in medium.density.shape]
+                shape = [min(FINER * side, options.light_cells) for side in medium.density.shape]
                 means = np.zeros(shape, np.float32)
                 light_means(self.arrays, m, kind, numbers, options.light_steps, means)
                 coarse[m] = [*shape, first]

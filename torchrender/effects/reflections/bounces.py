@@ -47,6 +47,8 @@ def _follow(caster: RayCaster, shader: RayShader, left: int, rays: int, lobe: st
         each = 1 if points.rays.many else rays
         for chosen, count in ((mirror, 1), (~mirror, each)):
             for rows in chosen.nonzero().reshape(-1).split(_RAYS // count):
+                if not len(rows):  # nothing splits into one empty part
+                    continue
                 sent, weight = (
                     (points.rays.select(rows), None) if chosen is mirror else _lobe(points, rows, count, lobe)
                 )

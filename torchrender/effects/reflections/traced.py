@@ -69,6 +69,8 @@ def trace_reflections(
     onward = traced_onward(caster, shader, options.bounces, options.lobe)
     for chosen, count in ((mirror, 1), (~mirror, options.glossy_rays)):
         for rows in chosen.nonzero().reshape(-1).split(max(1, _RAYS // count)):
+            if not len(rows):  # nothing splits into one empty part
+                continue
             part = pixels.select(rows)
             rays, weight = (reflected_rays(part), None) if chosen is mirror else lobe_rays(part, count, options.lobe)
             found, length = trace_rays(caster, rays, shader, onward)

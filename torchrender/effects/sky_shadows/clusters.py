@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from torchrender.effects.sky_shadows.options import SphereOptions
-from torchrender.kernels.sky_shadows.fit import Solid, outside_volume, refit
+from torchrender.kernels.sky_shadows.fit import Solid, outside_volume, refit, solid_of
 
 Array = np.ndarray[Any, Any]
 
@@ -60,7 +60,7 @@ def model_of(vertices: Tensor, faces: Tensor, surface: Array, options: SphereOpt
     voxels, _ = voxelize_solid(vertices[None], faces, grid, SolidOptions(method="winding", warn=False))
     filled = voxels.dense()[0].to(torch.uint8).numpy()
     cell, origin = float(grid.cell[0]), grid.origin[0].numpy()
-    solid = Solid(np.ascontiguousarray(filled), origin, cell)
+    solid = solid_of(filled, origin, cell)
     k, j, i = np.nonzero(filled)
     inner = origin + (np.stack([i, j, k], axis=1) + 0.5) * cell
     rng = np.random.default_rng(options.seed)

@@ -28,6 +28,8 @@ FINEST = 512
 """Rows of a picture of the sky from which on it is averaged first."""
 FEW, MANY = 4, 8
 """Places in a texel, per side, where the sky is looked up: few where a texel is no more than a few pixels of it."""
+NORMALS_AT_ONCE = 64
+"""Stored normals whose truncated cosines are multiplied with the light at a time: 10 MB each step."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,15 +102,26 @@ def prepare_light(sky: Environment | Tensor, options: SkyLightOptions | None = N
 
 def _largest(wavelets: Tensor, terms: int, ranking: str) -> Tensor:
     """The largest wavelets (C,6,N,3) over all channels: (T,4) face, square, kind, is fine; none that is zero."""
-    size = wavelets.square().sum(0)
     level = square_levels(5)
-    if ranking == "area":
-        size = size * torch.pow(0.25, level.double())[None, :, None]
-    flat = size.reshape(-1)
+    flat = _sizes(wavelets.square().sum(0), ranking).reshape(-1)
     best = flat.topk(min(terms, flat.numel())).indices
     best = best[flat[best] > 0].sort().values
     face, square, kind = best // (341 * 3), best // 3 % 341, best % 3
     return torch.stack([face, square, kind, (level[square] >= 3).long()], dim=1)
+
+
+def _sizes(squares: Tensor, ranking: str) -> Tensor:
+    """What wavelets are ranked by, of their squares (...,6,N,3)."""
+    if ranking != "area":
+        return squares
+    return squares * torch.pow(0.25, square_levels(5).double())[:, None]
+
+
+def _largest_of_each(wavelets: Tensor, terms: int, ranking: str) -> Tensor:
+    """(n,6,N,3) float64: one where a wavelet is among the largest of its image, zero elsewhere."""
+    flat = _sizes(wavelets.square(), ranking).reshape(len(wavelets), -1)
+    best = flat.topk(min(terms, flat.shape[1])).indices
+    return torch.zeros_like(flat).scatter_(1, best, 1.0).reshape(wavelets.shape)
 
 
 @cache
@@ -200,17 +213,14 @@ def _truncated(texels: Tensor, kept: Tensor, facing: _Facing, options: SkyLightO
     chosen[kept[:, 0], kept[:, 1], kept[:, 2]] = True
     coarse = first(3)
     made = torch.zeros(len(facing.images), 384, 3, dtype=torch.float64)
-    for n in range(len(facing.images)):
-        wavelets = facing.haar.wavelets[n]
-        mask = torch.zeros(6, 341, 3, dtype=torch.float64)
-        best = _largest(wavelets[None], options.cosine_terms, options.ranking)
-        mask[best[:, 0], best[:, 1], best[:, 2]] = 1.0
-        image = inverse(facing.haar.means[n, :, 0], wavelets * mask)
-        means = transform(image).means[:, :coarse, None]
-        whole = facing.haar.means[n, :, :coarse, None]
-        pairs = light.wavelets[:, :, :coarse] * torch.where(chosen[:, :coarse], whole, 0.0)
-        pairs = pairs - light.wavelets[:, :, :coarse] * means
-        product = (image[..., None] * texels).reshape(6, 8, 4, 8, 4, 3).mean((2, 4))
-        change = inverse(torch.zeros(3, 6, dtype=torch.float64), pairs).permute(1, 2, 3, 0)
-        made[n] = ((product + change) / 64.0).reshape(384, 3)
+    for part in torch.arange(len(made)).split(NORMALS_AT_ONCE):
+        wavelets, means = facing.haar.wavelets[part], facing.haar.means[part]
+        mask = _largest_of_each(wavelets, options.cosine_terms, options.ranking)
+        image = inverse(means[..., 0], wavelets * mask)
+        known = transform(image).means[:, None, :, :coarse, None]  # (n,1,6,21,1)
+        whole = means[:, None, :, :coarse, None]
+        pairs = light.wavelets[:, :, :coarse] * (torch.where(chosen[:, :coarse], whole, 0.0) - known)
+        product = (image[..., None] * texels).reshape(-1, 6, 8, 4, 8, 4, 3).mean((3, 5))
+        change = inverse(torch.zeros(len(part), 3, 6, dtype=torch.float64), pairs).permute(0, 2, 3, 4, 1)
+        made[part] = ((product + change) / 64.0).reshape(len(part), 384, 3)
     return made

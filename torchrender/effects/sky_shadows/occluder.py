@@ -38,6 +38,7 @@ class Occluder:
 
     meshes: tuple[int, ...]  # places in Scene.meshes
     binding: Binding
+    bodies: Tensor  # (S,) int64 number of the body that most of a sphere's triangles belong to
 
     def spheres(self, scene: Scene) -> Tensor:
         """(S,4) float64 centre and radius, where the scene's meshes are now: together they hold their volume."""
@@ -112,9 +113,28 @@ def occluder_of(
             spheres = loosened(
                 fitted, vertices, faces, [joined([s.meshes[m] for m in meshes])[0] for s in _poses(scene)]
             )
-            known[key] = Occluder(meshes, Binding(spheres, vertices, faces))
+            known[key] = Occluder(meshes, Binding(spheres, vertices, faces), _bodies(scene, meshes, spheres))
     made: Occluder = known[key]
     return made
+
+
+def _bodies(scene: Scene, meshes: tuple[int, ...], spheres: SphereSet) -> Tensor:
+    """Meshes that hang from one node are a body, such as a figure of limbs; every other mesh is one of its own."""
+    above: dict[int, tuple[int, int]] = {}
+    for number, motion in enumerate(scene.motions):
+        for part in motion.parts:
+            node = part.node if part.skin is None else int(motion.skins[part.skin].joints[0])
+            while int(motion.nodes.parents[node]) >= 0:
+                node = int(motion.nodes.parents[node])
+            above[part.mesh] = (number, node)
+    names = [above.get(mesh, (-1, mesh)) for mesh in meshes]
+    known = {name: number for number, name in enumerate(dict.fromkeys(names))}
+    sizes = torch.tensor([len(scene.meshes[mesh].faces) for mesh in meshes])
+    body = torch.tensor([known[name] for name in names]).repeat_interleave(sizes)
+    count = len(spheres.radii)
+    triangles = torch.zeros(count, len(known), dtype=torch.int64)
+    triangles.index_put_((spheres.face_sphere, body), torch.ones_like(body), accumulate=True)
+    return triangles.argmax(dim=1)
 
 
 def _poses(scene: Scene) -> Iterator[Scene]:

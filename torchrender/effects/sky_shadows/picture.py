@@ -62,7 +62,7 @@ def light_left(scene: Scene, gbuffer: GBuffer, occluder: Occluder, light: SkyLig
     pixels; those between follow along the surfaces seen.
     """
     spheres = occluder.spheres(scene)
-    own = occluder.face_spheres(scene)
+    own, body = occluder.face_spheres(scene), occluder.bodies
     batch, height, width = gbuffer.covered.shape
     if gbuffer.cameras.orthographic or min(height, width) < 2 * spacing:
         spacing = 1  # no eye to spread from, or too few rows
@@ -74,7 +74,7 @@ def light_left(scene: Scene, gbuffer: GBuffer, occluder: Occluder, light: SkyLig
         values = torch.ones(*triangle.shape, 4)
         if bool(seen.any()):
             points, normals = gbuffer.position[b, rows, rows][seen], gbuffer.normal[b, rows, rows][seen]
-            values[seen] = _share(points, normals, own[triangle[seen]], spheres, light)
+            values[seen] = _share(points, normals, own[triangle[seen]], (spheres, body), light)
         if spacing == 1:
             out[b] = values
         else:
@@ -82,11 +82,12 @@ def light_left(scene: Scene, gbuffer: GBuffer, occluder: Occluder, light: SkyLig
     return out
 
 
-def _share(points: Tensor, normals: Tensor, own: Tensor, spheres: Tensor, light: SkyLight) -> Tensor:
+def _share(points: Tensor, normals: Tensor, own: Tensor, hiding: tuple[Tensor, Tensor], light: SkyLight) -> Tensor:
     """Share (N,4) of the light that is left, channel by channel, and of even light; 1 where there is none."""
     # A surface that spheres reach through touches what they stand for; one of that itself is not hidden by it.
-    inside = torch.where(own >= 0, INSIDE.index("skip"), INSIDE.index("half"))
-    found = shade(points[None], normals[None], spheres[None], light, own_sphere=own[None], inside=inside[None])
+    spheres, body = hiding
+    inside = torch.full_like(own, INSIDE.index("half"))[None]
+    found = shade(points[None], normals[None], spheres[None], light, own_sphere=own[None], inside=inside, body=body)
     left, whole = found.radiance[0], found.whole[0]
     share = torch.where(whole > 0, left / whole.clamp_min(1e-30), 1.0)
     return torch.cat([share, found.open_share[0, :, None]], dim=1).clamp(0.0, 1.0)

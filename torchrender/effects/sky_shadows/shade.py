@@ -34,6 +34,7 @@ def shade(
     *,
     own_sphere: Tensor | None = None,
     inside: Tensor | None = None,
+    body: Tensor | None = None,
 ) -> Shaded:
     """What white matt surfaces send under light from all around that spheres hide in part.
 
@@ -46,6 +47,8 @@ def shade(
             from it; -1 for none. None: of no point.
         inside: (B,P) integers: what spheres around a point do, by place in :data:`~.options.INSIDE`; None: as the
             options say.
+        body: (S,) integers: which spheres stand for the same thing: those around a point do nothing to it where its
+            own sphere is of their body. None: every sphere is a body of its own.
 
     No gradients.
 
@@ -62,7 +65,7 @@ def shade(
     for b in range(count):
         samples = Samples(view(points[b], np.float64), view(normals[b], np.float32), own[b], solid[b])
         below = np.zeros(-(-number // chunk), np.int64)
-        light_points(samples, view(spheres[b], np.float64), caps, light.record, fine, chunk, out[b], below)
+        light_points(samples, with_bodies(spheres[b], body), caps, light.record, fine, chunk, out[b], below)
         negative += int(below.sum())
     made = torch.from_numpy(out)
     return Shaded(made[..., :3], made[..., 4:7], made[..., 3] / made[..., 7].clamp_min(1e-30), negative)
@@ -79,8 +82,16 @@ def hidden_bits(
     words = np.zeros((count, number, 96), np.int64)
     for b in range(count):
         samples = Samples(view(points[b], np.float64), view(normals[b], np.float32), own[b], solid[b])
-        hidden_words(samples, view(spheres[b], np.float64), caps_of(options), words[b])
+        hidden_words(samples, with_bodies(spheres[b]), caps_of(options), words[b])
     return bits_of_words(torch.from_numpy(words))
+
+
+def with_bodies(spheres: Tensor, body: Tensor | None = None) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+    """(S,5) float64 as the kernels take them: spheres (S,4) and the number of the body that each stands for."""
+    if body is None:
+        body = torch.arange(len(spheres))
+    check_tensor("body", body, (len(spheres),))
+    return view(torch.cat([spheres.detach().double(), body.double()[:, None]], dim=1), np.float64)
 
 
 def bits_of_words(words: Tensor) -> Tensor:

@@ -37,18 +37,23 @@ def fill_airlight(optical_depths, g, table):
     """
     channels, rows, columns = table.shape
     width = math.pi / (columns - 1)
+    # What no optical depth changes: Gauss, two points to a column.
+    ways, turned = np.empty(2 * columns, F), np.empty(2 * columns, F)
+    for j in range(1, columns):
+        for k in range(2):
+            x = -0.5 * math.pi + (j - 0.5 + (k - 0.5) * 0.5773502691896257) * width
+            # tan x + 1 / cos x = tan(x / 2 + pi / 4), without the difference of two large numbers.
+            ways[2 * j + k] = math.tan(0.5 * x + 0.25 * math.pi)
+            turned[2 * j + k] = 0.5 * width * np.float64(phase(F(g), F(-math.sin(x))))
     for row in prange(channels * rows):
         c, i = row // rows, row % rows
         share = i / (rows - 1.0)
-        u = np.float64(optical_depths[c]) * share * share
+        u = F(np.float64(optical_depths[c]) * share * share)
         total = 0.0
         table[c, i, 0] = F(0.0)
         for j in range(1, columns):
-            for k in range(2):  # Gauss, two points
-                x = -0.5 * math.pi + (j - 0.5 + (k - 0.5) * 0.5773502691896257) * width
-                # tan x + 1 / cos x = tan(x / 2 + pi / 4), without the difference of two large numbers.
-                way = math.tan(0.5 * x + 0.25 * math.pi)
-                total += math.exp(-u * way) * np.float64(phase(F(g), F(-math.sin(x)))) * 0.5 * width
+            total += exponential(-u * ways[2 * j]) * turned[2 * j]
+            total += exponential(-u * ways[2 * j + 1]) * turned[2 * j + 1]
             table[c, i, j] = F(total)
 
 

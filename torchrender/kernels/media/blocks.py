@@ -21,6 +21,8 @@ NONE, NEAREST, LSQ = 0, 1, 2
 """Gradients at samples."""
 FEWEST = 3  # neighbours that a least-squares gradient needs
 DAMPING = F(1e-9)
+BAND = 8  # rows of blocks that a thread takes at a time: what it reads of samples is gathered once
+ROW, COLUMN, LENGTH, LIT = 0, 1, 2, 3  # numbers of a gathered sample; the row is negative where a block has none
 
 
 @kernel(inline=True)
@@ -71,6 +73,21 @@ def mark_blocks(length, block, eps, guard, seed, marked, samples):
                         marked[y, x] = True
 
 
+@kernel(inline=True)
+def gather(samples, length, told, first, near):
+    """Numbers of the samples of some rows of blocks, from row ``first`` on, in ``near`` (R,W/block,4)."""
+    for j in range(near.shape[0]):
+        by = first + j
+        for bx in range(near.shape[1]):
+            near[j, bx, ROW] = F(-1.0)
+            if by < 0 or by >= samples.shape[0]:
+                continue
+            y, x = I64(samples[by, bx, 0]), I64(samples[by, bx, 1])
+            if y >= 0:
+                near[j, bx, ROW], near[j, bx, COLUMN] = F(y), F(x)
+                near[j, bx, LENGTH], near[j, bx, LIT] = length[y, x], told[y * length.shape[1] + x, 0]
+
+
 @kernel(parallel=True)
 def mark_doubtful(length, marked, samples, told, limits, more):
     """Mark, in ``more`` (H,W), pixels that were not marked and have no samples around, or ones that disagree.
@@ -81,24 +98,30 @@ def mark_doubtful(length, marked, samples, told, limits, more):
     """
     block, eps, tolerance = limits
     height, width = length.shape
-    for y in prange(height):
-        for x in range(width):
-            more[y, x] = False
-            d = length[y, x]
-            if marked[y, x] or not d > F(0.0):
-                continue
-            count, low, high = 0, F(2.0), F(-1.0)
-            by, bx = I64(y) // block, x // block
-            for j in range(max(by - 1, 0), min(by + 2, samples.shape[0])):
-                for i in range(max(bx - 1, 0), min(bx + 2, samples.shape[1])):
-                    ky, kx = I64(samples[j, i, 0]), I64(samples[j, i, 1])
-                    if ky < 0:
-                        continue
-                    k = ky * width + kx
-                    if abs(kx - x) <= block and abs(ky - I64(y)) <= block and abs(length[ky, kx] - d) < eps * d:
-                        count += 1
-                        low, high = min(low, told[k, 0]), max(high, told[k, 0])
-            more[y, x] = count == 0 or high - low > tolerance
+    rows, columns = samples.shape[0], samples.shape[1]
+    for band in prange((rows + BAND - 1) // BAND):
+        first = I64(band) * BAND
+        near = borrowed(np.empty((BAND + 2, columns, 4), F))
+        gather(samples, length, told, first - 1, near)
+        side = F(block)
+        for y in range(first * block, min((first + BAND) * block, height)):
+            row = y // block - first
+            for x in range(width):
+                more[y, x] = False
+                d = length[y, x]
+                if marked[y, x] or not d > F(0.0):
+                    continue
+                count, low, high = 0, F(2.0), F(-1.0)
+                bx, limit = x // block, eps * d
+                for j in range(row, row + 3):
+                    for i in range(max(bx - 1, 0), min(bx + 2, columns)):
+                        ky, kx = near[j, i, ROW], near[j, i, COLUMN]
+                        if ky < F(0.0) or abs(kx - F(x)) > side or abs(ky - F(y)) > side:
+                            continue
+                        if abs(near[j, i, LENGTH] - d) < limit:
+                            count += 1
+                            low, high = min(low, near[j, i, LIT]), max(high, near[j, i, LIT])
+                more[y, x] = count == 0 or high - low > tolerance
 
 
 @kernel(parallel=True)
@@ -112,62 +135,75 @@ def find_gradients(length, norm, samples, told, limits, gradient, radiance, foun
     """
     block, eps, tolerance = limits
     width, channels = length.shape[1], radiance.shape[1]
-    for line in prange(samples.shape[0]):
-        by = I64(line)
-        for bx in range(samples.shape[1]):
-            y, x = I64(samples[by, bx, 0]), I64(samples[by, bx, 1])
-            if y < 0:
-                continue
-            p = y * width + x
-            d, share = length[y, x], told[p, 0]
-            for c in range(channels):
-                found[by, bx, 0, c] = radiance[p, c] / max(norm[y, x], F(1e-8))
-                found[by, bx, 1, c] = F(0.0)
-                found[by, bx, 2, c] = F(0.0)
-            if gradient == NONE:
-                continue
-            xx, xy, yy, count = DAMPING, F(0.0), DAMPING, 0
-            near_x, near_y = F(1e9), F(1e9)
-            for j in range(max(by - 2, 0), min(by + 3, samples.shape[0])):
-                for i in range(max(bx - 2, 0), min(bx + 3, samples.shape[1])):
-                    ky, kx = I64(samples[j, i, 0]), I64(samples[j, i, 1])
-                    k = ky * width + kx
-                    if ky < 0 or k == p:
-                        continue
-                    if abs(kx - x) > 2 * block or abs(ky - y) > 2 * block:
-                        continue
-                    if abs(length[ky, kx] - d) >= eps * d or abs(told[k, 0] - share) > tolerance:
-                        continue
-                    dx, dy = F(kx - x), F(ky - y)
-                    square = dx * dx + dy * dy
-                    if gradient == NEAREST:
-                        if j == by and kx != x and square < near_x:
-                            near_x = square
-                            for c in range(channels):
-                                change = radiance[k, c] / max(norm[ky, kx], F(1e-8)) - found[by, bx, 0, c]
-                                found[by, bx, 1, c] = change / dx
-                        if i == bx and ky != y and square < near_y:
-                            near_y = square
-                            for c in range(channels):
-                                change = radiance[k, c] / max(norm[ky, kx], F(1e-8)) - found[by, bx, 0, c]
-                                found[by, bx, 2, c] = change / dy
-                        continue
-                    weight = F(1.0) / square
-                    count += 1
-                    xx += weight * dx * dx
-                    xy += weight * dx * dy
-                    yy += weight * dy * dy
+    rows, columns = samples.shape[0], samples.shape[1]
+    settings = (F(2 * block), eps, tolerance, gradient)
+    for band in prange((rows + BAND - 1) // BAND):
+        first, out = I64(band) * BAND, borrowed(found)
+        near, values = borrowed((np.empty((BAND + 4, columns, 4), F), np.empty((BAND + 4, columns, channels), F)))
+        gather(samples, length, told, first - 2, near)
+        for j in range(BAND + 4):
+            for bx in range(columns):
+                if near[j, bx, ROW] >= F(0.0):
+                    y, x = I64(near[j, bx, ROW]), I64(near[j, bx, COLUMN])
+                    inverse = F(1.0) / max(norm[y, x], F(1e-8))
                     for c in range(channels):
-                        change = weight * (radiance[k, c] / max(norm[ky, kx], F(1e-8)) - found[by, bx, 0, c])
-                        found[by, bx, 1, c] += change * dx
-                        found[by, bx, 2, c] += change * dy
-            if gradient == LSQ:
-                size = xx * yy - xy * xy
-                usable = count >= FEWEST and size > F(1e-4) * xx * yy
-                for c in range(channels):
-                    a, b = found[by, bx, 1, c], found[by, bx, 2, c]
-                    found[by, bx, 1, c] = (yy * a - xy * b) / size if usable else F(0.0)
-                    found[by, bx, 2, c] = (xx * b - xy * a) / size if usable else F(0.0)
+                        values[j, bx, c] = radiance[y * width + x, c] * inverse
+        for by in range(first, min(first + BAND, rows)):
+            for bx in range(columns):
+                own = by - first + 2
+                if near[own, bx, ROW] >= F(0.0):
+                    ends = (max(bx - 2, 0), min(bx + 3, columns))
+                    gradient_at(near, values, (own, bx), ends, settings, out[by, bx])
+
+
+@kernel(inline=True)
+def gradient_at(near, values, place, ends, limits, found):
+    """Value and gradient of one sample, ``found`` (3,C), from gathered ones up to two blocks away."""
+    own, bx = place
+    side, eps, tolerance, gradient = limits
+    channels = values.shape[2]
+    for c in range(channels):
+        found[0, c], found[1, c], found[2, c] = values[own, bx, c], F(0.0), F(0.0)
+    if gradient == NONE:
+        return
+    y, x, d, share = near[own, bx, ROW], near[own, bx, COLUMN], near[own, bx, LENGTH], near[own, bx, LIT]
+    xx, xy, yy, count = DAMPING, F(0.0), DAMPING, 0
+    near_x, near_y, limit = F(1e9), F(1e9), eps * d
+    for j in range(own - 2, own + 3):
+        for i in range(ends[0], ends[1]):
+            ky, kx = near[j, i, ROW], near[j, i, COLUMN]
+            dx, dy = kx - x, ky - y
+            if ky < F(0.0) or (j == own and i == bx) or abs(dx) > side or abs(dy) > side:
+                continue
+            if abs(near[j, i, LENGTH] - d) >= limit or abs(near[j, i, LIT] - share) > tolerance:
+                continue
+            square = dx * dx + dy * dy
+            if gradient == NEAREST:
+                if j == own and dx != F(0.0) and square < near_x:
+                    near_x = square
+                    for c in range(channels):
+                        found[1, c] = (values[j, i, c] - found[0, c]) / dx
+                if i == bx and dy != F(0.0) and square < near_y:
+                    near_y = square
+                    for c in range(channels):
+                        found[2, c] = (values[j, i, c] - found[0, c]) / dy
+                continue
+            weight = F(1.0) / square
+            count += 1
+            xx += weight * dx * dx
+            xy += weight * dx * dy
+            yy += weight * dy * dy
+            for c in range(channels):
+                change = weight * (values[j, i, c] - found[0, c])
+                found[1, c] += change * dx
+                found[2, c] += change * dy
+    if gradient == LSQ:
+        size = xx * yy - xy * xy
+        usable = count >= FEWEST and size > F(1e-4) * xx * yy
+        for c in range(channels):
+            a, b = found[1, c], found[2, c]
+            found[1, c] = (yy * a - xy * b) / size if usable else F(0.0)
+            found[2, c] = (xx * b - xy * a) / size if usable else F(0.0)
 
 
 @kernel(parallel=True)
@@ -180,28 +216,31 @@ def fill_between(length, norm, integrated, samples, limits, found, radiance):
     block, eps, _ = limits
     height, width = length.shape
     channels = radiance.shape[1]
+    columns = samples.shape[1]
     for y in prange(height):
         near = borrowed(np.empty((9, 4), np.int64))
+        by, row = I64(y) // block, I64(y)
         for x in range(width):
             d = length[y, x]
             if integrated[y, x]:
                 continue
-            p = I64(y) * width + x
+            p = row * width + x
             for c in range(channels):
                 radiance[p, c] = F(0.0)
             if not d > F(0.0):
                 continue
-            by, bx = I64(y) // block, x // block
+            bx, limit = x // block, eps * d
             count = 0
             for j in range(max(by - 1, 0), min(by + 2, samples.shape[0])):
-                for i in range(max(bx - 1, 0), min(bx + 2, samples.shape[1])):
+                for i in range(max(bx - 1, 0), min(bx + 2, columns)):
                     ky, kx = I64(samples[j, i, 0]), I64(samples[j, i, 1])
-                    if ky < 0:
+                    dx, dy = x - kx, row - ky
+                    if ky < 0 or abs(dx) > block or abs(dy) > block:
                         continue
-                    dx, dy = I64(x) - kx, I64(y) - ky
-                    if abs(dx) <= block and abs(dy) <= block and abs(length[ky, kx] - d) < eps * d:
+                    if abs(length[ky, kx] - d) < limit:
                         near[count, 0], near[count, 1], near[count, 2], near[count, 3] = j, i, dx, dy
                         count += 1
+            share = F(1.0) / F(max(count, 1))
             for c in range(channels):
                 total, top = F(0.0), F(0.0)
                 for n in range(count):
@@ -209,5 +248,5 @@ def fill_between(length, norm, integrated, samples, limits, found, radiance):
                     value = found[j, i, 0, c]
                     total += value + found[j, i, 1, c] * F(near[n, 2]) + found[j, i, 2, c] * F(near[n, 3])
                     top = max(top, value)
-                value = min(max(total / F(max(count, 1)), F(0.0)), F(2.0) * top)
+                value = min(max(total * share, F(0.0)), F(2.0) * top)
                 radiance[p, c] = value * norm[y, x]

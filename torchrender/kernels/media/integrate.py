@@ -173,13 +173,16 @@ def fill_panels(media, kind, light, ray, ends, steps, angles, scratch):
 
 
 @kernel(inline=True)
-def lit_spans(way, images, slices, ray, spans):
-    """Lit parts of a ray between two lengths; returns their number and what was looked at."""
+def lit_spans(way, images, slices, ray, angles, spans):
+    """Lit parts of a ray between two lengths; returns their number and what was looked at.
+
+    With ``angles`` slices tell them as angles at the lamp, all others as lengths.
+    """
     o, d, begin, end = ray
     if way == WALKED:
         return walk_ray(images, o, d, begin, end, spans)
     if way == SLICED:
-        return slice_ray(slices, images.parallel, d, begin, end, spans)
+        return slice_ray(slices, images.parallel, angles, d, (begin, end), spans)
     spans[0, 0], spans[0, 1] = begin, end
     return np.int64(1), np.int64(0)
 
@@ -208,15 +211,18 @@ def scatter_ray(media, source, seen, ray, settings, scratch, out):
     tabled = table.shape[1] > 1 and away > light[NEAREST]
     close = kind != SUN and kind != AMBIENT and away <= light[NEAREST]
     away = max(away, max(F(0.5) * light[NEAREST], F(1e-12)))
-    count, looks = lit_spans(way, seen[0], seen[1], (o, d, begin, end), spans)
+    # Slices know the ray's own distance from the lamp only: where that is less than the least one, lengths it is.
+    told_angles = angles and way == SLICED and not close
+    count, looks = lit_spans(way, seen[0], seen[1], (o, d, begin, end), told_angles, spans)
     told[2] = F(looks)
     xa = arctan2(begin - t0, away) if angles else begin
     xb = arctan2(end - t0, away) if angles else end
     lit = np.int64(0)
+    low, high = (xa, xb) if told_angles else (begin, end)
     for k in range(count):
-        a, b = max(spans[k, 0], begin), min(spans[k, 1], end)
+        a, b = max(spans[k, 0], low), min(spans[k, 1], high)
         if b > a:
-            if angles:
+            if angles and not told_angles:
                 a, b = arctan2(a - t0, away), arctan2(b - t0, away)
             spans[lit, 0], spans[lit, 1] = a, b
             told[0] += b - a

@@ -14,11 +14,13 @@ from torchrender.kernels.media.records import (
     AMBIENT,
     AREA,
     AXIS,
+    BIG,
     DENSITY,
     FALLOFF,
     FLAT,
     GRID,
     GROUND,
+    HEIGHT,
     INNER,
     NEAREST,
     OUTER,
@@ -134,11 +136,67 @@ def fill_nodes(media, kind, light, ray, part, nodes):
         if active[m]:
             add_active(media, m, kind, light, ray, lengths, count, nodes)
         if kind != AMBIENT:
+            within = active[m]
+            if within and kind != SUN:
+                for c in range(3):
+                    within = within and light[c] >= media.low[m, c] and light[c] <= media.high[m, c]
+            if within:
+                add_ways_inside(media, m, kind, light, ray, count, nodes)
+                continue
             for j in range(count):
                 t = lengths[j]
                 way = light_way(media, m, kind, light, o[0] + d[0] * t, o[1] + d[1] * t, o[2] + d[2] * t)
                 for c in range(channels):
                     exponent[c, j] += media.extinction[m, c] * way
+
+
+@kernel(inline=True)
+def add_ways_inside(media, m, kind, light, ray, count, nodes):
+    """Add the ways from the light to the nodes through a medium that nodes and lamp lie in, as :func:`light_way`.
+
+    Densities at the nodes are those that :func:`add_active` left.
+    """
+    o, d, t0, _, offset = ray
+    _, exponent, lengths, _, scratch, _ = nodes
+    low, high, of, density = media.low[m], media.high[m], media.kind[m], scratch[1]
+    a, b, ground = media.numbers[m, DENSITY], media.numbers[m, FALLOFF], media.numbers[m, GROUND]
+    at_lamp = F(0.0)
+    if of == HEIGHT and kind != SUN:
+        at_lamp = a * exponential(b * (ground - light[1]))
+    # To the sun: the sides that ways leave through, and lengths per distance from them.
+    sx, sy, sz = -light[AXIS], -light[AXIS + 1], -light[AXIS + 2]
+    gx = high[0] if sx > F(0.0) else low[0]
+    gy = high[1] if sy > F(0.0) else low[1]
+    gz = high[2] if sz > F(0.0) else low[2]
+    ix = F(0.0) if sx == F(0.0) else F(1.0) / sx
+    iy = F(0.0) if sy == F(0.0) else F(1.0) / sy
+    iz = F(0.0) if sz == F(0.0) else F(1.0) / sz
+    near = offset[0] * offset[0] + offset[1] * offset[1] + offset[2] * offset[2]
+    for j in range(count):
+        t = lengths[j]
+        x, y, z = o[0] + d[0] * t, o[1] + d[1] * t, o[2] + d[2] * t
+        if kind == SUN:
+            length = F(BIG)
+            if ix != F(0.0):
+                length = min(length, (gx - x) * ix)
+            if iy != F(0.0):
+                length = min(length, (gy - y) * iy)
+            if iz != F(0.0):
+                length = min(length, (gz - z) * iz)
+            length = max(length, F(0.0))
+            climb = sy * length
+        else:
+            length = math.sqrt(near + (t - t0) * (t - t0))
+            climb = light[1] - y
+        if of == FLAT:
+            way = a * length
+        elif of == HEIGHT:
+            last = density[j] * exponential(-b * climb) if kind == SUN else at_lamp
+            way = length * mean_of_exponential(density[j], last, b * climb)
+        else:
+            way = length * trilinear(media.means, media.coarse[m], low, high, x, y, z)
+        for c in range(media.extinction.shape[1]):
+            exponent[c, j] += media.extinction[m, c] * way
 
 
 @kernel(inline=True)

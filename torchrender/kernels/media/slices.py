@@ -181,13 +181,17 @@ def enters_column(n, line, u, v, k):
 
 
 @kernel(inline=True)
-def slice_ray(slices, parallel, d, begin, end, spans):
-    """Lit parts of an eye ray between two lengths, in ``spans`` (K,2).
+def slice_ray(slices, parallel, angles, d, ends, spans):
+    """Lit parts of an eye ray between two lengths, ``ends``, in ``spans`` (K,2).
+
+    Args:
+        angles: of a lamp: the parts are told as angles at it, from the place that is nearest to it; else as lengths.
 
     Returns:
         Their number, and of runs and entries that were looked at.
     """
     rows, tree, lines, n = slices
+    begin, end = ends
     u = n[0] * d[0] + n[1] * d[1] + n[2] * d[2]
     v = n[3] * d[0] + n[4] * d[1] + n[5] * d[2]
     w = n[6] * d[0] + n[7] * d[1] + n[8] * d[2]
@@ -207,8 +211,10 @@ def slice_ray(slices, parallel, d, begin, end, spans):
         reach = (u if along else v) * line[SIGN] * end - (line[FIRST] - (n[U] if along else n[V])) * line[SIGN]
         last = 2 * np.int64(min(max(reach + F(1.0), F(0.0)), F(total)))
     else:
-        first = arctan2(-t0, away)
-        last = np.int64(max((arctan2(end - t0, away) - first - n[START]) / n[STEP], F(0.0))) + 1
+        first, stop_at = arctan2(-t0, away), arctan2(end - t0, away)
+        last = np.int64(max((stop_at - first - n[START]) / n[STEP], F(0.0))) + 1
+        if angles:
+            begin, end = arctan2(begin - t0, away), stop_at
     last = min(last, total)
     runs = total // RUN
     levels = 0
@@ -236,8 +242,12 @@ def slice_ray(slices, parallel, d, begin, end, spans):
             if new != lit:
                 if parallel:
                     t = enters_column(n, line, u, v, k + e)
+                elif k + e == 0:
+                    t = begin
                 else:
-                    t = t0 + away * tangent(first + n[START] + F(k + e) * n[STEP]) if k + e > 0 else begin
+                    t = first + n[START] + F(k + e) * n[STEP]
+                    if not angles:
+                        t = t0 + away * tangent(t)
                 t = min(max(t, begin), end)
                 if new:
                     since = t

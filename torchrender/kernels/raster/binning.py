@@ -7,7 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import prange
 
+from torchrender.kernels.atomics import borrowed
 from torchrender.kernels.compile import kernel
+from torchrender.kernels.raster.coverage import COLUMN_BITS, ROW_BITS, TILE_HEIGHT, TILE_WIDTH, TINY, tiny_bits
 from torchrender.kernels.raster.project import GUARD, NEEDS_CLIP, SUBPIXEL, SUBPIXEL_BITS, snap, snapped_x, snapped_y
 
 HALF = SUBPIXEL >> 1
@@ -27,10 +29,20 @@ class Clusters(NamedTuple):
 class Lists(NamedTuple):
     """Triangles that each chunk of clusters keeps."""
 
-    starts: np.ndarray  # (chunks+1,) int64 first place of each chunk
+    corners: np.ndarray  # (N,3) int64 snapped
+    bits: np.ndarray  # (N,) int64 covered pixels of a tiny box within one tile, or 0: then the corners count
+    highs: np.ndarray  # (N,) float64 keys that no fragment exceeds
     ids: np.ndarray  # (N,) int32
-    boxes: np.ndarray  # (N,4) int16 first and last column and row of tiles
-    to_clip: np.ndarray  # (N,) int32 ids
+    boxes: np.ndarray  # (N,4) int32 first column and row, last column and row of pixels
+    to_clip: np.ndarray  # (N,) int32 ids, in the same places
+
+
+class Listing(NamedTuple):
+    """What is listed, and how."""
+
+    cull: int  # CULL_NONE, CULL_BACK or CULL_FRONT
+    plain: bool  # fragments need no tests, so that tiny triangles are listed by their pixels,
+    mask: np.ndarray  # (F,) but for those with a row of missing texels here; (0,): none
 
 
 @kernel(inline=True)
@@ -48,14 +60,14 @@ def pixel_box(a, b, c, bounds, left, top):
     return max(x0, bounds[0]), max(y0, bounds[1]), min(x1, bounds[2]), min(y1, bounds[3])
 
 
-@kernel()
+@kernel(inline=True)
 def doubled_area(a, b, c):
     """Twice the signed area in snapped units; negative where the right-hand normal faces the camera."""
     ax, ay = snapped_x(a), snapped_y(a)
     return (snapped_x(b) - ax) * (snapped_y(c) - ay) - (snapped_y(b) - ay) * (snapped_x(c) - ax)
 
 
-@kernel()
+@kernel(inline=True)
 def is_culled(area, cull):
     return area == 0 or (cull == CULL_BACK and area > 0) or (cull == CULL_FRONT and area < 0)
 
@@ -82,73 +94,123 @@ def out_of_view(points, faces, t, near, far, orthographic, half_width, half_heig
     return before or behind or left or right or above or below
 
 
-@kernel()
+@kernel(inline=True)
 def side_of(t, cull, single_sided):
     """What is culled of triangle ``t``: its back if it is ``single_sided`` (F,), or (0,) for none."""
     return CULL_BACK if single_sided.shape[0] > 0 and single_sided[t] else cull
 
 
-@kernel(parallel=True)
-def classify(points, packed, faces, clusters, frame, cull, tile, lists):
-    """Cull triangles and count tiles, in chunks of the chosen clusters.
+@kernel(inline=True)
+def greatest_key(points, faces, t, frame):
+    """Key that no fragment of triangle ``t`` exceeds: that of its nearest corner, or of the near plane."""
+    nearest = min(points[faces[t, 0], 2], min(points[faces[t, 1], 2], points[faces[t, 2], 2]))
+    nearest = max(nearest, frame.near)
+    return -nearest if frame.orthographic else 1.0 / nearest
 
-    ``clusters``: :class:`Clusters`; ``tile`` (2,): tile width and height; ``lists``: :class:`Lists`, filled. Returns
-    the number kept and the number to clip for each chunk and the tile counts (chunks, tiles).
+
+@kernel()
+def classify_clusters(projected, faces, clusters, frame, how, part, lists, counts):
+    """Cull the triangles of some chosen clusters, list the others and count their tiles.
+
+    ``projected``: vertices and the same memory as integers; ``how``: a :class:`Listing`.
+    ``part``: first and one-past-last of ``chosen``, and first place in ``lists``. Small triangles that hit no pixel
+    centre end here. Returns the numbers kept and to clip.
     """
+    points, packed = borrowed(projected)
+    faces = borrowed(faces)
+    lists, counts = borrowed(lists), borrowed(counts)
+    runs, order, chosen, single_sided = borrowed(clusters)
     width, height, near, far, orthographic = frame
     image = (0, 0, width - 1, height - 1)
-    columns = (width + tile[0] - 1) // tile[0]
-    rows = (height + tile[1] - 1) // tile[1]
-    starts, ids, boxes, to_clip = lists
-    runs, order, chosen, single_sided = clusters
+    left, top = width >> 1, height >> 1
+    columns = (width + TILE_WIDTH - 1) >> COLUMN_BITS
+    corners, bits_of, highs, ids, boxes, to_clip = (
+        lists.corners, lists.bits, lists.highs, lists.ids, lists.boxes, lists.to_clip
+    )  # fmt: skip
+    first, end, start = part
+    n = m = start
+    cull, plain, mask = how
+    mask = borrowed(mask)
+    for k in range(first, end):
+        for place in range(runs[chosen[k], 0], runs[chosen[k], 1]):
+            t = order[place]
+            va, vb, vc = faces[t, 0], faces[t, 1], faces[t, 2]
+            a, b, c = packed[va, 3], packed[vb, 3], packed[vc, 3]
+            if a == NEEDS_CLIP or b == NEEDS_CLIP or c == NEEDS_CLIP:
+                if not out_of_view(points, faces, t, near, far, orthographic, width * 0.5 + 1, height * 0.5 + 1):
+                    to_clip[m] = t
+                    m += 1
+                continue
+            x0, y0, x1, y1 = pixel_box(a, b, c, image, left, top)
+            if x0 > x1 or y0 > y1:
+                continue
+            area = doubled_area(a, b, c)
+            if is_culled(area, side_of(t, cull, single_sided)):
+                continue
+            i0, j0, i1, j1 = x0 >> COLUMN_BITS, y0 >> ROW_BITS, x1 >> COLUMN_BITS, y1 >> ROW_BITS
+            bits = np.int64(0)
+            if max(x1 - x0, y1 - y0) < TINY:
+                pixel = ((x0 - left) * SUBPIXEL + HALF, (y0 - top) * SUBPIXEL + HALF)
+                bits = tiny_bits(a, b, c, area, pixel, x1 - x0 + 1, y1 - y0 + 1)
+                if bits == 0:
+                    continue
+                holed = mask.shape[0] > 0 and mask[t] >= 0
+                if not plain or holed or i0 != i1 or j0 != j1:
+                    bits = np.int64(0)  # of two tiles each has its own part of the box
+            ids[n] = t
+            if bits == 0:
+                corners[n, 0], corners[n, 1], corners[n, 2] = a, b, c
+            bits_of[n] = bits
+            highs[n] = greatest_key(points, faces, t, frame)
+            boxes[n, 0], boxes[n, 1], boxes[n, 2], boxes[n, 3] = x0, y0, x1, y1
+            n += 1
+            for j in range(j0, j1 + 1):
+                for i in range(i0, i1 + 1):
+                    counts[j * columns + i] += 1
+    return n - start, m - start
+
+
+@kernel(parallel=True)
+def classify(projected, faces, clusters, frame, how, starts, lists):
+    """Cull triangles and count tiles, in chunks of the chosen clusters.
+
+    Arguments as above; ``starts`` (chunks+1,): first place of each chunk in ``lists``, :class:`Lists`,
+    which are filled. Returns the number kept and the number to clip for each chunk and the tile counts (chunks, tiles).
+    """
+    columns = (frame.width + TILE_WIDTH - 1) >> COLUMN_BITS
+    rows = (frame.height + TILE_HEIGHT - 1) >> ROW_BITS
     chunks = starts.shape[0] - 1
+    count = clusters.chosen.shape[0]
     counts = np.zeros((chunks, columns * rows), np.int32)
     kept = np.zeros((chunks, 2), np.int64)
-    per = (chosen.shape[0] + chunks - 1) // chunks
+    per = (count + chunks - 1) // chunks
     for chunk in prange(chunks):
-        n = starts[chunk]
-        m = starts[chunk]
-        first_cluster = np.int64(chunk) * per
-        for k in range(first_cluster, min(first_cluster + per, chosen.shape[0])):
-            for place in range(runs[chosen[k], 0], runs[chosen[k], 1]):
-                t = order[place]
-                a = packed[faces[t, 0], 3]
-                b = packed[faces[t, 1], 3]
-                c = packed[faces[t, 2], 3]
-                if a == NEEDS_CLIP or b == NEEDS_CLIP or c == NEEDS_CLIP:
-                    if not out_of_view(points, faces, t, near, far, orthographic, width * 0.5 + 1, height * 0.5 + 1):
-                        to_clip[m] = t
-                        m += 1
-                    continue
-                x0, y0, x1, y1 = pixel_box(a, b, c, image, width >> 1, height >> 1)
-                if x0 > x1 or y0 > y1 or is_culled(doubled_area(a, b, c), side_of(t, cull, single_sided)):
-                    continue
-                i0, j0, i1, j1 = x0 // tile[0], y0 // tile[1], x1 // tile[0], y1 // tile[1]
-                ids[n] = t
-                boxes[n, 0] = i0
-                boxes[n, 1] = j0
-                boxes[n, 2] = i1
-                boxes[n, 3] = j1
-                n += 1
-                for j in range(j0, j1 + 1):
-                    for i in range(i0, i1 + 1):
-                        counts[chunk, j * columns + i] += 1
-        kept[chunk, 0] = n - starts[chunk]
-        kept[chunk, 1] = m - starts[chunk]
+        first = min(np.int64(chunk) * per, count)
+        part = (first, min(first + per, count), starts[chunk])
+        n, m = classify_clusters(projected, faces, clusters, frame, how, part, lists, counts[chunk])
+        kept[chunk, 0] = n
+        kept[chunk, 1] = m
     return kept, counts
 
 
+@kernel()
+def scatter_list(boxes, first, end, columns, offsets, entries):
+    """Write the places ``first`` to ``end`` - 1 of the lists into the tiles of their boxes."""
+    boxes, offsets, entries = borrowed(boxes), borrowed(offsets), borrowed(entries)
+    for n in range(first, end):
+        for j in range(boxes[n, 1] >> ROW_BITS, (boxes[n, 3] >> ROW_BITS) + 1):
+            for i in range(boxes[n, 0] >> COLUMN_BITS, (boxes[n, 2] >> COLUMN_BITS) + 1):
+                tile = np.uintp(j * columns + i)
+                place = offsets[tile]
+                entries[place] = n
+                offsets[tile] = place + 1
+
+
 @kernel(parallel=True)
-def scatter(lists, kept, offsets, columns, entries):
+def scatter(boxes, starts, kept, offsets, columns, entries):
     """Write each kept triangle into the lists of its tiles; ``offsets`` (chunks, tiles) is advanced."""
-    starts, ids, boxes, _ = lists
     for chunk in prange(kept.shape[0]):
-        for n in range(starts[chunk], starts[chunk] + kept[chunk, 0]):
-            for j in range(boxes[n, 1], boxes[n, 3] + 1):
-                for i in range(boxes[n, 0], boxes[n, 2] + 1):
-                    place = offsets[chunk, j * columns + i]
-                    entries[place] = ids[n]
-                    offsets[chunk, j * columns + i] = place + 1
+        scatter_list(boxes, starts[chunk], starts[chunk] + kept[chunk, 0], columns, offsets[chunk], entries)
 
 
 @kernel()
@@ -237,18 +299,18 @@ def clip_triangles(points, faces, ids, frame, sides, positions, owners):
 
 
 @kernel()
-def bin_clipped(positions, first_entry, frame, tile, counts, entries, offsets):
+def bin_clipped(positions, first_entry, frame, counts, entries, offsets):
     """Count (``entries`` empty) or write the clipped triangles into the tiles they meet, as ``first_entry`` + row."""
     width, height = frame.width, frame.height
     image = (0, 0, width - 1, height - 1)
-    columns = (width + tile[0] - 1) // tile[0]
+    columns = (width + TILE_WIDTH - 1) >> COLUMN_BITS
     writing = entries.shape[0] > 0
     for m in range(positions.shape[0]):
         x0, y0, x1, y1 = pixel_box(positions[m, 0], positions[m, 1], positions[m, 2], image, width >> 1, height >> 1)
         if x0 > x1 or y0 > y1:
             continue
-        for j in range(y0 // tile[1], y1 // tile[1] + 1):
-            for i in range(x0 // tile[0], x1 // tile[0] + 1):
+        for j in range(y0 >> ROW_BITS, (y1 >> ROW_BITS) + 1):
+            for i in range(x0 >> COLUMN_BITS, (x1 >> COLUMN_BITS) + 1):
                 if writing:
                     entries[offsets[j * columns + i]] = first_entry + m
                     offsets[j * columns + i] += 1

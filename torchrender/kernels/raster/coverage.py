@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numba.cpython.unsafe.numbers import trailing_zeros
 
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.raster.fragments import has_surface, has_triangle, is_hole, only_identity
@@ -15,7 +16,10 @@ from torchrender.kernels.raster.planes import barycentric_planes
 from torchrender.kernels.raster.project import SUBPIXEL, snapped_x, snapped_y
 
 HAIR = 1e-6  # pixels by which a span's ends are guessed too wide before the exact test
-TILE_WIDTH, TILE_HEIGHT = 64, 32
+COLUMN_BITS, ROW_BITS = 6, 5
+TILE_WIDTH, TILE_HEIGHT = 1 << COLUMN_BITS, 1 << ROW_BITS
+SMALL = 24  # boxes of at most this many pixels are tested pixel by pixel
+TINY = 4  # boxes of at most so many columns and rows are tested when triangles are listed
 
 
 @kernel(inline=True)
@@ -83,6 +87,71 @@ def covered_bits(edges, width, rows):
 
 
 @kernel(inline=True)
+def small_bits(a, b, c, area, pixel, width, rows):
+    """:func:`covered_bits` of a triangle of snapped corners; ``pixel``: the first one's centre, snapped."""
+    sign = 1 if area > 0 else -1
+    px, py = pixel
+    e0, dx0, dy0 = edge(a, b, sign, px, py)
+    e1, dx1, dy1 = edge(b, c, sign, px, py)
+    e2, dx2, dy2 = edge(c, a, sign, px, py)
+    return covered_bits((e0, dx0, dy0, e1, dx1, dy1, e2, dx2, dy2), width, rows)
+
+
+@kernel(inline=True)
+def tiny_bits(a, b, c, area, pixel, width, rows):
+    """One bit for each covered pixel of a box of at most TINY x TINY: bit ``TINY y + x``.
+
+    Without loops of varying length: mispredicted branches would cost more than the pixels outside.
+    """
+    sign = 1 if area > 0 else -1
+    px, py = pixel
+    e0, dx0, dy0 = edge(a, b, sign, px, py)
+    e1, dx1, dy1 = edge(b, c, sign, px, py)
+    e2, dx2, dy2 = edge(c, a, sign, px, py)
+    f0, f1, f2 = e0 + dx0, e1 + dx1, e2 + dx2
+    bits = np.int64((e0 | e1 | e2) >= 0) | np.int64((f0 | f1 | f2) >= 0) << 1
+    bits |= np.int64((e0 + dy0 | e1 + dy1 | e2 + dy2) >= 0) << 4
+    bits |= np.int64((f0 + dy0 | f1 + dy1 | f2 + dy2) >= 0) << 5
+    if max(width, rows) > 2:
+        bits = np.int64(0)
+        for y in range(4):
+            for x in range(4):
+                f0, f1, f2 = e0 + dx0 * x + dy0 * y, e1 + dx1 * x + dy1 * y, e2 + dx2 * x + dy2 * y
+                bits |= np.int64((f0 | f1 | f2) >= 0) << (4 * y + x)
+    # The box may be cut by the image, beyond which the triangle goes on.
+    return bits & (np.int64(0x1111) * ((1 << width) - 1)) & ((1 << (4 * rows)) - 1)
+
+
+@kernel(inline=True)
+def is_hidden(high, x0, y0, bits, keys):
+    """True if every pixel of :func:`tiny_bits` holds something nearer than the key ``high``."""
+    first = np.uintp(y0 * TILE_WIDTH + x0)
+    while bits != 0:
+        place = np.uintp(trailing_zeros(bits))
+        if keys[first + (place >> np.uintp(2)) * np.uintp(TILE_WIDTH) + (place & np.uintp(3))] <= high:
+            return False
+        bits &= bits - 1
+    return True
+
+
+@kernel(inline=True)
+def fill_tiny(t, plane, x0, y0, bits, keys, ids):
+    """Keep the triangle where it is nearer, at the pixels of :func:`tiny_bits`."""
+    kx, ky, kc, low, high = plane
+    while bits != 0:
+        place = np.int64(trailing_zeros(bits))
+        x, y = x0 + (place & 3), y0 + (place >> 2)
+        base = kc + ky * y
+        key = min(max(base + kx * x, low), high)
+        spot = np.uintp(y * TILE_WIDTH + x)
+        here = keys[spot]
+        if key > here or (key == here and t < ids[spot]):
+            keys[spot] = key
+            ids[spot] = t
+        bits &= bits - 1
+
+
+@kernel(inline=True)
 def fill(t, plane, box, first, last, keys, ids):
     """Keep the triangle where it is nearer, in the spans of its rows."""
     kx, ky, kc, low, high = plane
@@ -132,8 +201,7 @@ def fill_tested(t, plane, spot, scene, frame, tests, buffers):
     """
     kx, ky, kc, low, high = plane
     x0, y0, y1, left, top = spot
-    keys, ids, spare, _, _ = buffers
-    first, last = spare[0], spare[1]
+    keys, ids, first, last = buffers.keys, buffers.ids, buffers.spans[0], buffers.spans[1]
     faces, orthographic = scene.faces, frame.orthographic
     limits, earlier, holes = tests
     known, pixels, near = earlier.ids, earlier.pixels, earlier.near

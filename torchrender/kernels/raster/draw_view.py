@@ -17,9 +17,9 @@ from torchrender.kernels.raster.resolve import CACHED
 
 Array = np.ndarray[Any, Any]
 CULL = {"none": binning.CULL_NONE, "sides": binning.CULL_NONE, "back": binning.CULL_BACK, "front": binning.CULL_FRONT}
-TILE = np.array([TILE_WIDTH, TILE_HEIGHT], np.int64)
 CHUNKS_PER_THREAD = 4
 KEPT_VERTICES = 1 << 21  # 64 MiB
+KEPT_TRIANGLES = 1 << 20  # 64 MiB
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +49,8 @@ class View:
 
 def draw_view(triangles: TriangleArrays, view: View, cull: str, tests: Refusals, outputs: Visible) -> None:
     """Fill ``outputs``."""
-    scene, bins = _prepare(triangles, view, cull)
+    how = binning.Listing(CULL[cull], not len(tests.limits.keys) and not len(tests.earlier.ids), tests.holes.mask)
+    scene, bins = _prepare(triangles, view, how, cull == "sides")
     tiles.render_tiles(scene, bins, view.frame, *tests, _buffers(thread_count()), outputs)
 
 
@@ -63,13 +64,16 @@ def count_view(
     outputs: Nearer,
 ) -> None:
     """Fill ``outputs``; ``eps``: relative and absolute distance of touching surfaces."""
-    scene, bins = _prepare(triangles, view, cull)
+    scene, bins = _prepare(triangles, view, binning.Listing(CULL[cull], False, holes.mask), cull == "sides")
     ends = _buffers(thread_count()).spans
     layers.count_tiles(scene, bins, view.frame, holes, stored, eps, ends, outputs)
 
 
-def _prepare(triangles: TriangleArrays, view: View, cull: str) -> tuple[Triangles, Bins]:
-    """Projected vertices with clipped triangles, and the triangles of each tile."""
+def _prepare(triangles: TriangleArrays, view: View, how: binning.Listing, sides: bool) -> tuple[Triangles, Bins]:
+    """Projected vertices with clipped triangles, and the triangles of each tile.
+
+    ``sides``: single-sided triangles lose their backs.
+    """
     chosen, distance = project.visible_clusters(triangles.cluster_bounds, view.planes)
     chosen = chosen[np.argsort(distance, kind="stable")]  # nearly front to back: what is hidden is dropped early
     blocks = project.needed_blocks(chosen, triangles.block_starts, triangles.blocks, len(triangles.vertices))
@@ -79,15 +83,18 @@ def _prepare(triangles: TriangleArrays, view: View, cull: str) -> tuple[Triangle
     project.project_vertices(
         triangles.vertices, blocks, view.matrix, view.reference, near, orthographic, points, packed
     )
-    (corners, owners), bins = _bin(triangles, chosen, (points, packed), view.frame, cull)
-    return Triangles(points, packed, triangles.faces, triangles.objects, corners, owners), bins
+    return _bin(triangles, chosen, (points, packed), view.frame, how, sides)
 
 
 class _Memory(threading.local):
-    """Projected vertices, kept from view to view by each thread: fresh pages cost more than what is written there."""
+    """Projected vertices and lists of triangles, kept from view to view by each thread.
+
+    Fresh pages cost more than what is written there.
+    """
 
     def __init__(self) -> None:
         self._points = np.empty((0, 4))
+        self._lists = _lists(0)
 
     def points(self, count: int) -> Array:
         """Room for ``count`` projected vertices, not cleared."""
@@ -96,6 +103,25 @@ class _Memory(threading.local):
         if len(self._points) < count:
             self._points = np.empty((count, 4))
         return self._points
+
+    def lists(self, count: int) -> binning.Lists:
+        """Room for ``count`` triangles, not cleared."""
+        if count > KEPT_TRIANGLES:
+            return _lists(count)
+        if len(self._lists.ids) < count:
+            self._lists = _lists(count)
+        return self._lists
+
+
+def _lists(count: int) -> binning.Lists:
+    return binning.Lists(
+        np.empty((count, 3), np.int64),
+        np.empty(count, np.int64),
+        np.empty(count),
+        np.empty(count, np.int32),
+        np.empty((count, 4), np.int32),
+        np.empty(count, np.int32),
+    )
 
 
 _memory = _Memory()
@@ -107,43 +133,49 @@ def _buffers(threads: int) -> Buffers:
     return Buffers(
         np.zeros((threads, pixels)),
         np.zeros((threads, pixels), np.int32),
+        np.zeros((threads, tiles.BLOCKS)),
         np.zeros((threads, 2, TILE_HEIGHT), np.int64),
-        np.zeros((threads, CACHED), np.int64),
+        np.full((threads, CACHED), -1, np.int64),
         np.zeros((threads, CACHED, 6)),
     )
 
 
 def _bin(
-    triangles: TriangleArrays, chosen: Array, projected: tuple[Array, Array], frame: Frame, cull: str
-) -> tuple[tuple[Array, Array], Bins]:
-    """Clipped triangles, and for each tile the triangles that may touch it."""
-    points, packed = projected
-    faces = triangles.faces
+    triangles: TriangleArrays,
+    chosen: Array,
+    projected: tuple[Array, Array],
+    frame: Frame,
+    how: binning.Listing,
+    sides: bool,
+) -> tuple[Triangles, Bins]:
+    """What is drawn, and for each tile what may touch it."""
+    points, faces = projected[0], triangles.faces
     starts = _chunk_starts(triangles.clusters, chosen)
-    total = int(starts[-1])
-    lists = binning.Lists(starts, np.empty(total, np.int32), np.empty((total, 4), np.int16), np.empty(total, np.int32))
-    backless = triangles.single_sided if cull == "sides" else triangles.single_sided[:0]
+    lists = _memory.lists(int(starts[-1]))
+    backless = triangles.single_sided if sides else triangles.single_sided[:0]
     clusters = binning.Clusters(triangles.clusters, triangles.order, chosen, backless)
-    kept, counts = binning.classify(points, packed, faces, clusters, frame, CULL[cull], TILE, lists)
+    kept, counts = binning.classify(projected, faces, clusters, frame, how, starts, lists)
     crossing = np.concatenate([lists.to_clip[s : s + n] for s, n in zip(starts[:-1], kept[:, 1], strict=True)])
-    corners = np.empty(((binning.MAX_CLIPPED - 2) * len(crossing), 3), np.int64)
-    owners = np.empty(len(corners), np.int32)
-    count = binning.clip_triangles(points, faces, np.sort(crossing), frame, (CULL[cull], backless), corners, owners)
-    corners, owners = corners[:count], owners[:count]
+    clipped = np.empty(((binning.MAX_CLIPPED - 2) * len(crossing), 3), np.int64)
+    owners = np.empty(len(clipped), np.int32)
+    count = binning.clip_triangles(points, faces, np.sort(crossing), frame, (how.cull, backless), clipped, owners)
+    clipped, owners = clipped[:count], owners[:count]
     extra = np.zeros(counts.shape[1], np.int64)
     nothing = np.zeros(0, np.int64)
-    binning.bin_clipped(corners, len(faces), frame, TILE, extra, nothing.astype(np.int32), nothing)
+    first_entry = len(lists.ids)
+    binning.bin_clipped(clipped, first_entry, frame, extra, nothing.astype(np.int32), nothing)
     per_tile = counts.sum(axis=0, dtype=np.int64) + extra
     begin = np.concatenate([[0], np.cumsum(per_tile)]).astype(np.int64)
     offsets = begin[:-1] + np.concatenate([np.zeros((1, counts.shape[1]), np.int64), np.cumsum(counts, axis=0)])
     entries = np.empty(int(begin[-1]), np.int32)
     columns = -(-frame.width // TILE_WIDTH)
     last = offsets[-1].copy()
-    binning.scatter(lists, kept, offsets[:-1].copy(), columns, entries)
+    binning.scatter(lists.boxes, starts, kept, offsets[:-1].copy(), columns, entries)
     if count:
-        binning.bin_clipped(corners, len(faces), frame, TILE, extra, entries, last)
+        binning.bin_clipped(clipped, first_entry, frame, extra, entries, last)
     order = np.argsort(-per_tile, kind="stable")  # the heaviest tiles first, so that threads end together
-    return (corners, owners), Bins(order, begin, entries, np.zeros(1, np.int64))
+    drawn = Triangles(points, faces, triangles.objects, *lists[:-1], clipped, owners)
+    return drawn, Bins(order, begin, entries, np.zeros(1, np.int64))
 
 
 def _chunk_starts(clusters: Array, chosen: Array) -> Array:

@@ -15,7 +15,7 @@ BLOCK = 256  # vertices projected or skipped together
 NEEDS_CLIP = np.int64(-(2**63))  # in place of a snapped position: before the near plane or outside the guard band
 
 
-@kernel()
+@kernel(inline=True)
 def snap(x, y):
     """Both fixed-point coordinates in one 64-bit integer."""
     return (np.int64(np.floor(x * SUBPIXEL + 0.5)) << 32) | (
@@ -23,12 +23,12 @@ def snap(x, y):
     )
 
 
-@kernel()
+@kernel(inline=True)
 def snapped_x(packed):
     return packed >> 32
 
 
-@kernel()
+@kernel(inline=True)
 def snapped_y(packed):
     return (packed << 32) >> 32
 
@@ -72,6 +72,32 @@ def needed_blocks(chosen, starts, blocks, vertex_count):
     return np.nonzero(wanted)[0]
 
 
+@kernel(inline=True)
+def project_block(vertices, block, matrix, eye, limits, out, packed):
+    """One block of :func:`project_vertices`; ``limits``: near, whether orthographic."""
+    near, orthographic = limits
+    for v in range(block * BLOCK, min((block + 1) * BLOCK, vertices.shape[0])):
+        x = vertices[v, 0] - eye[0]
+        y = vertices[v, 1] - eye[1]
+        z = vertices[v, 2] - eye[2]
+        px = matrix[0, 0] * x + matrix[0, 1] * y + matrix[0, 2] * z
+        py = matrix[1, 0] * x + matrix[1, 1] * y + matrix[1, 2] * z
+        w = matrix[2, 0] * x + matrix[2, 1] * y + matrix[2, 2] * z
+        out[v, 0] = px
+        out[v, 1] = py
+        out[v, 2] = w
+        if not w >= near:
+            packed[v, 3] = NEEDS_CLIP
+            continue
+        if not orthographic:
+            px /= w
+            py /= w
+        if abs(px) < GUARD and abs(py) < GUARD:
+            packed[v, 3] = snap(px, py)
+        else:
+            packed[v, 3] = NEEDS_CLIP
+
+
 @kernel(parallel=True)
 def project_vertices(vertices, blocks, matrix, eye, near, orthographic, out, packed):
     """Fill ``out`` (V,4) and its integer twin ``packed`` (the same memory) for the wanted blocks.
@@ -79,26 +105,5 @@ def project_vertices(vertices, blocks, matrix, eye, near, orthographic, out, pac
     ``matrix`` (3,3) takes a world vector from ``eye`` to (X, Y, z): perspective pixel = X/z, Y/z; orthographic
     pixel = X, Y. Pixels count from the image centre. Column 3 holds the snapped pixel position.
     """
-    count = vertices.shape[0]
     for b in prange(blocks.shape[0]):
-        first = blocks[b] * BLOCK
-        for v in range(first, min(first + BLOCK, count)):
-            x = vertices[v, 0] - eye[0]
-            y = vertices[v, 1] - eye[1]
-            z = vertices[v, 2] - eye[2]
-            px = matrix[0, 0] * x + matrix[0, 1] * y + matrix[0, 2] * z
-            py = matrix[1, 0] * x + matrix[1, 1] * y + matrix[1, 2] * z
-            w = matrix[2, 0] * x + matrix[2, 1] * y + matrix[2, 2] * z
-            out[v, 0] = px
-            out[v, 1] = py
-            out[v, 2] = w
-            if not w >= near:
-                packed[v, 3] = NEEDS_CLIP
-                continue
-            if not orthographic:
-                px /= w
-                py /= w
-            if abs(px) < GUARD and abs(py) < GUARD:
-                packed[v, 3] = snap(px, py)
-            else:
-                packed[v, 3] = NEEDS_CLIP
+        project_block(vertices, blocks[b], matrix, eye, (near, orthographic), out, packed)

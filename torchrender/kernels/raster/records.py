@@ -18,18 +18,22 @@ class Frame(NamedTuple):
 
 
 class Triangles(NamedTuple):
-    """Projected triangles: those of the scene, then the clipped ones."""
+    """Projected triangles: N listed ones, then M that were clipped."""
 
     points: np.ndarray  # (V,4) float64: homogeneous pixel about the image centre, and place of the snapped one
-    packed: np.ndarray  # the same memory as int64; column 3: snapped position
     faces: np.ndarray  # (F,3) int32
     objects: np.ndarray  # (F,) int64
-    corners: np.ndarray  # (M,3) int64 snapped corners of clipped triangles
-    owners: np.ndarray  # (M,) int32 their ids
+    corners: np.ndarray  # (N,3) int64 snapped
+    bits: np.ndarray  # (N,) int64 covered pixels of a small box, or 0
+    highs: np.ndarray  # (N,) float64 keys that no fragment exceeds
+    ids: np.ndarray  # (N,) int32
+    boxes: np.ndarray  # (N,4) int32 pixels
+    clipped: np.ndarray  # (M,3) int64 snapped
+    owners: np.ndarray  # (M,) int32 ids
 
 
 class Bins(NamedTuple):
-    """Triangles of each tile: numbers of faces, or F plus the number of a clipped one."""
+    """Triangles of each tile: places in the lists, or N plus the number of a clipped one."""
 
     order: np.ndarray  # (T,) int64 tiles, in the order in which they are drawn
     starts: np.ndarray  # (T+1,) int64 first entry of each tile
@@ -99,6 +103,7 @@ class Buffers(NamedTuple):
 
     keys: np.ndarray  # (pixels,) float64
     ids: np.ndarray  # (pixels,) int32
+    lows: np.ndarray  # (blocks,) float64 least keys of blocks, or less
     spans: np.ndarray  # (2,rows) int64 first and last pixel of each row
     known: np.ndarray  # (CACHED,) int64 triangles whose planes are kept
     planes: np.ndarray  # (CACHED,6) their barycentric planes

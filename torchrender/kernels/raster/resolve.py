@@ -8,32 +8,35 @@ from torchrender.kernels.compile import kernel
 from torchrender.kernels.raster.coverage import TILE_WIDTH
 from torchrender.kernels.raster.planes import barycentric_planes
 
-CACHED = 256  # triangles whose barycentric planes are kept from row to row; a power of two
+CACHED = 1024  # triangles whose barycentric planes are kept from row to row; a power of two
 
 
 @kernel(inline=True)
 def write_depth(orthographic, row, left, count, source, keys, ids, depth):
-    """One row of depth. Indices are unsigned, and there are no slices: those count references."""
+    """One row of depth, which keys other than orthographic ones become in place.
+
+    Indices are unsigned, and there are no slices: those count references.
+    """
     if orthographic:
         for x in range(count):
             depth[row, left + x] = -keys[source + x] if ids[source + x] >= 0 else np.inf
     else:
         for x in range(count):
-            depth[row, left + x] = 1.0 / keys[source + x] if ids[source + x] >= 0 else np.inf
+            inverse = 1.0 / keys[source + x]
+            keys[source + x] = inverse
+            depth[row, left + x] = inverse if ids[source + x] >= 0 else np.inf
 
 
 @kernel()
 def resolve(scene, frame, place, buffers, outputs):
-    """Write a finished tile; planes are kept from row to row, because most triangles span several."""
+    """Write a finished tile; planes are kept while one view is drawn, because most triangles span several rows."""
     points, faces, objects = scene.points, scene.faces, scene.objects
     orthographic = frame.orthographic
     left, top, width, height = place
     centre_x, centre_y = frame.width >> 1, frame.height >> 1
     depth, triangle, object_id, barycentric = outputs
-    keys, ids, _, known, planes = buffers
+    keys, ids, _, _, known, planes = buffers
     wants_ids = triangle.shape[0] > 0
-    for k in range(np.uintp(CACHED)):
-        known[k] = -1
     for y in range(height):
         row = np.uintp(top + y)
         source = np.uintp(y * TILE_WIDTH)
@@ -69,7 +72,7 @@ def resolve(scene, frame, place, buffers, outputs):
                 vx, vc = planes[slot, 3], planes[slot, 4] * py + planes[slot, 5]
                 for x in range(start, end):
                     object_id[row, target + x] = owner
-                    weight = 1.0 if orthographic else 1.0 / keys[source + x]
+                    weight = 1.0 if orthographic else keys[source + x]
                     px = np.float64(x) + shift
                     u = min(max((ux * px + uc) * weight, 0.0), 1.0)
                     v = min(max((vx * px + vc) * weight, 0.0), 1.0 - u)

@@ -21,11 +21,26 @@ _LEAST_COSINE = 1e-9
 @kernel(inline=True)
 def _columns(low, high):
     """Bits of the texels of a row whose centres lie in [low, high]."""
-    start = max(math.ceil(16.0 * (low + 1.0) - 0.5), 0.0)
-    end = min(math.floor(16.0 * (high + 1.0) - 0.5), 31.0)
+    start = max(math.ceil(16.0 * (min(low, 2.0) + 1.0) - 0.5), 0.0)
+    end = min(math.floor(16.0 * (max(min(high, 2.0), -2.0) + 1.0) - 0.5), 31.0)
     if not start <= end:
         return np.uint32(0)
     return np.uint32((np.uint64(0xFFFFFFFF) >> np.uint64(start)) & (np.uint64(0xFFFFFFFF) << np.uint64(31.0 - end)))
+
+
+@kernel(inline=True)
+def _roots(a, half, root, c):
+    """Both roots of ``a t^2 - 2 half t + c`` within [-2, 2], the smaller first; a > 0, root = sqrt(half^2 - a c).
+
+    The one nearer to zero comes of c: nothing is lost where a vanishes and the other goes to infinity.
+    """
+    far = abs(half) + root
+    near = c / far if far > 0.0 else 0.0
+    far = far / a if far < 2.0 * a else 2.0
+    near = max(min(near, 2.0), -2.0)
+    if half < 0.0:
+        return -far, -near
+    return near, far
 
 
 @kernel()
@@ -40,9 +55,9 @@ def _face_rows(x, y, z, cosine, rows):
         if z < 0.0:
             return
         inner = math.sqrt(max(sine2 * (y * y + z * z - sine2), 0.0))
-        scale = 1.0 / (z * z - sine2)
-        first = int(max(math.floor(16.0 * ((y * z - inner) * scale + 1.0) - 0.5), 0.0))
-        last = int(min(math.ceil(16.0 * ((y * z + inner) * scale + 1.0) - 0.5), 31.0))
+        low, high = _roots(z * z - sine2, y * z, inner, y * y - sine2)
+        first = int(max(math.floor(16.0 * (min(low, 2.0) + 1.0) - 0.5), 0.0))
+        last = int(min(math.ceil(16.0 * (max(high, -2.0) + 1.0) - 0.5), 31.0))
     a = square - x * x
     for row in range(first, last + 1):
         v = (row + 0.5) * 0.0625 - 1.0
@@ -52,8 +67,7 @@ def _face_rows(x, y, z, cosine, rows):
         if a > 0.0:
             if q <= 0.0 or inside < 0.0:
                 continue
-            root = cosine * math.sqrt(inside)
-            low, high = (x * q - root) / a, (x * q + root) / a
+            low, high = _roots(a, x * q, cosine * math.sqrt(inside), square * k - q * q)
         else:
             root = cosine * math.sqrt(max(inside, 0.0))
             if q > 0.0:

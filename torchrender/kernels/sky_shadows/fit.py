@@ -20,15 +20,27 @@ class Solid(NamedTuple):
     """A solid in cubic cells."""
 
     filled: np.ndarray  # (nz,ny,nx) uint8
+    before: np.ndarray  # (nz,ny,nx+1) int32 filled cells of the row before each
     origin: np.ndarray  # (3,) float64 lowest corner
     cell: float
 
 
+def solid_of(filled: np.ndarray, origin: np.ndarray, cell: float) -> Solid:
+    """A solid of cells (nz,ny,nx), not 0 where filled."""
+    cells = np.ascontiguousarray(filled != 0, np.uint8)
+    before = np.zeros((*cells.shape[:2], cells.shape[2] + 1), np.int32)
+    np.cumsum(cells, axis=2, out=before[:, :, 1:])
+    return Solid(cells, before, np.ascontiguousarray(origin, np.float64), float(cell))
+
+
 @kernel()
 def outside_volume(solid, x, y, z, radius):
-    """Volume of a sphere outside the solid; cells at its edge count in part, so that it is smooth."""
-    filled, origin, h = solid.filled, solid.origin, solid.cell
-    reach = radius + 0.5 * h
+    """Volume of a sphere outside the solid; cells at its edge count in part, so that it is smooth.
+
+    Cells of a row that lie within whole are counted at once.
+    """
+    filled, before, origin, h = solid.filled, solid.before, solid.origin, solid.cell
+    reach, core = radius + 0.5 * h, max(radius - 0.5 * h, 0.0)
     k0 = max(math.ceil((z - reach - origin[2]) / h - 0.5), 0)
     k1 = min(math.floor((z + reach - origin[2]) / h - 0.5), filled.shape[0] - 1)
     inside = 0.0
@@ -43,12 +55,22 @@ def outside_volume(solid, x, y, z, radius):
             line = math.sqrt(max(reach * reach - square, 0.0))
             i0 = max(math.ceil((x - line - origin[0]) / h - 0.5), 0)
             i1 = min(math.floor((x + line - origin[0]) / h - 0.5), filled.shape[2] - 1)
-            for i in range(i0, i1 + 1):
-                if filled[k, j, i] == 0:
+            first = last = i0  # of the cells within whole, and the one behind them
+            if square < core * core:
+                line = math.sqrt(core * core - square)
+                first = max(math.ceil((x - line - origin[0]) / h - 0.5), i0)
+                last = max(min(math.floor((x + line - origin[0]) / h - 0.5), i1) + 1, first)
+                inside += before[k, j, last] - before[k, j, first] if last > first else 0
+            i = i0
+            while i <= i1:
+                if i == first and last > first:
+                    i = last
                     continue
-                dx = origin[0] + (i + 0.5) * h - x
-                share = 0.5 - (math.sqrt(square + dx * dx) - radius) / h
-                inside += min(max(share, 0.0), 1.0)
+                if filled[k, j, i] != 0:
+                    dx = origin[0] + (i + 0.5) * h - x
+                    share = 0.5 - (math.sqrt(square + dx * dx) - radius) / h
+                    inside += min(max(share, 0.0), 1.0)
+                i += 1
     return _SPHERE * radius**3 - h**3 * inside
 
 

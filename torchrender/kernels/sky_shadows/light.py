@@ -26,7 +26,7 @@ class Samples(NamedTuple):
 
     position: np.ndarray  # (P,3) float64
     normal: np.ndarray  # (P,3) float32 unit
-    own: np.ndarray  # (P,) int32 the sphere that is not looked at, -1: none
+    own: np.ndarray  # (P,) int32 the sphere that is not looked at; nor others of its body around the point; -1: none
     solid: np.ndarray  # (P,) int32 what spheres around the point do: SKIP, BLOCK or HALF
 
 
@@ -82,7 +82,7 @@ def texel_index(x, y, z):
 
 @kernel()
 def hide(samples, i, spheres, caps, rows, words):
-    """Sets words (96,) to what spheres (S,4) hide from sample i; False if that is everything."""
+    """Sets words (96,) to what spheres (S,5) hide from sample i; False if that is everything."""
     px, py, pz = samples.position[i, 0], samples.position[i, 1], samples.position[i, 2]
     nx, ny, nz = np.float64(samples.normal[i, 0]), np.float64(samples.normal[i, 1]), np.float64(samples.normal[i, 2])
     words[:] = 0
@@ -98,7 +98,7 @@ def hide(samples, i, spheres, caps, rows, words):
         x, y, z = spheres[s, 0] - px, spheres[s, 1] - py, spheres[s, 2] - pz
         distance = math.sqrt(x * x + y * y + z * z)
         if distance <= radius:
-            if solid == SKIP:
+            if solid == SKIP or (own >= 0 and spheres[s, 4] == spheres[own, 4]):
                 continue
             if solid == BLOCK:
                 return False
@@ -211,7 +211,7 @@ def light_points(samples, spheres, caps, light, fine, chunk, out, negative):
     """Light out (P,8) float32 that arrives at samples over pi, clamped at 0, and that would with nothing hidden.
     ``negative`` (T,) counts what was below zero.
 
-    ``spheres`` (S,4) float64 centre and radius, ``fine`` (65536,16) int8 coefficients of codes.
+    ``spheres`` (S,5) float64 centre, radius and number of the body, ``fine`` (65536,16) int8 coefficients of codes.
     """
     count = samples.position.shape[0]
     parts = (count + chunk - 1) // chunk
@@ -244,7 +244,7 @@ def light_points(samples, spheres, caps, light, fine, chunk, out, negative):
 
 @kernel(parallel=True)
 def hidden_words(samples, spheres, caps, words):
-    """What spheres (S,4) hide from each sample: words (P,96) int64."""
+    """What spheres (S,5) hide from each sample: words (P,96) int64."""
     count = samples.position.shape[0]
     parts = (count + 63) // 64
     for part in prange(parts):

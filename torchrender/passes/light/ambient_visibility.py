@@ -91,7 +91,8 @@ def run(frame: Frame) -> AmbientVisibility:
         return horizon_ambient(scene.geometry, gbuffer, options, reach=reach)
     assert caster is not None
     turned = isinstance(gbuffer, GBuffer) or options.rays < AT_HITS
-    return traced_ambient(caster, gbuffer, rays=options.rays, reach=reach, gap=GAP * scene.diagonal, turned=turned)
+    gap, spacing = GAP * scene.diagonal, options.ray_spacing
+    return traced_ambient(caster, gbuffer, rays=options.rays, reach=reach, gap=gap, turned=turned, spacing=spacing)
 
 
 def reach_of(scene: Scene, options: AmbientOptions) -> float:
@@ -103,7 +104,8 @@ def amounts(outlook: Outlook) -> Amounts:
     """Once; pixels; depths that are looked at; triangles drawn around the eye; rays, and triangles to sort for them."""
     pixels, options = outlook.pixels, outlook.options.ambient
     if by_rays(outlook):
-        return (1.0, pixels, 0.0, 0.0, options.rays * pixels)
+        few = 1.0 if outlook.samples is not None or outlook.cameras.orthographic else options.ray_spacing**2
+        return (1.0, pixels, 0.0, 0.0, options.rays * pixels / few)
     looks = pixels * options.slices * options.steps / options.spacing**2
     drawn = (1 if options.around else 0) * (2 if options.backs else 1)
     return (1.0, pixels, looks, drawn * outlook.triangles, 0.0)

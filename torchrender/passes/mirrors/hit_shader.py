@@ -46,6 +46,9 @@ HIT_SHADER = Buffer("hit_shader", HitShader, lasting=Lasting(look_of, look_made_
 RAYS_OF_MANY = 2
 """Rays towards ambient light at each of several hits whose mean counts."""
 
+AROUND = 4
+"""Pixels and side of the cube map around the scene's middle for which one point looks for ambient light."""
+
 
 def asks(outlook: Outlook) -> Buffers:
     """Maps of everything: those of the picture follow the eye; and rays, where these find ambient light."""
@@ -65,7 +68,8 @@ def run(frame: Frame) -> HitShader:
     given = given if caster is None else {**given, RAY_CASTER: caster}
     rays = min(frame.options.ambient.rays, RAYS_OF_MANY)
     of_many = frame.over_hits(given, ambient={"rays": rays})
-    return HitShader(frame.scene, frame.over_hits(given), frame.options.background, of_many)
+    around = frame.over_hits(given, ambient={"ray_spacing": AROUND})
+    return HitShader(frame.scene, frame.over_hits(given), frame.options.background, of_many, around)
 
 
 def amounts(outlook: Outlook) -> Amounts:
@@ -75,7 +79,8 @@ def amounts(outlook: Outlook) -> Amounts:
 
 def _seen_by_rays(subject: Subject) -> Outputs:
     origins, directions = (rays.reshape(-1, 3) for rays in subject.cameras.rays())
-    hits = subject.caster.first_hit(origins, directions)
+    near = subject.cameras.near.repeat_interleave(len(origins) // max(len(subject.cameras), 1))
+    hits = subject.caster.first_hit(origins, directions, t_min=near)  # what the near plane cuts away is not seen
     # As wide as a pixel, so that textures are as blurred as in the picture.
     width = subject.cameras.footprint(subject.gbuffer.depth.double()).reshape(-1)
     width = torch.where(torch.isfinite(width), width, 0.0)
@@ -106,7 +111,7 @@ HARD = HardEffect(
     law=Law(
         text="rays of the camera bring what the picture shows where nothing mirrors: mean display difference",
         deviation=_as_the_picture,
-        limit=0.03,  # maps of the scene against maps of the view: their borders lie elsewhere
+        limit=0.02,  # maps of the scene against maps of the view: their borders lie elsewhere
     ),
     turns=False,  # what is mirrored in mirrors comes from a cube map along the axes
     rounding=0.03,  # its texels, and those of shadow maps, may change sides

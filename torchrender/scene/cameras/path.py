@@ -17,6 +17,7 @@ from torch import Tensor
 from torchrender.checks import check_finite, check_tensor
 from torchrender.errors import InputError, SceneFileError
 from torchrender.scene.camera import Cameras
+from torchrender.scene.cameras.spline import FINE, even_times, spans, spline_at
 from torchrender.scene.files.content import read_bytes
 from torchrender.scene.files.toml_table import Table, parse_toml
 from torchrender.scene.model import Scene
@@ -24,7 +25,6 @@ from torchrender.scene.model import Scene
 USUAL_FRAMES = 500
 """Frames of a built-in walk: steps of less than a centimetre, as a slow walk has at 60 pictures a second."""
 
-_FINE = 64  # samples per key pose from which lengths are measured
 _SWAY = 0.02  # scene units by which a seed moves the key poses of a walk
 
 
@@ -63,8 +63,9 @@ class CameraPath:
         """
         if frames < 1:
             raise InputError(f"frames must be >= 1, got {frames}")
-        time = self._times(frames)
-        eye, target, fov = (self._at(v, time) for v in (self.eyes, self.targets, self.fov_deg[:, None]))
+        time = even_times(self.eyes, frames, self.closed)
+        ways = (self.eyes, self.targets, self.fov_deg[:, None])
+        eye, target, fov = (spline_at(values, time, self.closed) for values in ways)
         views = [
             Cameras.look_at(e, t, width=width, height=height, fov_deg=float(f.clamp(1.0, 179.0)), near=near)
             for e, t, f in zip(eye, target, fov, strict=True)
@@ -74,45 +75,10 @@ class CameraPath:
     @property
     def length(self) -> float:
         """Way of the eye in scene units."""
-        eye = self._at(self.eyes, torch.linspace(0, self._spans, _FINE * self._spans + 1, dtype=torch.float64))
+        last = spans(len(self.eyes), self.closed)
+        fine = torch.linspace(0, last, FINE * last + 1, dtype=torch.float64)
+        eye = spline_at(self.eyes, fine, self.closed)
         return float(eye.diff(dim=0).norm(dim=1).sum())
-
-    @property
-    def _spans(self) -> int:
-        return len(self.eyes) if self.closed else len(self.eyes) - 1
-
-    def _times(self, frames: int) -> Tensor:
-        """Spline parameters (frames,) in [0, spans] at equal lengths of the way."""
-        fine = torch.linspace(0, self._spans, _FINE * self._spans + 1, dtype=torch.float64)
-        steps = self._at(self.eyes, fine).diff(dim=0).norm(dim=1)
-        if not float(steps.sum()) > 0:
-            steps = torch.ones_like(steps)
-        way = torch.cat([torch.zeros(1, dtype=torch.float64), steps.cumsum(0)])
-        parts = frames if self.closed else max(frames - 1, 1)
-        wanted = way[-1] * torch.arange(frames, dtype=torch.float64) / parts
-        after = torch.searchsorted(way, wanted, right=True).clamp(1, len(way) - 1)
-        span = (way[after] - way[after - 1]).clamp_min(1e-300)
-        part = ((wanted - way[after - 1]) / span).clamp(0.0, 1.0)
-        return fine[after - 1] + part * (fine[after] - fine[after - 1])
-
-    def _at(self, values: Tensor, time: Tensor) -> Tensor:
-        """Catmull-Rom spline of (K,C) values at (T,) parameters."""
-        count = len(values)
-        span = time.floor().clamp(0, self._spans - 1).long()
-        part = (time - span)[:, None]
-        points = []
-        for step in (-1, 0, 1, 2):
-            index = span + step
-            points.append(values[index % count if self.closed else index.clamp(0, count - 1)])
-        before, first, second, after = points
-        slope, end = (second - before) / 2, (after - first) / 2
-        cube, square = part**3, part**2
-        return (
-            (2 * cube - 3 * square + 1) * first
-            + (cube - 2 * square + part) * slope
-            + (3 * square - 2 * cube) * second
-            + (cube - square) * end
-        )
 
 
 _WALKS: dict[str, dict[str, tuple[tuple[float, ...], ...]]] = {

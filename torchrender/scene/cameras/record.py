@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
-from torchrender.brief import brief
-from torchrender.checks import check_finite
+from torchrender.brief import brief, brief_html
+from torchrender.checks import check_finite, check_no_gradient
 from torchrender.errors import CameraError
 
 if TYPE_CHECKING:
@@ -30,6 +30,7 @@ class CameraRecord:
 
     Raises:
         CameraError: a wrong shape, a value that is not finite, a singular matrix, near not in front of far.
+        GradientError: a matrix that asks for gradients, which pictures do not give.
     """
 
     camera_from_world: Tensor  # (B,4,4) float64, rigid
@@ -41,9 +42,11 @@ class CameraRecord:
     orthographic: bool = False
 
     __repr__ = brief
+    _repr_html_ = brief_html
 
     def __post_init__(self) -> None:
         for name in ("camera_from_world", "intrinsics", "near", "far"):
+            check_no_gradient("a camera", **{name: getattr(self, name)})
             value = torch.as_tensor(getattr(self, name)).detach().to("cpu", torch.float64)
             object.__setattr__(self, name, value)
         matrix, k = self.camera_from_world, self.intrinsics

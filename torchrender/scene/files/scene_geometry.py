@@ -18,6 +18,7 @@ from torchrender.scene.mesh import Mesh
 from torchrender.scene.model import Scene
 from torchrender.scene.motion.records import Motion
 from torchrender.scene.place import place_cameras, place_light, place_medium, place_mesh
+from torchrender.scene.primitives.arrays import MAX_SEGMENTS
 
 KEPT = ("lights", "cameras", "environment", "ambient", "media")
 """What a geometry's own scene may bring along besides its meshes."""
@@ -79,7 +80,7 @@ def _from_shape(table: Table) -> Scene:
 
 
 def _segments(table: Table, default: int = 64) -> int:
-    return int(table.integer("segments", default, 1, shapes.MAX_SEGMENTS))
+    return int(table.integer("segments", default, 1, MAX_SEGMENTS))
 
 
 def _unit(size: int) -> Tensor:

@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csr_matrix
 
 from torchrender.errors import InputError
 from torchrender.scene.camera import Cameras
@@ -102,6 +101,8 @@ class Shape:
         count, width = self.joints.shape
         starts = np.arange(0, count * width + 1, width)
         most = int(self.joints.max(initial=0)) + 1
+        from scipy.sparse import csr_matrix  # slow to import, and only skins need it
+
         return csr_matrix((self.weights.reshape(-1), self.joints.reshape(-1), starts), shape=(count, most))
 
     @cached_property

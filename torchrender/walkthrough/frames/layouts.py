@@ -43,7 +43,7 @@ def load_rgbd(
 
     ``TUM``: rgb.txt, depth.txt, groundtruth.txt (times in seconds, 5000 codes per metre). ``7-Scenes``:
     frame-000000.color.png, .depth.png, .pose.txt (1000 per metre). ``Redwood`` and ``Open3D``: a folder of colour and
-    one of depth pictures, and a trajectory .log. Or such folders with pose/*.txt (4x4, world from camera) or one
+    one of depth pictures, and a trajectory .log. Or such folders with ``pose/*.txt`` (4x4, world from camera) or one
     pose.txt (a row x y z qx qy qz qw per frame). intrinsics.txt, camera.json and the like are read where they are.
     ``JSON``: see :func:`read_json_sequence`. Frames are sorted by time or name; those without a pose are left out.
 

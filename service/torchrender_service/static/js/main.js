@@ -90,8 +90,13 @@ function askKey(then) {
 async function loadScenes() {
   for (;;) {
     try {
-      const { scenes } = await request("/v1/scenes", { key, patience: 10_000 });
-      return scenes;
+      const found = [];
+      for (let next = "v1/scenes"; next; ) {
+        const page = await request(next, { key, patience: 10_000 });
+        found.push(...page.scenes);
+        next = page.next;
+      }
+      return found;
     } catch (error) {
       if (error instanceof ServiceError && error.status === 401) await new Promise(askKey);
       else {

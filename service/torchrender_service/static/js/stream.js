@@ -98,13 +98,14 @@ export class Stream {
   async openSession() {
     const body = JSON.stringify(this.wishes);
     const headers = { "Content-Type": "application/json" };
-    this.session = await request("/v1/sessions", { method: "POST", headers, body, key: this.key });
+    this.session = await request("v1/sessions", { method: "POST", headers, body, key: this.key });
     return this.session.ticket;
   }
 
   /** One connection from opening to its end; tells whether it got as far as WELCOME. */
   listen(ticket, generation) {
-    const address = new URL(this.session.stream, location.href);
+    // Beside the page, wherever a proxy shows it.
+    const address = new URL(this.session.stream.replace(/^\//, ""), document.baseURI);
     address.protocol = address.protocol.replace("http", "ws");
     const socket = new WebSocket(address, [PROTOCOL, `bearer.${ticket}`]);
     socket.binaryType = "arraybuffer";

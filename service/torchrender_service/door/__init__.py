@@ -1,0 +1,1 @@
+"""Who may come in: connections, their deadlines, and how much one address may ask for."""

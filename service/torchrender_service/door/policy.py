@@ -1,0 +1,30 @@
+"""Headers that tell browsers what a page of this service may do: nothing but talk to the service that sent it."""
+
+from __future__ import annotations
+
+import re
+
+from starlette.datastructures import Headers
+from starlette.types import Scope
+
+_HOST = re.compile(r"[A-Za-z0-9.:\[\]_-]{1,255}")
+_COMMON = (
+    (b"x-content-type-options", b"nosniff"),
+    (b"referrer-policy", b"no-referrer"),
+    (b"x-frame-options", b"DENY"),
+    (b"cross-origin-resource-policy", b"same-origin"),
+)
+_NOTHING = "default-src 'none'; frame-ancestors 'none'"
+_PAGE = (
+    "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self'; img-src 'self' data: blob:; "
+    "connect-src 'self'{sockets}; worker-src 'self'; form-action 'none'; base-uri 'none'; frame-ancestors 'none'"
+)
+
+
+def security_headers(scope: Scope) -> list[tuple[bytes, bytes]]:
+    """For every answer; answers of the API may do nothing at all."""
+    if scope["path"].startswith("/v1/"):
+        return [*_COMMON, (b"content-security-policy", _NOTHING.encode())]
+    host = Headers(scope=scope).get("host", "")
+    sockets = f" ws://{host} wss://{host}" if _HOST.fullmatch(host) else ""
+    return [*_COMMON, (b"content-security-policy", _PAGE.format(sockets=sockets).encode())]

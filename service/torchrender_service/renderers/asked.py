@@ -1,0 +1,52 @@
+"""Who asks for a job, and how soon it must be done."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+from torchrender_service.renderers import jobs
+
+INTERACTIVE_PIXELS = 2**19
+"""Of a picture that somebody waits for at a screen; larger ones are batch work."""
+INTERACTIVE_MS = 1000.0
+"""A budget up to which a picture is interactive whatever its size."""
+INTERACTIVE_SIDE = 1024
+"""Pixels of the longer side of a photo up to which its fog is a preview."""
+
+
+class Rank(IntEnum):
+    """Classes of work, the most urgent first."""
+
+    STREAM = 0
+    INTERACTIVE = 1
+    BATCH = 2
+
+
+@dataclass(eq=False, kw_only=True)
+class Asked:
+    """One job's client, and what became of its turn."""
+
+    client: str = "the service"
+    rank: Rank | None = None  # None: by the job
+    waited_s: float = 0.0  # set when the job begins
+
+
+def rank_of(job: jobs.Job) -> Rank:
+    """The class of a job by what it asks for."""
+    if isinstance(job, jobs.MakeKeyframe | jobs.MakeLayers | jobs.SmoothKeyframe):
+        return Rank.STREAM
+    if isinstance(job, jobs.StylePhoto):
+        return Rank.BATCH
+    if isinstance(job, jobs.FogInPhoto):
+        return Rank.BATCH if job.side is None or job.side > INTERACTIVE_SIDE else Rank.INTERACTIVE
+    pixels = 0.0
+    if isinstance(job, jobs.Render):
+        if job.bounds.budget_ms is not None and job.bounds.budget_ms <= INTERACTIVE_MS:
+            return Rank.INTERACTIVE
+        pixels = job.view.width * job.view.height * max(1.0, float(job.options.get("supersample", 1.0))) ** 2
+    elif isinstance(job, jobs.DepthImages):
+        pixels = sum(v.width * v.height for v in job.views) * job.around
+    elif isinstance(job, jobs.Reproject):
+        pixels = job.view.width * job.view.height
+    return Rank.BATCH if pixels > INTERACTIVE_PIXELS else Rank.INTERACTIVE

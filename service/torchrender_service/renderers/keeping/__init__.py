@@ -1,0 +1,1 @@
+"""What a renderer keeps for later, and how much of it."""

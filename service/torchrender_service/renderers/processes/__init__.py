@@ -1,0 +1,1 @@
+"""Renderers as processes of this machine: which job comes next, and what happens when one dies."""

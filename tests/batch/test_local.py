@@ -1,0 +1,185 @@
+"""A batch over processes: the same bytes for every number of workers; what stops it loses and doubles nothing."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tarfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from torchrender.batch import Job, SceneSource, run
+from torchrender.batch.digest import scene_digest
+from torchrender.batch.folder import MANIFEST, open_folder
+from torchrender.batch.local import TRIES, BatchError
+from torchrender.batch.work import contents, make_chunk
+from torchrender.errors import ImageFileError, InputError, OptionError
+from torchrender.raster import rasterize
+from torchrender.scene.cameras.path import built_in_path
+from torchrender.scene.load import load
+
+SOURCE = SceneSource("city", {"size": 2000})
+SCENE = SOURCE.load()
+
+
+def job(count: int = 5, **rest: object) -> Job:
+    cameras = built_in_path(SCENE, "orbit").cameras(count, width=24, height=16, near=0.1)
+    return Job(SOURCE, cameras, **{"chunk": 2, **rest})  # type: ignore[arg-type]
+
+
+FAKE = """
+import json, sys
+print(json.dumps({"ready": True}), flush=True)
+for line in sys.stdin:
+    chunk = int(line)
+    %s
+    print(json.dumps({"chunk": chunk, "files": [], "ms": 1.0}), flush=True)
+"""
+
+
+@pytest.fixture
+def fake(monkeypatch: pytest.MonkeyPatch):
+    """Workers that only pretend, with a line of code of their own."""
+    real = subprocess.Popen
+
+    def use(line: str) -> None:
+        def start(command: list[str], **rest: object) -> subprocess.Popen[str]:
+            return real([sys.executable, "-S", "-c", FAKE % line, *command[3:]], **rest)  # type: ignore[call-overload]
+
+        monkeypatch.setattr("subprocess.Popen", start)
+
+    return use
+
+
+def test_workers_write_what_one_process_does_and_go_on_where_they_were(tmp_path: Path) -> None:
+    asked, told = job(), []
+    outcome = run(asked, tmp_path / "out", workers=2, tell=lambda *numbers: told.append(numbers))
+    assert (outcome.cameras, outcome.made, outcome.failed, outcome.restarts) == (5, 5, {}, 0)
+    assert told[0] == (0, 5) and told[-1] == (5, 5)
+    for chunk in range(asked.chunks):
+        for name, data in contents(SCENE, asked, chunk):
+            assert (tmp_path / "out" / name).read_bytes() == data
+    assert run(asked, tmp_path / "out", workers=2).made == 0
+
+
+def test_an_unfinished_manifest_and_lost_files_are_made_again(tmp_path: Path, fake) -> None:
+    asked, here = job(), scene_digest(SCENE)
+    assert open_folder(tmp_path, asked, here) == {}
+    records = [make_chunk(SCENE, asked, chunk, tmp_path) for chunk in range(3)]
+    text = "".join(json.dumps(record) + "\n" for record in records)
+    (tmp_path / MANIFEST).write_text(text[:-9])  # killed while it wrote
+    assert sorted(open_folder(tmp_path, asked, here)) == [0, 1]
+    assert (tmp_path / MANIFEST).read_text().endswith("\n")
+    (tmp_path / "000001.png").unlink()
+    assert sorted(open_folder(tmp_path, asked, here)) == [1]
+    fake("pass")
+    assert run(asked, tmp_path, workers=1).made == 3
+
+
+def test_another_job_or_a_changed_scene_is_refused(tmp_path: Path) -> None:
+    open_folder(tmp_path, job(), scene_digest(SCENE))
+    with pytest.raises(InputError, match="other format"):
+        open_folder(tmp_path, job(format="exr"), scene_digest(SCENE))
+    with pytest.raises(InputError, match="other cameras"):
+        other = built_in_path(SCENE, "orbit").cameras(5, width=24, height=16, near=0.2)
+        open_folder(tmp_path, Job(SOURCE, other, chunk=2), scene_digest(SCENE))
+    with pytest.raises(InputError, match="city has changed since"):
+        open_folder(tmp_path, job(), "another")
+    assert scene_digest(load("city", size=2000)) == scene_digest(SCENE) != scene_digest(load("city", size=3000))
+
+
+def test_a_killed_worker_loses_and_doubles_nothing(tmp_path: Path, fake) -> None:
+    mark = tmp_path / "killed"
+    once = f"chunk == 1 and not os.path.exists({str(mark)!r})"
+    fake(f"import os; {once} and (open({str(mark)!r}, 'w'), os.kill(os.getpid(), 9))")
+    outcome = run(job(), tmp_path / "out", workers=2)
+    assert (outcome.cameras, outcome.failed, outcome.restarts) == (5, {}, 1)
+    chunks = [json.loads(line)["chunk"] for line in (tmp_path / "out" / MANIFEST).read_text().splitlines()]
+    assert sorted(chunks) == [0, 1, 2]
+
+
+def test_a_chunk_that_always_kills_is_given_up_and_the_others_made(tmp_path: Path, fake) -> None:
+    fake("chunk == 1 and __import__('os')._exit(9)")
+    outcome = run(job(), tmp_path, workers=1)
+    assert outcome.cameras == 3 and list(outcome.failed) == [1] and outcome.restarts == TRIES
+    assert "exit status 9" in outcome.failed[1]
+
+
+def test_what_stops_all_says_so_and_keeps_what_is_done(tmp_path: Path, fake) -> None:
+    fake("chunk == 2 and (print(json.dumps({'failed': 'disk full', 'for_all': True}), flush=True), sys.exit())")
+    with pytest.raises(BatchError, match="disk full; 4 of 5 cameras are done and stay"):
+        run(job(), tmp_path, workers=1)
+    fake("pass")
+    assert run(job(), tmp_path, workers=1).made == 1
+
+
+def test_a_process_that_cannot_begin_ends_the_batch(tmp_path: Path, fake) -> None:
+    fake("pass\nraise SystemExit(3)\n#")
+    with pytest.raises(OptionError, match=r"workers must be in \[1, 256\], got 0"):
+        run(job(), tmp_path, workers=0)
+    with pytest.raises(ImageFileError):
+        (tmp_path / "file").write_text("")
+        run(job(), tmp_path / "file", workers=1)
+
+
+def test_a_full_disk_is_for_all_and_leaves_nothing_by_halves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> int:
+        raise OSError(28, os.strerror(28))
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    with pytest.raises(ImageFileError, match="No space left") as problem:
+        make_chunk(SCENE, job(), 0, tmp_path)
+    assert isinstance(problem.value.__cause__, OSError) and not list(tmp_path.iterdir())
+
+
+def test_shards_hold_the_files_of_a_chunk_and_no_time_of_day(tmp_path: Path) -> None:
+    asked = job(what="depth", shards=True, names=("a", "b", "c", "d", "e"))
+    first = make_chunk(SCENE, asked, 1, tmp_path)
+    data = (tmp_path / "shard_000001.tar").read_bytes()
+    assert first["files"] == make_chunk(SCENE, asked, 1, tmp_path)["files"]
+    assert (tmp_path / "shard_000001.tar").read_bytes() == data
+    with tarfile.open(tmp_path / "shard_000001.tar") as shard:
+        assert shard.getnames() == ["c.npz", "d.npz"]
+        arrays = np.load(shard.extractfile("d.npz"))  # type: ignore[arg-type]
+        wanted = rasterize(SCENE, asked.cameras[3], outputs=("depth", "normal", "object_id"))
+        assert sorted(arrays) == sorted(wanted)
+        for name in wanted:
+            np.testing.assert_array_equal(arrays[name], wanted[name][0].numpy())
+
+
+@pytest.mark.parametrize("kind", ["exr", "npz"])
+def test_other_formats_are_those_of_pictures(tmp_path: Path, kind: str) -> None:
+    make_chunk(SCENE, job(1, format=kind), 0, tmp_path)
+    assert [p.name for p in tmp_path.iterdir()] == [f"000000.{kind}"]
+
+
+def test_chunks_of_a_film_do_not_depend_on_those_before() -> None:
+    source = SceneSource("washroom", {"size": 7000})
+    scene = source.load()
+    cameras = built_in_path(scene, "walk1").cameras(60, width=32, height=24, near=0.01)[:4]
+    film = Job(source, cameras, what="film", chunk=2)
+    alone = dict(contents(scene, film, 1))
+    for chunk in range(2):
+        made = dict(contents(scene, film, chunk))
+    assert made == alone
+
+
+def test_wrong_jobs_are_refused_by_name() -> None:
+    for wrong, message in (
+        ({"what": "sound"}, "what"),
+        ({"what": "depth", "format": "png"}, "format of depth"),
+        ({"what": "film", "shards": True}, "a film is one file"),
+        ({"wishes": {"budget_ms": 50}}, "unknown 'budget_ms'"),
+        ({"chunk": 0}, "chunk must be >= 1"),
+        ({"names": ("a",)}, "one for each of 5"),
+        ({"names": ("a", "b", "A", "c", "d")}, "'A' is there twice"),
+        ({"names": ("a", "b", "../c", "d", "e")}, "no plain file name"),
+    ):
+        with pytest.raises(InputError, match=message):
+            job(**wrong)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="at least one"):
+        Job(SOURCE, job().cameras[:0])

@@ -1,0 +1,64 @@
+"""The command ``batch``."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from torchrender.batch.local import Outcome
+from torchrender.batch.work import make_chunk
+from torchrender.cli.main import main
+
+
+@pytest.fixture
+def inside(monkeypatch: pytest.MonkeyPatch):
+    """Chunks are made in this process."""
+    jobs = []
+
+    def run(job, folder, *, workers=None, tell=None):
+        jobs.append((job, workers))
+        scene = job.scene.load()
+        Path(folder).mkdir(exist_ok=True)
+        for chunk in range(job.chunks):
+            make_chunk(scene, job, chunk, Path(folder))
+        tell(len(job.cameras), len(job.cameras))
+        return Outcome(len(job.cameras), len(job.cameras), {}, 0)
+
+    monkeypatch.setattr("torchrender.batch.local.run", run)
+    return jobs
+
+
+def batch(*words: object) -> int:
+    return main(["batch", "cornell_box", "--size", "24x16", *map(str, words)])
+
+
+def test_one_bad_row_is_named_counted_and_told_by_the_exit_code(inside, tmp_path, capsys) -> None:
+    row = {"eye": [0.0, 1.0, 3.0], "target": [0.0, 1.0, 0.0], "roll": 3}
+    (tmp_path / "cameras.json").write_text(json.dumps([row, {"eye": 3}, row]))
+    assert batch("--cameras", tmp_path / "cameras.json", "-o", tmp_path / "out", "--workers", 1) == 2
+    said = capsys.readouterr()
+    assert "2 of 2 cameras" in said.out
+    assert "not used: roll" in said.err and "left out: row 1: eye must be three finite numbers" in said.err
+    assert "error: 1 of 3 rows were left out" in said.err
+    assert sorted(p.name for p in (tmp_path / "out").glob("*.png")) == ["000000.png", "000002.png"]
+    assert inside[0][1] == 1
+
+
+def test_a_film_is_put_together(inside, tmp_path) -> None:
+    assert batch("--orbit", 3, "--what", "film", "--shadows", "hard", "-o", tmp_path / "out") == 0
+    assert (tmp_path / "out" / "film.mp4").stat().st_size > 500
+    assert inside[0][0].wishes == {"shadows": "hard"}
+
+
+@pytest.mark.usefixtures("inside")
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [(("--grid", "2x2"), "--grid must look like"), (("--orbit", 0), "frames must be >= 1"),
+     (("--orbit", 2, "--what", "noise"), "what"), (("--cameras", "none.json"), "no such file")],
+)  # fmt: skip
+def test_wrong_wishes_are_refused(tmp_path, capsys, words, message) -> None:
+    assert batch(*words, "-o", tmp_path / "out") == 2
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,89 @@
+"""Films: whole or not at all, at the right speed, in every format."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import pytest
+import torch
+from PIL import Image
+
+import torchrender as tr
+from torchrender.errors import ImageFileError, InputError, OptionError
+
+FRAMES = [torch.full((10, 13, 3), level) for level in (0.1, 0.4, 0.9)]
+
+
+def read(path: Path) -> list[tuple[int, ...]]:
+    film, shapes = cv2.VideoCapture(str(path)), []
+    while True:
+        good, picture = film.read()
+        if not good:
+            return shapes
+        shapes.append(picture.shape)
+
+
+@pytest.mark.parametrize("suffix", [".mp4", ".avi"])
+def test_films_hold_every_frame(suffix: str, tmp_path: Path) -> None:
+    path = tmp_path / f"film{suffix}"
+    assert tr.write_film(path, iter(FRAMES), 25) == [path]
+    assert read(path) == [(10, 12, 3)] * 3  # even sides
+    assert cv2.VideoCapture(str(path)).get(cv2.CAP_PROP_FPS) == 25
+    assert [p.name for p in tmp_path.iterdir()] == [path.name]
+
+
+def test_a_gif_keeps_its_length(tmp_path: Path) -> None:
+    frames = [torch.full((4, 5, 3), k / 30) for k in range(30)]
+    (path,) = tr.write_film(tmp_path / "film.gif", frames, 30)
+    with Image.open(path) as film:
+        assert film.n_frames == 30 and film.info["loop"] == 0 and film.size == (5, 4)
+        times = []
+        for number in range(30):
+            film.seek(number)
+            times.append(film.info["duration"])
+    assert set(times) == {30, 40} and sum(times) == 1000  # hundredths of a second that add up to one
+
+
+def test_a_folder_of_pictures_and_batches(tmp_path: Path) -> None:
+    scene = tr.load("cornell_box", size=100)
+    camera = scene.camera(width=16, height=12)
+    image = tr.render(scene, tr.Cameras.cat([camera, camera]))
+    files = tr.write_film(tmp_path / "new" / "frames", [image, image.displayed()[0]])
+    assert [f.name for f in files] == ["frame_0000.png", "frame_0001.png", "frame_0002.png"]
+    shown = [Image.open(f).tobytes() for f in files]
+    assert shown[0] == shown[2]
+
+
+def failing() -> object:
+    yield FRAMES[0]
+    raise KeyError("the scene is gone")
+
+
+@pytest.mark.parametrize("name", ["film.mp4", "film.gif"])
+def test_what_fails_half_way_leaves_the_old_film(name: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_bytes(b"old")
+    with pytest.raises(KeyError):
+        tr.write_film(tmp_path / name, failing())
+    assert (tmp_path / name).read_bytes() == b"old" and len(list(tmp_path.iterdir())) == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "frames", "fps", "error", "told"),
+    [
+        ("film.mov", FRAMES, 30, ImageFileError, ".mp4, .avi, .gif or a folder"),
+        ("none/film.mp4", FRAMES, 30, ImageFileError, "does not exist"),
+        ("film.mp4", FRAMES, 0, OptionError, "fps"),
+        ("film.gif", FRAMES, 60, OptionError, r"\[0.1, 50"),
+        ("film.mp4", [], 30, InputError, "at least one frame"),
+        ("film.mp4", [FRAMES[0], torch.zeros(10, 14, 3)], 30, InputError, "frame 1 must be 13x10 pixels, got 14x10"),
+        ("film.mp4", [torch.zeros(10, 13)], 30, InputError, r"frame 0 must be a picture"),
+        ("film.gif", [FRAMES[0], FRAMES[1] * float("nan")], 30, InputError, "frame 1 must hold no NaN"),
+        ("film.avi", [torch.zeros(1, 1, 3)], 30, InputError, "2x2"),
+        ("film.mp4", ["a.png"], 30, InputError, "got str"),
+    ],
+)
+def test_what_cannot_be_is_said(name, frames, fps, error, told, tmp_path: Path) -> None:
+    with pytest.raises(error, match=told):
+        tr.write_film(tmp_path / name, frames, fps)
+    assert not list(tmp_path.iterdir())

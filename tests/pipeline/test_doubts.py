@@ -1,0 +1,128 @@
+"""Warnings about what can be drawn but hardly was meant so, and none where everything is as it should be."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+
+import torchrender as tr
+from torchrender.errors import LightWarning, NormalsWarning, SceneWarning, TorchRenderWarning, UnitsWarning, ViewWarning
+from torchrender.pipeline.doubts import scene_doubts, view_doubts
+from torchrender.raster import rasterize_visibility
+from torchrender.scene.procedural import SCENES
+
+BALL = tr.Mesh.sphere(0.5, segments=16)
+CAMERA = tr.Cameras.look_at([0, 0, 3], [0, 0, 0], width=24, height=18)
+DOWN = {"edge_u": [1, 0, 0], "edge_v": [0, 0, 1]}
+UP = {"edge_u": [0, 0, 1], "edge_v": [1, 0, 0]}
+SUN = tr.DirectionalLight(direction=[0, -1, -1])
+
+
+def scene(*meshes: tr.Mesh, **changes: object) -> tr.Scene:
+    return tr.Scene(meshes=meshes or (BALL,), lights=[SUN], name="test").replace(**changes)
+
+
+def spot(*direction: float) -> tr.SpotLight:
+    return tr.SpotLight(position=[0, 2, 0], direction=direction, outer_deg=20, inner_deg=10, name="spot")
+
+
+@pytest.mark.parametrize("light", [
+    tr.RectLight(corner=[0, 2, 0], **UP, name="lamp"), spot(0, 1, 0), spot(1, 0, 0),
+], ids=["area", "spot up", "spot aside"])  # fmt: skip
+def test_a_light_that_faces_away_is_named(light) -> None:
+    with pytest.warns(LightWarning, match=f"test: light '{light.name}' faces away from everything"):
+        tr.render(scene(lights=[light]), CAMERA)
+
+
+@pytest.mark.parametrize("light", [
+    tr.RectLight(corner=[0, 2, 0], **DOWN), spot(0, -1, 0), spot(0.5, -1, 0), tr.PointLight(position=[0, 2, 0]), SUN,
+    tr.RectLight(corner=[0, 0.2, 0], **UP),  # within what it lights
+    tr.SpotLight(position=[0, 0.1, 0], direction=[0, 1, 0]),
+])  # fmt: skip
+def test_lights_that_light_something_are_not(light) -> None:
+    assert scene_doubts(scene(lights=[light])) == []
+
+
+def test_a_camera_that_sees_nothing_is_told_where_things_are() -> None:
+    away = tr.Cameras.look_at([0, 0, 3], [0, 0, 6], width=24, height=18)
+    told = r"camera 1 sees nothing: it stands at \(0, 0, 3\) and looks along \(0, 0, 1\); the scene lies between \(-0.5"
+    with pytest.warns(ViewWarning, match=told):
+        tr.render(scene(), tr.Cameras.cat([CAMERA, away]))
+
+
+def test_something_small_that_no_asked_pixel_shows_is_no_nothing() -> None:
+    camera = tr.Cameras.look_at([0.113, 0.117, 90], [0.113, 0.117, 0], width=200, height=200)
+    seen = rasterize_visibility(scene().geometry, camera)
+    assert 0 < int(seen.covered.sum()) < 20 and view_doubts(scene(), seen) == []
+
+
+def test_a_camera_inside_a_solid_is_told_of_which() -> None:
+    inside = tr.Cameras.look_at([0, 0, 0.1], [0, 0, -1], width=24, height=18)
+    with pytest.warns(ViewWarning, match="camera 0 stands inside 'sphere': all it sees are backs"):
+        tr.render(scene(), inside)
+
+
+def test_a_room_seen_from_inside_is_no_solid() -> None:
+    room = replace(BALL, faces=BALL.faces.flip(1), normals=None)
+    inside = tr.Cameras.look_at([0, 0, 0.1], [0, 0, -1], width=24, height=18)
+    assert view_doubts(scene(room), rasterize_visibility(scene(room).geometry, inside)) == []
+
+
+def test_normals_that_point_inwards_are_named() -> None:
+    assert BALL.normals is not None
+    turned = replace(BALL, normals=-BALL.normals, name="ball")
+    with pytest.warns(NormalsWarning, match="normals of 'ball' point to the inside"):
+        tr.render(scene(turned), CAMERA)
+
+
+def test_a_few_odd_normals_are_not() -> None:
+    assert BALL.normals is not None
+    normals = torch.where(BALL.vertices[:, :1] > 0.1, -BALL.normals, BALL.normals)
+    odd = scene(replace(BALL, normals=normals))
+    assert view_doubts(odd, rasterize_visibility(odd.geometry, CAMERA)) == []
+
+
+@pytest.mark.parametrize(
+    ("scale", "photometric", "told"), [(2000.0, True, True), (2.0, True, False), (2000.0, False, False)]
+)
+def test_millimetres_are_doubted_where_metres_are_meant(scale: float, photometric: bool, told: bool) -> None:
+    large = scene(tr.Mesh.box(scale), lights=[tr.PointLight(position=[0, 2 * scale, 0])], photometric=photometric)
+    kinds = [kind for kind, _ in scene_doubts(large)]
+    assert kinds == ([UnitsWarning] if told else [])
+
+
+def test_it_is_said_once_and_can_be_filtered() -> None:
+    dark = scene(lights=[tr.RectLight(corner=[0, 2, 0], **UP)])
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("default")
+        for _ in range(3):
+            tr.render(dark, CAMERA)
+    assert len([w for w in said if issubclass(w.category, LightWarning)]) == 1
+    assert issubclass(LightWarning, SceneWarning) and issubclass(SceneWarning, TorchRenderWarning)
+
+
+def doubts_of(known: tr.Scene) -> list[str]:
+    camera = known.camera(width=64, height=48)
+    return [
+        text for _, text in (*scene_doubts(known), *view_doubts(known, rasterize_visibility(known.geometry, camera)))
+    ]
+
+
+def test_built_in_scenes_are_as_they_should_be() -> None:
+    for name, builder in SCENES.items():
+        assert doubts_of(tr.load(name, size=builder.fewest)) == [], name
+
+
+def test_files_of_others_are_as_they_should_be(data_dir: Path) -> None:
+    found = {}
+    for path in (*data_dir.glob("meshes/*"), *data_dir.glob("gltf/*.glb"), *data_dir.glob("scenes/*.glb")):
+        if path.stat().st_size < 500_000:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", TorchRenderWarning)
+                known = tr.load(path)
+            found |= {path.name: told} if (told := doubts_of(known)) else {}
+    assert found == {}

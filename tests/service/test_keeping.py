@@ -1,0 +1,87 @@
+"""What a renderer keeps counts in bytes, goes when there is no room, and is given up where memory is not enough."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+import torchrender as tr
+from torchrender.pipeline.buffer import Buffer, Lasting
+from torchrender.pipeline.history import Kept, RenderHistory
+from torchrender.pipeline.options import RenderOptions
+from torchrender.scene.material import Material
+from torchrender_service.renderers import job_runner
+from torchrender_service.renderers.job_runner import JobRunner
+from torchrender_service.renderers.jobs import Bounds, Describe, Render, SceneSource, View
+from torchrender_service.renderers.keeping.lasting import LastingParts
+from torchrender_service.renderers.keeping.sizes import bytes_of
+
+BOX = SceneSource(id="cornell_box")
+
+
+def test_an_array_counts_once_and_wholly() -> None:
+    texture = torch.zeros(64, 64, 3)
+    materials = [Material(diffuse_texture=texture), Material(diffuse_texture=texture)]
+    plain = bytes_of([Material(), Material()])
+    assert bytes_of(materials) - plain == texture.nbytes
+    assert bytes_of({"part": texture[:2]}) == texture.nbytes, "a part keeps all of it in memory"
+    array = np.zeros(1000)
+    assert bytes_of(array, array[3:], (array,)) == array.nbytes
+    known: set[int] = set()
+    assert bytes_of(texture, known=known) == texture.nbytes and bytes_of(texture, known=known) == 0
+
+
+def test_a_scene_counts_its_textures() -> None:
+    scene = tr.load("cornell_box")
+    assert 0 < bytes_of(scene) < 2**20
+
+
+def test_what_pictures_of_a_scene_left_goes_with_the_scene_that_was_not_used_for_longest() -> None:
+    lasting = Lasting(lambda _: ())
+    kept = {
+        name: Kept(Buffer(name, Tensor, lasting=lasting), torch.zeros(100), (), (), RenderOptions(), 1)
+        for name in "abc"
+    }
+    parts = LastingParts(max_bytes=900)
+    for name in "abac":
+        parts.put(name, "use", RenderHistory(kept={name: kept[name]}))
+    assert [name for name in "abc" if parts.get(name, "use").kept] == ["a", "c"]
+    assert parts.bytes == 800 and parts.evictions == 1
+    parts.clear()
+    assert parts.bytes == 0 and not parts.get("a", "use").kept
+
+
+def test_a_picture_leaves_its_maps_for_the_next_one() -> None:
+    runner = JobRunner(2048)
+    job = Render(scene=BOX, view=View(width=48, height=32), bounds=Bounds(), options={}, format="png")
+
+    def maps() -> Any:
+        return runner._lasting.get("cornell_box", "any").kept["shadow_map"].value
+
+    first, drawn = runner.run(job), maps()
+    second = runner.run(job)
+    assert first["file"] == second["file"] and maps() is drawn
+    assert runner.kept_bytes > bytes_of(tr.load("cornell_box")) + bytes_of(drawn)
+
+
+def test_where_memory_is_not_enough_caches_go_and_it_is_tried_once_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    runner, calls = JobRunner(2048), []
+    runner.run(Describe(scene=BOX))
+    assert runner.kept_bytes > 0
+
+    def failing(_: object) -> dict[str, Any]:
+        calls.append(runner.kept_bytes)
+        if len(calls) == 1:
+            raise RuntimeError("[enforce fail at alloc_cpu.cpp:114] . DefaultCPUAllocator: can't allocate memory")
+        return {"done": True}
+
+    monkeypatch.setattr(job_runner, "describe", failing)
+    assert runner.run(Describe(scene=BOX)) == {"done": True}
+    assert len(calls) == 2 and runner.evictions == 1
+    monkeypatch.setattr(job_runner, "describe", lambda _: (_ for _ in ()).throw(MemoryError))
+    with pytest.raises(MemoryError):
+        runner.run(Describe(scene=BOX))

@@ -1,0 +1,285 @@
+"""Which job comes next, what becomes of those whose client left, and a renderer's next life."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+import sys
+import time
+from collections.abc import Coroutine
+from typing import Any
+
+import msgspec
+import pytest
+
+from service_parts import CAMERA
+from torchrender.clock import StepClock, interruptible
+from torchrender_service.errors import ServiceError
+from torchrender_service.metrics import Metrics
+from torchrender_service.renderers.asked import Asked, Rank, rank_of
+from torchrender_service.renderers.jobs import (
+    JOB_ENCODER,
+    Bounds,
+    Cancel,
+    FogInPhoto,
+    Job,
+    MakeLayers,
+    Render,
+    SceneSource,
+    SentTask,
+    Tradeoff,
+    View,
+)
+from torchrender_service.renderers.processes import process as processes
+from torchrender_service.renderers.processes.desk import Cancelled, Desk
+from torchrender_service.renderers.processes.process import Kind, RendererProcess
+from torchrender_service.renderers.processes.schedule import PATIENCE_S, FairQueue, Waiting
+
+WORKER = """
+import os, struct, sys, threading, time
+import msgspec
+from torchrender_service.renderers.jobs import TASK_DECODER, Cancel, Failure, Reply
+out, encode, head = os.fdopen(1, 'wb', buffering=0), msgspec.msgpack.Encoder().encode, struct.Struct('<Q')
+def send(reply):
+    data = encode(reply); out.write(head.pack(len(data)) + data)
+send(Reply(result={'ready': True}))
+lock, held = threading.Lock(), {}
+def read():
+    (size,) = head.unpack(sys.stdin.buffer.read(8)); return TASK_DECODER.decode(sys.stdin.buffer.read(size))
+while True:
+    task = read()
+    if isinstance(task, Cancel):
+        failure = Failure(status=499, kind='cancelled', detail='left')
+        if held.pop(task.serial, None): send(Reply(serial=task.serial, failure=failure))
+        continue
+    job = msgspec.msgpack.decode(task.job); name = job.get('name', job['type'])
+    if name == 'hold': held[task.serial] = task
+    else: send(Reply(serial=task.serial, memory_mb=5.0, evictions=2, result={'did': name, 'express': task.express}))
+"""
+"""Answers at once, but keeps a job called "hold" until it is cancelled."""
+HOLD, QUICK, URGENT = Tradeoff(name="hold"), Tradeoff(name="quick"), MakeLayers(session="one", id=1)
+
+
+def waiting(client: str, rank: Rank, since: float = 0.0) -> Waiting:
+    made = Waiting(QUICK, asyncio.get_running_loop().create_future(), Asked(client=client), rank)
+    made.since += since
+    return made
+
+
+def test_streams_come_first_clients_in_turn_and_nobody_last_for_ever() -> None:
+    async def order() -> list[str]:
+        queue = FairQueue(64)
+        for client, rank in (("a", Rank.BATCH), ("b", Rank.INTERACTIVE), ("b", Rank.INTERACTIVE)):
+            queue.put(waiting(client, rank))
+        for client in ("d", "d", "c"):
+            queue.put(waiting(client, Rank.INTERACTIVE))
+        queue.put(waiting("e", Rank.STREAM))
+        left = waiting("f", Rank.STREAM)
+        queue.put(left)
+        left.result.cancel()
+        found = []
+        while (one := queue.take()) is not None:
+            found.append(one.asked.client)
+        queue.put(waiting("late", Rank.BATCH, since=-PATIENCE_S[Rank.BATCH] - 1.0))
+        queue.put(waiting("new", Rank.STREAM))
+        return [*found, *(one.asked.client for one in (queue.take(), queue.take()) if one is not None)]
+
+    assert asyncio.run(order()) == ["e", "b", "d", "c", "b", "d", "a", "late", "new"]
+
+
+def test_one_client_cannot_take_all_places() -> None:
+    async def fill() -> int:
+        queue, count = FairQueue(8), 0
+        with pytest.raises(ServiceError, match="of this address") as caught:
+            while True:
+                queue.check_room("a", Rank.INTERACTIVE)
+                queue.put(waiting("a", Rank.INTERACTIVE))
+                count += 1
+        assert caught.value.status == 429
+        queue.check_room("b", Rank.INTERACTIVE)
+        queue.check_room("a", Rank.STREAM)
+        return count
+
+    assert asyncio.run(fill()) == 6
+
+
+def test_the_class_of_a_job_is_its_size() -> None:
+    def render(width: int, height: int, **rest: Any) -> Render:
+        view, scene = View(width=width, height=height), SceneSource(id="a")
+        return Render(view=view, scene=scene, format="png", **{"bounds": Bounds(), "options": {}, **rest})
+
+    assert rank_of(render(640, 360)) is Rank.INTERACTIVE
+    assert rank_of(render(2560, 1440)) is rank_of(render(640, 360, options={"supersample": 2.0})) is Rank.BATCH
+    assert rank_of(render(2560, 1440, bounds=Bounds(budget_ms=500.0))) is Rank.INTERACTIVE
+    assert rank_of(URGENT) is Rank.STREAM
+    assert rank_of(FogInPhoto(photo=b"", marks=b"", format="png", max_pixels=1)) is Rank.BATCH
+    assert CAMERA.width == 64
+
+
+def sent(serial: int, job: Job, *, express: bool = False) -> SentTask:
+    return SentTask(serial=serial, job=msgspec.Raw(JOB_ENCODER.encode(job)), express=express)
+
+
+class Stage:
+    """A renderer whose process is a small program."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, **kind: Any) -> None:
+        begin = asyncio.create_subprocess_exec
+
+        async def instead(*_: str, **rest: Any) -> asyncio.subprocess.Process:
+            path = os.pathsep.join(p for p in sys.path if p)
+            environment = {**rest.pop("env"), "PYTHONPATH": path}
+            return await begin(sys.executable, "-c", WORKER, env=environment, **rest)
+
+        monkeypatch.setattr(processes.asyncio, "create_subprocess_exec", instead)
+        self.metrics = Metrics()
+        given = {"name": "0", "memory_mb": 512, "job_s": 60.0, **kind}
+        self.renderer = RendererProcess(Kind(**given), 1, 64, self.metrics)
+
+    def run(self, play: Coroutine[Any, Any, None]) -> None:
+        async def whole() -> None:
+            self.renderer.start()
+            try:
+                await asyncio.wait_for(play, 60.0)
+            finally:
+                await self.renderer.stop()
+
+        asyncio.run(whole())
+
+    async def ready(self) -> int:
+        while not self.renderer.ready:
+            await asyncio.sleep(0.01)
+        assert self.renderer.pid is not None
+        return self.renderer.pid
+
+    def count(self, name: str, **labels: str) -> float:
+        return self.metrics._counters[name, tuple(sorted(labels.items()))]
+
+    async def begun(self, job: Job) -> asyncio.Task[dict[str, Any]]:
+        """A job that the process has."""
+        task = asyncio.create_task(self.renderer.submit(job))
+        while not any(one.waiting.job is job for one in self.renderer._running.values()):
+            await asyncio.sleep(0.01)
+        return task
+
+
+def test_a_renderer_that_is_killed_while_idle_lives_again_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    stage = Stage(monkeypatch)
+
+    async def play() -> None:
+        first = await stage.ready()
+        os.kill(first, signal.SIGKILL)
+        while stage.renderer.pid in (None, first):
+            await asyncio.sleep(0.01)
+        await stage.ready()
+        assert stage.count("renderer_deaths", renderer="0") == 1
+        assert (await stage.renderer.submit(QUICK))["did"] == "quick"
+        assert stage.count("renderer_evictions", renderer="0") == 2
+
+    stage.run(play())
+
+
+def test_a_job_whose_client_left_is_taken_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    stage = Stage(monkeypatch)
+
+    async def play() -> None:
+        running = await stage.begun(HOLD)
+        queued = [asyncio.create_task(stage.renderer.submit(QUICK)) for _ in range(20)]
+        await asyncio.sleep(0.05)
+        assert stage.renderer.load == 21
+        for task in (*queued, running):
+            task.cancel()
+        await asyncio.gather(*queued, running, return_exceptions=True)
+        assert (await stage.renderer.submit(QUICK))["did"] == "quick", "the renderer is free for others"
+        assert stage.count("jobs_cancelled") == 1 and stage.renderer.load == 0
+
+    stage.run(play())
+
+
+def test_keyframes_do_not_wait_for_a_picture(monkeypatch: pytest.MonkeyPatch) -> None:
+    stage = Stage(monkeypatch)
+
+    async def play() -> None:
+        running = await stage.begun(HOLD)
+        assert await stage.renderer.submit(URGENT) == {"did": "MakeLayers", "express": True}
+        running.cancel()
+        await asyncio.gather(running, return_exceptions=True)
+        while stage.renderer.load:
+            await asyncio.sleep(0.01)
+        assert await stage.renderer.submit(URGENT) == {"did": "MakeLayers", "express": False}
+
+    stage.run(play())
+
+
+def test_a_job_that_takes_too_long_is_stopped_without_the_renderer(monkeypatch: pytest.MonkeyPatch) -> None:
+    stage = Stage(monkeypatch, job_s=0.3)
+
+    async def play() -> None:
+        first = await stage.ready()
+        with pytest.raises(ServiceError, match="took longer") as caught:
+            await stage.renderer.submit(HOLD)
+        assert caught.value.status == 422
+        assert (await stage.renderer.submit(QUICK))["did"] == "quick"
+        assert stage.renderer.pid == first
+
+    stage.run(play())
+
+
+def test_a_server_that_stops_gives_jobs_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    stage = Stage(monkeypatch)
+
+    async def play() -> None:
+        running = await stage.begun(HOLD)
+        queued = asyncio.create_task(stage.renderer.submit(QUICK))
+        await asyncio.sleep(0.05)
+        drained = asyncio.create_task(stage.renderer.drain())
+        with pytest.raises(ServiceError) as caught:
+            await queued
+        assert caught.value.status == 503 and not drained.done()
+        await stage.renderer.stop()
+        with pytest.raises(ServiceError):
+            await running
+        await drained
+
+    stage.run(play())
+
+
+def test_between_two_passes_a_desk_does_what_is_urgent_and_stops_what_nobody_wants() -> None:
+    done: list[str] = []
+    clock = StepClock()
+
+    def work(task: SentTask) -> None:
+        if task.express:
+            done.append("keyframe")
+            time.sleep(0.05)
+            return
+        try:
+            with clock.measure("picture"):
+                for name in ("first", "second", "third"):
+                    with clock.measure(name):
+                        done.append(name)
+                    desk.put(sent(2, URGENT, express=True) if name == "first" else Cancel(serial=1))
+        except Cancelled:
+            done.append("stopped")
+        desk.close()
+
+    desk = Desk(work)
+    desk.put(sent(1, QUICK))
+    desk.run()
+    assert done == ["first", "keyframe", "second", "stopped"]
+    assert "picture" not in clock.elapsed_ms and "third" not in clock.elapsed_ms
+
+
+def test_what_came_between_two_passes_is_not_counted_as_theirs() -> None:
+    clock, calls = StepClock(), []
+
+    def slow() -> None:
+        calls.append(1)
+        time.sleep(0.05)
+
+    with interruptible(slow), clock.measure("picture"):
+        for _ in range(4):
+            with clock.measure("pass"):
+                pass
+    assert len(calls) == 5 and clock.elapsed_ms["picture"] < 50.0 and clock.elapsed_ms["pass"] < 50.0

@@ -1,0 +1,117 @@
+"""Gradients reach what the documentation says, and are refused by name elsewhere: none is lost in silence."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+import torch
+from torch import Tensor
+
+import torchrender as tr
+from torchrender.errors import GradientError
+
+CAMERA = tr.Cameras.look_at([1.5, 1.5, 2], [0, 0, 0], width=12, height=10)
+BOX = tr.Mesh.box(1.0)
+OPTIONS = tr.RenderOptions(reflections="off")
+
+
+def wanted(*shape: int, value: float = 0.5) -> Tensor:
+    return torch.full(shape, value, requires_grad=True)
+
+
+def mesh(**changes: Tensor) -> tr.Mesh:
+    return replace(BOX, **changes)
+
+
+def scene(box: tr.Mesh = BOX, **changes: object) -> tr.Scene:
+    lamp = tr.PointLight(position=[2, 3, 4], intensity=20)
+    return tr.Scene(meshes=[box], lights=[lamp]).replace(**changes)
+
+
+@pytest.mark.parametrize("vary", [
+    lambda v: {"materials": [tr.Material(diffuse=v)]},
+    lambda v: {"materials": [tr.Material(emission=v)]},
+    lambda v: {"lights": [tr.PointLight(position=[2, 3, 4], intensity=20 * v)]},
+    lambda v: {"lights": [tr.RectLight(corner=[1, 2, 1], edge_u=[1, 0, 0], edge_v=[0, 0, 1], radiance=v)]},
+    lambda v: {"ambient": v},
+    lambda v: {"environment": tr.Environment(radiance=v.expand(4, 8, 3))},
+], ids=["diffuse", "emission", "point", "area", "ambient", "sky"])  # fmt: skip
+def test_pictures_carry_gradients_to_light_and_colour(vary: Callable[[Tensor], dict]) -> None:
+    """Against a finite difference: pictures are linear in each of these, so it is exact but for rounding."""
+    value = wanted(3)
+    tr.render(scene(**vary(value)), CAMERA, options=OPTIONS).radiance.sum().backward()
+    assert value.grad is not None and bool((value.grad > 0).all())
+    with torch.no_grad():
+        sums = [
+            tr.render(scene(**vary(torch.full((3,), at))), CAMERA, options=OPTIONS).radiance.sum() for at in (0.4, 0.6)
+        ]
+    assert float(value.grad.sum()) == pytest.approx(float(sums[1] - sums[0]) / 0.2, rel=2e-3)
+
+
+def test_places_of_lights_carry_gradients_with_shadows_as_they_are() -> None:
+    options = replace(OPTIONS, shadows=False)
+
+    def brightness(place: Tensor) -> Tensor:
+        lamp = tr.PointLight(position=place, intensity=20)
+        return tr.render(scene(lights=[lamp]), CAMERA, options=options).radiance.double().sum()
+
+    place = torch.tensor([2.0, 3.0, 4.0], dtype=torch.float64, requires_grad=True)
+    brightness(place).backward()
+    assert place.grad is not None
+    for axis in range(3):
+        step = torch.zeros(3, dtype=torch.float64)
+        step[axis] = 0.02
+        with torch.no_grad():
+            slope = (brightness(place + step) - brightness(place - step)) / 0.04
+        assert float(place.grad[axis]) == pytest.approx(float(slope), rel=0.02)
+
+
+VERTICES = BOX.vertices.clone().requires_grad_()
+RAYS = torch.tensor([[0.0, 0.0, 3.0]])
+LOST: dict[str, tuple[Callable[[], object], str]] = {
+    "render": (lambda: tr.render(scene(mesh(vertices=VERTICES)), CAMERA), "vertices of mesh 'box'"),
+    "render colours of vertices": (
+        lambda: tr.render(scene(mesh(colors=wanted(24, 3))), CAMERA),
+        "colors of mesh 'box'",
+    ),
+    "rasterize": (lambda: tr.rasterize(scene(mesh(vertices=VERTICES)), CAMERA), "rasterize gives no gradient"),
+    "rasterize_depth": (lambda: tr.rasterize_depth(mesh(vertices=VERTICES), CAMERA), "vertices of mesh 'box'"),
+    "camera": (
+        lambda: replace(CAMERA, intrinsics=CAMERA.intrinsics.clone().requires_grad_()),
+        "a camera gives no gradient to intrinsics",
+    ),
+    "tree": (lambda: tr.RayCaster(mesh(vertices=VERTICES)), "vertices of mesh 'box'"),
+    "rays": (lambda: tr.RayCaster(BOX).first_hit(RAYS.clone().requires_grad_(), -RAYS), "casting rays .* to origins"),
+    "voxels": (lambda: tr.voxelize_solid(VERTICES[None], BOX.faces, 8), "voxelization gives no gradient to vertices"),
+    "points": (lambda: tr.PointCloud(position=wanted(4, 3)), "a point cloud gives no gradient to position"),
+}
+
+
+@pytest.mark.parametrize("name", LOST)
+def test_what_gives_none_says_so(name: str) -> None:
+    call, told = LOST[name]
+    with pytest.raises(GradientError, match=told):
+        call()
+    with torch.no_grad():
+        call()  # says that none is wanted
+
+
+def test_reprojection_refuses_colours_that_ask_for_gradients() -> None:
+    images = tr.sample_depth_images(scene(), CAMERA)
+    with pytest.raises(GradientError, match="reproject gives no gradient to colors"):
+        tr.reproject(images, CAMERA, colors=images.color.clone().requires_grad_())
+
+
+def test_lists_are_taken_where_arrays_are() -> None:
+    caster = tr.RayCaster(BOX)
+    assert float(caster.first_hit([[0, 0, 3]], [[0, 0, -1]]).t) == pytest.approx(2.5)
+    assert bool(caster.occluded([[0.0, 0, 3]], [[0.0, 0, -1]]))
+    cloud = tr.PointCloud(position=[[0, 0, 0], [1, 0, 0]], color=[[1, 0, 0], [0, 1, 0]], radius=[0.1, 0.1])
+    assert cloud.position.dtype == torch.float64 and cloud.color is not None and cloud.color.dtype == torch.float32
+    assert tr.make_grid([[[0, 0, 0], [1, 1, 1]]], 8).dims == (8, 8, 8)
+    solid, _ = tr.voxelize_solid(BOX.vertices.tolist(), BOX.faces.tolist(), 8)
+    assert solid.equals(tr.voxelize_solid(BOX, 8)[0])
+    with pytest.raises(tr.TorchRenderError, match="rows of one length"):
+        caster.first_hit([[0, 0, 3], [1]], [[0, 0, -1]])

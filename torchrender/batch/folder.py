@@ -1,0 +1,134 @@
+"""The folder of a batch: its job, what was made of it so far, and the results.
+
+``job.json`` and ``cameras.npz`` say what is to be made; ``manifest.jsonl`` gets a line for each chunk when all of it is
+on disk. A run that is stopped anywhere goes on where the manifest ends.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from torchrender.batch.job import Job, SceneSource
+from torchrender.errors import ImageFileError, InputError, SceneFileError
+from torchrender.image import camera_arrays
+from torchrender.images.files import write_atomically
+from torchrender.scene.camera import Cameras
+
+JOB, CAMERAS, MANIFEST = "job.json", "cameras.npz", "manifest.jsonl"
+
+
+def open_folder(folder: Path, job: Job, scene: str) -> dict[int, dict[str, Any]]:
+    """Begin a batch in a folder, or go on with it; returns the records of the chunks that are there, by number.
+
+    Args:
+        scene: digest of what the scene's source holds now.
+
+    Raises:
+        InputError: the folder holds another batch, or the scene has changed since it began.
+        ImageFileError: it cannot be written.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ImageFileError(folder, error.strerror or str(error)) from error
+    known = _described(folder)
+    if known is None:
+        write_atomically(folder / CAMERAS, lambda path: _save_cameras(path, job.cameras))
+        text = json.dumps({"key": job.key(), "scene_digest": scene, **job.described()}, indent=1) + "\n"
+        write_atomically(folder / JOB, lambda path: _write(path, text.encode()))
+        (folder / MANIFEST).unlink(missing_ok=True)
+        return {}
+    if known.get("key") != job.key():
+        mine = job.described()
+        different = [name for name in mine if json.loads(json.dumps(mine[name])) != known.get(name)] or ["cameras"]
+        raise InputError(f"{folder} holds a batch with other {', '.join(different)}: give another folder")
+    if known.get("scene_digest") != scene:
+        raise InputError(f"{job.scene.path_or_name} has changed since the batch in {folder} began: give another folder")
+    return {chunk: record for chunk, record in _manifest(folder).items() if _is_there(folder, record)}
+
+
+def load_job(folder: Path) -> tuple[Job, str]:
+    """The job of a folder, and the digest of its scene."""
+    known = _described(folder)
+    if known is None:
+        raise SceneFileError(folder / JOB, "no such file")
+    with np.load(folder / CAMERAS) as arrays:
+        width, height = (int(v) for v in arrays["image_size"])
+        tensors = {n: torch.from_numpy(arrays[n]) for n in ("camera_from_world", "intrinsics", "near", "far")}
+        cameras = Cameras(**tensors, width=width, height=height, orthographic=bool(arrays["orthographic"]))
+    same = {name: known[name] for name in ("what", "format", "shards", "wishes", "chunk")}
+    source = SceneSource(known["scene"]["path_or_name"], known["scene"]["choices"])
+    job = Job(source, cameras, tuple(known["names"]), outputs=tuple(known["outputs"]), **same)
+    return job, str(known["scene_digest"])
+
+
+def note(folder: Path, record: dict[str, Any]) -> None:
+    """Add a chunk to the manifest, for good."""
+    with (folder / MANIFEST).open("ab") as file:
+        file.write(json.dumps(record).encode() + b"\n")
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def file_record(path: Path) -> dict[str, Any]:
+    """Name, bytes and digest of a file that was written."""
+    with path.open("rb") as file:
+        digest = hashlib.file_digest(file, "sha256") if hasattr(hashlib, "file_digest") else _digest(file)
+    return {"file": path.name, "bytes": path.stat().st_size, "sha256": digest.hexdigest()}
+
+
+def _digest(file: Any) -> Any:
+    digest = hashlib.sha256()
+    for block in iter(lambda: file.read(1 << 20), b""):
+        digest.update(block)
+    return digest
+
+
+def _described(folder: Path) -> dict[str, Any] | None:
+    try:
+        return dict(json.loads((folder / JOB).read_text()))
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError) as error:
+        raise SceneFileError(folder / JOB, f"cannot be read ({error})") from error
+
+
+def _manifest(folder: Path) -> dict[int, dict[str, Any]]:
+    """Records by chunk. A line that a stopped process left unfinished counts as not there, and is cut off."""
+    path = folder / MANIFEST
+    try:
+        text = path.read_bytes()
+    except FileNotFoundError:
+        return {}
+    whole = text[: text.rfind(b"\n") + 1]
+    if len(whole) < len(text):
+        with path.open("r+b") as file:
+            file.truncate(len(whole))
+    return {record["chunk"]: record for record in map(json.loads, whole.splitlines())}
+
+
+def _is_there(folder: Path, record: dict[str, Any]) -> bool:
+    return all(_size(folder / one["file"]) == one["bytes"] for one in record["files"])
+
+
+def _size(path: Path) -> int:
+    try:
+        return path.stat().st_size
+    except OSError:
+        return -1
+
+
+def _write(path: Path, data: bytes) -> None:
+    path.write_bytes(data)
+
+
+def _save_cameras(path: Path, cameras: Cameras) -> None:
+    with path.open("wb") as file:
+        np.savez(file, **{name: value.numpy() for name, value in camera_arrays(cameras).items()})  # type: ignore[arg-type]

@@ -1,0 +1,58 @@
+"""A process that makes chunks of a batch: ``python -m torchrender.batch.worker FOLDER THREADS``.
+
+Reads numbers of chunks from its standard input, a line each, and answers each with a line of JSON: its record, or
+``failed`` with the reason. It ends when its input does.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sys
+from pathlib import Path
+from typing import Any
+
+
+def main(folder: Path, threads: int) -> int:
+    """Work until standard input ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal interrupts the whole group; the parent ends this process
+    out = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)  # what libraries print is no answer
+    import torch
+
+    from torchrender.batch.digest import scene_digest
+    from torchrender.batch.folder import load_job
+    from torchrender.batch.work import make_chunk
+    from torchrender.errors import TorchRenderError
+
+    def tell(message: dict[str, Any]) -> None:
+        out.write(json.dumps(message) + "\n")
+        out.flush()
+
+    torch.set_num_threads(threads)  # those of kernels follow the environment
+    try:
+        job, known = load_job(folder)
+        scene = job.scene.load()
+        if scene_digest(scene) != known:
+            tell({"failed": f"{job.scene.path_or_name} has changed since the batch began", "for_all": True})
+            return 1
+    except TorchRenderError as error:
+        tell({"failed": str(error), "for_all": True})
+        return 1
+    tell({"ready": True})
+    for line in sys.stdin:
+        chunk = int(line)
+        try:
+            tell(make_chunk(scene, job, chunk, folder))
+        except TorchRenderError as error:
+            tell({"failed": str(error), "chunk": chunk, "for_all": isinstance(error.__cause__, OSError)})
+        except MemoryError:
+            tell({"failed": "out of memory", "chunk": chunk, "for_all": False})
+    return 0
+
+
+if __name__ == "__main__":
+    code = main(Path(sys.argv[1]), int(sys.argv[2]))
+    sys.stderr.flush()
+    os._exit(code)

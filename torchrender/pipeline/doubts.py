@@ -1,0 +1,151 @@
+"""What can be drawn but hardly was meant so: said once, from what a picture has at hand."""
+
+from __future__ import annotations
+
+import math
+import warnings
+
+import torch
+from torch import Tensor
+
+from torchrender.buffers import VisibilityBuffer
+from torchrender.errors import ExposureWarning, LightWarning, NormalsWarning, SceneWarning, UnitsWarning, ViewWarning
+from torchrender.pipeline.options import RenderOptions
+from torchrender.scene.light import Light, PointLight, RectLight, SpotLight
+from torchrender.scene.mesh import Geometry
+from torchrender.scene.model import Scene
+
+LARGE = 1000.0
+"""Scene units across from which on metres are doubted."""
+LOOKS = 24
+"""Pixels along a side of a picture that are asked what they see."""
+MOST = 0.98
+"""Share of what is asked that must agree before something is said."""
+
+Doubt = tuple[type[SceneWarning], str]
+
+
+def scene_doubts(scene: Scene) -> list[Doubt]:
+    """About lights and units; kept with the scene."""
+    known: list[Doubt] | None = scene.__dict__.get("_doubts")
+    if known is None:
+        known = [*_dark_lights(scene), *_units(scene)]
+        scene.__dict__["_doubts"] = known
+    return known
+
+
+def view_doubts(scene: Scene, seen: VisibilityBuffer) -> list[Doubt]:
+    """About B views of a scene, from a few hundred of their pixels."""
+    geometry = scene.geometry
+    if not geometry.triangle_count:
+        return []
+    found: list[Doubt] = []
+    height, width = seen.triangle.shape[1:]
+    rows, columns = (torch.arange(min(n, LOOKS)) * n // min(n, LOOKS) for n in (height, width))
+    for number, triangle in enumerate(seen.triangle[:, rows][:, :, columns].flatten(1)):
+        if not bool((triangle >= 0).any()):
+            if not bool((seen.triangle[number] >= 0).any()):
+                found.append((ViewWarning, _nothing(scene, seen, number)))
+        elif not seen.cameras.orthographic:
+            found += _sides(scene, geometry, triangle[triangle >= 0].unique(), (seen, number))
+    return found
+
+
+def say(doubts: list[Doubt]) -> None:
+    """Warn, each text once."""
+    for kind, text in dict.fromkeys(doubts):
+        warnings.warn(text, kind, stacklevel=3)
+
+
+def exposure_of(scene: Scene, options: RenderOptions) -> float | None:
+    """EV for display, None for automatic; lights in candela and lux ask for the latter, and it is said."""
+    if not isinstance(options.exposure, str):
+        return options.exposure
+    if not scene.photometric:
+        return 0.0
+    warnings.warn(f"{scene.name}: lights in candela and lux: exposure is automatic", ExposureWarning, stacklevel=4)
+    return None
+
+
+def _dark_lights(scene: Scene) -> list[Doubt]:
+    boxes = scene.geometry.cluster_bounds
+    if not len(boxes):
+        return []
+    dark = [light for light in scene.lights if _faces_away(light, boxes)]
+    turned = "turn its direction" if dark and isinstance(dark[0], SpotLight) else "swap edge_u and edge_v"
+    return [
+        (LightWarning, f"{scene.name}: light {light.name!r} faces away from everything there is: {turned}")
+        for light in dark
+    ]
+
+
+def _faces_away(light: Light, boxes: Tensor) -> bool:
+    """Whether no box (N,2,3) reaches the side, or the cone, that the light shines to."""
+    low, high = boxes.unbind(1)
+    if isinstance(light, RectLight):
+        normal = light.normal.double()
+        ahead = torch.where(normal > 0, high, low) - light.corner
+        return light.area > 0 and not bool(((ahead * normal).sum(1) > 1e-9 * ahead.norm(dim=1)).any())
+    if isinstance(light, SpotLight):
+        middle, radius = (low + high) / 2 - light.position, (high - low).norm(dim=1) / 2
+        distance, along = middle.norm(dim=1), (middle * light.direction.double()).sum(1)
+        angle = torch.acos((along / distance.clamp_min(1e-300)).clamp(-1, 1))
+        width = torch.asin((radius / distance.clamp_min(1e-300)).clamp(max=1.0))
+        inside = distance <= radius
+        return not bool((inside | (angle - width < math.radians(light.outer_deg))).any())
+    return False
+
+
+def _units(scene: Scene) -> list[Doubt]:
+    near = [light for light in scene.lights if isinstance(light, PointLight | SpotLight)]
+    if not scene.photometric or not near or scene.diagonal < LARGE:
+        return []
+    text = f"{scene.name}: {scene.diagonal:,.0f} units across, and lights in candela, which take a unit as a metre"
+    return [(UnitsWarning, f"{text}: if these are millimetres, scale meshes, lights and cameras by 0.001")]
+
+
+def _nothing(scene: Scene, seen: VisibilityBuffer, number: int) -> str:
+    eye, (low, high) = seen.cameras.eye[number], scene.bounds
+    ahead = seen.cameras.forward[number]
+    return (
+        f"{scene.name}: camera {number} sees nothing: it stands at {_told(eye)} and looks along {_told(ahead)}; "
+        f"the scene lies between {_told(low)} and {_told(high)}"
+    )
+
+
+def _told(point: Tensor) -> str:
+    return "(" + ", ".join(f"{v + 0.0:.3g}" for v in point.tolist()) + ")"
+
+
+def _sides(scene: Scene, geometry: Geometry, triangles: Tensor, view: tuple[VisibilityBuffer, int]) -> list[Doubt]:
+    """A single object whose backs fill the picture, and objects whose normals are on the other side of their faces."""
+    seen, number = view
+    faces = geometry.faces[triangles].long()
+    a, b, c = geometry.vertices[faces].unbind(1)
+    normal = torch.linalg.cross(b - a, c - a)
+    size = normal.norm(dim=1)
+    objects = geometry.object_id[triangles]
+    found: list[Doubt] = []
+    if len(objects.unique()) == 1 and bool((seen.triangle[number] >= 0).all()):
+        back = ((seen.cameras.eye[number] - a) * normal).sum(1) < 0
+        if float(back.double().mean()) >= MOST:
+            name = _name(scene, int(objects[0]))
+            found.append((ViewWarning, f"{scene.name}: camera {number} stands inside {name!r}: all it sees are backs"))
+    if geometry.normals is None:
+        return found
+    shading = geometry.normals[faces].double()
+    given = (shading.abs().sum(-1) > 0).all(1) & (size > 0)
+    inward = ((shading * normal[:, None]).sum(-1) < 0).all(1)
+    for one in objects[given & inward].unique():
+        own = given & (objects == one)
+        if float(inward[own].double().mean()) >= MOST:
+            text = f"normals of {_name(scene, int(one))!r} point to the inside of its faces: turn them, or its faces"
+            found.append((NormalsWarning, f"{scene.name}: {text}"))
+    return found
+
+
+def _name(scene: Scene, number: int) -> str:
+    for place, mesh in enumerate(scene.meshes):
+        if (place if mesh.object_id is None else mesh.object_id) == number:
+            return mesh.name
+    return f"object {number}"
