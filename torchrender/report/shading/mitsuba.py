@@ -151,13 +151,11 @@ def _compared(found: Tensor, wanted: Tensor, inside: Tensor) -> dict[str, float]
 
 def _ours(ball: Ball, light: Light | Environment) -> tuple[Tensor, Tensor, Tensor]:
     """Radiance (S,S,3), the same with one bounce between microfacets, and pixels that lie wholly on the ball."""
-    is_sky = isinstance(light, Environment)
-    scene = Scene(
-        meshes=(_sphere(),),
-        materials=(ball.ours,),
-        lights=() if is_sky else (light,),
-        environment=light if is_sky else None,
-    )  # type: ignore[arg-type]
+    scene = Scene(meshes=(_sphere(),), materials=(ball.ours,))
+    if isinstance(light, Environment):
+        scene = replace(scene, environment=light)
+    else:
+        scene = replace(scene, lights=(light,))
     camera = Cameras.look_at([0.0, 0.0, 6.0], [0.0, 0.0, 0.0], width=SIDE * FINER, height=SIDE * FINER, fov_deg=20.0)
     gbuffer = rasterize(scene, camera)
     image = shade(scene, gbuffer, background=(0.0, 0.0, 0.0))[0]
