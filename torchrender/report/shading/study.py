@@ -1,11 +1,14 @@
 """Measure shading: ``python -m torchrender.report.shading [--quick] [-o docs/results]``.
 
-Writes ``shading.md`` and ``.json``: direct light by the kernel beside what torch took before there was one, the
-price of all maps, what is left to the machine's limit, and how much of the light white metals send back.
+Writes ``shading.md``, ``.json`` and ``.jpg``: pictures of Mitsuba, environment maps by direction, direct light by the
+kernel beside what torch took before there was one, the price of all maps, what is left to the machine's limit, ambient
+visibility in rooms, white furnaces, and a contact sheet of test models. Data come from the folder of
+``TORCHRENDER_DATA`` (default ``../shared/data``); what is not there is left out, and the page says so.
 """
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -20,7 +23,12 @@ from torchrender.quality.timing import take_turns
 from torchrender.raster import rasterize
 from torchrender.report.common.command import study_parser
 from torchrender.report.shading import before, opengl
+from torchrender.report.shading.mitsuba import beside_mitsuba
 from torchrender.report.shading.page import page
+from torchrender.report.shading.references import references
+from torchrender.report.shading.rooms import ROOMS, ambient_rooms
+from torchrender.report.shading.sheet import write_sheet
+from torchrender.report.shading.sky import irradiance_of
 from torchrender.report.shading.subject import Subject, built_in, machine_limits, with_all_maps
 from torchrender.scene.camera import Cameras
 from torchrender.scene.light import DirectionalLight
@@ -33,6 +41,8 @@ from torchrender.shading.attributes import _interpolated
 SCENES = ("nest", "grass", "city", "tree", "living_room", "washroom", "cornell_box")
 SIDES = (512, 1024)
 ROUGHNESS = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
+DIRECTIONS = 256
+QUICK_MODELS = ("SimpleSparseAccessor",)
 READ, WRITTEN, GATHERS = 16 + 4, 12, 45
 """Bytes per pixel of the visibility buffer and of the light that leaves, and numbers gathered: corners, planes, ids."""
 
@@ -132,7 +142,9 @@ def run(folder: Path, quick: bool) -> list[Path]:
     sides = (128,) if quick else SIDES
     runs = 2 if quick else 9
     limits = machine_limits()
-    record = {
+    data = Path(os.environ.get("TORCHRENDER_DATA", "../shared/data"))
+    skies = data / "envmaps" if (data / "envmaps").is_dir() else None
+    record: dict[str, Any] = {
         "machine": machine_record(),
         "limits": limits,
         "per_pixel": {"bytes": READ + WRITTEN, "gathers": GATHERS},
@@ -142,10 +154,17 @@ def run(folder: Path, quick: bool) -> list[Path]:
         ],
         "opengl": [row for name in names if (row := beside_opengl(built_in(name, sides[0]), runs)) is not None],
         "furnace": furnace(),
+        "mitsuba": beside_mitsuba(None, 4, ("matt",)) if quick else beside_mitsuba(skies, 256),
+        "references": [] if quick else references(data / "references"),
+        "skies": [] if quick or skies is None else irradiance_of(skies, DIRECTIONS),
+        "rooms": [] if quick else ambient_rooms(ROOMS, sides[0], runs),
     }
-    write_record(folder / "shading.json", record)
-    write_text(folder / "shading.md", page(record))
-    return [folder / "shading.json", folder / "shading.md"]
+    files = [folder / "shading.json", folder / "shading.md", folder / "shading.jpg"]
+    chosen = QUICK_MODELS if quick else ()
+    record["failed"] = write_sheet(files[2], data / "gltf", names=chosen, side=64 if quick else 256)
+    write_record(files[0], record)
+    write_text(files[1], page(record))
+    return [file for file in files if file.is_file()]
 
 
 def main() -> None:
