@@ -78,6 +78,10 @@ LOST: dict[str, tuple[Callable[[], object], str]] = {
     ),
     "rasterize": (lambda: tr.rasterize(scene(mesh(vertices=VERTICES)), CAMERA), "rasterize gives no gradient"),
     "rasterize_depth": (lambda: tr.rasterize_depth(mesh(vertices=VERTICES), CAMERA), "vertices of mesh 'box'"),
+    "depth images": (
+        lambda: tr.sample_depth_images(scene(mesh(vertices=VERTICES)), CAMERA),
+        "sample_depth_images gives no gradient",
+    ),
     "camera": (
         lambda: replace(CAMERA, intrinsics=CAMERA.intrinsics.clone().requires_grad_()),
         "a camera gives no gradient to intrinsics",

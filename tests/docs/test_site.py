@@ -37,7 +37,7 @@ def documented() -> list[str]:
 def test_the_reference_has_every_public_name_once() -> None:
     names = documented()
     assert len(names) == len(set(names))
-    for module in ("torchrender", "torchrender.client", "torchrender.photo.fog"):
+    for module in ("torchrender", "torchrender.batch", "torchrender.client", "torchrender.photo.fog"):
         public = {f"{module}.{name}" for name in import_module(module).__all__ if not name.startswith("_")}
         assert public <= set(names), public - set(names)
     for full in names:

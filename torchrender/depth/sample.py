@@ -12,6 +12,7 @@ from torchrender.depth.samples import Samples, depth_images
 from torchrender.errors import InputError
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene, resized
+from torchrender.scene.triangles import check_fixed
 
 
 def sample_depth_images(scene: Scene, cameras: Cameras, options: SamplingOptions | None = None) -> DepthImages:
@@ -27,9 +28,10 @@ def sample_depth_images(scene: Scene, cameras: Cameras, options: SamplingOptions
         cameras: B perspective cameras.
 
     Raises:
-        InputError: orthographic cameras, or none at all.
+        InputError: orthographic cameras, or none at all. GradientError: a mesh asks for a gradient.
     """
     options = options or SamplingOptions()
+    check_fixed("sample_depth_images", scene)
     if cameras.orthographic or not len(cameras):
         raise InputError(f"cameras must be perspective and at least one, got {len(cameras)}")
     if options.size is not None:

@@ -135,14 +135,13 @@ def _settled(knowledge: Knowledge, options: RenderOptions, done: frozenset[str])
 def _statement(plan: Plan, choice: Choice, spent_ms: float) -> str:
     """Why a wish cannot be met; times are those of the table."""
     if plan.budget_ms is not None and choice.predicted_ms > plan.budget_ms:
-        spent = f", {spent_ms:.0f} ms of which are spent" if spent_ms >= 1.0 else ""
-        expected = f"about {choice.predicted_ms:.0f} ms{spent}" if plan.predicted_ms is None or spent else ""
-        expected = expected or f"about {plan.predicted_ms:.0f} ms"
+        expected = choice.predicted_ms if plan.predicted_ms is None else plan.predicted_ms
+        spent = f" ({spent_ms:.0f} ms were spent when the rest was chosen)" if spent_ms >= 1.0 else ""
         after = plan.following_ms
         follow = "" if after is None or after == plan.predicted_ms else f", and {after:.0f} ms each that follow"
         return (
             f"a budget of {plan.budget_ms:g} ms is not enough for this picture: the cheapest settings are taken, "
-            f"{expected}{follow}"
+            f"about {expected:.0f} ms{spent}{follow}"
         )
     if plan.budget_ms is not None and plan.max_error is None:
         return f"a budget of {plan.budget_ms:g} ms leaves little headroom: the cheapest settings are taken"
