@@ -27,7 +27,7 @@ MEANS = {
     "BarramundiFish": "A scanned fish with its normal map; its two other pictures are not in the folder.",
     "BoxAnimated": "A box within a box at time 0.",
     "Cameras": "A square seen by the file's own first camera.",
-    "ClearCoatTest": "Rows: base alone, coat alone, both; the left and middle balls differ by the coat's highlight.",
+    "ClearCoatTest": "Columns: base layer, coated, coat alone; coated is both of its neighbours.",
     "DamagedHelmet": "Metal with all maps; the visor's lights glow, nothing else does.",
     "NormalTangentTest": "Derived tangents: every bump lit from the same side as real ones beside it.",
     "SimpleSparseAccessor": "A strip of triangles; three corners moved by a sparse accessor.",
