@@ -119,7 +119,8 @@ def beside_mitsuba(folder: Path | None, samples: int, names: tuple[str, ...] = (
         for light, (ours, theirs) in lights(sky).items():
             if (names and ball.name not in names) or (ball.is_smooth and light != "environment"):
                 continue  # a mirror shows no points
-            wanted = _theirs(mi, ball, theirs, samples)
+            few = light in ("point", "parallel")  # next to no noise
+            wanted = _theirs(mi, ball, theirs, max(samples // 16, 4) if few else samples)
             found, once, inside = _ours(ball, ours)
             rows.append({"ball": ball.name, "light": light, **_compared(found, wanted, inside)})
             rows[-1]["once"] = _compared(once, wanted, inside)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import textwrap
 import warnings
 from pathlib import Path
@@ -15,20 +16,22 @@ from torchrender.errors import TorchRenderError
 from torchrender.images.files import write_atomically
 from torchrender.pipeline.options import RenderOptions
 from torchrender.renderer import render
+from torchrender.scene.camera import Cameras
 from torchrender.scene.load import load
+from torchrender.scene.model import Scene
 
 MEANS = {
     "2CylinderEngine": "Nested nodes: every part in its place.",
     "AlphaBlendModeTest": "Opaque, blend, mask with cutoffs: the ticks stand where the labels say.",
     "AnimatedMorphCube": "A cube with weights of two morph targets.",
-    "BarramundiFish": "Base colour, roughness, normals of a scanned fish.",
+    "BarramundiFish": "A scanned fish with its normal map; its two other pictures are not in the folder.",
     "BoxAnimated": "A box within a box at time 0.",
     "Cameras": "A square seen by the file's own first camera.",
-    "ClearCoatTest": "Rows: base alone, coat alone, both; the left and middle balls differ by the coat's highlight.",
+    "ClearCoatTest": "Columns: base layer, coated, coat alone; coated is both of its neighbours.",
     "DamagedHelmet": "Metal with all maps; the visor's lights glow, nothing else does.",
     "NormalTangentTest": "Derived tangents: every bump lit from the same side as real ones beside it.",
     "SimpleSparseAccessor": "A strip of triangles; three corners moved by a sparse accessor.",
-    "SpecularTest": "Dielectrics: from top to bottom less to more mirrored light at normal incidence, then tints.",
+    "SpecularTest": "Black dielectrics: from left to right more mirrored light, by what each row's label names.",
     "TextureCoordinateTest": "Fields of a picture: each shows its own label, upright.",
     "TextureSettingsTest": "Wrap modes and sides: a green tick wherever one is asked for, no red cross.",
     "duck_pack-c": "The duck, compressed by meshopt: yellow with its texture.",
@@ -37,6 +40,12 @@ MEANS = {
     "simple-instancing": "Instances of one mesh, each with its own place, turn and size.",
 }
 """What each file is to show, by its name."""
+
+FRONT = {
+    "AlphaBlendModeTest": 1.0, "ClearCoatTest": 1.0, "NormalTangentTest": 1.0, "SimpleSparseAccessor": 1.0,
+    "SpecularTest": 1.0, "TextureCoordinateTest": -1.0, "TextureSettingsTest": 1.0,
+}  # fmt: skip
+"""Boards that are looked at straight, and whether they face along z or against it."""
 
 SIDE, LINES, GAP = 256, 4, 6
 
@@ -66,9 +75,19 @@ def drawn(file: Path, side: int) -> Tensor:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         scene = load(file)
-        image = render(scene, width=side, height=side, options=RenderOptions(supersample=2))
+        camera = _before(scene, side, FRONT[file.stem]) if file.stem in FRONT else None
+        image = render(scene, camera, width=side, height=side, options=RenderOptions(supersample=2))
     pixels: Tensor = image.to_srgb()[0]
     return pixels if pixels.dtype == torch.uint8 else (pixels.clamp(0, 1) * 255 + 0.5).to(torch.uint8)
+
+
+def _before(scene: Scene, side: int, sign: float) -> Cameras:
+    """A camera that sees all of a board straight."""
+    low, high = scene.bounds
+    middle, size = (low + high) / 2, high - low
+    away = 0.55 * float(size[:2].max()) / math.tan(math.radians(15.0)) + 0.5 * float(size[2])
+    eye = middle + torch.tensor([0.0, 0.0, sign * away], dtype=torch.float64)
+    return Cameras.look_at(eye, middle, width=side, height=side, fov_deg=30.0, near=1e-3 * away)
 
 
 def _published(folder: Path, name: str) -> Picture.Image | None:

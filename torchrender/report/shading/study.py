@@ -154,7 +154,7 @@ def run(folder: Path, quick: bool) -> list[Path]:
         ],
         "opengl": [row for name in names if (row := beside_opengl(built_in(name, sides[0]), runs)) is not None],
         "furnace": furnace(),
-        "mitsuba": beside_mitsuba(None, 4, ("matt",)) if quick else beside_mitsuba(skies, 256),
+        "mitsuba": beside_mitsuba(None, 4, ("matt",)) if quick else beside_mitsuba(skies, 1024),
         "references": [] if quick else references(data / "references"),
         "skies": [] if quick or skies is None else irradiance_of(skies, DIRECTIONS),
         "rooms": [] if quick else ambient_rooms(ROOMS, sides[0], runs),
