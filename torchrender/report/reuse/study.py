@@ -133,7 +133,8 @@ def measure_walk(name: str, walk: str, study: StudyOptions, folder: Path) -> dic
     state: ReuseState | None = None
     frames: list[dict[str, Any]] = []
     sheet: list[Tensor] = []
-    picture, middle, last = None, len(stage.cameras) // 2, None
+    picture, middle = None, len(stage.cameras) // 2
+    last: Tensor | None = None
     for number in range(len(stage.cameras)):
         gbuffer, raster_ms = _timed(partial(rasterize, stage.scene, stage.cameras[number]))
         direct, shade_ms = _timed(partial(stage.direct, gbuffer))
