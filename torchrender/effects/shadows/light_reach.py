@@ -58,7 +58,7 @@ def light_reach(scene: Scene, samples: GBuffer | RaySurface, *, side: int = TILE
     tiles = -(-height // side) * -(-width // side)
     marks = np.zeros((count, tiles, len(scene.lights)), np.bool_)
     shining = torch.tensor([shines(light) for light in scene.lights], dtype=torch.bool)
-    if bool(shining.any()):
+    if bool(shining.any()) and bool(samples.covered.any()):
         lamps, threads = lamps_of(scene.lights), thread_count()
         for index, points in enumerate(points_of(scene, samples)):
             mark_tiles(points, lamps, side, threads, marks[index])

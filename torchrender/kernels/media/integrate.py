@@ -136,8 +136,7 @@ def break_points(media, kind, light, o, d, begin, end, points):
 def fill_panels(media, kind, light, ray, ends, steps, angles, scratch):
     """Panels of a ray for all channels; returns their number. ``scratch``: see :func:`scatter_rays`.
 
-    ``ends``: where the ray begins, where it begins to be lit, and where it ends. What lies before the light dims it.
-    """
+    ``ends``: where the ray begins, where it begins to be lit, and where it ends."""
     o, d, t0, away, _ = ray
     start, begin, end = ends
     panels, nodes, points, active = scratch
