@@ -56,7 +56,7 @@ def main(given: list[str] | None = None) -> None:
     pictures = film.pop("pictures")
     record["moving"] = film
     said("Mitsuba")
-    record["mitsuba"] = beside_mitsuba(at, skies, 64 if quick else 512)
+    record["mitsuba"] = beside_mitsuba(at, skies, 64 if quick else 256)
     said("errors")
     record["by_spheres"] = {one.name: by_spheres(at, one) for one in skies}
     counts = (64,) if quick else (32, 64)

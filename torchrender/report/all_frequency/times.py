@@ -131,7 +131,8 @@ def moving(folder: Path, environment: Environment, frames: int) -> dict[str, Any
     history = {name: RenderHistory() for name in ways}
     duration = next(iter(scene.animations.values()))
     ms: dict[str, list[float]] = {name: [] for name in ("move", *ways)}
-    own, pictures = [], []
+    own: list[float] = []
+    pictures: list[Tensor] = []
     for number in range(-2, frames):  # two pictures to compile and to fit
         begin = perf_counter()
         now = scene.at(duration * (number % frames) / frames)
