@@ -152,11 +152,11 @@ def plot(path: Path, costs: Mapping[str, Any]) -> None:
     axes = figure.subplots(1, 3)
     # "0, behind the camera" is a share, too; steps stand beside blocks, which have none.
     shares = sorted((float(k.partition(",")[0]), v["median"]) for k, v in costs["shares"].items())
-    steps = sorted((int(k.split()[0]), v["median"]) for k, v in costs["ways"].items() if k.endswith("steps"))
-    lamps = sorted((int(k), v["median"]) for k, v in costs["lights"].items())
+    steps = sorted((float(k.split()[0]), v["median"]) for k, v in costs["ways"].items() if k.endswith("steps"))
+    lamps = sorted((float(k), v["median"]) for k, v in costs["lights"].items())
     named = (("share of rays in the medium", shares), ("steps along every ray", steps), ("lamps", lamps))
     for axis, (label, points) in zip(axes, named, strict=True):
-        axis.plot(*zip(*points, strict=True), "o-", color="tab:blue")
+        axis.plot([x for x, _ in points], [y for _, y in points], "o-", color="tab:blue")
         axis.set(xlabel=label, ylabel="ms", xlim=(0, None), ylim=(0, None))
         axis.grid(alpha=0.3)
     figure.savefig(path, dpi=100, format="png")
