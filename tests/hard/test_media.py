@@ -39,7 +39,7 @@ def test_panels_find_what_many_steps_find(kind: str, light: Light) -> None:
         quick = layer(fog(**KINDS[kind]), lamp, panels=32, **how).scattered
         slow = layer(fog(**KINDS[kind]), lamp, way="march", steps=512, **how).scattered
         # Towards a light, a grid's density is known from the centres of its cells.
-        assert rmse(quick, slow) < (0.012 if kind == "grid" else 0.003)
+        assert rmse(quick, slow) < (0.012 if kind == "grid" else 0.005)
 
 
 @pytest.mark.parametrize("g", [-0.99, 0.99])

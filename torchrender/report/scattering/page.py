@@ -63,10 +63,29 @@ def lines(record: Mapping[str, Any]) -> list[str]:
     out += ["## Trends", ""]
     rows = [[k, *(f"{v:.4f}" for v in values)] for k, values in record["trends"].items()]
     out += table(["mean scattered light", "1", "2", "3", "4", "5"], rows)
-    film = record["film"]
-    out += ["## A sun that moves", ""]
+    return [*out, *_motion(record), *_streamed(record["streamed"]), *_peer(record["peer"])]
+
+
+def _streamed(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    out = [
+        "## In streams",
+        "",
+        "Keyframes hold the light of a pixel with what media add and take; clients move it with the surface behind it.",
+        "After a step, shafts and halos are therefore seen as if painted on what lies behind them, until the next",
+        "keyframe. Mean error of the pixels that the keyframe knows, as a share of the mean light, against a picture",
+        "from there, and the same without media, which is what reprojection costs anyway.",
+        "",
+    ]
+    cells = [[r["scene"], f"{r['step']:g}", _percent(r["fog"]), _percent(r["clear"])] for r in rows]
+    return out + table(["scene", "step to the side, m", "with media", "clear air"], cells)
+
+
+def _motion(record: Mapping[str, Any]) -> list[str]:
+    """The film and the edits."""
+    film, frames = record["film"], record["study"]["frames"]
+    out = ["## A sun that moves", ""]
     out += [
-        f"Variance over {study['frames']} pictures of the error of 3 x 3 blocks: {film['ratio']:.3f} of that of plain",
+        f"Variance over {frames} pictures of the error of 3 x 3 blocks: {film['ratio']:.3f} of that of plain",
         "bilinear interpolation of a third of the rows and columns (asked: at most 0.5). From above: the light, the",
         "error of blocks and that of bilinear interpolation, eight times as bright.",
         "",
@@ -87,21 +106,7 @@ def lines(record: Mapping[str, Any]) -> list[str]:
         "and nothing else is done.",
         "",
     ]
-    return [*out, *_streamed(record["streamed"]), *_peer(record["peer"])]
-
-
-def _streamed(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    out = [
-        "## In streams",
-        "",
-        "Keyframes hold the light of a pixel with what media add and take; clients move it with the surface behind it.",
-        "After a step, shafts and halos are therefore seen as if painted on what lies behind them, until the next",
-        "keyframe. Mean error of the pixels that the keyframe knows, as a share of the mean light, against a picture",
-        "from there, and the same without media: the rest is what reprojection costs anyway.",
-        "",
-    ]
-    cells = [[r["scene"], f"{r['step']:g}", _percent(r["fog"]), _percent(r["clear"])] for r in rows]
-    return out + table(["scene", "step to the side, m", "with media", "clear air"], cells)
+    return out
 
 
 def _busy(record: Mapping[str, Any]) -> str:
@@ -152,11 +157,11 @@ def plot(path: Path, costs: Mapping[str, Any]) -> None:
     axes = figure.subplots(1, 3)
     # "0, behind the camera" is a share, too; steps stand beside blocks, which have none.
     shares = sorted((float(k.partition(",")[0]), v["median"]) for k, v in costs["shares"].items())
-    steps = sorted((int(k.split()[0]), v["median"]) for k, v in costs["ways"].items() if k.endswith("steps"))
-    lamps = sorted((int(k), v["median"]) for k, v in costs["lights"].items())
+    steps = sorted((float(k.split()[0]), v["median"]) for k, v in costs["ways"].items() if k.endswith("steps"))
+    lamps = sorted((float(k), v["median"]) for k, v in costs["lights"].items())
     named = (("share of rays in the medium", shares), ("steps along every ray", steps), ("lamps", lamps))
     for axis, (label, points) in zip(axes, named, strict=True):
-        axis.plot(*zip(*points, strict=True), "o-", color="tab:blue")
+        axis.plot([x for x, _ in points], [y for _, y in points], "o-", color="tab:blue")
         axis.set(xlabel=label, ylabel="ms", xlim=(0, None), ylim=(0, None))
         axis.grid(alpha=0.3)
     figure.savefig(path, dpi=100, format="png")

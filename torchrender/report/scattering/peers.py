@@ -7,6 +7,7 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -57,11 +58,11 @@ def _case(mi: Any, study: StudyOptions, name: str, make: Callable[[], Scene], ch
         return Stage.of(scene, camera, study.map_size, caster=stage.lit.caster).light()
 
     found, ms = _timed(ours, study.runs)
-    rows = [{"what": "slices, 2 x 2", "ms": ms, "rmse": _rmse(found.numpy(), wanted.numpy())}]
+    rows: list[dict[str, Any]] = [{"what": "slices, 2 x 2", "ms": ms, "rmse": _rmse(found.numpy(), wanted.numpy())}]
     world = mi.load_dict(_world(mi, camera, scene))
     image = np.zeros(1)
     for samples in study.peer_samples:
-        image, took = _timed(lambda n=samples: np.array(mi.render(world, spp=n, seed=2))[..., 0], study.runs)
+        image, took = _timed(partial(_traced, mi, world, samples), study.runs)
         rows.append({"what": f"volpath, {samples} samples", "ms": took, "rmse": _rmse(image, wanted.numpy())})
     # The same light: means of tiles, whose noise is far less than that of pixels.
     tiles = [_tiles(picture) for picture in (image, wanted.numpy())]
@@ -72,6 +73,10 @@ def _case(mi: Any, study: StudyOptions, name: str, make: Callable[[], Scene], ch
         "tiles": _rmse(*tiles),
         "at_our_time": rows[-1]["rmse"] * math.sqrt(rows[-1]["ms"] / ms),
     }
+
+
+def _traced(mi: Any, world: Any, samples: int) -> np.ndarray:
+    return np.array(mi.render(world, spp=samples, seed=2))[..., 0]
 
 
 def _timed(work: Callable[[], Any], runs: int) -> tuple[Any, float]:
