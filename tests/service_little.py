@@ -16,7 +16,7 @@ from service_server import RunningServer
 from torchrender_service.metrics import Metrics
 from torchrender_service.renderers.asked import Asked
 from torchrender_service.renderers.contract import RendererHandle
-from torchrender_service.renderers.jobs import Job, Render, Validate
+from torchrender_service.renderers.jobs import Job, Locate, Render
 from torchrender_service.settings import Settings, read_settings
 from torchrender_service.web.server import Server, make_server
 
@@ -60,8 +60,8 @@ class PatientPool(FakePool):
     def answer(self, job: Job) -> dict[str, Any]:
         if isinstance(job, Render):
             return {"file": PICTURE, "plan": {"rows": []}, "timings_ms": {}}
-        if isinstance(job, Validate):
-            return dict(FACTS)
+        if isinstance(job, Locate):
+            return super().answer(job)
         return dict(FACTS)
 
 

@@ -184,6 +184,7 @@ def test_pages_of_other_sites_cannot_ask(little: LittleServer) -> None:
     assert little.ask("GET", plan, origin=little.url, sec_fetch_site="same-origin").status == 200
     headers = little.ask("GET", "/").headers
     assert headers["x-frame-options"] == "DENY" and f"ws://{little.address} " in headers["content-security-policy"]
+    assert "connect-src 'self' data: " in headers["content-security-policy"], "the decoder fetches its own code"
     assert " ws: " not in headers["content-security-policy"]
 
 

@@ -14,10 +14,11 @@ _COMMON = (
     (b"x-frame-options", b"DENY"),
     (b"cross-origin-resource-policy", b"same-origin"),
 )
+# The decoder of zstd comes as data within its script.
 _NOTHING = "default-src 'none'; frame-ancestors 'none'"
 _PAGE = (
     "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self'; img-src 'self' data: blob:; "
-    "connect-src 'self'{sockets}; worker-src 'self'; form-action 'none'; base-uri 'none'; frame-ancestors 'none'"
+    "connect-src 'self' data:{sockets}; worker-src 'self'; form-action 'none'; base-uri 'none'; frame-ancestors 'none'"
 )
 
 
