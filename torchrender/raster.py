@@ -50,7 +50,7 @@ Array = np.ndarray[Any, Any]
 NONE = np.zeros(0, np.bool_)
 CULLING = ("none", "back", "front", "sides")
 OUTPUTS = tuple(field.name for field in fields(GBuffer) if field.name != "cameras")
-CHUNK = 1 << 18
+CHUNK = 1 << 20
 """Pixels that are drawn at a time where only some attributes are kept."""
 _memory = Recycler(1 << 26)
 PIXEL_TESTS = ("identity", "depth_identity", "captured")  # in the order of kernels.fragments
@@ -123,6 +123,8 @@ def rasterize(
         outputs = (outputs,)
     for name in outputs:
         check_choice("outputs", name, OUTPUTS)
+    if set(outputs) == {"depth"} and tests is None:
+        return {"depth": rasterize_depth(scene.geometry, cameras, cull=cull)}
     kept: dict[str, Tensor] = {}
     step = max(1, CHUNK // (cameras.width * cameras.height))
     for first in range(0, max(len(cameras), 1), step):

@@ -241,3 +241,67 @@ def test_far_plane_and_extreme_depth_range():
     assert bool(seen.any())
     assert float(depth[seen].max()) <= 1e5 * (1 + 1e-6)
     assert not bool(torch.isnan(depth).any())
+
+
+def tiny_soup(count: int, pixel: tuple[float, float], spread: float, nearer: bool) -> Mesh:
+    """Triangles of 1e-3 pixels in a 16 x 16 image of :func:`small_view`, one behind the other in the order of ids."""
+    generator = torch.Generator().manual_seed(3)
+    rank = torch.arange(count, dtype=torch.float64)
+    z = 2.0 + (rank if nearer else count - rank) / count
+    centre = torch.tensor(pixel, dtype=torch.float64) - 8.0 + spread * (torch.rand(count, 2, generator=generator) - 0.5)
+    corners = 1e-3 * (torch.rand(count, 3, 2, generator=generator, dtype=torch.float64) - 0.5)
+    flat = (centre[:, None] + corners) / 16.0
+    vertices = torch.cat([flat * z[:, None, None], z[:, None, None].expand(-1, 3, 1)], 2).reshape(-1, 3)
+    return Mesh(vertices=vertices, faces=torch.arange(3 * count).reshape(-1, 3))
+
+
+def small_view(count: int = 1, width: int = 16, height: int = 16) -> Cameras:
+    """At the origin along z; a unit at depth one is 16 pixels."""
+    k = torch.tensor([[16.0, 0, width / 2], [0, 16.0, height / 2], [0, 0, 1]], dtype=torch.float64)
+    matrices = torch.eye(4, dtype=torch.float64).repeat(count, 1, 1)
+    matrices[:, 0, 3] = torch.linspace(0, 0.4, count, dtype=torch.float64)
+    near, far = torch.full((count,), 0.1, dtype=torch.float64), torch.full((count,), 99.0, dtype=torch.float64)
+    return Cameras(matrices, k.expand(count, 3, 3).contiguous(), width, height, near, far)
+
+
+@pytest.mark.parametrize("nearer", [False, True])
+def test_triangles_far_below_a_pixel_are_seen_where_they_hold_a_centre(nearer: bool) -> None:
+    """All at one pixel centre, one behind the other, in order and in reverse; and elsewhere in that pixel: nothing."""
+    mesh = tiny_soup(20_000, (5.5, 9.5), 0.0, nearer)
+    seen = rasterize_visibility(mesh, small_view())
+    x, y = (mesh.vertices.reshape(-1, 3, 3)[..., a] / mesh.vertices.reshape(-1, 3, 3)[..., 2] * 16 for a in (0, 1))
+    px, py = 5.5 - 8, 9.5 - 8
+    side = (x.roll(-1, 1) - x) * (py - y) - (y.roll(-1, 1) - y) * (px - x)
+    side = side * side.sum(1, keepdim=True).sign()
+    found, snap = int(seen.triangle[0, 9, 5]), 5e-8  # corners move by up to 1/65536 pixel
+    clear = (side > snap).all(1).nonzero().reshape(-1)
+    assert len(clear) > 100 and bool((side[found] > -snap).all())
+    assert found <= int(clear[0]) if nearer else found >= int(clear[-1])
+    assert int(seen.covered.sum()) == 1 and bool(torch.isfinite(seen.depth[0, 9, 5]))
+    beside = rasterize_visibility(tiny_soup(20_000, (5.3, 9.3), 0.2, nearer), small_view())
+    assert not bool(beside.covered.any())
+
+
+def test_many_tiny_pictures_equal_one_at_a_time() -> None:
+    mesh = tiny_soup(300, (5.5, 5.5), 9.0, True)
+    floor = Mesh(vertices=torch.tensor([[-9.0, 0.1, -1], [9, 0.1, -1], [0, 0.1, 30]]), faces=torch.tensor([[0, 1, 2]]))
+    geometry = concatenate([mesh, floor])
+    cameras = small_view(60, 8, 8)
+    every = rasterize_visibility(geometry, cameras)
+    for k in range(0, 60, 7):
+        one = rasterize_visibility(geometry, cameras[k])
+        for name in ("depth", "triangle", "object_id", "barycentric"):
+            assert torch.equal(getattr(every, name)[k], getattr(one, name)[0])
+    assert bool(every.covered.any()) and not bool(every.covered.all())
+
+
+def test_a_picture_of_sixteen_thousand_columns() -> None:
+    """A wall across it: every pixel, at its depth."""
+    wall = Mesh(
+        vertices=torch.tensor([[-1e4, -9.0, 5.0], [1e4, -9, 5], [1e4, 9, 5], [-1e4, 9, 5]]),
+        faces=torch.tensor([[0, 1, 2], [0, 2, 3]]),
+    )
+    seen = rasterize_visibility(wall, small_view(1, 16_384, 16))
+    assert bool(seen.covered.all()) and float((seen.depth - 5.0).abs().max()) < 1e-5
+    tall = rasterize_visibility(wall, small_view(1, 16, 16_384))
+    assert 0 < int(tall.covered.sum()) < tall.covered.numel(), "the wall ends above and below"

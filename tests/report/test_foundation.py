@@ -54,6 +54,7 @@ def test_the_page_holds_every_figure(tmp_path):
         "size": 32,
         "gbuffer": {"cornell_box": row},
         "million": row,
+        "views": [foundation.many_views("cornell_box", scene, 3, 16, 1)],
         "floor_ms": foundation.write_floor(32, 2),
         "triangles": sweep,
         "pixels": sweep,
@@ -66,6 +67,7 @@ def test_the_page_holds_every_figure(tmp_path):
     text = (tmp_path / "foundation.md").read_text()
     assert machine_line(record["machine"]) in text
     assert "1.5 s with compiled kernels cached, 20.0 s the very first time" in text
+    assert f"| cornell_box | {record['views'][0]['per_second']['depth']:.0f} |" in text
     assert f"{100 * row['agreement']['same_id']:.4f} %" in text
     for found in record["rays"]["rows"][0]["kinds"].values() if record["rays"]["rows"] else ():
         assert f"| {found['mrays_per_s']['caster']:.2f} |" in text

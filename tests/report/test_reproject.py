@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
+import torch
+
+from torchrender.depth.sample import sample_depth_images
 from torchrender.images.files import read_image
+from torchrender.report.reproject.kornia_warp import flow_warp, homography_warp
 from torchrender.report.reproject.study import SCENES, run
+from torchrender.scene.procedural import build
 
 
 def test_a_tiny_run_writes_its_page(tmp_path: Path) -> None:
@@ -20,4 +26,16 @@ def test_a_tiny_run_writes_its_page(tmp_path: Path) -> None:
         assert 0.8 < hybrid["valid"] <= 1.0 and hybrid["valid"] >= grid["valid"] - 0.02
     page = (tmp_path / "reproject.md").read_text()
     assert "plain torch grid" in page and "nan" not in page
+    assert "| kornia homography of one image |" in page and "| kornia flow of one image, depth given |" in page
     assert read_image(tmp_path / "reproject.png").shape == (4 * 48, 5 * 48, 3)
+
+
+def test_warps_of_others_bring_an_image_back_to_its_own_view() -> None:
+    scene = build("cornell_box")
+    camera = scene.camera(width=40, height=30)
+    images = sample_depth_images(scene, camera)
+    color = torch.rand(1, 30, 40, 3, generator=torch.Generator().manual_seed(0))
+    images = replace(images, color=color)
+    inner = (slice(1, -1), slice(1, -1))  # beyond the borders there is nothing
+    for found in (homography_warp(images, camera), flow_warp(images, camera, images.depth[0])):
+        torch.testing.assert_close(found[inner], color[0][inner], atol=2e-3, rtol=0)

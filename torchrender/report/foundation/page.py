@@ -23,6 +23,7 @@ def write_page(record: dict[str, Any], folder: Path) -> None:
         "Times are medians in milliseconds (smallest to greatest); the candidates of a row take turns in one run.",
         "",
         *gbuffer_table(record),
+        *views_lines(record),
         *floor_lines(record),
         *agreement_table(record),
         *scaling_tables(record),
@@ -59,6 +60,20 @@ def gbuffer_table(record: dict[str, Any]) -> list[str]:
         "open3d casts the primary rays of the same camera; software OpenGL draws ids and depth and reads both",
     ]
     lines += ["back, without object ids and barycentrics. " + "; ".join(sorted(notes)) + "."]
+    return [*lines, ""]
+
+
+def views_lines(record: dict[str, Any]) -> list[str]:
+    """Many small pictures of one call."""
+    rows = record.get("views", [])
+    if not rows:
+        return []
+    count, side = rows[0]["count"], rows[0]["side"]
+    lines = [f"## {count} cameras at {side}² in one call", "", "| scene | depth, pictures/s | depth, normals, ids |"]
+    lines += ["|---|---|---|"]
+    for row in rows:
+        rate = row["per_second"]
+        lines.append(f"| {row['scene']} | {rate['depth']:.0f} | {rate['outputs']:.0f} |")
     return [*lines, ""]
 
 

@@ -13,28 +13,39 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 
+from torchrender.depth.viewpoints import viewpoints_around
 from torchrender.kernels.compile import thread_count
 from torchrender.quality.machine import machine_record
 from torchrender.quality.pages import write_record
 from torchrender.quality.timing import Timing, take_turns
-from torchrender.raster import rasterize_visibility
+from torchrender.raster import rasterize, rasterize_depth, rasterize_visibility
 from torchrender.rays import RayCaster
 from torchrender.report.common.command import study_parser
 from torchrender.report.foundation.page import write_page
 from torchrender.report.foundation.peers import open3d_rays, opengl_raster
 from torchrender.report.foundation.rays import measure_rays
 from torchrender.scene.camera import Cameras
+from torchrender.scene.load import load
 from torchrender.scene.mesh import Geometry
 from torchrender.scene.model import Scene
 from torchrender.scene.procedural import build
 
-SCENES = ("grass", "city", "living_room")
+SCENES = ("grass", "city", "living_room", "nest")
+FILES = {
+    "bookstore": "scenes/bookstore.glb",
+    "dragon": "meshes/stanford_dragon_res2.ply",
+    "armadillo": "meshes/armadillo.ply",
+}
+"""Below the folder that TORCHRENDER_DATA names; those that are not there are left out."""
+VIEWS, VIEW_SIDE = 200, 256
+SPREAD = 0.05  # side of the polygon of viewpoints, bounding-box diagonals
 EDGE = 1e-2  # pixels whose smallest barycentric weight is below this count as "at an edge"
 
 
@@ -51,7 +62,8 @@ def main() -> None:
     size, runs = (256, 3) if arguments.quick else (1024, 11)
     million = 100_000 if arguments.quick else 1_000_000
     record = {"machine": machine_record(), "size": size, "quick": arguments.quick}
-    record["gbuffer"] = {name: compare(build(name), size, runs) for name in _progress(SCENES, "scenes")}
+    record["gbuffer"] = {name: compare(scene, size, runs) for name, scene in scenes()}
+    record["views"] = [many_views(name, scene, *((8, 64) if arguments.quick else ())) for name, scene in scenes()]
     record["million"] = compare(build("city", triangles=million), size, max(3, runs // 2))
     record["floor_ms"] = write_floor(size, runs)
     record["triangles"] = triangle_sweep(size, runs, 200_000 if arguments.quick else 3_000_000)
@@ -61,6 +73,32 @@ def main() -> None:
     record["start"] = start_up(arguments.quick)
     record["peak_memory_mib"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
     write_results(record, arguments.output)
+
+
+def scenes() -> Iterator[tuple[str, Scene]]:
+    """Built-in scenes and those from files."""
+    folder = Path(os.environ.get("TORCHRENDER_DATA", "../shared/data"))
+    for name in _progress((*SCENES, *FILES), "scenes"):
+        if name in SCENES:
+            yield name, build(name)
+        elif (folder / FILES[name]).exists():
+            yield name, load(folder / FILES[name])
+
+
+def many_views(name: str, scene: Scene, count: int = VIEWS, side: int = VIEW_SIDE, runs: int = 3) -> dict[str, Any]:
+    """Pictures a second of ``count`` cameras around a scene, in one call: depth alone, and depth, normals and ids."""
+    around = viewpoints_around(scene, scene.camera(width=side, height=side), count, spread=SPREAD)
+    outputs = ("depth", "normal", "object_id")
+    times = take_turns(
+        {
+            "depth": lambda: rasterize_depth(scene.geometry, around),
+            "outputs": lambda: rasterize(scene, around, outputs=outputs),
+        },
+        runs=runs,
+        warm_up=1,
+    )
+    rates = {key: 1e3 * count / timing.median for key, timing in times.items()}
+    return {"scene": name, "count": count, "side": side, "per_second": rates}
 
 
 def write_results(record: dict[str, Any], folder: Path) -> None:

@@ -29,6 +29,7 @@ from torchrender.reconstruct.corners import fit_corners
 from torchrender.reconstruct.hybrid import reconstruct_hybrid
 from torchrender.reconstruct.reproject import Reprojection, reproject
 from torchrender.report.common.command import study_parser
+from torchrender.report.reproject.kornia_warp import flow_warp, homography_warp
 from torchrender.report.reproject.torch_warp import torch_grid_warp
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
@@ -81,9 +82,11 @@ def measure(scene: Scene, method: str, size: int, runs: int) -> tuple[dict[str, 
         "corners alone": lambda: fit_corners(images, offset),
         "mesh of all images": lambda: reconstruct_hybrid(images, offset),
         "plain torch grid": lambda: torch_grid_warp(images, target),
+        "kornia homography of one image": lambda: homography_warp(images, target),
+        "kornia flow of one image, depth given": lambda: flow_warp(images, target, truth.depth[0]),
     }
-    timings = take_turns({**work, **others}, runs=runs)
     truth = rasterize(scene, target, cull="back")
+    timings = take_turns({**work, **others}, runs=runs)
     wanted = shade(scene, truth)
     drawn = {key: run() for key, run in work.items()}
     figures = {key: compare(result, truth, wanted) for key, result in drawn.items()}
