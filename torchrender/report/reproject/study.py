@@ -71,6 +71,7 @@ def measure(scene: Scene, method: str, size: int, runs: int) -> tuple[dict[str, 
     images = shaded(scene, sample_depth_images(scene, cameras, SamplingOptions(method=method)))
     offset = sample_offset_images(scene, images)
     quads = fit_corners(images, offset)
+    truth = rasterize(scene, target, cull="back")
     work = {
         "hybrid": lambda: reproject(images, target),
         "hybrid, offset images": lambda: reproject(images, target, offset_images=offset),
@@ -85,7 +86,6 @@ def measure(scene: Scene, method: str, size: int, runs: int) -> tuple[dict[str, 
         "kornia homography of one image": lambda: homography_warp(images, target),
         "kornia flow of one image, depth given": lambda: flow_warp(images, target, truth.depth[0]),
     }
-    truth = rasterize(scene, target, cull="back")
     timings = take_turns({**work, **others}, runs=runs)
     wanted = shade(scene, truth)
     drawn = {key: run() for key, run in work.items()}
