@@ -215,6 +215,10 @@ class Visit:
         """Press a key for a while, and wait until the view stands still."""
         self.page.keyboard.down(key)
         self.page.wait_for_timeout(1000 * seconds)
+        # A busy machine may have drawn nothing meanwhile, and keys move the view from frame to frame.
+        self.page.evaluate(
+            "() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => done(0))))"
+        )
         self.page.keyboard.up(key)
         self.rest()
 
