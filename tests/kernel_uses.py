@@ -291,10 +291,10 @@ def write(path: Path, *, keep_more: bool = False) -> int:
         keep_more: leave out the work that takes longest, all settings of all pictures; what only it needs stays as it
             was recorded, as far as there still are such kernels.
     """
-    recorder = record(tuple(work.__name__ for _, work, suffix in WORK if not suffix) if keep_more else ())
+    recorder = record(tuple(work.__name__ for _, work, suffix in WORK if suffix != MORE) if keep_more else ())
     for row in json.loads(path.read_text())["kernels"] if keep_more else ():
         key, more = (row["kernel"], json.dumps(row["types"])), {one for one in row["parts"] if one.endswith(MORE)}
-        if more and (key in recorder.parts or _is_kernel(row["kernel"])):
+        if more and (key in recorder.parts or _takes(row["kernel"], len(row["types"]))):
             recorder.parts.setdefault(key, set()).update(more)
             recorder.seconds.setdefault(key, row["seconds"])
     rows = [
@@ -309,13 +309,15 @@ def write(path: Path, *, keep_more: bool = False) -> int:
     return _put(path, rows)
 
 
-def _is_kernel(name: str) -> bool:
+def _takes(name: str, count: int) -> bool:
+    """Whether there is a kernel of that name with so many arguments."""
     from torchrender.kernels.signatures import Use, kernel_of
 
     try:
-        return bool(kernel_of(Use(name, "[]", 0.0, ())))
+        code = kernel_of(Use(name, "[]", 0.0, ())).py_func.__code__
     except (ImportError, AttributeError, TypeError):
         return False
+    return bool(code.co_argcount == count)
 
 
 def write_seconds(path: Path) -> int:
