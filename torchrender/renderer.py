@@ -23,6 +23,7 @@ from torchrender.passes.table import GBUFFER, PICTURE
 from torchrender.pipeline.buffer import Buffer
 from torchrender.pipeline.doubts import Doubt, exposure_of, say, scene_doubts, view_doubts
 from torchrender.pipeline.frame import Frame
+from torchrender.pipeline.gradients import check_gradients
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
 from torchrender.planning.costs import Knowledge
@@ -33,7 +34,6 @@ from torchrender.planning.planner import check_names, check_wishes, make_plan
 from torchrender.scene.camera import Cameras
 from torchrender.scene.load import load
 from torchrender.scene.model import DEFAULT_SIZE, Scene, resized
-from torchrender.scene.triangles import check_fixed
 from torchrender.shade import SentLight
 
 if TYPE_CHECKING:
@@ -113,7 +113,7 @@ def render(
             scene = load(scene)
     with clock.measure("total"):
         cameras = view_of(scene, camera, width, height)
-        check_fixed("render", scene)
+        check_gradients("render", scene, options)
         knowledge = Knowledge.of(scene, cameras, options, history, load_curves())
         run = Run(knowledge, (budget_ms, max_error), clock)
         image = run.image()

@@ -34,7 +34,7 @@ def test_rows_are_the_cameras_they_describe(tmp_path: Path) -> None:
     frame = {"file_path": "./train/r_7.png", "transform_matrix": pose, "rotation": 1}
     nerf = {"camera_angle_x": wide, "frames": [frame]}
     other = read_cameras(write(tmp_path / "transforms.json", nerf), width=40, height=30)
-    lines = "\n".join(json.dumps({"matrix": pose, "fov": 40.0}) for _ in range(2))
+    lines = "\n".join(json.dumps({"matrix": pose, "fov_deg": 40.0}) for _ in range(2))
     third = read_cameras(write(tmp_path / "c.jsonl", lines), width=40, height=30)
     for one in (found, other, third):
         torch.testing.assert_close(one.cameras[0].camera_from_world, looking.camera_from_world)

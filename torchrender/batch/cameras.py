@@ -5,7 +5,7 @@ JSON lines (``.jsonl``). A row is a table of
 
 - ``eye``, ``target`` and, if wanted, ``up``; or ``matrix`` or ``transform_matrix``, from camera to world with x right,
   y up, z backward (OpenGL, Blender, NeRF);
-- ``fov``, the vertical opening angle in degrees, or ``camera_angle_x``, the horizontal one in radians;
+- ``fov`` or ``fov_deg``, the vertical opening angle in degrees, or ``camera_angle_x``, the horizontal one in radians;
 - ``near`` and ``name`` (or ``file_path``, whose stem is the name), if wanted.
 
 What a row lacks is looked for in the object around the rows.
@@ -28,7 +28,19 @@ from torchrender.scene.model import Scene
 
 USUAL_FOV = 50.0
 KNOWN = frozenset(
-    {"eye", "target", "up", "matrix", "transform_matrix", "fov", "camera_angle_x", "near", "name", "file_path"}
+    {
+        "eye",
+        "target",
+        "up",
+        "matrix",
+        "transform_matrix",
+        "fov",
+        "fov_deg",
+        "camera_angle_x",
+        "near",
+        "name",
+        "file_path",
+    }
 )
 GRID_TURNS = ("east", "north", "west", "south")
 
@@ -146,8 +158,9 @@ def _name(row: Mapping[str, Any], number: int) -> str:
 def _camera(row: Mapping[str, Any], width: int, height: int) -> Cameras:
     near: dict[str, Any] = {"near": _number(row, "near")} if "near" in row else {}
     angle: dict[str, Any] = {"fov_deg": USUAL_FOV}
-    if "fov" in row:
-        angle = {"fov_deg": _number(row, "fov")}
+    named = next((name for name in ("fov", "fov_deg") if name in row), None)
+    if named is not None:
+        angle = {"fov_deg": _number(row, named)}
     elif "camera_angle_x" in row:
         angle = {"fov_x_deg": math.degrees(_number(row, "camera_angle_x"))}
     matrix = row.get("matrix", row.get("transform_matrix"))

@@ -57,6 +57,12 @@ PHYSICAL: Mapping[str, float] = {
 }
 """Numbers that only a metallic-roughness material has, with their defaults."""
 
+FIXED = (
+    *(name for name in PHYSICAL if name != "sheen_color"),
+    *("metallic", "opacity", "alpha_cutoff", "specular", "gloss", "shininess", "normal_scale", "occlusion_strength"),
+)
+"""Numbers that decide how a material is drawn, and that pictures give no gradient to."""
+
 PHYSICAL_TEXTURES = ("metallic_roughness_texture", "clearcoat_texture", "transmission_texture")
 
 

@@ -174,3 +174,12 @@ def test_orthographic_cameras_have_no_pinhole() -> None:
     box = Cameras(torch.eye(4)[None], torch.tensor([K]), 64, 48, torch.tensor(0.0), torch.tensor(1.0), True)
     with pytest.raises(CameraError, match="perspective"):
         box.opencv()
+
+
+@pytest.mark.parametrize(("row", "column"), [(1, 0), (2, 0), (2, 1), (2, 2)])
+def test_matrices_that_are_no_intrinsics_are_refused(row: int, column: int) -> None:
+    k = np.array([[30.0, 0.5, 16], [0, 30, 12], [0, 0, 1]])
+    Cameras.from_opencv(k, np.eye(3), [0, 0, 2], width=32, height=24)
+    k[row, column] += 4
+    with pytest.raises(CameraError, match="transposed"):
+        Cameras.from_opencv(k, np.eye(3), [0, 0, 2], width=32, height=24)

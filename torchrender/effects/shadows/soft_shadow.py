@@ -32,7 +32,7 @@ from torch import Tensor
 from torchrender.arrays import view as numpy_view
 from torchrender.brief import brief
 from torchrender.buffers import GBuffer
-from torchrender.checks import check_choice, check_range
+from torchrender.checks import check_choice, check_no_gradient, check_range
 from torchrender.effects.shadows.light_packets import Packets, packet_bits
 from torchrender.effects.shadows.light_rays import LightRays, samples_above, usable
 from torchrender.effects.shadows.light_samples import LightGrid, light_grid
@@ -197,12 +197,15 @@ def soft_shadow(
             around casters and visible points. Give the scene's box where results are to be compared.
 
     Raises:
-        InputError: no light, or ``bounds`` not finite.
+        InputError: no light, or ``bounds`` not finite. GradientError: a light's place asks for a gradient.
     """
     options = options or SoftShadowOptions()
     lights = [lights] if isinstance(lights, RectLight) else list(lights)
     if not lights:
         raise InputError("lights must not be empty")
+    for one in lights:
+        places = {"corner": one.corner, "edge_u": one.edge_u, "edge_v": one.edge_v}
+        check_no_gradient("soft_shadow", **{f"{name} of light {one.name!r}": v for name, v in places.items()})
     ready = casters if isinstance(casters, Occluders) else occluders(casters)
     covered = gbuffer.covered
     if bounds is None:
