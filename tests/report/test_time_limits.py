@@ -109,6 +109,6 @@ def test_other_renderers_see_the_same_scene(peer: str, tmp_path: Path, monkeypat
     # They have indirect light: no darker anywhere on the whole, and bright and dark in the same places.
     more = (theirs - mine).mean(dim=(0, 1))
     assert float(more.min()) > -0.05 and float(more.max()) < 0.25
-    # Of a sixteenth of the picture each, as half a second leaves noise in single pixels; below the lamp, which they draw.
+    # Of a sixteenth of the picture each, for half a second leaves noise in pixels; below the lamp, which they draw.
     means = [torch.nn.functional.avg_pool2d(one[48:].permute(2, 0, 1), 48).reshape(-1) for one in (mine, theirs)]
     assert float(torch.corrcoef(torch.stack(means))[0, 1]) > 0.8
