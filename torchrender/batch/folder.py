@@ -18,7 +18,7 @@ import torch
 from torchrender.batch.job import Job, SceneSource
 from torchrender.errors import ImageFileError, InputError, SceneFileError
 from torchrender.image import camera_arrays
-from torchrender.images.files import write_atomically
+from torchrender.images.files import write_atomically, write_bytes
 from torchrender.scene.camera import Cameras
 
 JOB, CAMERAS, MANIFEST = "job.json", "cameras.npz", "manifest.jsonl"
@@ -42,7 +42,7 @@ def open_folder(folder: Path, job: Job, scene: str) -> dict[int, dict[str, Any]]
     if known is None:
         write_atomically(folder / CAMERAS, lambda path: _save_cameras(path, job.cameras))
         text = json.dumps({"key": job.key(), "scene_digest": scene, **job.described()}, indent=1) + "\n"
-        write_atomically(folder / JOB, lambda path: _write(path, text.encode()))
+        write_bytes(folder / JOB, text.encode())
         (folder / MANIFEST).unlink(missing_ok=True)
         return {}
     if known.get("key") != job.key():
@@ -123,10 +123,6 @@ def _size(path: Path) -> int:
         return path.stat().st_size
     except OSError:
         return -1
-
-
-def _write(path: Path, data: bytes) -> None:
-    path.write_bytes(data)
 
 
 def _save_cameras(path: Path, cameras: Cameras) -> None:

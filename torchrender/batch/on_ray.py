@@ -18,8 +18,8 @@ from torchrender.batch.digest import scene_digest
 from torchrender.batch.folder import load_job, note
 from torchrender.batch.job import Job
 from torchrender.batch.local import BatchError, Outcome, Tell, begin
-from torchrender.batch.work import make_chunk
-from torchrender.errors import OptionError, TorchRenderError
+from torchrender.batch.work import answer
+from torchrender.errors import OptionError
 from torchrender.extras import check_extra
 from torchrender.kernels.threads import limited_threads
 
@@ -46,10 +46,7 @@ class ChunkMaker:
         if self._changed:
             why = f"{self._job.scene.path_or_name} has changed since the batch began, or differs between machines"
             return {"failed": why, "chunk": chunk, "for_all": True}
-        try:
-            return make_chunk(self._scene, self._job, chunk, self._folder)
-        except TorchRenderError as error:
-            return {"failed": str(error), "chunk": chunk, "for_all": isinstance(error.__cause__, OSError)}
+        return answer(self._scene, self._job, chunk, self._folder)
 
 
 def run_on_ray(

@@ -14,7 +14,8 @@ import numpy as np
 
 from torchrender.batch.folder import file_record
 from torchrender.batch.job import Job
-from torchrender.images.files import png_bytes, write_atomically
+from torchrender.errors import TorchRenderError
+from torchrender.images.files import png_bytes, write_atomically, write_bytes
 from torchrender.pipeline.history import RenderHistory
 from torchrender.raster import rasterize
 from torchrender.renderer import render
@@ -38,9 +39,19 @@ def make_chunk(scene: Scene, job: Job, chunk: int, folder: Path) -> dict[str, An
     else:
         for name, data in contents(scene, job, chunk):
             files.append(folder / name)
-            _write(files[-1], data)
+            write_bytes(files[-1], data)
     written = [file_record(file) for file in files]
     return {"chunk": chunk, "files": written, "ms": round(1e3 * (perf_counter() - begin), 1)}
+
+
+def answer(scene: Scene, job: Job, chunk: int, folder: Path) -> dict[str, Any]:
+    """The record of a chunk that was made, or ``failed`` with the reason; ``for_all``: others will fail, too."""
+    try:
+        return make_chunk(scene, job, chunk, folder)
+    except TorchRenderError as error:
+        return {"failed": str(error), "chunk": chunk, "for_all": isinstance(error.__cause__, OSError)}
+    except MemoryError:
+        return {"failed": "out of memory", "chunk": chunk, "for_all": False}
 
 
 def contents(scene: Scene, job: Job, chunk: int) -> Iterator[tuple[str, bytes]]:
@@ -60,13 +71,6 @@ def contents(scene: Scene, job: Job, chunk: int) -> Iterator[tuple[str, bytes]]:
             with tempfile.TemporaryDirectory() as place:
                 image.save(Path(place) / name)
                 yield name, (Path(place) / name).read_bytes()
-
-
-def _write(file: Path, data: bytes) -> None:
-    def write(path: Path) -> None:
-        path.write_bytes(data)
-
-    write_atomically(file, write)
 
 
 def _npz(arrays: dict[str, Any]) -> bytes:

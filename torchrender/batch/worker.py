@@ -23,7 +23,7 @@ def main(folder: Path, threads: int) -> int:
 
     from torchrender.batch.digest import scene_digest
     from torchrender.batch.folder import load_job
-    from torchrender.batch.work import make_chunk
+    from torchrender.batch.work import answer
     from torchrender.errors import TorchRenderError
 
     def tell(message: dict[str, Any]) -> None:
@@ -42,13 +42,7 @@ def main(folder: Path, threads: int) -> int:
         return 1
     tell({"ready": True})
     for line in sys.stdin:
-        chunk = int(line)
-        try:
-            tell(make_chunk(scene, job, chunk, folder))
-        except TorchRenderError as error:
-            tell({"failed": str(error), "chunk": chunk, "for_all": isinstance(error.__cause__, OSError)})
-        except MemoryError:
-            tell({"failed": "out of memory", "chunk": chunk, "for_all": False})
+        tell(answer(scene, job, int(line), folder))
     return 0
 
 

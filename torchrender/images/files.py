@@ -180,6 +180,19 @@ def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
         temporary.unlink(missing_ok=True)
 
 
+def write_bytes(path: Path, data: bytes) -> None:
+    """A file with this content, as :func:`write_atomically` writes it.
+
+    Raises:
+        ImageFileError: as there.
+    """
+
+    def write(temporary: Path) -> None:
+        temporary.write_bytes(data)
+
+    write_atomically(path, write)
+
+
 def _list(suffixes: Sequence[str]) -> str:
     return "supported: " + ", ".join(suffixes)
 

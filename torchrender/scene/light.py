@@ -11,13 +11,15 @@ from dataclasses import dataclass, field
 import torch
 from torch import Tensor
 
-from torchrender.checks import as_vector, check_not_negative, check_range
+from torchrender.checks import as_vector, check_no_gradient, check_not_negative, check_range
 from torchrender.errors import InputError
 
 NARROWEST_DEG, WIDEST_DEG = 0.001, 90.0
 """Half angles of a spot's cone."""
 SHORTEST_RANGE = 1e-12
 """Of a light, scene units: its square must not vanish."""
+PLACES = ("position", "direction", "corner", "edge_u", "edge_v")
+"""Fields that say where a light is."""
 
 
 def _white() -> Tensor:
@@ -191,6 +193,17 @@ def light_color(light: Light) -> Tensor:
     if isinstance(light, DirectionalLight):
         return light.irradiance
     return light.radiance if isinstance(light, RectLight) else light.intensity
+
+
+def check_place(function: str, light: Light, *, moves: bool = False) -> None:
+    """Refuse gradients to where a light is; ``moves``: its position may have one, as where there are no shadows.
+
+    Raises:
+        GradientError: names the function and the light.
+    """
+    for name in ("direction", "corner", "edge_u", "edge_v") if moves else PLACES:
+        told = f"{name} of light {light.name!r}" + (" with shadows" if name == "position" else "")
+        check_no_gradient(function, **{told: getattr(light, name, None)})
 
 
 def vectors_to(light: Light, points: Tensor, target: Tensor | None = None) -> Tensor:

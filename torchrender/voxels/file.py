@@ -16,7 +16,7 @@ from torch import Tensor
 from torchrender.brief import brief
 from torchrender.checks import check_tensor
 from torchrender.errors import InputError, SceneFileError
-from torchrender.images.files import write_atomically, write_npz
+from torchrender.images.files import write_bytes, write_npz
 from torchrender.numerics.color import linear_from_srgb, srgb_from_linear
 from torchrender.voxels.attributes import SurfaceVoxels, decode_normals, encode_normals
 from torchrender.voxels.grid import VoxelGrid, Voxels
@@ -115,16 +115,11 @@ def write_voxels(path: str | Path, model: VoxelModel | SurfaceVoxels | Voxels) -
         raise InputError(f"model must be a VoxelModel, SurfaceVoxels or Voxels, got {type(model).__name__}")
     suffix = path.suffix.lower()
     if suffix == ".vox":
-        data = _vox(path, model)
-        write_atomically(path, lambda temporary: _write(temporary, data))
+        write_bytes(path, _vox(path, model))
     elif suffix == ".npz":
         write_npz(path, _arrays(model))
     else:
         raise SceneFileError(path, f"voxels are written to .npz or .vox, not {path.suffix or 'without suffix'}")
-
-
-def _write(path: Path, data: bytes) -> None:
-    path.write_bytes(data)
 
 
 def _arrays(model: VoxelModel) -> dict[str, Any]:

@@ -19,14 +19,6 @@ from torchrender.shade import diffuse_color, shade
 SIDE = 24
 
 
-@pytest.fixture(scope="module")
-def cases(data_dir: Path) -> Path:
-    folder = data_dir.parent / "cases" / "files"
-    if not folder.is_dir():
-        pytest.skip(f"no cases at {folder}")
-    return folder
-
-
 def front() -> tr.Cameras:
     """All plates are the unit square of x and y, a little smaller than this picture."""
     return tr.Cameras.look_at([0.5, 0.5, 3.0], [0.5, 0.5, 0.0], width=SIDE, height=SIDE, fov_deg=22.0)

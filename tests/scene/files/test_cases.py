@@ -13,14 +13,6 @@ from torchrender.errors import NotUsedWarning, RepairedWarning, TorchRenderWarni
 from torchrender.scene.load import load
 
 
-@pytest.fixture(scope="module")
-def cases(data_dir: Path) -> Path:
-    folder = data_dir.parent / "cases" / "files"
-    if not folder.is_dir():
-        pytest.skip(f"no cases at {folder}")
-    return folder
-
-
 def area(scene: tr.Scene) -> float:
     corners = scene.geometry.vertices[scene.geometry.faces.long()]
     return float(

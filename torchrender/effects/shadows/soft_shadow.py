@@ -32,7 +32,7 @@ from torch import Tensor
 from torchrender.arrays import view as numpy_view
 from torchrender.brief import brief
 from torchrender.buffers import GBuffer
-from torchrender.checks import check_choice, check_no_gradient, check_range
+from torchrender.checks import check_choice, check_range
 from torchrender.effects.shadows.light_packets import Packets, packet_bits
 from torchrender.effects.shadows.light_rays import LightRays, samples_above, usable
 from torchrender.effects.shadows.light_samples import LightGrid, light_grid
@@ -40,7 +40,7 @@ from torchrender.effects.shadows.traced import float_error
 from torchrender.errors import InputError, OptionError
 from torchrender.kernels.rays.bvh_build import Bvh, build_bvh
 from torchrender.kernels.rays.embree_library import embree
-from torchrender.scene.light import RectLight
+from torchrender.scene.light import RectLight, check_place
 from torchrender.scene.mesh import Geometry
 from torchrender.scene.triangles import Shape, geometry_of
 
@@ -204,8 +204,7 @@ def soft_shadow(
     if not lights:
         raise InputError("lights must not be empty")
     for one in lights:
-        places = {"corner": one.corner, "edge_u": one.edge_u, "edge_v": one.edge_v}
-        check_no_gradient("soft_shadow", **{f"{name} of light {one.name!r}": v for name, v in places.items()})
+        check_place("soft_shadow", one)
     ready = casters if isinstance(casters, Occluders) else occluders(casters)
     covered = gbuffer.covered
     if bounds is None:

@@ -74,8 +74,8 @@ class CameraRecord:
             raise CameraError("camera_from_world must be invertible, its rotation part is singular")
         if bool((self.intrinsics[:, (0, 1), (0, 1)] <= 0).any()):
             raise CameraError("intrinsics must have positive focal lengths")
-        form = self.intrinsics - torch.tensor([[0.0, 0, 0], [0, 0, 0], [0, 0, 1]], dtype=torch.float64)
-        if bool((form[:, (1, 2, 2, 2), (0, 0, 1, 2)].abs() > 1e-9).any()):
+        fixed = self.intrinsics[:, (1, 2, 2, 2), (0, 0, 1, 2)]
+        if bool(((fixed - fixed.new_tensor([0, 0, 0, 1])).abs() > 1e-9).any()):
             rows = self.intrinsics[0].tolist()
             raise CameraError(f"intrinsics must be [[fx, skew, cx], [0, fy, cy], [0, 0, 1]], not {rows}: transposed?")
         if not self.orthographic and not bool((self.near > 0).all()):
