@@ -294,7 +294,7 @@ def write(path: Path, *, keep_more: bool = False) -> int:
     recorder = record(tuple(work.__name__ for _, work, suffix in WORK if suffix != MORE) if keep_more else ())
     for row in json.loads(path.read_text())["kernels"] if keep_more else ():
         key, more = (row["kernel"], json.dumps(row["types"])), {one for one in row["parts"] if one.endswith(MORE)}
-        if more and (key in recorder.parts or _takes(row["kernel"], len(row["types"]))):
+        if more and (key in recorder.parts or _takes(row["kernel"], row["types"])):
             recorder.parts.setdefault(key, set()).update(more)
             recorder.seconds.setdefault(key, row["seconds"])
     rows = [
@@ -309,15 +309,15 @@ def write(path: Path, *, keep_more: bool = False) -> int:
     return _put(path, rows)
 
 
-def _takes(name: str, count: int) -> bool:
-    """Whether there is a kernel of that name with so many arguments."""
-    from torchrender.kernels.signatures import Use, kernel_of
+def _takes(name: str, told: list[Any]) -> bool:
+    """Whether there is a kernel of that name with so many arguments, and their records have the fields they had."""
+    from torchrender.kernels.signatures import Use, kernel_of, types_of
 
+    use = Use(name, json.dumps(told), 0.0, ())
     try:
-        code = kernel_of(Use(name, "[]", 0.0, ())).py_func.__code__
+        return bool(kernel_of(use).py_func.__code__.co_argcount == len(types_of(use)))
     except (ImportError, AttributeError, TypeError):
         return False
-    return bool(code.co_argcount == count)
 
 
 def write_seconds(path: Path) -> int:

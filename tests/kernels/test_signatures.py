@@ -47,6 +47,16 @@ def test_every_recorded_use_names_a_kernel_and_types() -> None:
         kernel_of(Use("points.tree.np", "[]", 0.0, ()))
 
 
+def test_a_record_that_has_lost_a_field_is_not_what_was_recorded() -> None:
+    """It would be compiled in vain at every warm-up."""
+    use = next(one for one in recorded() if '"record"' in one.arguments)
+    told = json.loads(use.arguments)
+    record = next(one for one in told if "record" in one)
+    record["of"].pop()
+    with pytest.raises(TypeError, match="fields now, recorded are"):
+        types_of(Use(use.kernel, json.dumps(told), 0.0, ()))
+
+
 @pytest.mark.parametrize("work", ["default_pictures", "first_keyframes", "streams"])
 def test_use_stays_within_the_record(work: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """So nothing is compiled after a warm-up. Where this fails, run ``python tests/kernel_uses.py --write``."""

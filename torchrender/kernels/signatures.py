@@ -101,4 +101,6 @@ def _type(told: Any) -> Any:
         return types.BaseTuple.from_types([_type(one) for one in told["tuple"]])
     module, _, name = told["record"].partition(":")
     record = getattr(importlib.import_module(module), name)
+    if len(record._fields) != len(told["of"]):
+        raise TypeError(f"{name} has {len(record._fields)} fields now, recorded are {len(told['of'])}")
     return types.BaseTuple.from_types([_type(one) for one in told["of"]], record)
