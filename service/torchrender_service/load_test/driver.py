@@ -53,6 +53,8 @@ class ServerUnderTest:
     host: str
     port: int
     log: Path | None = None
+    attacker: str = "127.0.0.1"
+    """Address that attacks come from: limits count by address."""
 
     def log_bytes(self) -> int:
         """What the server has written to its log."""
@@ -167,7 +169,9 @@ class LoadClient:
             await self.socket.send(encode(Ack(id=message.id)))
         return message
 
-    async def walk(self, seconds: float, *, reach: float = 0.03, period_s: float = 4.0) -> None:
+    async def walk(
+        self, seconds: float, *, reach: float = 0.03, period_s: float = 4.0, poses_per_s: float = POSES_PER_S
+    ) -> None:
         """Walk to and fro, ``reach`` scene diagonals to each side."""
         size = reach * float(self.welcome.scene["diagonal"])
         reader = asyncio.create_task(self._read())
@@ -176,7 +180,7 @@ class LoadClient:
             while (now := time.perf_counter() - begin) < seconds:
                 phase = 2.0 * math.pi * now / period_s
                 await self.send_pose(size * math.sin(phase), 2.0 * math.pi / period_s * size * math.cos(phase))
-                await asyncio.sleep(1.0 / POSES_PER_S)
+                await asyncio.sleep(1.0 / poses_per_s)
         finally:
             reader.cancel()
             await asyncio.gather(reader, return_exceptions=True)

@@ -11,8 +11,10 @@ from typing import Any
 
 from torchrender_service.load_test.driver import ServerUnderTest
 
-ATTACKER = "127.0.0.2" if sys.platform == "linux" else "127.0.0.1"
-"""Limits count by address; on other systems loopback has one only."""
+
+def attacker(number: int) -> str:
+    """An address on loopback for each attack, as limits count by address; systems but Linux have one only."""
+    return f"127.0.0.{2 + number}" if sys.platform == "linux" else "127.0.0.1"
 
 
 def post_head(path: str, length: int, kind: str = "application/json") -> bytes:
@@ -30,7 +32,7 @@ def ask(
     source: str | None = None,
 ) -> tuple[int, bytes]:
     """Status and body of an answer; status 0 where there is none. GET comes from honest clients."""
-    source = source or ("127.0.0.1" if method == "GET" else ATTACKER)
+    source = source or ("127.0.0.1" if method == "GET" else server.attacker)
     data = body if body is None or isinstance(body, bytes) else json.dumps(body).encode()
     connection = http.client.HTTPConnection(server.host, server.port, timeout=120.0, source_address=(source, 0))
     try:
@@ -51,7 +53,7 @@ class Raw:
 
     async def __aenter__(self) -> Raw:
         self._reader, self._writer = await asyncio.open_connection(
-            self._server.host, self._server.port, local_addr=(ATTACKER, 0)
+            self._server.host, self._server.port, local_addr=(self._server.attacker, 0)
         )
         return self
 
