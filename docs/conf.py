@@ -14,7 +14,7 @@ project = "torchrender"
 author = "the torchrender developers"
 release = version = __version__
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "mathml", "curves", "fields"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "mathml", "curves", "fields", "ages"]
 exclude_patterns = ["_ext", "_build"]
 nitpicky = False
 
