@@ -20,9 +20,9 @@ from torchrender_service.load_test.rows import Effort, Row
 
 SESSIONS = 10
 SMALL = {"width": 96, "height": 54, "layers": 0}
-WALK_POSES_PER_S = 2.0
-"""Of each honest session: together half of what one renderer can do, so that their delay is that of pictures and not
-of a queue of their own making."""
+WALK = {"poses_per_s": 10.0, "reach": 0.01}
+"""Of each honest session: slow enough that all together need a third of what one renderer can do, so that their delay
+is that of pictures and not of a queue of their own making."""
 THREADS = 64
 HEALTH_S = 0.05
 OVER_S = 30.0
@@ -70,7 +70,7 @@ class Attack:
 async def attack_rows(effort: Effort) -> list[Row]:
     """One row for each attack."""
     rows = []
-    quiet, loud = (3.0, 5.0) if effort.quick else (15.0, 30.0)
+    quiet, loud = (4.0, 7.0) if effort.quick else (15.0, 30.0)
     # Threads that wait for answers nobody wants any more must not keep others from asking.
     asyncio.get_running_loop().set_default_executor(ThreadPoolExecutor(THREADS))
     with running_server(max_sessions="64", log_level="info", built_in="cornell_box") as server:
@@ -93,7 +93,7 @@ async def _honest(server: ServerUnderTest) -> AsyncIterator[list[LoadClient]]:
     """Clients that walk all the time."""
     async with contextlib.AsyncExitStack() as stack:
         sessions = [await stack.enter_async_context(client(server, "cornell_box", **SMALL)) for _ in range(SESSIONS)]
-        walks = [asyncio.create_task(one.walk(3600.0, poses_per_s=WALK_POSES_PER_S)) for one in sessions]
+        walks = [asyncio.create_task(one.walk(3600.0, **WALK)) for one in sessions]
         try:
             yield sessions
         finally:

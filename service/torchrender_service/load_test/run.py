@@ -89,7 +89,7 @@ def page(sections: dict[str, list[Row]], record: dict[str, Any], effort: Effort)
         "Server, renderers and simulated clients share this machine. Delay, jitter and loss are simulated by a relay "
         "on loopback; a lost segment costs one round trip and 200 ms, as TCP makes it. Latency is from sending a "
         "pose to having its picture (layer 0). Each attack comes from an address of its own without a key, "
-        "beside ten sessions that walk through cornell_box at 96 × 54 with two poses a second; p95 is of those sessions, "
+        "beside ten sessions that walk through cornell_box at 96 × 54 slowly; p95 is of those sessions, "
         "before and during the attack.",
         "",
     ]
