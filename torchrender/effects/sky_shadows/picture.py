@@ -18,12 +18,14 @@ from torchrender.effects.sky_shadows.occluder import Occluder
 from torchrender.effects.sky_shadows.options import INSIDE, SkyLightOptions
 from torchrender.effects.sky_shadows.shade import shade
 from torchrender.kernels.ambient.spread import Few, Many, spread_points
+from torchrender.kernels.sky_shadows.lost import Known, Seen, take_away
 from torchrender.numerics.color import luminance
 from torchrender.scene.environment import Environment
 from torchrender.scene.model import Scene
+from torchrender.shading.fused import is_of, matt_fused
 from torchrender.shading.lobes import Around, metallic_roughness, phong
 from torchrender.shading.plain import CHUNK, origin_of
-from torchrender.shading.sky import Sky
+from torchrender.shading.sky import Sky, SkyMaps
 from torchrender.shading.surface import METALLIC, PHONG, Reader
 
 _LIGHTS: WeakIdKeyDictionary = WeakIdKeyDictionary()
@@ -148,21 +150,48 @@ def light_lost(scene: Scene, gbuffer: GBuffer, left: Tensor, around: Surrounding
     light that its spheres hide, is taken out of theirs, and ``left`` put in its place. Where the occluder stands before
     what is dark, surfaces so gain light: the loss is negative.
 
+    Samples of the scene's own triangles go through compiled kernels, others through torch.
+
     Args:
         left: (B,H,W,4) as :func:`light_left` has it.
         around: what the picture's light was computed with; None: nothing was hidden.
     """
     flat = left.reshape(-1, 4)
-    rows = (gbuffer.covered.reshape(-1) & ((1.0 - flat).amax(dim=-1) > SHOWS)).nonzero().reshape(-1)
+    chosen = gbuffer.covered.reshape(-1) & (flat < 1.0 - SHOWS).any(dim=-1)
     image = torch.zeros(len(flat), 3)
-    if len(rows):
-        reader, sky = Reader(scene, gbuffer, origin_of(scene, gbuffer)), _LostSky(scene)
-        for chunk in rows.split(CHUNK):
-            image[chunk] = _lost_of(reader, sky, chunk, (flat[chunk], around))
+    if bool(chosen.any()):
+        (_lost_fused if is_of(gbuffer, scene) else _lost_plain)(scene, gbuffer, (flat, around), chosen, image)
     return image.reshape(*left.shape[:-1], 3)
 
 
-def _lost_of(reader: Reader, sky: _LostSky, rows: Tensor, shares: tuple[Tensor, Surroundings | None]) -> Tensor:
+_Shares = tuple[Tensor, Surroundings | None]
+"""(N,4) what spheres leave, and what all surfaces together do."""
+
+
+def _lost_fused(scene: Scene, gbuffer: GBuffer, shares: _Shares, chosen: Tensor, out: Tensor) -> None:
+    """Fill the chosen pixels (N,) of ``out`` (N,3)."""
+    left, around = shares
+    sent, surface = matt_fused(scene, gbuffer, chosen)
+    none = torch.zeros(0)
+    known = Known(*(view(v, np.float32) for v in (none, none, none.reshape(0, 3))))
+    if around is not None:
+        bent = torch.zeros(0, 3) if around.normal is None else around.normal.reshape(-1, 3)
+        known = Known(*(view(v, np.float32) for v in (around.taken.reshape(-1), around.sky.reshape(-1), bent)))
+    assert scene.environment is not None
+    texels = SkyMaps.of(scene.environment, scene.material_table.has_physical).irradiance.reshape(-1, 3)
+    seen = Seen(view(left, np.float32), view(surface, np.float32), view(sent, np.float32))
+    take_away(seen, known, view(texels, np.float32), out.numpy())
+
+
+def _lost_plain(scene: Scene, gbuffer: GBuffer, shares: _Shares, chosen: Tensor, out: Tensor) -> None:
+    """The same in torch."""
+    left, around = shares
+    reader, sky = Reader(scene, gbuffer, origin_of(scene, gbuffer)), _LostSky(scene)
+    for chunk in chosen.nonzero().reshape(-1).split(CHUNK):
+        out[chunk] = _lost_of(reader, sky, chunk, (left[chunk], around))
+
+
+def _lost_of(reader: Reader, sky: _LostSky, rows: Tensor, shares: _Shares) -> Tensor:
     surface = reader.surface(rows)
     surface = replace(surface, emission=torch.zeros_like(surface.emission))
     lost = _lost_light(sky, surface.normal, rows, shares)
@@ -175,7 +204,7 @@ def _lost_of(reader: Reader, sky: _LostSky, rows: Tensor, shares: tuple[Tensor, 
     return value.T
 
 
-def _lost_light(sky: _LostSky, normal: Tensor, rows: Tensor, shares: tuple[Tensor, Surroundings | None]) -> Tensor:
+def _lost_light(sky: _LostSky, normal: Tensor, rows: Tensor, shares: _Shares) -> Tensor:
     """Irradiance over pi (3,N) that does not arrive at normals (3,N)."""
     left, around = shares
     if around is None:
