@@ -9,8 +9,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchrender.effects.sky_shadows.fit import fit_spheres
 from torchrender.effects.sky_shadows.moving import Binding
-from torchrender.effects.sky_shadows.occluder import joined, kept_spheres
+from torchrender.effects.sky_shadows.occluder import joined
 from torchrender.effects.sky_shadows.options import SphereOptions
 from torchrender.images.files import read_image
 from torchrender.rays import RayCaster
@@ -59,7 +60,7 @@ def stage(folder: Path, name: str, numbers: tuple[int, ...], options: SphereOpti
     line = torch.linspace(-1.0, 1.0, SIDE, dtype=torch.float64) * size
     z, x = torch.meshgrid(line, line, indexing="ij")
     points = torch.stack([x, torch.zeros_like(x), z], dim=-1) + middle
-    sets = {n: kept_spheres(vertices, faces, replace(options, spheres=n)) for n in numbers}
+    sets = {n: fit_spheres(vertices, faces, replace(options, spheres=n)) for n in numbers}
     model = concatenate(scene.meshes)
     return Stage(
         name=Path(name).stem,
