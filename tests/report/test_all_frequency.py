@@ -87,6 +87,7 @@ def test_the_page_says_what_was_asked_and_found() -> None:
                 "frames": 4,
                 "ms": {n: {"median": 150.0, "least": 140.0} for n in ("with", "without", "sky_shadow", "move")},
             },
+            "settings": [{"name": "one level", "ms": 20.0, "all": 1.0, "shaded": 2.0, "close": 4.5}],
             "mitsuba": {
                 "version": "3", "variant": "scalar_rgb", "samples": 64,
                 "skies": {"dusk": {"ms": 64.0, "spheres": one, "mesh": one}},
@@ -98,6 +99,7 @@ def test_the_page_says_what_was_asked_and_found() -> None:
     )  # fmt: skip
     text = "\n".join(lines)
     assert "| pictures per second, 64 spheres, 200 terms, II | at least 10 | 15.6 |" in text
+    assert "| one level | 20.0 | 1.00 | 2.00 | 4.50 |" in text
     assert "| time from 64 to 128 spheres, in that from 32 to 64 | 2 (linear) | 2.00 |" in text
     assert "| plain sum over texels, in our time | at least 6 | 10.0 |" in text
     assert "| error of SHEXP in ours, dusk | at least 8 | 9.0 |" in text

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 import torch
@@ -38,6 +39,12 @@ def test_little_stands_out_and_every_step_helps(ring) -> None:  # type: ignore[n
     assert found.relative_error <= 0.35
     assert list(found.history) == sorted(found.history, reverse=True)
     assert found.volume == pytest.approx(2 * math.pi**2 * 0.35**2, rel=0.06)
+
+
+def test_twice_the_spheres_stand_out_less_than_half(ring) -> None:  # type: ignore[no-untyped-def]
+    mesh, few = ring
+    found = fit_spheres(mesh.vertices, mesh.faces, replace(QUICK, spheres=32))
+    assert found.relative_error <= 0.15 and found.error < 0.5 * few.error
 
 
 def test_spheres_turn_and_grow_with_the_mesh(ring) -> None:  # type: ignore[no-untyped-def]

@@ -76,8 +76,8 @@ def texel_index(x, y, z):
     u = (-z if along >= 0.0 else z) if first else (x if second else (x if along >= 0.0 else -x))
     v = -y if first or not second else (z if along >= 0.0 else -z)
     scale = 16.0 / major if major > 0.0 else 0.0
-    column = min(np.int64(u * scale + 16.0), SIDE - 1)
-    row = min(np.int64(v * scale + 16.0), SIDE - 1)
+    column = min(int(u * scale + 16.0), SIDE - 1)
+    row = min(int(v * scale + 16.0), SIDE - 1)
     return (face * SIDE + row) * SIDE + column
 
 
@@ -94,8 +94,8 @@ def scratch_of(spheres):
 
 @kernel()
 def find_entries(samples, i, columns, caps, entry, state):
-    """Row ``entry`` (S,) of the table of caps for each sphere as sample i sees it, -1 at its centre, and its ``state`` (S,): 0 behind the
-    surface or left out, 1 before it, 2 around the sample.
+    """Row ``entry`` (S,) of the table of caps for each sphere as sample i sees it, -1 at its centre, and its ``state``
+    (S,): 0 behind the surface or left out, 1 before it, 2 around the sample.
 
     Without branches, so that spheres go through the processor several at a time.
     """
@@ -107,7 +107,7 @@ def find_entries(samples, i, columns, caps, entry, state):
         distance = math.sqrt(x * x + y * y + z * z)
         around = distance <= radius
         size = 1.0 if around else radius / distance
-        row = texel_index(x, y, z) * bins + min(np.int64(size * bins), bins - 1)
+        row = texel_index(x, y, z) * bins + min(int(size * bins), bins - 1)
         entry[s] = row if distance > 0.0 else -1
         seen = (radius > 0.0) & (size >= smallest) & (around | (nx * x + ny * y + nz * z > -radius))
         state[s] = (2 if around else 1) if seen else 0

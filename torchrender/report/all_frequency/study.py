@@ -24,8 +24,9 @@ from torchrender.quality.pages import write_record, write_text
 from torchrender.report.all_frequency.accuracy import accuracy, by_spheres
 from torchrender.report.all_frequency.page import page
 from torchrender.report.all_frequency.peers import beside_mitsuba
+from torchrender.report.all_frequency.settings import settings_of
 from torchrender.report.all_frequency.stage import SKIES, sky, stage
-from torchrender.report.all_frequency.times import fits, moving, times
+from torchrender.report.all_frequency.times import fits, moving, times, walking
 from torchrender.report.common.command import study_parser
 
 SPHERES = (32, 64, 96, 128)
@@ -54,6 +55,9 @@ def main(given: list[str] | None = None) -> None:
     with part("a character that moves"):
         record["moving"] = moving(data, skies[0], 4 if quick else 12)
     pictures = record["moving"].pop("pictures")
+    with part("settings"):
+        scene, camera, tall = walking(data, skies[0])
+        record["settings"] = settings_of(scene.at(0.4), camera, tall, 3 if quick else 7)
     with part("Mitsuba"):
         record["mitsuba"] = beside_mitsuba(at, skies, 64 if quick else 256)
     with part("errors"):

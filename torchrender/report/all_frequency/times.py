@@ -119,14 +119,23 @@ def on_floor(scene: Scene, environment: Environment) -> Scene:
     )  # fmt: skip
 
 
-def moving(folder: Path, environment: Environment, frames: int) -> dict[str, Any]:
-    """Milliseconds of pictures of 512 x 512 of a character that walks, with its shadow and without; some pictures."""
-    figure = load(folder / "characters" / "CesiumMan.glb")
-    scene = on_floor(figure, environment)
+def view_of(figure: Scene) -> tuple[Cameras, float]:
+    """A camera of 512 x 512 that sees a figure from above and beside, and how tall that is."""
     low, high = figure.bounds
     middle, tall = (low + high) / 2, float((high - low).max())
     eye = middle + torch.tensor([1.15, 0.75, 1.25]).double() * tall
-    camera = Cameras.look_at(eye, middle, width=512, height=512, fov_deg=45.0)
+    return Cameras.look_at(eye, middle, width=512, height=512, fov_deg=45.0), tall
+
+
+def walking(folder: Path, environment: Environment) -> tuple[Scene, Cameras, float]:
+    """A character on a floor, a camera, and how tall the character is."""
+    figure = load(folder / "characters" / "CesiumMan.glb")
+    return on_floor(figure, environment), *view_of(figure)
+
+
+def moving(folder: Path, environment: Environment, frames: int) -> dict[str, Any]:
+    """Milliseconds of pictures of 512 x 512 of a character that walks, with its shadow and without; some pictures."""
+    scene, camera, _ = walking(folder, environment)
     ways = {"with": RenderOptions(), "without": RenderOptions(shadows=False, ambient_visibility="off")}
     history = {name: RenderHistory() for name in ways}
     duration = next(iter(scene.animations.values()))
