@@ -12,6 +12,7 @@ from torch.nn.functional import normalize
 
 from torchrender.effects.sky_shadows.light import SkyLight, cube_radiance, prepare_light, stored_normals
 from torchrender.effects.sky_shadows.options import SkyLightOptions
+from torchrender.effects.sky_shadows.picture import SHIFTS
 from torchrender.effects.sky_shadows.shade import hidden_bits, shade
 from torchrender.effects.sky_shadows.tables import build_table, cap_table, code_wavelets, table_file
 from torchrender.errors import InputError, OptionError
@@ -125,6 +126,24 @@ def test_the_table_costs_little_accuracy() -> None:
         for way in (False, True)
     )
     assert 0 < error(table, exact, light) < 4.0
+
+
+def test_points_that_round_differently_know_what_lies_between() -> None:
+    """Along a line the mean over the shifts is nearer to exact caps than the table is, and has smaller steps."""
+    points = torch.zeros(1, 600, 3).double()
+    points[0, :, 0] = torch.linspace(-2.0, 2.0, 600)
+    normals = UP.expand(1, 600, 3)
+    light = prepare_light(lamps())
+    exact = shade(points, normals, swarm(), prepare_light(lamps(), SkyLightOptions(direct_bits=True))).radiance[0]
+    plain = shade(points, normals, swarm(), light).radiance[0]
+    shifts = torch.tensor(SHIFTS)[:, None, None].expand(-1, 1, 600, -1)
+    parts = torch.stack([shade(points, normals, swarm(), light, shift=one).radiance[0] for one in shifts])
+    mean = parts.mean(0)
+    assert not torch.equal(parts[0], parts[1])
+    assert error(mean, exact, light) < 0.75 * error(plain, exact, light)
+    assert float(mean.diff(dim=0).abs().max()) < 0.5 * float(plain.diff(dim=0).abs().max())
+    still = shade(points, normals, swarm(), light, shift=torch.zeros(1, 600, 3)).radiance[0]
+    assert torch.equal(still, plain)
 
 
 def test_less_error_than_spherical_harmonics() -> None:

@@ -32,6 +32,9 @@ _LIGHTS: WeakIdKeyDictionary = WeakIdKeyDictionary()
 EVEN = 0.6
 """Spread of radiance over directions, in its mean, below which shadows are too soft to need more than one number."""
 
+SHIFTS = ((-0.25, -0.25, -0.375), (0.25, -0.25, 0.125), (-0.25, 0.25, 0.375), (0.25, 0.25, -0.125))
+"""Of four neighbouring points, in texels, texels and bins of radii: their mean is smooth where each has steps."""
+
 SHOWS = 1.0 / 512.0
 """Share of light that may be missing unseen."""
 
@@ -61,7 +64,8 @@ def light_left(scene: Scene, gbuffer: GBuffer, occluder: Occluder, light: SkyLig
     """Share (B,H,W,4) of the environment's light on matt surfaces that the occluder's spheres leave; 1 where empty.
 
     The fourth is that of light that is the same from everywhere. Shaded are one of ``spacing`` times ``spacing``
-    pixels; those between follow along the surfaces seen.
+    pixels; those between follow along the surfaces seen. Neighbouring points round
+    directions and sizes of spheres differently, so that steps of a texel do not show.
     """
     spheres = occluder.spheres(scene)
     own, body = occluder.face_spheres(scene), occluder.bodies
@@ -69,14 +73,16 @@ def light_left(scene: Scene, gbuffer: GBuffer, occluder: Occluder, light: SkyLig
     if gbuffer.cameras.orthographic or min(height, width) < 2 * spacing:
         spacing = 1  # no eye to spread from, or too few rows
     out = torch.ones(batch, height, width, 4)
+    rows = slice(spacing // 2, None, spacing)
+    grid = len(range(height)[rows]), len(range(width)[rows])
+    shifts = _shifts(*grid) if spacing > 1 else torch.zeros(*grid, 3)
     for b in range(batch):
-        rows = slice(spacing // 2, None, spacing)
         triangle = gbuffer.triangle[b, rows, rows]
         seen = triangle >= 0
         values = torch.ones(*triangle.shape, 4)
         if bool(seen.any()):
-            points, normals = gbuffer.position[b, rows, rows][seen], gbuffer.normal[b, rows, rows][seen]
-            values[seen] = _share(points, normals, own[triangle[seen]], (spheres, body), light)
+            surface = gbuffer.position[b, rows, rows][seen], gbuffer.normal[b, rows, rows][seen]
+            values[seen] = _share(surface, own[triangle[seen]], (spheres, body), light, shifts[seen])
         if spacing == 1:
             out[b] = values
         else:
@@ -84,12 +90,24 @@ def light_left(scene: Scene, gbuffer: GBuffer, occluder: Occluder, light: SkyLig
     return out
 
 
-def _share(points: Tensor, normals: Tensor, own: Tensor, hiding: tuple[Tensor, Tensor], light: SkyLight) -> Tensor:
+def _shifts(rows: int, columns: int) -> Tensor:
+    """(h,w,3) shifts of points that repeat after two, along rows and columns: spreading weighs all four alike."""
+    odd = torch.arange(rows)[:, None] % 2 * 2 + torch.arange(columns)[None] % 2
+    return torch.tensor(SHIFTS)[odd]
+
+
+def _share(
+    surface: tuple[Tensor, Tensor], own: Tensor, hiding: tuple[Tensor, Tensor], light: SkyLight, shift: Tensor
+) -> Tensor:
     """Share (N,4) of the light that is left, channel by channel, and of even light; 1 where there is none."""
     # A surface that spheres reach through touches what they stand for; one of that itself is not hidden by it.
+    points, normals = surface
     spheres, body = hiding
     inside = torch.full_like(own, INSIDE.index("half"))[None]
-    found = shade(points[None], normals[None], spheres[None], light, own_sphere=own[None], inside=inside, body=body)
+    found = shade(
+        points[None], normals[None], spheres[None], light, own_sphere=own[None], inside=inside, body=body,
+        shift=shift[None],
+    )  # fmt: skip
     left, whole = found.radiance[0], found.whole[0]
     share = torch.where(whole > 0, left / whole.clamp_min(1e-30), 1.0)
     return torch.cat([share, found.open_share[0, :, None]], dim=1).clamp(0.0, 1.0)

@@ -28,6 +28,7 @@ class Samples(NamedTuple):
     normal: np.ndarray  # (P,3) float32 unit
     own: np.ndarray  # (P,) int32 the sphere that is not looked at; nor others of its body around the point; -1: none
     solid: np.ndarray  # (P,) int32 what spheres around the point do: SKIP, BLOCK or HALF
+    shift: np.ndarray  # (P,3) float32 added to column, row and radius before the table rounds them, -0.5 to 0.5
 
 
 class Caps(NamedTuple):
@@ -66,8 +67,9 @@ def count_blocks(words, counts):
 
 
 @kernel(inline=True)
-def texel_index(x, y, z):
-    """Number of the texel of the direction (x, y, z); of equal axes the first counts. No branches."""
+def texel_index(x, y, z, right, down):
+    """Number of the texel of the direction (x, y, z), moved by so many texels within its face; of equal axes the first
+    counts. No branches."""
     a, b, c = abs(x), abs(y), abs(z)
     first, second = (a >= b) & (a >= c), b >= c
     major = a if first else (b if second else c)
@@ -76,8 +78,8 @@ def texel_index(x, y, z):
     u = (-z if along >= 0.0 else z) if first else (x if second else (x if along >= 0.0 else -x))
     v = -y if first or not second else (z if along >= 0.0 else -z)
     scale = 16.0 / major if major > 0.0 else 0.0
-    column = min(int(u * scale + 16.0), SIDE - 1)
-    row = min(int(v * scale + 16.0), SIDE - 1)
+    column = min(max(int(u * scale + 16.0 + right), 0), SIDE - 1)
+    row = min(max(int(v * scale + 16.0 + down), 0), SIDE - 1)
     return (face * SIDE + row) * SIDE + column
 
 
@@ -102,12 +104,15 @@ def find_entries(samples, i, columns, caps, entry, state):
     px, py, pz = samples.position[i, 0], samples.position[i, 1], samples.position[i, 2]
     nx, ny, nz = np.float64(samples.normal[i, 0]), np.float64(samples.normal[i, 1]), np.float64(samples.normal[i, 2])
     bins, smallest = caps.radii, caps.smallest
+    right, down, wider = (
+        np.float64(samples.shift[i, 0]), np.float64(samples.shift[i, 1]), np.float64(samples.shift[i, 2])
+    )  # fmt: skip
     for s in range(columns.shape[1]):
         x, y, z, radius = columns[0, s] - px, columns[1, s] - py, columns[2, s] - pz, columns[3, s]
         distance = math.sqrt(x * x + y * y + z * z)
         around = distance <= radius
         size = 1.0 if around else radius / distance
-        row = texel_index(x, y, z) * bins + min(int(size * bins), bins - 1)
+        row = texel_index(x, y, z, right, down) * bins + min(max(int(size * bins + wider), 0), bins - 1)
         entry[s] = row if distance > 0.0 else -1
         seen = (radius > 0.0) & (size >= smallest) & (around | (nx * x + ny * y + nz * z > -radius))
         state[s] = (2 if around else 1) if seen else 0
