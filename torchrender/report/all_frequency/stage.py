@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -82,8 +83,11 @@ def sky(folder: Path, name: str) -> Environment:
 
 
 def errors(found: Tensor, wanted: Tensor, whole: Tensor) -> dict[str, float]:
-    """Root mean square and largest difference in percent of the unshadowed light, and PSNR of the share in dB."""
+    """Root mean square and largest difference in percent of the unshadowed light, and PSNR of the share in dB; no error
+    without points."""
     share = ((found - wanted) / whole.clamp_min(1e-30)).double()
+    if not share.numel():
+        return {"rms": 0.0, "most": 0.0, "psnr": math.inf}
     mean = float(share.square().mean())
     return {
         "rms": 100 * mean**0.5,
