@@ -105,6 +105,6 @@ def test_the_page_says_what_was_asked_and_found() -> None:
     assert "| one level | 20.0 | 1.00 | 2.00 | 4.50 |" in text
     assert "| time from 64 to 128 spheres, in that from 32 to 64 | 2 (linear) | 2.00 |" in text
     assert "| plain sum over texels, in our time | at least 6 | 10.0 |" in text
-    assert "| error of SHEXP in ours, dusk | at least 8 | 9.0 |" in text
+    assert "| error of SHEXP in ours (exact caps), dusk | at least 8 | 9.0 |" in text
     assert "| our error against the mesh in Mitsuba's at equal time, dusk | at most 0.33 | 0.25 |" in text
     assert "only ratios of rows within this run count" in text

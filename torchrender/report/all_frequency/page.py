@@ -17,6 +17,7 @@ PUBLISHED = {
 """Pictures per second by number of spheres: CPU, GPU one level, GPU two levels, at 50 and at 200 terms."""
 
 ASKED_RATE = {64: 10.0, 128: 6.0}
+SHIFTED = "ours, table, mean of four shifts, against exact caps"
 SMOOTH = ("pisa", "forest")
 """Skies without small sources, where less is asked of spherical harmonics' share: 5 times, elsewhere 8 times."""
 
@@ -64,9 +65,12 @@ def _figures(record: Mapping[str, Any]) -> list[str]:
     for name, ways in record["accuracy"].items():
         environment, count = name.split(",")
         if count == "64":
-            ratio = ways["SHEXP"]["rms"] / max(ways["ours, exact caps"]["rms"], 1e-12)
             asked_ratio = 5 if environment in SMOOTH else 8
-            rows.append([f"error of SHEXP in ours, {environment}", f"at least {asked_ratio}", f"{ratio:.1f}"])
+            for told, way in (("exact caps", "ours, exact caps"), ("table, four shifts", SHIFTED)):
+                ratio = ways["SHEXP"]["rms"] / max(ways[way]["rms"], 1e-12)
+                rows.append(
+                    [f"error of SHEXP in ours ({told}), {environment}", f"at least {asked_ratio}", f"{ratio:.1f}"]
+                )
     for environment, one in record["mitsuba"].get("skies", {}).items():
         for kind, of in (("spheres", "against spheres"), ("mesh", "against the mesh")):
             ratio = one[kind]["ours"] / max(one[kind]["mitsuba"]["rms_at_our_time"], 1e-12)
@@ -217,10 +221,11 @@ def _accuracy(record: Mapping[str, Any]) -> list[str]:
         "",
         "Without a word of the mesh, errors are against the sum over texels with the same bits; the last column is the"
         " error against rays into the mesh. In the dark: points from which the mesh hides at least a fifth of the"
-        " light. As published: both functions truncated, and the nearest of 384 normals, of"
-        " which the plane's own is as far away as any can be; blended: the same sums with our normals. Snug spheres:"
-        " as pictures take them, smaller than those that cover, so that together they hold the model's volume. Their"
-        " columns, and that of the spheres for the mesh, are against the mesh.",
+        " light. Pictures take the table, and of four neighbouring points each rounds directions and sizes differently:"
+        " the mean of four shifts. As published: both functions truncated, and the nearest of 384 normals, of which the"
+        " plane's own is as far away as any can be; blended: the same sums with our normals. Snug spheres: as pictures"
+        " take them, smaller than those that cover, so that together they hold the model's volume. Their columns, and"
+        " that of the spheres for the mesh, are against the mesh.",
         "",
     ]
     for name, ways in record["accuracy"].items():
@@ -244,8 +249,8 @@ def _accuracy(record: Mapping[str, Any]) -> list[str]:
             ["way", "RMS, %", "RMS in the dark, %", "largest, %", "PSNR, dB", "RMS against the mesh, %"], rows
         )
         lines += [
-            f"SHEXP errs by {ways['SHEXP']['rms'] / max(ours, 1e-12):.1f} times as much as ours, the best spherical"
-            f" harmonics by {ways['best harmonics']['rms'] / max(ours, 1e-12):.1f} times.",
+            f"SHEXP errs by {ways['SHEXP']['rms'] / max(ours, 1e-12):.1f} times as much as ours with exact caps, the"
+            f" best spherical harmonics by {ways['best harmonics']['rms'] / max(ours, 1e-12):.1f} times.",
             "",
         ]
     return lines

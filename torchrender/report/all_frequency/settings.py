@@ -53,6 +53,7 @@ def settings_of(scene: Scene, camera: Cameras, tall: float, runs: int) -> list[d
     ways = {f"usual: {usual.sphere.spheres} spheres, {_told(usual)}": usual}
     for count in (16, 32, 128):
         ways[f"{count} spheres"] = replace(usual, sphere=replace(usual.sphere, spheres=count))
+    ways["fitted longer (20 teleports)"] = replace(usual, sphere=replace(usual.sphere, teleports=20))
     for terms in (50, 1000):
         ways[f"{terms} terms"] = replace(usual, light=replace(usual.light, terms=terms))
     ways["one level"] = replace(usual, light=replace(usual.light, levels=1))
