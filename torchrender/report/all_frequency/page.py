@@ -169,7 +169,7 @@ def _settings(rows: Sequence[Mapping[str, Any]]) -> list[str]:
         "",
         "The same character at one time: least milliseconds of the shares of light of all pixels, and RMS against rays"
         " into its mesh at pixels of the floor, in percent of the unshadowed light; of these, those that miss at least"
-        " 2 % of the light, and those within 6 % of the figure's height of it. One setting differs from the usual in"
+        " 2 % of the light, and those within 8 % of the figure's height of it. One setting differs from the usual in"
         " each row. `torchrender tradeoff` draws the curve of terms, levels and points; it leaves the spheres alone,"
         " as another number of them is another shape, which would be seen to change from picture to picture.",
         "",

@@ -22,13 +22,13 @@ from torchrender.report.all_frequency.ways import mesh_bits, texel_sum
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
 
-LOOKED_AT = 1500
-"""Pixels of the floor at which rays are traced."""
+LOOKED_AT, SEARCHED = 1500, 12_000
+"""Pixels of the floor at which rays are traced; and of which those close to the figure are taken as well."""
 
 SHADED = 0.02
 """Share of the light that is missing at least in a shadow."""
 
-CONTACT = 0.06
+CONTACT = 0.08
 """Height of the figure within which a pixel of the floor is close to it."""
 
 
@@ -37,7 +37,7 @@ class _Floor:
     """Pixels of the floor, and what rays into the meshes tell of them."""
 
     gbuffer: GBuffer
-    rows: Tensor  # (N,) in the flat picture
+    rows: Tensor  # (N,) in the flat picture; the first LOOKED_AT are drawn from all of the floor
     wanted: Tensor  # (N,3) share of the light that is left
     shaded: Tensor  # (N,) bool
     close: Tensor  # (N,) bool
@@ -82,21 +82,27 @@ def _floor(scene: Scene, camera: Cameras, tall: float) -> _Floor:
     gbuffer = rasterize(scene, camera)
     ground = len(scene.materials) - 1
     rows = (gbuffer.material == ground).reshape(-1).nonzero().reshape(-1)
-    rows = rows[torch.randperm(len(rows), generator=torch.Generator().manual_seed(0))[:LOOKED_AT]]
-    points, normals = gbuffer.position.reshape(-1, 3)[rows], gbuffer.normal.reshape(-1, 3)[rows]
+    rows = rows[torch.randperm(len(rows), generator=torch.Generator().manual_seed(0))[:SEARCHED]]
+    figure = torch.cat([m.vertices.double() for m in scene.meshes if m.material != ground])
+    flat = gbuffer.position.reshape(-1, 3)
+    close = (
+        torch.cat([torch.cdist(flat[some].double(), figure).amin(dim=1) for some in rows.split(256)]) < CONTACT * tall
+    )
+    taken = close | (torch.arange(len(rows)) < LOOKED_AT)
+    rows, close = rows[taken], close[taken]
+    points, normals = flat[rows], gbuffer.normal.reshape(-1, 3)[rows]
     assert scene.environment is not None
     light = prepare_light(scene.environment, SkyLightOptions())
     hidden = mesh_bits(RayCaster(scene.geometry), points, normals, OFFSET * tall)
     wanted = texel_sum(hidden, normals, light)
     whole = texel_sum(torch.zeros(1, *hidden.shape[1:], dtype=torch.bool), normals[:1], light)
     share = wanted / whole.clamp_min(1e-30)
-    figure = torch.cat([m.vertices.double() for m in scene.meshes if m.material != ground])
-    away = torch.cat([torch.cdist(some.double(), figure).amin(dim=1) for some in points.split(256)])
-    return _Floor(gbuffer, rows, share, (1.0 - share).amax(dim=1) > SHADED, away < CONTACT * tall)
+    return _Floor(gbuffer, rows, share, (1.0 - share).amax(dim=1) > SHADED, close)
 
 
 def _errors(left: Tensor, floor: _Floor) -> dict[str, float]:
     found = left.reshape(-1, 4)[floor.rows, :3].double()
     one = torch.ones(3, dtype=torch.float64)
-    parts = {"all": torch.ones_like(floor.shaded), "shaded": floor.shaded, "close": floor.close}
+    drawn = torch.arange(len(floor.rows)) < LOOKED_AT
+    parts = {"all": drawn, "shaded": drawn & floor.shaded, "close": floor.close}
     return {name: errors(found[some], floor.wanted[some], one)["rms"] for name, some in parts.items()}
