@@ -13,7 +13,7 @@ import torchrender.report.all_frequency.accuracy as accuracy_module
 import torchrender.report.all_frequency.peers as peers
 from torchrender.quality.machine import machine_record
 from torchrender.rays import RayCaster
-from torchrender.report.all_frequency.page import page
+from torchrender.report.all_frequency.page import SHIFTED, page
 from torchrender.report.all_frequency.stage import Stage
 from torchrender.scene.environment import Environment
 from torchrender.scene.mesh import concatenate
@@ -74,7 +74,7 @@ def test_the_page_says_what_was_asked_and_found() -> None:
     stages = {"caps by table": 40.0, "caps one by one": 300.0, "light that turns": 12.0, "plain sum over texels": 640.0}
     rows = {
         name: {"rms": 1.0, "dark": 1.5, "most": 2.0, "psnr": 40.0}
-        for name in ("ours, exact caps", "SHEXP", "best harmonics")
+        for name in ("ours, exact caps", "SHEXP", "best harmonics", SHIFTED)
     }
     rows["SHEXP"] = rows["SHEXP"] | {"rms": 9.0}
     peer = {"samples": 4, "ms": 50.0, "rms": 6.0, "rms_at_our_time": 6.0}

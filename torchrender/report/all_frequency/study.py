@@ -30,7 +30,7 @@ from torchrender.report.all_frequency.times import fits, moving, times, walking
 from torchrender.report.common.command import study_parser
 
 SPHERES = (32, 64, 96, 128)
-FITTED = SphereOptions(starts=1, teleports=10)
+FITTED = SphereOptions(starts=2, teleports=10)
 QUICKLY = SphereOptions(starts=1, teleports=0, resolution=48)
 NAME = "all-frequency-shadows"
 
