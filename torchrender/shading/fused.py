@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -17,12 +18,14 @@ from torchrender.kernels.shading.needs import stages_of
 from torchrender.kernels.shading.pack import pack_planes
 from torchrender.kernels.shading.records import (
     CENTRE,
+    IRRADIANCE_SIDE,
     LIGHT,
     PARALLEL,
     POINT,
     RECT,
     SPAN,
     TILE,
+    UNLIT,
     Out,
     Packed,
     Reach,
@@ -46,6 +49,7 @@ from torchrender.shading.sky import SkyMaps
 Array = np.ndarray[Any, Any]
 f4 = np.float32
 _PACKED: WeakIdKeyDictionary = WeakIdKeyDictionary()
+_NONE, _NONE4 = np.zeros((0, 3), f4), np.zeros((0, 4), f4)
 _EVERYWHERE = (np.zeros(1, np.int64), np.zeros(0, np.int32))
 """No lists of lights: each may reach all pixels."""
 
@@ -99,26 +103,46 @@ def send_fused(
 
 def read_fused(scene: Scene, samples: VisibilityBuffer | RaySurface, rows: Tensor) -> tuple[Tensor, Tensor]:
     """Shading normals (N,3), bent by their maps, and roughness (N,) of samples in flat rows (N,); nothing is lit."""
+    chosen = np.zeros(samples.covered.numel(), np.bool_)
+    chosen[rows.numpy()] = True
+    surface = np.zeros((len(chosen), 4), f4)
+    _read(scene, samples, chosen, _no_sky(), (_NONE, surface))
+    found = torch.from_numpy(surface).index_select(0, rows)
+    return found[:, :3], found[:, 3]
+
+
+def matt_fused(scene: Scene, samples: VisibilityBuffer, chosen: Tensor) -> tuple[Tensor, Tensor]:
+    """What surfaces send (N,3) where diffuse light of irradiance pi comes from all around and nothing is mirrored, and
+    (N,4) their shading normals and roughness; of the flat samples ``chosen`` (N,) bool, 0 for others."""
+    picked, count = array(chosen, np.bool_), chosen.numel()
+    sent, surface = np.zeros((count, 3), f4), np.zeros((count, 4), f4)
+    _read(scene, samples, picked, _even_sky(1.0), (sent, surface))
+    made = torch.from_numpy(sent)
+    table = scene.material_table
+    if bool((table.emission > 0).any()) or bool((table.physical.kind == UNLIT).any()):
+        dark = np.zeros((count, 3), f4)
+        _read(scene, samples, picked, _even_sky(0.0), (dark, _NONE4))
+        made = made - torch.from_numpy(dark)
+    return made, torch.from_numpy(surface)
+
+
+def _read(
+    scene: Scene, samples: VisibilityBuffer | RaySurface, chosen: Array, sky: Sky, made: tuple[Array, Array]
+) -> None:
+    """Chosen samples (N,) under the sky alone: radiance (N,3) and surface (N,4), either may have no rows."""
     packed = packed_geometry(scene.geometry)
     looks = looks_of(scene.materials, scene.material_table)
     images = 1 if isinstance(samples, RaySurface) else len(samples.cameras)
-    count = samples.covered.numel()
-    each = count // max(images, 1)
-    surface = np.zeros((count, 4), f4)
-    left_out = np.ones(count, np.bool_)
-    left_out[rows.numpy()] = False
-    none = np.zeros((0, 3), f4)
+    each = len(chosen) // max(images, 1)
     dark = Reach(
-        np.zeros((0, 32), f4), np.zeros((0, 1), f4), np.zeros(0, np.int64), np.zeros(0, f4), none, *_EVERYWHERE
+        np.zeros((0, 32), f4), np.zeros((0, 1), f4), np.zeros(0, np.int64), np.zeros(0, f4), _NONE, *_EVERYWHERE
     )
     for k in range(images):
         view, seen = _hits(scene, samples) if isinstance(samples, RaySurface) else _image(scene, samples, k)
         part = slice(k * each, (k + 1) * each)
-        chosen = np.where(left_out[part].reshape(seen.triangle.shape), -1, seen.triangle)
-        seen, out = seen._replace(triangle=chosen), Out(none, none, none, surface[part])
-        _run(seen, view, packed, looks, _no_sky(), dark, out)
-    found = torch.from_numpy(surface).index_select(0, rows)
-    return found[:, :3], found[:, 3]
+        triangle = np.where(chosen[part].reshape(seen.triangle.shape), seen.triangle, -1)
+        out = Out(made[0][part], _NONE, _NONE, made[1][part])
+        _run(seen._replace(triangle=triangle), view, packed, looks, sky, dark, out)
 
 
 def _run(*given: Any, side: int = 1) -> None:
@@ -265,6 +289,23 @@ def _no_sky() -> Sky:
     empty = np.zeros((0, 3), f4)
     maps = (empty, empty, np.zeros((0, 2), np.int64), np.zeros((0, 0, 4), f4), np.zeros((0, 2), f4))
     return Sky(np.zeros(3, f4), *maps, np.zeros((1, 1, 3), f4), np.zeros(2, f4))
+
+
+@cache
+def _even_sky(irradiance: float) -> Sky:
+    """Diffuse light of an irradiance over pi that is the same everywhere; mirrors show nothing."""
+    table, side = albedo_table(), IRRADIANCE_SIDE + 2
+    levels = np.array([[0, 1], [9, 1]])
+    return Sky(
+        ambient=np.zeros(3, f4),
+        irradiance=np.full((side * side, 3), irradiance, f4),
+        mirrored=np.zeros((18, 3), f4),
+        levels=levels,
+        albedo=array(table.split, f4),
+        mean=array(table.mean, f4),
+        radiance=np.zeros((1, 1, 3), f4),
+        turn=np.zeros(2, f4),
+    )
 
 
 def is_of(samples: GBuffer | RaySurface, scene: Scene) -> bool:

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
+import numpy as np
 import pytest
 import torch
 
-from torchrender.effects.sky_shadows.fit import fit_spheres
+from torchrender.effects.sky_shadows.fit import _begin, fit_spheres
 from torchrender.effects.sky_shadows.loosened import loosened
 from torchrender.effects.sky_shadows.moving import Binding
 from torchrender.effects.sky_shadows.occluder import content_key, kept_spheres, read_spheres, write_spheres
@@ -38,6 +42,27 @@ def test_little_stands_out_and_every_step_helps(ring) -> None:  # type: ignore[n
     assert found.relative_error <= 0.35
     assert list(found.history) == sorted(found.history, reverse=True)
     assert found.volume == pytest.approx(2 * math.pi**2 * 0.35**2, rel=0.06)
+
+
+def test_more_spheres_stand_out_less(ring) -> None:  # type: ignore[no-untyped-def]
+    mesh, few = ring
+    found = fit_spheres(mesh.vertices, mesh.faces, replace(QUICK, spheres=32))
+    assert found.relative_error <= 0.15 and found.error < 0.8 * few.error
+
+
+def test_every_other_start_reaches_thin_limbs() -> None:
+    """A dense ball with a few points far out: drawn at random few begin there, spread evenly they do."""
+    rng = np.random.default_rng(0)
+    limb = np.linspace([1.0, 0.0, 0.0], [6.0, 0.0, 0.0], 30)
+    model: Any = SimpleNamespace(points=np.concatenate([0.3 * rng.normal(size=(3000, 3)), limb]))
+    farthest = {}
+    for spread in (False, True):
+        begin = _begin(model, 8, np.random.default_rng(1), spread=spread)
+        assert begin.shape == (8, 3) and len(np.unique(begin, axis=0)) == 8
+        away = np.linalg.norm(model.points[:, None] - begin[None], axis=-1).min(axis=1)
+        farthest[spread] = float(away.max())
+    assert 3.0 * farthest[True] < farthest[False]
+    assert len(_begin(model, 5000, rng, spread=True)) == len(model.points)
 
 
 def test_spheres_turn_and_grow_with_the_mesh(ring) -> None:  # type: ignore[no-untyped-def]

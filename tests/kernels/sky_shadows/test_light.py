@@ -55,7 +55,9 @@ def test_hidden_texels_are_those_of_every_sphere() -> None:
     own = rng.integers(-1, 9, 40).astype(np.int32)
     solid = np.where(rng.random(40) < 0.5, SKIP, HALF).astype(np.int32)
     words = np.empty((40, 96), np.int64)
-    hidden_words(Samples(position, normal, own, solid), spheres, caps_of(SkyLightOptions()), words)
+    hidden_words(
+        Samples(position, normal, own, solid, np.zeros((40, 3), np.float32)), spheres, caps_of(SkyLightOptions()), words
+    )
     found = bits_of_words(torch.from_numpy(words)).numpy()
     for i in range(40):
         wanted = twin_bits(position[i], normal[i].astype(float), spheres, own[i], solid[i])
@@ -76,7 +78,7 @@ def test_a_direction_finds_its_texel() -> None:
     directions = np.concatenate([rng.normal(size=(500, 3)), list(np.ndindex(3, 3, 3)) - np.ones(3)])
     directions = directions[np.abs(directions).max(axis=1) > 0]
     wanted = texel_of(torch.from_numpy(directions), 32)
-    assert [texel_index(*d) for d in directions] == wanted.tolist()
+    assert [texel_index(*d, 0.0, 0.0) for d in directions] == wanted.tolist()
 
 
 def test_light_left_is_the_sum_over_wavelets() -> None:

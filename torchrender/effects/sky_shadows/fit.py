@@ -94,7 +94,8 @@ def fit_spheres(
             progress(min(done[0], total), total)
 
     def run(start: int) -> tuple[Sharing, list[float]]:
-        return _run(model, options, np.random.default_rng([options.seed, start]), step)
+        rng = np.random.default_rng([options.seed, start])
+        return _run(model, options, _begin(model, options.spheres, rng, spread=start % 2 == 1), step)
 
     if options.starts == 1:
         found = [run(0)]
@@ -107,12 +108,22 @@ def fit_spheres(
     return _covering(model, best.state, (surface, counted, len(corners)), inner, history)
 
 
-def _run(
-    model: Model, options: SphereOptions, rng: np.random.Generator, step: Callable[[], None]
-) -> tuple[Sharing, list[float]]:
-    """One random start, relaxed, and spheres moved to where they serve better."""
-    count = min(options.spheres, len(model.points))
-    state = _relaxed(model, model.points[rng.choice(len(model.points), count, replace=False)], ROUNDS)
+def _begin(model: Model, spheres: int, rng: np.random.Generator, *, spread: bool) -> Array:
+    """Points to begin with: at random; or ``spread``, each the farthest from those before: limbs have theirs."""
+    points, count = model.points, min(spheres, len(model.points))
+    if not spread:
+        return points[rng.choice(len(points), count, replace=False)]
+    chosen = [int(rng.integers(len(points)))]
+    away = np.full(len(points), np.inf)
+    while len(chosen) < count:
+        away = np.minimum(away, ((points - points[chosen[-1]]) ** 2).sum(axis=1))
+        chosen.append(int(away.argmax()))
+    return points[chosen]
+
+
+def _run(model: Model, options: SphereOptions, begin: Array, step: Callable[[], None]) -> tuple[Sharing, list[float]]:
+    """One start, relaxed, and spheres moved to where they serve better."""
+    state = _relaxed(model, begin, ROUNDS)
     history = [state.error]
     best = Sharing(model, state).settle()
     history.append(float(best.outside.sum()))

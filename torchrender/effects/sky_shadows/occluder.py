@@ -28,7 +28,7 @@ from torchrender.scene.motion.records import Motion, Part
 LOG = logging.getLogger("torchrender.sky_shadows")
 _KEPT: WeakIdKeyDictionary = WeakIdKeyDictionary()
 _ARRAYS = ("centres", "radii", "vertex_sphere", "face_sphere", "inner_radii")
-VERSION = 2
+VERSION = 3
 POSES, MOST_ANIMATIONS = 8, 4
 
 

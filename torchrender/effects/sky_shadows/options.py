@@ -63,7 +63,7 @@ class SphereOptions:
 
     spheres: int = 64
     resolution: int = 64  # cells of the solid along its longest side
-    starts: int = 3  # random ones; the best is kept
+    starts: int = 3  # every other one spread evenly, the others at random; the best is kept
     teleports: int = 20  # spheres moved to where they serve better, at most
     seed: int = 0
 
@@ -84,7 +84,7 @@ class SkyShadowOptions:
 
     occluders: tuple[str, ...] | str = "moving"  # names of meshes, or "moving": all that animations move; "none"
     spacing: int = 2  # pixels between shaded points, per side; those between follow along surfaces; 1: every pixel
-    sphere: SphereOptions = SphereOptions(starts=1, teleports=0)
+    sphere: SphereOptions = SphereOptions(starts=4, teleports=0)
     light: SkyLightOptions = SkyLightOptions()
 
     def __post_init__(self) -> None:

@@ -18,17 +18,22 @@ from torchrender.effects.sky_shadows.occluder import Occluder
 from torchrender.effects.sky_shadows.options import INSIDE, SkyLightOptions
 from torchrender.effects.sky_shadows.shade import shade
 from torchrender.kernels.ambient.spread import Few, Many, spread_points
+from torchrender.kernels.sky_shadows.lost import Known, Seen, take_away
 from torchrender.numerics.color import luminance
 from torchrender.scene.environment import Environment
 from torchrender.scene.model import Scene
+from torchrender.shading.fused import is_of, matt_fused
 from torchrender.shading.lobes import Around, metallic_roughness, phong
 from torchrender.shading.plain import CHUNK, origin_of
-from torchrender.shading.sky import Sky
+from torchrender.shading.sky import Sky, SkyMaps
 from torchrender.shading.surface import METALLIC, PHONG, Reader
 
 _LIGHTS: WeakIdKeyDictionary = WeakIdKeyDictionary()
 EVEN = 0.6
 """Spread of radiance over directions, in its mean, below which shadows are too soft to need more than one number."""
+
+SHIFTS = ((-0.25, -0.25, -0.375), (0.25, -0.25, 0.125), (-0.25, 0.25, 0.375), (0.25, 0.25, -0.125))
+"""Of four neighbouring points, in texels, texels and bins of radii: their mean is smooth where each has steps."""
 
 SHOWS = 1.0 / 512.0
 """Share of light that may be missing unseen."""
@@ -59,7 +64,8 @@ def light_left(scene: Scene, gbuffer: GBuffer, occluder: Occluder, light: SkyLig
     """Share (B,H,W,4) of the environment's light on matt surfaces that the occluder's spheres leave; 1 where empty.
 
     The fourth is that of light that is the same from everywhere. Shaded are one of ``spacing`` times ``spacing``
-    pixels; those between follow along the surfaces seen.
+    pixels; those between follow along the surfaces seen. Neighbouring points round
+    directions and sizes of spheres differently, so that steps of a texel do not show.
     """
     spheres = occluder.spheres(scene)
     own, body = occluder.face_spheres(scene), occluder.bodies
@@ -67,14 +73,16 @@ def light_left(scene: Scene, gbuffer: GBuffer, occluder: Occluder, light: SkyLig
     if gbuffer.cameras.orthographic or min(height, width) < 2 * spacing:
         spacing = 1  # no eye to spread from, or too few rows
     out = torch.ones(batch, height, width, 4)
+    rows = slice(spacing // 2, None, spacing)
+    grid = len(range(height)[rows]), len(range(width)[rows])
+    shifts = _shifts(*grid) if spacing > 1 else torch.zeros(*grid, 3)
     for b in range(batch):
-        rows = slice(spacing // 2, None, spacing)
         triangle = gbuffer.triangle[b, rows, rows]
         seen = triangle >= 0
         values = torch.ones(*triangle.shape, 4)
         if bool(seen.any()):
-            points, normals = gbuffer.position[b, rows, rows][seen], gbuffer.normal[b, rows, rows][seen]
-            values[seen] = _share(points, normals, own[triangle[seen]], (spheres, body), light)
+            surface = gbuffer.position[b, rows, rows][seen], gbuffer.normal[b, rows, rows][seen]
+            values[seen] = _share(surface, own[triangle[seen]], (spheres, body), light, shifts[seen])
         if spacing == 1:
             out[b] = values
         else:
@@ -82,12 +90,24 @@ def light_left(scene: Scene, gbuffer: GBuffer, occluder: Occluder, light: SkyLig
     return out
 
 
-def _share(points: Tensor, normals: Tensor, own: Tensor, hiding: tuple[Tensor, Tensor], light: SkyLight) -> Tensor:
+def _shifts(rows: int, columns: int) -> Tensor:
+    """(h,w,3) shifts of points that repeat after two, along rows and columns: spreading weighs all four alike."""
+    odd = torch.arange(rows)[:, None] % 2 * 2 + torch.arange(columns)[None] % 2
+    return torch.tensor(SHIFTS)[odd]
+
+
+def _share(
+    surface: tuple[Tensor, Tensor], own: Tensor, hiding: tuple[Tensor, Tensor], light: SkyLight, shift: Tensor
+) -> Tensor:
     """Share (N,4) of the light that is left, channel by channel, and of even light; 1 where there is none."""
     # A surface that spheres reach through touches what they stand for; one of that itself is not hidden by it.
+    points, normals = surface
     spheres, body = hiding
     inside = torch.full_like(own, INSIDE.index("half"))[None]
-    found = shade(points[None], normals[None], spheres[None], light, own_sphere=own[None], inside=inside, body=body)
+    found = shade(
+        points[None], normals[None], spheres[None], light, own_sphere=own[None], inside=inside, body=body,
+        shift=shift[None],
+    )  # fmt: skip
     left, whole = found.radiance[0], found.whole[0]
     share = torch.where(whole > 0, left / whole.clamp_min(1e-30), 1.0)
     return torch.cat([share, found.open_share[0, :, None]], dim=1).clamp(0.0, 1.0)
@@ -148,21 +168,48 @@ def light_lost(scene: Scene, gbuffer: GBuffer, left: Tensor, around: Surrounding
     light that its spheres hide, is taken out of theirs, and ``left`` put in its place. Where the occluder stands before
     what is dark, surfaces so gain light: the loss is negative.
 
+    Samples of the scene's own triangles go through compiled kernels, others through torch.
+
     Args:
         left: (B,H,W,4) as :func:`light_left` has it.
         around: what the picture's light was computed with; None: nothing was hidden.
     """
     flat = left.reshape(-1, 4)
-    rows = (gbuffer.covered.reshape(-1) & ((1.0 - flat).amax(dim=-1) > SHOWS)).nonzero().reshape(-1)
+    chosen = gbuffer.covered.reshape(-1) & (flat < 1.0 - SHOWS).any(dim=-1)
     image = torch.zeros(len(flat), 3)
-    if len(rows):
-        reader, sky = Reader(scene, gbuffer, origin_of(scene, gbuffer)), _LostSky(scene)
-        for chunk in rows.split(CHUNK):
-            image[chunk] = _lost_of(reader, sky, chunk, (flat[chunk], around))
+    if bool(chosen.any()):
+        (_lost_fused if is_of(gbuffer, scene) else _lost_plain)(scene, gbuffer, (flat, around), chosen, image)
     return image.reshape(*left.shape[:-1], 3)
 
 
-def _lost_of(reader: Reader, sky: _LostSky, rows: Tensor, shares: tuple[Tensor, Surroundings | None]) -> Tensor:
+_Shares = tuple[Tensor, Surroundings | None]
+"""(N,4) what spheres leave, and what all surfaces together do."""
+
+
+def _lost_fused(scene: Scene, gbuffer: GBuffer, shares: _Shares, chosen: Tensor, out: Tensor) -> None:
+    """Fill the chosen pixels (N,) of ``out`` (N,3)."""
+    left, around = shares
+    sent, surface = matt_fused(scene, gbuffer, chosen)
+    none = torch.zeros(0)
+    known = Known(*(view(v, np.float32) for v in (none, none, none.reshape(0, 3))))
+    if around is not None:
+        bent = torch.zeros(0, 3) if around.normal is None else around.normal.reshape(-1, 3)
+        known = Known(*(view(v, np.float32) for v in (around.taken.reshape(-1), around.sky.reshape(-1), bent)))
+    assert scene.environment is not None
+    texels = SkyMaps.of(scene.environment, scene.material_table.has_physical).irradiance.reshape(-1, 3)
+    seen = Seen(view(left, np.float32), view(surface, np.float32), view(sent, np.float32))
+    take_away(seen, known, view(texels, np.float32), out.numpy())
+
+
+def _lost_plain(scene: Scene, gbuffer: GBuffer, shares: _Shares, chosen: Tensor, out: Tensor) -> None:
+    """The same in torch."""
+    left, around = shares
+    reader, sky = Reader(scene, gbuffer, origin_of(scene, gbuffer)), _LostSky(scene)
+    for chunk in chosen.nonzero().reshape(-1).split(CHUNK):
+        out[chunk] = _lost_of(reader, sky, chunk, (left[chunk], around))
+
+
+def _lost_of(reader: Reader, sky: _LostSky, rows: Tensor, shares: _Shares) -> Tensor:
     surface = reader.surface(rows)
     surface = replace(surface, emission=torch.zeros_like(surface.emission))
     lost = _lost_light(sky, surface.normal, rows, shares)
@@ -175,7 +222,7 @@ def _lost_of(reader: Reader, sky: _LostSky, rows: Tensor, shares: tuple[Tensor, 
     return value.T
 
 
-def _lost_light(sky: _LostSky, normal: Tensor, rows: Tensor, shares: tuple[Tensor, Surroundings | None]) -> Tensor:
+def _lost_light(sky: _LostSky, normal: Tensor, rows: Tensor, shares: _Shares) -> Tensor:
     """Irradiance over pi (3,N) that does not arrive at normals (3,N)."""
     left, around = shares
     if around is None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -15,6 +15,8 @@ from torchrender.effects.sky_shadows.options import INSIDE, SkyLightOptions
 from torchrender.effects.sky_shadows.tables import NO_TABLE, cap_table, code_wavelets
 from torchrender.errors import InputError
 from torchrender.kernels.sky_shadows.light import Caps, Samples, hidden_words, light_points
+
+Rows = np.ndarray[Any, np.dtype[np.int32]]
 
 
 class Shaded(NamedTuple):
@@ -35,6 +37,7 @@ def shade(
     own_sphere: Tensor | None = None,
     inside: Tensor | None = None,
     body: Tensor | None = None,
+    shift: Tensor | None = None,
 ) -> Shaded:
     """What white matt surfaces send under light from all around that spheres hide in part.
 
@@ -49,6 +52,8 @@ def shade(
             options say.
         body: (S,) integers: which spheres stand for the same thing: those around a point do nothing to it where its
             own sphere is of their body. None: every sphere is a body of its own.
+        shift: (B,P,3) added to column, row and radius of a sphere, in texels and bins, before the table of caps rounds
+            them, -0.5 to 0.5: the mean over points with other shifts knows directions and radii between. None: 0.
 
     No gradients.
 
@@ -59,11 +64,12 @@ def shade(
     count, number = points.shape[:2]
     own = _rows("own_sphere", own_sphere, (count, number), -1)
     solid = _rows("inside", inside, (count, number), INSIDE.index(light.options.inside))
+    moved = torch.zeros(count, number, 3) if shift is None else check_tensor("shift", shift, (count, number, 3))
     caps, fine, chunk = caps_of(light.options), code_wavelets(), light.options.chunk
     out = np.zeros((count, number, 8), np.float32)
     negative = 0
     for b in range(count):
-        samples = Samples(view(points[b], np.float64), view(normals[b], np.float32), own[b], solid[b])
+        samples = samples_of(points[b], normals[b], own[b], solid[b], moved[b])
         below = np.zeros(-(-number // chunk), np.int64)
         light_points(samples, with_bodies(spheres[b], body), caps, light.record, fine, chunk, out[b], below)
         negative += int(below.sum())
@@ -81,9 +87,23 @@ def hidden_bits(
     solid = _rows("inside", None, (count, number), INSIDE.index(options.inside))
     words = np.zeros((count, number, 96), np.int64)
     for b in range(count):
-        samples = Samples(view(points[b], np.float64), view(normals[b], np.float32), own[b], solid[b])
+        samples = samples_of(points[b], normals[b], own[b], solid[b])
         hidden_words(samples, with_bodies(spheres[b]), caps_of(options), words[b])
     return bits_of_words(torch.from_numpy(words))
+
+
+def samples_of(
+    points: Tensor, normals: Tensor, own: Rows | None = None, solid: Rows | None = None, shift: Tensor | None = None
+) -> Samples:
+    """Points (P,3) as the kernels take them; left out: no sphere of their own, spheres around do nothing, no shift."""
+    count = len(points)
+    return Samples(
+        view(points, np.float64),
+        view(normals, np.float32),
+        np.full(count, -1, np.int32) if own is None else own,
+        np.full(count, INSIDE.index("skip"), np.int32) if solid is None else solid,
+        np.zeros((count, 3), np.float32) if shift is None else view(shift, np.float32),
+    )
 
 
 def with_bodies(spheres: Tensor, body: Tensor | None = None) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
@@ -119,9 +139,7 @@ def _checked(points: Tensor, normals: Tensor, spheres: Tensor) -> tuple[Tensor, 
     return points, normals, spheres
 
 
-def _rows(
-    name: str, value: Tensor | None, shape: tuple[int, int], empty: int
-) -> np.ndarray[tuple[int, int], np.dtype[np.int32]]:
+def _rows(name: str, value: Tensor | None, shape: tuple[int, int], empty: int) -> Rows:
     if value is None:
         return np.full(shape, empty, np.int32)
     check_tensor(name, value, shape)

@@ -28,6 +28,7 @@ class Samples(NamedTuple):
     normal: np.ndarray  # (P,3) float32 unit
     own: np.ndarray  # (P,) int32 the sphere that is not looked at; nor others of its body around the point; -1: none
     solid: np.ndarray  # (P,) int32 what spheres around the point do: SKIP, BLOCK or HALF
+    shift: np.ndarray  # (P,3) float32 added to column, row and radius before the table rounds them, -0.5 to 0.5
 
 
 class Caps(NamedTuple):
@@ -65,38 +66,99 @@ def count_blocks(words, counts):
             counts[4 * w + part] = np.int32((x >> np.uint64(16 * part)) & np.uint64(31))
 
 
-@kernel()
-def texel_index(x, y, z):
-    """Number of the texel of the direction (x, y, z); of equal axes the first counts."""
+@kernel(inline=True)
+def texel_index(x, y, z, right, down):
+    """Number of the texel of the direction (x, y, z), moved by so many texels within its face; of equal axes the first
+    counts. No branches."""
     a, b, c = abs(x), abs(y), abs(z)
-    if a >= b and a >= c:
-        face, u, v, major = (0, -z, -y, a) if x >= 0.0 else (1, z, -y, a)
-    elif b >= c:
-        face, u, v, major = (2, x, z, b) if y >= 0.0 else (3, x, -z, b)
-    else:
-        face, u, v, major = (4, x, -y, c) if z >= 0.0 else (5, -x, -y, c)
-    column = min(int((u / major + 1.0) * 16.0), SIDE - 1)
-    row = min(int((v / major + 1.0) * 16.0), SIDE - 1)
+    first, second = (a >= b) & (a >= c), b >= c
+    major = a if first else (b if second else c)
+    along = x if first else (y if second else z)
+    face = (0 if first else (2 if second else 4)) + (0 if along >= 0.0 else 1)
+    u = (-z if along >= 0.0 else z) if first else (x if second else (x if along >= 0.0 else -x))
+    v = -y if first or not second else (z if along >= 0.0 else -z)
+    scale = 16.0 / major if major > 0.0 else 0.0
+    column = min(max(int(u * scale + 16.0 + right), 0), SIDE - 1)
+    row = min(max(int(v * scale + 16.0 + down), 0), SIDE - 1)
     return (face * SIDE + row) * SIDE + column
 
 
 @kernel()
-def hide(samples, i, spheres, caps, rows, words):
-    """Sets words (96,) to what spheres (S,5) hide from sample i; False if that is everything."""
+def scratch_of(spheres):
+    """What :func:`hide` works in: rows of caps, columns of the spheres (4,S) centre and radius, entries, states."""
+    count = spheres.shape[0]
+    columns = np.empty((4, count))
+    for s in range(count):
+        for c in range(4):
+            columns[c, s] = spheres[s, c]
+    return np.zeros(ROWS, np.uint32), columns, np.zeros(count, np.int64), np.zeros(count, np.uint8)
+
+
+@kernel()
+def find_entries(samples, i, columns, caps, entry, state):
+    """Row ``entry`` (S,) of the table of caps for each sphere as sample i sees it, -1 at its centre, and its ``state``
+    (S,): 0 behind the surface or left out, 1 before it, 2 around the sample.
+
+    Without branches, so that spheres go through the processor several at a time.
+    """
     px, py, pz = samples.position[i, 0], samples.position[i, 1], samples.position[i, 2]
     nx, ny, nz = np.float64(samples.normal[i, 0]), np.float64(samples.normal[i, 1]), np.float64(samples.normal[i, 2])
+    bins, smallest = caps.radii, caps.smallest
+    right, down, wider = (
+        np.float64(samples.shift[i, 0]), np.float64(samples.shift[i, 1]), np.float64(samples.shift[i, 2])
+    )  # fmt: skip
+    for s in range(columns.shape[1]):
+        x, y, z, radius = columns[0, s] - px, columns[1, s] - py, columns[2, s] - pz, columns[3, s]
+        distance = math.sqrt(x * x + y * y + z * z)
+        around = distance <= radius
+        size = 1.0 if around else radius / distance
+        row = texel_index(x, y, z, right, down) * bins + min(max(int(size * bins + wider), 0), bins - 1)
+        entry[s] = row if distance > 0.0 else -1
+        seen = (radius > 0.0) & (size >= smallest) & (around | (nx * x + ny * y + nz * z > -radius))
+        state[s] = (2 if around else 1) if seen else 0
+
+
+@kernel()
+def join_entries(own, solid, spheres, table, found, words):
+    """Sets words (96,) to what the spheres' rows of the table, ``found`` by :func:`find_entries`, hold; False if that
+    is everything."""
+    bits, filled = table
+    entry, state = found
     words[:] = 0
-    direct = caps.filled.size == 0
-    if direct:
-        rows[:] = np.uint32(0)
+    for s in range(entry.size):
+        if state[s] == 0 or s == own:
+            continue
+        if state[s] == 2:
+            if solid == SKIP or (own >= 0 and spheres[s, 4] == spheres[own, 4]):
+                continue
+            if solid == BLOCK:
+                return False
+            if entry[s] < 0:  # its centre lies in no direction
+                continue
+        row = entry[s]
+        mask = filled[row]
+        while mask != 0:
+            group = 2 * trailing_zeros(mask)
+            words[group] |= bits[row, group]
+            words[group + 1] |= bits[row, group + 1]
+            mask &= mask - 1
+    return True
+
+
+@kernel()
+def hide_exactly(samples, i, spheres, caps, rows, words):
+    """Sets words (96,) to what spheres (S,5) hide from sample i, cap by cap; False if that is everything."""
+    px, py, pz = samples.position[i, 0], samples.position[i, 1], samples.position[i, 2]
+    nx, ny, nz = np.float64(samples.normal[i, 0]), np.float64(samples.normal[i, 1]), np.float64(samples.normal[i, 2])
+    rows[:] = np.uint32(0)
     own, solid = samples.own[i], samples.solid[i]
-    bits, filled = caps.bits, caps.filled
     for s in range(spheres.shape[0]):
         radius = spheres[s, 3]
         if s == own or not radius > 0.0:
             continue
         x, y, z = spheres[s, 0] - px, spheres[s, 1] - py, spheres[s, 2] - pz
         distance = math.sqrt(x * x + y * y + z * z)
+        size = 1.0
         if distance <= radius:
             if solid == SKIP or (own >= 0 and spheres[s, 4] == spheres[own, 4]):
                 continue
@@ -104,25 +166,26 @@ def hide(samples, i, spheres, caps, rows, words):
                 return False
             if distance == 0.0:
                 continue
-            size = 1.0
         else:
             size = radius / distance
         x, y, z = x / distance, y / distance, z / distance
-        if size < caps.smallest or nx * x + ny * y + nz * z <= -size:
-            continue
-        if direct:
+        if size >= caps.smallest and nx * x + ny * y + nz * z > -size:
             add_cap(x, y, z, math.sqrt(max(1.0 - size * size, 0.0)), rows)
-            continue
-        entry = texel_index(x, y, z) * caps.radii + min(int(size * caps.radii), caps.radii - 1)
-        mask = filled[entry]
-        while mask != 0:
-            group = 2 * trailing_zeros(mask)
-            words[group] |= bits[entry, group]
-            words[group + 1] |= bits[entry, group + 1]
-            mask &= mask - 1
-    if direct:
-        pack_blocks(rows, words)
+    pack_blocks(rows, words)
     return True
+
+
+@kernel()
+def hide(samples, i, spheres, caps, scratch, words):
+    """Sets words (96,) to what spheres (S,5) hide from sample i; False if that is everything.
+
+    ``scratch``: rows (192,), columns of the spheres, entries and states (S,).
+    """
+    rows, columns, entry, state = scratch
+    if caps.filled.size == 0:
+        return hide_exactly(samples, i, spheres, caps, rows, words)
+    find_entries(samples, i, columns, caps, entry, state)
+    return join_entries(samples.own[i], samples.solid[i], spheres, (caps.bits, caps.filled), (entry, state), words)
 
 
 @kernel()
@@ -170,37 +233,41 @@ def gather(words, codes, counts, light, fine, place, out):
         blue += weight[k] * light.whole[index[k], 2]
         even += weight[k] * light.whole[index[k], 3]
     out[4], out[5], out[6], out[7] = red, green, blue, even
-    for b in range(BLOCKS):
-        count = counts[b]
-        if count < 16:
+    for w in range(WORDS):
+        if words[w] == 0:  # most of the sky
             left = True
-        if count == 0:
             continue
-        r = g = s = e = 0.0
-        for k in range(normals):
-            row = index[k]
-            r += weight[k] * block[row, b, 0]
-            g += weight[k] * block[row, b, 1]
-            s += weight[k] * block[row, b, 2]
-            e += weight[k] * block[row, b, 3]
-        red -= count * r
-        green -= count * g
-        blue -= count * s
-        even -= count * e
-        if count == 16:
-            continue
-        code = codes[b]
-        for t in range(start[b], start[b + 1]):
-            hidden = fine[code, column[t]]
-            if hidden == 0:
+        for b in range(4 * w, 4 * w + 4):
+            count = counts[b]
+            if count < 16:
+                left = True
+            if count == 0:
                 continue
-            facing = 0.0
+            r = g = s = e = 0.0
             for k in range(normals):
-                facing += weight[k] * mean[index[k], t]
-            facing *= hidden * 0.0078125
-            red -= facing * value[t, 0]
-            green -= facing * value[t, 1]
-            blue -= facing * value[t, 2]
+                row = index[k]
+                r += weight[k] * block[row, b, 0]
+                g += weight[k] * block[row, b, 1]
+                s += weight[k] * block[row, b, 2]
+                e += weight[k] * block[row, b, 3]
+            red -= count * r
+            green -= count * g
+            blue -= count * s
+            even -= count * e
+            if count == 16:
+                continue
+            code = codes[b]
+            for t in range(start[b], start[b + 1]):
+                hidden = fine[code, column[t]]
+                if hidden == 0:
+                    continue
+                facing = 0.0
+                for k in range(normals):
+                    facing += weight[k] * mean[index[k], t]
+                facing *= hidden * 0.0078125
+                red -= facing * value[t, 0]
+                green -= facing * value[t, 1]
+                blue -= facing * value[t, 2]
     if not left:
         red = green = blue = even = 0.0
     out[0], out[1], out[2], out[3] = red, green, blue, even
@@ -216,14 +283,15 @@ def light_points(samples, spheres, caps, light, fine, chunk, out, negative):
     count = samples.position.shape[0]
     parts = (count + chunk - 1) // chunk
     for part in prange(parts):
-        rows, words = np.zeros(ROWS, np.uint32), np.zeros(WORDS, np.int64)
+        words = np.zeros(WORDS, np.int64)
+        scratch = scratch_of(spheres)
         codes, counts = words.view(np.uint16), np.zeros(BLOCKS, np.int32)
         index, weight = np.zeros(4, np.int64), np.zeros(4)
         color = np.zeros(8)
         below = 0
         first = np.int64(part) * chunk
         for i in range(first, min(first + chunk, count)):
-            if not hide(samples, i, spheres, caps, rows, words):
+            if not hide(samples, i, spheres, caps, scratch, words):
                 words[:] = -1
             normals = stored_normals(
                 np.float64(samples.normal[i, 0]),
@@ -248,8 +316,8 @@ def hidden_words(samples, spheres, caps, words):
     count = samples.position.shape[0]
     parts = (count + 63) // 64
     for part in prange(parts):
-        rows = np.zeros(ROWS, np.uint32)
+        scratch = scratch_of(spheres)
         first = np.int64(part) * 64
         for i in range(first, min(first + 64, count)):
-            if not hide(samples, i, spheres, caps, rows, words[i]):
+            if not hide(samples, i, spheres, caps, scratch, words[i]):
                 words[i, :] = -1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -9,8 +10,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchrender.effects.sky_shadows.fit import fit_spheres
 from torchrender.effects.sky_shadows.moving import Binding
-from torchrender.effects.sky_shadows.occluder import joined, kept_spheres
+from torchrender.effects.sky_shadows.occluder import joined
 from torchrender.effects.sky_shadows.options import SphereOptions
 from torchrender.images.files import read_image
 from torchrender.rays import RayCaster
@@ -59,7 +61,7 @@ def stage(folder: Path, name: str, numbers: tuple[int, ...], options: SphereOpti
     line = torch.linspace(-1.0, 1.0, SIDE, dtype=torch.float64) * size
     z, x = torch.meshgrid(line, line, indexing="ij")
     points = torch.stack([x, torch.zeros_like(x), z], dim=-1) + middle
-    sets = {n: kept_spheres(vertices, faces, replace(options, spheres=n)) for n in numbers}
+    sets = {n: fit_spheres(vertices, faces, replace(options, spheres=n)) for n in numbers}
     model = concatenate(scene.meshes)
     return Stage(
         name=Path(name).stem,
@@ -81,8 +83,11 @@ def sky(folder: Path, name: str) -> Environment:
 
 
 def errors(found: Tensor, wanted: Tensor, whole: Tensor) -> dict[str, float]:
-    """Root mean square and largest difference in percent of the unshadowed light, and PSNR of the share in dB."""
+    """Root mean square and largest difference in percent of the unshadowed light, and PSNR of the share in dB; no error
+    without points."""
     share = ((found - wanted) / whole.clamp_min(1e-30)).double()
+    if not share.numel():
+        return {"rms": 0.0, "most": 0.0, "psnr": math.inf}
     mean = float(share.square().mean())
     return {
         "rms": 100 * mean**0.5,

@@ -8,7 +8,11 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from time import perf_counter
+from typing import Any
 
 import torch
 from PIL import Image as Picture
@@ -20,12 +24,13 @@ from torchrender.quality.pages import write_record, write_text
 from torchrender.report.all_frequency.accuracy import accuracy, by_spheres
 from torchrender.report.all_frequency.page import page
 from torchrender.report.all_frequency.peers import beside_mitsuba
+from torchrender.report.all_frequency.settings import settings_of
 from torchrender.report.all_frequency.stage import SKIES, sky, stage
-from torchrender.report.all_frequency.times import fits, moving, times
+from torchrender.report.all_frequency.times import fits, moving, times, walking
 from torchrender.report.common.command import study_parser
 
 SPHERES = (32, 64, 96, 128)
-FITTED = SphereOptions(starts=1, teleports=10)
+FITTED = SphereOptions(starts=2, teleports=10)
 QUICKLY = SphereOptions(starts=1, teleports=0, resolution=48)
 NAME = "all-frequency-shadows"
 
@@ -41,28 +46,26 @@ def main(given: list[str] | None = None) -> None:
     torch.set_grad_enabled(False)
     names = list(SKIES)[:2] if quick else list(SKIES)
     skies = [sky(data, name) for name in names]
-    said("spheres")
-    at = stage(data, arguments.model, SPHERES, QUICKLY if quick else FITTED)
-    record = {
-        "machine": machine_record(),
-        "shared": arguments.shared_machine,
-        "quick": quick,
-        "model": at.name,
-    }
-    said("times")
-    record["times"] = times(at, skies[0], 3 if quick else 7)
-    said("a character that moves")
-    film = moving(data, skies[0], 4 if quick else 12)
-    pictures = film.pop("pictures")
-    record["moving"] = film
-    said("Mitsuba")
-    record["mitsuba"] = beside_mitsuba(at, skies, 64 if quick else 256)
-    said("errors")
-    record["by_spheres"] = {one.name: by_spheres(at, one) for one in skies}
-    counts = (64,) if quick else (32, 64)
-    record["accuracy"] = {f"{one.name},{n}": accuracy(at, one, n) for one in skies for n in counts}
-    said("fits")
-    record["models"] = fits(data, QUICKLY if quick else SphereOptions(), quick=quick)
+    record: dict[str, Any] = {"machine": machine_record(), "shared": arguments.shared_machine, "quick": quick}
+    with part("spheres"):
+        at = stage(data, arguments.model, SPHERES, QUICKLY if quick else FITTED)
+    record["model"] = at.name
+    with part("times"):
+        record["times"] = times(at, skies[0], 3 if quick else 7)
+    with part("a character that moves"):
+        record["moving"] = moving(data, skies[0], 4 if quick else 12)
+    pictures = record["moving"].pop("pictures")
+    with part("settings"):
+        scene, camera, tall = walking(data, skies[0])
+        record["settings"] = settings_of(scene.at(0.4), camera, tall, 3 if quick else 7)
+    with part("Mitsuba"):
+        record["mitsuba"] = beside_mitsuba(at, skies, 64 if quick else 256)
+    with part("errors"):
+        record["by_spheres"] = {one.name: by_spheres(at, one) for one in skies}
+        counts = (64,) if quick else (32, 64)
+        record["accuracy"] = {f"{one.name},{n}": accuracy(at, one, n) for one in skies for n in counts}
+    with part("fits"):
+        record["models"] = fits(data, QUICKLY if quick else SphereOptions(), quick=quick)
     arguments.output.mkdir(parents=True, exist_ok=True)
     write_record(arguments.output / f"{NAME}.json", record)
     write_text(arguments.output / f"{NAME}.md", page(record))
@@ -71,6 +74,10 @@ def main(given: list[str] | None = None) -> None:
     write_atomically(arguments.output / f"{NAME}.jpg", lambda path: sheet.save(path, format="JPEG", quality=88))
 
 
-def said(what: str) -> None:
-    """What is measured now, on stderr."""
-    sys.stderr.write(f"{what} ...\n")
+@contextmanager
+def part(name: str) -> Iterator[None]:
+    """Say on stderr what is measured now, and how long it took."""
+    sys.stderr.write(f"{name} ...\n")
+    begin = perf_counter()
+    yield
+    sys.stderr.write(f"{name}: {perf_counter() - begin:.0f} s\n")

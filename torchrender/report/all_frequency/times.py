@@ -12,13 +12,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchrender.arrays import view
 from torchrender.effects.sky_shadows.fit import fit_spheres
 from torchrender.effects.sky_shadows.light import prepare_light
 from torchrender.effects.sky_shadows.occluder import joined
 from torchrender.effects.sky_shadows.options import SkyLightOptions, SphereOptions
-from torchrender.effects.sky_shadows.shade import caps_of, hidden_bits, with_bodies
-from torchrender.kernels.sky_shadows.light import Samples, hidden_words
+from torchrender.effects.sky_shadows.shade import caps_of, hidden_bits, samples_of, with_bodies
+from torchrender.kernels.sky_shadows.light import hidden_words
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
 from torchrender.quality.timing import take_turns
@@ -59,10 +58,7 @@ def times(at: Stage, environment: Environment, runs: int) -> dict[str, Any]:
 
 def _stages(at: Stage, environment: Environment) -> dict[str, Any]:
     spheres = at.spheres[64]
-    samples = Samples(
-        view(at.points, np.float64), view(at.normals, np.float32), np.full(len(at.points), -1, np.int32),
-        np.zeros(len(at.points), np.int32),
-    )  # fmt: skip
+    samples = samples_of(at.points, at.normals)
     rows, words = with_bodies(spheres), np.zeros((len(at.points), 96), np.int64)
     light, angle, part = prepare_light(environment), counting(1), slice(0, PART)
     caps = {name: caps_of(SkyLightOptions(direct_bits=way)) for name, way in (("table", False), ("one by one", True))}
@@ -119,14 +115,23 @@ def on_floor(scene: Scene, environment: Environment) -> Scene:
     )  # fmt: skip
 
 
-def moving(folder: Path, environment: Environment, frames: int) -> dict[str, Any]:
-    """Milliseconds of pictures of 512 x 512 of a character that walks, with its shadow and without; some pictures."""
-    figure = load(folder / "characters" / "CesiumMan.glb")
-    scene = on_floor(figure, environment)
+def view_of(figure: Scene) -> tuple[Cameras, float]:
+    """A camera of 512 x 512 that sees a figure from above and beside, and how tall that is."""
     low, high = figure.bounds
     middle, tall = (low + high) / 2, float((high - low).max())
     eye = middle + torch.tensor([1.15, 0.75, 1.25]).double() * tall
-    camera = Cameras.look_at(eye, middle, width=512, height=512, fov_deg=45.0)
+    return Cameras.look_at(eye, middle, width=512, height=512, fov_deg=45.0), tall
+
+
+def walking(folder: Path, environment: Environment) -> tuple[Scene, Cameras, float]:
+    """A character on a floor, a camera, and how tall the character is."""
+    figure = load(folder / "characters" / "CesiumMan.glb")
+    return on_floor(figure, environment), *view_of(figure)
+
+
+def moving(folder: Path, environment: Environment, frames: int) -> dict[str, Any]:
+    """Milliseconds of pictures of 512 x 512 of a character that walks, with its shadow and without; some pictures."""
+    scene, camera, _ = walking(folder, environment)
     ways = {"with": RenderOptions(), "without": RenderOptions(shadows=False, ambient_visibility="off")}
     history = {name: RenderHistory() for name in ways}
     duration = next(iter(scene.animations.values()))
