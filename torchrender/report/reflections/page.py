@@ -32,7 +32,7 @@ def write_page(record: dict[str, Any], folder: Path) -> None:
         "",
         f"`python -m torchrender.report.reflections` on {machine_line(record['machine'])}",
         "",
-        f"Pictures of {study['size']}² pixels with 2 × 2 samples where not said otherwise. Every time is that of the "
+        f"Pictures of {study['size']}² pixels, one sample each, where not said otherwise. Every time is that of the "
         "reflections alone, of a scene that changes with every picture: rays pay for their tree; rows that say "
         "*everything paid* also hold shadow maps and cube map. All ways shade what they find by the same code, with "
         "textures and shadows. Times are medians, candidates take turns.",
@@ -171,7 +171,7 @@ def _growth(record: dict[str, Any]) -> list[str]:
             rows.append([*cells, f"{row['picked']}, {row[row['picked']] / quickest:.2f} ×"])
         head = [label, "reflective pixels", *(f"{way} ms" for way in (*OWN, FLOOR, EMBREE)), *PARTS]
         text = (
-            "Living room, one sample per pixel, one mirror deep. *Shading alone* is the floor of every way, plain "
+            "Living room, one mirror deep. *Shading alone* is the floor of every way, plain "
             "Embree included: the hits are known. *The planner's* is what nobody's choice takes, and its time over the "
             "quickest; it may be a quarter slower where it is more accurate. *Everything paid*: with the shadow maps "
             "and the cube map of a changed scene on both sides."

@@ -15,7 +15,7 @@ from torchrender.effects.shadows.shadow_map import ShadowOptions
 from torchrender.effects.shadows.traced import float_error
 from torchrender.numerics.shadow_compare import depth_bias, project_with_slope
 from torchrender.rays import RayCaster
-from torchrender.scene.light import DirectionalLight, Light, vectors_to
+from torchrender.scene.light import DirectionalLight, Light, RectLight, vectors_to
 from torchrender.scene.model import Scene
 from torchrender.shade import shade
 
@@ -56,6 +56,16 @@ def _near_edges(lit: Tensor) -> Tensor:
     high = torch.nn.functional.max_pool2d(value, 5, 1, 2)
     low = -torch.nn.functional.max_pool2d(-value, 5, 1, 2)
     return (high != low)[:, 0]
+
+
+def faces(light: Light, gbuffer: GBuffer) -> Tensor:
+    """Pixels whose surface is not turned away from the light's centre, on the side to which a rectangle sends."""
+    place = light.centre if isinstance(light, RectLight) else getattr(light, "position", None)
+    if place is None:
+        return (gbuffer.geometric_normal @ -light.direction) > 0  # type: ignore[union-attr]
+    toward = place.double() - gbuffer.position
+    facing = (toward * gbuffer.geometric_normal.double()).sum(-1) > 0
+    return facing & ((toward @ -light.normal.double()) > 0) if isinstance(light, RectLight) else facing
 
 
 def disc_visibility(caster: RayCaster, light: Light, gbuffer: GBuffer, width: float, points: Tensor) -> Tensor:

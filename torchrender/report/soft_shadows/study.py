@@ -7,7 +7,6 @@ pictures. Errors are taken on an evenly thinned picture, which changes means by 
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -19,8 +18,10 @@ from torchrender.images.files import write_image
 from torchrender.quality.machine import machine_record
 from torchrender.quality.pages import write_record
 from torchrender.report.common.command import study_parser
+from torchrender.report.common.progress import part
 from torchrender.report.soft_shadows.errors import mean_errors, signed_picture
 from torchrender.report.soft_shadows.page import write_page
+from torchrender.report.soft_shadows.penumbra import penumbra_errors
 from torchrender.report.soft_shadows.subject import QUICK, StudyOptions, Subject, study_light
 from torchrender.report.soft_shadows.times import penumbra_cost, times
 from torchrender.scene.procedural import build
@@ -32,6 +33,12 @@ LITERAL: dict[str, Any] = {
     "pixel_test": "identity", "guess_ratio": 1.1, "merge_guesses": False, "adaptive_split": False
 }  # fmt: skip
 """Algorithms 3 and 4 to the letter."""
+_LETTERS: dict[str, dict[str, Any]] = {
+    "as published": LITERAL,
+    **{f"published, but {k}": LITERAL | {k: getattr(OccluderOptions(), k)} for k in LITERAL},
+    "ours": {},
+}
+"""To the letter, then with each of our changes alone, and with all of them."""
 
 
 class _Errors:
@@ -56,15 +63,10 @@ class _Errors:
 
         return {
             "resolution": {str(size): row(1.0, size=size) for size in study.sizes},
-            "light": {str(ratio): row(ratio) for ratio in study.ratios},
+            "light": {str(ratio): row(ratio, size=study.small) for ratio in study.ratios},
             "literal": {
-                label: row(1.0, **changes)
-                for label, changes in (
-                    ("as published", LITERAL),
-                    *((f"published, but {k}", LITERAL | {k: getattr(first, k)}) for k in LITERAL if k != "pixel_test"),
-                    ("published, but pixel_test", LITERAL | {"pixel_test": None}),
-                    ("ours", {}),
-                )
+                label: row(1.0, size=study.small, **changes)
+                for label, changes in (_LETTERS.items() if name in study.literal else ())
             },
             "mesh": {
                 mesh: {m: self.cell(replace(methods[m], mesh=mesh), 1.0) for m in MESH_METHODS.get(mesh, METHODS)}
@@ -111,10 +113,10 @@ def error_tables(study: StudyOptions, folder: Path) -> dict[str, Any]:
     """Tables 8 to 10 and the ablation of meshes: errors by scene, resolution, light size and method."""
     found = {}
     for name in study.scenes:
-        found[name] = _Errors(Subject.of(build(name), study.picture), study).tables(folder, name)
-        sys.stderr.write(f"{name}: errors measured\n")
+        with part(f"errors, {name}"):
+            found[name] = _Errors(Subject.of(build(name), study.picture), study).tables(folder, name)
     return {
-        table: {name: found[name][table] for name in study.scenes}
+        table: {name: found[name][table] for name in study.scenes if found[name][table]}
         for table in ("resolution", "light", "literal", "mesh")
     }
 
@@ -139,8 +141,11 @@ def run(study: StudyOptions, folder: Path, parts: Sequence[str] = PARTS) -> dict
     record |= {"machine": machine_record(), "study": asdict(study)}
     if "errors" in parts:
         record |= {"errors": error_tables(study, folder), "skipping": skipping_error(study)}
+        record["penumbrae"] = penumbra_errors(study)
     if "times" in parts:
-        record |= {"times": times(study), "penumbra": penumbra_cost(study)}
+        record["times"] = times(study)
+        with part("cost of penumbrae"):
+            record["penumbra"] = penumbra_cost(study)
     write_record(path, record)
     if {"errors", "times"} <= set(record):
         write_page(record, folder)
