@@ -45,9 +45,9 @@ def write_page(record: dict[str, Any], folder: Path) -> None:
         *_times(record["times"]),
         *_growth(record),
         *_sweeps(record),
-        *_choices(record["choices"]),
-        *_paths(record["paths"]),
-        *_gloss(record["gloss"]),
+        *_choices(record["choices"], study["sweep_size"]),
+        *_paths(record["paths"], study["sweep_size"]),
+        *_gloss(record["gloss"], study["sweep_size"]),
         *_share(record["share"]),
     ]
     write_text(folder / "reflections.md", lines)
@@ -190,24 +190,27 @@ def _sweeps(record: dict[str, Any]) -> list[str]:
     return [
         "## Number of clusters (table 15; published: 156 to 32 clusters, 12 to 20 frames a second)",
         "",
-        "Living room, bins scaled by m. More clusters cost more and miss less.",
+        f"Living room at {record['study']['sweep_size']}², bins scaled by m; one run each. More clusters cost more and "
+        "miss less.",
         "",
         *table(["factor m on bins", *head], [_row(str(r["bin_factor"]), r) for r in record["clusters"]]),
         "## Size of the depth images (table 17; published: 15, 15, 14 frames a second)",
+        "",
+        f"Living room at {record['study']['sweep_size']}²; one run each.",
         "",
         *table(["scale per side", *head], [_row(str(r["scale"]), r) for r in record["scale"]]),
     ]
 
 
-def _choices(choices: dict[str, Any]) -> list[str]:
-    out = ["## What each step beyond the thesis brings", ""]
+def _choices(choices: dict[str, Any], size: int) -> list[str]:
+    out = ["## What each step beyond the thesis brings", "", f"At {size}²; one run each.", ""]
     for name, ways in choices.items():
         head = [NAMES.get(name, name), "clusters", "ms", "occlusion error", "PSNR"]
         out += table(head, [_row(label, row) for label, row in ways.items()])
     return out
 
 
-def _paths(paths: dict[str, Any]) -> list[str]:
+def _paths(paths: dict[str, Any], size: int) -> list[str]:
     rows = []
     for name, row in paths.items():
         own = [f"{100 * row[k]['mean']:.1f} ({100 * row[k]['max']:.1f})" for k in ("reflective", "planar", "occlusion")]
@@ -217,10 +220,10 @@ def _paths(paths: dict[str, Any]) -> list[str]:
         published = PUBLISHED_PATHS[name]
         rows.append(["published", published[0], published[1], published[2], published[3], ""])
     head = ["mean (max)", "reflective %", "clusters", "planar %", "occlusion error %", "ms"]
-    return ["## Along a path (tables 13, 19 and 21)", "", *table(head, rows)]
+    return ["## Along a path (tables 13, 19 and 21)", "", f"At {size}².", "", *table(head, rows)]
 
 
-def _gloss(gloss: list[dict[str, Any]]) -> list[str]:
+def _gloss(gloss: list[dict[str, Any]], size: int) -> list[str]:
     rows = []
     for row, (march, traced, clustered) in zip(gloss, PUBLISHED_GLOSS, strict=True):
         published = f"{march} ms; {traced} and {clustered} fps"
@@ -229,7 +232,7 @@ def _gloss(gloss: list[dict[str, Any]]) -> list[str]:
     return [
         "## Gloss (table 20)",
         "",
-        "Every reflector of the living room with the same gloss, against the same rays by the caster.",
+        f"Every reflector of the living room with the same gloss, at {size}², against the same rays by the caster.",
         "",
         *table(["gloss", "marching ms", "clustered ms", "traced ms", "PSNR", "published march; fps"], rows),
     ]

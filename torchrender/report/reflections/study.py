@@ -52,17 +52,17 @@ class StudyOptions:
     triangles: int | None = None  # of the rooms; None: their usual number
     counts: tuple[int, ...] = (63_000, 289_000, 1_000_000, 3_000_000)
     outputs: tuple[int, ...] = (256, 512, 1024)
+    sweep_size: int = 256  # of pictures in sweeps over settings, along paths, and with gloss
     rules: tuple[float, ...] = (0.25, 0.5, 1.0, 2.0)
-    path: int = 5  # views along each path
-    gloss_size: int = 256
-    metal_size: int = 256
+    path: int = 4  # views along each path
+    metal_size: int = 192
     metal_models: bool = True
     runs: int = 3
 
 
 QUICK = StudyOptions(
     size=64, triangles=20_000, counts=(10_000, 20_000), outputs=(32, 64), rules=(0.5, 1.0), path=2,
-    gloss_size=32, metal_size=32, metal_models=False, runs=1,
+    sweep_size=32, metal_size=32, metal_models=False, runs=1,
 )  # fmt: skip
 
 
@@ -79,17 +79,18 @@ def run_study(study: StudyOptions, folder: Path) -> dict[str, Any]:
     record: dict[str, Any] = {"machine": machine_record(), "study": asdict(study)}
     rooms = {name: _room(name, study) for name in study.rooms}
     stages = {name: _stage(scene, study.size) for name, scene in rooms.items()}
+    small = _stage(rooms["living_room"], study.sweep_size)
     parts: dict[str, Callable[[], Any]] = {
         "quality": lambda: {name: quality(stage) for name, stage in stages.items()},
         "times": lambda: {name: times(stage, study.runs) for name, stage in stages.items()},
-        "clusters": lambda: [sweep(stages["living_room"], m, study) for m in study.rules],
-        "scale": lambda: [image_scale(stages["living_room"], s, study) for s in (0.5, 1.0, 2.0)],
+        "clusters": lambda: [sweep(small, m) for m in study.rules],
+        "scale": lambda: [image_scale(small, s) for s in (0.5, 1.0, 2.0)],
         "output": lambda: [output_size(rooms["living_room"], n, study) for n in study.outputs],
         "triangles": lambda: [triangle_count(n, study) for n in study.counts],
         "paths": lambda: {name: path(rooms[name], study) for name in study.rooms},
         "gloss": lambda: list(gloss(rooms["living_room"], study)),
         "share": lambda: [pixel_share(stages[study.rooms[-1]], s, study) for s in (0.0, 0.01, 0.1, 0.3, 1.0)],
-        "choices": lambda: {name: choices(stage, study) for name, stage in stages.items()},
+        "choices": lambda: {"living_room": choices(small)},
         "metal": lambda: metal_objects(study.metal_size, study.metal_models),
     }
     for name, measure in parts.items():
@@ -139,7 +140,7 @@ def quality(stage: Stage) -> dict[str, Any]:
 def times(stage: Stage, runs: int) -> dict[str, Any]:
     """Whole reflection passes in turn, and the steps of the clustered one and of rays."""
     candidates = candidates_of(stage) | {"environment": stage.environment}
-    measured = {k: t.record() for k, t in take_turns(candidates, runs=runs, warm_up=1).items()}
+    measured = {k: t.record() for k, t in take_turns(candidates, runs=runs, warm_up=0).items()}
     begin = time.perf_counter()
     caster = RayCaster(stage.scene.geometry)
     built = time.perf_counter()
@@ -153,17 +154,17 @@ def times(stage: Stage, runs: int) -> dict[str, Any]:
     }
 
 
-def sweep(stage: Stage, m: float, study: StudyOptions) -> dict[str, Any]:
+def sweep(stage: Stage, m: float) -> dict[str, Any]:
     """Table 15: cluster count against time and errors."""
-    return _measured(stage, ClusterOptions(bin_factor=m, camera_share=0.0), study) | {"bin_factor": m}
+    return _measured(stage, ClusterOptions(bin_factor=m, camera_share=0.0)) | {"bin_factor": m}
 
 
-def image_scale(stage: Stage, scale: float, study: StudyOptions) -> dict[str, Any]:
+def image_scale(stage: Stage, scale: float) -> dict[str, Any]:
     """Table 17: size of the depth images."""
-    return _measured(stage, ClusterOptions(image_scale=scale), study) | {"scale": scale}
+    return _measured(stage, ClusterOptions(image_scale=scale)) | {"scale": scale}
 
 
-def choices(stage: Stage, study: StudyOptions) -> dict[str, Any]:
+def choices(stage: Stage) -> dict[str, Any]:
     """The thesis's cameras and clusters beside what is beyond it."""
     basic = ("plane_share", "search", "lobe", "fade", "share_rays", "camera_share")
     named = {
@@ -178,7 +179,7 @@ def choices(stage: Stage, study: StudyOptions) -> dict[str, Any]:
         "+ finer images (default)": ClusterOptions(),
         "rest traced": ClusterOptions(missing="trace"),
     }
-    return {name: _measured(stage, options, study) for name, options in named.items()}
+    return {name: _measured(stage, options) for name, options in named.items()}
 
 
 def output_size(scene: Scene, size: int, study: StudyOptions) -> dict[str, Any]:
@@ -198,7 +199,7 @@ def triangle_count(count: int, study: StudyOptions) -> dict[str, Any]:
 def pixel_share(stage: Stage, share: float, study: StudyOptions) -> dict[str, Any]:
     """Cost of few reflective pixels."""
     part = stage.only(share)
-    timing = take_turns({"clustered": part.clustered}, runs=study.runs, warm_up=1)["clustered"]
+    timing = take_turns({"clustered": part.clustered}, runs=study.runs, warm_up=0)["clustered"]
     return {"pixels": len(part.pixels), "ms": timing.median}
 
 
@@ -206,7 +207,7 @@ def path(scene: Scene, study: StudyOptions) -> dict[str, Any]:
     """Tables 13, 19 and 21: clusters, planar share and occlusion error along a path through the scene's cameras."""
     caster = RayCaster(scene.geometry)
     rows = []
-    for cameras in _path_cameras(scene, study.path, study.size):
+    for cameras in _path_cameras(scene, study.path, study.sweep_size):
         stage = Stage.of(scene, cameras)
         made = stage.clustered()
         count = max(len(stage.pixels), 1)
@@ -230,7 +231,7 @@ def gloss(room: Scene, study: StudyOptions) -> Iterator[dict[str, Any]]:
         materials = tuple(replace(m, gloss=degree) if m.is_reflector else m for m in room.materials)
         scene = replace(room, materials=materials)
         scene.__dict__["geometry"] = room.geometry
-        stage = _stage(scene, study.gloss_size)
+        stage = _stage(scene, study.sweep_size)
         caster = RayCaster(scene.geometry)
         for rays in (8, 49):
             made = stage.clustered(ClusterOptions(glossy_rays=rays))
@@ -274,13 +275,13 @@ def save_picture(display: Tensor, file: Path) -> None:
     write_atomically(file, lambda path: picture.save(path, "JPEG", quality=85))
 
 
-def _measured(stage: Stage, options: ClusterOptions, study: StudyOptions) -> dict[str, Any]:
+def _measured(stage: Stage, options: ClusterOptions) -> dict[str, Any]:
+    """Clusters, milliseconds of one run, and errors."""
     made = stage.clustered(options)
     missed = occlusion_errors(stage.scene, stage.pixels, made.cameras, stage.true_hits, options)
-    timing = take_turns({"it": lambda: stage.clustered(options)}, runs=study.runs, warm_up=0)["it"]
     return {
         "clusters": len(made.cameras),
-        "ms": timing.median,
+        "ms": sum(made.elapsed_ms.values()),
         "occlusion": float(missed.float().mean()),
         "psnr": float(psnr(stage.picture(made.layer), stage.reference)),
     }
