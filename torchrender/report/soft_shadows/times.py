@@ -35,8 +35,10 @@ TIMED_MESHES = ("triangles", "hybrid")
 def times(study: StudyOptions) -> dict[str, Any]:
     """Table 11 and figure 20: step times against scene size, beside the full scene and single rays."""
     out: dict[str, Any] = {}
+    small = Subject.of(build("city", triangles=5000), 64)
     for label in ("full scene", *TIMED_MESHES):  # compiles, and touches what is only loaded once
-        _steps(Subject.of(build("city", triangles=5000), 64), label, SoftShadowOptions(light_samples=2), study)
+        _steps(small, label, SoftShadowOptions(light_samples=2), study)
+    _single_rays(small, replace(study, ray_pixels=10))
     for name, count in study.timed:
         with part(f"times, {name} {count:,}"):
             subject = Subject.of(build(name, triangles=count), study.timed_picture)
