@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from torchrender.arrays import view
-from torchrender.buffers import GBuffer, RayHits, ReflectionLayer
+from torchrender.buffers import GBuffer, RayHits, ReflectionLayer, ShadowMap
 from torchrender.clock import StepClock
 from torchrender.effects.reflections.bounces import traced_onward
 from torchrender.effects.reflections.clustered import (
@@ -55,16 +55,26 @@ class Stage:
     shader: HitShader
     pixels: ReflectivePixels
 
+    maps: list[ShadowMap]  # of the whole scene, one per light
+
     @classmethod
     def of(cls, scene: Scene, cameras: Cameras) -> Stage:
         """Draw, shadow and shade the view."""
-        gbuffer = rasterize(scene, cameras)
         shadow = ShadowOptions()
         maps = [render_shadow_map(scene, light, shadow) for light in scene.lights]
-        direct = shade(scene, gbuffer, lights_visibility(scene, gbuffer, shadow, maps))
         shader = hit_shader(scene, RenderOptions(shadow=shadow), maps)
         shader.environment(torch.tensor([[0.0, 1.0, 0.0]]))  # the cube map is drawn once, outside all times
-        return cls(scene, gbuffer, direct, shader, reflective_pixels(scene, gbuffer))
+        return cls._seen(scene, cameras, shader, maps)
+
+    def seen_from(self, cameras: Cameras) -> Stage:
+        """The same scene from elsewhere."""
+        return self._seen(self.scene, cameras, self.shader, self.maps)
+
+    @classmethod
+    def _seen(cls, scene: Scene, cameras: Cameras, shader: HitShader, maps: list[ShadowMap]) -> Stage:
+        gbuffer = rasterize(scene, cameras)
+        direct = shade(scene, gbuffer, lights_visibility(scene, gbuffer, ShadowOptions(), maps))
+        return cls(scene, gbuffer, direct, shader, reflective_pixels(scene, gbuffer), maps)
 
     def only(self, share: float) -> Stage:
         """The view with a share of its reflective pixels: the nearest to the picture's left border."""

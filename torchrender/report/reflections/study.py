@@ -85,7 +85,7 @@ def run_study(study: StudyOptions, folder: Path) -> dict[str, Any]:
         "times": lambda: {name: times(stage, study.runs) for name, stage in stages.items()},
         "clusters": lambda: [sweep(small, m) for m in study.rules],
         "scale": lambda: [image_scale(small, s) for s in (0.5, 1.0, 2.0)],
-        "output": lambda: [output_size(rooms["living_room"], n, study) for n in study.outputs],
+        "output": lambda: [output_size(small, n, study) for n in study.outputs],
         "triangles": lambda: [triangle_count(n, study) for n in study.counts],
         "paths": lambda: {name: path(rooms[name], study) for name in study.rooms},
         "gloss": lambda: list(gloss(rooms["living_room"], study)),
@@ -182,10 +182,11 @@ def choices(stage: Stage) -> dict[str, Any]:
     return {name: _measured(stage, options) for name, options in named.items()}
 
 
-def output_size(scene: Scene, size: int, study: StudyOptions) -> dict[str, Any]:
+def output_size(stage: Stage, size: int, study: StudyOptions) -> dict[str, Any]:
     """Table 16: pixels of the picture."""
-    cameras = scene.camera(width=size, height=size)
-    return race(Stage.of(scene, cameras), cameras, study.runs) | {"size": size}
+    cameras = stage.scene.camera(width=size, height=size)
+    runs = study.runs if size <= 512 else 1
+    return race(stage.seen_from(cameras), cameras, runs) | {"size": size}
 
 
 def triangle_count(count: int, study: StudyOptions) -> dict[str, Any]:
@@ -206,9 +207,10 @@ def pixel_share(stage: Stage, share: float, study: StudyOptions) -> dict[str, An
 def path(scene: Scene, study: StudyOptions) -> dict[str, Any]:
     """Tables 13, 19 and 21: clusters, planar share and occlusion error along a path through the scene's cameras."""
     caster = RayCaster(scene.geometry)
-    rows = []
-    for cameras in _path_cameras(scene, study.path, study.sweep_size):
-        stage = Stage.of(scene, cameras)
+    rows, views = [], list(_path_cameras(scene, study.path, study.sweep_size))
+    first = Stage.of(scene, views[0])
+    for cameras in views:
+        stage = first.seen_from(cameras)
         made = stage.clustered()
         count = max(len(stage.pixels), 1)
         missed = occlusion_errors(scene, stage.pixels, made.cameras, stage.traced_hits(caster))
