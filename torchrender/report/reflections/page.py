@@ -47,7 +47,7 @@ def write_page(record: dict[str, Any], folder: Path) -> None:
         *_sweeps(record),
         *_choices(record["choices"], study["sweep_size"]),
         *_paths(record["paths"], study["sweep_size"]),
-        *_gloss(record["gloss"], study["sweep_size"]),
+        *_gloss(record["gloss"], study["gloss_size"]),
         *_share(record["share"]),
     ]
     write_text(folder / "reflections.md", lines)
