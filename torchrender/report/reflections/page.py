@@ -36,7 +36,8 @@ def write_page(record: dict[str, Any], folder: Path) -> None:
         f"Pictures of {study['size']}² pixels, one sample each, where not said otherwise. Every time is that of the "
         "reflections alone, of a scene that changes with every picture: rays pay for their tree; rows that say "
         "*everything paid* also hold shadow maps and cube map. All ways shade what they find by the same code, with "
-        f"textures and shadows. Times are the best of {study['runs']} runs (two of large pictures and scenes), candidates take turns.",
+        f"textures and shadows. Times are the best of {study['runs']} runs (two of large pictures and scenes), candidates "
+        "take turns.",
         "",
         "![Clustered, traced, 50 times their difference](reflections.jpg)",
         "",
@@ -107,8 +108,8 @@ def metal_section(rows: list[dict[str, Any]]) -> list[str]:
         "## Closed metal objects",
         "",
         "On a floor under a sky: mean FLIP over the pixels that mirror, against 64 rays a rough pixel and eight "
-        f"mirrors in each other; at most {FLIP_GOAL:g} is aimed at. *Auto* is what is taken when nobody says; it and *traced* "
-        "send four rays from a rough pixel and follow two mirrors.",
+        f"mirrors in each other; at most {FLIP_GOAL:g} is aimed at. *Auto* is what is taken when nobody says; it and "
+        "*traced* send four rays from a rough pixel and follow two mirrors.",
         "",
         *table(["object", "triangles", *ways], cells),
     ]
