@@ -36,8 +36,8 @@ def write_page(record: dict[str, Any], folder: Path) -> None:
         f"Pictures of {study['size']}² pixels, one sample each, where not said otherwise. Every time is that of the "
         "reflections alone, of a scene that changes with every picture: rays pay for their tree; rows that say "
         "*everything paid* also hold shadow maps and cube map. All ways shade what they find by the same code, with "
-        f"textures and shadows. Times are the best of {study['runs']} runs (two of large pictures and scenes), candidates "
-        "take turns.",
+        f"textures and shadows. Times are the best of {study['runs']} runs (two of large pictures and scenes); "
+        "candidates take turns.",
         "",
         "![Clustered, traced, 50 times their difference](reflections.jpg)",
         "",
