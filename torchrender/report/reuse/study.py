@@ -60,12 +60,12 @@ class StudyOptions:
 
     walks: tuple[tuple[str, str], ...] = WALKS
     size: int = 512
-    frames: int = 48  # measured one after the other, from the middle of each walk
+    frames: int = 24  # measured one after the other, from the middle of each walk
     walk_frames: int = 240  # steps of the whole walk
     triangles: int | None = None
-    rendered: int = 4  # frames of render() with and without a history
+    rendered: int = 3  # frames of render() with and without a history
     sheet: int = 12  # frames on the contact sheet
-    whole_walks: tuple[tuple[str, str], ...] = (WALKS[0], WALKS[3])  # in large pictures from end to end
+    whole_walks: tuple[tuple[str, str], ...] = (WALKS[3],)  # in large pictures from end to end
     whole_size: int = 1024  # pixels of the side of these pictures
     whole_frames: int = 240
     whole_step: int = 16  # every so many frames of these are traced, too
