@@ -94,13 +94,17 @@ def _cast(samples: GBuffer | RaySurface, chosen: Tensor, how: Cast, step: int) -
         toward = _cosine_directions(normal[rows], rays, number[rows])
         up = (toward * surface[rows, None]).sum(-1) > 0
         chosen = up.reshape(-1).nonzero().reshape(-1)
-        t = torch.zeros(up.numel(), dtype=torch.float64)
-        origins = start[rows, None].expand(-1, rays, -1).reshape(-1, 3)
-        t[chosen] = caster.first_hit(origins[chosen], toward.reshape(-1, 3)[chosen].double()).t
-        t = t.reshape(up.shape)
-        is_open = torch.isinf(t)
+        origins = start[rows, None].expand(-1, rays, -1).reshape(-1, 3)[chosen]
+        directions = toward.reshape(-1, 3)[chosen].double()
+        hidden = caster.occluded(origins, directions)
+        close = hidden.nonzero().reshape(-1)
+        beside = caster.occluded(origins[close], directions[close], t_max=reach)
+        is_open, is_near = torch.zeros(up.numel(), dtype=torch.bool), torch.zeros(up.numel(), dtype=torch.bool)
+        is_open[chosen] = ~hidden
+        is_near[chosen[close[beside]]] = True
+        is_open = is_open.reshape(up.shape)
         sky[rows] = is_open.float().mean(dim=1)
-        near[rows] = (t > reach).float().mean(dim=1)
+        near[rows] = (up & ~is_near.reshape(up.shape)).float().mean(dim=1)
         bent[rows] = (toward * is_open[..., None]).sum(dim=1)
     return sky, near, bent
 
