@@ -42,14 +42,15 @@ def write_page(record: dict[str, Any], folder: Path) -> None:
         "",
         f"`python -m torchrender.report.soft_shadows` on {machine_line(record['machine'])}",
         "",
-        f"{study['light_samples']}² light samples. Errors are means over covered pixels of {study['picture']}² "
-        "pictures, scale 0 to 255, against the original triangles by the same procedure (A) and by rays (B).",
+        f"{study['light_samples']}² light samples; images of {study['size']}² pixels unless said otherwise. Errors are",
+        f"means over covered pixels of {study['picture']}² pictures, scale 0 to 255, against the original triangles by",
+        "the same procedure (A) and by rays (B).",
         "Light, light cameras and picture go by the subject's box, which leaves out the outermost 5 percent of the",
         "triangles at either end of each axis: as large as the light at ratio 1, which hangs 0.75 diagonals above it.",
         "",
         *_resolution(record["errors"]["resolution"]),
-        *_light(record["errors"]["light"], study["small"]),
-        *_literal(record["errors"]["literal"], study["small"]),
+        *_light(record["errors"]["light"], study["size"]),
+        *_literal(record["errors"]["literal"]),
         *_meshes(record["errors"]["mesh"]),
         *_pictures(record),
         *_times(record),
@@ -109,7 +110,8 @@ def _meshes(found: dict[str, Any]) -> list[str]:
         "## By mesh",
         "",
         "Non-redundant / conventional / peeled. *Triangles* are the scene's own that the images show; the others are",
-        "rebuilt from the samples. The tables above use *hybrid*, as published.",
+        "rebuilt from the samples, *grid* and *splat* of non-redundant images alone. The tables above use *hybrid*,",
+        "as published.",
         "",
         "| scene, mesh | intensity A | visibility A | triangles |",
         "|---|---|---|---|",
@@ -121,12 +123,12 @@ def _meshes(found: dict[str, Any]) -> list[str]:
     return [*lines, ""]
 
 
-def _literal(found: dict[str, Any], size: int) -> list[str]:
+def _literal(found: dict[str, Any]) -> list[str]:
     lines = [
         "## Algorithms 3 and 4 to the letter",
         "",
         "The identity test, guessed corners within a ratio of 1.1, no merging and a fixed split; then each of our",
-        f"changes alone, and all of them. Images of {size}² pixels. Non-redundant / conventional / peeled.",
+        "changes alone for non-redundant images, and all of them. Non-redundant / conventional / peeled.",
         "",
         "| scene, how | intensity A | visibility A | intensity B |",
         "|---|---|---|---|",

@@ -39,6 +39,8 @@ _LETTERS: dict[str, dict[str, Any]] = {
     "ours": {},
 }
 """To the letter, then with each of our changes alone, and with all of them."""
+WHOLE = ("as published", "ours")
+"""Rows of all methods: the others are of non-redundant images."""
 
 
 class _Errors:
@@ -48,29 +50,34 @@ class _Errors:
         self.subject, self.study = subject, study
         self._references: dict[tuple[float, int], dict[str, LightVisibility]] = {}
         self._cells: dict[tuple[OccluderOptions, float], dict[str, Any]] = {}
+        self._maps: dict[tuple[OccluderOptions, float], LightVisibility] = {}  # by shadow maps
 
     def tables(self, folder: Path, name: str) -> dict[str, Any]:
         """Resolution, light and mesh tables; writes the scene's picture."""
         study = self.study
         methods = {m: OccluderOptions(method=m, mesh="hybrid", size=study.size) for m in METHODS}
         first = methods[METHODS[0]]
-        found = self.subject.lit(self.casters(first, 1.0), 1.0, self.options("shadow_map", study.size))
-        picture = signed_picture(found, self.reference(1.0, study.size)["shadow_map"], self.subject.view.covered)
+        self.cell(first, 1.0)
+        reference = self.reference(1.0, study.size)["shadow_map"]
+        picture = signed_picture(self._maps[first, 1.0], reference, self.subject.view.covered)
         write_image(folder / f"soft-shadows-{name}.png", picture)
 
-        def row(ratio: float, **change: Any) -> dict[str, Any]:
-            return {m: self.cell(replace(o, **change), ratio) for m, o in methods.items()}
+        def row(ratio: float, chosen: Sequence[str] = METHODS, **change: Any) -> dict[str, Any]:
+            return {m: self.cell(replace(methods[m], **change), ratio) for m in chosen}
 
+        sizes = (study.size, *(size for scene, size in study.larger if scene == name))
+        swept = name in study.swept
         return {
-            "resolution": {str(size): row(1.0, size=size) for size in study.sizes},
-            "light": {str(ratio): row(ratio, size=study.small) for ratio in study.ratios},
+            "resolution": {str(size): row(1.0, size=size) for size in sizes},
+            "light": {str(ratio): row(ratio) for ratio in study.ratios} if swept else {},
             "literal": {
-                label: row(1.0, size=study.small, **changes)
-                for label, changes in (_LETTERS.items() if name in study.literal else ())
+                label: row(1.0, METHODS if label in WHOLE else METHODS[:1], **changes)
+                for label, changes in (_LETTERS.items() if swept else ())
             },
             "mesh": {
-                mesh: {m: self.cell(replace(methods[m], mesh=mesh), 1.0) for m in MESH_METHODS.get(mesh, METHODS)}
+                mesh: row(1.0, MESH_METHODS.get(mesh, METHODS), mesh=mesh)
                 for mesh in study.meshes
+                if swept or mesh not in MESH_METHODS
             },
         }
 
@@ -102,9 +109,10 @@ class _Errors:
             cell: dict[str, Any] = {"triangles": ready.geometry.triangle_count}
             for label, visibility in (("A", "shadow_map"), ("B", "ray")):
                 lit = self.subject.lit(ready, ratio, self.options(visibility, options.size))
-                cell[label] = mean_errors(
-                    lit, self.reference(ratio, options.size)[visibility], self.subject.view.covered
-                )
+                if visibility == "shadow_map":
+                    self._maps[options, ratio] = lit
+                truth = self.reference(ratio, options.size)[visibility]
+                cell[label] = mean_errors(lit, truth, self.subject.view.covered)
             self._cells[options, ratio] = cell
         return self._cells[options, ratio]
 

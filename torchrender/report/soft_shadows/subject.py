@@ -24,14 +24,14 @@ class StudyOptions:
     """How much is measured."""
 
     scenes: tuple[str, ...] = SCENES
-    picture: int = 96  # pixels of the output's side where errors are taken
+    picture: int = 64  # pixels of the output's side where errors are taken
     timed_picture: int = 512  # and where times are
-    size: int = 1024  # pixels of a reference image
-    sizes: tuple[int, ...] = (512, 1024)
-    small: int = 512  # pixels of a reference image in tables of light sizes and of the letter of the source
+    size: int = 512  # pixels of a reference image
+    timed_size: int = 1024  # and where times are taken
+    larger: tuple[tuple[str, int], ...] = (("city", 1024),)  # scenes that are also seen by such reference images
     meshes: tuple[str, ...] = MESHES
+    swept: tuple[str, ...] = ("nest", "city")  # scenes of the sweeps over lights, meshes, and the letter of the source
     ratios: tuple[float, ...] = (0.25, 1.0, 4.0)  # light diagonal over scene diagonal
-    literal: tuple[str, ...] = ("nest", "city")  # scenes where the source is taken to the letter
     timed: tuple[tuple[str, int], ...] = (  # scenes and triangle counts
         ("city", 1_000_000), ("city", 3_000_000), ("nest", 1_000_000)
     )  # fmt: skip
@@ -44,8 +44,8 @@ class StudyOptions:
 
 
 QUICK = StudyOptions(
-    scenes=("city",), picture=48, timed_picture=64, size=96, sizes=(64, 96), small=64, ratios=(0.5, 1.0),
-    literal=("city",), timed=(("city", 5_000),), light_samples=4, ray_pixels=20, penumbra_scenes=("cornell_box",),
+    scenes=("city",), picture=48, timed_picture=64, size=64, timed_size=96, larger=(("city", 96),), ratios=(0.5, 1.0),
+    swept=("city",), timed=(("city", 5_000),), light_samples=4, ray_pixels=20, penumbra_scenes=("cornell_box",),
     penumbra_picture=48, penumbra_pixels=50, sample_counts=(8, 16),
 )  # fmt: skip
 

@@ -42,7 +42,7 @@ def times(study: StudyOptions) -> dict[str, Any]:
     for name, count in study.timed:
         with part(f"times, {name} {count:,}"):
             subject = Subject.of(build(name, triangles=count), study.timed_picture)
-            options = SoftShadowOptions(light_samples=study.light_samples, map_size=study.size)
+            options = SoftShadowOptions(light_samples=study.light_samples, map_size=study.timed_size)
             row: dict[str, Any] = {"count": subject.scene.geometry.triangle_count}
             for label in ("full scene", *TIMED_MESHES):
                 row[label] = _steps(subject, label, options, study)
@@ -56,7 +56,7 @@ def _steps(subject: Subject, label: str, options: SoftShadowOptions, study: Stud
     start = time.perf_counter()
     mesh = subject.scene.geometry
     if label != "full scene":
-        chosen = OccluderOptions(size=study.size, mesh=label)
+        chosen = OccluderOptions(size=study.timed_size, mesh=label)
         mesh = approximate_occluders(subject.scene, study_light(subject.box), chosen, bounds=subject.box)
     sampled = time.perf_counter()
     options = replace(options, occluders="rebuilt" if label == "hybrid" else "scene")
