@@ -106,6 +106,8 @@ def test_what_is_near_hides_within_reach() -> None:
         found = traced_ambient(caster, seen, rays=256, reach=reach, gap=1e-6)
         assert float((found.near - free).abs()[seen.covered].max()) < 0.02
         assert float(found.sky[seen.covered].max()) < 0.01
+        short = traced_ambient(caster, seen, rays=256, reach=reach, gap=1e-6, far=False)
+        assert torch.equal(short.near, found.near) and torch.equal(short.sky, found.near)
     outside = traced_ambient(RayCaster(Scene(meshes=(floor,)).geometry), seen, rays=16, reach=math.inf, gap=1e-6)
     assert float(outside.near[seen.covered].min()) == 1.0
 

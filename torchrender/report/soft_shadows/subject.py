@@ -39,8 +39,8 @@ class StudyOptions:
     ray_pixels: int = 2000  # pixels whose rays are traced one by one
     penumbra_scenes: tuple[str, ...] = ("cornell_box", "living_room", "washroom")
     penumbra_picture: int = 256
-    penumbra_pixels: int = 1000  # of which 4,096 rays each are traced
-    sample_counts: tuple[int, ...] = (8, 16, 24, 32)
+    penumbra_pixels: int = 500  # of which 4,096 rays each are traced
+    sample_counts: tuple[int, ...] = (8, 16, 24)
 
 
 QUICK = StudyOptions(
