@@ -67,12 +67,13 @@ class _Errors:
 
         sizes = (study.size, *(size for scene, size in study.larger if scene == name))
         swept = name in study.swept
+        letters = _LETTERS if swept else {label: _LETTERS[label] for label in WHOLE if name in study.literal}
         return {
             "resolution": {str(size): row(1.0, size=size) for size in sizes},
             "light": {str(ratio): row(ratio) for ratio in study.ratios} if swept else {},
             "literal": {
                 label: row(1.0, METHODS if label in WHOLE else METHODS[:1], **changes)
-                for label, changes in (_LETTERS.items() if swept else ())
+                for label, changes in letters.items()
             },
             "mesh": {
                 mesh: row(1.0, MESH_METHODS.get(mesh, METHODS), mesh=mesh)

@@ -30,7 +30,8 @@ class StudyOptions:
     timed_size: int = 1024  # and where times are taken
     larger: tuple[tuple[str, int], ...] = (("city", 1024),)  # scenes that are also seen by such reference images
     meshes: tuple[str, ...] = MESHES
-    swept: tuple[str, ...] = ("nest", "city")  # scenes of the sweeps over lights, meshes, and the letter of the source
+    swept: tuple[str, ...] = ("city",)  # scenes of the sweeps over lights, meshes, and each of our changes
+    literal: tuple[str, ...] = ("nest", "city")  # scenes where the source is taken to the letter
     ratios: tuple[float, ...] = (0.25, 1.0, 4.0)  # light diagonal over scene diagonal
     timed: tuple[tuple[str, int], ...] = (  # scenes and triangle counts
         ("city", 1_000_000), ("city", 3_000_000), ("nest", 1_000_000)
@@ -45,7 +46,7 @@ class StudyOptions:
 
 QUICK = StudyOptions(
     scenes=("city",), picture=48, timed_picture=64, size=64, timed_size=96, larger=(("city", 96),), ratios=(0.5, 1.0),
-    swept=("city",), timed=(("city", 5_000),), light_samples=4, ray_pixels=20, penumbra_scenes=("cornell_box",),
+    swept=("city",), literal=("city",), timed=(("city", 5_000),), light_samples=4, ray_pixels=20, penumbra_scenes=("cornell_box",),
     penumbra_picture=48, penumbra_pixels=50, sample_counts=(8, 16),
 )  # fmt: skip
 
