@@ -46,8 +46,8 @@ class StudyOptions:
 
 QUICK = StudyOptions(
     scenes=("city",), picture=48, timed_picture=64, size=64, timed_size=96, larger=(("city", 96),), ratios=(0.5, 1.0),
-    swept=("city",), literal=("city",), timed=(("city", 5_000),), light_samples=4, ray_pixels=20, penumbra_scenes=("cornell_box",),
-    penumbra_picture=48, penumbra_pixels=50, sample_counts=(8, 16),
+    swept=("city",), literal=("city",), timed=(("city", 5_000),), light_samples=4, ray_pixels=20,
+    penumbra_scenes=("cornell_box",), penumbra_picture=48, penumbra_pixels=50, sample_counts=(8, 16),
 )  # fmt: skip
 
 
