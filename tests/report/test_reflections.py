@@ -20,7 +20,7 @@ def test_a_tiny_study_makes_its_page(tmp_path: Path) -> None:
         outputs=(24,),
         rules=(1.0,),
         path=1,
-        gloss_size=16,
+        sweep_size=16,
     )
     record = run_study(study, tmp_path)
     write_study(record, tmp_path)

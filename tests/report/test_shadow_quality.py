@@ -13,13 +13,15 @@ from torchrender.effects.shadows.traced import traced_visibility
 from torchrender.errors import InputError
 from torchrender.raster import rasterize
 from torchrender.rays import RayCaster
+from torchrender.report.shadow_maps.everywhere import box_on_ground
 from torchrender.report.shadow_maps.quality import (
     aliasing_ratio,
     contact_displacement,
+    faces,
     naive_shading,
     shadow_errors,
 )
-from torchrender.scene.light import DirectionalLight, PointLight, RectLight
+from torchrender.scene.light import DirectionalLight, PointLight, RectLight, SpotLight
 from torchrender.scene.model import Scene
 from torchrender.shade import shade
 
@@ -35,6 +37,28 @@ def test_errors_are_counted_by_kind():
     assert shadow_errors(found, reference, ~counted & False).mean_error == 0
     with pytest.raises(InputError, match="counted"):
         shadow_errors(found, reference, counted[0])
+
+
+def test_only_what_a_light_shines_on_is_counted():
+    """Cone and range of a lamp one unit above a floor, the back of a rectangle, a sun from below."""
+    scene = Scene(meshes=(floor(2.0),))
+    gbuffer = rasterize(scene, flat_image(60, 48))
+    above, down = torch.tensor([0.0, 1.0, 0.0]), torch.tensor([0.0, -1.0, 0.0])
+    away = gbuffer.position[..., (0, 2)].norm(dim=-1)
+    covered = gbuffer.covered
+    spot = faces(SpotLight(position=above, direction=down, inner_deg=10.0, outer_deg=30.0), gbuffer)
+    near = faces(PointLight(position=above, range=1.25), gbuffer)
+    assert bool((spot == (away < math.tan(math.radians(30.0))))[covered].all()) and bool(spot[covered].any())
+    assert bool((near == (away < 0.75))[covered].all()) and bool(near[covered].any())
+    turned = RectLight(corner=above, edge_u=torch.tensor([1.0, 0, 0]), edge_v=torch.tensor([0, 0, -1.0]))
+    assert float(turned.normal[1]) > 0 and not bool(faces(turned, gbuffer)[covered].any())
+    assert not bool(faces(DirectionalLight(direction=-down), gbuffer)[covered].any())
+
+
+def test_a_small_box_keeps_its_shadow_far_from_the_origin():
+    row = box_on_ground(10_000.0, 5_000_000.1, 48)
+    assert row["default kept"] > 0.98 and row["traced kept"] > 0.99
+    assert row["default false"] < 0.003 and row["traced false"] < 0.003
 
 
 def test_naive_shading_blackens_shadows_that_ambient_light_reaches():

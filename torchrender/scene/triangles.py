@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from operator import attrgetter
+
 from torchrender.checks import check_no_gradient
 from torchrender.errors import InputError
 from torchrender.scene.mesh import Geometry, Mesh, concatenate
@@ -9,6 +11,9 @@ from torchrender.scene.model import Scene
 
 Shape = Scene | Mesh | Geometry
 """What functions of triangles take."""
+
+_FIELDS = ("vertices", "normals", "uv", "uv1", "tangents", "colors", "alpha")
+_FIELDS_OF = attrgetter(*_FIELDS)
 
 
 def check_fixed(function: str, shape: object) -> None:
@@ -18,8 +23,10 @@ def check_fixed(function: str, shape: object) -> None:
         GradientError: names the function, the mesh and its field.
     """
     for mesh in shape.meshes if isinstance(shape, Scene) else (shape,) if isinstance(shape, Mesh) else ():
-        for field in ("vertices", "normals", "uv", "uv1", "tangents", "colors", "alpha"):
-            check_no_gradient(function, **{f"{field} of mesh {mesh.name!r}": getattr(mesh, field)})
+        values = _FIELDS_OF(mesh)
+        # Scenes have thousands of meshes, and every picture asks: names are made for those that are refused.
+        if any(value is not None and value.requires_grad for value in values):
+            check_no_gradient(function, **{f"{f} of mesh {mesh.name!r}": v for f, v in zip(_FIELDS, values)})
 
 
 def geometry_of(name: str, shape: object) -> Geometry:

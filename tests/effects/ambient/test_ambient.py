@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import pytest
 import torch
 from torch import Tensor
 
-from torchrender.buffers import RayHits
 from torchrender.effects.ambient import horizon
 from torchrender.effects.ambient.horizon import horizon_ambient
 from torchrender.effects.ambient.options import AmbientOptions
@@ -86,14 +86,30 @@ def test_depth_images_agree_with_rays_behind_a_corner_and_under_a_table() -> Non
 
 
 class Counting:
-    """A ray caster that counts its rays."""
+    """A ray caster that counts its rays; those that only ask for what is near, after others, do not count."""
 
     def __init__(self, caster: RayCaster) -> None:
         self.caster, self.count = caster, 0
 
-    def first_hit(self, origins: Tensor, directions: Tensor) -> RayHits:
-        self.count += len(origins)
-        return self.caster.first_hit(origins, directions)
+    def occluded(self, origins: Tensor, directions: Tensor, *, t_max: float = math.inf) -> Tensor:
+        self.count += len(origins) if t_max == math.inf else 0
+        return self.caster.occluded(origins, directions, t_max=t_max)
+
+
+def test_what_is_near_hides_within_reach() -> None:
+    """Under a roof of known height: rays whose way to it is longer than the reach are free."""
+    floor = sheet((-6.0, 0.0, 6.0), (12.0, 0.0, 0.0), (0.0, 0.0, -12.0))
+    roof = sheet((-400.0, 1.0, 400.0), (800.0, 0.0, 0.0), (0.0, 0.0, -800.0))
+    seen = rasterize(Scene(meshes=(floor,)), camera((0.5, 3.8, 1.0), (0.0, 0.0, 0.0), 16))
+    caster = RayCaster(Scene(meshes=(floor, roof)).geometry)
+    for reach, free in ((0.5, 1.0), (2.0, 0.25), (1e3, 0.0), (math.inf, 0.0)):  # share of sin^2 beyond 1 / reach
+        found = traced_ambient(caster, seen, rays=256, reach=reach, gap=1e-6)
+        assert float((found.near - free).abs()[seen.covered].max()) < 0.02
+        assert float(found.sky[seen.covered].max()) < 0.01
+        short = traced_ambient(caster, seen, rays=256, reach=reach, gap=1e-6, far=False)
+        assert torch.equal(short.near, found.near) and torch.equal(short.sky, found.near)
+    outside = traced_ambient(RayCaster(Scene(meshes=(floor,)).geometry), seen, rays=16, reach=math.inf, gap=1e-6)
+    assert float(outside.near[seen.covered].min()) == 1.0
 
 
 def test_few_points_cast_rays_and_the_others_follow_them() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 import torch
 
@@ -50,3 +52,18 @@ def test_staggered_samples_cover_edges_one_by_one(n: int) -> None:
         assert (shares[..., axis] * n * n).floor().long().reshape(-1).sort().values.tolist() == list(range(n * n))
     assert torch.allclose(shares.mean(dim=(0, 1)), torch.full((2,), 0.5, dtype=torch.float64))
     assert len(cell_shares(n)[..., 0].unique()) == n
+
+
+def test_staggered_samples_share_out_what_straight_edges_hide() -> None:
+    """Half planes in every direction through a light of 16 x 16 samples, against their exact area; of 255."""
+    generator = torch.Generator().manual_seed(3)
+    angle = 2 * math.pi * torch.rand(400, generator=generator, dtype=torch.float64)
+    normal = torch.stack([angle.cos(), angle.sin()], dim=1)
+    offset = (torch.rand(400, 2, generator=generator, dtype=torch.float64) * normal).sum(1)
+    shares = cell_shares(16, staggered=True).reshape(-1, 2)
+    found = (normal @ shares.T > offset[:, None]).double().mean(1)
+    fine = (torch.arange(1000, dtype=torch.float64) + 0.5) / 1000
+    # Along each line of the square the half plane holds an interval: exact in one direction, fine in the other.
+    cut = (offset[:, None] - normal[:, 1:] * fine) / normal[:, :1]
+    held = torch.where(normal[:, :1] > 0, 1.0 - cut.clamp(0.0, 1.0), cut.clamp(0.0, 1.0)).mean(1)
+    assert 255 * float((found - held).abs().mean()) < 0.9

@@ -288,12 +288,13 @@ def test_between_a_light_and_its_near_plane_triangles_decide():
         assert doubt.tolist() == wanted and out.tolist() == [1.0, 1.0, 1.0]
 
 
+@pytest.mark.parametrize("slope", [1.5, 6.0])  # texels of depth per texel: ground that the light grazes, too
 @pytest.mark.parametrize("kind", ["window", "disc"])
-def test_what_rises_from_the_receiver_softens_nothing(kind):
+def test_what_rises_from_the_receiver_softens_nothing(kind, slope):
     """With edges that triangles settle, a wall's foot beside the point counts as lit; else it darkens the filter."""
     height, width = SIZE
     depths = np.full(SIZE, 3.0, np.float32)
-    depths[:, width // 2 + 1 :] -= np.arange(1, width - width // 2, dtype=np.float32) * (1.5 / 20)  # 1.5 texels a texel
+    depths[:, width // 2 + 1 :] -= np.arange(1, width - width // 2, dtype=np.float32) * (slope / 20)
     eye = np.concatenate([np.eye(3), np.zeros((3, 1))], axis=1)
     view = np.concatenate([eye.ravel(), [20.0, 20.0, width / 2, height / 2, 0.1, FAR]])
     point, normal = np.array([[0.01, 0.0, 3.0]]), np.array([[0.0, 0, -1]], np.float32)

@@ -28,6 +28,7 @@ def traced_ambient(
     gap: float,
     turned: bool | None = None,
     spacing: int = 1,
+    far: bool = True,
 ) -> AmbientVisibility:
     """Visibility (B,H,W) from ``rays`` cosine-weighted directions about each shading normal.
 
@@ -40,6 +41,7 @@ def traced_ambient(
             hit to hit, where few rays must leave no noise. Hits go by their place, whatever else was hit.
         spacing: one point casts rays for so many pixels and side of what perspective cameras see, others follow along
             surfaces.
+        far: rays go on beyond the reach. False: what lies there counts as open, also for the sky, and rays cost less.
 
     Directions below the geometric surface see nothing.
 
@@ -49,7 +51,7 @@ def traced_ambient(
     check_range("rays", rays, 1, 1 << 16)
     check_range("reach", reach, 0.0, math.inf)
     check_range("gap", gap, 0.0, math.inf)
-    cast, turn = Cast(caster, rays, reach, gap), isinstance(samples, GBuffer) if turned is None else turned
+    cast, turn = Cast(caster, rays, reach, gap, far), isinstance(samples, GBuffer) if turned is None else turned
     if spacing > 1 and isinstance(samples, GBuffer) and not samples.cameras.orthographic:
         return _from_few(samples, cast, spacing)
     return as_images(samples.covered, *_cast(samples, samples.covered, cast, 1 if turn else 0), samples.normal)
@@ -62,6 +64,7 @@ class Cast(NamedTuple):
     rays: int
     reach: float
     gap: float
+    far: bool
 
 
 def _from_few(samples: GBuffer, how: Cast, spacing: int) -> AmbientVisibility:
@@ -85,7 +88,7 @@ def _cast(samples: GBuffer | RaySurface, chosen: Tensor, how: Cast, step: int) -
 
     ``step``: pixels between samples with spirals of their own; 0: all have the same.
     """
-    caster, rays, reach, gap = how
+    caster, rays, reach, gap, far = how
     normal, surface = samples.normal[chosen], samples.geometric_normal[chosen]
     start = samples.position[chosen] + surface.double() * gap
     number = _numbers(samples, chosen, start, step)
@@ -94,13 +97,18 @@ def _cast(samples: GBuffer | RaySurface, chosen: Tensor, how: Cast, step: int) -
         toward = _cosine_directions(normal[rows], rays, number[rows])
         up = (toward * surface[rows, None]).sum(-1) > 0
         chosen = up.reshape(-1).nonzero().reshape(-1)
-        t = torch.zeros(up.numel(), dtype=torch.float64)
-        origins = start[rows, None].expand(-1, rays, -1).reshape(-1, 3)
-        t[chosen] = caster.first_hit(origins[chosen], toward.reshape(-1, 3)[chosen].double()).t
-        t = t.reshape(up.shape)
-        is_open = torch.isinf(t)
+        origins = start[rows, None].expand(-1, rays, -1).reshape(-1, 3)[chosen]
+        directions = toward.reshape(-1, 3)[chosen].double()
+        hidden = caster.occluded(origins, directions) if far else torch.ones(len(chosen), dtype=torch.bool)
+        close = hidden.nonzero().reshape(-1)
+        beside = caster.occluded(origins[close], directions[close], t_max=reach)
+        is_open, is_near = torch.zeros(up.numel(), dtype=torch.bool), torch.zeros(up.numel(), dtype=torch.bool)
+        is_open[chosen] = ~hidden
+        is_open[chosen[close[~beside]]] |= not far
+        is_near[chosen[close[beside]]] = True
+        is_open = is_open.reshape(up.shape)
         sky[rows] = is_open.float().mean(dim=1)
-        near[rows] = (t > reach).float().mean(dim=1)
+        near[rows] = (up & ~is_near.reshape(up.shape)).float().mean(dim=1)
         bent[rows] = (toward * is_open[..., None]).sum(dim=1)
     return sky, near, bent
 

@@ -18,7 +18,7 @@ from torchrender.scene.light import DirectionalLight, Light, RectLight, SpotLigh
 FEWEST = 16
 """Small lights from which sorting the triangles for rays pays."""
 
-_TILES = 32  # of a small light, at most
+_TILES = 256  # of a small light, at most: rays from all their pixels then take less than six maps and their look-up
 _AT_ONCE = 1024  # tiles
 
 

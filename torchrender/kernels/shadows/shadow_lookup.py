@@ -29,7 +29,7 @@ NEAREST_TEXEL, WINDOW, DISC, PCSS, AVERAGE_DEPTH = 0, 1, 2, 3, 4
 UNSURE, DARK, LIT = 0, 1, 2
 
 _BLOCK, _PARTS = 512, 64
-_RISE = 2.0  # texels of depth per texel aside, beyond the slope of the receiver
+_RISE = 8.0  # texels of depth per texel aside, beyond the slope of the receiver: surfaces that hardly face the light
 _WITHIN = 1.25  # how far outside the cone to the light a blocker still counts: texels are not points
 _SHARP = 1.5  # radius in texels up to which a penumbra is an edge
 _CLEAR = 2.0  # texels that a blocker must lie before the receiver to be none of its own surface

@@ -90,9 +90,17 @@ def run(frame: Frame) -> AmbientVisibility:
     if caster is None and isinstance(gbuffer, GBuffer):
         return horizon_ambient(scene.geometry, gbuffer, options, reach=reach)
     assert caster is not None
-    turned = isinstance(gbuffer, GBuffer) or options.rays < AT_HITS
-    gap, spacing = GAP * scene.diagonal, options.ray_spacing
-    return traced_ambient(caster, gbuffer, rays=options.rays, reach=reach, gap=gap, turned=turned, spacing=spacing)
+    seen, gap = isinstance(gbuffer, GBuffer), GAP * scene.diagonal
+    return traced_ambient(
+        caster,
+        gbuffer,
+        rays=options.rays,
+        reach=reach,
+        gap=gap,
+        turned=seen or options.rays < AT_HITS,
+        spacing=options.ray_spacing,
+        far=seen or scene.environment is not None,  # hits ask for no more than arrives
+    )
 
 
 def reach_of(scene: Scene, options: AmbientOptions) -> float:

@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from torchrender.scene.camera import Cameras
 from torchrender.scene.mesh import Geometry
 
-_RAYS = 1 << 16  # handed to a thread at once
 _VERTEX = """
 #version 330
 uniform mat4 clip_from_world;
@@ -47,35 +43,6 @@ def open3d_rays(geometry: Geometry, camera: Cameras, threads: int) -> tuple[Call
 
     built = build()
     return build, lambda: built.cast_rays(rays, nthreads=threads)
-
-
-def embree_occlusion(geometry: Geometry) -> tuple[Callable[[], None], Callable[[Tensor, Tensor], Any]] | None:
-    """(build, cast (N,3) float64 segments) of plain Embree in float32, as fast as embreex goes; None where absent."""
-    try:
-        from embreex import mesh_construction, rtcore_scene
-    except ImportError:
-        return None
-    triangles = geometry.vertices.numpy().astype(np.float32)[geometry.faces.numpy()]
-    kept: dict[str, Any] = {}
-
-    def build() -> None:
-        kept["scene"] = rtcore_scene.EmbreeScene()
-        kept["mesh"] = mesh_construction.TriangleMesh(kept["scene"], triangles)
-        kept["scene"].run(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32))  # the first query builds the tree
-
-    def cast(origins: Tensor, segments: Tensor) -> Any:
-        start = np.ascontiguousarray(origins.numpy(), np.float32)
-        toward = np.ascontiguousarray(segments.numpy(), np.float32)
-
-        def part(rows: slice) -> Any:
-            reach = np.ones(len(start[rows]), np.float32)
-            return kept["scene"].run(start[rows], toward[rows], dists=reach, query="OCCLUDED")
-
-        rows = [slice(begin, begin + _RAYS) for begin in range(0, len(start), _RAYS)]
-        with ThreadPoolExecutor(torch.get_num_threads()) as pool:
-            return list(pool.map(part, rows))
-
-    return build, cast
 
 
 def opengl_raster(geometry: Geometry, camera: Cameras) -> tuple[Callable[[], Any], str] | str:

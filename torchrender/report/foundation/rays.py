@@ -16,6 +16,7 @@ from torchrender.kernels.rays.plain_embree import PlainEmbree
 from torchrender.kernels.rays.watertight import Rays
 from torchrender.quality.timing import take_turns
 from torchrender.rays import RayCaster
+from torchrender.report.common.progress import part
 from torchrender.report.foundation.ray_sets import RaySet, ray_sets
 from torchrender.scene.procedural import build
 
@@ -32,7 +33,11 @@ def measure_rays(quick: bool) -> list[dict[str, Any]]:
         return []
     if quick:
         return [compare_rays("nest", None, 128, 2, 500)]
-    return [compare_rays(name, triangles, 512, 3, 180_000) for name, triangles in SUBJECTS]
+    rows = []
+    for name, triangles in SUBJECTS:
+        with part(f"rays, {name} {triangles or ''}"):
+            rows.append(compare_rays(name, triangles, 512, 3, 180_000))
+    return rows
 
 
 def compare_rays(name: str, triangles: int | None, side: int, runs: int, grazing: int) -> dict[str, Any]:

@@ -27,7 +27,7 @@ from torchrender.quality.pages import write_record
 from torchrender.quality.timing import Timing, take_turns
 from torchrender.raster import rasterize, rasterize_depth, rasterize_visibility
 from torchrender.rays import RayCaster
-from torchrender.report.common.command import study_parser
+from torchrender.report.common.command import RESULTS, study_parser
 from torchrender.report.foundation.page import write_page
 from torchrender.report.foundation.peers import open3d_rays, opengl_raster
 from torchrender.report.foundation.rays import measure_rays
@@ -55,7 +55,7 @@ def main() -> None:
     parser.add_argument("--rays", action="store_true", help="measure rays alone, keep the rest of the recorded page")
     arguments = parser.parse_args()
     if arguments.rays:
-        record = json.loads((arguments.output / "foundation.json").read_text())
+        record = recorded(arguments.output)
         record["rays"] = {"machine": machine_record(), "rows": measure_rays(arguments.quick)}
         write_results(record, arguments.output)
         return
@@ -73,6 +73,13 @@ def main() -> None:
     record["start"] = start_up(arguments.quick)
     record["peak_memory_mib"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
     write_results(record, arguments.output)
+
+
+def recorded(folder: Path) -> dict[str, Any]:
+    """What an earlier run left in ``folder``, or, where there is none, in the documentation."""
+    places = [place / "foundation.json" for place in (folder, RESULTS)]
+    found: dict[str, Any] = json.loads(next((p for p in places if p.exists()), places[0]).read_text())
+    return found
 
 
 def scenes() -> Iterator[tuple[str, Scene]]:

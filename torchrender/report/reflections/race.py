@@ -36,11 +36,11 @@ def candidates_of(stage: Stage) -> dict[str, Callable[[], object]]:
 
 
 def race(stage: Stage, cameras: Cameras, runs: int) -> dict[str, Any]:
-    """Median milliseconds by way, mirrored pixels, what all ways pay for beside, and the planner's way."""
-    timing = take_turns(candidates_of(stage), runs=runs, warm_up=1 if runs > 1 else 0)
+    """Least milliseconds by way, mirrored pixels, what all ways pay for beside, and the planner's way."""
+    timing = take_turns(candidates_of(stage), runs=runs, warm_up=0)
     row: dict[str, Any] = {"pixels": len(stage.pixels), "picked": picked(stage.scene, cameras)}
     row["preparations"] = stage.preparations()
-    return row | {name: t.median for name, t in timing.items()}
+    return row | {name: t.least for name, t in timing.items()}
 
 
 def picked(scene: Scene, cameras: Cameras) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -12,7 +11,7 @@ import torch
 from torch import Tensor
 
 from torchrender.arrays import view
-from torchrender.buffers import GBuffer, RayHits, ReflectionLayer
+from torchrender.buffers import GBuffer, RayHits, ReflectionLayer, ShadowMap
 from torchrender.clock import StepClock
 from torchrender.effects.reflections.bounces import traced_onward
 from torchrender.effects.reflections.clustered import (
@@ -31,7 +30,9 @@ from torchrender.effects.reflections.reflectors import (
 )
 from torchrender.effects.reflections.traced import TraceOptions, environment_reflections, trace_reflections
 from torchrender.effects.shadows.shadow_map import ShadowOptions, lights_visibility, render_shadow_map
-from torchrender.kernels.compile import thread_count
+from torchrender.kernels.rays.embree_library import embree
+from torchrender.kernels.rays.plain_embree import PlainEmbree
+from torchrender.kernels.rays.watertight import Rays
 from torchrender.numerics.color import srgb_from_linear
 from torchrender.pipeline.hit_shader import HitShader
 from torchrender.pipeline.options import RenderOptions
@@ -39,31 +40,41 @@ from torchrender.raster import rasterize
 from torchrender.rays import RayCaster
 from torchrender.report.common.hits import hit_shader
 from torchrender.scene.camera import Cameras
+from torchrender.scene.mesh import Geometry
 from torchrender.scene.model import Scene
 from torchrender.shade import shade
 
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """A view before reflections. ``supersample`` samples along each pixel side are averaged in pictures."""
+    """A view before reflections, one sample a pixel."""
 
     scene: Scene
     gbuffer: GBuffer
     direct: Tensor  # (1,H,W,3)
     shader: HitShader
     pixels: ReflectivePixels
-    supersample: int
+
+    maps: list[ShadowMap]  # of the whole scene, one per light
 
     @classmethod
-    def of(cls, scene: Scene, cameras: Cameras, supersample: int = 1) -> Stage:
+    def of(cls, scene: Scene, cameras: Cameras) -> Stage:
         """Draw, shadow and shade the view."""
-        gbuffer = rasterize(scene, cameras.scaled(supersample) if supersample > 1 else cameras)
         shadow = ShadowOptions()
         maps = [render_shadow_map(scene, light, shadow) for light in scene.lights]
-        direct = shade(scene, gbuffer, lights_visibility(scene, gbuffer, shadow, maps))
         shader = hit_shader(scene, RenderOptions(shadow=shadow), maps)
         shader.environment(torch.tensor([[0.0, 1.0, 0.0]]))  # the cube map is drawn once, outside all times
-        return cls(scene, gbuffer, direct, shader, reflective_pixels(scene, gbuffer), supersample)
+        return cls._seen(scene, cameras, shader, maps)
+
+    def seen_from(self, cameras: Cameras) -> Stage:
+        """The same scene from elsewhere."""
+        return self._seen(self.scene, cameras, self.shader, self.maps)
+
+    @classmethod
+    def _seen(cls, scene: Scene, cameras: Cameras, shader: HitShader, maps: list[ShadowMap]) -> Stage:
+        gbuffer = rasterize(scene, cameras)
+        direct = shade(scene, gbuffer, lights_visibility(scene, gbuffer, ShadowOptions(), maps))
+        return cls(scene, gbuffer, direct, shader, reflective_pixels(scene, gbuffer), maps)
 
     def only(self, share: float) -> Stage:
         """The view with a share of its reflective pixels: the nearest to the picture's left border."""
@@ -128,42 +139,40 @@ class Stage:
         return self.picture(self.reference_layer)
 
     def plain_embree(self) -> Callable[[], object] | None:
-        """Build Embree's tree, trace in float32 and shade, without the float64 test; None without embreex."""
-        try:
-            from embreex import mesh_construction, rtcore_scene
-        except ImportError:
+        """Build Embree's tree, trace in float32 through its C interface and shade; None where there is no Embree."""
+        if embree() is None:
             return None
         geometry, rays = self.scene.geometry, reflected_rays(self.pixels)
-        origin = view(rays.origin + START * self.scene.diagonal * rays.direction, np.float32)
-        direction = view(rays.direction, np.float32)
+        vertices, faces = view(geometry.vertices, np.float64), view(geometry.faces, np.int32)
+        count = len(rays.origin)
+        span = np.stack([np.full(count, START * self.scene.diagonal), np.full(count, np.inf)], axis=1)
+        origin, direction = view(rays.origin, np.float64), view(rays.direction, np.float64)
+        sent = Rays(origin, direction, span, np.full(count, -1, np.int32), False, False)
 
         def work() -> Tensor:
-            corners = geometry.vertices[geometry.faces.long()].float().numpy()
-            scene = rtcore_scene.EmbreeScene()
-            mesh = mesh_construction.TriangleMesh(scene, corners)
-            scene.run(origin[:1].copy(), direction[:1].copy())
-            parts = np.array_split(np.arange(len(origin)), max(1, len(origin) >> 13))
-            with ThreadPoolExecutor(thread_count()) as pool:
-                found = list(pool.map(lambda p: scene.run(origin[p], direction[p], output=True), parts))
-            joined = {name: np.concatenate([f[name] for f in found]) for name in ("primID", "tfar", "u", "v")}
-            del mesh
-            triangle = torch.from_numpy(joined["primID"].astype(np.int64))
-            t = torch.where(triangle >= 0, torch.from_numpy(joined["tfar"].astype(np.float64)), torch.inf)
-            weights = torch.from_numpy(np.stack([joined["u"], joined["v"]], axis=1).astype(np.float32))
-            return self.shader(rays, RayHits(t, triangle, weights))
+            t, triangle = (torch.from_numpy(a) for a in PlainEmbree(vertices, faces).cast(sent))
+            hits = RayHits(torch.where(triangle >= 0, t.double(), torch.inf), triangle, torch.zeros(count, 2))
+            return self.shader(rays, replace(hits, barycentric=_weights(geometry, rays.origin, rays.direction, hits)))
 
         return work
 
     def picture(self, layer: ReflectionLayer | None) -> Tensor:
         """(1,h,w,3) display values of the view with a layer."""
         radiance = self.direct if layer is None else blend_reflections(self.scene, self.gbuffer, self.direct, layer)
-        return srgb_from_linear(self._mean(radiance)).clamp(0.0, 1.0)
+        return srgb_from_linear(radiance).clamp(0.0, 1.0)
 
     def mask(self) -> Tensor:
-        """(1,h,w) bool: a pixel with a reflective sample."""
-        return self._mean(reflective(self.scene, self.gbuffer)[..., None].float())[..., 0] > 0
+        """(1,h,w) bool: reflective pixels."""
+        return reflective(self.scene, self.gbuffer)
 
-    def _mean(self, image: Tensor) -> Tensor:
-        count, height, width, depth = image.shape
-        n = self.supersample
-        return image.reshape(count, height // n, n, width // n, n, depth).mean(dim=(2, 4))
+
+def _weights(geometry: Geometry, origin: Tensor, direction: Tensor, hits: RayHits) -> Tensor:
+    """Weights (N,2) of the second and third corner where rays hit; of a miss 0."""
+    hit = (hits.triangle >= 0).nonzero().reshape(-1)
+    a, b, c = geometry.vertices[geometry.faces[hits.triangle[hit]].long()].unbind(1)
+    at = origin[hit] + hits.t[hit, None] * direction[hit] - a
+    normal = torch.linalg.cross(b - a, c - a)
+    size = normal.square().sum(-1).clamp_min(1e-300)
+    second = (torch.linalg.cross(at, c - a) * normal).sum(-1) / size
+    third = (torch.linalg.cross(b - a, at) * normal).sum(-1) / size
+    return hits.barycentric.index_copy(0, hit, torch.stack([second, third], dim=-1).float())

@@ -6,7 +6,6 @@ picture. Every time counts what a scene that changes with every frame has to do 
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
@@ -26,6 +25,7 @@ from torchrender.quality.pages import write_record
 from torchrender.quality.timing import take_turns
 from torchrender.rays import RayCaster
 from torchrender.report.common.command import study_parser
+from torchrender.report.common.progress import part
 from torchrender.report.reflections.errors import occlusion_errors
 from torchrender.report.reflections.metal import metal_objects
 from torchrender.report.reflections.page import write_page
@@ -48,21 +48,22 @@ class StudyOptions:
     """How much is measured."""
 
     rooms: tuple[str, ...] = SCENES  # the living room among them
-    size: int = 512  # pixels of the pictures' side, 2 x 2 samples each
+    size: int = 512  # pixels of the pictures' side, one sample each
     triangles: int | None = None  # of the rooms; None: their usual number
-    counts: tuple[int, ...] = (63_000, 132_000, 289_000, 1_000_000, 3_000_000)
+    counts: tuple[int, ...] = (63_000, 289_000, 1_000_000, 3_000_000)
     outputs: tuple[int, ...] = (256, 512, 1024)
+    sweep_size: int = 256  # of pictures in sweeps over settings and along paths
+    gloss_size: int = 128  # and with gloss
     rules: tuple[float, ...] = (0.25, 0.5, 1.0, 2.0)
-    path: int = 8  # views along each path
-    gloss_size: int = 256
-    metal_size: int = 256
+    path: int = 4  # views along each path
+    metal_size: int = 192
     metal_models: bool = True
     runs: int = 3
 
 
 QUICK = StudyOptions(
     size=64, triangles=20_000, counts=(10_000, 20_000), outputs=(32, 64), rules=(0.5, 1.0), path=2,
-    gloss_size=32, metal_size=32, metal_models=False, runs=1,
+    sweep_size=32, gloss_size=16, metal_size=32, metal_models=False, runs=1,
 )  # fmt: skip
 
 
@@ -78,24 +79,24 @@ def run_study(study: StudyOptions, folder: Path) -> dict[str, Any]:
     """All measurements; the picture of both rooms goes to ``folder``."""
     record: dict[str, Any] = {"machine": machine_record(), "study": asdict(study)}
     rooms = {name: _room(name, study) for name in study.rooms}
-    stages = {name: _stage(scene, study.size, 2) for name, scene in rooms.items()}
+    stages = {name: _stage(scene, study.size) for name, scene in rooms.items()}
+    small = _stage(rooms["living_room"], study.sweep_size)
     parts: dict[str, Callable[[], Any]] = {
         "quality": lambda: {name: quality(stage) for name, stage in stages.items()},
         "times": lambda: {name: times(stage, study.runs) for name, stage in stages.items()},
-        "clusters": lambda: [sweep(stages["living_room"], m, study) for m in study.rules],
-        "scale": lambda: [image_scale(stages["living_room"], s, study) for s in (0.5, 1.0, 2.0)],
-        "output": lambda: [output_size(rooms["living_room"], n, study) for n in study.outputs],
+        "clusters": lambda: [sweep(small, m) for m in study.rules],
+        "scale": lambda: [image_scale(small, s) for s in (0.5, 1.0, 2.0)],
+        "output": lambda: [output_size(small, n, study) for n in study.outputs],
         "triangles": lambda: [triangle_count(n, study) for n in study.counts],
         "paths": lambda: {name: path(rooms[name], study) for name in study.rooms},
         "gloss": lambda: list(gloss(rooms["living_room"], study)),
         "share": lambda: [pixel_share(stages[study.rooms[-1]], s, study) for s in (0.0, 0.01, 0.1, 0.3, 1.0)],
-        "choices": lambda: {name: choices(stage, study) for name, stage in stages.items()},
+        "choices": lambda: {"living_room": choices(small)},
         "metal": lambda: metal_objects(study.metal_size, study.metal_models),
     }
-    for name, part in parts.items():
-        begin = time.perf_counter()
-        record[name] = part()
-        sys.stderr.write(f"{name}: {time.perf_counter() - begin:.1f} s\n")
+    for name, measure in parts.items():
+        with part(name):
+            record[name] = measure()
     save_picture(torch.cat([error_picture(s) for s in stages.values()], dim=1), folder / "reflections.jpg")
     return record
 
@@ -140,7 +141,7 @@ def quality(stage: Stage) -> dict[str, Any]:
 def times(stage: Stage, runs: int) -> dict[str, Any]:
     """Whole reflection passes in turn, and the steps of the clustered one and of rays."""
     candidates = candidates_of(stage) | {"environment": stage.environment}
-    measured = {k: t.record() for k, t in take_turns(candidates, runs=runs, warm_up=1).items()}
+    measured = {k: t.record() for k, t in take_turns(candidates, runs=runs, warm_up=0).items()}
     begin = time.perf_counter()
     caster = RayCaster(stage.scene.geometry)
     built = time.perf_counter()
@@ -154,17 +155,17 @@ def times(stage: Stage, runs: int) -> dict[str, Any]:
     }
 
 
-def sweep(stage: Stage, m: float, study: StudyOptions) -> dict[str, Any]:
+def sweep(stage: Stage, m: float) -> dict[str, Any]:
     """Table 15: cluster count against time and errors."""
-    return _measured(stage, ClusterOptions(bin_factor=m, camera_share=0.0), study) | {"bin_factor": m}
+    return _measured(stage, ClusterOptions(bin_factor=m, camera_share=0.0)) | {"bin_factor": m}
 
 
-def image_scale(stage: Stage, scale: float, study: StudyOptions) -> dict[str, Any]:
+def image_scale(stage: Stage, scale: float) -> dict[str, Any]:
     """Table 17: size of the depth images."""
-    return _measured(stage, ClusterOptions(image_scale=scale), study) | {"scale": scale}
+    return _measured(stage, ClusterOptions(image_scale=scale)) | {"scale": scale}
 
 
-def choices(stage: Stage, study: StudyOptions) -> dict[str, Any]:
+def choices(stage: Stage) -> dict[str, Any]:
     """The thesis's cameras and clusters beside what is beyond it."""
     basic = ("plane_share", "search", "lobe", "fade", "share_rays", "camera_share")
     named = {
@@ -179,19 +180,20 @@ def choices(stage: Stage, study: StudyOptions) -> dict[str, Any]:
         "+ finer images (default)": ClusterOptions(),
         "rest traced": ClusterOptions(missing="trace"),
     }
-    return {name: _measured(stage, options, study) for name, options in named.items()}
+    return {name: _measured(stage, options) for name, options in named.items()}
 
 
-def output_size(scene: Scene, size: int, study: StudyOptions) -> dict[str, Any]:
+def output_size(stage: Stage, size: int, study: StudyOptions) -> dict[str, Any]:
     """Table 16: pixels of the picture."""
-    cameras = scene.camera(width=size, height=size)
-    return race(Stage.of(scene, cameras), cameras, study.runs) | {"size": size}
+    cameras = stage.scene.camera(width=size, height=size)
+    runs = study.runs if size <= 512 else 2
+    return race(stage.seen_from(cameras), cameras, runs) | {"size": size}
 
 
 def triangle_count(count: int, study: StudyOptions) -> dict[str, Any]:
     """Table 18: triangles of the room."""
     scene = build("living_room", triangles=count)
-    runs = study.runs if count <= 300_000 else 1
+    runs = study.runs if count <= 300_000 else 2
     cameras = scene.camera(width=study.size, height=study.size)
     return race(Stage.of(scene, cameras), cameras, runs) | {"triangles": scene.geometry.triangle_count}
 
@@ -199,16 +201,17 @@ def triangle_count(count: int, study: StudyOptions) -> dict[str, Any]:
 def pixel_share(stage: Stage, share: float, study: StudyOptions) -> dict[str, Any]:
     """Cost of few reflective pixels."""
     part = stage.only(share)
-    timing = take_turns({"clustered": part.clustered}, runs=study.runs, warm_up=1)["clustered"]
-    return {"pixels": len(part.pixels), "ms": timing.median}
+    timing = take_turns({"clustered": part.clustered}, runs=study.runs, warm_up=0)["clustered"]
+    return {"pixels": len(part.pixels), "ms": timing.least}
 
 
 def path(scene: Scene, study: StudyOptions) -> dict[str, Any]:
     """Tables 13, 19 and 21: clusters, planar share and occlusion error along a path through the scene's cameras."""
     caster = RayCaster(scene.geometry)
-    rows = []
-    for cameras in _path_cameras(scene, study.path, study.size):
-        stage = Stage.of(scene, cameras)
+    rows, views = [], list(_path_cameras(scene, study.path, study.sweep_size))
+    first = Stage.of(scene, views[0])
+    for cameras in views:
+        stage = first.seen_from(cameras)
         made = stage.clustered()
         count = max(len(stage.pixels), 1)
         missed = occlusion_errors(scene, stage.pixels, made.cameras, stage.traced_hits(caster))
@@ -231,20 +234,19 @@ def gloss(room: Scene, study: StudyOptions) -> Iterator[dict[str, Any]]:
         materials = tuple(replace(m, gloss=degree) if m.is_reflector else m for m in room.materials)
         scene = replace(room, materials=materials)
         scene.__dict__["geometry"] = room.geometry
-        stage = _stage(scene, study.gloss_size, 1)
-        caster = RayCaster(scene.geometry)
+        stage = _stage(scene, study.gloss_size)
         for rays in (8, 49):
             made = stage.clustered(ClusterOptions(glossy_rays=rays))
-            reference = stage.picture(stage.traced(caster, rays))
             begin = time.perf_counter()
-            stage.traced(rays=rays)
+            traced = stage.traced(rays=rays)
+            took = 1e3 * (time.perf_counter() - begin)
             yield {
                 "gloss": degree,
                 "rays": rays,
                 "marching": made.elapsed_ms.get("marching", 0.0),
                 "clustered": sum(made.elapsed_ms.values()),
-                "traced": 1e3 * (time.perf_counter() - begin),
-                "psnr": float(psnr(stage.picture(made.layer), reference)),
+                "traced": took,
+                "psnr": float(psnr(stage.picture(made.layer), stage.picture(traced))),
             }
 
 
@@ -275,13 +277,13 @@ def save_picture(display: Tensor, file: Path) -> None:
     write_atomically(file, lambda path: picture.save(path, "JPEG", quality=85))
 
 
-def _measured(stage: Stage, options: ClusterOptions, study: StudyOptions) -> dict[str, Any]:
+def _measured(stage: Stage, options: ClusterOptions) -> dict[str, Any]:
+    """Clusters, milliseconds of one run, and errors."""
     made = stage.clustered(options)
     missed = occlusion_errors(stage.scene, stage.pixels, made.cameras, stage.true_hits, options)
-    timing = take_turns({"it": lambda: stage.clustered(options)}, runs=study.runs, warm_up=0)["it"]
     return {
         "clusters": len(made.cameras),
-        "ms": timing.median,
+        "ms": sum(made.elapsed_ms.values()),
         "occlusion": float(missed.float().mean()),
         "psnr": float(psnr(stage.picture(made.layer), stage.reference)),
     }
@@ -295,8 +297,8 @@ def _room(name: str, study: StudyOptions) -> Scene:
     return build(name) if study.triangles is None else build(name, triangles=study.triangles)
 
 
-def _stage(scene: Scene, size: int, supersample: int) -> Stage:
-    return Stage.of(scene, scene.camera(width=size, height=size), supersample)
+def _stage(scene: Scene, size: int) -> Stage:
+    return Stage.of(scene, scene.camera(width=size, height=size))
 
 
 def _path_cameras(scene: Scene, count: int, size: int) -> Iterator[Cameras]:

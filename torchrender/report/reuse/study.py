@@ -7,7 +7,6 @@ and pictures. Errors are those of the displayed picture, 0 to 255, against traci
 from __future__ import annotations
 
 import statistics
-import sys
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
@@ -42,6 +41,7 @@ from torchrender.rays import RayCaster
 from torchrender.renderer import render
 from torchrender.report.common.command import study_parser
 from torchrender.report.common.hits import hit_shader
+from torchrender.report.common.progress import part
 from torchrender.report.reflections.baselines import BaselineReflections, depth_reprojection, mirror_motion_vectors
 from torchrender.report.reuse.page import write_page
 from torchrender.scene.camera import Cameras
@@ -60,14 +60,15 @@ class StudyOptions:
 
     walks: tuple[tuple[str, str], ...] = WALKS
     size: int = 512
-    frames: int = 72  # measured one after the other, from the middle of each walk
+    frames: int = 24  # measured one after the other, from the middle of each walk
     walk_frames: int = 240  # steps of the whole walk
     triangles: int | None = None
-    rendered: int = 8  # frames of render() with and without a history
+    rendered: int = 3  # frames of render() with and without a history
     sheet: int = 12  # frames on the contact sheet
-    whole_size: int = 1024  # pixels of the side of the pictures of whole walks
+    whole_walks: tuple[tuple[str, str], ...] = (WALKS[3],)  # in large pictures from end to end
+    whole_size: int = 1024  # pixels of the side of these pictures
     whole_frames: int = 240
-    whole_step: int = 8  # every so many frames of these are traced, too
+    whole_step: int = 16  # every so many frames of these are traced, too
 
 
 QUICK = StudyOptions(
@@ -78,6 +79,7 @@ QUICK = StudyOptions(
     triangles=8000,
     rendered=2,
     sheet=4,
+    whole_walks=(("washroom", "walk1"),),
     whole_size=32,
     whole_frames=5,
     whole_step=3,
@@ -168,10 +170,9 @@ def measure_walk(name: str, walk: str, study: StudyOptions, folder: Path) -> dic
         if number % max(1, len(stage.cameras) // study.sheet) == 0:
             sheet.append((own / 255.0)[::2, ::2])
         frames.append(record)
-        _say(f"{name} {walk} {number + 1}/{len(stage.cameras)}")
     _contact_sheet(folder / f"reflection-reuse-{name}-{walk}-frames.png", sheet[: study.sheet])
-    count, whole = stage.scene.geometry.triangle_count, whole_walk(name, walk, study)
-    return {"frames": frames, "triangles": count, "rendered": _rendered(stage, study), "whole": whole}
+    count = stage.scene.geometry.triangle_count
+    return {"frames": frames, "triangles": count, "rendered": _rendered(stage, study)}
 
 
 def whole_walk(name: str, walk: str, study: StudyOptions) -> list[dict[str, Any]]:
@@ -193,7 +194,6 @@ def whole_walk(name: str, walk: str, study: StudyOptions) -> list[dict[str, Any]
             own, truth = (stage.shown(gbuffer, direct, layer) for layer in (made.layer, exact))
             row |= _errors(own, truth, made.layer, exact, pixels)
         frames.append(row)
-        _say(f"{name} {walk} {study.whole_size}² {number + 1}/{len(stage.cameras)}")
     return frames
 
 
@@ -298,18 +298,16 @@ def _rendered(stage: Stage, study: StudyOptions) -> dict[str, float]:
     return {"alone": statistics.median(alone), "with_history": statistics.median(going_on)}
 
 
-def _say(line: str) -> None:
-    sys.stderr.write(f"\r{line}   ")
-    sys.stderr.flush()
-
-
 def run(study: StudyOptions, folder: Path) -> dict[str, Any]:
     """Measure everything and write the page."""
     folder.mkdir(parents=True, exist_ok=True)
     record: dict[str, Any] = {"machine": machine_record(), "study": asdict(study), "walks": {}}
     for name, walk in study.walks:
-        record["walks"][f"{name} {walk}"] = measure_walk(name, walk, study, folder)
-    _say("\n")
+        with part(f"{name} {walk}"):
+            record["walks"][f"{name} {walk}"] = measure_walk(name, walk, study, folder)
+    for name, walk in study.whole_walks:
+        with part(f"{name} {walk}, {study.whole_frames} frames of {study.whole_size}²"):
+            record["walks"][f"{name} {walk}"]["whole"] = whole_walk(name, walk, study)
     write_record(folder / "reflection-reuse.json", record)
     write_page(record, folder)
     return record

@@ -21,7 +21,9 @@ def whole_section(walks: dict[str, dict[str, Any]], study: dict[str, Any]) -> li
         "|---|---|---|---|---|---|---|---|---|",
     ]
     for label, walk in walks.items():
-        frames: Frames = walk["whole"]
+        frames: Frames = walk.get("whole", [])
+        if not frames:
+            continue
         known = [f for f in frames if "trace_ms" in f]
         tracing, reuse = mean(known, "trace_ms"), mean(frames, "reuse_ms")
         cells = [label, str(sum(f["key_frame"] for f in frames)), f"{100 * mean(frames, 'traced_share'):.1f}"]

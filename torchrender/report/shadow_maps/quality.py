@@ -15,7 +15,7 @@ from torchrender.effects.shadows.shadow_map import ShadowOptions
 from torchrender.effects.shadows.traced import float_error
 from torchrender.numerics.shadow_compare import depth_bias, project_with_slope
 from torchrender.rays import RayCaster
-from torchrender.scene.light import DirectionalLight, Light, vectors_to
+from torchrender.scene.light import DirectionalLight, Light, RectLight, SpotLight, vectors_to
 from torchrender.scene.model import Scene
 from torchrender.shade import shade
 
@@ -56,6 +56,25 @@ def _near_edges(lit: Tensor) -> Tensor:
     high = torch.nn.functional.max_pool2d(value, 5, 1, 2)
     low = -torch.nn.functional.max_pool2d(-value, 5, 1, 2)
     return (high != low)[:, 0]
+
+
+def faces(light: Light, gbuffer: GBuffer) -> Tensor:
+    """(B,H,W) bool: pixels that the light would shine on if nothing were in the way.
+
+    Their surface is not turned away from the light's centre; it lies on the side to which a rectangle sends, in the
+    cone of a spot, and in range.
+    """
+    normals = gbuffer.geometric_normal.double()
+    if isinstance(light, DirectionalLight):
+        return (normals @ -light.direction.double()) > 0
+    toward = (light.centre if isinstance(light, RectLight) else light.position).double() - gbuffer.position
+    facing = (toward * normals).sum(-1) > 0
+    if isinstance(light, RectLight):
+        return facing & ((toward @ -light.normal.double()) > 0)
+    length = toward.norm(dim=-1)
+    if isinstance(light, SpotLight):
+        facing &= -(toward @ light.direction.double()) > math.cos(math.radians(light.outer_deg)) * length
+    return facing & (length < light.range)
 
 
 def disc_visibility(caster: RayCaster, light: Light, gbuffer: GBuffer, width: float, points: Tensor) -> Tensor:

@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import math
 import sys
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import asdict, replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import torch
@@ -21,13 +23,16 @@ from torchrender.effects.shadows.shadow_map import ShadowOptions, light_visibili
 from torchrender.effects.shadows.traced import traced_visibility
 from torchrender.images.files import write_atomically
 from torchrender.numerics.shadow_compare import disc_points
-from torchrender.quality.machine import machine_line, machine_record
+from torchrender.quality.machine import machine_record
 from torchrender.quality.pages import write_record, write_text
 from torchrender.quality.timing import take_turns
 from torchrender.raster import rasterize
 from torchrender.rays import RayCaster
 from torchrender.report.common.command import study_parser
-from torchrender.report.shadow_maps.quality import contact_displacement, disc_visibility, shadow_errors
+from torchrender.report.common.progress import part
+from torchrender.report.shadow_maps.everywhere import GROUNDS, box_on_ground, wrong_everywhere
+from torchrender.report.shadow_maps.page import page
+from torchrender.report.shadow_maps.quality import contact_displacement, disc_visibility, faces, shadow_errors
 from torchrender.report.shadow_maps.terrain import terrain
 from torchrender.scene.light import DirectionalLight, Light, RectLight
 from torchrender.scene.model import Scene
@@ -58,28 +63,38 @@ SETTINGS = {
     },
     "baseline: averaged depth": replace(_WHOLE, filter="average_depth"),
 }
-SHOWN = ("bilinear", "pcf 5 x 5", "pcss", "edges by the map, whole scene: bilinear")
+SHOWN = ("none", "bilinear", "pcf 5 x 5", "poisson", "pcss", "edges by the map, whole scene: bilinear")
 
 
 def main() -> None:
     """Run every case and write the page."""
     arguments = study_parser(__doc__, quick="small images and few runs, to check that it works").parse_args()
-    width, height, runs = (96, 72, 1) if arguments.quick else (480, 360, 5)
-    record: dict[str, Any] = {"machine": machine_record(), "size": [width, height], "cases": {}}
+    run(arguments.output, arguments.quick)
+    sys.stderr.write(f"wrote {arguments.output / 'shadow-maps.md'}\n")
+
+
+def run(folder: Path, quick: bool = False, cases: Sequence[tuple[str, int]] = CASES) -> dict[str, Any]:
+    """Measure, and write page, record and picture into ``folder``."""
+    width, height, runs = (96, 72, 1) if quick else (480, 360, 3)
+    record: dict[str, Any] = {"machine": machine_record(), "size": [width, height], "runs": runs, "cases": {}}
     rows = []
-    for name, index in CASES:
-        scene = terrain(64 if arguments.quick else 256) if name == "terrain" else build(name)
+    for name, index in cases:
+        scene = terrain(64 if quick else 256) if name == "terrain" else build(name)
         light = scene.lights[index]
-        sys.stderr.write(f"{name}: {light.name}\n")
-        measured, pictures = measure(scene, light, (width, height), runs)
+        with part(f"{name}, {light.name}"):
+            measured, pictures = measure(scene, light, (width, height), runs)
         record["cases"][f"{name}, {light.name}"] = measured
         rows.append(torch.cat(pictures, dim=1))
-    arguments.output.mkdir(parents=True, exist_ok=True)
-    write_record(arguments.output / "shadow-maps.json", record)
-    write_text(arguments.output / "shadow-maps.md", page(record))
+    with part("grounds"):
+        record["grounds"] = [box_on_ground(*ground, pixels=width) for ground in GROUNDS]
+    with part("built-in scenes"):
+        record["everywhere"] = wrong_everywhere(width // 2, height // 2)
+    folder.mkdir(parents=True, exist_ok=True)
+    write_record(folder / "shadow-maps.json", record)
+    write_text(folder / "shadow-maps.md", page(record))
     picture = Picture.fromarray((torch.cat(rows) * 255).to(torch.uint8).numpy())
-    write_atomically(arguments.output / "shadow-maps.jpg", lambda p: picture.save(p, format="JPEG", quality=88))
-    sys.stderr.write(f"wrote {arguments.output / 'shadow-maps.md'}\n")
+    write_atomically(folder / "shadow-maps.jpg", lambda p: picture.save(p, format="JPEG", quality=80))
+    return record
 
 
 def measure(scene: Scene, light: Light, size: tuple[int, int], runs: int) -> tuple[dict[str, Any], list[Tensor]]:
@@ -87,41 +102,33 @@ def measure(scene: Scene, light: Light, size: tuple[int, int], runs: int) -> tup
     gbuffer = rasterize(scene, scene.camera(width=size[0], height=size[1]))
     caster = RayCaster(scene.geometry)
     hard, soft = traced_visibility(caster, light, gbuffer), _soft(scene, caster, light, gbuffer)
-    facing = gbuffer.covered & _faces(light, gbuffer)
-    found, pictures = {}, [soft[0]]
+    facing = gbuffer.covered & faces(light, gbuffer)
+    found, pictures = {}, {"rays": soft[0]}
     for name, options in SETTINGS.items():
-        reference = soft if options.filter == "pcss" else hard
         follows = gbuffer if options.coverage == "view" else None
         shadow_map = render_shadow_map(scene, light, options, gbuffer=follows)
+        seen = light_visibility(scene, light, gbuffer, options, shadow_map)
         timings = take_turns(
             {
                 "map": partial(render_shadow_map, scene, light, options, gbuffer=follows),
                 "lookup": partial(light_visibility, scene, light, gbuffer, options, shadow_map),
             },
             runs=runs,
+            warm_up=0,  # both have just run
         )
-        seen = light_visibility(scene, light, gbuffer, options, shadow_map)
-        errors = shadow_errors(seen, reference, facing)
+        errors = shadow_errors(seen, soft if options.filter == "pcss" else hard, facing)
         moved = contact_displacement(gbuffer, light, shadow_map, options)
-        found[name] = {
+        found[name] = asdict(errors) | {
             "map_ms": timings["map"].record(),
             "lookup_ms": timings["lookup"].record(),
-            "false_shadow": errors.false_shadow,
-            "false_light": errors.false_light,
-            "mean_error": errors.mean_error,
-            "acne": errors.acne,
-            "kept": errors.kept,
-            "penumbra": errors.penumbra,
             "views": len(shadow_map.cameras),
             "contact_displacement_p95": float(moved[facing].quantile(0.95)) if bool(facing.any()) else 0.0,
             "map_mib": shadow_map.depth.numel() * 4 / 2**20,
         }
         if name in SHOWN:
-            pictures.append(seen[0])
-    return {
-        "settings": found,
-        "diagonal": scene.diagonal,
-    }, pictures
+            pictures[name] = seen[0]
+    shown = [picture[::2, ::2] for picture in (pictures["rays"], *(pictures[name] for name in SHOWN))]
+    return {"settings": found, "diagonal": scene.diagonal}, shown
 
 
 def _soft(scene: Scene, caster: RayCaster, light: Light, gbuffer: GBuffer) -> Tensor:
@@ -134,54 +141,3 @@ def _soft(scene: Scene, caster: RayCaster, light: Light, gbuffer: GBuffer) -> Te
     if isinstance(light, DirectionalLight):
         width = 2.0 * math.tan(math.radians(options.light_angle_deg) / 2)
     return disc_visibility(caster, light, gbuffer, width, disc_points(64))
-
-
-def _faces(light: Light, gbuffer: GBuffer) -> Tensor:
-    """Pixels whose surface is not turned away from the light's centre, on the side to which a rectangle sends."""
-    place = light.centre if isinstance(light, RectLight) else getattr(light, "position", None)
-    if place is None:
-        return (gbuffer.geometric_normal @ -light.direction) > 0  # type: ignore[union-attr]
-    toward = place.double() - gbuffer.position
-    facing = (toward * gbuffer.geometric_normal.double()).sum(-1) > 0
-    return facing & ((toward @ -light.normal.double()) > 0) if isinstance(light, RectLight) else facing
-
-
-def page(record: dict[str, Any]) -> str:
-    """The page in Markdown."""
-    width, height = record["size"]
-    lines = [
-        "# Shadow maps, measured",
-        "",
-        f"`python -m torchrender.report.shadow_maps` on {machine_line(record['machine'])}",
-        f"Image {width} × {height}; maps 1024² where nothing else is said. Wrong pixels: shares of the pixels",
-        "that face the light, dark or lit by over a half against one shadow ray each; of pcss against 64 rays to the",
-        "light's area, or to the disc that pcss takes a light without area for: the sun's 0.53°, lamps a twentieth of",
-        "the scene's diagonal.",
-        "Acne: false shadow farther than two pixels from any true edge. Kept: share of the true shadow that is dark.",
-        "Penumbra: mean error where the reference is neither lit nor dark, which one ray never is.",
-        "Contact displacement: how far the bias of the map alone may move a contact, 95th percentile, share of the",
-        "diagonal. Maps follow the view, and triangles settle their edges, unless a row says otherwise; constant",
-        "biases are those that a user would tune.",
-        "",
-        "![per row: rays, bilinear, pcf, pcss, bilinear of the whole scene with edges by the map](shadow-maps.jpg)",
-        "",
-    ]
-    for case, row in record["cases"].items():
-        lines += [
-            f"## {case}",
-            "",
-            "| setting | map ms | lookup ms | false shadow | false light | acne | kept | mean error ",
-        ]
-        lines[-1] += "| penumbra | contact displacement | views | map MiB |"
-        lines.append("|---|---|---|---|---|---|---|---|---|---|---|---|")
-        for name, s in row["settings"].items():
-            lines.append(
-                f"| {name} | {s['map_ms']['median']:.1f} | {s['lookup_ms']['median']:.1f} "
-                f"| {100 * s['false_shadow']:.3f} % | {100 * s['false_light']:.3f} % | {100 * s['acne']:.3f} % "
-                f"| {100 * s['kept']:.2f} % | {s['mean_error']:.4f} | {s['penumbra']:.4f} "
-                f"| {100 * s['contact_displacement_p95'] / row['diagonal']:.3f} % | {s['views']} | {s['map_mib']:.0f} |"
-            )
-        pair = ("edges by the map: none", "edges by the map: bilinear")
-        none, bilinear = (row["settings"][n]["lookup_ms"]["median"] for n in pair)
-        lines += ["", f"Lookup cost bilinear / none: {bilinear / none:.2f} (published, shader path: 1.45–1.47).", ""]
-    return "\n".join(lines)

@@ -7,7 +7,6 @@ pictures. Errors are taken on an evenly thinned picture, which changes means by 
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -19,8 +18,10 @@ from torchrender.images.files import write_image
 from torchrender.quality.machine import machine_record
 from torchrender.quality.pages import write_record
 from torchrender.report.common.command import study_parser
+from torchrender.report.common.progress import part
 from torchrender.report.soft_shadows.errors import mean_errors, signed_picture
 from torchrender.report.soft_shadows.page import write_page
+from torchrender.report.soft_shadows.penumbra import penumbra_errors
 from torchrender.report.soft_shadows.subject import QUICK, StudyOptions, Subject, study_light
 from torchrender.report.soft_shadows.times import penumbra_cost, times
 from torchrender.scene.procedural import build
@@ -32,6 +33,14 @@ LITERAL: dict[str, Any] = {
     "pixel_test": "identity", "guess_ratio": 1.1, "merge_guesses": False, "adaptive_split": False
 }  # fmt: skip
 """Algorithms 3 and 4 to the letter."""
+_LETTERS: dict[str, dict[str, Any]] = {
+    "as published": LITERAL,
+    **{f"published, but {k}": LITERAL | {k: getattr(OccluderOptions(), k)} for k in LITERAL},
+    "ours": {},
+}
+"""To the letter, then with each of our changes alone, and with all of them."""
+WHOLE = ("as published", "ours")
+"""Rows of all methods: the others are of non-redundant images."""
 
 
 class _Errors:
@@ -41,34 +50,35 @@ class _Errors:
         self.subject, self.study = subject, study
         self._references: dict[tuple[float, int], dict[str, LightVisibility]] = {}
         self._cells: dict[tuple[OccluderOptions, float], dict[str, Any]] = {}
+        self._maps: dict[tuple[OccluderOptions, float], LightVisibility] = {}  # by shadow maps
 
     def tables(self, folder: Path, name: str) -> dict[str, Any]:
         """Resolution, light and mesh tables; writes the scene's picture."""
         study = self.study
         methods = {m: OccluderOptions(method=m, mesh="hybrid", size=study.size) for m in METHODS}
         first = methods[METHODS[0]]
-        found = self.subject.lit(self.casters(first, 1.0), 1.0, self.options("shadow_map", study.size))
-        picture = signed_picture(found, self.reference(1.0, study.size)["shadow_map"], self.subject.view.covered)
+        self.cell(first, 1.0)
+        reference = self.reference(1.0, study.size)["shadow_map"]
+        picture = signed_picture(self._maps[first, 1.0], reference, self.subject.view.covered)
         write_image(folder / f"soft-shadows-{name}.png", picture)
 
-        def row(ratio: float, **change: Any) -> dict[str, Any]:
-            return {m: self.cell(replace(o, **change), ratio) for m, o in methods.items()}
+        def row(ratio: float, chosen: Sequence[str] = METHODS, **change: Any) -> dict[str, Any]:
+            return {m: self.cell(replace(methods[m], **change), ratio) for m in chosen}
 
+        sizes = (study.size, *(size for scene, size in study.larger if scene == name))
+        swept = name in study.swept
+        letters = _LETTERS if swept else {label: _LETTERS[label] for label in WHOLE if name in study.literal}
         return {
-            "resolution": {str(size): row(1.0, size=size) for size in study.sizes},
-            "light": {str(ratio): row(ratio) for ratio in study.ratios},
+            "resolution": {str(size): row(1.0, size=size) for size in sizes},
+            "light": {str(ratio): row(ratio) for ratio in study.ratios} if swept else {},
             "literal": {
-                label: row(1.0, **changes)
-                for label, changes in (
-                    ("as published", LITERAL),
-                    *((f"published, but {k}", LITERAL | {k: getattr(first, k)}) for k in LITERAL if k != "pixel_test"),
-                    ("published, but pixel_test", LITERAL | {"pixel_test": None}),
-                    ("ours", {}),
-                )
+                label: row(1.0, METHODS if label in WHOLE else METHODS[:1], **changes)
+                for label, changes in letters.items()
             },
             "mesh": {
-                mesh: {m: self.cell(replace(methods[m], mesh=mesh), 1.0) for m in MESH_METHODS.get(mesh, METHODS)}
+                mesh: row(1.0, MESH_METHODS.get(mesh, METHODS), mesh=mesh)
                 for mesh in study.meshes
+                if swept or mesh not in MESH_METHODS
             },
         }
 
@@ -100,9 +110,10 @@ class _Errors:
             cell: dict[str, Any] = {"triangles": ready.geometry.triangle_count}
             for label, visibility in (("A", "shadow_map"), ("B", "ray")):
                 lit = self.subject.lit(ready, ratio, self.options(visibility, options.size))
-                cell[label] = mean_errors(
-                    lit, self.reference(ratio, options.size)[visibility], self.subject.view.covered
-                )
+                if visibility == "shadow_map":
+                    self._maps[options, ratio] = lit
+                truth = self.reference(ratio, options.size)[visibility]
+                cell[label] = mean_errors(lit, truth, self.subject.view.covered)
             self._cells[options, ratio] = cell
         return self._cells[options, ratio]
 
@@ -111,10 +122,10 @@ def error_tables(study: StudyOptions, folder: Path) -> dict[str, Any]:
     """Tables 8 to 10 and the ablation of meshes: errors by scene, resolution, light size and method."""
     found = {}
     for name in study.scenes:
-        found[name] = _Errors(Subject.of(build(name), study.picture), study).tables(folder, name)
-        sys.stderr.write(f"{name}: errors measured\n")
+        with part(f"errors, {name}"):
+            found[name] = _Errors(Subject.of(build(name), study.picture), study).tables(folder, name)
     return {
-        table: {name: found[name][table] for name in study.scenes}
+        table: {name: found[name][table] for name in study.scenes if found[name][table]}
         for table in ("resolution", "light", "literal", "mesh")
     }
 
@@ -139,8 +150,11 @@ def run(study: StudyOptions, folder: Path, parts: Sequence[str] = PARTS) -> dict
     record |= {"machine": machine_record(), "study": asdict(study)}
     if "errors" in parts:
         record |= {"errors": error_tables(study, folder), "skipping": skipping_error(study)}
+        record["penumbrae"] = penumbra_errors(study)
     if "times" in parts:
-        record |= {"times": times(study), "penumbra": penumbra_cost(study)}
+        record["times"] = times(study)
+        with part("cost of penumbrae"):
+            record["penumbra"] = penumbra_cost(study)
     write_record(path, record)
     if {"errors", "times"} <= set(record):
         write_page(record, folder)

@@ -24,22 +24,30 @@ class StudyOptions:
     """How much is measured."""
 
     scenes: tuple[str, ...] = SCENES
-    picture: int = 128  # pixels of the output's side where errors are taken
+    picture: int = 64  # pixels of the output's side where errors are taken
     timed_picture: int = 512  # and where times are
-    size: int = 1024  # pixels of a reference image
-    sizes: tuple[int, ...] = (512, 1024, 1536)
+    size: int = 512  # pixels of a reference image
+    timed_size: int = 1024  # and where times are taken
+    larger: tuple[tuple[str, int], ...] = (("city", 1024),)  # scenes that are also seen by such reference images
     meshes: tuple[str, ...] = MESHES
-    ratios: tuple[float, ...] = (0.25, 0.5, 1.0, 2.0, 4.0)  # light diagonal over scene diagonal
+    swept: tuple[str, ...] = ("city",)  # scenes of the sweeps over lights, meshes, and each of our changes
+    literal: tuple[str, ...] = ("nest", "city")  # scenes where the source is taken to the letter
+    ratios: tuple[float, ...] = (0.25, 1.0, 4.0)  # light diagonal over scene diagonal
     timed: tuple[tuple[str, int], ...] = (  # scenes and triangle counts
-        ("city", 63_000), ("city", 250_000), ("city", 1_000_000), ("city", 3_000_000), ("nest", 1_000_000)
+        ("city", 1_000_000), ("city", 3_000_000), ("nest", 1_000_000)
     )  # fmt: skip
     light_samples: int = 16
-    ray_pixels: int = 400  # pixels whose rays the ray caster traces one by one
+    ray_pixels: int = 2000  # pixels whose rays are traced one by one
+    penumbra_scenes: tuple[str, ...] = ("cornell_box", "living_room", "washroom")
+    penumbra_picture: int = 256
+    penumbra_pixels: int = 500  # of which 4,096 rays each are traced
+    sample_counts: tuple[int, ...] = (8, 16, 24)
 
 
 QUICK = StudyOptions(
-    scenes=("city",), picture=48, timed_picture=64, size=96, sizes=(64, 96), ratios=(0.5, 1.0),
-    timed=(("city", 5_000),), light_samples=4, ray_pixels=20,
+    scenes=("city",), picture=48, timed_picture=64, size=64, timed_size=96, larger=(("city", 96),), ratios=(0.5, 1.0),
+    swept=("city",), literal=("city",), timed=(("city", 5_000),), light_samples=4, ray_pixels=20,
+    penumbra_scenes=("cornell_box",), penumbra_picture=48, penumbra_pixels=50, sample_counts=(8, 16),
 )  # fmt: skip
 
 
