@@ -41,7 +41,7 @@ from torchrender.kernels.raster.records import (
 from torchrender.scene.camera import Cameras
 from torchrender.scene.mesh import Geometry
 from torchrender.scene.model import Scene
-from torchrender.scene.triangles import Shape, check_fixed, geometry_of
+from torchrender.scene.triangles import Shape, check_fixed, check_scene, geometry_of
 from torchrender.shading.attributes import DIRECT, SHAPES, SeenSurface, write_attributes
 
 Array = np.ndarray[Any, Any]
@@ -94,7 +94,7 @@ def rasterize(
         OptionError: unknown ``cull`` or output. InputError: ``tests`` that do not fit the cameras.
         GradientError: meshes that ask for gradients, which there are none of.
     """
-    check_fixed("rasterize", scene)
+    check_fixed("rasterize", check_scene("scene", scene))
     if outputs is None:
         return surface_attributes(scene, rasterize_visibility(scene.geometry, cameras, cull=cull, tests=tests))
     if isinstance(outputs, str):

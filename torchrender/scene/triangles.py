@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from torchrender.checks import check_no_gradient
 from torchrender.errors import InputError
 from torchrender.scene.mesh import Geometry, Mesh, concatenate
@@ -17,6 +19,8 @@ def check_fixed(function: str, shape: object) -> None:
     Raises:
         GradientError: names the function, the mesh and its field.
     """
+    if isinstance(shape, Scene):
+        shape.check_unchanged()
     for mesh in shape.meshes if isinstance(shape, Scene) else (shape,) if isinstance(shape, Mesh) else ():
         for field in ("vertices", "normals", "uv", "uv1", "tangents", "colors", "alpha"):
             check_no_gradient(function, **{f"{field} of mesh {mesh.name!r}": getattr(mesh, field)})
@@ -35,4 +39,22 @@ def geometry_of(name: str, shape: object) -> Geometry:
         return shape.geometry
     if isinstance(shape, Mesh):
         return concatenate([shape])
-    raise InputError(f"{name} must be a Scene, a Mesh or a Geometry, got {type(shape).__name__}")
+    raise InputError(f"{name} must be a Scene, a Mesh or a Geometry, got {_told(shape)}")
+
+
+def check_scene(name: str, scene: object) -> Scene:
+    """The scene itself.
+
+    Raises:
+        InputError: something else; names the argument, and says how a scene is made of it.
+    """
+    if isinstance(scene, Scene):
+        return scene
+    raise InputError(f"{name} must be a Scene, got {_told(scene)}")
+
+
+def _told(shape: object) -> str:
+    if isinstance(shape, str | Path):
+        return f"the text {str(shape)!r}: load it first, torchrender.load({str(shape)!r})"
+    hint = ": put it into one, Scene(meshes=[mesh])" if isinstance(shape, Mesh) else ""
+    return f"{type(shape).__name__}{hint}"
