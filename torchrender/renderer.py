@@ -127,9 +127,8 @@ def render(
 def _check_kinds(options: object, history: object) -> None:
     if not isinstance(options, RenderOptions):
         raise InputError(f"options must be RenderOptions, got {type(options).__name__}")
-    if history is not None and not isinstance(history, RenderHistory):
-        hint = ": give its .history" if isinstance(history, Image) else ""
-        raise InputError(f"history must be a RenderHistory, got {type(history).__name__}{hint}")
+    if not isinstance(history, RenderHistory | None):
+        raise InputError(f"history must be a RenderHistory, such as image.history, got {type(history).__name__}")
 
 
 def shade_samples(
