@@ -262,6 +262,7 @@ def test_a_plan_speaks_with_one_voice(washroom: Scene) -> None:
         plan.following_ms < plan.predicted_ms
         and f"follows in a sequence about {plan.following_ms:.0f} ms" in plan.statement
     )
+    assert "the cheapest settings are taken (gbuffer 0.25, " in plan.statement  # by name
     lines = [line for line in str(plan).splitlines() if "in all" in line]
     assert all(f"{ms:.1f} ms" in line for ms, line in zip((plan.predicted_ms, plan.following_ms), lines, strict=True))
     assert "first picture" in lines[0] and "each that follows" in lines[1]

@@ -61,6 +61,8 @@ def view_doubts(scene: Scene, seen: VisibilityBuffer) -> list[Doubt]:
 
 def picture_doubts(scene: Scene, seen: VisibilityBuffer, radiance: Tensor) -> list[Doubt]:
     """About B pictures (B,H,W,3) of a scene in which something is seen, and nothing of it lit."""
+    if any(kind is LightWarning for kind, _ in scene_doubts(scene)):  # that is why
+        return []
     height, width = seen.triangle.shape[1:]
     rows, columns = (torch.arange(min(n, LOOKS)) * n // min(n, LOOKS) for n in (height, width))
     found: list[Doubt] = []
