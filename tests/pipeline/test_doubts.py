@@ -138,9 +138,7 @@ def test_files_of_others_are_as_they_should_be(data_dir: Path) -> None:
 
 def test_a_light_whose_edges_are_parallel_lights_nothing() -> None:
     flat = tr.RectLight(corner=[0, 2, 0], edge_u=[1, 0, 0], edge_v=[2, 0, 0], name="panel")
-    with pytest.warns(
-        LightWarning, match="light 'panel' has no area and lights nothing: edge_u and edge_v are parallel"
-    ):
+    with pytest.warns(LightWarning, match="'panel' has no area and lights nothing: edge_u and edge_v are parallel"):
         tr.render(scene(lights=[flat]), CAMERA)
 
 

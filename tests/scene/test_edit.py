@@ -119,7 +119,7 @@ def test_parts_may_be_given_alone_and_others_are_refused_by_name(scene) -> None:
     light = PointLight(position=[0, 1, 0])
     alone = Scene(meshes=scene.mesh("ball"), lights=light, materials=scene.materials[0])
     assert alone.lights == (light,) and len(alone.meshes) == len(alone.materials) == 1
-    with pytest.raises(InputError, match="lights must be PointLight or .*, one or several, got Mesh"):
+    with pytest.raises(InputError, match=r"lights must be PointLight or .*, one or several, got Mesh"):
         Scene(lights=[scene.mesh("ball")])
     with pytest.raises(InputError, match="meshes must be Mesh, one or several, got int"):
         Scene(meshes=3)
@@ -139,8 +139,6 @@ def test_arrays_that_are_written_to_after_the_first_picture_are_refused(scene) -
     mesh.vertices[:, 0] += 0.1  # nothing has been drawn yet: the scene shows it
     first = rasterize(scene, view)
     mesh.vertices[:, 0] += 0.1
-    with pytest.raises(
-        InputError, match="vertices of mesh 'ball' were changed in place after scene 'set' had been drawn"
-    ):
+    with pytest.raises(InputError, match="vertices of mesh 'ball' were changed in place after scene 'set' had"):
         rasterize(scene, view)
     assert not torch.equal(rasterize(scene.replace(name="new"), view).depth, first.depth)
