@@ -64,7 +64,7 @@ def is_still(scene: Scene, triangles: Tensor, moved: frozenset[int]) -> Tensor:
 
 
 def _sources(lights: Sequence[Light]) -> Sources:
-    places, radii = torch.zeros(len(lights), 4, dtype=torch.float64), np.zeros(len(lights))
+    places, extents = (torch.zeros(len(lights), n, dtype=torch.float64) for n in (4, 3))
     for number, light in enumerate(lights):
         if isinstance(light, DirectionalLight):
             places[number, :3] = -light.direction
@@ -72,5 +72,5 @@ def _sources(lights: Sequence[Light]) -> Sources:
             places[number, :3] = light.centre if isinstance(light, RectLight) else light.position
             places[number, 3] = 1.0
         if isinstance(light, RectLight):
-            radii[number] = float((light.edge_u.abs() + light.edge_v.abs()).norm())
-    return Sources(places.numpy(), radii)
+            extents[number] = (light.edge_u.abs() + light.edge_v.abs()).double() / 2
+    return Sources(places.numpy(), extents.numpy())

@@ -14,21 +14,29 @@ class Sources(NamedTuple):
     """L lights as far as their place goes."""
 
     places: np.ndarray  # (L,4) float64 position and 1, or the direction towards parallel light and 0
-    radii: np.ndarray  # (L,) half the extent
+    extents: np.ndarray  # (L,3) half of what they take along each axis
 
 
 @kernel()
-def meets(start, step, low, high, margin):
-    """The segment from ``start`` over ``step`` meets a box that is larger by ``margin`` on each side."""
+def meets(start, step, low, high, margins):
+    """The way from ``start`` over ``step``, to what has an extent there, meets a box.
+
+    ``margins``: by which the box is larger, and half the extent along each axis: the box grows by so much on the way.
+    """
+    margin, extent = margins
     enter, leave = 0.0, 1.0
     for k in range(3):
-        below, above = low[k] - margin - start[k], high[k] + margin - start[k]
-        if step[k] == 0.0:
-            if below > 0.0 or above < 0.0:
+        # low - margin - extent t <= start + step t <= high + margin + extent t
+        for slope, bound in (
+            (step[k] + extent[k], low[k] - margin - start[k]),
+            (extent[k] - step[k], start[k] - high[k] - margin),
+        ):
+            if slope > 0.0:
+                enter = max(enter, bound / slope)
+            elif slope < 0.0:
+                leave = min(leave, bound / slope)
+            elif bound > 0.0:
                 return False
-            continue
-        a, b = below / step[k], above / step[k]
-        enter, leave = max(enter, min(a, b)), min(leave, max(a, b))
     return enter <= leave
 
 
@@ -38,7 +46,7 @@ def untouched(points, sources, box, margins, out):
 
     ``margins``: by which boxes are larger, and length of ways to parallel light.
     """
-    places, radii = sources
+    places, extents = sources
     margin, far = margins
     for n in prange(points.shape[0]):
         start = (points[n, 0], points[n, 1], points[n, 2])
@@ -47,4 +55,6 @@ def untouched(points, sources, box, margins, out):
             step = (x - start[0], y - start[1], z - start[2])
             if w == 0.0:
                 step = (x * far, y * far, z * far)
-            out[n, number] = not meets(start, step, box[0], box[1], margin + radii[number])
+            out[n, number] = not meets(
+                start, step, box[0], box[1], (margin, (extents[number, 0], extents[number, 1], extents[number, 2]))
+            )
