@@ -26,7 +26,7 @@ SUN = tr.DirectionalLight(direction=[0.4, -1.0, -0.3], irradiance=1.0)
 
 def room(*lights: Light) -> Scene:
     """A box with a mirror for a wall, something that stands and something that will move."""
-    mirror = tr.Material(name="mirror", diffuse=[0.02, 0.02, 0.02], specular=[0.9, 0.9, 0.9], specular_degree=1.0)
+    mirror = tr.Material(name="mirror", diffuse=[0.1, 0.1, 0.1], specular=0.9)
     return Scene(
         meshes=[
             tr.Mesh.plane(6.0, name="floor"),

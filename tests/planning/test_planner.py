@@ -182,7 +182,7 @@ def test_buffers_are_released_after_their_last_reader(washroom: Scene) -> None:
 
     def watched(frame: object) -> object:
         made = find_pass("point_shadow").run(frame)  # type: ignore[arg-type]
-        kept.extend(weakref.ref(image) for image in made.values())
+        kept.extend(weakref.ref(image) for image in made[0].values())
         return made
 
     def at_the_end(frame: object) -> object:

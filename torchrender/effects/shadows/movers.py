@@ -28,7 +28,7 @@ def with_movers(still: ShadowMap, movers: Geometry, cull: str = "none") -> Shado
         return still
     depth = torch.from_numpy(np.empty(tuple(still.depth.shape), np.float32)).copy_(still.depth)
     for number, (left, top, right, bottom) in windows.items():
-        camera = still.cameras[number].sub_camera(left, top, right - left, bottom - top)
+        camera = _part(still.cameras, number, (left, top, right, bottom))
         part = depth[number, top:bottom, left:right]
         torch.minimum(part, rasterize_depth(movers, camera, cull=cull)[0], out=part)
     return replace(still, depth=depth)
@@ -40,7 +40,7 @@ def windows_of(cameras: Cameras, movers: Geometry) -> dict[int, Window]:
         return {}
     corners = torch.stack([movers.bounds[list(which), range(3)] for which in itertools.product((0, 1), repeat=3)])
     uv, depth = cameras.project(corners)
-    found = {number: _window(uv[number], depth[number], cameras[number]) for number in range(len(cameras))}
+    found = {number: _window(uv[number], depth[number], cameras, number) for number in range(len(cameras))}
     return {number: window for number, window in found.items() if window is not None}
 
 
@@ -61,11 +61,22 @@ def deeper(cameras: Cameras) -> Cameras:
     return replace(cameras, near=cameras.near / 8, far=cameras.far * 2)
 
 
-def _window(uv: Tensor, depth: Tensor, camera: Cameras) -> Window | None:
-    width, height = camera.width, camera.height
-    if float(depth.max()) < float(camera.near[0]) or float(depth.min()) > float(camera.far[0]):
+def _part(cameras: Cameras, number: int, window: Window) -> Cameras:
+    """What a camera sees in a window, as :meth:`Cameras.sub_camera` makes it."""
+    left, top, right, bottom = window
+    k = cameras.intrinsics[number : number + 1].clone()
+    k[:, 0, 2] -= left
+    k[:, 1, 2] -= top
+    own = slice(number, number + 1)
+    pose, near, far = cameras.camera_from_world[own], cameras.near[own], cameras.far[own]
+    return Cameras(pose, k, right - left, bottom - top, near, far, cameras.orthographic)
+
+
+def _window(uv: Tensor, depth: Tensor, cameras: Cameras, number: int) -> Window | None:
+    width, height = cameras.width, cameras.height
+    if float(depth.max()) < float(cameras.near[number]) or float(depth.min()) > float(cameras.far[number]):
         return None
-    if not camera.orthographic and float(depth.min()) <= 1e-6 * float(depth.max()):
+    if not cameras.orthographic and float(depth.min()) <= 1e-6 * float(depth.max()):
         return 0, 0, width, height  # a corner beside or behind the light has no image
     low, high = uv.amin(0).tolist(), uv.amax(0).tolist()
     left, top = (max(0, math.floor(min(max(v, 0.0), size)) - 1) for v, size in zip(low, (width, height), strict=True))

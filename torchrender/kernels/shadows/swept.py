@@ -48,6 +48,7 @@ def untouched(points, sources, box, margins, out):
     """
     places, extents = sources
     margin, far = margins
+    low, high = box[0], box[1]
     for n in prange(points.shape[0]):
         start = (points[n, 0], points[n, 1], points[n, 2])
         for number in range(places.shape[0]):
@@ -55,6 +56,5 @@ def untouched(points, sources, box, margins, out):
             step = (x - start[0], y - start[1], z - start[2])
             if w == 0.0:
                 step = (x * far, y * far, z * far)
-            out[n, number] = not meets(
-                start, step, box[0], box[1], (margin, (extents[number, 0], extents[number, 1], extents[number, 2]))
-            )
+            extent = (extents[number, 0], extents[number, 1], extents[number, 2])
+            out[n, number] = not meets(start, step, low, high, (margin, extent))
