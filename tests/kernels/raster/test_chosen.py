@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 
+from torchrender.kernels.raster.chosen import interpolate_views
 from torchrender.raster import rasterize, rasterize_visibility
 from torchrender.scene.camera import Cameras
 from torchrender.scene.load import load
@@ -44,6 +45,7 @@ def test_each_is_that_of_the_image_alone(scene: Scene, views: Cameras, names: tu
         tail, kind = SHAPES[name]
         room[name] = np.full((*seen.depth.shape, *tail), 7, kind)  # every pixel must be written
     write_attributes(scene.geometry, seen, room)
+    assert len(interpolate_views.signatures) == 1  # whatever is asked for, nothing is compiled anew
     for k in range(len(views)):
         alone = rasterize(scene, views[k])
         for name in names:
