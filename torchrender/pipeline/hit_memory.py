@@ -47,11 +47,11 @@ class HitMemory:
         Args:
             reach: scene units within which what moved may hide light from everywhere; negative: there is none.
         """
-        parts = [one for one in (*self.added, self.known) if one is not None]
+        parts = list(self.added)
         if not parts:
             return HitMemory()
         key, position, radiance = (torch.cat([getattr(p, n) for p in parts]) for n in ("key", "position", "radiance"))
-        holds = moved.misses(position, scene.lights, scene.diagonal).all(1)
+        holds = moved.misses(position, scene.lights, scene.diagonal, hard=True).all(1)
         if reach >= 0 and before.diagonal == scene.diagonal:
             holds &= moved.beyond(position, reach)
         elif reach >= 0:

@@ -26,12 +26,15 @@ class Swept:
     meshes: frozenset[int]  # numbers of those that moved
     box: Tensor  # (2,3) float64
 
-    def misses(self, points: Tensor, lights: Sequence[Light], diagonal: float) -> Tensor:
-        """(N,L) bool: nothing that moved is on the way from points (N,3) to each light."""
+    def misses(self, points: Tensor, lights: Sequence[Light], diagonal: float, *, hard: bool = False) -> Tensor:
+        """(N,L) bool: nothing that moved is on the way from points (N,3) to each light.
+
+        ``hard``: to the middle of those with an area, where shadows are looked up as if they had none.
+        """
         out = np.ones((len(points), len(lights)), np.bool_)
         if self.meshes and len(lights):
             margins = (MARGIN * diagonal, 4.0 * diagonal)
-            untouched(view(points, np.float64), _sources(lights), view(self.box, np.float64), margins, out)
+            untouched(view(points, np.float64), _sources(lights, hard), view(self.box, np.float64), margins, out)
         return torch.from_numpy(out)
 
     def beyond(self, points: Tensor, reach: float) -> Tensor:
@@ -63,7 +66,7 @@ def is_still(scene: Scene, triangles: Tensor, moved: frozenset[int]) -> Tensor:
     return still[triangles]
 
 
-def _sources(lights: Sequence[Light]) -> Sources:
+def _sources(lights: Sequence[Light], hard: bool) -> Sources:
     places, extents = (torch.zeros(len(lights), n, dtype=torch.float64) for n in (4, 3))
     for number, light in enumerate(lights):
         if isinstance(light, DirectionalLight):
@@ -71,6 +74,6 @@ def _sources(lights: Sequence[Light]) -> Sources:
         else:
             places[number, :3] = light.centre if isinstance(light, RectLight) else light.position
             places[number, 3] = 1.0
-        if isinstance(light, RectLight):
+        if isinstance(light, RectLight) and not hard:
             extents[number] = (light.edge_u.abs() + light.edge_v.abs()).double() / 2
     return Sources(places.numpy(), extents.numpy())

@@ -13,8 +13,8 @@ from torchrender.kernels.raster.attributes import (
     blend,
     face_of,
     ray_of,
-    shading_normal,
     texture_footprint,
+    unit,
 )
 
 
@@ -44,10 +44,36 @@ def clear_row(row, outputs):
 
 
 @kernel(inline=True)
+def corner_normals(normals, faces, t):
+    """Nine numbers: those of its corners, one after the other."""
+    a, b, c = faces[t, 0], faces[t, 1], faces[t, 2]
+    return (
+        np.float64(normals[a, 0]), np.float64(normals[a, 1]), np.float64(normals[a, 2]),
+        np.float64(normals[b, 0]), np.float64(normals[b, 1]), np.float64(normals[b, 2]),
+        np.float64(normals[c, 0]), np.float64(normals[c, 1]), np.float64(normals[c, 2]),
+    )  # fmt: skip
+
+
+@kernel(inline=True)
+def blended_normal(corners, u, v, face):
+    """As :func:`shading_normal`, of :func:`corner_normals`."""
+    ax, ay, az, bx, by, bz, cx, cy, cz = corners
+    w = 1.0 - u - v
+    sx, sy, sz = unit(w * ax + u * bx + v * cx, w * ay + u * by + v * cy, w * az + u * bz + v * cz)
+    same_side = sx * face[0] + sy * face[1] + sz * face[2]
+    if same_side < 0.0:
+        return -sx, -sy, -sz
+    if same_side == 0.0:
+        return face
+    return sx, sy, sz
+
+
+@kernel(inline=True)
 def write_chosen(mesh, t, weights, face, ray, row, outputs):
     """What has room in ``outputs`` of one point, as :func:`write_surface` and :func:`interpolate` write it.
 
-    ``face`` = normal of the triangle and its uv density; ``ray`` = its direction, the point, width of a pixel there.
+    ``face`` = normal of the triangle, its uv density, normals of its corners; ``ray`` = its direction, the point, width
+    of a pixel there.
     """
     _, faces, material_of, normals, uvs, colors = mesh
     d, point, size = ray
@@ -62,7 +88,7 @@ def write_chosen(mesh, t, weights, face, ray, row, outputs):
         for k in range(3):
             outputs.geometric[row, k] = towards[k]
     if outputs.normal.shape[0] > 0:
-        shade = shading_normal(normals, faces, t, u, v, towards) if normals.shape[0] > 0 else towards
+        shade = blended_normal(face[4], u, v, towards) if normals.shape[0] > 0 else towards
         for k in range(3):
             outputs.normal[row, k] = shade[k]
     if outputs.color.shape[0] > 0:
@@ -90,6 +116,7 @@ def interpolate_views(mesh, eyes, visible, outputs, parts):
     position, normal, geometric, uv, footprint, color, material = outputs
     height, width = depth.shape[1], depth.shape[2]
     count = depth.shape[0] * height
+    smooth = normal.shape[0] > 0 and mesh.normals.shape[0] > 0
     for part in prange(parts):
         room = Surface(position, normal, geometric, uv, footprint, color, material)
         for line in range(np.int64(part), count, np.int64(parts)):
@@ -97,6 +124,7 @@ def interpolate_views(mesh, eyes, visible, outputs, parts):
             rays, origin, forward = all_rays[b], origins[b], forwards[b]
             last = np.int64(-1)
             gx = gy = gz = density = 0.0
+            corners = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
             for x in range(width):
                 t = triangle[b, y, x]
                 row = line * width + x
@@ -106,6 +134,8 @@ def interpolate_views(mesh, eyes, visible, outputs, parts):
                 dx, dy, dz = ray_of(rays, x, y)
                 if t != last:
                     gx, gy, gz, density = face_of(mesh, t)
+                    if smooth:
+                        corners = corner_normals(mesh.normals, mesh.faces, t)
                     last = t
                 z = np.float64(depth[b, y, x])
                 size = footprints[b] * z
@@ -119,4 +149,4 @@ def interpolate_views(mesh, eyes, visible, outputs, parts):
                     px, py, pz = origin[0] + z * dx, origin[1] + z * dy, origin[2] + z * dz
                 weights = (np.float64(barycentric[b, y, x, 0]), np.float64(barycentric[b, y, x, 1]))
                 ray = ((dx, dy, dz), (px, py, pz), size)
-                write_chosen(mesh, t, weights, (gx, gy, gz, density), ray, row, room)
+                write_chosen(mesh, t, weights, (gx, gy, gz, density, corners), ray, row, room)
