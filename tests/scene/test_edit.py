@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import pickle
 
 import pytest
 import torch
@@ -138,6 +139,8 @@ def test_arrays_that_are_written_to_after_the_first_picture_are_refused(scene) -
     mesh = scene.mesh("ball")
     mesh.vertices[:, 0] += 0.1  # nothing has been drawn yet: the scene shows it
     first = rasterize(scene, view)
+    copy = pickle.loads(pickle.dumps(scene))
+    assert torch.equal(rasterize(copy, view).depth, first.depth)
     mesh.vertices[:, 0] += 0.1
     with pytest.raises(InputError, match="vertices of mesh 'ball' were changed in place after scene 'set' had"):
         rasterize(scene, view)

@@ -68,6 +68,10 @@ class Scene:
                     f"mesh {mesh.name!r}: material must be in [0, {len(self.materials) - 1}], got {mesh.material}"
                 )
 
+    def __getstate__(self) -> dict[str, Any]:
+        # Copies count anew how often their arrays are written to.
+        return {name: value for name, value in self.__dict__.items() if name != "_versions"}
+
     @cached_property
     def geometry(self) -> Geometry:
         """All triangles in one set of arrays, built on first use: meshes must stay as they are from then on."""
