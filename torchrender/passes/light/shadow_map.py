@@ -13,10 +13,11 @@ from typing import Any
 
 from torchrender.buffers import GBuffer, ShadowMap
 from torchrender.effects.shadows.light_reach import shines
+from torchrender.effects.shadows.movers import covers
 from torchrender.effects.shadows.options import ShadowOptions
 from torchrender.effects.shadows.shadow_map import light_views, render_shadow_map
 from torchrender.effects.shadows.small_lights import lights_without_maps
-from torchrender.effects.shadows.view_cameras import same_views, view_cameras
+from torchrender.effects.shadows.view_cameras import view_cameras
 from torchrender.passes.contract import Amounts, OwnMeasure, Pass
 from torchrender.passes.hard import LIGHTS, SMALL_SHADOW, HardEffect, Law, Outputs, Subject, difference, no_lights
 from torchrender.passes.light.light_reach import LIGHT_REACH, SMALL_LIGHTS, lights_in_view
@@ -126,7 +127,7 @@ def _drawn(
             made[number] = kept or draw("everything", number, (light_views(scene.geometry, light, how), None), how)
             continue
         cameras, starts = view_cameras(scene, light, seen, how)
-        if kept is None or kept.starts != starts or not same_views(kept.cameras, cameras):
+        if kept is None or kept.starts != starts or not covers(kept.cameras, cameras):
             made[number] = draw("picture", number, (cameras, starts), how)
     changed = earlier is None or any(a is not b for a, b in zip(made, earlier, strict=True))
     return tuple(made) if earlier is None or changed else earlier
