@@ -86,6 +86,7 @@ def _mb(value: float | None) -> str:
 
 def run(folder: Path, quick: bool) -> list[Path]:
     """Measure and write."""
+    folder.mkdir(parents=True, exist_ok=True)
     record: dict[str, Any] = {"machine": machine_record(), "views": [], "moving": []}
     for name in SCENES[-1:] if quick else SCENES:
         begin = time.perf_counter()
