@@ -150,10 +150,14 @@ def default_pictures() -> None:
 
 def all_pictures() -> None:
     """Every setting of every pass, budgets, sequences, batches and other cameras."""
+    import torch
+
     from torchrender.passes.table import PASSES
     from torchrender.pipeline.history import RenderHistory
     from torchrender.pipeline.options import AREA_SHADOWS, POINT_SHADOWS, REFLECTIONS, UPSCALING, RenderOptions
+    from torchrender.raster import rasterize
     from torchrender.renderer import render
+    from torchrender.scene.camera import Cameras
 
     plain = RenderOptions()
     choices = [setting.applied(p.settings.context.applied(plain)) for p in PASSES for setting in p.settings.all]
@@ -176,6 +180,12 @@ def all_pictures() -> None:
         camera = scene.camera(width=SIDE, height=SIDE)
         for _ in range(3):
             history = render(scene, camera, history=history).history
+        shift = torch.eye(4, dtype=torch.float64)
+        shift[0, 3] = 0.01 * scene.diagonal
+        for _ in range(3):
+            scene = scene.moved(scene.meshes[-1].name, shift)
+            history = render(scene, camera, history=history).history
+        rasterize(scene, Cameras.cat([camera] * 16), outputs=("depth", "normal", "object_id"))
 
 
 def depth_images() -> None:

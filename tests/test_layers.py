@@ -38,6 +38,7 @@ ORDER = (
     "torchrender.scene",
     "torchrender.buffers",
     "torchrender.shading.attributes",
+    "torchrender.fragment_tests",
     "torchrender.raster",
     "torchrender.rays",
     "torchrender.ray_surface",

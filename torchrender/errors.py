@@ -92,11 +92,15 @@ class SceneWarning(TorchRenderWarning):
 
 
 class LightWarning(SceneWarning):
-    """A light faces away from everything there is."""
+    """A light faces away from everything there is or has no area; or no light arrives at what a camera sees."""
+
+
+class ColorWarning(SceneWarning):
+    """Colours of a mesh or a material reach values that look like those of 8 bits."""
 
 
 class ViewWarning(SceneWarning):
-    """A camera sees nothing, or stands inside a solid."""
+    """A camera sees nothing, stands inside a solid, or has an angle or a principal point that hardly was meant."""
 
 
 class NormalsWarning(SceneWarning):

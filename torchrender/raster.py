@@ -10,9 +10,8 @@ index per triangle and tile it touches; there are no fragment lists.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import fields
 from typing import Any, overload
 
 import numpy as np
@@ -20,10 +19,11 @@ import torch
 from torch import Tensor
 
 from torchrender.arrays import Recycler
-from torchrender.arrays import view as numpy_view
 from torchrender.buffers import GBuffer, VisibilityBuffer
-from torchrender.checks import check_choice, check_tensor
-from torchrender.errors import InputError, OptionError
+from torchrender.checks import check_choice
+from torchrender.errors import OptionError
+from torchrender.fragment_tests import FragmentTests as FragmentTests
+from torchrender.fragment_tests import earlier_arrays, limit_arrays
 from torchrender.kernels.raster import draw_view
 from torchrender.kernels.raster.draw_view import TriangleArrays, View
 from torchrender.kernels.raster.records import (
@@ -31,10 +31,8 @@ from torchrender.kernels.raster.records import (
     NO_HOLES,
     NO_IDS,
     NO_LIMITS,
-    Earlier,
     Frame,
     Holes,
-    Limits,
     Nearer,
     Refusals,
     Stored,
@@ -43,8 +41,8 @@ from torchrender.kernels.raster.records import (
 from torchrender.scene.camera import Cameras
 from torchrender.scene.mesh import Geometry
 from torchrender.scene.model import Scene
-from torchrender.scene.triangles import Shape, check_fixed, geometry_of
-from torchrender.shading.attributes import SeenSurface
+from torchrender.scene.triangles import Shape, check_fixed, check_scene, geometry_of
+from torchrender.shading.attributes import DIRECT, SHAPES, SeenSurface, write_attributes
 
 Array = np.ndarray[Any, Any]
 NONE = np.zeros(0, np.bool_)
@@ -52,36 +50,16 @@ CULLING = ("none", "back", "front", "sides")
 OUTPUTS = tuple(field.name for field in fields(GBuffer) if field.name != "cameras")
 CHUNK = 1 << 20
 """Pixels that are drawn at a time where only some attributes are kept."""
+SEEN = Visible._fields
+_SHAPES: Mapping[str, tuple[tuple[int, ...], type]] = {
+    "depth": ((), np.float32),
+    "triangle": ((), np.int64),
+    "object_id": ((), np.int64),
+    "barycentric": ((2,), np.float32),
+    **SHAPES,
+}
+"""Images that are written where they stay: what a pixel holds, and as what."""
 _memory = Recycler(1 << 26)
-PIXEL_TESTS = ("identity", "depth_identity", "captured")  # in the order of kernels.fragments
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class FragmentTests:
-    """Fragments that must not enter the depth buffer; both tests may be combined.
-
-    Peeling: only fragments with camera depth greater than ``beyond`` and of another triangle than ``skip`` count.
-    Redundancy: a fragment is refused if an image in ``earlier`` stores the same triangle in the pixel into which the
-    fragment projects (specification 01, section 5, algorithm 3); perspective cameras only. Beyond the thesis (section
-    13), test "depth_identity" refuses it where the depth stored there agrees within two pixel footprints, or one of the
-    nearest 2 x 2 pixels stores the triangle; test "captured" wherever the pixel stores nothing nearer, because then
-    that camera saw the fragment even if no pixel centre hit it. A copy whose footprint on the surface is more than
-    ``quality_ratio`` times larger does not count.
-    """
-
-    beyond: Tensor | None = None  # (B,H,W) float32 or float64 camera depth; +inf lets nothing through
-    skip: Tensor | None = None  # (B,H,W) int64 triangle ids, -1 for none
-    earlier: VisibilityBuffer | None = None  # J images of the same geometry
-    test: str = "identity"  # one of PIXEL_TESTS
-    quality_ratio: float = math.inf
-
-    def __post_init__(self) -> None:
-        check_choice("tests.test", self.test, PIXEL_TESTS)
-
-    def of(self, part: slice) -> FragmentTests:
-        """Those of some of the cameras."""
-        beyond, skip = (None if one is None else one[part] for one in (self.beyond, self.skip))
-        return replace(self, beyond=beyond, skip=skip)
 
 
 @overload
@@ -116,33 +94,45 @@ def rasterize(
         OptionError: unknown ``cull`` or output. InputError: ``tests`` that do not fit the cameras.
         GradientError: meshes that ask for gradients, which there are none of.
     """
-    check_fixed("rasterize", scene)
+    check_fixed("rasterize", check_scene("scene", scene))
     if outputs is None:
         return surface_attributes(scene, rasterize_visibility(scene.geometry, cameras, cull=cull, tests=tests))
     if isinstance(outputs, str):
         outputs = (outputs,)
     for name in outputs:
         check_choice("outputs", name, OUTPUTS)
+    return _chosen(scene, cameras, (cull, tests), outputs)
+
+
+def _chosen(
+    scene: Scene, cameras: Cameras, how: tuple[str, FragmentTests | None], outputs: Sequence[str]
+) -> dict[str, Tensor]:
+    """Only these outputs, written where they stay; what else drawing needs is there for a few cameras at a time."""
+    cull, tests = how
+    shape = (len(cameras), cameras.height, cameras.width)
+    kept: dict[str, Array] = {
+        name: np.empty((*shape, *tail), kind)  # every pixel is written
+        for name, (tail, kind) in _SHAPES.items()
+        if name in outputs
+    }
+    direct = {name for name in DIRECT if name in outputs}
+    further: dict[str, Tensor] = {}
     if set(outputs) == {"depth"} and tests is None:
-        return {"depth": rasterize_depth(scene.geometry, cameras, cull=cull)}
-    kept: dict[str, Tensor] = {}
+        _draw(scene.geometry, cameras, cull, None, Visible(kept["depth"], *NO_IDS))
+        return {"depth": torch.from_numpy(kept["depth"])}
     step = max(1, CHUNK // (cameras.width * cameras.height))
     for first in range(0, max(len(cameras), 1), step):
         part = slice(first, first + step)
         few = None if tests is None else tests.of(part)
-        made = surface_attributes(scene, rasterize_visibility(scene.geometry, cameras[part], cull=cull, tests=few))
-        for name in outputs:
-            values = _kept(name, getattr(made, name))
-            if name not in kept:
-                kept[name] = torch.zeros(len(cameras), *values.shape[1:], dtype=values.dtype)
-            kept[name][part] = values
-    return kept
-
-
-def _kept(name: str, values: Tensor | None) -> Tensor:
-    if values is None:
-        raise OptionError(f"outputs: no mesh of the scene has {name}")
-    return values.float() if values.is_floating_point() else values
+        own = {name: kept[name][part] for name in SEEN if name in kept}
+        seen = _visible(scene.geometry, cameras[part], (cull, few), own)
+        write_attributes(scene.geometry, seen, {name: kept[name][part] for name in direct})
+        made = surface_attributes(scene, seen)
+        for name in set(outputs) - set(kept):
+            if (values := getattr(made, name)) is None:
+                raise OptionError(f"outputs: no mesh of the scene has {name}")
+            further.setdefault(name, torch.zeros(len(cameras), *values.shape[1:], dtype=values.dtype))[part] = values
+    return {name: torch.from_numpy(kept[name]) if name in kept else further[name] for name in outputs}
 
 
 def surface_attributes(scene: Scene, seen: VisibilityBuffer) -> GBuffer:
@@ -154,21 +144,20 @@ def rasterize_visibility(
     geometry: Shape, cameras: Cameras, *, cull: str = "none", tests: FragmentTests | None = None
 ) -> VisibilityBuffer:
     """Depth, triangle id, object id and barycentrics of the nearest surface in every pixel; see :func:`rasterize`."""
+    return _visible(geometry_of("geometry", geometry), cameras, (cull, tests), {})
+
+
+def _visible(
+    geometry: Geometry, cameras: Cameras, how: tuple[str, FragmentTests | None], room: Mapping[str, Array]
+) -> VisibilityBuffer:
+    """A visibility buffer in ``room``, images by name; those that are not there are new."""
+    cull, tests = how
+    check_choice("cull", cull, CULLING)
     shape = (len(cameras), cameras.height, cameras.width)
     # Every pixel is written.
-    depth = _memory.empty(shape, np.float32)
-    triangle, objects = _memory.empty(shape, np.int64), _memory.empty(shape, np.int64)
-    barycentric = _memory.empty((*shape, 2), np.float32)
-    check_choice("cull", cull, CULLING)
-    geometry = geometry_of("geometry", geometry)
-    _draw(geometry, cameras, cull, tests, Visible(depth, triangle, objects, barycentric))
-    return VisibilityBuffer(
-        cameras=cameras,
-        depth=torch.from_numpy(depth),
-        triangle=torch.from_numpy(triangle),
-        object_id=torch.from_numpy(objects),
-        barycentric=torch.from_numpy(barycentric),
-    )
+    images = {n: room[n] if n in room else _memory.empty((*shape, *_SHAPES[n][0]), _SHAPES[n][1]) for n in SEEN}
+    _draw(geometry, cameras, cull, tests, Visible(**images))
+    return VisibilityBuffer(cameras=cameras, **{name: torch.from_numpy(image) for name, image in images.items()})
 
 
 def count_nearer(
@@ -256,7 +245,7 @@ def _views(geometry: Geometry, cameras: Cameras, tests: FragmentTests | None) ->
         limits = NO_LIMITS
         earlier = NO_EARLIER
         if tests is not None:
-            limits = _limits(cameras, k, tests)
+            limits = limit_arrays(cameras, k, tests)
             earlier = earlier_arrays(cameras, k, tests, view)
         yield view, Refusals(limits, earlier, holes)
 
@@ -277,52 +266,3 @@ def view_arrays(cameras: Cameras, k: int, world_from_camera: Array, planes: Arra
     matrix = np.eye(3)
     matrix[:2, :2] = intrinsics[:2, :2]
     return View(np.ascontiguousarray(matrix @ rotation), reference, planes, frame)
-
-
-def _limits(cameras: Cameras, k: int, tests: FragmentTests) -> Limits:
-    """Peeling limits of one camera, as keys that grow towards the camera."""
-    if tests.beyond is None and tests.skip is None:
-        return NO_LIMITS
-    shape = (len(cameras), cameras.height, cameras.width)
-    key = np.full(shape[1:], np.inf)
-    skip = np.full(shape[1:], -2, np.int64)
-    if tests.beyond is not None:
-        depth = numpy_view(check_tensor("tests.beyond", tests.beyond, shape)[k], np.float64)
-        with np.errstate(divide="ignore"):
-            key = -depth if cameras.orthographic else np.where(depth > 0, 1.0 / depth, np.inf)
-    if tests.skip is not None:
-        skip = numpy_view(check_tensor("tests.skip", tests.skip, shape)[k], np.int64)
-    return Limits(key, skip)
-
-
-def earlier_arrays(cameras: Cameras, k: int, tests: FragmentTests, view: View) -> Earlier:
-    """Earlier images, and how the pixels of camera ``k`` map into them."""
-    earlier = tests.earlier
-    if earlier is None or len(earlier.cameras) == 0:
-        return NO_EARLIER
-    if cameras.orthographic or earlier.cameras.orthographic:
-        raise InputError("tests.earlier needs perspective cameras")
-    other = earlier.cameras
-    world_from_pixel = np.linalg.inv(view.matrix)
-    intrinsics = other.intrinsics.numpy()
-    project = intrinsics @ other.rotation.numpy()
-    shift = intrinsics @ other.camera_from_world[:, :3, 3:].numpy()
-    offset = project @ view.reference[:, None] + shift
-    pixels = np.concatenate([project @ world_from_pixel, offset], axis=2)
-    lens = np.zeros((len(other), 9))
-    lens[:, :5] = intrinsics[:, (0, 1, 0, 1, 0), (0, 1, 2, 2, 1)]
-    lens[:, 5] = (1.0 / intrinsics[:, (0, 1), (0, 1)]).max(axis=1)
-    lens[:, 6:] = (other.eye.numpy() - view.reference) @ view.matrix.T
-    size = float((1.0 / cameras.intrinsics[k, (0, 1), (0, 1)]).max())
-    return Earlier(
-        ids=numpy_view(earlier.triangle, np.int64),
-        pixels=np.ascontiguousarray(pixels),
-        near=other.near.numpy(),
-        depth=numpy_view(earlier.depth, np.float32),
-        lenses=lens,
-        matrix=view.matrix,
-        inverse=world_from_pixel,
-        test=PIXEL_TESTS.index(tests.test),
-        ratio=float(tests.quality_ratio),
-        footprint=size,
-    )

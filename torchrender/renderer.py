@@ -21,7 +21,7 @@ from torchrender.passes.seen.picture_visibility import PICTURE_VISIBILITY
 from torchrender.passes.settings import CUSTOM
 from torchrender.passes.table import GBUFFER, PICTURE
 from torchrender.pipeline.buffer import Buffer
-from torchrender.pipeline.doubts import Doubt, exposure_of, say, scene_doubts, view_doubts
+from torchrender.pipeline.doubts import Doubt, exposure_of, picture_doubts, say, scene_doubts, view_doubts
 from torchrender.pipeline.frame import Frame
 from torchrender.pipeline.gradients import check_gradients
 from torchrender.pipeline.history import RenderHistory
@@ -106,6 +106,7 @@ def render(
         return picture(scene, camera, (width, height), wishes)
     check_wishes(budget_ms, max_error)
     options = options or RenderOptions()
+    _check_kinds(options, history)
     check_names(options)
     clock = StepClock()
     if not isinstance(scene, Scene):
@@ -121,6 +122,13 @@ def render(
     plan = run.plan.measured(clock.elapsed_ms, run.amounts, clock.elapsed_ms["total"])
     kept = None if history is None else run.history(plan)
     return replace(image, plan=plan, timings_ms=clock.elapsed_ms, history=kept)
+
+
+def _check_kinds(options: object, history: object) -> None:
+    if not isinstance(options, RenderOptions):
+        raise InputError(f"options must be RenderOptions, got {type(options).__name__}")
+    if not isinstance(history, RenderHistory | None):
+        raise InputError(f"history must be a RenderHistory, such as image.history, got {type(history).__name__}")
 
 
 def shade_samples(
@@ -193,6 +201,8 @@ class Run:
         """The picture."""
         self.buffers({})
         outlook, wanted = self.knowledge.outlook, self.knowledge.wanted
+        if self.plan.options.supersample == 1:
+            self.doubts += picture_doubts(outlook.scene, self.values[GBUFFER], self.values[PICTURE])
         return Image(
             radiance=self.values[PICTURE],
             cameras=outlook.cameras,

@@ -14,7 +14,7 @@ import pytest
 
 from torchrender.batch import Job, SceneSource, run
 from torchrender.batch.digest import scene_digest
-from torchrender.batch.folder import MANIFEST, open_folder
+from torchrender.batch.folder import MANIFEST, alone_in, open_folder
 from torchrender.batch.local import TRIES, BatchError
 from torchrender.batch.work import contents, make_chunk
 from torchrender.errors import ImageFileError, InputError, OptionError
@@ -90,6 +90,13 @@ def test_another_job_or_a_changed_scene_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="city has changed since"):
         open_folder(tmp_path, job(), "another")
     assert scene_digest(load("city", size=2000)) == scene_digest(SCENE) != scene_digest(load("city", size=3000))
+
+
+def test_two_runs_in_one_folder_are_kept_apart(tmp_path: Path, fake) -> None:
+    fake("pass")
+    with alone_in(tmp_path), pytest.raises(InputError, match="another process writes a batch there now"):
+        run(job(), tmp_path, workers=1)
+    assert run(job(), tmp_path, workers=1).cameras == 5
 
 
 def test_a_killed_worker_loses_and_doubles_nothing(tmp_path: Path, fake) -> None:

@@ -14,7 +14,8 @@ from sampling_scenes import front, ring, soup, triangle, wall
 from torchrender.depth.options import SamplingOptions
 from torchrender.depth.probes import Probes, pixel_redundant
 from torchrender.depth.ray_visibility import RayVisibility
-from torchrender.raster import PIXEL_TESTS, FragmentTests, count_nearer, rasterize_visibility
+from torchrender.fragment_tests import PIXEL_TESTS
+from torchrender.raster import FragmentTests, count_nearer, rasterize_visibility
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
 from torchrender.scene.procedural import build

@@ -10,7 +10,15 @@ import pytest
 import torch
 
 import torchrender as tr
-from torchrender.errors import LightWarning, NormalsWarning, SceneWarning, TorchRenderWarning, UnitsWarning, ViewWarning
+from torchrender.errors import (
+    ColorWarning,
+    LightWarning,
+    NormalsWarning,
+    SceneWarning,
+    TorchRenderWarning,
+    UnitsWarning,
+    ViewWarning,
+)
 from torchrender.pipeline.doubts import scene_doubts, view_doubts
 from torchrender.raster import rasterize_visibility
 from torchrender.scene.procedural import SCENES
@@ -126,3 +134,29 @@ def test_files_of_others_are_as_they_should_be(data_dir: Path) -> None:
                 known = tr.load(path)
             found |= {path.name: told} if (told := doubts_of(known)) else {}
     assert found == {}
+
+
+def test_a_light_whose_edges_are_parallel_lights_nothing() -> None:
+    flat = tr.RectLight(corner=[0, 2, 0], edge_u=[1, 0, 0], edge_v=[2, 0, 0], name="panel")
+    with pytest.warns(LightWarning, match="'panel' has no area and lights nothing: edge_u and edge_v are parallel"):
+        tr.render(scene(lights=[flat]), CAMERA)
+
+
+@pytest.mark.parametrize("built", [
+    scene(BALL, tr.Mesh.box(0.2, [0, 3, 0], name="shade"), lights=[tr.PointLight(position=[0, 3, 0], name="lamp")]),
+    scene(tr.Mesh.plane(8.0), lights=[tr.DirectionalLight(direction=[0, 1, 0], name="lamp")]),
+], ids=["lamp in a box", "sun under the floor"])  # fmt: skip
+def test_a_black_picture_is_told_why(built) -> None:
+    above = tr.Cameras.look_at([0, 1.5, 3], [0, 0, 0], width=24, height=18)
+    with pytest.warns(LightWarning, match="test: camera 0 sees only black: light of 'lamp' does not arrive"):
+        image = tr.render(built, above)
+    assert float(image.radiance.max()) == 0.0
+
+
+def test_colours_of_eight_bits_are_told() -> None:
+    red = tr.Material(name="red", diffuse=[200, 30, 30])
+    with pytest.warns(ColorWarning, match="diffuse of material 'red' reach 200: colours are linear"):
+        tr.render(scene(materials=[red]), CAMERA)
+    painted = replace(BALL, colors=torch.full((len(BALL.vertices), 3), 255.0))
+    with pytest.warns(ColorWarning, match="colors of mesh 'sphere' reach 255"):
+        tr.render(scene(painted), CAMERA)

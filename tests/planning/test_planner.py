@@ -182,7 +182,7 @@ def test_buffers_are_released_after_their_last_reader(washroom: Scene) -> None:
 
     def watched(frame: object) -> object:
         made = find_pass("point_shadow").run(frame)  # type: ignore[arg-type]
-        kept.extend(weakref.ref(image) for image in made.values())
+        kept.extend(weakref.ref(image) for image in made[0].values())
         return made
 
     def at_the_end(frame: object) -> object:
@@ -258,8 +258,14 @@ def test_a_plan_speaks_with_one_voice(washroom: Scene) -> None:
     assert f"about {plan.predicted_ms:.0f} ms" in plan.statement
     made_once = {row.name for row in plan.running if row.lasts}
     assert "ray_caster" not in {row.name for row in plan.running} or "ray_caster" in made_once
-    assert plan.following_ms < plan.predicted_ms and f"and {plan.following_ms:.0f} ms each" in plan.statement
-    assert f"pictures that follow about {plan.following_ms:.0f} ms" in str(plan)
+    assert (
+        plan.following_ms < plan.predicted_ms
+        and f"follows in a sequence about {plan.following_ms:.0f} ms" in plan.statement
+    )
+    assert "the cheapest settings are taken (gbuffer 0.25, " in plan.statement  # by name
+    lines = [line for line in str(plan).splitlines() if "in all" in line]
+    assert all(f"{ms:.1f} ms" in line for ms, line in zip((plan.predicted_ms, plan.following_ms), lines, strict=True))
+    assert "first picture" in lines[0] and "each that follows" in lines[1]
     told = plan.to_dict()
     assert told["following_ms"] == pytest.approx(plan.following_ms, abs=0.01) and told["changes"] == list(plan.changes)
     free = tr.plan(washroom, camera)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import pickle
 
 import pytest
 import torch
@@ -113,3 +114,34 @@ def test_what_is_not_there_is_named(scene) -> None:
 def test_matrices_that_move_nothing_rightly_are_refused(scene, wrong, told: str) -> None:
     with pytest.raises(MeshError, match=told):
         scene.moved("ball", wrong)
+
+
+def test_parts_may_be_given_alone_and_others_are_refused_by_name(scene) -> None:
+    light = PointLight(position=[0, 1, 0])
+    alone = Scene(meshes=scene.mesh("ball"), lights=light, materials=scene.materials[0])
+    assert alone.lights == (light,) and len(alone.meshes) == len(alone.materials) == 1
+    with pytest.raises(InputError, match=r"lights must be PointLight or .*, one or several, got Mesh"):
+        Scene(lights=[scene.mesh("ball")])
+    with pytest.raises(InputError, match="meshes must be Mesh, one or several, got int"):
+        Scene(meshes=3)
+
+
+def test_a_path_where_a_scene_is_meant_is_told(scene) -> None:
+    view = Cameras.look_at([0, 0, 3], [0, 0, 0], width=8, height=6)
+    with pytest.raises(InputError, match=r"scene must be a Scene, got the text 'room.glb': load it first"):
+        rasterize("room.glb", view)
+    with pytest.raises(InputError, match=r"scene must be a Scene, got Mesh: put it into one"):
+        rasterize(scene.mesh("ball"), view)
+
+
+def test_arrays_that_are_written_to_after_the_first_picture_are_refused(scene) -> None:
+    view = Cameras.look_at([0, 0, 3], [0, 0, 0], width=8, height=6)
+    mesh = scene.mesh("ball")
+    mesh.vertices[:, 0] += 0.1  # nothing has been drawn yet: the scene shows it
+    first = rasterize(scene, view)
+    copy = pickle.loads(pickle.dumps(scene))
+    assert torch.equal(rasterize(copy, view).depth, first.depth)
+    mesh.vertices[:, 0] += 0.1
+    with pytest.raises(InputError, match="vertices of mesh 'ball' were changed in place after scene 'set' had"):
+        rasterize(scene, view)
+    assert not torch.equal(rasterize(scene.replace(name="new"), view).depth, first.depth)

@@ -82,10 +82,20 @@ def test_what_the_service_refuses_is_said(server: RunningServer) -> None:
         StreamClient.connect("http://127.0.0.1:9", "cornell_box", timeout_s=2)
 
 
+def test_a_keyframe_of_a_pose_can_be_waited_for(server: RunningServer) -> None:
+    with StreamClient.connect(server.url, "cornell_box", size=SIZE) as client:
+        client.send_pose(client.camera)
+        number = client.send_pose(moved(client.camera, 0.05))
+        assert client.receive(pose=number).pose >= number
+
+
 def test_bad_cameras(server: RunningServer) -> None:
     with StreamClient.connect(server.url, "cornell_box", size=SIZE, camera={"name": "close"}) as client:
         with pytest.raises(InputError, match="single perspective camera"):
             client.send_pose(client.camera[[0, 0]])
+        for name in ("velocity", "spin"):
+            with pytest.raises(InputError, match=f"{name} must be finite"):
+                client.send_pose(client.camera, **{name: (0.0, float("nan"), 0.0)})
         with pytest.raises(InputError, match="nothing was received"):
             client.view(client.camera)
         huge = replace(client.camera, near=torch.tensor(1e18), far=torch.tensor(torch.inf))

@@ -40,7 +40,9 @@ def test_placing_both_is_placing_one() -> None:
     one = collide(ball, ring, world_from_first=moved(1.0))
     both = collide(ball, ring, world_from_first=moved(4.0), world_from_second=moved(3.0))
     assert one.count == pytest.approx(both.count, rel=0.02) and one.touching
-    assert not collide(ball, ring).touching  # in the hole of the ring, though the boxes overlap
+    apart = collide(ball, ring)
+    assert not apart.touching  # in the hole of the ring, though the boxes overlap
+    assert apart.centroid is None and apart.count == 0
 
 
 def test_wrong_placements_are_refused() -> None:

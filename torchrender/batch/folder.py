@@ -6,9 +6,11 @@ on disk. A run that is stopped anywhere goes on where the manifest ends.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import os
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +23,38 @@ from torchrender.image import camera_arrays
 from torchrender.images.files import write_atomically, write_bytes
 from torchrender.scene.camera import Cameras
 
+try:
+    import fcntl
+except ImportError:  # not on Windows
+    fcntl = None  # type: ignore[assignment]
+
 JOB, CAMERAS, MANIFEST = "job.json", "cameras.npz", "manifest.jsonl"
+LOCK = ".running"
+"""Locked by the process that writes the batch, for as long as it lives."""
+
+
+@contextlib.contextmanager
+def alone_in(folder: Path) -> Iterator[None]:
+    """Hold a folder while a batch is written to it.
+
+    Raises:
+        InputError: another process writes a batch there. ImageFileError: the folder cannot be written.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        file = (folder / LOCK).open("a")
+    except OSError as error:
+        raise ImageFileError(folder, error.strerror or str(error)) from error
+    with file:
+        if fcntl is not None:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError as error:
+                told = "another process writes a batch there now: wait for it, or give another folder"
+                raise InputError(f"{folder}: {told}") from error
+            except OSError:  # a file system without locks
+                pass
+        yield
 
 
 def open_folder(folder: Path, job: Job, scene: str) -> dict[int, dict[str, Any]]:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from torchrender.batch.digest import scene_digest
-from torchrender.batch.folder import note, open_folder
+from torchrender.batch.folder import alone_in, note, open_folder
 from torchrender.batch.job import Job
 from torchrender.errors import OptionError, TorchRenderError
 
@@ -54,7 +54,8 @@ def run(job: Job, folder: str | Path, *, workers: int | None = None, tell: Tell 
         tell: progress.
 
     Raises:
-        OptionError: workers not in [1, MAX_WORKERS]. InputError: the folder holds another batch, or the scene changed.
+        OptionError: workers not in [1, MAX_WORKERS]. InputError: the folder holds another batch, another
+            process writes there, or the scene changed.
         BatchError: no process can work on: a full disk, a scene that cannot be read any more.
         ImageFileError: the folder cannot be written.
     """
@@ -63,10 +64,11 @@ def run(job: Job, folder: str | Path, *, workers: int | None = None, tell: Tell 
     if not 1 <= count <= MAX_WORKERS:
         raise OptionError(f"workers must be in [1, {MAX_WORKERS}], got {workers}")
     folder = Path(folder)
-    left, done = begin(job, folder, tell)
-    if not left:
-        return Outcome(done, 0, {}, 0)
-    return _Pool(job, folder, done, tell).work(left, min(count, len(left)), max(1, cores // count))
+    with alone_in(folder):
+        left, done = begin(job, folder, tell)
+        if not left:
+            return Outcome(done, 0, {}, 0)
+        return _Pool(job, folder, done, tell).work(left, min(count, len(left)), max(1, cores // count))
 
 
 def begin(job: Job, folder: Path, tell: Tell | None) -> tuple[list[int], int]:

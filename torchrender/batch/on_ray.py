@@ -15,7 +15,7 @@ import numpy as np
 import torch
 
 from torchrender.batch.digest import scene_digest
-from torchrender.batch.folder import load_job, note
+from torchrender.batch.folder import alone_in, load_job, note
 from torchrender.batch.job import Job
 from torchrender.batch.local import BatchError, Outcome, Tell, begin
 from torchrender.batch.work import answer
@@ -77,15 +77,28 @@ def run_on_ray(
 
     if threads < 1 or (workers is not None and workers < 1):
         raise OptionError(f"workers and threads must be >= 1, got {workers} and {threads}")
-    left, done = begin(job, Path(folder), tell)
-    if not left:
-        return Outcome(done, 0, {}, 0)
+    with alone_in(Path(folder)):
+        left, done = begin(job, Path(folder), tell)
+        if not left:
+            return Outcome(done, 0, {}, 0)
+        return _run(ray, job, Path(folder), (address, workers, threads), (left, done, tell))
+
+
+def _run(
+    ray: Any,
+    job: Job,
+    folder: Path,
+    where: tuple[str, int | None, int],
+    state: tuple[list[int], int, Tell | None],
+) -> Outcome:
+    address, workers, threads = where
+    left, done, tell = state
     own = not ray.is_initialized()
     if own:
         _connect(ray, address)
     try:
-        records = _records(ray, Path(folder).absolute(), left, workers or _room(ray, threads), threads)
-        return _noted(job, Path(folder), done, records, tell)
+        records = _records(ray, folder.absolute(), left, workers or _room(ray, threads), threads)
+        return _noted(job, folder, done, records, tell)
     except (ray.exceptions.RayError, ray.data.exceptions.RayDataUserCodeException) as error:
         raise BatchError(f"Ray: {str(error).splitlines()[-1]}; the same call goes on from here") from error
     finally:

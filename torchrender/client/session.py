@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import msgspec
+from websockets.exceptions import ConnectionClosed
 
 from torchrender.errors import TorchRenderError
 from torchrender.scene.camera import Cameras
@@ -55,3 +56,9 @@ def post_session(url: str, body: Mapping[str, Any], api_key: str | None, timeout
         raise StreamError(str(problem.get("detail", error.reason)), problem) from error
     except (OSError, ValueError) as error:
         raise StreamError(f"{url} cannot be reached ({error})") from error
+
+
+def closed(error: ConnectionClosed) -> StreamClosed:
+    """The end of a stream, and whether to come again."""
+    code = 1006 if error.rcvd is None else error.rcvd.code
+    return StreamClosed(f"the stream was closed with {code}", 1.0 if code in (1006, 1012) else None)

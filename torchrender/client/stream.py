@@ -21,9 +21,10 @@ from websockets.sync.client import ClientConnection
 from websockets.sync.client import connect as open_socket
 
 from torchrender.buffers import DepthImages
+from torchrender.checks import as_vector
 from torchrender.client.drawing import draw_keyframes
 from torchrender.client.mirrors import draw_with_mirrors
-from torchrender.client.session import StreamClosed, StreamError, post_session
+from torchrender.client.session import StreamClosed, StreamError, closed, post_session
 from torchrender.errors import InputError
 from torchrender.reconstruct.reproject import Reprojection, ReprojectOptions
 from torchrender.scene.camera import Cameras
@@ -75,7 +76,7 @@ class StreamedKeyframe:
 
 
 class StreamClient:
-    """A stream of depth images of one scene. Use :meth:`connect`; works as a context manager.
+    """A stream of depth images of one scene, a context manager. Use :meth:`connect`.
 
     Attributes:
         camera: where the view starts.
@@ -182,17 +183,17 @@ class StreamClient:
             moving: False: the view stands still, a refinement is welcome.
 
         Raises:
-            InputError: several cameras, or an orthographic one. StreamClosed: the stream has ended.
+            InputError: names the argument. StreamClosed: the stream has ended.
         """
         if len(camera) != 1 or camera.orthographic:
             raise InputError(f"camera must be a single perspective camera, got {len(camera)}")
+        rates = [tuple(as_vector(name, one).tolist()) for name, one in (("velocity", velocity), ("spin", spin))]
         self._number += 1
         now = time.monotonic()
         self._sent[self._number] = now
         self._sent = dict(list(self._sent.items())[-256:])
-        rates = (tuple(map(float, velocity)), tuple(map(float, spin)))
-        told = {"velocity": rates[0], "spin": rates[1], "moving": moving}
-        self._send(Pose(seq=self._number, time_ms=1e3 * now, camera=header_of(camera), **told))  # type: ignore[arg-type]
+        told: dict[str, Any] = {"velocity": rates[0], "spin": rates[1], "moving": moving}
+        self._send(Pose(seq=self._number, time_ms=1e3 * now, camera=header_of(camera), **told))
         return self._number
 
     def wish(
@@ -218,10 +219,12 @@ class StreamClient:
         self._parts.clear()
         self._send(Resync(last=self.kept[-1].id if self.kept else None))
 
-    def receive(self, timeout_s: float = 60.0, *, holes: float = 0.0) -> StreamedKeyframe:
+    def receive(self, timeout_s: float = 60.0, *, holes: float = 0.0, pose: int | None = None) -> StreamedKeyframe:
         """The next keyframe, complete with its layers; it is acknowledged and kept.
 
         Args:
+            pose: wait for this one's, by the number that :meth:`send_pose` gave, or a later one's; else it may be of an
+                earlier pose than the last that was sent.
             holes: share of pixels without a sample that the client sees now, for the server to act on.
 
         Raises:
@@ -230,7 +233,8 @@ class StreamClient:
         end = time.monotonic() + timeout_s
         while True:
             received = self._next(max(0.0, end - time.monotonic()))
-            if isinstance(received.message, Keyframe) and (keyframe := self._take(received, holes)) is not None:
+            keyframe = self._take(received, holes) if isinstance(received.message, Keyframe) else None
+            if keyframe is not None and (pose is None or keyframe.pose >= pose):
                 return keyframe
 
     def view(self, camera: Cameras, *, options: ReprojectOptions | None = None) -> Reprojection:
@@ -307,7 +311,7 @@ class StreamClient:
         try:
             data = self._socket.recv(timeout_s)
         except ConnectionClosed as error:
-            raise _closed(error) from error
+            raise closed(error) from error
         if isinstance(data, str):
             raise StreamError("the service sent text")
         received = decode(data, FROM_SERVER)
@@ -322,9 +326,4 @@ class StreamClient:
         try:
             self._socket.send(encode(message))
         except ConnectionClosed as error:
-            raise _closed(error) from error
-
-
-def _closed(error: ConnectionClosed) -> StreamClosed:
-    code = 1006 if error.rcvd is None else error.rcvd.code
-    return StreamClosed(f"the stream was closed with {code}", 1.0 if code in (1006, 1012) else None)
+            raise closed(error) from error

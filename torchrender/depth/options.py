@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from torchrender.checks import check_choice, check_range
-from torchrender.raster import PIXEL_TESTS
+from torchrender.fragment_tests import PIXEL_TESTS
 
 METHODS = ("nonredundant", "conventional", "depth_peeling")
 REDUNDANCY = ("pixel", "visibility")

@@ -10,8 +10,9 @@ from torch import Tensor
 
 from torchrender.arrays import view as numpy_view
 from torchrender.buffers import VisibilityBuffer
+from torchrender.fragment_tests import FragmentTests, earlier_arrays
 from torchrender.kernels.raster.fragments import redundant_samples
-from torchrender.raster import FragmentTests, earlier_arrays, view_arrays
+from torchrender.raster import view_arrays
 from torchrender.scene.camera import Cameras
 from torchrender.scene.mesh import Geometry
 

@@ -9,9 +9,17 @@ import torch
 from torch import Tensor
 
 from torchrender.buffers import VisibilityBuffer
-from torchrender.errors import ExposureWarning, LightWarning, NormalsWarning, SceneWarning, UnitsWarning, ViewWarning
+from torchrender.errors import (
+    ColorWarning,
+    ExposureWarning,
+    LightWarning,
+    NormalsWarning,
+    SceneWarning,
+    UnitsWarning,
+    ViewWarning,
+)
 from torchrender.pipeline.options import RenderOptions
-from torchrender.scene.light import Light, PointLight, RectLight, SpotLight
+from torchrender.scene.light import Light, PointLight, RectLight, SpotLight, light_color
 from torchrender.scene.mesh import Geometry
 from torchrender.scene.model import Scene
 
@@ -29,7 +37,7 @@ def scene_doubts(scene: Scene) -> list[Doubt]:
     """About lights and units; kept with the scene."""
     known: list[Doubt] | None = scene.__dict__.get("_doubts")
     if known is None:
-        known = [*_dark_lights(scene), *_units(scene)]
+        known = [*_dark_lights(scene), *_flat_lights(scene), *_units(scene), *_bytes(scene)]
         scene.__dict__["_doubts"] = known
     return known
 
@@ -49,6 +57,33 @@ def view_doubts(scene: Scene, seen: VisibilityBuffer) -> list[Doubt]:
         elif not seen.cameras.orthographic:
             found += _sides(scene, geometry, triangle[triangle >= 0].unique(), (seen, number))
     return found
+
+
+def picture_doubts(scene: Scene, seen: VisibilityBuffer, radiance: Tensor) -> list[Doubt]:
+    """About B pictures (B,H,W,3) of a scene in which something is seen, and nothing of it lit."""
+    if any(kind is LightWarning for kind, _ in scene_doubts(scene)):  # that is why
+        return []
+    height, width = seen.triangle.shape[1:]
+    rows, columns = (torch.arange(min(n, LOOKS)) * n // min(n, LOOKS) for n in (height, width))
+    found: list[Doubt] = []
+    for number, (light, triangle) in enumerate(zip(radiance.detach(), seen.triangle, strict=True)):
+        few = light[rows][:, columns][triangle[rows][:, columns] >= 0]
+        covered = triangle >= 0
+        if len(few) and not float(few.max()) > 0 and not float(light[covered].max()) > 0:
+            found.append((LightWarning, f"{scene.name}: camera {number} sees only black: {_unlit(scene)}"))
+    return found
+
+
+def _unlit(scene: Scene) -> str:
+    """Why nothing may be lit."""
+    names = [repr(light.name) for light in scene.lights if bool((light_color(light) > 0).any())]
+    if not names:
+        return "there is no light that shines"
+    told = ", ".join(names[:4]) + (" ..." if len(names) > 4 else "")
+    return (
+        f"light of {told} does not arrive at what it sees: the lamp is inside something closed, behind what is seen, "
+        "or shines the other way"
+    )
 
 
 def say(doubts: list[Doubt]) -> None:
@@ -77,6 +112,33 @@ def _dark_lights(scene: Scene) -> list[Doubt]:
         (LightWarning, f"{scene.name}: light {light.name!r} faces away from everything there is: {turned}")
         for light in dark
     ]
+
+
+def _flat_lights(scene: Scene) -> list[Doubt]:
+    return [
+        (LightWarning, f"{scene.name}: light {light.name!r} has no area and lights nothing: {_edges(light)}")
+        for light in scene.lights
+        if isinstance(light, RectLight) and light.area == 0 and bool((light.radiance > 0).any())
+    ]
+
+
+def _edges(light: RectLight) -> str:
+    if bool((light.edge_u != 0).any()) and bool((light.edge_v != 0).any()):
+        return "edge_u and edge_v are parallel"
+    return "an edge has length zero"
+
+
+def _bytes(scene: Scene) -> list[Doubt]:
+    """Colours that are likely to count from 0 to 255."""
+    colors = [(f"colors of mesh {m.name!r}", m.colors) for m in scene.meshes if m.colors is not None]
+    colors += [(f"diffuse of material {m.name!r}", m.diffuse) for m in scene.materials]
+    high = [(name, float(c.detach().max())) for name, c in colors if c.numel() and float(c.detach().max()) > BYTES]
+    how = "colours are linear light from 0 to 1: divide those of 8 bits by 255, and undo sRGB"
+    return [(ColorWarning, f"{scene.name}: {name} reach {most:.4g}: {how}") for name, most in high]
+
+
+BYTES = 4.0
+"""Reflected share of light from on which a colour is taken for one of 8 bits."""
 
 
 def _faces_away(light: Light, boxes: Tensor) -> bool:

@@ -14,6 +14,7 @@ from torchrender.brief import brief
 from torchrender.pipeline.buffer import Buffer, look_of, same, triangles_of
 from torchrender.pipeline.options import RenderOptions
 from torchrender.pipeline.pace import Pace
+from torchrender.scene.mesh import Mesh
 from torchrender.scene.model import Scene
 
 T = TypeVar("T")
@@ -45,9 +46,12 @@ class RenderHistory:
 
     A part is used again only while what it was made from is the same (:class:`torchrender.pipeline.buffer.Lasting`).
     Scenes are frozen values: meshes, materials, lights, environments and media count as the same if they are the same
-    objects, so an object that moves is a new mesh in a new scene, and everything that could show it is made anew.
+    objects, so an object that moves is a new mesh in a new scene (:meth:`Scene.moved`, :meth:`Scene.at`).
 
-    - another mesh, or another material with holes: nothing is kept;
+    - meshes at other places, faces as they were: shadow maps of what stands still are kept and what moves is drawn into
+      them, the ray caster is brought up to date; so is what mirrors show, but of places that light reaches past what
+      moved, and with the eye standing still the same goes for shadows;
+    - other meshes, or another material with holes: nothing is kept;
     - other lights or shadow options: the ray caster is kept;
     - another material, environment, ambient light, medium or background, or other options of reflections: the ray
       caster and the shadow maps are kept.
@@ -60,6 +64,7 @@ class RenderHistory:
     kept: Mapping[str, Kept] = field(default_factory=dict)  # by name of the buffer
     pace: Pace | None = None  # what the pictures so far took, beside what was predicted
     pictures: int = 0  # made so far
+    drawn: tuple[Mesh, ...] | None = None  # what the last picture showed
     sequence: bool = True  # what belongs to one sequence is used again, too
 
     __repr__ = brief
@@ -76,6 +81,11 @@ class RenderHistory:
         stands = self.given is None or same(triangles_of(self.given), triangles_of(scene))
         lit = scene.with_default_light().with_sun_apart()
         return replace(self, given=scene, scene=lit, pace=self.pace if stands else None)
+
+    @property
+    def moves(self) -> bool:
+        """Meshes are not those of the last picture."""
+        return self.drawn is not None and self.given is not None and not same(self.drawn, self.given.meshes)
 
     def get(self, buffer: Buffer[T], options: RenderOptions | None = None) -> T | None:
         """What is kept of a buffer, if it was made from the same scene, and with ``options`` from the same of these."""
@@ -103,7 +113,7 @@ class RenderHistory:
             if buffer.lasting is not None:
                 origin = buffer.lasting.scene(self.given), buffer.lasting.options(options)
                 kept[buffer.name] = Kept(buffer, value, *origin, options, number)
-        return replace(self, kept=kept, pictures=number)
+        return replace(self, kept=kept, pictures=number, drawn=self.given.meshes)
 
     def shared(self) -> RenderHistory:
         """Without what belongs to one sequence: for another one of the same scene."""

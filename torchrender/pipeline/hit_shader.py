@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -17,6 +18,7 @@ from torchrender.effects.reflections.reflectors import (
     mirrored_direction,
 )
 from torchrender.pipeline.frame import SampleRenderer
+from torchrender.pipeline.hit_memory import HitMemory, keys_of
 from torchrender.pipeline.scene_cube import SceneCube, enclosing_solids, make_cube
 from torchrender.pipeline.sky_pyramid import SkyPyramid
 from torchrender.ray_surface import ray_surface
@@ -32,6 +34,7 @@ class HitShader:
         background: colour of what surrounds the scene; None: its environment, or its ambient light.
         light_of_many: the same for rays of which several count together: noise is no harm. None: ``light``.
         light_around: the same for what the scene's middle sees all around, a guess as it is. None: ``light``.
+        memory: light of hits that need not be found anew. None: nothing is remembered.
     """
 
     def __init__(
@@ -41,9 +44,12 @@ class HitShader:
         background: ArrayLike | None = None,
         light_of_many: SampleRenderer | None = None,
         light_around: SampleRenderer | None = None,
+        memory: HitMemory | None = None,
     ) -> None:
         self.scene = scene
         self.background = background
+        self.memory = memory
+        self.look: tuple[Any, ...] = ()  # what else the light comes from, to be compared
         self._light = light
         self._light_of_many = light if light_of_many is None else light_of_many
         self._light_around = light if light_around is None else light_around
@@ -92,6 +98,27 @@ class HitShader:
         return self._cube(eyes).lookup(seen, self.surrounding(direction))
 
     def _surfaces(self, rays: ReflectedRays, hits: RayHits, rows: Tensor, onward: Onward | None) -> Tensor:
+        memory = self.memory
+        if memory is None:
+            return self._shaded(rays, hits, rows, onward)[0]
+        key = keys_of(rays, hits, rows)
+        known, radiance = memory.find(key)
+        new = torch.ones(len(rows), dtype=torch.bool)
+        new[known] = False
+        rest = new.nonzero().reshape(-1)
+        found = torch.zeros(len(rows), 3).index_copy(0, known, radiance)
+        if len(rest):
+            shaded, mirrors = self._shaded(rays, hits, rows[rest], onward)
+            found = found.index_copy(0, rest, shaded)
+            new[:] = True
+            new[rest[mirrors]] = False  # what these show changes with other places
+            known = new.nonzero().reshape(-1)
+        place = rays.origin[rows[known]] + hits.t[rows[known], None] * rays.direction[rows[known]]
+        memory.add(key[known], place, found[known])
+        return found
+
+    def _shaded(self, rays: ReflectedRays, hits: RayHits, rows: Tensor, onward: Onward | None) -> tuple[Tensor, Tensor]:
+        """Radiance (N,3) of hits, and the numbers of those that mirror."""
         found = RayHits(hits.t[rows], hits.triangle[rows], hits.barycentric[rows])
         direction = rays.direction[rows]
         width = rays.width[rows] + rays.spread[rows] * found.t
@@ -101,7 +128,7 @@ class HitShader:
         radiance = sent.radiance[0, 0]
         mirrors = self.scene.material_table.is_reflector[surface.material].nonzero().reshape(-1)
         if not len(mirrors):
-            return radiance
+            return radiance, mirrors
         leaving = (width[mirrors], rays.spread[rows][mirrors], rays.many)
         points = _mirrored(self.scene, surface, mirrors, found, leaving)
         if onward is None:
@@ -109,7 +136,8 @@ class HitShader:
         else:
             shown = onward(points)
         replaced, weight = (part[0, 0, mirrors] for part in (sent.share.replaced, sent.share.mirrored))
-        return radiance.index_copy(0, mirrors, (radiance[mirrors] - replaced + weight * shown).clamp_min(0.0))
+        seen = (radiance[mirrors] - replaced + weight * shown).clamp_min(0.0)
+        return radiance.index_copy(0, mirrors, seen), mirrors
 
     @cached_property
     def _sky(self) -> SkyPyramid:

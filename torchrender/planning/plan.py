@@ -26,6 +26,10 @@ class PlanRow:
     lasts: bool = False  # what it makes is kept by pictures that follow, as long as the scene stands still
 
 
+KEPT_MS = 0.05
+"""From on which time that later pictures save is told."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Plan:
     """The passes in the order in which they run, then those that do not.
@@ -111,7 +115,7 @@ class Plan:
             [row.name, row.setting if row.runs else "–", _ms(row.predicted_ms), _ms(row.measured_ms), row.reason]
             for row in self.rows
         ]
-        rows.append(["in all", "", _ms(self.predicted_ms), _ms(self.measured_ms), self._wishes()])
+        rows += [[name, "", *texts] for name, *texts in self._totals()]
         rows += [["", "", "", "", text] for text in (*self.changes, self.statement) if text]
         return html_table(("pass", "setting", "predicted", "took", "why"), rows)
 
@@ -120,16 +124,26 @@ class Plan:
         for row in self.rows:
             setting = row.setting if row.runs else "-"
             cells.append((row.name, setting, _ms(row.predicted_ms), _ms(row.measured_ms), row.reason))
-        total = ("in all", "", _ms(self.predicted_ms), _ms(self.measured_ms), self._wishes())
-        widths = [max(len(line[column]) for line in (*cells, total)) for column in range(4)]
+        totals = [(name, "", *texts) for name, *texts in self._totals()]
+        widths = [max(len(line[column]) for line in (*cells, *totals)) for column in range(4)]
         lines = []
-        marks = (" ", *("+" if row.runs else "." for row in self.rows), " ")
-        for number, (mark, line) in enumerate(zip(marks, (*cells, total), strict=True)):
+        marks = (" ", *("+" if row.runs else "." for row in self.rows), *(" " for _ in totals))
+        for number, (mark, line) in enumerate(zip(marks, (*cells, *totals), strict=True)):
             text = f"{mark} {line[0]:<{widths[0]}}  {line[1]:<{widths[1]}}  {line[2]:>{widths[2]}}"
             lines.append(f"{text}  {line[3]:>{widths[3]}}  {line[4]}".rstrip())
             if number == 0:
                 lines.append("-" * max(len(lines[0]), 60))
         return "\n".join([*lines, *self.changes, *([self.statement] if self.statement else [])])
+
+    def _totals(self) -> list[tuple[str, str, str, str]]:
+        """This picture, and each that follows where that is something else: name, predicted, took, what was wished."""
+        found = [("in all", _ms(self.predicted_ms), _ms(self.measured_ms), self._wishes())]
+        kept = [row.name for row in self.running if row.lasts and (row.predicted_ms or 0.0) >= KEPT_MS]
+        if kept and self.following_ms is not None:
+            found[0] = ("in all, first picture", *found[0][1:])
+            told = f"keeps {', '.join(kept)} while the scene stands still"
+            found.append(("in all, each that follows", _ms(self.following_ms), "", told))
+        return found
 
     def _wishes(self) -> str:
         parts = [] if self.predicted_error is None else [f"error about {self.predicted_error:.4f} (mean FLIP)"]
@@ -137,8 +151,6 @@ class Plan:
             parts.append(f"budget {self.budget_ms:g} ms")
         if self.max_error is not None:
             parts.append(f"error bound {self.max_error:g}")
-        if any(row.lasts for row in self.running) and self.following_ms is not None:
-            parts.append(f"pictures that follow about {self.following_ms:.0f} ms")
         return ", ".join(parts)
 
 

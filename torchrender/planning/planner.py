@@ -138,15 +138,24 @@ def _statement(plan: Plan, choice: Choice, spent_ms: float) -> str:
         expected = choice.predicted_ms if plan.predicted_ms is None else plan.predicted_ms
         spent = f" ({spent_ms:.0f} ms were spent when the rest was chosen)" if spent_ms >= 1.0 else ""
         after = plan.following_ms
-        follow = "" if after is None or after == plan.predicted_ms else f", and {after:.0f} ms each that follow"
+        first, follow = "", ""
+        if after is not None and after != plan.predicted_ms:
+            first, follow = "first ", f", each that follows in a sequence about {after:.0f} ms"
         return (
-            f"a budget of {plan.budget_ms:g} ms is not enough for this picture: the cheapest settings are taken, "
-            f"about {expected:.0f} ms{spent}{follow}"
+            f"a budget of {plan.budget_ms:g} ms is not enough for this {first}picture: the cheapest settings are taken "
+            f"({_named(plan)}), about {expected:.0f} ms{spent}{follow}"
         )
     if plan.budget_ms is not None and plan.max_error is None:
-        return f"a budget of {plan.budget_ms:g} ms leaves little headroom: the cheapest settings are taken"
+        told = f"the cheapest settings are taken ({_named(plan)})"
+        return f"a budget of {plan.budget_ms:g} ms leaves little headroom: {told}"
     where = "" if plan.budget_ms is None else f" within {plan.budget_ms:g} ms"
     return f"no settings reach an error of {plan.max_error:g}{where}: about {choice.predicted_error:.4f} is expected"
+
+
+def _named(plan: Plan) -> str:
+    """The settings of passes that have some."""
+    rows = [row for row in plan.running if row.setting not in ("-", CUSTOM)]
+    return ", ".join(f"{row.name} {row.setting}" for row in rows)
 
 
 def _rows(knowledge: Knowledge, options: RenderOptions) -> tuple[PlanRow, ...]:

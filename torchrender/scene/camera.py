@@ -17,7 +17,7 @@ from torch import Tensor
 from torchrender.checks import as_vector, check_finite, check_range
 from torchrender.errors import CameraError
 from torchrender.numerics.transforms import look_at_matrix, pinhole_matrix
-from torchrender.scene.cameras.doors import CameraDoors
+from torchrender.scene.cameras.doors import CameraDoors, doubt_angle
 
 
 class Cameras(CameraDoors):
@@ -45,9 +45,14 @@ class Cameras(CameraDoors):
         near: float = 0.01,
         far: float = math.inf,
     ) -> Cameras:
-        """Perspective cameras from eye and target, each (3,) or (B,3); ``fov_deg`` is the vertical opening angle."""
+        """Perspective cameras from eye and target, each (3,) or (B,3); ``fov_deg`` is the vertical opening angle.
+
+        Warns:
+            ViewWarning: an angle so small that it may be in radians.
+        """
         if not 0.0 < fov_deg < 179.9:
             raise CameraError(f"fov_deg must be in (0, 179.9), got {fov_deg}")
+        doubt_angle("fov_deg", fov_deg)
         eyes, targets, ups = (torch.as_tensor(v, dtype=torch.float64).reshape(-1, 3) for v in (eye, target, up))
         for name, value in (("eye", eyes), ("target", targets), ("up", ups)):
             check_finite(name, value, CameraError)

@@ -1,6 +1,8 @@
 """Light sources. Intensities are linear RGB; directions point the way the light travels.
 
-Positions are float64: a lamp on a map with coordinates of millions of metres still stands where it stands.
+Positions are float64: a lamp on a map with coordinates of millions of metres still stands where it stands. Numbers are
+read when a light is made: another intensity is another light, ``dataclasses.replace(light, intensity=...)``, in another
+scene, ``scene.replace(lights=...)``.
 """
 
 from __future__ import annotations

@@ -26,6 +26,8 @@ from torchrender.scene.medium import Medium
 from torchrender.scene.mesh import Geometry, Mesh, concatenate
 from torchrender.scene.motion.records import Motion
 from torchrender.scene.motion.update import Moving, at_time, moved_geometry
+from torchrender.scene.parts.emission import emitted_mean
+from torchrender.scene.parts.kinds import KINDS, check_unchanged, several, versions
 
 DEFAULT_SIZE = (1024, 768)
 """Of pictures whose size nobody says: width and height in pixels."""
@@ -36,7 +38,8 @@ class Scene:
     """Meshes, materials, lights, environment, media and named cameras.
 
     Raises:
-        InputError: a mesh names a material that does not exist, ambient light that is not finite or negative.
+        InputError: a mesh names a material that does not exist, ambient light that is not finite or negative, parts
+            that are not what their name says.
     """
 
     meshes: tuple[Mesh, ...] = ()
@@ -56,8 +59,8 @@ class Scene:
     _repr_html_ = brief_html
 
     def __post_init__(self) -> None:
-        for name in ("meshes", "materials", "lights", "media", "motions"):
-            object.__setattr__(self, name, tuple(getattr(self, name)))
+        for name, kind in KINDS.items():
+            object.__setattr__(self, name, several(name, getattr(self, name), kind))
         object.__setattr__(self, "ambient", check_not_negative("ambient", as_vector("ambient", self.ambient)))
         for mesh in self.meshes:
             if not 0 <= mesh.material < len(self.materials):
@@ -65,9 +68,14 @@ class Scene:
                     f"mesh {mesh.name!r}: material must be in [0, {len(self.materials) - 1}], got {mesh.material}"
                 )
 
+    def __getstate__(self) -> dict[str, Any]:
+        # Copies count anew how often their arrays are written to.
+        return {name: value for name, value in self.__dict__.items() if name != "_versions"}
+
     @cached_property
     def geometry(self) -> Geometry:
-        """All triangles in one set of arrays, built on first use."""
+        """All triangles in one set of arrays, built on first use: meshes must stay as they are from then on."""
+        self.__dict__["_versions"] = versions(self.meshes)
         geometry = self._tangential(concatenate(self.meshes))
         panes = torch.tensor([m.is_see_through for m in self.materials] or [False])[geometry.material]
         if bool(panes.any()):
@@ -170,6 +178,7 @@ class Scene:
         geometry = moved_geometry(self.geometry, self.meshes, scene.meshes)
         if geometry is not None:
             scene.__dict__["geometry"] = scene._tangential(geometry)
+            scene.__dict__["_versions"] = versions(scene.meshes)
         if "_material_table" in self.__dict__:
             scene.__dict__["_material_table"] = self._material_table
         return scene
@@ -243,7 +252,16 @@ class Scene:
         lit = replace(self, lights=lights, environment=environment)
         if "geometry" in self.__dict__:  # the same triangles: nothing to build again
             lit.__dict__["geometry"] = self.geometry
+            lit.__dict__["_versions"] = self.__dict__.get("_versions")
         return lit
+
+    def check_unchanged(self) -> None:
+        """Refuse arrays of meshes that were written to after the triangles were gathered: nothing would show it.
+
+        Raises:
+            InputError: names the mesh and the array.
+        """
+        check_unchanged(self.name, self.meshes, self.__dict__.get("_versions"))
 
 
 def _normal_map_set(material: Material) -> int:
@@ -253,31 +271,6 @@ def _normal_map_set(material: Material) -> int:
 
 BRIGHT = 0.5
 """Mean radiance that surfaces emit, from which on a scene needs no other light."""
-
-
-def emitted_mean(meshes: Sequence[Mesh], materials: Sequence[Material]) -> float:
-    """Radiance that surfaces emit, mean over the area of all: also that of a white box lit by it."""
-    glow = [float(_mean_emission(m)) for m in materials]
-    if not any(glow[mesh.material] > 0 for mesh in meshes):
-        return 0.0
-    areas = [_area(mesh) for mesh in meshes]
-    return sum(a * glow[mesh.material] for a, mesh in zip(areas, meshes)) / max(sum(areas), 1e-300)
-
-
-def _mean_emission(material: Material) -> Tensor:
-    """Mean over texture and colours; what an unlit material shows counts as emitted."""
-    if material.unlit:
-        color, texture = material.diffuse, material.diffuse_texture
-    else:
-        color, texture = material.emission, material.emission_texture
-    with torch.no_grad():
-        mean = color if texture is None else color * texture[..., :3].mean((0, 1))
-        return mean.mean()
-
-
-def _area(mesh: Mesh) -> float:
-    a, b, c = mesh.vertices.detach().double()[mesh.faces.long()].unbind(1)
-    return float(torch.linalg.cross(b - a, c - a).norm(dim=-1).sum()) / 2
 
 
 @cache

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from operator import attrgetter
+from pathlib import Path
 
 from torchrender.checks import check_no_gradient
 from torchrender.errors import InputError
@@ -22,6 +23,8 @@ def check_fixed(function: str, shape: object) -> None:
     Raises:
         GradientError: names the function, the mesh and its field.
     """
+    if isinstance(shape, Scene):
+        shape.check_unchanged()
     for mesh in shape.meshes if isinstance(shape, Scene) else (shape,) if isinstance(shape, Mesh) else ():
         values = _FIELDS_OF(mesh)
         # Scenes have thousands of meshes, and every picture asks: names are made for those that are refused.
@@ -42,4 +45,22 @@ def geometry_of(name: str, shape: object) -> Geometry:
         return shape.geometry
     if isinstance(shape, Mesh):
         return concatenate([shape])
-    raise InputError(f"{name} must be a Scene, a Mesh or a Geometry, got {type(shape).__name__}")
+    raise InputError(f"{name} must be a Scene, a Mesh or a Geometry, got {_told(shape)}")
+
+
+def check_scene(name: str, scene: object) -> Scene:
+    """The scene itself.
+
+    Raises:
+        InputError: something else; names the argument, and says how a scene is made of it.
+    """
+    if isinstance(scene, Scene):
+        return scene
+    raise InputError(f"{name} must be a Scene, got {_told(scene)}")
+
+
+def _told(shape: object) -> str:
+    if isinstance(shape, str | Path):
+        return f"the text {str(shape)!r}: load it first, torchrender.load({str(shape)!r})"
+    hint = ": put it into one, Scene(meshes=[mesh])" if isinstance(shape, Mesh) else ""
+    return f"{type(shape).__name__}{hint}"

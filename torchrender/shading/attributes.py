@@ -17,6 +17,7 @@ from torch import Tensor
 
 from torchrender.arrays import view
 from torchrender.buffers import GBuffer, RayHits, RaySurface, VisibilityBuffer
+from torchrender.kernels.compile import thread_count
 from torchrender.kernels.raster.attributes import (
     MIN_COSINE,
     Eye,
@@ -28,6 +29,7 @@ from torchrender.kernels.raster.attributes import (
     interpolate_hits,
     place,
 )
+from torchrender.kernels.raster.chosen import Eyes, interpolate_views
 from torchrender.scene.camera import Cameras
 from torchrender.scene.mesh import Geometry
 
@@ -234,19 +236,56 @@ def empty_attributes(shape: tuple[int, ...]) -> dict[str, Array]:
 
 def eye_of(cameras: Cameras, k: int) -> Eye:
     """Camera ``k`` as the attribute and shading kernels read it."""
-    rays = np.linalg.inv(cameras.intrinsics[k].numpy())
+    return _eyes(cameras[k])[0]
+
+
+def _eyes(cameras: Cameras) -> list[Eye]:
+    """All cameras as the kernels read them."""
+    all_rays = np.linalg.inv(cameras.intrinsics.numpy())
     if cameras.orthographic:
-        rays[2] = 0.0  # across the image plane; the depth goes along ``forward``
-    world_from_camera = cameras.world_from_camera[k].numpy()
-    rotation = world_from_camera[:3, :3]
-    size = cameras.footprint(torch.ones(len(cameras), 1, dtype=torch.float64))
-    return Eye(
-        np.ascontiguousarray(rotation @ rays),
-        world_from_camera[:3, 3].copy(),
-        rotation[:, 2].copy(),
-        float(size[k, 0]),
-        cameras.orthographic,
-    )
+        all_rays[:, 2] = 0.0  # across the image plane; the depth goes along ``forward``
+    world_from_camera = cameras.world_from_camera.numpy()
+    sizes = cameras.footprint(torch.ones(len(cameras), 1, dtype=torch.float64)).numpy()
+    made = []
+    for rays, matrix, size in zip(all_rays, world_from_camera, sizes, strict=True):
+        rotation = matrix[:3, :3]
+        axes = np.ascontiguousarray(rotation @ rays), matrix[:3, 3].copy(), rotation[:, 2].copy()
+        made.append(Eye(*axes, float(size[0]), cameras.orthographic))
+    return made
+
+
+SHAPES: Mapping[str, tuple[tuple[int, ...], type]] = {
+    **dict.fromkeys(("position", "normal", "geometric_normal"), ((3,), np.float32)),
+    "uv": ((2,), np.float32),
+    "uv_footprint": ((), np.float32),
+    "color": ((3,), np.float32),
+    "material": ((), np.int64),
+}
+"""What :func:`write_attributes` writes, in the order of :class:`~torchrender.kernels.raster.attributes.Surface`."""
+DIRECT = tuple(SHAPES)
+
+
+def write_attributes(geometry: Geometry, seen: VisibilityBuffer, room: Mapping[str, Array]) -> None:
+    """Attributes of B images straight into arrays (B,H,W) or (B,H,W,C) of :data:`SHAPES`.
+
+    The values are those of :class:`SeenSurface`, positions rounded to float32.
+    """
+    if not len(seen.cameras) or not room:
+        return
+    pixels = seen.depth.numel()
+    flat = [
+        room[name].reshape(pixels, *tail) if name in room else np.empty((0, *tail), kind)
+        for name, (tail, kind) in SHAPES.items()
+    ]
+    eyes = _eyes(seen.cameras)
+    rows = [np.stack([np.asarray(eye[k]) for eye in eyes]) for k in range(4)]
+    visible = Hits(seen.depth.numpy(), seen.triangle.numpy(), seen.barycentric.numpy())
+    views = Eyes(rows[0], rows[1], rows[2], rows[3], seen.cameras.orthographic)
+    interpolate_views(attribute_arrays(geometry), views, visible, Surface(*flat), PARTS * thread_count())
+
+
+PARTS = 16
+"""Per thread, in which rows of pictures are handed out."""
 
 
 def _placed(geometry: Geometry, seen: VisibilityBuffer) -> Made:
@@ -269,6 +308,6 @@ def _interpolated(geometry: Geometry, seen: VisibilityBuffer) -> Made:
 def _fill(geometry: Geometry, seen: VisibilityBuffer, made: dict[str, Array], write: Any) -> None:
     mesh = attribute_arrays(geometry)
     pixels = seen.cameras.width * seen.cameras.height
-    for k in range(len(seen.cameras)):
+    for k, eye in enumerate(_eyes(seen.cameras)):
         visible = Hits(seen.depth[k].numpy(), seen.triangle[k].numpy(), seen.barycentric[k].numpy())
-        write(mesh, eye_of(seen.cameras, k), visible, *(a[k].reshape(pixels, *a.shape[3:]) for a in made.values()))
+        write(mesh, eye, visible, *(a[k].reshape(pixels, *a.shape[3:]) for a in made.values()))

@@ -50,7 +50,7 @@ class Collision:
     touching: bool
     count: int  # shared voxels
     bounds: Tensor  # (2,3) float64 box of the shared voxels, scene units; zeros if there are none
-    centroid: Tensor  # (3,) float64 of the shared voxels
+    centroid: Tensor | None  # (3,) float64 of the shared voxels; None if there are none
     cells: Tensor  # (N,3) int64 i, j, k
     shared: Voxels | None  # None where the boxes of the bodies are apart
 
@@ -109,7 +109,7 @@ def collide(
 
 def _apart(shared: Voxels | None = None) -> Collision:
     nothing = torch.zeros(2, 3, dtype=torch.float64)
-    return Collision(False, 0, nothing, nothing[0], torch.zeros(0, 3, dtype=torch.int64), shared)
+    return Collision(False, 0, nothing, None, torch.zeros(0, 3, dtype=torch.int64), shared)
 
 
 def _placed(name: str, body: Geometry, matrix: Tensor | None) -> Tensor:

@@ -10,7 +10,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from torchrender.errors import CameraError
+from torchrender.errors import CameraError, ViewWarning
 from torchrender.raster import rasterize_depth
 from torchrender.scene.camera import Cameras
 from torchrender.scene.cameras.doors import rotation_of
@@ -183,3 +183,16 @@ def test_matrices_that_are_no_intrinsics_are_refused(row: int, column: int) -> N
     k[row, column] += 4
     with pytest.raises(CameraError, match="transposed"):
         Cameras.from_opencv(k, np.eye(3), [0, 0, 2], width=32, height=24)
+
+
+def test_angles_in_radians_and_foreign_intrinsics_are_doubted() -> None:
+    with pytest.warns(ViewWarning, match="fov_deg is 0.87 degrees, the view of a telescope: if it is in radians"):
+        Cameras.look_at([0, 0, 3], [0, 0, 0], width=8, height=6, fov_deg=0.87)
+    with pytest.warns(ViewWarning, match="fov_x_deg is 1.2 degrees"):
+        Cameras.from_opengl(torch.eye(4), fov_x_deg=1.2, width=8, height=6)
+    K = [[600, 0, 320], [0, 600, 240], [0, 0, 1]]
+    told = r"K has its principal point at \(320, 240\), far from the middle of 320 x 240 pixels: if K is of pictures of"
+    with pytest.warns(ViewWarning, match=told):
+        Cameras.from_opencv(K, torch.eye(3), [0, 0, 3], width=320, height=240)
+    Cameras.from_opencv(K, torch.eye(3), [0, 0, 3], width=640, height=480)
+    Cameras.look_at([0, 0, 3], [0, 0, 0], width=8, height=6, fov_deg=4.0)

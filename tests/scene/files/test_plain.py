@@ -523,3 +523,23 @@ def test_blocks_may_end_anywhere(monkeypatch: pytest.MonkeyPatch, block: int) ->
     np.testing.assert_array_equal(found, [1.5, -2e3, 7.0, np.nan, np.inf, 12345678901234567890.0])
     with pytest.raises(ValueError, match="'x' is no number"):
         numbers.numbers_of(b"1 2 x 3")
+
+
+@pytest.mark.parametrize("kind", ["ply", "obj"])
+def test_vertices_keep_their_order_and_copies_of_sharp_edges_stand_behind_them(tmp_path: Path, kind: str) -> None:
+    corners = [(x, y, z) for z in (0, 1) for y in (0, 1) for x in (0, 1)] + [(5, 5, 5)]
+    faces = [(6, 7, 5), (6, 5, 4), (0, 2, 3), (0, 3, 1), (1, 3, 7), (1, 7, 5)]
+    if kind == "ply":
+        rows = [" ".join(map(str, row)) for row in corners] + [f"3 {a} {b} {c}" for a, b, c in faces]
+        head = ["ply", "format ascii 1.0", "element vertex 9", *(f"property float {n}" for n in "xyz")]
+        head += ["element face 6", "property list uchar int vertex_indices", "end_header"]
+        content = "\n".join([*head, *rows, ""])
+    else:
+        rows = [f"v {x} {y} {z}" for x, y, z in corners] + [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in faces]
+        content = "\n".join([*rows, ""])
+    mesh = tr.load(text(tmp_path, f"cube.{kind}", content)).meshes[0]
+    given = torch.tensor(corners, dtype=torch.float64)
+    if kind == "ply":
+        assert torch.equal(mesh.vertices[:9].double(), given)
+    assert torch.equal(mesh.vertices[mesh.faces].double(), given[torch.tensor(faces)])
+    assert mesh.normals is not None and len(mesh.vertices) > 9

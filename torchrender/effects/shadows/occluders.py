@@ -18,7 +18,7 @@ from torchrender.checks import check_choice, check_range
 from torchrender.depth.options import METHODS, SamplingOptions
 from torchrender.depth.sample import sample_depth_images, sample_offset_images
 from torchrender.effects.shadows.light_samples import corner_grid
-from torchrender.raster import PIXEL_TESTS
+from torchrender.fragment_tests import PIXEL_TESTS
 from torchrender.reconstruct.corners import ReconstructOptions
 from torchrender.reconstruct.discs import reconstruct_discs
 from torchrender.reconstruct.hybrid import Reconstruction, reconstruct_grid, reconstruct_hybrid

@@ -53,9 +53,13 @@ def render_shadow_map(
     geometry = scene.geometry if isinstance(scene, Scene) else scene
     if gbuffer is not None and isinstance(scene, Scene):
         return draw_shadow_map(geometry, *view_cameras(scene, light, gbuffer, options), options)
+    return draw_shadow_map(geometry, light_views(geometry, light, options), None, options)
+
+
+def light_views(geometry: Geometry, light: Light, options: ShadowOptions) -> Cameras:
+    """The views of a light that show everything it can light."""
     height, width = options.shape
-    cameras = light_cameras(light, geometry.cluster_bounds, width=width, height=height, border=options.border)
-    return draw_shadow_map(geometry, cameras, None, options)
+    return light_cameras(light, geometry.cluster_bounds, width=width, height=height, border=options.border)
 
 
 def draw_shadow_map(
@@ -107,17 +111,38 @@ def light_visibility(
     gbuffer: GBuffer | RaySurface,
     options: ShadowOptions | None = None,
     shadow_map: ShadowMap | None = None,
+    known: tuple[Tensor, Tensor] | None = None,
 ) -> Tensor:
     """Shadow factor (B,H,W) of one light at a G-buffer's points, or at those of an image of ray hits; empty ones are 1.
 
     A rectangle is seen from its centre: its shadows are hard, or with filter "pcss" as wide as a square of its area
-    makes them. Pass the map of an earlier call while scene and light stand still.
+    makes them. Pass the map of an earlier call while scene and light stand still. ``known``: factors (B,H,W), and where
+    these hold already (B,H,W) bool: nothing is looked up there.
     """
     options = options_for(light, scene, options)
     if shadow_map is None:
         seen = gbuffer if options.coverage == "view" and isinstance(gbuffer, GBuffer) else None
         shadow_map = render_shadow_map(scene, light, options, gbuffer=seen)
     points, normals = gbuffer.position, gbuffer.geometric_normal
+    if known is None:
+        return _settled(scene, light, gbuffer, (points, normals), options, shadow_map)
+    if bool(known[1].all()):
+        return known[0]
+    wanted = torch.where(known[1][..., None], 0.0, normals)  # points without a normal are not looked up
+    found = _settled(scene, light, gbuffer, (points, wanted), options, shadow_map)
+    return torch.where(known[1], known[0], found)
+
+
+def _settled(
+    scene: Scene,
+    light: Light,
+    gbuffer: GBuffer | RaySurface,
+    surface: tuple[Tensor, Tensor],
+    options: ShadowOptions,
+    shadow_map: ShadowMap,
+) -> Tensor:
+    """Factors of points and normals, with exact edges where the options ask for them."""
+    points, normals = surface
     if not (settles(options) and isinstance(gbuffer, GBuffer)):
         return shadow_factor(points, normals, light, shadow_map, options)
     found, doubt = _factors(points, normals, light, shadow_map, options)

@@ -74,9 +74,11 @@ def draw_views(triangles: TriangleArrays, views: list[View], cull: str, holes: H
         np.array([[frame.near, frame.far] for frame in frames]),
         *(frames[0].width, frames[0].height, frames[0].orthographic),
     )
-    points = np.empty((threads, len(triangles.vertices), 4))
+    vertices, faces = len(triangles.vertices), len(triangles.faces)
+    points = _memory.points(threads * vertices)[: threads * vertices].reshape(threads, vertices, 4)
     room = many_views.Room(points, points.view(np.int64), *_buffers(threads))
-    lists = _lists(threads, len(triangles.faces))
+    every = _memory.lists(threads * faces)
+    lists = binning.Lists(*(a[: threads * faces].reshape(threads, faces, *a.shape[1:]) for a in every))
     if not outputs.triangle.size:
         none = np.zeros((len(views), 0, 0), np.int64)
         outputs = Visible(outputs.depth, none, none, np.zeros((len(views), 0, 0, 2), np.float32))

@@ -24,6 +24,7 @@ from torchrender.passes.hard import (
 )
 from torchrender.passes.light.light_reach import LIGHT_REACH, POINT_LIGHTS
 from torchrender.passes.light.shadow_map import SHADOW_MAP
+from torchrender.passes.light.standing_light import StandingLight, buffer_of, kept_light, same_light
 from torchrender.passes.light.visibility import POINT_SHADOW, lights_by_rays, lights_in_view, visibility_error
 from torchrender.passes.outlook import Outlook, Verdict, counted, no_shadows
 from torchrender.passes.seen.gbuffer import GBUFFER
@@ -33,7 +34,7 @@ from torchrender.pipeline.frame import Frame
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions, lasting_shadows
 from torchrender.rays import RayCaster
-from torchrender.scene.light import vectors_to
+from torchrender.scene.light import Light, vectors_to
 
 
 def applies(outlook: Outlook) -> Verdict:
@@ -63,15 +64,25 @@ def over_many(outlook: Outlook) -> bool:
     return outlook.samples is not None and outlook.point_lights >= FEWEST
 
 
-def run(frame: Frame) -> dict[int, Tensor]:
+STANDING_POINT_SHADOW = buffer_of("point_shadow")
+"""What the next picture can use again."""
+
+
+def run(frame: Frame) -> tuple[dict[int, Tensor], StandingLight]:
     """Visibility (B,H,W) of the lights without area, by their number; those without a map take rays."""
-    lights = lights_in_view(frame, area=False)
+    found = _visibility(frame, lights_in_view(frame, area=False))
+    return found, kept_light(frame, found)
+
+
+def _visibility(frame: Frame, lights: dict[int, Light]) -> dict[int, Tensor]:
     gbuffer = frame[GBUFFER]
     if frame.options.point_shadows == "traced":
         return {n: traced_visibility(frame[RAY_CASTER], light, gbuffer) for n, light in lights.items()}
     maps, options, small = frame[SHADOW_MAP], frame.options.shadow, lights_by_rays(frame)
     small |= {n for n in lights if maps[n] is None}
-    found = {n: light_visibility(frame.scene, lights[n], gbuffer, options, maps[n]) for n in lights if n not in small}
+    mapped = {n: light for n, light in lights.items() if n not in small}
+    same = same_light(frame, STANDING_POINT_SHADOW, mapped)
+    found = {n: light_visibility(frame.scene, x, gbuffer, options, maps[n], same.get(n)) for n, x in mapped.items()}
     if small:
         caster = frame.get(RAY_CASTER) or RayCaster(frame.scene.geometry)
         few = {n: lights[n] for n in sorted(small)}
@@ -163,6 +174,7 @@ PASS = Pass(
     name="point_shadow",
     summary="hard shadows of lights without area",
     makes=POINT_SHADOW,
+    also=(STANDING_POINT_SHADOW,),
     needs=(GBUFFER,),
     uses=(LIGHT_REACH,),
     asks=asks,

@@ -13,13 +13,15 @@ from typing import Any
 
 from torchrender.buffers import GBuffer, ShadowMap
 from torchrender.effects.shadows.light_reach import shines
+from torchrender.effects.shadows.movers import covers
 from torchrender.effects.shadows.options import ShadowOptions
-from torchrender.effects.shadows.shadow_map import draw_shadow_map, render_shadow_map
+from torchrender.effects.shadows.shadow_map import light_views, render_shadow_map
 from torchrender.effects.shadows.small_lights import lights_without_maps
-from torchrender.effects.shadows.view_cameras import same_views, view_cameras
+from torchrender.effects.shadows.view_cameras import view_cameras
 from torchrender.passes.contract import Amounts, OwnMeasure, Pass
 from torchrender.passes.hard import LIGHTS, SMALL_SHADOW, HardEffect, Law, Outputs, Subject, difference, no_lights
 from torchrender.passes.light.light_reach import LIGHT_REACH, SMALL_LIGHTS, lights_in_view
+from torchrender.passes.light.standing_maps import STANDING_MAPS, Draw, Maps, Moving, StandingMaps, drawing
 from torchrender.passes.light.visibility import POINT_SHADOW, lights_by_rays, visibility_error
 from torchrender.passes.light.visibility import lights_in_view as in_view
 from torchrender.passes.outlook import Outlook, Verdict, counted, no_shadows
@@ -75,17 +77,19 @@ def looked_up(light: Light, options: RenderOptions) -> bool:
     return options.area_shadows != "sampled" if isinstance(light, RectLight) else options.point_shadows == "maps"
 
 
-def run(frame: Frame) -> tuple[tuple[ShadowMap | None, ...], tuple[ShadowMap | None, ...]]:
-    """The maps of the picture, and those of everything."""
+def run(frame: Frame) -> tuple[Maps, Maps, StandingMaps]:
+    """The maps of the picture, those of everything, and what of them the next picture needs if something moves."""
     scene, options = frame.scene, frame.options
     seen = options.shadow.coverage == "view" and isinstance(frame[GBUFFER], GBuffer)
     picture, mirrors = bool(frame.askers(SHADOW_MAP)), bool(frame.askers(SCENE_SHADOW_MAP))
     wanted = lights_in_picture(frame) if picture else set()
     whole = _of_everything(scene, options) if mirrors else set()
-    everything = _drawn(frame, SCENE_SHADOW_MAP, whole if seen else whole | wanted, None)
-    if not seen:
-        return everything, everything
-    return _drawn(frame, SHADOW_MAP, wanted, frame[GBUFFER]), everything
+    moving = Moving.of(frame)
+    draw = drawing(frame, moving)
+    everything = _drawn(frame, SCENE_SHADOW_MAP, whole if seen else whole | wanted, None, draw)
+    own = _drawn(frame, SHADOW_MAP, wanted, frame[GBUFFER], draw) if seen else everything
+    kept = moving.standing() if moving is not None else StandingMaps(scene.meshes, own, everything)
+    return own, everything, kept
 
 
 def _of_everything(scene: Scene, options: RenderOptions) -> set[int]:
@@ -106,7 +110,7 @@ def lights_in_picture(frame: Frame) -> set[int]:
 
 
 def _drawn(
-    frame: Frame, buffer: Buffer[tuple[ShadowMap | None, ...]], wanted: set[int], seen: GBuffer | None
+    frame: Frame, buffer: Buffer[Maps], wanted: set[int], seen: GBuffer | None, draw: Draw
 ) -> tuple[ShadowMap | None, ...]:
     """The maps of these lights: those of an earlier picture where they still fit, and new ones."""
     scene, earlier = frame.scene, frame.earlier(buffer)
@@ -119,11 +123,12 @@ def _drawn(
         how = lasting_shadows(frame.options)
         how = replace(how, filter="pcss", soft=None) if isinstance(light, RectLight) else how
         if seen is None:
-            made[number] = kept or render_shadow_map(scene, light, replace(how, size=shared))
+            how = replace(how, size=shared)
+            made[number] = kept or draw("everything", number, (light_views(scene.geometry, light, how), None), how)
             continue
         cameras, starts = view_cameras(scene, light, seen, how)
-        if kept is None or kept.starts != starts or not same_views(kept.cameras, cameras):
-            made[number] = draw_shadow_map(scene.geometry, cameras, starts, how)
+        if kept is None or kept.starts != starts or not covers(kept.cameras, cameras):
+            made[number] = draw("picture", number, (cameras, starts), how)
     changed = earlier is None or any(a is not b for a, b in zip(made, earlier, strict=True))
     return tuple(made) if earlier is None or changed else earlier
 
@@ -215,7 +220,7 @@ PASS = Pass(
     name="shadow_map",
     summary="depth as lights see it",
     makes=SHADOW_MAP,
-    also=(SCENE_SHADOW_MAP,),
+    also=(SCENE_SHADOW_MAP, STANDING_MAPS),
     needs=(GBUFFER,),
     uses=(LIGHT_REACH,),
     applies=applies,

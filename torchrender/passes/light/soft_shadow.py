@@ -15,6 +15,7 @@ from torchrender.passes.contract import Amounts, Buffers, OwnMeasure, Pass
 from torchrender.passes.hard import LIGHTS, HardEffect, Law, Outputs, Subject, mean_over, receives
 from torchrender.passes.light.light_reach import AREA_LIGHTS, LIGHT_REACH
 from torchrender.passes.light.shadow_map import SHADOW_MAP
+from torchrender.passes.light.standing_light import StandingLight, buffer_of, kept_light, same_light
 from torchrender.passes.light.visibility import SOFT_SHADOW, lights_in_view, visibility_error
 from torchrender.passes.outlook import Outlook, Verdict, counted, no_shadows
 from torchrender.passes.seen.gbuffer import GBUFFER
@@ -24,7 +25,7 @@ from torchrender.pipeline.frame import Frame
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
 from torchrender.rays import RayCaster
-from torchrender.scene.light import RectLight
+from torchrender.scene.light import Light, RectLight
 
 
 def applies(outlook: Outlook) -> Verdict:
@@ -45,9 +46,17 @@ def asks(outlook: Outlook) -> Buffers:
     return (OCCLUDERS,) if outlook.options.area_shadows == "sampled" else (SHADOW_MAP,)
 
 
-def run(frame: Frame) -> dict[int, Tensor]:
+STANDING_SOFT_SHADOW = buffer_of("soft_shadow")
+"""What the next picture can use again."""
+
+
+def run(frame: Frame) -> tuple[dict[int, Tensor], StandingLight]:
     """Visibility (B,H,W) of the rectangular lights, by their number."""
-    lights = lights_in_view(frame, area=True)
+    found = _found(frame, lights_in_view(frame, area=True))
+    return found, kept_light(frame, found)
+
+
+def _found(frame: Frame, lights: dict[int, Light]) -> dict[int, Tensor]:
     gbuffer, options = frame[GBUFFER], frame.options
     if options.area_shadows == "sampled":
         rectangles = [light for light in lights.values() if isinstance(light, RectLight)]
@@ -58,7 +67,8 @@ def run(frame: Frame) -> dict[int, Tensor]:
         by_size = replace(options.shadow, filter="pcss", soft=None)
     else:
         by_size = options.shadow
-    return {n: light_visibility(frame.scene, light, gbuffer, by_size, maps[n]) for n, light in lights.items()}
+    same = same_light(frame, STANDING_SOFT_SHADOW, lights)
+    return {n: light_visibility(frame.scene, x, gbuffer, by_size, maps[n], same.get(n)) for n, x in lights.items()}
 
 
 def amounts(outlook: Outlook) -> Amounts:
@@ -122,6 +132,7 @@ PASS = Pass(
     name="soft_shadow",
     summary="shadows of rectangular lights",
     makes=SOFT_SHADOW,
+    also=(STANDING_SOFT_SHADOW,),
     needs=(GBUFFER,),
     uses=(LIGHT_REACH,),
     asks=asks,

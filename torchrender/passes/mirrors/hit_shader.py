@@ -29,10 +29,13 @@ from torchrender.passes.light.direct_light import ambient_reach
 from torchrender.passes.light.shadow_map import SCENE_SHADOW_MAP, SHADOW_MAP
 from torchrender.passes.outlook import Outlook, no_shadows
 from torchrender.passes.seen.ray_caster import RAY_CASTER
-from torchrender.pipeline.buffer import Buffer, Lasting, look_of
+from torchrender.pipeline.buffer import Buffer, Lasting, look_of, same
 from torchrender.pipeline.frame import Frame
+from torchrender.pipeline.hit_memory import HitMemory
 from torchrender.pipeline.hit_shader import HitShader
 from torchrender.pipeline.options import RenderOptions, lasting_shadows, plain_background
+from torchrender.pipeline.standing import swept
+from torchrender.scene.material_table import wants_gradient
 from torchrender.shade import shade
 
 
@@ -71,7 +74,31 @@ def run(frame: Frame) -> HitShader:
     rays = min(frame.options.ambient.rays, RAYS_OF_MANY)
     of_many = frame.over_hits(given, ambient={"rays": rays})
     around = frame.over_hits(given, ambient={"ray_spacing": AROUND})
-    return HitShader(frame.scene, frame.over_hits(given), frame.options.background, of_many, around)
+    made = HitShader(frame.scene, frame.over_hits(given), frame.options.background, of_many, around, _memory(frame))
+    made.look = _look(frame)
+    return made
+
+
+def _look(frame: Frame) -> tuple[Any, ...]:
+    """What shows in the light of hits, but where meshes are."""
+    assert frame.history.given is not None
+    return (look_of(frame.history.given)[1:], look_made_with(frame.options))
+
+
+def _memory(frame: Frame) -> HitMemory | None:
+    """Light of hits of the picture before, as far as it holds; None where it is not worth keeping any."""
+    scene, before = frame.scene, frame.history.last(HIT_SHADER)
+    sky = scene.environment is not None and not scene.environment.fill  # hidden from everywhere by what is anywhere
+    if not frame.history.sequence or sky or wants_gradient(scene.materials):
+        return None
+    if before is None or before.memory is None or not same(before.look, _look(frame)):
+        return HitMemory()
+    moved = swept(before.scene.meshes, scene.meshes)
+    if moved is None:
+        return HitMemory()
+    hidden = has_ambient_light(scene) and frame.options.ambient_visibility != "off"
+    reach = reach_of(scene, frame.options.ambient) if hidden else -1.0
+    return before.memory.following(before.scene, scene, moved, reach)
 
 
 def amounts(outlook: Outlook) -> Amounts:

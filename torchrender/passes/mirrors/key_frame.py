@@ -71,6 +71,8 @@ def reuses(outlook: Outlook) -> Verdict:
 def applies(outlook: Outlook) -> Verdict:
     """A sequence whose next pictures will need it."""
     verdict = reuses(outlook)
+    if verdict.runs and outlook.history.moves:
+        return Verdict(False, "something moves: the next picture could not use it")
     return Verdict(True, "the next pictures use it again") if verdict.runs else verdict
 
 

@@ -6,6 +6,7 @@ Here, as in OpenCV: x right, y down, z forward, world to camera, and the centre 
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +15,7 @@ import torch
 from torch import Tensor
 
 from torchrender.checks import check_finite
-from torchrender.errors import CameraError
+from torchrender.errors import CameraError, ViewWarning
 from torchrender.numerics.quaternions import rotations
 from torchrender.numerics.transforms import pinhole_matrix
 from torchrender.scene.cameras.record import CameraRecord
@@ -58,10 +59,14 @@ class CameraDoors(CameraRecord):
 
         Raises:
             CameraError: a shape that does not fit, a matrix that is mirrored, scaled or no rotation.
+
+        Warns:
+            ViewWarning: a principal point far from the middle, as of a ``K`` of pictures of another size.
         """
         pose = _pose("R", R, None if t is None else _batch("t", t, ((3,), (3, 1))))
         k = _batch("K", K, ((3, 3),)).clone()
         k[:, (0, 1), 2] += 0.5 - _centre(pixel_center)
+        _doubt_centre(k, width, height)
         return cls._made(pose, k, width, height, near, far)
 
     @classmethod
@@ -87,11 +92,15 @@ class CameraDoors(CameraRecord):
 
         Raises:
             CameraError: as above, or not exactly one of ``fov_deg``, ``fov_x_deg`` and ``K``.
+
+        Warns:
+            ViewWarning: an angle that may be in radians; a ``K`` as above.
         """
         if sum(one is not None for one in (fov_deg, fov_x_deg, K)) != 1:
             raise CameraError("give one of fov_deg, fov_x_deg and K")
         if K is not None:
             k = _batch("K", K, ((3, 3),))
+            _doubt_centre(k, width, height)
         else:
             name, angle, side = ("fov_deg", fov_deg, height) if fov_deg is not None else ("fov_x_deg", fov_x_deg, width)
             focal = _focal(name, angle or 0.0, side)
@@ -250,7 +259,30 @@ def _focal(name: str, degrees: float, side: int) -> float:
     """Pixels."""
     if not 0.0 < degrees < 179.9:
         raise CameraError(f"{name} must be in (0, 179.9), got {degrees}")
+    doubt_angle(name, degrees)
     return 0.5 * side / math.tan(math.radians(degrees) / 2)
+
+
+def doubt_angle(name: str, degrees: float) -> None:
+    """Warn of opening angles that are usual in radians, and as degrees those of a telescope."""
+    if 0.2 <= degrees <= math.pi:
+        told = f"{name} is {degrees:.4g} degrees, the view of a telescope: if it is in radians, give math.degrees of it"
+        warnings.warn(told, ViewWarning, stacklevel=3)
+
+
+def _doubt_centre(k: Tensor, width: int, height: int) -> None:
+    """Warn of intrinsics that were measured in pictures of another size."""
+    middle = k[:, :2, 2] / torch.tensor([width, height], dtype=torch.float64)
+    if bool(((middle < FARTHEST) | (middle > 1.0 - FARTHEST)).any()):
+        x, y = k[0, :2, 2].tolist()
+        told = f"K has its principal point at ({x:.5g}, {y:.5g}), far from the middle of {width} x {height} pixels"
+        warnings.warn(
+            f"{told}: if K is of pictures of another size, scale its first two rows", ViewWarning, stacklevel=3
+        )
+
+
+FARTHEST = 0.3
+"""Of a picture's sides: nearer to the border principal points are doubted."""
 
 
 def _centre(value: float) -> float:

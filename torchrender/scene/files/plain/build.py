@@ -108,7 +108,7 @@ def _with_normals(surface: Surface) -> Surface:
         source, new, normal = crease_normals(surface.vertices, surface.faces, CREASE_DEG)
         same = len(source) == len(surface.vertices) and bool((source == np.arange(len(source))).all())
         # Without a sharp edge the vertices stay as they are: no copy of large meshes.
-        return replace(surface, faces=new, normals=normal) if same else surface.taken(source, new, normals=normal)
+        return replace(surface, faces=new, normals=normal) if same else _in_order(surface, source, new, normal)
     groups = surface.smoothing
     sources, faces, normals, count = [], np.empty_like(surface.faces), [], 0
     for group in np.unique(groups).tolist():
@@ -124,7 +124,24 @@ def _with_normals(surface: Surface) -> Surface:
         faces[rows] = new + count
         normals.append(normal)
         count += len(source)
-    return surface.taken(np.concatenate(sources), faces, normals=np.concatenate(normals))
+    return _in_order(surface, np.concatenate(sources), faces, np.concatenate(normals))
+
+
+def _in_order(surface: Surface, source: Array, faces: Array, normals: Array) -> Surface:
+    """Vertices as the file has them, and behind them the copies that sharp edges need.
+
+    Args:
+        source: (N,) the vertex that each of N is a copy of.
+        faces: (F,3) numbers among the N.
+        normals: (N,3).
+    """
+    count = len(surface.vertices)
+    first = np.zeros(len(source), bool)
+    first[np.unique(source, return_index=True)[1]] = True
+    place = np.where(first, source, count - 1 + np.cumsum(~first))
+    ordered = np.zeros((count + int((~first).sum()), 3), normals.dtype)
+    ordered[place] = normals
+    return surface.taken(np.concatenate([np.arange(count), source[~first]]), place[faces], normals=ordered)
 
 
 def unit_or_zero(normals: Array) -> Tensor:

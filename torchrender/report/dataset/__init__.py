@@ -1,0 +1,1 @@
+"""Many views of a scene in one call, and pictures of a scene in which something moves."""

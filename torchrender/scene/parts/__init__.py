@@ -1,0 +1,1 @@
+"""What scenes check of their parts, and find out about them."""

@@ -1,0 +1,54 @@
+"""What the parts of a scene must be, and whether their arrays are still what they were."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, get_args
+
+from torchrender.errors import InputError
+from torchrender.scene.light import Light
+from torchrender.scene.material import Material
+from torchrender.scene.medium import Medium
+from torchrender.scene.mesh import Mesh
+from torchrender.scene.motion.records import Motion
+
+ARRAYS = ("vertices", "faces", "normals", "uv", "uv1", "tangents", "colors", "alpha")
+"""Of a mesh."""
+KINDS: Mapping[str, tuple[type, ...]] = {
+    "meshes": (Mesh,),
+    "materials": (Material,),
+    "lights": get_args(Light),
+    "media": (Medium,),
+    "motions": (Motion,),
+}
+
+
+def versions(meshes: Sequence[Mesh]) -> tuple[int, ...]:
+    """How often each array of each mesh was written to, as PyTorch counts it; -1 where it does not."""
+    tensors = [getattr(mesh, name) for mesh in meshes for name in ARRAYS]
+    return tuple(-1 if one is None or one.is_inference() else one._version for one in tensors)
+
+
+def several(name: str, value: object, kinds: tuple[type, ...]) -> tuple[Any, ...]:
+    """The parts of a scene as a tuple, also where one is given alone."""
+    parts = (value,) if isinstance(value, kinds) else tuple(value) if isinstance(value, Iterable) else (value,)
+    for one in parts:
+        if not isinstance(one, kinds):
+            wanted = " or ".join(kind.__name__ for kind in kinds)
+            raise InputError(f"{name} must be {wanted}, one or several, got {type(one).__name__}")
+    return parts
+
+
+def check_unchanged(name: str, meshes: Sequence[Mesh], known: tuple[int, ...] | None) -> None:
+    """Refuse arrays of the meshes of a scene that were written to since ``known`` was read.
+
+    Raises:
+        InputError: names the mesh and the array.
+    """
+    now = None if known is None else versions(meshes)
+    if known is None or now is None or now == known:
+        return
+    place = next(k for k, (was, new) in enumerate(zip(known, now, strict=True)) if was != new)
+    mesh, array = meshes[place // len(ARRAYS)].name, ARRAYS[place % len(ARRAYS)]
+    told = f"{array} of mesh {mesh!r} were changed in place after scene {name!r} had been drawn, which would not show"
+    raise InputError(f"{told}: make a new mesh, dataclasses.replace(mesh, {array}=...), and scene.replace(meshes=...)")
