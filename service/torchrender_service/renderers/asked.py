@@ -34,7 +34,7 @@ class Asked:
 
 def rank_of(job: jobs.Job) -> Rank:
     """The class of a job by what it asks for."""
-    if isinstance(job, jobs.MakeKeyframe | jobs.MakeLayers | jobs.SmoothKeyframe):
+    if isinstance(job, jobs.MakeKeyframe | jobs.MakeLayers | jobs.SmoothKeyframe | jobs.FindPixel):
         return Rank.STREAM
     if isinstance(job, jobs.StylePhoto):
         return Rank.BATCH

@@ -12,6 +12,7 @@ from torchrender.scene.model import Scene
 from torchrender_service.errors import ServiceError
 from torchrender_service.renderers.jobs import SceneSource
 from torchrender_service.renderers.keeping.sizes import TREE_BYTES, bytes_of
+from torchrender_service.renderers.viewing.survey import controls_of
 
 MAX_BYTES = 2**31
 """Of all scenes that are kept, where nothing else is said."""
@@ -54,6 +55,11 @@ class SceneCache:
             self.forget(next(iter(self._scenes)))
             self.evictions += 1
         return self._scenes[source.id]
+
+    def revision(self, source: SceneSource) -> int:
+        """How often a scene has changed: scenes of files never do."""
+        del source
+        return 0
 
     def forget(self, name: str) -> None:
         """Drop a scene."""
@@ -98,6 +104,7 @@ def describe(scene: Scene) -> dict[str, Any]:
         "bounds": [low.tolist(), high.tolist()],
         "diagonal": scene.diagonal,
         "orthographic": camera.orthographic,
+        "controls": controls_of(scene, camera),
         "animations": {shown(name): duration for name, duration in list(scene.animations.items())[:MAX_NAMES]},
         "report": {part: [note[:200] for note in notes[:64]] for part, notes in scene.report.plain().items()},
     }

@@ -50,6 +50,7 @@ class SceneStore:
         self._folder = Path(settings.data_dir) / "scenes"
         self._built_in: dict[str, asyncio.Task[dict[str, Any]]] = {}
         self._uploads: dict[str, dict[str, Any]] = {}
+        self._revisions: dict[str, int] = {}  # of the scenes of a program
 
     @contextlib.contextmanager
     def own_folder(self) -> Iterator[None]:
@@ -95,6 +96,10 @@ class SceneStore:
     def names(self) -> list[str]:
         """Ids of all scenes."""
         return [*self._settings.built_in, *self._uploads]
+
+    def revision(self, scene: str) -> int:
+        """How often a scene has changed."""
+        return self._revisions.get(scene, 0)
 
     def source(self, scene: str) -> SceneSource:
         """Where renderers find a scene.

@@ -8,8 +8,10 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Path, Query, Request, Response
 
 from torchrender_service.errors import ServiceError
-from torchrender_service.web.schemas import SceneFacts, SceneId, SceneList, problems
+from torchrender_service.renderers.jobs import Survey
+from torchrender_service.web.schemas import SceneFacts, SceneId, SceneList, SceneSurvey, problems
 from torchrender_service.web.state import state_of
+from torchrender_service.web.work import work
 
 router = APIRouter(prefix="/v1/scenes", tags=["scenes"])
 
@@ -101,6 +103,19 @@ async def upload_scene(
 async def _body(request: Request) -> AsyncIterator[bytes]:
     async for chunk in request.stream():
         yield chunk
+
+
+@router.get("/{scene}/survey", response_model=SceneSurvey, responses=_SAME | problems(404, 422, 503))
+async def survey_scene(request: Request, response: Response, scene: SceneParameter) -> Any:
+    """What a viewer needs to move about: the scene's cameras, and the cells of a grid that hold a surface."""
+    state = state_of(request)
+    tag = f'"{scene}-{state.scenes.revision(scene)}"'
+    if same_tag(request, tag):
+        return Response(status_code=304, headers={"ETag": tag})
+    found = await work(request, Survey(scene=state.scenes.source(scene)))
+    response.headers["ETag"] = tag
+    response.headers["Cache-Control"] = "no-cache"
+    return found
 
 
 @router.get("/{scene}", response_model=SceneFacts, responses=problems(404, 422, 503))
