@@ -50,7 +50,8 @@ class SceneStore:
         self._folder = Path(settings.data_dir) / "scenes"
         self._built_in: dict[str, asyncio.Task[dict[str, Any]]] = {}
         self._uploads: dict[str, dict[str, Any]] = {}
-        self._revisions: dict[str, int] = {}  # of the scenes of a program
+        self._live: dict[str, dict[str, Any]] = {}  # scenes of a running program, which its renderer holds
+        self._revisions: dict[str, int] = {}
 
     @contextlib.contextmanager
     def own_folder(self) -> Iterator[None]:
@@ -90,12 +91,12 @@ class SceneStore:
     @property
     def version(self) -> str:
         """Changes whenever the list of scenes does."""
-        return hashlib.sha256("\n".join(self.names).encode()).hexdigest()[:32]
+        return hashlib.sha256("\n".join([*self.names, str(self._revisions)]).encode()).hexdigest()[:32]
 
     @property
     def names(self) -> list[str]:
         """Ids of all scenes."""
-        return [*self._settings.built_in, *self._uploads]
+        return [*self._live, *self._settings.built_in, *self._uploads]
 
     def revision(self, scene: str) -> int:
         """How often a scene has changed."""
@@ -107,7 +108,7 @@ class SceneStore:
         Raises:
             ServiceError: 404.
         """
-        if scene in self._settings.built_in:
+        if scene in self._live or scene in self._settings.built_in:
             return SceneSource(id=scene)
         if scene in self._uploads:
             return SceneSource(id=scene, path=str(self._folder / scene / KINDS[self._uploads[scene]["kind"]]))
@@ -119,6 +120,8 @@ class SceneStore:
         Raises:
             ServiceError: 404, or what the renderer says.
         """
+        if scene in self._live:
+            return self._live[scene]
         source = self.source(scene)
         if source.path is not None:
             return self._uploads[scene]
@@ -127,6 +130,15 @@ class SceneStore:
             task = self._built_in[scene] = asyncio.create_task(self._pool.run(Describe(scene=source)))
         facts = await asyncio.shield(task)
         return {"id": scene, "built_in": True, "kind": "procedural", "bytes": 0} | facts
+
+    def put_live(self, scene: str, facts: dict[str, Any]) -> None:
+        """A scene of a running program is there, or has changed."""
+        self._revisions[scene] = self._revisions.get(scene, 0) + 1
+        self._live[scene] = {"id": scene, "built_in": False, "kind": "live", "bytes": 0} | facts
+
+    def drop_live(self, scene: str) -> None:
+        """Its program shows it no longer."""
+        self._live.pop(scene, None)
 
     async def keep(self, body: AsyncIterator[bytes], kind: str, name: str | None) -> tuple[dict[str, Any], bool]:
         """Check an upload and keep it; returns its facts and whether it is new.

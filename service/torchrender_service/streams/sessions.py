@@ -6,10 +6,10 @@ import secrets
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, Literal, Protocol
+from typing import Literal, Protocol
 
 from torchrender.wire.messages import CameraHeader
-from torchrender.wire.viewing import Effect, Pick, ToneMap
+from torchrender.wire.viewing import Effect, ToneMap
 from torchrender_service.errors import ServiceError
 from torchrender_service.renderers.contract import RendererHandle
 from torchrender_service.renderers.jobs import Bounds, SceneSource
@@ -76,7 +76,6 @@ class Session:
     clock: SceneClock = field(default_factory=SceneClock)  # of the scene's animation
     next_id: int = 0  # of the next keyframe
     latency_s: float = 0.0  # from a pose's arrival to its keyframe's acknowledgement; 0: not known yet
-    on_pick: Callable[[Pick, dict[str, Any]], None] | None = None  # hears of every pixel that was asked for
     connection: Connection | None = field(default=None, repr=False)  # set and cleared by the store alone
 
 

@@ -40,7 +40,7 @@ from torchrender_service.streams.greeting import check_hello, welcome_of
 from torchrender_service.streams.placement import Placement
 from torchrender_service.streams.producer import Producer
 from torchrender_service.streams.sessions import Session, SessionStore
-from torchrender_service.streams.viewing import Viewing, take_settings
+from torchrender_service.streams.viewing import OnPick, Viewing, take_settings
 
 LOG = logging.getLogger("torchrender_service.streams.stream")
 FROM_CLIENT = (Type.HELLO, Type.POSE, Type.ACK, Type.RESYNC, Type.BYE, Type.SETTINGS, Type.PICK)
@@ -69,6 +69,7 @@ class Surroundings:
     sessions: SessionStore
     pool: RendererPool
     metrics: Metrics
+    on_pick: OnPick | None = None  # hears of every pixel that was asked for
 
 
 class Stream:
@@ -83,7 +84,7 @@ class Stream:
         self._placement.playing = session.clock.playing
         self._welcomed = False
         self._errors = 0
-        self._viewing = Viewing(session, around.pool, self._send)
+        self._viewing = Viewing(session, around.pool, self._send, around.on_pick)
         self._wake = asyncio.Event()
         self._end: asyncio.Future[Closed] = asyncio.get_running_loop().create_future()
 

@@ -17,6 +17,8 @@ from torchrender_service.renderers.contract import RendererPool
 from torchrender_service.renderers.jobs import Bounds, FindPixel
 from torchrender_service.streams.sessions import Session
 
+OnPick = Callable[[str, Picked], None]
+"""Called with the id of the scene and what was found."""
 Kind = Literal["moving", "still", "smooth"]
 LOOK_S = 0.05
 """Between two looks at what is to be told."""
@@ -45,10 +47,17 @@ class Viewing:
 
     Args:
         send: a message to the client.
+        on_pick: hears of every pixel that was asked for.
     """
 
-    def __init__(self, session: Session, pool: RendererPool, send: Callable[[Message], Awaitable[None]]) -> None:
-        self._session, self._pool, self._send = session, pool, send
+    def __init__(
+        self,
+        session: Session,
+        pool: RendererPool,
+        send: Callable[[Message], Awaitable[None]],
+        on_pick: OnPick | None = None,
+    ) -> None:
+        self._session, self._pool, self._send, self._on_pick = session, pool, send, on_pick
         self._doing: tuple[Kind, float] | None = None
         self._camera: CameraHeader | None = None
         self._pick: Pick | None = None  # a slot for one: the newest counts
@@ -104,6 +113,7 @@ class Viewing:
             found = await self._pool.run(job, renderer=session.renderer, asked=Asked(client=session.client))
         except ServiceError:
             found = {"triangle": -1}  # the scene is gone, or the pixel lies outside
-        await self._send(msgspec.convert({"seq": pick.seq, **found}, Picked))
-        if session.on_pick is not None:
-            session.on_pick(pick, found)
+        picked = msgspec.convert({"seq": pick.seq, **found}, Picked)
+        await self._send(picked)
+        if self._on_pick is not None:
+            self._on_pick(session.scene.id, picked)
