@@ -71,9 +71,10 @@ class Validate(msgspec.Struct, frozen=True, kw_only=True, tag=True):
     """Facts about a file that was uploaded, after checks of what it declares."""
 
     path: str
-    kind: str  # "glb" or "toml"
+    kind: str  # "glb", "toml" or "zip": unpacked beside it
     max_triangles: int
     max_texture_pixels: int
+    max_bytes: int = 2**30  # that an archive may unpack to
 
 
 class Render(msgspec.Struct, frozen=True, kw_only=True, tag=True):

@@ -12,6 +12,7 @@ from torchrender.scene.model import Scene
 from torchrender_service.errors import ServiceError
 from torchrender_service.renderers.jobs import SceneSource
 from torchrender_service.renderers.keeping.sizes import TREE_BYTES, bytes_of
+from torchrender_service.renderers.uploads.any_scene import load_any
 from torchrender_service.renderers.viewing.survey import controls_of
 
 MAX_BYTES = 2**31
@@ -80,7 +81,7 @@ def _loaded(source: SceneSource) -> Scene:
     if not Path(source.path).is_file():
         raise gone
     try:
-        return load(Path(source.path))
+        return load_any(Path(source.path))
     except (SceneFileError, OSError):
         if not Path(source.path).is_file():  # it went while it was read
             raise gone from None

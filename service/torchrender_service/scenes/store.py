@@ -29,7 +29,7 @@ from torchrender_service.renderers.jobs import Describe, Forget, SceneSource, Va
 from torchrender_service.settings import Settings
 
 LOG = logging.getLogger("torchrender_service.scenes.store")
-KINDS = {"glb": "scene.glb", "toml": "scene.toml"}
+KINDS = {"glb": "scene.glb", "toml": "scene.toml", "zip": "scene.zip"}
 _HASH = re.compile(r"[0-9a-f]{64}")
 _UNFINISHED = ".unfinished-"
 _FACTS = "facts.json"
@@ -37,6 +37,8 @@ SCENE_SHARE = 4
 """The textures of a scene may fill one in so many parts of a renderer's memory."""
 TEXEL_BYTES = 22
 """Of a decoded texel with its smaller copies: four numbers of four bytes, and a third of that again."""
+UNPACKED = 8
+"""Times the bytes of the largest upload that an archive may unpack to."""
 MAX_SHOWN = 80
 """Characters of a name in what an earlier server has kept."""
 
@@ -111,7 +113,8 @@ class SceneStore:
         if scene in self._live or scene in self._settings.built_in:
             return SceneSource(id=scene)
         if scene in self._uploads:
-            return SceneSource(id=scene, path=str(self._folder / scene / KINDS[self._uploads[scene]["kind"]]))
+            facts = self._uploads[scene]
+            return SceneSource(id=scene, path=str(self._folder / scene / facts.get("main", KINDS[facts["kind"]])))
         raise ServiceError(404, "no-such-scene", f"there is no scene {scene[:80]!r}")
 
     async def facts(self, scene: str) -> dict[str, Any]:
@@ -174,6 +177,7 @@ class SceneStore:
             kind=kind,
             max_triangles=settings.max_triangles,
             max_texture_pixels=min(settings.max_texture_pixels, texels),
+            max_bytes=UNPACKED * settings.max_upload_bytes,
         )
         facts = await self._pool.inspect(job)
         facts |= {"id": scene, "built_in": False, "kind": kind, "bytes": size, "name": name or facts["name"]}
@@ -240,7 +244,7 @@ def _cut(facts: dict[str, Any]) -> dict[str, Any]:
 def _finish(folder: Path, facts: dict[str, Any], target: Path) -> None:
     """Make sure that everything is on the disk, then give the folder its name."""
     (folder / _FACTS).write_text(json.dumps(facts))
-    for path in (*folder.iterdir(), folder):
+    for path in (*folder.rglob("*"), folder):
         handle = os.open(path, os.O_RDONLY)
         try:
             os.fsync(handle)

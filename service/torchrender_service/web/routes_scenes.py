@@ -20,12 +20,15 @@ MEDIA_TYPES = {
     "application/octet-stream": "glb",
     "application/toml": "toml",
     "text/x-toml": "toml",
+    "application/zip": "zip",
+    "application/x-zip-compressed": "zip",
 }
 MAX_LISTED = 256
 SceneParameter = Annotated[str, Path(pattern=r"^[a-z0-9_]{1,64}$", examples=["cornell_box"])]
 _THERE: dict[int | str, dict[str, Any]] = {
     200: {"description": "The same scene is there already.", "model": SceneFacts}
 }
+_BINARIES = ("model/gltf-binary", "application/zip")
 _BINARY = {"schema": {"type": "string", "format": "binary"}}
 _TOML = {
     "schema": {"type": "string"},
@@ -78,7 +81,7 @@ def same_tag(request: Request, tag: str) -> bool:
     response_model=SceneFacts,
     responses=_THERE | problems(400, 403, 409, 413, 415, 422, 429, 503, 507),
     openapi_extra={
-        "requestBody": {"required": True, "content": {"model/gltf-binary": _BINARY, "application/toml": _TOML}}
+        "requestBody": {"required": True, "content": dict.fromkeys(_BINARIES, _BINARY) | {"application/toml": _TOML}}
     },
 )
 async def upload_scene(
@@ -86,7 +89,9 @@ async def upload_scene(
     response: Response,
     name: Annotated[str | None, Query(min_length=1, max_length=80, pattern=r"^[^\x00-\x1f\x7f]*$")] = None,
 ) -> dict[str, Any]:
-    """Keep a scene: a GLB file with everything inside, or a scene file in TOML without other files.
+    """Keep a scene: a GLB file with everything inside, a scene file in TOML without other files, or a ZIP archive.
+
+    An archive holds one scene with the files that it names: glTF, OBJ with MTL, PLY (also points) or STL.
 
     The id of a scene is the hash of its content: the same scene sent twice is kept once.
     """

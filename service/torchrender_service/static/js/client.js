@@ -12,6 +12,7 @@ const POSE_INTERVAL = 50; // ms between poses
 const HOLES_INTERVAL = 250; // ms between readings of the hole share
 const EXPOSURE_EASE = 0.12; // seconds in which an automatic exposure takes effect
 const SAME_EV = 0.004;
+const FADE = 140; // ms from one keyframe to the next
 const CLIP_SHARE = 0.002; // of the scene's diagonal: what is nearer is cut off
 
 const identical = (a, b) => a !== null && b !== null && a.world_from_camera.every((v, k) => v === b.world_from_camera[k]);
@@ -53,6 +54,9 @@ export class Client {
     this.dirty = true;
     this.settings = null; // what the user wishes for, as SETTINGS holds it; null: nothing
     this.seq = 0; // of the newest SETTINGS
+    this.drawn = []; // pictures of the last frame
+    this.fade = null; // pictures that fade out, and since when
+    this.calm = window.matchMedia?.("(prefers-reduced-motion: reduce)").matches;
     this.picked = null; // what the last click showed
     this.ended = null; // what was streamed before, to know whether the view stays
     canvas.addEventListener("webglcontextlost", () => this.onContext(true));
@@ -65,12 +69,19 @@ export class Client {
     this.wishes = wishes;
     this.acks = [];
     if (this.ended?.scene !== wishes.scene) {
-      this.keyframes.clear();
+      this.forget();
       this.walker.camera = null;
       this.holes = null;
       this.ev = null;
     }
     this.stream.start(wishes, key);
+  }
+
+  /** Nothing of what was received is of any use. */
+  forget() {
+    this.fade = null;
+    this.drawn = [];
+    this.keyframes.clear();
   }
 
   /** Ask for other pictures; `settings` is all that SETTINGS holds, `what` names the change. */
@@ -114,7 +125,7 @@ export class Client {
     this.canvasSize(camera.width, camera.height);
     const again = this.ended?.scene === this.wishes.scene && this.walker.camera;
     if (!again) {
-      this.keyframes.clear();
+      this.forget();
       this.walker.place(camera, session.up, this.diagonal, { bounds: header.scene.bounds, mode: header.scene.controls });
     } else {
       const { world_from_camera } = this.walker.camera;
@@ -152,7 +163,9 @@ export class Client {
     if (socket !== this.stream.socket) return image.color.close(); // of a connection that has ended
     this.counts.images++;
     this.figures.decode.add(image.times.all);
+    const earlier = this.keyframes.newest?.header;
     const group = this.keyframes.add(image);
+    this.fadeOut(earlier, group?.header);
     if (group) {
       group.bytes = image.bytes;
       group.decode_ms = image.times.all;
@@ -182,7 +195,7 @@ export class Client {
     this.moving = this.walker.step(passed / 1000);
     if (this.moving) this.hooks.moved();
     const easing = this.easeExposure(passed / 1000);
-    if ((this.moving || this.dirty || easing) && !this.lost) this.draw();
+    if ((this.moving || this.dirty || easing || this.fade) && !this.lost) this.draw();
     this.measureHoles(now);
     this.sendPose();
     if (this.counts.frames % 15 === 0) this.hooks.figures(this.stats);
@@ -205,12 +218,30 @@ export class Client {
     if (!view || !this.keyframes.newest) return;
     const begin = performance.now();
     const sources = this.hooks.sources();
-    this.warp.warp(this.keyframes.pictures(view, sources), view, this.near, { ...sources, exposure: this.ev });
-    this.warp.present({ fill: sources.fill });
+    const options = { ...sources, exposure: this.ev };
+    const share = this.fade ? (begin - this.fade.since) / FADE : 1;
+    if (share >= 1) this.fade = null;
+    let before = null;
+    if (this.fade) {
+      this.warp.warp(this.fade.pictures, view, this.near, options);
+      before = this.warp.putAside();
+    }
+    this.drawn = this.keyframes.pictures(view, sources);
+    this.warp.warp(this.drawn, view, this.near, options);
+    this.warp.present({ fill: sources.fill, before, fade: share });
+    this.keyframes.sweep(this.fade?.pictures);
     this.figures.warp.add(performance.now() - begin);
     this.dirty = false;
     this.counts.drawn++;
     this.acknowledge();
+  }
+
+  /** A new keyframe takes the place of the one before gently, unless it shows another state of the scene. */
+  fadeOut(earlier, header) {
+    if (!earlier || !header || this.calm || !this.drawn.length) return;
+    const same = (name) => (earlier[name] ?? 0) === (header[name] ?? 0);
+    if (!same("scene_s") || !same("revision")) return;
+    this.fade = { pictures: this.drawn, since: performance.now() };
   }
 
   /** Measure the hole share of the newest picture now and then, and once more when nothing moves. */

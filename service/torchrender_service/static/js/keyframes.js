@@ -17,6 +17,7 @@ export class KeyframeSet {
   constructor(warp) {
     this.warp = warp;
     this.groups = []; // newest first; each has its picture (layer 0), what its mirrors show, and extra layers
+    this.leaving = []; // what is not kept any more, but still fades out
     this.home = null; // the camera of the start: what was seen from there is kept, so that going back shows it at once
   }
 
@@ -92,11 +93,19 @@ export class KeyframeSet {
 
   drop(group) {
     this.groups = this.groups.filter((other) => other !== group);
-    for (const picture of [group.picture, ...group.extra]) this.warp.remove(picture);
+    this.leaving.push(group.picture, ...group.extra);
+  }
+
+  /** Free what nothing shows any more; `shown` are pictures that still fade out. */
+  sweep(shown = []) {
+    const gone = this.leaving.filter((picture) => !shown.includes(picture));
+    for (const picture of gone) this.warp.remove(picture);
+    this.leaving = this.leaving.filter((picture) => shown.includes(picture));
   }
 
   clear() {
     for (const group of [...this.groups]) this.drop(group);
+    this.sweep();
   }
 
   /** Pictures to draw, the preferred first: keyframes, then extra layers of the first ones. */

@@ -187,6 +187,8 @@ uniform sampler2D warped;
 uniform vec3 backdrop;
 uniform int radius;  // 0: holes stay
 uniform bool mark;   // alpha 0 in holes, for captures
+uniform sampler2D before;  // what was shown until now
+uniform float fade;  // of the new picture; 1: nothing else
 layout(location = 0) out vec4 shown;
 
 const int DIRECTIONS = 12;
@@ -197,7 +199,8 @@ void main() {
   ivec2 last = textureSize(warped, 0) - 1;
   vec4 texel = texelFetch(warped, own, 0);
   if (texel.a > 0.0) {
-    shown = vec4(texel.rgb, 1.0);
+    vec4 old = fade < 1.0 ? texelFetch(before, own, 0) : vec4(0.0);
+    shown = vec4(old.a > 0.0 ? mix(old.rgb, texel.rgb, fade) : texel.rgb, 1.0);
     return;
   }
   vec4 found[DIRECTIONS];

@@ -103,6 +103,8 @@ export class Warp {
       backdrop: { value: new Vector3(...BACKDROP) },
       radius: { value: FILL_RADIUS },
       mark: { value: false },
+      before: { value: null },
+      fade: { value: 1 },
     });
     this.joint = this.pass(triangle, MIRROR_FRAGMENT, {
       warped: { value: null },
@@ -134,6 +136,8 @@ export class Warp {
     this.target?.dispose();
     this.target = this.buffer(width, height, true);
     this.shown = this.target; // what was drawn last
+    for (const buffer of Object.values(this.put ?? {})) buffer?.dispose();
+    this.put = null; // buffers of what was drawn before that, while it fades out
     for (const buffer of Object.values(this.mirrorBuffers ?? {})) buffer.dispose();
     this.mirrorBuffers = null;
     this.counts?.dispose();
@@ -294,9 +298,28 @@ export class Warp {
     return this.mirrorBuffers;
   }
 
-  /** Fill small holes and show the picture. */
-  present({ fill = true, mark = false, target = null } = {}) {
+  /** Keep what was warped, to be faded out: the next `warp` draws elsewhere. */
+  putAside() {
+    const { width, height } = this.target;
+    const joint = this.mirrorBuffers?.joint;
+    const before = this.shown;
+    this.put ??= { target: this.buffer(width, height, true), joint: null };
+    [this.target, this.put.target] = [this.put.target, this.target];
+    if (joint) {
+      this.put.joint ??= this.buffer(width, height, false);
+      [this.mirrorBuffers.joint, this.put.joint] = [this.put.joint, joint];
+    }
+    return before;
+  }
+
+  /**
+   * Fill small holes and show the picture; `before`: what `putAside` gave, of which `1 - fade` is still seen where both
+   * have samples.
+   */
+  present({ fill = true, mark = false, target = null, before = null, fade = 1 } = {}) {
     this.fill.uniforms.warped.value = this.shown.texture;
+    this.fill.uniforms.before.value = (before ?? this.shown).texture;
+    this.fill.uniforms.fade.value = before ? fade : 1;
     this.fill.uniforms.radius.value = fill ? FILL_RADIUS : 0;
     this.fill.uniforms.mark.value = mark;
     this.renderer.setRenderTarget(target);
