@@ -93,8 +93,12 @@ def shown(name: str) -> str:
     return name if len(name) <= MAX_NAME else name[: MAX_NAME - 1] + "…"
 
 
-def describe(scene: Scene) -> dict[str, Any]:
-    """What clients are told about a scene."""
+def describe(scene: Scene, controls: str | None = None) -> dict[str, Any]:
+    """What clients are told about a scene.
+
+    Args:
+        controls: how to move about in it; None: found out.
+    """
     low, high = scene.bounds
     camera = scene.camera(width=640, height=360)
     return {
@@ -105,7 +109,7 @@ def describe(scene: Scene) -> dict[str, Any]:
         "bounds": [low.tolist(), high.tolist()],
         "diagonal": scene.diagonal,
         "orthographic": camera.orthographic,
-        "controls": controls_of(scene, camera),
+        "controls": controls or controls_of(scene, camera),
         "animations": {shown(name): duration for name, duration in list(scene.animations.items())[:MAX_NAMES]},
         "report": {part: [note[:200] for note in notes[:64]] for part, notes in scene.report.plain().items()},
     }

@@ -54,6 +54,7 @@ class LiveServer:
         app = make_app(settings, lambda *_: ThreadPool(self.scenes))
         self._state: ServiceState = app.state.service
         self._state.around.on_pick = self._picked
+        self._controls: dict[str, str] = {}
         self._listeners: dict[str, list[Callable[[Picked], None]]] = {}
         config = uvicorn.Config(
             app,
@@ -106,7 +107,8 @@ class LiveServer:
 
     def put(self, scene: str, value: Scene) -> None:
         """Show a scene, or what has become of it; any thread may call this."""
-        facts = describe(value)
+        facts = describe(value, self._controls.get(scene))
+        self._controls[scene] = facts["controls"]  # a scene that changes is looked at as before
         facts.pop("orthographic")
         self.scenes.put(scene, value)
 
@@ -119,6 +121,7 @@ class LiveServer:
     def drop(self, scene: str) -> None:
         """Show it no longer."""
         self._listeners.pop(scene, None)
+        self._controls.pop(scene, None)
         self.scenes.drop(scene)
 
         def tell() -> None:

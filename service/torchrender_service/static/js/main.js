@@ -21,6 +21,7 @@ const RESOLUTIONS = [
 const OVERSCAN = 1.2;
 const RETRY = 1500; // ms between attempts to get the list of scenes
 const RESIZE_WAIT = 400; // ms without a change of the window before the stream gets its new size
+const WALLS_WAIT = 500; // ms without a change of the scene before its walls are asked for again
 const ADDRESS_WAIT = 400; // ms without movement before the view stands in the address
 
 const $ = (id) => document.getElementById(id);
@@ -35,6 +36,8 @@ let key = sessionStorage.getItem("torchrender.key");
 let size = null;
 let scenes = [];
 let addressTimer = 0;
+let wallsTimer = 0;
+let revision = 0; // of the scene
 
 function say(text) {
   $("message").hidden = !text;
@@ -142,12 +145,22 @@ function onScene(facts, first) {
   delete words.view; // of the scene that the page began with
   if (start) client.walker.jumpTo(start);
   views.showMode();
+  views.showCameras({});
   survey(facts.id);
+}
+
+/** A scene that its program changes has other walls, once it rests. */
+function onPicture(header) {
+  panel.showPlan(header);
+  const now = header.revision ?? 0;
+  if (now === revision) return;
+  revision = now;
+  clearTimeout(wallsTimer);
+  wallsTimer = setTimeout(() => client.scene && survey(client.scene.id), WALLS_WAIT);
 }
 
 /** Cameras and obstacles of a scene: what is asked for after its first picture is under way. */
 async function survey(id) {
-  views.showCameras({});
   try {
     const found = await request(`v1/scenes/${id}/survey`, { key });
     if (client.scene.id !== id) return;
@@ -277,7 +290,7 @@ function begin() {
   try {
     client = new Client($("stage"), walker, {
       state: onState,
-      keyframe: (header) => panel.showPlan(header),
+      keyframe: onPicture,
       frame: (ms) => panel.addFrame(ms),
       figures: (stats) => {
         panel.showFigures(stats);
