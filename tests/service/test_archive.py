@@ -42,7 +42,7 @@ def picture(side: int) -> bytes:
 
 def test_a_set_of_files_is_one_scene(tmp_path: Path) -> None:
     mtl = b"newmtl red\nKd 1 1 1\nmap_Kd -s 1 1 1 red.png\n"
-    files = {"a/b.obj": OBJ, "a/sub/look.mtl": mtl, "a/sub/red.png": picture(8), "a/more.txt": b"x", ".hidden": b""}
+    files = {"a/b.obj": OBJ, "a/sub/look.mtl": mtl, "a/red.png": picture(8), "a/more.txt": b"x", ".hidden": b""}
     facts = checked(tmp_path, files)
     assert facts["main"] == "files/a/b.obj"
     assert facts["triangles"] == 1
@@ -102,7 +102,7 @@ def test_an_archive_does_not_explode(tmp_path: Path) -> None:
 def test_limits_count_in_archives_too(tmp_path: Path) -> None:
     mtl = b"newmtl red\nmap_Kd red.png\n"
     with pytest.raises(ServiceError, match="texture pixels"):
-        checked(tmp_path, {"a.obj": OBJ, "sub/look.mtl": mtl, "sub/red.png": picture(128)})
+        checked(tmp_path, {"a.obj": OBJ, "sub/look.mtl": mtl, "red.png": picture(128)})
 
 
 def test_damage_is_named(tmp_path: Path) -> None:

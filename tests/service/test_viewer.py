@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 import time
 from collections.abc import Iterator
@@ -115,7 +116,8 @@ def test_the_camera_is_read_and_moved(view: View, client: StreamClient) -> None:
     assert float((picture.radiance - expected.radiance).abs().max()) < 1e-5
 
 
-def messages(view: View) -> tuple[Any, Any]:
+@contextlib.contextmanager
+def viewer_socket(view: View) -> Iterator[Any]:
     """A socket of a viewer, greeted."""
     from websockets.sync.client import connect
 
@@ -125,9 +127,10 @@ def messages(view: View) -> tuple[Any, Any]:
     body = {"scene": view.id, "width": SIZE[0], "height": SIZE[1], "layers": 0}
     session = post_session(f"{address}v1/sessions", body, None, 30.0)
     protocols: Any = ["torchrender.v1", f"bearer.{session['ticket']}"]
-    socket = connect("ws" + address.removeprefix("http") + "v1/stream", subprotocols=protocols, compression=None)
-    socket.send(encode(Hello(versions=(1, 1), viewer=True)))
-    return socket, decode(socket.recv(10)).message
+    place = "ws" + address.removeprefix("http") + "v1/stream"
+    with connect(place, subprotocols=protocols, compression=None) as socket:
+        socket.send(encode(Hello(versions=(1, 1), viewer=True)))
+        yield socket
 
 
 def wait_for(socket: Any, kind: Type) -> Any:
@@ -149,34 +152,30 @@ def test_clicks_come_back_exact(view: View) -> None:
         heard.append(found)
         there.set()
 
-    socket, welcome = messages(view)
-    assert wait_for(socket, Type.STATUS).ahead == 0, "a sign of life comes by itself"
     camera = tr.Cameras.look_at((2.0, 1.5, 2.5), (0.0, 0.4, 0.0), width=SIZE[0], height=SIZE[1])
+    header = header_of(camera)
     seen = tr.rasterize(view.scene, camera)
     random = np.random.default_rng(0)
-    for number in range(200):
-        x, y = random.uniform(0, SIZE[0]), random.uniform(0, SIZE[1])
-        row, column = int(y), int(x)
-        triangle = int(seen.triangle[0, row, column])
+    for x, y in random.uniform((0, 0), SIZE, (200, 2)):
+        triangle = int(seen.triangle[0, int(y), int(x)])
         found = view.pick(x, y, camera)
         assert (found is None) == (triangle < 0)
         if found is not None:
             assert found.triangle == triangle
-            assert found.object == int(seen.object_id[0, row, column])
-            assert float((found.point - seen.position[0, row, column]).abs().max()) < 1e-9
-        if number % 40 == 0:
-            socket.send(encode(Pick(seq=number, camera=header_of(camera), x=x, y=y)))
+            assert found.object == int(seen.object_id[0, int(y), int(x)])
+            assert float((found.point - seen.position[0, int(y), int(x)]).abs().max()) < 1e-9
+    with viewer_socket(view) as socket:
+        assert wait_for(socket, Type.STATUS).ahead == 0, "a sign of life comes by itself"
+        for number, (x, y) in enumerate(random.uniform((0, 0), SIZE, (5, 2))):
+            socket.send(encode(Pick(seq=number, camera=header, x=x, y=y)))
             told = wait_for(socket, Type.PICKED)
-            assert (told.seq, told.triangle) == (number, triangle)
-    centre = (SIZE[0] / 2, SIZE[1] / 2)
-    there.clear()
-    socket.send(encode(Pick(seq=999, camera=header_of(camera), x=centre[0], y=centre[1])))
-    assert wait_for(socket, Type.PICKED).name == "ball"
-    assert there.wait(5) and heard[-1].mesh.name == "ball" and heard[-1].material.name == "red"
-    view.camera = camera
-    assert wait_for(socket, Type.LOOK).camera.world_from_camera == header_of(camera).world_from_camera
-    socket.close()
-    del welcome
+            assert (told.seq, told.triangle) == (number, int(seen.triangle[0, int(y), int(x)]))
+        there.clear()
+        socket.send(encode(Pick(seq=999, camera=header, x=SIZE[0] / 2, y=SIZE[1] / 2)))
+        assert wait_for(socket, Type.PICKED).name == "ball"
+        assert there.wait(5) and heard[-1].mesh.name == "ball" and heard[-1].material.name == "red"
+        view.camera = camera
+        assert wait_for(socket, Type.LOOK).camera.world_from_camera == header.world_from_camera
 
 
 def test_several_views_share_a_server_and_show_themselves(view: View, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -91,7 +92,8 @@ class ThreadPool(RendererPool):
     def forget(self, job: Forget) -> None:
         """Without waiting."""
         if not self._closed:
-            self._thread.submit(self._run, job)
+            with contextlib.suppress(RuntimeError):  # the program ends: its threads take no more work
+                self._thread.submit(self._run, job)
 
     def _run(self, job: Job) -> dict[str, Any]:
         try:

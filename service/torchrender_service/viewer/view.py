@@ -67,6 +67,7 @@ class View:
         self.id = f"{_word(scene.name)}_{secrets.token_hex(3)}"
         self._scene, self._server, self._prefix = scene, server, prefix
         self._start: Cameras | None = None
+        self._corners: tuple[Tensor, Tensor] | None = None  # faces, and which vertices they share smoothly
         server.put(self.id, scene)
 
     # --------------------------------------------------------------- where it is
@@ -145,13 +146,31 @@ class View:
             if placed.shape != old.vertices.shape:
                 raise InputError(f"vertices must have shape {tuple(old.vertices.shape)}, got {tuple(placed.shape)}")
             meshes = list(scene.meshes)
-            normals = None if old.normals is None else _normals(old, placed)
+            normals = None if old.normals is None else self._normals(old, placed)
             meshes[number] = replace(old, vertices=placed, normals=normals)
             scene = scene.with_meshes(meshes)
         elif mesh is not None:
             raise InputError("mesh names what vertices belong to: give vertices, too")
         self.scene = scene
         return self
+
+    def _normals(self, mesh: Mesh, vertices: Tensor) -> Tensor:
+        """Shading normals of a mesh whose vertices have moved: mean of the faces around each, weighted by area.
+
+        Vertices that had one place and one normal, as along the seam of a texture, still have one normal.
+        """
+        assert mesh.normals is not None
+        if self._corners is None or self._corners[0] is not mesh.faces:
+            alike = torch.cat([mesh.vertices.float(), mesh.normals.float()], dim=1)
+            self._corners = mesh.faces, torch.unique(alike, dim=0, return_inverse=True)[1]
+        shared = self._corners[1]
+        a, b, c = vertices[mesh.faces].unbind(1)
+        face = torch.linalg.cross(b - a, c - a)
+        total = torch.zeros(len(vertices), 3, dtype=face.dtype)
+        for corner in range(3):
+            total.index_add_(0, shared[mesh.faces[:, corner]], face)
+        found = torch.nn.functional.normalize(total, dim=-1, eps=1e-30)[shared].to(mesh.normals.dtype)
+        return torch.where(found.abs().sum(-1, keepdim=True) > 0, found, mesh.normals)  # of no face: as it was
 
     def add(self, *things: Mesh | PointCloud | Material | Any) -> View:
         """Show more: meshes, point clouds (as small solids), lights.
@@ -280,13 +299,3 @@ def _number_of(scene: Scene, name: str | None) -> int:
         return 0
     chosen = scene.mesh(name)
     return next(k for k, mesh in enumerate(scene.meshes) if mesh is chosen)
-
-
-def _normals(mesh: Mesh, vertices: Tensor) -> Tensor:
-    """Shading normals of a mesh whose vertices have moved: mean of the faces around each, weighted by area."""
-    a, b, c = vertices[mesh.faces].unbind(1)
-    face = torch.linalg.cross(b - a, c - a)
-    total = torch.zeros_like(vertices)
-    for corner in range(3):
-        total.index_add_(0, mesh.faces[:, corner], face)
-    return torch.nn.functional.normalize(total, dim=-1, eps=1e-30).to(mesh.vertices.dtype)

@@ -105,10 +105,11 @@ def named_files(main: Path, folder: Path) -> set[Path]:
     while waiting:
         file = waiting.pop()
         for name in _names(file):
-            path = _inside(main, file.parent, name, folder)
-            if path.is_file() and path not in found:
-                found.add(path)
-                waiting.append(path)
+            for where in (file.parent, main.parent):  # textures of an MTL file may be named from either
+                path = _inside(main, where, name, folder)
+                if path.is_file() and path not in found:
+                    found.add(path)
+                    waiting.append(path)
     return found
 
 
