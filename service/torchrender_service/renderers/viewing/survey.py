@@ -22,7 +22,7 @@ SIZE = (640, 360)
 """Pixels of the cameras as they are told."""
 AROUND = 200
 """Directions that are looked into from the middle of a scene."""
-ENCLOSED = 0.6
+ENCLOSED = 0.75
 """Share of them that must meet the front of a wall for the scene to be a room."""
 
 
