@@ -101,7 +101,7 @@ export class Walker {
     this.mode = mode;
     this.coast = 0;
     this.drift = [0, 0, 0];
-    this.findPivot();
+    if (this.camera) this.findPivot();
   }
 
   /** Orbit the point straight ahead that is as far away as the middle of the scene: so nothing turns by itself. */
