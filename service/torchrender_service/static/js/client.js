@@ -12,6 +12,7 @@ const POSE_INTERVAL = 50; // ms between poses
 const HOLES_INTERVAL = 250; // ms between readings of the hole share
 const EXPOSURE_EASE = 0.12; // seconds in which an automatic exposure takes effect
 const SAME_EV = 0.004;
+const FORESEEN = 0.1; // seconds ahead, at least, for which a pose says where the view goes
 const FADE = 140; // ms from one keyframe to the next
 const CLIP_SHARE = 0.002; // of the scene's diagonal: what is nearer is cut off
 
@@ -274,7 +275,8 @@ export class Client {
     const camera = this.walker.camera;
     if (this.state !== "live" || !camera || now - this.pose.sent < POSE_INTERVAL) return;
     if (identical(camera, this.pose.camera) && this.pose.moving === moved) return;
-    const { velocity, spin } = this.walker;
+    const { spin } = this.walker;
+    const velocity = this.walker.foreseen(Math.max(FORESEEN, (this.figures.latency.value ?? 0) / 1000));
     const header = { seq: ++this.pose.seq, time_ms: now, camera, velocity, spin, moving: moved };
     if (!moved) Object.assign(header, { velocity: [0, 0, 0], spin: [0, 0, 0] });
     if (this.stream.send(TYPE.POSE, header, { droppable: true })) this.pose = { ...this.pose, sent: now, camera, moving: moved };

@@ -245,6 +245,20 @@ export class Walker {
     return yaw !== 0 || turned.pitch !== 0 || moved;
   }
 
+  /**
+   * Scene units per second that lead, in so many seconds, to where the view will be: a turn of the wheel ends, and walls
+   * are in the way, which the server does not know.
+   */
+  foreseen(seconds) {
+    if (this.coast === 0 && !this.obstacles) return this.velocity;
+    if (this.orbiting) return scale(this.velocity, this.coast === 0 ? 1 : Math.min(1, COAST / seconds));
+    const ahead = normalize(axesOf(this.camera)[2]);
+    const path = add(scale(this.drift, seconds), scale(ahead, this.coast * (1 - Math.exp(-seconds / COAST))));
+    const eye = eyeOf(this.camera);
+    const end = this.within(this.obstacles ? this.obstacles.move(eye, path) : add(eye, path));
+    return scale(subtract(end, eye), 1 / seconds);
+  }
+
   /** What the wheel still moves in this step. */
   roll(seconds) {
     const part = this.coast * (1 - Math.exp(-seconds / COAST));
