@@ -156,7 +156,7 @@ def test_clicks_come_back_exact(view: View) -> None:
     header = header_of(camera)
     seen = tr.rasterize(view.scene, camera)
     random = np.random.default_rng(0)
-    for x, y in random.uniform((0, 0), SIZE, (200, 2)):
+    for x, y in random.uniform((0, 0), SIZE, (200, 2)).tolist():
         triangle = int(seen.triangle[0, int(y), int(x)])
         found = view.pick(x, y, camera)
         assert (found is None) == (triangle < 0)
@@ -166,7 +166,7 @@ def test_clicks_come_back_exact(view: View) -> None:
             assert float((found.point - seen.position[0, int(y), int(x)]).abs().max()) < 1e-9
     with viewer_socket(view) as socket:
         assert wait_for(socket, Type.STATUS).ahead == 0, "a sign of life comes by itself"
-        for number, (x, y) in enumerate(random.uniform((0, 0), SIZE, (5, 2))):
+        for number, (x, y) in enumerate(random.uniform((0, 0), SIZE, (5, 2)).tolist()):
             socket.send(encode(Pick(seq=number, camera=header, x=x, y=y)))
             told = wait_for(socket, Type.PICKED)
             assert (told.seq, told.triangle) == (number, int(seen.triangle[0, int(y), int(x)]))
