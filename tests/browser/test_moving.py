@@ -25,7 +25,7 @@ def forward(visit: Visit) -> np.ndarray[Any, Any]:
 
 def test_no_flick_of_the_wheel_leaves_the_room(visit: Callable[..., Visit]) -> None:
     page = visit(scene="living_room", layers=0)
-    page.wait(COMPLETE)
+    page.wait(JPEG_READY)
     page.wait(WALLS)
     low, high = tr.load("living_room").bounds.numpy()
     page.page.mouse.move(160, 90)
