@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import http.client
 import threading
 import time
 from collections.abc import Iterator
@@ -187,6 +188,13 @@ def test_several_views_share_a_server_and_show_themselves(view: View, monkeypatc
     with tr.show(small_scene(), browser=False, hosts=["hub.example.org"]) as proxied:
         port = proxied.url.split(":")[2].split("/")[0]
         assert f'src="/user/ann/proxy/{port}/?scene=' in proxied._repr_html_()
+        for host, status in (("hub.example.org", 200), ("elsewhere.example.org", 421)):
+            asked = http.client.HTTPConnection("127.0.0.1", int(port), timeout=10)
+            asked.request("GET", "/v1/scenes", headers={"Host": host})
+            answer = asked.getresponse()
+            assert answer.status == status, "the proxy passes the browser's own name on"
+            answer.read()
+            asked.close()
 
 
 def test_pages_of_this_machine_may_hold_it_in_a_frame(view: View) -> None:

@@ -40,6 +40,7 @@ class LiveServer:
 
     def __init__(self, port: int = 0, hosts: Sequence[str] = ()) -> None:
         self.scenes = LiveScenes()
+        self.hosts = frozenset(hosts)
         self._folder = tempfile.mkdtemp(prefix="torchrender-viewer-")
         origins = tuple(f"{scheme}://{host}" for host in hosts for scheme in ("http", "https"))
         settings = Settings(
@@ -174,7 +175,7 @@ _LOCK = threading.Lock()
 
 
 def live_server(port: int = 0, hosts: Sequence[str] = ()) -> LiveServer:
-    """The server of this program; it starts where there is none.
+    """The server of this program; it starts where there is none, or none that goes by these names.
 
     Raises:
         TorchRenderError: it does not start.
@@ -182,7 +183,7 @@ def live_server(port: int = 0, hosts: Sequence[str] = ()) -> LiveServer:
     with _LOCK:
         _SERVERS[:] = [server for server in _SERVERS if server.running]
         for server in _SERVERS:
-            if port in (0, server.port):
+            if port in (0, server.port) and server.hosts >= set(hosts):
                 return server
         server = LiveServer(port, hosts)
         server.start()
