@@ -60,6 +60,10 @@ class FakePool(RendererPool):
     def idle(self, renderer: RendererHandle) -> bool:
         return renderer in self.given
 
+    def load(self, renderer: RendererHandle) -> int:
+        del renderer
+        return 0
+
     async def run(
         self, job: Job, *, renderer: RendererHandle | None = None, asked: Asked | None = None
     ) -> dict[str, Any]:

@@ -14,6 +14,7 @@ Geometry    tr.rasterize, tr.RayCaster, tr.visibility, tr.flow
 Depth       tr.sample_depth_images, tr.reconstruct_hybrid, tr.reproject
 Voxels      tr.voxelize_solid, tr.voxelize_surface, tr.collide, tr.render_volume
 Points      tr.load_points, tr.render_points, tr.pack_points
+Viewing     tr.show: a scene of the running program in a browser or notebook, with updates and picks
 Photos      tr.style_scene, torchrender.photo.fog, tr.load_rgbd, tr.build_walkthrough
 
 Images are (B,H,W) or (B,H,W,C), float32, linear light; cameras look along +z with y down, worlds have y up; a pixel
@@ -74,6 +75,7 @@ if TYPE_CHECKING:
     from torchrender.scene.medium import Medium
     from torchrender.scene.mesh import Mesh
     from torchrender.scene.model import Scene
+    from torchrender.viewer import show
     from torchrender.voxels.attributes import voxelize_attributes, voxelize_scene
     from torchrender.voxels.collision import CollisionOptions, collide
     from torchrender.voxels.file import read_voxels, write_voxels
@@ -176,6 +178,7 @@ __all__ = [
     "sample_depth_images",
     "sample_offset_images",
     "scene_info",
+    "show",
     "soft_shadow",
     "style_scene",
     "trace_reflections",
@@ -279,6 +282,7 @@ _HOME = {
     "sample_depth_images": "torchrender.depth.sample",
     "sample_offset_images": "torchrender.depth.sample",
     "scene_info": "torchrender.scene.info",
+    "show": "torchrender.viewer",
     "soft_shadow": "torchrender.effects.shadows.soft_shadow",
     "style_scene": "torchrender.photo.style.transfer",
     "trace_reflections": "torchrender.effects.reflections.traced",

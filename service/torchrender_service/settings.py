@@ -27,6 +27,7 @@ else:
 
 Count = Annotated[int, Meta(ge=1, le=2**40)]
 Seconds = Annotated[float, Meta(gt=0.0, le=86400.0)]
+Source = Annotated[str, Meta(pattern=r"^('self'|[A-Za-z][A-Za-z0-9+.-]*://[A-Za-z0-9.:*_\[\]-]+)$")]
 PREFIX = "TORCHRENDER_"
 OTHER_VARIABLES = {
     PREFIX + name
@@ -51,6 +52,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     api_key: Annotated[str, Meta(min_length=16)] | None = None  # required on addresses other than loopback
     allowed_origins: tuple[str, ...] = ()  # besides the service's own
     allowed_hosts: tuple[str, ...] = ()  # names in the Host header besides loopback's; empty off loopback: all
+    frame_ancestors: tuple[Source, ...] = ()  # pages that may show this one within theirs, as CSP writes them
     root_path: Annotated[str, Meta(pattern="^(/[^/?#]+)*$")] = ""  # below which a proxy shows the service
     trusted_proxies: tuple[str, ...] = ()  # their X-Forwarded-For tells whose request it is
     data_dir: str = "torchrender-data"  # uploaded scenes

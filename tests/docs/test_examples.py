@@ -23,6 +23,7 @@ SCRIPTS: dict[str, tuple[tuple[str, ...], str | None]] = {
     "scene_editing": (("48", "3"), None),
     "soft_shadow": (("64",), "soft_shadow.png"),
     "style": (("48",), "styled/frame_0000.png"),
+    "viewer": (("48", "no"), "view.png"),
     "voxels": (("24",), None),
     "walkthrough": (("64",), "between/frame_0000.png"),
 }

@@ -22,10 +22,14 @@ from torchrender.wire.messages import (
     DepthBlob,
     Hello,
     Keyframe,
+    Look,
+    Pick,
+    Picked,
     Pose,
     Problem,
     Resync,
     Settings,
+    Status,
     Type,
     Welcome,
     decode,
@@ -48,6 +52,12 @@ MESSAGES = (
     Bye(reason="done", retry_after_s=2.0),
     Settings(budget_ms=100.0, max_error=None, layers=1),
     Settings(density=2.5, asymmetry=-0.3),
+    Settings(seq=4, exposure=-1.5, tone_map="aces", off=("lights", "media")),
+    Settings(exposure="auto"),
+    Status(doing="still", since_ms=900.0, ahead=2),
+    Look(camera=CAMERA),
+    Pick(seq=1, camera=CAMERA, x=10.5, y=3.0),
+    Picked(seq=1, triangle=7, object=2, face=3, name="lamp", point=(1.0, 2.0, 3.0), depth=4.0),
 )
 
 

@@ -46,6 +46,7 @@ def test_every_route_is_described() -> None:
     wanted = {
         "/v1/scenes": {"get", "post"},
         "/v1/scenes/{scene}": {"get", "delete"},
+        "/v1/scenes/{scene}/survey": {"get"},
         "/v1/render": {"post"},
         "/v1/depth-images": {"post"},
         "/v1/reproject": {"post"},

@@ -22,6 +22,7 @@ from torchrender_service.renderers.jobs import (
     JOB_ENCODER,
     Bounds,
     Cancel,
+    FindPixel,
     FogInPhoto,
     Job,
     MakeLayers,
@@ -114,6 +115,7 @@ def test_the_class_of_a_job_is_its_size() -> None:
     assert rank_of(render(2560, 1440)) is rank_of(render(640, 360, options={"supersample": 2.0})) is Rank.BATCH
     assert rank_of(render(2560, 1440, bounds=Bounds(budget_ms=500.0))) is Rank.INTERACTIVE
     assert rank_of(URGENT) is Rank.STREAM
+    assert rank_of(FindPixel(scene=SceneSource(id="x"), camera=CAMERA, x=0.5, y=0.5)) is Rank.GLANCE
     assert rank_of(FogInPhoto(photo=b"", marks=b"", format="png", max_pixels=1)) is Rank.BATCH
     assert CAMERA.width == 64
 

@@ -22,6 +22,7 @@ def loaded(monkeypatch: pytest.MonkeyPatch) -> list[object]:
         return SimpleNamespace(name=name, geometry=SimpleNamespace(triangle_count=10))
 
     monkeypatch.setattr(scene_cache, "load", load)
+    monkeypatch.setattr(scene_cache, "load_any", load)
     return names
 
 

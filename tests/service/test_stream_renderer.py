@@ -29,6 +29,7 @@ from torchrender_service.renderers.stream_renderer import (
     STREAMED,
     StreamRenderer,
 )
+from torchrender_service.renderers.viewing.appearance import wish_of
 
 HUNDRED = Bounds(budget_ms=100.0)
 
@@ -218,6 +219,6 @@ def test_media_follow_a_session_without_a_scene_being_loaded(scene) -> None:
     usual, thick, clear = light(0), light(1, density=8.0), light(2, density=0.0)
     assert np.abs(thick - usual).mean() > 5 and np.abs(clear - usual).mean() > 5
     state = renderer._sessions["one"]
-    before = state.in_air(foggy, job(foggy, density=3.0))
-    assert state.in_air(foggy, job(foggy, density=3.0)) is before, "the same wish is the same scene"
+    before = state.as_wished(foggy, wish_of(job(foggy, density=3.0)))
+    assert state.as_wished(foggy, wish_of(job(foggy, density=3.0))) is before, "the same wish is the same scene"
     assert before.geometry is foggy.geometry

@@ -232,6 +232,10 @@ class Scene:
         """
         chosen = {id(mesh) for mesh in self.parts(name)}
         meshes = [mesh.transformed(matrix) if id(mesh) in chosen else mesh for mesh in self.meshes]
+        return self.with_meshes(meshes)
+
+    def with_meshes(self, meshes: Sequence[Mesh]) -> Scene:
+        """This scene with other meshes; where only vertices moved, what was found out about the triangles is kept."""
         return self._followed_by(replace(self, meshes=tuple(meshes)))
 
     def with_default_light(self) -> Scene:

@@ -17,6 +17,17 @@ import msgspec
 from msgspec import Meta
 
 from torchrender.wire.errors import ProtocolError
+from torchrender.wire.fields import (
+    CameraHeader,
+    Natural,
+    NotNegative,
+    Number,
+    Positive,
+    Text,
+    Vector,
+    Words,
+)
+from torchrender.wire.viewing import Effect, Look, Pick, Picked, Status, ToneMap
 
 MAGIC = b"TRDI"
 MAJOR = 1
@@ -26,19 +37,6 @@ CREDITS = 2
 MAX_LAYERS = 4
 MAX_HEADER_BYTES = 2**20
 _FIXED = struct.Struct("<4sBBHI")
-_LARGEST = 1e15
-
-Natural = Annotated[int, Meta(ge=0, le=2**53)]
-MAX_SIDE = 32768
-"""Pixels along a side of a picture."""
-Side = Annotated[int, Meta(ge=1, le=MAX_SIDE)]
-Number = Annotated[float, Meta(ge=-_LARGEST, le=_LARGEST)]
-Positive = Annotated[float, Meta(gt=0.0, le=_LARGEST)]
-NotNegative = Annotated[float, Meta(ge=0.0, le=_LARGEST)]
-Vector = Annotated[tuple[Number, ...], Meta(min_length=3, max_length=3)]
-Matrix = Annotated[tuple[Number, ...], Meta(min_length=16, max_length=16)]
-Text = Annotated[str, Meta(max_length=4096)]
-Words = Annotated[tuple[Annotated[str, Meta(max_length=32)], ...], Meta(max_length=16)]
 
 
 class Type(IntEnum):
@@ -53,19 +51,10 @@ class Type(IntEnum):
     ERROR = 7
     BYE = 8
     SETTINGS = 9
-
-
-class CameraHeader(msgspec.Struct, frozen=True, kw_only=True):
-    """A pinhole camera: x right, y down, z forward; pixel centres at halves."""
-
-    world_from_camera: Matrix  # 16 numbers row by row, rigid
-    fx: Positive
-    fy: Positive
-    cx: Number
-    cy: Number
-    width: Side
-    height: Side
-    near: Positive
+    STATUS = 10
+    LOOK = 11
+    PICK = 12
+    PICKED = 13
 
 
 class Hello(msgspec.Struct, frozen=True, kw_only=True):
@@ -77,6 +66,7 @@ class Hello(msgspec.Struct, frozen=True, kw_only=True):
     max_pixels: Annotated[int, Meta(ge=1, le=2**53)] = 2**53  # of one picture
     layers: Natural | None = None  # extra layers that it can show; None: as the session asked for
     mirrors: bool = False  # it can show what mirrors show as a picture of its own
+    viewer: bool = False  # it reads STATUS, LOOK and PICKED
 
 
 class Welcome(msgspec.Struct, frozen=True, kw_only=True):
@@ -141,6 +131,10 @@ class Keyframe(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     still: bool
     samples: Annotated[int, Meta(ge=1, le=256)] = 1  # pictures whose mean the colours are
     scene_s: NotNegative | None = None  # seconds into the scene's animation; None: it stands as its file does
+    revision: Natural = 0  # of a scene that its program changes
+    settings: Natural = 0  # seq of the SETTINGS that it follows
+    exposure: Number = 0.0  # EV that the colours are displayed with
+    tone_map: ToneMap = "none"
     mirrors: bool = False  # light that was mirrored, a part of layer 0's, at the depths where what it shows seems to be
     depth: DepthBlob
     color: ColorBlob
@@ -191,9 +185,13 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True):
     density: Annotated[float, Meta(ge=0.0, le=100.0)] | None = None  # of all media, as a multiple of their own
     asymmetry: Annotated[float, Meta(ge=-0.99, le=0.99)] | None = None  # of all media: g
     playing: bool | None = None  # the scene's animation goes on, again and again; false: it stops where it is
+    seq: Natural = 0  # comes back in the keyframes that follow it
+    exposure: Annotated[float, Meta(ge=-64.0, le=64.0)] | Literal["auto", "as_lit"] | None = None  # EV
+    tone_map: ToneMap | None = None
+    off: Annotated[tuple[Effect, ...], Meta(max_length=16)] | None = None  # effects to leave out
 
 
-Message = Hello | Welcome | Pose | Keyframe | Ack | Resync | Problem | Bye | Settings
+Message = Hello | Welcome | Pose | Keyframe | Ack | Resync | Problem | Bye | Settings | Status | Look | Pick | Picked
 CLASSES: dict[Type, type[Message]] = {
     Type.HELLO: Hello,
     Type.WELCOME: Welcome,
@@ -204,6 +202,10 @@ CLASSES: dict[Type, type[Message]] = {
     Type.ERROR: Problem,
     Type.BYE: Bye,
     Type.SETTINGS: Settings,
+    Type.STATUS: Status,
+    Type.LOOK: Look,
+    Type.PICK: Pick,
+    Type.PICKED: Picked,
 }
 _TYPES = {cls: kind for kind, cls in CLASSES.items()}
 _DECODERS = {kind: msgspec.msgpack.Decoder(cls) for kind, cls in CLASSES.items()}

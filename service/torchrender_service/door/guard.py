@@ -73,7 +73,7 @@ class Guard:
             return
         begin, status, visit = time.monotonic(), 500, visit_of(scope)
         started = False
-        added = [*security_headers(scope), (b"x-request-id", visit.id.encode())]
+        added = [*security_headers(scope, self._settings.frame_ancestors), (b"x-request-id", visit.id.encode())]
 
         async def noting(message: Message) -> None:
             nonlocal status, started

@@ -18,9 +18,10 @@ INTERACTIVE_SIDE = 1024
 class Rank(IntEnum):
     """Classes of work, the most urgent first."""
 
-    STREAM = 0
-    INTERACTIVE = 1
-    BATCH = 2
+    GLANCE = 0  # a click: milliseconds, also in the midst of a keyframe
+    STREAM = 1
+    INTERACTIVE = 2
+    BATCH = 3
 
 
 @dataclass(eq=False, kw_only=True)
@@ -34,6 +35,8 @@ class Asked:
 
 def rank_of(job: jobs.Job) -> Rank:
     """The class of a job by what it asks for."""
+    if isinstance(job, jobs.FindPixel):
+        return Rank.GLANCE
     if isinstance(job, jobs.MakeKeyframe | jobs.MakeLayers | jobs.SmoothKeyframe):
         return Rank.STREAM
     if isinstance(job, jobs.StylePhoto):

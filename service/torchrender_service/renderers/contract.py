@@ -57,6 +57,9 @@ class RendererPool(Protocol):
     def idle(self, renderer: RendererHandle) -> bool:
         """Whether a renderer of :meth:`assign` has nothing to do."""
 
+    def load(self, renderer: RendererHandle) -> int:
+        """Jobs that wait or run in a renderer of :meth:`assign`."""
+
     async def run(
         self, job: Job, *, renderer: RendererHandle | None = None, asked: Asked | None = None
     ) -> dict[str, Any]:

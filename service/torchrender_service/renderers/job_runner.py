@@ -20,6 +20,8 @@ from torchrender_service.renderers.pictures import make_container, render_pictur
 from torchrender_service.renderers.scene_cache import SceneCache, describe
 from torchrender_service.renderers.stream_renderer import StreamRenderer
 from torchrender_service.renderers.upload import validate
+from torchrender_service.renderers.viewing.picking import find_pixel
+from torchrender_service.renderers.viewing.survey import survey
 from torchrender_service.renderers.views import camera_of_view
 
 LOG = logging.getLogger("torchrender_service.renderers.job_runner")
@@ -39,11 +41,12 @@ class JobRunner:
 
     Args:
         limit_mb: memory that the process may take; 0: as much as usual.
+        scenes: where they come from; None: files and built-in ones.
     """
 
-    def __init__(self, limit_mb: int = 0) -> None:
+    def __init__(self, limit_mb: int = 0, scenes: SceneCache | None = None) -> None:
         room = (limit_mb or USUAL_MB) * 2**20
-        self._scenes = SceneCache(int(SCENES_SHARE * room))
+        self._scenes = scenes or SceneCache(int(SCENES_SHARE * room))
         self._lasting = LastingParts(int(LASTING_SHARE * room))
         self._streams = StreamRenderer(self._lasting, int(SESSIONS_SHARE * room))
         self._photos = FogPhotos()
@@ -100,7 +103,7 @@ class JobRunner:
     def _run_in_scene(self, job: jobs.SceneJob) -> dict[str, Any]:
         scene = self._scenes.get(job.scene)
         if isinstance(job, jobs.MakeKeyframe):
-            return self._streams.make(scene, job)
+            return self._streams.make(scene, job, self._scenes.revision(job.scene))
         if isinstance(job, jobs.Render):
             return render_picture(scene, job, self._lasting)
         if isinstance(job, jobs.DepthImages):
@@ -111,6 +114,10 @@ class JobRunner:
             return plan_image(scene, camera_of_view(scene, job.view), job.bounds)
         if isinstance(job, jobs.Describe):
             return describe(scene)
+        if isinstance(job, jobs.Survey):
+            return survey(scene)
+        if isinstance(job, jobs.FindPixel):
+            return find_pixel(scene, job)
         camera = camera_of_view(scene, job.view)
         if camera.orthographic:
             raise CameraError("streams need a perspective camera")

@@ -7,6 +7,7 @@ from typing import Any, Literal
 import msgspec
 
 from torchrender.wire.messages import Bits, CameraHeader, ColorCodec
+from torchrender.wire.viewing import Effect, ToneMap
 
 QUALITY_MOVING = 85
 QUALITY_STILL = 95  # where the client cannot read WebP
@@ -70,9 +71,10 @@ class Validate(msgspec.Struct, frozen=True, kw_only=True, tag=True):
     """Facts about a file that was uploaded, after checks of what it declares."""
 
     path: str
-    kind: str  # "glb" or "toml"
+    kind: str  # "glb", "toml" or "zip": unpacked beside it
     max_triangles: int
     max_texture_pixels: int
+    max_bytes: int = 2**30  # that an archive may unpack to
 
 
 class Render(msgspec.Struct, frozen=True, kw_only=True, tag=True):
@@ -213,6 +215,10 @@ class MakeKeyframe(msgspec.Struct, frozen=True, kw_only=True, tag=True):
     density: float = 1.0  # of all media, as a multiple of their own
     asymmetry: float | None = None  # of all media; None: each its own
     scene_s: float | None = None  # since the scene's animation was started; None: it never was
+    settings: int = 0  # seq of the message that asked for all this
+    exposure: float | Literal["auto", "as_lit"] = "as_lit"  # EV
+    tone_map: ToneMap = "none"
+    off: tuple[Effect, ...] = ()  # effects to leave out
 
 
 class MakeLayers(msgspec.Struct, frozen=True, kw_only=True, tag=True):
@@ -232,6 +238,22 @@ class SmoothKeyframe(msgspec.Struct, frozen=True, kw_only=True, tag=True):
     id: int
 
 
+class Survey(msgspec.Struct, frozen=True, kw_only=True, tag=True):
+    """What a viewer needs to move about in a scene: its cameras, and where there is something in the way."""
+
+    scene: SceneSource
+
+
+class FindPixel(msgspec.Struct, frozen=True, kw_only=True, tag=True):
+    """What the pixel of a camera shows, as a PICKED message has it."""
+
+    scene: SceneSource
+    camera: CameraHeader
+    x: float  # pixels
+    y: float
+    scene_s: float | None = None
+
+
 class Forget(msgspec.Struct, frozen=True, kw_only=True, tag=True):
     """Drop what is kept for a session or a scene."""
 
@@ -243,7 +265,7 @@ class WarmUp(msgspec.Struct, frozen=True, kw_only=True, tag=True):
     """Load what pictures need, so that the first one takes no longer than the others."""
 
 
-SceneJob = Describe | Locate | Render | Plan | DepthImages | StylePhoto | MakeKeyframe
+SceneJob = Describe | Locate | Render | Plan | DepthImages | StylePhoto | MakeKeyframe | Survey | FindPixel
 PhotoJob = FogInPhoto | DescribePhoto | DividePhoto | CheckMarks
 Job = SceneJob | PhotoJob | Validate | Tradeoff | Reproject | MakeLayers | SmoothKeyframe | Forget | WarmUp
 

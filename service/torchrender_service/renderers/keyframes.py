@@ -8,10 +8,12 @@ from typing import Any
 
 from torch import Tensor
 
+from torchrender.numerics.tonemap import tone_map
 from torchrender.scene.camera import Cameras
 from torchrender.wire.cameras import header_of
 from torchrender.wire.codec import BITS, Array, checksum, display_bytes, encode_color, encode_depth, encode_mask
 from torchrender.wire.messages import Bits, ColorBlob, ColorCodec, DepthBlob, Keyframe, MaskBlob, encode, padded
+from torchrender.wire.viewing import ToneMap
 from torchrender_service.renderers.jobs import BITS_STILL, QUALITY_MOVING
 from torchrender_service.renderers.layers import Layer
 
@@ -35,6 +37,10 @@ class Stamp:
     color: ColorCodec = "jpeg"
     quality: int = QUALITY_MOVING  # 100: WebP without loss
     scene_s: float | None = None  # seconds into the scene's animation
+    revision: int = 0  # of the scene
+    settings: int = 0
+    exposure: float = 0.0  # EV
+    tone_map: ToneMap = "none"
     mirrors: bool = False  # of the layer that holds what mirrors show
 
 
@@ -54,7 +60,7 @@ def enough_bits(focal: float, nearest: float, typical: float) -> Bits:
 def first_message(
     stamp: Stamp, camera: Cameras, depth: Tensor, radiance: Tensor, *, render_ms: float, plan: dict[str, Any] | None
 ) -> bytes:
-    """Layer 0: depth (H,W) and linear radiance (H,W,3), displayed without exposure or tone curve."""
+    """Layer 0: depth (H,W) and linear radiance (H,W,3), displayed as the stamp says."""
     return _message(stamp, 0, camera, depth, radiance, None, render_ms, plan)
 
 
@@ -70,6 +76,13 @@ def mirror_message(stamp: Stamp, mirrors: Layer) -> bytes:
     return _message(stamp, number, mirrors.camera, mirrors.depth, mirrors.radiance, mirrors.known, 0.0, None)
 
 
+def displayed(stamp: Stamp, radiance: Tensor) -> Array:
+    """(H,W,3) uint8 sRGB of linear radiance (H,W,3), exposed and tone mapped."""
+    if stamp.tone_map == "none":
+        return display_bytes(radiance, 2.0**stamp.exposure)
+    return display_bytes(tone_map(radiance.detach(), stamp.tone_map, exposure=stamp.exposure))
+
+
 def _message(
     stamp: Stamp,
     number: int,
@@ -82,7 +95,7 @@ def _message(
 ) -> bytes:
     begin = time.perf_counter()
     encoded = encode_depth(depth, bits=stamp.bits)
-    codes: Array = display_bytes(radiance)
+    codes = displayed(stamp, radiance)
     blobs = [encoded.data, encode_color(codes, stamp.color, quality=stamp.quality, known=known)]
     if known is not None:
         blobs.append(encode_mask(known))
@@ -97,6 +110,10 @@ def _message(
         still=stamp.still,
         samples=stamp.samples,
         scene_s=stamp.scene_s,
+        revision=stamp.revision,
+        settings=stamp.settings,
+        exposure=stamp.exposure,
+        tone_map=stamp.tone_map,
         mirrors=stamp.mirrors,
         depth=DepthBlob(codec="pz1", bits=stamp.bits, near=encoded.near, length=len(encoded.data), error=encoded.error),
         color=ColorBlob(codec=stamp.color, length=len(blobs[1])),

@@ -136,6 +136,10 @@ class Pool:
         """Whether a renderer has nothing to do."""
         return self._process(renderer).load == 0
 
+    def load(self, renderer: RendererHandle) -> int:
+        """Jobs that wait or run in a renderer."""
+        return self._process(renderer).load
+
     @property
     def waiting(self) -> int:
         """Jobs waiting or running."""

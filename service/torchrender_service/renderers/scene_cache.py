@@ -12,6 +12,8 @@ from torchrender.scene.model import Scene
 from torchrender_service.errors import ServiceError
 from torchrender_service.renderers.jobs import SceneSource
 from torchrender_service.renderers.keeping.sizes import TREE_BYTES, bytes_of
+from torchrender_service.renderers.uploads.any_scene import load_any
+from torchrender_service.renderers.viewing.survey import controls_of
 
 MAX_BYTES = 2**31
 """Of all scenes that are kept, where nothing else is said."""
@@ -55,6 +57,11 @@ class SceneCache:
             self.evictions += 1
         return self._scenes[source.id]
 
+    def revision(self, source: SceneSource) -> int:
+        """How often a scene has changed: scenes of files never do."""
+        del source
+        return 0
+
     def forget(self, name: str) -> None:
         """Drop a scene."""
         self._scenes.pop(name, None)
@@ -74,7 +81,7 @@ def _loaded(source: SceneSource) -> Scene:
     if not Path(source.path).is_file():
         raise gone
     try:
-        return load(Path(source.path))
+        return load_any(Path(source.path))
     except (SceneFileError, OSError):
         if not Path(source.path).is_file():  # it went while it was read
             raise gone from None
@@ -86,8 +93,12 @@ def shown(name: str) -> str:
     return name if len(name) <= MAX_NAME else name[: MAX_NAME - 1] + "…"
 
 
-def describe(scene: Scene) -> dict[str, Any]:
-    """What clients are told about a scene."""
+def describe(scene: Scene, controls: str | None = None) -> dict[str, Any]:
+    """What clients are told about a scene.
+
+    Args:
+        controls: how to move about in it; None: found out.
+    """
     low, high = scene.bounds
     camera = scene.camera(width=640, height=360)
     return {
@@ -98,6 +109,7 @@ def describe(scene: Scene) -> dict[str, Any]:
         "bounds": [low.tolist(), high.tolist()],
         "diagonal": scene.diagonal,
         "orthographic": camera.orthographic,
+        "controls": controls or controls_of(scene, camera),
         "animations": {shown(name): duration for name, duration in list(scene.animations.items())[:MAX_NAMES]},
         "report": {part: [note[:200] for note in notes[:64]] for part, notes in scene.report.plain().items()},
     }

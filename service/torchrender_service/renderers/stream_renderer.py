@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import OrderedDict
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from torch import Tensor
@@ -15,7 +15,6 @@ from torchrender.pipeline.history import Kept, RenderHistory
 from torchrender.pipeline.options import RenderOptions
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
-from torchrender.scene.procedural.fog import changed_media
 from torchrender.wire.cameras import cameras_of
 from torchrender_service.renderers.engine import render_image
 from torchrender_service.renderers.jobs import BITS_STILL, Bounds, MakeKeyframe, MakeLayers, SmoothKeyframe
@@ -30,6 +29,7 @@ from torchrender_service.renderers.layers import (
     mirror_layer,
     typical_depth,
 )
+from torchrender_service.renderers.viewing.appearance import Exposure, Wish, as_wished, brightest, options_of, wish_of
 
 MAX_SESSIONS = 256
 MAX_BYTES = 2**31
@@ -69,9 +69,17 @@ class Refinement:
     scene: Scene
     camera: Cameras
     bounds: Bounds
-    light: Tensor  # (H,W,3) sum over the pictures, each as bright as can be displayed at most
+    options: RenderOptions
+    brightest: float  # radiance that can be displayed at most
     render_ms: float
-    count: int = 1
+    light: Tensor | None = None  # (H,W,3) sum over the pictures
+    count: int = 0
+
+    def add(self, image: Image) -> None:
+        """One more picture."""
+        light = image.radiance[0].clamp(max=self.brightest)
+        self.light = light if self.light is None else self.light + light
+        self.count += 1
 
 
 @dataclass
@@ -81,14 +89,15 @@ class SessionState:
     history: RenderHistory
     packing_ms: float = 0.0  # from the last picture to its message
     begun: Begun | None = None
-    air: tuple[Scene, float, float | None, Scene] | None = None  # a scene, what was wished for, and what it is then
+    wished: tuple[Scene, Wish, Scene] | None = None  # a scene, what was wished for, and what it is then
+    exposure: Exposure = field(default_factory=Exposure)
     bytes: int = 0  # of what is this session's own
 
-    def in_air(self, scene: Scene, job: MakeKeyframe) -> Scene:
-        """The scene with the media that the session wishes for: the same one while the wish is."""
-        if self.air is None or self.air[0] is not scene or self.air[1:3] != (job.density, job.asymmetry):
-            self.air = (scene, job.density, job.asymmetry, changed_media(scene, job.density, job.asymmetry))
-        return self.air[3]
+    def as_wished(self, scene: Scene, wish: Wish) -> Scene:
+        """The scene with the media and lights that the session wishes for: the same one while the wish is."""
+        if self.wished is None or self.wished[0] is not scene or self.wished[1] != wish:
+            self.wished = (scene, wish, as_wished(scene, wish))
+        return self.wished[2]
 
 
 class StreamRenderer:
@@ -111,12 +120,12 @@ class StreamRenderer:
         """Of what is each session's own."""
         return sum(state.bytes for state in self._sessions.values())
 
-    def make(self, scene: Scene, job: MakeKeyframe) -> dict[str, Any]:
+    def make(self, scene: Scene, job: MakeKeyframe, revision: int = 0) -> dict[str, Any]:
         """The message of layer 0 and what the server needs to place the next keyframe."""
         state = self._state(job)
         begin = time.perf_counter()
         scene_s = None if job.scene_s is None else scene.looped(job.scene_s)
-        scene = state.in_air(scene if scene_s is None else scene.at(scene_s), job)
+        scene = state.as_wished(scene if scene_s is None else scene.at(scene_s), wish_of(job))
         camera = cameras_of(job.camera)
         bounds = _bounds(job, state.packing_ms)
         image, plan, past = self._picture(scene, camera, state, job, bounds)
@@ -135,6 +144,10 @@ class StreamRenderer:
             color=job.color,
             quality=job.quality,
             scene_s=scene_s,
+            revision=revision,
+            settings=job.settings,
+            exposure=state.exposure.of(image, job.exposure, still=job.still),
+            tone_map=job.tone_map,
         )
         messages = [first_message(stamp, camera, depth, image.radiance[0], render_ms=render_ms, plan=plan)]
         if mirrors is not None:
@@ -143,8 +156,10 @@ class StreamRenderer:
         state.begun = begun if around else None
         self._refined.pop(job.session, None)
         if job.still:
-            light = image.radiance[0].clamp(max=1.0)
-            self._refined[job.session] = Refinement(begun, scene, camera, bounds, light, render_ms)
+            options = options_of(STREAMED, job.off)
+            refined = Refinement(begun, scene, camera, bounds, options, brightest(stamp), render_ms=render_ms)
+            refined.add(image)
+            self._refined[job.session] = refined
             while len(self._refined) > MAX_REFINED:
                 self._refined.popitem(last=False)
         self._weigh(job, state)
@@ -183,9 +198,9 @@ class StreamRenderer:
         begin = time.perf_counter()
         camera, begun = refined.camera, refined.begun
         aside = camera.sub_camera(*ASIDE[refined.count - 1], camera.width, camera.height)
-        image, plan = _at_rest(refined.scene, aside, refined.bounds, begun.past)
-        refined.light += image.radiance[0].clamp(max=1.0)
-        refined.count += 1
+        image, plan = _at_rest(refined.scene, aside, refined.bounds, begun.past, refined.options)
+        refined.add(image)
+        assert refined.light is not None
         refined.render_ms += 1e3 * (time.perf_counter() - begin)
         left = 1 + len(ASIDE) - refined.count
         if left:
@@ -235,7 +250,8 @@ class StreamRenderer:
         self, scene: Scene, camera: Cameras, state: SessionState, job: MakeKeyframe, bounds: Bounds
     ) -> tuple[Image, dict[str, Any], RenderHistory]:
         """Layer 0, its plan, and what it left for the extra layers."""
-        options = replace(STREAMED, buffers=MIRRORS_NEED) if job.mirrors else STREAMED
+        options = options_of(STREAMED, job.off)
+        options = replace(options, buffers=MIRRORS_NEED) if job.mirrors else options
         if not job.still:
             image, plan = render_image(scene, camera, bounds, options, state.history)
             assert image.history is not None
@@ -252,7 +268,7 @@ def _is_shared(kept: Kept) -> bool:
 
 
 def _at_rest(
-    scene: Scene, camera: Cameras, bounds: Bounds, past: RenderHistory, options: RenderOptions = STREAMED
+    scene: Scene, camera: Cameras, bounds: Bounds, past: RenderHistory, options: RenderOptions
 ) -> tuple[Image, dict[str, Any]]:
     """A picture of a refinement: made anew, without reused reflections, and no part of the moving sequence."""
     return render_image(scene, camera, bounds, options, replace(past.shared(), sequence=False))

@@ -33,6 +33,8 @@ from torchrender_service.errors import ServiceError
 from torchrender_service.renderers.engine import render_image
 from torchrender_service.renderers.jobs import Bounds, Validate
 from torchrender_service.renderers.scene_cache import describe
+from torchrender_service.renderers.uploads.any_scene import load_any
+from torchrender_service.renderers.uploads.archive import FOLDER, main_file, named_files, picture_pixels, unpack
 
 MAX_LIGHTS = 64
 MAX_NODES = 100_000
@@ -44,6 +46,7 @@ MAX_KEY_PARTS = 16
 _PART = rb"""(?:[A-Za-z0-9_-]+|"[^"\n]*"|'[^'\n]*')[ \t]*"""
 _LONG_KEY = re.compile(rb"(?:^|[\[{,])[ \t]*(?:" + _PART + rb"\.[ \t]*){%d}" % MAX_KEY_PARTS, re.MULTILINE)
 PROBE = (48, 27)
+MAX_NOTES = 64
 _FILE_KEYS = ("file", "texture", "density_file")
 _SEGMENTS = {"box": 2, "quad": 1, "plane": 1}
 """Of shapes that do not say; others have 64."""
@@ -57,14 +60,21 @@ def validate(job: Validate) -> dict[str, Any]:
     Raises:
         ServiceError, SceneFileError, InputError: it is not kept, and why.
     """
+    more: dict[str, Any] = {}
+    unused: list[str] = []
     try:
-        scene = _read(Path(job.path), job)
+        if job.kind == "zip":
+            scene, main, unused = _read_archive(Path(job.path), job)
+            more = {"main": main}
+        else:
+            scene = _read(Path(job.path), job)
     except _DAMAGE as error:
         # Readers name what they foresee; a file that trips them otherwise is no less damaged.
         LOG.warning("a reader failed on an upload", exc_info=error)
         raise ServiceError(422, "scene-file", f"damaged ({type(error).__name__})") from error
     _check_scene(scene, job)
-    facts = describe(scene)
+    facts = describe(scene) | more
+    facts["report"]["not_used"] = [*facts["report"]["not_used"], *unused][:MAX_NOTES]
     if facts.pop("orthographic"):
         render_image(scene, scene.camera(width=PROBE[0], height=PROBE[1]), Bounds())
         return facts
@@ -81,6 +91,19 @@ def _read(path: Path, job: Validate) -> Scene:
         return read_gltf(path, data)
     check_toml(path, data, job)
     return load_scene_file(path)
+
+
+def _read_archive(path: Path, job: Validate) -> tuple[Scene, str, list[str]]:
+    """The scene of an archive, its file below the archive's own folder, and the files that it does not use."""
+    folder = path.parent / FOLDER
+    files = unpack(path, folder, job.max_bytes)
+    main = main_file(path, files)
+    used = named_files(main, folder)
+    _check_count("texture pixels", picture_pixels(sorted(used)), job.max_texture_pixels)
+    if main.suffix.lower() in (".glb", ".gltf"):
+        check_gltf(main, main.read_bytes(), job)
+    unused = [f"file {file.relative_to(folder).as_posix()[:150]}" for file in files if file.resolve() not in used]
+    return load_any(main), main.relative_to(path.parent).as_posix(), unused
 
 
 def check_toml_text(path: Path, data: bytes) -> None:
@@ -111,6 +134,16 @@ def check_glb(path: Path, data: bytes, limits: Validate) -> None:
             uri = entry.get("uri") if isinstance(entry, dict) else None
             if uri is not None and not (isinstance(uri, str) and uri.startswith("data:")):
                 raise SceneFileError(path, "everything must be inside the file", key=f"{group}[{number}].uri")
+    check_gltf(path, data, limits)
+
+
+def check_gltf(path: Path, data: bytes, limits: Validate) -> None:
+    """Refuse what declares too much.
+
+    Raises:
+        ServiceError, SceneFileError: says what.
+    """
+    file = GltfFile(path, data)
     nodes = file.entries("nodes")
     if len(nodes) > MAX_NODES:
         raise SceneFileError(path, f"may have at most {MAX_NODES} nodes, has {len(nodes)}", key="nodes")

@@ -29,7 +29,7 @@ from torchrender_service.renderers.jobs import Describe, Forget, SceneSource, Va
 from torchrender_service.settings import Settings
 
 LOG = logging.getLogger("torchrender_service.scenes.store")
-KINDS = {"glb": "scene.glb", "toml": "scene.toml"}
+KINDS = {"glb": "scene.glb", "toml": "scene.toml", "zip": "scene.zip"}
 _HASH = re.compile(r"[0-9a-f]{64}")
 _UNFINISHED = ".unfinished-"
 _FACTS = "facts.json"
@@ -37,6 +37,8 @@ SCENE_SHARE = 4
 """The textures of a scene may fill one in so many parts of a renderer's memory."""
 TEXEL_BYTES = 22
 """Of a decoded texel with its smaller copies: four numbers of four bytes, and a third of that again."""
+UNPACKED = 8
+"""Times the bytes of the largest upload that an archive may unpack to."""
 MAX_SHOWN = 80
 """Characters of a name in what an earlier server has kept."""
 
@@ -50,6 +52,8 @@ class SceneStore:
         self._folder = Path(settings.data_dir) / "scenes"
         self._built_in: dict[str, asyncio.Task[dict[str, Any]]] = {}
         self._uploads: dict[str, dict[str, Any]] = {}
+        self._live: dict[str, dict[str, Any]] = {}  # scenes of a running program, which its renderer holds
+        self._revisions: dict[str, int] = {}
 
     @contextlib.contextmanager
     def own_folder(self) -> Iterator[None]:
@@ -89,12 +93,16 @@ class SceneStore:
     @property
     def version(self) -> str:
         """Changes whenever the list of scenes does."""
-        return hashlib.sha256("\n".join(self.names).encode()).hexdigest()[:32]
+        return hashlib.sha256("\n".join([*self.names, str(self._revisions)]).encode()).hexdigest()[:32]
 
     @property
     def names(self) -> list[str]:
         """Ids of all scenes."""
-        return [*self._settings.built_in, *self._uploads]
+        return [*self._live, *self._settings.built_in, *self._uploads]
+
+    def revision(self, scene: str) -> int:
+        """How often a scene has changed."""
+        return self._revisions.get(scene, 0)
 
     def source(self, scene: str) -> SceneSource:
         """Where renderers find a scene.
@@ -102,10 +110,11 @@ class SceneStore:
         Raises:
             ServiceError: 404.
         """
-        if scene in self._settings.built_in:
+        if scene in self._live or scene in self._settings.built_in:
             return SceneSource(id=scene)
         if scene in self._uploads:
-            return SceneSource(id=scene, path=str(self._folder / scene / KINDS[self._uploads[scene]["kind"]]))
+            facts = self._uploads[scene]
+            return SceneSource(id=scene, path=str(self._folder / scene / facts.get("main", KINDS[facts["kind"]])))
         raise ServiceError(404, "no-such-scene", f"there is no scene {scene[:80]!r}")
 
     async def facts(self, scene: str) -> dict[str, Any]:
@@ -114,6 +123,8 @@ class SceneStore:
         Raises:
             ServiceError: 404, or what the renderer says.
         """
+        if scene in self._live:
+            return self._live[scene]
         source = self.source(scene)
         if source.path is not None:
             return self._uploads[scene]
@@ -122,6 +133,15 @@ class SceneStore:
             task = self._built_in[scene] = asyncio.create_task(self._pool.run(Describe(scene=source)))
         facts = await asyncio.shield(task)
         return {"id": scene, "built_in": True, "kind": "procedural", "bytes": 0} | facts
+
+    def put_live(self, scene: str, facts: dict[str, Any]) -> None:
+        """A scene of a running program is there, or has changed."""
+        self._revisions[scene] = self._revisions.get(scene, 0) + 1
+        self._live[scene] = {"id": scene, "built_in": False, "kind": "live", "bytes": 0} | facts
+
+    def drop_live(self, scene: str) -> None:
+        """Its program shows it no longer."""
+        self._live.pop(scene, None)
 
     async def keep(self, body: AsyncIterator[bytes], kind: str, name: str | None) -> tuple[dict[str, Any], bool]:
         """Check an upload and keep it; returns its facts and whether it is new.
@@ -157,6 +177,7 @@ class SceneStore:
             kind=kind,
             max_triangles=settings.max_triangles,
             max_texture_pixels=min(settings.max_texture_pixels, texels),
+            max_bytes=UNPACKED * settings.max_upload_bytes,
         )
         facts = await self._pool.inspect(job)
         facts |= {"id": scene, "built_in": False, "kind": kind, "bytes": size, "name": name or facts["name"]}
@@ -223,7 +244,7 @@ def _cut(facts: dict[str, Any]) -> dict[str, Any]:
 def _finish(folder: Path, facts: dict[str, Any], target: Path) -> None:
     """Make sure that everything is on the disk, then give the folder its name."""
     (folder / _FACTS).write_text(json.dumps(facts))
-    for path in (*folder.iterdir(), folder):
+    for path in (*folder.rglob("*"), folder):
         handle = os.open(path, os.O_RDONLY)
         try:
             os.fsync(handle)

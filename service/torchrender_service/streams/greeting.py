@@ -43,6 +43,6 @@ def welcome_of(session: Session, settings: Settings, ticket: str, max_pixels: in
         limits=limits,
         scene={"id": session.scene.id}
         | {k: facts[k] for k in ("name", "triangles", "diagonal", "bounds")}
-        | {"animations": facts.get("animations", {})},
+        | {"animations": facts.get("animations", {}), "controls": facts.get("controls", "walk")},
         camera=session.camera,
     )

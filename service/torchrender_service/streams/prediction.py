@@ -7,7 +7,8 @@ from collections.abc import Sequence
 
 import msgspec
 
-from torchrender.wire.messages import MAX_SIDE, CameraHeader, Pose
+from torchrender.wire.fields import MAX_SIDE
+from torchrender.wire.messages import CameraHeader, Pose
 
 MAX_LEAD_S = 1.0
 MAX_SPIN = 8.0

@@ -131,8 +131,12 @@ class Producer:
             color="webp" if lossless else "jpeg",
             quality=LOSSLESS if lossless else QUALITY_STILL if still else QUALITY_MOVING,
             bounds=session.bounds,
-            mirrors=self.mirrors,
+            mirrors=self.mirrors and session.tone_map == "none",  # light of two pictures adds up before a curve only
             density=session.density,
             asymmetry=session.asymmetry,
             scene_s=session.clock.at(time.monotonic()),
+            settings=session.settings,
+            exposure=session.exposure,
+            tone_map=session.tone_map,
+            off=session.off,
         )

@@ -6,9 +6,10 @@ import secrets
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Literal, Protocol
 
 from torchrender.wire.messages import CameraHeader
+from torchrender.wire.viewing import Effect, ToneMap
 from torchrender_service.errors import ServiceError
 from torchrender_service.renderers.contract import RendererHandle
 from torchrender_service.renderers.jobs import Bounds, SceneSource
@@ -20,6 +21,16 @@ class Connection(Protocol):
 
     def end(self, code: int, reason: str) -> None:
         """Close with a code."""
+
+    def refresh(self) -> None:
+        """The scene has changed: a new keyframe is wanted."""
+
+    def look(self, camera: CameraHeader) -> None:
+        """Ask the client to look from there."""
+
+    @property
+    def camera(self) -> CameraHeader | None:
+        """Where the client looks from; None: it has not said yet."""
 
 
 @dataclass
@@ -58,6 +69,10 @@ class Session:
     expires: float  # monotonic time after which it is gone, unless a stream is connected
     density: float = 1.0  # of all media, as a multiple of their own
     asymmetry: float | None = None  # of all media; None: each its own
+    exposure: float | Literal["auto", "as_lit"] = "as_lit"  # EV
+    tone_map: ToneMap = "none"
+    off: tuple[Effect, ...] = ()  # effects that are left out
+    settings: int = 0  # seq of the newest SETTINGS
     clock: SceneClock = field(default_factory=SceneClock)  # of the scene's animation
     next_id: int = 0  # of the next keyframe
     latency_s: float = 0.0  # from a pose's arrival to its keyframe's acknowledgement; 0: not known yet

@@ -19,8 +19,10 @@ from torchrender.wire.messages import (
     MAJOR,
     Ack,
     Bye,
+    CameraHeader,
     Hello,
     Message,
+    Pick,
     Pose,
     Problem,
     Resync,
@@ -33,15 +35,15 @@ from torchrender_service.errors import ServiceError
 from torchrender_service.metrics import Metrics
 from torchrender_service.problems import problem_of
 from torchrender_service.renderers.contract import RendererPool
-from torchrender_service.renderers.jobs import Bounds
 from torchrender_service.settings import Settings as ServiceSettings
 from torchrender_service.streams.greeting import check_hello, welcome_of
 from torchrender_service.streams.placement import Placement
 from torchrender_service.streams.producer import Producer
 from torchrender_service.streams.sessions import Session, SessionStore
+from torchrender_service.streams.viewing import OnPick, Viewing, take_settings
 
 LOG = logging.getLogger("torchrender_service.streams.stream")
-FROM_CLIENT = (Type.HELLO, Type.POSE, Type.ACK, Type.RESYNC, Type.BYE, Type.SETTINGS)
+FROM_CLIENT = (Type.HELLO, Type.POSE, Type.ACK, Type.RESYNC, Type.BYE, Type.SETTINGS, Type.PICK)
 MAX_ERRORS = 16
 SCENE_GONE = 4404
 TICK_S = 0.25
@@ -67,6 +69,7 @@ class Surroundings:
     sessions: SessionStore
     pool: RendererPool
     metrics: Metrics
+    on_pick: OnPick | None = None  # hears of every pixel that was asked for
 
 
 class Stream:
@@ -81,6 +84,7 @@ class Stream:
         self._placement.playing = session.clock.playing
         self._welcomed = False
         self._errors = 0
+        self._viewing = Viewing(session, around.pool, self._send, around.on_pick)
         self._wake = asyncio.Event()
         self._end: asyncio.Future[Closed] = asyncio.get_running_loop().create_future()
 
@@ -94,7 +98,7 @@ class Stream:
         closed: Closed | None = None
         try:
             await self._greet()
-            tasks = [asyncio.create_task(work()) for work in (self._receive, self._produce, self._watch)]
+            tasks = [asyncio.create_task(work()) for work in (self._receive, self._produce, self._watch, self._report)]
             waiting: list[asyncio.Future[Any]] = [*tasks, self._end]
             await asyncio.wait(waiting, return_when=asyncio.FIRST_COMPLETED)
             if self._end.done():
@@ -120,6 +124,27 @@ class Stream:
         """Make :meth:`run` say goodbye and return."""
         if not self._end.done():
             self._end.set_result(Closed(code, reason))
+
+    def refresh(self) -> None:
+        """The scene has changed: a new keyframe is wanted."""
+        self._placement.refresh()
+        self._wake.set()
+
+    def look(self, camera: CameraHeader) -> None:
+        """Ask the client to look from there."""
+        self._viewing.look(camera)
+
+    @property
+    def camera(self) -> CameraHeader | None:
+        """Where the client looks from; None: it has not said yet."""
+        return None if self._placement.pose is None else self._placement.pose.camera
+
+    async def _report(self) -> None:
+        """Signs of life, and answers, for clients that read them."""
+        if self._hello.viewer:
+            await self._viewing.report()
+        else:
+            await asyncio.Event().wait()
 
     async def _finish(self, closed: Closed | None) -> None:
         """Say goodbye in a short time; a peer that does not read is cut off."""
@@ -205,17 +230,11 @@ class Stream:
         elif isinstance(message, Resync):
             placement.resync()
         elif isinstance(message, Settings):
-            session.bounds = Bounds(budget_ms=message.budget_ms, max_error=message.max_error)
-            if message.layers is not None:
-                session.extra_layers = message.layers
-            if message.density is not None:
-                session.density = message.density
-            if message.asymmetry is not None:
-                session.asymmetry = message.asymmetry
-            if message.playing is not None:
-                session.clock.play(message.playing and bool(session.facts.get("animations")), now)
-                placement.playing = session.clock.playing
+            take_settings(session, message, now)
+            placement.playing = session.clock.playing
             placement.refresh()
+        elif isinstance(message, Pick):
+            self._viewing.pick(message)
 
     async def _complain(self, error: ProtocolError | ServiceError) -> None:
         kind = error.kind if isinstance(error, ServiceError) else "invalid-message"
@@ -248,7 +267,8 @@ class Stream:
                 await self._rest(placement.patience(now, TICK_S))
                 continue
             try:
-                await producer.make(kind)
+                with self._viewing.doing(kind):
+                    await producer.make(kind)
             except ServiceError as error:
                 await self._failed(error)
 

@@ -8,8 +8,10 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Path, Query, Request, Response
 
 from torchrender_service.errors import ServiceError
-from torchrender_service.web.schemas import SceneFacts, SceneId, SceneList, problems
+from torchrender_service.renderers.jobs import Survey
+from torchrender_service.web.schemas import SceneFacts, SceneId, SceneList, SceneSurvey, problems
 from torchrender_service.web.state import state_of
+from torchrender_service.web.work import work
 
 router = APIRouter(prefix="/v1/scenes", tags=["scenes"])
 
@@ -18,12 +20,15 @@ MEDIA_TYPES = {
     "application/octet-stream": "glb",
     "application/toml": "toml",
     "text/x-toml": "toml",
+    "application/zip": "zip",
+    "application/x-zip-compressed": "zip",
 }
 MAX_LISTED = 256
 SceneParameter = Annotated[str, Path(pattern=r"^[a-z0-9_]{1,64}$", examples=["cornell_box"])]
 _THERE: dict[int | str, dict[str, Any]] = {
     200: {"description": "The same scene is there already.", "model": SceneFacts}
 }
+_BINARIES = ("model/gltf-binary", "application/zip")
 _BINARY = {"schema": {"type": "string", "format": "binary"}}
 _TOML = {
     "schema": {"type": "string"},
@@ -76,7 +81,7 @@ def same_tag(request: Request, tag: str) -> bool:
     response_model=SceneFacts,
     responses=_THERE | problems(400, 403, 409, 413, 415, 422, 429, 503, 507),
     openapi_extra={
-        "requestBody": {"required": True, "content": {"model/gltf-binary": _BINARY, "application/toml": _TOML}}
+        "requestBody": {"required": True, "content": dict.fromkeys(_BINARIES, _BINARY) | {"application/toml": _TOML}}
     },
 )
 async def upload_scene(
@@ -84,7 +89,9 @@ async def upload_scene(
     response: Response,
     name: Annotated[str | None, Query(min_length=1, max_length=80, pattern=r"^[^\x00-\x1f\x7f]*$")] = None,
 ) -> dict[str, Any]:
-    """Keep a scene: a GLB file with everything inside, or a scene file in TOML without other files.
+    """Keep a scene: a GLB file with everything inside, a scene file in TOML without other files, or a ZIP archive.
+
+    An archive holds one scene with the files that it names: glTF, OBJ with MTL, PLY (also points) or STL.
 
     The id of a scene is the hash of its content: the same scene sent twice is kept once.
     """
@@ -101,6 +108,19 @@ async def upload_scene(
 async def _body(request: Request) -> AsyncIterator[bytes]:
     async for chunk in request.stream():
         yield chunk
+
+
+@router.get("/{scene}/survey", response_model=SceneSurvey, responses=_SAME | problems(404, 422, 503))
+async def survey_scene(request: Request, response: Response, scene: SceneParameter) -> Any:
+    """What a viewer needs to move about: the scene's cameras, and the cells of a grid that hold a surface."""
+    state = state_of(request)
+    tag = f'"{scene}-{state.scenes.revision(scene)}"'
+    if same_tag(request, tag):
+        return Response(status_code=304, headers={"ETag": tag})
+    found = await work(request, Survey(scene=state.scenes.source(scene)))
+    response.headers["ETag"] = tag
+    response.headers["Cache-Control"] = "no-cache"
+    return found
 
 
 @router.get("/{scene}", response_model=SceneFacts, responses=problems(404, 422, 503))

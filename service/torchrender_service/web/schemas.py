@@ -100,7 +100,7 @@ class SceneFacts(BaseModel):
     id: str
     name: str
     built_in: bool
-    kind: Literal["procedural", "glb", "toml"]
+    kind: Literal["procedural", "glb", "toml", "zip", "live"]
     bytes: int
     triangles: int
     lights: int
@@ -108,7 +108,24 @@ class SceneFacts(BaseModel):
     bounds: list[list[float]]
     diagonal: float
     animations: dict[str, float] = Field(default={}, description="durations in seconds, by name")
+    controls: Literal["walk", "orbit"] = Field(default="walk", description="how to move about in it")
     report: LoadReport = Field(default=LoadReport(), description="what the file was read as")
+
+
+class Obstacles(BaseModel):
+    """Cubic cells of a grid that a surface meets."""
+
+    origin: list[float] = Field(description="lowest corner, scene units")
+    cell: float = Field(description="edge of a cell, scene units")
+    dims: list[int] = Field(description="cells along x, y and z")
+    bits: str = Field(description="base64; x fastest, then y, then z, the first cell in the lowest bit; 1: a surface")
+
+
+class SceneSurvey(BaseModel):
+    """How to move about in a scene."""
+
+    cameras: dict[str, PinholeCamera]
+    obstacles: Obstacles
 
 
 class SceneList(BaseModel):

@@ -86,6 +86,12 @@ class ServiceState:
             else:
                 self.sessions.end(session)
 
+    def scene_changed(self, scene: str) -> None:
+        """Its program has changed it: every stream of it wants a new keyframe."""
+        for session in self.sessions.of_scene(scene):
+            if session.connection is not None:
+                session.connection.refresh()
+
     def _session_ended(self, session: Session) -> None:
         self.pool.forget(Forget(session=session.id))
         self.pool.release(session.renderer)

@@ -131,8 +131,8 @@ class RendererProcess:
             under_way = self._running.values()
             if not under_way:
                 waiting, express = self.queue.take(), False
-            elif self.kind.express and len(under_way) == 1 and all(r.waiting.rank > Rank.STREAM for r in under_way):
-                waiting, express = self.queue.take(Rank.STREAM), True
+            elif self.kind.express and len(under_way) == 1 and (most := _more_urgent(*under_way)) is not None:
+                waiting, express = self.queue.take(most), True
             else:
                 return
             if waiting is None:
@@ -280,3 +280,9 @@ def _fail(waiting: Waiting, error: ServiceError) -> None:
     if not waiting.result.done():
         copied = ServiceError(error.status, error.kind, error.detail, retry_after_s=error.retry_after_s)
         waiting.result.set_exception(copied)
+
+
+def _more_urgent(running: Running) -> Rank | None:
+    """The least urgent class whose jobs need not wait for the one that runs; None: all wait."""
+    rank = running.waiting.rank
+    return Rank.STREAM if rank > Rank.STREAM else Rank.GLANCE if rank is Rank.STREAM else None

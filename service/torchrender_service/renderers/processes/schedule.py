@@ -51,7 +51,7 @@ class FairQueue:
         Raises:
             ServiceError: 429, this client or all together have too many.
         """
-        if rank is Rank.STREAM:
+        if rank <= Rank.STREAM:
             return
         if len(self) + running >= self._room:
             raise ServiceError(429, "busy", "too many requests wait for a renderer", retry_after_s=RETRY_S)

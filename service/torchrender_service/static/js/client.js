@@ -1,6 +1,7 @@
 // The thin client: a stream of keyframes in, a picture of the newest pose out, every animation frame.
 
 import { Decoder } from "./decoder.js";
+import { Health } from "./health.js";
 import { KeyframeSet } from "./keyframes.js";
 import { Median, Rate, Smooth } from "./meter.js";
 import { MAX_PIXELS, Stream } from "./stream.js";
@@ -9,12 +10,19 @@ import { TYPE } from "./wire.js";
 
 const POSE_INTERVAL = 50; // ms between poses
 const HOLES_INTERVAL = 250; // ms between readings of the hole share
+const EXPOSURE_EASE = 0.12; // seconds in which an automatic exposure takes effect
+const SAME_EV = 0.004;
+const FORESEEN = 0.1; // seconds ahead, at least, for which a pose says where the view goes
+const FADE = 140; // ms from one keyframe to the next
 const CLIP_SHARE = 0.002; // of the scene's diagonal: what is nearer is cut off
 
 const identical = (a, b) => a !== null && b !== null && a.world_from_camera.every((v, k) => v === b.world_from_camera[k]);
 
 export class Client {
-  /** `hooks`: state(name, detail), keyframe(header), frame(ms), figures(stats), sources() of the samples to draw. */
+  /**
+   * `hooks`: state(name, detail), keyframe(header), frame(ms), figures(stats), sources() of the samples to draw,
+   * exposure() to show (EV, or null: as the pictures come), scene(facts), picked(found), moved(), context(lost).
+   */
   constructor(canvas, walker, hooks) {
     this.canvas = canvas;
     this.walker = walker;
@@ -27,7 +35,11 @@ export class Client {
       welcome: (header, session) => this.onWelcome(header, session),
       keyframe: (buffer) => this.onKeyframe(buffer),
       problem: (header) => console.warn(`server: ${header.title}: ${header.detail}`),
+      told: (type, header) => this.onTold(type, header),
     });
+    this.health = new Health(this);
+    this.ev = null; // the exposure that is shown
+    this.picks = 0;
     this.state = "closed";
     this.lost = false;
     this.acks = [];
@@ -37,10 +49,16 @@ export class Client {
     this.figures = { frame: new Smooth(), warp: new Smooth(), decode: new Smooth(), latency: new Median() };
     this.counts = { keyframes: 0, images: 0, frames: 0, drawn: 0, errors: 0, resyncs: 0 };
     this.holes = null;
+    this.stretched = null;
     this.holesAt = 0;
     this.holesOf = 0; // the picture that was measured, by its number
     this.dirty = true;
-    this.media = {}; // what media shall be like
+    this.settings = null; // what the user wishes for, as SETTINGS holds it; null: nothing
+    this.seq = 0; // of the newest SETTINGS
+    this.drawn = []; // pictures of the last frame
+    this.fade = null; // pictures that fade out, and since when
+    this.calm = window.matchMedia?.("(prefers-reduced-motion: reduce)").matches;
+    this.picked = null; // what the last click showed
     this.ended = null; // what was streamed before, to know whether the view stays
     canvas.addEventListener("webglcontextlost", () => this.onContext(true));
     canvas.addEventListener("webglcontextrestored", () => this.onContext(false));
@@ -52,18 +70,49 @@ export class Client {
     this.wishes = wishes;
     this.acks = [];
     if (this.ended?.scene !== wishes.scene) {
-      this.keyframes.clear();
+      this.forget();
       this.walker.camera = null;
       this.holes = null;
+      this.ev = null;
     }
     this.stream.start(wishes, key);
   }
 
-  wish(settings, media = {}) {
-    Object.assign(this.wishes, settings);
-    this.media = { ...this.media, ...media };
+  /** Nothing of what was received is of any use. */
+  forget() {
+    this.fade = null;
+    this.drawn = [];
+    this.keyframes.clear();
+  }
+
+  /** Ask for other pictures; `settings` is all that SETTINGS holds, `what` names the change. */
+  wish(settings, what) {
+    this.settings = settings;
+    const { budget_ms, max_error, layers } = settings;
+    if (this.wishes) Object.assign(this.wishes, { budget_ms, max_error, layers });
     this.keyframes.outdate();
-    this.stream.send(TYPE.SETTINGS, { ...settings, ...media });
+    this.health.expect(++this.seq, what);
+    this.stream.send(TYPE.SETTINGS, { ...settings, seq: this.seq });
+  }
+
+  /** Ask what a place of the canvas shows, CSS pixels from its upper left corner. */
+  pick(left, top) {
+    const camera = this.walker.camera;
+    if (!camera) return;
+    const x = (left / this.canvas.clientWidth) * camera.width;
+    const y = (top / this.canvas.clientHeight) * camera.height;
+    if (x < 0 || y < 0 || x >= camera.width || y >= camera.height) return;
+    this.stream.send(TYPE.PICK, { seq: ++this.picks, camera, x, y });
+  }
+
+  onTold(type, header) {
+    if (type === TYPE.STATUS) this.health.hear(header);
+    else if (type === TYPE.PICKED && header.seq === this.picks) this.hooks.picked(header);
+    else if (type === TYPE.LOOK && this.walker.camera) {
+      this.walker.jumpTo(header.camera);
+      this.dirty = true;
+      this.hooks.moved();
+    }
   }
 
   onState(name, detail) {
@@ -77,21 +126,19 @@ export class Client {
     this.canvasSize(camera.width, camera.height);
     const again = this.ended?.scene === this.wishes.scene && this.walker.camera;
     if (!again) {
-      this.keyframes.clear();
-      this.walker.place(camera, session.up, this.diagonal);
+      this.forget();
+      this.walker.place(camera, session.up, this.diagonal, { bounds: header.scene.bounds, mode: header.scene.controls });
     } else {
       const { world_from_camera } = this.walker.camera;
       this.walker.home = camera;
       this.walker.camera = { ...camera, world_from_camera };
     }
+    this.keyframes.home = this.walker.home;
     this.ended = { scene: this.wishes.scene };
-    this.hooks.scene(header.scene);
+    this.hooks.scene(header.scene, !again);
     this.acks = [];
     this.pose.camera = null; // the server knows no pose yet
-    if (Object.values(this.media).some((value) => value != null)) {
-      const { budget_ms = null, max_error = null, layers = null } = this.wishes;
-      this.stream.send(TYPE.SETTINGS, { budget_ms, max_error, layers, ...this.media }); // a new session knows none of it
-    }
+    if (this.settings) this.stream.send(TYPE.SETTINGS, { ...this.settings, seq: ++this.seq }); // a new session knows none of it
     this.dirty = true;
   }
 
@@ -117,12 +164,15 @@ export class Client {
     if (socket !== this.stream.socket) return image.color.close(); // of a connection that has ended
     this.counts.images++;
     this.figures.decode.add(image.times.all);
+    const earlier = this.keyframes.newest?.header;
     const group = this.keyframes.add(image);
+    this.fadeOut(earlier, group?.header);
     if (group) {
       group.bytes = image.bytes;
       group.decode_ms = image.times.all;
       this.acks.push(group);
       this.counts.keyframes++;
+      this.health.arrived(image.header);
       this.hooks.keyframe(image.header);
     }
     this.dirty = true;
@@ -144,10 +194,24 @@ export class Client {
     }
     this.counts.frames++;
     this.moving = this.walker.step(passed / 1000);
-    if ((this.moving || this.dirty) && !this.lost) this.draw();
+    if (this.moving) this.hooks.moved();
+    const easing = this.easeExposure(passed / 1000);
+    if ((this.moving || this.dirty || easing || this.fade) && !this.lost) this.draw();
     this.measureHoles(now);
     this.sendPose();
     if (this.counts.frames % 15 === 0) this.hooks.figures(this.stats);
+  }
+
+  /** Go on to the exposure that is asked for; tells whether the picture changes. */
+  easeExposure(seconds) {
+    const newest = this.keyframes.newest?.header;
+    if (!newest) return false;
+    const wished = this.hooks.exposure();
+    const target = wished ?? newest.exposure ?? 0;
+    const before = this.ev;
+    const near = before === null || wished !== null || Math.abs(target - before) < SAME_EV;
+    this.ev = near ? target : before + (target - before) * (1 - Math.exp(-seconds / EXPOSURE_EASE));
+    return this.ev !== before;
   }
 
   draw() {
@@ -155,12 +219,30 @@ export class Client {
     if (!view || !this.keyframes.newest) return;
     const begin = performance.now();
     const sources = this.hooks.sources();
-    this.warp.warp(this.keyframes.pictures(view, sources), view, this.near, sources);
-    this.warp.present({ fill: sources.fill });
+    const options = { ...sources, exposure: this.ev };
+    const share = this.fade ? (begin - this.fade.since) / FADE : 1;
+    if (share >= 1) this.fade = null;
+    let before = null;
+    if (this.fade) {
+      this.warp.warp(this.fade.pictures, view, this.near, options);
+      before = this.warp.putAside();
+    }
+    this.drawn = this.keyframes.pictures(view, sources);
+    this.warp.warp(this.drawn, view, this.near, options);
+    this.warp.present({ fill: sources.fill, before, fade: share });
+    this.keyframes.sweep(this.fade?.pictures);
     this.figures.warp.add(performance.now() - begin);
     this.dirty = false;
     this.counts.drawn++;
     this.acknowledge();
+  }
+
+  /** A new keyframe takes the place of the one before gently, unless it shows another state of the scene. */
+  fadeOut(earlier, header) {
+    if (!earlier || !header || this.calm || !this.drawn.length) return;
+    const same = (name) => (earlier[name] ?? 0) === (header[name] ?? 0);
+    if (!same("scene_s") || !same("revision")) return;
+    this.fade = { pictures: this.drawn, since: performance.now() };
   }
 
   /** Measure the hole share of the newest picture now and then, and once more when nothing moves. */
@@ -168,7 +250,8 @@ export class Client {
     if (this.lost || this.holesOf === this.counts.drawn || now - this.holesAt < HOLES_INTERVAL) return;
     this.holesAt = now;
     this.holesOf = this.counts.drawn;
-    this.warp.holeShare().then((share) => share !== null && (this.holes = share), () => {}); // fails with the context
+    const take = (shares) => shares && Object.assign(this, shares);
+    this.warp.holeShare().then(take, () => {}); // fails with the context
   }
 
   get near() {
@@ -192,7 +275,8 @@ export class Client {
     const camera = this.walker.camera;
     if (this.state !== "live" || !camera || now - this.pose.sent < POSE_INTERVAL) return;
     if (identical(camera, this.pose.camera) && this.pose.moving === moved) return;
-    const { velocity, spin } = this.walker;
+    const { spin } = this.walker;
+    const velocity = this.walker.foreseen(Math.max(FORESEEN, (this.figures.latency.value ?? 0) / 1000));
     const header = { seq: ++this.pose.seq, time_ms: now, camera, velocity, spin, moving: moved };
     if (!moved) Object.assign(header, { velocity: [0, 0, 0], spin: [0, 0, 0] });
     if (this.stream.send(TYPE.POSE, header, { droppable: true })) this.pose = { ...this.pose, sent: now, camera, moving: moved };
@@ -210,6 +294,10 @@ export class Client {
       decode_ms: decode.value,
       latency_ms: latency.value,
       holes: this.holes,
+      stretched: this.stretched,
+      exposure: this.ev,
+      age_ms: this.health.age,
+      notice: this.health.notice,
       bytes_per_second: this.traffic.perSecond(),
       keyframe_bytes: this.keyframes.newest?.bytes ?? 0,
       pictures: drawn.length,
@@ -221,7 +309,8 @@ export class Client {
 
   /** Draw another view (default: the present one) beside the loop and read it; the page shows the present one again. */
   capture({ camera = this.walker.camera, earlier = true, layers = true, fill = true, enhance = 0, mirrors = true } = {}) {
-    this.warp.warp(this.keyframes.pictures(camera, { earlier, layers }), camera, this.near, { enhance, mirrors });
+    const exposure = this.ev;
+    this.warp.warp(this.keyframes.pictures(camera, { earlier, layers }), camera, this.near, { enhance, mirrors, exposure });
     const pixels = this.warp.capture(fill);
     this.dirty = true;
     const { width, height } = this.warp.target;

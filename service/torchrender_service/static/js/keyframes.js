@@ -2,7 +2,7 @@
 
 import { angleBetween, eyeOf, length, subtract } from "./camera.js";
 
-const EARLIER = 3; // keyframes kept beside the newest
+const EARLIER = 3; // keyframes kept beside the newest; that of the start besides
 const LAYERED = 2; // keyframes of which extra layers are drawn
 const SAME_DISTANCE = 0.01; // of the typical depth: a keyframe this near to a newer one adds nothing
 const SAME_ANGLE = 0.02; // radians
@@ -17,6 +17,8 @@ export class KeyframeSet {
   constructor(warp) {
     this.warp = warp;
     this.groups = []; // newest first; each has its picture (layer 0), what its mirrors show, and extra layers
+    this.leaving = []; // what is not kept any more, but still fades out
+    this.home = null; // the camera of the start: what was seen from there is kept, so that going back shows it at once
   }
 
   get newest() {
@@ -35,14 +37,29 @@ export class KeyframeSet {
       return null;
     }
     if (known) this.drop(known);
-    // What a scene looked like at another time of its animation is not there any more.
-    const now = image.header.scene_s ?? null;
-    for (const other of this.groups.filter((g) => (g.header.scene_s ?? null) !== now)) this.drop(other);
+    // What a scene looked like at another time of its animation, or before its program changed it, is not there any more.
+    const state = ({ scene_s = null, revision = 0 }) => `${scene_s} ${revision}`;
+    for (const other of this.groups.filter((g) => state(g.header) !== state(image.header))) this.drop(other);
     const group = { id, camera, typical: image.typical, header: image.header, picture: this.warp.add(image), extra: [] };
     this.groups.unshift(group);
     if (layers === 1) this.dropRepeated(group);
-    while (this.groups.length > EARLIER + 1) this.drop(this.order(camera).findLast((g) => g !== group));
+    const kept = this.atHome();
+    const spare = () => this.order(camera).filter((g) => g !== kept);
+    while (this.groups.length - (kept ? 1 : 0) > EARLIER + 1) this.drop(spare().findLast((g) => g !== group));
     return group;
+  }
+
+  /** The finest keyframe from the start. */
+  atHome() {
+    const { home } = this;
+    if (!home) return null;
+    const there = this.groups.filter((g) => this.samePlace(g.camera, home, g.typical));
+    return there.sort((a, b) => this.fineness(b) - this.fineness(a))[0] ?? null;
+  }
+
+  samePlace(a, b, typical) {
+    const step = length(subtract(eyeOf(a), eyeOf(b)));
+    return step < SAME_DISTANCE * typical && angleBetween(a, b) < SAME_ANGLE;
   }
 
   /** Settings have changed: what was there before gives way to what comes. */
@@ -53,10 +70,7 @@ export class KeyframeSet {
   /** Earlier keyframes from nearly the same place hold nothing that a complete newer one lacks, unless they are finer. */
   dropRepeated(group) {
     const finer = (other) => !other.outdated && this.fineness(other) > 1.01 * this.fineness(group);
-    const repeats = (other) =>
-      length(subtract(eyeOf(other.camera), eyeOf(group.camera))) < SAME_DISTANCE * group.typical &&
-      angleBetween(other.camera, group.camera) < SAME_ANGLE &&
-      !finer(other);
+    const repeats = (other) => this.samePlace(other.camera, group.camera, group.typical) && !finer(other);
     for (const other of this.groups.filter((g) => g !== group && repeats(g))) this.drop(other);
   }
 
@@ -79,16 +93,24 @@ export class KeyframeSet {
 
   drop(group) {
     this.groups = this.groups.filter((other) => other !== group);
-    for (const picture of [group.picture, ...group.extra]) this.warp.remove(picture);
+    this.leaving.push(group.picture, ...group.extra);
+  }
+
+  /** Free what nothing shows any more; `shown` are pictures that still fade out. */
+  sweep(shown = []) {
+    const gone = this.leaving.filter((picture) => !shown.includes(picture));
+    for (const picture of gone) this.warp.remove(picture);
+    this.leaving = this.leaving.filter((picture) => shown.includes(picture));
   }
 
   clear() {
     for (const group of [...this.groups]) this.drop(group);
+    this.sweep();
   }
 
   /** Pictures to draw, the preferred first: keyframes, then extra layers of the first ones. */
   pictures(view, { earlier = true, layers = true } = {}) {
-    const groups = earlier ? this.order(view) : this.groups.slice(0, 1);
+    const groups = earlier ? this.order(view).slice(0, EARLIER + 1) : this.groups.slice(0, 1);
     const extra = layers ? groups.slice(0, LAYERED).flatMap((group) => group.extra) : [];
     return [...groups.map((group) => group.picture), ...extra];
   }

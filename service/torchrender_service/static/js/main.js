@@ -1,12 +1,15 @@
-// The page: scenes, wishes, messages; the client does the rest.
-//
-// Query parameters: scene, width, height (pixels of the stream), layers, overscan, budget_ms, max_error.
+// The page: scenes, wishes, messages; the client does the rest. What the address may say is in ../README.md.
 
+import { cameraOf, readWords, viewText, writeWords } from "./address.js";
 import { Client } from "./client.js";
 import { Walker } from "./controls.js";
 import { received } from "./keyframes.js";
+import { Obstacles } from "./obstacles.js";
 import { Panel } from "./panel.js";
+import { Settings } from "./settings.js";
 import { ServiceError, request } from "./stream.js";
+import { Upload } from "./upload.js";
+import { Views } from "./views.js";
 
 const FIRST_SCENE = "living_room";
 const RESOLUTIONS = [
@@ -18,32 +21,53 @@ const RESOLUTIONS = [
 const OVERSCAN = 1.2;
 const RETRY = 1500; // ms between attempts to get the list of scenes
 const RESIZE_WAIT = 400; // ms without a change of the window before the stream gets its new size
+const WALLS_WAIT = 500; // ms without a change of the scene before its walls are asked for again
+const ADDRESS_WAIT = 400; // ms without movement before the view stands in the address
 
 const $ = (id) => document.getElementById(id);
-const query = new URLSearchParams(location.search);
-const number = (name, fallback) => (query.has(name) && Number.isFinite(Number(query.get(name))) ? Number(query.get(name)) : fallback);
+const words = readWords();
+const number = (name, fallback) => (words[name] !== undefined && Number.isFinite(Number(words[name])) ? Number(words[name]) : fallback);
 
-const fixed = query.has("width") && query.has("height");
+const fixed = words.width !== undefined && words.height !== undefined;
 let client = null;
+let views = null;
+let upload = null;
 let key = sessionStorage.getItem("torchrender.key");
 let size = null;
+let scenes = [];
+let addressTimer = 0;
+let wallsTimer = 0;
+let revision = 0; // of the scene
 
 function say(text) {
   $("message").hidden = !text;
   $("message").textContent = text ?? "";
 }
 
-const panel = new Panel({
-  initial: { layers: number("layers", 2), budget_ms: number("budget_ms", null), max_error: number("max_error", null) },
-  wish: (settings, media) => client?.wish(settings, media),
-  resize: () => restart(),
-  show: () => client && (client.dirty = true),
+$("resolution").replaceChildren(...RESOLUTIONS.map(([name]) => new Option(name, name)));
+$("resolution").value = "medium";
+$("resolution").disabled = fixed;
+const panel = new Panel();
+const settings = new Settings({
+  initial: words,
+  wish: (what) => {
+    client?.wish(settings.message(), what);
+    noteSoon();
+  },
+  show: () => {
+    if (client) client.dirty = true;
+    noteSoon();
+  },
+  resize: () => {
+    restart();
+    noteSoon();
+  },
 });
 
 /** Pixels of the stream: as the address says, or the window's shape with the chosen number of pixels. */
 function streamSize() {
   if (fixed) return [number("width", 640), number("height", 360)];
-  const pixels = Number($("resolution").value);
+  const pixels = RESOLUTIONS.find(([name]) => name === $("resolution").value)[1];
   const { innerWidth: w, innerHeight: h } = window;
   const height = Math.sqrt((pixels * h) / w);
   return [(height * w) / h, height].map((side) => Math.max(64, 2 * Math.round(side / 2)));
@@ -64,9 +88,10 @@ function restart() {
   size = streamSize();
   layOut();
   say("");
-  const settings = Object.fromEntries(Object.entries(panel.settings()).filter(([, value]) => value !== null));
+  const bounds = Object.fromEntries(Object.entries(settings.bounds()).filter(([, value]) => value !== null));
   const overscan = number("overscan", OVERSCAN);
-  client.start({ scene: $("scene").value, width: size[0], height: size[1], overscan, ...settings }, key ?? undefined);
+  client.settings = settings.changed ? settings.message() : null;
+  client.start({ scene: $("scene").value, width: size[0], height: size[1], overscan, ...bounds }, key ?? undefined);
 }
 
 function onState(state, detail) {
@@ -86,6 +111,67 @@ function askKey(then) {
   }, { once: true });
   dialog.showModal();
 }
+
+// ------------------------------------------------------------------ the address
+
+/** Scene, view and settings, once nothing moves any more. */
+function noteSoon() {
+  clearTimeout(addressTimer);
+  addressTimer = setTimeout(note, ADDRESS_WAIT);
+}
+
+function note() {
+  if (!client?.walker.camera || !$("scene").value) return;
+  const { walker } = client;
+  const atHome = walker.camera.world_from_camera.every((v, k) => v === walker.home.world_from_camera[k]);
+  const usual = $("scene").value === FIRST_SCENE && words.scene === undefined ? null : $("scene").value;
+  writeWords({
+    scene: usual,
+    view: atHome ? null : viewText(walker),
+    controls: walker.mode === client.scene?.controls ? null : walker.mode,
+    ...settings.words(),
+  });
+}
+
+/** The first welcome to a scene, or another one to the same. */
+function onScene(facts, first) {
+  client.scene = facts;
+  panel.showScene(facts);
+  upload.showScene(facts.id);
+  if (!first) return;
+  if (words.controls) client.walker.setMode(words.controls === "orbit" ? "orbit" : "walk");
+  delete words.controls;
+  const start = cameraOf(words.view, client.walker.camera, client.walker.up);
+  delete words.view; // of the scene that the page began with
+  if (start) client.walker.jumpTo(start);
+  views.showMode();
+  views.showCameras({});
+  survey(facts.id);
+}
+
+/** A scene that its program changes has other walls, once it rests. */
+function onPicture(header) {
+  panel.showPlan(header);
+  const now = header.revision ?? 0;
+  if (now === revision) return;
+  revision = now;
+  clearTimeout(wallsTimer);
+  wallsTimer = setTimeout(() => client.scene && survey(client.scene.id), WALLS_WAIT);
+}
+
+/** Cameras and obstacles of a scene: what is asked for after its first picture is under way. */
+async function survey(id) {
+  try {
+    const found = await request(`v1/scenes/${id}/survey`, { key });
+    if (client.scene.id !== id) return;
+    views.showCameras(found.cameras);
+    client.walker.obstacles = new Obstacles(found.obstacles);
+  } catch (error) {
+    console.info(`walls are not known: ${error.message}`); // walking works without
+  }
+}
+
+// ------------------------------------------------------------------ scenes
 
 async function loadScenes() {
   for (;;) {
@@ -107,19 +193,45 @@ async function loadScenes() {
   }
 }
 
-function showScenes(scenes) {
+function fillScenes(chosen) {
   const name = (scene) => (scene.name || scene.id).replaceAll("_", " ");
   $("scene").replaceChildren(...scenes.map((scene) => new Option(name(scene), scene.id)));
-  const wanted = query.get("scene") ?? FIRST_SCENE;
+  $("scene").value = chosen;
+}
+
+function showScenes(found) {
+  scenes = found;
+  const wanted = words.scene ?? FIRST_SCENE;
   const first = scenes.find((scene) => scene.id === wanted || scene.name === wanted) ?? scenes[0];
   if (!first) return say("The server has no scenes.");
-  $("scene").value = first.id;
+  if (words.scene && first.id !== wanted && first.name !== wanted) delete words.view;
+  fillScenes(first.id);
   $("scene").disabled = false;
   $("scene").addEventListener("change", () => {
-    restart();
+    changeScene($("scene").value);
     $("scene").blur(); // so that the next key walks
   });
   restart();
+}
+
+function changeScene(id) {
+  $("scene").value = id;
+  delete words.view;
+  words.scene = id;
+  settings.forgetScene();
+  restart();
+}
+
+function onUploaded(facts) {
+  if (!scenes.some((scene) => scene.id === facts.id)) scenes.push(facts);
+  fillScenes(facts.id);
+  changeScene(facts.id);
+}
+
+function onDeleted(id) {
+  scenes = scenes.filter((scene) => scene.id !== id);
+  fillScenes(scenes[0]?.id);
+  if (scenes.length) changeScene(scenes[0].id);
 }
 
 function showContext(lost) {
@@ -138,6 +250,12 @@ function expose() {
     get camera() {
       return structuredClone(client.walker.camera);
     },
+    get controls() {
+      return client.walker.mode;
+    },
+    get walls() {
+      return client.walker.obstacles !== null;
+    },
     get moving() {
       return client.moving;
     },
@@ -147,33 +265,15 @@ function expose() {
     get scene() {
       return client.wishes?.scene ?? null;
     },
+    get picked() {
+      return structuredClone(client.picked);
+    },
     capture: (options) => client.capture(options),
     measure: (count, sources) => client.measure(count, sources),
   });
 }
 
-function begin() {
-  $("resolution").replaceChildren(...RESOLUTIONS.map(([name, pixels]) => new Option(name, pixels)));
-  $("resolution").value = RESOLUTIONS[1][1];
-  $("resolution").disabled = fixed;
-  const walker = new Walker($("stage"), $("stick"));
-  try {
-    client = new Client($("stage"), walker, {
-      state: onState,
-      keyframe: (header) => panel.showPlan(header),
-      frame: (ms) => panel.addFrame(ms),
-      figures: (stats) => panel.showFigures(stats),
-      sources: () => panel.sources,
-      context: showContext,
-      scene: (scene) => panel.showScene(scene),
-    });
-  } catch (error) {
-    panel.showState("failed", { reason: error.message });
-    say("This page needs WebGL2, which this browser does not offer. Try a current browser, or switch on hardware acceleration.");
-    return;
-  }
-  expose();
-  layOut();
+function listen() {
   const understood = () => $("help").classList.add("done");
   for (const element of [$("stage"), $("stick")]) element.addEventListener("pointerup", understood);
   window.addEventListener("keyup", (event) => event.code !== "Tab" && understood());
@@ -183,6 +283,47 @@ function begin() {
     clearTimeout(timer);
     timer = setTimeout(() => !fixed && String(streamSize()) !== String(size) && restart(), RESIZE_WAIT);
   });
+}
+
+function begin() {
+  const walker = new Walker($("stage"), $("stick"));
+  try {
+    client = new Client($("stage"), walker, {
+      state: onState,
+      keyframe: onPicture,
+      frame: (ms) => panel.addFrame(ms),
+      figures: (stats) => {
+        panel.showFigures(stats);
+        settings.showExposure(stats.exposure);
+      },
+      sources: () => settings.sources,
+      exposure: () => settings.ev,
+      context: showContext,
+      scene: onScene,
+      moved: noteSoon,
+      picked: (found) => {
+        client.picked = found;
+        views.showPicked(found);
+      },
+    });
+  } catch (error) {
+    panel.showState("failed", { reason: error.message });
+    say("This page needs WebGL2, which this browser does not offer. Try a current browser, or switch on hardware acceleration.");
+    return;
+  }
+  const known = () => {
+    const scene = scenes.find((one) => one.id === $("scene").value);
+    return scene && !scene.built_in ? `${scene.name}.${scene.kind === "zip" ? "gltf" : scene.kind}` : $("scene").value;
+  };
+  const link = () => {
+    note();
+    return location.href;
+  };
+  views = new Views({ client, name: known, settings, changed: noteSoon, link });
+  upload = new Upload({ key: () => key, ready: onUploaded, gone: onDeleted });
+  expose();
+  layOut();
+  listen();
   loadScenes().then(showScenes);
 }
 

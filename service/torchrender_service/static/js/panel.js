@@ -1,58 +1,32 @@
-// The panel: what runs and why, figures, and what the user wishes for.
+// The panel: how the server and the picture are, what runs and why, and what it costs.
 
 const $ = (id) => document.getElementById(id);
-const BUDGET = [15, 2000]; // ms, ends of the logarithmic slider
-const ERROR = [0.002, 0.3]; // FLIP
 const NAMES = { connecting: "connecting", live: "live", waiting: "reconnecting", failed: "stopped", closed: "closed" };
 const KINDS = ["· moving", "· refined, nothing moves", "· refined, outlines smooth"];
 const CHART_FRAMES = 148;
 const CHART_MS = 50; // height of the chart
+// Which passes an effect is made of.
+const PASSES = {
+  lights: ["direct_light", "light_reach"],
+  shadows: ["shadow_map", "soft_shadow", "sky_shadow", "point_shadow", "pane_shadow", "occluders"],
+  ambient: ["ambient_visibility"],
+  reflections: ["reflections", "reflective_pixel", "reflection_reuse", "hit_shader", "ray_caster"],
+  transparency: ["transparency"],
+  media: ["scattering"],
+};
 
 const ms = (value) => (value == null ? "–" : `${value >= 100 ? Math.round(value) : value.toFixed(value >= 10 ? 0 : 1)} ms`);
 const percent = (share) => (share == null ? "–" : `${(100 * share).toFixed(share < 0.1 ? 2 : 1)} %`);
 const bytes = (count) => (count < 1e6 ? `${Math.round(count / 1000)} kB` : `${(count / 1e6).toFixed(1)} MB`);
-const densityOf = (place) => (place === 0 ? 0 : 100 ** (place / 50 - 1)); // 0, then 0.01 to 100, 1 in the middle
-const onScale = ([low, high], share) => low * (high / low) ** share;
-const shareOf = ([low, high], value) => Math.log(value / low) / Math.log(high / low);
+const seconds = (milliseconds) => `${(milliseconds / 1000).toFixed(milliseconds < 9950 ? 1 : 0)} s`;
 
 export class Panel {
-  /** `wish(settings)` is called after the user changed a bound or the layers, `resize()` after a new resolution. */
-  constructor({ wish, resize, show, initial }) {
+  constructor() {
     this.frames = [];
-    this.values = { budget: initial.budget_ms ?? 150, error: initial.max_error ?? 0.05 };
-    this.mode = initial.max_error ? "error" : initial.budget_ms ? "budget" : "auto";
-    $("layers").value = initial.layers;
-    for (const input of document.querySelectorAll("input[name=mode]")) {
-      input.checked = input.value === this.mode;
-      input.addEventListener("change", () => {
-        this.mode = input.value;
-        this.showBound();
-        wish(this.settings());
-      });
-    }
-    $("bound").addEventListener("input", () => {
-      this.values[this.mode] = onScale(this.mode === "error" ? ERROR : BUDGET, $("bound").value / 100);
-      this.showBound();
-    });
-    $("bound").addEventListener("change", () => wish(this.settings()));
-    $("layers").addEventListener("input", () => this.showBound());
-    $("layers").addEventListener("change", () => wish(this.settings()));
-    for (const name of ["density", "asymmetry"]) {
-      $(name).addEventListener("input", () => this.touched.add(name) && this.showMedia());
-      $(name).addEventListener("change", () => wish(this.settings(), this.media()));
-    }
-    $("play").addEventListener("change", () => this.touched.add("play") && wish(this.settings(), this.media()));
-    this.touched = new Set(); // sliders of media that were moved: the others leave the scene's own values
-    this.showMedia();
-    for (const name of ["use-earlier", "use-layers", "use-fill"]) $(name).addEventListener("change", show);
-    $("enhance").addEventListener("input", () => {
-      this.showBound();
-      show();
-    });
-    $("resolution").addEventListener("change", resize);
+    this.state = "connecting";
+    this.detail = {};
     $("toggle").addEventListener("click", () => this.open($("panel").hidden));
     document.addEventListener("keydown", (event) => event.code === "Escape" && !$("panel").hidden && this.open(false));
-    this.showBound();
   }
 
   open(open) {
@@ -60,63 +34,46 @@ export class Panel {
     $("toggle").setAttribute("aria-expanded", String(open));
     $("brief").hidden = open;
     if (open) $("panel").scrollTop = 0;
-  }
-
-  settings() {
-    return {
-      budget_ms: this.mode === "budget" ? Math.round(this.values.budget) : null,
-      max_error: this.mode === "error" ? Number(this.values.error.toPrecision(2)) : null,
-      layers: Number($("layers").value),
-    };
-  }
-
-  /** What media shall be like; null: as before. */
-  media() {
-    const value = (name, made) => (this.touched.has(name) ? made(Number($(name).value)) : null);
-    const playing = this.touched.has("play") ? $("play").checked : null;
-    return { density: value("density", densityOf), asymmetry: value("asymmetry", (g) => g / 100), playing };
-  }
-
-  /** A scene that moves can be played, one that does not cannot. */
-  showScene(scene) {
-    $("play-row").hidden = Object.keys(scene.animations ?? {}).length === 0;
-  }
-
-  showMedia() {
-    $("density-value").textContent = `${densityOf(Number($("density").value)).toPrecision(2)} ×`;
-    $("asymmetry-value").textContent = this.touched.has("asymmetry") ? (Number($("asymmetry").value) / 100).toFixed(2) : "own";
-  }
-
-  /** Which sources of samples the picture uses. */
-  get sources() {
-    return { earlier: $("use-earlier").checked, layers: $("use-layers").checked, fill: $("use-fill").checked, enhance: Number($("enhance").value) / 100 };
-  }
-
-  showBound() {
-    const error = this.mode === "error";
-    $("bound-row").hidden = this.mode === "auto";
-    $("bound-name").textContent = error ? "largest error" : "budget";
-    const value = this.values[error ? "error" : "budget"];
-    $("bound").value = 100 * shareOf(error ? ERROR : BUDGET, value);
-    $("bound-value").textContent = error ? value.toPrecision(2) : `${Math.round(value)} ms`;
-    $("layers-value").textContent = $("layers").value;
-    $("enhance-value").textContent = `${$("enhance").value} %`;
+    else if ($("panel").contains(document.activeElement)) $("toggle").focus();
   }
 
   showState(state, detail) {
-    const text = state === "waiting" ? `reconnecting in ${detail.seconds.toFixed(1)} s` : NAMES[state];
-    $("status").dataset.state = state;
-    $("status").title = detail?.reason ?? "";
-    $("status").lastElementChild.textContent = text;
+    this.state = state;
+    this.detail = detail;
+    this.showNotice(null);
+  }
+
+  /** The state of the connection, or what is more worth saying. */
+  showNotice(notice) {
+    const waiting = this.state === "waiting" ? { text: "reconnecting", ms: 1000 * this.detail.seconds, before: " in " } : null;
+    const { text, ms: passed, before = " · " } = notice ?? waiting ?? { text: NAMES[this.state] };
+    $("status").dataset.state = notice ? notice.kind : this.state;
+    $("status").title = this.detail?.reason ?? "";
+    // Seconds tick: screen readers hear of what changes otherwise.
+    if ($("status-text").textContent !== text) $("status-text").textContent = text;
+    $("status-time").textContent = passed === undefined ? "" : before + seconds(passed);
+  }
+
+  /** A scene that moves can be played, one that does not cannot; fog can be changed where there is some. */
+  showScene(scene) {
+    $("play-row").hidden = Object.keys(scene.animations ?? {}).length === 0;
   }
 
   showPlan(header) {
     const plan = header.plan;
     if (!plan) return;
+    const rows = plan.rows ?? [];
     $("plan-kind").textContent = KINDS[!header.still ? 0 : header.samples > 1 ? 2 : 1];
     $("plan-statement").textContent = plan.statement ?? "";
-    $("plan").replaceChildren(...(plan.rows ?? []).map((row) => this.planRow(row)));
+    $("plan").replaceChildren(...rows.map((row) => this.planRow(row)));
     $("plan").append(this.planRow({ pass: "together", runs: true, ...plan, reason: "", settings: "" }));
+    for (const [effect, passes] of Object.entries(PASSES)) {
+      const own = rows.filter((row) => passes.includes(row.pass));
+      const run = own.filter((row) => row.runs);
+      const cost = run.reduce((sum, row) => sum + (row.measured_ms ?? row.predicted_ms ?? 0), 0);
+      $(`cost-${effect}`).textContent = run.length ? ms(cost) : "nothing";
+      $(`cost-${effect}`).title = own.map((row) => `${row.pass.replaceAll("_", " ")}: ${row.reason}`).join("\n");
+    }
   }
 
   planRow(row) {
@@ -143,11 +100,15 @@ export class Panel {
 
   showFigures(stats) {
     const fps = stats.frame_ms ? Math.round(1000 / stats.frame_ms) : null;
-    $("brief").textContent = fps ? `${fps} fps · ${ms(stats.latency_ms)} · ${percent(stats.holes)} holes` : "";
+    this.showNotice(stats.notice);
+    const age = stats.age_ms === null ? "picture current" : `picture ${seconds(stats.age_ms)} old`;
+    $("brief").textContent = fps ? `${fps} fps · ${age} · ${percent(stats.holes)} filled · ${percent(stats.stretched)} stretched` : "";
     if ($("panel").hidden) return;
     $("s-frame").textContent = fps ? `${ms(stats.frame_ms)} · ${fps} fps` : "–";
+    $("s-age").textContent = stats.age_ms === null ? "current" : seconds(stats.age_ms);
     $("s-warp").textContent = ms(stats.warp_ms);
     $("s-holes").textContent = percent(stats.holes);
+    $("s-stretched").textContent = percent(stats.stretched);
     $("s-drawn").textContent = `${stats.pictures} images`;
     $("s-latency").textContent = ms(stats.latency_ms);
     $("s-bandwidth").textContent = `${bytes(stats.bytes_per_second)}/s`;

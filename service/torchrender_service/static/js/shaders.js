@@ -32,6 +32,7 @@ uniform usampler2D joined;  // which of the four texels around each corner are o
 uniform sampler2D color;
 uniform float code_scale;  // 1/z of code 1
 uniform float enhance;     // how much shape is made easier to read; 0: colours as they came
+uniform float gain;        // of linear light; 1: colours as they came
 uniform int part;           // of the light: ALL, without what mirrors show (OWN), that alone (MIRRORED), or nothing
 uniform sampler2D shown;    // what mirrors show, a part of the colours
 uniform usampler2D behind;  // codes of it: 65535 where nothing mirrors
@@ -42,7 +43,19 @@ const float RIP = 0.12;      // share of 1/z by which a fragment may differ from
 const float NEARER = 0.02;   // share of 1/z by which a texel of another surface must be nearer to spoil colours
 const float OCTAVES = 12.0;
 const float BREAK = 0.03;    // share of 1/z between texels beyond which they are of different surfaces
+const float STRETCHED = 3.0; // pixels of the view across one of the picture, from which on it is drawn out
 const float GAIN = 45.0;     // bend, as a share of 1/z, that counts by half: 1 / GAIN
+
+// Whether one pixel of the picture is drawn over many of the view, as where a surface is seen from its side that was
+// seen at a grazing angle: the least pixels of the picture per pixel of the view, over all directions.
+bool drawn_out() {
+  vec2 across = dFdx(source.xy);
+  vec2 down = dFdy(source.xy);
+  float sum = dot(across, across) + dot(down, down);
+  float area = across.x * down.y - across.y * down.x;
+  float least = 0.5 * (sum - sqrt(max(sum * sum - 4.0 * area * area, 0.0)));
+  return least * STRETCHED * STRETCHED < 1.0;
+}
 
 float at(ivec2 p) {
   uint code = texelFetch(depth, p, 0).r;
@@ -59,6 +72,10 @@ vec3 part_of(vec3 all, vec3 mirrored) {
   if (part == MIRRORED) return to_display(light);
   vec3 rest = to_display(to_linear(all) - light);
   return mix(rest, all, vec3(greaterThan(all, vec3(0.998))) * vec3(lessThan(light, vec3(1.0))));
+}
+
+vec3 exposed(vec3 c) {
+  return gain == 1.0 ? c : to_display(min(to_linear(c) * gain, 1.0));
 }
 
 vec3 color_at(ivec2 p) {
@@ -88,6 +105,7 @@ float shape(ivec2 p, float z, ivec2 last) {
 }
 
 void main() {
+  bool stretched = drawn_out(); // before anything is discarded: it looks at the pixels beside
   ivec2 last = textureSize(depth, 0) - 1;
   float z = source.z;
   float step = 2.0 * code_scale;
@@ -122,14 +140,16 @@ void main() {
     if (mirrors) m = texelFetch(shown, own, 0).rgb;
   }
   if (part >= MIRRORED) {
-    picture = part == MIRRORED && mirrors ? vec4(part_of(c, m), 1.0) : vec4(0.0);
+    picture = part == MIRRORED && mirrors ? vec4(exposed(part_of(c, m)), 1.0) : vec4(0.0);
     return;
   }
   if (mirrors) c = part_of(c, m);
   if (enhance != 0.0 && near > 0.0) c = clamp(c * (1.0 + enhance * shape(own, near, last)), 0.0, 1.0);
-  // The buffer holds 1 - near / depth; steps of 3 % of the depth tell well enough what lies behind what.
+  c = exposed(c);
+  // The buffer holds 1 - near / depth; steps of 7 % of the depth tell well enough what lies behind what. The lowest bit
+  // tells pixels that are drawn out.
   float key = clamp(1.0 + log2(max(1.0 - gl_FragCoord.z, 1e-9)) / OCTAVES, 0.0, 1.0);
-  picture = vec4(c, (1.0 + 254.0 * key) / 255.0);
+  picture = vec4(c, (1.0 + 2.0 * floor(126.0 * key + 0.5) + (stretched ? 1.0 : 0.0)) / 255.0);
 }`;
 
 export const SCREEN_VERTEX = `
@@ -153,7 +173,7 @@ void main() {
   vec4 paint = texelFetch(painted, own, 0);
   if (paint.a > 0.0) {
     vec4 through = texelFetch(beyond, own, 0);
-    vec3 light = through.a > 0.0 && through.a <= rest.a ? through.rgb : paint.rgb;
+    vec3 light = through.a > 0.0 && through.a <= rest.a + 0.005 ? through.rgb : paint.rgb;
     rest.rgb = to_display(min(to_linear(rest.rgb) + to_linear(light), 1.0));
   }
   picture = rest;
@@ -167,6 +187,8 @@ uniform sampler2D warped;
 uniform vec3 backdrop;
 uniform int radius;  // 0: holes stay
 uniform bool mark;   // alpha 0 in holes, for captures
+uniform sampler2D before;  // what was shown until now
+uniform float fade;  // of the new picture; 1: nothing else
 layout(location = 0) out vec4 shown;
 
 const int DIRECTIONS = 12;
@@ -177,7 +199,8 @@ void main() {
   ivec2 last = textureSize(warped, 0) - 1;
   vec4 texel = texelFetch(warped, own, 0);
   if (texel.a > 0.0) {
-    shown = vec4(texel.rgb, 1.0);
+    vec4 old = fade < 1.0 ? texelFetch(before, own, 0) : vec4(0.0);
+    shown = vec4(old.a > 0.0 ? mix(old.rgb, texel.rgb, fade) : texel.rgb, 1.0);
     return;
   }
   vec4 found[DIRECTIONS];
@@ -214,7 +237,8 @@ void main() {
   shown = vec4(mix(backdrop, sum / max(weights, 1e-6), trust), mark ? 0.0 : 1.0);
 }`;
 
-// Covered pixels of each tile, as a count in the red and green bytes: the hole share needs no read-back of the picture.
+// Covered pixels of each tile, as a count in the red and green bytes, and drawn-out ones in blue and alpha: the shares
+// need no read-back of the picture.
 export const COUNT_FRAGMENT = `
 precision highp float;
 precision highp int;
@@ -227,11 +251,14 @@ void main() {
   ivec2 first = ivec2(gl_FragCoord.xy) * TILE;
   ivec2 size = textureSize(warped, 0);
   int covered = 0;
+  int stretched = 0;
   for (int y = 0; y < TILE; y++)
     for (int x = 0; x < TILE; x++) {
       ivec2 p = first + ivec2(x, y);
-      if (all(lessThan(p, size)) && texelFetch(warped, p, 0).a > 0.0) covered++;
+      int key = all(lessThan(p, size)) ? int(texelFetch(warped, p, 0).a * 255.0 + 0.5) : 0;
+      if (key > 0) covered++;
+      if (key > 0 && (key & 1) == 0) stretched++;
     }
-  count = vec4(float(covered & 255) / 255.0, float(covered >> 8) / 255.0, 0.0, 1.0);
+  count = vec4(float(covered & 255), float(covered >> 8), float(stretched & 255), float(stretched >> 8)) / 255.0;
 }`;
 export const COUNT_TILE = 16;

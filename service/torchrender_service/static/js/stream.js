@@ -31,7 +31,7 @@ export async function request(path, { key, patience = PATIENCE, ...options } = {
 
 /**
  * Keeps a stream open. Handlers: `state(name, detail)` with connecting, live, waiting, failed or closed;
- * `welcome(header, session)`; `keyframe(buffer)`; `problem(header)`.
+ * `welcome(header, session)`; `keyframe(buffer)`; `problem(header)`; `told(type, header)` for what a viewer is told.
  */
 export class Stream {
   constructor(handlers) {
@@ -115,7 +115,7 @@ export class Stream {
     socket.onopen = () => {
       const layers = this.wishes.layers;
       const images = { depth: ["pz1"], color: ["jpeg", "webp"], max_pixels: MAX_PIXELS, mirrors: true };
-      const hello = { versions: [1, 1], ...images, layers };
+      const hello = { versions: [1, 1], ...images, layers, viewer: true };
       socket.send(encodeMessage(TYPE.HELLO, hello));
     };
     socket.onmessage = ({ data }) => generation === this.generation && this.receive(data);
@@ -131,16 +131,19 @@ export class Stream {
   }
 
   receive(buffer) {
+    this.heard = performance.now();
     // KEYFRAME headers are read by the decode worker, with its checks: only the type is looked at here.
     if (buffer.byteLength > 5 && new Uint8Array(buffer, 5, 1)[0] === TYPE.KEYFRAME) return this.handlers.keyframe(buffer);
     const { type, header } = decodeMessage(buffer);
     if (type === TYPE.WELCOME) {
       this.welcomed = true;
+      this.heard = performance.now();
       this.connections++;
       this.resume = header.resume;
       this.handlers.state("live");
       this.handlers.welcome(header, this.session);
     } else if (type === TYPE.ERROR) this.handlers.problem(header);
+    else if (type === TYPE.STATUS || type === TYPE.LOOK || type === TYPE.PICKED) this.handlers.told(type, header);
     else if (type === TYPE.BYE) {
       this.retryAfter = header.retry_after_s ?? 0;
       this.reason = header.reason;

@@ -103,6 +103,8 @@ export class Warp {
       backdrop: { value: new Vector3(...BACKDROP) },
       radius: { value: FILL_RADIUS },
       mark: { value: false },
+      before: { value: null },
+      fade: { value: 1 },
     });
     this.joint = this.pass(triangle, MIRROR_FRAGMENT, {
       warped: { value: null },
@@ -134,6 +136,8 @@ export class Warp {
     this.target?.dispose();
     this.target = this.buffer(width, height, true);
     this.shown = this.target; // what was drawn last
+    for (const buffer of Object.values(this.put ?? {})) buffer?.dispose();
+    this.put = null; // buffers of what was drawn before that, while it fades out
     for (const buffer of Object.values(this.mirrorBuffers ?? {})) buffer.dispose();
     this.mirrorBuffers = null;
     this.counts?.dispose();
@@ -172,6 +176,7 @@ export class Warp {
       enhance: { value: 0 },
       trim: { value: false },
       part: { value: ALL },
+      gain: { value: 1 },
       shown: { value: color }, // textures of the right kind, until mirrors come
       behind: { value: depth },
     };
@@ -185,7 +190,9 @@ export class Warp {
     geometry.setDrawRange(0, 6 * image.quads.count);
     const { camera, layer, color: encoded } = image.header;
     const lossy = layer === 0 && encoded.codec === "jpeg";
-    const picture = { camera, extra: layer > 0, lossy, mesh, uniforms, quads: image.quads.count, bitmap: image.color, mirrors: null };
+    const { exposure = 0, tone_map: tone = "none" } = image.header;
+    const shown = { exposure, linear: tone === "none" };
+    const picture = { camera, extra: layer > 0, lossy, shown, mesh, uniforms, quads: image.quads.count, bitmap: image.color, mirrors: null };
     this.pictures.add(picture);
     this.renderer.initTexture(depth);
     this.renderer.initTexture(joined);
@@ -226,9 +233,10 @@ export class Warp {
 
   /**
    * Warp `pictures`, the preferred one first, into the buffer as `camera` sees them. `near`: clip distance; `enhance`:
-   * how much shape is made easier to read; `mirrors`: what the preferred picture's mirrors show moves by itself.
+   * how much shape is made easier to read; `mirrors`: what the preferred picture's mirrors show moves by itself;
+   * `exposure`: EV to show pictures with that were not tone mapped, null: as they came.
    */
-  warp(pictures, camera, near, { enhance = 0, mirrors = true } = {}) {
+  warp(pictures, camera, near, { enhance = 0, mirrors = true, exposure = null } = {}) {
     this.scene.clear();
     const first = pictures[0] ?? null;
     const step = first ? length(subtract(eyeOf(first.camera), eyeOf(camera))) : 0;
@@ -237,6 +245,7 @@ export class Warp {
     pictures.forEach((picture, rank) => {
       const bias = rank === 0 ? 0 : Math.max(least, picture.extra ? EXTRA_BIAS : EARLIER_BIAS) + rank * STEP_BIAS;
       picture.uniforms.enhance.value = enhance;
+      this.expose(picture, exposure);
       picture.uniforms.trim.value = rank > 0 && picture.lossy;
       picture.uniforms.clip_from_source.value = clipFromSource(picture.camera, camera, near, bias);
       this.scene.add(picture.mesh);
@@ -262,6 +271,13 @@ export class Warp {
     this.shown = buffers.joint;
   }
 
+  /** Make a picture, and what its mirrors show, as bright as it would be with another exposure. */
+  expose(picture, exposure) {
+    const gain = exposure === null || !picture.shown.linear ? 1 : 2 ** (exposure - picture.shown.exposure);
+    picture.uniforms.gain.value = Math.abs(gain - 1) < 1e-6 ? 1 : gain;
+    if (picture.mirrors) picture.mirrors.uniforms.gain.value = picture.uniforms.gain.value;
+  }
+
   /** Draw the scene; of the first picture `part` of its light, of others all, or none where only mirrored light counts. */
   drawPart(pictures, part, target) {
     pictures.forEach((picture, rank) => {
@@ -282,9 +298,28 @@ export class Warp {
     return this.mirrorBuffers;
   }
 
-  /** Fill small holes and show the picture. */
-  present({ fill = true, mark = false, target = null } = {}) {
+  /** Keep what was warped, to be faded out: the next `warp` draws elsewhere. */
+  putAside() {
+    const { width, height } = this.target;
+    const joint = this.mirrorBuffers?.joint;
+    const before = this.shown;
+    this.put ??= { target: this.buffer(width, height, true), joint: null };
+    [this.target, this.put.target] = [this.put.target, this.target];
+    if (joint) {
+      this.put.joint ??= this.buffer(width, height, false);
+      [this.mirrorBuffers.joint, this.put.joint] = [this.put.joint, joint];
+    }
+    return before;
+  }
+
+  /**
+   * Fill small holes and show the picture; `before`: what `putAside` gave, of which `1 - fade` is still seen where both
+   * have samples.
+   */
+  present({ fill = true, mark = false, target = null, before = null, fade = 1 } = {}) {
     this.fill.uniforms.warped.value = this.shown.texture;
+    this.fill.uniforms.before.value = (before ?? this.shown).texture;
+    this.fill.uniforms.fade.value = before ? fade : 1;
     this.fill.uniforms.radius.value = fill ? FILL_RADIUS : 0;
     this.fill.uniforms.mark.value = mark;
     this.renderer.setRenderTarget(target);
@@ -297,7 +332,10 @@ export class Warp {
     this.renderer.render(this.count.scene, this.camera);
   }
 
-  /** Share of the picture's pixels that no sample reaches, read without waiting; null while a reading is under way. */
+  /**
+   * Shares of the picture's pixels, read without waiting: `holes` that no sample reaches, whether they are filled or not,
+   * and `stretched` ones, which a sample covers that stands for much less. Null while a reading is under way.
+   */
   async holeShare() {
     if (this.counting || !this.target) return null;
     this.counting = true;
@@ -308,8 +346,12 @@ export class Warp {
       this.drawCounts();
       await this.renderer.readRenderTargetPixelsAsync(this.counts, 0, 0, width, height, bytes);
       let covered = 0;
-      for (let i = 0; i < bytes.length; i += 4) covered += bytes[i] + 256 * bytes[i + 1];
-      return 1 - covered / pixels;
+      let stretched = 0;
+      for (let i = 0; i < bytes.length; i += 4) {
+        covered += bytes[i] + 256 * bytes[i + 1];
+        stretched += bytes[i + 2] + 256 * bytes[i + 3];
+      }
+      return { holes: 1 - covered / pixels, stretched: stretched / pixels };
     } finally {
       this.counting = false;
     }

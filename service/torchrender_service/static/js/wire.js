@@ -14,6 +14,10 @@ export const TYPE = Object.freeze({
   ERROR: 7,
   BYE: 8,
   SETTINGS: 9,
+  STATUS: 10,
+  LOOK: 11,
+  PICK: 12,
+  PICKED: 13,
 });
 
 const PREFIX = 12;

@@ -1,0 +1,1 @@
+"""Scenes of several files, as uploads bring them."""

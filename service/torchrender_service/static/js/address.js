@@ -1,0 +1,73 @@
+// The state of the page in its address, and views as text to take elsewhere.
+
+import { axesTowards } from "./controls.js";
+import { add, axesOf, eyeOf, normalize, placed, scale } from "./camera.js";
+
+const DIGITS = 7;
+const AHEAD = 0.2; // of the diagonal: how far before a walker the point lies that the text names
+
+/** Words of the address by name. */
+export const readWords = () => Object.fromEntries(new URLSearchParams(location.search));
+
+/** Put words into the address without a new entry in the history; null takes one away. */
+export function writeWords(words) {
+  const query = new URLSearchParams(location.search);
+  for (const [name, value] of Object.entries(words)) {
+    if (value === null || value === undefined) query.delete(name);
+    else query.set(name, value);
+  }
+  const text = query.toString().replaceAll("%2C", ",");
+  history.replaceState(null, "", text ? `?${text}` : location.pathname);
+}
+
+const short = (v) => Number(v.toPrecision(DIGITS));
+
+/** Where a walker stands and what it looks at. */
+export function placeOf(walker) {
+  const eye = eyeOf(walker.camera);
+  const ahead = scale(normalize(axesOf(walker.camera)[2]), AHEAD * walker.diagonal);
+  return { eye, target: walker.orbiting ? walker.pivot : add(eye, ahead) };
+}
+
+/** A view as six numbers: eye and target. */
+export function viewText(walker) {
+  const { eye, target } = placeOf(walker);
+  return [...eye, ...target].map(short).join(",");
+}
+
+/** The camera of such a text, with the size and opening angle of `camera`; null: it is none. */
+export function cameraOf(text, camera, up) {
+  const numbers = (text ?? "").split(",").map(Number);
+  if (numbers.length !== 6 || !numbers.every(Number.isFinite)) return null;
+  const [eye, target] = [numbers.slice(0, 3), numbers.slice(3)];
+  const way = target.map((v, k) => v - eye[k]);
+  if (Math.hypot(...way) === 0) return null;
+  return { ...placed(camera, eye, axesTowards(way, up)), target };
+}
+
+const degrees = (camera) => short((360 / Math.PI) * Math.atan((0.5 * camera.height) / camera.fy));
+
+/** Lines of Python that render the view; `name` of the scene, or of its file. */
+export function pythonText(walker, name, { ev, tone }) {
+  const { eye, target } = placeOf(walker);
+  const { width, height } = walker.camera;
+  const tuple = (v) => `(${v.map(short).join(", ")})`;
+  const look = [ev === null ? null : `exposure=${ev}`, tone === "none" ? null : `tone_map="${tone}"`].filter(Boolean);
+  const options = look.length ? `, options=tr.RenderOptions(${look.join(", ")})` : "";
+  return `import torchrender as tr
+
+scene = tr.load(${JSON.stringify(name)})
+camera = tr.Cameras.look_at(${tuple(eye)}, ${tuple(target)}, width=${width}, height=${height}, fov_deg=${degrees(walker.camera)})
+tr.render(scene, camera${options}).save("view.png")
+`;
+}
+
+/** The same as a command. */
+export function commandText(walker, name, { ev, tone }) {
+  const { eye, target } = placeOf(walker);
+  const { width, height } = walker.camera;
+  const list = (v) => v.map(short).join(",");
+  const quoted = /^[\w./-]+$/.test(name) ? name : `'${name.replaceAll("'", "'\\''")}'`;
+  const look = [ev === null ? null : `--exposure=${ev}`, tone === "none" ? null : `--tone-map ${tone}`].filter(Boolean);
+  return ["torchrender render", quoted, `--camera eye=${list(eye)} target=${list(target)} fov=${degrees(walker.camera)}`, `--size ${width}x${height}`, ...look, "-o view.png"].join(" ");
+}

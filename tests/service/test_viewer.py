@@ -1,0 +1,208 @@
+"""Scenes of this program in a viewer: shown, changed, clicked on and photographed."""
+
+from __future__ import annotations
+
+import contextlib
+import http.client
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+import torchrender as tr
+from torchrender.client import StreamClient
+from torchrender.errors import InputError, TorchRenderError
+from torchrender.wire.cameras import header_of
+from torchrender.wire.messages import Hello, Look, Pick, Picked, Status, Type, decode, encode
+from torchrender_service.viewer.view import Pick as Found
+from torchrender_service.viewer.view import View
+
+SIZE = (96, 64)
+
+
+def small_scene() -> tr.Scene:
+    red, grey = tr.Material(name="red", diffuse=torch.tensor([0.8, 0.1, 0.1])), tr.Material(name="grey")
+    ball = tr.Mesh.sphere(0.5, (0.0, 0.5, 0.0), segments=24, name="ball")
+    floor = tr.Mesh.box((4.0, 0.1, 4.0), (0.0, -0.05, 0.0), name="floor", material=1)
+    return tr.Scene(meshes=(ball, floor), materials=(red, grey), name="Ball & floor")
+
+
+@pytest.fixture(scope="module")
+def view() -> Iterator[View]:
+    with tr.show(small_scene(), browser=False) as made:
+        yield made
+
+
+@pytest.fixture
+def client(view: View) -> Iterator[StreamClient]:
+    view.scene = small_scene()
+    address = view.url.partition("?")[0]
+    with StreamClient.connect(address, view.id, size=SIZE, layers=0, overscan=1.0) as made:
+        made.send_pose(made.camera, moving=False)
+        made.receive()
+        yield made
+
+
+def newest(client: StreamClient, fits: Any, timeout_s: float = 20.0) -> Any:
+    end = time.monotonic() + timeout_s
+    while time.monotonic() < end:
+        keyframe = client.receive(timeout_s)
+        if fits(keyframe.images[0].header):
+            return keyframe
+    raise AssertionError("no such keyframe")
+
+
+def test_the_scene_of_the_program_is_shown(view: View, client: StreamClient) -> None:
+    assert client.scene["name"] == "Ball & floor"
+    shown = client.kept[-1].images[0]
+    expected = tr.rasterize(view.scene, client.camera).depth[0]
+    both = shown.depth.isfinite() & expected.isfinite()
+    assert float((shown.depth.isfinite() == expected.isfinite()).float().mean()) > 0.99
+    assert float(((shown.depth - expected).abs() / expected)[both].max()) < 1e-3
+
+
+def test_moved_vertices_are_shown(view: View, client: StreamClient) -> None:
+    ball = view.scene.mesh("ball")
+    lifted = ball.vertices + torch.tensor([0.0, 0.7, 0.0])
+    before = client.kept[-1].images[0]
+    view.update(mesh="ball", vertices=lifted)
+    made = newest(client, lambda header: header.revision > before.header.revision)
+    expected = tr.rasterize(view.scene, client.camera).depth[0]
+    depth = made.images[0].depth
+    assert float((depth.isfinite() == expected.isfinite()).float().mean()) > 0.99
+    assert float((depth.isfinite() != before.depth.isfinite()).float().mean()) > 0.01
+    normals = view.scene.mesh("ball").normals
+    assert normals is not None and ball.normals is not None
+    assert float((normals * ball.normals).sum(-1).min()) > 0.98, "a ball keeps its normals"
+
+
+def test_points_meshes_and_lights_are_added(view: View, client: StreamClient) -> None:
+    count = view.scene.geometry.triangle_count
+    cloud = tr.PointCloud(position=torch.rand(50, 3, dtype=torch.float64), color=torch.rand(50, 3))
+    view.add(cloud, tr.Mesh.box(0.2, (1.0, 0.1, 0.0)), tr.PointLight(position=(0, 3, 0), intensity=(9.0, 9.0, 9.0)))
+    assert view.scene.geometry.triangle_count == count + 8 * 50 + 12
+    assert len(view.scene.lights) == 1
+    newest(client, lambda header: header.revision > 0)
+    with pytest.raises(InputError, match="not str"):
+        view.add("a word")
+
+
+def test_mistakes_are_named(view: View) -> None:
+    view.scene = small_scene()
+    with pytest.raises(InputError, match=r"vertices must have shape"):
+        view.update(mesh="ball", vertices=torch.zeros(3, 3))
+    with pytest.raises(InputError, match="one of the scene's 2 meshes"):
+        view.update(vertices=torch.zeros(3, 3))
+    with pytest.raises(InputError, match="no light"):
+        view.update(light=())
+    with pytest.raises(InputError, match="single perspective"):
+        view.camera = tr.Cameras.cat([view.camera, view.camera])
+    with pytest.raises(TorchRenderError, match="no page has shown"):
+        view.wait(0.05)
+
+
+def test_the_camera_is_read_and_moved(view: View, client: StreamClient) -> None:
+    aside = tr.Cameras.look_at((3.0, 2.0, 1.0), (0.0, 0.3, 0.0), width=SIZE[0], height=SIZE[1])
+    client.send_pose(aside, moving=False)
+    newest(client, lambda header: np.allclose(header.camera.world_from_camera, header_of(aside).world_from_camera))
+    assert np.abs((view.camera.camera_from_world - aside.camera_from_world).numpy()).max() < 1e-12
+    assert view.wait(1.0) is view
+    picture = view.screenshot(width=48, height=32)
+    expected = tr.render(view.scene, aside.scaled(0.5))
+    assert float((picture.radiance - expected.radiance).abs().max()) < 1e-5
+
+
+@contextlib.contextmanager
+def viewer_socket(view: View) -> Iterator[Any]:
+    """A socket of a viewer, greeted."""
+    from websockets.sync.client import connect
+
+    from torchrender.client.session import post_session
+
+    address = view.url.partition("?")[0]
+    body = {"scene": view.id, "width": SIZE[0], "height": SIZE[1], "layers": 0}
+    session = post_session(f"{address}v1/sessions", body, None, 30.0)
+    protocols: Any = ["torchrender.v1", f"bearer.{session['ticket']}"]
+    place = "ws" + address.removeprefix("http") + "v1/stream"
+    with connect(place, subprotocols=protocols, compression=None) as socket:
+        socket.send(encode(Hello(versions=(1, 1), viewer=True)))
+        yield socket
+
+
+def wait_for(socket: Any, kind: Type) -> Any:
+    end = time.monotonic() + 10
+    while time.monotonic() < end:
+        received = decode(socket.recv(10))
+        if isinstance(received.message, {Type.STATUS: Status, Type.LOOK: Look, Type.PICKED: Picked}[kind]):
+            return received.message
+    raise AssertionError(kind)
+
+
+def test_clicks_come_back_exact(view: View) -> None:
+    view.scene = small_scene()
+    heard: list[Found] = []
+    there = threading.Event()
+
+    @view.on_pick
+    def take(found: Found) -> None:
+        heard.append(found)
+        there.set()
+
+    camera = tr.Cameras.look_at((2.0, 1.5, 2.5), (0.0, 0.4, 0.0), width=SIZE[0], height=SIZE[1])
+    header = header_of(camera)
+    seen = tr.rasterize(view.scene, camera)
+    random = np.random.default_rng(0)
+    for x, y in random.uniform((0, 0), SIZE, (200, 2)).tolist():
+        triangle = int(seen.triangle[0, int(y), int(x)])
+        found = view.pick(x, y, camera)
+        assert (found is None) == (triangle < 0)
+        if found is not None:
+            assert found.triangle == triangle
+            assert found.object == int(seen.object_id[0, int(y), int(x)])
+            assert float((found.point - seen.position[0, int(y), int(x)]).abs().max()) < 1e-9
+    with viewer_socket(view) as socket:
+        assert wait_for(socket, Type.STATUS).ahead == 0, "a sign of life comes by itself"
+        for number, (x, y) in enumerate(random.uniform((0, 0), SIZE, (5, 2)).tolist()):
+            socket.send(encode(Pick(seq=number, camera=header, x=x, y=y)))
+            told = wait_for(socket, Type.PICKED)
+            assert (told.seq, told.triangle) == (number, int(seen.triangle[0, int(y), int(x)]))
+        there.clear()
+        socket.send(encode(Pick(seq=999, camera=header, x=SIZE[0] / 2, y=SIZE[1] / 2)))
+        assert wait_for(socket, Type.PICKED).name == "ball"
+        assert there.wait(5) and heard[-1].mesh.name == "ball" and heard[-1].material.name == "red"
+        view.camera = camera
+        assert wait_for(socket, Type.LOOK).camera.world_from_camera == header.world_from_camera
+
+
+def test_several_views_share_a_server_and_show_themselves(view: View, monkeypatch: pytest.MonkeyPatch) -> None:
+    with tr.show(replace(small_scene(), name="other"), browser=False) as other:
+        assert other.url.partition("?")[0] == view.url.partition("?")[0] and other.id != view.id
+        html = other._repr_html_()
+        assert html.startswith("<iframe") and other.id in html
+    monkeypatch.setenv("JUPYTERHUB_SERVICE_PREFIX", "/user/ann/")
+    with tr.show(small_scene(), browser=False, hosts=["hub.example.org"]) as proxied:
+        port = proxied.url.split(":")[2].split("/")[0]
+        assert f'src="/user/ann/proxy/{port}/?scene=' in proxied._repr_html_()
+        for host, status in (("hub.example.org", 200), ("elsewhere.example.org", 421)):
+            asked = http.client.HTTPConnection("127.0.0.1", int(port), timeout=10)
+            asked.request("GET", "/v1/scenes", headers={"Host": host})
+            answer = asked.getresponse()
+            assert answer.status == status, "the proxy passes the browser's own name on"
+            answer.read()
+            asked.close()
+
+
+def test_pages_of_this_machine_may_hold_it_in_a_frame(view: View) -> None:
+    import urllib.request
+
+    with urllib.request.urlopen(view.url, timeout=10) as answer:
+        policy = answer.headers["content-security-policy"]
+        assert "frame-ancestors 'self' http://127.0.0.1:*" in policy
+        assert answer.headers["x-frame-options"] is None
+    with urllib.request.urlopen(view.url.partition("?")[0] + "v1/scenes", timeout=10) as answer:
+        assert "frame-ancestors 'none'" in answer.headers["content-security-policy"]
