@@ -129,7 +129,7 @@ def test_panes_stay_panes_however_opaque_walls_are(opacity: float) -> None:
         sheets = tuple(shapes.quad(torch.tensor([0.0, 0.0, 1.5 + 2 * k]), *across) for k in range(count))
         pane = Material(opacity=own, blend=own < 1.0, double_sided=True)
         surface = voxelize_scene(Scene(meshes=sheets, materials=(pane,)), unit_grid(8))
-        image = render_volume([surface_layer(surface, opacity)], front())
+        image = render_volume([surface_layer(surface, opacity)], front(), step=0.02)
         wanted = 1.0 - (1.0 - opacity * own) ** count
         assert float(image[0, 12, 12, 3]) == pytest.approx(wanted, abs=0.01), (own, count)
 
