@@ -66,8 +66,9 @@ def shade(
     whatever the exponent n, and never more at other angles (Lafortune and Willems, *Using the modified Phong
     reflectance model for physically based rendering*, 1994). Metallic-roughness: see :mod:`torchrender.shading.lobes`.
     Unlit materials show their colour. Point and spot lights fall off with the squared distance; area lights use the
-    exact irradiance of the rectangle, and their highlight is centred on the rectangle's centre. A light behind the
-    geometric surface gives nothing; cosines use the shading normal. Differentiable in colours, textures and
+    exact irradiance of the rectangle; metallic-roughness mirrors the rectangle as it is (linearly transformed cosines,
+    :mod:`torchrender.shading.linear_cosines`), Phong's and sheen's highlights are centred on its centre. A light behind
+    the geometric surface gives nothing; cosines use the shading normal. Differentiable in colours, textures and
     intensities.
 
     Raises:

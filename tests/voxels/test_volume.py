@@ -10,6 +10,7 @@ from torchrender.errors import InputError, OptionError
 from torchrender.kernels.voxels.volume_march import OPAQUE
 from torchrender.scene import shapes
 from torchrender.scene.camera import Cameras
+from torchrender.scene.material import Material
 from torchrender.scene.model import Scene
 from torchrender.voxels.attributes import voxelize_scene
 from torchrender.voxels.grid import Voxels, make_grid
@@ -118,6 +119,19 @@ def test_layers_mix_by_optical_depth() -> None:
     for order in ([near, behind], [behind, near]):
         middle = render_volume(order, camera)[0, 4, 4]
         assert float(middle[0]) > 0.99 and float(middle[1]) < 1e-3
+
+
+@pytest.mark.parametrize("opacity", [1.0, 0.5])
+def test_panes_stay_panes_however_opaque_walls_are(opacity: float) -> None:
+    """A ray through panes that fill sides of cells loses what blending takes, whatever else the picture holds."""
+    across = (torch.tensor([8.0, 0.0, 0.0]), torch.tensor([0.0, 8.0, 0.0]))
+    for own, count in ((0.3, 1), (0.3, 3), (0.05, 2), (1.0, 1)):
+        sheets = tuple(shapes.quad(torch.tensor([0.0, 0.0, 1.5 + 2 * k]), *across) for k in range(count))
+        pane = Material(opacity=own, blend=own < 1.0, double_sided=True)
+        surface = voxelize_scene(Scene(meshes=sheets, materials=(pane,)), unit_grid(8))
+        image = render_volume([surface_layer(surface, opacity)], front(), step=0.02)
+        wanted = 1.0 - (1.0 - opacity * own) ** count
+        assert float(image[0, 12, 12, 3]) == pytest.approx(wanted, abs=0.01), (own, count)
 
 
 def test_batch_of_cameras_and_what_misses() -> None:

@@ -23,8 +23,11 @@ def polygon_irradiance(corners: Tensor, positions: Tensor, normals: Tensor) -> T
     check_tensor("corners", corners, ("K", 3))
     check_tensor("positions", positions, (3, "N"))
     check_tensor("normals", normals, (3, "N"))
-    to_corner = corners[:, :, None] - positions  # (K,3,N)
-    edges = (corners.roll(-1, 0) - corners)[:, :, None]  # (K,3,1)
+    return seen_polygon(corners[:, :, None] - positions, (corners.roll(-1, 0) - corners)[:, :, None], normals)
+
+
+def seen_polygon(to_corner: Tensor, edges: Tensor, normals: Tensor) -> Tensor:
+    """The same for corners (K,3,N) as seen from the points, and edges (K,3,N) or (K,3,1) from each to the next."""
     height = (to_corner * normals).sum(1)  # (K,N) above the horizon
     after = height.roll(-1, 0)
     drop = height - after

@@ -41,6 +41,7 @@ from torchrender.scene.mesh import Geometry
 from torchrender.scene.model import Scene
 from torchrender.shading.attributes import attribute_arrays, eye_of
 from torchrender.shading.lights import NEAREST_SQUARE, LightLists
+from torchrender.shading.linear_cosines import linear_cosines
 from torchrender.shading.lobes import Around, Sent
 from torchrender.shading.looks import looks_of
 from torchrender.shading.origin import origin_of
@@ -279,6 +280,7 @@ def _sky(scene: Scene, background: Tensor | None) -> Sky:
         levels=array(maps.levels, np.int64),
         albedo=array(table.split, f4),
         mean=array(table.mean, f4),
+        cosines=array(linear_cosines(), f4),
         radiance=array(shown.radiance if shown.shown is None else shown.shown, f4),
         turn=np.array([math.radians(shown.rotation_deg), shown.intensity], f4),
     )
@@ -287,8 +289,9 @@ def _sky(scene: Scene, background: Tensor | None) -> Sky:
 def _no_sky() -> Sky:
     """Nothing around, for surfaces that are read only."""
     empty = np.zeros((0, 3), f4)
-    maps = (empty, empty, np.zeros((0, 2), np.int64), np.zeros((0, 0, 4), f4), np.zeros((0, 2), f4))
-    return Sky(np.zeros(3, f4), *maps, np.zeros((1, 1, 3), f4), np.zeros(2, f4))
+    maps = (empty, empty, np.zeros((0, 2), np.int64))
+    tables = (np.zeros((0, 0, 4), f4), np.zeros((0, 2), f4), np.zeros((0, 0, 5), f4))
+    return Sky(np.zeros(3, f4), *maps, *tables, np.zeros((1, 1, 3), f4), np.zeros(2, f4))
 
 
 @cache

@@ -12,6 +12,7 @@ from torch import Tensor
 from torchrender.kernels.shading.simd import LEVEL
 from torchrender.numerics.polygon_light import polygon_irradiance
 from torchrender.scene.light import DirectionalLight, Light, PointLight, RectLight, SpotLight, window
+from torchrender.shading.linear_cosines import mirrored_share
 from torchrender.shading.surface import Surface
 
 NEAREST_SQUARE = 1e-18
@@ -37,6 +38,35 @@ class Arrival:
     irradiance: Tensor  # (N,) cosine-weighted, to be multiplied by ``color``
     direction: Tensor  # (3,N) unit, towards the light (its centre, if it has an area)
     color: Tensor  # (3,)
+    corners: Tensor | None = None  # (4,3,N) from the points to those of a rectangle that highlights show as it is
+
+    def select(self, rows: Tensor) -> Arrival:
+        """At some of the points."""
+        corners = None if self.corners is None else self.corners[..., rows]
+        return Arrival(self.irradiance[rows], self.direction[:, rows], self.color, corners)
+
+
+class Lit(NamedTuple):
+    """One light at N points, and how much of it arrives."""
+
+    light: Arrival
+    visibility: Tensor | None  # (N,) share in [0,1]; None: all
+
+    @property
+    def amount(self) -> Tensor:
+        """Irradiance (N,) that the shadow leaves."""
+        return self.light.irradiance if self.visibility is None else self.light.irradiance * self.visibility
+
+    def mirrored(self, normal: Tensor, to_eye: Tensor, roughness: Tensor) -> Tensor:
+        """Share (N,) of a GGX lobe that the visible rectangle fills; see :func:`mirrored_share`."""
+        assert self.light.corners is not None
+        share = mirrored_share(self.light.corners, normal, to_eye, roughness)
+        share = torch.where(self.light.irradiance > 0, share, 0.0)
+        return share if self.visibility is None else share * self.visibility
+
+    def select(self, rows: Tensor) -> Lit:
+        """At some of the points."""
+        return Lit(self.light.select(rows), None if self.visibility is None else self.visibility[rows])
 
 
 def arrival(light: Light, surface: Surface, origin: Tensor, area_light: str) -> Arrival:
@@ -98,4 +128,4 @@ def _from_rectangle(light: RectLight, surface: Surface, origin: Tensor, from_cen
     chosen = sees.nonzero().reshape(-1)
     if len(chosen):
         amount[chosen] = polygon_irradiance(corners, surface.position[:, chosen], surface.normal[:, chosen])
-    return Arrival(amount, direction, light.radiance)
+    return Arrival(amount, direction, light.radiance, corners[:, :, None] - surface.position)

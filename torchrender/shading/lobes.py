@@ -20,7 +20,7 @@ from torchrender.numerics.ggx import fifth_power, ggx_alpha, ggx_lobe, half_vect
 from torchrender.numerics.lobe import schlick
 from torchrender.numerics.lobe_albedo import albedo_table, look_up, mean_albedo
 from torchrender.numerics.split_sum import directional_albedo
-from torchrender.shading.lights import Arrival
+from torchrender.shading.lights import Lit
 from torchrender.shading.sky import Sky
 from torchrender.shading.surface import Surface
 
@@ -43,11 +43,7 @@ class Sent:
     mirrored: Tensor  # (3,N) and that picture times this added
 
 
-Arrivals = Sequence[tuple[Arrival, Tensor]]
-"""Lights, each with the irradiance (N,) that its shadow leaves."""
-
-
-def phong(surface: Surface, sky: Sky, around: Around, lights: Arrivals) -> Sent:
+def phong(surface: Surface, sky: Sky, around: Around, lights: Sequence[Lit]) -> Sent:
     """Lambert's diffuse light and Phong's normalised highlight."""
     s = surface
     seen = s.occlusion if around.visibility is None else s.occlusion * around.visibility
@@ -55,7 +51,7 @@ def phong(surface: Surface, sky: Sky, around: Around, lights: Arrivals) -> Sent:
     specular = torch.zeros_like(s.base)
     facing = (s.normal * s.to_eye).sum(0)
     mirror = 2.0 * facing * s.normal - s.to_eye
-    for light, amount in lights:
+    for light, amount in ((one.light, one.amount) for one in lights):
         color = light.color[:, None]
         diffuse = diffuse + color * (amount / math.pi)
         cosine = (mirror * light.direction).sum(0).clamp(0.0, 1.0)
@@ -67,7 +63,7 @@ def phong(surface: Surface, sky: Sky, around: Around, lights: Arrivals) -> Sent:
     return Sent(matte + s.highlight * specular + s.emission, share * matte, share * tint)
 
 
-def metallic_roughness(surface: Surface, sky: Sky, around: Around, lights: Arrivals) -> Sent:
+def metallic_roughness(surface: Surface, sky: Sky, around: Around, lights: Sequence[Lit]) -> Sent:
     """GGX with energy compensation over a coupled diffuse part, under sheen and a clear coat."""
     s, m = surface, _Mix.of(surface)
     seen = s.occlusion if around.visibility is None else s.occlusion * around.visibility
@@ -79,8 +75,11 @@ def metallic_roughness(surface: Surface, sky: Sky, around: Around, lights: Arriv
     replaced = mirrored * sky.mirrored(up, s.roughness) * specular_seen
     sheen = s.sheen * m.sheen_share * diffuse
     total = s.emission + sheen + m.matte * m.sheen_left * m.left_eye * diffuse * through + replaced
-    for light, amount in lights:
-        total = total + light.color[:, None] * amount * m.lobes(light.direction, through)
+    for one in lights:
+        value = one.amount * m.lobes(one, through)
+        if one.light.corners is not None:
+            value = value + mirrored * one.mirrored(s.normal, s.to_eye, s.roughness)
+        total = total + one.light.color[:, None] * value
     if bool((s.clearcoat > 0).any()):
         total = total + _coat(s, sky, seen, lights)
     return Sent(total, replaced, mirrored)
@@ -145,13 +144,15 @@ class _Mix:
             sheen_share=cloth,
         )
 
-    def lobes(self, direction: Tensor, through: Tensor) -> Tensor:
-        """Value (3,N) of all lobes under the coat, for light from unit directions (3,N)."""
-        s = self.surface
+    def lobes(self, lit: Lit, through: Tensor) -> Tensor:
+        """Value (3,N) of all lobes under the coat, for light from its direction; not the mirrored one of rectangles."""
+        s, direction = self.surface, lit.light.direction
         to_light = (s.normal * direction).sum(0)
         sine, half = half_vector_terms(s.normal, s.to_eye, direction)
         fresnel = self.f0 + (self.f90 - self.f0) * fifth_power(half)
         specular = fresnel * self.again * ggx_lobe(sine, to_light, self.eye, ggx_alpha(s.roughness))
+        if lit.light.corners is not None:
+            specular = torch.zeros_like(specular)
         a, b = directional_albedo(to_light, s.roughness)
         gets_in = (1.0 - (self.bare[0] * a + self.bare[1] * b)) / self.inner.clamp_min(1e-3)
         value = (specular + self.matte * (self.left_eye * gets_in / math.pi)) * self.sheen_left
@@ -167,7 +168,7 @@ def _coat_share(s: Surface) -> Tensor:
     return s.clearcoat * (COAT_F0 + (1.0 - COAT_F0) * fifth_power(eye))
 
 
-def _coat(s: Surface, sky: Sky, seen: Tensor, lights: Arrivals) -> Tensor:
+def _coat(s: Surface, sky: Sky, seen: Tensor, lights: Sequence[Lit]) -> Tensor:
     """Light (3,N) that the clear coat mirrors."""
     eye = (s.smooth * s.to_eye).sum(0).clamp(1e-4, 1.0)
     a, b = directional_albedo(eye, s.coat_roughness)
@@ -175,7 +176,12 @@ def _coat(s: Surface, sky: Sky, seen: Tensor, lights: Arrivals) -> Tensor:
     share = s.clearcoat * (COAT_F0 * a + b)
     total = share * sky.mirrored(up, s.coat_roughness) * specular_occlusion(eye, seen, s.coat_roughness)
     alpha = ggx_alpha(s.coat_roughness)
-    for light, amount in lights:
+    for one in lights:
+        light, amount = one.light, one.amount
+        if light.corners is not None:
+            value = share * one.mirrored(s.smooth, s.to_eye, s.coat_roughness)
+            total = total + light.color[:, None] * value
+            continue
         to_light = (s.smooth * light.direction).sum(0).clamp_min(0.0)
         bent = (s.normal * light.direction).sum(0).clamp_min(1e-3)
         sine, half = half_vector_terms(s.smooth, s.to_eye, light.direction)

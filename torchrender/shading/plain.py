@@ -7,7 +7,7 @@ from torch import Tensor
 
 from torchrender.buffers import GBuffer, RaySurface
 from torchrender.scene.model import Scene
-from torchrender.shading.lights import Arrival, arrival
+from torchrender.shading.lights import Lit, arrival
 from torchrender.shading.lobes import Around, Sent, metallic_roughness, phong, unlit
 from torchrender.shading.origin import origin_of
 from torchrender.shading.sky import Sky
@@ -47,7 +47,7 @@ def _chunk(reader: Reader, sky: Sky, visibility: Tensor | None, place: tuple[Aro
     lights = []
     for number, light in enumerate(reader.scene.lights):
         found = arrival(light, surface, reader.origin, area_light)
-        lights.append((found, found.irradiance if visibility is None else found.irradiance * visibility[number, rows]))
+        lights.append(Lit(found, None if visibility is None else visibility[number, rows]))
     kinds = torch.bincount(surface.kind, minlength=3).nonzero().reshape(-1).tolist()
     if kinds == [PHONG]:
         return phong(surface, sky, near, lights)
@@ -56,7 +56,7 @@ def _chunk(reader: Reader, sky: Sky, visibility: Tensor | None, place: tuple[Aro
     return _mixed(surface, sky, near, lights)
 
 
-def _mixed(surface: Surface, sky: Sky, around: Around, lights: list[tuple[Arrival, Tensor]]) -> Sent:
+def _mixed(surface: Surface, sky: Sky, around: Around, lights: list[Lit]) -> Sent:
     """Of points of several kinds of material."""
     whole = [torch.zeros_like(surface.base) for _ in range(3)]
     for kind in (PHONG, METALLIC, UNLIT):
@@ -65,7 +65,7 @@ def _mixed(surface: Surface, sky: Sky, around: Around, lights: list[tuple[Arriva
             continue
         part = surface.select(rows)
         near = Around(*(None if value is None else value[..., rows] for value in around))
-        some = [(type(a)(a.irradiance[rows], a.direction[:, rows], a.color), amount[rows]) for a, amount in lights]
+        some = [one.select(rows) for one in lights]
         if kind == UNLIT:
             sent = unlit(part)
         else:

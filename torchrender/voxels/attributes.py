@@ -199,6 +199,7 @@ class SurfaceVoxels:
     uv: Tensor  # (N,2) float32 texture coordinates, zero where the scene has none
     material: Tensor  # (N,) int64 of the largest fragment
     density: Tensor  # (N,) float32 surface area over the area of a cell's side, at most 1
+    opacity: Tensor | None = None  # (N,) float32 mean opacity of what blends, which is in the density; None: all opaque
 
     __repr__ = brief
 
@@ -220,8 +221,13 @@ def voxelize_scene(scene: Scene, grid: VoxelGrid, options: SurfaceOptions | None
     geometry = scene.geometry
     fragments = surface_fragments(geometry.vertices[None], geometry.faces, grid, options)
     alpha = surface_alpha(scene, fragments.triangle, fragments.corner_weights(), float(grid.cell[0]))
+    opacity = None
     if alpha is not None:
-        fragments = fragments.thinned(alpha, scene_limits(scene, fragments.triangle))
+        limits = scene_limits(scene, fragments.triangle)
+        kept = alpha[alpha > limits]
+        fragments = fragments.thinned(alpha, limits)
+        kept = torch.where(_holed(scene, fragments.triangle), 1.0, kept)  # holes are places, not panes
+        opacity = 1.0 / fragments.mean(1.0 / kept[:, None])[:, 0]
     largest = fragments.largest()
     normals = _normals(geometry, fragments)
     normal = fragments.mean(normals)
@@ -239,13 +245,20 @@ def voxelize_scene(scene: Scene, grid: VoxelGrid, options: SurfaceOptions | None
         uv=fragments.mean(coordinates),
         material=geometry.material[fragments.triangle[largest]],
         density=fragments.total_weight().clamp_max(1.0).float(),
+        opacity=opacity,
     )
 
 
 def scene_limits(scene: Scene, triangle: Tensor) -> Tensor:
     """(M,) share of the surface below which fragments of these triangles are empty."""
-    limits = torch.tensor([SOLID if m.alpha_cutoff is not None else SEEN for m in scene.materials], dtype=torch.float64)
-    return limits[scene.geometry.material[triangle]]
+    holed = _holed(scene, triangle)
+    return torch.where(holed, SOLID, SEEN).double()
+
+
+def _holed(scene: Scene, triangle: Tensor) -> Tensor:
+    """(M,) whether triangles are of a material whose texture cuts holes."""
+    holed = torch.tensor([m.alpha_cutoff is not None for m in scene.materials])
+    return holed[scene.geometry.material[triangle]]
 
 
 def _corners(values: Tensor | None, geometry: Geometry, fragments: SurfaceFragments) -> Tensor | None:

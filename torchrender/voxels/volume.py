@@ -90,13 +90,18 @@ def surface_layer(
 ) -> VolumeLayer:
     """Surface voxels with their own colours (or one) and normals; a cell's opacity follows its density.
 
+    A surface as large as a side of its cell gets ``opacity``, times its own where it blends: a pane stays a pane,
+    however opaque walls are. Smaller ones let more through, as if cells held pieces of such surfaces.
+
     Raises:
         OptionError: ``opacity`` outside [0, 1].
     """
     check_range("opacity", opacity, 0.0, 1.0)
     own = surface.color if color is None else as_vector("color", color).expand(len(surface.cells), 3)
     lit = own * (light or VolumeLight()).on(surface.normal)
-    alpha = 1.0 - (1.0 - min(opacity, DENSEST)) ** surface.density[:, None]
+    own_opacity = torch.ones_like(surface.density) if surface.opacity is None else surface.opacity
+    area = (surface.density / own_opacity).clamp_max(1.0)
+    alpha = (1.0 - (1.0 - min(opacity, DENSEST) * own_opacity) ** area)[:, None]
     rgba = spread(_codes(lit, alpha), surface.cells, surface.grid)
     grid = surface.grid
     return VolumeLayer(rgba=rgba, origin=grid.origin[0], spacing=grid.cell[0].expand(3), smooth=False)

@@ -22,6 +22,7 @@ from torchrender.kernels.shading.maps import bend as bend_normals
 from torchrender.kernels.shading.maps import constants, finish
 from torchrender.kernels.shading.maps import textures as all_textures
 from torchrender.kernels.shading.records import METALLIC, SLOT, SPAN
+from torchrender.kernels.shading.rectangles import add_coat_rectangle, add_metallic_rectangle
 from torchrender.kernels.shading.sky import background as far_away
 from torchrender.kernels.shading.sky import diffuse, mirrored
 from torchrender.kernels.stages import stage
@@ -123,6 +124,12 @@ def metallic_light(sky, work, n, light):
     add_metallic(work.s, n, sky, light)
 
 
+@stage("rectangles")
+def metallic_rectangle(sky, work, n, light):
+    """One rectangle on metallic-roughness."""
+    add_metallic_rectangle(work.s, n, sky, light)
+
+
 @stage("layers")
 def sheen_light(looks, work, n, light):
     """One light on sheen."""
@@ -140,6 +147,12 @@ def coat(sky, work, n):
 def coat_light(work, n, light):
     """One light on clear coats."""
     add_coat(work.s, n, light)
+
+
+@stage("layers")
+def coat_rectangle(sky, work, n, light):
+    """One rectangle on clear coats."""
+    add_coat_rectangle(work.s, n, sky, light)
 
 
 @stage()

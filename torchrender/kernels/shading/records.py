@@ -24,7 +24,9 @@ _SLOTS = (
     # sums of diffuse and mirrored light; the light at hand; exponent
     "DR DG DB SR SG SB AM VS LX LY LZ SH "
     # of metallic-roughness, see lobes
-    "FR FG FB FH KR KG KB WR WG WB MR MG MB LO HI IN NV SL CL TH YR YG YB"
+    "FR FG FB FH KR KG KB WR WG WB MR MG MB LO HI IN NV SL CL TH YR YG YB "
+    # share of a lobe that a rectangle fills
+    "FL"
 ).split()
 SLOT = {name: number * SPAN for number, name in enumerate(_SLOTS)}
 SLOTS = len(_SLOTS)
@@ -97,6 +99,7 @@ class Sky(NamedTuple):
     levels: np.ndarray  # (K,2) int64 first texel and side
     albedo: np.ndarray  # (S,S,4) float32 directional albedo
     mean: np.ndarray  # (S,2) float32
+    cosines: np.ndarray  # (S,S,5) float32 linearly transformed cosines
     radiance: np.ndarray  # (H,W,3) float32 background; 1 x 1: the same everywhere
     turn: np.ndarray  # (2,) float32: turn of the background, its intensity
 
@@ -141,9 +144,11 @@ class Stages(NamedTuple):
     phong: int
     metallic: int
     metallic_light: int
+    metallic_rectangle: int
     sheen_light: int
     coat: int
     coat_light: int
+    coat_rectangle: int
     write: int
     mirrors: int
 

@@ -91,16 +91,22 @@ def tile(box, seen, looks, sky, reach, out, work, stages):
         if not work.lit[number] or not arrives(s, n, pix, number, reach):
             continue
         light = reach.lights[number]
-        if light[0] == f4(RECT):
+        wide = light[0] == f4(RECT)
+        if wide:
             run(stages.rectangle, (work, n, light))
         else:
             run(stages.small_light, (work, n, light))
         if metallic:
-            run(stages.metallic_light, (sky, work, n, light))
+            if wide:
+                run(stages.metallic_rectangle, (sky, work, n, light))
+                if coated:
+                    run(stages.coat_rectangle, (sky, work, n, light))
+            else:
+                run(stages.metallic_light, (sky, work, n, light))
+                if coated:
+                    run(stages.coat_light, (work, n, light))
             if cloth:
                 run(stages.sheen_light, (looks, work, n, light))
-            if coated:
-                run(stages.coat_light, (work, n, light))
         if phong:
             run(stages.phong, (work, n, light, shiny))
     if out.replaced.shape[0] > 0:

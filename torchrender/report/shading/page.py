@@ -92,11 +92,11 @@ def _short(rows: list[dict[str, Any]]) -> list[str]:
     return [
         f"{len(worst)} of {len(rows)} miss it: {', '.join(worst)}.",
         "",
-        "Where that comes from: highlights of area lights are those of a small light at the rectangle's centre, with",
-        "the exact irradiance; glossy light of environments is the split-sum approximation, whose lobe is that of a",
-        "surface seen along its normal; Schlick's term, which glTF prescribes, lies below Fresnel's by up to a fifth",
-        "at 60 degrees for an index of 1.5; the light that turns back within a varnish depends on its roughness in",
-        "Mitsuba, and does not here.",
+        "Where that comes from: highlights of area lights are linearly transformed cosines, which have shorter tails",
+        "than facets; glossy light of environments is the split-sum approximation, whose lobe is that of a surface",
+        "seen along its normal; Schlick's term, which glTF prescribes, lies below Fresnel's by up to a fifth at 60",
+        "degrees for an index of 1.5; the light that turns back within a varnish depends on its roughness in Mitsuba,",
+        "and does not here.",
         "",
     ]
 

@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -39,7 +40,10 @@ from torchrender.shade import shade
 from torchrender.shading.attributes import _interpolated
 
 SCENES = ("nest", "grass", "city", "tree", "living_room", "washroom", "cornell_box")
-SIDES = (512, 1024)
+SIDES = {512: 7, 1024: 5}
+"""Pixels a side, and how often each is timed."""
+SAMPLES = 512
+"""Of Mitsuba, for each pixel."""
 ROUGHNESS = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
 DIRECTIONS = 256
 QUICK_MODELS = ("SimpleSparseAccessor",)
@@ -138,33 +142,38 @@ def furnace() -> list[dict[str, float]]:
 
 def run(folder: Path, quick: bool) -> list[Path]:
     """Measure and write."""
-    names: Sequence[str] = ("cornell_box",) if quick else SCENES
-    sides = (128,) if quick else SIDES
-    runs = 2 if quick else 9
-    limits = machine_limits()
     data = Path(os.environ.get("TORCHRENDER_DATA", "../shared/data"))
-    skies = data / "envmaps" if (data / "envmaps").is_dir() else None
-    record: dict[str, Any] = {
-        "machine": machine_record(),
-        "limits": limits,
-        "per_pixel": {"bytes": READ + WRITTEN, "gathers": GATHERS},
-        "direct_light": [direct_light(built_in(name, side), runs) for side in sides for name in names],
-        "all_maps": [
-            all_maps(name, sides[0], runs) for name in (names if quick else ("living_room", "washroom", "city"))
-        ],
-        "opengl": [row for name in names if (row := beside_opengl(built_in(name, sides[0]), runs)) is not None],
-        "furnace": furnace(),
-        "mitsuba": beside_mitsuba(None, 4, ("matt",)) if quick else beside_mitsuba(skies, 1024),
-        "references": [] if quick else references(data / "references"),
-        "skies": [] if quick or skies is None else irradiance_of(skies, DIRECTIONS),
-        "rooms": [] if quick else ambient_rooms(ROOMS, sides[0], runs),
-    }
     files = [folder / "shading.json", folder / "shading.md", folder / "shading.jpg"]
-    chosen = QUICK_MODELS if quick else ()
-    record["failed"] = write_sheet(files[2], data / "gltf", names=chosen, side=64 if quick else 256)
+    record: dict[str, Any] = {"machine": machine_record(), "per_pixel": {"bytes": READ + WRITTEN, "gathers": GATHERS}}
+    for name, work in _parts(files[2], data, quick).items():
+        begin = time.perf_counter()
+        record[name] = work()
+        sys.stderr.write(f"{name}: {time.perf_counter() - begin:.0f} s\n")
     write_record(files[0], record)
     write_text(files[1], page(record))
     return [file for file in files if file.is_file()]
+
+
+def _parts(sheet: Path, data: Path, quick: bool) -> dict[str, Callable[[], Any]]:
+    """What is measured, by its name in the record."""
+    names: Sequence[str] = ("cornell_box",) if quick else SCENES
+    sides = {128: 2} if quick else SIDES
+    small, runs = next(iter(sides.items()))
+    mapped = names if quick else ("living_room", "washroom", "city")
+    skies = data / "envmaps" if (data / "envmaps").is_dir() else None
+    models = QUICK_MODELS if quick else ()
+    return {
+        "limits": machine_limits,
+        "direct_light": lambda: [direct_light(built_in(n, side), r) for side, r in sides.items() for n in names],
+        "all_maps": lambda: [all_maps(name, small, runs) for name in mapped],
+        "opengl": lambda: [row for n in names if (row := beside_opengl(built_in(n, small), runs)) is not None],
+        "furnace": furnace,
+        "mitsuba": lambda: beside_mitsuba(None, 4, ("matt",)) if quick else beside_mitsuba(skies, SAMPLES),
+        "references": lambda: [] if quick else references(data / "references"),
+        "skies": lambda: [] if quick or skies is None else irradiance_of(skies, DIRECTIONS),
+        "rooms": lambda: [] if quick else ambient_rooms(ROOMS, small, runs),
+        "failed": lambda: write_sheet(sheet, data / "gltf", names=models, side=64 if quick else 256),
+    }
 
 
 def main() -> None:

@@ -1,0 +1,135 @@
+"""What glossy surfaces mirror of a rectangle: the share of their lobe that it fills, by linearly transformed cosines.
+
+The twin in torch is :func:`torchrender.shading.linear_cosines.mirrored_share`; numbers of the table are told there.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from torchrender.kernels.compile import kernel
+from torchrender.kernels.shading.lights import polygon
+from torchrender.kernels.shading.lobes import COAT_F0, SMOOTHEST, albedo
+from torchrender.kernels.shading.records import SLOT, SPAN
+from torchrender.kernels.shading.simd import HALF, INV_PI, ONE, ZERO, f4
+
+PX, PY, PZ, NX, NY, NZ, SX, SY, SZ = (SLOT[n] for n in ("PX", "PY", "PZ", "NX", "NY", "NZ", "SX", "SY", "SZ"))
+EX, EY, EZ, LX, LY, LZ = (SLOT[n] for n in ("EX", "EY", "EZ", "LX", "LY", "LZ"))
+AM, VS, RO, LO, HI, IN = (SLOT[n] for n in ("AM", "VS", "RO", "LO", "HI", "IN"))
+MR, WR, YR, CC, CK, FL = (SLOT[n] for n in ("MR", "WR", "YR", "CC", "CK", "FL"))
+UPRIGHT, MOST = f4(1e-12), f4(1.0 - 1e-7)
+
+
+@kernel(inline=True)
+def dot(a, b):
+    """Of vectors of three components."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@kernel(inline=True)
+def moved(p, frame, matrix):
+    """A corner, seen from the surface, where the lobe is a cosine about the third axis."""
+    across, beside, along = frame
+    a, b, c, d, e = matrix
+    x, y, z = dot(p, across), dot(p, beside), dot(p, along)
+    return e * x - b * z, (a * e - b * d) / c * y, a * z - d * x
+
+
+@kernel(inline=True)
+def transform(table, cosine, roughness):
+    """Bilinear numbers of the table."""
+    last = f4(table.shape[0] - 1)
+    x, y = math.sqrt(cosine) * last, min(roughness, ONE) * last
+    i, j = min(np.int32(x), np.int32(table.shape[0] - 2)), min(np.int32(y), np.int32(table.shape[0] - 2))
+    u, v = x - f4(i), y - f4(j)
+    w11 = u * v
+    w01, w10 = u - w11, v - w11
+    w00 = ONE - u - w10
+    k, m = i + np.int32(1), j + np.int32(1)
+    return (
+        w00 * table[j, i, 0] + w01 * table[j, k, 0] + w10 * table[m, i, 0] + w11 * table[m, k, 0],
+        w00 * table[j, i, 1] + w01 * table[j, k, 1] + w10 * table[m, i, 1] + w11 * table[m, k, 1],
+        w00 * table[j, i, 2] + w01 * table[j, k, 2] + w10 * table[m, i, 2] + w11 * table[m, k, 2],
+        w00 * table[j, i, 3] + w01 * table[j, k, 3] + w10 * table[m, i, 3] + w11 * table[m, k, 3],
+        w00 * table[j, i, 4] + w01 * table[j, k, 4] + w10 * table[m, i, 4] + w11 * table[m, k, 4],
+    )
+
+
+@kernel(inline=True)
+def upright(n):
+    """A unit vector at right angles to one (Duff et al. 2017)."""
+    sign = ONE if n[2] >= ZERO else -ONE
+    a = -ONE / (sign + n[2])
+    return ONE + sign * n[0] * n[0] * a, sign * n[0] * n[1] * a, -sign * n[0]
+
+
+@kernel()
+def filled(s, n, light, table, slots):
+    """Share of the lobe that the rectangle fills, as far as it is visible, into FL; ``slots``: normal, roughness."""
+    normal, rough = slots
+    ax, ay, az, bx, by, bz = light[16], light[17], light[18], light[19], light[20], light[21]
+    cx, cy, cz, dx, dy, dz = light[22], light[23], light[24], light[25], light[26], light[27]
+    for i in range(n):
+        if s[AM + i] <= ZERO:
+            s[FL + i] = ZERO
+            continue
+        x, y, z = s[PX + i], s[PY + i], s[PZ + i]
+        up = s[normal + i], s[normal + SPAN + i], s[normal + 2 * SPAN + i]
+        eye = s[EX + i], s[EY + i], s[EZ + i]
+        facing = dot(up, eye)
+        nv = min(max(facing, f4(1e-4)), MOST)
+        sine = math.sqrt(ONE - nv * nv)
+        a, b, c, d, e = transform(table, nv, max(s[rough + i], SMOOTHEST))
+        b, d = sine * b, sine * d
+        lx, ly, lz = eye[0] - facing * up[0], eye[1] - facing * up[1], eye[2] - facing * up[2]
+        length = lx * lx + ly * ly + lz * lz
+        if length < UPRIGHT:
+            lx, ly, lz = upright(up)
+        else:
+            inv = ONE / math.sqrt(length)
+            lx, ly, lz = lx * inv, ly * inv, lz * inv
+        frame = (
+            (sine * up[0] + nv * lx, sine * up[1] + nv * ly, sine * up[2] + nv * lz),
+            (up[1] * lz - up[2] * ly, up[2] * lx - up[0] * lz, up[0] * ly - up[1] * lx),
+            (nv * up[0] - sine * lx, nv * up[1] - sine * ly, nv * up[2] - sine * lz),
+        )
+        matrix = (a, b, c, d, e)
+        total = polygon(
+            moved((ax - x, ay - y, az - z), frame, matrix),
+            moved((bx - x, by - y, bz - z), frame, matrix),
+            moved((cx - x, cy - y, cz - z), frame, matrix),
+            moved((dx - x, dy - y, dz - z), frame, matrix),
+            (ZERO, ZERO, ONE),
+        )
+        tilt, height = a * sine + d * nv, b * sine + e * nv
+        above = HALF * (ONE + height / max(math.sqrt(tilt * tilt + height * height), f4(1e-12)))
+        s[FL + i] = min(total * INV_PI / max(above, f4(1e-3)), ONE) * s[VS + i]
+
+
+@kernel()
+def add_metallic_rectangle(s, n, sky, light):
+    """A rectangle, through the lobes under the coat: diffuse as light from its centre, mirrored as it is."""
+    for i in range(n):
+        nl = s[NX + i] * s[LX + i] + s[NY + i] * s[LY + i] + s[NZ + i] * s[LZ + i]
+        a, b, _ = albedo(sky.albedo, nl, s[RO + i])
+        matte = s[AM + i] * (ONE - (s[LO + i] * a + s[HI + i] * b)) * s[IN + i]
+        for c in range(3):
+            s[YR + c * SPAN + i] += light[7 + c] * s[MR + c * SPAN + i] * matte
+    filled(s, n, light, sky.cosines, (NX, RO))
+    for c in range(3):
+        for i in range(n):
+            s[YR + c * SPAN + i] += light[7 + c] * s[WR + c * SPAN + i] * s[FL + i]
+
+
+@kernel()
+def add_coat_rectangle(s, n, sky, light):
+    """A rectangle, on the clear coat."""
+    filled(s, n, light, sky.cosines, (SX, CK))
+    for i in range(n):
+        nv = s[SX + i] * s[EX + i] + s[SY + i] * s[EY + i] + s[SZ + i] * s[EZ + i]
+        a, b, _ = albedo(sky.albedo, min(max(nv, f4(1e-4)), ONE), s[CK + i])
+        share = s[CC + i] * (COAT_F0 * a + b) * s[FL + i]
+        for c in range(3):
+            s[YR + c * SPAN + i] += light[7 + c] * share
