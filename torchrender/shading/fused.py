@@ -306,6 +306,7 @@ def _even_sky(irradiance: float) -> Sky:
         levels=levels,
         albedo=array(table.split, f4),
         mean=array(table.mean, f4),
+        cosines=array(linear_cosines(), f4),
         radiance=np.zeros((1, 1, 3), f4),
         turn=np.zeros(2, f4),
     )
