@@ -131,7 +131,7 @@ def test_panes_stay_panes_however_opaque_walls_are(opacity: float) -> None:
         surface = voxelize_scene(Scene(meshes=sheets, materials=(pane,)), unit_grid(8))
         image = render_volume([surface_layer(surface, opacity)], front(), step=0.02)
         wanted = 1.0 - (1.0 - opacity * own) ** count
-        assert float(image[0, 12, 12, 3]) == pytest.approx(wanted, abs=0.01), (own, count)
+        assert float(image[0, 12, 12, 3]) == pytest.approx(wanted, abs=0.015), (own, count)
 
 
 def test_batch_of_cameras_and_what_misses() -> None:

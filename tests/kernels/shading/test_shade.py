@@ -13,7 +13,7 @@ from torch import Tensor
 from shading_scenes import LIGHTS, PANEL, SUN, noise, scene_of_all, views
 from torchrender.buffers import RaySurface
 from torchrender.kernels.compile import kernel
-from torchrender.kernels.shading import gather, layers, lights, lobes, maps, needs, parts, shade, simd, sky
+from torchrender.kernels.shading import gather, layers, lights, lobes, maps, needs, parts, rectangles, shade, simd, sky
 from torchrender.kernels.shading.pack import pack_planes
 from torchrender.kernels.shading.records import MATERIAL, SLOT, SLOTS, SPAN
 from torchrender.raster import rasterize, rasterize_visibility, surface_attributes
@@ -136,6 +136,7 @@ def test_planes_against_numpy() -> None:
 
 def test_every_module_of_the_kernel_is_used_by_it() -> None:
     used = (gather.gather, layers.add_coat, lights.rectangle, lobes.add_metallic, maps.textures, sky.diffuse)
+    used = (*used, rectangles.add_metallic_rectangle)
     assert all(callable(one) for one in (*used, shade.shade, parts.surfaces, needs.stages_of))
     assert SLOTS * SPAN * 4 < 128 << 10 and len(set(SLOT.values())) == SLOTS and max(MATERIAL.values()) < 32
     assert noise(4, 4, 3, 0).shape == (4, 4, 3) and PANEL.area > 0

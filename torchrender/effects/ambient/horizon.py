@@ -15,7 +15,7 @@ from torch import Tensor
 
 from torchrender.arrays import view
 from torchrender.buffers import GBuffer
-from torchrender.effects.ambient.lattice import lattice_of, pattern, spread
+from torchrender.effects.ambient.lattice import lattice_of, spread
 from torchrender.effects.ambient.options import AmbientOptions
 from torchrender.effects.ambient.visibility import AmbientVisibility
 from torchrender.errors import InputError
@@ -37,6 +37,9 @@ JOINED = 10.0
 THICKNESS = 0.15
 """Of surfaces that are seen from behind, in their distance from the eye."""
 
+ORDER = (0, 8, 2, 10, 12, 4, 14, 6, 3, 11, 1, 9, 15, 7, 13, 5)
+"""Numbers of the pattern over a tile of 4 x 4: neighbours are far apart."""
+
 FACES = ((1, 2), (2, 1), (2, 0), (0, 2), (0, 1), (1, 0))
 """Axes of columns and rows of the six views; see :class:`Surroundings`."""
 
@@ -45,8 +48,6 @@ def horizon_ambient(
     geometry: Geometry, gbuffer: GBuffer, options: AmbientOptions, *, reach: float
 ) -> AmbientVisibility:
     """Visibility (B,H,W) by depth images around each camera's eye.
-
-    A wall that an eye sees exactly edge-on is in none of its depth images, and hides nothing.
 
     Args:
         geometry: what hides.
@@ -83,7 +84,8 @@ def _measure(
     grid = lattice_of(gbuffer, k, options.spacing)
     seen, ray = grid.seen, grid.ray
     fx, fy = around.lens[:2].tolist()
-    number = pattern(len(grid.rows), len(grid.columns))
+    tile = torch.tensor(ORDER).reshape(4, 4)
+    number = tile[(torch.arange(len(grid.rows)) % 4)[:, None], torch.arange(len(grid.columns)) % 4]
     points = Points(
         view(torch.nn.functional.normalize(ray[seen], dim=-1), np.float32),
         view(grid.position[seen].norm(dim=-1), np.float32),

@@ -12,15 +12,6 @@ from torchrender.arrays import view
 from torchrender.buffers import GBuffer
 from torchrender.kernels.ambient.spread import Few, Many, spread_points
 
-ORDER = (0, 8, 2, 10, 12, 4, 14, 6, 3, 11, 1, 9, 15, 7, 13, 5)
-"""Numbers of the pattern over a tile of 4 x 4: neighbours are far apart."""
-
-
-def pattern(rows: int, columns: int) -> Tensor:
-    """(rows,columns) int64 number of each point in the pattern, tile after tile."""
-    tile = torch.tensor(ORDER).reshape(4, 4)
-    return tile[(torch.arange(rows) % 4)[:, None], torch.arange(columns) % 4]
-
 
 class Lattice(NamedTuple):
     """Points of one camera's picture, one for every ``step`` pixels and side, in the camera's frame."""

@@ -24,7 +24,7 @@ class AmbientOptions:
     around: int = 64  # pixels of a side of the six views around the eye, for what the picture does not show; 0: none
     backs: bool = False  # draw where things end behind what is seen, too
     rays: int = 16  # of each pixel, where rays are cast
-    ray_spacing: int = 4  # as ``spacing``, where rays are cast; parallel views take every pixel
+    ray_spacing: int = 1  # as ``spacing``, where rays are cast; parallel views take every pixel
     reach: float | None = None  # scene units within which things hide near light; None: a tenth of the scene's diagonal
 
     def __post_init__(self) -> None:

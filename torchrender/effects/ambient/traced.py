@@ -10,7 +10,7 @@ from torch import Tensor
 
 from torchrender.buffers import GBuffer, RaySurface
 from torchrender.checks import check_range
-from torchrender.effects.ambient.lattice import ORDER, lattice_of, pattern, spread
+from torchrender.effects.ambient.lattice import lattice_of, spread
 from torchrender.effects.ambient.visibility import AmbientVisibility, as_images
 from torchrender.numerics.lobe import frame
 from torchrender.rays import RayCaster
@@ -40,8 +40,7 @@ def traced_ambient(
         turned: directions follow a spiral that is another one for each sample. None: from pixel to pixel, but not from
             hit to hit, where few rays must leave no noise. Hits go by their place, whatever else was hit.
         spacing: one point casts rays for so many pixels and side of what perspective cameras see, others follow along
-            surfaces. Sixteen points of a tile share one spiral, each with its own part of it: what a pixel makes of
-            those around it is what all of the spiral would tell.
+            surfaces.
         far: rays go on beyond the reach. False: what lies there counts as open, also for the sky, and rays cost less.
 
     Directions below the geometric surface see nothing.
@@ -55,8 +54,7 @@ def traced_ambient(
     cast, turn = Cast(caster, rays, reach, gap, far), isinstance(samples, GBuffer) if turned is None else turned
     if spacing > 1 and isinstance(samples, GBuffer) and not samples.cameras.orthographic:
         return _from_few(samples, cast, spacing)
-    spirals = Spirals(_numbers(samples, gap, turn), 1)
-    return as_images(samples.covered, *_cast(samples, samples.covered, cast, spirals), samples.normal)
+    return as_images(samples.covered, *_cast(samples, samples.covered, cast, 1 if turn else 0), samples.normal)
 
 
 class Cast(NamedTuple):
@@ -69,23 +67,14 @@ class Cast(NamedTuple):
     far: bool
 
 
-class Spirals(NamedTuple):
-    """Which directions each of N samples takes."""
-
-    number: Tensor  # (N,) int64 of the spiral, or of the part of it
-    parts: int  # 1: a spiral for each number; else one for all, of which each takes every ``parts``-th direction
-
-
 def _from_few(samples: GBuffer, how: Cast, spacing: int) -> AmbientVisibility:
     """Rays of few points, whose values all pixels take that lie on their surfaces."""
     covered = samples.covered
     chosen, found = torch.zeros_like(covered), torch.zeros(*covered.shape, 5)
-    number = torch.zeros(covered.shape, dtype=torch.int64)
     grids = [lattice_of(samples, k, spacing) for k in range(len(covered))]
     for k, grid in enumerate(grids):
         chosen[k, grid.rows[:, None], grid.columns] = grid.seen
-        number[k, grid.rows[:, None], grid.columns] = pattern(len(grid.rows), len(grid.columns))
-    sky, near, bent = _cast(samples, chosen, how, Spirals(number[chosen], len(ORDER)))
+    sky, near, bent = _cast(samples, chosen, how, spacing)
     found[chosen] = torch.cat([sky[:, None], near[:, None], bent / how.rays], dim=1)
     pixels = torch.ones(*covered.shape, 5)
     for k, grid in enumerate(grids):
@@ -94,14 +83,18 @@ def _from_few(samples: GBuffer, how: Cast, spacing: int) -> AmbientVisibility:
     return as_images(covered, sky[:, 0].clamp(0.0, 1.0), near[:, 0].clamp(0.0, 1.0), bent, samples.normal)
 
 
-def _cast(samples: GBuffer | RaySurface, chosen: Tensor, how: Cast, spirals: Spirals) -> tuple[Tensor, Tensor, Tensor]:
-    """Visibility of the sky and of what is near, (N,), and sums (N,3) of open directions, of the chosen samples."""
+def _cast(samples: GBuffer | RaySurface, chosen: Tensor, how: Cast, step: int) -> tuple[Tensor, Tensor, Tensor]:
+    """Visibility of the sky and of what is near, (N,), and sums (N,3) of open directions, of the chosen samples.
+
+    ``step``: pixels between samples with spirals of their own; 0: all have the same.
+    """
     caster, rays, reach, gap, far = how
     normal, surface = samples.normal[chosen], samples.geometric_normal[chosen]
     start = samples.position[chosen] + surface.double() * gap
+    number = _numbers(samples, chosen, start, step)
     sky, near, bent = torch.zeros(len(start)), torch.zeros(len(start)), torch.zeros(len(start), 3)
     for rows in torch.arange(len(start)).split(max(1, CHUNK // rays)):
-        toward = _cosine_directions(normal[rows], rays, Spirals(spirals.number[rows], spirals.parts))
+        toward = _cosine_directions(normal[rows], rays, number[rows])
         up = (toward * surface[rows, None]).sum(-1) > 0
         chosen = up.reshape(-1).nonzero().reshape(-1)
         origins = start[rows, None].expand(-1, rays, -1).reshape(-1, 3)[chosen]
@@ -120,30 +113,25 @@ def _cast(samples: GBuffer | RaySurface, chosen: Tensor, how: Cast, spirals: Spi
     return sky, near, bent
 
 
-def _numbers(samples: GBuffer | RaySurface, gap: float, turned: bool) -> Tensor:
-    """Numbers (N,) int64 of the spirals of all covered samples."""
-    chosen = samples.covered
-    if not turned:
-        return torch.zeros(int(chosen.sum()), dtype=torch.int64)
+def _numbers(samples: GBuffer | RaySurface, chosen: Tensor, place: Tensor, step: int) -> Tensor:
+    """Numbers (N,) int64 of the spirals of the chosen samples at places (N,3)."""
+    if not step:
+        return torch.zeros(len(place), dtype=torch.int64)
     if isinstance(samples, GBuffer):
         picture, row, column = chosen.nonzero().unbind(-1)
-        return (picture * chosen.shape[1] + row) * chosen.shape[2] + column
-    place = samples.position[chosen] + samples.geometric_normal[chosen].double() * gap
+        height, width = (-(-n // step) for n in chosen.shape[1:])
+        return (picture * height + row // step) * width + column // step
     bits = place.contiguous().view(torch.int64) >> 20  # what rounding leaves alone
     return ((bits * torch.tensor([73856093, 19349663, 83492791])).sum(-1) >> 7) & 0xFFFF
 
 
-def _cosine_directions(normal: Tensor, rays: int, spirals: Spirals) -> Tensor:
-    """Directions (N,rays,3) about normals (N,3), as dense as the cosine."""
-    steps, number, parts = torch.arange(rays), spirals.number, spirals.parts
-    if parts > 1:
-        place = (steps * parts + number[:, None]).float()
-        share, turn = (place + 0.5) / (rays * parts), torch.zeros(1, 1)
-    else:
-        place = steps.float()
-        share = (place + torch.frac(0.5 + number.double() * 0.754877666246693).float()[:, None]) / rays
-        turn = torch.frac(number.double() * 0.569840290998053).float()[:, None] * (2 * math.pi)
-    angle = place * (math.pi * (3.0 - math.sqrt(5.0))) + turn
+def _cosine_directions(normal: Tensor, rays: int, number: Tensor) -> Tensor:
+    """Directions (N,rays,3) about normals (N,3), as dense as the cosine; the spiral of each pixel is another one."""
+    steps = torch.arange(rays, dtype=torch.float32)
+    shift = torch.frac(0.5 + number.double() * 0.754877666246693).float()[:, None]
+    turn = torch.frac(number.double() * 0.569840290998053).float()[:, None] * (2 * math.pi)
+    share = (steps + shift) / rays
+    angle = steps * (math.pi * (3.0 - math.sqrt(5.0))) + turn
     across = share.sqrt()
     first, second = frame(normal)
     up = (1.0 - share).clamp_min(0.0).sqrt()[..., None] * normal[:, None]
