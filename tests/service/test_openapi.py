@@ -20,7 +20,9 @@ with warnings.catch_warnings():
 KEYFRAMES = "application/vnd.torchrender.keyframes"
 
 
-@schemathesis.serializer("model/gltf-binary", "application/toml", "image/jpeg", "image/png", KEYFRAMES)
+@schemathesis.serializer(
+    "model/gltf-binary", "application/zip", "application/toml", "image/jpeg", "image/png", KEYFRAMES
+)
 def as_it_is(context: Any, value: Any) -> bytes:
     """Scenes and photos are sent as bytes or text."""
     del context

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import atexit
+import logging
+import queue
 import shutil
 import tempfile
 import threading
@@ -23,6 +25,7 @@ from torchrender_service.web.app import make_app
 from torchrender_service.web.server import socket_settings
 from torchrender_service.web.state import ServiceState
 
+LOG = logging.getLogger("torchrender_service.viewer.live_server")
 START_S = 20.0
 STOP_S = 2.0
 STILL_S = 0.3
@@ -56,6 +59,7 @@ class LiveServer:
         self._state: ServiceState = app.state.service
         self._state.around.on_pick = self._picked
         self._controls: dict[str, str] = {}
+        self._heard: queue.SimpleQueue[tuple[Callable[[Picked], None], Picked]] = queue.SimpleQueue()
         self._listeners: dict[str, list[Callable[[Picked], None]]] = {}
         config = uvicorn.Config(
             app,
@@ -89,6 +93,7 @@ class LiveServer:
             TorchRenderError: it does not, because the port is in use, for instance.
         """
         self._thread.start()
+        threading.Thread(target=self._tell, daemon=True, name="torchrender-viewer-callbacks").start()
         waited = threading.Event()
         for _ in range(int(START_S / 0.02)):
             if self._server.started or not self._thread.is_alive():
@@ -132,7 +137,7 @@ class LiveServer:
         self._soon(tell)
 
     def listen(self, scene: str, callback: Callable[[Picked], None]) -> None:
-        """Call back with every surface that somebody clicks on, in a thread of its own."""
+        """Call back with every surface that somebody clicks on, in their order, in a thread for all callbacks."""
         self._listeners.setdefault(scene, []).append(callback)
 
     def camera(self, scene: str) -> CameraHeader | None:
@@ -167,7 +172,16 @@ class LiveServer:
 
     def _picked(self, scene: str, picked: Picked) -> None:
         for callback in self._listeners.get(scene, []):
-            threading.Thread(target=callback, args=(picked,), daemon=True).start()
+            self._heard.put((callback, picked))
+
+    def _tell(self) -> None:
+        """Call back, one after the other; a callback that fails says so and stops nothing else."""
+        while True:
+            callback, picked = self._heard.get()
+            try:
+                callback(picked)
+            except Exception:
+                LOG.exception("a callback of a view failed")
 
 
 _SERVERS: list[LiveServer] = []

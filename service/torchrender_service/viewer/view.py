@@ -212,7 +212,7 @@ class View:
         self._server.look(self.id, header_of(camera))
 
     def on_pick(self, callback: Callable[[Pick], None]) -> Callable[[Pick], None]:
-        """Call back with every surface that somebody clicks on, in a thread of its own; works as a decorator."""
+        """Call back with every surface that somebody clicks on, in a thread for callbacks; works as a decorator."""
 
         def told(picked: Picked) -> None:
             found = self._pick_of({name: getattr(picked, name) for name in picked.__struct_fields__})

@@ -109,7 +109,8 @@ export class Views {
       this.client.dirty = true;
     }
     this.turn = false;
-    const numbers = (v) => v.map((x) => x.toPrecision(4)).join(", ");
+    const zero = 1e-6 * this.client.diagonal;
+    const numbers = (v) => v.map((x) => (Math.abs(x) < zero ? "0" : x.toPrecision(4))).join(", ");
     $("picked").hidden = false;
     $("picked").textContent = there
       ? `${found.name || "unnamed"} · ${found.material || "no material"} · triangle ${found.face} · (${numbers(found.point)})`
