@@ -110,7 +110,10 @@ def test_a_picture_shows_itself(forms, camera) -> None:
     ("call", "told"),
     [
         (lambda _, camera: tr.rasterize_depth(3, camera), "geometry must be a Scene, a Mesh or a Geometry, got int"),
-        (lambda ball, _: tr.collide(ball, "x"), "second must be a Scene, a Mesh or a Geometry, got str"),
+        (
+            lambda ball, _: tr.collide(ball, "x"),
+            "second must be a Scene, a Mesh or a Geometry, got the text 'x': load it first",
+        ),
         (lambda ball, _: tr.voxelize_solid(ball, "x"), "grid must be a VoxelGrid or a number of cells, got str"),
         (lambda ball, _: tr.voxelize_solid(ball, ball.faces, 8), "of a shape, the grid is all that follows"),
         (lambda ball, _: tr.voxelize_solid(ball.vertices[None], ball.faces), "grid must be a VoxelGrid or a number"),

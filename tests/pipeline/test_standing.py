@@ -126,6 +126,6 @@ def test_what_moved_is_known_by_its_boxes_and_its_shadows() -> None:
     behind = scene.lights[0].position + 1.5 * (torch.tensor([0.9, 0.3, 0.2]) - scene.lights[0].position)
     points = torch.stack([torch.tensor([-2.5, 0.0, 2.5]).double(), behind.double()])
     assert moved.misses(points, scene.lights, scene.diagonal).tolist() == [[True, True], [False, False]]
-    assert moved.beyond(points, 0.5).tolist() == [True, False]
+    assert moved.beyond(points, 0.8).tolist() == [True, False]
     assert swept(scene.meshes, scene.meshes[:3]) is None
     assert swept(scene.meshes, scene.meshes).meshes == frozenset()

@@ -16,4 +16,4 @@ def test_the_page_tells_rates_memory_and_how_far_moved_pictures_are(tmp_path: Pa
     (moving,) = record["moving"]
     assert moving["moving"] < moving["triangles"] and moving["mean_error"] < 0.5 and moving["visible"] < 0.02
     text = files[1].read_text()
-    assert "| grass |" in text and "shadow_map" in text and "**no**" not in text
+    assert "| nest |" in text and "shadow_map" in text and "**no**" not in text

@@ -46,7 +46,8 @@ def test_real_files(data_dir: Path, name: str) -> None:
     assert (high - low).tolist() == pytest.approx(extent, abs=1e-3)
     normals = scene.geometry.normals
     assert normals is not None
-    assert bool(((normals.norm(dim=1) - 1).abs() < 1e-4).all())
+    used = normals[scene.geometry.faces.unique().long()]  # vertices of no face stay where the file has them
+    assert bool(((used.norm(dim=1) - 1).abs() < 1e-4).all())
 
 
 @pytest.mark.parametrize(

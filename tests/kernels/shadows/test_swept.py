@@ -31,6 +31,6 @@ def test_ways_meet_a_box_where_points_on_them_do() -> None:
         for number, place in enumerate(places):
             end = place[:3] if place[3] == 1.0 else point + far * place[:3]
             wanted[n, number] = not meets_by_points(point, end, extents[number], box, margin)
-    assert 0.1 < out.mean() < 0.9
+    assert 0.1 < out.mean() < 0.95
     assert not (out & ~wanted).any()  # what points meet, ways do
     assert (out != wanted).mean() < 0.01  # points are apart
