@@ -30,7 +30,7 @@ F: Any = np.float32
 BEYOND = F(1.02)  # of the longest ray around, to which a node's ray is followed
 THICK = F(1.0)  # greatest change of the exponent between two nodes, for which a quadratic will do
 TURNS = 8  # of the search for a place
-CLOSE = F(2.0)  # lattice steps from a lamp within which pixels do not lie between nodes
+CLOSE = F(4.0)  # lattice steps from a lamp within which pixels do not lie between nodes
 UNKNOWN = F(-1.0)
 GROUP = 512  # rays that a thread takes at a time
 
