@@ -10,10 +10,12 @@ import torch
 from torchrender.report.scattering.motion import edits, film
 from torchrender.report.scattering.page import lines, plot
 from torchrender.report.scattering.peers import beside_mitsuba
+from torchrender.report.scattering.probes import Probes
 from torchrender.report.scattering.scenes import KINDS, eye, t1, t2
 from torchrender.report.scattering.stage import QUICK, Stage, errors, shaft_edges
 from torchrender.report.scattering.streamed import STEPS, after_steps
-from torchrender.report.scattering.study import baselines, costs, published, trends
+from torchrender.report.scattering.study import baselines, costs, trends
+from torchrender.report.scattering.ways import QUICK_WAYS, published, ways_of
 
 
 def test_errors_are_shares_of_the_mean() -> None:
@@ -33,6 +35,23 @@ def test_scenes_have_shafts_and_all_kinds_of_media() -> None:
     assert 0.0 < float(shaft_edges(light).float().mean()) < 0.1
 
 
+def test_probes_are_the_pixels_of_the_picture() -> None:
+    """By the same way they have the light that the picture has there, each by itself."""
+    stage = Stage.of(t2("lamp"), eye(40, 30), 256)
+    light = stage.light(way="walk", block=1)
+    probes = Probes.of(stage, light, 50)
+    torch.testing.assert_close(probes.light(way="walk"), light.reshape(-1)[probes.chosen], rtol=1e-4, atol=1e-6)
+    made = probes.errors(1.1 * light, probes.light(way="walk"))
+    assert 0.05 < made["rmse"] < 0.5 and 0.05 < made["edge"] < 0.5
+
+
+def test_ways_are_compared_with_the_walk_and_with_rays() -> None:
+    rows = {r["way"]: r for r in ways_of("T2 sun", t2("sun"), QUICK)}
+    assert set(rows) == {*QUICK_WAYS, "64 steps"}
+    assert rows["slices"]["walk"]["rmse"] < 0.1 and rows["slices"]["share"] == 1.0
+    assert rows["slices, 3 x 3, marks by length alone"]["walk"]["edge"] > rows["slices"]["walk"]["edge"]
+
+
 def test_the_page_holds_what_was_measured(tmp_path) -> None:
     named = ("processor", "cores", "kernel_threads", "system", "python", "commit", "date")
     row = {
@@ -40,8 +59,8 @@ def test_the_page_holds_what_was_measured(tmp_path) -> None:
         "ms": 90.0,
         "least_ms": 80.0,
         "share": 0.3,
-        "walk": {"rmse": 0.01},
-        "rays": {"rmse": 0.02},
+        "walk": {"rmse": 0.01, "edge": 0.03},
+        "rays": {"rmse": 0.02, "edge": 0.04},
     }
     rows = [row | {"way": "slices, 2 x 2"}, row | {"way": "64 steps", "least_ms": 400.0}]
     peer = {"case": "T1", "rows": [{"what": "slices", "ms": 10.0, "rmse": 0.01}], "mean": 1.0, "tiles": 0.02}
@@ -60,7 +79,11 @@ def test_the_page_holds_what_was_measured(tmp_path) -> None:
         "peer": {"version": "3", "variant": "x", "size": (4, 3), "cases": [peer | {"at_our_time": 0.5}]},
     }
     text = "\n".join(lines(record))
-    assert "3 x 3 | 20 | lsq" in text and "behind the camera" in text and "Other work ran beside (load 3.0" in text
+    assert (
+        "3 x 3, guard 20, lsq, marks by length alone" in text
+        and "behind the camera" in text
+        and "Other work ran beside (load 3.0" in text
+    )
     assert "80 | 80 | 5.0" in text, "what was asked for, and how many times as quick as 64 steps"
     assert "| T1 | 1.0000 | 2.00 % | 50.00 % | 50 |" in text
     assert "| hall | 0.1 | 2.00 % | 1.00 % |" in text

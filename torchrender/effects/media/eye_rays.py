@@ -60,7 +60,7 @@ def rays_of(camera: Cameras, depth: Tensor, table: MediaTable, position: Tensor 
     w, h = float(camera.width), float(camera.height)
     corners = torch.tensor([[0, 0, 1], [w, 0, 1], [w, h, 1], [0, h, 1]], dtype=torch.float64) @ matrix.T
     longest = float(span[:, 1].max(initial=0.0))
-    sight = Sight(corners, longest, 1.0 / float(torch.maximum(k[0, 0], k[1, 1])))
+    sight = Sight(corners, matrix, longest, 1.0 / float(torch.maximum(k[0, 0], k[1, 1])))
     return EyeRays(beams, (camera.height, camera.width), camera, sight)
 
 

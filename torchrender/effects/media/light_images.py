@@ -71,6 +71,7 @@ class Sight:
     """What the eye's rays have in common: the corners of the picture bound their directions."""
 
     corners: Tensor  # (4,3) float64 directions through the picture's corners, in order around it
+    matrix: Tensor  # (3,3) float64 from pixels to directions
     longest: float  # ray length
     pixel: float  # angle between the rays of neighbouring pixels, radians
 

@@ -29,6 +29,7 @@ class ScatterOptions:
     shadows: str = "maps"  # of objects in the medium: depth images, "rays" (only way="march"), or "none"
     block: int = 2  # pixels of a block's side, of which one is integrated: 1 to 3
     panels: int = 8  # along a ray, in heights and several media; twice as many in grids
+    lattice: int = 8  # with blocks: pixels between rays along which heights and grids are integrated; 0: along all
     slices: tuple[int, int] = (2048, 1024)  # epipolar slices, at most, and texels of each
     share_tolerance: float = 0.02  # lit shares of neighbours may differ by so much, or they are not mixed
     eps_rel: float = 0.1  # ways through the medium may differ by this share
@@ -57,7 +58,13 @@ class ScatterOptions:
         if self.shadows == "rays":
             check_choice('way (with shadows="rays")', self.way, ("march",))
         limits = {"block": (1, 3), "panels": (2, 64), "share_tolerance": (0.0, 1.0), "eps_rel": (0.02, 0.3)}
-        limits |= {"halo_guard_px": (0, 64), "nearest": (1e-9, 1.0), "light_steps": (4, 128), "light_cells": (4, 256)}
+        limits |= {
+            "halo_guard_px": (0, 64),
+            "lattice": (0, 32),
+            "nearest": (1e-9, 1.0),
+            "light_steps": (4, 128),
+            "light_cells": (4, 256),
+        }
         limits |= {"steps": (8, 1024), "seed": (0, 2**31 - 1)}
         for name, (low, high) in limits.items():
             check_range(name, getattr(self, name), low, high)

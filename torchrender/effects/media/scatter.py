@@ -14,16 +14,17 @@ import torch
 from torch import Tensor
 
 from torchrender.buffers import ShadowMap
-from torchrender.effects.media.between import NOWHERE, Guard, Integrate, between, normaliser
+from torchrender.effects.media.between import Guard, Integrate, between, normaliser
 from torchrender.effects.media.eye_rays import EyeRays, eye_of, rays_of
+from torchrender.effects.media.lattice import lattice_of, ways_by_lattice
 from torchrender.effects.media.light_images import NO_IMAGES, NO_SLICES, images_of, slices_of, views_of
 from torchrender.effects.media.march import Marcher
 from torchrender.effects.media.options import ScatterOptions
 from torchrender.effects.media.surroundings import Surroundings, glow
-from torchrender.effects.media.tables import LightTable, MediaTable
+from torchrender.effects.media.tables import NOTHING, LightTable, MediaTable
 from torchrender.errors import InputError
 from torchrender.kernels.media.integrate import EVERYWHERE, SLICED, WALKED, scatter_rays
-from torchrender.kernels.media.records import PLACE, SUN, Beams, Scattered, Source
+from torchrender.kernels.media.records import NO_LATTICE, PLACE, SUN, Scattered, Source
 from torchrender.kernels.media.ways import ways_through
 from torchrender.rays import RayCaster
 from torchrender.scene.camera import Cameras
@@ -144,24 +145,11 @@ def scatter_along(
 
 
 def _ways(table: MediaTable, rays: EyeRays, options: ScatterOptions) -> Tensor:
-    """(H W,M) integrals of the densities along the rays; through grids they lie between those of some rays, too."""
-    count = len(rays.beams.direction)
-    ways = torch.zeros(count, len(table))
-    if not table.has_grid or options.block == 1:
+    """(H W,M) integrals of the densities along the rays; through grids they lie between those of a lattice."""
+    ways = torch.zeros(len(rays.beams.direction), len(table))
+    if not table.has_grid or not ways_by_lattice(table, rays, GRID_STEPS, options, ways.numpy()):
         ways_through(table.arrays, rays.beams, GRID_STEPS, ways.numpy())
-        return ways
-
-    def integrate(rows: np.ndarray, out: Scattered) -> None:
-        some = np.zeros((len(rows), len(table)), np.float32)
-        beams = rays.beams
-        chosen = Beams(
-            beams.origin if len(beams.origin) == 1 else beams.origin[rows], beams.direction[rows], beams.span[rows]
-        )
-        ways_through(table.arrays, chosen, GRID_STEPS, some)
-        out.radiance[rows] = some
-
-    found, _ = between(integrate, rays, rays.length, NOWHERE, len(table), options)
-    return torch.from_numpy(found)
+    return ways
 
 
 def _integrator(
@@ -181,7 +169,9 @@ def _integrator(
             made = slices_of(shadow_map, views, lamp, rays.sight, options)
         images = images_of(shadow_map, views, pyramid=made is None)
         slices, way = (NO_SLICES, WALKED) if made is None else (made, SLICED)
-    media, source = table.towards(lamp.kind, lamp.numbers, options), Source(lamp.numbers, lamp.airlight(table, reach))
+    media, airlight = table.towards(lamp.kind, lamp.numbers, options), lamp.airlight(table, reach)
+    lattice = lattice_of(media, lamp, table, rays, options) if airlight is NOTHING else NO_LATTICE
+    source = Source(lamp.numbers, airlight, *lattice)
     panels = options.panels * (2 if table.has_grid else 1)
     # Most lit parts of a ray; room that is never touched costs time, too.
     most = 8 + slices.rows.shape[1] // 2

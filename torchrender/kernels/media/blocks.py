@@ -103,25 +103,55 @@ def mark_doubtful(length, marked, samples, told, limits, more):
         first = I64(band) * BAND
         near = borrowed(np.empty((BAND + 2, columns, 4), F))
         gather(samples, length, told, first - 1, near)
-        side = F(block)
-        for y in range(first * block, min((first + BAND) * block, height)):
-            row = y // block - first
-            for x in range(width):
-                more[y, x] = False
-                d = length[y, x]
-                if marked[y, x] or not d > F(0.0):
-                    continue
-                count, low, high = 0, F(2.0), F(-1.0)
-                bx, limit = x // block, eps * d
-                for j in range(row, row + 3):
-                    for i in range(max(bx - 1, 0), min(bx + 2, columns)):
-                        ky, kx = near[j, i, ROW], near[j, i, COLUMN]
-                        if ky < F(0.0) or abs(kx - F(x)) > side or abs(ky - F(y)) > side:
-                            continue
-                        if abs(near[j, i, LENGTH] - d) < limit:
-                            count += 1
-                            low, high = min(low, near[j, i, LIT]), max(high, near[j, i, LIT])
-                more[y, x] = count == 0 or high - low > tolerance
+        calm, side = borrowed(np.empty(columns, np.bool_)), F(block)
+        for by in range(first, min(first + BAND, rows)):
+            row = by - first
+            find_calm(near, row, tolerance, calm)
+            for y in range(by * block, min((by + 1) * block, height)):
+                for x in range(width):
+                    d, bx = length[y, x], x // block
+                    more[y, x] = False
+                    if marked[y, x] or not d > F(0.0):
+                        continue
+                    limit = eps * d
+                    if not (calm[bx] and abs(near[row + 1, bx, LENGTH] - d) < limit):
+                        more[y, x] = is_doubtful(near, (row, bx), (F(y), F(x), side), (d, limit, tolerance))
+
+
+@kernel(inline=True)
+def find_calm(near, row, tolerance, calm):
+    """Blocks that have a sample, where none of the samples around disagree: most pixels need no closer look."""
+    columns = near.shape[1]
+    for bx in range(columns):
+        low, high = F(2.0), F(-1.0)
+        for j in range(row, row + 3):
+            for i in range(max(bx - 1, 0), min(bx + 2, columns)):
+                if near[j, i, ROW] >= F(0.0):
+                    low, high = min(low, near[j, i, LIT]), max(high, near[j, i, LIT])
+        calm[bx] = high - low <= tolerance and near[row + 1, bx, ROW] >= F(0.0)
+
+
+@kernel(inline=True)
+def is_doubtful(near, block, pixel, limits):
+    """A pixel has no samples around that count for it, or ones that disagree.
+
+    Args:
+        near: gathered samples. block: (row of them before the pixel's own, column). pixel: (row, column, side of a
+            block). limits: (length, largest difference of lengths, largest difference of lit shares).
+    """
+    row, bx = block
+    y, x, side = pixel
+    d, limit, tolerance = limits
+    count, low, high = 0, F(2.0), F(-1.0)
+    for j in range(row, row + 3):
+        for i in range(max(bx - 1, 0), min(bx + 2, near.shape[1])):
+            ky, kx = near[j, i, ROW], near[j, i, COLUMN]
+            if ky < F(0.0) or abs(kx - x) > side or abs(ky - y) > side:
+                continue
+            if abs(near[j, i, LENGTH] - d) < limit:
+                count += 1
+                low, high = min(low, near[j, i, LIT]), max(high, near[j, i, LIT])
+    return count == 0 or high - low > tolerance
 
 
 @kernel(parallel=True)

@@ -15,7 +15,8 @@ from torchrender.kernels.atomics import borrowed
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.media.airlight import add_sunlight, airlight_row, airlight_to
 from torchrender.kernels.media.density import box_span
-from torchrender.kernels.media.functions import arctan2
+from torchrender.kernels.media.functions import arctan2, tangent
+from torchrender.kernels.media.lattice import lattice_knows, lattice_to
 from torchrender.kernels.media.nodes import fill_nodes
 from torchrender.kernels.media.panels import WIDTH, fill_panel, integral_to
 from torchrender.kernels.media.records import AMBIENT, AXIS, FADE, FLAT, NEAREST, OUTER, RECT, SPOT, SQUARE, SUN
@@ -212,9 +213,38 @@ def lit_spans(way, images, slices, ray, angles, spans):
 
 
 @kernel(inline=True)
+def blend_lattice(lattice, corner, light, lamp, lit, radiance):
+    """Light of a ray, in ``radiance``, from a lattice.
+
+    Args:
+        light: (its kind, whether parts are told as angles). lamp: (t0, away, length at which the medium begins).
+        lit: (P,2) parts of the ray.
+    """
+    kind, angles = light
+    t0, away, enter = lamp
+    first = arctan2(enter - t0, away) if kind != SUN else F(0.0)
+    scale = F(1.0) / away if kind != SUN else F(1.0)
+    for c in range(len(radiance)):
+        total = F(0.0)
+        for k in range(len(lit)):
+            for side in range(2):
+                x, t, turned = lit[k, side], lit[k, side], F(0.0)
+                if kind != SUN:
+                    if angles:
+                        t = t0 + away * tangent(x)
+                    else:
+                        x = arctan2(t - t0, away)
+                    turned = x - first
+                value = lattice_to(lattice, corner, c, t - enter, turned)
+                total += value if side == 1 else -value
+        radiance[c] = max(total, F(0.0)) * scale
+
+
+@kernel(inline=True)
 def scatter_ray(media, source, seen, ray, settings, scratch, out):
     """One ray: light per channel in ``out[0]``, and what is told of it in ``out[1]``."""
-    kind, light, table, reach = source
+    kind, reach, given = source
+    light, table = given.numbers, given.table
     o, d, begin, end = ray
     way, steps = settings
     panels, nodes, points, active, spans = scratch
@@ -272,6 +302,11 @@ def scatter_ray(media, source, seen, ray, settings, scratch, out):
         for k in range(lit):
             add_sunlight(media, light, o, d, ray[2], spans[k, 0], spans[k, 1], radiance)
         return
+    if given.angle > F(0.0):
+        corner = lattice_knows(given, d, t0, away, kind)
+        if corner[0] >= 0:
+            blend_lattice(given, corner, (kind, angles), (t0, away, ray[2]), spans[:lit], radiance)
+            return
     number = fill_panels(
         media, kind, light, (o, d, t0, away, offset), (ray[2], begin, end), NEAR * steps if close else steps, angles,
         (panels, nodes, points, active),
@@ -303,8 +338,7 @@ def scatter_rays(media, source, images, slices, beams, chosen, settings, out):
     groups = (len(chosen) + GROUP - 1) // GROUP
     for group in prange(groups):
         fields, sight = borrowed(media), (borrowed(images), borrowed(slices))
-        light, table = borrowed(source)
-        lamp = (kind, light, table, reach)
+        lamp = (kind, reach, borrowed(source))
         origin, direction, span = borrowed(beams)
         radiance, told = borrowed(out)
         rows = borrowed(chosen)

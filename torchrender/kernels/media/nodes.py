@@ -102,10 +102,9 @@ def fill_nodes(media, kind, light, ray, part, nodes):
         nodes: (factor (C,N), exponent (C,N), length (N,), variable (N,), scratch (3,N), optical depth before (C,)),
             written; the last becomes that at the end.
     """
-    o, d, t0, away, offset = ray
+    _, _, t0, away, _ = ray
     begin, end, first, last, count, active, angles = part
-    factor, exponent, lengths, variable, scratch, before = nodes
-    channels = media.extinction.shape[1]
+    _, _, lengths, variable, _, _ = nodes
     inverse_count = F(1.0) / F(count - 1)
     for j in range(count):
         share = F(j) * inverse_count
@@ -121,6 +120,20 @@ def fill_nodes(media, kind, light, ray, part, nodes):
         lengths[j] = min(max(t, begin), end)
     lengths[0], lengths[count - 1] = begin, end
     variable[count - 1] = last
+    light_nodes(media, kind, light, ray, (active, count, angles), nodes)
+
+
+@kernel(inline=True)
+def light_nodes(media, kind, light, ray, part, nodes):
+    """Factor and exponent of nodes whose lengths are given, as :func:`fill_nodes`.
+
+    Args:
+        part: active media (M,) bool, nodes, and whether light is told per angle at the lamp; else per length.
+    """
+    o, d, t0, away, offset = ray
+    active, count, angles = part
+    factor, exponent, lengths, _, scratch, before = nodes
+    channels = media.extinction.shape[1]
     for j in range(count):
         along = lengths[j] - t0
         if kind == SUN or kind == AMBIENT:

@@ -67,11 +67,30 @@ class Slices(NamedTuple):
     numbers: np.ndarray  # (18,) see slices
 
 
+class Lattice(NamedTuple):
+    """A light along some rays of a picture as if nothing stood in its way, see lattice."""
+
+    inverse: np.ndarray  # (3,3) from directions to columns and rows of the lattice
+    widths: np.ndarray  # (R,Q,2)
+    cells: np.ndarray  # (R,Q,K,C,4)
+    angle: np.float32  # between the rays of neighbouring nodes, radians; 0: there is no lattice
+
+
+NO_LATTICE = Lattice(
+    np.zeros((3, 3), np.float32), np.zeros((2, 2, 2), np.float32), np.zeros((2, 2, 1, 1, 4), np.float32),
+    np.float32(0.0),
+)  # fmt: skip
+
+
 class Source(NamedTuple):
-    """A light."""
+    """A light, and the lattice on which it is known, if there is one."""
 
     numbers: np.ndarray  # (12,)
     table: np.ndarray  # (C,R,K) of airlight; (1,1,1) for none
+    inverse: np.ndarray = NO_LATTICE.inverse
+    widths: np.ndarray = NO_LATTICE.widths
+    cells: np.ndarray = NO_LATTICE.cells
+    angle: np.float32 = NO_LATTICE.angle
 
 
 class Scattered(NamedTuple):

@@ -23,18 +23,21 @@ class StudyOptions:
     """How much is measured."""
 
     size: tuple[int, int] = (800, 600)  # of pictures that are timed
-    small: tuple[int, int] = (200, 150)  # of pictures that are compared with rays
+    small: tuple[int, int] = (200, 150)  # of T1 as published, and of pictures beside a path tracer
     map_size: int = 1024  # texels of lights' images
-    rays_steps: int = 512
+    published_steps: int = 128  # of T1 as published
+    probes: int = 2000  # pixels of large pictures, from anywhere and from edges, that are compared with references
+    rays_steps: int = 512  # of these, each with a shadow ray
     frames: int = 60  # of the film
     film: tuple[int, int] = (160, 120)
     runs: int = 3
     peer_samples: tuple[int, ...] = (1, 4, 16, 64)  # per pixel, of the path tracer
-    peer_seeds: int = 4  # pictures whose mean is the reference of the path tracer
+    peer_seeds: int = 1  # pictures whose mean is the reference of the path tracer
 
 
 QUICK = StudyOptions(
-    size=(80, 60), small=(40, 30), map_size=256, rays_steps=64, frames=4, film=(40, 30), runs=1,
+    size=(80, 60), small=(40, 30), map_size=256, published_steps=32, probes=100, rays_steps=64, frames=4,
+    film=(40, 30), runs=1,
     peer_samples=(1, 4), peer_seeds=1,
 )  # fmt: skip
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import sys
+import time
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -33,69 +34,14 @@ from torchrender.report.common.command import study_parser
 from torchrender.report.scattering.motion import edits, film
 from torchrender.report.scattering.page import plot, write_page
 from torchrender.report.scattering.peers import beside_mitsuba
+from torchrender.report.scattering.probes import Probes
 from torchrender.report.scattering.scenes import KINDS, eye, t1, t2
-from torchrender.report.scattering.stage import QUICK, Stage, StudyOptions, errors, shaft_edges
+from torchrender.report.scattering.stage import QUICK, Stage, StudyOptions
 from torchrender.report.scattering.streamed import after_steps
+from torchrender.report.scattering.ways import published, ways
 from torchrender.scene.light import PointLight
 
 # ---------------------------------------------------------------- parts
-
-
-def published(study: StudyOptions) -> list[dict[str, Any]]:
-    """The table of T1: blocks, guard and gradients against all rays, without shadows."""
-    stage = Stage.of(t1(), eye(*study.small), study.map_size, shadows=False)
-    every = stage.light(block=1, way="march", steps=128, jitter=False)
-    rows = []
-    for block, guard, gradient in (
-        (3, 0, "none"), (3, 0, "nearest"), (3, 0, "lsq"), (3, 20, "lsq"), (2, 20, "lsq"),
-    ):  # fmt: skip
-        how = {"block": block, "halo_guard_px": guard, "gradient": gradient}
-        layer = stage.layer(way="march", steps=128, jitter=False, **how)
-        row = {**how, "marched": float(layer.integrated.mean())}
-        rows.append(row | errors(layer.scattered[0, ..., 0].double(), every))
-    return rows
-
-
-def ways(study: StudyOptions) -> list[dict[str, Any]]:
-    """T1 and T2: errors against the walk and against rays, and milliseconds of the picture with all set-up."""
-    rows = []
-    cases = [("T1", "lamp", t1), ("T2", "sun", lambda k: t2("sun", k)), ("T2", "lamp", lambda k: t2("lamp", k))]
-    for name, light, make in cases:
-        for kind in KINDS:
-            focal = 0.9 * study.size[0]
-            stage = Stage.of(make(kind), eye(*study.size, focal), study.map_size)
-            small = Stage.of(make(kind), eye(*study.small, 0.9 * study.small[0]), study.map_size)
-            walk = stage.light(way="walk", block=1, panels=32)
-            rays = small.light(way="march", shadows="rays", block=1, steps=study.rays_steps)
-            edge, small_edge = shaft_edges(walk), shaft_edges(rays)
-            rows += _ways_of(stage, small, (walk, edge), (rays, small_edge), study, f"{name} {light}, {kind}")
-    return rows
-
-
-def _ways_of(
-    stage: Stage, small: Stage, walk: tuple[Tensor, Tensor], rays: tuple[Tensor, Tensor], study: StudyOptions, name: str
-) -> list[dict[str, Any]]:
-    plans: dict[str, dict[str, Any]] = {
-        "walk": {"way": "walk", "block": 1},
-        "slices": {"way": "slices", "block": 1},
-        "slices, 2 x 2": {"way": "slices", "block": 2},
-        "slices, 3 x 3": {"way": "slices", "block": 3},
-        "walk, 3 x 3": {"way": "walk", "block": 3},
-        "walk, 3 x 3, marks by length alone": {"way": "walk", "block": 3, "share_tolerance": 1.0},
-        "64 steps": {"way": "march", "block": 1},
-        "64 steps, 3 x 3": {"way": "march", "block": 3},
-    }
-    timed = take_turns({k: _timed(stage, o) for k, o in plans.items()}, runs=study.runs, warm_up=1)
-    rows = []
-    for label, how in plans.items():
-        layer = stage.layer(**how)
-        against_walk = errors(layer.scattered[0, ..., 0].double(), *walk)
-        against_rays = errors(small.light(**how), *rays)
-        rows.append({
-            "case": name, "way": label, "ms": timed[label].median, "least_ms": timed[label].least,
-            "walk": against_walk, "rays": against_rays, "share": float(layer.integrated.mean()),
-        })  # fmt: skip
-    return rows
 
 
 def _timed(stage: Stage, how: dict[str, Any]) -> Callable[[], object]:
@@ -105,9 +51,10 @@ def _timed(stage: Stage, how: dict[str, Any]) -> Callable[[], object]:
 def costs(study: StudyOptions) -> dict[str, Any]:
     """Time against steps, panels, lights, and the share of rays that meet a medium."""
     stage = Stage.of(t2("lamp"), eye(*study.size), study.map_size)
-    candidates = {f"{n} steps": {"way": "march", "steps": n, "block": 1} for n in (16, 32, 64, 128)}
-    candidates |= {f"block {n}": {"block": n} for n in (1, 2, 3)}
+    candidates: dict[str, dict[str, Any]] = {f"block {n}": {"block": n} for n in (1, 2, 3)}
     found = take_turns({k: _timed(stage, o) for k, o in candidates.items()}, runs=study.runs, warm_up=1)
+    candidates = {f"{n} steps": {"way": "march", "steps": n, "block": 1} for n in (8, 16, 32, 64)}
+    found |= take_turns({k: _timed(stage, o) for k, o in candidates.items()}, runs=1, warm_up=0)
     lights: dict[str, Callable[[], object]] = {}
     for count in (1, 2, 4, 8):
         lamps = tuple(PointLight(position=torch.tensor([1.0 - 0.3 * k, 1.2, -4.5 + 0.4 * k])) for k in range(count))
@@ -129,24 +76,29 @@ def costs(study: StudyOptions) -> dict[str, Any]:
 
 
 def baselines(study: StudyOptions) -> dict[str, dict[str, float]]:
-    """T1 against 8 jittered rays' worth of 1,024 steps: the source's baselines."""
+    """T1 against the mean of 8 jittered rays of 1,024 steps in some pixels: the source's baselines."""
     stage = Stage.of(t1(), eye(*study.small), study.map_size)
-    reference = torch.stack([
-        stage.light(way="march", steps=min(1024, 2 * study.rays_steps), block=1, seed=s) for s in range(8)
-    ]).mean(0)  # fmt: skip
+    every = stage.light(block=1)
+    probes = Probes.of(stage, every, study.probes)
+    steps = min(1024, 2 * study.rays_steps)
+    reference = torch.stack([probes.light(way="march", steps=steps, seed=s) for s in range(8)]).mean(0)
     medium = stage.scene.media[0]
     distance = stage.seen.depth[0].double().clamp_max(1e6)
-    blend = (1 - torch.exp(-float(medium.extinction[0]) * distance)) * reference.mean()
-    return {
-        "all rays, 64 steps": errors(stage.light(way="march", block=1), reference),
-        "all rays, slices": errors(stage.light(block=1), reference),
-        "3 x 3, least squares": errors(stage.light(block=3), reference),
-        "3 x 3, no gradient": errors(stage.light(block=3, gradient="none"), reference),
-        "3 x 3, nearest (printed)": errors(stage.light(block=3, gradient="nearest"), reference),
-        "3 x 3, bilinear, samples alone": errors(_bilinear(stage, 3), reference),
-        "3 x 3, no division by length": errors(_undivided(stage, 3), reference),
-        "plain fog blend": errors(blend, reference),
+    blend = (1 - torch.exp(-float(medium.extinction[0]) * distance)) * every.mean()
+    pictures = {
+        "all rays, 64 steps": stage.light(way="march", block=1),
+        "all rays, 64 equal steps, scheme of the source": stage.light(
+            way="march", block=1, scheme="source", equiangular=False
+        ),
+        "all rays, slices": every,
+        "3 x 3, least squares": stage.light(block=3),
+        "3 x 3, no gradient": stage.light(block=3, gradient="none"),
+        "3 x 3, nearest (printed)": stage.light(block=3, gradient="nearest"),
+        "3 x 3, bilinear, samples alone": _bilinear(stage, 3),
+        "3 x 3, no division by length": _undivided(stage, 3),
+        "plain fog blend": blend,
     }
+    return {name: probes.errors(light, reference) for name, light in pictures.items()}
 
 
 def _bilinear(stage: Stage, block: int) -> Tensor:
@@ -183,7 +135,15 @@ def trends(study: StudyOptions) -> dict[str, list[float]]:
     def three(value: float) -> Tensor:
         return torch.full((3,), value)
 
+    def held_back(value: float) -> float:
+        medium = replace(stage.scene.media[0], scattering=three(value), absorption=three(0.0))
+        layer = replace(stage, scene=replace(stage.scene, media=(medium,))).layer(block=1)
+        return 1.0 - float(layer.transmittance.mean())
+
     return {
+        "share of surfaces' light held back: scattering 0.15 to 0.55, no absorption": [
+            held_back(s) for s in (0.15, 0.25, 0.35, 0.45, 0.55)
+        ],
         "scattering 0.02 to 0.1, no absorption": [
             mean(scattering=three(s), absorption=three(0.0)) for s in (0.02, 0.04, 0.06, 0.08, 0.1)
         ],
@@ -224,12 +184,13 @@ def run_study(study: StudyOptions, folder: Path) -> dict[str, Any]:
         "edits": lambda: edits(study),
         "streamed": lambda: after_steps(study.film[0] * 2),
         "peer": lambda: beside_mitsuba(study),
+        "picture": lambda: picture(study, folder / "scattering.jpg"),
     }
     record: dict[str, Any] = {"machine": machine_record(), "load": os.getloadavg()[0], "study": asdict(study)}
     for name, measure in parts.items():
+        begin = time.perf_counter()
         record[name] = measure()
-        sys.stderr.write(f"{name}: measured\n")
-    picture(study, folder / "scattering.jpg")
+        sys.stderr.write(f"{name}: {time.perf_counter() - begin:.0f} s\n")
     write_atomically(folder / "scattering-cost.png", lambda path: plot(path, record["costs"]))
     return record
 
