@@ -178,7 +178,8 @@ def test_files_become_scenes_and_go_again(visit: Callable[..., Visit]) -> None:
     assert sorted(names) == ["cornell box", "living room"]
     page.page.locator("#upload-files").set_input_files([text_files()[1]])
     page.wait("() => document.querySelector('#upload-text').innerText.includes('None of these files')")
-    assert not [p for p in page.problems if "404" not in p]
+    # A picture may be asked for while its scene is being deleted.
+    assert not [p for p in page.problems if "404" not in p and "the scene was deleted" not in p]
 
 
 @pytest.mark.parametrize("size", [(390, 844), (1280, 720)])

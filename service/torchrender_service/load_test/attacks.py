@@ -10,13 +10,14 @@ import signal
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from torchrender_service.load_test.driver import LoadClient, ServerUnderTest, client, percentile, running_server
+from torchrender_service.load_test.driver import LoadClient, ServerUnderTest, client, running_server
 from torchrender_service.load_test.files import large_texture_glb, long_key_toml, long_name_glb
 from torchrender_service.load_test.raw import Raw, ask, attacker, post_head
 from torchrender_service.load_test.rows import Effort, Row
+from torchrender_service.load_test.watching import watch
 
 SESSIONS = 10
 SMALL = {"width": 96, "height": 54, "layers": 0}
@@ -24,39 +25,12 @@ WALK = {"poses_per_s": 10.0, "reach": 0.01}
 """Of each honest session: slow enough that all together need a third of what one renderer can do, so that their delay
 is that of pictures and not of a queue of their own making."""
 THREADS = 64
-HEALTH_S = 0.05
 OVER_S = 30.0
 SLOWER = 1.10
 HEALTH_MS = 50.0
 LOG_BYTES_PER_MINUTE = 2**20
 GROWTH_MB = 1536.0
 """More memory than this, beside what honest sessions need, and an attack has taken it."""
-
-
-@dataclass(eq=False)
-class Seen:
-    """What honest clients notice, and what the server takes, in one stretch of time."""
-
-    latencies_s: list[float] = field(default_factory=list)
-    health_s: list[float] = field(default_factory=list)
-    memory_mb: list[float] = field(default_factory=list)
-    log_bytes: float = 0.0
-    seconds: float = 0.0
-
-    @property
-    def p95_ms(self) -> float:
-        """From a pose to its keyframe."""
-        return 1e3 * percentile(self.latencies_s, 0.95)
-
-    @property
-    def health_ms(self) -> float:
-        """p99 of /health."""
-        return 1e3 * percentile(self.health_s, 0.99)
-
-    @property
-    def log_per_minute(self) -> float:
-        """Bytes that the log grew by, in a minute."""
-        return 60.0 * self.log_bytes / max(self.seconds, 1e-9)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,7 +79,7 @@ async def _honest(server: ServerUnderTest) -> AsyncIterator[list[LoadClient]]:
 async def _row(
     server: ServerUnderTest, sessions: list[LoadClient], attack: Attack, seconds: tuple[float, float]
 ) -> Row:
-    before = await _watch(server, sessions, asyncio.sleep(seconds[0]))
+    before = await watch(server, sessions, asyncio.sleep(seconds[0]))
     found: list[str] = []
 
     async def play() -> None:
@@ -119,7 +93,7 @@ async def _row(
     async def play_for_long_enough() -> None:
         await asyncio.gather(play(), asyncio.sleep(seconds[0]))
 
-    during = await _watch(server, sessions, play_for_long_enough())
+    during = await watch(server, sessions, play_for_long_enough())
     over = await _over_after(server)
     grown = max(during.memory_mb) - min(before.memory_mb)
     slower = during.p95_ms / before.p95_ms
@@ -146,30 +120,6 @@ async def _row(
         "over_after_s": over,
     }
     return Row(what=attack.name, goal=goal, measured=text.replace("MISSED", "missed"), met=met, details=details)
-
-
-async def _watch(server: ServerUnderTest, sessions: list[LoadClient], work: Awaitable[None]) -> Seen:
-    """What is seen while something happens."""
-    seen, begin, log = Seen(), time.perf_counter(), server.log_bytes()
-    for one in sessions:
-        one.latencies_s.clear()
-
-    async def ask_health() -> None:
-        while True:
-            began = time.perf_counter()
-            status, _ = await asyncio.to_thread(ask, server, "GET", "/health")
-            seen.health_s.append(time.perf_counter() - began if status == 200 else float("inf"))
-            seen.memory_mb.append(server.memory_mb())
-            await asyncio.sleep(HEALTH_S)
-
-    asking = asyncio.create_task(ask_health())
-    await work
-    asking.cancel()
-    await asyncio.gather(asking, return_exceptions=True)
-    seen.latencies_s = [s for one in sessions for s in one.latencies_s]
-    seen.seconds = time.perf_counter() - begin
-    seen.log_bytes = server.log_bytes() - log
-    return seen
 
 
 async def _over_after(server: ServerUnderTest) -> float:

@@ -12,10 +12,10 @@ from torchrender.effects.media.light_images import angle_range, images_of, slice
 from torchrender.effects.media.options import ScatterOptions
 from torchrender.effects.media.tables import LightTable, MediaTable
 from torchrender.effects.shadows.shadow_map import ShadowOptions, render_shadow_map
-from torchrender.kernels.media.integrate import light_span
 from torchrender.kernels.media.march import looked_up
 from torchrender.kernels.media.pyramid import build_pyramid
 from torchrender.kernels.media.slices import RUN, slice_ray
+from torchrender.kernels.media.spans import light_span
 from torchrender.kernels.media.walk import walk_ray
 from torchrender.raster import rasterize
 from torchrender.scene.light import Light, RectLight, SpotLight

@@ -60,7 +60,7 @@ def lattice_of(media: Media, light: LightTable, table: MediaTable, rays: EyeRays
     matrix, inverse, shape = _nodes(rays, step)
     widths = np.empty((*shape, 2), np.float32)
     cells = np.empty((*shape, INTERVALS, media.extinction.shape[1], 4), np.float32)
-    fill_lattice(media, light.kind, light.numbers, matrix, step, rays.beams.span, rays.shape, widths, cells)
+    fill_lattice(media, (light.kind, light.numbers), matrix, step, rays.beams.span, rays.shape, widths, cells)
     assert rays.sight is not None
     return Lattice(inverse, widths, cells, np.float32(step * rays.sight.pixel))
 

@@ -186,15 +186,17 @@ def place_nodes(ends, lamp, count, lengths, rates):
 
 
 @kernel(parallel=True)
-def fill_lattice(media, kind, light, matrix, step, span, shape, widths, cells):
+def fill_lattice(media, source, matrix, step, span, shape, widths, cells):
     """Light of one source along the rays of a lattice in the only medium.
 
     Args:
+        source: kind of light, and its numbers.
         widths: (R,Q,2) counts per length and per angle, the first UNKNOWN where there is nothing; written.
         cells: (R,Q,K,C,4) integral before an interval and three coefficients of the quadratic in it, times the ray's
             distance from a lamp; written.
         others: as :func:`fill_ways`.
     """
+    kind, light = source
     intervals, channels = cells.shape[2], cells.shape[3]
     count = 2 * intervals + 1
     for row in prange(widths.shape[0]):

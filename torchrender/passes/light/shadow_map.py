@@ -13,9 +13,9 @@ from typing import Any
 
 from torchrender.buffers import GBuffer, ShadowMap
 from torchrender.effects.shadows.light_reach import shines
-from torchrender.effects.shadows.movers import covers
+from torchrender.effects.shadows.movers import covers, with_movers
 from torchrender.effects.shadows.options import ShadowOptions
-from torchrender.effects.shadows.shadow_map import light_views, render_shadow_map
+from torchrender.effects.shadows.shadow_map import draw_shadow_map, light_views, render_shadow_map
 from torchrender.effects.shadows.small_lights import lights_without_maps
 from torchrender.effects.shadows.view_cameras import view_cameras
 from torchrender.passes.contract import Amounts, OwnMeasure, Pass
@@ -216,6 +216,31 @@ HARD = HardEffect(
     turns=False,
 )
 
+
+def _depths_with_movers(subject: Subject) -> Outputs:
+    """Every other mesh moves."""
+    scene = subject.scene
+    still, movers = (replace(scene, meshes=scene.meshes[first::2]).geometry for first in (0, 1))
+    found = {}
+    for number, light in enumerate(scene.lights):
+        views_of = light_views(scene.geometry, light, SMALL_SHADOW)
+        made = with_movers(draw_shadow_map(still, views_of, None, SMALL_SHADOW), movers, SMALL_SHADOW.cull)
+        found[f"light {number}"] = made.depth / subject.unit
+    return found
+
+
+MOVED = replace(
+    HARD,
+    name="moved_shadow_map",
+    modules=("effects.shadows.movers",),
+    run=_depths_with_movers,
+    law=Law(
+        text="maps into which what moves is drawn are those of everything: share of texels where not",
+        deviation=lambda subject, found: difference(found, _depths(subject), 1e-5),
+        limit=0.001,
+    ),
+)
+
 PASS = Pass(
     name="shadow_map",
     summary="depth as lights see it",
@@ -233,5 +258,5 @@ PASS = Pass(
     amounts=amounts,
     one_cost=True,
     own=OwnMeasure(title="visibility error", buffer=POINT_SHADOW, error=visibility_error(POINT_SHADOW)),
-    hard=(HARD,),
+    hard=(HARD, MOVED),
 )
