@@ -19,7 +19,7 @@ def twin(few: Few, many: Many, out: np.ndarray) -> None:
         y, x = (j - few.step // 2) / few.step, (i - few.step // 2) / few.step
         total, weights = np.zeros(few.values.shape[2]), 0.0
         for r, c in np.ndindex(few.normal.shape[:2]):
-            beside = max(REACH - abs(y - r), 0.0) * max(REACH - abs(x - c), 0.0)
+            beside = np.clip(REACH - abs(y - r), 0.0, 1.0) * np.clip(REACH - abs(x - c), 0.0, 1.0)
             if beside <= 0 or not few.normal[r, c].any():
                 continue
             off = float((few.position[r, c] - here) @ normal) * near
@@ -53,3 +53,21 @@ def test_pixels_follow_points_of_their_own_plane() -> None:
     twin(few, many, expected)
     np.testing.assert_allclose(found, expected, rtol=2e-3, atol=1e-4)
     assert (found[2, 3] == 7.0).all()
+
+
+def test_a_pattern_leaves_no_dots_on_a_plane() -> None:
+    """Sixteen points that differ by their number in the pattern: every pixel away from the border shows their mean."""
+    side, step = 48, 3
+    lens = np.array([40.0, 40.0, 24.0, 24.0], np.float32)
+    depth, turn = np.full((side, side), 2.0, np.float32), np.eye(3, dtype=np.float32)
+    facing = np.zeros((side, side, 3), np.float32)
+    facing[..., 2] = -1.0
+    at = np.arange(step // 2, side, step)
+    x = (at + 0.5 - 24.0) / 40.0 * 2.0
+    position = np.stack([*np.meshgrid(x, x), np.full((len(at), len(at)), 2.0)], axis=-1).astype(np.float32)
+    pattern = np.random.default_rng(1).uniform(size=(4, 4)).astype(np.float32)
+    values = np.tile(pattern, (len(at) // 4 + 1, len(at) // 4 + 1))[: len(at), : len(at), None].copy()
+    found = np.zeros((side, side, 1), np.float32)
+    few = Few(position, facing[step // 2 :: step, step // 2 :: step].copy(), values, step)
+    spread_points(few, Many(depth, facing, turn, lens), found)
+    np.testing.assert_allclose(found[9:-9, 9:-9, 0], pattern.mean(), atol=1e-5)

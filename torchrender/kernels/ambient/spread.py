@@ -9,8 +9,9 @@ from numba import prange
 
 from torchrender.kernels.compile import kernel
 
-REACH = 2.0
-"""Points of a row that count, to either side: four in all, so that each number of the pattern counts once."""
+REACH = 2.5
+"""Points of a row that count, to either side: wholly but for the last unit, where they fade. Two points that are four
+apart count as one, so that each number of the pattern has the same share in every pixel, and leaves no dots."""
 
 
 class Few(NamedTuple):
@@ -59,15 +60,15 @@ def spread_points(few, many, out):
             here = px * nx + py * ny + z * nz
             weights = np.float32(0.0)
             total[:] = np.float32(0.0)
-            for r in range(top if top > 0 else 0, top + 4 if top + 4 < rows else rows):
-                beside = reach - abs(y - np.float32(r))
-                for c in range(left if left > 0 else 0, left + 4 if left + 4 < columns else columns):
+            for r in range(top if top > 0 else 0, top + 5 if top + 5 < rows else rows):
+                beside = min(reach - abs(y - np.float32(r)), one)
+                for c in range(left if left > 0 else 0, left + 5 if left + 5 < columns else columns):
                     p, n = few.position[r, c], few.normal[r, c]
                     like = max(n[0] * nx + n[1] * ny + n[2] * nz, zero)
                     off = (p[0] * nx + p[1] * ny + p[2] * nz - here) * near
                     like *= max(one - off * off, zero)
                     like *= like
-                    weight = beside * (reach - abs(x - np.float32(c))) * (like * like + least)
+                    weight = beside * min(reach - abs(x - np.float32(c)), one) * (like * like + least)
                     if n[0] == zero and n[1] == zero and n[2] == zero:
                         continue
                     weights += weight
