@@ -21,7 +21,7 @@ from torchrender_service.load_test.watching import watch
 
 SESSIONS = 10
 SMALL = {"width": 96, "height": 54, "layers": 0}
-WALK = {"poses_per_s": 10.0, "reach": 0.01}
+WALK = {"poses_per_s": 10.0, "period_s": 12.0}
 """Of each honest session: slow enough that all together need a third of what one renderer can do, so that their delay
 is that of pictures and not of a queue of their own making."""
 THREADS = 64
