@@ -240,6 +240,11 @@ class Visit:
         """What the page sent, of one type."""
         return [decode(data).message for data in self.sent if data[5] == kind]
 
+    @property
+    def keyframe_count(self) -> int:
+        """Messages with a layer of a keyframe that the page has received; others tell that the server is there."""
+        return sum(data[5] == Type.KEYFRAME for data in self.received)
+
     def wait_for_message(self, kind: Type, fits: Callable[[Any], bool]) -> None:
         """Until the page has sent a message of one type that fits."""
         end = time.monotonic() + FRAME_MS / 1000

@@ -208,7 +208,7 @@ def test_shape_is_enhanced_without_a_new_keyframe(visit: Callable[..., Visit]) -
     page = visit(scene="nest", layers=0)
     page.wait(REFINED)
     page.rest()
-    asked = len(page.messages(Type.SETTINGS)), len(page.received)
+    asked = len(page.messages(Type.SETTINGS)), page.keyframe_count
     plain, covered = page.capture()
     made, still = page.capture(enhance=0.8)
     assert np.array_equal(covered, still)
@@ -219,7 +219,7 @@ def test_shape_is_enhanced_without_a_new_keyframe(visit: Callable[..., Visit]) -
     page.page.locator("#enhance").fill("80")
     assert page.page.locator("#enhance-value").inner_text() == "80 %"
     page.rest()
-    assert (len(page.messages(Type.SETTINGS)), len(page.received)) == asked, "the server hears nothing of it"
+    assert (len(page.messages(Type.SETTINGS)), page.keyframe_count) == asked, "the server hears nothing of it"
     again, _ = page.capture()
     assert np.array_equal(again, plain)
     assert not page.problems

@@ -106,6 +106,8 @@ def test_an_interrupted_warm_up_leaves_no_process_and_goes_on(empty, tmp_path) -
     process = subprocess.Popen(
         [sys.executable, "-m", "torchrender", "warm-up", "--for", "points"],
         env=environment, stderr=subprocess.PIPE, text=True, cwd=tmp_path, start_new_session=True,
+        # Jobs in the background of a shell ignore Ctrl-C, and what they start does, too.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )  # fmt: skip
     assert process.stderr is not None
     with process.stderr as told:

@@ -65,8 +65,8 @@ def test_guesses_see_the_walls_and_not_the_inside_of_the_mirror() -> None:
 
 
 def test_the_cube_finds_ambient_light_by_a_sixteenth_of_the_rays(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A half of the usual cube, beside one with 24 rays a texel: less than a step or two of 255 apart on the mean."""
-    monkeypatch.setattr(scene_cube, "CUBE_SIZE", 64)
+    """The usual cube, beside one with 24 rays a texel: less than a step or two of 255 apart on the mean."""
+    monkeypatch.setattr(scene_cube, "CUBE_SIZE", 128)
     scene = replace(room(placed(box(torch.ones(3)), (1.5, -2.0, 0.0), 1)), ambient=torch.full((3,), 0.5))
     scene = replace(scene, materials=(scene.materials[0], Material(diffuse=torch.full((3,), 0.7))), environment=None)
     made = []
