@@ -28,7 +28,7 @@ def with_movers(still: ShadowMap, movers: Geometry, cull: str = "none") -> Shado
         return still
     depth = torch.from_numpy(np.empty(tuple(still.depth.shape), np.float32)).copy_(still.depth)
     for number, (left, top, right, bottom) in windows.items():
-        camera = _part(still.cameras, number, (left, top, right, bottom))
+        camera = still.cameras[number].sub_camera(left, top, right - left, bottom - top)
         part = depth[number, top:bottom, left:right]
         torch.minimum(part, rasterize_depth(movers, camera, cull=cull)[0], out=part)
     return replace(still, depth=depth)
@@ -59,17 +59,6 @@ def deeper(cameras: Cameras) -> Cameras:
     if cameras.orthographic:
         return cameras
     return replace(cameras, near=cameras.near / 8, far=cameras.far * 2)
-
-
-def _part(cameras: Cameras, number: int, window: Window) -> Cameras:
-    """What a camera sees in a window, as :meth:`Cameras.sub_camera` makes it."""
-    left, top, right, bottom = window
-    k = cameras.intrinsics[number : number + 1].clone()
-    k[:, 0, 2] -= left
-    k[:, 1, 2] -= top
-    own = slice(number, number + 1)
-    pose, near, far = cameras.camera_from_world[own], cameras.near[own], cameras.far[own]
-    return Cameras(pose, k, right - left, bottom - top, near, far, cameras.orthographic)
 
 
 def _window(uv: Tensor, depth: Tensor, cameras: Cameras, number: int) -> Window | None:

@@ -103,18 +103,25 @@ def uv_density(vertices, faces, uv, t):
     return math.sqrt(texture / area) if area > 0.0 and math.isfinite(area) else 0.0
 
 
-@kernel()
-def shading_normal(normals, faces, t, u, v, face):
-    """The interpolated normal, turned to the side of the face normal; the face normal where there is none."""
-    sx, sy, sz = unit(
-        blend(normals, faces, t, u, v, 0), blend(normals, faces, t, u, v, 1), blend(normals, faces, t, u, v, 2)
-    )
+@kernel(inline=True)
+def turned_to(normal, face):
+    """A unit normal turned to the side of the face normal; the face normal where it has none."""
+    sx, sy, sz = normal
     same_side = sx * face[0] + sy * face[1] + sz * face[2]
     if same_side < 0.0:
         return -sx, -sy, -sz
     if same_side == 0.0:
         return face
     return sx, sy, sz
+
+
+@kernel()
+def shading_normal(normals, faces, t, u, v, face):
+    """The interpolated normal, turned to the side of the face normal; the face normal where there is none."""
+    normal = unit(
+        blend(normals, faces, t, u, v, 0), blend(normals, faces, t, u, v, 1), blend(normals, faces, t, u, v, 2)
+    )
+    return turned_to(normal, face)
 
 
 @kernel()

@@ -14,6 +14,7 @@ from torchrender.kernels.raster.attributes import (
     face_of,
     ray_of,
     texture_footprint,
+    turned_to,
     unit,
 )
 
@@ -59,13 +60,7 @@ def blended_normal(corners, u, v, face):
     """As :func:`shading_normal`, of :func:`corner_normals`."""
     ax, ay, az, bx, by, bz, cx, cy, cz = corners
     w = 1.0 - u - v
-    sx, sy, sz = unit(w * ax + u * bx + v * cx, w * ay + u * by + v * cy, w * az + u * bz + v * cz)
-    same_side = sx * face[0] + sy * face[1] + sz * face[2]
-    if same_side < 0.0:
-        return -sx, -sy, -sz
-    if same_side == 0.0:
-        return face
-    return sx, sy, sz
+    return turned_to(unit(w * ax + u * bx + v * cx, w * ay + u * by + v * cy, w * az + u * bz + v * cz), face)
 
 
 @kernel(inline=True)

@@ -45,21 +45,30 @@ def add_phong(s, n, light, shiny):
 
 
 @kernel(inline=True)
-def albedo(table, cosine, roughness):
-    """Directional albedo: terms of f0 and of f90, and of sheen."""
+def corners_of(table, cosine, roughness):
+    """Where a table over roots of cosines and roughness, both from 0 to 1, is read: rows, columns, and weights."""
     last = f4(table.shape[0] - 1)
-    x, y = math.sqrt(min(max(cosine, ZERO), ONE)) * last, min(max(roughness, ZERO), ONE) * last
+    x, y = math.sqrt(cosine) * last, roughness * last
     i, j = min(np.int32(x), np.int32(table.shape[0] - 2)), min(np.int32(y), np.int32(table.shape[0] - 2))
     u, v = x - f4(i), y - f4(j)
     w11 = u * v
     w01, w10 = u - w11, v - w11
     w00 = ONE - u - w10
-    k, m = i + np.int32(1), j + np.int32(1)
-    return (
-        w00 * table[j, i, 0] + w01 * table[j, k, 0] + w10 * table[m, i, 0] + w11 * table[m, k, 0],
-        w00 * table[j, i, 1] + w01 * table[j, k, 1] + w10 * table[m, i, 1] + w11 * table[m, k, 1],
-        w00 * table[j, i, 2] + w01 * table[j, k, 2] + w10 * table[m, i, 2] + w11 * table[m, k, 2],
-    )
+    return j, j + np.int32(1), i, i + np.int32(1), w00, w01, w10, w11
+
+
+@kernel(inline=True)
+def read_at(table, corners, c):
+    """Bilinear value of channel ``c``; ``corners`` by :func:`corners_of`."""
+    j, m, i, k, w00, w01, w10, w11 = corners
+    return w00 * table[j, i, c] + w01 * table[j, k, c] + w10 * table[m, i, c] + w11 * table[m, k, c]
+
+
+@kernel(inline=True)
+def albedo(table, cosine, roughness):
+    """Directional albedo: terms of f0 and of f90, and of sheen."""
+    at = corners_of(table, min(max(cosine, ZERO), ONE), min(max(roughness, ZERO), ONE))
+    return read_at(table, at, 0), read_at(table, at, 1), read_at(table, at, 2)
 
 
 @kernel(inline=True)

@@ -7,11 +7,9 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.shading.lights import polygon
-from torchrender.kernels.shading.lobes import COAT_F0, SMOOTHEST, albedo
+from torchrender.kernels.shading.lobes import COAT_F0, SMOOTHEST, albedo, corners_of, read_at
 from torchrender.kernels.shading.records import SLOT, SPAN
 from torchrender.kernels.shading.simd import HALF, INV_PI, ONE, ZERO, f4
 
@@ -40,21 +38,11 @@ def moved(p, frame, matrix):
 @kernel(inline=True)
 def transform(table, cosine, roughness):
     """Bilinear numbers of the table."""
-    last = f4(table.shape[0] - 1)
-    x, y = math.sqrt(cosine) * last, min(roughness, ONE) * last
-    i, j = min(np.int32(x), np.int32(table.shape[0] - 2)), min(np.int32(y), np.int32(table.shape[0] - 2))
-    u, v = x - f4(i), y - f4(j)
-    w11 = u * v
-    w01, w10 = u - w11, v - w11
-    w00 = ONE - u - w10
-    k, m = i + np.int32(1), j + np.int32(1)
+    at = corners_of(table, cosine, min(roughness, ONE))
     return (
-        w00 * table[j, i, 0] + w01 * table[j, k, 0] + w10 * table[m, i, 0] + w11 * table[m, k, 0],
-        w00 * table[j, i, 1] + w01 * table[j, k, 1] + w10 * table[m, i, 1] + w11 * table[m, k, 1],
-        w00 * table[j, i, 2] + w01 * table[j, k, 2] + w10 * table[m, i, 2] + w11 * table[m, k, 2],
-        w00 * table[j, i, 3] + w01 * table[j, k, 3] + w10 * table[m, i, 3] + w11 * table[m, k, 3],
-        w00 * table[j, i, 4] + w01 * table[j, k, 4] + w10 * table[m, i, 4] + w11 * table[m, k, 4],
-    )
+        read_at(table, at, 0), read_at(table, at, 1), read_at(table, at, 2), read_at(table, at, 3),
+        read_at(table, at, 4),
+    )  # fmt: skip
 
 
 @kernel(inline=True)
