@@ -262,6 +262,13 @@ class Visit:
         return [found[layer] for layer in sorted(found)]
 
 
+def says(page: Any, selector: str, text: str, timeout: float = FRAME_MS) -> None:
+    """Wait until an element's text contains another: the page may write it after what a test waited for."""
+    from playwright.sync_api import expect
+
+    expect(page.locator(selector)).to_contain_text(text, timeout=timeout)
+
+
 def run_script(page: Any, script: str, **values: Any) -> Any:
     """What a script in the page returns; ``values`` are its ``given``. Byte strings travel as base64, both ways."""
     packed = {k: base64.b64encode(v).decode() if isinstance(v, bytes) else v for k, v in values.items()}

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image as PilImage
 
-from browser_stage import Service
+from browser_stage import Service, says
 from torchrender.photo.fog import parse_marks
 
 PHONE = {"viewport": {"width": 390, "height": 780}, "has_touch": True, "is_mobile": True, "device_scale_factor": 2}
@@ -116,7 +116,7 @@ def marking(browser: Any, service: Service) -> Iterator[Open]:
 
 def test_a_room_is_marked_with_the_mouse_and_saved(marking: Open) -> None:
     page = marking()
-    assert "Mark the room" in page.page.locator("#message").inner_text()
+    says(page.page, "#message", "Mark the room")
     page.press("Room")
     before = page.at("marks")["room"]["corners"]
     start = before["back_left_floor"]
@@ -179,7 +179,7 @@ def test_outlines_are_changed_corner_by_corner(marking: Open) -> None:
     page.press("Light")
     page.page.locator('[data-field="wall"]').select_option("front")
     page.page.wait_for_function("() => document.querySelector('#message').dataset.kind === 'error'", timeout=WAIT_MS)
-    assert "front of the room" in page.page.locator("#message").inner_text()
+    says(page.page, "#message", "front of the room")
     page.press("Undo")
     page.settle()
     assert page.page.locator("#message").get_attribute("data-kind") == "note"

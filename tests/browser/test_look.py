@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import torchrender as tr
-from browser_stage import COMPLETE, FRAME_MS, JPEG_READY, REFINED, Service, Visit, camera_of
+from browser_stage import COMPLETE, FRAME_MS, JPEG_READY, REFINED, Service, Visit, camera_of, says
 from torchrender.wire.messages import Settings, Type
 
 AXE = """
@@ -82,13 +82,13 @@ def test_effects_are_left_out_and_cost_nothing_then(visit: Callable[..., Visit])
     page.wait(REFINED)
     page.page.locator("#toggle").click()
     before = page.capture()[0].astype(int)
-    assert "ms" in page.page.locator("#cost-shadows").inner_text()
+    says(page.page, "#cost-shadows", "ms")
     page.page.locator("#effect-shadows").uncheck()
     page.wait_for_message(Type.SETTINGS, lambda it: isinstance(it, Settings) and it.off == ("shadows",))
     asked = page.messages(Type.SETTINGS)[-1].seq
     page.wait(f"() => window.torchrender.keyframes[0].settings >= {asked}")
     page.wait(REFINED)
-    assert page.page.locator("#cost-shadows").inner_text() == "nothing"
+    says(page.page, "#cost-shadows", "nothing")
     assert np.abs(page.capture()[0].astype(int) - before).mean() > 1
     page.page.locator("#effect-lights").uncheck()
     asked = asked + 1
@@ -122,7 +122,7 @@ def test_stretched_pixels_are_counted(visit: Callable[..., Visit], service: Serv
         stats = page.state("stats")
         assert stats["holes"] > 0.001
         assert page.state("stats")["age_ms"] > 1000
-        assert "stretched" in page.page.locator("#brief").inner_text()
+        says(page.page, "#brief", "stretched")
 
 
 def test_a_click_names_what_is_there(visit: Callable[..., Visit]) -> None:
@@ -165,7 +165,7 @@ def test_files_become_scenes_and_go_again(visit: Callable[..., Visit]) -> None:
         page.page.locator("#upload-files").set_input_files(files)
         page.wait(f"() => document.querySelector('#upload-text').innerText.startsWith('{name}')", FRAME_MS)
         if name == "square":
-            assert "not used: file notes.txt" in page.page.locator("#upload-report").inner_text()
+            says(page.page, "#upload-report", "not used: file notes.txt")
         page.wait(COMPLETE)
         page.wait("() => window.torchrender.scene === document.querySelector('#scene').value")
         page.wait("() => window.torchrender.controls === 'orbit' && window.torchrender.keyframes.length > 0")

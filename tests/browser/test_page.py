@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from browser_stage import ARRIVED, COMPLETE, JPEG_READY, REFINED, Service, Visit
+from browser_stage import ARRIVED, COMPLETE, JPEG_READY, REFINED, Service, Visit, says
 from torchrender.wire.messages import Pose, Type
 
 PHONE = {"viewport": {"width": 390, "height": 780}, "has_touch": True, "is_mobile": True, "device_scale_factor": 2}
@@ -148,7 +148,7 @@ def test_a_browser_without_webgl2_is_told(browser: Any, service: Service) -> Non
     page = context.new_page()
     page.goto(service.url)
     page.wait_for_function("() => !document.querySelector('#message').hidden")
-    assert "WebGL2" in page.locator("#message").inner_text()
+    says(page, "#message", "WebGL2")
     context.close()
 
 
@@ -217,7 +217,7 @@ def test_shape_is_enhanced_without_a_new_keyframe(visit: Callable[..., Visit]) -
     assert (change > 3).any() and (change < -3).any(), "ridges get brighter, valleys darker"
     page.page.get_by_role("button", name="Details").click()
     page.page.locator("#enhance").fill("80")
-    assert page.page.locator("#enhance-value").inner_text() == "80 %"
+    says(page.page, "#enhance-value", "80 %")
     page.rest()
     assert (len(page.messages(Type.SETTINGS)), page.keyframe_count) == asked, "the server hears nothing of it"
     again, _ = page.capture()

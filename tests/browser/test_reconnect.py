@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from browser_stage import COMPLETE, FRAME_MS, JPEG_READY, REFINED, Relay, Service, Visit
+from browser_stage import COMPLETE, FRAME_MS, JPEG_READY, REFINED, Relay, Service, Visit, says
 
 
 def eye(visit: Visit) -> np.ndarray[Any, Any]:
@@ -55,7 +55,7 @@ def test_a_killed_server_is_survived(visit: Callable[..., Visit], service: Servi
     page.wait(COMPLETE)
     service.kill()
     page.wait("() => window.torchrender.state === 'waiting'", 10_000)
-    assert "reconnecting" in page.page.locator("#status").inner_text()
+    says(page.page, "#status", "reconnecting")
     place = eye(page)
     page.hold("KeyS", 0.3)
     assert np.abs(eye(page) - place).max() > 0, "walking goes on without a server"

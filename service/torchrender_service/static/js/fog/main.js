@@ -199,18 +199,21 @@ function nudge(event) {
 
 async function openPhoto(file) {
   say("Sending the photo …");
+  let opened;
   try {
     const blob = SENT_AS_THEY_ARE.includes(file.type) ? file : await asPng(file);
     const kept = await sendPhoto(blob, key);
-    if (photo) URL.revokeObjectURL(photo.url);
-    photo = { ...kept, name: file.name?.replace(/\.[^.]*$/, "") || "photo", url: URL.createObjectURL(blob), blob };
+    opened = { ...kept, name: file.name?.replace(/\.[^.]*$/, "") || "photo", url: URL.createObjectURL(blob), blob };
   } catch (error) {
     return failed(error, () => openPhoto(file));
   }
-  $("photo").src = photo.url;
+  $("photo").src = opened.url;
   await $("photo").decode().catch(() => {});
+  // From here to the end without a pause: what is marked meanwhile belongs to the photo before.
+  if (photo) URL.revokeObjectURL(photo.url);
+  photo = opened;
   facts = preview.known = null;
-  await showPicture(null);
+  showPicture(null);
   painter.clear();
   Object.assign(marks, { table: {}, past: [], future: [] });
   selected = null;
