@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import math
+import weakref
 
 import pytest
 import torch
@@ -11,7 +13,8 @@ from depth_scenes import both, depth_images, empty_image, front_camera, keep_pix
 from torchrender.errors import InputError, OptionError
 from torchrender.raster import rasterize
 from torchrender.rays import RayCaster
-from torchrender.reconstruct.corners import fit_corners
+from torchrender.reconstruct import corners
+from torchrender.reconstruct.corners import ReconstructOptions, fit_corners
 from torchrender.reconstruct.reproject import ReprojectOptions, reproject
 from torchrender.scene import shapes
 from torchrender.scene.camera import Cameras
@@ -230,3 +233,23 @@ def test_the_nearest_camera_goes_first_where_images_agree() -> None:
     known = right.valid & truth.covered & (right.source == 0)
     near = (right.depth - truth.depth).abs()[known] <= 2 * around(0.4).footprint(truth.depth)[known]
     assert float(near.float().mean()) > 0.8  # the lead is taken out of the depth again
+
+
+def test_quads_are_fitted_once_for_images_that_stay(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Kept with the images, for these options; fitted again after a change in place; gone with the images."""
+    made: list[int] = []
+    fit = corners.fit_corners
+    monkeypatch.setattr(corners, "fit_corners", lambda *a, **k: made.append(1) or fit(*a, **k))
+    images = depth_images(Scene(meshes=(wall(-4.0, tilt_deg=30.0),)), front_camera(12))
+    view = front_camera(12, eye=(0.1, 0.0, 0.0))
+    first, again = reproject(images, view), reproject(images, view)
+    assert len(made) == 1 and torch.equal(first.color, again.color) and torch.equal(first.depth, again.depth)
+    reproject(images, view, options=ReprojectOptions(reconstruct=ReconstructOptions(guess_ratio=1.3)))
+    assert len(made) == 2
+    images.depth.mul_(1.5)
+    farther = reproject(images, view)
+    assert len(made) == 3 and bool((farther.depth > 1.2 * first.depth)[first.valid & farther.valid].all())
+    gone = weakref.ref(images)
+    del images
+    gc.collect()
+    assert gone() is None

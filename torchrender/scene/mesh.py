@@ -143,6 +143,10 @@ class Mesh:
         return replace(self, vertices=vertices, faces=faces, normals=normals, tangents=tangents)
 
 
+KEPT = ("order", "clusters", "numbering", "cluster_blocks")
+"""What a geometry found out about its triangles that stays true while they move."""
+
+
 @dataclass(frozen=True, eq=False)
 class Geometry:
     """All triangles of a scene in one set of arrays; the row of ``faces`` is the triangle id everywhere."""
@@ -169,6 +173,36 @@ class Geometry:
     @property
     def triangle_count(self) -> int:
         return int(self.faces.shape[0])
+
+    def with_vertices(
+        self, vertices: Tensor, *, normals: Tensor | None = None, tangents: Tensor | None = None
+    ) -> Geometry:
+        """The same triangles with other vertices (V,3): culling clusters are refitted to them, not built anew.
+
+        What was found out about which triangles lie together stays, also where it is no longer so: pictures are the
+        same, but drawing takes longer once neighbours have gone apart.
+
+        Args:
+            vertices: float64, scene units.
+            normals: that changed with them; None: they stay as they are. tangents: likewise.
+
+        Raises:
+            MeshError: another number of vertices, or of another type.
+        """
+        if vertices.shape != self.vertices.shape or vertices.dtype != torch.float64:
+            raise MeshError(f"vertices must be float64 {tuple(self.vertices.shape)}, got {describe(vertices)}")
+        normals, tangents = (
+            own if given is None else given for own, given in ((self.normals, normals), (self.tangents, tangents))
+        )
+        new = replace(self, vertices=vertices, normals=normals, tangents=tangents)
+        new.__dict__.update({name: getattr(self, name) for name in KEPT})
+        for name in ("solid", "panes"):
+            part = self.__dict__.get(name)
+            if isinstance(part, Geometry):
+                new.__dict__[name] = (
+                    new if part is self else part.with_vertices(vertices, normals=normals, tangents=tangents)
+                )
+        return new
 
     @cached_property
     def bounds(self) -> Tensor:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from torch import Tensor
+from torch.utils.weak import WeakIdKeyDictionary
 
 from torchrender.buffers import DepthImages
 from torchrender.numerics.color import srgb_table
@@ -17,6 +18,7 @@ from torchrender.wire.codec import checksum, decode_color, decode_depth, decode_
 from torchrender.wire.errors import CodecError, ProtocolError
 from torchrender.wire.messages import Keyframe, Type, decode, split_blobs
 
+_KEPT: WeakIdKeyDictionary = WeakIdKeyDictionary()
 SKY = 1e4
 """Distance at which the sky is drawn, in depths of the farthest surface."""
 THIN = 0.02
@@ -79,7 +81,8 @@ def read_container(data: bytes, *, max_pixels: int, max_images: int) -> list[Key
 def depth_images_of(images: Sequence[KeyframeImage], *, sky: bool = True) -> DepthImages:
     """Depth images (N,H,W) for :func:`torchrender.reproject`; normals are those of the depth planes.
 
-    Ids are 0 where there is a sample and -1 elsewhere: the stream does not carry them.
+    They are kept with the first of ``images`` until it is drawn with others. Ids are 0 where there
+    is a sample and -1 elsewhere: the stream does not carry them.
 
     Args:
         images: of one size.
@@ -90,6 +93,15 @@ def depth_images_of(images: Sequence[KeyframeImage], *, sky: bool = True) -> Dep
     """
     if not images or len({tuple(image.depth.shape) for image in images}) != 1:
         raise ProtocolError("keyframes that are drawn together must be at least one, and of one size")
+    asked = (*images[1:], sky)
+    known: tuple[tuple[object, ...], DepthImages] | None = _KEPT.get(images[0])
+    if known is None or known[0] != asked:
+        known = (asked, _depth_images(images, sky))
+        _KEPT[images[0]] = known
+    return known[1]
+
+
+def _depth_images(images: Sequence[KeyframeImage], sky: bool) -> DepthImages:
     cameras = Cameras.cat([image.camera for image in images])
     depth = torch.stack([image.depth for image in images])
     normal = torch.stack([plane_normals(image.depth, image.camera) for image in images])

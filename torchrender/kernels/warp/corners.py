@@ -72,7 +72,8 @@ class Spare(NamedTuple):
 
     plane: np.ndarray  # (4,W)
     stored: np.ndarray  # (W,) float32
-    corner: tuple[np.ndarray, ...]  # of the four pixels at a corner: state, depth, tolerance, owner, label
+    usual: np.ndarray  # (W+1,) bool corners of a row that need no closer look
+    shared: np.ndarray  # (64,) int32 words of corners by the pairs that share a vertex
 
 
 @kernel(inline=True)
@@ -137,7 +138,7 @@ def judge_row(k, depth, plane, stored, limits, judged):
 @kernel()
 def judge_pixels(j, image, judged, spare):
     """The four corners of every pixel of row ``j``."""
-    plane, stored, _ = spare
+    plane, stored = spare.plane, spare.stored
     plane_row(j, image, plane)
     for k in range(4):
         if image.offset_depth.shape[0] > 0:
@@ -146,83 +147,124 @@ def judge_pixels(j, image, judged, spare):
 
 
 @kernel()
-def group(states, depths, tolerances, owners, label, merge):
-    """Who shares the corner: the word of ``joined``; merged guesses get their mean depth in place.
+def shared_words(words):
+    """Fill the (64,) words of corners for every set of pairs that share a vertex, as if all four pixels were there.
 
-    All arguments but ``merge`` hold one value for each of the four pixels.
+    Bits 0 to 5 of the index: pairs 01, 02, 03, 12, 13, 23.
     """
-    word = np.int32(0)
-    first_true = -1
-    for k in range(4):
-        label[k] = k
-        if states[k] == TRUE:
-            word |= np.int32(1 << (12 + k))
-            if first_true < 0:
-                first_true = k
-            label[k] = first_true
-    if merge:
-        for b in range(1, 4):
-            for a in range(b):
-                if states[a] != GUESSED or states[b] != GUESSED or owners[a] != owners[b]:
-                    continue
-                if abs(depths[a] - depths[b]) <= min(tolerances[a], tolerances[b]) and label[a] != label[b]:
+    label = np.zeros(4, np.int64)
+    for pairs in range(64):
+        label[:] = np.arange(4)
+        bit = 0
+        for a in range(4):
+            for b in range(a + 1, 4):
+                if (pairs >> bit) & 1:
                     low, high = min(label[a], label[b]), max(label[a], label[b])
                     for k in range(4):
-                        if label[k] == high:
-                            label[k] = low
-        for low in range(4):
-            total, count = 0.0, 0
-            for k in range(4):
-                if states[k] == GUESSED and label[k] == low:
-                    total += depths[k]
-                    count += 1
-            if count > 1:
-                for k in range(4):
-                    if states[k] == GUESSED and label[k] == low:
-                        depths[k] = total / count
-    for k in range(4):
-        word |= np.int32(label[k] << (2 * k))
-        if states[k] != EMPTY and label[k] == k:
-            word |= np.int32(1 << (8 + k))
-    return word
+                        label[k] = low if label[k] == high else label[k]
+                bit += 1
+        word = 0
+        for k in range(4):
+            word |= label[k] << (2 * k)
+            word |= 1 << (8 + k) if label[k] == k else 0
+        words[pairs] = word
+
+
+@kernel(inline=True)
+def is_shared(a, b, s, z, t, merge, owner):
+    """Whether pixels ``a`` and ``b`` at a corner share a vertex; ``s``, ``z``, ``t``, ``owner``: of all four."""
+    near = abs(z[a] - z[b]) <= min(t[a], t[b])
+    guessed = (s[a] == GUESSED) & (s[b] == GUESSED) & merge & (owner[a] == owner[b]) & near
+    return np.int32(1) if guessed | ((s[a] == TRUE) & (s[b] == TRUE)) else np.int32(0)
+
+
+@kernel(inline=True)
+def part_of(k, n, word, s, z):
+    """What pixel ``n`` adds to the sum and number of guesses that share the vertex of pixel ``k``."""
+    member = (s[n] == GUESSED) & ((word >> (2 * n)) & 3 == (word >> (2 * k)) & 3)
+    return (np.float64(z[n]), 1) if member else (0.0, 0)
+
+
+@kernel(inline=True)
+def merged(k, word, s, z):
+    """Depth of the corner of pixel ``k``: of guesses that share a vertex the mean."""
+    z0, n0 = part_of(k, 0, word, s, z)
+    z1, n1 = part_of(k, 1, word, s, z)
+    z2, n2 = part_of(k, 2, word, s, z)
+    z3, n3 = part_of(k, 3, word, s, z)
+    count = n0 + n1 + n2 + n3
+    return np.float32((z0 + z1 + z2 + z3) / max(count, 1)) if (s[k] == GUESSED) & (count > 1) else z[k]
+
+
+@kernel(inline=True)
+def group(s, z, t, owner, merge, words):
+    """Who shares the corner: the word of ``joined``, and the depths, of merged guesses their mean; no branches.
+
+    ``s``, ``z``, ``t``, ``owner``: state, depth, tolerance and object of the four pixels.
+    """
+    pairs = is_shared(0, 1, s, z, t, merge, owner) | is_shared(0, 2, s, z, t, merge, owner) << 1
+    pairs |= is_shared(0, 3, s, z, t, merge, owner) << 2 | is_shared(1, 2, s, z, t, merge, owner) << 3
+    pairs |= is_shared(1, 3, s, z, t, merge, owner) << 4 | is_shared(2, 3, s, z, t, merge, owner) << 5
+    word = np.int64(words[np.uintp(pairs)])
+    there = (s[0] != EMPTY) | (s[1] != EMPTY) << 1 | (s[2] != EMPTY) << 2 | (s[3] != EMPTY) << 3
+    true = (s[0] == TRUE) | (s[1] == TRUE) << 1 | (s[2] == TRUE) << 2 | (s[3] == TRUE) << 3
+    word = word & 255 | word & (np.int64(there) << 8) | np.int64(true) << 12
+    depths = (merged(0, word, s, z), merged(1, word, s, z), merged(2, word, s, z), merged(3, word, s, z))
+    return np.int32(word), depths
+
+
+@kernel(inline=True)
+def join_usual(above, below, merge, joined, usual):
+    """``joined`` of the corners around which nothing is, all corners are true, or (``merge``) all guesses agree.
+
+    ``usual`` tells which these are; no branches, so that it vectorises.
+    """
+    full, agreed, alone = np.int32(0xF << 12 | 1 << 8), np.int32(1 << 8), np.int32(ALONE)
+    for i in range(np.uintp(joined.shape[0])):
+        n = i + np.uintp(1)
+        s0, s1, s2, s3 = below.state[0, n], above.state[1, n], above.state[2, i], below.state[3, i]
+        z0, z1, z2, z3 = below.value[0, n], above.value[1, n], above.value[2, i], below.value[3, i]
+        t0, t1, t2, t3 = below.tolerance[0, n], above.tolerance[1, n], above.tolerance[2, i], below.tolerance[3, i]
+        margin = min(min(t0, t1), min(t2, t3))
+        guessed = (s0 == GUESSED) & (s1 == GUESSED) & (s2 == GUESSED) & (s3 == GUESSED)
+        agree = merge & guessed & (max(max(z0, z1), max(z2, z3)) - min(min(z0, z1), min(z2, z3)) <= margin)
+        true = (s0 == TRUE) & (s1 == TRUE) & (s2 == TRUE) & (s3 == TRUE)
+        mean = (z0 + z1 + z2 + z3) * np.float32(0.25)
+        below.value[0, n] = mean if agree else z0
+        above.value[1, n] = mean if agree else z1
+        above.value[2, i] = mean if agree else z2
+        below.value[3, i] = mean if agree else z3
+        word = full if true else alone
+        joined[i] = agreed if agree else word
+        usual[i] = agree | true | ((s0 | s1 | s2 | s3) == EMPTY)
+
+
+@kernel(inline=True)
+def owners(ids, j, i, s):
+    """Objects of the four pixels at corner (j,i); 0 where there is no pixel."""
+    return (
+        ids[j, i] if s[0] != EMPTY else 0,
+        ids[j - 1, i] if s[1] != EMPTY else 0,
+        ids[j - 1, i - 1] if s[2] != EMPTY else 0,
+        ids[j, i - 1] if s[3] != EMPTY else 0,
+    )
 
 
 @kernel()
-def join_row(above, below, ids, j, merge, corner, joined):
+def join_row(above, below, ids, j, merge, spare, joined):
     """``joined`` of corner row ``j`` from the judged pixel rows above and below; merged depths go back into them."""
-    states, depths, tolerances, owners, label = corner
-    full, agreed = np.int32(0xF << 12 | 1 << 8), np.int32(1 << 8)
-    match = ids.shape[0] > 0
-    for i in range(joined.shape[0]):
-        s0, s1, s2, s3 = below.state[0, i + 1], above.state[1, i + 1], above.state[2, i], below.state[3, i]
-        if s0 + s1 + s2 + s3 == 4 * TRUE:
-            joined[i] = full
+    usual, match = spare.usual, ids.shape[0] > 0
+    join_usual(above, below, merge and not match, joined, usual)
+    for i in range(np.uintp(joined.shape[0])):
+        if usual[i]:
             continue
-        if s0 + s1 + s2 + s3 == 0:
-            joined[i] = ALONE
-            continue
-        z0, z1, z2, z3 = below.value[0, i + 1], above.value[1, i + 1], above.value[2, i], below.value[3, i]
-        if merge and not match and s0 == GUESSED and s1 == GUESSED and s2 == GUESSED and s3 == GUESSED:
-            margin = min(
-                min(below.tolerance[0, i + 1], above.tolerance[1, i + 1]),
-                min(above.tolerance[2, i], below.tolerance[3, i]),
-            )
-            if max(max(z0, z1), max(z2, z3)) - min(min(z0, z1), min(z2, z3)) <= margin:
-                z0 = (z0 + z1 + z2 + z3) * np.float32(0.25)
-                below.value[0, i + 1] = above.value[1, i + 1] = above.value[2, i] = below.value[3, i] = z0
-                joined[i] = agreed
-                continue
-        states[0], states[1], states[2], states[3] = s0, s1, s2, s3
-        depths[0], depths[1], depths[2], depths[3] = z0, z1, z2, z3
-        tolerances[0], tolerances[1] = below.tolerance[0, i + 1], above.tolerance[1, i + 1]
-        tolerances[2], tolerances[3] = above.tolerance[2, i], below.tolerance[3, i]
-        if match:
-            for k in range(4):
-                if states[k] != EMPTY:
-                    owners[k] = ids[j - (1 if k in (1, 2) else 0), i - (1 if k >= 2 else 0)]
-        joined[i] = group(states, depths, tolerances, owners, label, merge)
-        below.value[0, i + 1], above.value[1, i + 1] = depths[0], depths[1]
-        above.value[2, i], below.value[3, i] = depths[2], depths[3]
+        n = i + np.uintp(1)
+        s = (below.state[0, n], above.state[1, n], above.state[2, i], below.state[3, i])
+        z = (below.value[0, n], above.value[1, n], above.value[2, i], below.value[3, i])
+        t = (below.tolerance[0, n], above.tolerance[1, n], above.tolerance[2, i], below.tolerance[3, i])
+        owner = owners(ids, j, np.int64(i), s) if match else (0, 0, 0, 0)
+        joined[i], z = group(s, z, t, owner, merge, spare.shared)
+        below.value[0, n], above.value[1, n], above.value[2, i], below.value[3, i] = z
 
 
 @kernel()
@@ -238,7 +280,7 @@ def fit_band(first, last, image, merge, rows, spare, corners, joined):
             judge_pixels(j, image, below, spare)
         else:
             below.state[:] = EMPTY
-        join_row(above, below, image.ids, j, merge, spare.corner, joined[j])
+        join_row(above, below, image.ids, j, merge, spare, joined[j])
         if j > 0:
             corners[j - 1, 1] = above.value[1, 1 : width + 1]
             corners[j - 1, 2] = above.value[2, 1 : width + 1]
@@ -260,8 +302,14 @@ def fit(images, merge, threads, corners, joined):
         value = np.full((2, 4, width + 2), np.inf, np.float32)
         tolerance = np.zeros((2, 4, width + 2), np.float32)
         rows = (Judged(state[0], value[0], tolerance[0]), Judged(state[1], value[1], tolerance[1]))
-        numbers = (np.zeros(4, np.float32), np.zeros(4, np.float32), np.zeros(4, np.int64), np.zeros(4, np.int64))
-        spare = Spare(np.zeros((4, width)), np.full(width, np.inf, np.float32), (np.zeros(4, np.uint8), *numbers))
+        shared = np.zeros(64, np.int32)
+        shared_words(shared)
+        spare = Spare(
+            np.zeros((4, width)),
+            np.full(width, np.inf, np.float32),
+            np.zeros(width + 1, np.bool_),
+            shared,
+        )
         while True:
             turn = fetch_add(counter, 0, 1)
             if turn >= count * bands:

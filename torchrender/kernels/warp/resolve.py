@@ -3,11 +3,23 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import prange
 
 from torchrender.kernels.compile import kernel
+
+
+class Found(NamedTuple):
+    """What the keys of one row of W pixels say."""
+
+    image: np.ndarray  # (W,) int32 source image; -1 where there is none
+    row: np.ndarray  # (W,) int32 quad in it
+    column: np.ndarray
+    depth: np.ndarray  # (W,) float64; +inf where there is none
+    u: np.ndarray  # (W,) float64 position in the source image
+    v: np.ndarray
 
 
 @kernel(inline=True)
@@ -54,16 +66,66 @@ def sample(u, v, b, j, i, centred, joined, colors):
     if total <= 1e-6:
         return pick(b, near_row, near_column, colors)
     color = (np.float32(0.0), np.float32(0.0), np.float32(0.0))
-    if w0 > 0.0:
+    if word & 255 == 0:  # the usual corner: all four are there and of one surface
         color = add(w0, pick(b, row, column, colors), color)
-    if w1 > 0.0:
         color = add(w1, pick(b, row - 1, column, colors), color)
-    if w2 > 0.0:
         color = add(w2, pick(b, row - 1, column - 1, colors), color)
-    if w3 > 0.0:
         color = add(w3, pick(b, row, column - 1, colors), color)
+    else:
+        color = add_some((w0, w1, w2, w3), b, row, column, colors)
     scale = np.float32(1.0 / total)
     return color[0] * scale, color[1] * scale, color[2] * scale
+
+
+@kernel()
+def add_some(weights, b, row, column, colors):
+    """Weighted sum of those of the four pixels around corner (row,column) whose weight is not 0."""
+    color = (np.float32(0.0), np.float32(0.0), np.float32(0.0))
+    if weights[0] > 0.0:
+        color = add(weights[0], pick(b, row, column, colors), color)
+    if weights[1] > 0.0:
+        color = add(weights[1], pick(b, row - 1, column, colors), color)
+    if weights[2] > 0.0:
+        color = add(weights[2], pick(b, row - 1, column - 1, colors), color)
+    if weights[3] > 0.0:
+        color = add(weights[3], pick(b, row, column - 1, colors), color)
+    return color
+
+
+@kernel(inline=True)
+def read_keys(keys, rows, columns, found):
+    """Whose quads the keys are, and ``found.depth`` = 1/depth times the image's bias; no branches."""
+    image, row, column, depth, _, _ = found
+    by_columns, by_rows = 1.0 / np.float64(columns), 1.0 / np.float64(rows)
+    for x in range(np.uintp(keys.shape[0])):
+        key = keys[x]
+        number = np.float64(np.uint32(0xFFFFFFFF) - np.uint32(key))
+        line = math.floor((number + 0.5) * by_columns)  # exact: numbers are below 2^32
+        b = math.floor((line + 0.5) * by_rows)
+        column[x] = np.int32(number - line * columns)
+        row[x] = np.int32(line - b * rows)
+        image[x] = np.int32(b) if key != 0 else np.int32(-1)
+        depth[x] = np.float64(np.uint32(key >> np.uint64(32)).view(np.float32))
+
+
+@kernel(inline=True)
+def place(y, back, bias, near_far, found):
+    """``found.depth`` becomes the depth, and with it come source positions; images of other depths become -1."""
+    image, row, column, depth, us, vs = found
+    near, far = near_far
+    for x in range(np.uintp(image.shape[0])):
+        b = image[x]
+        if b < 0:
+            depth[x] = np.inf
+            continue
+        z = bias[np.uintp(b)] / depth[x]
+        if not (z >= near and z <= far):
+            image[x], depth[x] = np.int32(-1), np.inf
+            continue
+        u, v = source_position(np.float64(x) + 0.5, y + 0.5, z, back, np.uintp(b))
+        inside = math.isfinite(u) and math.isfinite(v)
+        depth[x] = z
+        us[x], vs[x] = u if inside else column[x] + 0.5, v if inside else row[x] + 0.5
 
 
 @kernel(inline=True)
@@ -88,26 +150,18 @@ def resolve(keys, quads, back, bias, near_far, colors, smooth, outputs):
     height, width = depth.shape
     for n in prange(height):
         y = np.int64(n)
-        for x in range(width):
-            key = keys[np.uintp(y * width + x)]
-            z, b, j, i = np.inf, np.int64(-1), np.int64(0), np.int64(0)
-            if key != 0:
-                number = np.uint64(0xFFFFFFFF) - (key & np.uint64(0xFFFFFFFF))
-                line = number // np.uint64(columns)
-                i = np.int64(number - line * np.uint64(columns))
-                b = np.int64(line // np.uint64(rows))
-                j = np.int64(line) - b * rows
-                z = bias[b] / np.float64(np.uint32(key >> np.uint64(32)).view(np.float32))
-            known = key != 0 and z >= near_far[0] and z <= near_far[1]
-            depth[y, x] = z if known else np.inf
-            valid[y, x] = known
-            source[y, x] = b if known else -1
+        words, numbers = np.empty((3, width), np.int32), np.empty((3, width))
+        found = Found(words[0], words[1], words[2], numbers[0], numbers[1], numbers[2])
+        read_keys(keys[y * width : (y + 1) * width], rows, columns, found)
+        place(np.float64(y), back, bias, near_far, found)
+        for x in range(np.uintp(width)):
+            b = found.image[x]
+            depth[y, x], valid[y, x], source[y, x] = found.depth[x], b >= 0, b
+        for x in range(np.uintp(width)):
+            b, j, i = np.int64(found.image[x]), np.int64(found.row[x]), np.int64(found.column[x])
             result = (np.float32(0.0), np.float32(0.0), np.float32(0.0))
-            if known and smooth:
-                u, v = source_position(x + 0.5, y + 0.5, z, back, b)
-                if not (math.isfinite(u) and math.isfinite(v)):
-                    u, v = i + 0.5, j + 0.5
-                result = sample(u, v, b, j, i, centred, joined, colors)
-            elif known:
+            if b >= 0 and smooth:
+                result = sample(found.u[x], found.v[x], b, j, i, centred, joined, colors)
+            elif b >= 0:
                 result = pick(b, j, i, colors)
             color[y, x, 0], color[y, x, 1], color[y, x, 2] = result

@@ -18,14 +18,21 @@ from numba import prange
 from torchrender.kernels.atomics import borrowed, fetch_add, store_max
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.warp.corners import DIAGONAL, FIRST, SECOND
+from torchrender.kernels.warp.small_quads import (
+    BITS,
+    CHUNK,
+    CUT,
+    HALF,
+    LARGE,
+    OUTSIDE,
+    SUBPIXEL,
+    draw_small,
+    measure,
+    new_room,
+)
 
-SUBPIXEL = 1 << 12
-HALF = SUBPIXEL >> 1
-BITS = 12
 GUARD = float(1 << 17)  # pixels; snapped positions stay below 2**29
 LIFT = 1 << 30  # makes snapped positions positive, so that cutting off is rounding down
-OUTSIDE = np.int32(-(2**31))
-CHUNK = 256  # quads projected together
 ROWS = 8  # rows handed to a thread at once
 
 
@@ -59,14 +66,6 @@ class Canvas(NamedTuple):
     keys: np.ndarray  # (H*W,) uint64, zero where nothing is
     width: int
     height: int
-
-
-class Snapped(NamedTuple):
-    """Corners of up to CHUNK quads in the target; with one row for each of their four corners where all are held."""
-
-    x: np.ndarray  # (CHUNK,) int32
-    y: np.ndarray
-    q: np.ndarray  # (CHUNK,) biased 1/depth
 
 
 @kernel(inline=True)
@@ -234,26 +233,41 @@ def draw_quad_clipped(i, row, start, z, shape, pose, number, canvas):
 
 
 @kernel()
-def draw_row(j, quads, pose, number, spare, canvas):
+def draw_large(i, y, x, q, bits, number, canvas):
+    """Both triangles of quad ``i`` of a chunk, of any size but cut by nothing."""
+    c0 = (np.int64(x[0, i]), np.int64(y[0, i]), q[0, i])
+    c1 = (np.int64(x[1, i]), np.int64(y[1, i]), q[1, i])
+    c2 = (np.int64(x[2, i]), np.int64(y[2, i]), q[2, i])
+    c3 = (np.int64(x[3, i]), np.int64(y[3, i]), q[3, i])
+    if bits & DIAGONAL:
+        c0, c1, c2, c3 = c1, c2, c3, c0
+    if bits & FIRST:
+        draw(c0, c2, c1, number, canvas)
+    if bits & SECOND:
+        draw(c2, c0, c3, number, canvas)
+
+
+@kernel()
+def draw_row(j, quads, pose, number, room, canvas):
     """Row ``j`` of one image's quads. ``number``: of its first quad."""
     corners, shape, start = quads
-    width, height = canvas.width, canvas.height
-    xs, ys, qs = spare
+    spare, boxes = room.snapped, room.boxes
     row = np.float64(j) + start
     columns = corners.shape[2]
-    bound_x, bound_y = np.int32(width * SUBPIXEL), np.int32(height * SUBPIXEL)
     for first in range(0, columns, CHUNK):
+        bits = shape[j, first : min(first + CHUNK, columns)]
+        if not is_any(bits):
+            continue
         project_row(corners[j, 0], first, start, row, pose, 0, spare)
         project_row(corners[j, 1], first, start, row + 1.0, pose, 1, spare)
         project_row(corners[j, 2], first, start + 1.0, row + 1.0, pose, 2, spare)
         project_row(corners[j, 3], first, start + 1.0, row, pose, 3, spare)
-        for i in range(np.uintp(min(CHUNK, columns - first))):
-            bits = shape[j, np.uintp(first) + i]
-            if bits == 0:
-                continue
-            me = number + first + np.int64(i)
-            x0, x1, x2, x3 = xs[0, i], xs[1, i], xs[2, i], xs[3, i]
-            if x0 == OUTSIDE or x1 == OUTSIDE or x2 == OUTSIDE or x3 == OUTSIDE:
+        measure(bits, canvas.width, canvas.height, spare, boxes)
+        draw_small(bits, number + first, room, canvas)
+        for i in range(np.uintp(bits.shape[0])):
+            if boxes.size[i] == LARGE:
+                draw_large(i, spare.y, spare.x, spare.q, bits[i], number + first + np.int64(i), canvas)
+            elif boxes.size[i] == CUT:
                 column = first + np.int64(i)
                 z = (
                     np.float64(corners[j, 0, column]),
@@ -261,23 +275,29 @@ def draw_row(j, quads, pose, number, spare, canvas):
                     np.float64(corners[j, 2, column]),
                     np.float64(corners[j, 3, column]),
                 )
-                draw_quad_clipped(column, row, start, z, bits, pose, me, canvas)
-                continue
-            y0, y1, y2, y3 = ys[0, i], ys[1, i], ys[2, i], ys[3, i]
-            if max(max(x0, x1), max(x2, x3)) < 0 or min(min(x0, x1), min(x2, x3)) > bound_x:
-                continue
-            if max(max(y0, y1), max(y2, y3)) < 0 or min(min(y0, y1), min(y2, y3)) > bound_y:
-                continue
-            c0 = (np.int64(x0), np.int64(y0), qs[0, i])
-            c1 = (np.int64(x1), np.int64(y1), qs[1, i])
-            c2 = (np.int64(x2), np.int64(y2), qs[2, i])
-            c3 = (np.int64(x3), np.int64(y3), qs[3, i])
-            if bits & DIAGONAL:
-                c0, c1, c2, c3 = c1, c2, c3, c0
-            if bits & FIRST:
-                draw(c0, c2, c1, me, canvas)
-            if bits & SECOND:
-                draw(c2, c0, c3, me, canvas)
+                draw_quad_clipped(column, row, start, z, bits[i], pose, number + column, canvas)
+
+
+@kernel(inline=True)
+def is_any(bits):
+    """Whether a chunk has a quad at all."""
+    found = np.uint8(0)
+    for i in range(np.uintp(bits.shape[0])):
+        found |= bits[i]
+    return found != 0
+
+
+@kernel()
+def nearest_first(bias):
+    """Numbers of the images from the greatest factor down; of equal ones the first."""
+    order = np.zeros(bias.shape[0], np.int64)
+    for b in range(bias.shape[0]):
+        before = 0
+        for other in range(bias.shape[0]):
+            if bias[other] > bias[b] or (bias[other] == bias[b] and other < b):
+                before += 1
+        order[before] = b
+    return order
 
 
 @kernel(parallel=True)
@@ -289,15 +309,16 @@ def draw_quads(quads, poses, threads, canvas):
     count, rows, _, columns = corners.shape
     blocks = (rows + ROWS - 1) // ROWS
     counter = np.zeros(1, np.int64)
+    order = nearest_first(bias)  # so that most of the others are hidden
     for _ in prange(threads):
-        room = Snapped(np.zeros((4, CHUNK), np.int32), np.zeros((4, CHUNK), np.int32), np.zeros((4, CHUNK)))
-        spare, target = borrowed(room), Canvas(borrowed(keys), width, height)
+        own_room = new_room()
+        room, target = borrowed(own_room), Canvas(borrowed(keys), width, height)
         while True:
             turn = fetch_add(counter, 0, 1)
             if turn >= count * blocks:
                 break
-            b, first = turn // blocks, (turn % blocks) * ROWS
+            b, first = order[turn // blocks], (turn % blocks) * ROWS
             own, pose = Quads(corners[b], shape[b], start), Pose(matrices[b], near, bias[b])
             for j in range(first, min(first + ROWS, rows)):
                 number = (b * rows + j) * columns
-                draw_row(j, own, pose, number, spare, target)
+                draw_row(j, own, pose, number, room, target)

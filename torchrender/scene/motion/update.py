@@ -98,10 +98,6 @@ def _attached(motion: Motion, worlds: Array, lights: list[Light], cameras: dict[
             cameras[name] = camera_at(camera, worlds[node])
 
 
-KEPT = ("order", "clusters", "numbering", "cluster_blocks")
-"""What a geometry found out about its triangles that stays true while they move."""
-
-
 def moved_geometry(old: Geometry, before: Sequence[Mesh], after: Sequence[Mesh]) -> Geometry | None:
     """The geometry of ``after`` where only vertices, normals and tangents differ; None where more does."""
     vertices = old.vertices.clone()
@@ -120,6 +116,4 @@ def moved_geometry(old: Geometry, before: Sequence[Mesh], after: Sequence[Mesh])
                 if whole is not None:
                     whole[start:end] = 0.0 if part is None else part
         start = end
-    new = replace(old, vertices=vertices, normals=normals, tangents=tangents)
-    new.__dict__.update({name: getattr(old, name) for name in KEPT})
-    return new
+    return old.with_vertices(vertices, normals=normals, tangents=tangents)
