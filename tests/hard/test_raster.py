@@ -267,7 +267,7 @@ def small_view(count: int = 1, width: int = 16, height: int = 16) -> Cameras:
 @pytest.mark.parametrize("nearer", [False, True])
 def test_triangles_far_below_a_pixel_are_seen_where_they_hold_a_centre(nearer: bool) -> None:
     """All at one pixel centre, one behind the other, in order and in reverse; and elsewhere in that pixel: nothing."""
-    mesh = tiny_soup(20_000, (5.5, 9.5), 0.0, nearer)
+    mesh = tiny_soup(1_000_000, (5.5, 9.5), 0.0, nearer)
     seen = rasterize_visibility(mesh, small_view())
     x, y = (mesh.vertices.reshape(-1, 3, 3)[..., a] / mesh.vertices.reshape(-1, 3, 3)[..., 2] * 16 for a in (0, 1))
     px, py = 5.5 - 8, 9.5 - 8
@@ -305,3 +305,64 @@ def test_a_picture_of_sixteen_thousand_columns() -> None:
     assert bool(seen.covered.all()) and float((seen.depth - 5.0).abs().max()) < 1e-5
     tall = rasterize_visibility(wall, small_view(1, 16, 16_384))
     assert 0 < int(tall.covered.sum()) < tall.covered.numel(), "the wall ends above and below"
+
+
+@pytest.mark.parametrize("nearer", [False, True])
+def test_a_million_triangles_of_a_thousandth_of_a_pixel(nearer: bool) -> None:
+    """Spread over the picture, in order of depth and in reverse: those that hold a pixel centre, and no others."""
+    count, size = 1_000_000, 0.5e-3
+    rng = np.random.default_rng(7)
+    depth = np.linspace(2.0, 8.0, count)[:: -1 if nearer else 1]
+    middle = rng.uniform(0, 16, (count, 2))
+    on = rng.permutation(count)[:1500]  # on centres: of each pixel several
+    middle[on] = np.floor(middle[on]) + 0.5
+    at = middle[:, None] + size * np.array([[-0.5, -0.5], [0.5, -0.5], [0.0, 0.6]])
+    corners = np.concatenate([(at - 8.0) / 16.0 * depth[:, None, None], np.repeat(depth[:, None, None], 3, 1)], 2)
+    seen = rasterize_visibility(geometry_of(corners.reshape(-1, 3)), small_view())
+    rows, columns = np.floor(middle[on])[:, 1].astype(int), np.floor(middle[on])[:, 0].astype(int)
+    for j in range(16):
+        for i in range(16):
+            own = on[(rows == j) & (columns == i)]
+            least = depth[own].min() if len(own) else np.inf
+            found = int(seen.triangle[0, j, i])
+            if found >= 0:  # of those by chance the centre is within a triangle's reach
+                assert (np.abs(middle[found] - [i + 0.5, j + 0.5]) <= size).all()
+                assert depth[found] <= least
+            else:
+                assert not len(own)
+    assert_clean(seen)
+
+
+def test_ten_thousand_cameras_of_eight_pixels() -> None:
+    """All in one call: each as if drawn alone, of depth the same numbers."""
+    geometry = geometry_of([[-9.0, 0.1, -1], [9, 0.1, -1], [0, 0.1, 30], [-1, -1, 4], [1, -1, 4], [0, 1, 4]])
+    cameras = small_view(10_000, 8, 8)
+    every = rasterize_visibility(geometry, cameras)
+    assert torch.equal(rasterize_depth(geometry, cameras), every.depth)
+    for k in (0, 1, 4_999, 9_998, 9_999):
+        one = rasterize_visibility(geometry, cameras[k])
+        for name in ("depth", "triangle", "object_id", "barycentric"):
+            assert torch.equal(getattr(every, name)[k], getattr(one, name)[0])
+    assert bool(every.covered.any((1, 2)).all())
+
+
+def test_a_picture_of_sixteen_thousand_squared_has_its_parts() -> None:
+    """Depth of 16,384 x 16,384 pixels: the same in a window as the camera of that window alone sees."""
+    side = 16_384
+    wall = geometry_of([[-7.0, -5, 8], [6, -6, 8], [0, 7, 12], [-7, -5, 9], [0, 7, 5], [6, -6, 9]])
+    whole = small_view(1, side, side)
+    whole = Cameras(
+        whole.camera_from_world,
+        torch.tensor([[[16_000.0, 0, side / 2], [0, 16_000, side / 2], [0, 0, 1]]], dtype=torch.float64),
+        side,
+        side,
+        whole.near,
+        whole.far,
+    )
+    depth = rasterize_depth(wall, whole)
+    assert 0.1 < float(torch.isfinite(depth[0, ::64, ::64]).double().mean()) < 0.9
+    for x, y in ((0, 0), (side // 2, side // 2), (side - 256, side - 256), (5000, 9000)):
+        window = rasterize_depth(wall, whole.sub_camera(float(x), float(y), 256, 256))
+        found = depth[:, y : y + 256, x : x + 256]
+        assert torch.equal(torch.isfinite(found), torch.isfinite(window))
+        torch.testing.assert_close(found, window, rtol=1e-6, atol=0.0)

@@ -52,8 +52,8 @@ def test_the_page_holds_every_figure(tmp_path):
     record = {
         "machine": machine_record(),
         "size": 32,
-        "gbuffer": {"cornell_box": row},
-        "million": row,
+        "gbuffer": {"cornell_box": {**row, "cost": foundation.cost_model(scene, 32, 2)}},
+        "changing": [foundation.changing(scene, 32, 1)],
         "views": [foundation.many_views("cornell_box", scene, 3, 16, 1)],
         "floor_ms": foundation.write_floor(32, 2),
         "triangles": sweep,
@@ -61,11 +61,11 @@ def test_the_page_holds_every_figure(tmp_path):
         "in_view": sweep,
         "rays": {"machine": {**machine_record(), "commit": "elsewhere"}, "rows": measure_rays(quick=True)},
         "start": {"cached": 1.5, "very_first": 20.0},
-        "peak_memory_mib": 500,
     }
     foundation_page.write_page(record, tmp_path)
     text = (tmp_path / "foundation.md").read_text()
     assert machine_line(record["machine"]) in text
+    assert f"| {record['changing'][0]['triangles']:,} |" in text
     assert "1.5 s with compiled kernels cached, 20.0 s the very first time" in text
     assert f"| cornell_box | {record['views'][0]['per_second']['depth']:.0f} |" in text
     assert f"{100 * row['agreement']['same_id']:.4f} %" in text

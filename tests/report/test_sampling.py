@@ -16,7 +16,7 @@ pytest.importorskip("matplotlib")
 
 
 def test_a_tiny_study_writes_its_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    tiny = sampling.Effort(48, 3, 2, 24, 2, (24, 48), 2, 1)
+    tiny = sampling.Effort(48, 3, 2, 2, 24, 2, (24, 48), 2, 1)
     monkeypatch.setattr(sampling.Effort, "quick", lambda: tiny)
     monkeypatch.setattr(sampling, "build", lambda name: build(name, triangles=3000))
     monkeypatch.setattr("sys.argv", ["sampling", "--quick", "--scenes", "nest", "city", "-o", str(tmp_path)])
@@ -33,6 +33,11 @@ def test_a_tiny_study_writes_its_page(tmp_path: Path, monkeypatch: pytest.Monkey
     for heading in ("table 2 and 3", "table 4", "table 5", "table 6", "table 7", "Resolution study"):
         assert heading in page
     assert "nan" not in page.lower()
+    assert "Triangles about as small as pixels" in page and nest["subpixel"]["median_triangle_pixels"] < 4
+    monkeypatch.setattr("sys.argv", ["sampling", "--quick", "--scenes", "city", "-o", str(tmp_path)])
+    sampling.main()
+    again = json.loads((tmp_path / "sampling.json").read_text())
+    assert again["scenes"]["nest"] == nest, "scenes that were not measured again stay"
     for picture in ("sampling-nest.png", "sampling-city.png", "sampling-resolution.png"):
         assert (tmp_path / picture).stat().st_size > 1000
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from pathlib import Path
 from statistics import median
 from typing import Any
 
@@ -12,6 +11,7 @@ import torch
 from torch import Tensor
 
 from torchrender.raster import rasterize
+from torchrender.report.common.memory import added_memory
 from torchrender.report.foundation.peers import open3d_rays
 from torchrender.scene.camera import Cameras
 from torchrender.scene.load import load
@@ -39,7 +39,7 @@ def measured(name: str, count: int, repeats: int) -> dict[str, Any]:
     record: dict[str, Any] = {"scene": name, "triangles": scene.geometry.triangle_count, "views": count}
     for outputs in (("depth",), OUTPUTS):
         rasterize(scene, views[:16], outputs=outputs)  # what is compiled or kept for good is there
-        grown, peak = _memory(lambda: rasterize(scene, views, outputs=outputs))  # noqa: B023
+        grown, peak = added_memory(lambda: rasterize(scene, views, outputs=outputs))  # noqa: B023
         rates = [count / _seconds(lambda: rasterize(scene, views, outputs=outputs)) for _ in range(repeats)]  # noqa: B023
         alone = count / _seconds(lambda: [rasterize(scene, views[k], outputs=outputs) for k in range(count)])  # noqa: B023
         row = {"rate": median(rates), "loop": alone, "grown_mb": grown, "peak_mb": peak}
@@ -74,21 +74,3 @@ def _seconds(work: Callable[[], Any]) -> float:
     begin = time.perf_counter()
     work()
     return time.perf_counter() - begin
-
-
-def _memory(work: Callable[[], Any]) -> tuple[float | None, float | None]:
-    """MB by which the process grows at most while it works, and how large it is then; None where Linux does not say."""
-    try:
-        Path("/proc/self/clear_refs").write_text("5")
-        before = _status("VmRSS")
-        kept = work()
-        peak = _status("VmHWM")
-    except OSError:
-        return None, None
-    del kept
-    return peak - before, peak
-
-
-def _status(name: str) -> float:
-    line = next(row for row in Path("/proc/self/status").read_text().splitlines() if row.startswith(name))
-    return int(line.split()[1]) / 1024

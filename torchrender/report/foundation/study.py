@@ -1,14 +1,14 @@
-"""Measure the rasteriser, rays and the first picture: ``python -m torchrender.report.foundation [--quick] [--rays]``.
+"""Measure the rasteriser, rays and the first picture: ``python -m torchrender.report.foundation [--quick] [--part P]``.
 
 Writes ``docs/results/foundation.md``, ``.json`` and plots. All times of one table come from one run in which the
-candidates take turns. With ``--rays`` only the section on rays is measured, and the others stay as they are recorded.
+candidates take turns. With ``--part`` only that part is measured (at most four minutes each on two cores): raster,
+scaling, rays or start; the others stay as they are recorded, with the machine and commit that they are of.
 """
 
 from __future__ import annotations
 
 import json
 import os
-import resource
 import subprocess
 import sys
 import tempfile
@@ -28,6 +28,7 @@ from torchrender.quality.timing import Timing, take_turns
 from torchrender.raster import rasterize, rasterize_depth, rasterize_visibility
 from torchrender.rays import RayCaster
 from torchrender.report.common.command import RESULTS, study_parser
+from torchrender.report.common.memory import added_memory
 from torchrender.report.foundation.page import write_page
 from torchrender.report.foundation.peers import open3d_rays, opengl_raster
 from torchrender.report.foundation.rays import measure_rays
@@ -50,29 +51,57 @@ EDGE = 1e-2  # pixels whose smallest barycentric weight is below this count as "
 
 
 def main() -> None:
-    """Run every measurement and write the page."""
+    """Run every measurement, or one part of them, and write the page."""
     parser = study_parser(__doc__, quick="small images and few runs, to check that it works")
-    parser.add_argument("--rays", action="store_true", help="measure rays alone, keep the rest of the recorded page")
+    parser.add_argument("--part", choices=tuple(PARTS), help="measure this alone, keep the rest of the recorded page")
     arguments = parser.parse_args()
-    if arguments.rays:
-        record = recorded(arguments.output)
-        record["rays"] = {"machine": machine_record(), "rows": measure_rays(arguments.quick)}
-        write_results(record, arguments.output)
-        return
-    size, runs = (256, 3) if arguments.quick else (1024, 11)
-    million = 100_000 if arguments.quick else 1_000_000
-    record = {"machine": machine_record(), "size": size, "quick": arguments.quick}
-    record["gbuffer"] = {name: compare(scene, size, runs) for name, scene in scenes()}
-    record["views"] = [many_views(name, scene, *((8, 64) if arguments.quick else ())) for name, scene in scenes()]
-    record["million"] = compare(build("city", triangles=million), size, max(3, runs // 2))
-    record["floor_ms"] = write_floor(size, runs)
-    record["triangles"] = triangle_sweep(size, runs, 200_000 if arguments.quick else 3_000_000)
-    record["pixels"] = pixel_sweep(max(3, runs // 2), 512 if arguments.quick else 4096)
-    record["in_view"] = view_share(size, runs)
-    record["rays"] = {"machine": record["machine"], "rows": measure_rays(arguments.quick)}
-    record["start"] = start_up(arguments.quick)
-    record["peak_memory_mib"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
+    record = {} if arguments.part is None else recorded(arguments.output)
+    for name in _progress(PARTS if arguments.part is None else (arguments.part,), "parts"):
+        record.update(PARTS[name](arguments.quick))
+        record.setdefault("machines", {})[name] = machine_record()
     write_results(record, arguments.output)
+
+
+def part_raster(quick: bool) -> dict[str, Any]:
+    """G-buffers beside the peers, changing geometry, the floor, and many small pictures."""
+    size, runs = (256, 3) if quick else (1024, 9)
+    rows = {}
+    views = []
+    for name, scene in scenes():
+        rows[name] = {**compare(scene, size, runs), "cost": cost_model(scene, size, runs)}
+        views.append(many_views(name, scene, *((8, 64) if quick else ())))
+    counts = (20_000,) if quick else (1_000_000, 3_000_000)
+    return {
+        "size": size,
+        "quick": quick,
+        "gbuffer": rows,
+        "views": views,
+        "changing": [changing(build("city", triangles=count), size, 3) for count in counts],
+        "floor_ms": write_floor(size, runs),
+    }
+
+
+def part_scaling(quick: bool) -> dict[str, Any]:
+    """Sweeps over triangles, pixels and the share in view."""
+    size, runs = (256, 3) if quick else (1024, 7)
+    return {
+        "triangles": triangle_sweep(size, runs, 70_000 if quick else 3_000_000),
+        "pixels": pixel_sweep(3, 512 if quick else 4096),
+        "in_view": view_share(size, runs, 100_000 if quick else 1_000_000),
+    }
+
+
+def part_rays(quick: bool) -> dict[str, Any]:
+    """Rays beside plain Embree."""
+    return {"rays": {"machine": machine_record(), "rows": measure_rays(quick)}}
+
+
+def part_start(quick: bool) -> dict[str, Any]:
+    """A whole process."""
+    return {"start": start_up(quick)}
+
+
+PARTS = {"raster": part_raster, "scaling": part_scaling, "rays": part_rays, "start": part_start}
 
 
 def recorded(folder: Path) -> dict[str, Any]:
@@ -105,7 +134,8 @@ def many_views(name: str, scene: Scene, count: int = VIEWS, side: int = VIEW_SID
         warm_up=1,
     )
     rates = {key: 1e3 * count / timing.median for key, timing in times.items()}
-    return {"scene": name, "count": count, "side": side, "per_second": rates}
+    _, most = added_memory(lambda: rasterize(scene, around, outputs=outputs))
+    return {"scene": name, "count": count, "side": side, "per_second": rates, "added_mb": most}
 
 
 def write_results(record: dict[str, Any], folder: Path) -> None:
@@ -141,6 +171,55 @@ def compare(scene: Scene, size: int, runs: int) -> dict[str, Any]:
         "ms": {name: timing.record() for name, timing in times.items()},
         "notes": notes,
         "agreement": agreement(scene, size),
+    }
+
+
+def cost_model(scene: Scene, size: int, runs: int) -> dict[str, float]:
+    """Where the time of a picture goes, in ms.
+
+    ``triangles`` is the time of a picture of 16 x 16: culling, transforming and setting up whatever is in view, with
+    hardly a pixel. ``memory`` is the least that ``size`` x ``size`` pixels could take: vertices and faces read once and
+    the buffers written once, at the speed of copying.
+    """
+    geometry, camera = scene.geometry, scene.camera(width=size, height=size)
+    few = scene.camera(width=16, height=16)
+    block = torch.zeros(1 << 23)
+    target = torch.empty_like(block)
+    times = take_turns(
+        {"triangles": lambda: rasterize_visibility(geometry, few), "copy": lambda: target.copy_(block)}, runs=runs
+    )
+    per_byte = times["copy"].median / (2 * block.nbytes)
+    read = geometry.vertices.nbytes + geometry.faces.nbytes
+    written = sum(
+        image.nbytes for image in vars(rasterize_visibility(geometry, camera)).values() if torch.is_tensor(image)
+    )
+    return {"triangles": times["triangles"].median, "memory": per_byte * (read + written)}
+
+
+def changing(scene: Scene, size: int, runs: int) -> dict[str, Any]:
+    """Every triangle moves before every picture: refitted clusters and a picture, beside open3d's build and rays."""
+    geometry, camera = scene.geometry, scene.camera(width=size, height=size)
+    span = float((geometry.bounds[1] - geometry.bounds[0]).norm())
+    generator = torch.Generator().manual_seed(5)
+    moved = [
+        geometry.vertices + 1e-4 * span * torch.randn(geometry.vertices.shape, generator=generator, dtype=torch.float64)
+        for _ in range(2)
+    ]
+    turn = iter(range(1 << 30))
+    candidates: dict[str, Any] = {
+        "torchrender": lambda: rasterize_visibility(geometry.with_vertices(moved[next(turn) % 2]), camera)
+    }
+    notes = {}
+    rays = open3d_rays(geometry, camera, thread_count())
+    if isinstance(rays, str):
+        notes["open3d"] = rays
+    else:
+        candidates["open3d_build"], candidates["open3d"] = rays
+    times = take_turns(candidates, runs=runs, warm_up=1)
+    return {
+        "triangles": geometry.triangle_count,
+        "ms": {name: timing.record() for name, timing in times.items()},
+        "notes": notes,
     }
 
 
@@ -203,9 +282,9 @@ def pixel_sweep(runs: int, most: int) -> list[dict[str, float]]:
     return rows
 
 
-def view_share(size: int, runs: int) -> list[dict[str, float]]:
+def view_share(size: int, runs: int, triangles: int) -> list[dict[str, float]]:
     """Time against the share of the scene in view: the city through narrower and narrower lenses."""
-    scene = build("city", triangles=1_000_000)
+    scene = build("city", triangles=triangles)
     whole = scene.camera(width=size, height=size)
     rows = []
     for zoom in (1.0, 2.0, 4.0, 8.0, 16.0):
