@@ -11,7 +11,8 @@ index per triangle and tile it touches; there are no fragment lists.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import fields
+from contextlib import contextmanager
+from dataclasses import fields, replace
 from typing import Any, overload
 
 import numpy as np
@@ -147,6 +148,15 @@ def rasterize_visibility(
     return _visible(geometry_of("geometry", geometry), cameras, (cull, tests), {})
 
 
+def rasterize_into(room: VisibilityBuffer, geometry: Geometry, *, cull: str = "none") -> None:
+    """:func:`rasterize_visibility` of the cameras of ``room``, into its tensors."""
+    _visible(geometry, room.cameras, (cull, None), _images(room))
+
+
+def _images(room: VisibilityBuffer) -> dict[str, Array]:
+    return {name: getattr(room, name).numpy() for name in SEEN}
+
+
 def _visible(
     geometry: Geometry, cameras: Cameras, how: tuple[str, FragmentTests | None], room: Mapping[str, Array]
 ) -> VisibilityBuffer:
@@ -175,20 +185,49 @@ def count_nearer(
     """
     check_choice("cull", cull, CULLING)
     shape = tuple(seen.triangle.shape)
-    count, touching = np.zeros(shape, np.int32), np.zeros(shape, np.bool_)
-    stored = seen.depth.numpy(), seen.triangle.numpy()
-    triangles = _triangle_arrays(geometry)
-    for k, (view, checks) in enumerate(_views(geometry, seen.cameras, None)):
-        draw_view.count_view(
-            triangles,
-            view,
-            cull,
-            checks.holes,
-            Stored(stored[0][k], stored[1][k]),
-            np.array(eps),
-            Nearer(count[k], touching[k]),
-        )
-    return torch.from_numpy(count), torch.from_numpy(touching)
+    count, touching = torch.zeros(shape, dtype=torch.int32), torch.zeros(shape, dtype=torch.bool)
+    for k in range(len(seen.cameras)):
+        one = replace(seen, cameras=seen.cameras[k], depth=seen.depth[k : k + 1], triangle=seen.triangle[k : k + 1])
+        with camera_passes(geometry, one.cameras, cull) as passes:
+            found = passes.count_nearer(one, eps)
+        count[k], touching[k] = found[0][0], found[1][0]
+    return count, touching
+
+
+class CameraPasses:
+    """Several passes over what one camera sees; see :func:`camera_passes`."""
+
+    def __init__(self, camera: Cameras, prepared: draw_view.PreparedView) -> None:
+        self._camera = camera
+        self._prepared = prepared
+
+    def rasterize(self, tests: FragmentTests, room: VisibilityBuffer | None = None) -> VisibilityBuffer:
+        """As :func:`rasterize_visibility`; ``room``: in its tensors."""
+        camera, prepared = self._camera, self._prepared
+        shape = (1, camera.height, camera.width)
+        if room is None:
+            images = {n: _memory.empty((*shape, *_SHAPES[n][0]), _SHAPES[n][1]) for n in SEEN}
+        else:
+            images = _images(room)
+        limits, earlier = limit_arrays(camera, 0, tests), earlier_arrays(camera, 0, tests, prepared.view)
+        prepared.draw(limits, earlier, Visible(**{name: image[0] for name, image in images.items()}))
+        return VisibilityBuffer(cameras=camera, **{name: torch.from_numpy(image) for name, image in images.items()})
+
+    def count_nearer(self, seen: VisibilityBuffer, eps: tuple[float, float]) -> tuple[Tensor, Tensor]:
+        """As :func:`count_nearer`, before what the one camera's ``seen`` holds."""
+        shape = tuple(seen.triangle.shape)
+        count, touching = np.zeros(shape, np.int32), np.zeros(shape, np.bool_)
+        stored = Stored(seen.depth[0].numpy(), seen.triangle[0].numpy())
+        self._prepared.count(stored, np.array(eps), Nearer(count[0], touching[0]))
+        return torch.from_numpy(count), torch.from_numpy(touching)
+
+
+@contextmanager
+def camera_passes(geometry: Geometry, camera: Cameras, cull: str) -> Iterator[CameraPasses]:
+    """Passes over one camera's triangles, which are projected and sorted into tiles once for all of them."""
+    view, checks = next(_views(geometry, camera, None))
+    with draw_view.prepared_view(_triangle_arrays(geometry), view, cull, checks.holes) as prepared:
+        yield CameraPasses(camera, prepared)
 
 
 def rasterize_depth(geometry: Shape, cameras: Cameras, *, cull: str = "none") -> Tensor:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,8 +16,9 @@ from torchrender.depth.options import SamplingOptions
 from torchrender.depth.probes import Probes, pixel_redundant
 from torchrender.depth.ray_visibility import RayVisibility
 from torchrender.fragment_tests import PIXEL_TESTS
-from torchrender.raster import FragmentTests, count_nearer, rasterize_visibility
+from torchrender.raster import FragmentTests, camera_passes, count_nearer, rasterize_visibility
 from torchrender.scene.camera import Cameras
+from torchrender.scene.mesh import Mesh, concatenate
 from torchrender.scene.model import Scene
 from torchrender.scene.procedural import build
 
@@ -188,3 +190,18 @@ def test_layer_count_equals_peeling_one_by_one() -> None:
         # Peeling compares float32 depths: surfaces that meet within one rounding step may trade places.
         wrong = (count[layer.covered] != number).double().mean()
         assert float(wrong) < 1e-3
+
+
+def test_passes_of_one_camera_share_their_triangles_and_leave_others_alone() -> None:
+    """What is drawn between them, of more triangles, neither changes nor is changed by what they keep."""
+    small, large = concatenate([Mesh.box(1.0)]), concatenate([Mesh.sphere(0.9, segments=64), Mesh.box(0.5)])
+    camera = Cameras.look_at([1.0, 1.5, 4.0], [0.0, 0.0, 0.0], width=40, height=30, fov_deg=40.0)
+    wanted, other = rasterize_visibility(small, camera), rasterize_visibility(large, camera)
+    with camera_passes(small, camera, "none") as passes:
+        for _ in range(2):
+            between = rasterize_visibility(large, camera)
+            seen = passes.rasterize(FragmentTests(skip=torch.full_like(wanted.triangle, -1)))
+            assert torch.equal(seen.triangle, wanted.triangle) and torch.equal(seen.depth, wanted.depth)
+            assert torch.equal(between.triangle, other.triangle)
+            count, _ = passes.count_nearer(replace(seen, depth=torch.where(seen.covered, 99.0, 0.0)), (0.0, 0.0))
+            assert bool((count[seen.covered] >= 1).all()) and bool((count[~seen.covered] == 0).all())

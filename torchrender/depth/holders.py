@@ -12,7 +12,7 @@ from torchrender.depth.nonredundant import fragment_tests
 from torchrender.depth.options import SamplingOptions
 from torchrender.depth.probes import Probes, pixel_redundant
 from torchrender.depth.ray_visibility import RayVisibility
-from torchrender.depth.samples import first_views
+from torchrender.depth.samples import some_views
 from torchrender.scene.model import Scene
 
 Holder = Callable[[Probes], Tensor]
@@ -25,7 +25,7 @@ def images_holder(scene: Scene, rays: RayVisibility | None, images: DepthImages,
     if count == 0:
         return lambda probes: torch.zeros(len(probes), dtype=torch.bool)
     if rays is None or options.method == "conventional":
-        return views_holder(scene, rays, options, first_views(images, count))
+        return views_holder(scene, rays, options, some_views(images, slice(count)))
     if options.method == "depth_peeling":
         return lambda probes: rays.peeled(probes.points(), probes.triangle, images.cameras[0], count)
     return lambda probes: rays.captured(probes.points(), probes.triangle, images.cameras, count)

@@ -10,8 +10,8 @@ from torch import Tensor
 
 from torchrender.buffers import VisibilityBuffer
 from torchrender.depth.options import SamplingOptions
-from torchrender.depth.samples import Samples, first_views
-from torchrender.raster import FragmentTests, count_nearer, rasterize_visibility
+from torchrender.depth.samples import Samples, some_views
+from torchrender.raster import FragmentTests, camera_passes, rasterize_into
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
 
@@ -30,11 +30,12 @@ def pixel_nonredundant(
     found = Samples.room_for(cameras)
     known = found.seen if images is None else images
     for number in range(len(cameras)):
+        own = some_views(found.seen, slice(number, number + 1))
         if number == 0:
-            one = Samples.first_hits(rasterize_visibility(scene.geometry, cameras[0], cull=options.cull))
+            rasterize_into(own, scene.geometry, cull=options.cull)
         else:
-            one = _nearest_new(scene, cameras[number], first_views(known, number), options)
-        found.put(number, one)
+            layer, truncated = _nearest_new(scene, own, some_views(known, slice(number)), options)
+            found.layer[number], found.truncated[number] = layer[0], truncated[0]
     return found
 
 
@@ -47,42 +48,48 @@ def fragment_tests(options: SamplingOptions, known: VisibilityBuffer) -> Fragmen
     )
 
 
-def _nearest_new(scene: Scene, camera: Cameras, known: VisibilityBuffer, options: SamplingOptions) -> Samples:
-    """The nearest surface in each pixel of one camera that ``known`` does not hold."""
-    geometry, tests = scene.geometry, fragment_tests(options, known)
+def _nearest_new(
+    scene: Scene, seen: VisibilityBuffer, known: VisibilityBuffer, options: SamplingOptions
+) -> tuple[Tensor, Tensor]:
+    """Write into ``seen``, of one camera, the nearest surface in each pixel that ``known`` does not hold.
+
+    Returns:
+        layer (1,H,W) int32 of surfaces skipped before it, truncated (1,H,W) bool.
+    """
+    tests = fragment_tests(options, known)
     eps = (options.relative_tolerance, options.scene_tolerance * scene.diagonal)
-    seen = rasterize_visibility(geometry, camera, cull=options.cull, tests=tests)
-    if not options.count_layers:
-        return Samples.first_hits(seen)
-    layer, touching = count_nearer(geometry, seen, cull=options.cull, eps=eps)
+    with camera_passes(scene.geometry, seen.cameras, options.cull) as passes:
+        passes.rasterize(tests, seen)
+        if not options.count_layers:
+            shape = seen.triangle.shape
+            return torch.zeros(shape, dtype=torch.int32), torch.zeros(shape, dtype=torch.bool)
+        layer, touching = passes.count_nearer(seen, eps)
+        again = torch.nonzero(touching & (seen.triangle >= 0) & (layer < options.max_skips), as_tuple=True)
+        for _ in range(options.max_skips):
+            if not len(again[0]):
+                break
+            # A coplanar copy of something redundant is the same surface under another id: look behind it, only there.
+            # The step by eps also passes further copies, which would otherwise point to each other for ever.
+            beyond = torch.full(seen.depth.shape, math.inf, dtype=torch.float64)
+            beyond[again] = seen.depth[again].double() * (1.0 + eps[0]) + eps[1]
+            _copy(again, passes.rasterize(replace(tests, beyond=beyond, skip=seen.triangle)), seen)
+            asked = torch.zeros_like(seen.depth)
+            asked[again] = seen.depth[again]
+            more, touching = passes.count_nearer(replace(seen, depth=asked), eps)
+            layer[again] = more[again]
+            open_still = touching[again] & (seen.triangle[again] >= 0) & (layer[again] < options.max_skips)
+            again = tuple(axis[open_still] for axis in again)
     truncated = layer >= options.max_skips
-    again = touching & seen.covered & ~truncated
-    for _ in range(options.max_skips):
-        if not bool(again.any()):
-            break
-        # A coplanar copy of something redundant is the same surface under another id: look behind it, only there. The
-        # step by eps also passes further copies, which would otherwise point to each other for ever.
-        behind = seen.depth.double() * (1.0 + eps[0]) + eps[1]
-        limited = replace(tests, beyond=torch.where(again, behind, math.inf), skip=seen.triangle)
-        seen = _merged(again, rasterize_visibility(geometry, camera, cull=options.cull, tests=limited), seen)
-        asked = replace(seen, depth=torch.where(again, seen.depth, 0.0))
-        more, touching = count_nearer(geometry, asked, cull=options.cull, eps=eps)
-        layer = torch.where(again, more, layer)
-        truncated = layer >= options.max_skips
-        again &= touching & seen.covered & ~truncated
-    truncated = truncated | again
-    if bool(truncated.any()):
-        nothing = Samples.room_for(camera).seen
-        seen = _merged(truncated, nothing, seen)
-    return Samples(seen, layer, truncated)
+    truncated[again] = True
+    given_up = torch.nonzero(truncated, as_tuple=True)
+    if len(given_up[0]):
+        seen.depth[given_up] = math.inf
+        seen.triangle[given_up] = seen.object_id[given_up] = -1
+        seen.barycentric[given_up] = 0.0
+    return layer, truncated
 
 
-def _merged(pixels: Tensor, new: VisibilityBuffer, old: VisibilityBuffer) -> VisibilityBuffer:
-    """``new`` at the given pixels, ``old`` elsewhere."""
-    return replace(
-        old,
-        depth=torch.where(pixels, new.depth, old.depth),
-        triangle=torch.where(pixels, new.triangle, old.triangle),
-        object_id=torch.where(pixels, new.object_id, old.object_id),
-        barycentric=torch.where(pixels[..., None], new.barycentric, old.barycentric),
-    )
+def _copy(pixels: tuple[Tensor, ...], new: VisibilityBuffer, seen: VisibilityBuffer) -> None:
+    """Write ``new`` into ``seen`` at the given pixels."""
+    for name in ("depth", "triangle", "object_id", "barycentric"):
+        getattr(seen, name)[pixels] = getattr(new, name)[pixels]

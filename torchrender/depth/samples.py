@@ -71,7 +71,7 @@ def depth_images(scene: Scene, samples: Samples, options: SamplingOptions) -> De
     )
 
 
-def first_views(images: VisibilityBuffer, count: int) -> VisibilityBuffer:
-    """The first ``count`` images, sharing memory."""
-    parts = {name: getattr(images, name)[:count] for name in _FIELDS}
-    return VisibilityBuffer(cameras=images.cameras[:count], **parts)
+def some_views(images: VisibilityBuffer, chosen: slice) -> VisibilityBuffer:
+    """The chosen images, sharing memory."""
+    parts = {name: getattr(images, name)[chosen] for name in _FIELDS}
+    return VisibilityBuffer(cameras=images.cameras[chosen], **parts)

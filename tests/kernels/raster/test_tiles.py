@@ -192,7 +192,8 @@ def test_surfaces_before_the_stored_ones_are_counted() -> None:
             touches[y, x] = any(z * (1 + relative) >= float(depth[y, x]) for z in zs)
     out = Nearer(np.zeros((height, width), np.int32), np.zeros((height, width), np.bool_))
     arrays, view = arrays_of(vertices, faces), view_of(False)
-    draw_view.count_view(arrays, view, "none", NO_HOLES, Stored(depth, triangle), np.array([relative, 0.0]), out)
+    with draw_view.prepared_view(arrays, view, "none", NO_HOLES) as prepared:
+        prepared.count(Stored(depth, triangle), np.array([relative, 0.0]), out)
     np.testing.assert_array_equal(out.number, wanted)
     np.testing.assert_array_equal(out.touching, touches)
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +14,19 @@ from torchrender.kernels.compile import thread_count
 from torchrender.kernels.raster import binning, many_views, project, tiles
 from torchrender.kernels.raster import count_layers as layers
 from torchrender.kernels.raster.coverage import TILE_HEIGHT, TILE_WIDTH
-from torchrender.kernels.raster.records import Bins, Buffers, Frame, Holes, Nearer, Refusals, Stored, Triangles, Visible
+from torchrender.kernels.raster.records import (
+    Bins,
+    Buffers,
+    Earlier,
+    Frame,
+    Holes,
+    Limits,
+    Nearer,
+    Refusals,
+    Stored,
+    Triangles,
+    Visible,
+)
 from torchrender.kernels.raster.resolve import CACHED
 
 Array = np.ndarray[Any, Any]
@@ -93,19 +107,35 @@ def suits_whole_views(triangles: TriangleArrays, count: int, pixels: int) -> boo
     return count >= 4 * threads and pixels <= WHOLE_PIXELS and room <= WHOLE_ROOM
 
 
-def count_view(
-    triangles: TriangleArrays,
-    view: View,
-    cull: str,
-    holes: Holes,
-    stored: Stored,
-    eps: Array,
-    outputs: Nearer,
-) -> None:
-    """Fill ``outputs``; ``eps``: relative and absolute distance of touching surfaces."""
+@dataclass(frozen=True, eq=False)
+class PreparedView:
+    """One view whose triangles are projected and sorted into tiles, for passes that no depth buffer shortens."""
+
+    view: View
+    holes: Holes
+    scene: Triangles
+    bins: Bins
+
+    def draw(self, limits: Limits, earlier: Earlier, outputs: Visible) -> None:
+        """Fill ``outputs`` with what passes the tests."""
+        buffers = _buffers(thread_count())
+        tiles.render_tiles(self.scene, self._bins(), self.view.frame, limits, earlier, self.holes, buffers, outputs)
+
+    def count(self, stored: Stored, eps: Array, outputs: Nearer) -> None:
+        """Fill ``outputs``; ``eps``: relative and absolute distance of touching surfaces."""
+        ends = _buffers(thread_count()).spans
+        layers.count_tiles(self.scene, self._bins(), self.view.frame, self.holes, stored, eps, ends, outputs)
+
+    def _bins(self) -> Bins:
+        return self.bins._replace(turn=np.zeros(1, np.int64))
+
+
+@contextmanager
+def prepared_view(triangles: TriangleArrays, view: View, cull: str, holes: Holes) -> Iterator[PreparedView]:
+    """A :class:`PreparedView` while the context lasts; other views may be drawn meanwhile."""
     scene, bins = _prepare(triangles, view, binning.Listing(CULL[cull], False, holes.mask), cull == "sides")
-    ends = _buffers(thread_count()).spans
-    layers.count_tiles(scene, bins, view.frame, holes, stored, eps, ends, outputs)
+    with _memory.lent():
+        yield PreparedView(view, holes, scene, bins)
 
 
 def _prepare(triangles: TriangleArrays, view: View, how: binning.Listing, sides: bool) -> tuple[Triangles, Bins]:
@@ -134,6 +164,16 @@ class _Memory(threading.local):
     def __init__(self) -> None:
         self._points = np.empty((0, 4))
         self._lists = _lists(0)
+
+    @contextmanager
+    def lent(self) -> Iterator[None]:
+        """What was handed out last stays as it is while the context lasts."""
+        points, lists = self._points, self._lists
+        self._points, self._lists = np.empty((0, 4)), _lists(0)
+        try:
+            yield
+        finally:
+            self._points, self._lists = points, lists
 
     def points(self, count: int) -> Array:
         """Room for ``count`` projected vertices, not cleared."""

@@ -134,7 +134,7 @@ def many_views(name: str, scene: Scene, count: int = VIEWS, side: int = VIEW_SID
         warm_up=1,
     )
     rates = {key: 1e3 * count / timing.median for key, timing in times.items()}
-    _, most = added_memory(lambda: rasterize(scene, around, outputs=outputs))
+    most, _ = added_memory(lambda: rasterize(scene, around, outputs=outputs))
     return {"scene": name, "count": count, "side": side, "per_second": rates, "added_mb": most}
 
 
