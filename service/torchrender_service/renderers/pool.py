@@ -25,6 +25,8 @@ from torchrender_service.renderers.processes.schedule import RETRY_S
 from torchrender_service.renderers.processes.start import Kind, Spare
 from torchrender_service.settings import Settings
 
+INSPECTOR_NICENESS = 10
+"""Whoever uploads waits for no picture; a file that takes long to look at must not take from others."""
 HELP_S, PATIENCE_S = 0.5, 2.0
 """For a picture in the renderer of large ones, which the system serves last: then it goes back to the others; the
 second beside streams."""
@@ -60,7 +62,7 @@ class Pool:
             batch = kind("batch", memory, settings.batch_s, niceness=settings.batch_niceness, **aside)
             self._batch = RendererProcess(batch, settings.waiting, metrics)
         # A file that is built to exhaust memory or time only stops this one.
-        inspector = kind("inspector", memory // 2, settings.inspect_s, **aside)
+        inspector = kind("inspector", memory // 2, settings.inspect_s, niceness=INSPECTOR_NICENESS, **aside)
         self._inspector = RendererProcess(inspector, settings.waiting, metrics)
         self._kernels = KernelPreparation()
         self._warm: set[str] = set()

@@ -87,22 +87,19 @@ def _reply(runner: JobRunner, desk: Desk, task: SentTask) -> Reply:
 @contextmanager
 def threads(count: int) -> Iterator[None]:
     """At most so many threads of this process for kernels and tensors; 0: all."""
-    import numba
     import torch
 
-    before = numba.get_num_threads(), torch.get_num_threads()
-    every = numba.config.NUMBA_NUM_THREADS
-    wanted = min(count, every) if count else every
-    if before == (wanted, wanted):
-        yield
-        return
-    try:
-        numba.set_num_threads(wanted)
-        torch.set_num_threads(wanted)
-        yield
-    finally:
-        numba.set_num_threads(before[0])
-        torch.set_num_threads(before[1])
+    from torchrender.kernels.threads import exact_threads, most_threads
+
+    wanted, before = count or most_threads(), torch.get_num_threads()
+    with exact_threads(wanted):
+        if wanted != before:
+            torch.set_num_threads(wanted)
+        try:
+            yield
+        finally:
+            if wanted != before:
+                torch.set_num_threads(before)
 
 
 def failure_of(error: Exception) -> Failure:

@@ -207,8 +207,8 @@ def bound_receivers(points, lamps, i, frames, orthographic, first, table):
     """
     height, width = points.takes.shape
     parts, views, steps = table.shape[0], table.shape[1], table.shape[2]
-    total = np.int64(height * width)
-    block = min(max(total // (4 * parts), 1), _BLOCK)
+    total = height * width
+    block = np.int64(min(max(total // (4 * parts), 1), _BLOCK))
     for part in prange(parts):
         for f in range(views):
             for n in range(steps):

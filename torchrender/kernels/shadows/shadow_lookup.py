@@ -296,9 +296,9 @@ def shadow_lookup(points, normals, light, views, maps, taps, settings, answers):
             the map cannot tell, or -1.
     """
     out, doubt = answers
-    count = np.int64(points.shape[0])
+    count = points.shape[0]
     # The schedule is static: strided blocks give every thread its share of the costly pixels, of small pictures, too.
-    block = min(max(count // (4 * _PARTS), 1), _BLOCK)
+    block = np.int64(min(max(count // (4 * _PARTS), 1), _BLOCK))
     for part in numba.prange(_PARTS):
         for start in range(np.int64(part) * block, count, _PARTS * block):
             for i in range(start, min(start + block, count)):
