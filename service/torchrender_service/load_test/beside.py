@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import math
 import time
 from collections.abc import AsyncIterator
 from dataclasses import replace
@@ -13,7 +14,7 @@ from torchrender_service.load_test.driver import LoadClient, ServerUnderTest, cl
 from torchrender_service.load_test.playing import player
 from torchrender_service.load_test.raw import ask, attacker
 from torchrender_service.load_test.rows import Effort, Row
-from torchrender_service.load_test.watching import watch
+from torchrender_service.load_test.watching import Seen, watch
 
 SESSIONS = 10
 SMALL = {"width": 96, "height": 54, "layers": 0}
@@ -76,10 +77,9 @@ async def _row(
         during = await watch(server, sessions, play())
     over = await _over_after(server)
     grown = max(during.memory_mb) - min(before.memory_mb)
-    slower = during.p95_ms / before.p95_ms
+    slower = during.p95_ms / before.p95_ms if math.isfinite(before.p95_ms) else math.inf
     text = (
-        f"p95 {before.p95_ms:.0f} → {during.p95_ms:.0f} ms ({100 * (slower - 1):+.0f} %, "
-        f"{len(during.latencies_s)} keyframes), /health p99 "
+        f"p95 {_compared(before, during)} ({len(during.latencies_s)} keyframes), /health p99 "
         f"{during.health_ms:.0f} ms, memory {grown:+.0f} MB, log {during.log_per_minute / 1024:.0f} KB/min, "
         f"over after {over:.1f} s" + "".join(f"; {one}" for one in found)
     )
@@ -95,8 +95,8 @@ async def _row(
         f"p95 +{100 * (attack.slower - 1):.0f} % at most, /health p99 < 50 ms, memory and log bounded, over within 30 s"
     )
     details = {
-        "p95_before_ms": before.p95_ms,
-        "p95_during_ms": during.p95_ms,
+        "p95_before_ms": _known(before.p95_ms),
+        "p95_during_ms": _known(during.p95_ms),
         "health_p99_ms": during.health_ms,
         "memory_mb": grown,
         "log_bytes_per_minute": during.log_per_minute,
@@ -110,6 +110,19 @@ async def _row(
         before=attack.once,
         details=details,
     )
+
+
+def _compared(before: Seen, during: Seen) -> str:
+    """In words: without any keyframe there is nothing to compare."""
+    first, second = (f"{ms:.0f} ms" if math.isfinite(ms) else "no keyframe" for ms in (before.p95_ms, during.p95_ms))
+    if "no keyframe" in (first, second):
+        return f"{first} → {second}"
+    return f"{before.p95_ms:.0f} → {second}, {100 * (during.p95_ms / before.p95_ms - 1):+.0f} %"
+
+
+def _known(ms: float) -> float | None:
+    """JSON has no infinity."""
+    return ms if math.isfinite(ms) else None
 
 
 async def _over_after(server: ServerUnderTest) -> float:
