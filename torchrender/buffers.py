@@ -5,9 +5,11 @@ Empty pixel: depth +inf, id -1, normal 0, everything else 0.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from enum import IntEnum
+from functools import cached_property
 from typing import Any
 
 import torch
@@ -114,9 +116,15 @@ class ShadowMap:
     cameras: Cameras  # N views of the light
     depth: Tensor  # (N,S,S) or (N,H,W) camera z of the light's view; +inf where empty
     starts: tuple[int, ...] | None = None  # views starts[b] to starts[b + 1] were fitted to picture b; None: all to all
+    fitted_to: tuple[Any, ...] | None = None  # what the pictures saw then: where it is the same, the views still fit
 
     __repr__ = brief
     _repr_html_ = brief_html
+
+    @cached_property
+    def nearest(self) -> float:
+        """Least depth of all views; +inf where they are empty."""
+        return float(self.depth.min()) if self.depth.numel() else math.inf
 
 
 @dataclass(frozen=True, eq=False)

@@ -74,6 +74,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     max_connections_per_address: Count = 256
     max_requests: Count = 512  # under way at a time
     max_requests_per_address: Count = 64
+    connections_per_s: Count = 250  # that one address may open; twice as many at once
     requests_per_s: Count = 250  # of one address
     max_uploads: Count = 16  # large bodies under way at a time
     max_uploads_per_address: Count = 4

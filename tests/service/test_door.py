@@ -20,6 +20,7 @@ from service_little import FACTS, PICTURE, LittleServer, little_server
 from service_parts import FakePool
 from torchrender.errors import OptionError
 from torchrender_service.door import traces
+from torchrender_service.door.accepting import MOST_ADDRESSES, Arrivals, listening
 from torchrender_service.door.address import client_of, group_of
 from torchrender_service.door.rates import Quota, Rates
 from torchrender_service.errors import ServiceError
@@ -70,6 +71,49 @@ def ended(connection: socket.socket) -> bytes:
 def post(path: str, length: int, kind: str = "application/toml") -> bytes:
     head = f"POST {path} HTTP/1.1\r\nhost: localhost\r\ncontent-type: {kind}\r\ncontent-length: {length}\r\n\r\n"
     return head.encode()
+
+
+def test_an_address_opens_so_many_connections_a_second() -> None:
+    refused: list[int] = []
+    arrivals = Arrivals(Settings(connections_per_s=10, trusted_proxies=("10.0.0.9",)), lambda: refused.append(1))
+    assert [arrivals.let_in(OTHER, 5.0) for _ in range(22)] == [True] * 20 + [False] * 2
+    assert len(refused) == 2
+    assert arrivals.let_in("127.0.0.1", 5.0)
+    assert all(arrivals.let_in("10.0.0.9", 5.0) for _ in range(100))
+    assert [arrivals.let_in(OTHER, 5.25) for _ in range(3)] == [True, True, False]
+    assert [arrivals.let_in(OTHER, 99.0) for _ in range(22)] == [True] * 20 + [False] * 2
+    for number in range(2 * MOST_ADDRESSES):  # who comes from everywhere fills no memory
+        arrivals.let_in(f"198.51.{number // 250}.{number % 250}", 100.0)
+    assert len(arrivals._left) <= MOST_ADDRESSES
+
+
+def test_what_is_refused_is_closed_before_anybody_looks_at_it() -> None:
+    (one,) = listening("127.0.0.1", 0, Arrivals(Settings(connections_per_s=1)))
+    with one:
+        one.listen(16)
+        with pytest.raises(BlockingIOError):
+            one.accept()
+        visitors = [socket.create_connection(one.getsockname(), source_address=(OTHER, 0)) for _ in range(5)]
+        honest = socket.create_connection(one.getsockname())
+        accepted = []
+        for _ in range(3):
+            connection, peer = one.accept()
+            accepted.append(peer[0])
+            connection.close()
+        assert accepted == [OTHER, OTHER, "127.0.0.1"]
+        with pytest.raises(BlockingIOError):
+            one.accept()
+        assert sum(_is_reset(visitor) for visitor in visitors) == 3
+        for visitor in (*visitors, honest):
+            visitor.close()
+
+
+def _is_reset(connection: socket.socket) -> bool:
+    connection.settimeout(5.0)
+    try:
+        return connection.recv(1) == b"x"
+    except ConnectionResetError:
+        return True
 
 
 def test_half_sent_headers_are_ended_and_keep_nobody_out(little: LittleServer) -> None:

@@ -57,6 +57,23 @@ def test_a_view_at_rest_is_refined_and_smoothed_once():
     assert place.due(9.0) is None
 
 
+def test_a_client_that_is_seldom_heard_has_not_stopped_between_two_poses():
+    """As over a slow link, or in a page that its browser gives one turn a second."""
+    place = started(still=True)
+    for second in range(1, 5):
+        place.take_pose(pose(second + 1, moved(0.001 * second)), float(second))
+        rest = 0.6 if second == 1 else 0.99  # the second pose tells how often they come
+        assert place.due(second + rest) == ("still" if second == 1 else None)
+    assert place.due(5.2) is None
+    assert place.due(5.6) == "still"  # silent for longer than between the others
+    place.take_pose(pose(9, moved(0.01)), 6.0)
+    place.take_pose(pose(10, moved(0.01), moving=False), 6.1)  # it says that it stands: no more waiting than usual
+    assert place.due(6.51) == "still"
+    place.take_pose(pose(11, moved(0.011)), 100.0)
+    place.take_pose(pose(12, moved(0.012)), 160.0)  # nobody waits for a minute
+    assert place.due(162.9) is None and place.due(163.1) == "still"
+
+
 def test_moving_far_enough_asks_for_a_keyframe():
     place = started(still=True)
     place.take_pose(pose(2, moved(0.02)), 1.0)

@@ -10,13 +10,17 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from msgspec.structs import replace
 
 from service_parts import Actor
 from torchrender_service.errors import ServiceError
 from torchrender_service.metrics import Metrics
+from torchrender_service.renderers import pool as pool_module
+from torchrender_service.renderers.asked import Asked
 from torchrender_service.renderers.contract import RendererPool
 from torchrender_service.renderers.jobs import Bounds, Forget, Job, Render, SceneSource, View
 from torchrender_service.renderers.pool import Pool
+from torchrender_service.renderers.processes.process import RendererProcess
 from torchrender_service.settings import read_settings
 
 KEY = "a-key-of-enough-letters"
@@ -68,6 +72,59 @@ def test_large_pictures_wait_apart_and_the_first_renderer_is_kept_for_streams() 
     assert [chosen(pool, picture(side)) for side in (64, 2048)] == ["1", "batch"]
     assert [chosen(small, picture(side)) for side in (64, 2048)] == ["0", "0"]
     assert pool.idle(pool.assign(background=True)) and small.idle(small.assign(background=True))
+
+
+def test_small_pictures_of_several_clients_take_two_processes_and_a_thread_each(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The process of large pictures helps out, while it has none; what it does not get done comes back."""
+    monkeypatch.setattr(RendererProcess, "ready", True)  # jobs go to processes that are not there, and stay
+
+    async def chosen(pool: Pool, *jobs: Job) -> list[tuple[str, int]]:
+        """Where each job runs or waits, while those before do, and how many threads it may take."""
+        tasks, found = [], []
+        for job in jobs:
+            asked, before = Asked(), {r.name: r.load for r in pool._working}
+            tasks.append(asyncio.create_task(pool.run(job, asked=asked)))
+            await asyncio.sleep(0)
+            await asyncio.sleep(0)
+            found.append((next(r.name for r in pool._working if r.load > before[r.name]), asked.threads))
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+        return found
+
+    small, large, bounded = picture(64), picture(2048), replace(picture(64), bounds=Bounds(budget_ms=50.0))
+    pool = make_pool(renderers=1)
+    assert asyncio.run(chosen(pool, small, small, small)) == [("0", 0), ("batch", 1), ("0", 1)]
+    pool = make_pool(renderers=1)
+    assert asyncio.run(chosen(pool, small, bounded, picture(512))) == [("0", 0)] * 3
+    pool = make_pool(renderers=1)
+    assert asyncio.run(chosen(pool, large, small, small)) == [("batch", 0), ("0", 1), ("0", 1)]
+    pool = make_pool(renderers=1)
+    pool.assign()  # a stream: pictures of all sizes leave it alone
+    assert asyncio.run(chosen(pool, picture(512), bounded)) == [("batch", 0), ("0", 0)]
+
+
+def test_a_picture_that_the_system_leaves_waiting_comes_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(RendererProcess, "ready", True)
+    monkeypatch.setattr(pool_module, "HELP_S", 0.05)
+
+    async def two() -> list[int]:
+        pool = make_pool(renderers=1)
+        tasks = [asyncio.create_task(pool.run(picture(64))) for _ in range(2)]
+        await asyncio.sleep(0.2)
+        loads = [renderer.load for renderer in pool._working]
+        tasks.append(asyncio.create_task(pool.run(picture(64))))
+        await asyncio.sleep(0)
+        loads += [renderer.load for renderer in pool._working]
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+        return loads
+
+    # The one that nobody began is still there to be told that nobody waits for it.
+    assert asyncio.run(two()) == [2, 1, 3, 1]
 
 
 def test_a_handle_of_another_pool_is_refused() -> None:

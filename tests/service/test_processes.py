@@ -12,11 +12,15 @@ from typing import Any
 
 import msgspec
 import pytest
+import torch
 
 from service_parts import CAMERA
 from torchrender.clock import StepClock, interruptible
+from torchrender.kernels.compile import thread_count
+from torchrender.kernels.threads import most_threads
 from torchrender_service.errors import ServiceError
 from torchrender_service.metrics import Metrics
+from torchrender_service.renderers import worker
 from torchrender_service.renderers.asked import Asked, Rank, rank_of
 from torchrender_service.renderers.jobs import (
     JOB_ENCODER,
@@ -305,3 +309,18 @@ def test_what_came_between_two_passes_is_not_counted_as_theirs() -> None:
             with clock.measure("pass"):
                 pass
     assert len(calls) == 5 and clock.elapsed_ms["picture"] < 50.0 and clock.elapsed_ms["pass"] < 50.0
+
+
+def test_a_job_takes_the_threads_that_it_may_and_one_between_its_passes_all() -> None:
+    def now() -> tuple[int, int]:
+        return thread_count(), torch.get_num_threads()
+
+    before = now()
+    with worker.threads(1):
+        assert now() == (1, 1)
+        with worker.threads(0):
+            assert now() == (most_threads(), most_threads())
+        assert now() == (1, 1)
+    assert now() == before
+    with worker.threads(1000):
+        assert now()[0] == most_threads()

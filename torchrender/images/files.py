@@ -28,6 +28,8 @@ from torchrender.numerics.color import srgb_from_linear
 READ_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tga", ".ktx2", ".hdr", ".pic", ".exr")
 WRITE_SUFFIXES = (".png", ".exr")
 MAX_PIXELS = 2**28
+PNG_LEVEL = 4
+"""Of compression: half the time of the usual 6 for files that are 5 to 9 % larger."""
 """Larger pictures are refused before memory is taken for them (as float RGB they would fill 3 GiB)."""
 
 _CHANNEL_NAMES = {1: ("Y",), 2: ("Y", "A"), 3: ("R", "G", "B"), 4: ("R", "G", "B", "A")}
@@ -116,7 +118,7 @@ def write_image(path: str | Path, image: Tensor, *, channels: Sequence[str] | No
         if channels is not None:
             raise InputError("channels can only be named in EXR files")
         picture = _encode_png(pixels)
-        write_atomically(path, lambda temporary: picture.save(temporary, format="PNG"))
+        write_atomically(path, lambda temporary: picture.save(temporary, format="PNG", compress_level=PNG_LEVEL))
         return
     names = _CHANNEL_NAMES.get(pixels.shape[2]) if channels is None else tuple(channels)
     if names is None or len(names) != pixels.shape[2] or len(set(names)) != len(names):
@@ -134,7 +136,7 @@ def png_bytes(image: Tensor) -> bytes:
     """Linear (H,W) or (H,W,C) as the content of a PNG file, 8-bit sRGB, clamped to [0,1]."""
     pixels = image.detach().cpu().float()
     out = io.BytesIO()
-    _encode_png(pixels[..., None] if pixels.dim() == 2 else pixels).save(out, format="PNG")
+    _encode_png(pixels[..., None] if pixels.dim() == 2 else pixels).save(out, format="PNG", compress_level=PNG_LEVEL)
     return out.getvalue()
 
 

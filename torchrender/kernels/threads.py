@@ -1,4 +1,4 @@
-"""Fewer threads for a while."""
+"""Other numbers of threads for a while."""
 
 from __future__ import annotations
 
@@ -6,6 +6,22 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import numba
+
+
+def most_threads() -> int:
+    """As many as parallel kernels may ever take in this process."""
+    return int(numba.config.NUMBA_NUM_THREADS)
+
+
+@contextmanager
+def exact_threads(count: int) -> Iterator[None]:
+    """Parallel kernels that this thread calls take so many threads in here, also more than just before."""
+    before = numba.get_num_threads()
+    numba.set_num_threads(max(1, min(count, most_threads())))
+    try:
+        yield
+    finally:
+        numba.set_num_threads(before)
 
 
 @contextmanager

@@ -14,6 +14,7 @@ import time
 from collections import OrderedDict
 from typing import Any, Protocol
 
+from torchrender_service.door.accepting import Arrivals
 from torchrender_service.metrics import Metrics
 from torchrender_service.settings import Settings
 
@@ -47,6 +48,7 @@ class Connections:
         self._count = 0
         self._turned_away: dict[str, int] = {}
         self._refusals: dict[str, int] = {}
+        self.arrivals = Arrivals(settings, lambda: self._refuse("connections a second of one address"))
 
     def __len__(self) -> int:
         return self._count

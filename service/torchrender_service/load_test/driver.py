@@ -47,9 +47,10 @@ class LoadTestError(TorchRenderError):
 
 @dataclass(eq=False)
 class ServerUnderTest:
-    """A server process of its own."""
+    """A server process of its own; ``process`` is None where another program started it."""
 
-    process: subprocess.Popen[str]
+    process: subprocess.Popen[str] | None
+    pid: int
     host: str
     port: int
     log: Path | None = None
@@ -62,7 +63,7 @@ class ServerUnderTest:
 
     def children(self) -> list[int]:
         """Processes of its renderers."""
-        return _family(self.process.pid)[1:]
+        return _family(self.pid)[1:]
 
     @property
     def url(self) -> str:
@@ -90,7 +91,7 @@ class ServerUnderTest:
 
     def memory_mb(self) -> float:
         """Resident memory of the server and its renderers; 0 where the system does not tell."""
-        return sum(_resident_mb(pid) for pid in _family(self.process.pid))
+        return sum(_resident_mb(pid) for pid in _family(self.pid))
 
 
 @contextmanager
@@ -107,7 +108,7 @@ def running_server(**settings: str) -> Iterator[ServerUnderTest]:
             if "http://" not in line:
                 raise LoadTestError(f"the server does not start: {(Path(folder) / 'log').read_text()[-500:]}")
             host, _, port = line.split("http://")[1].strip().rstrip("/").partition(":")
-            yield ServerUnderTest(process, host, int(port), Path(folder) / "log")
+            yield ServerUnderTest(process, process.pid, host, int(port), Path(folder) / "log")
         finally:
             process.terminate()
             try:

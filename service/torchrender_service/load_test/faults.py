@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import os
 import random
 import signal
 import statistics
@@ -173,7 +174,7 @@ async def shutdown_rows(server: ServerUnderTest, effort: Effort) -> list[Row]:
         await one.walk(1.0)
         await one.send_pose(0.2)
         begin = time.perf_counter()
-        server.process.send_signal(signal.SIGTERM)
+        os.kill(server.pid, signal.SIGTERM)
         code = 0
         try:
             while True:
@@ -182,6 +183,7 @@ async def shutdown_rows(server: ServerUnderTest, effort: Effort) -> list[Row]:
                 messages.append(decode(data).message)
         except ConnectionClosed as error:
             code = error.rcvd.code if error.rcvd else 1006
+    assert server.process is not None
     await asyncio.to_thread(server.process.wait, 30)
     took = time.perf_counter() - begin
     said = any(isinstance(m, Bye) for m in messages)

@@ -14,6 +14,7 @@ class Row:
     goal: str
     measured: str
     met: bool | None  # None: no goal, or measured elsewhere
+    before: str = ""  # what it was once
     details: dict[str, Any] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
@@ -22,6 +23,7 @@ class Row:
             "what": self.what,
             "goal": self.goal,
             "measured": self.measured,
+            **({"before": self.before} if self.before else {}),
             "met": None if self.met is None else bool(self.met),
             **self.details,
         }

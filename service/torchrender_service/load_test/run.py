@@ -11,7 +11,7 @@ from typing import Any
 
 from torchrender.images.files import write_atomically
 from torchrender.quality.machine import machine_line, machine_record
-from torchrender_service.load_test import attacks, faults, figures, network, pictures
+from torchrender_service.load_test import beside, faults, figures, network, pictures
 from torchrender_service.load_test.driver import ServerUnderTest, running_server
 from torchrender_service.load_test.rows import Effort, Row
 
@@ -74,7 +74,7 @@ async def _measure(sections: dict[str, list[Row]], effort: Effort) -> None:
             _tell(rows)
     sections["Pictures"] += await figures.start_rows(effort)
     _tell(sections["Pictures"][-2:])
-    sections["Attacks"] = await attacks.attack_rows(effort)
+    sections["Attacks"] = await beside.attack_rows(effort)
     _tell(sections["Attacks"])
 
 
@@ -88,16 +88,24 @@ def page(sections: dict[str, list[Row]], record: dict[str, Any], effort: Effort)
         "",
         "Server, renderers and simulated clients share this machine. Delay, jitter and loss are simulated by a relay "
         "on loopback; a lost segment costs one round trip and 200 ms, as TCP makes it. Latency is from sending a "
-        "pose to having its picture (layer 0). Each attack comes from an address of its own without a key, "
-        "beside ten sessions that walk through cornell_box at 96 × 54 slowly; p95 is of those sessions, "
-        "before and during the attack.",
+        "pose to having its picture (layer 0). Each attack comes from an address and a process of its own, without a "
+        "key, beside ten sessions that walk through cornell_box at 96 × 54, a pose a second each, so that they leave "
+        "half of the machine free; p95 is of those sessions, before and during the attack. What an attack once did "
+        "was seen by hand when it was found, not beside such sessions.",
         "",
     ]
     for name, rows in sections.items():
-        lines += [f"## {name}", "", "| what | goal | measured | |", "|---|---|---|---|"]
-        lines += [f"| {r.what} | {r.goal} | {r.measured} | {_mark(r.met)} |" for r in rows]
-        lines.append("")
+        lines += [f"## {name}", "", *_table(rows), ""]
     return "\n".join(lines)
+
+
+def _table(rows: list[Row]) -> list[str]:
+    """With a column for what it was once, where something is known about that."""
+    if any(row.before for row in rows):
+        head = ["| what | once | goal | measured | |", "|---|---|---|---|---|"]
+        return head + [f"| {r.what} | {r.before} | {r.goal} | {r.measured} | {_mark(r.met)} |" for r in rows]
+    head = ["| what | goal | measured | |", "|---|---|---|---|"]
+    return head + [f"| {r.what} | {r.goal} | {r.measured} | {_mark(r.met)} |" for r in rows]
 
 
 def _mark(met: bool | None) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import time
 from collections.abc import Awaitable
 from dataclasses import dataclass, field
@@ -25,8 +26,8 @@ class Seen:
 
     @property
     def p95_ms(self) -> float:
-        """From a pose to its keyframe."""
-        return 1e3 * percentile(self.latencies_s, 0.95)
+        """From a pose to its keyframe; infinite where none came."""
+        return 1e3 * percentile(self.latencies_s, 0.95) if self.latencies_s else math.inf
 
     @property
     def health_ms(self) -> float:

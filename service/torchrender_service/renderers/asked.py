@@ -15,6 +15,10 @@ INTERACTIVE_SIDE = 1024
 """Pixels of the longer side of a photo up to which its fog is a preview."""
 
 
+SMALL_PIXELS = 2**16
+"""Of a picture that gains little from a second thread: where others wait, it leaves that to them."""
+
+
 class Rank(IntEnum):
     """Classes of work, the most urgent first."""
 
@@ -31,6 +35,7 @@ class Asked:
     client: str = "the service"
     rank: Rank | None = None  # None: by the job
     waited_s: float = 0.0  # set when the job begins
+    threads: int = 0  # of the renderer that the job takes at most; 0: all
 
 
 def rank_of(job: jobs.Job) -> Rank:
@@ -47,9 +52,24 @@ def rank_of(job: jobs.Job) -> Rank:
     if isinstance(job, jobs.Render):
         if job.bounds.budget_ms is not None and job.bounds.budget_ms <= INTERACTIVE_MS:
             return Rank.INTERACTIVE
-        pixels = job.view.width * job.view.height * max(1.0, float(job.options.get("supersample", 1.0))) ** 2
+        pixels = _pixels(job)
     elif isinstance(job, jobs.DepthImages):
         pixels = sum(v.width * v.height for v in job.views) * job.around
     elif isinstance(job, jobs.Reproject):
         pixels = job.view.width * job.view.height
     return Rank.BATCH if pixels > INTERACTIVE_PIXELS else Rank.INTERACTIVE
+
+
+def is_free(job: jobs.Job) -> bool:
+    """A picture without a budget: no pace that was learned for it goes astray where it takes longer or less long."""
+    return isinstance(job, jobs.Render) and job.bounds.budget_ms is None and job.bounds.max_error is None
+
+
+def is_small(job: jobs.Job) -> bool:
+    """A picture of few pixels that is free."""
+    return isinstance(job, jobs.Render) and is_free(job) and _pixels(job) <= SMALL_PIXELS
+
+
+def _pixels(job: jobs.Render) -> float:
+    """All samples counted."""
+    return job.view.width * job.view.height * max(1.0, float(job.options.get("supersample", 1.0))) ** 2

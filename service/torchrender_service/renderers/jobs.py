@@ -276,6 +276,7 @@ class Task(msgspec.Struct, frozen=True, kw_only=True, tag=True):
     serial: int
     job: Job
     express: bool = False  # done between two passes of whatever is being done
+    threads: int = 0  # at most; 0: all that the renderer has
 
 
 class SentTask(msgspec.Struct, frozen=True, kw_only=True, tag="Task"):
@@ -284,6 +285,7 @@ class SentTask(msgspec.Struct, frozen=True, kw_only=True, tag="Task"):
     serial: int
     job: msgspec.Raw
     express: bool = False
+    threads: int = 0
 
 
 class Cancel(msgspec.Struct, frozen=True, kw_only=True, tag=True):

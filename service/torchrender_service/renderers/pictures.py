@@ -16,7 +16,7 @@ from torchrender.depth.sample import sample_depth_images
 from torchrender.depth.viewpoints import viewpoints_around
 from torchrender.effects.enhancement.options import EnhanceOptions
 from torchrender.image import Image, camera_arrays
-from torchrender.images.files import write_image, write_npz
+from torchrender.images.files import png_bytes, write_npz
 from torchrender.pipeline.options import RenderOptions, shadow_choices
 from torchrender.raster import surface_attributes
 from torchrender.reconstruct.reproject import Reprojection, reproject
@@ -60,6 +60,8 @@ def _options(asked: Mapping[str, Any]) -> RenderOptions:
 
 
 def _picture_file(image: Image, job: Render) -> bytes:
+    if job.format == "png":
+        return png_bytes(image.displayed()[0])
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"picture.{job.format}"
         if job.format == "npz" and job.buffers:
@@ -110,17 +112,16 @@ def reproject_picture(job: Reproject) -> dict[str, Any]:
 
 
 def _reprojected_file(made: Reprojection, kind: str) -> bytes:
+    if kind == "png":
+        return png_bytes(torch.cat([made.color[0], made.valid[0, ..., None].float()], dim=-1))
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"picture.{kind}"
-        if kind == "npz":
-            arrays: dict[str, Tensor] = {
-                "color": made.color,
-                "srgb": torch.from_numpy(display_bytes(made.color[0]))[None],
-                "depth": made.depth,
-                "valid": made.valid,
-                "source": made.source,
-            }
-            write_npz(path, {**arrays, **camera_arrays(made.cameras)})
-        else:
-            write_image(path, torch.cat([made.color[0], made.valid[0, ..., None].float()], dim=-1))
+        arrays: dict[str, Tensor] = {
+            "color": made.color,
+            "srgb": torch.from_numpy(display_bytes(made.color[0]))[None],
+            "depth": made.depth,
+            "valid": made.valid,
+            "source": made.source,
+        }
+        write_npz(path, {**arrays, **camera_arrays(made.cameras)})
         return path.read_bytes()

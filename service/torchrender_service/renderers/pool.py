@@ -9,13 +9,14 @@ leave over: a keyframe never waits for it.
 from __future__ import annotations
 
 import asyncio
+import time
 from collections import Counter
 from dataclasses import dataclass
 from typing import Any
 
 from torchrender_service.errors import ServiceError
 from torchrender_service.metrics import Metrics
-from torchrender_service.renderers.asked import Asked, Rank, rank_of
+from torchrender_service.renderers.asked import Asked, Rank, is_free, is_small, rank_of
 from torchrender_service.renderers.contract import RendererHandle
 from torchrender_service.renderers.jobs import Forget, Job, PhotoJob, WarmUp
 from torchrender_service.renderers.kernels import KernelPreparation
@@ -23,6 +24,14 @@ from torchrender_service.renderers.processes.process import RendererProcess
 from torchrender_service.renderers.processes.schedule import RETRY_S
 from torchrender_service.renderers.processes.start import Kind, Spare
 from torchrender_service.settings import Settings
+
+INSPECTOR_NICENESS = 10
+"""Whoever uploads waits for no picture; a file that takes long to look at must not take from others."""
+HELP_S, PATIENCE_S = 0.5, 2.0
+"""For a picture in the renderer of large ones, which the system serves last: then it goes back to the others; the
+second beside streams."""
+AVOIDED_S = 3.0
+"""So long pictures do not go there any more after that."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,11 +62,12 @@ class Pool:
             batch = kind("batch", memory, settings.batch_s, niceness=settings.batch_niceness, **aside)
             self._batch = RendererProcess(batch, settings.waiting, metrics)
         # A file that is built to exhaust memory or time only stops this one.
-        inspector = kind("inspector", memory // 2, settings.inspect_s, **aside)
+        inspector = kind("inspector", memory // 2, settings.inspect_s, niceness=INSPECTOR_NICENESS, **aside)
         self._inspector = RendererProcess(inspector, settings.waiting, metrics)
         self._kernels = KernelPreparation()
         self._warm: set[str] = set()
         self._assigned: set[RendererHandle] = set()
+        self._aside_from = 0.0  # time from which on pictures go to the renderer of large ones
         self._closed = False
 
     @property
@@ -168,9 +178,33 @@ class Pool:
         rank = asked.rank if asked is not None and asked.rank is not None else rank_of(job)
         if rank is Rank.BATCH or isinstance(job, PhotoJob):
             return await self._put(self._batch, job, asked)
-        # Where there are several, the first one is kept for streams.
-        chosen = min(self._renderers[1:] or self._renderers, key=lambda r: r.load)
-        return await self._put(chosen, job, asked)
+        return await self._picture(job, asked or Asked())
+
+    async def _picture(self, job: Job, asked: Asked) -> dict[str, Any]:
+        """A picture that somebody waits for. Where there are several renderers, the first one is kept for streams.
+
+        The renderer of large pictures helps out while it has none: with small pictures where others wait, and with all
+        beside streams on the only other renderer, to which pictures are then no burden. A budget is kept best by who
+        has learned how quick its pictures are.
+        """
+        own, aside = min(self._renderers[1:] or self._renderers, key=lambda r: r.load), self._batch
+        if is_small(job) and self.waiting:
+            asked.threads = 1
+        streams = any(self._process(handle) is own for handle in self._assigned)
+        if aside in self._renderers or not is_free(job) or not (streams or (own.load and is_small(job))):
+            return await self._put(own, job, asked)
+        if not aside.ready:
+            aside.wake()
+        now = time.monotonic()
+        spare = aside.ready and not aside.has(Rank.BATCH) and (streams or aside.load < own.load)
+        if not spare or now < self._aside_from:
+            return await self._put(own, job, asked)
+        try:
+            return await asyncio.wait_for(self._put(aside, job, asked), PATIENCE_S if streams else HELP_S)
+        except asyncio.TimeoutError:
+            # The system gives it next to nothing, or it has to load the scene first.
+            self._aside_from = time.monotonic() + AVOIDED_S
+            return await self._put(own, job, asked)
 
     async def inspect(self, job: Job, asked: Asked | None = None) -> dict[str, Any]:
         """The result of a job that may do harm, from the process apart."""

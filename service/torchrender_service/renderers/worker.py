@@ -13,6 +13,8 @@ import struct
 import sys
 import threading
 import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, BinaryIO
 
 import msgspec
@@ -71,7 +73,8 @@ def _reply(runner: JobRunner, desk: Desk, task: SentTask) -> Reply:
     try:
         if desk.cancelled(task):
             raise Cancelled
-        result = runner.run(JOB_DECODER.decode(task.job))
+        with threads(task.threads):
+            result = runner.run(JOB_DECODER.decode(task.job))
     except Cancelled:
         failure = Failure(status=499, kind="cancelled", detail="nobody waits for it")
     except Exception as error:
@@ -79,6 +82,24 @@ def _reply(runner: JobRunner, desk: Desk, task: SentTask) -> Reply:
     kept = runner.kept_bytes / 2**20
     reply = Reply(serial=task.serial, memory_mb=_resident_mb(), kept_mb=kept, evictions=runner.evictions)
     return msgspec.structs.replace(reply, result=result, failure=failure)
+
+
+@contextmanager
+def threads(count: int) -> Iterator[None]:
+    """At most so many threads of this process for kernels and tensors; 0: all."""
+    import torch
+
+    from torchrender.kernels.threads import exact_threads, most_threads
+
+    wanted, before = count or most_threads(), torch.get_num_threads()
+    with exact_threads(wanted):
+        if wanted != before:
+            torch.set_num_threads(wanted)
+        try:
+            yield
+        finally:
+            if wanted != before:
+                torch.set_num_threads(before)
 
 
 def failure_of(error: Exception) -> Failure:

@@ -14,6 +14,10 @@ from torchrender_service.streams.prediction import MAX_HOLES, needs_keyframe, pr
 
 STALE_S = 0.5
 """A pose that was not renewed for so long no longer moves."""
+RHYTHM = 1.5
+"""Poses that come at intervals are waited for this many times as long before a view counts as at rest."""
+LONGEST_S = 3.0
+"""But no longer than this: the client may have gone quiet."""
 TRIPS = 5
 """Round trips whose median counts: one that was slow, because something was loaded or compiled, leads nobody astray."""
 
@@ -53,6 +57,7 @@ class Placement:
         self.playing = False  # the scene moves: every keyframe is old as soon as it is made
         self._pose_at = 0.0
         self._moved_at = 0.0
+        self._rhythm_s = 0.0  # between the last two views of a moving client
         self._holes = 0.0
         self._fresh = True  # one keyframe is wanted whatever the pose
         self._shown: Shown | None = None
@@ -72,6 +77,10 @@ class Placement:
             return
         if old is None or not same_view(old.camera, pose.camera):
             self._moved_at = now
+            moves = old is not None and old.moving and pose.moving
+            self._rhythm_s = min(now - self._pose_at, LONGEST_S / RHYTHM) if moves else 0.0
+        elif not pose.moving:
+            self._rhythm_s = 0.0
         self.pose, self._pose_at = pose, now
 
     def take_ack(self, ack: Ack, now: float) -> float | None:
@@ -110,9 +119,9 @@ class Placement:
         if needs_keyframe(shown.view, self.view(pose, now), shown.typical_depth, shown.overscan):
             return "moving"
         exact = same_view(shown.view, pose.camera)
-        if self._holes > MAX_HOLES and not exact and now - self._moved_at < self._still_s:
+        if self._holes > MAX_HOLES and not exact and now - self._moved_at < self._rest_s:
             return "moving"
-        rested = now - self._moved_at >= self._still_s and not self._going(pose, now)
+        rested = now - self._moved_at >= self._rest_s and not self._going(pose, now)
         if not rested:
             return None
         if not (exact and shown.still):
@@ -121,7 +130,7 @@ class Placement:
 
     def patience(self, now: float, longest: float) -> float:
         """Seconds until something may become due without a message."""
-        return max(0.01, min(longest, self._moved_at + self._still_s - now))
+        return max(0.01, min(longest, self._moved_at + self._rest_s - now))
 
     def view(self, pose: Pose, now: float) -> CameraHeader:
         """Where the camera will be when a keyframe that is begun now is shown."""
@@ -129,8 +138,18 @@ class Placement:
             return pose.camera
         return predicted(pose, now - self._pose_at + self.latency_s)
 
+    @property
+    def _rest_s(self) -> float:
+        """After this time without another view it is at rest: a client that says that it moves and is seldom heard, as
+        over a slow link or in a page in the background, has not stopped between two poses."""
+        return max(self._still_s, RHYTHM * self._rhythm_s)
+
     def _going(self, pose: Pose, now: float) -> bool:
-        return pose.moving and any((*pose.velocity, *pose.spin)) and now - self._pose_at <= STALE_S
+        return (
+            pose.moving
+            and any((*pose.velocity, *pose.spin))
+            and now - self._pose_at <= max(STALE_S, RHYTHM * self._rhythm_s)
+        )
 
     def begin(self, number: int, now: float, *, timed: bool) -> Flight:
         """A keyframe is begun: it takes a credit."""

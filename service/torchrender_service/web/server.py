@@ -12,6 +12,7 @@ from typing import Any
 
 import uvicorn
 
+from torchrender_service.door.accepting import listening
 from torchrender_service.door.protocol import StreamProtocol, http_protocol
 from torchrender_service.logs import set_up_logs
 from torchrender_service.renderers.pool import Pool
@@ -36,12 +37,20 @@ class Server(uvicorn.Server):
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """Also print where the service is."""
         asyncio.get_running_loop().set_exception_handler(self._loop_error)
-        await super().startup(sockets)
+        await super().startup(self._listen() if sockets is None else sockets)
         if self.started:
             host, port = self.servers[0].sockets[0].getsockname()[:2]
             shown = f"[{host}]" if ":" in host else host
             sys.stdout.write(f"torchrender serves on http://{shown}:{port}{self._settings.root_path}/\n")
             sys.stdout.flush()
+
+    def _listen(self) -> list[socket.socket] | None:
+        """Sockets that look at who comes; None where there cannot be any: the server then says why."""
+        connections = self.config.loaded_app.state.service.connections
+        try:
+            return listening(self.config.host, self.config.port, connections.arrivals)
+        except OSError:
+            return None
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """BYE and close 1012 to every stream; requests get their answers, or are told to come again."""
@@ -72,6 +81,7 @@ def make_server(settings: Settings, make_pool: MakePool = Pool) -> Server:
         app,
         host=settings.host.strip("[]"),
         port=settings.port,
+        loop="asyncio",  # others accept connections on their own
         http=http_protocol(app.state.service.connections, settings),
         **socket_settings(),
         timeout_graceful_shutdown=max(1, int(UNTIL_CANCELLED_S)),

@@ -196,6 +196,8 @@ def _factors(
         return look_up(points, normals, light, shadow_map, options)
     if len(shadow_map.starts) != len(points) + 1:
         raise InputError(f"shadow_map is of {len(shadow_map.starts) - 1} pictures, points are of {len(points)}")
+    if shadow_map.starts == (0, len(cameras)) and len(cameras):
+        return look_up(points, normals, light, shadow_map, options)
     images, doubts = [], []
     for index, (begin, end) in enumerate(pairwise(shadow_map.starts)):
         part = points[index : index + 1], normals[index : index + 1]
@@ -239,7 +241,7 @@ def _settings(light: Light, part: ShadowMap, options: ShadowOptions, *, exact: b
     cameras = part.cameras
     near, size = float(cameras.near.min()), 0.0
     if options.filter == "pcss":
-        near = max(near, float(part.depth.min().clamp_max(cameras.far.max())))
+        near = max(near, min(part.nearest, float(cameras.far.max())))
         size = _light_size(light, cameras, options)
     return LookupSettings(
         orthographic=cameras.orthographic,

@@ -228,23 +228,28 @@ def spread_steps(share, first, reach, steps):
 
 
 @kernel()
-def visible_share(mask, angles, normal):
-    """Sums over the open sectors of one side: cosine-weighted share, and the same times the direction in the plane.
+def visible_share(hidden, near, angles, normal):
+    """Sums over the sectors of one side: cosine-weighted share of the open ones, the same times the direction in the
+    plane, the share that is open to what is within reach, and that of all sectors.
 
     ``angles`` (SECTORS,3): cosine, sine and width of each sector; ``normal``: the cosine and the sine, to this side, of
     the angle between the normal in the plane and the direction to the eye.
     """
     total, along, across = np.float32(0.0), np.float32(0.0), np.float32(0.0)
+    close, most = np.float32(0.0), np.float32(0.0)
     for k in range(SECTORS):
-        if (mask >> np.uint64(k)) & np.uint64(1):
-            continue
         c, s = angles[k, 0], angles[k, 1]
         weight = (c * normal[0] + s * normal[1]) * s * angles[k, 2]
-        if weight > np.float32(0.0):
+        if not weight > np.float32(0.0):
+            continue
+        most += weight
+        if not (near >> np.uint64(k)) & np.uint64(1):
+            close += weight
+        if not (hidden >> np.uint64(k)) & np.uint64(1):
             total += weight
             along += weight * c
             across += weight * s
-    return total, along, across
+    return total, along, across, close, most
 
 
 @kernel()
@@ -273,10 +278,10 @@ def measure_point(around, point, normal, number, tables, search, steps, out):
             s = np.float32(1.0) - np.float32(2.0) * np.float32(side)
             facing = (to_eye, s * lean)
             hidden, near = search_side(around, point, normal, (s * tx, s * ty, s * tz), steps, search)
-            share, along, across = visible_share(hidden, angles, facing)
+            share, along, across, close, whole = visible_share(hidden, near, angles, facing)
             out[0] += share
-            out[1] += visible_share(near, angles, facing)[0]
-            most += visible_share(np.uint64(0), angles, facing)[0]
+            out[1] += close
+            most += whole
             out[2] += across * s * tx - along * dx
             out[3] += across * s * ty - along * dy
             out[4] += across * s * tz - along * dz

@@ -63,14 +63,15 @@ def spread_points(few, many, out):
             for r in range(top if top > 0 else 0, top + 5 if top + 5 < rows else rows):
                 beside = min(reach - abs(y - np.float32(r)), one)
                 for c in range(left if left > 0 else 0, left + 5 if left + 5 < columns else columns):
-                    p, n = few.position[r, c], few.normal[r, c]
-                    like = max(n[0] * nx + n[1] * ny + n[2] * nz, zero)
-                    off = (p[0] * nx + p[1] * ny + p[2] * nz - here) * near
+                    m0, m1, m2 = few.normal[r, c, 0], few.normal[r, c, 1], few.normal[r, c, 2]
+                    if m0 == zero and m1 == zero and m2 == zero:
+                        continue
+                    like = max(m0 * nx + m1 * ny + m2 * nz, zero)
+                    p0, p1, p2 = few.position[r, c, 0], few.position[r, c, 1], few.position[r, c, 2]
+                    off = (p0 * nx + p1 * ny + p2 * nz - here) * near
                     like *= max(one - off * off, zero)
                     like *= like
                     weight = beside * min(reach - abs(x - np.float32(c)), one) * (like * like + least)
-                    if n[0] == zero and n[1] == zero and n[2] == zero:
-                        continue
                     weights += weight
                     for k in range(count):
                         total[k] += weight * few.values[r, c, k]

@@ -208,14 +208,15 @@ def bound_receivers(points, lamps, i, frames, orthographic, first, table):
     height, width = points.takes.shape
     parts, views, steps = table.shape[0], table.shape[1], table.shape[2]
     total = height * width
+    block = np.int64(min(max(total // (4 * parts), 1), _BLOCK))
     for part in prange(parts):
         for f in range(views):
             for n in range(steps):
                 for k in range(3):
                     table[part, f, n, 2 * k], table[part, f, n, 2 * k + 1] = np.inf, -np.inf
                 table[part, f, n, COUNT] = 0.0
-        for start in range(np.int64(part) * _BLOCK, total, parts * _BLOCK):
-            for at in range(start, min(start + _BLOCK, total)):
+        for start in range(np.int64(part) * block, total, parts * block):
+            for at in range(start, min(start + block, total)):
                 row, column = at // width, at % width
                 if not _takes(points, row, column, lamps, i):
                     continue

@@ -17,6 +17,7 @@ from torchrender.kernels.shadows.shadow_receiver import (
     FX,
     FY,
     NEAR,
+    SMALLEST_COSINE,
     choose_view,
     image_point,
     outside_view,
@@ -40,7 +41,8 @@ class _Disc(NamedTuple):
 
     first: int  # rows of the table of points
     last: int
-    turn: float
+    cosine: float  # of the turn
+    sine: float
     radius_u: float  # texels
     radius_v: float
     cone: bool  # count only blockers that stand between the point and the light's disc
@@ -63,15 +65,20 @@ def _tap(maps, face, row, column, r, s, rise):
     depth = np.float64(maps[face, row, column])
     if depth == np.inf:
         return 1.0, np.inf
-    z, bias = r.z, r.bias
-    if r.plane:
-        plane = plane_depth(r, s.orthographic, column + 0.5, row + 0.5)
-        if not math.isnan(plane):
-            z, bias = plane, s.b0 * r.texel + r.rounding
+    # Depth times this against the distance of the plane: a division for each tap would be a third of all the time.
+    z, scale, bias = r.z, 1.0, r.bias
+    if r.plane and r.flat:
+        own = s.b0 * r.texel + r.rounding
+        if s.orthographic:
+            z, bias = plane_depth(r, True, column + 0.5, row + 0.5), own
+        else:
+            inverse = r.d0 + r.du * (column + 0.5) + r.dv * (row + 0.5)
+            if inverse >= SMALLEST_COSINE:
+                z, scale, bias = r.distance, inverse, own
     if rise:
         x, y = column + 0.5 - r.u, row + 0.5 - r.v
         bias += (_RISE * r.texel + abs(r.gu) + abs(r.gv)) * math.sqrt(x * x + y * y)
-    if z <= depth + bias:
+    if z <= (depth + bias) * scale:
         return 1.0, np.inf
     return 0.0, depth
 
@@ -126,8 +133,7 @@ def _between(x, y, radius_u, radius_v, depth, r, s):
 @kernel()
 def _disc(maps, face, r, s, taps, disc):
     """Share of lit taps in a disc, and number and mean depth of the blockers."""
-    first, last, turn, radius_u, radius_v, cone, rise = disc
-    cosine, sine = math.cos(turn), math.sin(turn)
+    first, last, cosine, sine, radius_u, radius_v, cone, rise = disc
     lit, blockers, depth_sum = 0.0, 0, 0.0
     for i in range(first, last):
         x = cosine * taps[i, 0] - sine * taps[i, 1]
@@ -153,8 +159,9 @@ def _pcss(maps, face, r, s, taps, turn):
         search = 0.5 * width * max(r.z - s.search_near, 0.0) / (s.search_near * r.z)
     longer = max(r.focal_u, r.focal_v)
     search = min(max(search, 1.0 / longer), s.rho_max / longer)
+    cosine, sine = math.cos(turn), math.sin(turn)
     here = with_reach(r, s, search * r.focal_u, search * r.focal_v)
-    disc = _Disc(0, s.search_taps, turn, search * r.focal_u, search * r.focal_v, True, False)
+    disc = _Disc(0, s.search_taps, cosine, sine, search * r.focal_u, search * r.focal_v, True, False)
     _, blockers, mean = _disc(maps, face, here, s, taps, disc)
     if blockers == 0 or (not s.orthographic and not mean > 0.0):
         return 1.0, True
@@ -164,7 +171,8 @@ def _pcss(maps, face, r, s, taps, turn):
     sharp = radius * longer <= _SHARP
     here = with_reach(r, s, radius * r.focal_u, radius * r.focal_v)
     rise = s.settles and sharp
-    disc = _Disc(s.search_taps, taps.shape[0], turn, radius * r.focal_u, radius * r.focal_v, True, rise)
+    radius_u, radius_v = radius * r.focal_u, radius * r.focal_v
+    disc = _Disc(s.search_taps, taps.shape[0], cosine, sine, radius_u, radius_v, True, rise)
     return _disc(maps, face, here, s, taps, disc)[0], sharp
 
 
@@ -215,7 +223,8 @@ def _filtered(maps, face, r, s, taps, index):
         return _window(maps, face, with_reach(r, s, s.n + 0.5, s.n + 0.5), s), True
     if s.filter == DISC:
         here = with_reach(r, s, s.radius, s.radius)
-        disc = _Disc(s.search_taps, taps.shape[0], _angle(index), s.radius, s.radius, False, s.settles)
+        turn = _angle(index)
+        disc = _Disc(s.search_taps, taps.shape[0], math.cos(turn), math.sin(turn), s.radius, s.radius, False, s.settles)
         return _disc(maps, face, here, s, taps, disc)[0], True
     if s.filter == PCSS:
         return _pcss(maps, face, r, s, taps, _angle(index))
@@ -288,10 +297,11 @@ def shadow_lookup(points, normals, light, views, maps, taps, settings, answers):
     """
     out, doubt = answers
     count = points.shape[0]
-    # The schedule is static: strided blocks give every thread its share of the costly pixels.
+    # The schedule is static: strided blocks give every thread its share of the costly pixels, of small pictures, too.
+    block = np.int64(min(max(count // (4 * _PARTS), 1), _BLOCK))
     for part in numba.prange(_PARTS):
-        for start in range(np.int64(part) * _BLOCK, count, _PARTS * _BLOCK):
-            for i in range(start, min(start + _BLOCK, count)):
+        for start in range(np.int64(part) * block, count, _PARTS * block):
+            for i in range(start, min(start + block, count)):
                 out[i], view = _factor(points, normals, i, light, views, maps, taps, settings)
                 if settings.settles:
                     doubt[i] = view

@@ -17,7 +17,7 @@ CONSTANT, SLOPE, RECEIVER_PLANE = 0, 1, 2
 FX, FY, CX, CY, NEAR, FAR = 12, 13, 14, 15, 16, 17
 """Places in the row of a light's view; its 3x4 matrix from the world comes first."""
 
-_SMALLEST_COSINE = 1e-4
+SMALLEST_COSINE = 1e-4
 _HALF_ULP = 2.0**-24
 _FAR_EYE = 4096.0  # texels from the eye to what it sees
 
@@ -108,6 +108,9 @@ def choose_view(views, s, x, y, z, height, width):
         return best
     held = -1
     for i in range(count):
+        depth = views[i, 8] * x + views[i, 9] * y + views[i, 10] * z + views[i, 11]
+        if not views[i, NEAR] < depth <= views[i, FAR] or not (s.orthographic or depth > 0.0):
+            continue  # before the divisions that a place in the image takes
         u, v, depth = image_point(views, i, s.orthographic, x, y, z)
         if not outside_view(views, i, u, v, depth, s.reach, height, width):
             return i
@@ -132,7 +135,7 @@ def receiver(views, i, orthographic, place, normal, cosine, size):
     d0 = du = dv = 0.0
     if orthographic:
         distance = -nz
-        steep = distance < _SMALLEST_COSINE
+        steep = distance < SMALLEST_COSINE
         gu = np.inf if steep else nx / (distance * fu)
         gv = np.inf if steep else ny / (distance * fv)
     else:
@@ -141,7 +144,7 @@ def receiver(views, i, orthographic, place, normal, cosine, size):
         d0 = -nz - du * views[i, CX] - dv * views[i, CY]
         denominator = d0 + du * u + dv * v
         distance = z * denominator
-        steep = cosine < _SMALLEST_COSINE or denominator < _SMALLEST_COSINE
+        steep = cosine < SMALLEST_COSINE or denominator < SMALLEST_COSINE
         gu = np.inf if steep else -z * du / denominator
         gv = np.inf if steep else -z * dv / denominator
         texel *= z
@@ -183,4 +186,4 @@ def plane_depth(r, orthographic, u, v):
     if orthographic:
         return r.z + r.gu * (u - r.u) + r.gv * (v - r.v)
     denominator = r.d0 + r.du * u + r.dv * v
-    return r.distance / denominator if denominator >= _SMALLEST_COSINE else np.nan
+    return r.distance / denominator if denominator >= SMALLEST_COSINE else np.nan

@@ -27,7 +27,7 @@ from torchrender.passes.light.visibility import lights_in_view as in_view
 from torchrender.passes.outlook import Outlook, Verdict, counted, no_shadows
 from torchrender.passes.seen.gbuffer import GBUFFER
 from torchrender.passes.settings import settings
-from torchrender.pipeline.buffer import Buffer, Lasting, lights_of
+from torchrender.pipeline.buffer import Buffer, Lasting, lights_of, same
 from torchrender.pipeline.frame import Frame
 from torchrender.pipeline.options import RenderOptions, lasting_shadows
 from torchrender.scene.light import DirectionalLight, Light, PointLight, RectLight
@@ -115,6 +115,7 @@ def _drawn(
     """The maps of these lights: those of an earlier picture where they still fit, and new ones."""
     scene, earlier = frame.scene, frame.earlier(buffer)
     made = list(earlier or [None] * len(scene.lights))
+    sight: tuple[Any, ...] = ()
     drawn = range(len(made)) if frame.options.shadow.coverage == "scene" else _of_everything(scene, frame.options)
     shared = _shared_out(lasting_shadows(frame.options), [scene.lights[n] for n in drawn]).size
     for number in sorted(wanted):
@@ -126,11 +127,21 @@ def _drawn(
             how = replace(how, size=shared)
             made[number] = kept or draw("everything", number, (light_views(scene.geometry, light, how), None), how)
             continue
+        sight = sight or _sight(scene, seen)
+        if kept is not None and kept.fitted_to is not None and same(kept.fitted_to, sight):
+            continue
         cameras, starts = view_cameras(scene, light, seen, how)
         if kept is None or kept.starts != starts or not covers(kept.cameras, cameras):
-            made[number] = draw("picture", number, (cameras, starts), how)
+            made[number] = replace(draw("picture", number, (cameras, starts), how), fitted_to=sight)
     changed = earlier is None or any(a is not b for a, b in zip(made, earlier, strict=True))
     return tuple(made) if earlier is None or changed else earlier
+
+
+def _sight(scene: Scene, seen: GBuffer) -> tuple[Any, ...]:
+    """What the views of lights are fitted to, of one scene: where the eye stands, how far it sees, and materials."""
+    eye = seen.cameras
+    place = (eye.camera_from_world, eye.intrinsics, eye.near, eye.far, eye.width, eye.height, eye.orthographic)
+    return (*place, seen.depth, scene.materials)
 
 
 def _shared_out(options: ShadowOptions, lights: Sequence[Light]) -> ShadowOptions:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Hashable
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.pace import Pace
@@ -21,6 +22,7 @@ class Left:
     history: RenderHistory = field(default_factory=RenderHistory)
     paces: OrderedDict[Hashable, Pace | None] = field(default_factory=OrderedDict)
     bytes: int = 0
+    values: tuple[Any, ...] = ()  # that were counted
 
 
 class LastingParts:
@@ -63,6 +65,10 @@ class LastingParts:
         left.paces.move_to_end(use)
         while len(left.paces) > MAX_PACES:
             left.paces.popitem(last=False)
+        values = tuple(one.value for one in left.history.kept.values())
+        if len(values) == len(left.values) and all(a is b for a, b in zip(values, left.values, strict=True)):
+            return  # nothing was made anew, as for most pictures
+        left.values = values
         triangles = 0 if history.given is None else history.given.geometry.triangle_count
         left.bytes = bytes_of(left.history.kept) + (TREE_BYTES * triangles if left.history.kept else 0)
         while len(self._scenes) > 1 and self.bytes > self._max:

@@ -76,6 +76,10 @@ class RendererProcess:
         """Jobs waiting or running."""
         return len(self.queue) + len(self._running)
 
+    def has(self, rank: Rank) -> bool:
+        """Whether a job of a class waits or runs."""
+        return self.queue.has(rank) or any(running.waiting.rank is rank for running in self._running.values())
+
     @property
     def ready(self) -> bool:
         """The process runs and has said so."""
@@ -145,7 +149,7 @@ class RendererProcess:
         self._metrics.observe("queue_wait_seconds", waiting.asked.waited_s, rank=waiting.rank.name.lower())
         running = self._running[serial] = Running(waiting, express, now)
         running.timer = asyncio.get_running_loop().call_later(self.kind.job_s, self._too_slow, serial)
-        self._write(Task(serial=serial, job=waiting.job, express=express))
+        self._write(Task(serial=serial, job=waiting.job, express=express, threads=waiting.asked.threads))
 
     def _write(self, message: Task | Cancel) -> None:
         process = self._process
@@ -188,10 +192,14 @@ class RendererProcess:
 
     # ------------------------------------------------------------------ life
 
+    def wake(self) -> None:
+        """Start the process before there is a job for it."""
+        self._wanted.set()
+
     def start(self) -> None:
         """Begin to work."""
         if self.kind.eager:
-            self._wanted.set()
+            self.wake()
         self._task = asyncio.create_task(self._live(), name=f"renderer {self.name}")
 
     async def drain(self) -> None:

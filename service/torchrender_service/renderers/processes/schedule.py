@@ -45,6 +45,10 @@ class FairQueue:
     def __len__(self) -> int:
         return sum(len(jobs) for clients in self._classes.values() for jobs in clients.values())
 
+    def has(self, rank: Rank) -> bool:
+        """Whether a job of a class waits."""
+        return bool(self._classes[rank])
+
     def check_room(self, client: str, rank: Rank, running: int = 0) -> None:
         """Whether one more may wait. Streams ask for one keyframe at a time, and are as many as there may be sessions.
 

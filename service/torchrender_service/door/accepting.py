@@ -1,0 +1,109 @@
+"""Listening sockets that close connections at once where one address opens too many a second.
+
+A connection that becomes a transport and a protocol costs the server a tenth of a millisecond, one that is closed here
+a hundredth: who opens thousands a second takes nothing from the others.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import struct
+import sys
+import time
+from collections.abc import Callable
+from typing import Any
+
+from torchrender_service.door.address import peer_of
+from torchrender_service.settings import Settings
+
+BURST_S = 2.0
+"""So many seconds' connections may come together."""
+MOST_REFUSED = 256
+"""In a row, before whoever is connected has a turn."""
+MOST_ADDRESSES = 4096
+_AT_ONCE = struct.pack("ii", 1, 0)  # SO_LINGER: reset, nothing is left to wait for
+
+
+class Arrivals:
+    """How many connections each address may open now: a bucket that fills by so many a second.
+
+    Args:
+        refused: told of every connection that is not let in.
+    """
+
+    def __init__(self, settings: Settings, refused: Callable[[], Any] = lambda: None) -> None:
+        self._rate = float(settings.connections_per_s)
+        self._trusted = frozenset(settings.trusted_proxies)
+        self._refused = refused
+        self._left: dict[str, tuple[float, float]] = {}  # by address: how many, and when
+
+    def let_in(self, address: str, now: float) -> bool:
+        """Count a connection."""
+        if address in self._trusted:
+            return True
+        most = self._rate * BURST_S
+        left, since = self._left.get(address, (most, now))
+        left = min(most, left + (now - since) * self._rate)
+        if left < 1.0:
+            self._left[address] = (left, now)
+            self._refused()
+            return False
+        if len(self._left) >= MOST_ADDRESSES and address not in self._left:
+            self._forget(now)
+        self._left[address] = (left - 1.0, now)
+        return True
+
+    def _forget(self, now: float) -> None:
+        """Drop the addresses whose bucket is full again; all, where none is."""
+        self._left = {a: (n, t) for a, (n, t) in self._left.items() if now - t < BURST_S}
+        if len(self._left) >= MOST_ADDRESSES:
+            self._left.clear()
+
+
+class DoorSocket(socket.socket):
+    """A listening socket that hands on only who is let in."""
+
+    arrivals: Arrivals | None = None
+
+    def accept(self) -> tuple[socket.socket, Any]:
+        """The next connection that is let in.
+
+        Raises:
+            BlockingIOError: there is none now.
+        """
+        for _ in range(MOST_REFUSED):
+            connection, peer = super().accept()
+            if self.arrivals is None or self.arrivals.let_in(peer_of(peer), time.monotonic()):
+                return connection, peer
+            with contextlib.suppress(OSError):
+                connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _AT_ONCE)
+            connection.close()
+        raise BlockingIOError
+
+
+def listening(host: str, port: int, arrivals: Arrivals) -> list[socket.socket]:
+    """Bound sockets for every address of ``host``.
+
+    Raises:
+        OSError: an address cannot be used.
+    """
+    made: list[socket.socket] = []
+    try:
+        for family, kind, protocol, _, address in socket.getaddrinfo(
+            host or None, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
+        ):
+            one = DoorSocket(family, kind, protocol)
+            made.append(one)
+            one.arrivals = arrivals
+            if sys.platform != "win32":
+                one.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            if family == socket.AF_INET6:
+                one.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
+            one.setblocking(False)
+            one.bind(address)
+    except OSError:
+        for opened in made:
+            opened.close()
+        raise
+    return made

@@ -1,0 +1,136 @@
+"""Each attack beside ten honest sessions: what these notice, and what the server takes."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import math
+import time
+from collections.abc import AsyncIterator
+from dataclasses import replace
+
+from torchrender_service.load_test.attacks import ATTACKS, PICTURE, Attack
+from torchrender_service.load_test.driver import LoadClient, ServerUnderTest, client, running_server
+from torchrender_service.load_test.playing import player
+from torchrender_service.load_test.raw import ask, attacker
+from torchrender_service.load_test.rows import Effort, Row
+from torchrender_service.load_test.watching import Seen, watch
+
+SESSIONS = 10
+SMALL = {"width": 96, "height": 54, "layers": 0}
+WALK = {"poses_per_s": 1.0, "period_s": 6.0}
+"""Of each honest session: a keyframe takes about 45 ms of a core whatever its size, so all together need less than half
+of what one renderer can do on two cores, and their delay is that of pictures, not of a queue of their own making."""
+OVER_S = 30.0
+HEALTH_MS = 50.0
+LOG_BYTES_PER_MINUTE = 2**20
+GROWTH_MB = 1536.0
+"""More memory than this, beside what honest sessions need, and an attack has taken it."""
+
+
+async def attack_rows(effort: Effort) -> list[Row]:
+    """One row for each attack."""
+    rows = []
+    quiet, loud = (4.0, 7.0) if effort.quick else (15.0, 30.0)
+    with running_server(max_sessions="64", log_level="info", built_in="cornell_box") as server:
+        await _until_ready(server)
+        async with _honest(server) as sessions:
+            await asyncio.sleep(2.0)
+            for number, attack in enumerate(ATTACKS):
+                attacked = replace(server, attacker=attacker(number))
+                rows.append(await _row(attacked, sessions, attack, (quiet, loud)))
+    return rows
+
+
+async def _until_ready(server: ServerUnderTest) -> None:
+    while (await asyncio.to_thread(ask, server, "GET", "/ready"))[0] != 200:
+        await asyncio.sleep(0.2)
+
+
+@contextlib.asynccontextmanager
+async def _honest(server: ServerUnderTest) -> AsyncIterator[list[LoadClient]]:
+    """Clients that walk all the time."""
+    async with contextlib.AsyncExitStack() as stack:
+        sessions = [await stack.enter_async_context(client(server, "cornell_box", **SMALL)) for _ in range(SESSIONS)]
+        walks = [asyncio.create_task(one.walk(3600.0, **WALK)) for one in sessions]
+        try:
+            yield sessions
+        finally:
+            for walk in walks:
+                walk.cancel()
+            await asyncio.gather(*walks, return_exceptions=True)
+
+
+async def _row(
+    server: ServerUnderTest, sessions: list[LoadClient], attack: Attack, seconds: tuple[float, float]
+) -> Row:
+    async with player(server, attack.name) as playing:
+        before = await watch(server, sessions, asyncio.sleep(seconds[0]))
+        found: list[str] = []
+
+        async def play() -> None:
+            begin = time.perf_counter()
+            said = await playing.play(seconds[1])
+            found.extend([said] if said else [])
+            await asyncio.sleep(max(0.0, seconds[0] - (time.perf_counter() - begin)))
+
+        during = await watch(server, sessions, play())
+    over = await _over_after(server)
+    grown = max(during.memory_mb) - min(before.memory_mb)
+    slower = during.p95_ms / before.p95_ms if math.isfinite(before.p95_ms) else math.inf
+    text = (
+        f"p95 {_compared(before, during)} ({len(during.latencies_s)} keyframes), /health p99 "
+        f"{during.health_ms:.0f} ms, memory {grown:+.0f} MB, log {during.log_per_minute / 1024:.0f} KB/min, "
+        f"over after {over:.1f} s" + "".join(f"; {one}" for one in found)
+    )
+    met = (
+        slower <= attack.slower
+        and during.health_ms < HEALTH_MS
+        and grown < GROWTH_MB
+        and during.log_per_minute <= LOG_BYTES_PER_MINUTE
+        and over < OVER_S
+        and not any("MISSED" in one for one in found)
+    )
+    goal = (
+        f"p95 +{100 * (attack.slower - 1):.0f} % at most, /health p99 < 50 ms, memory and log bounded, over within 30 s"
+    )
+    details = {
+        "p95_before_ms": _known(before.p95_ms),
+        "p95_during_ms": _known(during.p95_ms),
+        "health_p99_ms": during.health_ms,
+        "memory_mb": grown,
+        "log_bytes_per_minute": during.log_per_minute,
+        "over_after_s": over,
+    }
+    return Row(
+        what=attack.name,
+        goal=goal,
+        measured=text.replace("MISSED", "missed"),
+        met=met,
+        before=attack.once,
+        details=details,
+    )
+
+
+def _compared(before: Seen, during: Seen) -> str:
+    """In words: without any keyframe there is nothing to compare."""
+    first, second = (f"{ms:.0f} ms" if math.isfinite(ms) else "no keyframe" for ms in (before.p95_ms, during.p95_ms))
+    if "no keyframe" in (first, second):
+        return f"{first} → {second}"
+    return f"{before.p95_ms:.0f} → {second}, {100 * (during.p95_ms / before.p95_ms - 1):+.0f} %"
+
+
+def _known(ms: float) -> float | None:
+    """JSON has no infinity."""
+    return ms if math.isfinite(ms) else None
+
+
+async def _over_after(server: ServerUnderTest) -> float:
+    """Until a small picture is made at once again and no connection of the attacker is left."""
+    begin = time.perf_counter()
+    while (passed := time.perf_counter() - begin) < OVER_S + 5.0:
+        status, _ = await asyncio.to_thread(ask, server, "POST", "/v1/render", PICTURE)
+        if status == 200 and await asyncio.to_thread(server.gauge, "connections") < SESSIONS + 12:
+            return passed
+        await asyncio.sleep(0.2)
+    return passed

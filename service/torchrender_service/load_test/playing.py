@@ -1,0 +1,108 @@
+"""One attack in a process of its own: it takes time from the server, and none from those who measure.
+
+    python -m torchrender_service.load_test.playing NAME SERVER
+
+Says ``ready`` once what it will send is made, waits for a line, attacks until it is ended, and writes what it found
+out where the attack comes to an end by itself.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import sys
+from collections.abc import AsyncIterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+from torchrender_service.load_test.attacks import ATTACKS
+from torchrender_service.load_test.driver import ServerUnderTest
+
+THREADS = 64
+STOP_S = 5.0
+
+
+def main(name: str, told: str) -> int:
+    """Play."""
+    facts = json.loads(told)
+    server = ServerUnderTest(None, facts["pid"], facts["host"], facts["port"], None, facts["attacker"])
+    attack = next(one for one in ATTACKS if one.name == name)
+    attack.prepare()
+    _many_files()
+    sys.stdout.write("ready\n")
+    sys.stdout.flush()
+    if not sys.stdin.readline():
+        return 1
+    sys.stdout.write(asyncio.run(_play(attack.play(server))) + "\n")
+    return 0
+
+
+async def _play(found: Any) -> str:
+    asyncio.get_running_loop().set_default_executor(ThreadPoolExecutor(THREADS))
+    return str(await found)
+
+
+def _many_files() -> None:
+    if sys.platform != "win32":
+        import resource
+
+        hard = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
+        with contextlib.suppress(ValueError, OSError):
+            resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
+
+
+class Player:
+    """The process, as who measures sees it."""
+
+    def __init__(self, process: asyncio.subprocess.Process) -> None:
+        self._process = process
+
+    async def play(self, seconds: float) -> str | None:
+        """Attack for so long at most; what was found out, None where it went on until then.
+
+        Raises:
+            RuntimeError: the attack broke.
+        """
+        assert self._process.stdin is not None and self._process.stdout is not None
+        self._process.stdin.write(b"go\n")
+        try:
+            line = await asyncio.wait_for(self._process.stdout.readline(), seconds)
+        except asyncio.TimeoutError:
+            return None
+        finally:
+            await self.end()
+        if not line:
+            raise RuntimeError("the attack broke")
+        return line.decode().strip()
+
+    async def end(self) -> None:
+        """Now, with all its connections."""
+        with contextlib.suppress(ProcessLookupError):
+            self._process.kill()
+        await asyncio.wait_for(self._process.wait(), STOP_S)
+
+
+@contextlib.asynccontextmanager
+async def player(server: ServerUnderTest, name: str) -> AsyncIterator[Player]:
+    """An attack that is ready to begin."""
+    facts = {"pid": server.pid, "host": server.host, "port": server.port, "attacker": server.attacker}
+    process = await asyncio.create_subprocess_exec(
+        *(sys.executable, "-m", "torchrender_service.load_test.playing", name, json.dumps(facts)),
+        stdin=asyncio.subprocess.PIPE,
+        stdout=asyncio.subprocess.PIPE,
+        cwd=Path.cwd(),
+    )
+    made = Player(process)
+    try:
+        assert process.stdout is not None
+        if not await process.stdout.readline():
+            raise RuntimeError("the attack cannot be prepared")
+        yield made
+    finally:
+        await made.end()
+
+
+if __name__ == "__main__":
+    sys.exit(main(*sys.argv[1:]))

@@ -1,0 +1,63 @@
+"""Views of lights that are fitted to what an eye sees: they fit as long as it sees the same."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+import torchrender as tr
+from torchrender.passes.light import shadow_map
+
+VIEW = tr.Cameras.look_at([0.6, 1.7, 4.0], [0.0, 0.7, 0.0], width=64, height=48, fov_deg=55.0)
+ASIDE = tr.Cameras.look_at([1.6, 1.7, 3.5], [0.0, 0.7, 0.0], width=64, height=48, fov_deg=55.0)
+GREY = tr.Material(name="grey", diffuse=[0.6, 0.5, 0.4])
+BLACK = tr.Material(name="black", diffuse=[0.0, 0.0, 0.0])
+
+
+def scene(floor: tr.Material) -> tr.Scene:
+    return tr.Scene(
+        meshes=[tr.Mesh.plane(6.0, name="floor"), tr.Mesh.box(0.6, [0.0, 0.3, 0.2], name="crate", material=1)],
+        materials=[floor, GREY],
+        lights=[tr.PointLight(position=[1.2, 2.2, 0.6], intensity=3.0)],
+        name="crate",
+    )
+
+
+def test_views_of_lights_are_fitted_once_to_what_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    fitted: list[int] = []
+    fit = shadow_map.view_cameras
+
+    def counting(*given):
+        fitted.append(1)
+        return fit(*given)
+
+    monkeypatch.setattr(shadow_map, "view_cameras", counting)
+    lit, history = scene(GREY), tr.RenderHistory()
+    options = tr.RenderOptions(point_shadows="maps", ambient_visibility="off")
+
+    def picture(what: tr.Scene, view: tr.Cameras) -> torch.Tensor:
+        nonlocal history
+        image = tr.render(what, view, options=options, history=replace(history, sequence=False))
+        assert image.history is not None
+        history = image.history
+        alone = tr.render(what, view, options=options)
+        fitted.pop()  # of the picture alone
+        torch.testing.assert_close(image.radiance, alone.radiance, rtol=0, atol=0)
+        return image.radiance
+
+    picture(lit, VIEW)
+    assert len(fitted) == 1
+    picture(lit, VIEW)
+    assert len(fitted) == 1
+    picture(lit, ASIDE)
+    assert len(fitted) == 2
+    picture(lit, VIEW)
+    assert len(fitted) == 3
+    # The same triangles and lights, and a floor that light changes: it was none of what the views were fitted to.
+    dark = replace(lit, materials=(BLACK, GREY))
+    history = tr.RenderHistory()
+    picture(dark, VIEW)
+    picture(replace(dark, materials=lit.materials), VIEW)
+    assert len(fitted) == 5

@@ -1,0 +1,62 @@
+"""What the load test makes of its findings, and how it attacks; its figures are its own command's."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+
+import pytest
+
+from torchrender.quality.machine import machine_record
+from torchrender_service.load_test.attacks import ATTACKS
+from torchrender_service.load_test.driver import ServerUnderTest, percentile
+from torchrender_service.load_test.files import large_texture_glb, long_key_toml, long_name_glb
+from torchrender_service.load_test.playing import player
+from torchrender_service.load_test.rows import Effort, Row
+from torchrender_service.load_test.run import page
+from torchrender_service.load_test.watching import Seen
+
+
+def test_the_page_says_what_an_attack_once_did() -> None:
+    plain = Row(what="a", goal="b", measured="c", met=True)
+    attack = Row(what="d", goal="e", measured="f", met=False, before="g")
+    assert attack.to_dict()["before"] == "g" and "before" not in plain.to_dict()
+    text = page({"Load": [plain], "Attacks": [attack]}, machine_record(), Effort(quick=True))
+    assert "| a | b | c | met |" in text and "| d | g | e | f | **missed** |" in text
+    assert "torchrender load-test --quick" in text
+    for line in text.splitlines():
+        assert "nan" not in line.split()
+
+
+def test_each_attack_has_a_name_and_a_past_of_its_own() -> None:
+    assert len({attack.name for attack in ATTACKS}) == len(ATTACKS) == 9
+    assert all(attack.once and attack.slower >= 1.1 for attack in ATTACKS)
+
+
+def test_percentiles_are_values_that_were_seen() -> None:
+    values = [float(v) for v in range(1, 101)]
+    assert [percentile(values, share) for share in (0.0, 0.5, 0.95, 1.0)] == [1.0, 50.0, 95.0, 100.0]
+    assert math.isnan(percentile([], 0.5))
+    seen = Seen(latencies_s=[0.1] * 19 + [0.9], health_s=[0.01, 0.02], log_bytes=100.0, seconds=6.0)
+    assert (seen.p95_ms, seen.health_ms, seen.log_per_minute) == (100.0, 20.0, 1000.0)
+
+
+def test_files_that_do_harm_are_small() -> None:
+    texture = large_texture_glb(512, 3)
+    assert texture[:4] == b"glTF" and len(texture) < 20_000
+    assert texture != large_texture_glb(512, 4)  # each is another scene
+    assert 2_000 < len(long_name_glb(1_000)) < 5_000
+    assert long_key_toml(10) == b"a.a.a.a.a.a = 1\n"
+
+
+def test_an_attack_that_cannot_begin_is_no_attack_that_did_no_harm() -> None:
+    server = ServerUnderTest(None, 1, "127.0.0.1", 9, None, "127.0.0.2")
+
+    async def play(name: str) -> None:
+        async with player(server, name) as playing:
+            await playing.play(5.0)
+
+    with pytest.raises(RuntimeError, match="cannot be prepared"):
+        asyncio.run(play("no such attack"))
+    with pytest.raises(RuntimeError, match="broke"):
+        asyncio.run(play("pictures whose clients leave"))  # nobody listens there
