@@ -56,6 +56,10 @@ class LitViews:
     _scene: Scene | None = None
     _off: tuple[Effect, ...] = ()
 
+    def newest(self) -> LitViews:
+        """Another session of the same scene may begin with this."""
+        return LitViews(self.pictures[-1:], FIRST, self._scene, self._off)
+
     def of(self, scene: Scene, off: Sequence[Effect]) -> list[LitPicture]:
         """Those that show this scene without these effects; others are dropped."""
         if self._scene is not scene or self._off != tuple(off):
@@ -65,7 +69,7 @@ class LitViews:
     def keep(self, scene: Scene, off: Sequence[Effect], image: Image, mirrors: Layer | None) -> None:
         """One more, with what its mirrors show."""
         shown = None if mirrors is None else MirroredLight(mirrors.depth, mirrors.radiance, mirrors.known)
-        made = LitPicture(image.visibility, image.radiance[0], shown)
+        made = LitPicture(image.visibility, image.radiance[0].detach(), shown)
         self.pictures = [*self.of(scene, off), made][-MOST_PICTURES:]
 
     def improve(self, scene: Scene, off: Sequence[Effect], image: Image, light: Tensor) -> None:
@@ -74,7 +78,7 @@ class LitViews:
         Pixels beside an outline keep their own, in which no two surfaces mingle.
         """
         seen = image.visibility
-        own = torch.where(_outlines(seen)[..., None], image.radiance[0], light)
+        own = torch.where(_outlines(seen)[..., None], image.radiance[0], light).detach()
         self.pictures = [replace(p, light=own) if p.seen is seen else p for p in self.of(scene, off)]
 
     def learn(self, shaded: int, took_ms: float, allowed_ms: float) -> None:
@@ -144,7 +148,7 @@ def smooth_edges(image: Image, light: Tensor, aside: Sequence[tuple[float, float
     Outlines become smooth, as by several samples of coverage for each that is shaded.
     """
     camera, geometry = image.cameras, image.scene.geometry
-    picture = LitPicture(image.visibility, light)
+    picture = LitPicture(image.visibility, light.detach())
     total, count = light.clone(), torch.ones(*light.shape[:2], 1)
     for right, down in aside:
         seen = rasterize_visibility(geometry, camera.sub_camera(right, down, camera.width, camera.height))

@@ -48,6 +48,8 @@ STREAMED = RenderOptions(upscaling="joint", fixed=(resample.PASS.name,))
 """The depth of all pixels is sent anyway, and colours must not stick to the wrong surface when the view moves."""
 ASIDE = ((-0.375, -0.125), (0.125, -0.375), (0.375, 0.125), (-0.125, 0.375))
 """Pixels by which the further pictures of a refinement are moved: with the first, five places in every pixel."""
+MAX_RESTED = 4
+"""Scenes whose last smooth picture is kept: another session begins with its light."""
 MAX_REFINED = 4
 """Refinements that are kept to be gone on with: each holds a whole picture."""
 
@@ -129,12 +131,15 @@ class StreamRenderer:
         self._max = max_bytes
         self._sessions: OrderedDict[str, SessionState] = OrderedDict()
         self._refined: OrderedDict[str, Refinement] = OrderedDict()
+        self._rested: OrderedDict[str, LitViews] = OrderedDict()  # the last smooth picture of each scene
         self.evictions = 0
 
     @property
     def bytes(self) -> int:
         """Of what is each session's own."""
-        return sum(state.bytes for state in self._sessions.values())
+        return sum(state.bytes for state in self._sessions.values()) + bytes_of(
+            [views.pictures for views in self._rested.values()]
+        )
 
     def make(self, scene: Scene, job: MakeKeyframe, revision: int = 0) -> dict[str, Any]:
         """The message of layer 0 and what the server needs to place the next keyframe."""
@@ -233,6 +238,10 @@ class StreamRenderer:
         stamp = replace(begun.stamp, id=job.id, samples=refined.count)
         image, light = begun.image, refined.light / refined.count
         state.lit.improve(refined.scene, refined.job.off, image, light)
+        self._rested[refined.job.scene.id] = state.lit.newest()
+        self._rested.move_to_end(refined.job.scene.id)
+        while len(self._rested) > MAX_RESTED:
+            self._rested.popitem(last=False)
         depth = image.visibility.depth[0]
         messages = [first_message(stamp, refined.camera, depth, light, render_ms=refined.render_ms, plan=made.plan)]
         if begun.mirrors is not None:
@@ -240,8 +249,10 @@ class StreamRenderer:
         state.begun = replace(begun, stamp=stamp) if begun.around else None
         return {"messages": messages, "left": 0, "extra_layers": len(begun.around)}
 
-    def forget(self, *, session: str | None = None) -> None:
-        """Drop what is kept for a session."""
+    def forget(self, *, session: str | None = None, scene: str | None = None) -> None:
+        """Drop what is kept for a session, or for new sessions of a scene."""
+        if scene is not None:
+            self._rested.pop(scene, None)
         if session is not None:
             self._sessions.pop(session, None)
             self._refined.pop(session, None)
@@ -251,6 +262,7 @@ class StreamRenderer:
         self.evictions += len(self._sessions)
         self._sessions.clear()
         self._refined.clear()
+        self._rested.clear()
 
     def _weigh(self, job: MakeKeyframe, state: SessionState) -> None:
         """Note what a session has of its own, and make room."""
@@ -267,7 +279,11 @@ class StreamRenderer:
     def _state(self, job: MakeKeyframe) -> SessionState:
         state = self._sessions.get(job.session)
         if state is None:
-            state = self._sessions[job.session] = SessionState(self._lasting.get(job.scene.id, STREAM).shared())
+            rested = self._rested.get(job.scene.id)
+            state = SessionState(
+                self._lasting.get(job.scene.id, STREAM).shared(), lit=rested.newest() if rested else LitViews()
+            )
+            self._sessions[job.session] = state
         self._sessions.move_to_end(job.session)
         while len(self._sessions) > MAX_SESSIONS:
             self._sessions.popitem(last=False)

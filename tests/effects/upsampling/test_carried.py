@@ -12,7 +12,7 @@ from reflection_scenes import looking, mirror_scene
 from torchrender.buffers import GBuffer
 from torchrender.effects.reflections.virtual import virtual_images
 from torchrender.effects.upsampling.carried import LitPicture, MirroredLight, carried_light
-from torchrender.errors import InputError
+from torchrender.errors import GradientError, InputError
 from torchrender.numerics.color import srgb_from_linear
 from torchrender.passes.mirrors.reflections import REFLECTIONS
 from torchrender.passes.seen.gbuffer import GBUFFER
@@ -97,6 +97,9 @@ def test_what_does_not_fit_is_refused() -> None:
     picture = lit(scene, scene.camera(width=16, height=12))
     with pytest.raises(InputError, match="light must have shape"):
         carried_light(picture.seen, [replace(picture, light=torch.zeros(3, 3, 3))], scene.geometry.material)
+    wanted = replace(picture, light=picture.light.clone().requires_grad_())
+    with pytest.raises(GradientError, match="light"):
+        carried_light(picture.seen, [wanted], scene.geometry.material)
     flat = replace(picture.seen, cameras=replace(picture.seen.cameras, orthographic=True))
     with pytest.raises(InputError, match="perspective"):
         carried_light(flat, [picture], scene.geometry.material)

@@ -79,7 +79,7 @@ def test_mirrors_against_a_loop(seed: int) -> None:
     source = np.repeat(np.repeat(rng.integers(0, 2, (2, 2)), 3, axis=0), 4, axis=1)
     virtual = rng.choice([4.0, 7.0, np.inf], (6, 8)).astype(np.float32)
     light, mirrors = rng.random((6, 8, 3)).astype(np.float32), rng.random((6, 8)) < 0.8
-    wanted, reach = rng.random((7, 9)) < 0.9, 1.5
+    wanted, reach = rng.random((7, 9)) < 0.9, 0.3
     depth, out, state = np.full((7, 9), np.inf, np.float32), np.zeros((7, 9, 3), np.float32), np.zeros((7, 9), np.uint8)
     carry_mirrors(seen, source, (virtual, light, mirrors), there, back, reach, wanted, (depth, out, state))
     for j, i in np.ndindex(7, 9):

@@ -18,7 +18,7 @@ from torch import Tensor
 
 from torchrender.arrays import view
 from torchrender.buffers import VisibilityBuffer
-from torchrender.checks import check_tensor
+from torchrender.checks import check_no_gradient, check_tensor
 from torchrender.errors import InputError
 from torchrender.kernels.warp.carrying import carry_mirrors, carry_surfaces
 from torchrender.scene.camera import Cameras
@@ -80,7 +80,7 @@ def carried_light(seen: VisibilityBuffer, pictures: Sequence[LitPicture], materi
         materials: (F,) int64 by triangle, :attr:`Geometry.material`.
 
     Raises:
-        InputError: shapes that do not fit, or orthographic cameras.
+        InputError: shapes that do not fit, or orthographic cameras. GradientError: light that asks for gradients.
     """
     if len(seen.triangle) != 1:
         raise InputError(f"seen must be of one camera, got {len(seen.triangle)}")
@@ -92,6 +92,7 @@ def carried_light(seen: VisibilityBuffer, pictures: Sequence[LitPicture], materi
     mirrors = np.full(shape, np.inf, np.float32), np.zeros((*shape, 3), np.float32), np.zeros(shape, np.uint8)
     for picture in sorted(pictures, key=lambda p: _apart(p.seen.cameras, seen.cameras)):
         check_tensor("light", picture.light, (*picture.seen.depth.shape[1:], 3))
+        check_no_gradient("carried_light", light=picture.light)
         source, matrix = _arrays(picture.seen), _pixels_between(seen.cameras, picture.seen.cameras)
         before = known.copy()
         matte, limits = view(picture.matte, np.float32), (SAME_SURFACE, LEAST)
