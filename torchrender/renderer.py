@@ -147,15 +147,35 @@ def shade_samples(
         samples: (B,H,W) of the scene; empty ones get the background.
         history: what a picture of the scene left: what lasts is used again.
     """
+    return light_of_samples(scene, samples, options, history).radiance
+
+
+@dataclass(frozen=True, eq=False)
+class LitSamples:
+    """Samples with their light, and what it took."""
+
+    radiance: Tensor  # (B,H,W,3) linear
+    plan: Plan  # what was done, with its times
+    history: RenderHistory  # what lasts, for further samples and pictures of the scene
+
+
+def light_of_samples(
+    scene: Scene, samples: GBuffer, options: RenderOptions | None = None, history: RenderHistory | None = None
+) -> LitSamples:
+    """:func:`shade_samples` with its plan and what it leaves; same arguments."""
     history = RenderHistory.alone() if history is None else replace(history, sequence=False)
-    knowledge = Knowledge.of(scene, samples.cameras, options or RenderOptions(), history, load_curves())
-    past = knowledge.outlook.history
-    chosen = knowledge.outlook.options
-    for step in knowledge.passes:
-        chosen = step.over_samples(chosen, past)
-    outlook = replace(knowledge.outlook.at(chosen), samples=samples)
-    run = Run(replace(knowledge, outlook=outlook, wanted=(COMPOSITE,), given=(GBUFFER,)), (None, None), StepClock())
-    return run.buffers({GBUFFER: samples})[COMPOSITE]
+    clock = StepClock()
+    with clock.measure("total"):
+        knowledge = Knowledge.of(scene, samples.cameras, options or RenderOptions(), history, load_curves())
+        past = knowledge.outlook.history
+        chosen = knowledge.outlook.options
+        for step in knowledge.passes:
+            chosen = step.over_samples(chosen, past)
+        outlook = replace(knowledge.outlook.at(chosen), samples=samples)
+        run = Run(replace(knowledge, outlook=outlook, wanted=(COMPOSITE,), given=(GBUFFER,)), (None, None), clock)
+        radiance = run.buffers({GBUFFER: samples})[COMPOSITE]
+    plan = run.plan.measured(clock.elapsed_ms, run.amounts, clock.elapsed_ms["total"])
+    return LitSamples(radiance, plan, run.history(plan).shared())
 
 
 def make_buffers(

@@ -102,7 +102,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     resume_s: Seconds = 60.0
     hello_s: Seconds = 10.0
     stall_s: Seconds = 30.0
-    still_s: Seconds = 0.5
+    still_s: Seconds = 0.25
     shutdown_s: Annotated[float, Meta(gt=0.0, le=60.0)] = 8.0
 
     @property

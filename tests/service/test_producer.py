@@ -132,3 +132,27 @@ def test_layers_that_fail_are_told_and_layer_0_stays() -> None:
     stage.pool.meanwhile = fail_later
     stage.go_on()
     assert stage.sent == [b"first"] and len(stage.problems) == 1
+
+
+@pytest.mark.parametrize("kind", ["still", "smooth"])
+def test_a_picture_at_rest_is_taken_back_once_the_view_moves(kind: str) -> None:
+    stage = Stage()
+    while stage.placement.due(1.0) != kind:
+        stage.go_on()
+    aside = msgspec.structs.replace(CAMERA, world_from_camera=(*IDENTITY[:3], 1.0, *IDENTITY[4:]))
+    taken_back = []
+
+    async def slow(job: Job, **_: Any) -> dict[str, Any]:
+        stage.stand(aside, 2)
+        try:
+            await asyncio.sleep(60.0)
+        except asyncio.CancelledError:
+            taken_back.append(job)
+            raise
+        return {}
+
+    stage.pool.run = slow  # type: ignore[method-assign]
+    sent = len(stage.sent)
+    asyncio.run(stage.producer.make(kind))
+    assert len(taken_back) == 1 and len(stage.sent) == sent and not stage.problems
+    assert stage.placement.due(1.0) == "moving"

@@ -124,7 +124,7 @@ class JobRunner:
         return {"camera": msgspec.to_builtins(header_of(camera))}
 
     def _forget(self, job: jobs.Forget) -> dict[str, Any]:
-        self._streams.forget(session=job.session)
+        self._streams.forget(session=job.session, scene=job.scene)
         if job.scene is not None:
             self._lasting.forget(job.scene)
             self._scenes.forget(job.scene)

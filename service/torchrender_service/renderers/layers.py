@@ -10,7 +10,7 @@ image look at the same point of the sky: no sky is sent twice.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -25,15 +25,13 @@ from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
 from torchrender.raster import rasterize_visibility, surface_attributes
 from torchrender.reconstruct.reproject import pixel_matrices
-from torchrender.renderer import shade_samples
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
-from torchrender.shade import shade
+from torchrender_service.renderers.samples import background_of, only, shade_pixels
 
 BASELINE = 0.09  # distance of the extra cameras in median depths of the first image
 MAX_BASELINE = 0.25
 MANY_PIXELS = 2**14  # a median of all of them would take longer than packing their depths
-PACKED_WIDTH = 256
 FEWEST = 3
 """New samples of the nine around a pixel below which its own is left out."""
 CONTINUES = 0.02
@@ -89,9 +87,9 @@ def extra_layers(
             new, new_sky = torch.zeros_like(new), torch.zeros_like(new_sky)
         kept, nearest = _grown(new, seen.depth)
         sky_shown = sky_shown | new_sky
-        gbuffer = surface_attributes(scene, _only(seen, kept))
+        gbuffer = surface_attributes(scene, only(seen, kept))
         radiance = _shade_few(scene, gbuffer, options, past)
-        layers.append(_extended(Layer(camera, gbuffer.depth[0], radiance[0], kept[0] | new_sky), seen, nearest))
+        layers.append(_extended(Layer(camera, gbuffer.depth[0], radiance, kept[0] | new_sky), seen, nearest))
         known.append(gbuffer)
     return layers
 
@@ -136,17 +134,6 @@ def _extended(layer: Layer, seen: VisibilityBuffer, nearest: Tensor) -> Layer:
     return replace(layer, depth=depth, radiance=radiance, known=layer.known | hidden)
 
 
-def _only(seen: VisibilityBuffer, kept: Tensor) -> VisibilityBuffer:
-    """Without the samples that are not kept."""
-    return VisibilityBuffer(
-        cameras=seen.cameras,
-        depth=torch.where(kept, seen.depth, torch.inf),
-        triangle=torch.where(kept, seen.triangle, -1),
-        object_id=torch.where(kept, seen.object_id, -1),
-        barycentric=torch.where(kept[..., None], seen.barycentric, 0.0),
-    )
-
-
 def typical_depth(depth: Tensor) -> float:
     """Median of finite depths (H,W), in large images of one in sixteen; 0 where there is none."""
     step = 4 if depth.numel() >= MANY_PIXELS else 1
@@ -184,49 +171,26 @@ def cameras_around(
     return moved
 
 
-def _shade_few(scene: Scene, gbuffer: GBuffer, options: RenderOptions, past: RenderHistory) -> Tensor:
-    """Radiance (1,H,W,3) of one image with few samples: they are put side by side, so that the rest costs nothing.
-
-    Empty pixels get the background.
-    """
-    covered = gbuffer.covered[0]
-    count = int(covered.sum())
-    height = -(-count // PACKED_WIDTH)
-    empty = {"triangle": -1, "object_id": -1, "material": -1, "depth": torch.inf}
-
-    def packed(name: str) -> Tensor | None:
-        if getattr(gbuffer, name) is None:
-            return None
-        values = getattr(gbuffer, name)[0][covered]
-        room = torch.full((height * PACKED_WIDTH, *values.shape[1:]), empty.get(name, 0), dtype=values.dtype)
-        room[:count] = values
-        return room.reshape(1, height, PACKED_WIDTH, *values.shape[1:])
-
-    lit = past.of_scene(scene).scene or scene
-    background = shade(lit, _emptied(gbuffer), background=options.background).clone()
-    if count:
-        camera = gbuffer.cameras.sub_camera(0, 0, PACKED_WIDTH, height)
-        names = [f.name for f in fields(GBuffer) if f.name != "cameras"]
-        small = GBuffer(cameras=camera, **{name: packed(name) for name in names})  # type: ignore[arg-type]
-        background[0][covered] = shade_samples(scene, small, options, past).reshape(-1, 3)[:count]
-    return background
-
-
-def _emptied(gbuffer: GBuffer) -> GBuffer:
-    nothing = torch.full_like(gbuffer.triangle, -1)
-    return replace(gbuffer, triangle=nothing, material=nothing, object_id=nothing)
+def _shade_few(scene: Scene, seen: VisibilityBuffer, options: RenderOptions, past: RenderHistory) -> Tensor:
+    """Radiance (H,W,3) of one image with few samples; empty pixels get the background."""
+    radiance = background_of(scene, seen, options, past).clone()
+    radiance[seen.covered[0]] = shade_pixels(scene, seen, seen.covered, options, past).radiance
+    return radiance
 
 
 def mirror_layer(image: Image, camera: Cameras) -> Layer | None:
-    """The layer of a picture that carries its reflections; None where nothing mirrors."""
+    """The layer of a picture that carries its reflections; None where it does not."""
     layer, seen = image.buffers.get(REFLECTIONS.name), image.buffers.get(GBUFFER.name)
     if not isinstance(layer, ReflectionLayer) or not isinstance(seen, GBuffer):
         return None
     made = virtual_images(image.scene, seen, layer)
-    if int(made.known.sum()) < FEWEST_MIRRORS:
-        return None
     parts = (_sized(part, camera) for part in (made.depth[0], made.light[0], made.known[0]))
     return Layer(camera, *parts)
+
+
+def worth_sending(mirrors: Layer | None) -> bool:
+    """Whether a layer of mirrors shows enough."""
+    return mirrors is not None and int(mirrors.known.sum()) >= FEWEST_MIRRORS
 
 
 def _sized(picture: Tensor, camera: Cameras) -> Tensor:

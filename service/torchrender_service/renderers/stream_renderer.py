@@ -16,6 +16,7 @@ from torchrender.pipeline.options import RenderOptions
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
 from torchrender.wire.cameras import cameras_of
+from torchrender_service.renderers.carrying import LitViews, carried_picture, smooth_edges
 from torchrender_service.renderers.engine import render_image
 from torchrender_service.renderers.jobs import BITS_STILL, Bounds, MakeKeyframe, MakeLayers, SmoothKeyframe
 from torchrender_service.renderers.keeping.lasting import LastingParts
@@ -28,6 +29,7 @@ from torchrender_service.renderers.layers import (
     extra_layers,
     mirror_layer,
     typical_depth,
+    worth_sending,
 )
 from torchrender_service.renderers.viewing.appearance import Exposure, Wish, as_wished, brightest, options_of, wish_of
 
@@ -36,7 +38,7 @@ MAX_BYTES = 2**31
 """Of what is kept, where nothing else is said."""
 STREAM = "stream"
 """The use whose pace streams share."""
-MOVING_BUDGET_MS = 150.0
+MOVING_BUDGET_MS = 120.0
 """Time for a moving keyframe where the session asks for no other."""
 STILL_FACTOR = 4.0
 """A refinement may take this many times the budget."""
@@ -46,6 +48,8 @@ STREAMED = RenderOptions(upscaling="joint", fixed=(resample.PASS.name,))
 """The depth of all pixels is sent anyway, and colours must not stick to the wrong surface when the view moves."""
 ASIDE = ((-0.375, -0.125), (0.125, -0.375), (0.375, 0.125), (-0.125, 0.375))
 """Pixels by which the further pictures of a refinement are moved: with the first, five places in every pixel."""
+MAX_RESTED = 4
+"""Scenes whose last smooth picture is kept: another session begins with its light."""
 MAX_REFINED = 4
 """Refinements that are kept to be gone on with: each holds a whole picture."""
 
@@ -56,23 +60,36 @@ class Begun:
 
     stamp: Stamp
     image: Image
+    options: RenderOptions  # that it was made with
     past: RenderHistory
     around: list[Cameras]
     mirrors: Layer | None = None
 
 
+@dataclass(frozen=True, eq=False)
+class Made:
+    """A picture with what a keyframe needs of it."""
+
+    image: Image
+    plan: dict[str, Any]
+    options: RenderOptions  # that it was made with
+    history: RenderHistory
+    mirrors: Layer | None  # what they show
+    carried: bool = False  # most of its light is that of other pictures
+
+
 @dataclass(eq=False)
 class Refinement:
-    """A picture of a view at rest, and the light of all its pictures so far."""
+    """A view at rest, and the light of all pictures that were made of it so far."""
 
+    job: MakeKeyframe
     begun: Begun
     scene: Scene
     camera: Cameras
     bounds: Bounds
-    options: RenderOptions
     brightest: float  # radiance that can be displayed at most
     render_ms: float
-    light: Tensor | None = None  # (H,W,3) sum over the pictures
+    light: Tensor | None = None  # (H,W,3) sum over the pictures; None: what was sent is made of others' light
     count: int = 0
 
     def add(self, image: Image) -> None:
@@ -91,6 +108,7 @@ class SessionState:
     begun: Begun | None = None
     wished: tuple[Scene, Wish, Scene] | None = None  # a scene, what was wished for, and what it is then
     exposure: Exposure = field(default_factory=Exposure)
+    lit: LitViews = field(default_factory=LitViews)
     bytes: int = 0  # of what is this session's own
 
     def as_wished(self, scene: Scene, wish: Wish) -> Scene:
@@ -113,12 +131,15 @@ class StreamRenderer:
         self._max = max_bytes
         self._sessions: OrderedDict[str, SessionState] = OrderedDict()
         self._refined: OrderedDict[str, Refinement] = OrderedDict()
+        self._rested: OrderedDict[str, LitViews] = OrderedDict()  # the last smooth picture of each scene
         self.evictions = 0
 
     @property
     def bytes(self) -> int:
         """Of what is each session's own."""
-        return sum(state.bytes for state in self._sessions.values())
+        return sum(state.bytes for state in self._sessions.values()) + bytes_of(
+            [views.pictures for views in self._rested.values()]
+        )
 
     def make(self, scene: Scene, job: MakeKeyframe, revision: int = 0) -> dict[str, Any]:
         """The message of layer 0 and what the server needs to place the next keyframe."""
@@ -128,12 +149,13 @@ class StreamRenderer:
         scene = state.as_wished(scene if scene_s is None else scene.at(scene_s), wish_of(job))
         camera = cameras_of(job.camera)
         bounds = _bounds(job, state.packing_ms)
-        image, plan, past = self._picture(scene, camera, state, job, bounds)
+        made = self._picture(scene, camera, state, job, bounds)
+        image, past = made.image, made.history
         render_ms = 1e3 * (time.perf_counter() - begin)
         depth = image.visibility.depth[0]
         typical = typical_depth(depth)
         around = cameras_around(camera, depth, job.extra_layers, direction=job.direction, baseline=job.baseline)
-        mirrors = mirror_layer(image, camera) if job.mirrors else None
+        mirrors = made.mirrors if job.mirrors and worth_sending(made.mirrors) else None
         stamp = Stamp(
             id=job.id,
             layers=1 + len(around) + (mirrors is not None),
@@ -149,19 +171,22 @@ class StreamRenderer:
             exposure=state.exposure.of(image, job.exposure, still=job.still),
             tone_map=job.tone_map,
         )
-        messages = [first_message(stamp, camera, depth, image.radiance[0], render_ms=render_ms, plan=plan)]
-        if mirrors is not None:
-            messages.append(mirror_message(stamp, mirrors))
-        begun = Begun(stamp, image, past, around, mirrors)
-        state.begun = begun if around else None
+        begun = Begun(stamp, image, made.options, past, around, mirrors)
+        light = image.radiance[0]
         self._refined.pop(job.session, None)
         if job.still:
-            options = options_of(STREAMED, job.off)
-            refined = Refinement(begun, scene, camera, bounds, options, brightest(stamp), render_ms=render_ms)
-            refined.add(image)
+            refined = Refinement(job, begun, scene, camera, bounds, brightest(stamp), render_ms=render_ms)
+            light = light.clamp(max=refined.brightest)
+            if not made.carried:
+                refined.add(image)
             self._refined[job.session] = refined
             while len(self._refined) > MAX_REFINED:
                 self._refined.popitem(last=False)
+            light = smooth_edges(image, light, ASIDE)
+        messages = [first_message(stamp, camera, depth, light, render_ms=render_ms, plan=made.plan)]
+        if mirrors is not None:
+            messages.append(mirror_message(stamp, mirrors))
+        state.begun = begun if around else None
         self._weigh(job, state)
         state.packing_ms = 1e3 * (time.perf_counter() - begin) - render_ms
         return {
@@ -179,9 +204,8 @@ class StreamRenderer:
         state.begun = None
         begin = time.perf_counter()
         image = begun.image
-        assert image.plan is not None
         scene = begun.past.given or image.scene
-        layers = extra_layers(scene, image.visibility, begun.around, image.plan.options, begun.past)
+        layers = extra_layers(scene, image.visibility, begun.around, begun.options, begun.past)
         each_ms = 1e3 * (time.perf_counter() - begin) / len(layers)
         messages = [layer_message(begun.stamp, k + 1, layer, render_ms=each_ms) for k, layer in enumerate(layers)]
         return {"messages": messages}
@@ -197,9 +221,14 @@ class StreamRenderer:
             return {"messages": [], "left": 0}
         begin = time.perf_counter()
         camera, begun = refined.camera, refined.begun
-        aside = camera.sub_camera(*ASIDE[refined.count - 1], camera.width, camera.height)
-        image, plan = _at_rest(refined.scene, aside, refined.bounds, begun.past, refined.options)
-        refined.add(image)
+        if refined.light is not None:
+            camera = camera.sub_camera(*ASIDE[refined.count - 1], camera.width, camera.height)
+        made = self._at_rest(refined.scene, camera, state, refined.job, refined.bounds, keep=refined.light is None)
+        if refined.light is None:  # the extra layers and mirrors of the last message are those of this picture
+            refined.begun = begun = replace(begun, image=made.image, options=made.options, past=made.history)
+            if begun.mirrors is not None and made.mirrors is not None:
+                refined.begun = begun = replace(begun, mirrors=made.mirrors)
+        refined.add(made.image)
         assert refined.light is not None
         refined.render_ms += 1e3 * (time.perf_counter() - begin)
         left = 1 + len(ASIDE) - refined.count
@@ -207,15 +236,23 @@ class StreamRenderer:
             return {"messages": [], "left": left}
         del self._refined[job.session]
         stamp = replace(begun.stamp, id=job.id, samples=refined.count)
-        depth, light = begun.image.visibility.depth[0], refined.light / refined.count
-        messages = [first_message(stamp, camera, depth, light, render_ms=refined.render_ms, plan=plan)]
+        image, light = begun.image, refined.light / refined.count
+        state.lit.improve(refined.scene, refined.job.off, image, light)
+        self._rested[refined.job.scene.id] = state.lit.newest()
+        self._rested.move_to_end(refined.job.scene.id)
+        while len(self._rested) > MAX_RESTED:
+            self._rested.popitem(last=False)
+        depth = image.visibility.depth[0]
+        messages = [first_message(stamp, refined.camera, depth, light, render_ms=refined.render_ms, plan=made.plan)]
         if begun.mirrors is not None:
             messages.append(mirror_message(stamp, begun.mirrors))
         state.begun = replace(begun, stamp=stamp) if begun.around else None
         return {"messages": messages, "left": 0, "extra_layers": len(begun.around)}
 
-    def forget(self, *, session: str | None = None) -> None:
-        """Drop what is kept for a session."""
+    def forget(self, *, session: str | None = None, scene: str | None = None) -> None:
+        """Drop what is kept for a session, or for new sessions of a scene."""
+        if scene is not None:
+            self._rested.pop(scene, None)
         if session is not None:
             self._sessions.pop(session, None)
             self._refined.pop(session, None)
@@ -225,10 +262,12 @@ class StreamRenderer:
         self.evictions += len(self._sessions)
         self._sessions.clear()
         self._refined.clear()
+        self._rested.clear()
 
     def _weigh(self, job: MakeKeyframe, state: SessionState) -> None:
         """Note what a session has of its own, and make room."""
-        own = [kept.value for kept in state.history.kept.values() if not _is_shared(kept)]
+        own: list[Any] = [kept.value for kept in state.history.kept.values() if not _is_shared(kept)]
+        own.append(state.lit.pictures)
         begun = None if state.begun is None else state.begun.image.buffers
         refined = self._refined.get(job.session)
         state.bytes = bytes_of(own, begun, None if refined is None else (refined.light, refined.begun.image.buffers))
@@ -240,38 +279,60 @@ class StreamRenderer:
     def _state(self, job: MakeKeyframe) -> SessionState:
         state = self._sessions.get(job.session)
         if state is None:
-            state = self._sessions[job.session] = SessionState(self._lasting.get(job.scene.id, STREAM).shared())
+            rested = self._rested.get(job.scene.id)
+            state = SessionState(
+                self._lasting.get(job.scene.id, STREAM).shared(), lit=rested.newest() if rested else LitViews()
+            )
+            self._sessions[job.session] = state
         self._sessions.move_to_end(job.session)
         while len(self._sessions) > MAX_SESSIONS:
             self._sessions.popitem(last=False)
         return state
 
-    def _picture(
-        self, scene: Scene, camera: Cameras, state: SessionState, job: MakeKeyframe, bounds: Bounds
-    ) -> tuple[Image, dict[str, Any], RenderHistory]:
-        """Layer 0, its plan, and what it left for the extra layers."""
+    def _picture(self, scene: Scene, camera: Cameras, state: SessionState, job: MakeKeyframe, bounds: Bounds) -> Made:
+        """Layer 0, out of pictures at rest as far as these show it, and else anew."""
         options = options_of(STREAMED, job.off)
+        pictures = state.lit.of(scene, job.off)
+        if pictures and job.bounds.max_error is None and not (job.still and job.bounds.budget_ms):
+            past = state.history if not job.still else replace(state.history.shared(), sequence=False)
+            made = carried_picture(scene, camera, state.lit, pictures, past, options, budget_ms=bounds.budget_ms)
+            if made is not None:
+                state.history = replace(state.history.of_scene(scene), kept=made.history.kept)
+                return Made(made.image, made.plan, made.options, made.history, made.mirrors, carried=True)
+        if job.still:
+            return self._at_rest(scene, camera, state, job, bounds, keep=True)
         options = replace(options, buffers=MIRRORS_NEED) if job.mirrors else options
-        if not job.still:
-            image, plan = render_image(scene, camera, bounds, options, state.history)
-            assert image.history is not None
-            state.history = image.history
-            self._lasting.put(job.scene.id, STREAM, image.history)
-            return image, plan, image.history
-        image, plan = _at_rest(scene, camera, bounds, state.history, options)
-        assert image.history is not None
-        return image, plan, image.history
+        image, plan = render_image(scene, camera, bounds, options, state.history)
+        assert image.history is not None and image.plan is not None
+        state.history = image.history
+        self._lasting.put(job.scene.id, STREAM, image.history)
+        mirrors = mirror_layer(image, camera) if job.mirrors else None
+        return Made(image, plan, image.plan.options, image.history, mirrors)
+
+    def _at_rest(
+        self, scene: Scene, camera: Cameras, state: SessionState, job: MakeKeyframe, bounds: Bounds, *, keep: bool
+    ) -> Made:
+        """A picture of a view at rest: made anew, without reused reflections, and no part of the moving sequence.
+
+        Args:
+            keep: pictures of moving views may take its light.
+        """
+        options = options_of(STREAMED, job.off)
+        options = replace(options, buffers=MIRRORS_NEED) if keep else options
+        past = replace(state.history.shared(), sequence=False)
+        image, plan = render_image(scene, camera, bounds, options, past)
+        assert image.history is not None and image.plan is not None
+        mirrors = mirror_layer(image, camera) if keep else None
+        if keep and image.plan.options.supersample >= 1.0:
+            state.lit.keep(scene, job.off, image, mirrors)
+        state.history = replace(
+            state.history.of_scene(scene), kept={**state.history.kept, **image.history.shared().kept}
+        )
+        return Made(image, plan, image.plan.options, image.history, mirrors)
 
 
 def _is_shared(kept: Kept) -> bool:
     return kept.buffer.lasting is not None and kept.buffer.lasting.shared
-
-
-def _at_rest(
-    scene: Scene, camera: Cameras, bounds: Bounds, past: RenderHistory, options: RenderOptions
-) -> tuple[Image, dict[str, Any]]:
-    """A picture of a refinement: made anew, without reused reflections, and no part of the moving sequence."""
-    return render_image(scene, camera, bounds, options, replace(past.shared(), sequence=False))
 
 
 def _bounds(job: MakeKeyframe, packing_ms: float) -> Bounds:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import time
 from collections.abc import Awaitable, Callable
@@ -26,6 +27,7 @@ from torchrender_service.streams.prediction import overscanned
 from torchrender_service.streams.sessions import Session
 
 LOG = logging.getLogger("torchrender_service.streams.producer")
+LOOK_S = 0.03  # between two looks whether a view at rest moves again
 REACH_S = 0.5  # extra cameras stand where the client will be after this time
 
 
@@ -62,11 +64,15 @@ class Producer:
         camera = overscanned(view, session.overscan, self.max_pixels)
         number, session.next_id = session.next_id, session.next_id + 1
         flight = placement.begin(number, now, timed=not still)
+        job = self._job(number, pose, camera, still)
         try:
-            made = await self._run(self._job(number, pose, camera, still))
+            made = await (self._run_at_rest(job) if still else self._run(job))
         except ServiceError:
             placement.failed(number)
             raise
+        if made is None:
+            placement.failed(number)
+            return
         overscan = min(camera.width * view.fx / (camera.fx * view.width), session.overscan)
         if not placement.done(number, Shown(view, overscan, made["typical_depth"], still)):
             return  # a RESYNC came meanwhile
@@ -77,12 +83,12 @@ class Producer:
         placement, session = self.placement, self.session
         job = SmoothKeyframe(session=session.id, id=session.next_id)
         try:
-            made = await self._run(job)
+            made = await self._run_at_rest(job)
         except ServiceError as error:
             LOG.warning("a refinement stays as it is: %s", error.detail)
             placement.smoothed()
             return
-        if made["left"] or placement.due(time.monotonic()) != "smooth":
+        if made is None or made["left"] or placement.due(time.monotonic()) != "smooth":
             return
         placement.smoothed()
         if made["messages"]:
@@ -108,6 +114,19 @@ class Producer:
         for message in messages:
             await self.send(message)
             self.metrics.count("keyframe_bytes", len(message))
+
+    async def _run_at_rest(self, job: MakeKeyframe | SmoothKeyframe) -> dict[str, Any] | None:
+        """The result; None where the view moves again before it is there: then it is taken back at once."""
+        running = asyncio.ensure_future(self._run(job))
+        try:
+            while not (await asyncio.wait({running}, timeout=LOOK_S))[0]:
+                if self.placement.due(time.monotonic()) == "moving":
+                    return None
+            return running.result()
+        finally:
+            if not running.done():
+                running.cancel()
+                await asyncio.wait({running})
 
     async def _run(self, job: MakeKeyframe | MakeLayers | SmoothKeyframe) -> dict[str, Any]:
         session = self.session

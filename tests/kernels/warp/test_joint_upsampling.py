@@ -23,9 +23,13 @@ def test_against_a_loop(seed: int) -> None:
     few, many = pixels(rows, columns), pixels(h, w)
     colors, materials = rng.random((rows, columns, 3)).astype(np.float32), np.array([0, 1, 1])
     out = np.zeros((h, w, 3), np.float32)
-    spread_colors(colors, few, many, materials, limits, out)
+    wanted = rng.random((h, w)) < 0.8
+    spread_colors(colors, few, many, materials, limits, wanted, out)
     widened = 0
     for j, i in np.ndindex(h, w):
+        if not wanted[j, i]:
+            assert not out[j, i].any()
+            continue
         y, x = (j + 0.5) * rows / h - 0.5, (i + 0.5) * columns / w - 0.5
         near, face = 1.0 / float(many[0][j, i]), many[1][j, i]
         for reach in (1, 2):

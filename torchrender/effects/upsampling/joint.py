@@ -24,17 +24,27 @@ LEFT_OVER = 1e-6
 """Weight of pixels of other surfaces at other depths: they are better than nothing."""
 
 
-def joint_upsampled(radiance: Tensor, few: VisibilityBuffer, many: VisibilityBuffer, materials: Tensor) -> Tensor:
+def joint_upsampled(
+    radiance: Tensor,
+    few: VisibilityBuffer,
+    many: VisibilityBuffer,
+    materials: Tensor,
+    wanted: Tensor | None = None,
+) -> Tensor:
     """Radiance (B,H,W,3) of all pixels: means of the rendered ones around, of the same surface where there are any.
 
     Args:
         radiance: (B,h,w,3) of the rendered pixels.
         few: what they see. many: what all pixels see, by the same cameras (B,H,W).
         materials: (F,) int64 by triangle, :attr:`Geometry.material`.
+        wanted: (B,H,W) bool, pixels that are asked for; the others become zero. None: all.
 
     Raises:
         InputError: shapes that do not fit.
     """
+    if wanted is not None:
+        check_tensor("wanted", wanted, tuple(many.triangle.shape))
+    asked = np.ones(many.triangle.shape, np.bool_) if wanted is None else view(wanted, np.bool_)
     check_tensor("radiance", radiance, (*few.triangle.shape, 3))
     if len(few.triangle) != len(many.triangle):
         raise InputError(f"few and many must be of as many cameras, got {len(few.triangle)} and {len(many.triangle)}")
@@ -44,7 +54,7 @@ def joint_upsampled(radiance: Tensor, few: VisibilityBuffer, many: VisibilityBuf
     out = np.zeros((*many.triangle.shape, 3), np.float32)
     for k in range(len(out)):
         views = tuple(a[k] for a in rough), tuple(a[k] for a in fine)
-        spread_colors(colors[k], *views, view(materials, np.int64), limits, out[k])
+        spread_colors(colors[k], *views, view(materials, np.int64), limits, asked[k], out[k])
     return torch.from_numpy(out)
 
 

@@ -11,7 +11,7 @@ from torchrender.kernels.compile import kernel
 
 
 @kernel(parallel=True)
-def spread_colors(colors, few, many, materials, limits, out):
+def spread_colors(colors, few, many, materials, limits, wanted, out):
     """``out`` (H,W,3): means of the rendered pixels around each pixel, weighted by nearness and by likeness.
 
     Args:
@@ -21,6 +21,7 @@ def spread_colors(colors, few, many, materials, limits, out):
         limits: same, other_surface, left_over. A difference d of inverse depth, as a share of the larger one, weighs
             ``exp(-(d / same)^2)``; ``other_surface`` is a factor for pixels of other surfaces; ``left_over`` is added
             to all: they are better than nothing.
+        wanted: (H,W) the others stay as they are.
 
     The four rendered pixels around a pixel count by their bilinear weights. Where none is of the pixel's surface,
     which is thin then, the sixteen around it count, by tents twice as wide.
@@ -33,6 +34,8 @@ def spread_colors(colors, few, many, materials, limits, out):
     for j in prange(height):
         y = (j + 0.5) * (rows / height) - 0.5
         for i in range(width):
+            if not wanted[j, i]:
+                continue
             x = (i + 0.5) * (columns / width) - 0.5
             own, face = 1.0 / depth[j, i], triangle[j, i]
             material = materials[face] if face >= 0 else -1

@@ -97,13 +97,13 @@ def amounts(outlook: Outlook) -> Amounts:
 
 
 def over_samples(options: RenderOptions, history: RenderHistory) -> RenderOptions:
-    """Few samples are not worth a ray caster."""
+    """Few samples are not worth a ray caster, nor maps of their own: those of everything are there for mirrors."""
     del history
-    return replace(options, point_shadows="maps")
+    return replace(options, point_shadows="maps", shadow=replace(options.shadow, coverage="scene"))
 
 
 def over_hits(options: RenderOptions, history: RenderHistory) -> RenderOptions:
-    """By maps of everything: others follow the eye, and reflected rays leave what it sees."""
+    """By maps of everything: others follow the eye."""
     del history
     return replace(
         options, point_shadows="maps", shadow=replace(lasting_shadows(options), coverage="scene", edges="map")

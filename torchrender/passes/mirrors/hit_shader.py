@@ -40,8 +40,9 @@ from torchrender.shade import shade
 
 
 def look_made_with(options: RenderOptions) -> tuple[Any, ...]:
-    """What of the options shows in the colours of hits."""
-    return (options.shadows, lasting_shadows(options), plain_background(options), options.ambient_visibility)
+    """What of the options shows in the colours of hits; their shadows are looked up in maps of everything."""
+    shadow = replace(lasting_shadows(options), coverage="scene", cascades=None)
+    return (options.shadows, shadow, plain_background(options), options.ambient_visibility)
 
 
 HIT_SHADER = Buffer("hit_shader", HitShader, lasting=Lasting(look_of, look_made_with))

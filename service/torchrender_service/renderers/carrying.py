@@ -1,0 +1,231 @@
+"""Pictures of a moving view out of those at rest: light that is known is carried, the rest is shaded."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from torchrender.buffers import VisibilityBuffer
+from torchrender.effects.upsampling.carried import CarriedLight, LitPicture, MirroredLight, carried_light
+from torchrender.effects.upsampling.joint import joint_upsampled
+from torchrender.image import Image
+from torchrender.pipeline.doubts import exposure_of
+from torchrender.pipeline.history import RenderHistory
+from torchrender.pipeline.options import RenderOptions
+from torchrender.raster import rasterize_visibility
+from torchrender.scene.camera import Cameras
+from torchrender.scene.model import Scene
+from torchrender.wire.viewing import Effect
+from torchrender_service.renderers.layers import Layer
+from torchrender_service.renderers.samples import ShadedPixels, background_of, shade_pixels
+
+MOST_PICTURES = 4
+MOST_OF_STILL = 0.8
+"""Share of the pixels that must be known for a view at rest to be made out of others."""
+MOST_OF_MOVING = 0.3
+"""The same for one that moves."""
+FEWEST, FIRST, MOST = 1024, 4096, 1 << 15
+"""Pixels that one moving picture shades at least, before it is known how long they take, and at most."""
+LEAST_MS = 40.0
+"""Time that these have whatever else took."""
+
+
+@dataclass(frozen=True, eq=False)
+class CarriedPicture:
+    """A picture with what a keyframe needs of it."""
+
+    image: Image
+    options: RenderOptions
+    plan: dict[str, Any]
+    history: RenderHistory
+    mirrors: Layer
+
+
+@dataclass(eq=False)
+class LitViews:
+    """Pictures at rest of one session whose light is carried, the newest last, and how many pixels it can shade."""
+
+    pictures: list[LitPicture] = field(default_factory=list)
+    room: int = FIRST  # pixels that a moving picture shades
+    _scene: Scene | None = None
+    _off: tuple[Effect, ...] = ()
+
+    def newest(self) -> LitViews:
+        """Another session of the same scene may begin with this."""
+        return LitViews(self.pictures[-1:], FIRST, self._scene, self._off)
+
+    def of(self, scene: Scene, off: Sequence[Effect]) -> list[LitPicture]:
+        """Those that show this scene without these effects; others are dropped."""
+        if self._scene is not scene or self._off != tuple(off):
+            self.pictures, self._scene, self._off = [], scene, tuple(off)
+        return self.pictures
+
+    def keep(self, scene: Scene, off: Sequence[Effect], image: Image, mirrors: Layer | None) -> None:
+        """One more, with what its mirrors show."""
+        shown = None if mirrors is None else MirroredLight(mirrors.depth, mirrors.radiance, mirrors.known)
+        made = LitPicture(image.visibility, image.radiance[0].detach(), shown)
+        self.pictures = [*self.of(scene, off), made][-MOST_PICTURES:]
+
+    def improve(self, scene: Scene, off: Sequence[Effect], image: Image, light: Tensor) -> None:
+        """The mean light (H,W,3) of several pictures in place of a kept one's own.
+
+        Pixels beside an outline keep their own, in which no two surfaces mingle.
+        """
+        seen = image.visibility
+        own = torch.where(_outlines(seen)[..., None], image.radiance[0], light).detach()
+        self.pictures = [replace(p, light=own) if p.seen is seen else p for p in self.of(scene, off)]
+
+    def learn(self, shaded: int, took_ms: float, allowed_ms: float) -> None:
+        """Of a moving picture that shaded so many pixels."""
+        wanted = int(shaded * allowed_ms / max(took_ms, 1e-3))
+        if wanted < self.room or shaded > self.room // 2:
+            self.room = max(FEWEST, min(MOST, wanted, 2 * self.room))
+
+
+def carried_picture(
+    scene: Scene,
+    camera: Cameras,
+    views: LitViews,
+    pictures: Sequence[LitPicture],
+    past: RenderHistory,
+    options: RenderOptions,
+    *,
+    budget_ms: float | None,
+) -> CarriedPicture | None:
+    """A view of one camera out of pictures of others; None where these show too little of it.
+
+    Pixels that none of them shows are shaded; where these are too many for the time, some of them in a lattice, and
+    those between are filled in along the surfaces.
+
+    Args:
+        budget_ms: None: however long it takes.
+    """
+    begin = time.perf_counter()
+    materials = scene.geometry.material
+    seen = rasterize_visibility(scene.geometry, camera)
+    carried = carried_light(seen, pictures, materials)
+    if carried.share < (MOST_OF_STILL if budget_ms is None else MOST_OF_MOVING):
+        return None
+    carried_ms = 1e3 * (time.perf_counter() - begin)
+    rest = ~carried.known & seen.covered[0]
+    if budget_ms is None:
+        rest |= carried.stale
+        carried.mirrors.known[carried.stale] = False
+    count = int(rest.sum())
+    spacing = 1
+    if budget_ms is not None:
+        spacing = _spacing(count, views.room)
+        options = replace(options, shadow=replace(options.shadow, edges="map"))
+    radiance, shaded = _completed(scene, seen, carried, rest, spacing, options, past)
+    took_ms = 1e3 * (time.perf_counter() - begin)
+    if budget_ms is not None and len(shaded.radiance):
+        views.learn(len(shaded.radiance), took_ms - carried_ms, max(LEAST_MS, budget_ms - carried_ms))
+    lit = past.of_scene(scene).scene or scene
+    kept = replace(past.of_scene(scene), kept={**past.kept, **shaded.history.kept})
+    image = Image(
+        radiance=radiance[None],
+        cameras=camera,
+        scene=lit,
+        seen=seen,
+        history=kept,
+        exposure=exposure_of(lit, options),
+        tone_map=options.tone_map,
+    )
+    mirrors = Layer(camera, carried.mirrors.depth, carried.mirrors.light, carried.mirrors.known)
+    used = options if shaded.plan is None else shaded.plan.options
+    return CarriedPicture(image, used, _plan(shaded, carried, carried_ms, took_ms), kept, mirrors)
+
+
+def smooth_edges(image: Image, light: Tensor, aside: Sequence[tuple[float, float]]) -> Tensor:
+    """The light (H,W,3) of a picture as the mean over views moved by parts of a pixel, which see the same light.
+
+    Outlines become smooth, as by several samples of coverage for each that is shaded.
+    """
+    camera, geometry = image.cameras, image.scene.geometry
+    picture = LitPicture(image.visibility, light.detach())
+    total, count = light.clone(), torch.ones(*light.shape[:2], 1)
+    for right, down in aside:
+        seen = rasterize_visibility(geometry, camera.sub_camera(right, down, camera.width, camera.height))
+        found = carried_light(seen, [picture], geometry.material)
+        total += found.light
+        count += found.known[..., None]
+    return total / count
+
+
+def _completed(
+    scene: Scene,
+    seen: VisibilityBuffer,
+    carried: CarriedLight,
+    rest: Tensor,
+    spacing: int,
+    options: RenderOptions,
+    past: RenderHistory,
+) -> tuple[Tensor, ShadedPixels]:
+    """Radiance (H,W,3) with the rest (H,W) of the covered pixels, and the sky."""
+    radiance = carried.light
+    height, width = (side - side % spacing for side in rest.shape)
+    first = spacing // 2
+    lattice = torch.zeros_like(rest)
+    lattice[first:height:spacing, first:width:spacing] = True
+    lattice[height:], lattice[:, width:] = True, True
+    shaded = shade_pixels(scene, seen, (rest & lattice)[None], options, past)
+    radiance[rest & lattice] = shaded.radiance
+    sky = ~carried.known & ~seen.covered[0]
+    if bool(sky.any()):
+        radiance[sky] = background_of(scene, seen, options, past)[sky]
+    between = rest & ~lattice
+    if bool(between.any()):
+        inner = slice(0, height), slice(0, width)
+        few, many = _part(seen, slice(first, height, spacing), slice(first, width, spacing)), _part(seen, *inner)
+        colors = radiance[first:height:spacing, first:width:spacing][None]
+        filled = joint_upsampled(colors, few, many, scene.geometry.material, between[inner][None])[0]
+        radiance[between] = filled[between[inner]]
+    return radiance, shaded
+
+
+def _part(seen: VisibilityBuffer, rows: slice, columns: slice) -> VisibilityBuffer:
+    """Some rows and columns of what one camera sees; the camera stays that of all."""
+    names = ("depth", "triangle", "object_id", "barycentric")
+    return VisibilityBuffer(seen.cameras, *(getattr(seen, name)[:, rows, columns].contiguous() for name in names))
+
+
+def _spacing(count: int, room: int) -> int:
+    """Of a lattice in ``count`` pixels that has no more than ``room``; odd, so that it has pixels in its middle."""
+    least = math.ceil(math.sqrt(count / room))
+    return least + 1 - least % 2
+
+
+def _outlines(seen: VisibilityBuffer) -> Tensor:
+    """(H,W) bool of one camera: another object, or nothing, stands beside the pixel."""
+    owner = seen.object_id[0]
+    found = torch.zeros_like(owner, dtype=torch.bool)
+    for axis in (0, 1):
+        differs = owner.diff(dim=axis) != 0
+        size = owner.shape[axis] - 1
+        for start in (0, 1):
+            found.narrow(axis, start, size).logical_or_(differs)
+    return found
+
+
+def _plan(shaded: ShadedPixels, carried: CarriedLight, carried_ms: float, took_ms: float) -> dict[str, Any]:
+    """What was done, as the plan of a picture tells it."""
+    row = {
+        "pass": "carried_light",
+        "runs": True,
+        "reason": f"{100 * carried.share:.1f} % of the pixels: as pictures at rest show them",
+        "settings": "-",
+        "predicted_ms": None,
+        "predicted_error": None,
+        "measured_ms": round(carried_ms, 2),
+    }
+    made: dict[str, Any] = {} if shaded.plan is None else shaded.plan.to_dict()
+    rows = [] if shaded.plan is None else made["rows"]
+    usual: dict[str, Any] = {"budget_ms": None, "max_error": None, "possible": True, "statement": "", "changes": []}
+    unknown = {"predicted_ms": None, "following_ms": None, "predicted_error": None}
+    return {**usual, **made, **unknown, "rows": [row, *rows], "measured_ms": round(took_ms, 2)}

@@ -1,0 +1,87 @@
+"""Some pixels of a view, shaded by the passes of a picture: side by side, so that the rest costs nothing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+
+import torch
+from torch import Tensor
+
+from torchrender.buffers import GBuffer, VisibilityBuffer
+from torchrender.pipeline.history import RenderHistory
+from torchrender.pipeline.options import RenderOptions
+from torchrender.planning.plan import Plan
+from torchrender.raster import surface_attributes
+from torchrender.renderer import light_of_samples
+from torchrender.scene.model import Scene
+from torchrender.shade import shade
+
+PACKED_WIDTH = 256
+_EMPTY = {"triangle": -1, "object_id": -1, "material": -1, "depth": torch.inf}
+
+
+@dataclass(frozen=True, eq=False)
+class ShadedPixels:
+    """Light of N pixels, in the order of the rows of the picture."""
+
+    radiance: Tensor  # (N,3) linear
+    plan: Plan | None  # None: there were none
+    history: RenderHistory
+
+
+def shade_pixels(
+    scene: Scene, seen: VisibilityBuffer, wanted: Tensor, options: RenderOptions, past: RenderHistory
+) -> ShadedPixels:
+    """Light of some covered pixels of one camera.
+
+    Args:
+        scene: as it was given to the pictures that left ``past``.
+        seen: (1,H,W), or a G-buffer.
+        wanted: (1,H,W) bool; pixels that see nothing are left out.
+    """
+    wanted = wanted & seen.covered
+    if not bool(wanted.any()):
+        return ShadedPixels(torch.zeros(0, 3), None, past)
+    gbuffer = seen if isinstance(seen, GBuffer) else surface_attributes(scene, only(seen, wanted))
+    made = light_of_samples(scene, _packed(gbuffer, wanted[0]), options, past)
+    return ShadedPixels(made.radiance.reshape(-1, 3)[: int(wanted.sum())], made.plan, made.history)
+
+
+def background_of(scene: Scene, seen: VisibilityBuffer, options: RenderOptions, past: RenderHistory) -> Tensor:
+    """(H,W,3) what shows where one camera sees nothing, for all its pixels."""
+    lit = past.of_scene(scene).scene or scene
+    nothing = torch.full_like(seen.triangle, -1)
+    empty = replace(seen, triangle=nothing, object_id=nothing)
+    gbuffer = empty if isinstance(empty, GBuffer) else surface_attributes(scene, empty)
+    return shade(lit, gbuffer, background=options.background)[0]
+
+
+def only(seen: VisibilityBuffer, kept: Tensor) -> VisibilityBuffer:
+    """Without the samples (B,H,W) that are not kept."""
+    return VisibilityBuffer(
+        cameras=seen.cameras,
+        depth=torch.where(kept, seen.depth, torch.inf),
+        triangle=torch.where(kept, seen.triangle, -1),
+        object_id=torch.where(kept, seen.object_id, -1),
+        barycentric=torch.where(kept[..., None], seen.barycentric, 0.0),
+    )
+
+
+def _packed(gbuffer: GBuffer, wanted: Tensor) -> GBuffer:
+    """The wanted samples (H,W) in rows of a small picture; the last one is filled up with empty ones."""
+    rows = wanted.reshape(-1).nonzero()[:, 0]
+    count = len(rows)
+    height = -(-count // PACKED_WIDTH)
+
+    def packed(name: str) -> Tensor | None:
+        if getattr(gbuffer, name) is None:
+            return None
+        image = getattr(gbuffer, name)[0]
+        values = image.reshape(-1, *image.shape[2:])[rows]
+        room = torch.full((height * PACKED_WIDTH, *values.shape[1:]), _EMPTY.get(name, 0), dtype=values.dtype)
+        room[:count] = values
+        return room.reshape(1, height, PACKED_WIDTH, *values.shape[1:])
+
+    camera = gbuffer.cameras.sub_camera(0, 0, PACKED_WIDTH, height)
+    names = [f.name for f in fields(GBuffer) if f.name != "cameras"]
+    return GBuffer(cameras=camera, **{name: packed(name) for name in names})  # type: ignore[arg-type]
