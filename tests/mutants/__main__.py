@@ -52,7 +52,7 @@ def main() -> int:
         bench = Bench(ROOT, Path(folder))
         for fault in chosen:
             key = f"{fault.key}-{_state(fault)}"
-            if key in known and (not options.again or known[key]["verdict"] == CAUGHT):
+            if _verdict(fault, known) == CAUGHT or (key in known and not options.again):
                 continue
             if time.monotonic() > end:
                 break
@@ -97,11 +97,19 @@ def _state(fault: Fault) -> str:
     return hashlib.sha256(told).hexdigest()[:8]
 
 
+def _verdict(fault: Fault, known: dict[str, dict[str, str]]) -> str:
+    """What was found: of these tests, or that earlier ones caught it, as tests are not taken away."""
+    if fault.key in known:
+        return CAUGHT
+    return known.get(f"{fault.key}-{_state(fault)}", {"verdict": "not asked"})["verdict"]
+
+
 def _kept() -> dict[str, dict[str, str]]:
     if not KEPT.exists():
         return {}
     rows = (json.loads(line) for line in KEPT.read_text().splitlines())
-    return {row["key"]: row for row in rows}
+    found = {row["key"]: row for row in rows}
+    return found | {key.partition("-")[0]: row for key, row in found.items() if row["verdict"] == CAUGHT}
 
 
 def _score(chosen: list[Fault], known: dict[str, dict[str, str]]) -> int:
@@ -109,7 +117,7 @@ def _score(chosen: list[Fault], known: dict[str, dict[str, str]]) -> int:
     rows: dict[str, list[str]] = {}
     missed = []
     for fault in chosen:
-        verdict = known.get(f"{fault.key}-{_state(fault)}", {"verdict": "not asked"})["verdict"]
+        verdict = _verdict(fault, known)
         rows.setdefault(fault.area, []).append(verdict)
         if verdict in (SURVIVED, UNUSABLE):
             missed.append(f"  {verdict:9} {fault.area}: {fault.title}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shutil
 import signal
@@ -35,6 +36,7 @@ class Bench:
                 shutil.copy2(root / name, folder / name)
         for bundle, source in BUNDLES.items():
             (folder / PAGE / "bundle" / bundle).write_text(f'import "{source}";\n')
+        os.environ.setdefault("TORCHRENDER_DATA", str(root.parent / "shared" / "data"))
         self._stamp = time.time()
 
     def run(self, file: str | None, text: str, tests: str, limit_s: float) -> tuple[str, str]:
@@ -103,10 +105,8 @@ def _ended(child: int, deadline: float) -> int | None:
             status = found
             break
         time.sleep(0.05)
-    try:
+    with contextlib.suppress(ProcessLookupError):
         os.killpg(child, signal.SIGKILL)
-    except ProcessLookupError:
-        pass
     if status is None:
         os.waitpid(child, 0)
     return status

@@ -159,3 +159,17 @@ def test_a_session_that_comes_to_nothing_gives_its_renderer_back(why: str) -> No
         asyncio.run(answer_request(request, WISH))
     assert caught.value.status == {"refused": 422, "full": 429}[why]
     assert pool.back == pool.given and len(pool.given) == 1
+
+
+def test_an_address_has_as_many_sessions_as_it_may_and_a_ticket_works_once() -> None:
+    stage = Stage(max_sessions_per_address=2)
+    tickets = [stage.store.add(make_session(str(k))) for k in range(2)]
+    for attempt in (stage.store.check_room, lambda: stage.store.add(make_session("3"))):
+        with pytest.raises(ServiceError) as refused:
+            attempt()
+        assert refused.value.status == 429 and "2 sessions" in str(refused.value)
+    stage.store.check_room("another address")
+    stage.store.redeem(tickets[0])
+    with pytest.raises(ServiceError) as used:
+        stage.store.redeem(tickets[0])
+    assert used.value.status == 403

@@ -15,7 +15,7 @@ from torch import Tensor
 from torchrender.arrays import view
 from torchrender.brief import brief
 from torchrender.buffers import DepthImages
-from torchrender.checks import check_choice, check_no_gradient, check_range, check_tensor
+from torchrender.checks import check_choice, check_finite, check_no_gradient, check_range, check_tensor
 from torchrender.errors import InputError
 from torchrender.kernels.compile import thread_count
 from torchrender.kernels.warp.resolve import resolve
@@ -93,7 +93,8 @@ def reproject(
         options: method and tolerances; ``method`` overrides the one in ``options``.
 
     Raises:
-        InputError: orthographic cameras, colours of another shape, or more than 2^32 - 2 samples.
+        InputError: orthographic cameras, colours of another shape, that are no floats or not finite, or more than
+            2^32 - 2 samples.
         OptionError: an unknown method. GradientError: colours or depths that ask for gradients.
     """
     options = options or ReprojectOptions()
@@ -102,6 +103,9 @@ def reproject(
     count, height, width = source.depth.shape
     colors = check_tensor("colors", source.color if colors is None else colors, (count, height, width, 3))
     check_no_gradient("reproject", colors=colors, depth=source.depth)
+    if not colors.is_floating_point():
+        raise InputError(f"colors must hold floats in linear light, got {colors.dtype}")
+    check_finite("colors", colors)
     if cameras.orthographic or source.cameras.orthographic:
         raise InputError("images and cameras must be perspective")
     if source.depth.numel() >= 2**32 - 1:

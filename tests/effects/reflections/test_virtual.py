@@ -147,3 +147,19 @@ def test_a_chrome_ball_moves_its_picture_as_it_should() -> None:
         for made in (draw_with_mirrors([first], mirrors, moved), draw_keyframes([first], moved))
     ]
     assert errors[0] < 0.5 * errors[1]
+
+
+def test_a_bulging_mirror_shows_the_sky_at_its_focus_and_a_hollow_one_nothing_that_stands_still() -> None:
+    """What is infinitely far is seen half a radius behind a ball, whatever moves; past its focus a hollow one flips."""
+    ball = scene_of(placed(sphere(0.8, 64), (0.0, 0.0, 0.0), 3))
+    camera = Cameras.look_at([0.0, 0.0, 2.9], [0.0, 0.0, 0.0], width=161, height=161, fov_deg=50.0)
+    gbuffer = prepared(ball, camera)[0]
+    made = virtual_images(ball, gbuffer, traced(ball, camera))
+    middle = (0, 80, 80)
+    assert float(made.depth[middle]) == pytest.approx(float(gbuffer.depth[middle]) + 0.4, rel=0.01)
+    hollow = placed(sphere(2.0, 64), (0.0, 0.0, 0.0), 3)
+    assert hollow.normals is not None
+    room = scene_of(replace(hollow, faces=hollow.faces.flip(1), normals=-hollow.normals))
+    inside = Cameras.look_at([0.0, 0.3, 0.5], [0.0, 0.0, -2.0], width=81, height=81, fov_deg=40.0)
+    seen = virtual_images(room, prepared(room, inside)[0], traced(room, inside))
+    assert not bool(seen.known[:, 10:70, 10:70].any())

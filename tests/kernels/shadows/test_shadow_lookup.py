@@ -320,3 +320,21 @@ def test_a_rectangle_partly_above_a_surface_is_not_called_hidden():
     assert look_up(*args, settings())[0] == 0.0
     assert look_up(*args, settings(ux=0.2, uy=0.9, vz=0.3))[0] == 0.0
     assert look_up(*args, settings(ux=0.2, uy=1.1, vz=0.3))[0] == 1.0
+
+
+@pytest.mark.parametrize("kind", ["none", "window", "disc"])
+def test_beyond_the_border_of_a_cube_face_its_last_texels_go_on(kind: str) -> None:
+    """A face is the same as one that was padded with its own border; a single map knows nothing there."""
+    points, normals, light, view, depths, taps = random_case(np.random.default_rng(7), False)
+    wide = view.copy()
+    wide[14:16] += 8
+    padded = np.pad(depths, 8, mode="edge")
+    inside = settings(filter=FILTERS[kind], n=3, radius=4.0, cube=True)
+    found = look_up(points, normals, light, view[None], depths[None], taps, inside)
+    wanted = look_up(points, normals, light, wide[None], padded[None], taps, inside)
+    matrix = view[:12].reshape(3, 4)
+    place = points @ matrix[:, :3].T + matrix[:, 3]
+    u, v = view[12] * place[:, 0] / place[:, 2] + view[14], view[13] * place[:, 1] / place[:, 2] + view[15]
+    own = (place[:, 2] > NEAR) & (u >= 0) & (v >= 0) & (u < SIZE[1]) & (v < SIZE[0])
+    assert own.sum() > 50
+    assert (np.abs(found[own] - wanted[own]) > 1e-6).mean() < 0.01  # points that rounding puts on the border

@@ -75,7 +75,7 @@ FAULTS: tuple[Fault, ...] = (
     ),
     *faults("voxels", K + "voxels/volume_march.py", VOXELS,
         ("first, last = max(begin, spans[n, 0]), min(end, spans[n, 1])", "first, last = begin, end"),
-        ("continue  # the layer ends here, not only the block", "pass"),
+        ("side = (block[c] + 1) * BRICK if direction[c] > 0.0", "side = (block[c] + 2) * BRICK if direction[c] > 0.0"),
         ("clear *= 1.0 - alpha", "clear -= alpha"),
         ("s = max(s + 1, np.int64((free - begin) / length))", "s = max(s + 1, np.int64((free - begin) / length) + 1)"),
         ("length = (end - begin) / steps", "length = step"),

@@ -18,6 +18,18 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
 MAX_SIDE = 32768
+RIGID = 1e-3
+"""So far may axes be from unit length and right angles: matrices come rounded."""
+
+
+def check_side(name: str, pixels: object) -> None:
+    """Refuse what is no width or height of a picture.
+
+    Raises:
+        CameraError: names the argument.
+    """
+    if isinstance(pixels, bool) or not isinstance(pixels, int) or not 1 <= pixels <= MAX_SIDE:
+        raise CameraError(f"{name} must be an integer in [1, {MAX_SIDE}], got {pixels!r}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +41,7 @@ class CameraRecord:
     one number or one for each camera.
 
     Raises:
-        CameraError: a wrong shape, a value that is not finite, a singular matrix, near not in front of far.
+        CameraError: a wrong shape, a value that is not finite, a matrix that is no rotation, near not in front of far.
         GradientError: a matrix that asks for gradients, which pictures do not give.
     """
 
@@ -61,8 +73,7 @@ class CameraRecord:
                 raise CameraError(f"{name} must be one number or have shape ({count},), got {tuple(value.shape)}")
             object.__setattr__(self, name, value.reshape(-1).expand(count).contiguous())
         for name, side in (("width", self.width), ("height", self.height)):
-            if not isinstance(side, int) or not 1 <= side <= MAX_SIDE:
-                raise CameraError(f"{name} must be an integer in [1, {MAX_SIDE}], got {side!r}")
+            check_side(name, side)
         self._check_values()
 
     def _check_values(self) -> None:
@@ -70,8 +81,13 @@ class CameraRecord:
         check_finite("intrinsics", self.intrinsics, CameraError)
         if self.camera_from_world.shape[0] == 0:
             return
-        if bool((torch.linalg.det(self.camera_from_world[:, :3, :3]).abs() < 1e-12).any()):
-            raise CameraError("camera_from_world must be invertible, its rotation part is singular")
+        turn = self.camera_from_world[:, :3, :3]
+        off = (turn @ turn.transpose(1, 2) - torch.eye(3, dtype=torch.float64)).abs().amax(dim=(1, 2))
+        if not bool((off < RIGID).all()):
+            told = f"camera_from_world must be a rotation and a shift: matrix {int(off.argmax())} is off by"
+            raise CameraError(f"{told} {float(off.max()):.3g} from unit axes at right angles")
+        if not bool((torch.linalg.det(turn) > 0).all()):
+            raise CameraError("camera_from_world must not mirror: the determinant of its rotation must be 1")
         if bool((self.intrinsics[:, (0, 1), (0, 1)] <= 0).any()):
             raise CameraError("intrinsics must have positive focal lengths")
         fixed = self.intrinsics[:, (1, 2, 2, 2), (0, 0, 1, 2)]
