@@ -21,6 +21,7 @@ from torchrender.kernels.compile import thread_count
 from torchrender.kernels.warp.resolve import resolve
 from torchrender.kernels.warp.splat import Samples, Target, draw_splats
 from torchrender.kernels.warp.warp import Canvas, Poses, Quads, draw_quads
+from torchrender.reconstruct.color_gradient import Drawn, followed_colors
 from torchrender.reconstruct.corners import ReconstructOptions, SampleQuads, fit_corners
 from torchrender.reconstruct.discs import facing_normals
 from torchrender.reconstruct.grid_mesh import fit_grid
@@ -89,20 +90,22 @@ def reproject(
         cameras: B perspective cameras of any size.
         offset_images: the images' views shifted by half a pixel (see :func:`fit_corners`); without them the hybrid
             quads' corners are guessed from the samples' tangent planes and agreed on between neighbours.
-        colors: (N,H,W,3) colours to use instead of those of the images.
+        colors: (N,H,W,3) colours to use instead of those of the images. Their gradients are exact: which samples
+            pixels show does not depend on them.
         options: method and tolerances; ``method`` overrides the one in ``options``.
 
     Raises:
         InputError: orthographic cameras, colours of another shape, that are no floats or not finite, or more than
             2^32 - 2 samples.
-        OptionError: an unknown method. GradientError: colours or depths that ask for gradients.
+        OptionError: an unknown method. GradientError: depths that ask for gradients.
     """
     options = options or ReprojectOptions()
     method = check_choice("method", method or options.method, METHODS)
     source = images.images if isinstance(images, SampleQuads) else images
     count, height, width = source.depth.shape
     colors = check_tensor("colors", source.color if colors is None else colors, (count, height, width, 3))
-    check_no_gradient("reproject", colors=colors, depth=source.depth)
+    check_no_gradient("reproject", depth=source.depth)
+    follows = colors.requires_grad and torch.is_grad_enabled()
     if not colors.is_floating_point():
         raise InputError(f"colors must hold floats in linear light, got {colors.dtype}")
     check_finite("colors", colors)
@@ -118,7 +121,8 @@ def reproject(
         np.empty(shape, np.bool_),
         np.empty(shape, np.int64),
     )
-    texels = view(colors, np.float32)
+    texels = view(colors.detach(), np.float32)
+    followed: list[Tensor] = []
     smooth = options.color_filter == "bilinear" and quads is not None
     pixel_arrays = _pixel_arrays(source, quads)
     for k in range(len(cameras)):
@@ -128,9 +132,14 @@ def reproject(
         limits = (float(camera.near[0]) * (1.0 - 1e-6), float(camera.far[0]))
         back = _pixel_matrices_back(camera, source.cameras)
         resolve(keys, pixel_arrays, back, bias, limits, texels, smooth, tuple(a[k] for a in outputs))
+        valid, closed = outputs[2][k].copy() if follows else outputs[2][k], None
         if options.close_pinholes and method == "hybrid":
-            close_pinholes(*(a[k] for a in outputs))
-    return Reprojection(cameras, *(torch.from_numpy(a) for a in outputs))
+            closed = close_pinholes(*(a[k] for a in outputs))
+        if follows:
+            drawn = Drawn(keys, valid, closed, bias, back)
+            followed.append(followed_colors(colors, drawn, pixel_arrays, smooth=smooth))
+    color, *rest = (torch.from_numpy(a) for a in outputs)
+    return Reprojection(cameras, torch.stack(followed).float() if followed else color, *rest)
 
 
 def _draw(

@@ -84,8 +84,8 @@ class CameraRecord:
         turn = self.camera_from_world[:, :3, :3]
         off = (turn @ turn.transpose(1, 2) - torch.eye(3, dtype=torch.float64)).abs().amax(dim=(1, 2))
         if not bool((off < RIGID).all()):
-            told = f"camera_from_world must be a rotation, or a mirrored one, and a shift: matrix {int(off.argmax())} is off by"
-            raise CameraError(f"{told} {float(off.max()):.3g} from unit axes at right angles")
+            told = f"camera_from_world must be a rotation and a shift, mirrored or not: number {int(off.argmax())}"
+            raise CameraError(f"{told} is off by {float(off.max()):.3g} from unit axes at right angles")
         if bool((self.intrinsics[:, (0, 1), (0, 1)] <= 0).any()):
             raise CameraError("intrinsics must have positive focal lengths")
         fixed = self.intrinsics[:, (1, 2, 2, 2), (0, 0, 1, 2)]
