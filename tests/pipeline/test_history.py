@@ -19,6 +19,7 @@ from torchrender.passes.seen.ray_caster import RAY_CASTER
 from torchrender.pipeline.buffer import Buffer, Lasting
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
+from torchrender.pipeline.pace import Pace
 from torchrender.renderer import render
 from torchrender.scene.camera import Cameras
 from torchrender.scene.environment import Environment
@@ -266,3 +267,12 @@ def test_options_that_a_part_depends_on_take_it_away() -> None:
     part = Buffer("part", str, lasting=Lasting(lambda s: (s.meshes,), lambda o: (o.shadows,)))
     made = RenderHistory().of_scene(mirror_room()).with_picture([(part, "lit")], RenderOptions())
     assert made.get(part, RenderOptions()) == "lit" and made.get(part, RenderOptions(shadows=False)) is None
+
+
+def test_other_triangles_take_the_pace_away_and_another_lamp_does_not() -> None:
+    """What pictures took says nothing of another scene, and the same of the same meshes in another light."""
+    scene = mirror_room()
+    began = replace(RenderHistory().of_scene(scene), pace=Pace().learned("gbuffer", "1", 20.0, 10.0))
+    lamp = PointLight(position=torch.tensor([1.0, 0.0, 2.0]), intensity=torch.ones(3))
+    assert began.of_scene(scene.replace(lights=(lamp,))).pace is began.pace
+    assert began.of_scene(scene.replace(meshes=scene.meshes[:1])).pace is None

@@ -60,7 +60,7 @@ FAULTS: tuple[Fault, ...] = (
         ("start = samples.position[chosen] + surface.double() * gap", "start = samples.position[chosen]"),
     ),
     *faults("reflection reuse", K + "reflections/match.py", REUSE,
-        ("scale = math.sqrt(far) / (math.sqrt(near) + math.sqrt(far))", "scale = 1.0"),
+        ("dx, dy = (xy * gy - yy * gx) / determinant", "dx, dy = (-yy * gx) / determinant"),
         ("if y < 0 or x < 0 or y >= height or x >= width or own_ids[y * width + x] != own:", "if y < 0 or x < 0 or y >= height or x >= width:"),
         ("return 0.5 * (ax - bx), 0.5 * (ay - by), 0.5 * (az - bz), True", "return ax - bx, ay - by, az - bz, True"),
         ("found = STEPS if taken > max_steps else verdict(", "found = verdict("),
