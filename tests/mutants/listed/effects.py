@@ -48,7 +48,7 @@ FAULTS: tuple[Fault, ...] = (
         ("parts[:, :, 2] = size[None, :, None] * v", "parts[:, :, 2] = size[:, None, None] * v"),
     ),
     *faults("ambient", K + "ambient/horizon.py", AMBIENT,
-        ("hidden |= between(lowest, np.float32(SECTORS))", "hidden |= np.uint64(0)"),
+        ("if over < LEVEL * math.sqrt", "if over < -LEVEL * math.sqrt"),
         ("row = min(max(np.int64(v * scale + half), 0), size - 1)", "row = min(max(np.int64(u * scale + half), 0), size - 1)"),
         ("return (np.float32(1.0) - share) * np.float32(SECTORS // 2)", "return (np.float32(1.0) - share) * np.float32(SECTORS // 3)"),
         ("if is_near:\n            near |= bits", "near |= bits"),
