@@ -13,6 +13,7 @@ from torchrender.scene.model import Scene
 Shape = Scene | Mesh | Geometry
 """What functions of triangles take."""
 
+INSTEAD = "torchrender.held_surface gives depth and attributes theirs, with visibility held"
 _FIELDS = ("vertices", "normals", "uv", "uv1", "tangents", "colors", "alpha")
 _FIELDS_OF = attrgetter(*_FIELDS)
 
@@ -29,7 +30,8 @@ def check_fixed(function: str, shape: object) -> None:
         values = _FIELDS_OF(mesh)
         # Scenes have thousands of meshes, and every picture asks: names are made for those that are refused.
         if any(value is not None and value.requires_grad for value in values):
-            check_no_gradient(function, **{f"{f} of mesh {mesh.name!r}": v for f, v in zip(_FIELDS, values)})
+            named = {f"{f} of mesh {mesh.name!r}": v for f, v in zip(_FIELDS, values)}
+            check_no_gradient(function, instead=INSTEAD, **named)
 
 
 def geometry_of(name: str, shape: object) -> Geometry:
