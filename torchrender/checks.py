@@ -59,8 +59,8 @@ def check_not_negative(name: str, value: Tensor, error: type[InputError] = Input
     return value
 
 
-def check_no_gradient(function: str, *, instead: str = "", **inputs: object) -> None:
-    """Refuse tensors that ask for a gradient which ``function`` does not give; ``instead``: what gives one.
+def check_no_gradient(function: str, **inputs: object) -> None:
+    """Refuse tensors that ask for a gradient which ``function`` does not give.
 
     Raises:
         GradientError: names the function and the input.
@@ -68,8 +68,9 @@ def check_no_gradient(function: str, *, instead: str = "", **inputs: object) -> 
     if torch.is_grad_enabled():
         for name, value in inputs.items():
             if isinstance(value, Tensor) and value.requires_grad:
-                told = f"{function} gives no gradient to {name}: detach it, or call it under torch.no_grad()"
-                raise GradientError(f"{told}; {instead}" if instead else told)
+                raise GradientError(
+                    f"{function} gives no gradient to {name}: detach it, or call it under torch.no_grad()"
+                )
 
 
 def check_range(name: str, value: float, low: float, high: float = math.inf) -> float:

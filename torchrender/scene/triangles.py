@@ -6,7 +6,7 @@ from operator import attrgetter
 from pathlib import Path
 
 from torchrender.checks import check_no_gradient
-from torchrender.errors import InputError
+from torchrender.errors import GradientError, InputError
 from torchrender.scene.mesh import Geometry, Mesh, concatenate
 from torchrender.scene.model import Scene
 
@@ -31,7 +31,10 @@ def check_fixed(function: str, shape: object) -> None:
         # Scenes have thousands of meshes, and every picture asks: names are made for those that are refused.
         if any(value is not None and value.requires_grad for value in values):
             named = {f"{f} of mesh {mesh.name!r}": v for f, v in zip(_FIELDS, values)}
-            check_no_gradient(function, instead=INSTEAD, **named)
+            try:
+                check_no_gradient(function, **named)
+            except GradientError as error:
+                raise GradientError(f"{error}; {INSTEAD}") from None
 
 
 def geometry_of(name: str, shape: object) -> Geometry:
