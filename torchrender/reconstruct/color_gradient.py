@@ -77,7 +77,7 @@ def _blended(
     if centred:
         row, column = j + 1, i + 1
         k = torch.where(joined[b, row, column] & 256 > 0, 0, 1)
-        nearest = (b, j + 1 - k, column)
+        nearest: tuple[Tensor, ...] = (b, j + 1 - k, column)
     else:
         u, v = (
             torch.minimum(torch.maximum(u, i.double()), i + 1.0),
