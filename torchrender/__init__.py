@@ -29,7 +29,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from torchrender.buffers import DepthImages, GBuffer, ReflectionLayer, VisibilityBuffer
     from torchrender.depth.correspondence import Flow, flow, visibility
-    from torchrender.depth.held_surface import HeldSurface, held_surface
     from torchrender.depth.options import SamplingOptions
     from torchrender.depth.sample import sample_depth_images, sample_offset_images
     from torchrender.effects.enhancement.curvature import vertex_curvature
@@ -76,6 +75,7 @@ if TYPE_CHECKING:
     from torchrender.scene.medium import Medium
     from torchrender.scene.mesh import Mesh
     from torchrender.scene.model import Scene
+    from torchrender.shading.held_surface import HeldSurface, held_surface
     from torchrender.viewer import show
     from torchrender.voxels.attributes import voxelize_attributes, voxelize_scene
     from torchrender.voxels.collision import CollisionOptions, collide
@@ -224,8 +224,8 @@ _HOME = {
     "flow": "torchrender.depth.correspondence",
     "visibility": "torchrender.depth.correspondence",
     "GBuffer": "torchrender.buffers",
-    "HeldSurface": "torchrender.depth.held_surface",
-    "held_surface": "torchrender.depth.held_surface",
+    "HeldSurface": "torchrender.shading.held_surface",
+    "held_surface": "torchrender.shading.held_surface",
     "Image": "torchrender.image",
     "Material": "torchrender.scene.material",
     "Medium": "torchrender.scene.medium",

@@ -32,7 +32,7 @@ from torchrender.planning.graph import Graph
 from torchrender.planning.plan import Plan
 from torchrender.planning.planner import check_names, check_wishes, make_plan
 from torchrender.scene.camera import Cameras
-from torchrender.scene.cameras.record import check_side
+from torchrender.scene.cameras.record import sides
 from torchrender.scene.load import load
 from torchrender.scene.model import DEFAULT_SIZE, Scene, resized
 from torchrender.shade import SentLight
@@ -175,16 +175,12 @@ def make_buffers(
 
 def view_of(scene: Scene, camera: Cameras | str | None, width: int | None, height: int | None) -> Cameras:
     """The cameras that :func:`render` takes; same arguments and errors."""
-    for name, side in (("width", width), ("height", height)):
-        if side is not None:
-            check_side(name, side)
     if isinstance(camera, Cameras):
-        own = (camera.width if width is None else width, camera.height if height is None else height)
-        return resized(camera, *own)
+        return resized(camera, *sides((width, height), (camera.width, camera.height)))
     if camera is not None and not isinstance(camera, str):
         raise InputError(f"camera must be Cameras, a name or None, got {type(camera).__name__}")
-    size = (DEFAULT_SIZE[0] if width is None else width, DEFAULT_SIZE[1] if height is None else height)
-    return scene.camera(camera, width=size[0], height=size[1])
+    wide, high = sides((width, height), DEFAULT_SIZE)
+    return scene.camera(camera, width=wide, height=high)
 
 
 @dataclass(eq=False)

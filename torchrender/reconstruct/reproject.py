@@ -102,17 +102,7 @@ def reproject(
     options = options or ReprojectOptions()
     method = check_choice("method", method or options.method, METHODS)
     source = images.images if isinstance(images, SampleQuads) else images
-    count, height, width = source.depth.shape
-    colors = check_tensor("colors", source.color if colors is None else colors, (count, height, width, 3))
-    check_no_gradient("reproject", depth=source.depth)
-    follows = colors.requires_grad and torch.is_grad_enabled()
-    if not colors.is_floating_point():
-        raise InputError(f"colors must hold floats in linear light, got {colors.dtype}")
-    check_finite("colors", colors)
-    if cameras.orthographic or source.cameras.orthographic:
-        raise InputError("images and cameras must be perspective")
-    if source.depth.numel() >= 2**32 - 1:
-        raise InputError(f"images must hold fewer than 2^32 - 1 samples, got {source.depth.numel()}")
+    colors = _checked(source, cameras, colors)
     quads = _quads(images, offset_images, options, method)
     shape = (len(cameras), cameras.height, cameras.width)
     outputs = (
@@ -122,6 +112,7 @@ def reproject(
         np.empty(shape, np.int64),
     )
     texels = view(colors.detach(), np.float32)
+    follows = colors.requires_grad and torch.is_grad_enabled()
     followed: list[Tensor] = []
     smooth = options.color_filter == "bilinear" and quads is not None
     pixel_arrays = _pixel_arrays(source, quads)
@@ -140,6 +131,20 @@ def reproject(
             followed.append(followed_colors(colors, drawn, pixel_arrays, smooth=smooth))
     color, *rest = (torch.from_numpy(a) for a in outputs)
     return Reprojection(cameras, torch.stack(followed).float() if followed else color, *rest)
+
+
+def _checked(source: DepthImages, cameras: Cameras, colors: Tensor | None) -> Tensor:
+    """The colours (N,H,W,3) to draw, if all can be drawn."""
+    colors = check_tensor("colors", source.color if colors is None else colors, (*source.depth.shape, 3))
+    check_no_gradient("reproject", depth=source.depth)
+    if not colors.is_floating_point():
+        raise InputError(f"colors must hold floats in linear light, got {colors.dtype}")
+    check_finite("colors", colors)
+    if cameras.orthographic or source.cameras.orthographic:
+        raise InputError("images and cameras must be perspective")
+    if source.depth.numel() >= 2**32 - 1:
+        raise InputError(f"images must hold fewer than 2^32 - 1 samples, got {source.depth.numel()}")
+    return colors
 
 
 def _draw(

@@ -32,6 +32,18 @@ def check_side(name: str, pixels: object) -> None:
         raise CameraError(f"{name} must be an integer in [1, {MAX_SIDE}], got {pixels!r}")
 
 
+def sides(asked: tuple[int | None, int | None], usual: tuple[int, int]) -> tuple[int, int]:
+    """Width and height of a picture; what nobody asks for is as usual.
+
+    Raises:
+        CameraError: no size of a picture.
+    """
+    for name, pixels in zip(("width", "height"), asked, strict=True):
+        if pixels is not None:
+            check_side(name, pixels)
+    return (usual[0] if asked[0] is None else asked[0], usual[1] if asked[1] is None else asked[1])
+
+
 @dataclass(frozen=True, eq=False)
 class CameraRecord:
     """B cameras that share one image size.
