@@ -32,9 +32,8 @@ from torchrender.planning.graph import Graph
 from torchrender.planning.plan import Plan
 from torchrender.planning.planner import check_names, check_wishes, make_plan
 from torchrender.scene.camera import Cameras
-from torchrender.scene.cameras.record import sides
 from torchrender.scene.load import load
-from torchrender.scene.model import DEFAULT_SIZE, Scene, resized
+from torchrender.scene.model import DEFAULT_SIZE, Scene, resized, sides
 from torchrender.shade import SentLight
 
 if TYPE_CHECKING:
@@ -179,8 +178,7 @@ def view_of(scene: Scene, camera: Cameras | str | None, width: int | None, heigh
         return resized(camera, *sides((width, height), (camera.width, camera.height)))
     if camera is not None and not isinstance(camera, str):
         raise InputError(f"camera must be Cameras, a name or None, got {type(camera).__name__}")
-    wide, high = sides((width, height), DEFAULT_SIZE)
-    return scene.camera(camera, width=wide, height=high)
+    return scene.camera(camera, **sides((width, height), DEFAULT_SIZE)._asdict())
 
 
 @dataclass(eq=False)

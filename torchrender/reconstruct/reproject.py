@@ -68,6 +68,15 @@ class Reprojection:
     __repr__ = brief
 
 
+OUTPUTS: tuple[tuple[tuple[int, ...], type], ...] = (
+    ((3,), np.float32),
+    ((), np.float32),
+    ((), np.bool_),
+    ((), np.int64),
+)
+"""Colour, depth, validity and source of a pixel."""
+
+
 def reproject(
     images: DepthImages | SampleQuads,
     cameras: Cameras,
@@ -105,12 +114,7 @@ def reproject(
     colors = _checked(source, cameras, colors)
     quads = _quads(images, offset_images, options, method)
     shape = (len(cameras), cameras.height, cameras.width)
-    outputs = (
-        np.empty((*shape, 3), np.float32),
-        np.empty(shape, np.float32),
-        np.empty(shape, np.bool_),
-        np.empty(shape, np.int64),
-    )
+    outputs = tuple(np.empty((*shape, *tail), kind) for tail, kind in OUTPUTS)
     texels = view(colors.detach(), np.float32)
     follows = colors.requires_grad and torch.is_grad_enabled()
     followed: list[Tensor] = []
@@ -123,9 +127,9 @@ def reproject(
         limits = (float(camera.near[0]) * (1.0 - 1e-6), float(camera.far[0]))
         back = _pixel_matrices_back(camera, source.cameras)
         resolve(keys, pixel_arrays, back, bias, limits, texels, smooth, tuple(a[k] for a in outputs))
-        valid, closed = outputs[2][k].copy() if follows else outputs[2][k], None
-        if options.close_pinholes and method == "hybrid":
-            closed = close_pinholes(*(a[k] for a in outputs))
+        valid = outputs[2][k].copy()
+        closes = options.close_pinholes and method == "hybrid"
+        closed = close_pinholes(*(a[k] for a in outputs)) if closes else None
         if follows:
             drawn = Drawn(keys, valid, closed, bias, back)
             followed.append(followed_colors(colors, drawn, pixel_arrays, smooth=smooth))

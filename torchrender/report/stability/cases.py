@@ -31,7 +31,7 @@ from torchrender.shading.lights import NEAREST_SQUARE
 BASE = "studio"
 TINY, HUGE = 2.0**-20, 2.0**20  # about a millionth and a million; powers of two scale without rounding
 FAR = (786432.0, -655360.0, 917504.0)  # float32 steps there are 1/16
-ODD, ASIDE = 100.0 * math.sqrt(3.0), (math.sqrt(2.0) * 100.0, -math.pi * 30.0, math.e * 50.0)  # nothing stays exact
+ODD, ASIDE = 100.0 * math.sqrt(3.0), (math.sqrt(2.0) * 10.0, -math.pi * 3.0, math.e * 5.0)  # nothing stays exact
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -120,6 +120,7 @@ class HardCase:
     twin: str | None = None  # name of the case that must look the same
     matrix: Callable[[], Tensor] | None = None  # similarity (4,4) that everything goes through
     unit: float = 1.0  # scale of the matrix
+    rounds: bool = False  # no coordinate stays exact
     turned: bool = False  # the axes of the world are other ones than the twin's
     about: str = "scene"  # where it differs from the first case: "scene", only "view", or only "light"
 
@@ -183,9 +184,9 @@ CASES = (
     HardCase(name="huge", why="scale 1e6", matrix=lambda: make.scaled(HUGE), unit=HUGE, twin=BASE),
     HardCase(name="turned", why="no axis and no coordinate is round", matrix=make.turned, twin=BASE, turned=True),
     HardCase(name="odd scale", why="a factor that rounds every coordinate", matrix=lambda: make.scaled(ODD), unit=ODD,
-             twin=BASE),
+             twin=BASE, rounds=True),
     HardCase(name="odd place", why="a shift that rounds every coordinate", matrix=lambda: make.shifted(*ASIDE),
-             twin=BASE),
+             twin=BASE, rounds=True),
     HardCase(name="all sizes", why="coordinates from 1e-8 to 1e8 in one scene", scene=make.all_sizes),
     HardCase(name="facing mirrors", why="mirrors that mirror each other", scene=make.facing_mirrors,
              views=lambda: make.views((0.5, 2.0, 3.0), (0.0, 1.0, -3.0))),

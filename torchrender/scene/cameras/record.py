@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import torch
 from torch import Tensor
@@ -32,7 +32,14 @@ def check_side(name: str, pixels: object) -> None:
         raise CameraError(f"{name} must be an integer in [1, {MAX_SIDE}], got {pixels!r}")
 
 
-def sides(asked: tuple[int | None, int | None], usual: tuple[int, int]) -> tuple[int, int]:
+class Size(NamedTuple):
+    """Of a picture, pixels."""
+
+    width: int
+    height: int
+
+
+def sides(asked: tuple[int | None, int | None], usual: tuple[int, int]) -> Size:
     """Width and height of a picture; what nobody asks for is as usual.
 
     Raises:
@@ -41,7 +48,7 @@ def sides(asked: tuple[int | None, int | None], usual: tuple[int, int]) -> tuple
     for name, pixels in zip(("width", "height"), asked, strict=True):
         if pixels is not None:
             check_side(name, pixels)
-    return (usual[0] if asked[0] is None else asked[0], usual[1] if asked[1] is None else asked[1])
+    return Size(*(own if one is None else one for one, own in zip(asked, usual, strict=True)))
 
 
 @dataclass(frozen=True, eq=False)
