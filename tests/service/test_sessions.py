@@ -15,7 +15,7 @@ from torchrender_service.errors import ServiceError
 from torchrender_service.metrics import Metrics
 from torchrender_service.renderers.jobs import Forget, Job, Locate
 from torchrender_service.settings import Settings, read_settings
-from torchrender_service.streams.sessions import SessionStore
+from torchrender_service.streams.sessions import SceneClock, SessionStore
 from torchrender_service.streams.stream import Stream, Surroundings
 from torchrender_service.web.app import make_app
 from torchrender_service.web.routes_stream import make_session as answer_request
@@ -173,3 +173,15 @@ def test_an_address_has_as_many_sessions_as_it_may_and_a_ticket_works_once() -> 
     with pytest.raises(ServiceError) as used:
         stage.store.redeem(tickets[0])
     assert used.value.status == 403
+
+
+def test_the_clock_of_a_scene_counts_while_it_plays() -> None:
+    clock = SceneClock()
+    assert clock.at(5.0) is None
+    clock.play(True, 100.0)
+    assert clock.at(100.0) == 0.0 and clock.at(102.5) == 2.5
+    clock.play(True, 103.0)  # again: nothing begins anew
+    clock.play(False, 104.0)
+    assert clock.at(200.0) == 4.0
+    clock.play(True, 300.0)
+    assert clock.at(301.0) == 5.0

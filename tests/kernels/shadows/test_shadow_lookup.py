@@ -322,19 +322,23 @@ def test_a_rectangle_partly_above_a_surface_is_not_called_hidden():
     assert look_up(*args, settings(ux=0.2, uy=1.1, vz=0.3))[0] == 1.0
 
 
-@pytest.mark.parametrize("kind", ["none", "window", "disc"])
-def test_beyond_the_border_of_a_cube_face_its_last_texels_go_on(kind: str) -> None:
-    """A face is the same as one that was padded with its own border; a single map knows nothing there."""
-    points, normals, light, view, depths, taps = random_case(np.random.default_rng(7), False)
-    wide = view.copy()
-    wide[14:16] += 8
-    padded = np.pad(depths, 8, mode="edge")
-    inside = settings(filter=FILTERS[kind], n=3, radius=4.0, cube=True)
-    found = look_up(points, normals, light, view[None], depths[None], taps, inside)
-    wanted = look_up(points, normals, light, wide[None], padded[None], taps, inside)
-    matrix = view[:12].reshape(3, 4)
-    place = points @ matrix[:, :3].T + matrix[:, 3]
-    u, v = view[12] * place[:, 0] / place[:, 2] + view[14], view[13] * place[:, 1] / place[:, 2] + view[15]
-    own = (place[:, 2] > NEAR) & (u >= 0) & (v >= 0) & (u < SIZE[1]) & (v < SIZE[0])
-    assert own.sum() > 50
-    assert (np.abs(found[own] - wanted[own]) > 1e-6).mean() < 0.01  # points that rounding puts on the border
+@pytest.mark.parametrize("side", ["top", "bottom", "left", "right"])
+@pytest.mark.parametrize("kind", ["window", "disc"])
+def test_beyond_the_border_of_a_cube_face_its_last_texels_go_on(kind: str, side: str) -> None:
+    """Half of the map is empty: beside that half's border everything is lit, however far the filter reaches out."""
+    rng = np.random.default_rng(7)
+    _, _, _, _, depths, taps = random_case(rng, False)
+    height, width = SIZE
+    depths[:] = np.inf
+    dark = {"top": np.s_[24:], "bottom": np.s_[:24], "left": np.s_[:, 20:], "right": np.s_[:, :20]}[side]
+    depths[dark] = 1.2
+    u, v = rng.uniform(1, width - 1, 40), rng.uniform(1, height - 1, 40)
+    at = {"top": (u, 0 * v + 0.7), "bottom": (u, 0 * v + height - 0.7), "left": (0 * u + 0.7, v)}
+    u, v = at.get(side, (0 * u + width - 0.7, v))
+    view = np.concatenate([np.eye(3, 4).ravel(), [30.0, 36.0, width / 2, height / 2, NEAR, FAR]])
+    points = 3.0 * np.stack([(u - width / 2) / 30.0, (v - height / 2) / 36.0, np.ones(40)], axis=-1)
+    normals = np.tile(np.array([0.0, 0.0, -1.0], np.float32), (40, 1))
+    s = settings(filter=FILTERS[kind], n=3, radius=4.0, cube=True, outside=0.0)
+    light = np.array([0.0, 0.0, 0.0, 1.0])
+    found = look_up(points, normals, light, np.tile(view, (6, 1)), np.tile(depths, (6, 1, 1)), taps, s)
+    assert (found == 1.0).all()
