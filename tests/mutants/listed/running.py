@@ -39,7 +39,7 @@ FAULTS: tuple[Fault, ...] = (
         ("if checksum(joined) != header.crc32:", "if False:"),
         ("if len(images) == max_images or", "if len(images) > max_images or"),
         ("agree = (after - before).abs() <= 0.5 * smaller.abs()", "agree = (after - before).abs() <= 5.0 * smaller.abs()"),
-        ("depth = torch.where(known, depth, torch.inf)", "depth = depth"),
+        ("[image.known & torch.isinf(image.depth)", "[torch.isinf(image.depth)"),
     ),
     *faults("wire", P + "wire/codec.py", "tests/service/test_codec.py",
         ("error = (1.0 if lifted else 0.5) / levels + _FLOAT_ERROR", "error = 0.5 / levels + _FLOAT_ERROR"),
