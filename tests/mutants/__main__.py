@@ -92,8 +92,9 @@ def _in_turn(chosen: list[Fault]) -> list[Fault]:
 
 def _state(fault: Fault) -> str:
     """Of the tests: what was found holds as long as they are the same."""
-    names = [Path(ROOT / word.partition("::")[0]) for word in arguments(fault.tests)]
-    told = b"".join(name.read_bytes() for name in names if name.is_file())
+    named = [ROOT / word.partition("::")[0] for word in arguments(fault.tests)]
+    files = [file for one in named for file in (sorted(one.rglob("*.py")) if one.is_dir() else [one])]
+    told = b"".join(file.read_bytes() for file in files if file.is_file())
     return hashlib.sha256(told).hexdigest()[:8]
 
 
