@@ -2,6 +2,8 @@
 # make test   set up, lint, type-check and run the tests
 # make bench  set up and write the report pages
 # make docs   set up and build the documentation in build/docs
+# make mutants  seed faults one at a time and tell which the tests notice; about an hour; AREAS="warp points" for some,
+#               CHANCE=3 for faults by chance, SEED=1 for others of those
 # make serve  set up and start the service on http://127.0.0.1:8000; PORT=8080 for another port
 #
 # PYTHON=python3.12      another interpreter (3.10 or newer) for the virtual environment
@@ -19,7 +21,7 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 DEMO := out/demo.png
 
-.PHONY: demo test bench docs docs-setup serve page setup clean
+.PHONY: demo test mutants bench docs docs-setup serve page setup clean
 
 # Kernels are compiled by the picture itself, on all cores, while its scene is made.
 demo: setup
@@ -33,6 +35,10 @@ test: setup
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/python -m pytest -n 2 --dist loadfile
+
+# Apart from "make test"; what was found is kept in build/mutants.jsonl, so it goes on where it was stopped.
+mutants: setup
+	$(BIN)/python -m tests.mutants $(AREAS) --chance $(or $(CHANCE),0) --seed $(or $(SEED),0)
 
 serve: setup
 	$(BIN)/torchrender serve --port $(PORT)

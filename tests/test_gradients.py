@@ -102,10 +102,10 @@ def test_what_gives_none_says_so(name: str) -> None:
         call()  # says that none is wanted
 
 
-def test_reprojection_refuses_colours_that_ask_for_gradients() -> None:
+def test_reprojection_refuses_depths_that_ask_for_gradients() -> None:
     images = tr.sample_depth_images(scene(), CAMERA)
-    with pytest.raises(GradientError, match="reproject gives no gradient to colors"):
-        tr.reproject(images, CAMERA, colors=images.color.clone().requires_grad_())
+    with pytest.raises(GradientError, match="reproject gives no gradient to depth"):
+        tr.reproject(replace(images, depth=images.depth.clone().requires_grad_()), CAMERA)
 
 
 def test_lists_are_taken_where_arrays_are() -> None:

@@ -10,7 +10,7 @@
 Scenes      tr.load, tr.Scene, tr.Mesh.box, tr.Mesh.sphere, tr.Material, tr.RectLight; scene.replace, scene.moved
 Cameras     tr.Cameras.look_at, .from_opencv, .from_opengl, .from_gltf, .from_colmap; tr.CameraPath
 Pictures    tr.render, tr.RenderOptions, tr.plan, tr.write_film; budgets: tr.render(..., budget_ms=200)
-Geometry    tr.rasterize, tr.RayCaster, tr.visibility, tr.flow
+Geometry    tr.rasterize, tr.RayCaster, tr.visibility, tr.flow, tr.held_surface
 Depth       tr.sample_depth_images, tr.reconstruct_hybrid, tr.reproject
 Voxels      tr.voxelize_solid, tr.voxelize_surface, tr.collide, tr.render_volume
 Points      tr.load_points, tr.render_points, tr.pack_points
@@ -75,6 +75,7 @@ if TYPE_CHECKING:
     from torchrender.scene.medium import Medium
     from torchrender.scene.mesh import Mesh
     from torchrender.scene.model import Scene
+    from torchrender.shading.held_surface import HeldSurface, held_surface
     from torchrender.viewer import show
     from torchrender.voxels.attributes import voxelize_attributes, voxelize_scene
     from torchrender.voxels.collision import CollisionOptions, collide
@@ -109,6 +110,7 @@ __all__ = [
     "FitOptions",
     "Flow",
     "GBuffer",
+    "HeldSurface",
     "Image",
     "Material",
     "Medium",
@@ -156,6 +158,7 @@ __all__ = [
     "draw_walkthrough",
     "enhance_picture",
     "flow",
+    "held_surface",
     "load",
     "load_path",
     "load_points",
@@ -221,6 +224,8 @@ _HOME = {
     "flow": "torchrender.depth.correspondence",
     "visibility": "torchrender.depth.correspondence",
     "GBuffer": "torchrender.buffers",
+    "HeldSurface": "torchrender.shading.held_surface",
+    "held_surface": "torchrender.shading.held_surface",
     "Image": "torchrender.image",
     "Material": "torchrender.scene.material",
     "Medium": "torchrender.scene.medium",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import numbers
 from collections.abc import Sequence
 
 import numpy as np
@@ -76,12 +77,19 @@ def check_range(name: str, value: float, low: float, high: float = math.inf) -> 
     """Return ``value`` if ``low <= value <= high``; NaN never passes.
 
     Raises:
-        OptionError: outside the range; the message names the option and the range.
+        OptionError: no number, or outside the range; the message names the option and the range.
     """
+    if not is_number(value):
+        raise OptionError(f"{name} must be a number, got {type(value).__name__}")
     if not low <= value <= high:
         limit = f">= {low}" if high == math.inf else f"in [{low}, {high}]"
         raise OptionError(f"{name} must be {limit}, got {value}")
     return value
+
+
+def is_number(value: object) -> bool:
+    """A real number: of Python, of NumPy, or a tensor of one element."""
+    return isinstance(value, numbers.Real | np.number) or (isinstance(value, Tensor) and value.numel() == 1)
 
 
 def check_choice(name: str, value: str, choices: Sequence[str]) -> str:

@@ -20,7 +20,7 @@ class OptionError(InputError):
 
 
 class CameraError(InputError):
-    """A camera is not usable: singular matrix, empty image, near plane not in front of far plane."""
+    """A camera is not usable: a matrix that is no rotation, empty image, near plane not in front of far plane."""
 
 
 class MeshError(InputError):

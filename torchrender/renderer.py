@@ -33,7 +33,7 @@ from torchrender.planning.plan import Plan
 from torchrender.planning.planner import check_names, check_wishes, make_plan
 from torchrender.scene.camera import Cameras
 from torchrender.scene.load import load
-from torchrender.scene.model import DEFAULT_SIZE, Scene, resized
+from torchrender.scene.model import DEFAULT_SIZE, Scene, resized, sides
 from torchrender.shade import SentLight
 
 if TYPE_CHECKING:
@@ -195,10 +195,10 @@ def make_buffers(
 def view_of(scene: Scene, camera: Cameras | str | None, width: int | None, height: int | None) -> Cameras:
     """The cameras that :func:`render` takes; same arguments and errors."""
     if isinstance(camera, Cameras):
-        return resized(camera, width or camera.width, height or camera.height)
+        return resized(camera, *sides((width, height), (camera.width, camera.height)))
     if camera is not None and not isinstance(camera, str):
         raise InputError(f"camera must be Cameras, a name or None, got {type(camera).__name__}")
-    return scene.camera(camera, width=width or DEFAULT_SIZE[0], height=height or DEFAULT_SIZE[1])
+    return scene.camera(camera, **sides((width, height), DEFAULT_SIZE)._asdict())
 
 
 @dataclass(eq=False)

@@ -19,6 +19,7 @@ from torchrender.depth.sample import sample_depth_images, sample_offset_images
 from torchrender.depth.samples import some_views
 from torchrender.errors import InputError, OptionError
 from torchrender.raster import FragmentTests, rasterize_visibility
+from torchrender.scene.camera import Cameras
 from torchrender.scene.mesh import Mesh
 from torchrender.scene.model import Scene
 from torchrender.scene.procedural import build
@@ -270,3 +271,35 @@ def test_without_layer_counts_the_samples_are_the_same(pixel_test: str) -> None:
     # Copies in the plane of a known surface, which only the count finds, are the only difference.
     assert float((counted.triangle != quick.triangle).double().mean()) < 2e-3
     assert bool((quick.depth <= counted.depth).all())
+
+
+def copies(count: int) -> Scene:
+    """A small wall so many times in one place before a large one."""
+    return soup(*[wall(2.0, half=0.4)] * count, wall(4.0))
+
+
+def test_coplanar_copies_of_what_is_known_are_passed_and_counted() -> None:
+    """The first image holds one of three copies; the second sees past the others to what the first did not."""
+    scene = copies(3)
+    cameras = Cameras.cat([front(16), front(16, eye=(0.5, 0.0, 0.0))])
+    images = sample_depth_images(scene, cameras, SamplingOptions(count_layers=True))
+    new = images.triangle[1] >= 6  # of the large wall
+    behind = rasterize_visibility(scene.geometry, cameras[1]).triangle[0] < 6
+    seen = new & behind
+    assert int(seen.sum()) > 3
+    assert bool((images.layer[1][seen] == 3).all()), images.layer[1][seen].unique()
+
+
+def test_more_copies_than_may_be_passed_are_told() -> None:
+    cameras = Cameras.cat([front(16), front(16, eye=(0.5, 0.0, 0.0))])
+    images = sample_depth_images(copies(6), cameras, SamplingOptions(count_layers=True, max_skips=2))
+    behind = rasterize_visibility(copies(6).geometry, cameras[1]).triangle[0] < 12
+    assert bool(images.truncated[1][behind].any()) and not bool(images.truncated[0].any())
+    assert bool((images.triangle[1][images.truncated[1]] == -1).all())
+
+
+def test_three_viewpoints_stand_as_far_apart_as_they_are_spread() -> None:
+    scene = soup(wall(4.0, half=1.0), wall(6.0, half=1.0))
+    eyes = ring(scene, 8, spread=0.3).eye
+    for a, b in ((0, 1), (1, 2), (2, 0)):
+        assert float((eyes[a] - eyes[b]).norm()) == pytest.approx(0.3 * scene.diagonal, rel=1e-9)

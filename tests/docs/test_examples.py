@@ -15,10 +15,13 @@ EXAMPLES = Path(__file__).resolve().parents[2] / "docs" / "examples"
 SCRIPTS: dict[str, tuple[tuple[str, ...], str | None]] = {
     "batch": (("24", "2", "cornell_box"), None),
     "budget": (("48",), None),
+    "colors_from_photos": (("24",), "box.png"),
     "dataset": (("32", "6", "0", "cornell_box"), None),
     "depth_image": (("64",), "mesh.exr"),
     "fog_photo": (("64",), "fog_50/frame_0000.png"),
+    "light_from_shadow": (("32",), "one_lamp.png"),
     "points": (("64",), "cloud.png"),
+    "pose_from_depth": (("32",), "seen.png"),
     "reflection": (("48",), "mirror_traced.png"),
     "scene_editing": (("48", "3"), None),
     "soft_shadow": (("64",), "soft_shadow.png"),

@@ -148,3 +148,18 @@ def test_a_disk_that_does_not_answer_is_left_alone_and_named(monkeypatch, tmp_pa
     finally:
         released.set()
         forget()
+
+
+def test_kernels_of_other_files_follow_what_they_import(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
+    """As those of tests do: what they call may change, and their own text stays."""
+    file = tmp_path_factory.mktemp("elsewhere") / "test_x.py"
+    file.write_text("from torchrender.kernels.top import x\n\nx = 1\n")
+    before = module.file_key(str(file))
+    (folder / "other.py").write_text("x = 5\n")
+    forget()
+    assert module.file_key(str(file)) == before
+    (folder / "low.py").write_text("x = 5\n")
+    forget()
+    changed = module.file_key(str(file))
+    file.write_text(file.read_text() + "y = 2\n")
+    assert len({before, changed, module.file_key(str(file))}) == 3

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from torchrender.numerics.ggx import fifth_power, ggx_alpha, ggx_lobe, half_vector_terms, sheen_lobe
+from torchrender.numerics.lobe import ggx_directions
 from torchrender.numerics.lobe_albedo import albedo_table, mean_albedo, sheen_albedo
 from torchrender.numerics.split_sum import directional_albedo
 
@@ -78,3 +79,21 @@ def test_roughness_zero_is_finite_everywhere() -> None:
     for sine in (0.0, 1e-12, 1.0):
         value = ggx_lobe(torch.tensor([sine]), one, 0 * one, ggx_alpha(0 * one))
         assert bool(torch.isfinite(value).all())
+
+
+@pytest.mark.parametrize(("cosine", "roughness"), [(0.95, 0.3), (0.5, 0.6), (0.3, 0.9), (0.9, 1.0)])
+def test_the_mean_of_facets_that_the_eye_sees_is_the_integral(cosine: float, roughness: float) -> None:
+    """Of the share that is mirrored, of the directions that it comes from, and of their squares."""
+    up = torch.tensor([[0.0, 0.0, 1.0]], dtype=torch.float64)
+    eye = torch.tensor([[math.sqrt(1 - cosine**2), 0.0, cosine]], dtype=torch.float64)
+    alpha = torch.tensor([roughness**2], dtype=torch.float64)
+    found, weight = ggx_directions(eye, up, alpha, 20000, torch.zeros(1, dtype=torch.float64))
+    light, angle = hemisphere(900)
+    eyes, normals = eye.T.expand_as(light), up.T.expand_as(light)
+    sine, half = half_vector_terms(normals, eyes, light)
+    lobe = ggx_lobe(sine, light[2], torch.full_like(half, cosine), torch.full_like(half, roughness**2))
+    share = lobe * light[2] * angle
+    for moment in (torch.ones_like, lambda d: d, lambda d: d * d):
+        mean = (weight[0, :, None] * moment(found[0])).mean(dim=0)
+        wanted = (share * moment(light)).sum(dim=1)
+        torch.testing.assert_close(mean, wanted, atol=4e-3, rtol=4e-3)

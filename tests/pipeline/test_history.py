@@ -16,9 +16,10 @@ from torchrender.passes.light.shadow_map import SCENE_SHADOW_MAP, SHADOW_MAP
 from torchrender.passes.mirrors.hit_shader import HIT_SHADER
 from torchrender.passes.mirrors.key_frame import KEY_FRAME, reuse_report
 from torchrender.passes.seen.ray_caster import RAY_CASTER
-from torchrender.pipeline.buffer import Buffer
+from torchrender.pipeline.buffer import Buffer, Lasting
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
+from torchrender.pipeline.pace import Pace
 from torchrender.renderer import render
 from torchrender.scene.camera import Cameras
 from torchrender.scene.environment import Environment
@@ -241,3 +242,37 @@ def test_what_is_shared_between_sequences_holds_no_reflections_of_one() -> None:
     assert history.get(KEY_FRAME) is not None and shared.get(KEY_FRAME) is None
     assert shared.get(SCENE_SHADOW_MAP) is history.get(SCENE_SHADOW_MAP) is not None
     assert shared.get(SHADOW_MAP) is None is not history.get(SHADOW_MAP), "it was fitted to a view"
+
+
+def test_what_is_kept_goes_by_the_buffer_itself_and_tells_the_newest() -> None:
+    """Two passes may call what they make alike; only what the last picture made is the newest."""
+    scene, options = mirror_room(), RenderOptions()
+    own, other = (Buffer("thing", str, lasting=Lasting(lambda s: (s.meshes,))) for _ in range(2))
+    first = RenderHistory().of_scene(scene).with_picture([(own, "made")], options)
+    assert first.get(own) == first.newest(own) == first.last(own) == "made"
+    assert first.get(other) is None and first.last(other) is None
+    second = first.with_picture([], options)
+    assert second.get(own) == "made" and second.newest(own) is None
+
+
+def test_only_what_may_be_shared_goes_to_another_sequence() -> None:
+    scene = mirror_room()
+    own = Buffer("own", str, lasting=Lasting(lambda s: (s.meshes,), shared=False))
+    shared = Buffer("shared", str, lasting=Lasting(lambda s: (s.meshes,)))
+    made = RenderHistory().of_scene(scene).with_picture([(own, "a"), (shared, "b")], RenderOptions()).shared()
+    assert made.get(own) is None and made.get(shared) == "b"
+
+
+def test_options_that_a_part_depends_on_take_it_away() -> None:
+    part = Buffer("part", str, lasting=Lasting(lambda s: (s.meshes,), lambda o: (o.shadows,)))
+    made = RenderHistory().of_scene(mirror_room()).with_picture([(part, "lit")], RenderOptions())
+    assert made.get(part, RenderOptions()) == "lit" and made.get(part, RenderOptions(shadows=False)) is None
+
+
+def test_other_triangles_take_the_pace_away_and_another_lamp_does_not() -> None:
+    """What pictures took says nothing of another scene, and the same of the same meshes in another light."""
+    scene = mirror_room()
+    began = replace(RenderHistory().of_scene(scene), pace=Pace().learned("gbuffer", "1", 20.0, 10.0))
+    lamp = PointLight(position=torch.tensor([1.0, 0.0, 2.0]), intensity=torch.ones(3))
+    assert began.of_scene(scene.replace(lights=(lamp,))).pace is began.pace
+    assert began.of_scene(scene.replace(meshes=scene.meshes[:1])).pace is None

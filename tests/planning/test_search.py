@@ -282,3 +282,15 @@ def test_what_one_picture_took_does_not_count_for_ever() -> None:
         pace = pace.aged({("a", "c")})
     assert 1.0 < pace.ratio("a", "b") < 1.2
     assert pace.ratio("a", "c") == 2.0
+
+
+@pytest.mark.parametrize("seed", [3, 8])
+def test_time_that_was_spent_is_missing_once_from_the_budget(seed: int) -> None:
+    """A budget of which some is spent is a smaller one, whatever that comes to: no step of the choice hides it."""
+    found = question(seed)
+    times = sorted({t for t, _ in all_costs(found).values()})
+    spent = times[len(times) // 2] / 3
+    for limit in times[:: max(1, len(times) // 12)]:
+        whole = choose(found, limit / HEADROOM * (1 + 1e-9), None)
+        late = choose(found, (limit + spent) / HEADROOM * (1 + 1e-9), None, spent_ms=spent)
+        assert late.settings == whole.settings and late.predicted_ms == pytest.approx(whole.predicted_ms + spent)

@@ -50,6 +50,27 @@ def around(*shifts: float, size: int = SIZE) -> Cameras:
     )
 
 
+@pytest.mark.parametrize("color_filter", ["bilinear", "nearest"])
+@pytest.mark.parametrize("method", ["hybrid", "grid", "splat"])
+def test_colours_have_gradients_and_the_same_values(method: str, color_filter: str) -> None:
+    """The torch twin shows what the kernel shows, pinholes included; it is linear, so one difference is exact."""
+    images = depth_images(room(), around(-0.3, 0.4, size=48))
+    options = ReprojectOptions(method=method, color_filter=color_filter)
+    target = around(0.1, 0.9, size=40)
+    wanted = reproject(images, target, options=options)
+    colors = images.color.double().requires_grad_()
+    found = reproject(images, target, colors=colors, options=options)
+    torch.testing.assert_close(found.color, wanted.color, atol=2e-6, rtol=0)
+    assert torch.equal(found.valid, wanted.valid) and torch.equal(found.source, wanted.source)
+    asked = torch.rand(found.color.shape, generator=torch.Generator().manual_seed(1))
+    (gradient,) = torch.autograd.grad((found.color * asked).double().sum(), colors)
+    step = torch.rand(colors.shape, generator=torch.Generator().manual_seed(2), dtype=torch.float64)
+    moved = reproject(images, target, colors=(colors + step).detach(), options=options)
+    change = ((moved.color.double() - wanted.color.double()) * asked).sum()
+    assert float((gradient * step).sum()) == pytest.approx(float(change), rel=1e-4)
+    assert not wanted.color.requires_grad and int(wanted.valid.sum()) > 500
+
+
 @pytest.mark.parametrize("method", ["hybrid", "grid", "splat"])
 def test_the_same_camera_gives_the_same_picture(method: str) -> None:
     images = depth_images(room(), around(0.0))

@@ -162,7 +162,7 @@ def test_wrong_shapes_and_values_are_named():
         Cameras(good.camera_from_world, good.intrinsics[:2], 4, 4, 0.1, 1.0)
     with pytest.raises(CameraError, match="focal"):
         Cameras(good.camera_from_world, -good.intrinsics, 4, 4, 0.1, 1.0)
-    with pytest.raises(CameraError, match="singular"):
+    with pytest.raises(CameraError, match="rotation"):
         Cameras(torch.zeros(3, 4, 4), good.intrinsics, 4, 4, 0.1, 1.0)
     with pytest.raises(CameraError, match="far"):
         Cameras(good.camera_from_world, good.intrinsics, 4, 4, 0.1, math.inf, orthographic=True)

@@ -206,3 +206,23 @@ def test_bad_pictures_are_named(radiance: Tensor) -> None:
         Environment(radiance=radiance, name="sky")
     with pytest.raises(OptionError, match="intensity"):
         Environment(radiance=torch.ones(1, 1, 3), intensity=-1.0)
+
+
+def test_the_last_column_goes_over_into_the_first() -> None:
+    """Behind the viewer, at azimuth 180 degrees, both stand side by side."""
+    radiance = torch.rand(9, 6, 3, generator=torch.Generator().manual_seed(2))
+    behind = Environment(radiance=radiance).lookup(torch.tensor([0.0, 0.0, 1.0]))
+    torch.testing.assert_close(behind, (radiance[4, 0] + radiance[4, -1]) / 2, atol=1e-5, rtol=0)
+
+
+def test_intensities_multiply_all_that_is_looked_up() -> None:
+    sky = Environment(radiance=torch.full((4, 8, 3), 0.25), intensity=2.0)
+    up = torch.tensor([0.0, 1.0, 0.0])
+    for found, wanted in ((sky.lookup(up), 0.5), (sky.irradiance(up), 0.5 * math.pi), (sky.background(up), 0.5)):
+        torch.testing.assert_close(found, torch.full((3,), wanted), rtol=0.01, atol=0)
+
+
+def test_cameras_see_the_picture_that_holds_the_sun() -> None:
+    sky = Environment(radiance=torch.zeros(4, 8, 3), shown=torch.ones(4, 8, 3))
+    up = torch.tensor([0.0, 1.0, 0.0])
+    assert float(sky.lookup(up).max()) == 0.0 and float(sky.background(up).min()) == 1.0

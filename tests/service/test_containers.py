@@ -305,3 +305,13 @@ def test_times_and_plan_are_in_the_header(scene):
     header = decode(data).message
     assert (header.pose, header.time_ms, header.render_ms) == (4, 12.5, 3.0)
     assert header.plan is not None and {"pass", "runs", "reason"} <= set(header.plan["rows"][0])
+
+
+def test_a_crease_takes_the_side_that_bends_less() -> None:
+    """Slopes of one to three are two surfaces: a mean of both would be the normal of neither."""
+    camera = Cameras.look_at([0.0, 0.0, 0.0], [0.0, 0.0, -1.0], width=16, height=4, fov_deg=40.0)
+    steps = torch.tensor([0.01] * 8 + [0.03] * 7)
+    inverse = 0.2 + torch.cat([torch.zeros(1), steps.cumsum(0)])
+    normal = plane_normals((1.0 / inverse).expand(4, 16), camera)
+    torch.testing.assert_close(normal[:, 8], normal[:, 4], atol=1e-4, rtol=0)
+    assert float((normal[:, 8] - normal[:, 12]).abs().max()) > 0.05

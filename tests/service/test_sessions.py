@@ -15,7 +15,7 @@ from torchrender_service.errors import ServiceError
 from torchrender_service.metrics import Metrics
 from torchrender_service.renderers.jobs import Forget, Job, Locate
 from torchrender_service.settings import Settings, read_settings
-from torchrender_service.streams.sessions import SessionStore
+from torchrender_service.streams.sessions import SceneClock, SessionStore
 from torchrender_service.streams.stream import Stream, Surroundings
 from torchrender_service.web.app import make_app
 from torchrender_service.web.routes_stream import make_session as answer_request
@@ -159,3 +159,29 @@ def test_a_session_that_comes_to_nothing_gives_its_renderer_back(why: str) -> No
         asyncio.run(answer_request(request, WISH))
     assert caught.value.status == {"refused": 422, "full": 429}[why]
     assert pool.back == pool.given and len(pool.given) == 1
+
+
+def test_an_address_has_as_many_sessions_as_it_may_and_a_ticket_works_once() -> None:
+    stage = Stage(max_sessions_per_address=2)
+    tickets = [stage.store.add(make_session(str(k))) for k in range(2)]
+    for attempt in (stage.store.check_room, lambda: stage.store.add(make_session("3"))):
+        with pytest.raises(ServiceError) as refused:
+            attempt()
+        assert refused.value.status == 429 and "2 sessions" in str(refused.value)
+    stage.store.check_room("another address")
+    stage.store.redeem(tickets[0])
+    with pytest.raises(ServiceError) as used:
+        stage.store.redeem(tickets[0])
+    assert used.value.status == 403
+
+
+def test_the_clock_of_a_scene_counts_while_it_plays() -> None:
+    clock = SceneClock()
+    assert clock.at(5.0) is None
+    clock.play(True, 100.0)
+    assert clock.at(100.0) == 0.0 and clock.at(102.5) == 2.5
+    clock.play(True, 103.0)  # again: nothing begins anew
+    clock.play(False, 104.0)
+    assert clock.at(200.0) == 4.0
+    clock.play(True, 300.0)
+    assert clock.at(301.0) == 5.0

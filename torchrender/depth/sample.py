@@ -52,6 +52,8 @@ def sample_offset_images(scene: Scene, images: DepthImages) -> DepthImages:
     Args:
         images: what :func:`sample_depth_images` made of the same scene.
     """
+    if not isinstance(images, DepthImages):
+        raise InputError(f"images must be DepthImages, as sample_depth_images makes them, got {type(images).__name__}")
     options = SamplingOptions(**images.parameters)
     own = images.cameras
     cameras = own.sub_camera(-0.5, -0.5, own.width + 1, own.height + 1)

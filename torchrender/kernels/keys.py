@@ -49,8 +49,13 @@ def _text(name: str) -> bytes:
 @cache
 def _imported(name: str) -> frozenset[str]:
     """Kernel modules that the file of ``name`` imports, as dotted names below this folder."""
+    return _named_in(_text(name))
+
+
+def _named_in(text: bytes) -> frozenset[str]:
+    """Kernel modules that a Python file of this text imports."""
     found = set()
-    for match in _IMPORT.finditer(_text(name).decode()):
+    for match in _IMPORT.finditer(text.decode()):
         if match["whole"]:
             found.add(match["whole"])
             continue
@@ -84,8 +89,12 @@ def module_key(name: str) -> str:
 
 
 def file_key(file: str) -> str:
-    """The same for a file elsewhere, as in tests: its own text alone."""
-    return hashlib.sha256(Path(file).read_bytes()).hexdigest()[:16]
+    """The same for a file elsewhere, as in tests: its own text, and that of the kernel modules that it imports."""
+    text = Path(file).read_bytes()
+    digest = hashlib.sha256(text)
+    for name in sorted(_named_in(text)):
+        digest.update(module_key(name).encode())
+    return digest.hexdigest()[:16]
 
 
 def module_name(file: str) -> str | None:

@@ -90,6 +90,8 @@ class HardEffect:
     law: Law
     skip: Callable[[Subject], str | None] = lambda _: None  # why a case says nothing about the effect
     about: frozenset[str] = frozenset({"scene", "view", "light"})  # what it depends on: cases that differ in that
+    parallel: bool = True  # orthographic cameras are taken
+    borders: bool = False  # what lies exactly on borders of cells decides, which rounding moves
     turns: bool = True  # the result does not depend on the axes of the world
     rounding: float = 0.02  # share of values that may change when vertices are rounded to float32
     twins: float = 0.02  # share of values that may differ between cases that must look the same

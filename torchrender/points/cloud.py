@@ -63,7 +63,10 @@ class PointCloud:
             radius = torch.where(torch.isfinite(radius) & (radius > 0), radius, 0.0)
             object.__setattr__(self, "radius", radius.contiguous())
         if self.color is not None:
-            color = check_finite("color", check_tensor("color", self.color, (count, 3)).detach().float())
+            color = check_tensor("color", self.color, (count, 3)).detach()
+            if not color.is_floating_point():
+                raise InputError(f"color must hold floats in linear light, got {color.dtype}")
+            color = check_finite("color", color.float())
             object.__setattr__(self, "color", color.contiguous())
         if self.opacity is not None:
             opacity = check_finite("opacity", check_tensor("opacity", self.opacity, (count,)).detach().float())

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 SMOOTH = 0.05
@@ -14,8 +16,18 @@ FEWEST = 2
 LINES = np.array([[-1, 0], [0, -1], [-1, -1], [-1, 1]])
 
 
-def close_pinholes(color: np.ndarray, depth: np.ndarray, valid: np.ndarray, source: np.ndarray) -> int:
-    """Fill pinholes of one picture in place; returns how many there were.
+class Closed(NamedTuple):
+    """P pinholes and what they were closed with: means over pairs of pixels on the four lines through them."""
+
+    rows: np.ndarray  # (P,) int64
+    columns: np.ndarray
+    one: tuple[np.ndarray, np.ndarray]  # (P,4) rows and columns of the pixels on one side
+    other: tuple[np.ndarray, np.ndarray]
+    weight: np.ndarray  # (P,4) of the lines, their sum is one
+
+
+def close_pinholes(color: np.ndarray, depth: np.ndarray, valid: np.ndarray, source: np.ndarray) -> Closed | None:
+    """Fill pinholes of one picture in place; returns them, None if there were none.
 
     A pixel is a pinhole where at least two of the four lines through it have both neighbours on one surface, and give
     it the same depth. It gets the mean inverse depth and colour of these. Outlines and what is really hidden stay
@@ -29,11 +41,11 @@ def close_pinholes(color: np.ndarray, depth: np.ndarray, valid: np.ndarray, sour
 
     height, width = valid.shape
     if height < 3 or width < 3:
-        return 0
+        return None
     around = cv2.boxFilter(valid.view(np.uint8), -1, (3, 3), normalize=False, borderType=cv2.BORDER_CONSTANT)
     rows, columns = np.nonzero(~valid[1:-1, 1:-1] & (around[1:-1, 1:-1] >= 2 * FEWEST))
     if not len(rows):
-        return 0
+        return None
     rows, columns = rows + 1, columns + 1
     one = (rows[:, None] + LINES[:, 0], columns[:, None] + LINES[:, 1])
     other = (rows[:, None] - LINES[:, 0], columns[:, None] - LINES[:, 1])
@@ -46,13 +58,14 @@ def close_pinholes(color: np.ndarray, depth: np.ndarray, valid: np.ndarray, sour
     agree = (np.abs(inverse - mean[:, None]) <= AGREE * mean[:, None]) | ~both
     filled = (count >= FEWEST) & agree.all(1)
     if not filled.any():
-        return 0
+        return None
     rows, columns, weight = rows[filled], columns[filled], (both / np.maximum(count, 1)[:, None])[filled]
-    sides = 0.5 * (color[one][filled].astype(np.float64) + color[other][filled])
+    one, other = (one[0][filled], one[1][filled]), (other[0][filled], other[1][filled])
+    sides = 0.5 * (color[one].astype(np.float64) + color[other])
     first = both[filled].argmax(1)[:, None]
-    origin = tuple(np.take_along_axis(axis[filled], first, 1)[:, 0] for axis in one)
+    origin = tuple(np.take_along_axis(axis, first, 1)[:, 0] for axis in one)
     color[rows, columns] = (sides * weight[..., None]).sum(1)
     depth[rows, columns] = 1.0 / mean[filled]
     source[rows, columns] = source[origin]
     valid[rows, columns] = True
-    return len(rows)
+    return Closed(rows, columns, one, other, weight)

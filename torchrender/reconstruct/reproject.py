@@ -15,12 +15,13 @@ from torch import Tensor
 from torchrender.arrays import view
 from torchrender.brief import brief
 from torchrender.buffers import DepthImages
-from torchrender.checks import check_choice, check_no_gradient, check_range, check_tensor
+from torchrender.checks import check_choice, check_finite, check_no_gradient, check_range, check_tensor
 from torchrender.errors import InputError
 from torchrender.kernels.compile import thread_count
 from torchrender.kernels.warp.resolve import resolve
 from torchrender.kernels.warp.splat import Samples, Target, draw_splats
 from torchrender.kernels.warp.warp import Canvas, Poses, Quads, draw_quads
+from torchrender.reconstruct.color_gradient import Drawn, followed_colors
 from torchrender.reconstruct.corners import ReconstructOptions, SampleQuads, fit_corners, kept_corners
 from torchrender.reconstruct.discs import facing_normals
 from torchrender.reconstruct.grid_mesh import fit_grid
@@ -67,6 +68,15 @@ class Reprojection:
     __repr__ = brief
 
 
+OUTPUTS: tuple[tuple[tuple[int, ...], type], ...] = (
+    ((3,), np.float32),
+    ((), np.float32),
+    ((), np.bool_),
+    ((), np.int64),
+)
+"""Colour, depth, validity and source of a pixel."""
+
+
 def reproject(
     images: DepthImages | SampleQuads,
     cameras: Cameras,
@@ -90,32 +100,25 @@ def reproject(
         cameras: B perspective cameras of any size.
         offset_images: the images' views shifted by half a pixel (see :func:`fit_corners`); without them the hybrid
             quads' corners are guessed from the samples' tangent planes and agreed on between neighbours.
-        colors: (N,H,W,3) colours to use instead of those of the images.
+        colors: (N,H,W,3) colours to use instead of those of the images. Their gradients are exact: which samples
+            pixels show does not depend on them.
         options: method and tolerances; ``method`` overrides the one in ``options``.
 
     Raises:
-        InputError: orthographic cameras, colours of another shape, or more than 2^32 - 2 samples.
-        OptionError: an unknown method. GradientError: colours or depths that ask for gradients.
+        InputError: orthographic cameras, colours of another shape, that are no floats or not finite, or more than
+            2^32 - 2 samples.
+        OptionError: an unknown method. GradientError: depths that ask for gradients.
     """
     options = options or ReprojectOptions()
     method = check_choice("method", method or options.method, METHODS)
     source = images.images if isinstance(images, SampleQuads) else images
-    count, height, width = source.depth.shape
-    colors = check_tensor("colors", source.color if colors is None else colors, (count, height, width, 3))
-    check_no_gradient("reproject", colors=colors, depth=source.depth)
-    if cameras.orthographic or source.cameras.orthographic:
-        raise InputError("images and cameras must be perspective")
-    if source.depth.numel() >= 2**32 - 1:
-        raise InputError(f"images must hold fewer than 2^32 - 1 samples, got {source.depth.numel()}")
+    colors = _checked(source, cameras, colors)
     quads = _quads(images, offset_images, options, method)
     shape = (len(cameras), cameras.height, cameras.width)
-    outputs = (
-        np.empty((*shape, 3), np.float32),
-        np.empty(shape, np.float32),
-        np.empty(shape, np.bool_),
-        np.empty(shape, np.int64),
-    )
-    texels = view(colors, np.float32)
+    outputs = tuple(np.empty((*shape, *tail), kind) for tail, kind in OUTPUTS)
+    texels = view(colors.detach(), np.float32)
+    follows = colors.requires_grad and torch.is_grad_enabled()
+    followed: list[Tensor] = []
     smooth = options.color_filter == "bilinear" and quads is not None
     pixel_arrays = _pixel_arrays(source, quads)
     for k in range(len(cameras)):
@@ -125,9 +128,28 @@ def reproject(
         limits = (float(camera.near[0]) * (1.0 - 1e-6), float(camera.far[0]))
         back = _pixel_matrices_back(camera, source.cameras)
         resolve(keys, pixel_arrays, back, bias, limits, texels, smooth, tuple(a[k] for a in outputs))
-        if options.close_pinholes and method == "hybrid":
-            close_pinholes(*(a[k] for a in outputs))
-    return Reprojection(cameras, *(torch.from_numpy(a) for a in outputs))
+        valid = outputs[2][k].copy()
+        closes = options.close_pinholes and method == "hybrid"
+        closed = close_pinholes(*(a[k] for a in outputs)) if closes else None
+        if follows:
+            drawn = Drawn(keys, valid, closed, bias, back)
+            followed.append(followed_colors(colors, drawn, pixel_arrays, smooth=smooth))
+    color, *rest = (torch.from_numpy(a) for a in outputs)
+    return Reprojection(cameras, torch.stack(followed).float() if followed else color, *rest)
+
+
+def _checked(source: DepthImages, cameras: Cameras, colors: Tensor | None) -> Tensor:
+    """The colours (N,H,W,3) to draw, if all can be drawn."""
+    colors = check_tensor("colors", source.color if colors is None else colors, (*source.depth.shape, 3))
+    check_no_gradient("reproject", depth=source.depth)
+    if not colors.is_floating_point():
+        raise InputError(f"colors must hold floats in linear light, got {colors.dtype}")
+    check_finite("colors", colors)
+    if cameras.orthographic or source.cameras.orthographic:
+        raise InputError("images and cameras must be perspective")
+    if source.depth.numel() >= 2**32 - 1:
+        raise InputError(f"images must hold fewer than 2^32 - 1 samples, got {source.depth.numel()}")
+    return colors
 
 
 def _draw(

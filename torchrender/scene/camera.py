@@ -14,10 +14,10 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from torchrender.checks import as_vector, check_finite, check_range
+from torchrender.checks import as_array, as_vector, check_finite, check_range
 from torchrender.errors import CameraError
 from torchrender.numerics.transforms import look_at_matrix, pinhole_matrix
-from torchrender.scene.cameras.doors import CameraDoors, doubt_angle
+from torchrender.scene.cameras.doors import CameraDoors, focal_length
 
 
 class Cameras(CameraDoors):
@@ -27,7 +27,7 @@ class Cameras(CameraDoors):
     ``fx`` in pixels per scene unit. Fragments with ``z < near`` or ``z > far`` are not seen.
 
     Raises:
-        CameraError: a wrong shape, a value that is not finite, a singular matrix, near not in front of far.
+        CameraError: a wrong shape, a value that is not finite, a matrix that is no rotation, near not in front of far.
     """
 
     # ---------------------------------------------------------------- making
@@ -50,16 +50,14 @@ class Cameras(CameraDoors):
         Warns:
             ViewWarning: an angle so small that it may be in radians.
         """
-        if not 0.0 < fov_deg < 179.9:
-            raise CameraError(f"fov_deg must be in (0, 179.9), got {fov_deg}")
-        doubt_angle("fov_deg", fov_deg)
-        eyes, targets, ups = (torch.as_tensor(v, dtype=torch.float64).reshape(-1, 3) for v in (eye, target, up))
-        for name, value in (("eye", eyes), ("target", targets), ("up", ups)):
-            check_finite(name, value, CameraError)
-        count = max(len(eyes), len(targets), len(ups))
-        eyes, targets, ups = (v.expand(count, 3) for v in (eyes, targets, ups))
+        focal = focal_length("fov_deg", fov_deg, height)
+        places = [_places(name, value) for name, value in (("eye", eye), ("target", target), ("up", up))]
+        counts = [len(place) for place in places]
+        count = max(counts)
+        if any(n not in (1, count) for n in counts):
+            raise CameraError(f"eye, target and up must be one or equally many, got {', '.join(map(str, counts))}")
+        eyes, targets, ups = (place.expand(count, 3) for place in places)
         matrices = [look_at_matrix(e, t, u) for e, t, u in zip(eyes, targets, ups, strict=True)]
-        focal = 0.5 * height / math.tan(math.radians(fov_deg) / 2)
         k = pinhole_matrix(focal, focal, width / 2, height / 2).expand(count, 3, 3)
         limits = [torch.tensor(v, dtype=torch.float64) for v in (near, far)]
         return cls(torch.stack(matrices), k, width, height, limits[0], limits[1])
@@ -212,13 +210,21 @@ class Cameras(CameraDoors):
             points = points.expand(len(self), *points.shape)
         if points.shape[0] != len(self):
             raise CameraError(f"points must have a first dimension of {len(self)}, got {tuple(points.shape)}")
-        return points.reshape(len(self), -1, size), tuple(points.shape)
+        return points.reshape(len(self), math.prod(points.shape[1:-1]), size), tuple(points.shape)
 
     def _plane_coordinates(self, pixels: Tensor) -> tuple[Tensor, Tensor]:
         k = self.intrinsics.reshape(len(self), *([1] * (pixels.dim() - 2)), 3, 3)
         y = (pixels[..., 1] - k[..., 1, 2]) / k[..., 1, 1]
         x = (pixels[..., 0] - k[..., 0, 2] - k[..., 0, 1] * y) / k[..., 0, 0]
         return x, y
+
+
+def _places(name: str, value: Tensor | Sequence[float]) -> Tensor:
+    """(B,3) float64 of one place or several."""
+    places = as_array(name, value, error=CameraError).detach().to("cpu", torch.float64)
+    if places.dim() not in (1, 2) or places.shape[-1] != 3 or not len(places):
+        raise CameraError(f"{name} must have shape (3,) or (B, 3), got {tuple(places.shape)}")
+    return check_finite(name, places.reshape(len(places) if places.dim() == 2 else 1, 3), CameraError)
 
 
 def framing_camera(

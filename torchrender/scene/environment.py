@@ -21,13 +21,17 @@ from torchrender.scene.sky.irradiance import BLOCK_ROWS, IrradianceMap, latlong_
 from torchrender.scene.sky.prefilter import FilteredSky
 from torchrender.scene.sky.sun import find_sun, turned
 
+LARGEST = 1e30
+"""Radiance that float32 can still add up all around."""
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Environment:
     """Radiance by direction.
 
     Raises:
-        InputError: the picture is not a finite, non-negative float tensor (H,W,3), or holds more than float32 can.
+        InputError: the picture is not a finite, non-negative float tensor (H,W,3), or too bright for float32.
+        OptionError: an intensity or a rotation that is not finite.
     """
 
     radiance: Tensor  # (H,W,3) linear; kept as float32
@@ -43,7 +47,11 @@ class Environment:
         object.__setattr__(self, "radiance", self._checked("radiance", self.radiance))
         if self.shown is not None:
             object.__setattr__(self, "shown", self._checked("shown", self.shown))
-        check_range(f"environment {self.name!r}: intensity", self.intensity, 0.0, math.inf)
+        told = f"environment {self.name!r}"
+        check_range(f"{told}: intensity", self.intensity, 0.0, LARGEST)
+        check_range(f"{told}: rotation_deg", self.rotation_deg, -LARGEST, LARGEST)
+        if float(self.radiance.detach().amax()) * self.intensity > LARGEST:
+            raise InputError(f"{told}: radiance times intensity must be at most {LARGEST:g}")
 
     def _checked(self, name: str, value: Tensor) -> Tensor:
         told = f"environment {self.name!r}: {name}"

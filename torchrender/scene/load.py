@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 from torchrender.errors import InputError, SceneFileError
@@ -45,6 +46,8 @@ def load(
             or a choice that the file's kind does not know.
     """
     choice = FileChoice(time=time, animation=animation, variant=variant, subscene=subscene, drop_invalid=drop_invalid)
+    if not isinstance(path_or_name, str | os.PathLike):
+        raise InputError(f"path_or_name must be a path or a name, got {type(path_or_name).__name__}")
     path = Path(path_or_name)
     suffix = path.suffix.lower()
     built_in = not suffix and len(path.parts) == 1 and not path.is_file()

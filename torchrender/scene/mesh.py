@@ -17,8 +17,11 @@ from torchrender.errors import MeshError
 from torchrender.kernels.raster.culling_clusters import cluster_boxes, first_use, spatial_order, vertex_blocks
 from torchrender.numerics.tangents import TangentTable
 from torchrender.scene.cutout import Cutout
+from torchrender.scene.parts.columns import are_whole, finite_rows, joined, optional
 from torchrender.scene.primitives import arrays
 
+FARTHEST = 1e15
+"""Coordinate of a vertex, at most: light counts squares of distances in float32."""
 CLUSTER = 128
 """Triangles per culling cluster at most: neighbours of one mesh."""
 
@@ -28,8 +31,8 @@ class Mesh:
     """Triangles of one material in world space. Lists and arrays of NumPy are taken as tensors.
 
     Raises:
-        MeshError: wrong shapes, NaN or infinite vertices, colours, opacities or tangents, negative ones, or faces that
-            name missing vertices; names the mesh.
+        MeshError: wrong shapes, NaN or infinite vertices, colours, opacities or tangents, negative ones, vertices
+            farther than 1e15 from the origin, or faces that name missing vertices; names the mesh.
     """
 
     vertices: Tensor  # (V,3) float32 or float64, scene units
@@ -89,7 +92,7 @@ class Mesh:
         v, f = self.vertices, self.faces
         if not isinstance(v, Tensor) or v.dim() != 2 or v.shape[1] != 3 or not v.is_floating_point():
             raise MeshError(f"mesh {self.name!r}: vertices must be a float tensor (V, 3), got {describe(v)}")
-        if not isinstance(f, Tensor) or f.dim() != 2 or f.shape[1] != 3 or f.is_floating_point():
+        if not isinstance(f, Tensor) or f.dim() != 2 or f.shape[1] != 3 or not are_whole(f):
             raise MeshError(f"mesh {self.name!r}: faces must be an integer tensor (F, 3), got {describe(f)}")
         shapes = {"normals": (3,), "uv": (2,), "uv1": (2,), "tangents": (4,), "colors": (3,), "alpha": ()}
         for field, tail in shapes.items():
@@ -102,6 +105,10 @@ class Mesh:
             raise MeshError(
                 f"mesh {self.name!r}: {bad.numel()} of {v.shape[0]} vertices are NaN or infinite, first {int(bad[0])}"
             )
+        if len(v) and float(v.detach().abs().amax()) > FARTHEST:
+            raise MeshError(f"mesh {self.name!r}: vertices must lie within {FARTHEST:g} scene units of the origin")
+        if isinstance(self.material, bool) or not isinstance(self.material, int):
+            raise MeshError(f"mesh {self.name!r}: material must be an integer, got {self.material!r}")
         for field in ("colors", "alpha", "tangents"):
             value, told = getattr(self, field), f"mesh {self.name!r}: {field}"
             if value is None:
@@ -122,8 +129,8 @@ class Mesh:
         Raises:
             MeshError: another shape, not finite, not affine, or singular.
         """
-        m = torch.as_tensor(matrix, dtype=torch.float64)
         told = f"mesh {self.name!r}: matrix"
+        m = as_array(told, matrix, error=MeshError).to(torch.float64)
         if m.shape != (4, 4) or not bool(torch.isfinite(m).all()):
             raise MeshError(f"{told} must be finite with shape (4, 4), got {describe(m)}")
         linear, size = m[:3, :3], torch.linalg.det(m[:3, :3])
@@ -322,20 +329,20 @@ def concatenate(meshes: Sequence[Mesh]) -> Geometry:
     starts = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
     ids = [k if m.object_id is None else m.object_id for k, m in enumerate(meshes)]
     faces = [m.faces.to(torch.int64) + int(o) for m, o in zip(meshes, offsets, strict=False)]
-    alpha = _optional([None if m.alpha is None else m.alpha[:, None] for m in meshes], counts, 1, 1.0)
+    alpha = optional([None if m.alpha is None else m.alpha[:, None] for m in meshes], counts, 1, 1.0)
     return Geometry(
-        vertices=_cat([m.vertices.detach().double() for m in meshes], 3, torch.float64),
-        faces=_cat(faces, 3, torch.int64).to(torch.int32).contiguous(),
+        vertices=joined([m.vertices.detach().double() for m in meshes], 3, torch.float64),
+        faces=joined(faces, 3, torch.int64).to(torch.int32).contiguous(),
         object_id=torch.repeat_interleave(torch.tensor(ids, dtype=torch.int64), torch.tensor(sizes, dtype=torch.int64)),
         material=torch.repeat_interleave(
             torch.tensor([m.material for m in meshes], dtype=torch.int64), torch.tensor(sizes, dtype=torch.int64)
         ),
-        normals=_optional([m.normals for m in meshes], counts, 3, 0.0),
-        uv=_optional([m.uv for m in meshes], counts, 2, 0.0),
-        colors=_optional([m.colors for m in meshes], counts, 3, 1.0),
+        normals=optional([finite_rows(m.normals) for m in meshes], counts, 3, 0.0),
+        uv=optional([finite_rows(m.uv) for m in meshes], counts, 2, 0.0),
+        colors=optional([m.colors for m in meshes], counts, 3, 1.0),
         runs=torch.from_numpy(starts),
-        uv1=_optional([m.uv1 for m in meshes], counts, 2, 0.0),
-        tangents=_optional([m.tangents for m in meshes], counts, 4, 0.0),
+        uv1=optional([finite_rows(m.uv1) for m in meshes], counts, 2, 0.0),
+        tangents=optional([m.tangents for m in meshes], counts, 4, 0.0),
         alpha=None if alpha is None else alpha[:, 0].contiguous(),
     )
 
@@ -348,14 +355,3 @@ def describe(value: object) -> str:
 def _placed(mesh: Mesh, centre: ArrayLike) -> Mesh:
     place = as_vector("centre", centre, dtype=torch.float64)
     return replace(mesh, vertices=mesh.vertices + place) if bool(place.any()) else mesh
-
-
-def _cat(parts: list[Tensor], width: int, dtype: torch.dtype) -> Tensor:
-    return torch.cat(parts).contiguous() if parts else torch.zeros(0, width, dtype=dtype)
-
-
-def _optional(parts: list[Tensor | None], counts: list[int], width: int, missing: float) -> Tensor | None:
-    if all(p is None for p in parts):
-        return None
-    full = [torch.full((n, width), missing) if p is None else p.detach().float() for p, n in zip(parts, counts)]
-    return torch.cat(full).contiguous()

@@ -16,6 +16,7 @@ from torchrender.checks import as_vector, check_not_negative
 from torchrender.errors import InputError
 from torchrender.numerics import tangents
 from torchrender.scene.camera import Cameras, framing_camera
+from torchrender.scene.cameras.record import sides as sides
 from torchrender.scene.cutout import Corners, build_cutout
 from torchrender.scene.environment import Environment
 from torchrender.scene.files.report import NOTHING, LoadReport

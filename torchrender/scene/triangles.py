@@ -6,13 +6,14 @@ from operator import attrgetter
 from pathlib import Path
 
 from torchrender.checks import check_no_gradient
-from torchrender.errors import InputError
+from torchrender.errors import GradientError, InputError
 from torchrender.scene.mesh import Geometry, Mesh, concatenate
 from torchrender.scene.model import Scene
 
 Shape = Scene | Mesh | Geometry
 """What functions of triangles take."""
 
+INSTEAD = "torchrender.held_surface gives depth and attributes theirs, with visibility held"
 _FIELDS = ("vertices", "normals", "uv", "uv1", "tangents", "colors", "alpha")
 _FIELDS_OF = attrgetter(*_FIELDS)
 
@@ -29,7 +30,11 @@ def check_fixed(function: str, shape: object) -> None:
         values = _FIELDS_OF(mesh)
         # Scenes have thousands of meshes, and every picture asks: names are made for those that are refused.
         if any(value is not None and value.requires_grad for value in values):
-            check_no_gradient(function, **{f"{f} of mesh {mesh.name!r}": v for f, v in zip(_FIELDS, values)})
+            named = {f"{f} of mesh {mesh.name!r}": v for f, v in zip(_FIELDS, values)}
+            try:
+                check_no_gradient(function, **named)
+            except GradientError as error:
+                raise GradientError(f"{error}; {INSTEAD}") from None
 
 
 def geometry_of(name: str, shape: object) -> Geometry:

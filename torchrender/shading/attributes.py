@@ -70,7 +70,7 @@ class SeenSurface(GBuffer):
         forward, rays = self.cameras.forward[:, None, None], self.position - self.cameras.eye[:, None, None]
         rays = forward.expand_as(rays) if self.cameras.orthographic else rays
         toward = torch.nn.functional.normalize(rays, dim=-1, eps=1e-300)
-        size = self.cameras.footprint(depth.reshape(len(depth), -1)).reshape(depth.shape)
+        size = self.cameras.footprint(depth)
         return further(self._geometry, self.triangle, self.barycentric, self.geometric_normal, (toward, size))
 
     @property

@@ -21,8 +21,10 @@ from torchrender.kernels.voxels.cells import Soup
 from torchrender.kernels.voxels.fragments import visit, weigh
 from torchrender.scene.mesh import Geometry
 from torchrender.scene.model import Scene
+from torchrender.scene.triangles import check_scene
 from torchrender.voxels.coverage import surface_alpha, surface_colors
 from torchrender.voxels.grid import WORD, VoxelGrid, Voxels, empty_words, flat
+from torchrender.voxels.mesh_arguments import mesh_arguments
 from torchrender.voxels.surface import SurfaceOptions, checked_mesh, place, room, voxelize_surface
 
 SHORT = 1e-6  # of a mean normal, below which the largest fragment's normal counts
@@ -209,17 +211,21 @@ class SurfaceVoxels:
         return self.voxels.grid
 
 
-def voxelize_scene(scene: Scene, grid: VoxelGrid, options: SurfaceOptions | None = None) -> SurfaceVoxels:
+def voxelize_scene(scene: Scene, grid: VoxelGrid | int, options: SurfaceOptions | None = None) -> SurfaceVoxels:
     """Surface voxels of a scene with normals, colours, texture coordinates, materials and densities.
 
     Normals that cancel leave that of the largest fragment. Holes of textures are empty: a cell counts where more than
     :data:`SOLID` of the surface in it is there. What blends counts with its opacity in the density.
 
+    Args:
+        grid: one grid; or a number, of cells along the longest side of the scene.
+
     Raises:
-        InputError: more than one grid.
+        InputError: no scene, or more than one grid.
     """
-    geometry = scene.geometry
-    fragments = surface_fragments(geometry.vertices[None], geometry.faces, grid, options)
+    geometry = check_scene("scene", scene).geometry
+    vertices, faces, grid = mesh_arguments(scene, grid, None)
+    fragments = surface_fragments(vertices, faces, grid, options)
     alpha = surface_alpha(scene, fragments.triangle, fragments.corner_weights(), float(grid.cell[0]))
     opacity = None
     if alpha is not None:

@@ -99,13 +99,15 @@ def make_grid(points: Tensor, dims: Sequence[int] | int = DIMS, pad: int = 2) ->
         pad: cells; lowered where ``dims`` has no room for it.
 
     Raises:
-        InputError: wrong shape, or points that are not finite.
+        InputError: wrong shape, no set of points, or points that are not finite.
         OptionError: ``dims`` or ``pad`` outside their ranges.
     """
     points = check_tensor("points", as_array("points", points), ("B", "N", 3))
     check_finite("points", points)
     check_range("pad", pad, 0, 8)
     points = points.detach().double()
+    if not len(points):
+        raise InputError("points must hold at least one set, got shape " + str(tuple(points.shape)))
     if points.shape[1] == 0:
         points = torch.zeros(points.shape[0], 1, 3, dtype=torch.float64)
     low, high = points.amin(1), points.amax(1)

@@ -20,6 +20,7 @@ from torchrender.errors import InputError
 from torchrender.kernels.voxels.volume_march import BRICK, Cells, Layers, march
 from torchrender.numerics.color import srgb_from_linear, srgb_table
 from torchrender.scene.camera import Cameras
+from torchrender.scene.parts.kinds import several
 from torchrender.voxels.attributes import SurfaceVoxels, spread
 from torchrender.voxels.grid import Voxels
 
@@ -194,6 +195,7 @@ def render_volume(layers: Sequence[VolumeLayer], cameras: Cameras, *, step: floa
         InputError: no layers.
         OptionError: a step that is not positive.
     """
+    layers = several("layers", layers, (VolumeLayer,))
     if not layers:
         raise InputError("layers must not be empty")
     shortest = min(layer.reference * (1.0 if layer.smooth else 0.5) for layer in layers)

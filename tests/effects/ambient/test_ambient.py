@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from torchrender.effects.ambient import horizon
+from torchrender.effects.ambient.edge_on import sees_edge_on
 from torchrender.effects.ambient.horizon import horizon_ambient
 from torchrender.effects.ambient.options import AmbientOptions
 from torchrender.effects.ambient.traced import traced_ambient
@@ -183,3 +184,18 @@ def test_bad_input_is_named() -> None:
             AmbientOptions(**{name: 0})
     with pytest.raises(OptionError, match="reach"):
         AmbientOptions(reach=-1.0)
+
+
+def test_walls_seen_edge_on_are_told_from_others() -> None:
+    """An eye in a wall's plane has no picture of it, wherever it looks; a little aside it has."""
+    wall = quad(torch.tensor([-1.0, 0.0, -3.0]), torch.tensor([4.0, 0.0, 0.0]), torch.tensor([0.0, 3.0, 0.0]))
+    floor = quad(torch.tensor([-4.0, 0.0, 4.0]), torch.tensor([8.0, 0.0, 0.0]), torch.tensor([0.0, 0.0, -8.0]))
+    geometry = Scene(meshes=(wall, floor)).geometry
+
+    def eye(x: float, z: float) -> Cameras:
+        return Cameras.look_at([x, 1.0, z], [0.0, 0.5, 1.0], width=32, height=24)
+
+    inside, aside = eye(-5.0, -3.0), eye(-5.0, -2.9)
+    assert sees_edge_on(geometry, inside) and sees_edge_on(geometry, Cameras.cat([aside, inside]))
+    assert not sees_edge_on(geometry, aside) and not sees_edge_on(geometry, inside[:0])
+    assert not sees_edge_on(Scene(meshes=(floor,)).geometry, inside)

@@ -22,6 +22,7 @@ from torchrender.numerics.media import height_optical_depth
 from torchrender.scene.camera import Cameras
 from torchrender.scene.environment import Environment
 from torchrender.scene.light import DirectionalLight, PointLight, RectLight, SpotLight
+from torchrender.scene.sky.harmonics import harmonics_2
 
 CAMERA = eye(48, 36)
 WALL = torch.full((1, 36, 48), 7.0)
@@ -364,3 +365,19 @@ def test_bad_input_is_named() -> None:
         Illumination(lights=(LAMP, SUN), shadow_maps=(None,))
     with pytest.raises(InputError, match="depth"):
         scatter((fog(),), CAMERA, torch.zeros(1, 2, 2), Illumination())
+
+
+def test_each_band_of_the_surroundings_is_damped_as_the_phase_function_has_it() -> None:
+    """Against the sum over directions of phase function times radiance."""
+    rng = torch.Generator().manual_seed(4)
+    coefficients = 0.1 * torch.rand(9, 3, generator=rng, dtype=torch.float64)
+    coefficients[0] = 3.0  # bright enough to be positive everywhere
+    n = torch.arange(20000, dtype=torch.float64) + 0.5
+    z, turn = 1 - 2 * n / 20000, math.pi * (3 - math.sqrt(5)) * n
+    across = (1 - z * z).sqrt()
+    sphere = torch.stack([across * torch.cos(turn), across * torch.sin(turn), z], dim=-1)
+    arriving = harmonics_2(sphere) @ coefficients
+    for g in (-0.6, 0.0, 0.7):
+        for out in torch.nn.functional.normalize(torch.tensor([[1.0, 0.2, -0.4], [0.1, -1.0, 0.3]]).double(), dim=1):
+            wanted = (henyey_greenstein(sphere @ out, g)[:, None] * arriving).sum(0) * 4 * math.pi / 20000
+            torch.testing.assert_close(scattered_surroundings(coefficients, out, g), wanted, rtol=2e-3, atol=0)

@@ -20,7 +20,7 @@ from torchrender.rays import RayCaster
 from torchrender.renderer import render
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
-from torchrender.scene.shapes import sphere
+from torchrender.scene.shapes import box, sphere
 from torchrender.wire.containers import KeyframeImage, read_container
 from torchrender_service.renderers.keyframes import Stamp, first_message, mirror_message
 from torchrender_service.renderers.layers import MIRRORS_NEED, mirror_layer
@@ -147,3 +147,33 @@ def test_a_chrome_ball_moves_its_picture_as_it_should() -> None:
         for made in (draw_with_mirrors([first], mirrors, moved), draw_keyframes([first], moved))
     ]
     assert errors[0] < 0.5 * errors[1]
+
+
+def test_a_bulging_mirror_shows_the_sky_at_its_focus_and_a_hollow_one_nothing_that_stands_still() -> None:
+    """What is infinitely far is seen half a radius behind a ball, whatever moves; past its focus a hollow one flips."""
+    ball = scene_of(placed(sphere(0.8, 64), (0.0, 0.0, 0.0), 3))
+    camera = Cameras.look_at([0.0, 0.0, 2.9], [0.0, 0.0, 0.0], width=161, height=161, fov_deg=50.0)
+    gbuffer = prepared(ball, camera)[0]
+    made = virtual_images(ball, gbuffer, traced(ball, camera))
+    middle = (0, 80, 80)
+    assert float(made.depth[middle]) == pytest.approx(float(gbuffer.depth[middle]) + 0.4, rel=0.01)
+    hollow = placed(sphere(2.0, 64), (0.0, 0.0, 0.0), 3)
+    assert hollow.normals is not None
+    room = scene_of(replace(hollow, faces=hollow.faces.flip(1), normals=-hollow.normals))
+    inside = Cameras.look_at([0.0, 0.3, 0.5], [0.0, 0.0, -2.0], width=81, height=81, fov_deg=40.0)
+    seen = virtual_images(room, prepared(room, inside)[0], traced(room, inside))
+    assert not bool(seen.known[:, 10:70, 10:70].any())
+
+
+def test_flat_sides_stay_flat_beside_an_edge() -> None:
+    """A chrome block: two sides that meet are no bend, so each is a plane mirror up to its last pixel."""
+    block = placed(box(torch.tensor([1.0, 1.0, 1.0])), (0.0, 0.0, 0.0), 3)
+    scene = scene_of(block, *sphere_scene().meshes[2:])
+    camera = Cameras.look_at([1.6, 0.3, 2.0], [0.0, 0.0, 0.0], width=96, height=96, fov_deg=45.0)
+    gbuffer, layer = prepared(scene, camera)[0], traced(scene, camera)
+    made = virtual_images(scene, gbuffer, layer)
+    mirrors = layer.state == ReflectionState.TRACED
+    length = (gbuffer.position - camera.eye[0]).norm(dim=-1)
+    wanted = gbuffer.depth * ((length + layer.distance) / length).float()
+    assert int(mirrors.sum()) > 500 and bool(made.known[mirrors].all())
+    torch.testing.assert_close(made.depth[mirrors], wanted[mirrors], rtol=1e-3, atol=0)

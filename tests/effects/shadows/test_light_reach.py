@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from shadow_scenes import box, floor
-from torchrender.effects.shadows.light_reach import light_reach, shines
+from torchrender.effects.shadows.light_reach import light_reach, shines, takes_light
 from torchrender.errors import OptionError
 from torchrender.raster import rasterize
 from torchrender.scene.camera import Cameras
@@ -93,3 +93,14 @@ def test_side_is_checked() -> None:
     scene = scene_of(*REACHING.values())
     with pytest.raises(OptionError, match="side"):
         light_reach(scene, rasterize(scene, VIEW), side=0)
+
+
+def test_cloth_and_lacquer_take_light_and_lamps_without_area_send_none() -> None:
+    black = {"diffuse": torch.zeros(3), "metallic": 0.0, "specular_weight": 0.0}
+    kinds = ({}, {"sheen_color": torch.ones(3), "sheen_roughness": 0.5}, {"clearcoat": 1.0})
+    scene = scene_of(materials=tuple(Material(**black, **kind) for kind in kinds))
+    assert takes_light(scene).tolist() == [False, True, True, False]
+    line = RectLight(corner=vector(0, 2, 0), edge_u=vector(1, 0, 0), edge_v=vector(0, 0, 0))
+    assert not shines(line) and shines(replace(line, edge_v=vector(0, 0, 1)))
+    dark = PointLight(position=vector(0, 2, 0), intensity=vector(0, 0, 0))
+    assert not shines(dark) and shines(replace(dark, intensity=vector(0, 0, 1)))

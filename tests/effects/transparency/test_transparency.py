@@ -227,3 +227,20 @@ def test_the_sun_of_a_sky_casts_a_shadow() -> None:
     bright = float(picture[floor].quantile(0.9))
     dark = (picture < 0.3 * bright) & floor
     assert 0.01 < float(dark.float().sum() / floor.float().sum()) < 0.2
+
+
+@pytest.mark.parametrize("way", [False, True], ids=["peeled", "traced"])
+def test_layers_are_shaded_as_wide_as_a_pixel_is_there(way: bool) -> None:
+    """Farther panes are seen through wider rays: textures on them are read coarser."""
+    widths = []
+
+    def shader(origins: Tensor, directions: Tensor, width: Tensor, hits: RayHits) -> Tensor:
+        widths.append(width)
+        return white(origins, directions, width, hits)
+
+    scene = Scene(meshes=(pane(2.0, 0), pane(-3.0, 0)), materials=(glowing(RED, 0.5),))
+    camera = view()
+    transparency(scene, rasterize(scene, camera), shader, traced=way)
+    one = float(camera.footprint(torch.ones(1, 1, dtype=torch.float64)))
+    for width, depth in zip(widths, (3.0, 8.0), strict=True):
+        torch.testing.assert_close(width.double(), torch.full_like(width, depth * one).double(), rtol=1e-5, atol=0)

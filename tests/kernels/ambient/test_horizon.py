@@ -118,3 +118,18 @@ def test_a_point_in_a_round_bowl_sees_through_its_opening(edge: float) -> None:
     assert found[:, 0].mean() == pytest.approx(math.sin(rim) ** 2, abs=0.04)
     direction = found[:, 2:].mean(axis=0)
     assert direction[2] < 0 and np.abs(direction[:2]).max() < 0.02 * abs(direction[2])
+
+
+def test_a_point_that_is_shut_in_sees_no_sky() -> None:
+    """Thin walls all around, some far behind others: what no step saw between them is as closed."""
+    ones = np.ones(PATTERN, np.float32)
+    axis = np.array([[0, 0, 1]] * PATTERN, np.float32)
+    points = Points(axis, ones, -axis, np.arange(PATTERN))
+    share = (np.arange(48)[None] + (np.arange(PATTERN)[:, None] + 0.5) / PATTERN) / 24
+    search = Search(2, share.astype(np.float32), 0.005, 1.0, 10.0, 0.15)
+    near, closed = seen_disc(0.0), seen_disc(-1.1)
+    front = np.where(np.isfinite(near.cube_front), near.cube_front, 6.0 * closed.cube_front)
+    found = np.zeros((PATTERN, 5), np.float32)
+    around = near._replace(cube_front=front, cube_back=front * np.float32(1.01))
+    measure_points(around, points, _tables(), search, found)
+    assert found[:, 0].max() < 0.03

@@ -147,3 +147,18 @@ def test_the_phase_function_of_kernels_is_that_of_the_effect() -> None:
         for c in np.linspace(-1, 1, 9):
             wanted = float(henyey_greenstein(torch.tensor(c, dtype=torch.float64), g))
             assert phase(np.float32(g), np.float32(c)) == pytest.approx(wanted, rel=2e-3)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_rays_along_an_axis_meet_the_box_or_pass_it(kind: str) -> None:
+    """Directions with components of zero, beside every side of the box and through it."""
+    made = table(**KINDS[kind])
+    medium = made.media[0]
+    low, high = medium.low.numpy().astype(float), medium.high.numpy().astype(float)
+    for along in range(3):
+        for across in (k for k in range(3) if k != along):
+            for place, meets in ((low[across] - 0.2, False), (high[across] + 0.2, False), (low[across] + 0.4, True)):
+                p, d = (low + high) / 2, np.zeros(3)
+                p[along], p[across], d[along] = low[along] - 1.0, place, 1.0
+                found = _way(made.arrays, p.astype(np.float32), d.astype(np.float32), np.float32(9.0), 200)
+                assert (found > 0.0) == meets

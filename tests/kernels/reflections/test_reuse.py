@@ -157,6 +157,24 @@ def test_search_against_a_loop(kind: str, endless: bool) -> None:
     assert VALID in cause and len(set(cause.tolist())) > 1
 
 
+@pytest.mark.parametrize("leaping", [False, True])
+def test_a_start_on_another_reflector_or_outside_is_none(leaping: bool) -> None:
+    """What an earlier picture left may point anywhere: the search then begins where it would without."""
+    key = mirror_key("convex", [0.3, 0.2, 3.0], 24, rho=2.0)
+    ids = key.reflector[0].numpy().copy()
+    ids[:, 14:] = np.where(ids[:, 14:] >= 0, 5, -1)
+    eye = np.array([0.5, -0.3, 0.1])
+    pixels, usual = run_match(key, eye, ids=ids, leaping=leaping, refined=True)
+    row, column = np.divmod(pixels, 24)
+    far = np.argwhere(ids == 5)[20], np.argwhere((ids >= 0) & (ids != 5))[20]
+    aside = np.where((ids.reshape(-1)[pixels] == 5)[:, None], far[1], far[0]) - np.stack([row, column], axis=-1)
+    for start in (aside, np.full_like(aside, 100), np.full_like(aside, -100)):
+        _, found = run_match(key, eye, ids=ids, leaping=leaping, refined=True, start=start.astype(np.int32))
+        for a, b in zip(found, usual, strict=True):
+            np.testing.assert_array_equal(a, b)
+    assert len(pixels) > 100
+
+
 @pytest.mark.parametrize("kind", ["plane", "convex"])
 def test_leaps_find_what_the_walk_finds(kind: str) -> None:
     key = mirror_key(kind, [0.3, 0.2, 3.0], 64, rho=2.0)

@@ -320,3 +320,25 @@ def test_a_rectangle_partly_above_a_surface_is_not_called_hidden():
     assert look_up(*args, settings())[0] == 0.0
     assert look_up(*args, settings(ux=0.2, uy=0.9, vz=0.3))[0] == 0.0
     assert look_up(*args, settings(ux=0.2, uy=1.1, vz=0.3))[0] == 1.0
+
+
+@pytest.mark.parametrize("side", ["top", "bottom", "left", "right"])
+@pytest.mark.parametrize("kind", ["window", "disc"])
+def test_beyond_the_border_of_a_cube_face_its_last_texels_go_on(kind: str, side: str) -> None:
+    """Half of the map is empty: beside that half's border everything is lit, however far the filter reaches out."""
+    rng = np.random.default_rng(7)
+    _, _, _, _, depths, taps = random_case(rng, False)
+    height, width = SIZE
+    depths[:] = np.inf
+    dark = {"top": np.s_[24:], "bottom": np.s_[:24], "left": np.s_[:, 20:], "right": np.s_[:, :20]}[side]
+    depths[dark] = 1.2
+    u, v = rng.uniform(1, width - 1, 40), rng.uniform(1, height - 1, 40)
+    at = {"top": (u, 0 * v + 0.7), "bottom": (u, 0 * v + height - 0.7), "left": (0 * u + 0.7, v)}
+    u, v = at.get(side, (0 * u + width - 0.7, v))
+    view = np.concatenate([np.eye(3, 4).ravel(), [30.0, 36.0, width / 2, height / 2, NEAR, FAR]])
+    points = 3.0 * np.stack([(u - width / 2) / 30.0, (v - height / 2) / 36.0, np.ones(40)], axis=-1)
+    normals = np.tile(np.array([0.0, 0.0, -1.0], np.float32), (40, 1))
+    s = settings(filter=FILTERS[kind], n=3, radius=4.0, cube=True, outside=0.0)
+    light = np.array([0.0, 0.0, 0.0, 1.0])
+    found = look_up(points, normals, light, np.tile(view, (6, 1)), np.tile(depths, (6, 1, 1)), taps, s)
+    assert (found == 1.0).all()

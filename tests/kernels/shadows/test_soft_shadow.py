@@ -137,3 +137,17 @@ def test_probes_end_the_work_in_umbra_only() -> None:
     assert np.array_equal(
         fast_bits(half, points, normals, views, skip=True)[0], slow_bits(half, points, normals, views)
     )
+
+
+def test_one_lit_probe_of_a_group_is_no_umbra() -> None:
+    """A pinhole: one receiver sees one probe, all others see none; the light's other samples are asked all the same."""
+    rng = np.random.default_rng(4)
+    views = light_views(rng, 12, texels=False, probes=3)
+    views.samples[:, 0] = np.array([0.5, -0.4, -0.5, *np.linspace(0.3, 0.6, 9)])
+    points = np.zeros((GROUP, 3)) + rng.uniform(-0.01, 0.01, (GROUP, 3))
+    normals = np.tile([0.0, -1.0, 0.0], (GROUP, 1))  # see nothing, but for one that faces along x
+    normals[2] = (1.0, 0.0, 0.0)
+    far = np.array([[[50.0, 0.0, 50.0], [51.0, 0.0, 50.0], [50.0, 1.0, 50.0]]])
+    found, _ = fast_bits(far, points, normals, views, skip=False)
+    assert np.array_equal(found, slow_bits(far, points, normals, views))
+    assert found.sum() == 10 and found[:, :3].sum() == 1

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from depth_scenes import depth_images, front_camera, wall
 from torchrender.kernels.atomics import store_max
+from torchrender.kernels.warp.corners import FIRST, SECOND
 from torchrender.kernels.warp.warp import Canvas, Poses, Quads, draw_quads
 from torchrender.raster import rasterize_visibility
 from torchrender.reconstruct.corners import fit_corners
@@ -160,3 +161,20 @@ def test_quads_through_the_near_plane_agree_with_the_rasteriser() -> None:
     assert not bool((result.valid & ~truth.covered).any())
     assert bool(result.valid[0, -1].all())  # the floor under the camera comes from quads that reach behind it
     assert float((result.depth / truth.depth - 1)[covered].abs().max()) < 1e-3
+
+
+def test_what_is_nearer_than_the_near_plane_hides_nothing() -> None:
+    """A quad that reaches from before the near plane to behind it, and another one behind: no hole where it is cut."""
+    corners = np.zeros((2, 1, 4, 1), np.float32)
+    corners[0, 0, :, 0] = (0.2, 1.5, 3.0, 1.5)  # upper left, lower left, lower right, upper right: cut along a diagonal
+    corners[1] = 4.0
+    shape = np.full((2, 1, 1), FIRST | SECOND, np.uint8)
+    matrix = np.zeros((2, 3, 4))
+    matrix[:, 0, 0] = matrix[:, 1, 1] = 16.0
+    matrix[:, 2, 2] = 1.0
+    keys = np.zeros(16 * 16, np.uint64)
+    draw_quads(Quads(corners, shape, 0.0), Poses(matrix, 1.0, np.ones(2)), 2, Canvas(keys, 16, 16))
+    owner = (0xFFFFFFFF - (keys & np.uint64(0xFFFFFFFF)).astype(np.int64)).reshape(16, 16)
+    inverse = (keys >> np.uint64(32)).astype(np.uint32).view(np.float32).reshape(16, 16)
+    assert set(np.unique(owner)) == {0, 1} and owner[0, 0] == 1 and owner[15, 15] == 0
+    assert (owner == 1).sum() > 10 and inverse.max() <= 1.0 + 1e-6

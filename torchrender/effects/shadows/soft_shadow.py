@@ -42,6 +42,7 @@ from torchrender.kernels.rays.bvh_build import Bvh, build_bvh
 from torchrender.kernels.rays.embree_library import embree
 from torchrender.scene.light import RectLight, check_place
 from torchrender.scene.mesh import Geometry
+from torchrender.scene.parts.kinds import several
 from torchrender.scene.triangles import Shape, geometry_of
 
 VISIBILITIES = ("ray", "shadow_map")
@@ -200,7 +201,7 @@ def soft_shadow(
         InputError: no light, or ``bounds`` not finite. GradientError: a light's place asks for a gradient.
     """
     options = options or SoftShadowOptions()
-    lights = [lights] if isinstance(lights, RectLight) else list(lights)
+    lights = several("lights", lights, (RectLight,))
     if not lights:
         raise InputError("lights must not be empty")
     for one in lights:

@@ -9,6 +9,7 @@ from typing import Any
 import torch
 
 from torchrender.buffers import GBuffer
+from torchrender.effects.ambient.edge_on import sees_edge_on
 from torchrender.effects.ambient.horizon import horizon_ambient
 from torchrender.effects.ambient.options import REACH_SHARE, AmbientOptions
 from torchrender.effects.ambient.traced import traced_ambient
@@ -65,11 +66,17 @@ def has_ambient_light(scene: Scene) -> bool:
 def by_rays(outlook: Outlook) -> bool:
     """Whether rays are cast: they were asked for, no eye sees the samples first, or a picture's own depth tells little.
 
-    In a row or a few pixels nothing stands beside what is seen, and rays cost next to nothing.
+    In a row or a few pixels nothing stands beside what is seen, and rays cost next to nothing; a wall that an eye sees
+    edge-on is in none of its depth images.
     """
     if outlook.options.ambient_visibility == "traced" or outlook.samples is not None or outlook.cameras.orthographic:
         return True
-    return is_small(outlook.cameras)
+    return not tells_enough(outlook.scene, outlook.cameras)
+
+
+def tells_enough(scene: Scene, cameras: Cameras) -> bool:
+    """Whether the depth images of a picture show about everything that hides light from what it shows."""
+    return not (cameras.orthographic or is_small(cameras) or sees_edge_on(scene.geometry, cameras))
 
 
 def is_small(cameras: Cameras) -> bool:
@@ -140,7 +147,7 @@ FEW = AmbientOptions(slices=2, steps=12, spacing=2, around=32)
 def _found(subject: Subject) -> Outputs:
     scene, seen = subject.scene, subject.gbuffer
     reach = 0.25 * subject.unit
-    if subject.cameras.orthographic or is_small(subject.cameras):
+    if not tells_enough(scene, subject.cameras):
         made = traced_ambient(subject.caster, seen, rays=16, reach=reach, gap=GAP * scene.diagonal)
     else:
         made = horizon_ambient(scene.geometry, seen, FEW, reach=reach)

@@ -200,6 +200,12 @@ def _depths(subject: Subject) -> Outputs:
     return {f"light {k}": depth / subject.unit for k, depth in enumerate(maps)}
 
 
+def _depth_bounds(subject: Subject) -> dict[str, tuple[float, float]]:
+    """Of parallel light the view's origin may lie anywhere along it."""
+    lights = enumerate(subject.scene.lights)
+    return {f"light {k}": (-math.inf if isinstance(one, DirectionalLight) else 0.0, math.inf) for k, one in lights}
+
+
 def _texels_by_rays(subject: Subject, _: Outputs) -> float:
     found, wanted = {}, {}
     for number, light in enumerate(subject.scene.lights):
@@ -217,7 +223,7 @@ HARD = HardEffect(
     about=LIGHTS,
     modules=("effects.shadows.shadow_map",),
     run=_depths,
-    bounds=lambda subject: {f"light {k}": (0.0, math.inf) for k in range(len(subject.scene.lights))},
+    bounds=_depth_bounds,
     law=Law(
         text="rays through the texel centres hit at the stored depth: share of texels where not",
         deviation=_texels_by_rays,

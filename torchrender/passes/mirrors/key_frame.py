@@ -107,6 +107,7 @@ def _where_rays_hit(subject: Subject, outputs: Outputs) -> float:
 
 HARD = HardEffect(
     name="key_frame",
+    parallel=False,
     about=VIEW,
     modules=("effects.reflections.key_frame",),
     run=_kept,

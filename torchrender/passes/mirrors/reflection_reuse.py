@@ -86,6 +86,7 @@ def _reused(subject: Subject) -> Outputs:
 
 HARD = HardEffect(
     name="reflection_reuse",
+    parallel=False,
     about=VIEW,
     modules=("effects.reflections.reuse",),
     run=_reused,

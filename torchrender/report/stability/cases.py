@@ -24,13 +24,14 @@ from torchrender.rays import RayCaster
 from torchrender.report.common.hits import hit_shader
 from torchrender.report.stability import scenes as make
 from torchrender.scene.camera import Cameras
-from torchrender.scene.light import DirectionalLight, PointLight, RectLight
+from torchrender.scene.light import DirectionalLight, Light, PointLight, RectLight, SpotLight
 from torchrender.scene.model import Scene
 from torchrender.shading.lights import NEAREST_SQUARE
 
 BASE = "studio"
 TINY, HUGE = 2.0**-20, 2.0**20  # about a millionth and a million; powers of two scale without rounding
 FAR = (786432.0, -655360.0, 917504.0)  # float32 steps there are 1/16
+ODD, ASIDE = 100.0 * math.sqrt(3.0), (math.sqrt(2.0) * 10.0, -math.pi * 3.0, math.e * 5.0)  # nothing stays exact
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -119,6 +120,7 @@ class HardCase:
     twin: str | None = None  # name of the case that must look the same
     matrix: Callable[[], Tensor] | None = None  # similarity (4,4) that everything goes through
     unit: float = 1.0  # scale of the matrix
+    rounds: bool = False  # no coordinate stays exact
     turned: bool = False  # the axes of the world are other ones than the twin's
     about: str = "scene"  # where it differs from the first case: "scene", only "view", or only "light"
 
@@ -139,9 +141,27 @@ def _seen(name: str, why: str, **options: Any) -> HardCase:
     return HardCase(name=name, why=why, about="view", views=lambda: make.views(**options))
 
 
-def _lit(name: str, why: str, *lights: RectLight | PointLight | None) -> HardCase:
+def _through(name: str, why: str, **changes: Any) -> HardCase:
+    """The studio, seen by other cameras at the usual places."""
+    return HardCase(name=name, why=why, about="view", views=lambda: replace(make.views(), **changes))
+
+
+def _lit(name: str, why: str, *lights: Light | None) -> HardCase:
     """The studio under other lights."""
     return HardCase(name=name, why=why, about="light", scene=lambda: make.studio(*lights))
+
+
+def _spot(intensity: float = 60.0) -> SpotLight:
+    towards = torch.tensor([-0.5, -1.0, -0.7])
+    return SpotLight(position=torch.tensor([1.5, 4.5, 2.0]), direction=towards, intensity=torch.full((3,), intensity))
+
+
+def _sun(irradiance: float = 3.0) -> DirectionalLight:
+    return DirectionalLight(direction=torch.tensor([0.4, -1.0, -0.3]), irradiance=torch.full((3,), irradiance))
+
+
+SKEWED = torch.tensor([[23.0, 1.7, 14.3], [0.0, 17.0, 7.1], [0.0, 0.0, 1.0]], dtype=torch.float64)
+PARALLEL = torch.tensor([[3.3, 0.2, 12.7], [0.0, 2.7, 9.4], [0.0, 0.0, 1.0]], dtype=torch.float64)
 
 
 def _triangle() -> Scene:
@@ -163,6 +183,10 @@ CASES = (
     HardCase(name="tiny", why="scale 1e-6", matrix=lambda: make.scaled(TINY), unit=TINY, twin=BASE),
     HardCase(name="huge", why="scale 1e6", matrix=lambda: make.scaled(HUGE), unit=HUGE, twin=BASE),
     HardCase(name="turned", why="no axis and no coordinate is round", matrix=make.turned, twin=BASE, turned=True),
+    HardCase(name="odd scale", why="a factor that rounds every coordinate", matrix=lambda: make.scaled(ODD), unit=ODD,
+             twin=BASE, rounds=True),
+    HardCase(name="odd place", why="a shift that rounds every coordinate", matrix=lambda: make.shifted(*ASIDE),
+             twin=BASE, rounds=True),
     HardCase(name="all sizes", why="coordinates from 1e-8 to 1e8 in one scene", scene=make.all_sizes),
     HardCase(name="facing mirrors", why="mirrors that mirror each other", scene=make.facing_mirrors,
              views=lambda: make.views((0.5, 2.0, 3.0), (0.0, 1.0, -3.0))),
@@ -184,6 +208,10 @@ CASES = (
     _seen("one row", "97 x 1", size=(97, 1)),
     _seen("one column", "1 x 97", size=(1, 97)),
     _seen("75 x 64", "sides that are no powers of two, nor equal", size=(75, 64)),
+    _seen("96 x 72", "as many pixels as tiles, lattices and filters go over into each other", size=(96, 72)),
+    _through("skewed", "no square pixels, a skew, a principal point aside", intrinsics=SKEWED.expand(2, 3, 3)),
+    _through("parallel", "an orthographic view, skewed", intrinsics=PARALLEL.expand(2, 3, 3), orthographic=True,
+             far=torch.tensor(60.0, dtype=torch.float64)),
     _seen("narrow view", "an opening angle of 0.001 degrees", fov_deg=1e-3),
     _seen("wide view", "an opening angle of 178 degrees", fov_deg=178.0, eye=(0.0, 1.0, 2.0)),
     _seen("near plane tiny", "near 1e-12", near=1e-12),
@@ -198,6 +226,9 @@ CASES = (
     _lit("zero-size light", "area lights that are a point and a line",
          make.rect((0.0, 4.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
          make.rect((-1.0, 4.0, 0.0), (2.0, 0.0, 0.0), (0.0, 0.0, 0.0))),
+    _lit("spot and sun", "a cone of light and parallel light", _spot(), _sun()),
+    _lit("a million", "lights a million times as bright", _spot(6e7), _sun(3e6)),
+    _lit("one place", "three lamps in one place", *[_point(2.0, 4.0, 3.0)] * 3),
     _lit("no light", "a scene with ambient light alone", None),
 )  # fmt: skip
 

@@ -40,4 +40,5 @@ PICTURE = HardEffect(
         limit=0.01,
     ),
     turns=False,
+    twins=0.04,  # of scenes whose every coordinate rounds otherwise
 )

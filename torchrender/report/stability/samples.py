@@ -66,6 +66,7 @@ def _ordered(subject: Subject, outputs: Outputs) -> float:
 
 DEPTH_SAMPLING = HardEffect(
     name="depth_sampling",
+    parallel=False,
     about=VIEW,
     modules=("depth.sample",),
     run=_sampled,
@@ -105,6 +106,7 @@ def _own_view(subject: Subject, _: Outputs) -> float:
 
 REPROJECTION = HardEffect(
     name="reconstruct.reproject",
+    parallel=False,
     about=VIEW,
     modules=("reconstruct.reproject",),
     run=_between,
@@ -143,6 +145,7 @@ def _surface(subject: Subject) -> Outputs:
 
 SURFACE_VOXELS = HardEffect(
     name="surface_voxels",
+    borders=True,
     about=SHAPE,
     modules=("voxels.surface",),
     run=_surface,
@@ -174,6 +177,7 @@ def _any_order(subject: Subject, outputs: Outputs) -> float:
 
 SOLID_VOXELS = HardEffect(
     name="solid_voxels",
+    borders=True,
     about=SHAPE,
     modules=("voxels.solid",),
     run=_solid,
@@ -204,6 +208,7 @@ def _other_way_round(subject: Subject, outputs: Outputs) -> float:
 
 VOXEL_VOLUME = HardEffect(
     name="voxel_volume",
+    borders=True,
     about=VIEW,
     modules=("voxels.volume", "voxels.attributes"),
     run=_volume,
@@ -251,6 +256,7 @@ def _white_stays_white(subject: Subject, _: Outputs) -> float:
 
 SPLAT = HardEffect(
     name="splat",
+    parallel=False,
     about=VIEW,
     modules=("points.draw",),
     run=_points,

@@ -60,11 +60,21 @@ def pairs() -> Iterator[tuple[HardEffect, HardCase]]:
                 yield effect, case
 
 
+def why_not(effect: HardEffect, case: HardCase) -> str | None:
+    """Why a case says nothing about an effect; None: it does."""
+    subject = _subject(case.name)
+    if subject.cameras.orthographic and not effect.parallel:
+        return "it takes perspective cameras"
+    if case.rounds and effect.borders:
+        return "what lies on borders of cells decides"
+    return effect.skip(subject)
+
+
 def examine(effect: HardEffect, case: HardCase) -> Finding:
     """Run an effect on a case in all the ways that must agree."""
     begin = time.perf_counter()
     subject = _subject(case.name)
-    reason = effect.skip(subject)
+    reason = why_not(effect, case)
     if reason is not None:
         return Finding(effect=effect.name, case=case.name, skipped=reason)
     found = effect.run(subject)

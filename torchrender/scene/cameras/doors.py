@@ -14,11 +14,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchrender.checks import check_finite
+from torchrender.checks import check_finite, is_number
 from torchrender.errors import CameraError, ViewWarning
 from torchrender.numerics.quaternions import rotations
 from torchrender.numerics.transforms import pinhole_matrix
-from torchrender.scene.cameras.record import CameraRecord
+from torchrender.scene.cameras.record import CameraRecord, check_side
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -29,6 +29,8 @@ FLIP = torch.diag(torch.tensor([1.0, -1.0, -1.0, 1.0], dtype=torch.float64))
 """From y up, z backward to y down, z forward, and back."""
 RIGID = 1e-4
 """Files round their matrices: so far may a rotation be off, and it is made exact."""
+WIDEST_DEG = 179.9
+"""Opening angle of a view, at most."""
 COLMAP_MODELS = {"SIMPLE_PINHOLE": 3, "PINHOLE": 4, "SIMPLE_RADIAL": 4, "RADIAL": 5, "OPENCV": 8}
 """Numbers of each; of those behind the focal lengths and the principal point, distortion, all must be 0."""
 
@@ -103,7 +105,7 @@ class CameraDoors(CameraRecord):
             _doubt_centre(k, width, height)
         else:
             name, angle, side = ("fov_deg", fov_deg, height) if fov_deg is not None else ("fov_x_deg", fov_x_deg, width)
-            focal = _focal(name, angle or 0.0, side)
+            focal = focal_length(name, angle or 0.0, side)
             k = pinhole_matrix(focal, focal, width / 2, height / 2)[None]
         pose = torch.linalg.inv(_pose("c2w", c2w, None) @ FLIP)
         return cls._made(pose, k, width, height, near, far)
@@ -255,19 +257,20 @@ def _rotation(name: str, turn: Tensor) -> Tensor:
     return u @ v
 
 
-def _focal(name: str, degrees: float, side: int) -> float:
-    """Pixels."""
-    if not 0.0 < degrees < 179.9:
-        raise CameraError(f"{name} must be in (0, 179.9), got {degrees}")
-    doubt_angle(name, degrees)
+def focal_length(name: str, degrees: float, side: int) -> float:
+    """Pixels, of an opening angle over ``side`` pixels."""
+    if not is_number(degrees) or not 0.0 < degrees <= WIDEST_DEG:
+        raise CameraError(f"{name} must be in (0, {WIDEST_DEG}], got {degrees!r}")
+    check_side("width and height", side)
+    _doubt_angle(name, degrees)
     return 0.5 * side / math.tan(math.radians(degrees) / 2)
 
 
-def doubt_angle(name: str, degrees: float) -> None:
+def _doubt_angle(name: str, degrees: float) -> None:
     """Warn of opening angles that are usual in radians, and as degrees those of a telescope."""
     if 0.2 <= degrees <= math.pi:
         told = f"{name} is {degrees:.4g} degrees, the view of a telescope: if it is in radians, give math.degrees of it"
-        warnings.warn(told, ViewWarning, stacklevel=3)
+        warnings.warn(told, ViewWarning, stacklevel=4)
 
 
 def _doubt_centre(k: Tensor, width: int, height: int) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import torch
@@ -19,6 +19,37 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
 MAX_SIDE = 32768
+RIGID = 1e-3
+"""So far may axes be from unit length and right angles: matrices come rounded."""
+
+
+def check_side(name: str, pixels: object) -> None:
+    """Refuse what is no width or height of a picture.
+
+    Raises:
+        CameraError: names the argument.
+    """
+    if isinstance(pixels, bool) or not isinstance(pixels, int) or not 1 <= pixels <= MAX_SIDE:
+        raise CameraError(f"{name} must be an integer in [1, {MAX_SIDE}], got {pixels!r}")
+
+
+class Size(NamedTuple):
+    """Of a picture, pixels."""
+
+    width: int
+    height: int
+
+
+def sides(asked: tuple[int | None, int | None], usual: tuple[int, int]) -> Size:
+    """Width and height of a picture; what nobody asks for is as usual.
+
+    Raises:
+        CameraError: no size of a picture.
+    """
+    for name, pixels in zip(("width", "height"), asked, strict=True):
+        if pixels is not None:
+            check_side(name, pixels)
+    return Size(*(own if one is None else one for one, own in zip(asked, usual, strict=True)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +61,7 @@ class CameraRecord:
     one number or one for each camera.
 
     Raises:
-        CameraError: a wrong shape, a value that is not finite, a singular matrix, near not in front of far.
+        CameraError: a wrong shape, a value that is not finite, a matrix that is no rotation, near not in front of far.
         GradientError: a matrix that asks for gradients, which pictures do not give.
     """
 
@@ -62,22 +93,24 @@ class CameraRecord:
                 raise CameraError(f"{name} must be one number or have shape ({count},), got {tuple(value.shape)}")
             object.__setattr__(self, name, value.reshape(-1).expand(count).contiguous())
         for name, side in (("width", self.width), ("height", self.height)):
-            if not isinstance(side, int) or not 1 <= side <= MAX_SIDE:
-                raise CameraError(f"{name} must be an integer in [1, {MAX_SIDE}], got {side!r}")
+            check_side(name, side)
         self._check_values()
 
     def _check_values(self) -> None:
         # In numpy: cameras are made by the dozen for each picture, and torch takes ten times as long for a few numbers.
-        matrix, k = self.camera_from_world.numpy(), self.intrinsics.numpy()
-        near, far = self.near.numpy(), self.far.numpy()
+        matrix, k = self.camera_from_world.detach().numpy(), self.intrinsics.detach().numpy()
+        near, far = self.near.detach().numpy(), self.far.detach().numpy()
         if not np.isfinite(matrix).all():
             check_finite("camera_from_world", self.camera_from_world, CameraError)
         if not np.isfinite(k).all():
             check_finite("intrinsics", self.intrinsics, CameraError)
         if len(matrix) == 0:
             return
-        if (np.abs(np.linalg.det(matrix[:, :3, :3])) < 1e-12).any():
-            raise CameraError("camera_from_world must be invertible, its rotation part is singular")
+        turn = matrix[:, :3, :3]
+        off = np.abs(turn @ turn.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
+        if not (off < RIGID).all():
+            told = f"camera_from_world must be a rotation and a shift, mirrored or not: number {int(off.argmax())}"
+            raise CameraError(f"{told} is off by {float(off.max()):.3g} from unit axes at right angles")
         if (k[:, (0, 1), (0, 1)] <= 0).any():
             raise CameraError("intrinsics must have positive focal lengths")
         if (np.abs(k[:, (1, 2, 2, 2), (0, 0, 1, 2)] - (0.0, 0.0, 0.0, 1.0)) > 1e-9).any():

@@ -1,0 +1,1 @@
+"""Faults seeded one at a time, to see whether the tests notice: ``make mutants``."""
