@@ -15,7 +15,7 @@ from torchrender.report.scattering.scenes import KINDS, eye, t1, t2
 from torchrender.report.scattering.stage import QUICK, Stage, errors, shaft_edges
 from torchrender.report.scattering.streamed import STEPS, after_steps
 from torchrender.report.scattering.study import baselines, costs, trends
-from torchrender.report.scattering.ways import QUICK_WAYS, published, ways_of
+from torchrender.report.scattering.ways import QUICK_WAYS, published, quick_ways, ways_of
 
 
 def test_errors_are_shares_of_the_mean() -> None:
@@ -46,10 +46,15 @@ def test_probes_are_the_pixels_of_the_picture() -> None:
 
 
 def test_ways_are_compared_with_the_walk_and_with_rays() -> None:
-    rows = {r["way"]: r for r in ways_of("T2 sun", t2("sun"), QUICK)}
+    rows = {r["way"]: r for r in ways_of("T2 sun", t2("sun", "height"), QUICK)}
     assert set(rows) == {*QUICK_WAYS, "64 steps"}
     assert rows["slices"]["walk"]["rmse"] < 0.1 and rows["slices"]["share"] == 1.0
     assert rows["slices, 3 x 3, marks by length alone"]["walk"]["edge"] > rows["slices"]["walk"]["edge"]
+
+
+def test_blocks_are_left_out_where_they_change_nothing() -> None:
+    assert set(quick_ways(t2("lamp"))) == {"slices", "walk, 2 x 2"}
+    assert set(quick_ways(t2("lamp", "grid"))) == set(QUICK_WAYS)
 
 
 def test_the_page_holds_what_was_measured(tmp_path) -> None:

@@ -71,7 +71,7 @@ def borrowed(typingctx, arrays):  # noqa: ARG001
     """The same array, or tuple or record of arrays and numbers, without reference counts.
 
     Two threads would fight over these in hot loops. The caller must keep the arrays alive for as long as the result is
-    used.
+    used: an array whose last mention is the call itself is freed by it. See :func:`keep`.
     """
     signature = arrays(arrays)
 
@@ -79,3 +79,9 @@ def borrowed(typingctx, arrays):  # noqa: ARG001
         return _lent(context, builder, sig.args[0], args[0])
 
     return signature, generate
+
+
+@intrinsic
+def keep(typingctx, arrays):  # noqa: ARG001
+    """Does nothing: as the last mention of arrays that were made for :func:`borrowed`, it keeps them until there."""
+    return types.void(arrays), lambda context, builder, sig, args: context.get_dummy_value()  # noqa: ARG005

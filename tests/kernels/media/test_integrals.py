@@ -264,9 +264,9 @@ def test_what_is_even_is_given_back_and_what_is_affine_by_least_squares(gradient
 
 def test_blocks_of_one_pixel_are_all_rays() -> None:
     scene, camera = t1(), eye(50, 40)
-    every = scattered(scene, camera, block=1)
+    every = scattered(scene, camera, way="walk", block=1)
     assert bool((every.integrated == 1).all())
-    some = scattered(scene, camera, block=2)
+    some = scattered(scene, camera, way="walk", block=2)
     chosen = some.integrated[0] == 1
     assert 0.1 < float(chosen.float().mean()) < 0.9
     assert torch.equal(some.scattered[0][chosen], every.scattered[0][chosen]), "no integrated pixel changes its value"

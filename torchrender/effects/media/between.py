@@ -79,6 +79,14 @@ def normaliser(rays: EyeRays, table: MediaTable, ways: Tensor | None, options: S
     return length
 
 
+def every_ray(integrate: Integrate, rays: EyeRays, channels: int) -> np.ndarray:
+    """Radiance (H W,C) of rays that are all integrated."""
+    count = len(rays.beams.direction)
+    out = Scattered(np.empty((count, channels), np.float32), np.empty((count, 3), np.float32))
+    integrate(np.arange(count), out)
+    return out.radiance
+
+
 def between(
     integrate: Integrate, rays: EyeRays, norm: Tensor, guard: Guard, channels: int, options: ScatterOptions
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -88,13 +96,11 @@ def between(
         integrate: told rows of rays, fills those of what becomes of them.
         norm: from :func:`normaliser`.
     """
-    height, width = rays.shape
+    block, (height, width) = options.block, rays.shape
+    if block == 1:
+        return every_ray(integrate, rays, channels), np.ones(rays.shape, bool)
     count = height * width
     out = Scattered(np.empty((count, channels), np.float32), np.zeros((count, 3), np.float32))
-    block = options.block
-    if block == 1:
-        integrate(np.arange(count), out)
-        return out.radiance, np.ones(rays.shape, bool)
     length, divisor = view(rays.length, np.float32), view(norm, np.float32)
     cells = (-(-height // block), -(-width // block))
     samples, marked, more = np.empty((*cells, 2), np.int32), np.empty(rays.shape, bool), np.empty(rays.shape, bool)

@@ -22,13 +22,15 @@ NO_IMAGES = Images(
     np.zeros((0, 16), np.float32), False, np.zeros((0, 1, 2), np.float32), np.zeros((1, 3), np.int64)
 )  # fmt: skip
 NO_SLICES = Slices(
-    np.zeros((1, RUN), np.float32), np.zeros((1, 2, 2), np.float32), np.zeros((1, 4), np.float32),
-    np.zeros(NUMBERS, np.float32),
+    np.zeros((1, RUN), np.float32), np.zeros((1, 2, 2), np.float32), np.zeros((1, RUN, 2), np.int8),
+    np.zeros(1, np.float32), np.zeros(NUMBERS, np.float32),
 )  # fmt: skip
 CLOSE = 1e-3
 """Distance of a lamp from the eye, as a share of the longest ray, below which there is no plane through both."""
 CLOSEST = 0.4
 """Pixels between slices, closer than which they tell no more."""
+STEEP = 4.0
+"""Change of depth between entries, in lengths of one, that is the edge of something."""
 FEWEST = 32
 """Slices, however few pixels there are."""
 
@@ -81,7 +83,7 @@ def slices_of(
 ) -> Slices | None:
     """Slices of the light's images through the eye, which is the origin; None where the lamp is the eye.
 
-    Rows of parallel light hold all texels that the longest ray passes, whatever ``options.slices`` says of them.
+    Rows of parallel light reach as far as the longest ray, and have no more entries than texels pass there.
     Pictures of few pixels get fewer slices.
     """
     numbers = np.zeros(NUMBERS, np.float64)
@@ -92,16 +94,23 @@ def slices_of(
         span = _lamp_numbers(numbers, light, sight)
     if span is None:
         return None
+    if light.kind != SUN:
+        count //= 2  # texels of a cube around a lamp are seen from nearby
     count = min(count, _useful(numbers, sight, span[1] - span[0]))
     numbers[10] = (span[1] - span[0]) / count
     if light.kind == SUN:
-        texels = max(1 << (2 * int(span[2]) - 1).bit_length(), RUN)
+        texels = max(min(texels, 1 << (int(span[2]) - 1).bit_length()), 2 * RUN)
+        numbers[16] = STEEP * span[2] / texels / float(np.abs(views[0, 12:14]).min())
     numbers[9], numbers[12] = span[0], span[2] / texels
     rows = np.empty((count, texels), np.float32)
     tree = np.empty((count, 2 * texels // RUN, 2), np.float32)
-    lines, given = np.zeros((count, 4), np.float32), numbers.astype(np.float32)
-    build_slices(view(shadow_map.depth, np.float32), views, light.kind == SUN, given, rows, tree, lines)
-    return Slices(rows, tree, lines, given)
+    made = Slices(
+        rows, tree, np.empty((count, texels if light.kind == SUN else 1, 2), np.int8), np.zeros(count, np.float32),
+        numbers.astype(np.float32),
+    )  # fmt: skip
+    depth = view(shadow_map.depth, np.float32)
+    build_slices(depth, views, light.kind == SUN, made.numbers, made.rows, made.tree, made.edges, made.starts)
+    return made
 
 
 def _useful(numbers: np.ndarray, sight: Sight, span: float) -> int:
@@ -143,7 +152,7 @@ def _parallel_numbers(
     x, y, z = (sight.corners @ frame.T).unbind(1)
     first, last = angle_range(x, y, z * speed)
     beside = math.hypot(max(-u, u - width, 0.0), max(-v, v - height, 0.0))
-    columns = min(max(width, height), max(sight.longest * speed - beside, 0.0) + 2.0)
+    columns = min(math.hypot(width, height), max(sight.longest * speed - beside, 0.0)) + 2.0
     return first, last, columns
 
 

@@ -19,7 +19,8 @@ class ScatterOptions:
 
     ``way``: "slices" (where a ray is lit: epipolar slices of the light's depth images), "walk" (a walk through these
     images, exact for their texels), or "march" (steps along every ray with a look-up each, as the source has it).
-    With blocks larger than 1 only some pixels are integrated, and the others lie between them.
+    With blocks larger than 1 only some pixels are integrated, and the others lie between them; not by slices in a
+    single homogeneous medium, where all pixels take no longer.
 
     Raises:
         OptionError: a value outside its range; names it.
@@ -30,7 +31,8 @@ class ScatterOptions:
     block: int = 2  # pixels of a block's side, of which one is integrated: 1 to 3
     panels: int = 8  # along a ray, in heights and several media; twice as many in grids
     lattice: int = 8  # with blocks: pixels between rays along which heights and grids are integrated; 0: along all
-    slices: tuple[int, int] = (2048, 1024)  # epipolar slices, at most, and texels of each
+    slices: tuple[int, int] = (4096, 1024)  # epipolar slices before a sun, at most (half as many at lamps), and entries
+    sun_texels: int = 4096  # of a side of the image that a sun has of a scene with media; at least that of shadows
     share_tolerance: float = 0.02  # lit shares of neighbours may differ by so much, or they are not mixed
     eps_rel: float = 0.1  # ways through the medium may differ by this share
     halo_guard_px: int = 20  # all pixels as near to a lamp are integrated
@@ -62,10 +64,11 @@ class ScatterOptions:
             "halo_guard_px": (0, 64),
             "lattice": (0, 32),
             "nearest": (1e-9, 1.0),
+            "sun_texels": (64, 8192),
             "light_steps": (4, 128),
             "light_cells": (4, 256),
         }
-        limits |= {"steps": (8, 1024), "seed": (0, 2**31 - 1)}
+        limits |= {"steps": (8, 1 << 14), "seed": (0, 2**31 - 1)}
         for name, (low, high) in limits.items():
             check_range(name, getattr(self, name), low, high)
         for side in self.slices:

@@ -14,17 +14,18 @@ import torch
 from torch import Tensor
 
 from torchrender.buffers import ShadowMap
-from torchrender.effects.media.between import Guard, Integrate, between, normaliser
+from torchrender.effects.media.between import Guard, Integrate, between, every_ray, normaliser
 from torchrender.effects.media.eye_rays import EyeRays, eye_of, rays_of
 from torchrender.effects.media.lattice import lattice_of, ways_by_lattice
 from torchrender.effects.media.light_images import NO_IMAGES, NO_SLICES, images_of, slices_of, views_of
 from torchrender.effects.media.march import Marcher
 from torchrender.effects.media.options import ScatterOptions
 from torchrender.effects.media.surroundings import Surroundings, glow
-from torchrender.effects.media.tables import NOTHING, LightTable, MediaTable
+from torchrender.effects.media.tables import NOTHING, THICKEST, LightTable, MediaTable
 from torchrender.errors import InputError
+from torchrender.kernels.media.closed import CHUNK, scatter_sliced
 from torchrender.kernels.media.integrate import EVERYWHERE, SLICED, WALKED, scatter_rays
-from torchrender.kernels.media.records import NO_LATTICE, PLACE, SUN, Scattered, Source
+from torchrender.kernels.media.records import FLAT, NO_LATTICE, PLACE, SUN, Scattered, Source
 from torchrender.kernels.media.ways import ways_through
 from torchrender.rays import RayCaster
 from torchrender.scene.camera import Cameras
@@ -123,25 +124,37 @@ def scatter_along(
     ways = _ways(table, rays, options)
     channels = table.arrays.extinction.shape[1]
     # Where extinction has no colour, one channel is enough, seen three times.
-    transmittance = torch.exp(-(ways @ table.extinction[:, :channels])).expand(count, 3).reshape(*shape, 3)
-    norm = normaliser(rays, table, ways, options)
+    transmittance = torch.exp(-(ways @ table.extinction[:, :channels])).reshape(*shape, channels).expand(*shape, 3)
+    norm: Tensor | None = None
     parts: list[Tensor] = []
     integrated = torch.zeros(shape)
     for number, light in enumerate(illumination.lights):
         lamp = LightTable.of(light, table.origin, options.nearest * max(illumination.size, 1e-12), options.falloff)
-        integrate = _integrator(lamp, illumination, number, table, rays, options)
-        place = None if lamp.kind == SUN or options.block == 1 else lamp.numbers[PLACE : PLACE + 3]
-        guard = Guard.of(None if place is None else torch.from_numpy(place), rays, options.halo_guard_px)
-        found, marked = between(integrate, rays, norm, guard, channels, options)
-        parts.append(torch.from_numpy(found) * (table.tint * lamp.color))
-        integrated += torch.from_numpy(marked)
+        integrate, quick = _integrator(lamp, illumination, number, table, rays, options)
+        if quick:
+            found = every_ray(integrate, rays, channels)
+            integrated += 1.0
+        else:
+            norm = normaliser(rays, table, ways, options) if norm is None else norm
+            place = (
+                None if lamp.kind == SUN or options.block == 1 else torch.from_numpy(lamp.numbers[PLACE : PLACE + 3])
+            )
+            guard = Guard.of(place, rays, options.halo_guard_px)
+            found, marked = between(integrate, rays, norm, guard, channels, options)
+            integrated += torch.from_numpy(marked)
+        parts.append(_tinted(torch.from_numpy(found), table.tint * lamp.color))
     around = glow(table, rays, illumination.surroundings, ways, options)
     if around is not None:
         parts.append(around)
     total = parts[0] if parts else torch.zeros(count, 3)
     for part in parts[1:]:
-        total += part
-    return transmittance, total.reshape(*shape, 3), integrated / max(len(illumination.lights), 1)
+        total = total + part
+    return transmittance, total.reshape(*shape, -1).expand(*shape, 3), integrated / max(len(illumination.lights), 1)
+
+
+def _tinted(found: Tensor, color: Tensor) -> Tensor:
+    """(N,C) in a colour: one channel, where there is none."""
+    return found * (color[:1] if bool((color == color[0]).all()) and found.shape[1] == 1 else color)
 
 
 def _ways(table: MediaTable, rays: EyeRays, options: ScatterOptions) -> Tensor:
@@ -154,12 +167,15 @@ def _ways(table: MediaTable, rays: EyeRays, options: ScatterOptions) -> Tensor:
 
 def _integrator(
     lamp: LightTable, illumination: Illumination, number: int, table: MediaTable, rays: EyeRays, options: ScatterOptions
-) -> Integrate:
-    """What integrates rays of one light. Everything is made anew: nothing lasts."""
+) -> tuple[Integrate, bool]:
+    """What integrates rays of one light, and whether all of them take no longer than to interpolate most of them.
+
+    Everything is made anew: nothing lasts.
+    """
     shadow_map = illumination.map_of(number) if options.shadows == "maps" else None
     if options.way == "march":
         sight = illumination.caster if options.shadows == "rays" else shadow_map
-        return Marcher(table, lamp, rays, sight, options)
+        return Marcher(table, lamp, rays, sight, options), False
     reach = _farthest(lamp, rays)
     images, slices, way = NO_IMAGES, NO_SLICES, EVERYWHERE
     if shadow_map is not None:
@@ -178,11 +194,31 @@ def _integrator(
     if way == WALKED:
         most += 2 * int(images.levels[0, 1:].sum()) * max(len(images.views), 1)
     settings = (lamp.kind, way, panels, most, np.float32(reach))
+    closed = way == SLICED and _has_closed_form(lamp, airlight, table, rays)
 
     def integrate(rows: np.ndarray, out: Scattered) -> None:
+        if closed:
+            missed = np.empty(-(-len(rows) // CHUNK), np.int64)
+            how = lamp.kind == SUN, np.float32(reach)
+            scatter_sliced(media, (lamp.numbers, airlight), slices, rays.beams, rows, how, out, missed)
+            if not missed.any():
+                return
+            rows = rows[out.told[rows, 1] < 0]
         scatter_rays(media, source, images, slices, rays.beams, rows, settings, out)
 
-    return integrate
+    return integrate, closed
+
+
+def _has_closed_form(lamp: LightTable, airlight: np.ndarray, table: MediaTable, rays: EyeRays) -> bool:
+    """Light along rays is a table's, or sunlight in the only, homogeneous, medium that is not too thick for
+    differences of integrals along them."""
+    if lamp.kind != SUN:
+        return airlight is not NOTHING
+    media = table.arrays
+    if len(table) != 1 or media.kind[0] != FLAT or rays.sight is None:
+        return False
+    longest = min(rays.sight.longest, float(np.linalg.norm(media.high[0] - media.low[0])))
+    return bool((media.extinction[0] * media.numbers[0, 0]).max() * longest <= THICKEST)
 
 
 def _farthest(lamp: LightTable, rays: EyeRays) -> float:

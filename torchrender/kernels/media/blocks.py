@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numba import prange
 
-from torchrender.kernels.atomics import borrowed
+from torchrender.kernels.atomics import borrowed, keep
 from torchrender.kernels.compile import kernel
 
 F: Any = np.float32
@@ -101,9 +101,9 @@ def mark_doubtful(length, marked, samples, told, limits, more):
     rows, columns = samples.shape[0], samples.shape[1]
     for band in prange((rows + BAND - 1) // BAND):
         first = I64(band) * BAND
-        near = borrowed(np.empty((BAND + 2, columns, 4), F))
+        own = np.empty((BAND + 2, columns, 4), F), np.empty(columns, np.bool_)
+        (near, calm), side = borrowed(own), F(block)
         gather(samples, length, told, first - 1, near)
-        calm, side = borrowed(np.empty(columns, np.bool_)), F(block)
         for by in range(first, min(first + BAND, rows)):
             row = by - first
             find_calm(near, row, tolerance, calm)
@@ -116,6 +116,7 @@ def mark_doubtful(length, marked, samples, told, limits, more):
                     limit = eps * d
                     if not (calm[bx] and abs(near[row + 1, bx, LENGTH] - d) < limit):
                         more[y, x] = is_doubtful(near, (row, bx), (F(y), F(x), side), (d, limit, tolerance))
+        keep(own)
 
 
 @kernel(inline=True)
@@ -169,7 +170,8 @@ def find_gradients(length, norm, samples, told, limits, gradient, radiance, foun
     settings = (F(2 * block), eps, tolerance, gradient)
     for band in prange((rows + BAND - 1) // BAND):
         first, out = I64(band) * BAND, borrowed(found)
-        near, values = borrowed((np.empty((BAND + 4, columns, 4), F), np.empty((BAND + 4, columns, channels), F)))
+        own = np.empty((BAND + 4, columns, 4), F), np.empty((BAND + 4, columns, channels), F)
+        near, values = borrowed(own)
         gather(samples, length, told, first - 2, near)
         for j in range(BAND + 4):
             for bx in range(columns):
@@ -180,10 +182,11 @@ def find_gradients(length, norm, samples, told, limits, gradient, radiance, foun
                         values[j, bx, c] = radiance[y * width + x, c] * inverse
         for by in range(first, min(first + BAND, rows)):
             for bx in range(columns):
-                own = by - first + 2
-                if near[own, bx, ROW] >= F(0.0):
+                row = by - first + 2
+                if near[row, bx, ROW] >= F(0.0):
                     ends = (max(bx - 2, 0), min(bx + 3, columns))
-                    gradient_at(near, values, (own, bx), ends, settings, out[by, bx])
+                    gradient_at(near, values, (row, bx), ends, settings, out[by, bx])
+        keep(own)
 
 
 @kernel(inline=True)
@@ -248,7 +251,8 @@ def fill_between(length, norm, integrated, samples, limits, found, radiance):
     channels = radiance.shape[1]
     columns = samples.shape[1]
     for y in prange(height):
-        near = borrowed(np.empty((9, 4), np.int64))
+        own = np.empty((9, 4), np.int64)
+        near = borrowed(own)
         by, row = I64(y) // block, I64(y)
         for x in range(width):
             d = length[y, x]
@@ -280,3 +284,4 @@ def fill_between(length, norm, integrated, samples, limits, found, radiance):
                     top = max(top, value)
                 value = min(max(total * share, F(0.0)), F(2.0) * top)
                 radiance[p, c] = value * norm[y, x]
+        keep(own)

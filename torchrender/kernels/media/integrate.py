@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numba import prange
 
-from torchrender.kernels.atomics import borrowed
+from torchrender.kernels.atomics import borrowed, keep
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.media.airlight import add_sunlight, airlight_row, airlight_to
 from torchrender.kernels.media.functions import arctan2, tangent
@@ -98,7 +98,7 @@ def fill_panels(media, kind, light, ray, ends, steps, angles, scratch):
 
 
 @kernel(inline=True)
-def lit_spans(way, images, slices, ray, angles, spans):
+def lit_spans(way, images, slices, ray, angles, spans, found):
     """Lit parts of a ray between two lengths; returns their number and what was looked at.
 
     With ``angles`` slices tell them as angles at the lamp, all others as lengths.
@@ -107,7 +107,7 @@ def lit_spans(way, images, slices, ray, angles, spans):
     if way == WALKED:
         return walk_ray(images, o, d, begin, end, spans)
     if way == SLICED:
-        return slice_ray(slices, images.parallel, angles, d, (begin, end), spans)
+        return slice_ray(slices, images.parallel, angles, d, (begin, end), spans, found)
     spans[0, 0], spans[0, 1] = begin, end
     return np.int64(1), np.int64(0)
 
@@ -147,7 +147,7 @@ def scatter_ray(media, source, seen, ray, settings, scratch, out):
     light, table = given.numbers, given.table
     o, d, begin, end = ray
     way, steps = settings
-    panels, nodes, points, active, spans = scratch
+    panels, nodes, points, active, spans, found = scratch
     radiance, told = out
     channels = media.extinction.shape[1]
     for c in range(channels):
@@ -167,7 +167,7 @@ def scatter_ray(media, source, seen, ray, settings, scratch, out):
     away = max(away, max(F(0.5) * light[NEAREST], F(1e-12)))
     # Slices know the ray's own distance from the lamp only: where that is less than the least one, lengths it is.
     told_angles = angles and way == SLICED and not close
-    count, looks = lit_spans(way, seen[0], seen[1], (o, d, begin, end), told_angles, spans)
+    count, looks = lit_spans(way, seen[0], seen[1], (o, d, begin, end), told_angles, spans, found)
     told[2] = F(looks)
     xa = arctan2(begin - t0, away) if angles else begin
     xb = arctan2(end - t0, away) if angles else end
@@ -242,14 +242,16 @@ def scatter_rays(media, source, images, slices, beams, chosen, settings, out):
         origin, direction, span = borrowed(beams)
         radiance, told = borrowed(out)
         rows = borrowed(chosen)
-        panels = np.empty((channels, most_panels, WIDTH), F)
         most_nodes = 2 * NEAR * steps + 1
         nodes = (
             np.empty((channels, most_nodes), F), np.empty((channels, most_nodes), F), np.empty(most_nodes, F),
             np.empty(most_nodes, F), np.empty((3, most_nodes), F), np.empty(channels, F),
         )  # fmt: skip
-        points, active, spans = np.empty(5 * boxes + 3, F), np.empty(boxes, np.bool_), np.empty((most, 2), F)
-        scratch = borrowed((panels, nodes, points, active, spans))
+        own = (
+            np.empty((channels, most_panels, WIDTH), F), nodes, np.empty(5 * boxes + 3, F), np.empty(boxes, np.bool_),
+            np.empty((most, 2), F), np.empty(slices.rows.shape[1], np.int64),
+        )  # fmt: skip
+        scratch = borrowed(own)
         begin, end = block_of(group, GROUP, len(rows))
         for n in range(begin, end):
             i = rows[n]
@@ -262,3 +264,4 @@ def scatter_rays(media, source, images, slices, beams, chosen, settings, out):
                     radiance[i, c] = F(0.0)
                 for c in range(3):
                     told[i, c] = F(0.0)
+        keep(own)

@@ -63,7 +63,8 @@ class Slices(NamedTuple):
 
     rows: np.ndarray  # (S,K) thresholds
     tree: np.ndarray  # (S,2 K/RUN,2) least and greatest of runs, and of 2, 4, ... of these
-    lines: np.ndarray  # (S,4) of parallel light, see slices
+    edges: np.ndarray  # (S,K,2) int8 of parallel light: where entries begin, on both borders of the slice, see slices
+    starts: np.ndarray  # (S,) of parallel light: where the first entry begins, in texels from the eye
     numbers: np.ndarray  # (18,) see slices
 
 

@@ -2,19 +2,19 @@
 
 In such a plane all rays of the eye pass the same texels of the light's depth image, and each is lit in a texel where
 one number of its own, its slope, is at most one number of the texel. A tree of least and greatest numbers passes whole
-runs of texels at once; the runs of its lowest level are read one by one.
+runs of texels at once; the runs of its lowest level are compared as a whole, and the bits that change are looked up.
 
-A row of parallel light has two entries for each column of texels (or row, if the slice runs along these rather): the
-slice passes at most two texels there. So a row holds every texel that it passes, and where a ray leaves one is found
-from the texel's own side and the ray's own direction. A row of a lamp has entries of equal angle.
+A row of parallel light has samples in equal steps along the slice. Where depth jumps between two of them, the place of
+the edge is sought in the image itself, which may have many texels for each sample, on both borders of the slice: rays
+pass it between these places, by where they lie between the borders, so that there are no stairs from slice to slice.
+A row of a lamp has entries of equal angle.
 Sources: Engelhardt, Dachsbacher, Epipolar sampling for shadows and crepuscular rays in participating media with single
 scattering, 2010; Baran, Chen, Ragan-Kelley, Durand, Lehtinen, A hierarchical volumetric shadow algorithm for single
 scattering, 2010; Chen, Baran, Durand, Jarosz, Real-time volumetric shadows using 1D min-max mipmaps, 2011.
 
 Numbers of the slices: a frame of two axes across the light's direction (lamp: from the eye to it), the axis, the angle
-of the first slice and between slices, the first angle at the lamp and the step along a row, and the lamp's distance or
-the eye's place in the image. Lines of parallel slices: whether they run along rows, the side of the first column, in
-which direction columns follow, and by how much the other coordinate changes with each.
+of the first slice and between slices, the first angle at the lamp, the step along a row (an angle; parallel light:
+texels), the lamp's distance or the eye's place in the image, and the change of depth that is an edge.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from typing import Any
 
 import numpy as np
 from numba import prange
+from numba.cpython.unsafe.numbers import trailing_zeros
 
 from torchrender.kernels.atomics import borrowed
 from torchrender.kernels.compile import kernel
@@ -32,11 +33,27 @@ from torchrender.kernels.media.records import BIG
 from torchrender.kernels.media.walk import add_span
 
 F: Any = np.float32
-ACROSS, UPWARD, AXIS, ANGLE, ANGLE_STEP, START, STEP, DISTANCE, U, V, FOCAL = 0, 3, 6, 9, 10, 11, 12, 13, 13, 14, 15
+ACROSS, UPWARD, AXIS, ANGLE, ANGLE_STEP, START, STEP, DISTANCE, U, V, FOCAL, JUMP = (
+    0,
+    3,
+    6,
+    9,
+    10,
+    11,
+    12,
+    13,
+    13,
+    14,
+    15,
+    16,
+)
 NUMBERS = 18
 TURN = F(2.0 * math.pi)
-RUN = 16  # entries that the lowest level of the tree sums up
-ALONG, FIRST, SIGN, SLANT = 0, 1, 2, 3  # numbers of a line
+RUN_BITS = 4
+RUN = 1 << RUN_BITS  # entries that the lowest level of the tree sums up
+HALVINGS = 4  # of the step between two samples, to find an edge
+WIDEST = 8.0  # entries from its own one, beyond which an edge is not sought
+PARTS = F(15.0)  # of a step, in which places of edges are told
 
 
 @kernel(inline=True)
@@ -81,40 +98,101 @@ def lamp_row(depth, views, numbers, basis, turns, row):
 
 
 @kernel(inline=True)
-def parallel_row(depth, numbers, angle, line, row):
-    """Thresholds of one slice of parallel light, and its line."""
-    ca, sa = F(math.cos(angle)), F(math.sin(angle))
-    along = abs(ca) >= abs(sa)
-    eye, other = (numbers[U], numbers[V]) if along else (numbers[V], numbers[U])
-    rate, slant = (ca, sa / ca) if along else (sa, ca / sa)
-    sign = F(1.0) if rate > F(0.0) else F(-1.0)
-    columns = depth.shape[2] if along else depth.shape[1]
-    others = depth.shape[1] if along else depth.shape[2]
-    # From the column on that the eye is in, or from the image's border.
-    first = F(math.floor(eye)) if rate > F(0.0) else F(math.ceil(eye))
-    first = min(max(first, F(0.0)), F(columns))
-    line[ALONG], line[FIRST], line[SIGN], line[SLANT] = F(1.0) if along else F(0.0), first, sign, sign * slant
-    away = F(1.0) / abs(rate)
-    start = (first - eye) * sign  # columns from the eye
-    for j in range(len(row) >> 1):
-        row[2 * j], row[2 * j + 1] = BIG, BIG
-        column = np.int64(first) + j if rate > F(0.0) else np.int64(first) - 1 - j
-        if column < 0 or column >= columns:
+def image_span(depth, u, v, ca, sa):
+    """Distances, in texels, at which a line from (u, v) is inside an image; both zero where it never is."""
+    begin, end = F(0.0), BIG
+    for c in range(2):
+        place, rate, size = (u, ca, depth.shape[2]) if c == 0 else (v, sa, depth.shape[1])
+        if abs(rate) < F(1e-7):
+            if place < F(0.0) or place > F(size):
+                return F(0.0), F(0.0)
             continue
-        here = other + (start + F(j)) * line[SLANT]
-        there = here + line[SLANT]
-        a, b = np.int64(math.floor(here)), np.int64(math.floor(there))
-        share = F(1.0)
-        if a != b:
-            share = min(max((F(max(a, b)) - here) / (there - here), F(0.0)), F(1.0))
-        middle = F(0.5) if a == b else F(0.5) * share
-        for half in range(2):
-            texel = b if half == 1 else a
-            if texel >= 0 and texel < others:
-                reach = depth[0, texel, column] if along else depth[0, column, texel]
-                at = max((start + F(j) + middle) * away, F(1e-3))
-                row[2 * j + half] = min((reach - numbers[FOCAL]) / at, BIG)
-            middle = F(0.5) if a == b else F(0.5) * (F(1.0) + share)
+        inverse = F(1.0) / rate
+        a, b = -place * inverse, (F(size) - place) * inverse
+        begin, end = max(begin, min(a, b)), min(end, max(a, b))
+    return (begin, end) if end > begin else (F(0.0), F(0.0))
+
+
+@kernel(inline=True)
+def texel_at(depth, u, v):
+    """Depth of the texel at a place in or beside the only view."""
+    i = min(max(np.int64(u), 0), depth.shape[2] - 1)
+    j = min(max(np.int64(v), 0), depth.shape[1] - 1)
+    return depth[0, j, i]
+
+
+@kernel(inline=True)
+def nearer(there, before, after):
+    """A depth is nearer to the first of two others; nothing is infinitely far from all else."""
+    return there == before or abs(there - before) < abs(there - after)
+
+
+@kernel(inline=True)
+def edge_at(depth, line, span, k, jump):
+    """Where on a line depth changes from one of two values to the other, in entries from ``k``; ``WIDEST`` if nowhere.
+
+    Args:
+        line: (u, v) of the eye and (cosine, sine) of the line. span: (where the first entry begins, its length).
+        jump: (depth before, depth after).
+    """
+    u, v, ca, sa = line
+    start, step = span
+    before, after = jump
+    reach = F(0.5)
+    while reach < F(WIDEST):
+        t = start + (F(k) - reach) * step
+        first = nearer(texel_at(depth, u + t * ca, v + t * sa), before, after)
+        t = start + (F(k) + reach) * step
+        if first and not nearer(texel_at(depth, u + t * ca, v + t * sa), before, after):
+            break
+        reach *= F(2.0)
+    if reach >= F(WIDEST):
+        return F(WIDEST)
+    low, high = -reach, reach
+    while high - low > F(0.5) ** HALVINGS:
+        middle = F(0.5) * (low + high)
+        t = start + (F(k) + middle) * step
+        if nearer(texel_at(depth, u + t * ca, v + t * sa), before, after):
+            low = middle
+        else:
+            high = middle
+    return F(0.5) * (low + high)
+
+
+@kernel(inline=True)
+def parallel_row(depth, numbers, angle, row, edges):
+    """Thresholds of one slice of parallel light, and places of edges; returns where its first entry begins, in texels.
+
+    What lies beside the image is lit.
+    """
+    ca, sa = F(math.cos(angle)), F(math.sin(angle))
+    u, v, step = numbers[U], numbers[V], numbers[STEP]
+    start, stop = image_span(depth, u, v, ca, sa)
+    count = min(np.int64(max((stop - start) / step, F(0.0)) + F(0.5)), np.int64(len(row)))
+    for k in range(count):
+        at = max(start + (F(k) + F(0.5)) * step, F(1e-3))
+        row[k] = (texel_at(depth, u + at * ca, v + at * sa) - numbers[FOCAL]) / at
+    for k in range(count, len(row)):
+        row[k] = BIG
+    for k in range(len(row)):
+        edges[k, 0], edges[k, 1] = 0, 0
+    before = F(0.0)
+    for k in range(count):
+        at = max(start + (F(k) + F(0.5)) * step, F(1e-3))
+        reach = row[k] * at
+        row[k] = min(row[k], BIG)
+        if k > 0 and abs(reach - before) > numbers[JUMP]:
+            jump = before + numbers[FOCAL], reach + numbers[FOCAL]
+            own = edge_at(depth, (u, v, ca, sa), (start, step), k, jump)
+            for side in range(2):
+                turn = angle + (F(side) - F(0.5)) * numbers[ANGLE_STEP]
+                line = u, v, F(math.cos(turn)), F(math.sin(turn))
+                place = edge_at(depth, line, (start, step), k, jump)
+                if place >= F(WIDEST):
+                    place = own if own < F(WIDEST) else F(0.0)
+                edges[k, side] = np.int8(math.floor(place * PARTS + F(0.5)))
+        before = reach
+    return start
 
 
 @kernel(inline=True)
@@ -136,8 +214,8 @@ def fill_tree(row, tree):
 
 
 @kernel(parallel=True)
-def build_slices(depth, views, parallel, numbers, rows, tree, lines):
-    """Fill ``rows`` (S,K), ``tree`` (S,2 K/RUN,2) and ``lines`` (S,4); K is a power of two, at least RUN.
+def build_slices(depth, views, parallel, numbers, rows, tree, edges, starts):
+    """Fill the arrays of :class:`~torchrender.kernels.media.records.Slices`; K is a power of two, at least RUN.
 
     Args:
         depth: (V,H,W) of the light's views, +inf where they see nothing.
@@ -153,7 +231,7 @@ def build_slices(depth, views, parallel, numbers, rows, tree, lines):
         angle = numbers[ANGLE] + (F(s) + F(0.5)) * numbers[ANGLE_STEP]
         row = borrowed(rows)[s]
         if parallel:
-            parallel_row(borrowed(depth), borrowed(numbers), angle, borrowed(lines)[s], row)
+            starts[s] = parallel_row(borrowed(depth), borrowed(numbers), angle, row, borrowed(edges)[s])
         else:
             ca, sa = F(math.cos(angle)), F(math.sin(angle))
             basis = (
@@ -164,33 +242,73 @@ def build_slices(depth, views, parallel, numbers, rows, tree, lines):
 
 
 @kernel(inline=True)
-def enters_column(n, line, u, v, k):
-    """Length at which a ray enters entry ``k`` of a row of parallel light; ``u``, ``v``: texels per length."""
-    along = line[ALONG] > F(0.0)
-    eye, other = (n[U], n[V]) if along else (n[V], n[U])
-    major, minor = (u, v) if along else (v, u)
-    inverse = F(1.0) / max(major * line[SIGN], F(1e-9))
-    start = (line[FIRST] - eye) * line[SIGN] + F(k >> 1)
-    t = start * inverse
-    if k & 1:
-        here = other + start * line[SLANT]
-        a, b = math.floor(here), math.floor(here + line[SLANT])
-        if a != b and minor != F(0.0):
-            t = min(max((F(max(a, b)) - other) / minor, t), t + inverse)
-    return t
+def levels_above(entries):
+    """Levels of a tree above its lowest one."""
+    levels = 0
+    while (2 << levels) <= entries // RUN:
+        levels += 1
+    return levels
 
 
 @kernel(inline=True)
-def slice_ray(slices, parallel, angles, d, ends, spans):
-    """Lit parts of an eye ray between two lengths, ``ends``, in ``spans`` (K,2).
+def slice_changes(row, boxes, levels, slope, last, lit, found):
+    """Entries before ``last`` at which a ray that is ``lit`` before the first begins or ceases to be, in ``found``.
+
+    Args:
+        found: (K,) int64, no shorter than the row.
+
+    Returns:
+        Their number, and of runs that were looked at.
+    """
+    # Shifts in place of divisions, and numbers without a sign, so that nothing is asked about ends of arrays.
+    runs = np.int64(len(row)) >> RUN_BITS
+    level = min(np.int64(1), levels)
+    offset = 2 * runs - (2 * runs >> level)
+    count, looks, k = np.int64(0), np.int64(0), np.int64(0)
+    while k < last:
+        m = k >> (level + RUN_BITS)
+        looks += 1
+        low, high = boxes[np.uintp(offset + m), 0], boxes[np.uintp(offset + m), 1]
+        if slope > low and slope <= high:
+            if level > 0:
+                offset -= runs >> (level - 1)
+                level -= 1
+                continue
+            mask = np.uint32(0)
+            for e in range(RUN):
+                mask |= np.uint32(slope <= row[np.uintp(k) + np.uintp(e)]) << np.uint32(e)
+            flips = (mask ^ ((mask << np.uint32(1)) | np.uint32(lit))) & np.uint32((1 << RUN) - 1)
+            while flips != np.uint32(0):
+                at = k + np.int64(trailing_zeros(flips))
+                if at >= last:
+                    break
+                found[np.uintp(count)] = at
+                count += 1
+                lit = not lit
+                flips &= flips - np.uint32(1)
+        elif (slope <= low) != lit:
+            found[np.uintp(count)] = k
+            count += 1
+            lit = not lit
+        k = (m + 1) << (level + RUN_BITS)
+        if (m & 1) and level < levels:
+            offset += runs >> level
+            level += 1
+    return count, looks
+
+
+@kernel(inline=True)
+def slice_ray(slices, parallel, angles, d, ends, spans, found):
+    """Lit parts of an eye ray between two lengths, ``ends``, in ``spans`` (P,2).
 
     Args:
         angles: of a lamp: the parts are told as angles at it, from the place that is nearest to it; else as lengths.
+        found: (K,) int64 scratch, no shorter than a row.
 
     Returns:
-        Their number, and of runs and entries that were looked at.
+        Their number, and of runs that were looked at.
     """
-    rows, tree, lines, n = slices
+    rows, tree, edges, starts, n = slices
     begin, end = ends
     u = n[0] * d[0] + n[1] * d[1] + n[2] * d[2]
     v = n[3] * d[0] + n[4] * d[1] + n[5] * d[2]
@@ -202,66 +320,46 @@ def slice_ray(slices, parallel, angles, d, ends, spans):
         angle += TURN
     elif angle >= TURN:
         angle -= TURN
-    s = min(np.int64(angle / n[ANGLE_STEP]), rows.shape[0] - 1)
-    row, line, boxes = rows[s], lines[s], tree[s]
+    at = angle / n[ANGLE_STEP]
+    s = min(np.int64(at), rows.shape[0] - 1)
+    beside = min(max(at - F(s), F(0.0)), F(1.0))
     total = rows.shape[1]
-    t0, away, first = n[DISTANCE] * w, n[DISTANCE] * across, F(0.0)
+    t0, away, first, scale = n[DISTANCE] * w, n[DISTANCE] * across, F(0.0), F(1.0)
     if parallel:
-        along = line[ALONG] > F(0.0)
-        reach = (u if along else v) * line[SIGN] * end - (line[FIRST] - (n[U] if along else n[V])) * line[SIGN]
-        last = 2 * np.int64(min(max(reach + F(1.0), F(0.0)), F(total)))
+        scale = n[STEP] / across
+        first = starts[s] / across
+        reach = (end - first) / scale
     else:
-        first, stop_at = arctan2(-t0, away), arctan2(end - t0, away)
-        last = np.int64(max((stop_at - first - n[START]) / n[STEP], F(0.0))) + 1
+        stop_at = arctan2(end - t0, away)
+        scale, first = n[STEP], arctan2(-t0, away) + n[START]
+        reach = (stop_at - first) / scale
         if angles:
             begin, end = arctan2(begin - t0, away), stop_at
-    last = min(last, total)
-    runs = total // RUN
-    levels = 0
-    while (2 << levels) <= runs:
-        levels += 1
-    level = min(1, levels)
-    offset = 2 * runs - (2 * runs >> level)
-    lit, since, count, looks, k = parallel, begin, np.int64(0), np.int64(0), np.int64(0)
-    while k < last:
-        size = RUN << level
-        m = k // size
-        looks += 1
-        low, high = boxes[offset + m, 0], boxes[offset + m, 1]
-        stop, whole = k + 1, True
-        if slope > low and slope <= high:
-            if level > 0:
-                offset -= runs >> (level - 1)
-                level -= 1
-                continue
-            stop, whole = min(k + RUN, last), False
-            looks += RUN
-        part = row[k:stop]
-        for e in range(len(part)):
-            new = slope <= (low if whole else part[e])
-            if new != lit:
-                if parallel:
-                    t = enters_column(n, line, u, v, k + e)
-                elif k + e == 0:
-                    t = begin
-                else:
-                    t = first + n[START] + F(k + e) * n[STEP]
-                    if not angles:
-                        t = t0 + away * tangent(t)
-                t = min(max(t, begin), end)
-                if new:
-                    since = t
-                else:
-                    count = add_span(spans, count, since, t)
-                lit = new
-        k = (m + 1) * size
-        if (m & 1) and level < levels:
-            offset += runs >> level
-            level += 1
+    last = min(np.int64(min(max(reach, F(0.0)), F(total)) + F(1.0)), np.int64(total))
+    lit = parallel
+    changes, looks = slice_changes(rows[s], tree[s], levels_above(total), slope, last, lit, found)
+    since, before, count = begin, begin, np.int64(0)
+    for e in range(changes):
+        k = found[e]
+        if parallel:
+            edge = F(edges[s, k, 0]) + (F(edges[s, k, 1]) - F(edges[s, k, 0])) * beside
+            t = first + (F(k) + edge * (F(1.0) / PARTS)) * scale
+        elif k == 0:
+            t = begin
+        else:
+            t = first + F(k) * scale
+            if not angles:
+                t = t0 + away * tangent(t)
+        before = min(max(t, before), end)  # places of edges may cross within a slice
+        if lit:
+            count = add_span(spans, count, since, before)
+        else:
+            since = before
+        lit = not lit
     if parallel and last == total and not lit:
-        t = enters_column(n, line, u, v, total)
+        t = first + F(total) * scale
         if t < end:
-            lit, since = True, max(t, begin)
+            lit, since = True, max(t, before)
     if lit:
         count = add_span(spans, count, since, end)
     return count, looks

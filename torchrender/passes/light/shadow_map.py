@@ -49,7 +49,7 @@ SHADOW_MAP: Buffer[tuple[ShadowMap | None, ...]] = Buffer(
 
 def _made_of_all_with(options: RenderOptions) -> tuple[Any, ...]:
     shadow = replace(lasting_shadows(options), coverage="scene", cascades=None)
-    return (options.shadows, shadow)
+    return (options.shadows, shadow, options.media, options.scattering.sun_texels)
 
 
 SCENE_SHADOW_MAP: Buffer[tuple[ShadowMap | None, ...]] = Buffer(
@@ -124,7 +124,7 @@ def _drawn(
         how = lasting_shadows(frame.options)
         how = replace(how, filter="pcss", soft=None) if isinstance(light, RectLight) else how
         if seen is None:
-            how = replace(how, size=shared)
+            how = replace(how, size=_finer(light, scene, frame.options, shared))
             made[number] = kept or draw("everything", number, (light_views(scene.geometry, light, how), None), how)
             continue
         sight = sight or _sight(scene, seen)
@@ -152,6 +152,13 @@ def _shared_out(options: ShadowOptions, lights: Sequence[Light]) -> ShadowOption
     if share >= 1.0:
         return options
     return replace(options, size=(min(height, max(128, int(height * share))), min(width, max(128, int(width * share)))))
+
+
+def _finer(light: Light, scene: Scene, options: RenderOptions, size: int | tuple[int, int]) -> int | tuple[int, int]:
+    """Texels of a side of a sun's map of everything: shafts in media show its texels more than shadows do."""
+    texels = options.scattering.sun_texels
+    small = max((size, size) if isinstance(size, int) else size) < texels
+    return texels if isinstance(light, DirectionalLight) and options.media and scene.media and small else size
 
 
 def _shown_elsewhere(outlook: Outlook) -> bool:

@@ -8,6 +8,7 @@ from typing import Any
 
 from torchrender.quality.machine import machine_line
 from torchrender.quality.pages import table, write_text
+from torchrender.report.scattering.stage import SUN_FINER, SUN_STEPS
 
 ASKED = {
     "T2 lamp, homogeneous": 50, "T2 sun, homogeneous": 55, "T2 sun, height": 80,
@@ -54,8 +55,10 @@ def lines(record: Mapping[str, Any]) -> list[str]:
     out += [
         f"Errors are those of {study['probes']} pixels of these pictures, and of as many of their edges: the twentieth",
         "of the pixels where light changes most. `to walk`: exact for the texels of the light's images",
-        f"({study['map_size']} a side), with four times as many panels; `to rays`: {study['rays_steps']} steps, each",
-        "with a shadow ray. `64 steps` is the source's way along every ray, with a look-up at each step, run once;",
+        f"({study['map_size']} a side, {SUN_FINER * study['map_size']} of the sun), with four times as many panels;",
+        f"`to rays`: {study['rays_steps']} steps at lamps and {SUN_STEPS * study['rays_steps']} before the sun, each",
+        "with a shadow ray. In homogeneous media slices lead to closed forms, and all rays are integrated whatever",
+        "the block. `64 steps` is the source's way along every ray, with a look-up at each step, run once;",
         "`times` is how much quicker than that.",
         "",
     ]

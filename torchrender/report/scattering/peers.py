@@ -16,7 +16,7 @@ from torch import Tensor
 
 from torchrender.arrays import view
 from torchrender.report.scattering.scenes import eye, t1, t2
-from torchrender.report.scattering.stage import Stage, StudyOptions
+from torchrender.report.scattering.stage import SUN_STEPS, Stage, StudyOptions
 from torchrender.scene.camera import Cameras
 from torchrender.scene.light import DirectionalLight, Light, PointLight
 from torchrender.scene.medium import Medium
@@ -54,7 +54,8 @@ def _case(mi: Any, study: StudyOptions, name: str, make: Callable[[], Scene], ch
     scene = replace(scene, media=(replace(scene.media[0], **change),))
     camera = eye(*study.small)
     stage = Stage.of(scene, camera, study.map_size)
-    rays = {"way": "march", "shadows": "rays", "block": 1, "steps": study.rays_steps}
+    finer = SUN_STEPS if isinstance(scene.lights[0], DirectionalLight) else 1
+    rays = {"way": "march", "shadows": "rays", "block": 1, "steps": finer * study.rays_steps}
     wanted = torch.stack([stage.light(**rays, seed=s) for s in range(study.peer_seeds)]).mean(0)
 
     def ours() -> Tensor:
