@@ -19,6 +19,7 @@ from torchrender.passes.light.pane_shadow import PANE_SHADOW
 from torchrender.passes.light.visibility import POINT_SHADOW, SOFT_SHADOW
 from torchrender.passes.outlook import Outlook, Verdict, counted
 from torchrender.passes.seen.gbuffer import GBUFFER
+from torchrender.passes.senses import difference, few
 from torchrender.passes.settings import settings
 from torchrender.pipeline.buffer import Buffer, Layer, Order
 from torchrender.pipeline.frame import Frame
@@ -38,6 +39,9 @@ def _under_all(scene: Scene, gbuffer: GBuffer, radiance: Tensor, direct: Tensor)
 
 FEW = 4
 """Lights that are not worth a look at lists."""
+
+HALF_WHITE = 0.5
+"""Reflectance of surfaces where that of none is looked up."""
 
 DIRECT_LIGHT = Buffer("direct_light", Tensor, layer=Layer(Order.DIRECT, _under_all))
 """Radiance (B,H,W,3)."""
@@ -125,6 +129,18 @@ def with_share(run: Callable[[Frame], Any]) -> Callable[[Frame], Any]:
     return shared
 
 
+def senses(frame: Frame) -> dict[str, float]:
+    """How much darker the picture is for what hides light from everywhere, were surfaces half white."""
+    reach = ambient_reach(frame.scene, frame.get(AMBIENT_VISIBILITY))
+    if reach is None:
+        return {}
+    radiance, hidden = few(frame[DIRECT_LIGHT]).float(), 1.0 - few(reach.visibility)
+    scene = frame.scene
+    arriving = float(scene.ambient.detach().mean())
+    arriving += 0.0 if scene.environment is None else scene.environment.mean_radiance
+    return {"ambient_visibility": difference(frame, radiance, radiance + HALF_WHITE * arriving * hidden[..., None])}
+
+
 def amounts(outlook: Outlook) -> Amounts:
     """Once; pixels; pixels times lights, without and with area."""
     pixels, point, area = outlook.pixels, float(outlook.point_lights), float(outlook.area_lights)
@@ -176,6 +192,7 @@ PASS = Pass(
     run=run,
     settings=settings("irradiance of rectangles", {name: {"area_light": name} for name in ("centre", "polygon")}),
     amounts=amounts,
+    senses=senses,
     over_hits=over_hits,
     hard=(HARD,),
 )
