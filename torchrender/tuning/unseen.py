@@ -6,7 +6,7 @@ setting, as a sequence would have it from the picture before.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
@@ -79,18 +79,17 @@ def lines_of(records: Iterable[Record]) -> dict[str, dict[str, list[float]]]:
 
     Settings that are the reference wherever they were tried have none: their error is that of the pass's records.
     """
-    pairs: dict[tuple[str, str], list[tuple[float, float]]] = {}
+    pairs: dict[str, dict[str, list[tuple[float, float | None]]]] = {}
     for record in records:
         for name, values in record.items():
             for setting, error in values["errors"].items():
-                seen = 1.0 if values["sensed"] is None else values["sensed"]
-                pairs.setdefault((name, setting), []).append((error, seen))
+                pairs.setdefault(name, {}).setdefault(setting, []).append((error, values["sensed"]))
     found: dict[str, dict[str, list[float]]] = {}
-    for (name, setting), rows in pairs.items():
-        if any(error > LEAST for error, _ in rows):
-            found.setdefault(name, {})[setting] = fitted(*_columns(rows)).to_list()
+    for name, settings in pairs.items():
+        for setting, rows in settings.items():
+            known = [(error, sensed) for error, sensed in rows if sensed is not None]
+            chosen = known or [(error, 1.0) for error, _ in rows]
+            if any(error > LEAST for error, _ in chosen):
+                errors, seen = zip(*chosen, strict=True)
+                found.setdefault(name, {})[setting] = fitted(errors, seen).to_list()
     return found
-
-
-def _columns(rows: Sequence[tuple[float, float]]) -> tuple[list[float], list[float]]:
-    return [row[0] for row in rows], [row[1] for row in rows]

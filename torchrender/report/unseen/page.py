@@ -25,7 +25,7 @@ def page(record: dict[str, Any]) -> str:
         "",
         f"`python -m torchrender.report.unseen` on {machine_line(record['machine'])}",
         "",
-        f"{len(names)} scenes that calibration never saw ({', '.join(names)}), on paths and at sizes that it never saw.",
+        f"{len(names)} scenes that calibration never saw ({', '.join(names)}), on other paths and at other sizes.",
         "Errors are mean FLIP of the last picture of a short sequence against every pass at its reference.",
         "",
         *predictions(records),
@@ -46,7 +46,8 @@ def predictions(records: Records) -> list[str]:
     lines = [
         "## Predicted errors",
         "",
-        "| pictures | count | measured / predicted, median | within 1.5× % (85) | within 2.5× % (97) | interval holds % (90) |",
+        "| pictures | count | measured / predicted, median | within 1.5× % (85) | within 2.5× % (97) "
+        "| interval holds % (90) |",
         "|---|---:|---:|---:|---:|---:|",
     ]
     kinds = {
@@ -74,8 +75,8 @@ def bounds(records: Records) -> list[str]:
     lines = [
         "## Error bounds",
         "",
-        "Cheapest: of the settings that any bound chose for the same scene, the quickest whose measured error meets the",
-        "bound. Times are medians of the pictures after the first.",
+        "Cheapest: of the settings that any bound chose for the same scene, the quickest whose measured error meets",
+        "the bound. Times are medians of the pictures after the first.",
         "",
         "| bound | pictures | met % (95) | met or said % | median error / bound "
         "| time / cheapest, median | within 1.3× % |",
@@ -109,8 +110,8 @@ def budgets(records: Records, tolerance: float) -> list[str]:
     lines = [
         "## Budgets",
         "",
-        f"Kept: within {round(100 * (tolerance - 1))} % of the budget, from the second picture on. Said: the plan called"
-        " it impossible.",
+        f"Kept: within {round(100 * (tolerance - 1))} % of the budget, from the second picture on. Said: the plan"
+        " called it impossible.",
         "",
         "| budget ms | pictures | kept % (95) | kept or said % | median ms |",
         "|---:|---:|---:|---:|---:|",
@@ -119,9 +120,8 @@ def budgets(records: Records, tolerance: float) -> list[str]:
         rows = [(ms, r) for r in records if r["kind"] == "budget" and r["wish"] == budget for ms in r["late_ms"]]
         kept = [ms <= tolerance * budget for ms, _ in rows]
         said = [k or not r["possible"] for k, (_, r) in zip(kept, rows, strict=True)]
-        lines.append(
-            f"| {budget:g} | {len(rows)} | {share(kept)} | {share(said)} | {statistics.median(ms for ms, _ in rows):.0f} |"
-        )
+        middle = statistics.median(ms for ms, _ in rows)
+        lines.append(f"| {budget:g} | {len(rows)} | {share(kept)} | {share(said)} | {middle:.0f} |")
     return [*lines, ""]
 
 
@@ -139,9 +139,8 @@ def by_scene(records: Records) -> list[str]:
             continue
         told = ", ".join(f"{k} {v}" for k, v in rows[-1]["settings"].items())
         middle = statistics.median(ratio_of(r) for r in rows)
-        lines.append(
-            f"| {name} | {rows[0]['side']} | {ratio_of(rows[0]):.2f} | {middle:.2f} | {ratio_of(rows[-1]):.2f} | {told} |"
-        )
+        least, most = ratio_of(rows[0]), ratio_of(rows[-1])
+        lines.append(f"| {name} | {rows[0]['side']} | {least:.2f} | {middle:.2f} | {most:.2f} | {told} |")
     return [*lines, ""]
 
 
