@@ -19,14 +19,15 @@ from torchrender.passes.outlook import Outlook
 from torchrender.passes.picture.composite import COMPOSITE
 from torchrender.passes.seen.picture_visibility import PICTURE_VISIBILITY
 from torchrender.passes.settings import CUSTOM
-from torchrender.passes.table import GBUFFER, PICTURE
+from torchrender.passes.table import GBUFFER, PICTURE, table_of
 from torchrender.pipeline.buffer import Buffer
 from torchrender.pipeline.doubts import Doubt, exposure_of, picture_doubts, say, scene_doubts, view_doubts
 from torchrender.pipeline.frame import Frame
 from torchrender.pipeline.gradients import check_gradients
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
-from torchrender.planning.costs import Knowledge
+from torchrender.pipeline.pace import Pace
+from torchrender.planning.costs import Knowledge, sense_of
 from torchrender.planning.curves import load_curves
 from torchrender.planning.graph import Graph
 from torchrender.planning.plan import Plan
@@ -40,6 +41,12 @@ if TYPE_CHECKING:
     from torchrender.points.cloud import PointCloud
     from torchrender.points.options import PointImage
     from torchrender.points.tree import PatchSet
+
+LOOK = 0.25
+"""Rendered pixels per pixel and side where a picture is looked at before its settings are chosen."""
+
+NO_LIMIT = 1e9
+"""A budget, in ms, that holds nobody back: passes sense only where there is one."""
 
 
 @overload
@@ -115,13 +122,33 @@ def render(
     with clock.measure("total"):
         cameras = view_of(scene, camera, width, height)
         check_gradients("render", scene, options)
-        knowledge = Knowledge.of(scene, cameras, options, history, load_curves())
+        curves = load_curves()
+        knowledge = Knowledge.of(scene, cameras, options, history, curves)
+        if max_error is not None and budget_ms is None and knowledge.blind:
+            with clock.measure("senses"):
+                looked = first_look(scene, cameras, options, history)
+            knowledge = Knowledge.of(scene, cameras, options, looked, curves)
         run = Run(knowledge, (budget_ms, max_error), clock)
         image = run.image()
         say([*scene_doubts(scene), *run.doubts])
     plan = run.plan.measured(clock.elapsed_ms, run.amounts, clock.elapsed_ms["total"])
     kept = None if history is None else run.history(plan)
     return replace(image, plan=plan, timings_ms=clock.elapsed_ms, history=kept)
+
+
+def first_look(scene: Scene, cameras: Cameras, options: RenderOptions, history: RenderHistory | None) -> RenderHistory:
+    """The history with what passes sense in a picture of a sixteenth of the pixels, and what lasts of it."""
+    steps = [step for step in table_of(options) if step.settings.is_choice]
+    held = tuple(step.name for step in steps if step.settings.current(options) != CUSTOM)
+    coarse = replace(options, supersample=min(options.supersample, LOOK), upscaling="nearest")
+    past = RenderHistory() if history is None else history
+    knowledge = Knowledge.of(scene, cameras, replace(coarse, fixed=held), past, load_curves())
+    run = Run(knowledge, (NO_LIMIT, None), StepClock())
+    run.buffers({})
+    found = run.history(run.plan)
+    if history is None:
+        found = replace(found.shared(), sequence=False)
+    return replace(found, pace=replace(past.pace or Pace(), known=found.pace.known if found.pace is not None else {}))
 
 
 def _check_kinds(options: object, history: object) -> None:
@@ -215,6 +242,7 @@ class Run:
     amounts: dict[str, tuple[float, ...]] = field(init=False, default_factory=dict)  # of work, by pass
     done: list[str] = field(init=False, default_factory=list)  # passes that ran
     found: dict[str, float] = field(init=False, default_factory=dict)  # quantities, since the plan was made
+    sensed: dict[str, float] = field(init=False, default_factory=dict)  # what errors of the next picture follow
     doubts: list[Doubt] = field(init=False, default_factory=list)  # about what cameras see
 
     def image(self) -> Image:
@@ -247,6 +275,9 @@ class Run:
             with self.clock.measure(step.name):
                 self._take(step, step.run(self._frame()))
             self.done.append(step.name)
+            if step.senses is not None and self.limits != (None, None) and self.knowledge.unseen:
+                with self.clock.measure("senses"):
+                    self.sensed |= {sense_of(name): value for name, value in step.senses(self._frame()).items()}
             if step.checkpoint is not None:
                 self.found |= step.checkpoint(self._frame())
                 if not rest or rest[0].checkpoint is None:
@@ -327,7 +358,7 @@ class Run:
             if row.amounts is not None and row.measured_ms is not None:
                 raw = known.curves.time_ms(row.name, row.setting, row.amounts, known.name)
                 pace = pace.learned(row.name, row.setting, row.measured_ms, raw or 0.0)
-        pace = replace(pace, choice=settings, known={**pace.known, **known.outlook.known})
+        pace = replace(pace, choice=settings, known={**pace.known, **known.outlook.known, **self.sensed})
         past = known.outlook.history.with_picture(self.lasting.items(), plan.options)
         return replace(past, pace=pace)
 

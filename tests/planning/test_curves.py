@@ -18,6 +18,7 @@ from torchrender.planning.curves import (
     shipped_curves,
     user_file,
 )
+from torchrender.planning.foresight import Expected
 from torchrender.scene.load import load
 
 
@@ -39,10 +40,10 @@ def test_times_are_weighted_sums_and_errors_means() -> None:
     assert curves.time_ms("gbuffer", "1", (1.0, 0.5, 2.0)) == pytest.approx(16.0)
     assert curves.time_ms("gbuffer", "1", (1.0, 0.5, 2.0), "a/1") == pytest.approx(32.0)
     assert curves.time_ms("gbuffer", "2", (1.0, 0.5, 2.0)) is None
-    assert curves.error("gbuffer", "1", "a/1") == 0.2
-    assert curves.error("gbuffer", "1", "unknown") == pytest.approx(0.3)
-    assert curves.together([0.3, 0.4]) == pytest.approx(0.5)
-    assert curves.together([]) == 0.0
+    assert curves.error("gbuffer", "1", "a/1").error == 0.2
+    assert curves.error("gbuffer", "1", "unknown").error == pytest.approx(0.3)
+    assert curves.together([Expected(0.3, 0.1), Expected(0.4, 0.1)]).error == pytest.approx(0.5)
+    assert curves.together([]).error == 0.0
 
 
 @pytest.mark.parametrize(

@@ -91,7 +91,7 @@ def twin_cost(asked: Question, combination: Mapping[str, str]) -> tuple[float, f
         if step.name not in asked.done:
             time_ms += known.predicted_ms(step, name, step.amounts(outlook)) or 0.0
         if is_seen(step, graph):
-            errors += known.setting_error(step, name, options) ** known.curves.norm
+            errors += known.setting_error(step, name, options).error ** known.curves.norm
     return time_ms, errors ** (1 / known.curves.norm)
 
 

@@ -17,6 +17,7 @@ from torchrender.scene.files.scene_file import load_scene_file
 from torchrender.scene.mesh import Mesh
 from torchrender.scene.model import Scene
 from torchrender.scene.procedural import MAX_TRIANGLES, SCENES, build
+from torchrender.scene.procedural.anything import anything
 from torchrender.scene.procedural.parts.curves import (
     blades,
     cylinder,
@@ -286,3 +287,25 @@ def test_scene_files_name_every_scene(name: str) -> None:
     scene = load_scene_file(ROOT / "scenes" / f"{name}.toml")
     assert scene.name == name and triangles(scene) == triangles(usual(name))
     assert list(scene.cameras) == list(usual(name).cameras)
+
+
+@pytest.mark.parametrize("seed", [0, 7, 16])
+def test_random_scenes_are_whole_and_come_again(seed: int) -> None:
+    scene, again = anything(seed), anything(seed)
+    assert all(torch.equal(a.vertices, b.vertices) for a, b in zip(scene.meshes, again.meshes, strict=True))
+    assert 100 <= scene.geometry.triangle_count <= 300_000 and 1 <= len(scene.lights) <= 5
+    assert torch.isfinite(scene.geometry.vertices).all() and 3.0 <= scene.diagonal <= 120.0
+    for name in ("default", "close"):
+        view = scene.camera(name, width=32, height=24)
+        assert rasterize(scene, view).covered.float().mean() > 0.1, name
+
+
+def test_random_scenes_differ_in_everything() -> None:
+    found = [anything(seed) for seed in range(12)]
+    kinds = {type(light).__name__ for scene in found for light in scene.lights}
+    assert kinds == {"PointLight", "SpotLight", "RectLight", "DirectionalLight"}
+    assert 0 < sum(scene.environment is not None for scene in found) < 12
+    assert any(m.is_reflector for scene in found for m in scene.materials)
+    assert any(m.diffuse_texture is not None for scene in found for m in scene.materials)
+    counts = [scene.geometry.triangle_count for scene in found]
+    assert max(counts) > 20 * min(counts)

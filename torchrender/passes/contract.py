@@ -82,6 +82,7 @@ class Pass:
     by_settings: bool = False  # whether it applies depends on settings, its own or those of others
     for_next: bool = False  # what it makes is for the next picture of a sequence: nobody in this one asks for it
     checkpoint: Callable[[Frame], Mapping[str, float]] | None = None  # what is known after it: the plan is made anew
+    senses: Callable[[Frame], Mapping[str, float]] | None = None  # by pass: what the errors of its settings follow
     over_samples: Change = unchanged  # options over samples that are not those of the eye
     over_hits: Change = unchanged  # options over what rays hit
 

@@ -11,9 +11,13 @@ from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
 from torchrender.pipeline.pace import Pace
 from torchrender.planning.curves import Curves, scene_key
+from torchrender.planning.foresight import Expected
 from torchrender.planning.graph import Graph, resolve
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
+
+SENSE = "sense of "
+"""Begin of the names of what passes sense."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -70,18 +74,36 @@ class Knowledge:
         usual = self.curves.time_ms(step.name, setting, amounts, self.name)
         return None if usual is None else usual * self.pace.ratio(step.name, setting)
 
-    def setting_error(self, step: Pass, setting: str, options: RenderOptions) -> float:
+    @property
+    def unseen(self) -> bool:
+        """The scene is none of those that were measured."""
+        return self.name not in self.curves.scenes
+
+    @property
+    def blind(self) -> bool:
+        """The scene is none of those that were measured, and no picture of it told what its errors follow."""
+        return self.unseen and not any(name.startswith(SENSE) for name in self.pace.known)
+
+    def setting_error(self, step: Pass, setting: str, options: RenderOptions) -> Expected:
         """Error of a setting; where settings are compared in a context of their own, beyond the best of them.
 
         A pass that knows one way has none.
         """
         if not step.settings.is_choice or not step.settings.shows(options):
-            return 0.0
-        found = self.curves.error(step.name, setting, self.name)
+            return Expected(0.0, 0.0)
+        found = self._error(step, setting)
         if not step.settings.context.changes:
             return found
-        best = min(self.curves.error(step.name, s, self.name) for s in step.settings.names)
-        return max(found - best, 0.0)
+        best = min(self._error(step, s).error for s in step.settings.names)
+        return found._replace(error=max(found.error - best, 0.0))
+
+    def _error(self, step: Pass, setting: str) -> Expected:
+        return self.curves.error(step.name, setting, self.name, self.pace.known.get(sense_of(step.name)))
+
+
+def sense_of(name: str) -> str:
+    """The quantity that a pass of that name senses: its errors follow it."""
+    return SENSE + name
 
 
 def is_seen(step: Pass, graph: Graph) -> bool:

@@ -11,19 +11,27 @@ import math
 import os
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
+from torchrender.planning.foresight import Expected, Line, parse_lines, together
 from torchrender.scene.model import Scene
 
 FORMAT = 2
 MAX_BYTES = 8 << 20
 ENVIRONMENT = "TORCHRENDER_CURVES"
+
+MEASURED_SPREAD = 0.15
+"""Of the logarithm of an error in another view of a scene that was measured."""
+
+UNKNOWN_SPREAD = 1.0
+"""The same, where nothing is known but the mean of others."""
+
+JOINT_SPREAD = 0.15
+"""The same, of how errors of passes add up."""
 
 
 class CurvesWarning(UserWarning):
@@ -39,6 +47,7 @@ class Curves:
     norm: float  # exponent with which errors of several passes add up
     machine: Mapping[str, Any]
     source: str
+    lines: Mapping[str, Mapping[str, Line]] = field(default_factory=dict)  # for scenes that are not among these
 
     def time_ms(self, name: str, setting: str, amounts: Sequence[float], scene: str | None = None) -> float | None:
         """Predicted time; None for what was never measured."""
@@ -53,26 +62,30 @@ class Curves:
         own = self.scenes.get(scene or "")
         return usual if own is None else usual * float(own.get("ratios", {}).get(name, {}).get(setting, 1.0))
 
-    def error(self, name: str, setting: str, scene: str | None = None) -> float:
+    def error(self, name: str, setting: str, scene: str | None = None, sensed: float | None = None) -> Expected:
         """Mean FLIP between a picture with this setting and one with the pass's reference, all else equal.
 
-        Of the scene itself if it was measured, else the mean of the scenes that the pass applied to.
+        Of the scene itself if it was measured; else by what the pass sensed in an earlier picture of it
+        (:mod:`torchrender.planning.foresight`); else the mean of the scenes that the pass applied to.
         """
         own = self.record(name, setting, scene)
         if own is not None:
-            return float(own["flip"])
+            return Expected(float(own["flip"]), MEASURED_SPREAD)
+        line = self.lines.get(name, {}).get(setting)
+        if line is not None:
+            return line.expected(sensed)
         found = [self.record(name, setting, known) for known in self.scenes]
         values = [float(record["flip"]) for record in found if record is not None]
-        return sum(values) / len(values) if values else 0.0
+        return Expected(sum(values) / len(values) if values else 0.0, UNKNOWN_SPREAD)
 
     def record(self, name: str, setting: str, scene: str | None) -> Mapping[str, Any] | None:
         """What was measured; None if it was not."""
         found = self.scenes.get(scene or "", {}).get("passes", {}).get(name, {}).get(setting)
         return found if isinstance(found, dict) else None
 
-    def together(self, errors: Sequence[float]) -> float:
+    def together(self, errors: Sequence[Expected]) -> Expected:
         """The error of a picture whose passes have these."""
-        return float(np.sum(np.asarray(errors, float) ** self.norm) ** (1.0 / self.norm)) if len(errors) else 0.0
+        return together(errors, self.norm, JOINT_SPREAD)
 
 
 def scene_key(scene: Scene) -> str:
@@ -139,4 +152,5 @@ def parse_curves(data: Mapping[str, Any], source: str) -> Curves:
     norm = float(data["norm"])
     if not 0.5 <= norm <= 8.0:
         raise ValueError(f"norm must be in [0.5, 8], got {norm}")
-    return Curves(data["weights"], data["scenes"], norm, data.get("machine", {}), source)
+    lines = parse_lines(data.get("foresight", {}))
+    return Curves(data["weights"], data["scenes"], norm, data.get("machine", {}), source, lines)

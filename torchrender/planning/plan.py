@@ -9,6 +9,7 @@ from typing import Any
 
 from torchrender.brief import html_table
 from torchrender.pipeline.options import RenderOptions
+from torchrender.planning.foresight import Expected
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,10 +21,15 @@ class PlanRow:
     reason: str
     setting: str  # of its knob; "custom" where the options are at none of them
     predicted_ms: float | None = None
-    predicted_error: float | None = None  # mean FLIP against the pass's reference
+    expected_error: Expected | None = None  # mean FLIP against the pass's reference, and how sure that is
     measured_ms: float | None = None
     amounts: tuple[float, ...] | None = None  # of work, once the pass ran; None where predictions do not cover it
     lasts: bool = False  # what it makes is kept by pictures that follow, as long as the scene stands still
+
+    @property
+    def predicted_error(self) -> float | None:
+        """Mean FLIP against the pass's reference; None where its setting was never measured."""
+        return None if self.expected_error is None else self.expected_error.error
 
 
 KEPT_MS = 0.05
@@ -45,6 +51,7 @@ class Plan:
     possible: bool = True  # the wishes can be met, by the predictions
     statement: str = ""
     predicted_error: float | None = None  # mean FLIP of the whole picture; None where a setting was never measured
+    error_interval: tuple[float, float] | None = None  # within which it is in nine of ten pictures, at least
     measured_ms: float | None = None
     changes: tuple[str, ...] = ()  # settings that a budget or a bound chose instead of those asked for, in words
 
@@ -107,6 +114,7 @@ class Plan:
             "following_ms": _rounded(self.following_ms, 2),
             "measured_ms": _rounded(self.measured_ms, 2),
             "predicted_error": _rounded(self.predicted_error, 5),
+            "error_interval": None if self.error_interval is None else [_rounded(e, 5) for e in self.error_interval],
         }
 
     def _repr_html_(self) -> str:
@@ -146,7 +154,10 @@ class Plan:
         return found
 
     def _wishes(self) -> str:
-        parts = [] if self.predicted_error is None else [f"error about {self.predicted_error:.4f} (mean FLIP)"]
+        parts = []
+        if self.predicted_error is not None and self.error_interval is not None:
+            low, high = self.error_interval
+            parts.append(f"error about {self.predicted_error:.4f}, {low:.4f} to {high:.4f} (mean FLIP)")
         if self.budget_ms is not None:
             parts.append(f"budget {self.budget_ms:g} ms")
         if self.max_error is not None:

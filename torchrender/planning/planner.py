@@ -17,12 +17,21 @@ from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
 from torchrender.planning.costs import Knowledge, is_seen
 from torchrender.planning.curves import Curves, load_curves
+from torchrender.planning.foresight import Expected
 from torchrender.planning.graph import AnyBuffer
 from torchrender.planning.plan import Plan, PlanRow
 from torchrender.planning.question import Question
 from torchrender.planning.search import Choice, choose
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
+
+NOTHING = Expected(0.0, 0.0)
+
+ROUNDS = 3
+"""Of tightening a bound."""
+
+TIGHTER = 0.98
+"""Of what the last round found: the next choice may be a little less sure."""
 
 
 def check_wishes(budget_ms: float | None, max_error: float | None) -> None:
@@ -78,25 +87,57 @@ def make_plan(
     """
     choice = None
     options = _settled(knowledge, options, frozenset(done or ()))
+    rows: tuple[PlanRow, ...] | None = None
     if budget_ms is not None or max_error is not None:
         question = Question.about(knowledge, options, frozenset(done or ()))
         choice = choose(question, budget_ms, max_error, spent_ms)
+        rows = _rows(knowledge, question.options_at(choice.settings))
+        if max_error is not None:
+            choice, rows = _safely(question, (budget_ms, max_error, spent_ms), choice, rows)
         options = question.options_at(choice.settings)
-    rows = _rows(knowledge, options)
-    errors = [row.predicted_error for row in rows if row.runs]
-    known = [e for e in errors if e is not None]
+    rows = rows or _rows(knowledge, options)
+    expected = _expected(knowledge, rows)
     plan = Plan(
         rows=rows,
         options=options,
         budget_ms=budget_ms,
         max_error=max_error,
-        predicted_error=knowledge.curves.together(known) if len(known) == len(errors) else None,
+        predicted_error=None if expected is None else expected.error,
+        error_interval=None if expected is None else expected.interval,
     )
     if choice is None:
         return plan
     asked = _settled(knowledge, knowledge.outlook.options, frozenset(done or ()))
     plan = replace(plan, changes=_changes(_rows(knowledge, asked), rows))
     return plan if choice.possible else replace(plan, possible=False, statement=_statement(plan, choice, spent_ms))
+
+
+def _safely(
+    question: Question, wishes: tuple[float | None, float, float], choice: Choice, rows: tuple[PlanRow, ...]
+) -> tuple[Choice, tuple[PlanRow, ...]]:
+    """A choice that keeps the error bound in nineteen of twenty pictures; the most exact one where none does.
+
+    How far a prediction may be off depends on what is chosen: bounds are tightened until the choice keeps them.
+    """
+    budget_ms, max_error, spent_ms = wishes
+    bound = max_error
+    for _ in range(ROUNDS):
+        expected = _expected(question.knowledge, rows)
+        if not choice.possible or expected is None or expected.interval[1] <= max_error:
+            break
+        bound = TIGHTER * min(bound, max_error * expected.error / expected.interval[1])
+        choice = choose(question, budget_ms, bound, spent_ms)
+        rows = _rows(question.knowledge, question.options_at(choice.settings))
+        if not choice.possible:  # nothing is as sure as that: what is most exact may do
+            return replace(choice, possible=choice.predicted_error <= max_error), rows
+    return choice, rows
+
+
+def _expected(knowledge: Knowledge, rows: tuple[PlanRow, ...]) -> Expected | None:
+    """The error of a picture whose passes run like this; None where one was never measured."""
+    found = [row.expected_error for row in rows if row.runs]
+    known = [one for one in found if one is not None]
+    return knowledge.curves.together(known) if len(known) == len(found) else None
 
 
 def _changes(asked: tuple[PlanRow, ...], chosen: tuple[PlanRow, ...]) -> tuple[str, ...]:
@@ -166,7 +207,7 @@ def _rows(knowledge: Knowledge, options: RenderOptions) -> tuple[PlanRow, ...]:
         time, error = None, None
         if verdict.runs and setting != CUSTOM:
             time = knowledge.predicted_ms(step, setting, step.amounts(outlook))
-            error = knowledge.setting_error(step, setting, options) if is_seen(step, graph) else 0.0
+            error = knowledge.setting_error(step, setting, options) if is_seen(step, graph) else NOTHING
         rows.append(
             PlanRow(
                 name=step.name,
@@ -174,7 +215,7 @@ def _rows(knowledge: Knowledge, options: RenderOptions) -> tuple[PlanRow, ...]:
                 reason=verdict.reason,
                 setting=setting,
                 predicted_ms=time,
-                predicted_error=error,
+                expected_error=error,
                 lasts=step.makes.lasting is not None,
             )
         )

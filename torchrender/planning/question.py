@@ -101,7 +101,7 @@ class Question:
         key = ("error", step.name, setting.name, step.settings.shows(self._exact_at(count)))
         found = self._memo.get(key)
         if found is None:
-            error = self.knowledge.setting_error(step, setting.name, self._exact_at(count))
+            error = self.knowledge.setting_error(step, setting.name, self._exact_at(count)).error
             found = self._memo[key] = float(error**self.knowledge.curves.norm)
         assert isinstance(found, float)
         return found

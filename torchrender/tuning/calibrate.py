@@ -25,6 +25,8 @@ from torchrender.quality.metrics import flip
 from torchrender.renderer import render
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
+from torchrender.scene.procedural.anything import anything
+from torchrender.tuning import unseen
 from torchrender.tuning.measure import FRAMES, SIDE, Measured, measure_pass, turned_off, views_of
 
 Observations = dict[tuple[str, str], list[tuple[str, tuple[float, ...], float]]]
@@ -65,7 +67,15 @@ def calibrate(scenes: Sequence[Scene], *, size: int = SIDE, known: Curves | None
         for name, values in times_of(scene, [s for s in SIZES if s < size] + [size]).items():
             seen[name] += values
         tell(f"{scene.name}: times measured")
-    return curves_from(errors, seen, fit_norm(joint) if joint or known is None else known.norm)
+    if known is None or not known.lines:
+        records = [unseen.record_of(anything(seed)) for seed in unseen.SEEDS]
+        lines = unseen.lines_of(records)
+        tell(f"{len(records)} random scenes: errors measured")
+    else:
+        lines = {
+            name: {setting: line.to_list() for setting, line in rows.items()} for name, rows in known.lines.items()
+        }
+    return curves_from(errors, seen, fit_norm(joint) if joint or known is None else known.norm) | {"foresight": lines}
 
 
 def errors_of(scene: Scene, views: Sequence[Cameras]) -> dict[str, dict[str, dict[str, Any]]]:

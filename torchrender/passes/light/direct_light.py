@@ -19,12 +19,13 @@ from torchrender.passes.light.pane_shadow import PANE_SHADOW
 from torchrender.passes.light.visibility import POINT_SHADOW, SOFT_SHADOW
 from torchrender.passes.outlook import Outlook, Verdict, counted
 from torchrender.passes.seen.gbuffer import GBUFFER
+from torchrender.passes.senses import difference, few
 from torchrender.passes.settings import settings
 from torchrender.pipeline.buffer import Buffer, Layer, Order
 from torchrender.pipeline.frame import Frame
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
-from torchrender.scene.light import Light
+from torchrender.scene.light import Light, RectLight
 from torchrender.scene.model import Scene
 from torchrender.shade import AmbientReach, sent_light, shade
 from torchrender.shading.lights import LightLists
@@ -38,6 +39,9 @@ def _under_all(scene: Scene, gbuffer: GBuffer, radiance: Tensor, direct: Tensor)
 
 FEW = 4
 """Lights that are not worth a look at lists."""
+
+HALF_WHITE = 0.5
+"""Reflectance that few surfaces exceed."""
 
 DIRECT_LIGHT = Buffer("direct_light", Tensor, layer=Layer(Order.DIRECT, _under_all))
 """Radiance (B,H,W,3)."""
@@ -125,6 +129,42 @@ def with_share(run: Callable[[Frame], Any]) -> Callable[[Frame], Any]:
     return shared
 
 
+def senses(frame: Frame) -> dict[str, float]:
+    """How much hidden light from everywhere darkens the picture, and how near lights with an area are."""
+    found = {}
+    near = _nearness(frame)
+    if near is not None:
+        found["direct_light"] = near
+    reach = ambient_reach(frame.scene, frame.get(AMBIENT_VISIBILITY))
+    if reach is not None:
+        found["ambient_visibility"] = _darkened(frame, few(reach.visibility))
+    return found
+
+
+def _darkened(frame: Frame, visible: Tensor) -> float:
+    """By what hides ambient light, with surfaces as white as the light they send allows, half white at most."""
+    scene, radiance = frame.scene, few(frame[DIRECT_LIGHT]).detach().float()
+    arriving = float(scene.ambient.detach().mean())
+    arriving += 0.0 if scene.environment is None else scene.environment.mean_radiance
+    whitest = radiance.mean(dim=-1) / (arriving * visible).clamp_min(1e-6)
+    hidden = arriving * (1.0 - visible) * whitest.clamp_max(HALF_WHITE)
+    return difference(frame, radiance, radiance + hidden[..., None])
+
+
+def _nearness(frame: Frame) -> float | None:
+    """Mean share of the hemisphere, about, that area lights take; None without any."""
+    lights = [light for light in frame.scene.lights if isinstance(light, RectLight)]
+    if not lights:
+        return None
+    gbuffer = frame[GBUFFER]
+    places = few(gbuffer.position)[few(gbuffer.covered)]
+    if not len(places):
+        return 0.0
+    squares = torch.stack([(places - light.centre).square().sum(dim=-1) for light in lights])
+    areas = torch.tensor([light.area for light in lights], dtype=squares.dtype)[:, None]
+    return float((areas / (areas + squares)).mean(dim=1).sum())
+
+
 def amounts(outlook: Outlook) -> Amounts:
     """Once; pixels; pixels times lights, without and with area."""
     pixels, point, area = outlook.pixels, float(outlook.point_lights), float(outlook.area_lights)
@@ -176,6 +216,7 @@ PASS = Pass(
     run=run,
     settings=settings("irradiance of rectangles", {name: {"area_light": name} for name in ("centre", "polygon")}),
     amounts=amounts,
+    senses=senses,
     over_hits=over_hits,
     hard=(HARD,),
 )

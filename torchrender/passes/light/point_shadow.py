@@ -29,6 +29,7 @@ from torchrender.passes.light.visibility import POINT_SHADOW, lights_by_rays, li
 from torchrender.passes.outlook import Outlook, Verdict, counted, no_shadows
 from torchrender.passes.seen.gbuffer import GBUFFER
 from torchrender.passes.seen.ray_caster import RAY_CASTER
+from torchrender.passes.senses import partly_lit
 from torchrender.passes.settings import settings
 from torchrender.pipeline.frame import Frame
 from torchrender.pipeline.history import RenderHistory
@@ -89,6 +90,12 @@ def _visibility(frame: Frame, lights: dict[int, Light]) -> dict[int, Tensor]:
         reach = frame.get(LIGHT_REACH) or light_reach(frame.scene, gbuffer)
         found |= small_light_visibility(caster, few, gbuffer, reach)
     return found
+
+
+def senses(frame: Frame) -> dict[str, float]:
+    """How much of the picture lies on borders of shadows."""
+    edges = partly_lit(frame[GBUFFER].covered, frame[POINT_SHADOW].values())
+    return {"point_shadow": edges, "shadow_map": edges}
 
 
 def amounts(outlook: Outlook) -> Amounts:
@@ -190,6 +197,7 @@ PASS = Pass(
         },
     ),
     amounts=amounts,
+    senses=senses,
     own=OwnMeasure(title="visibility error", buffer=POINT_SHADOW, error=visibility_error(POINT_SHADOW)),
     over_samples=over_samples,
     over_hits=over_hits,

@@ -16,10 +16,11 @@ from torchrender.passes.hard import LIGHTS, HardEffect, Law, Outputs, Subject, m
 from torchrender.passes.light.light_reach import AREA_LIGHTS, LIGHT_REACH
 from torchrender.passes.light.shadow_map import SHADOW_MAP
 from torchrender.passes.light.standing_light import StandingLight, buffer_of, kept_light, same_light
-from torchrender.passes.light.visibility import SOFT_SHADOW, lights_in_view, visibility_error
+from torchrender.passes.light.visibility import POINT_SHADOW, SOFT_SHADOW, lights_in_view, visibility_error
 from torchrender.passes.outlook import Outlook, Verdict, counted, no_shadows
 from torchrender.passes.seen.gbuffer import GBUFFER
 from torchrender.passes.seen.occluders import OCCLUDERS
+from torchrender.passes.senses import partly_lit
 from torchrender.passes.settings import settings
 from torchrender.pipeline.frame import Frame
 from torchrender.pipeline.history import RenderHistory
@@ -69,6 +70,12 @@ def _found(frame: Frame, lights: dict[int, Light]) -> dict[int, Tensor]:
         by_size = options.shadow
     same = same_light(frame, STANDING_SOFT_SHADOW, lights)
     return {n: light_visibility(frame.scene, x, gbuffer, by_size, maps[n], same.get(n)) for n, x in lights.items()}
+
+
+def senses(frame: Frame) -> dict[str, float]:
+    """How much of the picture lies on borders of shadows."""
+    edges = partly_lit(frame[GBUFFER].covered, frame[SOFT_SHADOW].values())
+    return {"soft_shadow": edges} if POINT_SHADOW in frame.values else {"soft_shadow": edges, "shadow_map": edges}
 
 
 def amounts(outlook: Outlook) -> Amounts:
@@ -149,6 +156,7 @@ PASS = Pass(
         },
     ),
     amounts=amounts,
+    senses=senses,
     own=OwnMeasure(title="visibility error", buffer=SOFT_SHADOW, error=visibility_error(SOFT_SHADOW)),
     over_samples=over_samples,
     over_hits=over_hits,

@@ -9,9 +9,11 @@ from torchrender.effects.reflections.reflectors import blend_reflections
 from torchrender.effects.reflections.traced import environment_reflections
 from torchrender.passes.contract import Amounts, Pass, always
 from torchrender.passes.hard import VIEW, HardEffect, Law, Outputs, Subject, radiance_bounds
+from torchrender.passes.light.direct_light import DIRECT_LIGHT
 from torchrender.passes.outlook import Outlook
 from torchrender.passes.seen.gbuffer import GBUFFER
-from torchrender.pipeline.buffer import Buffer
+from torchrender.passes.senses import difference, few
+from torchrender.pipeline.buffer import Buffer, Order
 from torchrender.pipeline.frame import Frame
 from torchrender.shade import shade
 
@@ -27,6 +29,14 @@ def run(frame: Frame) -> Tensor:
         under = torch.zeros(*gbuffer.covered.shape, 3) if radiance is None else radiance
         radiance = layer.blend(frame.scene, gbuffer, under, value)
     return torch.zeros(*gbuffer.covered.shape, 3) if radiance is None else radiance
+
+
+def senses(frame: Frame) -> dict[str, float]:
+    """How much of the picture is mirrored: what layers change of it, where one of them is reflections."""
+    direct = frame.get(DIRECT_LIGHT)
+    if direct is None or not any(layer.order == Order.REFLECTION for layer, _ in frame.layers()):
+        return {}
+    return {"reflections": difference(frame, few(frame[COMPOSITE]), few(direct))}
 
 
 def amounts(outlook: Outlook) -> Amounts:
@@ -67,5 +77,6 @@ PASS = Pass(
     applies=always("layers are blended"),
     run=run,
     amounts=amounts,
+    senses=senses,
     hard=(HARD,),
 )

@@ -15,6 +15,7 @@ from torchrender.passes.outlook import Outlook, Verdict
 from torchrender.passes.picture.composite import COMPOSITE
 from torchrender.passes.seen.gbuffer import GBUFFER
 from torchrender.passes.seen.picture_visibility import PICTURE_VISIBILITY
+from torchrender.passes.senses import detail
 from torchrender.passes.settings import settings
 from torchrender.pipeline.buffer import Buffer
 from torchrender.pipeline.frame import Frame
@@ -71,6 +72,12 @@ def resampled(radiance: Tensor, size: tuple[int, int], upscaling: str) -> Tensor
     else:
         planes = torch.nn.functional.interpolate(planes, size=size, mode="bilinear", align_corners=False)
     return planes.permute(0, 2, 3, 1).contiguous()
+
+
+def senses(frame: Frame) -> dict[str, float]:
+    """How much of the picture hangs on its number of pixels: its detail."""
+    slope, lost = detail(frame, frame[COMPOSITE])
+    return {"gbuffer": slope, "resample": lost}
 
 
 def amounts(outlook: Outlook) -> Amounts:
@@ -161,5 +168,6 @@ PASS = Pass(
         shows=lambda options: options.supersample < 1,
     ),
     amounts=amounts,
+    senses=senses,
     hard=HARD,
 )

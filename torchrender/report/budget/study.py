@@ -33,7 +33,6 @@ from torchrender.scene.load import load
 from torchrender.scene.model import Scene
 from torchrender.scene.procedural import SCENES
 from torchrender.tuning.calibrate import at_step
-from torchrender.tuning.measure import turned_off
 
 BUDGETS_MS = (50, 100, 200, 500)
 TOLERANCE = 1.1
@@ -75,7 +74,7 @@ def exact_options() -> RenderOptions:
     for step in PASSES:
         if not step.settings.context.changes:
             options = step.settings.reference.applied(options)
-    return turned_off(options)
+    return options
 
 
 def budgets(study: StudyOptions) -> list[dict[str, Any]]:

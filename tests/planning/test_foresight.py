@@ -1,0 +1,117 @@
+"""Errors of scenes nobody measured: lines, spreads, sums, and choices that stay on the safe side."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import torchrender as tr
+from torchrender.planning.curves import load_curves
+from torchrender.planning.foresight import LEAST, Expected, Line, fitted, parse_lines, together
+from torchrender.scene.procedural.anything import anything
+
+
+def samples(count: int, slope: float, left: float) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(5)
+    sensed = np.exp(rng.uniform(-5.0, -2.0, count))
+    return 0.4 * sensed**slope * np.exp(rng.normal(0.0, left, count)), sensed
+
+
+def test_a_fit_finds_the_line_and_how_far_pairs_lie_from_it() -> None:
+    errors, sensed = samples(400, 0.8, 0.3)
+    line = fitted(errors.tolist(), sensed.tolist())
+    assert line.slope == pytest.approx(0.8, abs=0.05) and line.left == pytest.approx(0.3, abs=0.03)
+    assert line.expected(0.05).error == pytest.approx(0.4 * 0.05**0.8, rel=0.05)
+    assert line.expected(None).error == pytest.approx(errors.mean(), rel=1e-6)
+    assert line.expected(None).spread > 2 * line.expected(0.05).spread
+
+
+def test_nine_of_ten_new_pairs_lie_in_the_interval_even_after_few() -> None:
+    inside = []
+    for seed in range(150):
+        rng = np.random.default_rng(seed)
+        sensed = np.exp(rng.uniform(-5.0, -2.0, 13))
+        errors = 0.5 * sensed * np.exp(rng.normal(0.0, 0.4, 13))
+        low, high = fitted(errors[:-1].tolist(), sensed[:-1].tolist()).expected(float(sensed[-1])).interval
+        inside.append(low <= errors[-1] <= high)
+    assert 0.84 <= np.mean(inside) <= 0.97
+
+
+def test_more_to_be_seen_never_means_less_error() -> None:
+    errors, sensed = samples(50, -0.7, 0.1)
+    line = fitted(errors.tolist(), sensed.tolist())
+    assert line.slope == 0.0 and line.expected(0.01) == line.expected(0.1)
+
+
+@pytest.mark.parametrize("sensed", [0.0, 1e-30, 1.0, 1e30])
+def test_whatever_is_sensed_errors_stay_numbers(sensed: float) -> None:
+    errors, seen = samples(30, 1.5, 0.2)
+    found = fitted(errors.tolist(), seen.tolist()).expected(sensed)
+    assert 0.0 < found.error <= 1.0 and math.isfinite(found.spread) and found.interval[1] <= 1.0
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_few_pairs_are_not_trusted(count: int) -> None:
+    assert fitted([0.1] * count, [0.1] * count).expected(0.1) == Expected(pytest.approx(0.1), 1.0)
+
+
+def test_pairs_that_are_all_alike_have_no_slope() -> None:
+    line = fitted([0.1, 0.2, 0.1, 0.2, 0.15], [1.0] * 5)
+    assert line.slope == 0.0 and line.left == pytest.approx(line.spread, rel=0.3)
+    assert fitted([0.0] * 6, [0.0] * 6).expected(None).error == pytest.approx(LEAST)
+
+
+def test_errors_add_up_by_the_norm_and_spreads_by_their_shares() -> None:
+    both = together([Expected(0.3, 0.4), Expected(0.4, 0.2)], 2.0, 0.0)
+    assert both.error == pytest.approx(0.5)
+    assert both.spread == pytest.approx(math.hypot(0.36 * 0.4, 0.64 * 0.2))
+    assert together([], 2.0, 0.1) == Expected(0.0, 0.1)
+    assert together([Expected(0.1, 0.3), Expected(0.0, 9.0)], 1.5, 0.4).spread == pytest.approx(0.5)
+
+
+def test_lines_go_through_json() -> None:
+    line = Line(-2.0, 0.5, -3.0, -2.1, 0.9, 0.2)
+    assert parse_lines({"gbuffer": {"1": line.to_list()}}) == {"gbuffer": {"1": line}}
+
+
+@pytest.mark.parametrize("values", [[0.0, -1.0, 0, 0, 0, 0], [0, 0, 0, 0, -1.0, 0], [float("nan"), 0, 0, 0, 0, 0]])
+def test_lines_of_nonsense_are_refused(values: list[float]) -> None:
+    with pytest.raises(ValueError, match="gbuffer, 1"):
+        parse_lines({"gbuffer": {"1": values}})
+
+
+def test_a_picture_teaches_the_next_one_of_a_scene_nobody_measured() -> None:
+    scene = anything(3)
+    camera = scene.camera(width=64, height=48)
+    first = tr.plan(scene, camera, max_error=0.2)
+    image = tr.render(scene, camera, history=tr.RenderHistory(), budget_ms=1e6)
+    assert image.history is not None
+    second = tr.plan(scene, camera, history=image.history, max_error=0.2)
+    assert first.error_interval is not None and second.error_interval is not None
+    width = [high / low for low, high in (first.error_interval, second.error_interval)]
+    assert width[1] < 0.8 * width[0], "what passes sensed makes predictions surer"
+
+
+def test_a_bound_is_kept_on_the_safe_side() -> None:
+    scene = anything(3)
+    camera = scene.camera(width=64, height=48)
+    history = tr.render(scene, camera, history=tr.RenderHistory(), budget_ms=1e6).history
+    for bound in (0.3, 0.15, 0.08):
+        plan = tr.plan(scene, camera, history=history, max_error=bound)
+        assert plan.error_interval is not None
+        if plan.possible and plan.error_interval[1] > bound:
+            others = [tr.plan(scene, camera, history=history, max_error=bound / k) for k in (4, 16, 64)]
+            best = min(p.predicted_error or 1.0 for p in others)
+            assert plan.predicted_error == pytest.approx(best), "nothing surer there: then the most exact"
+        assert not plan.possible or (plan.predicted_error or 1.0) <= bound
+
+
+def test_passes_sense_only_where_it_helps() -> None:
+    scene, box = anything(5), tr.load("cornell_box")
+    camera = scene.camera(width=48, height=48)
+    assert load_curves().scenes.keys() >= {"cornell_box/96"}
+    assert "senses" not in tr.render(scene, camera).timings_ms
+    assert "senses" not in tr.render(box, width=48, height=48, budget_ms=1000).timings_ms
+    assert tr.render(scene, camera, max_error=0.3).timings_ms["senses"] > 0

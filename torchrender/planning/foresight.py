@@ -1,0 +1,114 @@
+"""What errors are expected where nobody measured them: of a scene that calibration never saw.
+
+A setting's error is, on a logarithmic scale, a line over what the pass *senses* in a picture of the scene (how much
+detail there is, how much of the light is hidden, ...), fitted to built-in and random scenes; before a first picture it
+is their mean. Either comes with a spread, so that a bound can be kept on the safe side.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+LEAST, LEAST_SENSED = 3e-4, 1e-4
+"""Errors, and what is sensed, below this count as this: nobody sees it, and logarithms of zero mean nothing."""
+
+COVERED = 1.645
+"""Standard deviations either way that hold nine of ten."""
+
+
+class Expected(NamedTuple):
+    """An error, and the standard deviation of its natural logarithm."""
+
+    error: float
+    spread: float
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Holds nine of ten."""
+        factor = math.exp(COVERED * self.spread)
+        return self.error / factor, min(self.error * factor, 1.0)
+
+
+@dataclass(frozen=True)
+class Line:
+    """Logarithm of an error over that of what is sensed."""
+
+    usual: float  # logarithm of the mean error of all scenes,
+    spread: float  # and standard deviation of the logarithms: before anything is sensed
+    at: float  # mean logarithm of what is sensed,
+    mean: float  # and of the errors
+    slope: float
+    left: float  # standard deviation about the line
+
+    def expected(self, sensed: float | None) -> Expected:
+        """The error where the pass senses so much; None: it is not known."""
+        if sensed is None:
+            return Expected(math.exp(self.usual), self.spread)
+        value = self.mean + self.slope * (math.log(max(sensed, LEAST_SENSED)) - self.at)
+        return Expected(min(math.exp(value), 1.0), self.left)
+
+    def to_list(self) -> list[float]:
+        """For JSON."""
+        return [float(f"{value:.4g}") for value in (self.usual, self.spread, self.at, self.mean, self.slope, self.left)]
+
+
+def fitted(errors: Sequence[float], sensed: Sequence[float]) -> Line:
+    """The line through pairs of errors and what was sensed, with the mean for who has sensed nothing.
+
+    Slopes are held in [0, 1.5]: more to be seen never means less error. Spreads are those of pairs left out one by one.
+    """
+    known = np.maximum(np.asarray(errors, float), LEAST)
+    logs, usual = np.log(known), float(np.log(known.mean()))
+    at = np.log(np.maximum(np.asarray(sensed, float), LEAST_SENSED))
+    centred = at - at.mean()
+    square = float((centred**2).sum())
+    slope = min(max(float((centred * (logs - logs.mean())).sum()) / square, 0.0), 1.5) if square > 1e-9 else 0.0
+    count = len(logs)
+    middle = float(at.mean()), float(logs.mean())
+    if count < 4:
+        return Line(usual, 1.0, *middle, slope, 1.0)
+    # Of pairs that the fit did not see: its residuals over what the fit leaves free.
+    free = (1.0 - 1.0 / count - centred**2 / max(square, 1e-9)).clip(0.05)
+    left = (logs - logs.mean() - slope * centred) / free
+    spread = (logs - usual) * count / (count - 1)
+    return Line(usual, float(np.sqrt(np.mean(spread**2))), *middle, slope, float(np.sqrt(np.mean(left**2))))
+
+
+def together(expected: Iterable[Expected], norm: float, joint: float) -> Expected:
+    """The error of a picture whose passes have these, independent of each other.
+
+    Args:
+        norm: exponent with which they add up.
+        joint: spread of that sum itself.
+    """
+    parts = [part for part in expected if part.error > 0.0]
+    powers = np.array([part.error for part in parts]) ** norm
+    total = float(powers.sum())
+    if total <= 0.0:
+        return Expected(0.0, joint)
+    shares = powers / total
+    square = float(np.sum((shares * np.array([part.spread for part in parts])) ** 2))
+    return Expected(total ** (1.0 / norm), math.sqrt(square + joint**2))
+
+
+def parse_lines(data: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Line]]:
+    """Lines by pass and setting.
+
+    Raises:
+        ValueError: numbers that are not finite, or negative spreads.
+    """
+    found: dict[str, dict[str, Line]] = {}
+    for name, settings in data.items():
+        for setting, values in settings.items():
+            line = Line(*(float(value) for value in values))
+            if not all(math.isfinite(value) for value in line.to_list()):
+                raise ValueError(f"foresight of {name}, {setting} must be finite")
+            if min(line.spread, line.left, line.slope) < 0:
+                raise ValueError(f"foresight of {name}, {setting}: spreads and slopes must not be negative")
+            found.setdefault(name, {})[setting] = line
+    return found

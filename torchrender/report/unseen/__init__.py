@@ -1,0 +1,1 @@
+"""Predicted errors, error bounds and budgets on scenes that calibration never saw."""

@@ -1,0 +1,95 @@
+"""Errors of settings over random scenes, beside what passes sense there: lines for scenes that nobody measured.
+
+Each scene is seen once, by its first camera. What is sensed is taken from a picture with every pass at its usual
+setting, as a sequence would have it from the picture before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import Any
+
+from torchrender.image import Image
+from torchrender.passes.contract import Pass
+from torchrender.passes.settings import CUSTOM, Setting
+from torchrender.passes.table import PASSES
+from torchrender.pipeline.history import RenderHistory
+from torchrender.pipeline.options import RenderOptions
+from torchrender.planning.costs import sense_of
+from torchrender.planning.foresight import LEAST, fitted
+from torchrender.quality.metrics import flip
+from torchrender.renderer import NO_LIMIT, render
+from torchrender.scene.camera import Cameras
+from torchrender.scene.model import Scene
+from torchrender.tuning.measure import options_at
+
+SIDE = 176
+"""Pixels of a side."""
+
+SEEDS = range(40)
+"""Of the random scenes that lines are fitted to. Tests of predictions take others."""
+
+Record = dict[str, dict[str, Any]]
+"""By pass: ``sensed``, None where nothing was, and ``errors`` by setting."""
+
+
+def record_of(scene: Scene, size: int = SIDE) -> Record:
+    """Errors of every setting of every pass that runs and has a choice, and what it senses."""
+    lit = scene.with_default_light()
+    camera = lit.camera(width=size, height=size)
+    usual, history = sensed(lit, camera)
+    assert usual.plan is not None and history.pace is not None
+    known = history.pace.known
+    found: Record = {}
+    for step in PASSES:
+        if step.settings.is_choice and usual.plan.row(step.name).runs:
+            errors, history = _errors(lit, camera, step, history)
+            found[step.name] = {"sensed": known.get(sense_of(step.name)), "errors": errors}
+    return found
+
+
+def sensed(scene: Scene, camera: Cameras) -> tuple[Image, RenderHistory]:
+    """A picture at usual settings, and a history that holds what its passes sensed."""
+    usual = RenderOptions()
+    held = tuple(p.name for p in PASSES if p.settings.is_choice and p.settings.current(usual) != CUSTOM)
+    image = render(scene, camera, options=replace(usual, fixed=held), history=RenderHistory(), budget_ms=NO_LIMIT)
+    assert image.history is not None
+    return image, image.history
+
+
+def _errors(
+    scene: Scene, camera: Cameras, step: Pass, history: RenderHistory
+) -> tuple[dict[str, float], RenderHistory]:
+    """Mean FLIP by setting; what lasts is kept from picture to picture, what belongs to a sequence is not."""
+
+    def made(setting: Setting) -> Image:
+        nonlocal history
+        image = render(scene, camera, options=options_at(step, setting), history=history.shared())
+        assert image.history is not None
+        history = image.history
+        return image
+
+    wanted = made(step.settings.reference).displayed().float()
+    return {s.name: float(flip(made(s).displayed().float(), wanted)[0]) for s in step.settings.all}, history
+
+
+def lines_of(records: Iterable[Record]) -> dict[str, dict[str, list[float]]]:
+    """Lines by pass and setting, for :func:`torchrender.planning.foresight.parse_lines`.
+
+    Settings that are the reference wherever they were tried have none: their error is that of the pass's records.
+    """
+    pairs: dict[str, dict[str, list[tuple[float, float | None]]]] = {}
+    for record in records:
+        for name, values in record.items():
+            for setting, error in values["errors"].items():
+                pairs.setdefault(name, {}).setdefault(setting, []).append((error, values["sensed"]))
+    found: dict[str, dict[str, list[float]]] = {}
+    for name, settings in pairs.items():
+        for setting, rows in settings.items():
+            known = [(error, sensed) for error, sensed in rows if sensed is not None]
+            chosen = known or [(error, 1.0) for error, _ in rows]
+            if any(error > LEAST for error, _ in chosen):
+                errors, seen = zip(*chosen, strict=True)
+                found.setdefault(name, {})[setting] = fitted(errors, seen).to_list()
+    return found
