@@ -7,6 +7,7 @@ sample becomes a disc (splat); what is nearest in the new camera is kept. Source
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import torch
@@ -115,7 +116,7 @@ def reproject(
     colors = _checked(source, cameras, colors)
     quads = _quads(images, offset_images, options, method)
     shape = (len(cameras), cameras.height, cameras.width)
-    outputs = tuple(np.empty((*shape, *tail), kind) for tail, kind in OUTPUTS)
+    outputs: tuple[np.ndarray[Any, Any], ...] = tuple(np.empty((*shape, *tail), kind) for tail, kind in OUTPUTS)
     texels = view(colors.detach(), np.float32)
     follows = colors.requires_grad and torch.is_grad_enabled()
     followed: list[Tensor] = []
