@@ -61,7 +61,8 @@ def run_load_test(folder: Path, effort: Effort) -> bool:
 
 async def _measure(sections: dict[str, list[Row]], effort: Effort) -> None:
     # All clients of these rows have one address.
-    room = dict.fromkeys(("max_sessions", "max_sessions_per_address", "requests_per_s"), "100000")
+    unlimited = ("max_sessions", "max_sessions_per_address", "requests_per_s", "connections_per_s")
+    room = dict.fromkeys(unlimited, "100000")
     settings = {**room, "max_requests_per_address": "512", "log_level": "warning"}
     with running_server(**settings) as server:
         await asyncio.to_thread(server.get, "/v1/scenes")

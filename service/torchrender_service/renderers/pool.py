@@ -27,10 +27,10 @@ from torchrender_service.settings import Settings
 
 INSPECTOR_NICENESS = 10
 """Whoever uploads waits for no picture; a file that takes long to look at must not take from others."""
-HELP_S, PATIENCE_S = 0.5, 2.0
+HELP_S, PATIENCE_S = 1.0, 2.0
 """For a picture in the renderer of large ones, which the system serves last: then it goes back to the others; the
 second beside streams."""
-AVOIDED_S = 3.0
+AVOIDED_S = 1.0
 """So long pictures do not go there any more after that."""
 
 
