@@ -18,7 +18,7 @@ from torchrender_service.metrics import Metrics
 from torchrender_service.renderers import pool as pool_module
 from torchrender_service.renderers.asked import Asked
 from torchrender_service.renderers.contract import RendererPool
-from torchrender_service.renderers.jobs import Bounds, Forget, Job, Render, SceneSource, View
+from torchrender_service.renderers.jobs import Bounds, Forget, Job, Render, SceneSource, View, WarmUp
 from torchrender_service.renderers.pool import Pool
 from torchrender_service.renderers.processes.process import RendererProcess
 from torchrender_service.settings import read_settings
@@ -79,6 +79,7 @@ def test_small_pictures_of_several_clients_take_two_processes_and_a_thread_each(
 ) -> None:
     """The process of large pictures helps out, while it has none; what it does not get done comes back."""
     monkeypatch.setattr(RendererProcess, "ready", True)  # jobs go to processes that are not there, and stay
+    monkeypatch.setattr(Pool, "_aside_ready", True)
 
     async def chosen(pool: Pool, *jobs: Job) -> list[tuple[str, int]]:
         """Where each job runs or waits, while those before do, and how many threads it may take."""
@@ -106,8 +107,27 @@ def test_small_pictures_of_several_clients_take_two_processes_and_a_thread_each(
     assert asyncio.run(chosen(pool, picture(512), bounded)) == [("batch", 0), ("0", 0)]
 
 
+def test_who_helps_out_makes_a_first_picture_of_its_own_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(RendererProcess, "ready", True)
+
+    async def two() -> tuple[list[int], list[type]]:
+        pool = make_pool(renderers=1)
+        tasks = [asyncio.create_task(pool.run(picture(64))) for _ in range(3)]
+        await asyncio.sleep(0.02)
+        loads = [renderer.load for renderer in pool._working]
+        jobs = [type(running.waiting.job) for running in pool._batch._running.values()]
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+        await pool.stop()
+        return loads, jobs
+
+    assert asyncio.run(two()) == ([3, 1], [WarmUp])
+
+
 def test_a_picture_that_the_system_leaves_waiting_comes_back(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(RendererProcess, "ready", True)
+    monkeypatch.setattr(Pool, "_aside_ready", True)
     monkeypatch.setattr(pool_module, "HELP_S", 0.05)
 
     async def two() -> list[int]:

@@ -18,9 +18,12 @@ from torchrender_service.load_test.watching import Seen, watch
 
 SESSIONS = 10
 SMALL = {"width": 96, "height": 54, "layers": 0}
-WALK = {"poses_per_s": 1.0, "period_s": 6.0}
-"""Of each honest session: a keyframe takes about 45 ms of a core whatever its size, so all together need less than half
-of what one renderer can do on two cores, and their delay is that of pictures, not of a queue of their own making."""
+EVERY_S = 1.0
+"""Each honest session asks for a keyframe so often: one takes about 45 ms of a core whatever its size, so all together
+need less than half of what one renderer can do on two cores, and their delay is that of pictures, not of a queue of
+their own making."""
+SETTLE_S = 2.0
+"""What the attack before left to do, and the start of the next one's process, are no part of what was before it."""
 OVER_S = 30.0
 HEALTH_MS = 50.0
 LOG_BYTES_PER_MINUTE = 2**20
@@ -49,10 +52,12 @@ async def _until_ready(server: ServerUnderTest) -> None:
 
 @contextlib.asynccontextmanager
 async def _honest(server: ServerUnderTest) -> AsyncIterator[list[LoadClient]]:
-    """Clients that walk all the time."""
+    """Clients that look around all the time, one after the other."""
     async with contextlib.AsyncExitStack() as stack:
         sessions = [await stack.enter_async_context(client(server, "cornell_box", **SMALL)) for _ in range(SESSIONS)]
-        walks = [asyncio.create_task(one.walk(3600.0, **WALK)) for one in sessions]
+        starts = [k * EVERY_S / SESSIONS for k in range(SESSIONS)]
+        looks = [one.look_around(period_s=EVERY_S, begin_s=begin) for one, begin in zip(sessions, starts, strict=True)]
+        walks = [asyncio.create_task(look) for look in looks]
         try:
             yield sessions
         finally:
@@ -65,6 +70,7 @@ async def _row(
     server: ServerUnderTest, sessions: list[LoadClient], attack: Attack, seconds: tuple[float, float]
 ) -> Row:
     async with player(server, attack.name) as playing:
+        await asyncio.sleep(SETTLE_S)
         before = await watch(server, sessions, asyncio.sleep(seconds[0]))
         found: list[str] = []
 

@@ -186,6 +186,21 @@ class LoadClient:
             reader.cancel()
             await asyncio.gather(reader, return_exceptions=True)
 
+    async def look_around(self, *, reach: float = 0.08, period_s: float = 1.0, begin_s: float = 0.0) -> None:
+        """Jump to and fro for ever, ``reach`` scene diagonals to each side and standing between: every pose needs a
+        keyframe at once, so that its time is that of the picture and not of waiting until one is needed."""
+        size, side = reach * float(self.welcome.scene["diagonal"]), 1.0
+        reader = asyncio.create_task(self._read())
+        try:
+            await asyncio.sleep(begin_s)
+            while True:
+                await self.send_pose(side * size)
+                side = -side
+                await asyncio.sleep(period_s)
+        finally:
+            reader.cancel()
+            await asyncio.gather(reader, return_exceptions=True)
+
     async def _read(self) -> None:
         while True:
             await self.receive()

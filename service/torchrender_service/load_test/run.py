@@ -61,7 +61,8 @@ def run_load_test(folder: Path, effort: Effort) -> bool:
 
 async def _measure(sections: dict[str, list[Row]], effort: Effort) -> None:
     # All clients of these rows have one address.
-    room = dict.fromkeys(("max_sessions", "max_sessions_per_address", "requests_per_s"), "100000")
+    unlimited = ("max_sessions", "max_sessions_per_address", "requests_per_s", "connections_per_s")
+    room = dict.fromkeys(unlimited, "100000")
     settings = {**room, "max_requests_per_address": "512", "log_level": "warning"}
     with running_server(**settings) as server:
         await asyncio.to_thread(server.get, "/v1/scenes")
@@ -89,9 +90,9 @@ def page(sections: dict[str, list[Row]], record: dict[str, Any], effort: Effort)
         "Server, renderers and simulated clients share this machine. Delay, jitter and loss are simulated by a relay "
         "on loopback; a lost segment costs one round trip and 200 ms, as TCP makes it. Latency is from sending a "
         "pose to having its picture (layer 0). Each attack comes from an address and a process of its own, without a "
-        "key, beside ten sessions that walk through cornell_box at 96 × 54, a pose a second each, so that they leave "
-        "half of the machine free; p95 is of those sessions, before and during the attack. What an attack once did "
-        "was seen by hand when it was found, not beside such sessions.",
+        "key, beside ten sessions that look around in cornell_box at 96 × 54, a keyframe a second each, so that they "
+        "leave half of the machine free; p95 is of those sessions, before and during the attack. What an attack once "
+        "did was seen by hand when it was found, not beside such sessions.",
         "",
     ]
     for name, rows in sections.items():

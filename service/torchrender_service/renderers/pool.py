@@ -27,10 +27,10 @@ from torchrender_service.settings import Settings
 
 INSPECTOR_NICENESS = 10
 """Whoever uploads waits for no picture; a file that takes long to look at must not take from others."""
-HELP_S, PATIENCE_S = 0.5, 2.0
+HELP_S, PATIENCE_S = 1.0, 2.0
 """For a picture in the renderer of large ones, which the system serves last: then it goes back to the others; the
 second beside streams."""
-AVOIDED_S = 3.0
+AVOIDED_S = 1.0
 """So long pictures do not go there any more after that."""
 
 
@@ -67,6 +67,8 @@ class Pool:
         self._kernels = KernelPreparation()
         self._warm: set[str] = set()
         self._assigned: set[RendererHandle] = set()
+        self._warm_aside: int | None = 0  # process that has made a first picture
+        self._preparing: asyncio.Task[None] | None = None
         self._aside_from = 0.0  # time from which on pictures go to the renderer of large ones
         self._closed = False
 
@@ -113,6 +115,9 @@ class Pool:
     async def stop(self) -> None:
         """End all processes."""
         self._closed = True
+        if self._preparing is not None:
+            self._preparing.cancel()
+            await asyncio.gather(self._preparing, return_exceptions=True)
         spare = [] if self._spare is None else [self._spare.stop()]
         await asyncio.gather(*spare, *(r.stop() for r in self._all))
 
@@ -193,10 +198,10 @@ class Pool:
         streams = any(self._process(handle) is own for handle in self._assigned)
         if aside in self._renderers or not is_free(job) or not (streams or (own.load and is_small(job))):
             return await self._put(own, job, asked)
-        if not aside.ready:
-            aside.wake()
+        if not self._aside_ready:
+            self._prepare_aside()
         now = time.monotonic()
-        spare = aside.ready and not aside.has(Rank.BATCH) and (streams or aside.load < own.load)
+        spare = self._aside_ready and not aside.has(Rank.BATCH) and (streams or aside.load < own.load)
         if not spare or now < self._aside_from:
             return await self._put(own, job, asked)
         try:
@@ -205,6 +210,23 @@ class Pool:
             # The system gives it next to nothing, or it has to load the scene first.
             self._aside_from = time.monotonic() + AVOIDED_S
             return await self._put(own, job, asked)
+
+    @property
+    def _aside_ready(self) -> bool:
+        """The renderer of large pictures runs, and has what pictures need."""
+        return self._batch.ready and self._batch.pid == self._warm_aside
+
+    def _prepare_aside(self) -> None:
+        """Start it in the background, with a first picture: the kernels of which take longer than anybody waits."""
+        if self._preparing is None or self._preparing.done():
+            self._preparing = asyncio.create_task(self._warm_up_aside())
+
+    async def _warm_up_aside(self) -> None:
+        try:
+            await self._batch.submit(WarmUp())
+            self._warm_aside = self._batch.pid
+        except ServiceError:
+            await asyncio.sleep(AVOIDED_S)  # whoever asks next tries again
 
     async def inspect(self, job: Job, asked: Asked | None = None) -> dict[str, Any]:
         """The result of a job that may do harm, from the process apart."""

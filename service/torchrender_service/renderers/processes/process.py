@@ -192,14 +192,10 @@ class RendererProcess:
 
     # ------------------------------------------------------------------ life
 
-    def wake(self) -> None:
-        """Start the process before there is a job for it."""
-        self._wanted.set()
-
     def start(self) -> None:
         """Begin to work."""
         if self.kind.eager:
-            self.wake()
+            self._wanted.set()
         self._task = asyncio.create_task(self._live(), name=f"renderer {self.name}")
 
     async def drain(self) -> None:
