@@ -114,7 +114,7 @@ def reproject(
     colors = _checked(source, cameras, colors)
     quads = _quads(images, offset_images, options, method)
     shape = (len(cameras), cameras.height, cameras.width)
-    outputs = tuple(np.empty((*shape, *tail), kind) for tail, kind in OUTPUTS)
+    outputs: tuple[np.ndarray, ...] = tuple(np.empty((*shape, *tail), kind) for tail, kind in OUTPUTS)
     texels = view(colors.detach(), np.float32)
     follows = colors.requires_grad and torch.is_grad_enabled()
     followed: list[Tensor] = []
