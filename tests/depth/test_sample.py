@@ -17,6 +17,7 @@ from torchrender.depth.probes import Probes, pixel_redundant
 from torchrender.depth.ray_visibility import RayVisibility
 from torchrender.depth.sample import sample_depth_images, sample_offset_images
 from torchrender.depth.samples import some_views
+from torchrender.depth.viewpoints import cameras_between
 from torchrender.errors import InputError, OptionError
 from torchrender.raster import FragmentTests, rasterize_visibility
 from torchrender.scene.camera import Cameras
@@ -303,3 +304,12 @@ def test_three_viewpoints_stand_as_far_apart_as_they_are_spread() -> None:
     eyes = ring(scene, 8, spread=0.3).eye
     for a, b in ((0, 1), (1, 2), (2, 0)):
         assert float((eyes[a] - eyes[b]).norm()) == pytest.approx(0.3 * scene.diagonal, rel=1e-9)
+
+
+def test_a_camera_between_opposite_ones_is_no_mirror() -> None:
+    """Turned half around each axis in turn: the mean matrix mirrors, the rotation nearest to it does not."""
+    turns = torch.diag_embed(torch.tensor([[-1.0, -1, 1, 1], [1, -1, -1, 1], [-1, 1, -1, 1]], dtype=torch.float64))
+    one = front(8)
+    three = replace(Cameras.cat([one] * 3), camera_from_world=turns @ one.camera_from_world)
+    found = cameras_between(three, torch.tensor([[0.3, 0.3, 0.4]], dtype=torch.float64))
+    assert float(torch.linalg.det(found.rotation)[0]) == pytest.approx(1.0)

@@ -199,3 +199,13 @@ def test_walls_seen_edge_on_are_told_from_others() -> None:
     assert sees_edge_on(geometry, inside) and sees_edge_on(geometry, Cameras.cat([aside, inside]))
     assert not sees_edge_on(geometry, aside) and not sees_edge_on(geometry, inside[:0])
     assert not sees_edge_on(Scene(meshes=(floor,)).geometry, inside)
+
+
+def test_rays_below_the_surface_see_nothing() -> None:
+    """A shading normal 60 degrees aside turns a part of its hemisphere below: (1 + cos) / 2 of the sky is left."""
+    floor = quad(torch.tensor([-9.0, 0.0, 9.0]), torch.tensor([18.0, 0.0, 0.0]), torch.tensor([0.0, 0.0, -18.0]))
+    aside = torch.tensor([math.sin(math.pi / 3), math.cos(math.pi / 3), 0.0]).expand(len(floor.vertices), 3)
+    scene = Scene(meshes=(replace(floor, normals=aside),))
+    seen = rasterize(scene, Cameras.look_at([0.0, 4.0, 0.1], [0.0, 0.0, 0.0], width=12, height=12, fov_deg=30.0))
+    found = traced_ambient(RayCaster(scene), seen, rays=256, reach=1.0, gap=1e-4)
+    assert bool(seen.covered.all()) and float(found.sky.mean()) == pytest.approx(0.75, abs=0.01)
