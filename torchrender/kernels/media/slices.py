@@ -47,7 +47,7 @@ ACROSS, UPWARD, AXIS, ANGLE, ANGLE_STEP, START, STEP, DISTANCE, U, V, FOCAL, JUM
 )
 NUMBERS = 18
 TURN = F(2.0 * math.pi)
-RUN_BITS = 4
+RUN_BITS = 5
 RUN = 1 << RUN_BITS  # entries that the lowest level of the tree sums up
 HALVINGS = 4  # of the step between two samples, to find an edge
 WIDEST = 8.0  # entries from its own one, beyond which an edge is not sought
