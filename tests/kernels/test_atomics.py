@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from torchrender.kernels.atomics import borrowed, fetch_add, store_max, store_or
+from torchrender.kernels.atomics import borrowed, fetch_add, keep, store_max, store_or
 
 
 class Pair(NamedTuple):
@@ -50,3 +50,19 @@ def test_borrowed_records_are_the_same_memory_and_count_no_references() -> None:
         assert doubled(Pair(first, (second, 0.5), 3)) == 2 * 10 + 5 * 3.5
     assert first.tolist() == [2.0 * k + 3.5 for k in range(5)]
     assert (sys.getrefcount(first), sys.getrefcount(second)) == before
+
+
+@numba.njit
+def scratch_of_two_makers():
+    """What was lent first, after another array of the same size was made."""
+    own = np.full(1000, 7.0)
+    lent = borrowed(own)
+    other = np.full(1000, 3.0)
+    found = lent.sum() + 0.0 * other.sum()
+    keep(own)
+    return found
+
+
+def test_lent_scratch_lives_until_it_is_kept_no_longer() -> None:
+    for _ in range(20):
+        assert scratch_of_two_makers() == 7000.0

@@ -10,6 +10,8 @@ import torch
 import torchrender as tr
 from media_scenes import LAMP, SUN, eye, fog, t1
 from torchrender.effects.media.options import ScatterOptions
+from torchrender.effects.shadows.options import ShadowOptions
+from torchrender.passes.light.shadow_map import SCENE_SHADOW_MAP
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
 from torchrender.scene.camera import Cameras
@@ -148,3 +150,13 @@ def test_fewer_and_more_pixels(supersample: float) -> None:
     made = tr.render(t1(), SMALL, options=RenderOptions(supersample=supersample)).radiance
     wanted = tr.render(t1(), SMALL).radiance
     assert float((made - wanted).abs().mean() / wanted.mean()) < 0.1
+
+
+def test_a_sun_in_media_has_a_finer_image_than_shadows_need() -> None:
+    """And a lamp has not."""
+    options = RenderOptions(shadow=ShadowOptions(size=128), scattering=ScatterOptions(sun_texels=256))
+    history = tr.render(t1(SUN, LAMP), SMALL, options=options, history=RenderHistory()).history
+    assert history is not None
+    maps = history.get(SCENE_SHADOW_MAP)
+    assert maps is not None
+    assert [one.depth.shape[-1] for one in maps if one is not None] == [256, 128]

@@ -14,9 +14,9 @@ from torchrender.buffers import ShadowMap
 from torchrender.effects.media.options import ScatterOptions
 from torchrender.effects.media.tables import LightTable
 from torchrender.errors import InputError
-from torchrender.kernels.media.pyramid import build_pyramid
 from torchrender.kernels.media.records import PLACE, SUN, Images, Slices
 from torchrender.kernels.media.slices import NUMBERS, RUN, build_slices
+from torchrender.kernels.media.walk import build_pyramid
 
 NO_IMAGES = Images(
     np.zeros((0, 16), np.float32), False, np.zeros((0, 1, 2), np.float32), np.zeros((1, 3), np.int64)
@@ -94,8 +94,6 @@ def slices_of(
         span = _lamp_numbers(numbers, light, sight)
     if span is None:
         return None
-    if light.kind != SUN:
-        count //= 2  # texels of a cube around a lamp are seen from nearby
     count = min(count, _useful(numbers, sight, span[1] - span[0]))
     numbers[10] = (span[1] - span[0]) / count
     if light.kind == SUN:

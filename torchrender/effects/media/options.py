@@ -31,7 +31,7 @@ class ScatterOptions:
     block: int = 2  # pixels of a block's side, of which one is integrated: 1 to 3
     panels: int = 8  # along a ray, in heights and several media; twice as many in grids
     lattice: int = 8  # with blocks: pixels between rays along which heights and grids are integrated; 0: along all
-    slices: tuple[int, int] = (4096, 1024)  # epipolar slices before a sun, at most (half as many at lamps), and entries
+    slices: tuple[int, int] = (2048, 1024)  # epipolar slices, at most, and entries of each
     sun_texels: int = 4096  # of a side of the image that a sun has of a scene with media; at least that of shadows
     share_tolerance: float = 0.02  # lit shares of neighbours may differ by so much, or they are not mixed
     eps_rel: float = 0.1  # ways through the medium may differ by this share

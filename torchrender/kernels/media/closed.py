@@ -34,13 +34,14 @@ from torchrender.kernels.media.slices import (
 from torchrender.kernels.voxels.bits import span as block_of
 
 F: Any = np.float32
-CHUNK, GROUP = 2048, 256  # rays of a thread's piece of work, and of its loops
+CHUNK, GROUP = 8192, 128  # rays of a thread's piece of work, and of its loops
 SLOPE, BESIDE, FIRST, SCALE, BEGIN, END, STRENGTH, WEIGHT, ENTER = 0, 1, 2, 3, 4, 5, 6, 7, 8
 """What is known of a ray: its slope, where it lies between its slice's borders, where its row begins and how long an
 entry is, where the ray begins and ends (lengths, or angles at the lamp); factor of its light; a lamp's: weight of the
 table's next row, length at which the medium begins."""
 BREAK, VALUE, RATE, FACTOR, BEFORE = 9, 11, 14, 17, 20  # of the sun's pieces: ends of two; exponents, rates, ...
-ROOM = 23
+SUM = 23  # light, before its factor
+ROOM = 24
 SLICE, ROW = 0, 1
 
 
@@ -180,16 +181,41 @@ def piece_to(value, rate, factor, length):
 
 
 @kernel(inline=True)
-def sun_to(known, j, t):
-    """Integral of sunlight along a ray up to a length."""
-    p = 0
-    begin = known[BEGIN, j]
-    if t > known[BREAK, j]:
-        p, begin = 1, known[BREAK, j]
-    if t > known[BREAK + 1, j]:
-        p, begin = 2, known[BREAK + 1, j]
-    part = piece_to(known[VALUE + p, j], known[RATE + p, j], known[FACTOR + p, j], t - begin)
-    return known[BEFORE + p, j] + part
+def sum_sunlight(known, places, ends, count, parts):
+    """Sunlight of the lit parts of some rays, into ``known[SUM]``.
+
+    Args:
+        places: where rays begin and cease to be lit; those of ray j are from ``ends[j]`` on.
+        parts: (6,K) scratch: what pieces say of the places, gathered, so that the rest is one loop without branches.
+    """
+    for j in range(count):
+        begin, first, second = known[BEGIN, j], known[BREAK, j], known[BREAK + 1, j]
+        for k in range(ends[j], ends[j + 1]):
+            t, p, start = places[k], 0, begin
+            if t > first:
+                p, start = 1, first
+            if t > second:
+                p, start = 2, second
+            at = np.uintp(k)
+            parts[0, at], parts[1, at] = known[VALUE + p, j], known[RATE + p, j]
+            parts[2, at], parts[3, at], parts[4, at] = known[FACTOR + p, j], t - start, known[BEFORE + p, j]
+    for k in range(ends[count]):
+        parts[5, k] = parts[4, k] + piece_to(parts[0, k], parts[1, k], parts[2, k], parts[3, k])
+    for j in range(count):
+        total = F(0.0)
+        for k in range(ends[j], ends[j + 1], 2):
+            total += parts[5, k + 1] - parts[5, k]
+        known[SUM, j] = total
+
+
+@kernel(inline=True)
+def sum_lamplight(table, c, known, numbers, places, ends, count):
+    """Light of a lamp from the lit parts of some rays, into ``known[SUM]``."""
+    for j in range(count):
+        row, weight, total = np.int64(numbers[ROW, j]), known[WEIGHT, j], F(0.0)
+        for k in range(ends[j], ends[j + 1], 2):
+            total += airlight_to(table, c, row, weight, places[k + 1]) - airlight_to(table, c, row, weight, places[k])
+        known[SUM, j] = total
 
 
 @kernel(inline=True)
@@ -228,9 +254,9 @@ def scatter_sliced(media, source, slices, beams, chosen, settings, out, missed):
         every, light, table = borrowed(chosen), lamp[0], lamp[1]
         own = (
             np.empty((ROOM, GROUP), F), np.empty((2, GROUP), np.int32), np.empty(GROUP + 1, np.int64),
-            np.empty(GROUP * (total + 4), F), np.empty(total + 1, np.int64),
+            np.empty(GROUP * (total + 4), F), np.empty(total + 1, np.int64), np.empty((6, GROUP * (total + 4)), F),
         )  # fmt: skip
-        known, numbers, ends, places, found = borrowed(own)
+        known, numbers, ends, places, found, parts = borrowed(own)
         scratch, lost = (places, found, levels_above(total)), np.int64(0)
         begin, end = block_of(chunk, CHUNK, len(every))
         for first in range(begin, end, GROUP):
@@ -259,16 +285,11 @@ def scatter_sliced(media, source, slices, beams, chosen, settings, out, missed):
             for c in range(channels):
                 if sun:
                     sun_pieces(fields, c, light, direction, rows, known)
+                    sum_sunlight(known, places, ends, len(rows), parts)
                 else:
                     lamp_strengths(fields, c, table, reach, known, numbers, len(rows))
+                    sum_lamplight(table, c, known, numbers, places, ends, len(rows))
                 for j in range(len(rows)):
-                    light_of_ray = F(0.0)
-                    for k in range(ends[j], ends[j + 1]):
-                        if sun:
-                            to = sun_to(known, j, places[k])
-                        else:
-                            to = airlight_to(table, c, np.int64(numbers[ROW, j]), known[WEIGHT, j], places[k])
-                        light_of_ray += to if (k - ends[j]) & 1 else -to
-                    radiance[rows[j], c] = max(light_of_ray, F(0.0)) * known[STRENGTH, j]
+                    radiance[rows[j], c] = max(known[SUM, j], F(0.0)) * known[STRENGTH, j]
         missed[chunk] = lost
         keep(own)

@@ -19,8 +19,7 @@ from torchrender.kernels.media.lattice import lattice_knows, lattice_to
 from torchrender.kernels.media.nodes import fill_nodes
 from torchrender.kernels.media.panels import WIDTH, fill_panel, integral_to
 from torchrender.kernels.media.records import AMBIENT, FLAT, NEAREST, SQUARE, SUN
-from torchrender.kernels.media.slices import slice_ray
-from torchrender.kernels.media.spans import break_points, light_span
+from torchrender.kernels.media.spans import break_points, light_span, slice_ray
 from torchrender.kernels.media.walk import walk_ray
 from torchrender.kernels.voxels.bits import span as block_of
 

@@ -28,9 +28,7 @@ from numba.cpython.unsafe.numbers import trailing_zeros
 
 from torchrender.kernels.atomics import borrowed
 from torchrender.kernels.compile import kernel
-from torchrender.kernels.media.functions import arctan2, tangent
 from torchrender.kernels.media.records import BIG
-from torchrender.kernels.media.walk import add_span
 
 F: Any = np.float32
 ACROSS, UPWARD, AXIS, ANGLE, ANGLE_STEP, START, STEP, DISTANCE, U, V, FOCAL, JUMP = (
@@ -49,7 +47,7 @@ ACROSS, UPWARD, AXIS, ANGLE, ANGLE_STEP, START, STEP, DISTANCE, U, V, FOCAL, JUM
 )
 NUMBERS = 18
 TURN = F(2.0 * math.pi)
-RUN_BITS = 4
+RUN_BITS = 5
 RUN = 1 << RUN_BITS  # entries that the lowest level of the tree sums up
 HALVINGS = 4  # of the step between two samples, to find an edge
 WIDEST = 8.0  # entries from its own one, beyond which an edge is not sought
@@ -294,72 +292,4 @@ def slice_changes(row, boxes, levels, slope, last, lit, found):
         if (m & 1) and level < levels:
             offset += runs >> level
             level += 1
-    return count, looks
-
-
-@kernel(inline=True)
-def slice_ray(slices, parallel, angles, d, ends, spans, found):
-    """Lit parts of an eye ray between two lengths, ``ends``, in ``spans`` (P,2).
-
-    Args:
-        angles: of a lamp: the parts are told as angles at it, from the place that is nearest to it; else as lengths.
-        found: (K,) int64 scratch, no shorter than a row.
-
-    Returns:
-        Their number, and of runs that were looked at.
-    """
-    rows, tree, edges, starts, n = slices
-    begin, end = ends
-    u = n[0] * d[0] + n[1] * d[1] + n[2] * d[2]
-    v = n[3] * d[0] + n[4] * d[1] + n[5] * d[2]
-    w = n[6] * d[0] + n[7] * d[1] + n[8] * d[2]
-    across = max(math.sqrt(u * u + v * v), F(1e-9))
-    slope = w / across if parallel else -w / across
-    angle = arctan2(v, u) - n[ANGLE]
-    if angle < F(0.0):
-        angle += TURN
-    elif angle >= TURN:
-        angle -= TURN
-    at = angle / n[ANGLE_STEP]
-    s = min(np.int64(at), rows.shape[0] - 1)
-    beside = min(max(at - F(s), F(0.0)), F(1.0))
-    total = rows.shape[1]
-    t0, away, first, scale = n[DISTANCE] * w, n[DISTANCE] * across, F(0.0), F(1.0)
-    if parallel:
-        scale = n[STEP] / across
-        first = starts[s] / across
-        reach = (end - first) / scale
-    else:
-        stop_at = arctan2(end - t0, away)
-        scale, first = n[STEP], arctan2(-t0, away) + n[START]
-        reach = (stop_at - first) / scale
-        if angles:
-            begin, end = arctan2(begin - t0, away), stop_at
-    last = min(np.int64(min(max(reach, F(0.0)), F(total)) + F(1.0)), np.int64(total))
-    lit = parallel
-    changes, looks = slice_changes(rows[s], tree[s], levels_above(total), slope, last, lit, found)
-    since, before, count = begin, begin, np.int64(0)
-    for e in range(changes):
-        k = found[e]
-        if parallel:
-            edge = F(edges[s, k, 0]) + (F(edges[s, k, 1]) - F(edges[s, k, 0])) * beside
-            t = first + (F(k) + edge * (F(1.0) / PARTS)) * scale
-        elif k == 0:
-            t = begin
-        else:
-            t = first + F(k) * scale
-            if not angles:
-                t = t0 + away * tangent(t)
-        before = min(max(t, before), end)  # places of edges may cross within a slice
-        if lit:
-            count = add_span(spans, count, since, before)
-        else:
-            since = before
-        lit = not lit
-    if parallel and last == total and not lit:
-        t = first + F(total) * scale
-        if t < end:
-            lit, since = True, max(t, before)
-    if lit:
-        count = add_span(spans, count, since, end)
     return count, looks

@@ -1,4 +1,4 @@
-"""Where a light shines on a ray at all, and where a ray meets other media than before."""
+"""Where a light shines on a ray at all, where slices say so, and where a ray meets other media than before."""
 
 from __future__ import annotations
 
@@ -9,7 +9,20 @@ import numpy as np
 
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.media.density import box_span
+from torchrender.kernels.media.functions import arctan2, tangent
 from torchrender.kernels.media.records import AXIS, FADE, OUTER, RECT, SPOT, SUN
+from torchrender.kernels.media.slices import (
+    ANGLE,
+    ANGLE_STEP,
+    DISTANCE,
+    PARTS,
+    START,
+    STEP,
+    TURN,
+    levels_above,
+    slice_changes,
+)
+from torchrender.kernels.media.walk import add_span
 
 F: Any = np.float32
 
@@ -74,6 +87,74 @@ def light_span(kind, light, o, d, begin, end):
         return F(1.0), F(0.0)
     middle = F(0.5) * (first + last)
     return (first, last) if pa + da * middle > F(0.0) else (F(1.0), F(0.0))
+
+
+@kernel(inline=True)
+def slice_ray(slices, parallel, angles, d, ends, spans, found):
+    """Lit parts of an eye ray between two lengths, ``ends``, in ``spans`` (P,2).
+
+    Args:
+        angles: of a lamp: the parts are told as angles at it, from the place that is nearest to it; else as lengths.
+        found: (K,) int64 scratch, no shorter than a row.
+
+    Returns:
+        Their number, and of runs that were looked at.
+    """
+    rows, tree, edges, starts, n = slices
+    begin, end = ends
+    u = n[0] * d[0] + n[1] * d[1] + n[2] * d[2]
+    v = n[3] * d[0] + n[4] * d[1] + n[5] * d[2]
+    w = n[6] * d[0] + n[7] * d[1] + n[8] * d[2]
+    across = max(math.sqrt(u * u + v * v), F(1e-9))
+    slope = w / across if parallel else -w / across
+    angle = arctan2(v, u) - n[ANGLE]
+    if angle < F(0.0):
+        angle += TURN
+    elif angle >= TURN:
+        angle -= TURN
+    at = angle / n[ANGLE_STEP]
+    s = min(np.int64(at), rows.shape[0] - 1)
+    beside = min(max(at - F(s), F(0.0)), F(1.0))
+    total = rows.shape[1]
+    t0, away, first, scale = n[DISTANCE] * w, n[DISTANCE] * across, F(0.0), F(1.0)
+    if parallel:
+        scale = n[STEP] / across
+        first = starts[s] / across
+        reach = (end - first) / scale
+    else:
+        stop_at = arctan2(end - t0, away)
+        scale, first = n[STEP], arctan2(-t0, away) + n[START]
+        reach = (stop_at - first) / scale
+        if angles:
+            begin, end = arctan2(begin - t0, away), stop_at
+    last = min(np.int64(min(max(reach, F(0.0)), F(total)) + F(1.0)), np.int64(total))
+    lit = parallel
+    changes, looks = slice_changes(rows[s], tree[s], levels_above(total), slope, last, lit, found)
+    since, before, count = begin, begin, np.int64(0)
+    for e in range(changes):
+        k = found[e]
+        if parallel:
+            edge = F(edges[s, k, 0]) + (F(edges[s, k, 1]) - F(edges[s, k, 0])) * beside
+            t = first + (F(k) + edge * (F(1.0) / PARTS)) * scale
+        elif k == 0:
+            t = begin
+        else:
+            t = first + F(k) * scale
+            if not angles:
+                t = t0 + away * tangent(t)
+        before = min(max(t, before), end)  # places of edges may cross within a slice
+        if lit:
+            count = add_span(spans, count, since, before)
+        else:
+            since = before
+        lit = not lit
+    if parallel and last == total and not lit:
+        t = first + F(total) * scale
+        if t < end:
+            lit, since = True, max(t, before)
+    if lit:
+        count = add_span(spans, count, since, end)
+    return count, looks
 
 
 @kernel(inline=True)

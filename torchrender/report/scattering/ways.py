@@ -26,6 +26,8 @@ PUBLISHED: dict[str, dict[str, Any]] = {
 """Rows of the source's table."""
 LENGTH_ALONE = 1.0
 """Tolerance of lit shares with which pixels are marked by the length of their way alone."""
+ANY_STEP = 0.005
+"""One that is less than a step's share of a ray."""
 
 CASES: dict[str, Callable[[], Scene]] = {
     **{f"T1 lamp, {kind}": partial(t1, kind) for kind in KINDS[:2]},
@@ -62,6 +64,8 @@ def _published(stage: Stage, study: StudyOptions) -> list[dict[str, Any]]:
     if shadows:
         last = {"halo_guard_px": 20, "gradient": "lsq", "share_tolerance": LENGTH_ALONE}
         plans |= {f"{n} x {n}, guard 20, lsq, marks by length alone": {"block": n, **last} for n in (3, 2)}
+        last = {**last, "share_tolerance": ANY_STEP}
+        plans |= {f"{n} x {n}, guard 20, lsq, marks where a step differs": {"block": n, **last} for n in (3, 2)}
     work = {name: _layer(stage, {**how, **plan}) for name, plan in plans.items()}
     times = take_turns({"all": _layer(stage, {**how, "block": 1}), **work}, runs=study.runs, warm_up=1)
     edge = shaft_edges(every) if shadows else None
