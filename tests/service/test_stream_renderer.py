@@ -102,8 +102,8 @@ STILL = {"still": True, "bounds": Bounds(), "color": "webp", "quality": 100}
 
 @pytest.mark.parametrize(("ambient", "left"), [(False, 0.5), (True, 0.92)])
 def test_a_refinement_becomes_the_mean_of_five_pictures(scene, ambient, left) -> None:
-    """Shadows and textures become smooth, as outlines are from the first; the pattern of ambient visibility, the same in
-    all five, stays: it follows the pixels."""
+    """Shadows become smooth, as outlines are from the first; the pattern of ambient visibility, the same in all five,
+    stays: it follows the pixels."""
     scene = scene if ambient else replace(scene, ambient=torch.zeros(3))
     renderer = StreamRenderer()
     first = picture_of(renderer.make(scene, job(scene, 1, extra_layers=2, **STILL))["messages"][0])
