@@ -37,8 +37,6 @@ FRAME_MS = 90_000
 """The first picture in a new environment compiles kernels."""
 JPEG_READY = "() => window.torchrender?.keyframes.length > 0"
 COMPLETE = "() => { const k = window.torchrender?.keyframes[0]; return k && k.received === k.layers; }"
-STILL = "() => { const k = window.torchrender?.keyframes[0]; return k && k.still && k.received === k.layers; }"
-"""A view at rest; where that is enough, a refined one takes five pictures longer."""
 ARRIVED = """() => {
     const k = window.torchrender.keyframes[0], here = window.torchrender.camera.world_from_camera;
     const there = k.camera.world_from_camera;

@@ -38,7 +38,6 @@ let scenes = [];
 let addressTimer = 0;
 let wallsTimer = 0;
 let revision = 0; // of the scene
-let guessed = false; // the stream was begun before the list of scenes was there
 
 function say(text) {
   $("message").hidden = !text;
@@ -98,19 +97,19 @@ function restart() {
 function onState(state, detail) {
   panel.showState(state, detail);
   if (state === "failed" && detail.status === 401) askKey(restart);
-  else if (state === "failed" && guessed) guessed = false; // the list of scenes tells another one
   else if (state === "failed") say(detail.message);
   else if (state === "live") say("");
 }
 
 function askKey(then) {
   const dialog = $("key-dialog");
+  if (dialog.open) return;
   dialog.addEventListener("close", () => {
     key = $("key").value;
     sessionStorage.setItem("torchrender.key", key);
     then();
   }, { once: true });
-  if (!dialog.open) dialog.showModal();
+  dialog.showModal();
 }
 
 // ------------------------------------------------------------------ the address
@@ -207,22 +206,11 @@ function showScenes(found) {
   if (!first) return say("The server has no scenes.");
   if (words.scene && first.id !== wanted && first.name !== wanted) delete words.view;
   fillScenes(first.id);
-  const begun = guessed && first.id === wanted;
-  guessed = false;
   $("scene").disabled = false;
   $("scene").addEventListener("change", () => {
     changeScene($("scene").value);
     $("scene").blur(); // so that the next key walks
   });
-  if (!begun) restart();
-}
-
-/** Begin with the scene that the address names, or the usual one, while the list of scenes is on its way. */
-function guess() {
-  const id = words.scene ?? FIRST_SCENE;
-  if (!/^[a-z0-9_]+$/.test(id)) return; // a name of an upload
-  guessed = true;
-  $("scene").replaceChildren(new Option(id.replaceAll("_", " "), id));
   restart();
 }
 
@@ -336,7 +324,6 @@ function begin() {
   expose();
   layOut();
   listen();
-  guess();
   loadScenes().then(showScenes);
 }
 
