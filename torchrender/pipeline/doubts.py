@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import warnings
+from collections.abc import Iterator
+from contextvars import ContextVar
 
 import torch
 from torch import Tensor
@@ -89,7 +92,21 @@ def _unlit(scene: Scene) -> str:
 def say(doubts: list[Doubt]) -> None:
     """Warn, each text once."""
     for kind, text in dict.fromkeys(doubts):
-        warnings.warn(text, kind, stacklevel=3)
+        if kind is not ViewWarning or not _LOOKING_ABOUT.get():
+            warnings.warn(text, kind, stacklevel=3)
+
+
+_LOOKING_ABOUT: ContextVar[bool] = ContextVar("looking_about", default=False)
+
+
+@contextlib.contextmanager
+def looking_about() -> Iterator[None]:
+    """Somebody moves the camera by hand: a look past everything, or from inside of something, is no mistake."""
+    token = _LOOKING_ABOUT.set(True)
+    try:
+        yield
+    finally:
+        _LOOKING_ABOUT.reset(token)
 
 
 def exposure_of(scene: Scene, options: RenderOptions) -> float | None:
