@@ -17,6 +17,7 @@ from torchrender.errors import MeshError
 from torchrender.kernels.raster.culling_clusters import cluster_boxes, first_use, spatial_order, vertex_blocks
 from torchrender.numerics.tangents import TangentTable
 from torchrender.scene.cutout import Cutout
+from torchrender.scene.parts.normals import followed_normals, shared_corners
 from torchrender.scene.primitives import arrays
 
 CLUSTER = 128
@@ -115,6 +116,34 @@ class Mesh:
             raise MeshError(
                 f"mesh {self.name!r}: faces must index {v.shape[0]} vertices, got {int(f.min())} to {int(f.max())}"
             )
+
+    def with_vertices(self, vertices: ArrayLike) -> Mesh:
+        """The mesh with its vertices at other places (V,3); its shading normals and tangents follow.
+
+        Normals become the mean of the faces around each vertex, weighted by area; vertices that had one place and one
+        normal, as along the seam of a texture, still have one. A mesh without normals has none. Where the move is one
+        matrix, :meth:`transformed` is exact.
+
+        Raises:
+            MeshError: another number of vertices, or such that are not finite.
+        """
+        placed = as_array(f"mesh {self.name!r}: vertices", vertices, self.vertices.dtype, MeshError)
+        if placed.shape != self.vertices.shape:
+            wanted = tuple(self.vertices.shape)
+            raise MeshError(f"mesh {self.name!r}: vertices must have shape {wanted}, got {tuple(placed.shape)}")
+        moved = replace(self, vertices=placed, tangents=None)
+        if self.normals is None:
+            return moved
+        shared = self._shared
+        normals = followed_normals(moved.vertices, self.faces, shared, self.normals)
+        moved = replace(moved, normals=normals)
+        moved.__dict__["_shared"] = shared  # corners that meet on the way do not become one
+        return moved
+
+    @cached_property
+    def _shared(self) -> Tensor:
+        assert self.normals is not None
+        return shared_corners(self.vertices, self.normals)
 
     def transformed(self, matrix: Tensor | Sequence[Sequence[float]]) -> Mesh:
         """Turned, moved, scaled or sheared by a (4,4) matrix; faces are turned round where it mirrors.

@@ -113,12 +113,12 @@ def moved_geometry(old: Geometry, before: Sequence[Mesh], after: Sequence[Mesh])
         if was is not now:
             if now.faces is not was.faces:
                 return None
-            vertices[start:end] = now.vertices
+            vertices[start:end] = now.vertices.detach()
             for whole, part in ((normals, now.normals), (tangents, now.tangents)):
                 if whole is None and part is not None:
                     return None
                 if whole is not None:
-                    whole[start:end] = 0.0 if part is None else part
+                    whole[start:end] = 0.0 if part is None else part.detach()
         start = end
     new = replace(old, vertices=vertices, normals=normals, tangents=tangents)
     new.__dict__.update({name: getattr(old, name) for name in KEPT})

@@ -51,4 +51,5 @@ def check_unchanged(name: str, meshes: Sequence[Mesh], known: tuple[int, ...] | 
     place = next(k for k, (was, new) in enumerate(zip(known, now, strict=True)) if was != new)
     mesh, array = meshes[place // len(ARRAYS)].name, ARRAYS[place % len(ARRAYS)]
     told = f"{array} of mesh {mesh!r} were changed in place after scene {name!r} had been drawn, which would not show"
-    raise InputError(f"{told}: make a new mesh, dataclasses.replace(mesh, {array}=...), and scene.replace(meshes=...)")
+    how = "mesh.with_vertices(...)" if array == "vertices" else f"dataclasses.replace(mesh, {array}=...)"
+    raise InputError(f"{told}: make a new mesh, {how}, and scene.replace(meshes=...)")
