@@ -14,7 +14,8 @@ SIZE = {"width": 240, "height": 160}
 AHEAD = "() => window.torchrender.keyframes.some((k) => Math.abs(k.camera.near - {near}) < 1e-9)"
 STANDS = """() => {
     const here = window.torchrender?.camera, there = window.torchrender?.keyframes[0]?.camera;
-    return there && !window.torchrender.moving && there.world_from_camera.every((v, n) => Math.abs(v - here.world_from_camera[n]) < 1e-6);
+    return there && !window.torchrender.moving
+        && there.world_from_camera.every((v, n) => Math.abs(v - here.world_from_camera[n]) < 1e-6);
 }"""
 
 
