@@ -104,6 +104,25 @@ def as_vector(name: str, value: ArrayLike, size: int = 3, dtype: torch.dtype = t
     return check_finite(name, out)
 
 
+def check_picture(name: str, value: object, channels: Sequence[int]) -> Tensor:
+    """A picture (H,W,C) of floats, with one of these numbers of channels; arrays of NumPy are taken as tensors.
+
+    Raises:
+        InputError: no array, another shape, or integers; says which.
+    """
+    shapes = " or ".join(f"(H, W, {c})" for c in channels)
+    if isinstance(value, np.ndarray):
+        value = as_array(name, value)
+    if not isinstance(value, Tensor):
+        raise InputError(f"{name} must be a picture {shapes}, a tensor or an array, got {type(value).__name__}")
+    if value.dim() != 3 or value.shape[2] not in channels or not value.numel():
+        raise InputError(f"{name} must have shape {shapes}, got {tuple(value.shape)}")
+    if not value.is_floating_point():
+        how = ": divide codes of 8 bits by 255, and undo sRGB" if value.dtype == torch.uint8 else ""
+        raise InputError(f"{name} must hold floats in linear light, got {value.dtype}{how}")
+    return value
+
+
 def as_array(
     name: str, value: object, dtype: torch.dtype = torch.float64, error: type[InputError] = InputError
 ) -> Tensor:

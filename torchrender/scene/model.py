@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from difflib import get_close_matches
 from functools import cache, cached_property
+from pathlib import Path
 from typing import Any
 
 import torch
@@ -61,6 +62,8 @@ class Scene:
     def __post_init__(self) -> None:
         for name, kind in KINDS.items():
             object.__setattr__(self, name, several(name, getattr(self, name), kind))
+        if self.environment is not None and not isinstance(self.environment, Environment):
+            raise InputError(_no_environment(self.environment))
         object.__setattr__(self, "ambient", check_not_negative("ambient", as_vector("ambient", self.ambient)))
         for mesh in self.meshes:
             if not 0 <= mesh.material < len(self.materials):
@@ -266,6 +269,15 @@ class Scene:
             InputError: names the mesh and the array.
         """
         check_unchanged(self.name, self.meshes, self.__dict__.get("_versions"))
+
+
+def _no_environment(value: object) -> str:
+    """What to give in place of it."""
+    if isinstance(value, str | Path):
+        return f"environment must be an Environment: take Environment.load({str(value)!r})"
+    if isinstance(value, Tensor):
+        return "environment must be an Environment: take Environment(radiance=...)"
+    return f"environment must be an Environment, got {type(value).__name__}"
 
 
 def _normal_map_set(material: Material) -> int:
