@@ -286,10 +286,10 @@ def _scene_of(thing: Scene | Mesh | PointCloud | str | Path) -> Scene:
     if isinstance(thing, str | Path):
         return load(thing)
     if isinstance(thing, Mesh):
-        return Scene(meshes=[thing], name=thing.name)
+        return Scene(meshes=(thing,), name=thing.name)
     if isinstance(thing, PointCloud):
         white = Material(name=thing.name, diffuse=torch.ones(3))
-        return Scene(meshes=[point_mesh(thing)], materials=[white], name=thing.name)
+        return Scene(meshes=(point_mesh(thing),), materials=(white,), name=thing.name)
     if isinstance(thing, Scene):
         return thing
     raise InputError(
