@@ -6,6 +6,8 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
+from pathlib import Path
+from typing import NamedTuple
 
 
 class Interruption:
@@ -38,6 +40,33 @@ def interruptible(check: Callable[[], None]) -> Iterator[None]:
         yield
     finally:
         _BETWEEN.reset(token)
+
+
+_TASKS = Path("/proc/self/task")
+
+
+class ProcessorTimes(NamedTuple):
+    """Seconds that the threads of this process ran, and waited for a processor that others had."""
+
+    ran: float
+    waited: float
+
+    @classmethod
+    def now(cls) -> ProcessorTimes | None:
+        """Since they began; None where the system does not tell (Linux does)."""
+        ran = waited = 0
+        try:
+            for task in _TASKS.iterdir():
+                words = (task / "schedstat").read_text().split()
+                ran, waited = ran + int(words[0]), waited + int(words[1])
+        except (OSError, ValueError, IndexError):  # no Linux, or a thread that ended meanwhile
+            return None
+        return cls(1e-9 * ran, 1e-9 * waited)
+
+    def waited_since(self, before: ProcessorTimes) -> float:
+        """Share of the time in which there was something to do that passed waiting."""
+        ran, waited = max(0.0, self.ran - before.ran), max(0.0, self.waited - before.waited)
+        return waited / max(ran + waited, 1e-9)
 
 
 class StepClock:
