@@ -76,12 +76,26 @@ def check_range(name: str, value: float, low: float, high: float = math.inf) -> 
     """Return ``value`` if ``low <= value <= high``; NaN never passes.
 
     Raises:
-        OptionError: outside the range; the message names the option and the range.
+        OptionError: outside the range, or no number; the message names the option and the range.
     """
-    if not low <= value <= high:
+    try:
+        inside = low <= value <= high
+    except TypeError:
+        raise OptionError(f"{name} must be a number, got {value!r}") from None
+    if not inside:
         limit = f">= {low}" if high == math.inf else f"in [{low}, {high}]"
         raise OptionError(f"{name} must be {limit}, got {value}")
     return value
+
+
+def check_name(name: str, value: object) -> None:
+    """Whether a name is text.
+
+    Raises:
+        InputError: it is not.
+    """
+    if not isinstance(value, str):
+        raise InputError(f"{name} must be text, got {type(value).__name__}")
 
 
 def check_choice(name: str, value: str, choices: Sequence[str]) -> str:

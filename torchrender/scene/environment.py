@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from torchrender.brief import brief
-from torchrender.checks import check_finite, check_picture, check_range
+from torchrender.checks import ArrayLike, as_vector, check_finite, check_picture, check_range
 from torchrender.errors import InputError
 from torchrender.images.files import read_image
 from torchrender.scene.files.texture_file import as_texture
@@ -51,6 +51,7 @@ class Environment:
         if self.shown is not None:
             object.__setattr__(self, "shown", self._checked("shown", self.shown))
         check_range(f"environment {self.name!r}: intensity", self.intensity, 0.0, math.inf)
+        check_range(f"environment {self.name!r}: rotation_deg", self.rotation_deg, -1e9, 1e9)
 
     def _checked(self, name: str, value: object) -> Tensor:
         told = f"environment {self.name!r}: {name}"
@@ -74,9 +75,9 @@ class Environment:
         return cls(radiance=radiance, intensity=intensity, rotation_deg=rotation_deg, name=path.stem)
 
     @classmethod
-    def constant(cls, color: Tensor) -> Environment:
-        """The same radiance (3,) from everywhere."""
-        return cls(radiance=color.float().reshape(1, 1, 3), name="constant")
+    def constant(cls, color: ArrayLike) -> Environment:
+        """The same radiance (3,), or one number for all colours, from everywhere."""
+        return cls(radiance=as_vector("color", color).reshape(1, 1, 3), name="constant")
 
     @classmethod
     def from_cube(cls, faces: Tensor, *, height: int = 256) -> Environment:

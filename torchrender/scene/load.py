@@ -44,6 +44,8 @@ def load(
         InputError: an unknown name (known ones are listed), animation, variant or subscene, ``size`` given for a file,
             or a choice that the file's kind does not know.
     """
+    if not isinstance(path_or_name, str | Path):
+        raise InputError(f"load takes a path or a name, got {type(path_or_name).__name__}")
     choice = FileChoice(time=time, animation=animation, variant=variant, subscene=subscene, drop_invalid=drop_invalid)
     path = Path(path_or_name)
     suffix = path.suffix.lower()

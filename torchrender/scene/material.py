@@ -16,7 +16,15 @@ from torch import Tensor
 from torch.utils.weak import WeakTensorKeyDictionary
 
 from torchrender.brief import brief
-from torchrender.checks import as_vector, check_choice, check_finite, check_not_negative, check_picture, check_range
+from torchrender.checks import (
+    as_vector,
+    check_choice,
+    check_finite,
+    check_name,
+    check_not_negative,
+    check_picture,
+    check_range,
+)
 from torchrender.errors import InputError, OptionError
 
 DIELECTRIC_F0 = 0.04
@@ -159,6 +167,7 @@ class Material:
     __repr__ = brief
 
     def __post_init__(self) -> None:
+        check_name("name of a material", self.name)
         for name in ("diffuse", "specular_color", "emission", "sheen_color"):
             told = f"material {self.name!r}: {name}"
             object.__setattr__(self, name, check_not_negative(told, as_vector(told, getattr(self, name))))

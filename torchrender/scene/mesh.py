@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from torchrender.brief import brief
-from torchrender.checks import ArrayLike, as_array, as_vector, check_finite, check_not_negative
+from torchrender.checks import ArrayLike, as_array, as_vector, check_finite, check_name, check_not_negative
 from torchrender.errors import MeshError
 from torchrender.kernels.raster.culling_clusters import cluster_boxes, first_use, spatial_order, vertex_blocks
 from torchrender.numerics.tangents import TangentTable
@@ -83,6 +83,8 @@ class Mesh:
         return _placed(cls(**arrays.plane(size)._asdict(), name=name, material=material), centre)
 
     def __post_init__(self) -> None:
+        check_name("name of a mesh", self.name)
+        self._check_numbers()
         for field in ("vertices", "faces", "normals", "uv", "uv1", "tangents", "colors", "alpha"):
             if (value := getattr(self, field)) is not None:
                 kind = {"vertices": torch.float64, "faces": torch.int64}.get(field, torch.float32)
@@ -116,6 +118,13 @@ class Mesh:
             raise MeshError(
                 f"mesh {self.name!r}: faces must index {v.shape[0]} vertices, got {int(f.min())} to {int(f.max())}"
             )
+
+    def _check_numbers(self) -> None:
+        for field in ("material", "object_id"):
+            value = getattr(self, field)
+            if isinstance(value, bool) or not isinstance(value, int | np.integer | None):
+                how = "" if field == "object_id" else " in Scene(materials=[...])"
+                raise MeshError(f"mesh {self.name!r}: {field} must be a number{how}, got {value!r}")
 
     def with_vertices(self, vertices: ArrayLike) -> Mesh:
         """The mesh with its vertices at other places (V,3); its shading normals and tangents follow.
@@ -151,8 +160,8 @@ class Mesh:
         Raises:
             MeshError: another shape, not finite, not affine, or singular.
         """
-        m = torch.as_tensor(matrix, dtype=torch.float64)
         told = f"mesh {self.name!r}: matrix"
+        m = as_array(told, matrix, torch.float64, MeshError).double()
         if m.shape != (4, 4) or not bool(torch.isfinite(m).all()):
             raise MeshError(f"{told} must be finite with shape (4, 4), got {describe(m)}")
         linear, size = m[:3, :3], torch.linalg.det(m[:3, :3])

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from torchrender.brief import brief, brief_html
-from torchrender.checks import as_vector, check_not_negative
+from torchrender.checks import as_vector, check_name, check_not_negative
 from torchrender.errors import InputError
 from torchrender.numerics import tangents
 from torchrender.scene.camera import Cameras, framing_camera
@@ -28,8 +28,10 @@ from torchrender.scene.mesh import Geometry, Mesh, concatenate
 from torchrender.scene.motion.records import Motion
 from torchrender.scene.motion.update import Moving, at_time, moved_geometry
 from torchrender.scene.parts.emission import emitted_mean
-from torchrender.scene.parts.kinds import KINDS, check_unchanged, several, versions
+from torchrender.scene.parts.kinds import KINDS, check_cameras, check_unchanged, several, versions
 
+MOST_NAMED = 8
+"""Objects that a message lists."""
 DEFAULT_SIZE = (1024, 768)
 """Of pictures whose size nobody says: width and height in pixels."""
 
@@ -60,6 +62,8 @@ class Scene:
     _repr_html_ = brief_html
 
     def __post_init__(self) -> None:
+        check_name("name of a scene", self.name)
+        check_cameras(self.cameras)
         for name, kind in KINDS.items():
             object.__setattr__(self, name, several(name, getattr(self, name), kind))
         if self.environment is not None and not isinstance(self.environment, Environment):
@@ -207,11 +211,14 @@ class Scene:
         Raises:
             InputError: there is none; the message names the nearest ones.
         """
+        check_name("name of an object", name)
         found = tuple(mesh for mesh in self.meshes if mesh.name == name or mesh.name.startswith(f"{name}/"))
         if not found:
             objects = list(dict.fromkeys(mesh.name.partition("/")[0] for mesh in self.meshes))
-            near = get_close_matches(name, objects, 5) or objects[:5]
-            raise InputError(f"scene {self.name!r} has no mesh {name!r}; there are {', '.join(near) or 'none'}")
+            near = get_close_matches(name, objects, 5) or objects
+            more = f" … ({len(near)} in all)" if len(near) > MOST_NAMED else ""
+            told = ", ".join(near[:MOST_NAMED]) + more
+            raise InputError(f"scene {self.name!r} has no mesh {name!r}; there are {told or 'none'}")
         return found
 
     def mesh(self, name: str) -> Mesh:
@@ -239,7 +246,7 @@ class Scene:
 
     def with_meshes(self, meshes: Sequence[Mesh]) -> Scene:
         """This scene with other meshes; where only vertices moved, what was found out about the triangles is kept."""
-        return self._followed_by(replace(self, meshes=tuple(meshes)))
+        return self._followed_by(replace(self, meshes=several("meshes", meshes, (Mesh,))))
 
     def with_default_light(self) -> Scene:
         """This scene, or if nothing really lights it (:attr:`is_lit`), a copy lit from the upper left."""

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, get_args
 
+from torchrender.checks import check_name
 from torchrender.errors import InputError
+from torchrender.scene.camera import Cameras
 from torchrender.scene.light import Light
 from torchrender.scene.material import Material
 from torchrender.scene.medium import Medium
@@ -37,6 +39,21 @@ def several(name: str, value: object, kinds: tuple[type, ...]) -> tuple[Any, ...
             wanted = " or ".join(kind.__name__ for kind in kinds)
             raise InputError(f"{name} must be {wanted}, one or several, got {type(one).__name__}")
     return parts
+
+
+def check_cameras(value: object) -> None:
+    """Whether the cameras of a scene have names, and are cameras.
+
+    Raises:
+        InputError: they are not.
+    """
+    if not isinstance(value, Mapping):
+        how = "{'front': camera}"
+        raise InputError(f"cameras must be a mapping of names to Cameras, such as {how}, got {type(value).__name__}")
+    for name, camera in value.items():
+        check_name("name of a camera", name)
+        if not isinstance(camera, Cameras):
+            raise InputError(f"camera {name!r} must be Cameras, got {type(camera).__name__}")
 
 
 def check_unchanged(name: str, meshes: Sequence[Mesh], known: tuple[int, ...] | None) -> None:
