@@ -63,17 +63,28 @@ class ProcessorTimes(NamedTuple):
             return None
         return cls(1e-9 * ran, 1e-9 * waited)
 
-    def waited_since(self, before: ProcessorTimes) -> float:
-        """Share of the time in which there was something to do that passed waiting."""
+    def share(self, before: ProcessorTimes) -> float:
+        """Of waiting, between two times."""
         ran, waited = max(0.0, self.ran - before.ran), max(0.0, self.waited - before.waited)
         return waited / max(ran + waited, 1e-9)
 
 
 class StepClock:
-    """Milliseconds by the name of the step; steps that come again add up."""
+    """Milliseconds by the name of the step; steps that come again add up.
 
-    def __init__(self) -> None:
+    Args:
+        watched: tell how much of the time passes waiting for a processor.
+    """
+
+    def __init__(self, *, watched: bool = False) -> None:
         self.elapsed_ms: dict[str, float] = {}
+        self._begin = ProcessorTimes.now() if watched else None
+
+    @property
+    def waited(self) -> float:
+        """Share of the time since it was made, in which there was something to do, that passed waiting; 0: unknown."""
+        now = None if self._begin is None else ProcessorTimes.now()
+        return 0.0 if self._begin is None or now is None else now.share(self._begin)
 
     @contextmanager
     def measure(self, step: str) -> Iterator[None]:

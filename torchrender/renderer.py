@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, overload
 from torch import Tensor
 
 from torchrender.buffers import GBuffer, RaySurface
-from torchrender.clock import ProcessorTimes, StepClock
+from torchrender.clock import StepClock
 from torchrender.errors import InputError
 from torchrender.image import Image
 from torchrender.passes.contract import Buffers, Pass
@@ -108,11 +108,10 @@ def render(
     options = options or RenderOptions()
     _check_kinds(options, history)
     check_names(options)
-    clock = StepClock()
+    clock = StepClock(watched=budget_ms is not None)
     if not isinstance(scene, Scene):
         with clock.measure("load"):
             scene = load(scene)
-    before = None if budget_ms is None else ProcessorTimes.now()
     with clock.measure("total"):
         cameras = view_of(scene, camera, width, height)
         check_gradients("render", scene, options)
@@ -120,9 +119,7 @@ def render(
         run = Run(knowledge, (budget_ms, max_error), clock)
         image = run.image()
         say([*scene_doubts(scene), *run.doubts])
-    after = None if before is None else ProcessorTimes.now()
-    waited = 0.0 if before is None or after is None else after.waited_since(before)
-    plan = run.plan.measured(clock.elapsed_ms, run.amounts, clock.elapsed_ms["total"], waited=waited)
+    plan = run.plan.measured(clock.elapsed_ms, run.amounts, clock.elapsed_ms["total"], waited=clock.waited)
     kept = None if history is None else run.history(plan)
     return replace(image, plan=plan, timings_ms=clock.elapsed_ms, history=kept)
 

@@ -427,11 +427,11 @@ def test_a_plan_says_when_the_machine_was_busy(box: Scene) -> None:
 
 def test_time_waited_for_a_processor_is_told() -> None:
     first = ProcessorTimes(2.0, 1.0)
-    assert ProcessorTimes(3.0, 4.0).waited_since(first) == pytest.approx(0.75)
-    assert first.waited_since(first) == 0.0
+    assert ProcessorTimes(3.0, 4.0).share(first) == pytest.approx(0.75)
+    assert first.share(first) == 0.0 == StepClock().waited
     if Path("/proc/self/task").is_dir():
         before = ProcessorTimes.now()
         sum(k * k for k in range(300_000))
         after = ProcessorTimes.now()
         assert before is not None and after is not None
-        assert after.ran > before.ran and 0.0 <= after.waited_since(before) <= 1.0
+        assert after.ran > before.ran and 0.0 <= after.share(before) <= 1.0

@@ -12,11 +12,12 @@ import torch
 from torch import Tensor
 
 from torchrender.brief import brief
-from torchrender.checks import ArrayLike, as_array, as_vector, check_finite, check_name, check_not_negative
+from torchrender.checks import ArrayLike, as_array, as_vector
 from torchrender.errors import MeshError
 from torchrender.kernels.raster.culling_clusters import cluster_boxes, first_use, spatial_order, vertex_blocks
 from torchrender.numerics.tangents import TangentTable
 from torchrender.scene.cutout import Cutout
+from torchrender.scene.parts.mesh_fields import checked_fields, describe
 from torchrender.scene.parts.normals import followed_normals, shared_corners
 from torchrender.scene.primitives import arrays
 
@@ -83,48 +84,8 @@ class Mesh:
         return _placed(cls(**arrays.plane(size)._asdict(), name=name, material=material), centre)
 
     def __post_init__(self) -> None:
-        check_name("name of a mesh", self.name)
-        self._check_numbers()
-        for field in ("vertices", "faces", "normals", "uv", "uv1", "tangents", "colors", "alpha"):
-            if (value := getattr(self, field)) is not None:
-                kind = {"vertices": torch.float64, "faces": torch.int64}.get(field, torch.float32)
-                object.__setattr__(self, field, as_array(f"mesh {self.name!r}: {field}", value, kind, MeshError))
-        v, f = self.vertices, self.faces
-        if not isinstance(v, Tensor) or v.dim() != 2 or v.shape[1] != 3 or not v.is_floating_point():
-            raise MeshError(f"mesh {self.name!r}: vertices must be a float tensor (V, 3), got {describe(v)}")
-        if not isinstance(f, Tensor) or f.dim() != 2 or f.shape[1] != 3 or f.is_floating_point():
-            raise MeshError(f"mesh {self.name!r}: faces must be an integer tensor (F, 3), got {describe(f)}")
-        shapes = {"normals": (3,), "uv": (2,), "uv1": (2,), "tangents": (4,), "colors": (3,), "alpha": ()}
-        for field, tail in shapes.items():
-            value, shape = getattr(self, field), (v.shape[0], *tail)
-            if value is not None and value.shape != shape:
-                raise MeshError(f"mesh {self.name!r}: {field} must have shape {shape}, got {describe(value)}")
-        finite = torch.isfinite(v).all(dim=1)
-        if not bool(finite.all()):
-            bad = (~finite).nonzero().reshape(-1)
-            raise MeshError(
-                f"mesh {self.name!r}: {bad.numel()} of {v.shape[0]} vertices are NaN or infinite, first {int(bad[0])}"
-            )
-        for field in ("colors", "alpha", "tangents"):
-            value, told = getattr(self, field), f"mesh {self.name!r}: {field}"
-            if value is None:
-                continue
-            if not value.is_floating_point():
-                raise MeshError(f"{told} must hold floats, got {describe(value)}")
-            check_finite(told, value, MeshError)
-            if field != "tangents":
-                check_not_negative(told, value, MeshError)
-        if f.numel() and (int(f.min()) < 0 or int(f.max()) >= v.shape[0]):
-            raise MeshError(
-                f"mesh {self.name!r}: faces must index {v.shape[0]} vertices, got {int(f.min())} to {int(f.max())}"
-            )
-
-    def _check_numbers(self) -> None:
-        for field in ("material", "object_id"):
-            value = getattr(self, field)
-            if isinstance(value, bool) or not isinstance(value, int | np.integer | None):
-                how = "" if field == "object_id" else " in Scene(materials=[...])"
-                raise MeshError(f"mesh {self.name!r}: {field} must be a number{how}, got {value!r}")
+        for field, value in checked_fields(vars(self)).items():
+            object.__setattr__(self, field, value)
 
     def with_vertices(self, vertices: ArrayLike) -> Mesh:
         """The mesh with its vertices at other places (V,3); its shading normals and tangents follow.
@@ -342,11 +303,6 @@ def concatenate(meshes: Sequence[Mesh]) -> Geometry:
         tangents=_optional([m.tangents for m in meshes], counts, 4, 0.0),
         alpha=None if alpha is None else alpha[:, 0].contiguous(),
     )
-
-
-def describe(value: object) -> str:
-    """Type and shape of a value, for error messages."""
-    return f"{value.dtype} {tuple(value.shape)}" if isinstance(value, Tensor) else type(value).__name__
 
 
 def _placed(mesh: Mesh, centre: ArrayLike) -> Mesh:

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from difflib import get_close_matches
 from functools import cache, cached_property
-from pathlib import Path
 from typing import Any
 
 import torch
@@ -28,10 +26,8 @@ from torchrender.scene.mesh import Geometry, Mesh, concatenate
 from torchrender.scene.motion.records import Motion
 from torchrender.scene.motion.update import Moving, at_time, moved_geometry
 from torchrender.scene.parts.emission import emitted_mean
-from torchrender.scene.parts.kinds import KINDS, check_cameras, check_unchanged, several, versions
+from torchrender.scene.parts.kinds import KINDS, check_around, check_unchanged, nearest_names, several, versions
 
-MOST_NAMED = 8
-"""Objects that a message lists."""
 DEFAULT_SIZE = (1024, 768)
 """Of pictures whose size nobody says: width and height in pixels."""
 
@@ -63,11 +59,9 @@ class Scene:
 
     def __post_init__(self) -> None:
         check_name("name of a scene", self.name)
-        check_cameras(self.cameras)
+        check_around(self.environment, self.cameras)
         for name, kind in KINDS.items():
             object.__setattr__(self, name, several(name, getattr(self, name), kind))
-        if self.environment is not None and not isinstance(self.environment, Environment):
-            raise InputError(_no_environment(self.environment))
         object.__setattr__(self, "ambient", check_not_negative("ambient", as_vector("ambient", self.ambient)))
         for mesh in self.meshes:
             if not 0 <= mesh.material < len(self.materials):
@@ -215,10 +209,7 @@ class Scene:
         found = tuple(mesh for mesh in self.meshes if mesh.name == name or mesh.name.startswith(f"{name}/"))
         if not found:
             objects = list(dict.fromkeys(mesh.name.partition("/")[0] for mesh in self.meshes))
-            near = get_close_matches(name, objects, 5) or objects
-            more = f" … ({len(near)} in all)" if len(near) > MOST_NAMED else ""
-            told = ", ".join(near[:MOST_NAMED]) + more
-            raise InputError(f"scene {self.name!r} has no mesh {name!r}; there are {told or 'none'}")
+            raise InputError(f"scene {self.name!r} has no mesh {name!r}; there are {nearest_names(name, objects)}")
         return found
 
     def mesh(self, name: str) -> Mesh:
@@ -276,15 +267,6 @@ class Scene:
             InputError: names the mesh and the array.
         """
         check_unchanged(self.name, self.meshes, self.__dict__.get("_versions"))
-
-
-def _no_environment(value: object) -> str:
-    """What to give in place of it."""
-    if isinstance(value, str | Path):
-        return f"environment must be an Environment: take Environment.load({str(value)!r})"
-    if isinstance(value, Tensor):
-        return "environment must be an Environment: take Environment(radiance=...)"
-    return f"environment must be an Environment, got {type(value).__name__}"
 
 
 def _normal_map_set(material: Material) -> int:
