@@ -125,16 +125,15 @@ def check_picture(name: str, value: object, channels: Sequence[int]) -> Tensor:
         InputError: no array, another shape, or integers; says which.
     """
     shapes = " or ".join(f"(H, W, {c})" for c in channels)
-    if isinstance(value, np.ndarray):
-        value = as_array(name, value)
-    if not isinstance(value, Tensor):
+    if not isinstance(value, Tensor | np.ndarray):
         raise InputError(f"{name} must be a picture {shapes}, a tensor or an array, got {type(value).__name__}")
-    if value.dim() != 3 or value.shape[2] not in channels or not value.numel():
+    if len(value.shape) != 3 or value.shape[2] not in channels or 0 in value.shape:
         raise InputError(f"{name} must have shape {shapes}, got {tuple(value.shape)}")
-    if not value.is_floating_point():
-        how = ": divide codes of 8 bits by 255, and undo sRGB" if value.dtype == torch.uint8 else ""
-        raise InputError(f"{name} must hold floats in linear light, got {value.dtype}{how}")
-    return value
+    kind = str(value.dtype).removeprefix("torch.")
+    if "float" not in kind:
+        how = ": divide codes of 8 bits by 255, and undo sRGB" if kind == "uint8" else ""
+        raise InputError(f"{name} must hold floats in linear light, got {kind}{how}")
+    return value if isinstance(value, Tensor) else as_array(name, value)
 
 
 def as_array(
