@@ -13,7 +13,6 @@ from reflection_scenes import looking, mirror_scene
 from torchrender.passes.mirrors.key_frame import KEY_FRAME
 from torchrender.passes.seen.ray_caster import RAY_CASTER
 from torchrender.renderer import render
-from torchrender.scene.camera import Cameras
 from torchrender.scene.load import load
 from torchrender.scene.procedural.fog import with_fog
 from torchrender.wire.cameras import header_of
@@ -57,15 +56,6 @@ def job(scene, number: int = 0, **rest) -> MakeKeyframe:
         "bounds": HUNDRED,
     }
     return MakeKeyframe(**given | rest)
-
-
-@pytest.mark.filterwarnings("error::torchrender.errors.ViewWarning")
-def test_whoever_looks_about_is_not_warned(scene):
-    header = header_of(Cameras.look_at((0.3, 0.3, -0.8), (0.3, 0.3, -2.0), width=64, height=48))
-    renderer = StreamRenderer()
-    for still in (False, True):
-        made = renderer.make(scene, job(scene, camera=header, still=still))
-        assert made["typical_depth"] == 0.0
 
 
 def picture_of(data: bytes) -> KeyframeImage:

@@ -11,7 +11,6 @@ from torch import Tensor
 
 from torchrender.image import Image
 from torchrender.passes.picture import resample
-from torchrender.pipeline.doubts import looking_about
 from torchrender.pipeline.history import Kept, RenderHistory
 from torchrender.pipeline.options import RenderOptions
 from torchrender.scene.camera import Cameras
@@ -254,8 +253,7 @@ class StreamRenderer:
         options = options_of(STREAMED, job.off)
         options = replace(options, buffers=MIRRORS_NEED) if job.mirrors else options
         if not job.still:
-            with looking_about():
-                image, plan = render_image(scene, camera, bounds, options, state.history)
+            image, plan = render_image(scene, camera, bounds, options, state.history)
             assert image.history is not None
             state.history = image.history
             self._lasting.put(job.scene.id, STREAM, image.history)
@@ -273,8 +271,7 @@ def _at_rest(
     scene: Scene, camera: Cameras, bounds: Bounds, past: RenderHistory, options: RenderOptions
 ) -> tuple[Image, dict[str, Any]]:
     """A picture of a refinement: made anew, without reused reflections, and no part of the moving sequence."""
-    with looking_about():
-        return render_image(scene, camera, bounds, options, replace(past.shared(), sequence=False))
+    return render_image(scene, camera, bounds, options, replace(past.shared(), sequence=False))
 
 
 def _bounds(job: MakeKeyframe, packing_ms: float) -> Bounds:
