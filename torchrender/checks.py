@@ -92,6 +92,16 @@ def is_number(value: object) -> bool:
     return isinstance(value, numbers.Real | np.number) or (isinstance(value, Tensor) and value.numel() == 1)
 
 
+def check_name(name: str, value: object) -> None:
+    """Whether a name is text.
+
+    Raises:
+        InputError: it is not.
+    """
+    if not isinstance(value, str):
+        raise InputError(f"{name} must be text, got {type(value).__name__}")
+
+
 def check_choice(name: str, value: str, choices: Sequence[str]) -> str:
     """Return ``value`` if it is one of ``choices``; the error lists them."""
     if value not in choices:
@@ -110,6 +120,24 @@ def as_vector(name: str, value: ArrayLike, size: int = 3, dtype: torch.dtype = t
     if out.shape != (size,):
         raise InputError(f"{name} must be {size} numbers, got shape {tuple(out.shape)}")
     return check_finite(name, out)
+
+
+def check_picture(name: str, value: object, channels: Sequence[int]) -> Tensor:
+    """A picture (H,W,C) of floats, with one of these numbers of channels; arrays of NumPy are taken as tensors.
+
+    Raises:
+        InputError: no array, another shape, or integers; says which.
+    """
+    shapes = " or ".join(f"(H, W, {c})" for c in channels)
+    if not isinstance(value, Tensor | np.ndarray):
+        raise InputError(f"{name} must be a picture {shapes}, a tensor or an array, got {type(value).__name__}")
+    if len(value.shape) != 3 or value.shape[2] not in channels or 0 in value.shape:
+        raise InputError(f"{name} must have shape {shapes}, got {tuple(value.shape)}")
+    kind = str(value.dtype).removeprefix("torch.")
+    if "float" not in kind:
+        how = ": divide codes of 8 bits by 255, and undo sRGB" if kind == "uint8" else ""
+        raise InputError(f"{name} must hold floats in linear light, got {kind}{how}")
+    return value if isinstance(value, Tensor) else as_array(name, value)
 
 
 def as_array(

@@ -6,6 +6,8 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
+from pathlib import Path
+from typing import NamedTuple
 
 
 class Interruption:
@@ -40,11 +42,49 @@ def interruptible(check: Callable[[], None]) -> Iterator[None]:
         _BETWEEN.reset(token)
 
 
-class StepClock:
-    """Milliseconds by the name of the step; steps that come again add up."""
+_TASKS = Path("/proc/self/task")
 
-    def __init__(self) -> None:
+
+class ProcessorTimes(NamedTuple):
+    """Seconds that the threads of this process ran, and waited for a processor that others had."""
+
+    ran: float
+    waited: float
+
+    @classmethod
+    def now(cls) -> ProcessorTimes | None:
+        """Since they began; None where the system does not tell (Linux does)."""
+        ran = waited = 0
+        try:
+            for task in _TASKS.iterdir():
+                words = (task / "schedstat").read_text().split()
+                ran, waited = ran + int(words[0]), waited + int(words[1])
+        except (OSError, ValueError, IndexError):  # no Linux, or a thread that ended meanwhile
+            return None
+        return cls(1e-9 * ran, 1e-9 * waited)
+
+    def share(self, before: ProcessorTimes) -> float:
+        """Of waiting, between two times."""
+        ran, waited = max(0.0, self.ran - before.ran), max(0.0, self.waited - before.waited)
+        return waited / max(ran + waited, 1e-9)
+
+
+class StepClock:
+    """Milliseconds by the name of the step; steps that come again add up.
+
+    Args:
+        watched: tell how much of the time passes waiting for a processor.
+    """
+
+    def __init__(self, *, watched: bool = False) -> None:
         self.elapsed_ms: dict[str, float] = {}
+        self._begin = ProcessorTimes.now() if watched else None
+
+    @property
+    def waited(self) -> float:
+        """Share of the time since it was made, in which there was something to do, that passed waiting; 0: unknown."""
+        now = None if self._begin is None else ProcessorTimes.now()
+        return 0.0 if self._begin is None or now is None else now.share(self._begin)
 
     @contextmanager
     def measure(self, step: str) -> Iterator[None]:

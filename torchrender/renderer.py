@@ -115,7 +115,7 @@ def render(
     options = options or RenderOptions()
     _check_kinds(options, history)
     check_names(options)
-    clock = StepClock()
+    clock = StepClock(watched=budget_ms is not None)
     if not isinstance(scene, Scene):
         with clock.measure("load"):
             scene = load(scene)
@@ -131,7 +131,7 @@ def render(
         run = Run(knowledge, (budget_ms, max_error), clock)
         image = run.image()
         say([*scene_doubts(scene), *run.doubts])
-    plan = run.plan.measured(clock.elapsed_ms, run.amounts, clock.elapsed_ms["total"])
+    plan = run.plan.measured(clock.elapsed_ms, run.amounts, clock.elapsed_ms["total"], waited=clock.waited)
     kept = None if history is None else run.history(plan)
     return replace(image, plan=plan, timings_ms=clock.elapsed_ms, history=kept)
 

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from torchrender.extras import check_extra
+from torchrender.scene.mesh import Mesh
 from torchrender.scene.model import Scene
 
 if TYPE_CHECKING:
+    from torchrender.points.cloud import PointCloud
     from torchrender_service.viewer.view import View
 
 
 def show(
-    scene: Scene,
+    scene: Scene | Mesh | PointCloud | str | Path,
     *,
     port: int = 0,
     hosts: Sequence[str] = (),
@@ -33,6 +36,7 @@ def show(
     views share it. Where the program runs on another machine, forward the port: ``ssh -L 8000:127.0.0.1:8000``.
 
     Args:
+        scene: of this program, or the name or file of one; a mesh or a point cloud alone is a scene of its own.
         port: 0: any that is free.
         hosts: names under which browsers see the service where a proxy shows it, such as ``hub.example.org``.
         prefix: address below which a proxy shows it, for notebooks; None: as JupyterHub with jupyter-server-proxy has
@@ -41,6 +45,7 @@ def show(
 
     Raises:
         MissingExtraError: the packages of the service are not installed.
+        InputError: nothing that can be shown. SceneFileError: a file that cannot be read.
         TorchRenderError: the port is in use.
     """
     check_extra("service", "tr.show")

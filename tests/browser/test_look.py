@@ -160,22 +160,29 @@ def points_file() -> dict[str, Any]:
 def test_files_become_scenes_and_go_again(visit: Callable[..., Visit]) -> None:
     page = visit(layers=0)
     page.wait(JPEG_READY)
-    page.page.locator("#add").click()
     for files, name, channel in ((text_files(), "square", 0), ([points_file()], "ball", 1)):
+        page.page.locator("#add").click()
         page.page.locator("#upload-files").set_input_files(files)
         page.wait(f"() => document.querySelector('#upload-text').innerText.startsWith('{name}')", FRAME_MS)
+        page.wait("() => !document.querySelector('#upload').open")  # the scene is what was asked for
         if name == "square":
             says(page.page, "#upload-report", "not used: file notes.txt")
+            says(page.page, "#notice", "not used: file notes.txt")
+        else:
+            says(page.page, "#notice", "points")
         page.wait(COMPLETE)
         page.wait("() => window.torchrender.scene === document.querySelector('#scene').value")
         page.wait("() => window.torchrender.controls === 'orbit' && window.torchrender.keyframes.length > 0")
         shown, covered = page.capture()
         tint = shown[covered].astype(int)
         assert (tint[:, channel] > tint[:, 2 - 2 * (channel == 1)] + 20).mean() > 0.02, f"{name} in its colour"
+        page.page.locator("#add").click()
         page.page.locator("#upload-delete").click()
         page.wait("() => document.querySelector('#upload-text').innerText === 'deleted'")
+        page.page.locator("#upload-close").click()
     names = page.page.locator("#scene option").all_inner_texts()
     assert sorted(names) == ["cornell box", "living room"]
+    page.page.locator("#add").click()
     page.page.locator("#upload-files").set_input_files([text_files()[1]])
     page.wait("() => document.querySelector('#upload-text').innerText.includes('None of these files')")
     # A picture may be asked for while its scene is being deleted.

@@ -6,6 +6,7 @@ import json
 
 import pytest
 
+from torchrender.cli.fly import _plot
 from torchrender.cli.main import main
 from torchrender.images.files import read_image
 
@@ -87,3 +88,20 @@ def test_wrong_input_is_one_line(words, named, tmp_path, monkeypatch, capsys) ->
     assert main([*SMALL, *words]) == 2
     assert named in capsys.readouterr().err
     assert not list(tmp_path.glob("*.mp4"))
+
+
+@pytest.mark.parametrize("count", [2, 40])
+def test_plots_show_every_time(count, tmp_path, monkeypatch) -> None:
+    from matplotlib.figure import Figure
+
+    drawn: list[Figure] = []
+    monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: drawn.append(figure))
+    records = [{"frame": k, "ms": 3000.0 if k == 0 else 120.0 + k} for k in range(count)]
+    if count > 2:
+        records = [r | {"reused_share": 0.8, "key_frame": r["frame"] == 0} for r in records]
+    _plot(tmp_path / "a.png", records)
+    (figure,) = drawn
+    assert len(figure.axes) == (1 if count == 2 else 2), "nothing empty"
+    low, high = figure.axes[0].get_ylim()
+    assert low <= 121.0 and high >= 3000.0
+    assert figure.axes[0].lines[0].get_marker() == ".", "a few frames are points"

@@ -237,9 +237,36 @@ def test_fog_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[s
     light = [np.load(file)["radiance"] for file in (plain, foggy, off)]
     assert np.abs(light[1] - light[0]).mean() > 0.01 and np.array_equal(light[2], light[0])
     for wrong, word in (
-        ("thick", "name=number"),
+        ("thick", "name=number, such as --fog 'scattering=0.3 height=2', got 'thick'"),
+        ("0.3", "name=number, such as --fog 'scattering=0.3', got '0.3'"),
         ("scatering=1", "no 'scatering'"),
         ("scattering=x", "--fog scattering"),
     ):
         assert cli.main(["render", "cornell_box", "-o", str(off), *size, "--fog", wrong]) == 2
         assert word in capsys.readouterr().err
+
+
+def test_fog_that_is_seen_from_outside_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["render", "cornell_box", "-o", str(tmp_path / "a.png"), "--size", "16x12", "--fog"]
+    assert cli.main(words) == 0
+    assert "from outside" not in capsys.readouterr().err, "alone: a thin one, and the scene's camera stands in it"
+    assert cli.main([*words, "--camera", "eye=0.3,0.3,-3"]) == 0
+    assert "view 0 looks at the fog from outside: it fills a box around the scene, from (" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["voxelize", "cornell_box", "-o", "a.npz", "--resolution", "0"], "--resolution must be in [1, 2048], got 0"),
+        (["spheres", "cornell_box", "-o", "a.npz", "--resolution", "0"], "--resolution must be in [8, 256], got 0"),
+        (["batch", "cornell_box", "-o", "out", "--orbit", "0"], "--orbit must be >= 1, got 0"),
+        (["batch", "cornell_box", "-o", "out", "--path", "orbit", "--frames", "0"], "--frames must be >= 1, got 0"),
+        (["fly", "cornell_box", "-o", "out", "--frames", "-1"], "--frames must be >= 1, got -1"),
+    ],
+)
+def test_counts_are_told_by_their_flag(
+    words: list[str], told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(words) == 2
+    assert told in capsys.readouterr().err

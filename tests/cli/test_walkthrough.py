@@ -77,10 +77,10 @@ def test_render_info_and_fly(folder, tmp_path, capsys):
 
 
 def test_serve_keeps_it_as_a_scene(folder, tmp_path):
-    from torchrender.cli.serve import _keep_walkthrough
+    from torchrender.cli.serve import _keep
 
-    name = _keep_walkthrough(str(folder / "room.trw"), tmp_path)
-    assert name == _keep_walkthrough(str(folder / "room.trw"), tmp_path)
+    name = _keep(folder / "room.trw", tmp_path)
+    assert name == _keep(folder / "room.trw", tmp_path)
     home = tmp_path / "scenes" / name
     facts = json.loads((home / "facts.json").read_text())
     assert facts["id"] == name and facts["bytes"] == (home / "scene.toml").stat().st_size

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import cv2
 import pytest
@@ -87,3 +88,14 @@ def test_what_cannot_be_is_said(name, frames, fps, error, told, tmp_path: Path) 
     with pytest.raises(error, match=told):
         tr.write_film(tmp_path / name, frames, fps)
     assert not list(tmp_path.iterdir())
+
+
+def test_one_picture_is_a_film_too(tmp_path: Path) -> None:
+    class Still:
+        def displayed(self) -> torch.Tensor:
+            return torch.rand(2, 8, 8, 3)
+
+    assert len(tr.write_film(tmp_path / "frames", Still())) == 2
+    word: Any = 3
+    with pytest.raises(InputError, match="frames must be pictures one after the other, got int"):
+        tr.write_film(tmp_path / "frames", word)

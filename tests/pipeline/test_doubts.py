@@ -95,12 +95,43 @@ def test_a_few_odd_normals_are_not() -> None:
 
 
 @pytest.mark.parametrize(
-    ("scale", "photometric", "told"), [(2000.0, True, True), (2.0, True, False), (2000.0, False, False)]
+    ("scale", "photometric", "intensity", "told"),
+    [
+        *[(2000.0, True, 1.0, True), (2.0, True, 1.0, False)],
+        *[(1000.0, False, 20.0, True), (2.0, False, 20.0, False), (1000.0, False, 2e7, False)],
+    ],
 )
-def test_millimetres_are_doubted_where_metres_are_meant(scale: float, photometric: bool, told: bool) -> None:
-    large = scene(tr.Mesh.box(scale), lights=[tr.PointLight(position=[0, 2 * scale, 0])], photometric=photometric)
+def test_millimetres_are_doubted_where_metres_are_meant(
+    scale: float, photometric: bool, intensity: float, told: bool
+) -> None:
+    lamp = tr.PointLight(position=[0, 2 * scale, 0], intensity=intensity)
+    large = scene(tr.Mesh.box(scale), lights=[lamp], photometric=photometric)
     kinds = [kind for kind, _ in scene_doubts(large)]
     assert kinds == ([UnitsWarning] if told else [])
+
+
+def test_lamps_of_a_large_scene_that_has_other_light_are_not_doubted() -> None:
+    lamp = tr.PointLight(position=[0, 2000, 0], intensity=20)
+    assert scene_doubts(scene(tr.Mesh.box(1000.0), lights=[lamp, SUN])) == []
+    assert scene_doubts(scene(tr.Mesh.box(1000.0), lights=[lamp], ambient=0.3)) == []
+
+
+def test_what_lies_before_the_near_plane_is_told() -> None:
+    tiny = scene(tr.Mesh.box(1e-4))
+    camera = tr.Cameras.look_at([2e-4, 2e-4, 3e-4], [0, 0, 0], width=32, height=32)
+    told = r"camera 0 sees nothing: all of it ends .* before the near plane: give the camera near=.*, not 0.01"
+    with pytest.warns(ViewWarning, match=told):
+        tr.render(tiny, camera)
+    far = replace(CAMERA, near=torch.tensor(0.5), far=torch.tensor(1.0))
+    with pytest.warns(ViewWarning, match=r"begins 2.5 ahead, behind the far plane: give the camera far=.*, not 1"):
+        tr.render(scene(), far)
+
+
+def test_textures_of_8_bits_are_doubted() -> None:
+    texture = torch.full((4, 4, 3), 200.0)
+    painted = scene(materials=[tr.Material(name="wood", diffuse_texture=texture)])
+    ((kind, told),) = scene_doubts(painted)
+    assert kind is ColorWarning and "diffuse_texture of material 'wood' reach 200" in told
 
 
 def test_it_is_said_once_and_can_be_filtered() -> None:

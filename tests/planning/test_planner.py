@@ -7,12 +7,13 @@ import math
 import weakref
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 
 import pytest
 import torch
 
 import torchrender as tr
-from torchrender.clock import StepClock
+from torchrender.clock import ProcessorTimes, StepClock
 from torchrender.errors import InputError, OptionError
 from torchrender.passes.contract import Pass, always
 from torchrender.passes.light.shadow_map import SHADOW_MAP
@@ -411,3 +412,26 @@ def test_any_pass_may_be_held_at_any_setting_in_a_sequence(washroom: Scene) -> N
                 held = replace(wish, fixed=(step.name,))
                 plan = tr.plan(washroom, camera, options=held, history=history, budget_ms=80.0)
                 assert step.settings.current(plan.options) == setting.name
+
+
+def test_a_plan_says_when_the_machine_was_busy(box: Scene) -> None:
+    made = tr.plan(box, view(box), budget_ms=50.0)
+    expected = made.predicted_ms
+    assert expected is not None
+    busy = made.measured({}, {}, 4.0 * expected, waited=0.6)
+    assert "took 4.0 times as long as predicted: the machine is busy, 60 % of the time" in str(busy)
+    assert busy.to_dict()["note"] == busy.note != ""
+    assert made.measured({}, {}, 4.0 * expected, waited=0.05).note == "", "that is no reason"
+    assert made.measured({}, {}, 1.1 * expected, waited=0.6).note == "", "and that no question"
+
+
+def test_time_waited_for_a_processor_is_told() -> None:
+    first = ProcessorTimes(2.0, 1.0)
+    assert ProcessorTimes(3.0, 4.0).share(first) == pytest.approx(0.75)
+    assert first.share(first) == 0.0 == StepClock().waited
+    if Path("/proc/self/task").is_dir():
+        before = ProcessorTimes.now()
+        sum(k * k for k in range(300_000))
+        after = ProcessorTimes.now()
+        assert before is not None and after is not None
+        assert after.ran > before.ran and 0.0 <= after.share(before) <= 1.0

@@ -144,6 +144,7 @@ def test_the_framing_camera_sees_every_box(width, height):
     pixels, z = camera.project(points)
     assert bool((pixels >= 0).all()) and bool((pixels[..., 0] <= width).all() & (pixels[..., 1] <= height).all())
     assert bool((z >= camera.near).all() & (z <= camera.far).all())
+    assert float(camera.near) < 2e-3 * float(z.max()), "whoever goes on from here comes closer"
     edge = torch.minimum(pixels, torch.tensor([width, height]) - pixels).amin(1)[0]
     assert float((edge / torch.tensor([width, height])).min()) < 0.05  # and it fills the image
 

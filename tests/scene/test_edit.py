@@ -142,6 +142,35 @@ def test_arrays_that_are_written_to_after_the_first_picture_are_refused(scene) -
     copy = pickle.loads(pickle.dumps(scene))
     assert torch.equal(rasterize(copy, view).depth, first.depth)
     mesh.vertices[:, 0] += 0.1
-    with pytest.raises(InputError, match="vertices of mesh 'ball' were changed in place after scene 'set' had"):
+    with pytest.raises(InputError, match=r"vertices of mesh 'ball' were changed in place after .*with_vertices"):
         rasterize(scene, view)
     assert not torch.equal(rasterize(scene.replace(name="new"), view).depth, first.depth)
+
+
+def test_normals_follow_vertices_that_move(scene) -> None:
+    ball = scene.mesh("ball")
+    scale = torch.tensor([1.0, 3.0, 1.0])
+    tall = ball.with_vertices(ball.vertices * scale)
+    exact = ball.transformed(torch.diag(torch.tensor([1.0, 3.0, 1.0, 1.0])))
+    assert float((tall.normals * exact.normals).sum(1).median()) > 0.995
+    stale = float((ball.normals * exact.normals).sum(1).min())
+    assert float((tall.normals * exact.normals).sum(1).min()) > max(0.9, stale + 0.05)
+    seam = ball.uv[:, 0] == 0
+    other = ball.uv[:, 0] == 1
+    assert int(seam.sum()) == int(other.sum()) > 2
+    torch.testing.assert_close(tall.normals[seam], tall.normals[other])
+    back = tall.with_vertices(ball.vertices)
+    assert float((back.normals * ball.normals).sum(1).min()) > 0.99
+    plain = scene.mesh("chair/wood")
+    assert plain.with_vertices(plain.vertices * 2).normals is None
+    with pytest.raises(MeshError, match=r"mesh 'ball': vertices must have shape \(\d+, 3\), got \(2, 3\)"):
+        ball.with_vertices(torch.zeros(2, 3))
+
+
+def test_moved_vertices_that_ask_for_a_gradient_are_gathered(scene) -> None:
+    ball = scene.mesh("ball")
+    asking = (ball.vertices * 1.1).requires_grad_()
+    assert scene.geometry.triangle_count
+    moved = scene.with_meshes([ball.with_vertices(asking), *scene.meshes[1:]])
+    assert not moved.geometry.vertices.requires_grad
+    torch.testing.assert_close(moved.geometry.vertices[: len(asking)], asking.detach().double())

@@ -9,7 +9,8 @@ import pytest
 import torch
 from torch import Tensor
 
-from torchrender.errors import InputError, OptionError
+from torchrender.errors import ImageFileError, InputError, OptionError
+from torchrender.images.exr import write_exr
 from torchrender.images.files import read_image
 from torchrender.scene.environment import Environment
 from torchrender.scene.light import DirectionalLight
@@ -226,3 +227,36 @@ def test_cameras_see_the_picture_that_holds_the_sun() -> None:
     sky = Environment(radiance=torch.zeros(4, 8, 3), shown=torch.ones(4, 8, 3))
     up = torch.tensor([0.0, 1.0, 0.0])
     assert float(sky.lookup(up).max()) == 0.0 and float(sky.background(up).min()) == 1.0
+
+
+def test_environments_come_from_files_and_arrays(tmp_path: Path) -> None:
+    picture = torch.rand(4, 8, 3)
+    write_exr(tmp_path / "sky.exr", {name: picture[..., k] for k, name in enumerate("RGB")})
+    made = Environment.load(tmp_path / "sky.exr", intensity=2.0, rotation_deg=30.0)
+    assert (made.name, made.intensity, made.rotation_deg) == ("sky", 2.0, 30.0)
+    torch.testing.assert_close(made.radiance, picture, rtol=1e-3, atol=1e-3)
+    assert torch.equal(Environment(radiance=picture.numpy()).radiance, picture)
+    with pytest.raises(ImageFileError, match="no such file"):
+        Environment.load(tmp_path / "none.hdr")
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        ("studio.hdr", r"take Environment\.load\('studio\.hdr'\)"),
+        (Path("studio.hdr"), r"take Environment\.load\('studio\.hdr'\)"),
+        (torch.ones(2, 4, 3), r"take Environment\(radiance=\.\.\.\)"),
+        (3, "must be an Environment, got int"),
+    ],
+)
+def test_what_is_no_environment_is_refused_by_the_scene(given: object, told: str) -> None:
+    with pytest.raises(InputError, match=told):
+        Scene(environment=given)  # type: ignore[arg-type]
+
+
+def test_files_and_codes_are_no_radiance() -> None:
+    word: object = "studio.hdr"
+    with pytest.raises(InputError, match=r"take Environment\.load\('studio\.hdr'\)"):
+        Environment(radiance=word)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=r"must hold floats in linear light, got uint8: divide"):
+        Environment(radiance=torch.zeros(2, 4, 3, dtype=torch.uint8))

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
+import re
+from typing import Any
 
+import numpy as np
 import pytest
 import torch
 
@@ -13,6 +16,7 @@ from torchrender.kernels.raster.records import SOLID
 from torchrender.scene.cutout import Corners, build_cutout
 from torchrender.scene.environment import Environment, latlong_directions
 from torchrender.scene.light import DirectionalLight, PointLight, RectLight, SpotLight
+from torchrender.scene.load import load
 from torchrender.scene.material import Material, Sampler, from_metallic_roughness
 from torchrender.scene.medium import Medium
 from torchrender.scene.mesh import CLUSTER, Mesh, concatenate
@@ -87,6 +91,11 @@ def test_materials_check_themselves():
             Material(**{field: value})
     with pytest.raises(InputError, match="diffuse_texture"):
         Material(diffuse_texture=torch.zeros(4, 4))
+    codes: Any = np.zeros((8, 8, 3), np.uint8)
+    with pytest.raises(InputError, match=r"must hold floats in linear light, got uint8: divide codes"):
+        Material(diffuse_texture=codes)
+    grey: Any = np.full((8, 8, 3), 0.5)
+    assert isinstance(Material(diffuse_texture=grey).diffuse_texture, torch.Tensor)
     with pytest.raises(InputError, match="diffuse"):
         Material(diffuse=torch.tensor([0.1, math.nan, 0]))
 
@@ -237,3 +246,47 @@ def test_unknown_cameras_are_refused_with_the_known_names():
     with pytest.raises(InputError, match="door"):
         named.camera("front", width=8, height=8)
     assert named.camera(width=16, height=8).width == 16
+
+
+CORNER: Any = {"vertices": [[0, 0, 0], [1, 0, 0], [0, 1, 0]], "faces": [[0, 1, 2]]}
+
+
+@pytest.mark.parametrize(
+    ("make", "told"),
+    [
+        (lambda word: Mesh(**CORNER, material=word), "mesh 'mesh': material must be a number in Scene"),
+        (lambda word: Mesh(**CORNER, material=Material(name=word)), "mesh 'mesh': material must be a number in Scene"),
+        (lambda word: Mesh(**CORNER, object_id=word), "mesh 'mesh': object_id must be a number, got 'red'"),
+        (lambda _: Mesh(**CORNER, name=3), "name of a mesh must be text, got int"),
+        (lambda word: Mesh.sphere(word), "must be a number, got 'red'"),
+        (lambda word: Mesh.sphere(segments=word), "must be a number, got 'red'"),
+        (lambda word: Mesh(**CORNER).transformed(word), "matrix must be"),
+        (lambda word: Material(specular=word), "specular must be a number, got 'red'"),
+        (lambda word: Material(metallic=word), "metallic must be a number, got 'red'"),
+        (lambda _: Material(name=3), "name of a material must be text"),
+        (lambda word: Environment.constant(word), "color must be 3 numbers, got 'red'"),
+        (lambda word: Environment(radiance=torch.ones(2, 4, 3), intensity=word), "intensity must be a number"),
+        (lambda word: Environment(radiance=torch.ones(2, 4, 3), rotation_deg=word), "rotation_deg must be a number"),
+        (lambda word: Medium(low=(0, 0, 0), high=(1, 1, 1), density=word), "density must be a number, got 'red'"),
+        (lambda _: Scene(name=3), "name of a scene must be text"),
+        (lambda word: Scene(cameras=[word]), "cameras must be a mapping of names to Cameras, such as"),
+        (lambda word: Scene(cameras={"front": word}), "camera 'front' must be Cameras, got str"),
+        (lambda word: Scene().at(word), "time must be a finite number of seconds, got 'red'"),
+        (lambda _: Scene().with_meshes(3), "meshes must be Mesh, one or several, got int"),
+        (lambda _: Scene().moved(3, torch.eye(4)), "name of an object must be text, got int"),
+        (lambda word: load("city", size=word), "size must be a number, got 'red'"),
+        (lambda _: load(3), "load takes a path or a name, got int"),
+    ],
+)
+def test_slips_of_type_are_told_by_name(make: Any, told: str) -> None:
+    with pytest.raises(InputError, match=re.escape(told)):
+        make("red")
+
+
+def test_an_unknown_object_tells_how_many_there_are() -> None:
+    scene = Scene(meshes=[Mesh(**CORNER, name=f"part {number}") for number in range(12)])
+    with pytest.raises(InputError, match=r"there are part 0, .*part 7 … \(12 in all\)$"):
+        scene.mesh("zzz")
+    few = Scene(meshes=[Mesh(**CORNER, name=f"part {number}") for number in range(8)])
+    with pytest.raises(InputError, match=r"part 6, part 7$"):
+        few.mesh("zzz")

@@ -13,10 +13,12 @@ import torchrender as tr
 from torchrender.pipeline.buffer import Buffer, Lasting
 from torchrender.pipeline.history import Kept, RenderHistory
 from torchrender.pipeline.options import RenderOptions
+from torchrender.scene.camera import Cameras
 from torchrender.scene.material import Material
+from torchrender.wire.cameras import header_of
 from torchrender_service.renderers import job_runner
 from torchrender_service.renderers.job_runner import JobRunner
-from torchrender_service.renderers.jobs import Bounds, Describe, Render, SceneSource, View
+from torchrender_service.renderers.jobs import Bounds, Describe, MakeKeyframe, Render, SceneSource, View
 from torchrender_service.renderers.keeping.lasting import LastingParts
 from torchrender_service.renderers.keeping.sizes import bytes_of
 
@@ -85,3 +87,15 @@ def test_where_memory_is_not_enough_caches_go_and_it_is_tried_once_more(monkeypa
     monkeypatch.setattr(job_runner, "describe", lambda _: (_ for _ in ()).throw(MemoryError))
     with pytest.raises(MemoryError):
         runner.run(Describe(scene=BOX))
+
+
+@pytest.mark.filterwarnings("error::torchrender.errors.ViewWarning")
+@pytest.mark.parametrize("still", [False, True])
+def test_whoever_looks_about_is_not_warned(still: bool) -> None:
+    runner = JobRunner(2048)
+    header = header_of(Cameras.look_at((0.3, 0.3, -0.8), (0.3, 0.3, -2.0), width=64, height=48))
+    job = MakeKeyframe(
+        session="one", scene=BOX, id=0, pose=0, time_ms=0.0, camera=header, still=still,
+        extra_layers=0, direction=(0.0, 0.0, 0.0), baseline=0.0, color="jpeg", quality=85, bounds=Bounds(),
+    )  # fmt: skip
+    assert runner._run(job)["typical_depth"] == 0.0

@@ -103,6 +103,53 @@ def test_mistakes_are_named(view: View) -> None:
         view.camera = tr.Cameras.cat([view.camera, view.camera])
     with pytest.raises(TorchRenderError, match="no page has shown"):
         view.wait(0.05)
+    word: Any = "x"
+    with pytest.raises(InputError, match=r"camera must be Cameras, such as .*, got str"):
+        view.camera = word
+    with pytest.raises(InputError, match="camera must be Cameras"):
+        view.pick(3, 4, word)
+    with pytest.raises(InputError, match="a view shows meshes, point clouds and lights, not str"):
+        view.add(word)
+    before = view.scene
+    with pytest.raises(InputError, match="a view shows a Scene, not NoneType"):
+        view.scene = None  # type: ignore[assignment]
+    assert view.scene is before
+    nothing: Any = 3
+    with pytest.raises(InputError, match="takes a Scene, the name or file of one, a Mesh or a PointCloud, not int"):
+        tr.show(nothing, browser=False)
+
+
+def test_a_closed_view_says_so(view: View) -> None:
+    del view  # the service that others run in stays
+    closed = tr.show(small_scene(), browser=False)
+    closed.close()
+    closed.close()
+    for change in (
+        lambda: closed.update(lights=()),
+        lambda: closed.add(tr.Mesh.box()),
+        lambda: setattr(closed, "camera", closed.camera),
+        lambda: closed.on_pick(print),
+    ):
+        with pytest.raises(InputError, match="the view of 'Ball & floor' was closed: show the scene again"):
+            change()
+    assert closed.pick(320, 180) is not None
+
+
+def test_names_meshes_and_points_are_shown_as_scenes(view: View) -> None:
+    del view
+    cloud = tr.PointCloud(position=torch.rand(20, 3, dtype=torch.float64), color=torch.rand(20, 3), name="dust")
+    for thing, name in (("cornell_box", "cornell_box"), (tr.Mesh.sphere(name="moon"), "moon"), (cloud, "dust")):
+        with tr.show(thing, browser=False) as made:
+            assert made.scene.name == name and made.scene.geometry.triangle_count > 0
+
+
+def test_vertices_that_ask_for_a_gradient_are_shown(view: View) -> None:
+    view.scene = small_scene()
+    ball = view.scene.mesh("ball")
+    view.update(mesh="ball", vertices=(ball.vertices + 0.1).requires_grad_())
+    shown = view.scene.mesh("ball").vertices
+    assert not shown.requires_grad
+    torch.testing.assert_close(shown, ball.vertices + 0.1)
 
 
 def test_the_camera_is_read_and_moved(view: View, client: StreamClient) -> None:

@@ -109,6 +109,10 @@ def test_culling_never_changes_a_picture(stages):
     assert sum(s.outside + s.hidden for s in on.statistics) > 0
 
 
+def test_planes_are_counted_of_which_something_is_drawn(stages):
+    assert stages.walkthrough.report["planes"] == len({patch.plane for patch in stages.walkthrough.planes})
+
+
 def test_points_and_planes_share_a_depth_buffer(stages):
     drawn = draw_walkthrough(stages.walkthrough, stages.walkthrough.cameras[2])
     kinds = {int(k) for k in drawn.kind.unique()}

@@ -23,6 +23,11 @@ if TYPE_CHECKING:
     from torchrender.scene.cameras.path import CameraPath
     from torchrender.scene.model import Scene
 
+FEW = 60
+"""Frames of a plot that are drawn as points, too."""
+LONG = 4.0
+"""Times the usual frame from which on a plot of times is logarithmic."""
+
 
 def add_fly(commands: Any) -> None:
     """Describe the command to the parser."""
@@ -69,6 +74,8 @@ def fly(arguments: argparse.Namespace) -> None:
         check_output(output, FILMS)
     if not 1.0 <= arguments.fps <= 240.0:
         raise OptionError(f"--fps must be in [1, 240], got {arguments.fps}")
+    if arguments.frames < 1:
+        raise OptionError(f"--frames must be >= 1, got {arguments.frames}")
     width, height = image_size(arguments.size)
     if is_walkthrough(arguments.scene):
         _fly_walkthrough(arguments, (width, height), film=film)
@@ -111,8 +118,6 @@ def _fly_walkthrough(arguments: argparse.Namespace, size: tuple[int, int], *, fi
     from torchrender.images.film import write_film
 
     output = Path(arguments.output)
-    if arguments.frames < 1:
-        raise OptionError(f"--frames must be >= 1, got {arguments.frames}")
     if not film:
         make_folder(output)
     records: list[dict[str, Any]] = []
@@ -222,19 +227,28 @@ def _write_statistics(output: Path, records: list[dict[str, Any]]) -> list[Path]
 def _plot(path: Path, records: list[dict[str, Any]]) -> None:
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(8, 4.5), layout="constrained")
-    top, bottom = figure.subplots(2, 1, sharex=True)
-    frames = [r["frame"] for r in records]
-    top.plot(frames, [r["ms"] for r in records], color="0.2")
-    top.set_ylabel("ms")
-    usual = sorted(r["ms"] for r in records)[int(0.95 * (len(records) - 1))]
-    top.set_ylim(0, 1.3 * max(usual, 1e-3))  # the first picture prepares the scene: it would hide the others
     mirrors = [r for r in records if "reused_share" in r]
-    bottom.plot([r["frame"] for r in mirrors], [100 * r["reused_share"] for r in mirrors], color="tab:blue")
-    for r in mirrors:
-        if r["key_frame"]:
-            bottom.axvline(r["frame"], color="tab:red", linewidth=0.8)
-    bottom.set_ylabel("reused, % (red: key frames)")
-    bottom.set_ylim(0, 100)
-    bottom.set_xlabel("frame")
+    figure = Figure(figsize=(8, 4.5 if mirrors else 2.6), layout="constrained")
+    top, *below = figure.subplots(2 if mirrors else 1, 1, sharex=True, squeeze=False)[:, 0]
+    marker = "." if len(records) <= FEW else None
+    times = [r["ms"] for r in records]
+    top.plot([r["frame"] for r in records], times, color="0.2", marker=marker)
+    top.set_ylabel("ms")
+    usual = sorted(times)[len(times) // 2]
+    if max(times) > LONG * usual > 0:  # the first picture prepares the scene: a plain axis would hide the others
+        top.set_yscale("log")
+    else:
+        top.set_ylim(0, 1.1 * max(max(times), 1e-3))
+    if below:
+        bottom = below[0]
+        reused = [100 * r["reused_share"] for r in mirrors]
+        bottom.plot([r["frame"] for r in mirrors], reused, color="tab:blue", marker=marker)
+        for r in mirrors:
+            if r["key_frame"]:
+                bottom.axvline(r["frame"], color="tab:red", linewidth=0.8)
+        bottom.set_ylabel("reused, % (red: key frames)")
+        bottom.set_ylim(-3, 103)
+    lowest = (below or [top])[0]
+    lowest.set_xlabel("frame")
+    lowest.xaxis.get_major_locator().set_params(integer=True)
     figure.savefig(path, dpi=110)

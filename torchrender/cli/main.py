@@ -34,7 +34,7 @@ from torchrender.cli.walkthrough import (
     walkthrough_info,
 )
 from torchrender.cli.warm_up import ColdStart, add_warm_up, warm_up_command
-from torchrender.cli.wishes import add_enhance, add_scene_fog, enhance_wish, foggy
+from torchrender.cli.wishes import add_enhance, add_scene_fog, enhance_wish, foggy, say_outside
 from torchrender.errors import InputError, TorchRenderError
 from torchrender.kernels.hooks import before_compiling
 
@@ -99,6 +99,7 @@ def _render(arguments: argparse.Namespace) -> None:
         print(f"{arguments.scene}: lights in candela and lux: exposure auto", file=sys.stderr)
         options = replace(options, exposure=None)
     cameras = [camera_of(scene, words, width, height) for words in arguments.camera or [[]]]
+    say_outside(scene, cameras, arguments)
     COLD.plan = lambda: _planned(scene, cameras[0], options, arguments)
     if len(cameras) > 1:
         collect_garbage()

@@ -5,16 +5,19 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from torchrender.cli.output import make_folder
-from torchrender.errors import OptionError
+from torchrender.errors import InputError, OptionError, SceneFileError
+
+if TYPE_CHECKING:
+    from torchrender.scene.model import Scene
 
 
 def add_serve(commands: Any) -> None:
     """Describe the command to the parser."""
     parser = commands.add_parser("serve", help="serve scenes, pictures and streams of depth images over HTTP")
-    parser.add_argument("scenes", nargs="*", metavar="FILE", help="walkthroughs (.trw) to serve besides")
+    parser.add_argument("scenes", nargs="*", metavar="FILE", help="scenes to serve besides; the first is shown first")
     parser.add_argument("--host", help="address to listen on (default 127.0.0.1); others need TORCHRENDER_API_KEY")
     parser.add_argument("--port", type=int, help="port (default 8000; 0: any that is free)")
     parser.add_argument("--data", metavar="FOLDER", help="where uploaded scenes are kept (default torchrender-data)")
@@ -28,39 +31,74 @@ def serve_command(arguments: argparse.Namespace) -> None:
 
     given = {"host": arguments.host, "port": arguments.port, "data_dir": arguments.data, "threads": arguments.threads}
     settings = read_settings(arguments.config, **given)
+    start = ""
     for name in arguments.scenes:
-        sys.stderr.write(f"{name} is scene {_keep_walkthrough(name, Path(settings.data_dir))}\n")
-    serve(settings)
+        if name in settings.built_in:
+            start = start or name
+            continue
+        scene = _keep(Path(name), Path(settings.data_dir))
+        start = start or scene
+        sys.stderr.write(f"{name} is scene {scene}\n")
+    serve(settings, start=start)
 
 
-def _keep_walkthrough(name: str, data: Path) -> str:
-    """Put a walkthrough into the store as a scene of triangles; returns its id."""
+def _keep(path: Path, data: Path) -> str:
+    """Put a file among the scenes of the service; returns its id.
+
+    A walkthrough becomes a scene of triangles. Other files stay where they are, with their textures: what is kept is a
+    link to their folder, and what the service tells of them.
+
+    Raises:
+        SceneFileError: it cannot be read. InputError: an orthographic camera comes first.
+    """
     import hashlib
-    import json
-    import shutil
     import tempfile
 
-    from torchrender.scene.load import load
     from torchrender.walkthrough.export import write_scene
     from torchrender.walkthrough.file import read_walkthrough
+    from torchrender_service.renderers.uploads.any_scene import load_any
+    from torchrender_service.scenes.store import LINK
+
+    if path.suffix.lower() == ".trw":
+        made = read_walkthrough(path)
+        scene = hashlib.sha256(b"trw" + path.read_bytes()).hexdigest()
+    else:
+        if not path.is_file():
+            raise SceneFileError(path, "no such file")
+        shown = load_any(path)
+        where = path.resolve()
+        told = f"{where}\0{where.stat().st_mtime_ns}\0{where.stat().st_size}"
+        scene = hashlib.sha256(told.encode(errors="surrogateescape")).hexdigest()
+    home = data / "scenes" / scene
+    if home.is_dir():
+        return scene
+    make_folder(home.parent)
+    with tempfile.TemporaryDirectory(dir=home.parent, prefix=".unfinished-") as folder:
+        if path.suffix.lower() == ".trw":
+            file = write_scene(folder, made)
+            more: dict[str, Any] = {"kind": "toml", "bytes": file.stat().st_size}
+            shown = load_any(file)
+        else:
+            kind = path.suffix.lower()[1:]
+            more = {"kind": kind if kind in ("glb", "toml") else "zip", "bytes": where.stat().st_size}
+            more["main"] = f"{LINK}/{where.name}"
+            (Path(folder) / LINK).symlink_to(where.parent, target_is_directory=True)
+        _finish(Path(folder), home, shown, {"id": scene, "built_in": False, "name": path.stem} | more)
+    return scene
+
+
+def _finish(folder: Path, home: Path, scene: Scene, more: dict[str, Any]) -> None:
+    """Write down what the service tells of a scene, and put its folder in place."""
+    import json
+    import shutil
+
     from torchrender_service.renderers.scene_cache import describe
 
-    path = Path(name)
-    if path.suffix.lower() != ".trw":
-        raise OptionError(f"serve takes walkthroughs (.trw), got {name}; other scenes are uploaded")
-    made = read_walkthrough(path)
-    scene = hashlib.sha256(b"trw" + path.read_bytes()).hexdigest()
-    home = data / "scenes" / scene
-    if not home.is_dir():
-        make_folder(home.parent)
-        with tempfile.TemporaryDirectory(dir=home.parent, prefix=".unfinished-") as folder:
-            file = write_scene(folder, made)
-            facts = describe(load(file))
-            facts.pop("orthographic")
-            facts |= {"id": scene, "built_in": False, "kind": "toml", "bytes": file.stat().st_size, "name": path.stem}
-            (Path(folder) / "facts.json").write_text(json.dumps(facts))
-            shutil.copytree(folder, home)
-    return scene
+    facts = describe(scene)
+    if facts.pop("orthographic"):
+        raise InputError(f"{more['name']}: its first camera is orthographic, and streams are of perspective ones")
+    (folder / "facts.json").write_text(json.dumps(facts | more))
+    shutil.copytree(folder, home, symlinks=True)
 
 
 def add_load_test(commands: Any) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from torchrender.cli.arguments import add_scene, add_size, load_scene
 from torchrender.cli.output import check_output, image_size
-from torchrender.errors import InputError
+from torchrender.errors import InputError, OptionError
 
 if TYPE_CHECKING:
     from torchrender.effects.sky_shadows.fit import SphereSet
@@ -42,6 +42,8 @@ def run_spheres(arguments: argparse.Namespace) -> None:
     output = Path(arguments.output)
     check_output(output, (".npz",))
     size = image_size(arguments.size)
+    if not 8 <= arguments.resolution <= 256:
+        raise OptionError(f"--resolution must be in [8, 256], got {arguments.resolution}")
     options = SphereOptions(
         spheres=arguments.spheres, resolution=arguments.resolution, starts=arguments.starts, seed=arguments.seed
     )

@@ -49,6 +49,8 @@ def run_voxelize(arguments: argparse.Namespace, size: tuple[int, int]) -> None:
         raise OptionError("--method is for --solid")
     if arguments.solid and arguments.thin:
         raise OptionError("--thin is for surfaces, not for --solid")
+    if not 1 <= arguments.resolution <= 2048:
+        raise OptionError(f"--resolution must be in [1, 2048], got {arguments.resolution}")
     scene = load_scene(arguments)
     grid = make_grid(scene.bounds[None], arguments.resolution)
     model = _solid(scene, grid, arguments) if arguments.solid else _surface(scene, grid, arguments)

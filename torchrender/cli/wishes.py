@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from typing import TYPE_CHECKING, Any
 
 from torchrender.cli.arguments import numbers
@@ -10,6 +11,7 @@ from torchrender.errors import OptionError
 
 if TYPE_CHECKING:
     from torchrender.effects.enhancement.options import EnhanceOptions
+    from torchrender.scene.camera import Cameras
     from torchrender.scene.model import Scene
 
 _WORDS = ("magnitude", "curvature", "source")
@@ -69,9 +71,12 @@ def _value(name: str, text: str) -> Any:
 def add_scene_fog(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--fog",
+        nargs="?",
+        const="",
         metavar="FOG",
-        help="fog around the scene in place of its media: 'scattering=0.3 [absorption=A] [asymmetry=G] [height=H]"
-        " [density=D] [floor=Y] [emission=E]', coefficients per scene unit; 'off' for clear air",
+        help="fog in a box around scene and cameras, in place of its media; alone a thin one, or 'scattering=0.3"
+        " [absorption=A] [asymmetry=G] [height=H] [density=D] [floor=Y] [emission=E]', coefficients per scene unit;"
+        " 'off' for clear air",
     )
 
 
@@ -93,6 +98,30 @@ def foggy(scene: Scene, arguments: argparse.Namespace) -> Scene:
     for word in arguments.fog.split():
         name, equals, text = word.partition("=")
         if not equals:
-            raise OptionError(f"--fog must be made of name=number, got {word!r}")
+            how = f"scattering={word}" if _is_number(word) else "scattering=0.3 height=2"
+            raise OptionError(f"--fog must be made of name=number, such as --fog '{how}', got {word!r}")
         values[name] = numbers(f"--fog {name}", text, 1)[0]
     return with_fog(scene, values)
+
+
+def say_outside(scene: Scene, cameras: list[Cameras], arguments: argparse.Namespace) -> None:
+    """Say that a camera stands outside of the box that ``--fog`` fills: its sides show before the background."""
+    if arguments.fog is None or not scene.media:
+        return
+    fog = scene.media[0]
+    for number, camera in enumerate(cameras):
+        eye = camera.eye[0]
+        if bool(((eye < fog.low) | (eye > fog.high)).any()):
+            low, high = (", ".join(f"{v:.3g}" for v in corner.tolist()) for corner in (fog.low, fog.high))
+            sys.stderr.write(
+                f"torchrender: view {number} looks at the fog from outside: it fills a box around the scene, from "
+                f"({low}) to ({high}), whose sides show; a camera in it (--camera eye=X,Y,Z) stands in the fog\n"
+            )
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True

@@ -30,7 +30,7 @@ class Displayed(Protocol):
         ...
 
 
-def write_film(path: str | Path, frames: Iterable[Displayed | Tensor], fps: float = 30.0) -> list[Path]:
+def write_film(path: str | Path, frames: Displayed | Iterable[Displayed | Tensor], fps: float = 30.0) -> list[Path]:
     """Write pictures as a film; returns the files written. The film appears whole or not at all.
 
     ``.mp4`` (MPEG-4 part 2), ``.avi`` (Motion JPEG) and ``.gif`` (256 colours, endless); a path without suffix is a
@@ -62,13 +62,17 @@ def write_film(path: str | Path, frames: Iterable[Displayed | Tensor], fps: floa
     return [path]
 
 
-def _of_one_size(frames: Iterable[Displayed | Tensor]) -> Iterator[Tensor]:
+def _of_one_size(frames: Displayed | Iterable[Displayed | Tensor]) -> Iterator[Tensor]:
     """Linear (H,W,3) one after the other.
 
     Raises:
         InputError: none at all, or one that does not fit; names its number.
     """
     size, number = None, 0
+    if isinstance(frames, Displayed):  # one picture, or a batch of them
+        frames = (frames,)
+    elif not isinstance(frames, Iterable):
+        raise InputError(f"frames must be pictures one after the other, got {type(frames).__name__}")
     for frame in frames:
         batch = frame.displayed() if isinstance(frame, Displayed) else frame
         if not isinstance(batch, Tensor) or batch.dim() not in (3, 4) or batch.shape[-1] != 3:

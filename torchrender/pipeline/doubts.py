@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import warnings
+from collections.abc import Iterator
+from contextvars import ContextVar
+from dataclasses import replace
 
 import torch
 from torch import Tensor
@@ -19,12 +23,19 @@ from torchrender.errors import (
     ViewWarning,
 )
 from torchrender.pipeline.options import RenderOptions
+from torchrender.scene.camera import Cameras
 from torchrender.scene.light import Light, PointLight, RectLight, SpotLight, light_color
 from torchrender.scene.mesh import Geometry
 from torchrender.scene.model import Scene
 
 LARGE = 1000.0
 """Scene units across from which on metres are doubted."""
+FAR = 100.0
+"""Scene units across from which on it is doubted that lamps without units reach."""
+DIM = 1e-3
+"""Irradiance that shows as black."""
+ASKED = 1000
+"""Vertices that are asked for their light."""
 LOOKS = 24
 """Pixels along a side of a picture that are asked what they see."""
 MOST = 0.98
@@ -89,7 +100,21 @@ def _unlit(scene: Scene) -> str:
 def say(doubts: list[Doubt]) -> None:
     """Warn, each text once."""
     for kind, text in dict.fromkeys(doubts):
-        warnings.warn(text, kind, stacklevel=3)
+        if kind is not ViewWarning or not _LOOKING_ABOUT.get():
+            warnings.warn(text, kind, stacklevel=3)
+
+
+_LOOKING_ABOUT: ContextVar[bool] = ContextVar("looking_about", default=False)
+
+
+@contextlib.contextmanager
+def looking_about() -> Iterator[None]:
+    """Somebody moves the camera by hand: a look past everything, or from inside of something, is no mistake."""
+    token = _LOOKING_ABOUT.set(True)
+    try:
+        yield
+    finally:
+        _LOOKING_ABOUT.reset(token)
 
 
 def exposure_of(scene: Scene, options: RenderOptions) -> float | None:
@@ -132,6 +157,8 @@ def _bytes(scene: Scene) -> list[Doubt]:
     """Colours that are likely to count from 0 to 255."""
     colors = [(f"colors of mesh {m.name!r}", m.colors) for m in scene.meshes if m.colors is not None]
     colors += [(f"diffuse of material {m.name!r}", m.diffuse) for m in scene.materials]
+    textures = [(m.name, m.diffuse_texture) for m in scene.materials if m.diffuse_texture is not None]
+    colors += [(f"diffuse_texture of material {name!r}", texture) for name, texture in textures]
     high = [(name, float(c.detach().max())) for name, c in colors if c.numel() and float(c.detach().max()) > BYTES]
     how = "colours are linear light from 0 to 1: divide those of 8 bits by 255, and undo sRGB"
     return [(ColorWarning, f"{scene.name}: {name} reach {most:.4g}: {how}") for name, most in high]
@@ -160,19 +187,61 @@ def _faces_away(light: Light, boxes: Tensor) -> bool:
 
 def _units(scene: Scene) -> list[Doubt]:
     near = [light for light in scene.lights if isinstance(light, PointLight | SpotLight)]
-    if not scene.photometric or not near or scene.diagonal < LARGE:
+    if not near:
         return []
-    text = f"{scene.name}: {scene.diagonal:,.0f} units across, and lights in candela, which take a unit as a metre"
-    return [(UnitsWarning, f"{text}: if these are millimetres, scale meshes, lights and cameras by 0.001")]
+    size = scene.diagonal
+    if scene.photometric and size >= LARGE:
+        text = f"{scene.name}: {size:,.0f} units across, and lights in candela, which take a unit as a metre"
+        return [(UnitsWarning, f"{text}: if these are millimetres, scale meshes, lights and cameras by 0.001")]
+    if scene.photometric or size < FAR or len(near) < len(scene.lights) or replace(scene, lights=()).is_lit:
+        return []
+    most = _brightest(scene.geometry.vertices, near)
+    if not 0 < most < DIM:
+        return []
+    text = (
+        f"{scene.name}: {size:,.0f} units across, and its lamps bring an irradiance of {most:.1g} at most to nearly all"
+        " of it: light falls off with the squared distance"
+    )
+    how = "scale meshes, lights and cameras by 0.001, or multiply intensities by 1e6"
+    return [(UnitsWarning, f"{text}; if these are millimetres, {how}")]
+
+
+def _brightest(vertices: Tensor, lamps: list[PointLight | SpotLight]) -> float:
+    """Irradiance that all but a few of the vertices (V,3) stay below, whatever hides the lamps from them."""
+    points = vertices[:: max(1, len(vertices) // ASKED)]
+    total = torch.zeros(len(points), dtype=torch.float64)
+    for lamp in lamps:
+        power = float(light_color(lamp).detach().max())
+        total += power / (points - lamp.position).square().sum(1).clamp_min(1e-30)
+    return float(total.quantile(MOST))
 
 
 def _nothing(scene: Scene, seen: VisibilityBuffer, number: int) -> str:
     eye, (low, high) = seen.cameras.eye[number], scene.bounds
     ahead = seen.cameras.forward[number]
+    told = _before_the_near_plane(scene, seen.cameras[number])
+    if told:
+        return f"{scene.name}: camera {number} sees nothing: {told}"
     return (
         f"{scene.name}: camera {number} sees nothing: it stands at {_told(eye)} and looks along {_told(ahead)}; "
         f"the scene lies between {_told(low)} and {_told(high)}"
     )
+
+
+def _before_the_near_plane(scene: Scene, camera: Cameras) -> str:
+    """Where something would be seen but for the near plane, or the far plane: which, and what to give instead."""
+    pixels, z = camera.project(scene.geometry.vertices[:: max(1, scene.geometry.vertices.shape[0] // ASKED)])
+    size = torch.tensor([camera.width, camera.height])
+    ahead = z[0][((pixels[0] >= 0) & (pixels[0] <= size)).all(-1) & (z[0] > 0)]
+    if not len(ahead):
+        return ""
+    least, most, near, far = float(ahead.min()), float(ahead.max()), float(camera.near[0]), float(camera.far[0])
+    if most < near:
+        told = f"all of it ends {most:.3g} ahead, before the near plane"
+        return f"{told}: give the camera near={0.1 * least:.1g}, not {near:g}"
+    if least > far:
+        return f"it begins {least:.3g} ahead, behind the far plane: give the camera far={2 * most:.1g}, not {far:g}"
+    return ""
 
 
 def _told(point: Tensor) -> str:

@@ -32,6 +32,10 @@ class PlanRow:
         return None if self.expected_error is None else self.expected_error.error
 
 
+SLOW = 1.5
+"""Times the prediction from which on it is asked why a picture took so long."""
+BUSY = 0.3
+"""Share of waiting for a processor from which on others are to blame: own threads wait less for each other."""
 KEPT_MS = 0.05
 """From on which time that later pictures save is told."""
 
@@ -53,6 +57,7 @@ class Plan:
     predicted_error: float | None = None  # mean FLIP of the whole picture; None where a setting was never measured
     error_interval: tuple[float, float] | None = None  # within which it is in nine of ten pictures, at least
     measured_ms: float | None = None
+    note: str = ""  # why it took far longer than predicted, where that is known
     changes: tuple[str, ...] = ()  # settings that a budget or a bound chose instead of those asked for, in words
 
     @property
@@ -82,13 +87,25 @@ class Plan:
         raise KeyError(name)
 
     def measured(
-        self, times_ms: Mapping[str, float], amounts: Mapping[str, tuple[float, ...]], total_ms: float
+        self,
+        times_ms: Mapping[str, float],
+        amounts: Mapping[str, tuple[float, ...]],
+        total_ms: float,
+        *,
+        waited: float = 0.0,
     ) -> Plan:
-        """The plan with what its passes took, and for how much work."""
+        """The plan with what its passes took, for how much work, and with which share of waiting for a processor."""
         rows = tuple(
             replace(row, measured_ms=times_ms.get(row.name), amounts=amounts.get(row.name)) for row in self.rows
         )
-        return replace(self, rows=rows, measured_ms=total_ms)
+        return replace(self, rows=rows, measured_ms=total_ms, note=self._busy(total_ms, waited))
+
+    def _busy(self, total_ms: float, waited: float) -> str:
+        slow = self.predicted_ms is not None and total_ms > SLOW * self.predicted_ms
+        if not slow or waited < BUSY:
+            return ""
+        told = f"it took {total_ms / max(self.predicted_ms or 0.0, 0.1):.1f} times as long as predicted"
+        return f"{told}: the machine is busy, {100 * waited:.0f} % of the time went by waiting for a processor"
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values, for JSON."""
@@ -109,6 +126,7 @@ class Plan:
             "max_error": self.max_error,
             "possible": self.possible,
             "statement": self.statement,
+            "note": self.note,
             "changes": list(self.changes),
             "predicted_ms": _rounded(self.predicted_ms, 2),
             "following_ms": _rounded(self.following_ms, 2),
@@ -124,7 +142,7 @@ class Plan:
             for row in self.rows
         ]
         rows += [[name, "", *texts] for name, *texts in self._totals()]
-        rows += [["", "", "", "", text] for text in (*self.changes, self.statement) if text]
+        rows += [["", "", "", "", text] for text in (*self.changes, self.statement, self.note) if text]
         return html_table(("pass", "setting", "predicted", "took", "why"), rows)
 
     def __str__(self) -> str:
@@ -141,7 +159,7 @@ class Plan:
             lines.append(f"{text}  {line[3]:>{widths[3]}}  {line[4]}".rstrip())
             if number == 0:
                 lines.append("-" * max(len(lines[0]), 60))
-        return "\n".join([*lines, *self.changes, *([self.statement] if self.statement else [])])
+        return "\n".join([*lines, *self.changes, *(text for text in (self.statement, self.note) if text)])
 
     def _totals(self) -> list[tuple[str, str, str, str]]:
         """This picture, and each that follows where that is something else: name, predicted, took, what was wished."""

@@ -247,13 +247,13 @@ def framing_camera(
     x, y, z = (corners @ rotation.T).unbind(1)
     tangent = math.tan(math.radians(fov_deg) / 2) * 0.92
     distance = float((torch.maximum(x.abs() * height / width, y.abs()) / tangent - z).max())
-    nearest, farthest = distance + float(z.min()), distance + float(z.max())
+    farthest = distance + float(z.max())
     return Cameras.look_at(
         centre + axis * distance,
         centre,
         width=width,
         height=height,
         fov_deg=fov_deg,
-        near=max(0.99 * nearest, 1e-3 * distance),
+        near=1e-3 * distance,  # whoever goes on from here comes closer
         far=1.01 * farthest,
     )

@@ -9,13 +9,16 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from pathlib import Path
 
 import torch
 from torch import Tensor
 
 from torchrender.brief import brief
-from torchrender.checks import check_finite, check_range
+from torchrender.checks import ArrayLike, as_vector, check_finite, check_picture, check_range
 from torchrender.errors import InputError
+from torchrender.images.files import read_image
+from torchrender.scene.files.texture_file import as_texture
 from torchrender.scene.light import DirectionalLight
 from torchrender.scene.sky.irradiance import BLOCK_ROWS, IrradianceMap, latlong_directions, solid_angles
 from torchrender.scene.sky.prefilter import FilteredSky
@@ -27,7 +30,11 @@ LARGEST = 1e30
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Environment:
-    """Radiance by direction.
+    """Light from infinitely far away, by direction: ``Scene(environment=Environment.load("studio.hdr"))``.
+
+    Row 0 of the picture is the zenith (+y), the last row the nadir; the middle column looks along -z, columns grow to
+    the right seen from inside. :meth:`load` reads a file, :meth:`constant` makes one colour, :meth:`from_cube` takes
+    the faces of a cube map; arrays of NumPy are taken as tensors.
 
     Raises:
         InputError: the picture is not a finite, non-negative float tensor (H,W,3), or too bright for float32.
@@ -53,23 +60,31 @@ class Environment:
         if float(self.radiance.detach().amax()) * self.intensity > LARGEST:
             raise InputError(f"{told}: radiance times intensity must be at most {LARGEST:g}")
 
-    def _checked(self, name: str, value: Tensor) -> Tensor:
+    def _checked(self, name: str, value: object) -> Tensor:
         told = f"environment {self.name!r}: {name}"
-        if not isinstance(value, Tensor) or value.dim() != 3 or value.shape[2] != 3 or value.numel() == 0:
-            found = tuple(value.shape) if isinstance(value, Tensor) else type(value).__name__
-            raise InputError(f"{told} must have shape (H, W, 3), got {found}")
-        if not value.is_floating_point():
-            raise InputError(f"{told} must hold floats in linear light, got {value.dtype}")
-        value = value.float()
+        if isinstance(value, str | Path):
+            raise InputError(f"{told} must be a picture, for a file take Environment.load({str(value)!r})")
+        value = check_picture(told, value, (3,)).float()
         check_finite(told, value)
         if bool((value < 0).any()):
             raise InputError(f"{told} must not be negative")
         return value
 
     @classmethod
-    def constant(cls, color: Tensor) -> Environment:
-        """The same radiance (3,) from everywhere."""
-        return cls(radiance=color.float().reshape(1, 1, 3), name="constant")
+    def load(cls, path: str | Path, *, intensity: float = 1.0, rotation_deg: float = 0.0) -> Environment:
+        """From a latitude-longitude picture: Radiance HDR or OpenEXR, or one of 8 bits, which ends at white.
+
+        Raises:
+            ImageFileError: missing, damaged, or of an unsupported kind.
+        """
+        path = Path(path)
+        radiance = sky_of(read_image(path))
+        return cls(radiance=radiance, intensity=intensity, rotation_deg=rotation_deg, name=path.stem)
+
+    @classmethod
+    def constant(cls, color: ArrayLike) -> Environment:
+        """The same radiance (3,), or one number for all colours, from everywhere."""
+        return cls(radiance=as_vector("color", color).reshape(1, 1, 3), name="constant")
 
     @classmethod
     def from_cube(cls, faces: Tensor, *, height: int = 256) -> Environment:
@@ -186,6 +201,14 @@ class Environment:
             return self.radiance
         plain = Environment(radiance=self.radiance)
         return plain.lookup(latlong_directions(max(height, rows), max(width, 2 * rows)))
+
+
+def sky_of(picture: Tensor) -> Tensor:
+    """Radiance (H,W,3) of a picture (H,W,1 to 4).
+
+    A few negative texels come from filtering in the program that wrote it: they are black.
+    """
+    return as_texture(picture)[..., :3].clamp_min(0.0).contiguous()
 
 
 @lru_cache(maxsize=4)

@@ -45,6 +45,8 @@ def load(
         InputError: an unknown name (known ones are listed), animation, variant or subscene, ``size`` given for a file,
             or a choice that the file's kind does not know.
     """
+    if not isinstance(path_or_name, str | Path):
+        raise InputError(f"load takes a path or a name, got {type(path_or_name).__name__}")
     choice = FileChoice(time=time, animation=animation, variant=variant, subscene=subscene, drop_invalid=drop_invalid)
     if not isinstance(path_or_name, str | os.PathLike):
         raise InputError(f"path_or_name must be a path or a name, got {type(path_or_name).__name__}")

@@ -16,7 +16,15 @@ from torch import Tensor
 from torch.utils.weak import WeakTensorKeyDictionary
 
 from torchrender.brief import brief
-from torchrender.checks import as_vector, check_choice, check_finite, check_not_negative, check_range
+from torchrender.checks import (
+    as_vector,
+    check_choice,
+    check_finite,
+    check_name,
+    check_not_negative,
+    check_picture,
+    check_range,
+)
 from torchrender.errors import InputError, OptionError
 
 DIELECTRIC_F0 = 0.04
@@ -159,6 +167,7 @@ class Material:
     __repr__ = brief
 
     def __post_init__(self) -> None:
+        check_name("name of a material", self.name)
         for name in ("diffuse", "specular_color", "emission", "sheen_color"):
             told = f"material {self.name!r}: {name}"
             object.__setattr__(self, name, check_not_negative(told, as_vector(told, getattr(self, name))))
@@ -181,20 +190,10 @@ class Material:
         texture = getattr(self, name)
         if texture is None:
             return
-        if (
-            not isinstance(texture, Tensor)
-            or texture.dim() != 3
-            or texture.shape[2] not in channels
-            or not texture.numel()
-        ):
-            shapes = " or ".join(f"(H, W, {c})" for c in channels)
-            found = tuple(texture.shape) if isinstance(texture, Tensor) else type(texture).__name__
-            raise InputError(f"material {self.name!r}: {name} must have shape {shapes}, got {found}")
-        if not texture.is_floating_point():
-            raise InputError(f"material {self.name!r}: {name} must hold floats in linear light, got {texture.dtype}")
+        told = f"material {self.name!r}: {name}"
+        texture = check_picture(told, texture, channels)
         if _CHECKED.get(texture) == texture._version:
             return
-        told = f"material {self.name!r}: {name}"
         checked = check_not_negative(told, check_finite(told, texture.float()))
         _CHECKED[checked] = checked._version
         object.__setattr__(self, name, checked)

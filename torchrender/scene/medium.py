@@ -75,7 +75,7 @@ class Medium:
                     f"medium {self.name!r}: falloff and floor go with a number as density, not with a grid"
                 )
             return
-        check_range(f"medium {self.name!r}: density", float(self.density), 0.0, 1e30)
+        check_range(f"medium {self.name!r}: density", self.density, 0.0, 1e30)
         if not math.isfinite(self.ground):
             raise InputError(f"medium {self.name!r}: floor must be finite, got {self.floor}")
         if self.falloff * (self.ground - float(self.low[1])) > LARGEST_RISE:

@@ -12,16 +12,16 @@ import torch
 from torch import Tensor
 
 from torchrender.brief import brief
-from torchrender.checks import ArrayLike, as_array, as_vector, check_finite, check_not_negative
+from torchrender.checks import ArrayLike, as_array, as_vector
 from torchrender.errors import MeshError
 from torchrender.kernels.raster.culling_clusters import cluster_boxes, first_use, spatial_order, vertex_blocks
 from torchrender.numerics.tangents import TangentTable
 from torchrender.scene.cutout import Cutout
-from torchrender.scene.parts.columns import are_whole, finite_rows, joined, optional
+from torchrender.scene.parts.columns import finite_rows, joined, optional
+from torchrender.scene.parts.mesh_fields import checked_fields, describe
+from torchrender.scene.parts.normals import followed_normals, shared_corners
 from torchrender.scene.primitives import arrays
 
-FARTHEST = 1e15
-"""Coordinate of a vertex, at most: light counts squares of distances in float32."""
 CLUSTER = 128
 """Triangles per culling cluster at most: neighbours of one mesh."""
 
@@ -85,43 +85,36 @@ class Mesh:
         return _placed(cls(**arrays.plane(size)._asdict(), name=name, material=material), centre)
 
     def __post_init__(self) -> None:
-        for field in ("vertices", "faces", "normals", "uv", "uv1", "tangents", "colors", "alpha"):
-            if (value := getattr(self, field)) is not None:
-                kind = {"vertices": torch.float64, "faces": torch.int64}.get(field, torch.float32)
-                object.__setattr__(self, field, as_array(f"mesh {self.name!r}: {field}", value, kind, MeshError))
-        v, f = self.vertices, self.faces
-        if not isinstance(v, Tensor) or v.dim() != 2 or v.shape[1] != 3 or not v.is_floating_point():
-            raise MeshError(f"mesh {self.name!r}: vertices must be a float tensor (V, 3), got {describe(v)}")
-        if not isinstance(f, Tensor) or f.dim() != 2 or f.shape[1] != 3 or not are_whole(f):
-            raise MeshError(f"mesh {self.name!r}: faces must be an integer tensor (F, 3), got {describe(f)}")
-        shapes = {"normals": (3,), "uv": (2,), "uv1": (2,), "tangents": (4,), "colors": (3,), "alpha": ()}
-        for field, tail in shapes.items():
-            value, shape = getattr(self, field), (v.shape[0], *tail)
-            if value is not None and value.shape != shape:
-                raise MeshError(f"mesh {self.name!r}: {field} must have shape {shape}, got {describe(value)}")
-        finite = torch.isfinite(v).all(dim=1)
-        if not bool(finite.all()):
-            bad = (~finite).nonzero().reshape(-1)
-            raise MeshError(
-                f"mesh {self.name!r}: {bad.numel()} of {v.shape[0]} vertices are NaN or infinite, first {int(bad[0])}"
-            )
-        if len(v) and float(v.detach().abs().amax()) > FARTHEST:
-            raise MeshError(f"mesh {self.name!r}: vertices must lie within {FARTHEST:g} scene units of the origin")
-        if isinstance(self.material, bool) or not isinstance(self.material, int):
-            raise MeshError(f"mesh {self.name!r}: material must be an integer, got {self.material!r}")
-        for field in ("colors", "alpha", "tangents"):
-            value, told = getattr(self, field), f"mesh {self.name!r}: {field}"
-            if value is None:
-                continue
-            if not value.is_floating_point():
-                raise MeshError(f"{told} must hold floats, got {describe(value)}")
-            check_finite(told, value, MeshError)
-            if field != "tangents":
-                check_not_negative(told, value, MeshError)
-        if f.numel() and (int(f.min()) < 0 or int(f.max()) >= v.shape[0]):
-            raise MeshError(
-                f"mesh {self.name!r}: faces must index {v.shape[0]} vertices, got {int(f.min())} to {int(f.max())}"
-            )
+        for field, value in checked_fields(vars(self)).items():
+            object.__setattr__(self, field, value)
+
+    def with_vertices(self, vertices: ArrayLike) -> Mesh:
+        """The mesh with its vertices at other places (V,3); its shading normals and tangents follow.
+
+        Normals become the mean of the faces around each vertex, weighted by area; vertices that had one place and one
+        normal, as along the seam of a texture, still have one. A mesh without normals has none. Where the move is one
+        matrix, :meth:`transformed` is exact.
+
+        Raises:
+            MeshError: another number of vertices, or such that are not finite.
+        """
+        placed = as_array(f"mesh {self.name!r}: vertices", vertices, self.vertices.dtype, MeshError)
+        if placed.shape != self.vertices.shape:
+            wanted = tuple(self.vertices.shape)
+            raise MeshError(f"mesh {self.name!r}: vertices must have shape {wanted}, got {tuple(placed.shape)}")
+        moved = replace(self, vertices=placed, tangents=None)
+        if self.normals is None:
+            return moved
+        shared = self._shared
+        normals = followed_normals(moved.vertices, self.faces, shared, self.normals)
+        moved = replace(moved, normals=normals)
+        moved.__dict__["_shared"] = shared  # corners that meet on the way do not become one
+        return moved
+
+    @cached_property
+    def _shared(self) -> Tensor:
+        assert self.normals is not None
+        return shared_corners(self.vertices, self.normals)
 
     def transformed(self, matrix: Tensor | Sequence[Sequence[float]]) -> Mesh:
         """Turned, moved, scaled or sheared by a (4,4) matrix; faces are turned round where it mirrors.
@@ -130,7 +123,7 @@ class Mesh:
             MeshError: another shape, not finite, not affine, or singular.
         """
         told = f"mesh {self.name!r}: matrix"
-        m = as_array(told, matrix, error=MeshError).to(torch.float64)
+        m = as_array(told, matrix, torch.float64, MeshError).double()
         if m.shape != (4, 4) or not bool(torch.isfinite(m).all()):
             raise MeshError(f"{told} must be finite with shape (4, 4), got {describe(m)}")
         linear, size = m[:3, :3], torch.linalg.det(m[:3, :3])
@@ -345,11 +338,6 @@ def concatenate(meshes: Sequence[Mesh]) -> Geometry:
         tangents=optional([m.tangents for m in meshes], counts, 4, 0.0),
         alpha=None if alpha is None else alpha[:, 0].contiguous(),
     )
-
-
-def describe(value: object) -> str:
-    """Type and shape of a value, for error messages."""
-    return f"{value.dtype} {tuple(value.shape)}" if isinstance(value, Tensor) else type(value).__name__
 
 
 def _placed(mesh: Mesh, centre: ArrayLike) -> Mesh:

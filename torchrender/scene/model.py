@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from difflib import get_close_matches
 from functools import cache, cached_property
 from typing import Any
 
@@ -12,7 +11,7 @@ import torch
 from torch import Tensor
 
 from torchrender.brief import brief, brief_html
-from torchrender.checks import as_vector, check_not_negative
+from torchrender.checks import as_vector, check_name, check_not_negative
 from torchrender.errors import InputError
 from torchrender.numerics import tangents
 from torchrender.scene.camera import Cameras, framing_camera
@@ -28,7 +27,7 @@ from torchrender.scene.mesh import Geometry, Mesh, concatenate
 from torchrender.scene.motion.records import Motion
 from torchrender.scene.motion.update import Moving, at_time, moved_geometry
 from torchrender.scene.parts.emission import emitted_mean
-from torchrender.scene.parts.kinds import KINDS, check_unchanged, several, versions
+from torchrender.scene.parts.kinds import KINDS, check_around, check_unchanged, nearest_names, several, versions
 
 DEFAULT_SIZE = (1024, 768)
 """Of pictures whose size nobody says: width and height in pixels."""
@@ -60,6 +59,8 @@ class Scene:
     _repr_html_ = brief_html
 
     def __post_init__(self) -> None:
+        check_name("name of a scene", self.name)
+        check_around(self.environment, self.cameras)
         for name, kind in KINDS.items():
             object.__setattr__(self, name, several(name, getattr(self, name), kind))
         object.__setattr__(self, "ambient", check_not_negative("ambient", as_vector("ambient", self.ambient)))
@@ -205,11 +206,11 @@ class Scene:
         Raises:
             InputError: there is none; the message names the nearest ones.
         """
+        check_name("name of an object", name)
         found = tuple(mesh for mesh in self.meshes if mesh.name == name or mesh.name.startswith(f"{name}/"))
         if not found:
             objects = list(dict.fromkeys(mesh.name.partition("/")[0] for mesh in self.meshes))
-            near = get_close_matches(name, objects, 5) or objects[:5]
-            raise InputError(f"scene {self.name!r} has no mesh {name!r}; there are {', '.join(near) or 'none'}")
+            raise InputError(f"scene {self.name!r} has no mesh {name!r}; there are {nearest_names(name, objects)}")
         return found
 
     def mesh(self, name: str) -> Mesh:
@@ -237,7 +238,7 @@ class Scene:
 
     def with_meshes(self, meshes: Sequence[Mesh]) -> Scene:
         """This scene with other meshes; where only vertices moved, what was found out about the triangles is kept."""
-        return self._followed_by(replace(self, meshes=tuple(meshes)))
+        return self._followed_by(replace(self, meshes=several("meshes", meshes, (Mesh,))))
 
     def with_default_light(self) -> Scene:
         """This scene, or if nothing really lights it (:attr:`is_lit`), a copy lit from the upper left."""

@@ -147,7 +147,7 @@ def _report(made: Stages) -> dict[str, Any]:
         "photos": len(capture),
         "size": [width, height],
         "left_out": dict(list(capture.left_out.items())[:200]),
-        "planes": len(made.planes),
+        "planes": len({patch.plane for patch in patches}),  # of which something is drawn
         "patches": len(patches),
         "points": len(points),
         "objects": len(points.roots),

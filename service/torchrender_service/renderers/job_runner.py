@@ -9,6 +9,7 @@ from typing import Any
 import msgspec
 
 from torchrender.errors import CameraError
+from torchrender.pipeline.doubts import looking_about
 from torchrender.wire.cameras import header_of
 from torchrender_service.errors import out_of_memory
 from torchrender_service.renderers import jobs
@@ -97,13 +98,15 @@ class JobRunner:
         if isinstance(job, jobs.PhotoJob):
             return self._photos.run(job)
         if isinstance(job, jobs.SmoothKeyframe):
-            return self._streams.smooth(job)
+            with looking_about():
+                return self._streams.smooth(job)
         return self._run_in_scene(job)
 
     def _run_in_scene(self, job: jobs.SceneJob) -> dict[str, Any]:
         scene = self._scenes.get(job.scene)
         if isinstance(job, jobs.MakeKeyframe):
-            return self._streams.make(scene, job, self._scenes.revision(job.scene))
+            with looking_about():
+                return self._streams.make(scene, job, self._scenes.revision(job.scene))
         if isinstance(job, jobs.Render):
             return render_picture(scene, job, self._lasting)
         if isinstance(job, jobs.DepthImages):

@@ -1,7 +1,8 @@
 """Scenes: the built-in ones, and uploads kept on disk by the hash of their content.
 
 A scene is a folder ``scenes/<sha256>`` with its file and ``facts.json``. It is made under another name and renamed when
-it is complete, so that what stands there is always whole; names of clients never become paths.
+it is complete, so that what stands there is always whole; names of clients never become paths. Of a file that the
+service was started with there is a link to its folder.
 """
 
 from __future__ import annotations
@@ -30,6 +31,8 @@ from torchrender_service.settings import Settings
 
 LOG = logging.getLogger("torchrender_service.scenes.store")
 KINDS = {"glb": "scene.glb", "toml": "scene.toml", "zip": "scene.zip"}
+LINK = "files"
+"""In the folder of a scene that the service was started with: a link to where its file lies."""
 _HASH = re.compile(r"[0-9a-f]{64}")
 _UNFINISHED = ".unfinished-"
 _FACTS = "facts.json"
@@ -226,7 +229,9 @@ def _read_facts(folder: Path) -> dict[str, Any] | None:
     try:
         facts = json.loads((folder / _FACTS).read_text())
         facts = _cut(dict(facts))
-        whole = facts["id"] == folder.name and (folder / KINDS[facts["kind"]]).stat().st_size == facts["bytes"]
+        main = str(facts.get("main", ""))
+        file = folder / (main if main.startswith(f"{LINK}/") else KINDS[facts["kind"]])
+        whole = facts["id"] == folder.name and file.stat().st_size == facts["bytes"]
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return None
     return facts if whole else None

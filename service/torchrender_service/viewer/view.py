@@ -9,8 +9,9 @@ import time
 import warnings
 import webbrowser
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from html import escape
+from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -26,11 +27,12 @@ from torchrender.points.solids import point_mesh
 from torchrender.renderer import render
 from torchrender.scene.camera import Cameras
 from torchrender.scene.light import DirectionalLight, PointLight, RectLight, SpotLight
+from torchrender.scene.load import load
 from torchrender.scene.material import Material
 from torchrender.scene.mesh import Mesh
 from torchrender.scene.model import Scene
 from torchrender.wire.cameras import cameras_of, header_of
-from torchrender.wire.messages import Picked
+from torchrender.wire.messages import CameraHeader, Picked
 from torchrender_service.renderers.jobs import FindPixel, SceneSource
 from torchrender_service.renderers.viewing.picking import find_pixel
 from torchrender_service.viewer.live_server import LiveServer, live_server
@@ -67,7 +69,7 @@ class View:
         self.id = f"{_word(scene.name)}_{secrets.token_hex(3)}"
         self._scene, self._server, self._prefix = scene, server, prefix
         self._start: Cameras | None = None
-        self._corners: tuple[Tensor, Tensor] | None = None  # faces, and which vertices they share smoothly
+        self._closed = False
         server.put(self.id, scene)
 
     # --------------------------------------------------------------- where it is
@@ -124,53 +126,33 @@ class View:
 
     @scene.setter
     def scene(self, scene: Scene) -> None:
-        self._scene = scene
+        if not isinstance(scene, Scene):
+            raise InputError(f"a view shows a Scene, not {type(scene).__name__}")
+        self._check_open()
         self._server.put(self.id, scene)
+        self._scene = scene
 
     def update(self, *, vertices: ArrayLike | None = None, mesh: str | None = None, **changes: Any) -> View:
         """Change the scene; every page shows it as soon as its next picture is made.
 
         Args:
-            vertices: (V,3) new places of a mesh's vertices, as many as before.
+            vertices: (V,3) new places of a mesh's vertices, as many as before; what asks for a gradient is shown, too.
             mesh: its name; None: the scene has one mesh only.
             changes: fields of :class:`Scene`, such as ``lights`` or ``materials``.
 
         Raises:
-            InputError: no such mesh or field, or another number of vertices. MeshError: vertices that are not finite.
+            InputError: no such mesh or field. MeshError: another number of vertices, or such that are not finite.
         """
         scene = self._scene.replace(**changes) if changes else self._scene
         if vertices is not None:
             number = _number_of(scene, mesh)
-            old = scene.meshes[number]
-            placed = as_array("vertices", vertices, old.vertices.dtype)
-            if placed.shape != old.vertices.shape:
-                raise InputError(f"vertices must have shape {tuple(old.vertices.shape)}, got {tuple(placed.shape)}")
             meshes = list(scene.meshes)
-            normals = None if old.normals is None else self._normals(old, placed)
-            meshes[number] = replace(old, vertices=placed, normals=normals)
+            meshes[number] = meshes[number].with_vertices(_values("vertices", vertices))
             scene = scene.with_meshes(meshes)
         elif mesh is not None:
             raise InputError("mesh names what vertices belong to: give vertices, too")
         self.scene = scene
         return self
-
-    def _normals(self, mesh: Mesh, vertices: Tensor) -> Tensor:
-        """Shading normals of a mesh whose vertices have moved: mean of the faces around each, weighted by area.
-
-        Vertices that had one place and one normal, as along the seam of a texture, still have one normal.
-        """
-        assert mesh.normals is not None
-        if self._corners is None or self._corners[0] is not mesh.faces:
-            alike = torch.cat([mesh.vertices.float(), mesh.normals.float()], dim=1)
-            self._corners = mesh.faces, torch.unique(alike, dim=0, return_inverse=True)[1]
-        shared = self._corners[1]
-        a, b, c = vertices[mesh.faces].unbind(1)
-        face = torch.linalg.cross(b - a, c - a)
-        total = torch.zeros(len(vertices), 3, dtype=face.dtype)
-        for corner in range(3):
-            total.index_add_(0, shared[mesh.faces[:, corner]], face)
-        found = torch.nn.functional.normalize(total, dim=-1, eps=1e-30)[shared].to(mesh.normals.dtype)
-        return torch.where(found.abs().sum(-1, keepdim=True) > 0, found, mesh.normals)  # of no face: as it was
 
     def add(self, *things: Mesh | PointCloud | Material | Any) -> View:
         """Show more: meshes, point clouds (as small solids), lights.
@@ -206,13 +188,14 @@ class View:
 
     @camera.setter
     def camera(self, camera: Cameras) -> None:
-        if len(camera) != 1 or camera.orthographic:
-            raise InputError(f"camera must be a single perspective camera, got {len(camera)}")
+        header = _header("camera", camera)
+        self._check_open()
         self._start = camera
-        self._server.look(self.id, header_of(camera))
+        self._server.look(self.id, header)
 
     def on_pick(self, callback: Callable[[Pick], None]) -> Callable[[Pick], None]:
         """Call back with every surface that somebody clicks on, in a thread for callbacks; works as a decorator."""
+        self._check_open()
 
         def told(picked: Picked) -> None:
             found = self._pick_of({name: getattr(picked, name) for name in picked.__struct_fields__})
@@ -229,7 +212,7 @@ class View:
             x, y: pixels; the first one's centre is at 0.5.
             camera: default :attr:`camera`.
         """
-        header = header_of(camera or self.camera)
+        header = _header("camera", self.camera if camera is None else camera)
         return self._pick_of(find_pixel(self._scene, FindPixel(scene=SceneSource(id=self.id), camera=header, x=x, y=y)))
 
     def _pick_of(self, found: dict[str, Any]) -> Pick | None:
@@ -257,8 +240,14 @@ class View:
         return render(self._scene, scaled.sub_camera(-aside, 0.0, wide, scaled.height), options=options)
 
     def close(self) -> None:
-        """Show it no longer."""
-        self._server.drop(self.id)
+        """Show it no longer; pictures and picks without a page still work."""
+        if not self._closed:
+            self._closed = True
+            self._server.drop(self.id)
+
+    def _check_open(self) -> None:
+        if self._closed:
+            raise InputError(f"the view of {self._scene.name!r} was closed: show the scene again with tr.show(scene)")
 
     def __enter__(self) -> View:
         return self
@@ -268,9 +257,15 @@ class View:
 
 
 def open_view(
-    scene: Scene, *, port: int = 0, hosts: Sequence[str] = (), prefix: str | None = None, browser: bool | None = None
+    thing: Scene | Mesh | PointCloud | str | Path,
+    *,
+    port: int = 0,
+    hosts: Sequence[str] = (),
+    prefix: str | None = None,
+    browser: bool | None = None,
 ) -> View:
     """See :func:`torchrender.show`."""
+    scene = _scene_of(thing)
     notebook = "ipykernel" in sys.modules
     public = os.environ.get("JUPYTERHUB_PUBLIC_URL", "")
     if not hosts and public:
@@ -287,9 +282,39 @@ def open_view(
     return view
 
 
+def _scene_of(thing: Scene | Mesh | PointCloud | str | Path) -> Scene:
+    if isinstance(thing, str | Path):
+        return load(thing)
+    if isinstance(thing, Mesh):
+        return Scene(meshes=(thing,), name=thing.name)
+    if isinstance(thing, PointCloud):
+        white = Material(name=thing.name, diffuse=torch.ones(3))
+        return Scene(meshes=(point_mesh(thing),), materials=(white,), name=thing.name)
+    if isinstance(thing, Scene):
+        return thing
+    raise InputError(
+        f"tr.show takes a Scene, the name or file of one, a Mesh or a PointCloud, not {type(thing).__name__}"
+    )
+
+
+def _header(name: str, camera: Cameras) -> CameraHeader:
+    """The message of a camera that a page can look from."""
+    if not isinstance(camera, Cameras):
+        raise InputError(f"{name} must be Cameras, such as Cameras.look_at(...), got {type(camera).__name__}")
+    if len(camera) != 1 or camera.orthographic:
+        kind = "orthographic" if camera.orthographic else "perspective"
+        raise InputError(f"{name} must be a single perspective camera, got {len(camera)} {kind}")
+    return header_of(camera)
+
+
 def _word(name: str) -> str:
     """A name as an address can hold it."""
     return "".join(c if c.isascii() and c.isalnum() else "_" for c in name.lower())[:40] or "scene"
+
+
+def _values(name: str, value: ArrayLike) -> Tensor:
+    """An array without its gradient: a picture for the eye needs none."""
+    return as_array(name, value).detach()
 
 
 def _number_of(scene: Scene, name: str | None) -> int:

@@ -29,7 +29,7 @@ from torchrender_service.web.state import MakePool, ServiceState
 STATIC = Path(__file__).parent.parent / "static"
 
 
-def make_app(settings: Settings, make_pool: MakePool = Pool) -> FastAPI:
+def make_app(settings: Settings, make_pool: MakePool = Pool, *, start: str = "") -> FastAPI:
     """The service with these settings; it starts its renderers when the server starts it.
 
     Args:
@@ -69,7 +69,7 @@ def make_app(settings: Settings, make_pool: MakePool = Pool) -> FastAPI:
     ):
         app.include_router(module.router)
     if STATIC.is_dir():
-        app.mount("/", PageFiles(directory=STATIC, html=True), name="client")
+        app.mount("/", PageFiles(directory=STATIC, html=True, start=start), name="client")
     app.add_middleware(Guard, settings=settings, metrics=state.metrics, bodies=state.bodies)
     return app
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import zstandard
 from starlette.datastructures import Headers
-from starlette.responses import Response
+from starlette.responses import RedirectResponse, Response
 from starlette.staticfiles import NotModifiedResponse, StaticFiles
 from starlette.types import Scope
 
@@ -34,14 +34,21 @@ def coding_of(accepted: str) -> str | None:
 
 
 class PageFiles(StaticFiles):
-    """Static files, compressed where that helps."""
+    """Static files, compressed where that helps.
 
-    def __init__(self, **rest: Any) -> None:
+    Args:
+        start: scene that an address without words leads to; empty: the page's own choice.
+    """
+
+    def __init__(self, *, start: str = "", **rest: Any) -> None:
         super().__init__(**rest)
+        self._start = start
         self._made: dict[tuple[str, str, float], bytes] = {}
 
     async def get_response(self, path: str, scope: Scope) -> Response:
         """The file; every answer is asked for again each time, and not sent again while it is the same."""
+        if self._start and path in (".", "index.html") and not scope.get("query_string"):
+            return RedirectResponse(f"?scene={self._start}", headers={"Cache-Control": "no-cache"})
         response = await super().get_response(path, scope)
         response.headers["Cache-Control"] = "no-cache"
         name = getattr(response, "path", None)

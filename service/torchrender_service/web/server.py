@@ -74,9 +74,9 @@ def socket_settings() -> dict[str, Any]:
     return {"ws": StreamProtocol, "ws_per_message_deflate": False, "ws_max_size": MAX_MESSAGE_BYTES}
 
 
-def make_server(settings: Settings, make_pool: MakePool = Pool) -> Server:
+def make_server(settings: Settings, make_pool: MakePool = Pool, *, start: str = "") -> Server:
     """A server for these settings, not yet running."""
-    app = make_app(settings, make_pool)
+    app = make_app(settings, make_pool, start=start)
     config = uvicorn.Config(
         app,
         host=settings.host.strip("[]"),
@@ -94,8 +94,8 @@ def make_server(settings: Settings, make_pool: MakePool = Pool) -> Server:
     return Server(config, settings)
 
 
-def serve(settings: Settings) -> None:
-    """Run until a signal stops it.
+def serve(settings: Settings, *, start: str = "") -> None:
+    """Run until a signal stops it; the page begins with the scene ``start``.
 
     Raises:
         OptionError: the data folder cannot be used.
@@ -103,7 +103,7 @@ def serve(settings: Settings) -> None:
     set_up_logs(settings.log_level)
     for said in misspelt(os.environ):
         LOG.warning(said)
-    server = make_server(settings)
+    server = make_server(settings, start=start)
     app: Any = server.config.app
     with app.state.service.scenes.own_folder():
         server.run()

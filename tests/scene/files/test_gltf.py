@@ -218,8 +218,10 @@ def test_missing_texture_is_a_warning(tmp_path: Path) -> None:
     with pytest.warns(
         MissingTextureWarning, match=r"a\.glb: materials\[0\]: texture .*: file 'gone.png' cannot be read"
     ):
-        material = load(glb.write(tmp_path / "a.glb")).materials[0]
-    assert material.diffuse_texture is None
+        scene = load(glb.write(tmp_path / "a.glb"))
+    assert scene.materials[0].diffuse_texture is None
+    (told,) = scene.report.plain()["not_used"]
+    assert told.startswith("materials[0]: texture ") and "gone.png" in told, "whoever sees no warning reads it there"
 
 
 # --------------------------------------------------------------------- accessors

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from torchrender.errors import NotUsedWarning, RepairedWarning
+from torchrender.scene.files.texture_file import MissingTextureWarning
 
 
 @dataclass(frozen=True)
@@ -61,6 +62,7 @@ class Notes:
         self._read: Counter[str] = Counter()
         self._repaired: Counter[str] = Counter()
         self._unused: Counter[str] = Counter()
+        self._missing: Counter[str] = Counter()
 
     def read(self, what: str, count: int = 1) -> None:
         """Something that was read."""
@@ -77,16 +79,23 @@ class Notes:
         if count:
             self._unused[what] += count
 
+    def missing(self, where: str, reason: str) -> None:
+        """A picture, or a file of materials, that cannot be read: said at once, and not used."""
+        told = f"{where}: {reason}; the plain colour is used"
+        warnings.warn(f"{self._path}: {told}", MissingTextureWarning, stacklevel=3)
+        self._missing[told] += 1
+
     def report(self) -> LoadReport:
         """What was collected."""
-        return LoadReport(str(self._path), *(_notes(c) for c in (self._read, self._repaired, self._unused)))
+        unused = (*_notes(self._missing), *_notes(self._unused))
+        return LoadReport(str(self._path), _notes(self._read), _notes(self._repaired), unused)
 
     def close(self) -> LoadReport:
         """The report, after warning about what was repaired and what was not used."""
         report = self.report()
         for title, notes, kind in (
             ("repaired", report.repaired, RepairedWarning),
-            ("not used", report.not_used, NotUsedWarning),
+            ("not used", _notes(self._unused), NotUsedWarning),  # what is missing was said
         ):
             if notes:
                 warnings.warn(f"{self._path}: {title}: {', '.join(map(str, notes))}", kind, stacklevel=2)

@@ -21,7 +21,7 @@ from torchrender.errors import SceneFileError
 from torchrender.images.files import read_image
 from torchrender.scene.camera import Cameras, look_at_matrix, pinhole_matrix
 from torchrender.scene.cameras.record import MAX_SIDE
-from torchrender.scene.environment import Environment
+from torchrender.scene.environment import Environment, sky_of
 from torchrender.scene.files.content import read_bytes
 from torchrender.scene.files.scene_geometry import read_geometry
 from torchrender.scene.files.texture_file import as_texture
@@ -223,9 +223,7 @@ def _environment(table: Table | None) -> Environment | None:
         radiance, name = table.color("color").reshape(1, 1, 3), "constant"
     else:
         path = table.file("file")
-        radiance, name = as_texture(_picture(table, "file", path))[..., :3].contiguous(), path.stem
-        # A few negative texels come from filtering in the program that wrote the picture.
-        radiance = radiance.clamp_min(0.0)
+        radiance, name = sky_of(_picture(table, "file", path)), path.stem
     table.finish()
     with table.reporting():
         return Environment(radiance=radiance, intensity=intensity, rotation_deg=rotation, name=name)

@@ -1,8 +1,7 @@
-"""Pictures that mesh files name: the shape that materials want, and what to say where one is missing."""
+"""Pictures that mesh files name: where they are, and the shape that materials want."""
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
 
 import torch
@@ -13,11 +12,6 @@ from torchrender.errors import TorchRenderWarning
 
 class MissingTextureWarning(TorchRenderWarning):
     """A mesh file names a picture or material file that cannot be read; the plain colour is used instead."""
-
-
-def warn_missing_texture(path: Path, where: str, reason: str) -> None:
-    """Say that a material goes without its picture."""
-    warnings.warn(f"{path}: {where}: {reason}; the plain colour is used", MissingTextureWarning, stacklevel=2)
 
 
 def find_beside(path: Path, name: str) -> Path:

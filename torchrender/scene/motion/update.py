@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from numbers import Real
 from typing import NamedTuple
 
 import numpy as np
@@ -36,8 +38,8 @@ def at_time(state: Moving, time: float | None, animation: str | int | None) -> M
         InputError: no file of the scene has that animation; a time that is not finite.
         MeshError: vertices that are NaN or infinite in this pose.
     """
-    if time is not None and not np.isfinite(time):
-        raise InputError(f"time must be a finite number of seconds, got {time}")
+    if time is not None and not (isinstance(time, Real) and math.isfinite(time)):
+        raise InputError(f"time must be a finite number of seconds, got {time!r}")
     knows = [_knows(m, animation) for m in state.motions]
     if animation is not None and not any(knows):
         names = [repr(a.name) for m in state.motions for a in m.animations]
@@ -109,11 +111,11 @@ def moved_geometry(old: Geometry, before: Sequence[Mesh], after: Sequence[Mesh])
         if was is not now:
             if now.faces is not was.faces:
                 return None
-            vertices[start:end] = now.vertices
+            vertices[start:end] = now.vertices.detach()
             for whole, part in ((normals, now.normals), (tangents, now.tangents)):
                 if whole is None and part is not None:
                     return None
                 if whole is not None:
-                    whole[start:end] = 0.0 if part is None else part
+                    whole[start:end] = 0.0 if part is None else part.detach()
         start = end
     return old.with_vertices(vertices, normals=normals, tangents=tangents)

@@ -3,9 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from difflib import get_close_matches
+from pathlib import Path
 from typing import Any, get_args
 
+from torch import Tensor
+
+from torchrender.checks import check_name
 from torchrender.errors import InputError
+from torchrender.scene.camera import Cameras
+from torchrender.scene.environment import Environment
 from torchrender.scene.light import Light
 from torchrender.scene.material import Material
 from torchrender.scene.medium import Medium
@@ -39,6 +46,49 @@ def several(name: str, value: object, kinds: tuple[type, ...]) -> tuple[Any, ...
     return parts
 
 
+def check_around(environment: object, cameras: object) -> None:
+    """Whether what surrounds the meshes of a scene is what its name says.
+
+    Raises:
+        InputError: it is not.
+    """
+    _check_environment(environment)
+    _check_cameras(cameras)
+
+
+def _check_cameras(value: object) -> None:
+    """Whether the cameras of a scene have names, and are cameras."""
+    if not isinstance(value, Mapping):
+        how = "{'front': camera}"
+        raise InputError(f"cameras must be a mapping of names to Cameras, such as {how}, got {type(value).__name__}")
+    for name, camera in value.items():
+        check_name("name of a camera", name)
+        if not isinstance(camera, Cameras):
+            raise InputError(f"camera {name!r} must be Cameras, got {type(camera).__name__}")
+
+
+def _check_environment(value: object) -> None:
+    """Whether it is one, or none; else it is said what to give in place of it."""
+    if value is None or isinstance(value, Environment):
+        return
+    if isinstance(value, str | Path):
+        raise InputError(f"environment must be an Environment: take Environment.load({str(value)!r})")
+    if isinstance(value, Tensor):
+        raise InputError("environment must be an Environment: take Environment(radiance=...)")
+    raise InputError(f"environment must be an Environment, got {type(value).__name__}")
+
+
+MOST_NAMED = 8
+"""Objects that a message lists."""
+
+
+def nearest_names(name: str, known: Sequence[str]) -> str:
+    """Those that are spelt alike, else the first ones, as text."""
+    near = get_close_matches(name, known, 5) or known
+    more = f" … ({len(near)} in all)" if len(near) > MOST_NAMED else ""
+    return (", ".join(near[:MOST_NAMED]) + more) or "none"
+
+
 def check_unchanged(name: str, meshes: Sequence[Mesh], known: tuple[int, ...] | None) -> None:
     """Refuse arrays of the meshes of a scene that were written to since ``known`` was read.
 
@@ -51,4 +101,5 @@ def check_unchanged(name: str, meshes: Sequence[Mesh], known: tuple[int, ...] | 
     place = next(k for k, (was, new) in enumerate(zip(known, now, strict=True)) if was != new)
     mesh, array = meshes[place // len(ARRAYS)].name, ARRAYS[place % len(ARRAYS)]
     told = f"{array} of mesh {mesh!r} were changed in place after scene {name!r} had been drawn, which would not show"
-    raise InputError(f"{told}: make a new mesh, dataclasses.replace(mesh, {array}=...), and scene.replace(meshes=...)")
+    how = "mesh.with_vertices(...)" if array == "vertices" else f"dataclasses.replace(mesh, {array}=...)"
+    raise InputError(f"{told}: make a new mesh, {how}, and scene.replace(meshes=...)")

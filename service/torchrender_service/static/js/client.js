@@ -14,9 +14,11 @@ const EXPOSURE_EASE = 0.12; // seconds in which an automatic exposure takes effe
 const SAME_EV = 0.004;
 const FORESEEN = 0.1; // seconds ahead, at least, for which a pose says where the view goes
 const FADE = 140; // ms from one keyframe to the next
-const CLIP_SHARE = 0.002; // of the scene's diagonal: what is nearer is cut off
+const CLIP_SHARE = 0.002; // of the scene's diagonal: what is nearer is cut off,
+const CLIP_SAMPLE = 0.1; // unless something of the newest picture is about as near: of its nearest sample's depth
 
-const identical = (a, b) => a !== null && b !== null && a.world_from_camera.every((v, k) => v === b.world_from_camera[k]);
+const identical = (a, b) =>
+  a !== null && b !== null && a.near === b.near && a.world_from_camera.every((v, k) => v === b.world_from_camera[k]);
 
 export class Client {
   /**
@@ -129,9 +131,9 @@ export class Client {
       this.forget();
       this.walker.place(camera, session.up, this.diagonal, { bounds: header.scene.bounds, mode: header.scene.controls });
     } else {
-      const { world_from_camera } = this.walker.camera;
+      const { world_from_camera, near } = this.walker.camera;
       this.walker.home = camera;
-      this.walker.camera = { ...camera, world_from_camera };
+      this.walker.camera = { ...camera, world_from_camera, near };
     }
     this.keyframes.home = this.walker.home;
     this.ended = { scene: this.wishes.scene };
@@ -255,7 +257,8 @@ export class Client {
   }
 
   get near() {
-    return CLIP_SHARE * this.diagonal;
+    const nearest = this.keyframes.newest?.header.depth.near ?? Infinity;
+    return Math.min(CLIP_SHARE * this.diagonal, Math.max(this.walker.camera.near, CLIP_SAMPLE * nearest));
   }
 
   acknowledge() {

@@ -15,6 +15,8 @@ const SLOWEST = 0.0005; // of the diagonal per second: what is slower stands sti
 const DOLLY = 1.2; // of the distance, as a logarithm, per second
 const PAN = 0.7; // of the distance per second
 const NEAREST = 0.002; // of the diagonal
+const CLIP = 0.002; // of the diagonal: what is nearer than this is cut off,
+const ORBIT_CLIP = 0.1; // or, in orbit, this share of the distance
 const FARTHEST = 4;
 const MARGIN = 0.35; // of the diagonal around scene and start: nobody gets lost farther out
 const STICK = 44; // CSS pixels from the stick's centre to full speed
@@ -82,9 +84,10 @@ export class Walker {
     this.jumpTo(this.home);
   }
 
-  /** Stand still where another camera is; opening angle and size stay. */
+  /** Stand still where another camera is, with its near plane; opening angle and size stay. */
   jumpTo(camera) {
-    this.camera = { ...(this.camera ?? camera), world_from_camera: camera.world_from_camera };
+    const { world_from_camera, near } = camera;
+    this.camera = { ...(this.camera ?? camera), world_from_camera, near };
     if (camera === this.home) this.camera = camera;
     this.velocity = [0, 0, 0];
     this.drift = [0, 0, 0];
@@ -92,7 +95,16 @@ export class Walker {
     this.jump = [0, 0, 0];
     this.coast = 0;
     this.findPivot();
-    if (camera.target) this.pivot = camera.target;
+    this.given = near; // holds where it was given; from there on the near plane follows the view, never farther away
+    if (!camera.target) return;
+    this.pivot = camera.target;
+    this.bringNear(); // a place in words has no near plane of its own
+  }
+
+  /** A near plane that lets through whatever a view may come close to from here. */
+  bringNear() {
+    const orbit = this.orbiting ? ORBIT_CLIP * this.distance : Infinity;
+    this.camera = { ...this.camera, near: Math.min(this.given, CLIP * this.diagonal, orbit) };
   }
 
   /** Walk or orbit from where the view is. */
@@ -118,6 +130,7 @@ export class Walker {
     const eye = eyeOf(this.camera);
     this.camera = placed(this.camera, eye, axesTowards(subtract(point, eye), this.up));
     this.pivot = point;
+    this.bringNear();
   }
 
   listen() {
@@ -242,7 +255,9 @@ export class Walker {
     this.spin = scale(turned.spin, 1 / seconds);
     const moved = this.orbiting ? this.circle(seconds, yaw !== 0 || turned.pitch !== 0) : this.walk(seconds);
     this.velocity = scale(subtract(eyeOf(this.camera), from), 1 / seconds);
-    return yaw !== 0 || turned.pitch !== 0 || moved;
+    const changed = yaw !== 0 || turned.pitch !== 0 || moved;
+    if (changed) this.bringNear();
+    return changed;
   }
 
   /**

@@ -22,13 +22,16 @@ const OVERSCAN = 1.2;
 const RETRY = 1500; // ms between attempts to get the list of scenes
 const RESIZE_WAIT = 400; // ms without a change of the window before the stream gets its new size
 const WALLS_WAIT = 500; // ms without a change of the scene before its walls are asked for again
+const NOTICE = 12_000; // ms for which something is said in passing
 const ADDRESS_WAIT = 400; // ms without movement before the view stands in the address
 
 const $ = (id) => document.getElementById(id);
 const words = readWords();
-const number = (name, fallback) => (words[name] !== undefined && Number.isFinite(Number(words[name])) ? Number(words[name]) : fallback);
+const within = (name, low, high) => Number(words[name]) >= low && Number(words[name]) <= high;
+const number = (name, [low, high], fallback) => (within(name, low, high) ? Number(words[name]) : fallback);
 
-const fixed = words.width !== undefined && words.height !== undefined;
+const SIDES = [1, 8192]; // pixels of a stream's picture
+const fixed = within("width", ...SIDES) && within("height", ...SIDES);
 let client = null;
 let views = null;
 let upload = null;
@@ -37,11 +40,20 @@ let size = null;
 let scenes = [];
 let addressTimer = 0;
 let wallsTimer = 0;
+let tellTimer = 0;
 let revision = 0; // of the scene
 
 function say(text) {
   $("message").hidden = !text;
   $("message").textContent = text ?? "";
+}
+
+/** Say something in passing. */
+function tell(text) {
+  clearTimeout(tellTimer);
+  $("notice").hidden = !text;
+  $("notice").textContent = text;
+  tellTimer = setTimeout(() => ($("notice").hidden = true), NOTICE);
 }
 
 $("resolution").replaceChildren(...RESOLUTIONS.map(([name]) => new Option(name, name)));
@@ -66,7 +78,7 @@ const settings = new Settings({
 
 /** Pixels of the stream: as the address says, or the window's shape with the chosen number of pixels. */
 function streamSize() {
-  if (fixed) return [number("width", 640), number("height", 360)];
+  if (fixed) return [Number(words.width), Number(words.height)];
   const pixels = RESOLUTIONS.find(([name]) => name === $("resolution").value)[1];
   const { innerWidth: w, innerHeight: h } = window;
   const height = Math.sqrt((pixels * h) / w);
@@ -89,7 +101,7 @@ function restart() {
   layOut();
   say("");
   const bounds = Object.fromEntries(Object.entries(settings.bounds()).filter(([, value]) => value !== null));
-  const overscan = number("overscan", OVERSCAN);
+  const overscan = number("overscan", [1, 2], OVERSCAN);
   client.settings = settings.changed ? settings.message() : null;
   client.start({ scene: $("scene").value, width: size[0], height: size[1], overscan, ...bounds }, key ?? undefined);
 }
@@ -139,14 +151,25 @@ function onScene(facts, first) {
   panel.showScene(facts);
   upload.showScene(facts.id);
   if (!first) return;
-  if (words.controls) client.walker.setMode(words.controls === "orbit" ? "orbit" : "walk");
+  if (["walk", "orbit"].includes(words.controls)) client.walker.setMode(words.controls);
+  else if (words.controls) settings.ignore("controls", words);
   delete words.controls;
   const start = cameraOf(words.view, client.walker.camera, client.walker.up);
-  delete words.view; // of the scene that the page began with
   if (start) client.walker.jumpTo(start);
+  else if (words.view) settings.ignore("view", words);
+  delete words.view; // of the scene that the page began with
+  tellIgnored();
   views.showMode();
   views.showCameras({});
   survey(facts.id);
+}
+
+/** Words of a link that mean nothing here, once. */
+function tellIgnored() {
+  for (const name of ["width", "height"]) if (words[name] !== undefined && !fixed) settings.ignore(name, words);
+  const names = Object.entries(settings.ignored).map(([name, value]) => `${name}=${value.slice(0, 40)}`);
+  if (names.length) tell(`The link says what is not known here, and was left out: ${names.join(", ")}`);
+  settings.ignored = {};
 }
 
 /** A scene that its program changes has other walls, once it rests. */
@@ -204,7 +227,11 @@ function showScenes(found) {
   const wanted = words.scene ?? FIRST_SCENE;
   const first = scenes.find((scene) => scene.id === wanted || scene.name === wanted) ?? scenes[0];
   if (!first) return say("The server has no scenes.");
-  if (words.scene && first.id !== wanted && first.name !== wanted) delete words.view;
+  if (words.scene && first.id !== wanted && first.name !== wanted) {
+    settings.ignore("scene", words);
+    delete words.view;
+    delete words.scene;
+  }
   fillScenes(first.id);
   $("scene").disabled = false;
   $("scene").addEventListener("change", () => {
@@ -320,7 +347,7 @@ function begin() {
     return location.href;
   };
   views = new Views({ client, name: known, settings, changed: noteSoon, link });
-  upload = new Upload({ key: () => key, ready: onUploaded, gone: onDeleted });
+  upload = new Upload({ key: () => key, ready: onUploaded, gone: onDeleted, tell });
   expose();
   layOut();
   listen();

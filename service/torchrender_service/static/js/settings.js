@@ -24,6 +24,7 @@ export class Settings {
     this.touched = new Set(); // media that were changed: the others are as in the scene
     this.changed = false; // anything but bounds and layers, which a session begins with
     this.values = { budget: 150, error: 0.05 };
+    this.ignored = {}; // words of the address
     this.restore(initial);
     this.listen();
     this.showAll();
@@ -144,13 +145,22 @@ export class Settings {
   /** The other way round. */
   restore(words) {
     const has = (name) => words[name] !== undefined && words[name] !== "";
-    const number = (name, put) => has(name) && Number.isFinite(Number(words[name])) && put(Number(words[name]));
-    number("budget_ms", (ms) => (this.values.budget = ms) && choose("mode", "budget"));
-    number("max_error", (e) => (this.values.error = e) && choose("mode", "error"));
-    number("layers", (n) => ($("layers").value = n));
-    number("shape", (n) => ($("enhance").value = n));
-    for (const [word, id] of [["fog", "density"], ["g", "asymmetry"]])
-      number(word, (n) => {
+    const number = (name, [low, high], put) => {
+      const value = Number(words[name]);
+      if (has(name) && value >= low && value <= high) put(value);
+      else if (has(name)) this.ignore(name, words);
+    };
+    const word = (name, known, put) => {
+      if (known.includes(words[name])) put(words[name]);
+      else if (has(name)) this.ignore(name, words);
+    };
+    const options = (id) => [...$(id).options].map((option) => option.value);
+    number("budget_ms", [1, 1e6], (ms) => (this.values.budget = ms) && choose("mode", "budget"));
+    number("max_error", [1e-4, 1], (e) => (this.values.error = e) && choose("mode", "error"));
+    number("layers", [0, 4], (n) => ($("layers").value = n));
+    number("shape", [0, 100], (n) => ($("enhance").value = n));
+    for (const [name, id, ends] of [["fog", "density", [0, 100]], ["g", "asymmetry", [-99, 99]]])
+      number(name, ends, (n) => {
         $(id).value = n;
         this.touched.add(id);
       });
@@ -159,15 +169,23 @@ export class Settings {
       this.touched.add("play");
     }
     if (words.ev === "auto") choose("exposure-mode", "auto");
-    else number("ev", (ev) => {
+    else number("ev", [-16, 16], (ev) => {
       $("exposure").value = EV * ev;
       choose("exposure-mode", "manual");
     });
-    if ([...$("tone").options].some((option) => option.value === words.tone)) $("tone").value = words.tone;
-    for (const effect of (words.off ?? "").split(",")) if (EFFECTS.includes(effect)) $(`effect-${effect}`).checked = false;
-    if ([...$("resolution").options].some((option) => option.value === words.pixels)) $("resolution").value = words.pixels;
-    for (const [word, id] of [["earlier", "use-earlier"], ["extra", "use-layers"], ["fill", "use-fill"]]) if (words[word] === "0") $(id).checked = false;
-    this.changed = ["ev", "tone", "off", "fog", "g", "play"].some(has);
+    word("tone", options("tone"), (tone) => ($("tone").value = tone));
+    const off = (words.off ?? "").split(",").filter(Boolean);
+    if (!off.every((effect) => EFFECTS.includes(effect))) this.ignore("off", words);
+    else for (const effect of off) $(`effect-${effect}`).checked = false;
+    word("pixels", options("resolution"), (pixels) => ($("resolution").value = pixels));
+    for (const [name, id] of [["earlier", "use-earlier"], ["extra", "use-layers"], ["fill", "use-fill"]])
+      word(name, ["0", "1"], (ticked) => ($(id).checked = ticked === "1"));
+    this.changed = ["ev", "tone", "off", "fog", "g", "play"].some((name) => has(name) && !(name in this.ignored));
+  }
+
+  /** A word that means nothing here: the page begins as it would without. */
+  ignore(name, words) {
+    this.ignored[name] = words[name];
   }
 
   showAll() {

@@ -35,9 +35,12 @@ async function filesOf(transfer) {
 }
 
 export class Upload {
-  /** Calls `ready(facts)` with a scene that the server has taken, `gone(id)` after one was taken away. */
-  constructor({ key, ready, gone }) {
-    this.hooks = { key, ready, gone };
+  /**
+   * Calls `ready(facts)` with a scene that the server has taken, `gone(id)` after one was taken away; `tell(text)` says
+   * something in passing.
+   */
+  constructor({ key, ready, gone, tell }) {
+    this.hooks = { key, ready, gone, tell };
     this.request = null;
     $("add").addEventListener("click", () => $("upload").showModal());
     $("upload-close").addEventListener("click", () => this.close());
@@ -86,6 +89,7 @@ export class Upload {
       keepOwn(own().add(facts.id));
       this.report(facts);
       this.hooks.ready(facts);
+      $("upload").close(); // the scene is what was asked for
     } catch (error) {
       this.say(error.message, "bad");
     } finally {
@@ -124,7 +128,12 @@ export class Upload {
 
   /** What the server read, repaired, and did not use. */
   report({ name, triangles, report = {} }) {
-    this.say(`${name}: ${triangles.toLocaleString("en")} triangles`, "good");
+    const points = /^points \((\d+)\)$/.exec((report.read ?? []).find((note) => note.startsWith("points (")) ?? "");
+    const what = points ? `${Number(points[1]).toLocaleString("en")} points` : `${triangles.toLocaleString("en")} triangles`;
+    const unused = report.not_used ?? [];
+    this.say(`${name}: ${what}`, unused.length ? "partly" : "good");
+    const more = unused.length > 1 ? ` and ${unused.length - 1} more (see Open)` : "";
+    this.hooks.tell(`${name}: ${what}${unused.length ? `; not used: ${unused[0]}${more}` : ""}`);
     for (const [part, title] of [["not_used", "not used"], ["repaired", "repaired"]])
       for (const note of report[part] ?? []) {
         const item = document.createElement("li");

@@ -19,7 +19,7 @@ from torch import Tensor
 from torchrender.errors import SceneFileError
 from torchrender.images.files import read_image_bytes
 from torchrender.scene.files.gltf.container import GltfFile, object_of
-from torchrender.scene.files.texture_file import as_texture, warn_missing_texture
+from torchrender.scene.files.texture_file import as_texture
 from torchrender.scene.material import Sampler
 
 _WRAPS = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
@@ -132,7 +132,7 @@ class GltfTextures:
         number = info.get("index")
         sources = self._sources(self._file.item("textures", number))
         if not sources:
-            warn_missing_texture(self._file.path, key, f"texture {number} has no picture")
+            self._file.notes.missing(key, f"texture {number} has no picture")
             return None
         for place, (source, kind) in enumerate(sources):
             at = (source, encoded)
@@ -164,7 +164,7 @@ class GltfTextures:
 
     def _say_missing(self, key: str, name: str, reason: str, kind: str, *, last: bool) -> None:
         if last:
-            warn_missing_texture(self._file.path, key, f"texture {name!r}: {reason}")
+            self._file.notes.missing(key, f"texture {name!r}: {reason}")
         else:
             self._file.notes.not_used(f"{kind}, the plain picture is taken: {reason}")
 

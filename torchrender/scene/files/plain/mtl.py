@@ -25,7 +25,7 @@ from torchrender.scene.files.plain.mtl_maps import (
 )
 from torchrender.scene.files.plain.obj import decoded
 from torchrender.scene.files.report import Notes
-from torchrender.scene.files.texture_file import find_beside, warn_missing_texture
+from torchrender.scene.files.texture_file import find_beside
 from torchrender.scene.material import Material, Sampler
 
 _PHYSICAL = ("pr", "pm", "pc", "ps", "map_pr", "map_pm")
@@ -56,7 +56,7 @@ def read_materials(path: Path, libraries: list[str], wanted: list[str], notes: N
                 entries |= _entries(decoded(file.read_bytes()))
             except (OSError, ValueError):
                 whole = False
-                warn_missing_texture(path, f"mtllib {file.name}", "the file cannot be read")
+                notes.missing(f"mtllib {file.name}", "the file cannot be read")
     maps = MapReader(path, notes)
     found = {}
     for name in wanted:

@@ -11,7 +11,7 @@ from torch import Tensor
 from torchrender.errors import ImageFileError
 from torchrender.images.files import read_image
 from torchrender.scene.files.report import Notes
-from torchrender.scene.files.texture_file import as_texture, find_beside, warn_missing_texture
+from torchrender.scene.files.texture_file import as_texture, find_beside
 from torchrender.scene.material import Sampler
 
 _OPTIONS = {
@@ -113,7 +113,7 @@ class MapReader:
         try:
             return as_texture(read_image(found, encoded=encoded))
         except ImageFileError as error:
-            warn_missing_texture(self._path, f"material {material!r}", f"texture {name!r}: {error.reason}")
+            self._notes.missing(f"material {material!r}", f"texture {name!r}: {error.reason}")
             return None
 
 

@@ -1,0 +1,55 @@
+"""What somebody sees who comes by an old link, or with a small window: a scene, and nothing upon something else."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from browser_stage import JPEG_READY, Visit, says
+
+APART = """([names, mode]) => {
+    document.body.dataset.controls = mode;
+    document.querySelector('#brief').textContent = '60 fps · 1,234 ms old · 12.3 % filled · 12.3 % stretched';
+    document.querySelector('#status-text').textContent = 'waiting for the renderer, 3 before';
+    const boxes = names.map((name) => document.querySelector(name).getBoundingClientRect());
+    const found = [];
+    boxes.forEach((a, i) => boxes.slice(0, i).forEach((b, j) => {
+        const beside = a.left >= b.right || b.left >= a.right;
+        if (!beside && a.top < b.bottom && b.top < a.bottom) found.push([names[i], names[j]]);
+    }));
+    boxes.forEach((a, i) => (a.left < 0 || a.right > innerWidth) && found.push([names[i], 'the edge']));
+    return found;
+}"""
+
+
+@pytest.mark.parametrize("wrong", [
+    {"scene": "nonsense", "budget_ms": "-3", "tone": "x", "layers": "9", "controls": "fly", "off": "sun", "ev": "99"},
+    {"view": "a,b"},
+], ids=["settings", "view"])  # fmt: skip
+def test_words_of_a_link_that_mean_nothing_are_left_out(visit: Callable[..., Visit], wrong: dict[str, str]) -> None:
+    page = visit(**wrong)
+    page.wait(JPEG_READY)
+    assert page.state("scene") == "cornell_box"
+    assert page.state("state") == "live"
+    for name, value in wrong.items():
+        says(page.page, "#notice", f"{name}={value}")
+    page.wait("() => !['nonsense', 'budget_ms', 'view'].some((word) => location.search.includes(word))")
+    assert not page.problems
+
+
+def test_a_link_that_is_right_says_nothing(visit: Callable[..., Visit]) -> None:
+    page = visit(budget_ms=300, tone="aces", off="shadows", ev=-1, controls="orbit", view="0.3,0.3,-0.7,0.3,0.3,0")
+    page.wait(JPEG_READY)
+    assert page.page.locator("#notice").is_hidden()
+    assert page.state("controls") == "orbit" and page.page.locator("#tone").input_value() == "aces"
+
+
+@pytest.mark.parametrize("width", [390, 620, 900, 1280])
+@pytest.mark.parametrize("mode", ["walk", "orbit"])
+def test_nothing_stands_on_top_of_something_else(visit: Callable[..., Visit], width: int, mode: str) -> None:
+    page = visit(context={"viewport": {"width": width, "height": 700}}, layers=0)
+    page.wait(JPEG_READY)
+    head = [".brand", "#scene", "#status", "#add", "#toggle"]
+    assert page.page.evaluate(APART, [head, mode]) == []
+    assert page.page.evaluate(APART, [["#help", "#brief"], mode]) == []

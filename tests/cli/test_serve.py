@@ -1,0 +1,66 @@
+"""Files that the service is started with."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import torchrender as tr
+from torchrender.cli.main import main
+from torchrender.cli.serve import _keep
+from torchrender_service.renderers.contract import RendererPool
+from torchrender_service.renderers.jobs import SceneSource
+from torchrender_service.renderers.scene_cache import SceneCache
+from torchrender_service.scenes.store import SceneStore
+from torchrender_service.settings import Settings
+from torchrender_service.web.page import PageFiles
+
+OBJ = "mtllib a.mtl\nusemtl red\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
+
+
+@pytest.fixture
+def model(tmp_path: Path) -> Path:
+    folder = tmp_path / "models"
+    folder.mkdir()
+    (folder / "red.obj").write_text(OBJ)
+    (folder / "a.mtl").write_text("newmtl red\nKd 0.9 0 0\n")
+    return folder / "red.obj"
+
+
+def test_a_model_is_a_scene_where_it_lies(model: Path, tmp_path: Path) -> None:
+    data = tmp_path / "data"
+    name = _keep(model, data)
+    assert _keep(model, data) == name
+    facts = json.loads((data / "scenes" / name / "facts.json").read_text())
+    assert (facts["name"], facts["triangles"], facts["kind"]) == ("red", 1, "zip")
+    assert str(tmp_path) not in json.dumps({k: v for k, v in facts.items() if k != "report"}), "no path is told"
+    pool: Any = RendererPool
+    store = SceneStore(Settings(data_dir=str(data)), pool)
+    store.open()
+    source = store.source(name)
+    assert isinstance(source, SceneSource)
+    assert SceneCache().get(source).materials[0].diffuse.tolist() == pytest.approx([0.9, 0, 0])
+    model.write_text(OBJ + "# other\n")
+    assert _keep(model, data) != name, "what has changed is another scene"
+
+
+def test_what_is_no_model_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "notes.txt").write_text("nothing")
+    for file, told in (("notes.txt", "cannot read .txt"), ("none.glb", "no such file")):
+        assert main(["serve", str(tmp_path / file), "--data", str(tmp_path / "data")]) == 2
+        assert told in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("query", "status"), [(b"", 307), (b"scene=city", 200)])
+def test_the_page_begins_with_it(query: bytes, status: int) -> None:
+    static = Path(tr.__file__).parent.parent / "service" / "torchrender_service" / "static"
+    files = PageFiles(directory=static, html=True, start="abc")
+    scope = {"type": "http", "method": "GET", "path": "/", "headers": [], "query_string": query}
+    response = asyncio.run(files.get_response(".", scope))
+    assert response.status_code == status
+    if status == 307:
+        assert response.headers["location"] == "?scene=abc"
