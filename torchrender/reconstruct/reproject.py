@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchrender.arrays import view
+from torchrender.arrays import Recycler, view
 from torchrender.brief import brief
 from torchrender.buffers import DepthImages
 from torchrender.checks import check_choice, check_no_gradient, check_range, check_tensor
@@ -30,6 +30,7 @@ from torchrender.scene.camera import Cameras
 LEAD = 5e-4
 """Of surfaces that agree within this share of their depth, the one recorded nearest to the new camera is kept."""
 
+_memory = Recycler(1 << 26)
 METHODS = ("hybrid", "grid", "splat")
 FILTERS = ("bilinear", "nearest")
 
@@ -110,10 +111,10 @@ def reproject(
     quads = _quads(images, offset_images, options, method)
     shape = (len(cameras), cameras.height, cameras.width)
     outputs = (
-        np.empty((*shape, 3), np.float32),
-        np.empty(shape, np.float32),
-        np.empty(shape, np.bool_),
-        np.empty(shape, np.int64),
+        _memory.empty((*shape, 3), np.float32),  # every pixel is written
+        _memory.empty(shape, np.float32),
+        _memory.empty(shape, np.bool_),
+        _memory.empty(shape, np.int64),
     )
     texels = view(colors, np.float32)
     smooth = options.color_filter == "bilinear" and quads is not None
@@ -134,7 +135,8 @@ def _draw(
     source: DepthImages, quads: SampleQuads | None, camera: Cameras, bias: np.ndarray, options: ReprojectOptions
 ) -> np.ndarray:
     """(H*W,) uint64 keys of the nearest quads, or discs where there are no quads; see the kernels."""
-    keys = np.zeros(camera.height * camera.width, np.uint64)
+    keys = _memory.empty((camera.height * camera.width,), np.uint64)
+    keys.fill(0)
     canvas = Canvas(keys, camera.width, camera.height)
     near = float(camera.near[0])
     if quads is None:

@@ -11,10 +11,17 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchrender.arrays import Recycler
 from torchrender.brief import brief
 from torchrender.checks import ArrayLike, as_array, as_vector, check_finite, check_not_negative
 from torchrender.errors import MeshError
-from torchrender.kernels.raster.culling_clusters import cluster_boxes, first_use, spatial_order, vertex_blocks
+from torchrender.kernels.raster.culling_clusters import (
+    cluster_boxes,
+    first_use,
+    spatial_order,
+    take_vertices,
+    vertex_blocks,
+)
 from torchrender.numerics.tangents import TangentTable
 from torchrender.scene.cutout import Cutout
 from torchrender.scene.primitives import arrays
@@ -143,6 +150,7 @@ class Mesh:
         return replace(self, vertices=vertices, faces=faces, normals=normals, tangents=tangents)
 
 
+_memory = Recycler(1 << 26)
 KEPT = ("order", "clusters", "numbering", "cluster_blocks")
 """What a geometry found out about its triangles that stays true while they move."""
 
@@ -196,12 +204,14 @@ class Geometry:
         )
         new = replace(self, vertices=vertices, normals=normals, tangents=tangents)
         new.__dict__.update({name: getattr(self, name) for name in KEPT})
-        for name in ("solid", "panes"):
-            part = self.__dict__.get(name)
-            if isinstance(part, Geometry):
-                new.__dict__[name] = (
-                    new if part is self else part.with_vertices(vertices, normals=normals, tangents=tangents)
-                )
+        if not self.coherent:
+            rows = self.numbering[0].numpy()
+            taken = _memory.empty((len(rows), 3), np.float64)  # every row is written
+            take_vertices(vertices.numpy(), rows, taken)
+            new.__dict__["numbered_vertices"] = torch.from_numpy(taken)
+        for name in ("_solid", "panes"):
+            if isinstance(part := self.__dict__.get(name), Geometry):
+                new.__dict__[name] = part.with_vertices(vertices, normals=normals, tangents=tangents)
         return new
 
     @cached_property
@@ -220,10 +230,15 @@ class Geometry:
         vertices, faces = self.vertices.numpy(), self.faces.numpy()
         return torch.from_numpy(spatial_order(vertices, faces, self.runs.numpy()))
 
-    @cached_property
+    @property
     def solid(self) -> Geometry:
         """The triangles that hide what lies behind: the others have no area, so that ids stay."""
-        return self if self.see_through is None else replace(self.without(self.see_through), see_through=None)
+        return self if self.see_through is None else self._solid  # itself is not kept: it would keep itself alive
+
+    @cached_property
+    def _solid(self) -> Geometry:
+        assert self.see_through is not None
+        return replace(self.without(self.see_through), see_through=None)
 
     @cached_property
     def panes(self) -> Geometry:
@@ -268,8 +283,11 @@ class Geometry:
     def cluster_bounds(self) -> Tensor:
         """(C,2,3) float64 bounding box of each cluster."""
         boxes = torch.zeros(len(self.clusters), 2, 3, dtype=torch.float64)
-        order, clusters = self.order.numpy(), self.clusters.numpy()
-        cluster_boxes(self.vertices.numpy(), self.faces.numpy(), order, clusters, boxes.numpy())
+        vertices, faces, order = self.vertices, self.faces, self.order
+        if "numbering" in self.__dict__:  # what lies together in memory is read in half the time
+            vertices, faces = self.numbered_vertices, self.numbering[2]
+            order = torch.arange(self.triangle_count, dtype=torch.int32)
+        cluster_boxes(vertices.numpy(), faces.numpy(), order.numpy(), self.clusters.numpy(), boxes.numpy())
         return boxes
 
     @cached_property
@@ -288,13 +306,13 @@ class Geometry:
     @cached_property
     def numbered_vertices(self) -> Tensor:
         """(N,3) float64 vertices by :attr:`numbering`."""
-        return self.vertices if self.coherent else self.vertices[self.numbering[0].long()]
+        return self.vertices if self.coherent else self.vertices.index_select(0, self.numbering[0])
 
     @cached_property
     def numbered_holes(self) -> Tensor:
         """(N,3) float32 what :attr:`cutout` holds of its vertices, by :attr:`numbering`; it must be there."""
         assert self.cutout is not None
-        return self.cutout.vertices if self.coherent else self.cutout.vertices[self.numbering[0].long()]
+        return self.cutout.vertices if self.coherent else self.cutout.vertices.index_select(0, self.numbering[0])
 
     @cached_property
     def cluster_blocks(self) -> tuple[Tensor, Tensor]:
