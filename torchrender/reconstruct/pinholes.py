@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from torchrender.kernels.warp.pinholes import close
+
 SMOOTH = 0.05
 """Relative difference of depths across the pixel, up to which both sides are one surface."""
 AGREE = 0.01
 """Relative difference of inverse depths at the pixel that lines through it may give: on a plane they give one."""
 FEWEST = 2
 """Lines through the pixel that must lie on the surface."""
-
-LINES = np.array([[-1, 0], [0, -1], [-1, -1], [-1, 1]])
 
 
 def close_pinholes(color: np.ndarray, depth: np.ndarray, valid: np.ndarray, source: np.ndarray) -> int:
@@ -25,34 +25,6 @@ def close_pinholes(color: np.ndarray, depth: np.ndarray, valid: np.ndarray, sour
         color: (H,W,3) float32. depth: (H,W) float32 camera z, +inf where nothing is. valid: (H,W) bool. source: (H,W)
             int64.
     """
-    import cv2  # here, for most pictures are not reprojected
-
-    height, width = valid.shape
-    if height < 3 or width < 3:
+    if min(valid.shape) < 3:
         return 0
-    around = cv2.boxFilter(valid.view(np.uint8), -1, (3, 3), normalize=False, borderType=cv2.BORDER_CONSTANT)
-    rows, columns = np.nonzero(~valid[1:-1, 1:-1] & (around[1:-1, 1:-1] >= 2 * FEWEST))
-    if not len(rows):
-        return 0
-    rows, columns = rows + 1, columns + 1
-    one = (rows[:, None] + LINES[:, 0], columns[:, None] + LINES[:, 1])
-    other = (rows[:, None] - LINES[:, 0], columns[:, None] - LINES[:, 1])
-    both = valid[one] & valid[other]
-    near, far = np.where(both, depth[one], 1.0).astype(np.float64), np.where(both, depth[other], 1.0).astype(np.float64)
-    both &= np.abs(near - far) <= SMOOTH * np.minimum(near, far)
-    count = both.sum(1)
-    inverse = np.where(both, 0.5 / near + 0.5 / far, 0.0)
-    mean = inverse.sum(1) / np.maximum(count, 1)
-    agree = (np.abs(inverse - mean[:, None]) <= AGREE * mean[:, None]) | ~both
-    filled = (count >= FEWEST) & agree.all(1)
-    if not filled.any():
-        return 0
-    rows, columns, weight = rows[filled], columns[filled], (both / np.maximum(count, 1)[:, None])[filled]
-    sides = 0.5 * (color[one][filled].astype(np.float64) + color[other][filled])
-    first = both[filled].argmax(1)[:, None]
-    origin = tuple(np.take_along_axis(axis[filled], first, 1)[:, 0] for axis in one)
-    color[rows, columns] = (sides * weight[..., None]).sum(1)
-    depth[rows, columns] = 1.0 / mean[filled]
-    source[rows, columns] = source[origin]
-    valid[rows, columns] = True
-    return len(rows)
+    return int(close(color, depth, valid, source, FEWEST, (SMOOTH, AGREE)).sum())
