@@ -7,7 +7,10 @@ import pytest
 import torch
 
 import torchrender as tr
-from torchrender.reconstruct.pinholes import AGREE, FEWEST, LINES, SMOOTH, close_pinholes
+from torchrender.kernels.warp.pinholes import DOWN, RIGHT
+from torchrender.reconstruct.pinholes import AGREE, FEWEST, SMOOTH, close_pinholes
+
+LINES = tuple(zip(DOWN, RIGHT, strict=True))
 
 
 def tilted(height: int = 9, width: int = 11) -> tuple[np.ndarray, ...]:
