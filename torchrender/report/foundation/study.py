@@ -64,7 +64,7 @@ def main() -> None:
 
 def part_raster(quick: bool) -> dict[str, Any]:
     """G-buffers beside the peers, changing geometry, the floor, and many small pictures."""
-    size, runs = (256, 3) if quick else (1024, 9)
+    size, runs = (256, 3) if quick else (1024, 7)
     rows = {}
     views = []
     for name, scene in scenes():
