@@ -11,17 +11,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchrender.arrays import Recycler
 from torchrender.brief import brief
 from torchrender.checks import ArrayLike, as_array, as_vector, check_finite, check_not_negative
 from torchrender.errors import MeshError
-from torchrender.kernels.raster.culling_clusters import (
-    cluster_boxes,
-    first_use,
-    spatial_order,
-    take_vertices,
-    vertex_blocks,
-)
+from torchrender.kernels.raster.culling_clusters import cluster_boxes, first_use, spatial_order, vertex_blocks
 from torchrender.numerics.tangents import TangentTable
 from torchrender.scene.cutout import Cutout
 from torchrender.scene.primitives import arrays
@@ -150,11 +143,6 @@ class Mesh:
         return replace(self, vertices=vertices, faces=faces, normals=normals, tangents=tangents)
 
 
-_memory = Recycler(1 << 26)
-KEPT = ("order", "clusters", "numbering", "cluster_blocks")
-"""What a geometry found out about its triangles that stays true while they move."""
-
-
 @dataclass(frozen=True, eq=False)
 class Geometry:
     """All triangles of a scene in one set of arrays; the row of ``faces`` is the triangle id everywhere."""
@@ -182,38 +170,6 @@ class Geometry:
     def triangle_count(self) -> int:
         return int(self.faces.shape[0])
 
-    def with_vertices(
-        self, vertices: Tensor, *, normals: Tensor | None = None, tangents: Tensor | None = None
-    ) -> Geometry:
-        """The same triangles with other vertices (V,3): culling clusters are refitted to them, not built anew.
-
-        What was found out about which triangles lie together stays, also where it is no longer so: pictures are the
-        same, but drawing takes longer once neighbours have gone apart.
-
-        Args:
-            vertices: float64, scene units.
-            normals: that changed with them; None: they stay as they are. tangents: likewise.
-
-        Raises:
-            MeshError: another number of vertices, or of another type.
-        """
-        if vertices.shape != self.vertices.shape or vertices.dtype != torch.float64:
-            raise MeshError(f"vertices must be float64 {tuple(self.vertices.shape)}, got {describe(vertices)}")
-        normals, tangents = (
-            own if given is None else given for own, given in ((self.normals, normals), (self.tangents, tangents))
-        )
-        new = replace(self, vertices=vertices, normals=normals, tangents=tangents)
-        new.__dict__.update({name: getattr(self, name) for name in KEPT})
-        if not self.coherent:
-            rows = self.numbering[0].numpy()
-            taken = _memory.empty((len(rows), 3), np.float64)  # every row is written
-            take_vertices(vertices.numpy(), rows, taken)
-            new.__dict__["numbered_vertices"] = torch.from_numpy(taken)
-        for name in ("_solid", "panes"):
-            if isinstance(part := self.__dict__.get(name), Geometry):
-                new.__dict__[name] = part.with_vertices(vertices, normals=normals, tangents=tangents)
-        return new
-
     @cached_property
     def bounds(self) -> Tensor:
         """(2,3) float64 smallest and largest corner of all vertices that a face uses; zeros if there are none."""
@@ -233,12 +189,11 @@ class Geometry:
     @property
     def solid(self) -> Geometry:
         """The triangles that hide what lies behind: the others have no area, so that ids stay."""
-        return self if self.see_through is None else self._solid  # itself is not kept: it would keep itself alive
+        return self if self.see_through is None else self._solid  # kept, it would keep itself alive
 
     @cached_property
     def _solid(self) -> Geometry:
-        assert self.see_through is not None
-        return replace(self.without(self.see_through), see_through=None)
+        return replace(self if self.see_through is None else self.without(self.see_through), see_through=None)
 
     @cached_property
     def panes(self) -> Geometry:
@@ -283,11 +238,7 @@ class Geometry:
     def cluster_bounds(self) -> Tensor:
         """(C,2,3) float64 bounding box of each cluster."""
         boxes = torch.zeros(len(self.clusters), 2, 3, dtype=torch.float64)
-        vertices, faces, order = self.vertices, self.faces, self.order
-        if "numbering" in self.__dict__:  # what lies together in memory is read in half the time
-            vertices, faces = self.numbered_vertices, self.numbering[2]
-            order = torch.arange(self.triangle_count, dtype=torch.int32)
-        cluster_boxes(vertices.numpy(), faces.numpy(), order.numpy(), self.clusters.numpy(), boxes.numpy())
+        cluster_boxes(*(a.numpy() for a in (self.vertices, self.faces, self.order, self.clusters, boxes)))
         return boxes
 
     @cached_property
