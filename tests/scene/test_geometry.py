@@ -11,6 +11,7 @@ from torchrender.errors import MeshError
 from torchrender.raster import rasterize_visibility
 from torchrender.scene.camera import Cameras
 from torchrender.scene.mesh import Geometry, Mesh, concatenate
+from torchrender.scene.motion.refit import refitted
 
 
 def lump(see_through: bool = False) -> Geometry:
@@ -26,7 +27,7 @@ def test_refitted_clusters_give_the_picture_of_new_ones(see_through: bool) -> No
     rasterize_visibility(old, camera)
     twisted = old.vertices.clone()
     twisted[:, 0] += 1.5 * torch.sin(2.0 * twisted[:, 1])
-    moved = old.with_vertices(twisted)
+    moved = refitted(old, twisted)
     assert moved.order is old.order and moved.solid.order is old.solid.order
     assert not torch.equal(moved.solid.cluster_bounds, old.solid.cluster_bounds)
     seen, fresh = (rasterize_visibility(g, camera) for g in (moved, replace(old, vertices=twisted)))
@@ -39,4 +40,4 @@ def test_other_vertices_must_be_as_many_and_as_exact() -> None:
     old = lump()
     for wrong in (old.vertices[1:], old.vertices.float()):
         with pytest.raises(MeshError, match="vertices"):
-            old.with_vertices(wrong)
+            refitted(old, wrong)

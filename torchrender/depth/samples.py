@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from torch import Tensor
 
+from torchrender.arrays import Recycler
 from torchrender.buffers import DepthImages, VisibilityBuffer
 from torchrender.depth.options import SamplingOptions
 from torchrender.raster import surface_attributes
@@ -14,6 +16,7 @@ from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
 from torchrender.shade import diffuse_color
 
+_memory = Recycler(1 << 27)
 _FIELDS = ("depth", "triangle", "object_id", "barycentric")
 
 
@@ -29,7 +32,7 @@ class Samples:
     def first_hits(cls, seen: VisibilityBuffer) -> Samples:
         """Samples before which nothing was skipped."""
         shape = seen.triangle.shape
-        return cls(seen, torch.zeros(shape, dtype=torch.int32), torch.zeros(shape, dtype=torch.bool))
+        return cls(seen, _filled(shape, np.int32, 0), _filled(shape, np.bool_, False))
 
     @classmethod
     def room_for(cls, cameras: Cameras) -> Samples:
@@ -37,10 +40,10 @@ class Samples:
         shape = (len(cameras), cameras.height, cameras.width)
         seen = VisibilityBuffer(
             cameras=cameras,
-            depth=torch.full(shape, torch.inf),
-            triangle=torch.full(shape, -1, dtype=torch.int64),
-            object_id=torch.full(shape, -1, dtype=torch.int64),
-            barycentric=torch.zeros(*shape, 2),
+            depth=_filled(shape, np.float32, np.inf),
+            triangle=_filled(shape, np.int64, -1),
+            object_id=_filled(shape, np.int64, -1),
+            barycentric=_filled((*shape, 2), np.float32, 0.0),
         )
         return cls.first_hits(seen)
 
@@ -49,6 +52,12 @@ class Samples:
         for name in _FIELDS:
             getattr(self.seen, name)[number] = getattr(one.seen, name)[0]
         self.layer[number], self.truncated[number] = one.layer[0], one.truncated[0]
+
+
+def _filled(shape: tuple[int, ...], kind: type, value: float) -> Tensor:
+    array = _memory.empty(tuple(shape), kind)
+    array.fill(value)
+    return torch.from_numpy(array)
 
 
 def depth_images(scene: Scene, samples: Samples, options: SamplingOptions) -> DepthImages:

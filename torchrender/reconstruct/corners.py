@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 from torch.utils.weak import WeakIdKeyDictionary
 
-from torchrender.arrays import view
+from torchrender.arrays import Recycler, view
 from torchrender.buffers import DepthImages
 from torchrender.checks import check_range, check_tensor
 from torchrender.errors import InputError
@@ -22,6 +22,7 @@ from torchrender.kernels.warp import corners as kernels
 
 SAME_VIEW = 1e-6  # pixels that an offset camera may be off
 _KEPT: WeakIdKeyDictionary = WeakIdKeyDictionary()
+_memory = Recycler(1 << 27)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,9 +90,9 @@ def fit_corners(
     if cameras.orthographic:
         raise InputError("images must come from perspective cameras")
     count, height, width = images.depth.shape
-    corner = np.empty((count, height, 4, width), np.float32)  # every element is written
-    joined = np.empty((count, height + 1, width + 1), np.int32)
-    shape = np.empty((count, height, width), np.uint8)
+    corner = _memory.empty((count, height, 4, width), np.float32)  # every element is written
+    joined = _memory.empty((count, height + 1, width + 1), np.int32)
+    shape = _memory.empty((count, height, width), np.uint8)
     none = np.zeros((count, 0, 0), np.int64)
     match = options.match_id
     normal = view(check_tensor("images.normal", images.normal, (count, height, width, 3)), np.float32)

@@ -7,13 +7,12 @@ sample becomes a disc (splat); what is nearest in the new camera is kept. Source
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from torchrender.arrays import view
+from torchrender.arrays import Recycler, view
 from torchrender.brief import brief
 from torchrender.buffers import DepthImages
 from torchrender.checks import check_choice, check_finite, check_no_gradient, check_range, check_tensor
@@ -26,12 +25,13 @@ from torchrender.reconstruct.color_gradient import Drawn, followed_colors
 from torchrender.reconstruct.corners import ReconstructOptions, SampleQuads, fit_corners, kept_corners
 from torchrender.reconstruct.discs import facing_normals
 from torchrender.reconstruct.grid_mesh import fit_grid
-from torchrender.reconstruct.pinholes import close_pinholes
+from torchrender.reconstruct.pinholes import close_pinholes, closed_pinholes
 from torchrender.scene.camera import Cameras
 
 LEAD = 5e-4
 """Of surfaces that agree within this share of their depth, the one recorded nearest to the new camera is kept."""
 
+_memory = Recycler(1 << 26)
 METHODS = ("hybrid", "grid", "splat")
 FILTERS = ("bilinear", "nearest")
 
@@ -93,8 +93,7 @@ def reproject(
     that lie on one surface, takes theirs. Surfaces seen from behind are not drawn. Where images agree on a surface, the
     one whose camera is nearest to the new one goes first (its colours and resolution fit best), then the earlier one;
     so they do not mingle pixel by pixel. Quads that are fitted without offset images are kept with the images, so that
-    further views take about half as long.
-    The result does not depend on the number of threads.
+    further views take half as long. The result does not depend on the number of threads.
 
     Args:
         images: perspective depth images; or quads that were fitted before, to draw many views of the same images.
@@ -116,7 +115,7 @@ def reproject(
     colors = _checked(source, cameras, colors)
     quads = _quads(images, offset_images, options, method)
     shape = (len(cameras), cameras.height, cameras.width)
-    outputs: tuple[np.ndarray[Any, Any], ...] = tuple(np.empty((*shape, *tail), kind) for tail, kind in OUTPUTS)
+    outputs = tuple(_memory.empty((*shape, *tail), kind) for tail, kind in OUTPUTS)  # every pixel is written
     texels = view(colors.detach(), np.float32)
     follows = colors.requires_grad and torch.is_grad_enabled()
     followed: list[Tensor] = []
@@ -129,10 +128,12 @@ def reproject(
         limits = (float(camera.near[0]) * (1.0 - 1e-6), float(camera.far[0]))
         back = _pixel_matrices_back(camera, source.cameras)
         resolve(keys, pixel_arrays, back, bias, limits, texels, smooth, tuple(a[k] for a in outputs))
-        valid = outputs[2][k].copy()
+        valid = outputs[2][k].copy() if follows else outputs[2][k]
         closes = options.close_pinholes and method == "hybrid"
-        closed = close_pinholes(*(a[k] for a in outputs)) if closes else None
+        if closes:
+            close_pinholes(*(a[k] for a in outputs))
         if follows:
+            closed = closed_pinholes(outputs[1][k], valid, outputs[2][k])
             drawn = Drawn(keys, valid, closed, bias, back)
             followed.append(followed_colors(colors, drawn, pixel_arrays, smooth=smooth))
     color, *rest = (torch.from_numpy(a) for a in outputs)
@@ -157,7 +158,8 @@ def _draw(
     source: DepthImages, quads: SampleQuads | None, camera: Cameras, bias: np.ndarray, options: ReprojectOptions
 ) -> np.ndarray:
     """(H*W,) uint64 keys of the nearest quads, or discs where there are no quads; see the kernels."""
-    keys = np.zeros(camera.height * camera.width, np.uint64)
+    keys = _memory.empty((camera.height * camera.width,), np.uint64)
+    keys.fill(0)
     canvas = Canvas(keys, camera.width, camera.height)
     near = float(camera.near[0])
     if quads is None:

@@ -143,10 +143,6 @@ class Mesh:
         return replace(self, vertices=vertices, faces=faces, normals=normals, tangents=tangents)
 
 
-KEPT = ("order", "clusters", "numbering", "cluster_blocks")
-"""What a geometry found out about its triangles that stays true while they move."""
-
-
 @dataclass(frozen=True, eq=False)
 class Geometry:
     """All triangles of a scene in one set of arrays; the row of ``faces`` is the triangle id everywhere."""
@@ -174,36 +170,6 @@ class Geometry:
     def triangle_count(self) -> int:
         return int(self.faces.shape[0])
 
-    def with_vertices(
-        self, vertices: Tensor, *, normals: Tensor | None = None, tangents: Tensor | None = None
-    ) -> Geometry:
-        """The same triangles with other vertices (V,3): culling clusters are refitted to them, not built anew.
-
-        What was found out about which triangles lie together stays, also where it is no longer so: pictures are the
-        same, but drawing takes longer once neighbours have gone apart.
-
-        Args:
-            vertices: float64, scene units.
-            normals: that changed with them; None: they stay as they are. tangents: likewise.
-
-        Raises:
-            MeshError: another number of vertices, or of another type.
-        """
-        if vertices.shape != self.vertices.shape or vertices.dtype != torch.float64:
-            raise MeshError(f"vertices must be float64 {tuple(self.vertices.shape)}, got {describe(vertices)}")
-        normals, tangents = (
-            own if given is None else given for own, given in ((self.normals, normals), (self.tangents, tangents))
-        )
-        new = replace(self, vertices=vertices, normals=normals, tangents=tangents)
-        new.__dict__.update({name: getattr(self, name) for name in KEPT})
-        for name in ("solid", "panes"):
-            part = self.__dict__.get(name)
-            if isinstance(part, Geometry):
-                new.__dict__[name] = (
-                    new if part is self else part.with_vertices(vertices, normals=normals, tangents=tangents)
-                )
-        return new
-
     @cached_property
     def bounds(self) -> Tensor:
         """(2,3) float64 smallest and largest corner of all vertices that a face uses; zeros if there are none."""
@@ -220,10 +186,14 @@ class Geometry:
         vertices, faces = self.vertices.numpy(), self.faces.numpy()
         return torch.from_numpy(spatial_order(vertices, faces, self.runs.numpy()))
 
-    @cached_property
+    @property
     def solid(self) -> Geometry:
         """The triangles that hide what lies behind: the others have no area, so that ids stay."""
-        return self if self.see_through is None else replace(self.without(self.see_through), see_through=None)
+        return self if self.see_through is None else self._solid  # kept, it would keep itself alive
+
+    @cached_property
+    def _solid(self) -> Geometry:
+        return replace(self if self.see_through is None else self.without(self.see_through), see_through=None)
 
     @cached_property
     def panes(self) -> Geometry:
@@ -268,8 +238,7 @@ class Geometry:
     def cluster_bounds(self) -> Tensor:
         """(C,2,3) float64 bounding box of each cluster."""
         boxes = torch.zeros(len(self.clusters), 2, 3, dtype=torch.float64)
-        order, clusters = self.order.numpy(), self.clusters.numpy()
-        cluster_boxes(self.vertices.numpy(), self.faces.numpy(), order, clusters, boxes.numpy())
+        cluster_boxes(*(a.numpy() for a in (self.vertices, self.faces, self.order, self.clusters, boxes)))
         return boxes
 
     @cached_property
@@ -288,13 +257,13 @@ class Geometry:
     @cached_property
     def numbered_vertices(self) -> Tensor:
         """(N,3) float64 vertices by :attr:`numbering`."""
-        return self.vertices if self.coherent else self.vertices[self.numbering[0].long()]
+        return self.vertices if self.coherent else self.vertices.index_select(0, self.numbering[0])
 
     @cached_property
     def numbered_holes(self) -> Tensor:
         """(N,3) float32 what :attr:`cutout` holds of its vertices, by :attr:`numbering`; it must be there."""
         assert self.cutout is not None
-        return self.cutout.vertices if self.coherent else self.cutout.vertices[self.numbering[0].long()]
+        return self.cutout.vertices if self.coherent else self.cutout.vertices.index_select(0, self.numbering[0])
 
     @cached_property
     def cluster_blocks(self) -> tuple[Tensor, Tensor]:

@@ -44,16 +44,16 @@ def build_pyramid(depth, parallel, levels, pyramid):
     for level in range(1, len(levels)):
         below, own = levels[level - 1], levels[level]
         for row in prange(views * own[1]):
-            view, r = np.int64(row // own[1]), np.int64(row % own[1])
+            image, line = np.int64(row // own[1]), np.int64(row % own[1])
             for c in range(own[2]):
                 low, high = F(BIG), -F(BIG)
-                for j in range(2 * r, min(2 * r + 2, below[1])):
+                for j in range(2 * line, min(2 * line + 2, below[1])):
                     for i in range(2 * c, min(2 * c + 2, below[2])):
                         b = below[0] + j * below[2] + i
-                        low, high = min(low, pyramid[view, b, 0]), max(high, pyramid[view, b, 1])
-                at = own[0] + r * own[2] + c
-                pyramid[view, at, 0] = low
-                pyramid[view, at, 1] = high
+                        low, high = min(low, pyramid[image, b, 0]), max(high, pyramid[image, b, 1])
+                at = own[0] + line * own[2] + c
+                pyramid[image, at, 0] = low
+                pyramid[image, at, 1] = high
 
 
 @kernel(inline=True)

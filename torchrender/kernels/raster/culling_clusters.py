@@ -64,18 +64,27 @@ def radix_order(codes, bits):
 
 
 @kernel(parallel=True)
+def take_vertices(vertices, rows, taken):
+    """``taken`` (N,3) = ``vertices[rows]``, by all threads: memory is waited for most of the time."""
+    for n in prange(rows.shape[0]):
+        v = rows[n]
+        taken[n, 0], taken[n, 1], taken[n, 2] = vertices[v, 0], vertices[v, 1], vertices[v, 2]
+
+
+@kernel(parallel=True)
 def cluster_boxes(vertices, faces, order, clusters, boxes):
     """Bounding box (C,2,3) of the triangles ``order[first:end]`` of each cluster."""
     for c in prange(clusters.shape[0]):
-        for k in range(3):
-            boxes[c, 0, k] = np.inf
-            boxes[c, 1, k] = -np.inf
+        low_x = low_y = low_z = np.inf
+        high_x = high_y = high_z = -np.inf
         for place in range(clusters[c, 0], clusters[c, 1]):
             for corner in range(3):
                 v = faces[order[place], corner]
-                for k in range(3):
-                    boxes[c, 0, k] = min(boxes[c, 0, k], vertices[v, k])
-                    boxes[c, 1, k] = max(boxes[c, 1, k], vertices[v, k])
+                x, y, z = vertices[v, 0], vertices[v, 1], vertices[v, 2]
+                low_x, low_y, low_z = min(low_x, x), min(low_y, y), min(low_z, z)
+                high_x, high_y, high_z = max(high_x, x), max(high_y, y), max(high_z, z)
+        boxes[c, 0, 0], boxes[c, 0, 1], boxes[c, 0, 2] = low_x, low_y, low_z
+        boxes[c, 1, 0], boxes[c, 1, 1], boxes[c, 1, 2] = high_x, high_y, high_z
 
 
 @kernel(parallel=True)

@@ -36,6 +36,7 @@ from torchrender.scene.camera import Cameras
 from torchrender.scene.load import load
 from torchrender.scene.mesh import Geometry
 from torchrender.scene.model import Scene
+from torchrender.scene.motion.refit import refitted
 from torchrender.scene.procedural import build
 
 SCENES = ("grass", "city", "living_room", "nest")
@@ -64,7 +65,7 @@ def main() -> None:
 
 def part_raster(quick: bool) -> dict[str, Any]:
     """G-buffers beside the peers, changing geometry, the floor, and many small pictures."""
-    size, runs = (256, 3) if quick else (1024, 9)
+    size, runs = (256, 3) if quick else (1024, 7)
     rows = {}
     views = []
     for name, scene in scenes():
@@ -207,7 +208,7 @@ def changing(scene: Scene, size: int, runs: int) -> dict[str, Any]:
     ]
     turn = iter(range(1 << 30))
     candidates: dict[str, Any] = {
-        "torchrender": lambda: rasterize_visibility(geometry.with_vertices(moved[next(turn) % 2]), camera)
+        "torchrender": lambda: rasterize_visibility(refitted(geometry, moved[next(turn) % 2]), camera)
     }
     notes = {}
     rays = open3d_rays(geometry, camera, thread_count())

@@ -20,6 +20,7 @@ from torchrender.scene.motion.attach import camera_at, light_at
 from torchrender.scene.motion.deform import placed
 from torchrender.scene.motion.pose import posed
 from torchrender.scene.motion.records import Array, Motion, Part
+from torchrender.scene.motion.refit import refitted
 
 
 class Moving(NamedTuple):
@@ -118,4 +119,4 @@ def moved_geometry(old: Geometry, before: Sequence[Mesh], after: Sequence[Mesh])
                 if whole is not None:
                     whole[start:end] = 0.0 if part is None else part.detach()
         start = end
-    return old.with_vertices(vertices, normals=normals, tangents=tangents)
+    return refitted(old, vertices, normals=normals, tangents=tangents)

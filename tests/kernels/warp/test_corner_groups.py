@@ -5,7 +5,7 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from torchrender.kernels.warp.corners import EMPTY, GUESSED, TRUE, group, shared_words
+from torchrender.kernels.warp.corner_groups import EMPTY, GUESSED, TRUE, group, shared_words
 
 
 def slow_group(s: list[int], z: list[float], t: list[float], owner: list[int], merge: bool) -> tuple[int, list[float]]:

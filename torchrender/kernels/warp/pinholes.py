@@ -1,0 +1,77 @@
+"""Single pixels within a surface that no sample reached, closed from their neighbours."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import prange
+
+from torchrender.kernels.compile import kernel
+
+DOWN, RIGHT = (-1, 0, -1, -1), (0, -1, -1, 1)
+"""Steps to one end of the four lines through a pixel; the other end lies opposite."""
+
+
+@kernel()
+def look_around(y, x, depth, valid, limits):
+    """Mean inverse depth of the lines through a pixel that lie on one surface, their number, and their bits.
+
+    ``limits``: relative difference of the depths of both ends, and of the inverse depths of the lines; where these
+    differ by more, the number is 0.
+    """
+    smooth, agree = limits
+    low, high, total, count, lines = np.inf, -np.inf, 0.0, 0, 0
+    for k in range(4):
+        j, i, m, n = y + DOWN[k], x + RIGHT[k], y - DOWN[k], x - RIGHT[k]
+        if valid[j, i] and valid[m, n]:
+            near, far = np.float64(depth[j, i]), np.float64(depth[m, n])
+            if abs(near - far) <= smooth * min(near, far):
+                inverse = 0.5 / near + 0.5 / far
+                low, high = min(low, inverse), max(high, inverse)
+                total, count, lines = total + inverse, count + 1, lines | (1 << k)
+    mean = total / max(count, 1)
+    if count > 0 and abs(low - mean) <= agree * mean and abs(high - mean) <= agree * mean:
+        return mean, count, lines
+    return mean, 0, 0
+
+
+@kernel()
+def close_pixel(y, x, found, picture):
+    """Write colour, depth and source; ``valid`` stays, for others look at it."""
+    color, depth, _, source = picture
+    mean, count, lines = found
+    weight, first = 1.0 / count, True
+    r = g = b = 0.0
+    for k in range(4):
+        if (lines >> k) & 1:
+            j, i, m, n = y + DOWN[k], x + RIGHT[k], y - DOWN[k], x - RIGHT[k]
+            r += 0.5 * (np.float64(color[j, i, 0]) + np.float64(color[m, n, 0])) * weight
+            g += 0.5 * (np.float64(color[j, i, 1]) + np.float64(color[m, n, 1])) * weight
+            b += 0.5 * (np.float64(color[j, i, 2]) + np.float64(color[m, n, 2])) * weight
+            if first:
+                source[y, x], first = source[j, i], False
+    color[y, x, 0], color[y, x, 1], color[y, x, 2], depth[y, x] = r, g, b, 1.0 / mean
+
+
+@kernel(parallel=True)
+def close(color, depth, valid, source, fewest, limits):
+    """Close pixels through which at least ``fewest`` lines agree, in place; returns (H,) how many in each row."""
+    height, width = depth.shape
+    closed = np.zeros((height, width), np.bool_)
+    counts = np.zeros(height, np.int64)
+    for row in prange(height):
+        y = np.int64(row)
+        if y == 0 or y == height - 1:
+            continue
+        for x in range(1, width - 1):
+            if valid[y, x]:
+                continue
+            found = look_around(y, x, depth, valid, limits)
+            if found[1] >= fewest:
+                close_pixel(y, x, found, (color, depth, valid, source))
+                closed[y, x] = True
+                counts[row] += 1
+    for row in prange(height):
+        if counts[row] > 0:
+            for x in range(width):
+                valid[row, x] |= closed[row, x]
+    return counts
