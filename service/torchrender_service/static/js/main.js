@@ -168,7 +168,10 @@ function onScene(facts, first) {
 function tellIgnored() {
   for (const name of ["width", "height"]) if (words[name] !== undefined && !fixed) settings.ignore(name, words);
   const names = Object.entries(settings.ignored).map(([name, value]) => `${name}=${value.slice(0, 40)}`);
-  if (names.length) tell(`The link says what is not known here, and was left out: ${names.join(", ")}`);
+  if (names.length) {
+    tell(`The link says what is not known here, and was left out: ${names.join(", ")}`);
+    noteSoon(); // the address says what is shown
+  }
   settings.ignored = {};
 }
 
