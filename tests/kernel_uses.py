@@ -254,7 +254,7 @@ def _stream(scene: Any, keyframes: list[tuple[float | None, bool]]) -> None:
     """Keyframes with these budgets, moving or still, and what follows each of them."""
     from torchrender.wire.cameras import header_of
     from torchrender_service.renderers.jobs import Bounds, MakeKeyframe, MakeLayers, SceneSource, SmoothKeyframe
-    from torchrender_service.renderers.stream_renderer import StreamRenderer
+    from torchrender_service.renderers.streaming.stream_renderer import StreamRenderer
 
     renderer = StreamRenderer()
     for number, (budget, still) in enumerate(keyframes):

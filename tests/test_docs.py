@@ -77,6 +77,6 @@ def test_every_linked_file_exists():
 def test_jobs_are_counted_alike_everywhere():
     docs = Path(__file__).resolve().parent.parent / "docs"
     count = len([page for page in (docs / "how-to").glob("*.md") if page.name != "index.md"])
-    word = {13: "thirteen", 14: "fourteen", 15: "fifteen", 16: "sixteen"}[count]
+    word = {13: "thirteen", 14: "fourteen", 15: "fifteen", 16: "sixteen", 17: "seventeen"}[count]
     for text in (README, *((docs / page).read_text() for page in ("index.md", "tutorial.md", "how-to/index.md"))):
-        assert re.findall(r"\b(?:thir|four|fif|six)teen\b", text.lower()) == [word]
+        assert re.findall(r"\b(?:thir|four|fif|six|seven)teen\b", text.lower()) == [word]

@@ -53,6 +53,7 @@ ORDER = (
     "torchrender.passes",
     "torchrender.planning",
     "torchrender.image",
+    "torchrender.run",
     "torchrender.renderer",
     "torchrender.photo",
     "torchrender.walkthrough",

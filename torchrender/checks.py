@@ -80,7 +80,7 @@ def check_range(name: str, value: float, low: float, high: float = math.inf) -> 
         OptionError: no number, or outside the range; the message names the option and the range.
     """
     if not is_number(value):
-        raise OptionError(f"{name} must be a number, got {type(value).__name__}")
+        raise OptionError(f"{name} must be a number, got {value!r}")
     if not low <= value <= high:
         limit = f">= {low}" if high == math.inf else f"in [{low}, {high}]"
         raise OptionError(f"{name} must be {limit}, got {value}")

@@ -3,39 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
 from torch import Tensor
 
-from torchrender.buffers import GBuffer, RaySurface
+from torchrender.buffers import GBuffer
 from torchrender.clock import StepClock
 from torchrender.errors import InputError
 from torchrender.image import Image
-from torchrender.passes.contract import Buffers, Pass
-from torchrender.passes.light.direct_light import MIRROR_SHARE
-from torchrender.passes.outlook import Outlook
+from torchrender.passes.contract import Buffers
 from torchrender.passes.picture.composite import COMPOSITE
-from torchrender.passes.seen.picture_visibility import PICTURE_VISIBILITY
 from torchrender.passes.settings import CUSTOM
-from torchrender.passes.table import GBUFFER, PICTURE, table_of
+from torchrender.passes.table import GBUFFER, table_of
 from torchrender.pipeline.buffer import Buffer
-from torchrender.pipeline.doubts import Doubt, exposure_of, picture_doubts, say, scene_doubts, view_doubts
-from torchrender.pipeline.frame import Frame
+from torchrender.pipeline.doubts import say, scene_doubts
 from torchrender.pipeline.gradients import check_gradients
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
 from torchrender.pipeline.pace import Pace
-from torchrender.planning.costs import Knowledge, sense_of
+from torchrender.planning.costs import Knowledge
 from torchrender.planning.curves import load_curves
-from torchrender.planning.graph import Graph
 from torchrender.planning.plan import Plan
-from torchrender.planning.planner import check_names, check_wishes, make_plan
+from torchrender.planning.planner import check_names, check_wishes
+from torchrender.run import Run
 from torchrender.scene.camera import Cameras
 from torchrender.scene.load import load
 from torchrender.scene.model import DEFAULT_SIZE, Scene, resized, sides
-from torchrender.shade import SentLight
 
 if TYPE_CHECKING:
     from torchrender.points.cloud import PointCloud
@@ -226,156 +221,3 @@ def view_of(scene: Scene, camera: Cameras | str | None, width: int | None, heigh
     if camera is not None and not isinstance(camera, str):
         raise InputError(f"camera must be Cameras, a name or None, got {type(camera).__name__}")
     return scene.camera(camera, **sides((width, height), DEFAULT_SIZE)._asdict())
-
-
-@dataclass(eq=False)
-class Run:
-    """A plan that is made, and run by :meth:`image`."""
-
-    knowledge: Knowledge
-    limits: tuple[float | None, float | None]  # budget, error bound
-    clock: StepClock
-    plan: Plan = field(init=False)
-    graph: Graph = field(init=False)
-    values: dict[Buffer[Any], Any] = field(init=False, default_factory=dict)
-    lasting: dict[Buffer[Any], Any] = field(init=False, default_factory=dict)  # made here, for the next picture
-    amounts: dict[str, tuple[float, ...]] = field(init=False, default_factory=dict)  # of work, by pass
-    done: list[str] = field(init=False, default_factory=list)  # passes that ran
-    found: dict[str, float] = field(init=False, default_factory=dict)  # quantities, since the plan was made
-    sensed: dict[str, float] = field(init=False, default_factory=dict)  # what errors of the next picture follow
-    doubts: list[Doubt] = field(init=False, default_factory=list)  # about what cameras see
-
-    def image(self) -> Image:
-        """The picture."""
-        self.buffers({})
-        outlook, wanted = self.knowledge.outlook, self.knowledge.wanted
-        if self.plan.options.supersample == 1:
-            self.doubts += picture_doubts(outlook.scene, self.values[GBUFFER], self.values[PICTURE])
-        return Image(
-            radiance=self.values[PICTURE],
-            cameras=outlook.cameras,
-            scene=outlook.scene,
-            buffers={buffer.name: self.values[buffer] for buffer in wanted if buffer in self.values},
-            rendered=self.values.get(GBUFFER) if self.plan.options.supersample <= 1 else None,
-            seen=self.values.get(PICTURE_VISIBILITY),
-            exposure=exposure_of(outlook.scene, outlook.options),
-            tone_map=outlook.options.tone_map,
-        )
-
-    def buffers(self, given: Mapping[Buffer[Any], Any]) -> dict[Buffer[Any], Any]:
-        """Run the passes; a buffer is dropped once nobody needs it any more."""
-        self.values.update(given)
-        self._choose(self.knowledge.outlook.options)
-        while True:
-            left = [step for step in self.graph.running if step.name not in self.done]
-            if not left:
-                return self.values
-            step, rest = left[0], left[1:]
-            self._weigh(step)
-            with self.clock.measure(step.name):
-                self._take(step, step.run(self._frame()))
-            self.done.append(step.name)
-            if step.senses is not None and self.limits != (None, None) and self.knowledge.unseen:
-                with self.clock.measure("senses"):
-                    self.sensed |= {sense_of(name): value for name, value in step.senses(self._frame()).items()}
-            if step.checkpoint is not None:
-                self.found |= step.checkpoint(self._frame())
-                if not rest or rest[0].checkpoint is None:
-                    self._look_again()
-            self._forget()
-
-    def _choose(self, options: RenderOptions) -> None:
-        """Make the plan, with other options if that is what it comes to."""
-        with self.clock.measure("plan"):
-            took = self.clock.elapsed_ms
-            done = {name: took[name] for name in self.done}
-            spent = sum(ms for name, ms in took.items() if name not in ("load", "total"))
-            self.plan = make_plan(self.knowledge, options, *self.limits, done=done, spent_ms=spent)
-            self.graph = self.knowledge.graph(self.plan.options)
-
-    def _look_again(self) -> None:
-        """More is known, and a part of the time is spent: reasons, and what is left to choose, follow."""
-        if self.found or self.limits[0] is not None:
-            self.knowledge, self.found = self.knowledge.found_out(**self.found), {}
-            self._choose(self.plan.options)
-
-    def _frame(self) -> Frame:
-        """What the next pass gets."""
-        outlook = self.knowledge.outlook
-        return Frame(
-            scene=outlook.scene,
-            cameras=outlook.cameras,
-            options=self.plan.options,
-            history=outlook.history,
-            values=self.values,
-            asked=self.graph.asked,
-            hits=self._over_hits,
-            wanted=frozenset(self.knowledge.wanted),
-        )
-
-    def _over_hits(self, given: Mapping[Buffer[Any], Any], changes: Mapping[str, Any]) -> OverHits:
-        """The same passes, over what rays hit."""
-        outlook = self.knowledge.outlook
-        groups = {name: replace(getattr(self.plan.options, name), **values) for name, values in changes.items()}
-        options = replace(self.plan.options, **groups)
-        for step in self.knowledge.passes:
-            options = step.over_hits(options, outlook.history)
-        alone = replace(outlook.history, sequence=False, kept={})
-        over = replace(outlook, options=options, history=alone, known={}, facts={})
-        knowledge = replace(self.knowledge, outlook=over, wanted=(COMPOSITE, MIRROR_SHARE), given=())
-        return OverHits(knowledge, dict(given))
-
-    def _take(self, step: Pass, made: Any) -> None:
-        values = made if step.also else (made,)
-        for buffer, value in zip(step.makes_all, values, strict=True):
-            self.values[buffer] = buffer.checked(value)
-            if buffer is GBUFFER:
-                self.doubts += view_doubts(self.knowledge.outlook.scene, value)
-            if buffer.lasting is not None:
-                self.lasting[buffer] = value
-
-    def _weigh(self, step: Pass) -> None:
-        """Note how much work the pass has."""
-        if self.plan.row(step.name).setting != CUSTOM:
-            self.amounts[step.name] = step.amounts(self.knowledge.outlook.at(self.plan.options))
-
-    def _forget(self) -> None:
-        """Release the buffers that no pass asks for; a G-buffer that is no larger than the picture stays with it."""
-        left = {step.makes for step in self.graph.running if step.name not in self.done}
-        kept = set(self.knowledge.wanted) | {PICTURE_VISIBILITY}
-        if self.plan.options.supersample <= 1:
-            kept.add(GBUFFER)
-        for buffer in list(self.values):
-            if buffer not in kept and not self.graph.asked.get(buffer, frozenset()) & left:
-                del self.values[buffer]
-
-    def history(self, plan: Plan) -> RenderHistory:
-        """What the next picture of the sequence starts from."""
-        known = self.knowledge
-        settings = {step.name: step.settings.current(plan.options) for step in known.passes}
-        pace = known.pace.aged({(row.name, row.setting) for row in plan.running})
-        for row in plan.running:
-            if row.amounts is not None and row.measured_ms is not None:
-                raw = known.curves.time_ms(row.name, row.setting, row.amounts, known.name)
-                pace = pace.learned(row.name, row.setting, row.measured_ms, raw or 0.0)
-        pace = replace(pace, choice=settings, known={**pace.known, **known.outlook.known, **self.sensed})
-        past = known.outlook.history.with_picture(self.lasting.items(), plan.options)
-        return replace(past, pace=pace)
-
-
-@dataclass(eq=False)
-class OverHits:
-    """The passes of a picture over what rays hit; what lasts is made once, for all calls."""
-
-    knowledge: Knowledge
-    given: dict[Buffer[Any], Any]
-
-    def __call__(self, samples: GBuffer | RaySurface) -> SentLight:
-        """Radiance (B,H,W,3) of samples (B,H,W), reflections left out, and how these go into it."""
-        cameras = samples.cameras if isinstance(samples, GBuffer) else self.knowledge.outlook.cameras
-        outlook: Outlook = replace(self.knowledge.outlook, samples=samples, cameras=cameras)
-        known = replace(self.knowledge, outlook=outlook, given=(GBUFFER, *self.given))
-        run = Run(known, (None, None), StepClock())
-        made = run.buffers({GBUFFER: samples, **self.given})
-        self.given |= run.lasting
-        return SentLight(made[COMPOSITE], made[MIRROR_SHARE])

@@ -53,7 +53,7 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
     "NaN in colours": (lambda: replace(BOX, colors=filled(24, 3, value=NAN)), "mesh 'box': colors must be finite"),
     "faces of truth values": (lambda: replace(BOX, faces=BOX.faces > 3), "mesh 'box': faces must be an integer tensor"),
     "a vertex too far": (lambda: replace(BOX, vertices=BOX.vertices * 1e30), "mesh 'box': vertices must lie within"),
-    "half a material": (lambda: replace(BOX, material=0.5), "mesh 'box': material must be an integer, got 0.5"),
+    "half a material": (lambda: replace(BOX, material=0.5), "mesh 'box': material must be a number in Scene"),
     "a text for a matrix": (lambda: BOX.transformed("x"), "mesh 'box': matrix must be"),
     "endless ambient light": (lambda: scene(ambient=INF), "ambient must be finite"),
     "a negative light": (lambda: tr.PointLight(position=[0, 1, 0], intensity=-1), "intensity must not be negative"),
@@ -74,7 +74,7 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
     ),
     "no width": (lambda: tr.render(scene(), width=0, height=4), "width must be an integer"),
     "no height": (lambda: tr.render(scene(), CAMERA, height=0), "height must be an integer"),
-    "a number as a text": (lambda: tr.Material(specular="1"), "specular must be a number, got str"),
+    "a number as a text": (lambda: tr.Material(specular="1"), "specular must be a number, got '1'"),
     "nothing for a number": (lambda: tr.Material(metallic=0.5, roughness=None), "roughness must be a number"),
     "NaN to reproject": (lambda: drawn_again(filled(1, 30, 40, 3, value=NAN)), "colors must be finite"),
     "bytes to reproject": (lambda: drawn_again(filled(1, 30, 40, 3).byte()), "colors must hold floats"),
@@ -83,7 +83,7 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
     "points as bright as bytes": (lambda: replace(CLOUD, color=filled(60, 3).byte()), "color must hold floats"),
     "no set of points": (lambda: tr.make_grid(torch.zeros(0, 4, 3), 8), "points must hold at least one set"),
     "no mesh to fill": (lambda: tr.voxelize_solid(torch.zeros(0, 24, 3), BOX.faces, 8), "must hold at least one"),
-    "a number to load": (lambda: tr.load(3), "path_or_name must be a path or a name, got int"),
+    "a number to load": (lambda: tr.load(3), "load takes a path or a name, got int"),
     "a light in a text": (lambda: scene(lights="x"), "lights must be PointLight or"),
 }  # fmt: skip
 

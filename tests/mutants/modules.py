@@ -117,7 +117,7 @@ SERVICE_MODULES: tuple[tuple[str, str, str], ...] = (
         SERVICE + "renderers/scene_cache.py",
         "tests/service/test_scene_cache.py tests/service/test_keeping.py",
     ),
-    ("service", SERVICE + "renderers/stream_renderer.py", "tests/service/test_stream_renderer.py"),
+    ("service", SERVICE + "renderers/streaming/stream_renderer.py", "tests/service/test_stream_renderer.py"),
     ("service", SERVICE + "door/rates.py", "tests/service/test_door.py"),
     ("service", SERVICE + "door/guard.py", "tests/service/test_door.py"),
     ("service", SERVICE + "web/kept.py", "tests/service/test_keeping.py tests/service/test_api.py"),

@@ -124,7 +124,7 @@ def test_it_has_a_hard_case_record(haze: Pass) -> None:
 
 def test_it_shows_in_the_extra_layers_of_a_stream(scene: Scene, thick: RenderOptions) -> None:
     """Samples that are not the eye's are made by the same plan."""
-    from torchrender_service.renderers.layers import cameras_around, extra_layers
+    from torchrender_service.renderers.streaming.layers import cameras_around, extra_layers
 
     camera = view(scene)
     layers = []

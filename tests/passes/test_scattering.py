@@ -130,7 +130,7 @@ def _shadow_map():
 
 
 def test_samples_of_streams_get_their_own_haze() -> None:
-    from torchrender_service.renderers.layers import cameras_around, extra_layers
+    from torchrender_service.renderers.streaming.layers import cameras_around, extra_layers
 
     scene = t1(LAMP)
     image = tr.render(scene, SMALL, history=RenderHistory())

@@ -27,7 +27,7 @@ from torchrender.planning.costs import Knowledge, is_seen
 from torchrender.planning.curves import Curves, load_curves
 from torchrender.planning.graph import resolve
 from torchrender.planning.plan import Plan
-from torchrender.renderer import Run
+from torchrender.run import Run
 from torchrender.scene.camera import Cameras
 from torchrender.scene.load import load
 from torchrender.scene.model import Scene

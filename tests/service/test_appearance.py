@@ -16,7 +16,7 @@ from torchrender.numerics.tonemap import tone_map
 from torchrender.wire.cameras import header_of
 from torchrender.wire.containers import read_container
 from torchrender_service.renderers.jobs import Bounds, MakeKeyframe, SceneSource, SmoothKeyframe
-from torchrender_service.renderers.stream_renderer import StreamRenderer
+from torchrender_service.renderers.streaming.stream_renderer import StreamRenderer
 from torchrender_service.renderers.viewing.appearance import OFF, PACE, Exposure, Wish, as_wished, options_of
 from torchrender_service.renderers.viewing.survey import controls_of, survey
 

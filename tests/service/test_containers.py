@@ -26,8 +26,8 @@ from torchrender.wire.messages import CameraHeader, decode
 from torchrender_service.renderers.engine import render_image
 from torchrender_service.renderers.jobs import Bounds, DepthImages, SceneSource, View
 from torchrender_service.renderers.keyframes import Stamp, first_message, layer_message
-from torchrender_service.renderers.layers import cameras_around, extra_layers
 from torchrender_service.renderers.pictures import make_container
+from torchrender_service.renderers.streaming.layers import cameras_around, extra_layers
 
 SIZE = (64, 48)
 PLAIN = RenderOptions(reflections="off")

@@ -10,7 +10,7 @@ from torchrender.wire.cameras import header_of
 from torchrender.wire.containers import decode_keyframe
 from torchrender.wire.messages import Keyframe, Pose, Type, decode, split_blobs
 from torchrender_service.renderers.jobs import Bounds, MakeKeyframe, SceneSource
-from torchrender_service.renderers.stream_renderer import StreamRenderer
+from torchrender_service.renderers.streaming.stream_renderer import StreamRenderer
 from torchrender_service.streams.placement import Placement, Shown
 from torchrender_service.streams.sessions import SceneClock
 

@@ -18,9 +18,9 @@ from torchrender.scene.procedural.fog import with_fog
 from torchrender.wire.cameras import header_of
 from torchrender.wire.codec import display_bytes
 from torchrender.wire.containers import KeyframeImage, read_container
-from torchrender_service.renderers import stream_renderer
 from torchrender_service.renderers.jobs import Bounds, MakeKeyframe, MakeLayers, SceneSource, SmoothKeyframe
-from torchrender_service.renderers.stream_renderer import (
+from torchrender_service.renderers.streaming import stream_renderer
+from torchrender_service.renderers.streaming.stream_renderer import (
     ASIDE,
     MAX_REFINED,
     MOVING_BUDGET_MS,

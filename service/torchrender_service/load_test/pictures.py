@@ -22,7 +22,7 @@ from torchrender_service.load_test.rows import Effort, Row
 from torchrender_service.renderers.engine import render_image
 from torchrender_service.renderers.jobs import Bounds
 from torchrender_service.renderers.keyframes import Stamp, enough_bits, first_message, layer_message
-from torchrender_service.renderers.layers import cameras_around, extra_layers, typical_depth
+from torchrender_service.renderers.streaming.layers import cameras_around, extra_layers, typical_depth
 
 BASELINES = (0.03, 0.06, 0.12)  # in median depths
 SCENES = ("living_room", "washroom", "city", "nest", "tree", "cornell_box")

@@ -19,7 +19,7 @@ from torchrender_service.renderers.photos.fog import FogPhotos
 from torchrender_service.renderers.photos.style import style_photo
 from torchrender_service.renderers.pictures import make_container, render_picture, reproject_picture
 from torchrender_service.renderers.scene_cache import SceneCache, describe
-from torchrender_service.renderers.stream_renderer import StreamRenderer
+from torchrender_service.renderers.streaming.stream_renderer import StreamRenderer
 from torchrender_service.renderers.upload import validate
 from torchrender_service.renderers.viewing.picking import find_pixel
 from torchrender_service.renderers.viewing.survey import survey

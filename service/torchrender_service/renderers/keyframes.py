@@ -15,7 +15,7 @@ from torchrender.wire.codec import BITS, Array, checksum, display_bytes, encode_
 from torchrender.wire.messages import Bits, ColorBlob, ColorCodec, DepthBlob, Keyframe, MaskBlob, encode, padded
 from torchrender.wire.viewing import ToneMap
 from torchrender_service.renderers.jobs import BITS_STILL, QUALITY_MOVING
-from torchrender_service.renderers.layers import Layer
+from torchrender_service.renderers.streaming.layers import Layer
 
 REACH = 0.25
 """Of the typical depth: as far as a client may go from a keyframe before the next one is there."""

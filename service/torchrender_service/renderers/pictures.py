@@ -30,7 +30,7 @@ from torchrender_service.renderers.engine import render_image
 from torchrender_service.renderers.jobs import DepthImages, Render, Reproject
 from torchrender_service.renderers.keeping.lasting import LastingParts
 from torchrender_service.renderers.keyframes import Stamp, first_message, layer_message
-from torchrender_service.renderers.layers import Layer
+from torchrender_service.renderers.streaming.layers import Layer
 from torchrender_service.renderers.views import camera_of_view
 
 

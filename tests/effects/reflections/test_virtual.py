@@ -23,7 +23,7 @@ from torchrender.scene.model import Scene
 from torchrender.scene.shapes import box, sphere
 from torchrender.wire.containers import KeyframeImage, read_container
 from torchrender_service.renderers.keyframes import Stamp, first_message, mirror_message
-from torchrender_service.renderers.layers import MIRRORS_NEED, mirror_layer
+from torchrender_service.renderers.streaming.layers import MIRRORS_NEED, mirror_layer
 
 OPTIONS = RenderOptions(reflections="traced", shadows=False, ambient_visibility="off", buffers=MIRRORS_NEED)
 

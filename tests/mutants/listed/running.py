@@ -61,7 +61,7 @@ FAULTS: tuple[Fault, ...] = (
         ("while len(self._scenes) > 1 and", "while len(self._scenes) > 0 and"),
         ("self._sizes.pop(name, None)", "pass"),
     ),
-    *faults("service", S + "renderers/stream_renderer.py", "tests/service/test_stream_renderer.py tests/service/test_producer.py",
+    *faults("service", S + "renderers/streaming/stream_renderer.py", "tests/service/test_stream_renderer.py tests/service/test_producer.py",
         ("light = image.radiance[0].clamp(max=self.brightest)", "light = image.radiance[0]"),
         ("self.wished[1] != wish", "False"),
         ("state.begun = begun if around else None", "state.begun = None"),

@@ -127,7 +127,7 @@ def carry_mirrors(seen, source, mirror, matrix, back, reach, wanted, out):
                 if error < best:
                     best = error
                     x, y = min(max(du, -1.0), 1.0) + ou - 0.5, min(max(dv, -1.0), 1.0) + ov - 0.5
-                    _take(x, y, source, owner[j, i], mirrors, light, j, i, mirrored)
+                    _take((x, y), (source, mirrors, light), owner[j, i], mirrored[j, i])
                     virtual_depth[j, i] = np.float32(ahead) if far < np.inf else np.float32(np.inf)
                     state[j, i] = 1
                 if error < CLOSE:
@@ -154,8 +154,10 @@ def _nearest(x, y, source, own, mirrors):
 
 
 @kernel()
-def _take(x, y, source, own, mirrors, light, j, i, mirrored):
+def _take(place, picture, own, mirrored):
     """Bilinear light of the mirror around a place; there is at least one pixel of it."""
+    x, y = place
+    source, mirrors, light = picture
     rows, columns = mirrors.shape
     left, top = math.floor(x), math.floor(y)
     red, green, blue, total = 0.0, 0.0, 0.0, 0.0
@@ -168,6 +170,6 @@ def _take(x, y, source, own, mirrors, light, j, i, mirrored):
                 blue += weight * light[row, column, 2]
                 total += weight
     if total > 0.0:
-        mirrored[j, i, 0] = np.float32(red / total)
-        mirrored[j, i, 1] = np.float32(green / total)
-        mirrored[j, i, 2] = np.float32(blue / total)
+        mirrored[0] = np.float32(red / total)
+        mirrored[1] = np.float32(green / total)
+        mirrored[2] = np.float32(blue / total)

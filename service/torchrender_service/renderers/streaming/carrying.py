@@ -22,8 +22,8 @@ from torchrender.raster import rasterize_visibility
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
 from torchrender.wire.viewing import Effect
-from torchrender_service.renderers.layers import Layer
-from torchrender_service.renderers.samples import ShadedPixels, background_of, shade_pixels
+from torchrender_service.renderers.streaming.layers import Layer
+from torchrender_service.renderers.streaming.samples import ShadedPixels, background_of, shade_pixels
 
 MOST_PICTURES = 4
 MOST_OF_STILL = 0.8

@@ -27,7 +27,7 @@ from torchrender.raster import rasterize_visibility, surface_attributes
 from torchrender.reconstruct.reproject import pixel_matrices
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
-from torchrender_service.renderers.samples import background_of, only, shade_pixels
+from torchrender_service.renderers.streaming.samples import background_of, only, shade_pixels
 
 BASELINE = 0.09  # distance of the extra cameras in median depths of the first image
 MAX_BASELINE = 0.25

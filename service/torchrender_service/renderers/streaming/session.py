@@ -1,0 +1,83 @@
+"""What a session of a stream leaves for its next keyframe."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from torch import Tensor
+
+from torchrender.image import Image
+from torchrender.pipeline.history import RenderHistory
+from torchrender.pipeline.options import RenderOptions
+from torchrender.scene.camera import Cameras
+from torchrender.scene.model import Scene
+from torchrender_service.renderers.jobs import Bounds, MakeKeyframe
+from torchrender_service.renderers.keyframes import Stamp
+from torchrender_service.renderers.streaming.carrying import LitViews
+from torchrender_service.renderers.streaming.layers import Layer
+from torchrender_service.renderers.viewing.appearance import Exposure, Wish, as_wished
+
+
+@dataclass(frozen=True, eq=False)
+class Begun:
+    """A keyframe whose extra layers are still to be made."""
+
+    stamp: Stamp
+    image: Image
+    options: RenderOptions  # that it was made with
+    past: RenderHistory
+    around: list[Cameras]
+    mirrors: Layer | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Made:
+    """A picture with what a keyframe needs of it."""
+
+    image: Image
+    plan: dict[str, Any]
+    options: RenderOptions  # that it was made with
+    history: RenderHistory
+    mirrors: Layer | None  # what they show
+    carried: bool = False  # most of its light is that of other pictures
+
+
+@dataclass(eq=False)
+class Refinement:
+    """A view at rest, and the light of all pictures that were made of it so far."""
+
+    job: MakeKeyframe
+    begun: Begun
+    scene: Scene
+    camera: Cameras
+    bounds: Bounds
+    brightest: float  # radiance that can be displayed at most
+    render_ms: float
+    light: Tensor | None = None  # (H,W,3) sum over the pictures; None: what was sent is made of others' light
+    count: int = 0
+
+    def add(self, image: Image) -> None:
+        """One more picture."""
+        light = image.radiance[0].clamp(max=self.brightest)
+        self.light = light if self.light is None else self.light + light
+        self.count += 1
+
+
+@dataclass
+class SessionState:
+    """What the renderer remembers of a session."""
+
+    history: RenderHistory
+    packing_ms: float = 0.0  # from the last picture to its message
+    begun: Begun | None = None
+    wished: tuple[Scene, Wish, Scene] | None = None  # a scene, what was wished for, and what it is then
+    exposure: Exposure = field(default_factory=Exposure)
+    lit: LitViews = field(default_factory=LitViews)
+    bytes: int = 0  # of what is this session's own
+
+    def as_wished(self, scene: Scene, wish: Wish) -> Scene:
+        """The scene with the media and lights that the session wishes for: the same one while the wish is."""
+        if self.wished is None or self.wished[0] is not scene or self.wished[1] != wish:
+            self.wished = (scene, wish, as_wished(scene, wish))
+        return self.wished[2]
