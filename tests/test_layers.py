@@ -41,7 +41,6 @@ ORDER = (
     "torchrender.fragment_tests",
     "torchrender.raster",
     "torchrender.rays",
-    "torchrender.ray_surface",
     "torchrender.shading",
     "torchrender.shade",
     "torchrender.depth",

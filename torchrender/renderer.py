@@ -16,7 +16,7 @@ from torchrender.image import Image
 from torchrender.passes.contract import Buffers
 from torchrender.passes.picture.composite import COMPOSITE
 from torchrender.passes.settings import CUSTOM
-from torchrender.passes.table import GBUFFER, table_of
+from torchrender.passes.table import GBUFFER
 from torchrender.pipeline.buffer import Buffer
 from torchrender.pipeline.doubts import say, scene_doubts
 from torchrender.pipeline.gradients import check_gradients
@@ -80,16 +80,15 @@ def render(
     Args:
         scene: a scene, or the name or file of one. A point cloud or patch set is drawn by
             :func:`~torchrender.points.draw.render_points`, which has options of its own.
-        camera: cameras, the name of one of the scene's cameras, or None for its first, or where it has none one that
-            frames the scene.
+        camera: cameras, the name of one of the scene's, or None for its first, or where it has none one that frames it.
         width, height: size of the picture in pixels; the default is the size of ``camera`` where cameras are given,
             else 1024 x 768. Cameras of another shape keep their vertical opening angle.
         history: ``RenderHistory()`` starts a sequence of pictures, ``image.history`` of one picture is for the next.
             Shadow maps, ray caster and reflections are then used again as far as the scene has stood still; reused
             reflections are close to traced ones, not the same. See :class:`torchrender.pipeline.history.RenderHistory`.
         budget_ms: time that the picture may take, loading of the scene apart. The settings of all passes are chosen
-            for the least error within it. The picture is always complete; ``image.plan`` tells what was chosen, what
-            was predicted and what it took, and says so if the budget is not enough for the cheapest settings.
+            for the least error within it. The picture is always complete; ``image.plan`` tells what was chosen,
+            predicted and took, and says so if the budget is not enough for the cheapest settings.
         max_error: mean FLIP, in [0,1], that the picture may be away from one with every pass at its reference. The
             quickest settings are chosen that keep it; with a budget, too, that comes first.
 
@@ -117,33 +116,34 @@ def render(
     with clock.measure("total"):
         cameras = view_of(scene, camera, width, height)
         check_gradients("render", scene, options)
-        curves = load_curves()
-        knowledge = Knowledge.of(scene, cameras, options, history, curves)
+        knowledge = Knowledge.of(scene, cameras, options, history, load_curves())
         if max_error is not None and budget_ms is None and knowledge.blind:
-            with clock.measure("senses"):
-                looked = first_look(scene, cameras, options, history)
-            knowledge = Knowledge.of(scene, cameras, options, looked, curves)
-        run = Run(knowledge, (budget_ms, max_error), clock)
-        image = run.image()
+            knowledge = _looked(knowledge, history, clock)
+        image = (run := Run(knowledge, (budget_ms, max_error), clock)).image()
         say([*scene_doubts(scene), *run.doubts])
     plan = run.plan.measured(clock.elapsed_ms, run.amounts, clock.elapsed_ms["total"], waited=clock.waited)
     kept = None if history is None else run.history(plan)
     return replace(image, plan=plan, timings_ms=clock.elapsed_ms, history=kept)
 
 
-def first_look(scene: Scene, cameras: Cameras, options: RenderOptions, history: RenderHistory | None) -> RenderHistory:
-    """The history with what passes sense in a picture of a sixteenth of the pixels, and what lasts of it."""
-    steps = [step for step in table_of(options) if step.settings.is_choice]
+def _looked(knowledge: Knowledge, history: RenderHistory | None, clock: StepClock) -> Knowledge:
+    """With what passes sense in a picture of a sixteenth of the pixels, and what lasts of it."""
+    outlook, curves = knowledge.outlook, knowledge.curves
+    scene, cameras, options = outlook.history.given or outlook.scene, outlook.cameras, outlook.options
+    steps = [step for step in knowledge.passes if step.settings.is_choice]
     held = tuple(step.name for step in steps if step.settings.current(options) != CUSTOM)
-    coarse = replace(options, supersample=min(options.supersample, LOOK), upscaling="nearest")
+    coarse = replace(options, supersample=min(options.supersample, LOOK), upscaling="nearest", fixed=held)
     past = RenderHistory() if history is None else history
-    knowledge = Knowledge.of(scene, cameras, replace(coarse, fixed=held), past, load_curves())
-    run = Run(knowledge, (NO_LIMIT, None), StepClock())
-    run.buffers({})
-    found = run.history(run.plan)
+    with clock.measure("senses"):
+        run = Run(Knowledge.of(scene, cameras, coarse, past, curves), (NO_LIMIT, None), StepClock())
+        run.buffers({})
+        found = run.history(run.plan)
     if history is None:
         found = replace(found.shared(), sequence=False)
-    return replace(found, pace=replace(past.pace or Pace(), known=found.pace.known if found.pace is not None else {}))
+    sensed = {} if found.pace is None else found.pace.known
+    return Knowledge.of(
+        scene, cameras, options, replace(found, pace=replace(past.pace or Pace(), known=sensed)), curves
+    )
 
 
 def _check_kinds(options: object, history: object) -> None:

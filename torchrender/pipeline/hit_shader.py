@@ -21,9 +21,9 @@ from torchrender.pipeline.frame import SampleRenderer
 from torchrender.pipeline.hit_memory import HitMemory, keys_of
 from torchrender.pipeline.scene_cube import SceneCube, enclosing_solids, make_cube
 from torchrender.pipeline.sky_pyramid import SkyPyramid
-from torchrender.ray_surface import ray_surface
 from torchrender.scene.model import Scene
 from torchrender.shading.mirrors import mirror_values
+from torchrender.shading.ray_surface import ray_surface
 
 
 class HitShader:

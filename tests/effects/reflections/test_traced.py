@@ -15,7 +15,6 @@ from torchrender.errors import OptionError
 from torchrender.numerics.lobe import lobe_directions, reflect, schlick
 from torchrender.pipeline.options import RenderOptions
 from torchrender.raster import rasterize
-from torchrender.ray_surface import ray_surface
 from torchrender.rays import RayCaster
 from torchrender.renderer import render
 from torchrender.report.common.hits import hit_shader
@@ -25,6 +24,7 @@ from torchrender.scene.material import Material
 from torchrender.scene.mesh import Mesh
 from torchrender.scene.model import Scene
 from torchrender.shade import shade
+from torchrender.shading.ray_surface import ray_surface
 
 
 def rectangle(corner: list[float], u: list[float], v: list[float], material: int) -> Mesh:

@@ -14,13 +14,13 @@ from torchrender.effects.shadows.small_lights import FEWEST, small_light_visibil
 from torchrender.effects.shadows.traced import traced_visibility
 from torchrender.pipeline.options import RenderOptions
 from torchrender.raster import rasterize
-from torchrender.ray_surface import ray_surface
 from torchrender.rays import RayCaster
 from torchrender.renderer import render
 from torchrender.scene.camera import Cameras
 from torchrender.scene.light import DirectionalLight, SpotLight
 from torchrender.scene.material import Material
 from torchrender.scene.model import Scene
+from torchrender.shading.ray_surface import ray_surface
 
 
 def lamps(count: int) -> tuple[SpotLight, ...]:

@@ -17,12 +17,12 @@ from torchrender.kernels.shading import gather, layers, lights, lobes, maps, nee
 from torchrender.kernels.shading.pack import pack_planes
 from torchrender.kernels.shading.records import MATERIAL, SLOT, SLOTS, SPAN
 from torchrender.raster import rasterize, rasterize_visibility, surface_attributes
-from torchrender.ray_surface import ray_surface
 from torchrender.rays import RayCaster
 from torchrender.scene.model import Scene
 from torchrender.shading.fused import send_fused
 from torchrender.shading.lobes import Around, Sent
 from torchrender.shading.plain import send
+from torchrender.shading.ray_surface import ray_surface
 
 EXACT = 1e-4
 

@@ -7,8 +7,8 @@ from torch import Tensor
 
 from torchrender.buffers import RayHits
 from torchrender.numerics.split_sum import directional_albedo
-from torchrender.ray_surface import ray_surface
 from torchrender.scene.model import Scene
+from torchrender.shading.ray_surface import ray_surface
 from torchrender.shading.surface import Reader
 
 CHUNK = 1 << 15
