@@ -38,10 +38,8 @@ DATA = "TORCHRENDER_DATA"
 FILES = (
     "gltf/DamagedHelmet.glb",
     "gltf/2CylinderEngine.glb",
-    "gltf/BarramundiFish/glTF/BarramundiFish.gltf",
     "meshes/spot_textured.glb",
     "meshes/stanford_dragon_res2.ply",
-    "meshes/utah_teapot.obj",
     "scenes/bookstore.glb",
     "scenes/forest_tile.glb",
     "scenes/house_garden.glb",
@@ -56,13 +54,13 @@ FIRST_SEED = 10_000
 class StudyOptions:
     """How much is measured."""
 
-    random: int = 14  # scenes
+    random: int = 10  # scenes
     files: tuple[str, ...] = FILES
     sides: tuple[int, ...] = (320, 448)  # of pictures, in turn; calibration has 176 and 512
     budgets_ms: tuple[float, ...] = (60.0, 150.0, 400.0)
     bounds: tuple[float, ...] = (0.1, 0.05, 0.025)
-    ladder: tuple[float, ...] = (0.2, 0.14, 0.1, 0.07, 0.05, 0.035, 0.025, 0.018, 0.012)
-    frames: int = 6
+    ladder: tuple[float, ...] = (0.2, 0.07, 0.035, 0.015)
+    frames: int = 4
 
 
 QUICK = StudyOptions(random=2, files=(), sides=(48,), budgets_ms=(50.0,), bounds=(0.1,), ladder=(0.2, 0.05), frames=3)
