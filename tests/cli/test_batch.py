@@ -55,7 +55,7 @@ def test_a_film_is_put_together(inside, tmp_path) -> None:
 @pytest.mark.usefixtures("inside")
 @pytest.mark.parametrize(
     ("words", "message"),
-    [(("--grid", "2x2"), "--grid must look like"), (("--orbit", 0), "frames must be >= 1"),
+    [(("--grid", "2x2"), "--grid must look like"), (("--orbit", 0), "--orbit must be >= 1"),
      (("--orbit", 2, "--what", "noise"), "what"), (("--cameras", "none.json"), "no such file")],
 )  # fmt: skip
 def test_wrong_wishes_are_refused(tmp_path, capsys, words, message) -> None:

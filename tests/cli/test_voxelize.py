@@ -64,7 +64,7 @@ def test_pictures_and_vox(obj: Path, tmp_path: Path) -> None:
     ("arguments", "message"),
     [
         (("-o", "out.obj"), "the output must be"),
-        (("-o", "out.npz", "--resolution", "0"), "dims must be in"),
+        (("-o", "out.npz", "--resolution", "0"), "--resolution must be in"),
         (("-o", "out.npz", "--method", "vote"), "--method is for --solid"),
         (("-o", "out.npz", "--thin", "--solid"), "--thin is for surfaces"),
         (("-o", "out.png", "--size", "big"), "--size must look like"),

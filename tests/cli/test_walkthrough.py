@@ -99,7 +99,7 @@ def test_serve_keeps_it_as_a_scene(folder, tmp_path):
         (["walkthrough", ".", "-o", "a.trw", "--next-views", "-1"], "next-views"),
         (["render", "missing.trw", "-o", "a.png"], "no such file"),
         (["fly", "missing.trw", "-o", "film", "--frames", "0"], "--frames"),
-        (["serve", "room.glb"], "takes walkthroughs"),
+        (["serve", "room.glb"], "no such file"),
     ],
 )
 def test_wrong_words_are_named(words, message, tmp_path, monkeypatch, capsys):

@@ -290,12 +290,19 @@ def test_bad_nodes(tmp_path: Path, node: dict[str, object], message: str) -> Non
         load(glb.write(tmp_path / "a.glb"))
 
 
-@pytest.mark.parametrize("scale", [1e30, 1e-30, 1e-200])
+@pytest.mark.parametrize("scale", [1e14, 1e-30, 1e-200])
 def test_extreme_scales_keep_unit_normals(tmp_path: Path, scale: float) -> None:
     glb = triangle()
     glb.json["nodes"][0]["scale"] = [scale] * 3
     normals = load(glb.write(tmp_path / "a.glb")).geometry.normals
     assert normals is not None and bool(((normals.norm(dim=1) - 1).abs() < 1e-5).all())
+
+
+def test_scales_that_light_cannot_count_are_refused(tmp_path: Path) -> None:
+    glb = triangle()
+    glb.json["nodes"][0]["scale"] = [1e30] * 3
+    with pytest.raises(TorchRenderError, match="must lie within 1e\\+15 scene units"):
+        load(glb.write(tmp_path / "a.glb"))
 
 
 def test_flattened_instances_have_no_normals(tmp_path: Path) -> None:

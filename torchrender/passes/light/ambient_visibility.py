@@ -166,7 +166,7 @@ def _by_rays(subject: Subject, outputs: Outputs) -> float:
 HARD = HardEffect(
     name="ambient_visibility",
     about=VIEW,
-    modules=("effects.ambient.horizon", "effects.ambient.traced"),
+    modules=("effects.ambient.horizon", "effects.ambient.traced", "effects.ambient.edge_on"),
     run=_found,
     bounds=lambda _: {"sky": (0.0, 1.0), "near": (0.0, 1.0), "length": (0.0, 1.0 + 1e-5)},
     law=Law(text="mean difference to the share of 32 rays that get away", deviation=_by_rays, limit=0.25),

@@ -135,7 +135,7 @@ def _as_the_picture(subject: Subject, outputs: Outputs) -> float:
 
 HARD = HardEffect(
     name="hit_shader",
-    modules=("pipeline.hit_shader", "ray_surface"),
+    modules=("pipeline.hit_shader", "shading.ray_surface"),
     run=_seen_by_rays,
     bounds=radiance_bounds,
     law=Law(

@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from torchrender.buffers import GBuffer
+from torchrender.effects.upsampling.carried import LitPicture, carried_light
 from torchrender.effects.upsampling.joint import joint_upsampled
 from torchrender.passes.contract import Amounts, Buffers, Pass
 from torchrender.passes.hard import VIEW, HardEffect, Law, Outputs, Subject
@@ -128,7 +129,36 @@ def _grey_stays_grey_guided(subject: Subject, _: Outputs) -> float:
     return max(float((part - 0.4).abs().max()) for part in made)
 
 
+def _carried(subject: Subject) -> Outputs:
+    scene, camera = subject.scene, subject.cameras[0]
+    seen = rasterize(scene, camera)
+    picture = LitPicture(seen, shade(scene, seen)[0])
+    aside = rasterize(scene, camera.sub_camera(0.4, 0.3, camera.width, camera.height))
+    own, other = (carried_light(view, [picture], scene.geometry.material).light for view in (seen, aside))
+    return {"own": own, "aside": other}
+
+
+def _own_light(subject: Subject, outputs: Outputs) -> float:
+    seen = rasterize(subject.scene, subject.cameras[0])
+    light = shade(subject.scene, seen)[0]
+    off = (outputs["own"] - light).abs()[seen.covered[0]] / max(float(light.max()), 1e-30)
+    return float(off.max()) if off.numel() else 0.0
+
+
 HARD = (
+    HardEffect(
+        name="carried_light",
+        about=VIEW,
+        modules=("effects.upsampling.carried",),
+        run=_carried,
+        bounds=lambda s: dict.fromkeys(("own", "aside"), (0.0, s.radiance_limit)),
+        law=Law(
+            text="a view takes its own light as it is: largest difference, of the brightest",
+            deviation=_own_light,
+            limit=1e-3,
+        ),
+        parallel=False,
+    ),
     HardEffect(
         name="resample",
         about=VIEW,

@@ -47,7 +47,7 @@ def one_sample(options: RenderOptions, history: RenderHistory) -> RenderOptions:
 def _attributes(subject: Subject) -> Outputs:
     seen = subject.gbuffer
     local = subject.cameras.transform(seen.position) / subject.unit
-    toward = torch.nn.functional.normalize(seen.position - subject.cameras.eye[:, None, None], dim=-1)
+    toward = torch.nn.functional.normalize(subject.cameras.rays()[1].double(), dim=-1)
     return {
         "depth": seen.depth / subject.unit,
         "triangle": seen.triangle,
