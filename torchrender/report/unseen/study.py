@@ -37,12 +37,10 @@ from torchrender.tuning.unseen import SEEDS
 DATA = "TORCHRENDER_DATA"
 FILES = (
     "gltf/DamagedHelmet.glb",
-    "gltf/2CylinderEngine.glb",
     "meshes/spot_textured.glb",
     "meshes/stanford_dragon_res2.ply",
     "scenes/bookstore.glb",
     "scenes/forest_tile.glb",
-    "scenes/house_garden.glb",
 )
 """Below the folder of data by others."""
 
@@ -54,13 +52,13 @@ FIRST_SEED = 10_000
 class StudyOptions:
     """How much is measured."""
 
-    random: int = 10  # scenes
+    random: int = 7  # scenes
     files: tuple[str, ...] = FILES
-    sides: tuple[int, ...] = (320, 448)  # of pictures, in turn; calibration has 176 and 512
-    budgets_ms: tuple[float, ...] = (60.0, 150.0, 400.0)
+    sides: tuple[int, ...] = (160, 240)  # of pictures, in turn; calibration has 176 and 512
+    budgets_ms: tuple[float, ...] = (60.0, 200.0)
     bounds: tuple[float, ...] = (0.1, 0.05, 0.025)
-    ladder: tuple[float, ...] = (0.2, 0.07, 0.035, 0.015)
-    frames: int = 4
+    ladder: tuple[float, ...] = (0.2, 0.035)
+    frames: int = 3
 
 
 QUICK = StudyOptions(random=2, files=(), sides=(48,), budgets_ms=(50.0,), bounds=(0.1,), ladder=(0.2, 0.05), frames=3)
