@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from torchrender.points.options import PointImage
     from torchrender.points.tree import PatchSet
 
-LOOK = 0.25
+LOOK = 0.5
 """Rendered pixels per pixel and side where a picture is looked at before its settings are chosen."""
 
 NO_LIMIT = 1e9
@@ -127,7 +127,7 @@ def render(
 
 
 def _looked(knowledge: Knowledge, history: RenderHistory | None, clock: StepClock) -> Knowledge:
-    """With what passes sense in a picture of a sixteenth of the pixels, and what lasts of it."""
+    """With what passes sense in a picture of a quarter of the pixels, and what lasts of it."""
     outlook, curves = knowledge.outlook, knowledge.curves
     scene, cameras, options = outlook.history.given or outlook.scene, outlook.cameras, outlook.options
     steps = [step for step in knowledge.passes if step.settings.is_choice]

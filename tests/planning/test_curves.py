@@ -44,12 +44,16 @@ def test_times_are_weighted_sums_and_errors_means() -> None:
     assert curves.error("gbuffer", "1", "unknown").error == pytest.approx(0.3)
     assert curves.together([Expected(0.3, 0.1), Expected(0.4, 0.1)]).error == pytest.approx(0.5)
     assert curves.together([]).error == 0.0
+    more = parse_curves({**small(), "joint": 1.5}, "test")
+    assert more.together([Expected(0.2, 0.1)], unseen=True).error == pytest.approx(0.3)
+    assert more.together([Expected(0.2, 0.1)]).error == pytest.approx(0.2), "scenes that were measured have their own"
 
 
 @pytest.mark.parametrize(
     "damage",
     [
         {"format": 1},
+        {"joint": 9.0},
         {"norm": 0.0},
         {"norm": float("nan")},
         {"weights": {"gbuffer": {"1": [float("nan")]}}},

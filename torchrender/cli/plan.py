@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -99,11 +100,13 @@ def run_tradeoff(arguments: argparse.Namespace) -> list[Path]:
 def run_calibrate(arguments: argparse.Namespace) -> Path:
     """Measure and write the curves; the file."""
     from torchrender.images.files import write_atomically
-    from torchrender.planning.curves import load_curves, parse_curves, user_file
+    from torchrender.planning.curves import ENVIRONMENT, load_curves, parse_curves, user_file
     from torchrender.quality.pages import text_writer
     from torchrender.scene.load import load
     from torchrender.scene.procedural import SCENES
+    from torchrender.scene.procedural.anything import anything
     from torchrender.tuning.calibrate import calibrate
+    from torchrender.tuning.unseen import JOINT_SCENES, SEEDS, joint_of
 
     if arguments.side is not None and not 32 <= arguments.side <= 4096:
         raise InputError(f"--side must be in [32, 4096], got {arguments.side}")
@@ -119,6 +122,10 @@ def run_calibrate(arguments: argparse.Namespace) -> Path:
     curves = calibrate(scenes, **given(size=arguments.side), known=known, tell=tell)
     parse_curves(curves, str(path))
     write_atomically(path, text_writer(json.dumps(curves, separators=(",", ":")) + "\n"))
+    if known is None:  # how errors of whole pictures compare with these curves
+        os.environ[ENVIRONMENT] = str(path)
+        curves["joint"] = joint_of(anything(seed) for seed in SEEDS[:JOINT_SCENES])
+        write_atomically(path, text_writer(json.dumps(curves, separators=(",", ":")) + "\n"))
     return path
 
 

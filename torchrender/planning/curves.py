@@ -33,6 +33,9 @@ UNKNOWN_SPREAD = 1.0
 JOINT_SPREAD = 0.15
 """The same, of how errors of passes add up."""
 
+UNSEEN_SPREAD = 0.3
+"""The same, in scenes that were not measured."""
+
 
 class CurvesWarning(UserWarning):
     """A file of curves cannot be used; the shipped ones are."""
@@ -48,6 +51,7 @@ class Curves:
     machine: Mapping[str, Any]
     source: str
     lines: Mapping[str, Mapping[str, Line]] = field(default_factory=dict)  # for scenes that are not among these
+    joint: float = 1.0  # errors of whole pictures of such scenes, by those that their passes add up to
 
     def time_ms(self, name: str, setting: str, amounts: Sequence[float], scene: str | None = None) -> float | None:
         """Predicted time; None for what was never measured."""
@@ -83,9 +87,10 @@ class Curves:
         found = self.scenes.get(scene or "", {}).get("passes", {}).get(name, {}).get(setting)
         return found if isinstance(found, dict) else None
 
-    def together(self, errors: Sequence[Expected]) -> Expected:
-        """The error of a picture whose passes have these."""
-        return together(errors, self.norm, JOINT_SPREAD)
+    def together(self, errors: Sequence[Expected], *, unseen: bool = False) -> Expected:
+        """The error of a picture whose passes have these; ``unseen``: of a scene that was not measured."""
+        found = together(errors, self.norm, UNSEEN_SPREAD if unseen else JOINT_SPREAD)
+        return found._replace(error=min(found.error * self.joint, 1.0)) if unseen else found
 
 
 def scene_key(scene: Scene) -> str:
@@ -152,5 +157,7 @@ def parse_curves(data: Mapping[str, Any], source: str) -> Curves:
     norm = float(data["norm"])
     if not 0.5 <= norm <= 8.0:
         raise ValueError(f"norm must be in [0.5, 8], got {norm}")
-    lines = parse_lines(data.get("foresight", {}))
-    return Curves(data["weights"], data["scenes"], norm, data.get("machine", {}), source, lines)
+    lines, joint = parse_lines(data.get("foresight", {})), float(data.get("joint", 1.0))
+    if not 0.25 <= joint <= 4.0:
+        raise ValueError(f"joint must be in [0.25, 4], got {joint}")
+    return Curves(data["weights"], data["scenes"], norm, data.get("machine", {}), source, lines, joint)

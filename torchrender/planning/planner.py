@@ -129,7 +129,8 @@ def _safely(
         choice = choose(question, budget_ms, bound, spent_ms)
         rows = _rows(question.knowledge, question.options_at(choice.settings))
         if not choice.possible:  # nothing is as sure as that: what is most exact may do
-            return replace(choice, possible=choice.predicted_error <= max_error), rows
+            expected = _expected(question.knowledge, rows)
+            return replace(choice, possible=expected is not None and expected.error <= max_error), rows
     return choice, rows
 
 
@@ -137,7 +138,7 @@ def _expected(knowledge: Knowledge, rows: tuple[PlanRow, ...]) -> Expected | Non
     """The error of a picture whose passes run like this; None where one was never measured."""
     found = [row.expected_error for row in rows if row.runs]
     known = [one for one in found if one is not None]
-    return knowledge.curves.together(known) if len(known) == len(found) else None
+    return knowledge.curves.together(known, unseen=knowledge.unseen) if len(known) == len(found) else None
 
 
 def _changes(asked: tuple[PlanRow, ...], chosen: tuple[PlanRow, ...]) -> tuple[str, ...]:

@@ -75,7 +75,9 @@ def calibrate(scenes: Sequence[Scene], *, size: int = SIDE, known: Curves | None
         lines = {
             name: {setting: line.to_list() for setting, line in rows.items()} for name, rows in known.lines.items()
         }
-    return curves_from(errors, seen, fit_norm(joint) if joint or known is None else known.norm) | {"foresight": lines}
+    norm = fit_norm(joint) if joint or known is None else known.norm
+    rest = {"foresight": lines, "joint": 1.0 if known is None else known.joint}
+    return curves_from(errors, seen, norm) | rest
 
 
 def errors_of(scene: Scene, views: Sequence[Cameras]) -> dict[str, dict[str, dict[str, Any]]]:

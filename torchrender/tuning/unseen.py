@@ -6,6 +6,7 @@ setting, as a sequence would have it from the picture before.
 
 from __future__ import annotations
 
+import statistics
 from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
@@ -29,6 +30,15 @@ SIDE = 176
 
 SEEDS = range(40)
 """Of the random scenes that lines are fitted to. Tests of predictions take others."""
+
+WISHES: tuple[dict[str, Any], ...] = (
+    {"budget_ms": 80.0},
+    {"budget_ms": 250.0},
+    {"max_error": 0.07},
+    {"max_error": 0.035},
+)
+"""For which whole pictures are compared with the errors of their passes, in the first ``JOINT_SCENES`` scenes."""
+JOINT_SCENES = 10
 
 Record = dict[str, dict[str, Any]]
 """By pass: ``sensed``, None where nothing was, and ``errors`` by setting."""
@@ -93,3 +103,24 @@ def lines_of(records: Iterable[Record]) -> dict[str, dict[str, list[float]]]:
                 errors, seen = zip(*chosen, strict=True)
                 found.setdefault(name, {})[setting] = fitted(errors, seen).to_list()
     return found
+
+
+def joint_of(scenes: Iterable[Scene], size: int = SIDE) -> float:
+    """By how much whole pictures err more than the errors of their passes, added up, say: a median.
+
+    Of the second picture of a sequence, at settings that budgets and bounds choose with the lines of this machine.
+    """
+    ratios = [1.0]
+    for scene in scenes:
+        camera = scene.with_default_light().camera(width=size, height=size)
+        exact = RenderOptions()
+        for step in PASSES:
+            exact = exact if step.settings.context.changes else step.settings.reference.applied(exact)
+        wanted = render(scene, camera, options=exact).displayed().float()
+        for wish in WISHES:
+            first = render(scene, camera, history=RenderHistory(), **wish)
+            second = render(scene, camera, history=first.history, **wish)
+            if second.plan is not None and second.plan.predicted_error:
+                error = float(flip(second.displayed().float(), wanted)[0])
+                ratios.append(max(error, LEAST) / max(second.plan.predicted_error, LEAST))
+    return statistics.median(ratios)
