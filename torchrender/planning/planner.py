@@ -125,7 +125,7 @@ def _safely(
         expected = _expected(question.knowledge, rows)
         if not choice.possible or expected is None or expected.interval[1] <= max_error:
             break
-        bound = TIGHTER * min(bound, max_error * expected.error / expected.interval[1])
+        bound = TIGHTER * min(bound, max_error * choice.predicted_error / expected.interval[1])
         choice = choose(question, budget_ms, bound, spent_ms)
         rows = _rows(question.knowledge, question.options_at(choice.settings))
         if not choice.possible:  # nothing is as sure as that: what is most exact may do
