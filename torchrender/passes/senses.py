@@ -27,7 +27,7 @@ EDGE = 0.02
 
 def display(frame: Frame, radiance: Tensor, like: Tensor | None = None) -> Tensor:
     """Radiance as display values in [0,1]; ``like``: exposed as that, where exposure is automatic."""
-    exposure = exposure_of(frame.scene, frame.options)
+    exposure = exposure_of(frame.scene, frame.options, quiet=True)
     if exposure is None:
         exposure = auto_exposure(radiance if like is None else like)
     return srgb_from_linear(tone_map(radiance, frame.options.tone_map, exposure=max(-64.0, min(64.0, exposure))))

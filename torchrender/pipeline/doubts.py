@@ -117,13 +117,14 @@ def looking_about() -> Iterator[None]:
         _LOOKING_ABOUT.reset(token)
 
 
-def exposure_of(scene: Scene, options: RenderOptions) -> float | None:
-    """EV for display, None for automatic; lights in candela and lux ask for the latter, and it is said."""
+def exposure_of(scene: Scene, options: RenderOptions, *, quiet: bool = False) -> float | None:
+    """EV for display, None for automatic; lights in candela and lux ask for the latter: said, if not quiet."""
     if not isinstance(options.exposure, str):
         return options.exposure
     if not scene.photometric:
         return 0.0
-    warnings.warn(f"{scene.name}: lights in candela and lux: exposure is automatic", ExposureWarning, stacklevel=4)
+    if not quiet:
+        warnings.warn(f"{scene.name}: lights in candela and lux: exposure is automatic", ExposureWarning, stacklevel=4)
     return None
 
 

@@ -27,7 +27,7 @@ from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
 from torchrender.scene.procedural.anything import anything
 from torchrender.tuning import unseen
-from torchrender.tuning.measure import FRAMES, SIDE, Measured, measure_pass, turned_off, views_of
+from torchrender.tuning.measure import FRAMES, SIDE, Measured, exact_options, measure_pass, turned_off, views_of
 
 Observations = dict[tuple[str, str], list[tuple[str, tuple[float, ...], float]]]
 """Scene, amounts of work and milliseconds, by pass and setting."""
@@ -138,10 +138,7 @@ def joint_errors(
 ) -> list[tuple[list[float], float]]:
     """Errors of the passes alone, and of the picture with all of them, for every step of the settings."""
     view = views_of(scene, size, 1)[0][:1]
-    exact = RenderOptions()
-    for step in PASSES:
-        exact = step.settings.reference.applied(exact)
-    wanted = render(scene, view, options=exact).displayed()
+    wanted = render(scene, view, options=exact_options()).displayed()
     found = []
     for number in range(STEPS - 1):
         image = render(scene, view, options=at_step(number))

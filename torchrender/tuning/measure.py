@@ -87,6 +87,15 @@ def measure_pass(
     return {name: _mean(values) for name, values in found.items() if values}, shown
 
 
+def exact_options() -> RenderOptions:
+    """Every pass at its reference."""
+    options = RenderOptions()
+    for step in PASSES:
+        if not step.settings.context.changes:
+            options = step.settings.reference.applied(options)
+    return options
+
+
 def turned_off(options: RenderOptions, but: Pass | None = None) -> RenderOptions:
     """All passes that can be off at that, but one."""
     for step in PASSES:

@@ -23,7 +23,7 @@ from torchrender.quality.metrics import flip
 from torchrender.renderer import NO_LIMIT, render
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
-from torchrender.tuning.measure import options_at
+from torchrender.tuning.measure import exact_options, options_at
 
 SIDE = 176
 """Pixels of a side."""
@@ -113,10 +113,7 @@ def joint_of(scenes: Iterable[Scene], size: int = SIDE) -> float:
     ratios = [1.0]
     for scene in scenes:
         camera = scene.with_default_light().camera(width=size, height=size)
-        exact = RenderOptions()
-        for step in PASSES:
-            exact = exact if step.settings.context.changes else step.settings.reference.applied(exact)
-        wanted = render(scene, camera, options=exact).displayed().float()
+        wanted = render(scene, camera, options=exact_options()).displayed().float()
         for wish in WISHES:
             first = render(scene, camera, history=RenderHistory(), **wish)
             second = render(scene, camera, history=first.history, **wish)

@@ -14,6 +14,21 @@ CLOSE = 0.6
 """Pixels: nearer than that, the pixel beside is no better guess."""
 
 
+@kernel(inline=True)
+def _projected(matrix, u, v, z):
+    """Pixel coordinates of a pixel of depth ``z`` in another camera, and the depth there; infinitely far ones by their
+    direction. Without a depth ahead of that camera the coordinates mean nothing.
+
+    ``matrix``: (3,4), homogeneous pixel = z M[:, :3] (u, v, 1) + M[:, 3].
+    """
+    near, shift = (z, 1.0) if z < np.inf else (1.0, 0.0)
+    w = near * (matrix[2, 0] * u + matrix[2, 1] * v + matrix[2, 2]) + shift * matrix[2, 3]
+    scale = w if w > 0.0 else 1.0
+    x = near * (matrix[0, 0] * u + matrix[0, 1] * v + matrix[0, 2]) + shift * matrix[0, 3]
+    y = near * (matrix[1, 0] * u + matrix[1, 1] * v + matrix[1, 2]) + shift * matrix[1, 3]
+    return x / scale, y / scale, w
+
+
 @kernel(parallel=True)
 def carry_surfaces(seen, source, light, materials, matrix, limits, known, out):
     """Look up what every pixel shows in the picture of another camera; ``known`` pixels stay as they are.
@@ -39,13 +54,10 @@ def carry_surfaces(seen, source, light, materials, matrix, limits, known, out):
             if known[j, i]:
                 continue
             face = triangle[j, i]
-            u, v = i + 0.5, j + 0.5
-            z, shift = (depth[j, i], 1.0) if face >= 0 else (1.0, 0.0)
-            w = z * (matrix[2, 0] * u + matrix[2, 1] * v + matrix[2, 2]) + shift * matrix[2, 3]
+            x, y, w = _projected(matrix, i + 0.5, j + 0.5, depth[j, i] if face >= 0 else np.inf)
             if w <= 0.0:
                 continue
-            x = (z * (matrix[0, 0] * u + matrix[0, 1] * v + matrix[0, 2]) + shift * matrix[0, 3]) / w - 0.5
-            y = (z * (matrix[1, 0] * u + matrix[1, 1] * v + matrix[1, 2]) + shift * matrix[1, 3]) / w - 0.5
+            x, y = x - 0.5, y - 0.5
             if not (-0.5 <= x <= columns - 0.5 and -0.5 <= y <= rows - 0.5):
                 continue
             left, top = math.floor(x), math.floor(y)
@@ -101,11 +113,9 @@ def carry_mirrors(seen, source, mirror, matrix, back, reach, wanted, out):
             if not wanted[j, i] or triangle[j, i] < 0:
                 continue
             u, v, z = i + 0.5, j + 0.5, depth[j, i]
-            w = z * (matrix[2, 0] * u + matrix[2, 1] * v + matrix[2, 2]) + matrix[2, 3]
+            x, y, w = _projected(matrix, u, v, z)
             if w <= 0.0:
                 continue
-            x = (z * (matrix[0, 0] * u + matrix[0, 1] * v + matrix[0, 2]) + matrix[0, 3]) / w
-            y = (z * (matrix[1, 0] * u + matrix[1, 1] * v + matrix[1, 2]) + matrix[1, 3]) / w
             row, column = _nearest(x - 0.5, y - 0.5, source, owner[j, i], mirrors)
             if row < 0:
                 continue
@@ -117,12 +127,10 @@ def carry_mirrors(seen, source, mirror, matrix, back, reach, wanted, out):
             for _ in range(STEPS):
                 far = virtual[row, column]
                 ou, ov = column + 0.5, row + 0.5
-                near, shift = (far, 1.0) if far < np.inf else (1.0, 0.0)
-                ahead = near * (back[2, 0] * ou + back[2, 1] * ov + back[2, 2]) + shift * back[2, 3]
+                du, dv, ahead = _projected(back, ou, ov, far)
                 if ahead <= 0.0:
                     break
-                du = u - (near * (back[0, 0] * ou + back[0, 1] * ov + back[0, 2]) + shift * back[0, 3]) / ahead
-                dv = v - (near * (back[1, 0] * ou + back[1, 1] * ov + back[1, 2]) + shift * back[1, 3]) / ahead
+                du, dv = u - du, v - dv
                 error = max(abs(du), abs(dv))
                 if error < best:
                     best = error

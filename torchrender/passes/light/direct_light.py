@@ -106,14 +106,20 @@ def ambient_reach(scene: Scene, found: AmbientVisibility | None) -> AmbientReach
     """
     if found is None:
         return None
-    sky, fill = 0.0, float(scene.ambient.detach().mean())
-    if scene.environment is not None:
-        light = scene.environment.mean_radiance
-        sky, fill = (sky, fill + light) if scene.environment.fill else (light, fill)
+    sky, fill = _from_around(scene)
     share = sky / max(sky + fill, 1e-30)
     if share in (0.0, 1.0):
         return AmbientReach(found.near) if share == 0.0 else AmbientReach(found.sky, found.bent_normal)
     return AmbientReach(torch.lerp(found.near, found.sky, share), found.bent_normal)
+
+
+def _from_around(scene: Scene) -> tuple[float, float]:
+    """Mean radiance of the sky, and of light that finds its way everywhere."""
+    sky, fill = 0.0, float(scene.ambient.detach().mean())
+    if scene.environment is None:
+        return sky, fill
+    light = scene.environment.mean_radiance
+    return (sky, fill + light) if scene.environment.fill else (light, fill)
 
 
 def with_share(run: Callable[[Frame], Any]) -> Callable[[Frame], Any]:
@@ -144,8 +150,7 @@ def senses(frame: Frame) -> dict[str, float]:
 def _darkened(frame: Frame, visible: Tensor) -> float:
     """By what hides ambient light, with surfaces as white as the light they send allows, half white at most."""
     scene, radiance = frame.scene, few(frame[DIRECT_LIGHT]).detach().float()
-    arriving = float(scene.ambient.detach().mean())
-    arriving += 0.0 if scene.environment is None else scene.environment.mean_radiance
+    arriving = sum(_from_around(scene))
     whitest = radiance.mean(dim=-1) / (arriving * visible).clamp_min(1e-6)
     hidden = arriving * (1.0 - visible) * whitest.clamp_max(HALF_WHITE)
     return difference(frame, radiance, radiance + hidden[..., None])

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from torchrender.quality.machine import machine_line
+from torchrender.report.common.tables import share
 
 Records = Sequence[dict[str, Any]]
 
@@ -54,10 +55,10 @@ def budget_table(records: Records, tolerance: float) -> list[str]:
         ratios = [r["error"] / r["predicted_error"] for r in checked]
         near = [q for q in ratios if 1 / 1.5 <= q <= 1.5]
         lines.append(
-            f"| {budget} | {len(rows)} | {_share(r['kept'] for r in rows)} "
-            f"| {_share(r['kept'] or not r['possible'] for r in rows)} "
+            f"| {budget} | {len(rows)} | {share((r['kept'] for r in rows), 1)} "
+            f"| {share((r['kept'] or not r['possible'] for r in rows), 1)} "
             f"| {sum(r['kept'] for r in first)} of {len(first)} "
-            f"| {statistics.median(r['ms'] for r in rows):.0f} | {_share(r['complete'] >= 1.0 for r in rows)} "
+            f"| {statistics.median(r['ms'] for r in rows):.0f} | {share((r['complete'] >= 1.0 for r in rows), 1)} "
             f"| {_mean(r['error'] for r in checked):.4f} | {_mean(r['predicted_error'] for r in checked):.4f} "
             f"| {statistics.median(ratios) if ratios else math.nan:.2f} | {100 * len(near) / max(len(ratios), 1):.0f} |"
         )
@@ -143,11 +144,6 @@ def plot(path: Path, record: dict[str, Any]) -> None:
         right.plot(ends, [factor * e for e in ends], "--", color="0.7", linewidth=0.8)
     right.set(xlabel="predicted error (mean FLIP)", ylabel="measured")
     figure.savefig(path, dpi=100, format="png")
-
-
-def _share(flags: Any) -> str:
-    values = list(flags)
-    return f"{100 * sum(values) / max(len(values), 1):.1f}"
 
 
 def _mean(values: Any) -> float:

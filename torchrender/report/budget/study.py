@@ -26,13 +26,14 @@ from torchrender.quality.metrics import coverage, flip
 from torchrender.quality.pages import write_record, write_text
 from torchrender.renderer import render
 from torchrender.report.budget.page import page, plot
-from torchrender.report.common.command import study_parser
+from torchrender.report.common.command import run_study
 from torchrender.scene.camera import Cameras
 from torchrender.scene.cameras.path import built_in_path, walks_of
 from torchrender.scene.load import load
 from torchrender.scene.model import Scene
 from torchrender.scene.procedural import SCENES
 from torchrender.tuning.calibrate import at_step
+from torchrender.tuning.measure import exact_options
 
 BUDGETS_MS = (50, 100, 200, 500)
 TOLERANCE = 1.1
@@ -66,15 +67,6 @@ def paths(study: StudyOptions) -> Iterator[tuple[str, Scene, Cameras]]:
                 240, width=study.size, height=study.size, near=1e-3 * (scene.diagonal or 1.0)
             )
             yield f"{name} {path}", scene, walk[torch.arange(60, 60 + study.frames)]
-
-
-def exact_options() -> RenderOptions:
-    """Every pass at its reference."""
-    options = RenderOptions()
-    for step in PASSES:
-        if not step.settings.context.changes:
-            options = step.settings.reference.applied(options)
-    return options
 
 
 def budgets(study: StudyOptions) -> list[dict[str, Any]]:
@@ -195,7 +187,9 @@ def run(study: StudyOptions, folder: Path) -> list[Path]:
 
 def main(argv: Sequence[str] | None = None) -> None:
     """The command."""
-    arguments = study_parser(__doc__, quick="a check that takes seconds").parse_args(argv)
-    arguments.output.mkdir(parents=True, exist_ok=True)
-    for file in run(QUICK if arguments.quick else StudyOptions(), arguments.output):
-        sys.stdout.write(f"{file}\n")
+    run_study(
+        __doc__,
+        lambda folder, quick: run(QUICK if quick else StudyOptions(), folder),
+        quick="a check that takes seconds",
+        argv=argv,
+    )

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import sys
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 RESULTS = Path("docs/results")
@@ -23,3 +25,17 @@ def study_parser(
         "-o", "--output", type=Path, default=output, help=f"{what} to write (default {output.as_posix()})"
     )
     return parser
+
+
+def run_study(
+    description: str | None,
+    run: Callable[[Path, bool], Iterable[Path]],
+    *,
+    quick: str,
+    argv: Sequence[str] | None = None,
+) -> None:
+    """The command of a study that ``run(folder, quick)`` measures and writes; names its files."""
+    arguments = study_parser(description, quick=quick).parse_args(argv)
+    arguments.output.mkdir(parents=True, exist_ok=True)
+    for file in run(arguments.output, arguments.quick):
+        sys.stdout.write(f"{file}\n")

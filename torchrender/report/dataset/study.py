@@ -13,7 +13,7 @@ from typing import Any
 
 from torchrender.quality.machine import machine_line, machine_record
 from torchrender.quality.pages import table, write_record, write_text
-from torchrender.report.common.command import study_parser
+from torchrender.report.common.command import run_study
 from torchrender.report.dataset import moving, views
 
 SCENES = ("living_room", "city", "nest")
@@ -121,6 +121,4 @@ def run(folder: Path, quick: bool) -> list[Path]:
 
 def main() -> None:
     """The command."""
-    arguments = study_parser(__doc__, quick="few views of one scene, few pictures").parse_args()
-    for file in run(arguments.output, arguments.quick):
-        sys.stdout.write(f"{file}\n")
+    run_study(__doc__, run, quick="few views of one scene, few pictures")

@@ -7,7 +7,6 @@ Needs libigl; pymeshlab's time is told where it is installed.
 from __future__ import annotations
 
 import os
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -25,7 +24,7 @@ from torchrender.quality.machine import machine_record
 from torchrender.quality.pages import write_record, write_text
 from torchrender.quality.timing import take_turns
 from torchrender.renderer import render
-from torchrender.report.common.command import study_parser
+from torchrender.report.common.command import run_study
 from torchrender.report.enhancement import baselines, measures
 from torchrender.report.enhancement.objects import Subject, bumps, subjects
 from torchrender.report.enhancement.page import page
@@ -216,6 +215,4 @@ def run(folder: Path, quick: bool) -> list[Path]:
 def main() -> None:
     """The command."""
     torch.manual_seed(0)
-    arguments = study_parser(__doc__, quick="one object, small pictures").parse_args()
-    for file in run(arguments.output, arguments.quick):
-        sys.stdout.write(f"{file}\n")
+    run_study(__doc__, run, quick="one object, small pictures")

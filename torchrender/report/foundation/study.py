@@ -155,12 +155,8 @@ def compare(scene: Scene, size: int, runs: int) -> dict[str, Any]:
         "torchrender": lambda: rasterize_visibility(geometry, camera),
         "torchrender_fresh": lambda: rasterize_visibility(Geometry(*fields), camera),  # clusters are built anew
     }
-    notes = {}
-    rays = open3d_rays(geometry, camera, thread_count())
-    if isinstance(rays, str):
-        notes["open3d"] = rays
-    else:
-        candidates["open3d_build"], candidates["open3d"] = rays
+    notes: dict[str, str] = {}
+    add_open3d(candidates, notes, geometry, camera)
     drawn = opengl_raster(geometry, camera)
     if isinstance(drawn, str):
         notes["opengl"] = drawn
@@ -173,6 +169,15 @@ def compare(scene: Scene, size: int, runs: int) -> dict[str, Any]:
         "notes": notes,
         "agreement": agreement(scene, size),
     }
+
+
+def add_open3d(candidates: dict[str, Any], notes: dict[str, str], geometry: Geometry, camera: Cameras) -> None:
+    """Its build and its rays among the candidates; a note, where it is not there."""
+    rays = open3d_rays(geometry, camera, thread_count())
+    if isinstance(rays, str):
+        notes["open3d"] = rays
+    else:
+        candidates["open3d_build"], candidates["open3d"] = rays
 
 
 def cost_model(scene: Scene, size: int, runs: int) -> dict[str, float]:
@@ -210,12 +215,8 @@ def changing(scene: Scene, size: int, runs: int) -> dict[str, Any]:
     candidates: dict[str, Any] = {
         "torchrender": lambda: rasterize_visibility(refitted(geometry, moved[next(turn) % 2]), camera)
     }
-    notes = {}
-    rays = open3d_rays(geometry, camera, thread_count())
-    if isinstance(rays, str):
-        notes["open3d"] = rays
-    else:
-        candidates["open3d_build"], candidates["open3d"] = rays
+    notes: dict[str, str] = {}
+    add_open3d(candidates, notes, geometry, camera)
     times = take_turns(candidates, runs=runs, warm_up=1)
     return {
         "triangles": geometry.triangle_count,

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import random
 import statistics
-import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -27,7 +26,7 @@ from torchrender.planning.search import HEADROOM, choose
 from torchrender.quality.machine import machine_line, machine_record
 from torchrender.quality.pages import table, write_record, write_text
 from torchrender.renderer import render
-from torchrender.report.common.command import study_parser
+from torchrender.report.common.command import run_study
 from torchrender.report.planning.tables import made_up, options_of, random_curves
 from torchrender.scene.load import load
 from torchrender.scene.procedural import SCENES
@@ -132,6 +131,4 @@ def run(folder: Path, quick: bool) -> list[Path]:
 
 def main() -> None:
     """The command."""
-    arguments = study_parser(__doc__, quick="two small tables and one scene").parse_args()
-    for file in run(arguments.output, arguments.quick):
-        sys.stdout.write(f"{file}\n")
+    run_study(__doc__, run, quick="two small tables and one scene")

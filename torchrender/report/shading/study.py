@@ -22,7 +22,7 @@ from torchrender.quality.machine import machine_record
 from torchrender.quality.pages import write_record, write_text
 from torchrender.quality.timing import take_turns
 from torchrender.raster import rasterize
-from torchrender.report.common.command import study_parser
+from torchrender.report.common.command import run_study
 from torchrender.report.shading import before, opengl
 from torchrender.report.shading.mitsuba import beside_mitsuba
 from torchrender.report.shading.page import page
@@ -178,6 +178,4 @@ def _parts(sheet: Path, data: Path, quick: bool) -> dict[str, Callable[[], Any]]
 
 def main() -> None:
     """The command."""
-    arguments = study_parser(__doc__, quick="one small scene").parse_args()
-    for file in run(arguments.output, arguments.quick):
-        sys.stdout.write(f"{file}\n")
+    run_study(__doc__, run, quick="one small scene")

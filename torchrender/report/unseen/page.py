@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import statistics
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from torchrender.quality.machine import machine_line
+from torchrender.report.common.tables import share
 
 Records = Sequence[dict[str, Any]]
 CLOSE, FAR = 1.5, 2.5
@@ -142,9 +143,3 @@ def by_scene(records: Records) -> list[str]:
         least, most = ratio_of(rows[0]), ratio_of(rows[-1])
         lines.append(f"| {name} | {rows[0]['side']} | {least:.2f} | {middle:.2f} | {most:.2f} | {told} |")
     return [*lines, ""]
-
-
-def share(flags: Iterable[bool]) -> str:
-    """Of those that hold, in percent."""
-    found = list(flags)
-    return f"{100 * sum(found) / len(found):.0f}" if found else "–"

@@ -24,14 +24,15 @@ from torchrender.quality.machine import machine_record
 from torchrender.quality.metrics import flip
 from torchrender.quality.pages import write_record, write_text
 from torchrender.renderer import render
-from torchrender.report.budget.study import TOLERANCE, exact_options
-from torchrender.report.common.command import study_parser
+from torchrender.report.budget.study import TOLERANCE
+from torchrender.report.common.command import run_study
 from torchrender.report.unseen.page import page
 from torchrender.scene.camera import Cameras
 from torchrender.scene.cameras.path import built_in_path
 from torchrender.scene.load import load
 from torchrender.scene.model import Scene
 from torchrender.scene.procedural.anything import anything
+from torchrender.tuning.measure import exact_options
 from torchrender.tuning.unseen import SEEDS
 
 DATA = "TORCHRENDER_DATA"
@@ -167,7 +168,9 @@ def run(study: StudyOptions, folder: Path) -> list[Path]:
 
 def main(argv: Sequence[str] | None = None) -> None:
     """The command."""
-    arguments = study_parser(__doc__, quick="a check that takes seconds").parse_args(argv)
-    arguments.output.mkdir(parents=True, exist_ok=True)
-    for file in run(QUICK if arguments.quick else StudyOptions(), arguments.output):
-        sys.stdout.write(f"{file}\n")
+    run_study(
+        __doc__,
+        lambda folder, quick: run(QUICK if quick else StudyOptions(), folder),
+        quick="a check that takes seconds",
+        argv=argv,
+    )
