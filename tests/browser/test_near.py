@@ -22,7 +22,7 @@ STANDS = """() => {
 def test_what_comes_close_is_not_cut_off(browser: Any) -> None:
     red, grey = tr.Material(name="red", diffuse=torch.tensor([0.8, 0.05, 0.05])), tr.Material(name="grey")
     ball = tr.Mesh.sphere(0.5, (0.0, 0.5, 0.0), segments=24, name="ball")
-    floor = tr.Mesh.box((4.0, 0.1, 4.0), (0.0, -0.05, 0.0), name="floor", material=1)
+    floor = tr.Mesh.box((4.0, 0.1, 4.0), (0.0, -0.3, 0.0), name="floor", material=1)
     scene = tr.Scene(meshes=[ball, floor], materials=[red, grey], name="close")
     context = browser.new_context(viewport=SIZE)
     with tr.show(scene, browser=False) as view:

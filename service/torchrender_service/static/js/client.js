@@ -111,6 +111,7 @@ export class Client {
     if (type === TYPE.STATUS) this.health.hear(header);
     else if (type === TYPE.PICKED && header.seq === this.picks) this.hooks.picked(header);
     else if (type === TYPE.LOOK && this.walker.camera) {
+      if (header.camera.near !== this.walker.camera.near) this.keyframes.cut = header.camera.near;
       this.walker.jumpTo(header.camera);
       this.dirty = true;
       this.hooks.moved();

@@ -13,11 +13,14 @@ const REFINED_BONUS = 3; // made without haste, while pictures of a moving view 
 /** How many of the layers of a keyframe are there. */
 export const received = (group) => 1 + group.extra.length + (group.picture.mirrors ? 1 : 0);
 
+const sameNear = (a, b) => Math.abs(a - b) <= 1e-6 * b;
+
 export class KeyframeSet {
   constructor(warp) {
     this.warp = warp;
     this.groups = []; // newest first; each has its picture (layer 0), what its mirrors show, and extra layers
     this.leaving = []; // what is not kept any more, but still fades out
+    this.cut = null; // the near plane that a program asked for: what was taken with another gives way to the first with it
     this.home = null; // the camera of the start: what was seen from there is kept, so that going back shows it at once
   }
 
@@ -40,6 +43,10 @@ export class KeyframeSet {
     // What a scene looked like at another time of its animation, or before its program changed it, is not there any more.
     const state = ({ scene_s = null, revision = 0 }) => `${scene_s} ${revision}`;
     for (const other of this.groups.filter((g) => state(g.header) !== state(image.header))) this.drop(other);
+    if (this.cut !== null && sameNear(camera.near, this.cut)) {
+      for (const other of this.groups.filter((g) => !sameNear(g.camera.near, this.cut))) this.drop(other);
+      this.cut = null;
+    }
     const group = { id, camera, typical: image.typical, header: image.header, picture: this.warp.add(image), extra: [] };
     this.groups.unshift(group);
     if (layers === 1) this.dropRepeated(group);
