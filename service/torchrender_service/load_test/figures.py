@@ -14,7 +14,9 @@ from torchrender_service.load_test.rows import Effort, Row
 
 LITTLE = {"scene": "cornell_box", "width": 160, "height": 120}
 ASKERS = 8
-WARM_UP_S = 10.0
+WARM_UP_S, STEADY, WARM_UPS = 5.0, 1.05, (3, 6)
+"""Pictures are asked for until a stretch of so many seconds brings hardly more than the one before; stretches, least
+and most."""
 OFF = 0.10
 HONEST = "127.0.0.1"
 
@@ -27,7 +29,7 @@ def _render(server: ServerUnderTest, body: dict[str, object]) -> tuple[int, floa
 
 
 async def throughput_rows(server: ServerUnderTest, effort: Effort) -> list[Row]:
-    """Small pictures as fast as they come, once the process that helps out with them has started."""
+    """Small pictures as fast as they come, once the rate shows that the process that helps out has started."""
 
     async def asked(seconds: float) -> float:
         begin, done = time.perf_counter(), 0
@@ -41,7 +43,9 @@ async def throughput_rows(server: ServerUnderTest, effort: Effort) -> list[Row]:
         await asyncio.gather(*(asking() for _ in range(ASKERS)))
         return done / (time.perf_counter() - begin)
 
-    await asked(WARM_UP_S)
+    rates: list[float] = []
+    while len(rates) < WARM_UPS[0] or (rates[-1] > STEADY * rates[-2] and len(rates) < WARM_UPS[1]):
+        rates.append(await asked(WARM_UP_S))
     rate = await asked(5.0 if effort.quick else 15.0)
     return [
         Row(
