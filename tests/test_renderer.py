@@ -234,6 +234,19 @@ def test_three_viewpoints_form_an_equilateral_triangle_that_faces_the_centre() -
     assert float(eyes[0, 1]) == float(eyes[:, 1].max())
 
 
+def test_viewpoints_stay_in_the_room() -> None:
+    """Beyond a wall a camera sees nothing of what is wanted: such a viewpoint comes nearer, the others stay."""
+    eye = [0.0, 1.5, 3.0]
+    things = [tr.Mesh.sphere(0.4, (x, 0.4, -2.0)) for x in (-1.0, 0.0, 1.0)]
+    walls = [tr.Mesh.box((8.0, 0.1, 8.0), (0.0, 0.0, 0.0)), tr.Mesh.box((0.1, 6.0, 8.0), (0.35, 3.0, 0.0))]
+    camera = tr.Cameras.look_at(eye, [-1.0, 0.4, -2.0], width=96, height=64)
+    whole = viewpoints_around(tr.Scene(meshes=[*things, walls[0]]), camera, 4)
+    cameras = viewpoints_around(tr.Scene(meshes=[*things, *walls]), camera, 4)
+    assert float(whole.eye[:, 0].max()) > 0.4 > 0.3 > float(cameras.eye[:, 0].max()), "on this side of the wall"
+    far = (cameras.eye - camera.eye).norm(dim=1)
+    assert int((far > 0.99 * far.max()).sum()) == 3 and float(far.min()) > 0.1 * float(far.max())
+
+
 def test_viewpoints_at_the_centre_and_wrong_counts() -> None:
     scene = floor_and_roof(SUN)
     centre = scene.bounds.mean(0)

@@ -28,30 +28,55 @@ def punched(arrays: tuple[np.ndarray, ...], *pixels: tuple[int, int]) -> tuple[n
     return color, depth, valid, source
 
 
-def twin(color, depth, valid, source):
+def is_one_surface(near: float, far: float) -> bool:
+    return abs(near - far) <= SMOOTH * min(near, far)
+
+
+def is_seen_through(at: tuple[int, int], depth, valid, source) -> bool:
+    for dj, di in LINES[:2]:
+        a, b = (at[0] + dj, at[1] + di), (at[0] - dj, at[1] - di)
+        if valid[a] and valid[b] and not source[a] == source[b] == source[at]:
+            near, far = float(depth[a]), float(depth[b])
+            if is_one_surface(near, far) and float(depth[at]) > (1.0 + AGREE) * max(near, far):
+                return True
+    return False
+
+
+def twin(color, depth, valid, source) -> int:
     """The same, pixel by pixel."""
     before = [a.copy() for a in (color, depth, valid, source)]
-    for j in range(1, valid.shape[0] - 1):
-        for i in range(1, valid.shape[1] - 1):
-            pairs = []
-            for dj, di in LINES:
-                a, b = (j + dj, i + di), (j - dj, i - di)
-                if before[2][a] and before[2][b]:
-                    near, far = float(before[1][a]), float(before[1][b])
-                    if abs(near - far) <= SMOOTH * min(near, far):
-                        pairs.append((a, b, 0.5 / near + 0.5 / far))
-            mean = sum(p[2] for p in pairs) / max(len(pairs), 1)
-            smooth = all(abs(p[2] - mean) <= AGREE * mean for p in pairs)
-            if before[2][j, i] or len(pairs) < FEWEST or not smooth:
-                continue
-            valid[j, i], depth[j, i], source[j, i] = True, 1.0 / mean, before[3][pairs[0][0]]
-            color[j, i] = sum(0.5 * (before[0][a].astype(float) + before[0][b]) for a, b, _ in pairs) / len(pairs)
+    inner = [(j, i) for j in range(1, valid.shape[0] - 1) for i in range(1, valid.shape[1] - 1)]
+    through = {at for at in inner if valid[at] and is_seen_through(at, depth, valid, source)}
+    own = before[2].copy()
+    for at in through:
+        own[at] = False
+    count = 0
+    for j, i in inner:
+        pairs = []
+        for dj, di in LINES:
+            a, b = (j + dj, i + di), (j - dj, i - di)
+            if own[a] and own[b]:
+                near, far = float(before[1][a]), float(before[1][b])
+                if is_one_surface(near, far):
+                    pairs.append((a, b, 0.5 / near + 0.5 / far))
+        mean = sum(p[2] for p in pairs) / max(len(pairs), 1)
+        smooth = all(abs(p[2] - mean) <= AGREE * mean for p in pairs)
+        if own[j, i] or len(pairs) < FEWEST[(j, i) in through] or not smooth:
+            continue
+        valid[j, i], depth[j, i], source[j, i] = True, 1.0 / mean, before[3][pairs[0][0]]
+        color[j, i] = sum(0.5 * (before[0][a].astype(float) + before[0][b]) for a, b, _ in pairs) / len(pairs)
+        count += 1
+    return count
+
+
+def closed(arrays: tuple[np.ndarray, ...]) -> int:
+    return int(close_pinholes(*arrays)[0].sum())
 
 
 def test_a_pinhole_in_a_plane_gets_the_plane() -> None:
     whole = tilted()
     got = punched(whole, (4, 5), (2, 2), (6, 8))
-    assert close_pinholes(*got) == 3
+    assert closed(got) == 3
     assert got[2].all() and np.abs(got[1] - whole[1]).max() < 1e-5 and np.abs(got[0] - whole[0]).max() < 1e-6
     assert set(got[3][[4, 2, 6], [5, 2, 8]] - np.array([4, 2, 6])) <= {-1, 0}
 
@@ -63,7 +88,7 @@ def test_outlines_and_real_holes_stay() -> None:
     for holes in (crack, [(4, 5)], [(j, i) for j in range(3, 6) for i in range(3, 6)], [(0, 3)]):
         got = punched((color, depth, valid, source), *holes)
         known = [a.copy() for a in got]
-        filled = close_pinholes(*got)
+        filled = closed(got)
         still = [at for at in holes if not got[2][at]]
         assert filled == len(holes) - len(still)
         assert holes == [(4, 5)] or filled == 0
@@ -77,15 +102,43 @@ def test_the_twin_agrees_on_noise(seed: int) -> None:
     arrays[1][random.random((24, 30)) < 0.1] *= 2.0
     holes = [tuple(at) for at in np.argwhere(random.random((24, 30)) < 0.15)]
     first, second = punched(arrays, *holes), punched(arrays, *holes)
-    filled = close_pinholes(*first)
-    twin(*second)
-    assert filled > 5 and filled == int(second[2].sum() - (24 * 30 - len(holes)))
+    filled = closed(first)
+    assert filled > 5 and filled == twin(*second)
     for a, b in zip(first, second, strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-6, atol=1e-7)
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_the_twin_agrees_where_images_mingle(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    color, depth, valid, _ = tilted(24, 30)
+    behind = random.random((24, 30)) < 0.12
+    source = np.where(behind, random.integers(0, 2, (24, 30)), 0)
+    depth[behind] *= 1.2
+    first, second = ([a.copy() for a in (color, depth, valid, source)] for _ in range(2))
+    filled = closed(tuple(first))
+    assert filled > 5 and filled == twin(*second)
+    for a, b in zip(first, second, strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-6, atol=1e-7)
+
+
+def test_what_lies_behind_a_surface_does_not_show_through_it() -> None:
+    """A crack between the samples of one image, through which another one shows what is behind."""
+    whole = tilted()
+    color, depth, valid, source = (a.copy() for a in whole)
+    source[:] = 0
+    own = [a.copy() for a in (color, depth, valid, source)]
+    for at in ((4, 4), (4, 5), (4, 6)):
+        color[at], depth[at], source[at] = 0.0, 1.3 * depth[at], 1
+    assert closed((color, depth, valid, source)) == 3
+    assert np.abs(depth - own[1]).max() < 1e-5 and (source == 0).all()
+    for at in ((4, 4), (4, 5), (4, 6)):  # of the same image: it saw a hole there
+        own[1][at] *= 1.3
+    assert closed(tuple(own)) == 0
+
+
 def test_small_pictures_have_none() -> None:
-    assert close_pinholes(*punched(tilted(2, 9), (1, 4))) == 0
+    assert closed(punched(tilted(2, 9), (1, 4))) == 0
 
 
 def test_near_views_of_a_surface_have_no_pinholes() -> None:

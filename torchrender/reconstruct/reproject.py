@@ -89,8 +89,8 @@ def reproject(
 ) -> Reprojection:
     """Pictures of B cameras from N depth images (N,H,W), with the pixels that the depth images know marked valid.
 
-    Views near those of the images have no pinholes in surfaces: a pixel that all samples missed, between neighbours
-    that lie on one surface, takes theirs. Surfaces seen from behind are not drawn. Where images agree on a surface, the
+    Views near those of the images have no pinholes in surfaces: a pixel that all samples missed, or only one behind
+    reached that another image has, between neighbours that lie on one surface, takes theirs. Surfaces seen from behind are not drawn. Where images agree on a surface, the
     one whose camera is nearest to the new one goes first (its colours and resolution fit best), then the earlier one;
     so they do not mingle pixel by pixel. Quads that are fitted without offset images are kept with the images, so that
     further views take half as long. The result does not depend on the number of threads.
@@ -128,13 +128,14 @@ def reproject(
         limits = (float(camera.near[0]) * (1.0 - 1e-6), float(camera.far[0]))
         back = _pixel_matrices_back(camera, source.cameras)
         resolve(keys, pixel_arrays, back, bias, limits, texels, smooth, tuple(a[k] for a in outputs))
-        valid = outputs[2][k].copy() if follows else outputs[2][k]
-        closes = options.close_pinholes and method == "hybrid"
-        if closes:
-            close_pinholes(*(a[k] for a in outputs))
+        closed = None
+        if options.close_pinholes and method == "hybrid":
+            closed = close_pinholes(*(a[k] for a in outputs))
         if follows:
-            closed = closed_pinholes(outputs[1][k], valid, outputs[2][k])
-            drawn = Drawn(keys, valid, closed, bias, back)
+            shown, pinholes = outputs[2][k], None
+            if closed is not None:
+                shown, pinholes = shown & ~closed[0], closed_pinholes(outputs[1][k], *closed)
+            drawn = Drawn(keys, shown, pinholes, bias, back)
             followed.append(followed_colors(colors, drawn, pixel_arrays, smooth=smooth))
     color, *rest = (torch.from_numpy(a) for a in outputs)
     return Reprojection(cameras, torch.stack(followed).float() if followed else color, *rest)

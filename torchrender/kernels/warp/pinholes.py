@@ -1,4 +1,4 @@
-"""Single pixels within a surface that no sample reached, closed from their neighbours."""
+"""Single pixels within a surface that its samples missed, closed from their neighbours."""
 
 from __future__ import annotations
 
@@ -52,26 +52,47 @@ def close_pixel(y, x, found, picture):
     color[y, x, 0], color[y, x, 1], color[y, x, 2], depth[y, x] = r, g, b, 1.0 / mean
 
 
+@kernel()
+def is_seen_through(y, x, depth, valid, source, limits):
+    """Whether a pixel shows a sample behind a surface on both sides, which its image does not have on both."""
+    smooth, behind = limits
+    own, z = source[y, x], np.float64(depth[y, x])
+    for k in range(2):
+        j, i, m, n = y + DOWN[k], x + RIGHT[k], y - DOWN[k], x - RIGHT[k]
+        if (source[j, i] != own or source[m, n] != own) and valid[j, i] and valid[m, n]:
+            near, far = np.float64(depth[j, i]), np.float64(depth[m, n])
+            if abs(near - far) <= smooth * min(near, far) and z > (1.0 + behind) * max(near, far):
+                return True
+    return False
+
+
 @kernel(parallel=True)
 def close(color, depth, valid, source, fewest, limits):
-    """Close pixels through which at least ``fewest`` lines agree, in place; returns (H,) how many in each row."""
+    """Close pixels in place: through empty ones at least ``fewest[0]`` lines agree, through others ``fewest[1]``.
+
+    Returns:
+        (H,W) bool which; (H,W) bool what they were closed from: valid pixels that are not seen through a surface.
+    """
     height, width = depth.shape
     closed = np.zeros((height, width), np.bool_)
-    counts = np.zeros(height, np.int64)
+    own = np.empty((height, width), np.bool_)
     for row in prange(height):
         y = np.int64(row)
-        if y == 0 or y == height - 1:
-            continue
+        inside = 0 < y < height - 1
+        for x in range(width):
+            own[y, x] = valid[y, x]
+            if inside and 0 < x < width - 1 and own[y, x]:
+                own[y, x] = not is_seen_through(y, x, depth, valid, source, limits)
+    for row in prange(1, height - 1):
+        y = np.int64(row)
         for x in range(1, width - 1):
-            if valid[y, x]:
-                continue
-            found = look_around(y, x, depth, valid, limits)
-            if found[1] >= fewest:
-                close_pixel(y, x, found, (color, depth, valid, source))
-                closed[y, x] = True
-                counts[row] += 1
+            if not own[y, x]:
+                found = look_around(y, x, depth, own, limits)
+                if found[1] >= fewest[1 if valid[y, x] else 0]:
+                    close_pixel(y, x, found, (color, depth, own, source))
+                    closed[y, x] = True
     for row in prange(height):
-        if counts[row] > 0:
-            for x in range(width):
-                valid[row, x] |= closed[row, x]
-    return counts
+        y = np.int64(row)
+        for x in range(width):
+            valid[y, x] |= closed[y, x]
+    return closed, own
