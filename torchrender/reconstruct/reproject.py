@@ -90,10 +90,11 @@ def reproject(
     """Pictures of B cameras from N depth images (N,H,W), with the pixels that the depth images know marked valid.
 
     Views near those of the images have no pinholes in surfaces: a pixel that all samples missed, or only one behind
-    reached that another image has, between neighbours that lie on one surface, takes theirs. Surfaces seen from behind are not drawn. Where images agree on a surface, the
-    one whose camera is nearest to the new one goes first (its colours and resolution fit best), then the earlier one;
-    so they do not mingle pixel by pixel. Quads that are fitted without offset images are kept with the images, so that
-    further views take half as long. The result does not depend on the number of threads.
+    reached that another image has, between neighbours that lie on one surface, takes theirs. Surfaces seen from
+    behind are not drawn. Where images agree on a surface, the one whose camera is nearest to the new one goes first
+    (its colours and resolution fit best), then the earlier one; so they do not mingle pixel by pixel. Quads that
+    are fitted without offset images are kept with the images, so that further views take half as long. The result
+    does not depend on the number of threads.
 
     Args:
         images: perspective depth images; or quads that were fitted before, to draw many views of the same images.
