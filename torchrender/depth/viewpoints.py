@@ -92,7 +92,7 @@ def _not_elsewhere(scene: Scene, camera: Cameras, ring: Callable[[Tensor], Camer
 
 
 def _seen_share(scene: Scene, cameras: Cameras, points: Tensor, facing: Tensor) -> Tensor:
-    """Share of ``points`` (N,3) within each picture that show the side of their normal ``facing`` (B,); 1 without any."""
+    """Share of ``points`` (N,3) within each picture that show the side of ``facing``, their normal (B,); 1 for none."""
     depth = rasterize_visibility(scene.geometry, cameras).depth
     pixels, far = cameras.project(points[None].expand(len(cameras), -1, -1))
     x, y = pixels.nan_to_num(-1.0).clamp(-1.0, 2.0**20).floor().long().unbind(-1)
