@@ -33,7 +33,7 @@ def _page(faults: Sequence[Fault], verdicts: Verdicts, asked: Counter[str]) -> s
         "# Faults that the tests notice",
         "",
         f"`make mutants` seeded {len(faults)} faults written by hand, one at a time, into a copy of the tree, and ran "
-        "the tests that are about the place. Verdicts are kept from run to run until the fault or those tests change, and "
+        "the tests that are about the place. Verdicts are kept until the fault or those tests change, and "
         f"one that was caught stays caught; verdicts by what was asked: {of_each}.",
         "",
         f"| area | caught | asked | seeded | score | goal {GOAL} % |",
