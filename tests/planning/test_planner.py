@@ -19,6 +19,7 @@ from torchrender.passes.contract import Pass, always
 from torchrender.passes.light.shadow_map import SHADOW_MAP
 from torchrender.passes.mirrors.hit_shader import HIT_SHADER
 from torchrender.passes.outlook import Outlook
+from torchrender.passes.settings import CUSTOM
 from torchrender.passes.table import PASSES, PICTURE, find_pass
 from torchrender.pipeline.buffer import Buffer
 from torchrender.pipeline.history import RenderHistory
@@ -27,6 +28,9 @@ from torchrender.planning.costs import Knowledge, is_seen
 from torchrender.planning.curves import Curves, load_curves
 from torchrender.planning.graph import resolve
 from torchrender.planning.plan import Plan
+from torchrender.planning.planner import make_plan
+from torchrender.planning.question import Question
+from torchrender.planning.search import cost_of
 from torchrender.run import Run
 from torchrender.scene.camera import Cameras
 from torchrender.scene.load import load
@@ -321,6 +325,47 @@ def test_wishes_for_passes_that_are_off_stay_off(washroom: Scene) -> None:
     options = RenderOptions(reflections="off", shadows=False, ambient_visibility="off")
     plan = tr.plan(washroom, view(washroom), options=options, budget_ms=1e6)
     assert set(running(plan)) - {"picture_visibility"} == {"gbuffer", "direct_light", "composite", "resample"}
+
+
+def test_what_is_left_out_of_what_was_asked_for_is_an_error(box: Scene) -> None:
+    """For the search as for what is told; what a user turned off is none."""
+    scene, step = replace(box, ambient=torch.ones(3)), find_pass("ambient_visibility")
+    usual = RenderOptions(reflections="traced")
+    others = [s for s in PASSES if s.settings.is_choice and s.settings.current(usual) != CUSTOM and s is not step]
+    options = replace(usual, fixed=tuple(s.name for s in others))
+    plans = {}
+    for name in ("off", "64 rays"):
+        known = Knowledge.of(scene, view(scene), options, None, load_curves())
+        asked = Question.about(known, step.settings.named(name).applied(options))
+        found = make_plan(known, asked.options)
+        assert not known.unseen and found.predicted_error is not None
+        combination = {s.name: s.settings.current(asked.options) for s in PASSES if s.name in asked.open}
+        assert cost_of(asked, combination)[1] ** (1 / known.curves.norm) == pytest.approx(found.predicted_error)
+        opened = Question.about(known, options)
+        assert cost_of(opened, combination)[1] ** (1 / known.curves.norm) == pytest.approx(found.predicted_error)
+        plans[name] = found
+    row = plans["off"].row(step.name)
+    assert not row.runs and row.predicted_error == pytest.approx(
+        load_curves().error(step.name, "off", known.name).error
+    )
+    assert plans["off"].predicted_error > max(row.predicted_error, plans["64 rays"].predicted_error)
+    wished = tr.plan(scene, view(scene), options=replace(options, ambient_visibility="off"))
+    assert wished.row(step.name).predicted_error is None
+    assert wished.predicted_error < plans["64 rays"].predicted_error
+
+
+def test_more_samples_a_pixel_average_what_is_noise(box: Scene) -> None:
+    """Of scenes that were not measured; what was measured, what is left out and what is seen by few samples stays."""
+    ambient, mirrors = find_pass("ambient_visibility"), find_pass("reflections")
+    for scene, factor in ((replace(box, name="another"), 0.5), (box, 1.0)):
+        known = Knowledge.of(scene, view(scene), RenderOptions(), None, load_curves())
+        assert known.unseen == (factor < 1.0)
+        for step, name, share in ((ambient, "64 rays", factor), (ambient, "off", 1.0), (mirrors, "environment", 1.0)):
+            half, one, two = (
+                known.setting_error(step, name, RenderOptions(supersample=samples)) for samples in (0.5, 1.0, 2.0)
+            )
+            assert half == one and two.error == pytest.approx(share * one.error) and two.spread == one.spread
+            assert one.error > 0.0
 
 
 # ---------------------------------------------------------------- sequences

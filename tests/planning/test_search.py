@@ -92,6 +92,9 @@ def twin_cost(asked: Question, combination: Mapping[str, str]) -> tuple[float, f
             time_ms += known.predicted_ms(step, name, step.amounts(outlook)) or 0.0
         if is_seen(step, graph):
             errors += known.setting_error(step, name, options).error ** known.curves.norm
+    for step in known.passes:
+        if known.leaves_out(step, options):
+            errors += known.setting_error(step, step.settings.current(options), options).error ** known.curves.norm
     return time_ms, errors ** (1 / known.curves.norm)
 
 
