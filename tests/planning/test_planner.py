@@ -354,20 +354,6 @@ def test_what_is_left_out_of_what_was_asked_for_is_an_error(box: Scene) -> None:
     assert wished.predicted_error < plans["64 rays"].predicted_error
 
 
-def test_more_samples_a_pixel_average_what_is_noise(box: Scene) -> None:
-    """Of scenes that were not measured; what was measured, what is left out and what is seen by few samples stays."""
-    ambient, mirrors = find_pass("ambient_visibility"), find_pass("reflections")
-    for scene, factor in ((replace(box, name="another"), 0.5), (box, 1.0)):
-        known = Knowledge.of(scene, view(scene), RenderOptions(), None, load_curves())
-        assert known.unseen == (factor < 1.0)
-        for step, name, share in ((ambient, "64 rays", factor), (ambient, "off", 1.0), (mirrors, "environment", 1.0)):
-            half, one, two = (
-                known.setting_error(step, name, RenderOptions(supersample=samples)) for samples in (0.5, 1.0, 2.0)
-            )
-            assert half == one and two.error == pytest.approx(share * one.error) and two.spread == one.spread
-            assert one.error > 0.0
-
-
 # ---------------------------------------------------------------- sequences
 
 

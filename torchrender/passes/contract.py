@@ -70,7 +70,6 @@ class Pass:
     # what it costs, and what it errs by
     settings: Settings = ONE_WAY
     amounts: Callable[[Outlook], Amounts]  # of work: its time is a weighted sum of these
-    averaged: bool = False  # errors of its settings are noise and borders, which more samples a pixel average
     one_cost: bool = False  # the weights are the same for all settings: these only change the amounts
     own: OwnMeasure | None = None
     settle: Settle | None = None  # its options may leave the way to the planner,

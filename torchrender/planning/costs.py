@@ -92,9 +92,6 @@ class Knowledge:
         if not step.settings.is_choice or not step.settings.shows(options):
             return Expected(0.0, 0.0)
         found = self._error(step, setting)
-        if step.averaged and setting != step.off and self.unseen:
-            # Measured at a sample a pixel, as far as they were.
-            found = found._replace(error=found.error / max(1.0, options.supersample))
         if not step.settings.context.changes:
             return found
         best = min(self._error(step, s).error for s in step.settings.names)

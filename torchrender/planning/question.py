@@ -98,8 +98,7 @@ class Question:
         """Of one pass at one setting, to the power of the norm."""
         if not step.settings.is_choice:
             return 0.0
-        samples = count.name if step.averaged else ""
-        key = ("error", step.name, setting.name, step.settings.shows(self._exact_at(count)), samples)
+        key = ("error", step.name, setting.name, step.settings.shows(self._exact_at(count)))
         found = self._memo.get(key)
         if found is None:
             error = self.knowledge.setting_error(step, setting.name, self._exact_at(count)).error

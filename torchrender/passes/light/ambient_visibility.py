@@ -201,7 +201,6 @@ PASS = Pass(
         },
         ("256 rays", {"ambient_visibility": "traced", "ambient.rays": 256}),
     ),
-    averaged=True,
     amounts=amounts,
     off="off",
     by_settings=True,

@@ -196,7 +196,6 @@ PASS = Pass(
             "traced": {"point_shadows": "traced", "shadow.filter": "bilinear", "shadow.edges": "exact"},
         },
     ),
-    averaged=True,
     amounts=amounts,
     senses=senses,
     own=OwnMeasure(title="visibility error", buffer=POINT_SHADOW, error=visibility_error(POINT_SHADOW)),

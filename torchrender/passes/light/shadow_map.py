@@ -279,7 +279,6 @@ PASS = Pass(
         {str(size): {"shadow.size": size} for size in (256, 512, 1024, 2048)},
         ("4096", {"shadow.size": 4096}),
     ),
-    averaged=True,
     amounts=amounts,
     one_cost=True,
     own=OwnMeasure(title="visibility error", buffer=POINT_SHADOW, error=visibility_error(POINT_SHADOW)),

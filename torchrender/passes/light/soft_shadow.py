@@ -155,7 +155,6 @@ PASS = Pass(
             "16 x 16": {"area_shadows": "sampled", "soft_shadow.light_samples": 16},
         },
     ),
-    averaged=True,
     amounts=amounts,
     senses=senses,
     own=OwnMeasure(title="visibility error", buffer=SOFT_SHADOW, error=visibility_error(SOFT_SHADOW)),
