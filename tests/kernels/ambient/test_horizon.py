@@ -154,16 +154,21 @@ def test_a_plane_hides_nothing_from_its_own_points(tilt: float) -> None:
     np.testing.assert_allclose(found[:, :2], 1.0, atol=1e-6)
 
 
-def test_a_point_that_is_shut_in_sees_no_sky() -> None:
-    """Thin walls all around, some far behind others: what no step saw between them is as closed."""
+@pytest.mark.parametrize("edges", [(0.0,), (0.9, 0.3), (0.8, 0.5, 0.2, -0.2, -0.5)])
+def test_a_point_that_is_shut_in_sees_no_sky(edges: tuple[float, ...]) -> None:
+    """Thin walls all around, rings of them far behind others: what no step saw between them is as closed."""
     ones = np.ones(PATTERN, np.float32)
     axis = np.array([[0, 0, 1]] * PATTERN, np.float32)
     points = Points(axis, ones, -axis, np.arange(PATTERN))
     share = (np.arange(48)[None] + (np.arange(PATTERN)[:, None] + 0.5) / PATTERN) / 24
-    search = Search(2, share.astype(np.float32), 0.005, 1.0, 10.0, 0.15)
-    near, closed = seen_disc(0.0), seen_disc(-1.1)
-    front = np.where(np.isfinite(near.cube_front), near.cube_front, 6.0 * closed.cube_front)
+    search = Search(2, share.astype(np.float32), 0.005, 1.0, 1.0, 0.15)
+
+    def walls(d: np.ndarray) -> np.ndarray:
+        ring = sum((unit_of(d)[..., 2] < edge).astype(int) for edge in edges)
+        return np.where(ring % 2 == 0, 1.0, 6.0) / np.linalg.norm(d, axis=-1)
+
+    around = around_the_eye(walls)
     found = np.zeros((PATTERN, 5), np.float32)
-    around = near._replace(cube_front=front, cube_back=front * np.float32(1.01))
+    around = around._replace(cube_back=around.cube_front * np.float32(1.01))
     measure_points(around, points, _tables(), search, found)
     assert found[:, 0].max() < 0.03
