@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import math
+import re
 import weakref
 from dataclasses import replace
 from itertools import pairwise
@@ -278,6 +279,9 @@ def test_a_plan_speaks_with_one_voice(washroom: Scene) -> None:
         name, setting = text.split(":")[0], free.row(text.split(":")[0]).setting
         assert f"instead of {setting}" in text and plan.row(name).setting != setting
     assert not free.changes and len(plan.changes) >= 2
+    amounts = [re.search(r"(saves|takes) (\d+) ms", text) for text in plan.changes]
+    saved = [float(found[2]) * (1 if found[1] == "saves" else -1) for found in amounts if found]
+    assert len(saved) == len(plan.changes) and saved == sorted(saved, reverse=True) and saved[0] > saved[-1]
 
 
 def test_a_huge_budget_gives_the_reference(box: Scene) -> None:
