@@ -2,7 +2,7 @@
 # make test   set up, lint, type-check and run the tests
 # make bench  set up and write the report pages
 # make docs   set up and build the documentation in build/docs
-# make mutants  seed faults one at a time and tell which the tests notice; about an hour; AREAS="warp points" for some,
+# make mutants  seed faults one at a time and tell which the tests notice; about two hours; AREAS="warp points" for some,
 #               CHANCE=3 for faults by chance, SEED=1 for others of those
 # make serve  set up and start the service on http://127.0.0.1:8000; PORT=8080 for another port
 #

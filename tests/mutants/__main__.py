@@ -4,18 +4,17 @@
     make mutants AREAS="warp points" some areas
     make mutants CHANCE=3            faults by chance instead, three in each of the modules; SEED=1 draws others
 
-What was found is kept in ``build/mutants.jsonl`` and not asked again until the list, the file or its tests change;
-``--seconds`` ends a run early, the next one goes on.
+What was found is kept in ``build/mutants.jsonl`` and not asked again until the list or its tests change; ``--seconds``
+ends a run early, the next one goes on, and runs beside each other share what they find. Tests that fail without a fault
+tell nothing: each are run so first. ``--page`` writes the kept verdicts to ``docs/results/mutants.md``.
 """
 
 from __future__ import annotations
 
 import argparse
-import hashlib
-import json
 import os
+import signal
 import sys
-import tempfile
 import time
 from collections import Counter
 from pathlib import Path
@@ -29,44 +28,56 @@ import pytest  # noqa: F401
 import scipy.sparse  # noqa: F401
 import torch  # noqa: F401
 
-from mutants.bench import CAUGHT, ENDLESS, SURVIVED, UNUSABLE, Bench, arguments
+from mutants.bench import CAUGHT, ENDLESS, SURVIVED, UNUSABLE, Bench
 from mutants.chance import drawn
 from mutants.fault import Fault
 from mutants.listed import FAULTS
 from mutants.modules import modules
+from mutants.page import write_page
+from mutants.verdicts import NOT_ASKED, Verdicts, missed, table
 
 ROOT = Path(__file__).resolve().parents[2]
-KEPT = ROOT / "build" / "mutants.jsonl"
 
 
 def main() -> int:
     """The command; its status tells whether every fault was noticed."""
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit("stopped"))
     options = _options()
     chosen = [f for f in FAULTS if not options.areas or f.area in options.areas]
     if options.chance:
         chosen = [f for one in modules(options.areas) for f in drawn(ROOT, *one, options.chance, options.seed)]
-    known = _kept()
-    chosen = _in_turn(chosen)
+    verdicts = Verdicts(ROOT)
+    _ask(_in_turn(chosen), verdicts, options)
+    if options.page:
+        print(write_page(ROOT, FAULTS, verdicts))
+    return _score(chosen, verdicts)
+
+
+def _ask(chosen: list[Fault], verdicts: Verdicts, options: argparse.Namespace) -> None:
+    """Seed those that have no verdict, while there is time."""
     end = time.monotonic() + options.seconds
-    with tempfile.TemporaryDirectory(prefix="torchrender-mutants-") as folder:
-        bench = Bench(ROOT, Path(folder))
-        for fault in chosen:
-            key = f"{fault.key}-{_state(fault)}"
-            if _verdict(fault, known) == CAUGHT or (key in known and not options.again):
-                continue
-            if time.monotonic() > end:
-                break
-            begin = time.monotonic()
-            try:
-                verdict, said = bench.run(fault.file, fault.seeded(ROOT), fault.tests, options.limit)
-            except ValueError as error:
-                verdict, said = UNUSABLE, str(error)
-            known[key] = {"key": key, "verdict": verdict, "said": said if verdict != CAUGHT else said[-300:]}
-            KEPT.parent.mkdir(exist_ok=True)
-            with KEPT.open("a") as file:
-                file.write(json.dumps(known[key]) + "\n")
-            print(f"{verdict:9}{time.monotonic() - begin:6.1f} s  {fault.area}  {fault.title}", flush=True)
-    return _score(chosen, known)
+    bench = None
+    for fault in chosen:
+        known = verdicts.find(fault)["verdict"]
+        if known in (CAUGHT, ENDLESS) or (known != NOT_ASKED and not options.again):
+            continue
+        if time.monotonic() > end:
+            break
+        bench = bench or Bench(ROOT, ROOT / "build" / "mutants")
+        if verdicts.of_tests(fault.tests) == NOT_ASKED:
+            verdict, said = bench.run(None, "", fault.tests, options.limit)
+            verdicts.add_tests(fault.tests, verdict, said)
+            print(f"{'passed' if verdict == SURVIVED else verdict:9}  without a fault  {fault.tests}", flush=True)
+        if verdicts.of_tests(fault.tests) != SURVIVED:
+            verdicts.add(fault, UNUSABLE, "its tests fail without a fault")
+            continue
+        begin = time.monotonic()
+        try:
+            verdict, said = bench.run(fault.file, fault.seeded(ROOT), fault.tests, options.limit)
+        except ValueError as error:
+            verdict, said = UNUSABLE, str(error)
+        verdicts.add(fault, verdict, said)
+        print(f"{verdict:9}{time.monotonic() - begin:6.1f} s  {fault.area}  {fault.title}", flush=True)
 
 
 def _options() -> argparse.Namespace:
@@ -77,6 +88,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--seconds", type=float, default=1e9, help="begin no other fault after so long")
     parser.add_argument("--limit", type=float, default=200.0, help="seconds after which a test run is endless")
     parser.add_argument("--again", action="store_true", help="ask again about those that were not caught")
+    parser.add_argument("--page", action="store_true", help="write the page of results")
     return parser.parse_args()
 
 
@@ -90,47 +102,15 @@ def _in_turn(chosen: list[Fault]) -> list[Fault]:
     return sorted(chosen, key=lambda fault: places[fault.key])
 
 
-def _state(fault: Fault) -> str:
-    """Of the tests: what was found holds as long as they are the same."""
-    named = [ROOT / word.partition("::")[0] for word in arguments(fault.tests)]
-    files = [file for one in named for file in (sorted(one.rglob("*.py")) if one.is_dir() else [one])]
-    told = b"".join(file.read_bytes() for file in files if file.is_file())
-    return hashlib.sha256(told).hexdigest()[:8]
-
-
-def _verdict(fault: Fault, known: dict[str, dict[str, str]]) -> str:
-    """What was found: of these tests, or that earlier ones caught it, as tests are not taken away."""
-    if fault.key in known:
-        return CAUGHT
-    return known.get(f"{fault.key}-{_state(fault)}", {"verdict": "not asked"})["verdict"]
-
-
-def _kept() -> dict[str, dict[str, str]]:
-    if not KEPT.exists():
-        return {}
-    rows = (json.loads(line) for line in KEPT.read_text().splitlines())
-    found = {row["key"]: row for row in rows}
-    return found | {key.partition("-")[0]: row for key, row in found.items() if row["verdict"] == CAUGHT}
-
-
-def _score(chosen: list[Fault], known: dict[str, dict[str, str]]) -> int:
+def _score(chosen: list[Fault], verdicts: Verdicts) -> int:
     """Print the table; 0 if all were asked and caught."""
-    rows: dict[str, list[str]] = {}
-    missed = []
-    for fault in chosen:
-        verdict = _verdict(fault, known)
-        rows.setdefault(fault.area, []).append(verdict)
-        if verdict in (SURVIVED, UNUSABLE):
-            missed.append(f"  {verdict:9} {fault.area}: {fault.title}")
-    print(f"\n{'area':16}{'caught':>8}{'seeded':>8}{'not asked':>11}{'score':>8}")
-    rows["all"] = [one for found in rows.values() for one in found]
-    for area, found in rows.items():
-        asked = [one for one in found if one in (CAUGHT, ENDLESS, SURVIVED)]
-        caught = sum(one != SURVIVED for one in asked)
-        share = f"{100 * caught / len(asked):.0f} %" if asked else "-"
-        print(f"{area:16}{caught:8}{len(asked):8}{len(found) - len(asked):11}{share:>8}")
-    print("\n".join(missed))
-    return 0 if all(one in (CAUGHT, ENDLESS) for one in rows["all"]) else 1
+    print(f"\n{'area':18}{'caught':>8}{'asked':>8}{'seeded':>8}{'score':>8}")
+    rows = table(chosen, verdicts)
+    for area, caught, asked, seeded in rows:
+        print(f"{area:18}{caught:8}{asked:8}{seeded:8}{f'{100 * caught / asked:.0f} %' if asked else '-':>8}")
+    for verdict, fault in missed(chosen, verdicts):
+        print(f"  {verdict:9} {fault.area}: {fault.title}")
+    return 0 if rows[-1][1] == rows[-1][3] else 1
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import os
 import shutil
 import signal
@@ -22,20 +23,24 @@ _MEANING = {0: SURVIVED, 1: CAUGHT, 2: CAUGHT}  # of pytest's exit status: passe
 
 
 class Bench:
-    """The copy."""
+    """The copy, kept from run to run with the bytecode that it holds; another process takes another."""
 
     def __init__(self, root: Path, folder: Path) -> None:
-        self.root = folder
+        self.root, self._lock = _own(folder)
         listed = subprocess.run(
             ["git", "ls-files", "-z", "-c", "-o", "--exclude-standard"],
             cwd=root, capture_output=True, check=True, text=True,
         ).stdout  # fmt: skip
-        for name in filter(None, listed.split("\0")):
-            if (root / name).is_file():
-                (folder / name).parent.mkdir(parents=True, exist_ok=True)
-                shutil.copy2(root / name, folder / name)
-        for bundle, source in BUNDLES.items():
-            (folder / PAGE / "bundle" / bundle).write_text(f'import "{source}";\n')
+        bundles = {f"{PAGE}/bundle/{name}": f'import "{source}";\n' for name, source in BUNDLES.items()}
+        names = {name for name in listed.split("\0") if name and (root / name).is_file()} - set(bundles)
+        for path in [path for path in self.root.rglob("*") if path.is_file() and "__pycache__" not in path.parts]:
+            if str(path.relative_to(self.root)) not in names:
+                path.unlink()
+        for name in names:
+            _copy(root / name, self.root / name)
+        for name, text in bundles.items():
+            (self.root / name).parent.mkdir(parents=True, exist_ok=True)
+            (self.root / name).write_text(text)
         os.environ.setdefault("TORCHRENDER_DATA", str(root.parent / "shared" / "data"))
         self._stamp = time.time()
 
@@ -54,6 +59,8 @@ class Bench:
         finally:
             path.write_bytes(before)
             os.utime(path, ns=(times.st_atime_ns, times.st_mtime_ns))
+            for bytecode in path.parent.glob(f"__pycache__/{path.stem}.*.pyc"):
+                bytecode.unlink()
 
     def _run(self, tests: str, limit_s: float) -> tuple[str, str]:
         told = self.root / "told.txt"
@@ -68,6 +75,29 @@ class Bench:
         code = os.waitstatus_to_exitcode(status)
         # Ended by a signal: memory that is not there was written.
         return _MEANING.get(code, CAUGHT if code < 0 else UNUSABLE), said
+
+
+def _own(folder: Path) -> tuple[Path, int]:
+    """The first copy that no other process works in, and what says so while it is open."""
+    folder.mkdir(parents=True, exist_ok=True)
+    number = 0
+    while True:
+        lock = os.open(folder / f"{number}.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC)
+        with contextlib.suppress(BlockingIOError):
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            (folder / str(number)).mkdir(exist_ok=True)
+            return folder / str(number), lock
+        os.close(lock)
+        number += 1
+
+
+def _copy(source: Path, target: Path) -> None:
+    """Unless it is there: a fault that a stopped run left has another time."""
+    told = source.stat()
+    if target.is_file() and (target.stat().st_mtime_ns, target.stat().st_size) == (told.st_mtime_ns, told.st_size):
+        return
+    target.parent.mkdir(parents=True, exist_ok=True)
+    shutil.copy2(source, target)
 
 
 def arguments(tests: str) -> list[str]:
@@ -99,14 +129,16 @@ def _become(root: Path, told: Path, given: Sequence[str]) -> None:
 def _ended(child: int, deadline: float) -> int | None:
     """Exit status; None if it had to be stopped. What it started ends with it."""
     status = None
-    while time.monotonic() < deadline:
-        done, found = os.waitpid(child, os.WNOHANG)
-        if done:
-            status = found
-            break
-        time.sleep(0.05)
-    with contextlib.suppress(ProcessLookupError):
-        os.killpg(child, signal.SIGKILL)
-    if status is None:
-        os.waitpid(child, 0)
+    try:
+        while time.monotonic() < deadline:
+            done, found = os.waitpid(child, os.WNOHANG)
+            if done:
+                status = found
+                break
+            time.sleep(0.05)
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(child, signal.SIGKILL)
+        if status is None:
+            os.waitpid(child, 0)
     return status

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import math
+import re
 import weakref
 from dataclasses import replace
 from itertools import pairwise
@@ -19,6 +20,7 @@ from torchrender.passes.contract import Pass, always
 from torchrender.passes.light.shadow_map import SHADOW_MAP
 from torchrender.passes.mirrors.hit_shader import HIT_SHADER
 from torchrender.passes.outlook import Outlook
+from torchrender.passes.settings import CUSTOM
 from torchrender.passes.table import PASSES, PICTURE, find_pass
 from torchrender.pipeline.buffer import Buffer
 from torchrender.pipeline.history import RenderHistory
@@ -27,6 +29,9 @@ from torchrender.planning.costs import Knowledge, is_seen
 from torchrender.planning.curves import Curves, load_curves
 from torchrender.planning.graph import resolve
 from torchrender.planning.plan import Plan
+from torchrender.planning.planner import make_plan
+from torchrender.planning.question import Question
+from torchrender.planning.search import cost_of
 from torchrender.run import Run
 from torchrender.scene.camera import Cameras
 from torchrender.scene.load import load
@@ -274,6 +279,9 @@ def test_a_plan_speaks_with_one_voice(washroom: Scene) -> None:
         name, setting = text.split(":")[0], free.row(text.split(":")[0]).setting
         assert f"instead of {setting}" in text and plan.row(name).setting != setting
     assert not free.changes and len(plan.changes) >= 2
+    amounts = [re.search(r"(saves|takes) (\d+) ms", text) for text in plan.changes]
+    saved = [float(found[2]) * (1 if found[1] == "saves" else -1) for found in amounts if found]
+    assert len(saved) == len(plan.changes) and saved == sorted(saved, reverse=True) and saved[0] > saved[-1]
 
 
 def test_a_huge_budget_gives_the_reference(box: Scene) -> None:
@@ -321,6 +329,33 @@ def test_wishes_for_passes_that_are_off_stay_off(washroom: Scene) -> None:
     options = RenderOptions(reflections="off", shadows=False, ambient_visibility="off")
     plan = tr.plan(washroom, view(washroom), options=options, budget_ms=1e6)
     assert set(running(plan)) - {"picture_visibility"} == {"gbuffer", "direct_light", "composite", "resample"}
+
+
+def test_what_is_left_out_of_what_was_asked_for_is_an_error(box: Scene) -> None:
+    """For the search as for what is told; what a user turned off is none."""
+    scene, step = replace(box, ambient=torch.ones(3)), find_pass("ambient_visibility")
+    usual = RenderOptions(reflections="traced")
+    others = [s for s in PASSES if s.settings.is_choice and s.settings.current(usual) != CUSTOM and s is not step]
+    options = replace(usual, fixed=tuple(s.name for s in others))
+    plans = {}
+    for name in ("off", "64 rays"):
+        known = Knowledge.of(scene, view(scene), options, None, load_curves())
+        asked = Question.about(known, step.settings.named(name).applied(options))
+        found = make_plan(known, asked.options)
+        assert not known.unseen and found.predicted_error is not None
+        combination = {s.name: s.settings.current(asked.options) for s in PASSES if s.name in asked.open}
+        assert cost_of(asked, combination)[1] ** (1 / known.curves.norm) == pytest.approx(found.predicted_error)
+        opened = Question.about(known, options)
+        assert cost_of(opened, combination)[1] ** (1 / known.curves.norm) == pytest.approx(found.predicted_error)
+        plans[name] = found
+    row = plans["off"].row(step.name)
+    assert not row.runs and row.predicted_error == pytest.approx(
+        load_curves().error(step.name, "off", known.name).error
+    )
+    assert plans["off"].predicted_error > max(row.predicted_error, plans["64 rays"].predicted_error)
+    wished = tr.plan(scene, view(scene), options=replace(options, ambient_visibility="off"))
+    assert wished.row(step.name).predicted_error is None
+    assert wished.predicted_error < plans["64 rays"].predicted_error
 
 
 # ---------------------------------------------------------------- sequences

@@ -21,6 +21,7 @@ from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
 from torchrender.pipeline.pace import LIMIT, Pace
 from torchrender.planning.costs import Knowledge, is_seen
+from torchrender.planning.problem import Row, Stage
 from torchrender.planning.question import Question
 from torchrender.planning.search import HEADROOM, Choice, choose, cost_of
 from torchrender.report.planning.tables import made_up, options_of, random_curves
@@ -92,6 +93,9 @@ def twin_cost(asked: Question, combination: Mapping[str, str]) -> tuple[float, f
             time_ms += known.predicted_ms(step, name, step.amounts(outlook)) or 0.0
         if is_seen(step, graph):
             errors += known.setting_error(step, name, options).error ** known.curves.norm
+    for step in known.passes:
+        if known.leaves_out(step, options):
+            errors += known.setting_error(step, step.settings.current(options), options).error ** known.curves.norm
     return time_ms, errors ** (1 / known.curves.norm)
 
 
@@ -186,6 +190,22 @@ def test_any_costs_and_any_budget(seed: int, share: float, after: bool) -> None:
 
 
 # --------------------------------------------------------------- other tables
+
+
+def test_a_stage_costs_what_its_bits_say() -> None:
+    """Nothing unless it runs; as if made anew where what was kept does not hold; an error only where it shows."""
+    row = Row("slow", kept_ms=2.0, fresh_ms=7.0, error=0.25, sets=0, breaks=False)
+    stage = Stage("pass", (row,), run=2, seen=4, fresh=8)
+    costs = {bits: stage.cost(row, bits) for bits in (0, 8, 2, 2 | 8, 2 | 4, 2 | 4 | 8, 4 | 8)}
+    nothing = (0.0, 0.0)
+    assert costs == {
+        0: nothing, 8: nothing, 2: (2.0, 0.0), 10: (7.0, 0.0), 6: (2.0, 0.25), 14: (7.0, 0.25), 12: nothing,
+    }  # fmt: skip
+    always = Stage("pass", (row,))
+    assert always.cost(row, 0) == (2.0, 0.25)
+    for one in (stage, always, Stage("pass", (row,), fresh=8)):
+        costs_of_one = [one.cost(row, bits) for bits in range(16)]
+        assert one.least(row) == tuple(min(column) for column in zip(*costs_of_one, strict=True))
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -7,13 +7,14 @@ from pathlib import Path
 
 import pytest
 
+from torchrender.report.common.parts import Parts
 from torchrender.report.unseen.page import bounds, budgets, predictions
 from torchrender.report.unseen.study import QUICK, StudyOptions, run, scenes
 from torchrender.tuning.unseen import SEEDS
 
 
 def test_a_small_study_writes_its_page(tmp_path: Path) -> None:
-    files = run(QUICK, tmp_path)
+    files = run(QUICK, tmp_path, Parts())
     record = json.loads(files[0].read_text())
     assert {r["kind"] for r in record["records"]} == {"budget", "bound", "rung", "bound alone"}
     assert all(0.0 <= r["error"] <= 1.0 and r["predicted"] is not None for r in record["records"])

@@ -20,7 +20,7 @@ from torchrender.scene.mesh import Mesh
 from torchrender.scene.model import Scene
 from torchrender.wire.cameras import cameras_of, header_of
 from torchrender.wire.codec import display_bytes
-from torchrender.wire.containers import depth_images_of, plane_normals, read_container
+from torchrender.wire.containers import KeyframeImage, depth_images_of, plane_normals, read_container
 from torchrender.wire.errors import CodecError, ProtocolError
 from torchrender.wire.messages import CameraHeader, decode
 from torchrender_service.renderers.engine import render_image
@@ -160,6 +160,24 @@ def test_the_first_extra_camera_goes_where_the_client_goes(scene):
     assert float((cameras_around(camera, depth, 1, baseline=99.0)[0].eye - camera.eye).norm()) == pytest.approx(0.5)
     assert cameras_around(camera, torch.full((4, 4), torch.inf), 4)[3].width == camera.width
     assert cameras_around(camera, depth, 0) == []
+
+
+def test_only_sky_that_was_sent_is_drawn():
+    """Behind everything, farther than all; where a mask says nothing there is nothing, and no surface either."""
+    camera = Cameras.look_at((0.0, 0.0, 2.0), (0.0, 0.0, 0.0), width=3, height=2)
+    depth = torch.tensor([[1.0, torch.inf, torch.inf], [2.0, torch.inf, 1.5]])
+    known = torch.tensor([[True, True, False], [True, False, True]])
+    image = KeyframeImage(None, camera, depth, torch.full((2, 3, 3), 128, dtype=torch.uint8), known)
+    sky = known & torch.isinf(depth)
+    drawn = depth_images_of([image])
+    assert torch.equal(torch.isfinite(drawn.depth[0]), known)
+    assert torch.equal(drawn.triangle[0] == 0, known) and torch.equal(drawn.object_id[0] == 0, known)
+    assert bool((drawn.depth[0][sky] > 1e3 * 2.0).all()) and torch.equal(
+        drawn.depth[0][known & ~sky], depth[known & ~sky]
+    )
+    assert bool((drawn.color[0].amax(-1) > 0).eq(known).all())
+    plain = depth_images_of([image], sky=False)
+    assert torch.equal(torch.isfinite(plain.depth[0]), known & ~sky)
 
 
 def test_normals_of_a_plane():

@@ -224,7 +224,8 @@ def test_a_large_body_does_not_hold_the_others_up(little: LittleServer) -> None:
 def test_pages_of_other_sites_cannot_ask(little: LittleServer) -> None:
     plan = "/v1/plan?scene=cornell_box&width=64&height=48"
     assert little.ask("GET", plan, origin="http://evil.example").status == 403
-    assert little.ask("GET", plan, sec_fetch_site="cross-site").status == 403
+    for site in ("cross-site", "same-site", "Same-Site"):
+        assert little.ask("GET", plan, sec_fetch_site=site).status == 403
     assert little.ask("GET", plan, origin=little.url, sec_fetch_site="same-origin").status == 200
     headers = little.ask("GET", "/").headers
     assert headers["x-frame-options"] == "DENY" and f"ws://{little.address} " in headers["content-security-policy"]

@@ -85,6 +85,17 @@ def test_moving_far_enough_asks_for_a_keyframe():
     assert place.due(1.0) == "moving"
 
 
+@pytest.mark.parametrize("change", [{"fx": 1.02}, {"fx": 0.98}, {"width": 1.25}, {"height": 1.25}])
+def test_another_lens_or_size_asks_for_a_keyframe(change: dict[str, float]) -> None:
+    name, factor = next(iter(change.items()))
+    value = getattr(CAMERA, name)
+    place = started(still=True)
+    place.take_pose(pose(2, msgspec.structs.replace(CAMERA, **{name: type(value)(factor * value)})), 1.0)
+    assert place.due(1.0) == "moving"
+    place.take_pose(pose(3, msgspec.structs.replace(CAMERA, fx=1.001 * CAMERA.fx)), 1.0)
+    assert place.due(1.0) is None, "as little as rounding does"
+
+
 def test_holes_ask_for_a_keyframe_while_the_view_moves():
     place = started(still=True)
     place.begin(1, 1.0, timed=True)
@@ -121,6 +132,18 @@ def test_a_resync_gives_all_credits_back_and_wants_one_fresh_keyframe():
     assert place.due(1.0) == "smooth"
 
 
+def test_what_failed_gives_its_credit_back_and_is_wanted_again():
+    place = started(still=True)
+    for number in range(1, 1 + CREDITS):
+        place.begin(number, 1.0, timed=True)
+        place.done(number, shown(still=True))
+    assert place.due(1.0) is None
+    place.failed(1)
+    assert place.due(1.0) == "moving"
+    place.begin(9, 1.0, timed=True)
+    assert place.due(1.0) is None, "the one credit is taken again"
+
+
 def test_only_the_newest_pose_counts():
     place = started()
     place.take_pose(pose(7, moved(1.0)), 1.0)
@@ -153,6 +176,15 @@ def test_one_slow_round_trip_does_not_lead_the_camera_astray():
         place.take_ack(Ack(id=number), now)
         assert place.latency_s == pytest.approx(latency)
     assert Placement(0.5, 0.2).latency_s == 0.2
+
+
+def test_round_trips_unlike_the_next_one_do_not_count() -> None:
+    """A refined view takes as long as it takes: it is at rest."""
+    place = Placement(0.5, 0.0)
+    for number, (timed, trip) in enumerate([(True, 0.1), (False, 9.0), (False, 9.0)]):
+        place.begin(number, 0.0, timed=timed)
+        assert place.take_ack(Ack(id=number), trip) == pytest.approx(trip)
+    assert place.latency_s == pytest.approx(0.1)
 
 
 def test_a_silent_client_does_not_cause_keyframes_for_ever():

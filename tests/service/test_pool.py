@@ -56,6 +56,38 @@ def test_sessions_are_spread_and_give_their_renderer_back() -> None:
     assert asyncio.run(busy(second, first, third, fourth)) == [True, False, True, False]
 
 
+def test_who_has_the_fewest_sessions_gets_the_next_one_however_busy_it_is() -> None:
+    """Sessions last, what there is to do just now does not; among equals that decides."""
+    pool = make_pool(renderers=2)
+
+    async def next_ones() -> list[bool]:
+        first, second = pool.assign(), pool.assign()
+        task = asyncio.create_task(pool.run(Forget(), renderer=second))
+        await asyncio.sleep(0)
+        pool.release(second)
+        third = pool.assign()
+        pool.release(third)
+        pool.release(first)
+        fourth = pool.assign()
+        found = [pool.load(handle) == 1 for handle in (first, third, fourth)]
+        task.cancel()
+        return found
+
+    assert asyncio.run(next_ones()) == [False, True, False]
+
+
+def test_all_that_run_are_told_what_to_forget_until_the_pool_closes(monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[tuple[str, Job]] = []
+    monkeypatch.setattr(RendererProcess, "ready", property(lambda renderer: renderer.name != "1"))
+    monkeypatch.setattr(RendererProcess, "post", lambda renderer, job: told.append((renderer.name, job)))
+    pool, job = make_pool(renderers=2), Forget()
+    pool.forget(job)
+    assert told == [("0", job), ("batch", job)]
+    asyncio.run(pool.stop())
+    pool.forget(job)
+    assert len(told) == 2
+
+
 def test_large_pictures_wait_apart_and_the_first_renderer_is_kept_for_streams() -> None:
     def chosen(pool: Pool, job: Job) -> str:
         async def put() -> str:

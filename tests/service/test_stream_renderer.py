@@ -187,6 +187,21 @@ def test_a_refinement_that_was_overtaken_is_not_gone_on_with(scene) -> None:
     assert renderer.smooth(SmoothKeyframe(session="one", id=4)) == gone
 
 
+def test_layers_come_once_and_only_of_the_last_keyframe(scene) -> None:
+    renderer = StreamRenderer()
+    asked = renderer.make(scene, job(scene, 1, extra_layers=2))
+    first = picture_of(asked["messages"][0]).header
+    assert asked["extra_layers"] == 2 and first.layers == 3
+    assert renderer.make_layers(MakeLayers(session="one", id=0)) == {"messages": []}
+    assert renderer.make_layers(MakeLayers(session="other", id=1)) == {"messages": []}
+    found = [picture_of(data).header for data in renderer.make_layers(MakeLayers(session="one", id=1))["messages"]]
+    assert [(layer.id, layer.layer, layer.layers) for layer in found] == [(1, 1, 3), (1, 2, 3)]
+    assert renderer.make_layers(MakeLayers(session="one", id=1)) == {"messages": []}
+    renderer.make(scene, job(scene, 2, extra_layers=1))
+    renderer.make(scene, job(scene, 3))
+    assert renderer.make_layers(MakeLayers(session="one", id=2)) == {"messages": []}
+
+
 def test_few_refinements_are_kept(scene) -> None:
     renderer = StreamRenderer()
     for number in range(MAX_REFINED + 1):

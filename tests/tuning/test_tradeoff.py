@@ -15,6 +15,7 @@ from torchrender.errors import InputError
 from torchrender.passes.table import PASSES, find_pass
 from torchrender.planning.curves import parse_curves
 from torchrender.report.budget.study import QUICK, run
+from torchrender.report.common.parts import Parts
 from torchrender.scene.load import load
 from torchrender.tuning.calibrate import calibrate, fit, fit_norm
 from torchrender.tuning.measure import FRAMES, frontier, options_at, views_of
@@ -102,7 +103,7 @@ def test_curves_measured_here_are_curves() -> None:
 
 
 def test_the_budget_study_writes_its_page(tmp_path: Path) -> None:
-    files = run(QUICK, tmp_path)
+    files = run(QUICK, tmp_path, Parts())
     text = files[-1].read_text()
     assert "## Kept?" in text and "## Beside fixed settings" in text and "cornell_box orbit" in text
     record = json.loads(files[0].read_text())

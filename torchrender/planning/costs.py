@@ -97,6 +97,13 @@ class Knowledge:
         best = min(self._error(step, s).error for s in step.settings.names)
         return found._replace(error=max(found.error - best, 0.0))
 
+    def leaves_out(self, step: Pass, options: RenderOptions) -> bool:
+        """The pass was asked for and has something to do, and these options turn it off: that is an error, too."""
+        if step.off is None or step.settings.current(options) != step.off:
+            return False
+        asked = step.settings.current(self.outlook.options) != step.off
+        return asked and step.applies(self.outlook.at(step.settings.reference.applied(options))).runs
+
     def _error(self, step: Pass, setting: str) -> Expected:
         return self.curves.error(step.name, setting, self.name, self.pace.known.get(sense_of(step.name)))
 

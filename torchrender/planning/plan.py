@@ -21,7 +21,7 @@ class PlanRow:
     reason: str
     setting: str  # of its knob; "custom" where the options are at none of them
     predicted_ms: float | None = None
-    expected_error: Expected | None = None  # mean FLIP against the pass's reference, and how sure that is
+    expected_error: Expected | None = None  # mean FLIP against the pass's reference, also of one that was left out
     measured_ms: float | None = None
     amounts: tuple[float, ...] | None = None  # of work, once the pass ran; None where predictions do not cover it
     lasts: bool = False  # what it makes is kept by pictures that follow, as long as the scene stands still

@@ -136,7 +136,7 @@ def _safely(
 
 def _expected(knowledge: Knowledge, rows: tuple[PlanRow, ...]) -> Expected | None:
     """The error of a picture whose passes run like this; None where one was never measured."""
-    found = [row.expected_error for row in rows if row.runs]
+    found = [row.expected_error for row in rows if row.runs or row.expected_error is not None]
     known = [one for one in found if one is not None]
     return knowledge.curves.together(known, unseen=knowledge.unseen) if len(known) == len(found) else None
 
@@ -209,6 +209,8 @@ def _rows(knowledge: Knowledge, options: RenderOptions) -> tuple[PlanRow, ...]:
         if verdict.runs and setting != CUSTOM:
             time = knowledge.predicted_ms(step, setting, step.amounts(outlook))
             error = knowledge.setting_error(step, setting, options) if is_seen(step, graph) else NOTHING
+        elif knowledge.leaves_out(step, options):
+            error = knowledge.setting_error(step, setting, options)
         rows.append(
             PlanRow(
                 name=step.name,

@@ -193,6 +193,10 @@ class _Builder:
                 row = self._row(step, self._settings[step.name][0])
                 time, start = time + row.kept_ms, start | row.sets
                 error += row.error if step.makes.lasting is None else 0.0
+        question = self._question
+        for step in question.knowledge.passes:
+            if step.off is not None and step not in steps and question.knowledge.leaves_out(step, question.options):
+                error += question.error(step, step.settings.named(step.off), self._count)
         # What is set from the beginning is paid from the beginning.
         paid = [price for bit, price in self._prices.items() if bit & start]
         time, error = time + sum(p[0] for p in paid), error + sum(p[1] for p in paid)

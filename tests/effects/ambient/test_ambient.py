@@ -207,5 +207,8 @@ def test_rays_below_the_surface_see_nothing() -> None:
     aside = torch.tensor([math.sin(math.pi / 3), math.cos(math.pi / 3), 0.0]).expand(len(floor.vertices), 3)
     scene = Scene(meshes=(replace(floor, normals=aside),))
     seen = rasterize(scene, Cameras.look_at([0.0, 4.0, 0.1], [0.0, 0.0, 0.0], width=12, height=12, fov_deg=30.0))
-    found = traced_ambient(RayCaster(scene), seen, rays=256, reach=1.0, gap=1e-4)
-    assert bool(seen.covered.all()) and float(found.sky.mean()) == pytest.approx(0.75, abs=0.01)
+    elsewhere = Scene(meshes=(replace(floor, vertices=floor.vertices + torch.tensor([0.0, 99.0, 999.0])),))
+    for hides in (scene, elsewhere):  # itself, or nothing
+        found = traced_ambient(RayCaster(hides), seen, rays=256, reach=1.0, gap=1e-4)
+        assert bool(seen.covered.all()) and float(found.sky.mean()) == pytest.approx(0.75, abs=0.01)
+        assert float(found.near.mean()) == pytest.approx(0.75, abs=0.01)

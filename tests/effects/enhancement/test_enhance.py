@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -15,7 +16,7 @@ import torchrender as tr
 from torchrender.effects.enhancement.creases import FADE, REACH, crease_distance
 from torchrender.effects.enhancement.curvature import mesh_curvature
 from torchrender.effects.enhancement.enhance import WINDOW, enhance_picture, enhanced, enhancement, magnitude
-from torchrender.effects.enhancement.gradient import Lighting
+from torchrender.effects.enhancement.gradient import Gloss, Lighting, shading_gradient
 from torchrender.effects.enhancement.options import EnhanceOptions
 from torchrender.effects.enhancement.shadow_edges import edge_pixels, shadow_edges
 from torchrender.effects.enhancement.surface_image import SurfaceImage, curvature_of
@@ -23,7 +24,8 @@ from torchrender.errors import InputError, OptionError
 from torchrender.pipeline.options import RenderOptions
 from torchrender.raster import rasterize
 from torchrender.scene.camera import Cameras
-from torchrender.scene.light import PointLight
+from torchrender.scene.environment import Environment
+from torchrender.scene.light import DirectionalLight, PointLight
 from torchrender.scene.material import Material
 from torchrender.scene.mesh import Mesh
 from torchrender.scene.model import Scene
@@ -259,6 +261,45 @@ def test_shadow_edges_point_into_the_shadow_and_lie_on_both_sides() -> None:
     assert 0 < float(soft[0, 0, 16, 17, 0].abs()) < float(sharp[0, 0, 16, 19, 0].abs())
     none = shadow_edges(surface, torch.ones(1, 1, 32, 32), EnhanceOptions())
     assert not bool(none.any())
+
+
+def test_borders_of_shadows_count_by_the_light_that_they_take() -> None:
+    """A floor in parallel light: radiance is its cosine times what arrives, and so is the slope of what arrives."""
+    camera = Cameras.look_at((0.0, 0.0, 3.0), (0.0, 0.0, 0.0), width=4, height=3)
+    surface = SurfaceImage.from_depth(camera, torch.full((1, 3, 4), 3.0))
+    edges = torch.randn(1, 1, 3, 4, 2, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    options = EnhanceOptions(magnitude="sum", terms=("visibility",))
+    color = torch.tensor([3.0, 2.0, 1.0])
+    flat = torch.zeros(1, 3, 4, dtype=torch.float64)
+    for degrees in (0.0, 60.0, 89.0, 120.0):
+        angle = math.radians(degrees)
+        sun = DirectionalLight(direction=torch.tensor([math.sin(angle), 0.0, -math.cos(angle)]), irradiance=color)
+        found, _ = shading_gradient(surface, flat, Lighting((sun,)), options, shadow_edges=edges)
+        slope = color.double()[:, None] / torch.pi * max(math.cos(angle), 0.0) * edges[:, 0, ..., None, :]
+        torch.testing.assert_close(found, options.step * slope, rtol=1e-5, atol=1e-7)
+
+
+@pytest.mark.parametrize("terms", [("geometry", "projection"), ("specular", "projection")])
+def test_true_derivatives_count_by_the_step_and_others_are_a_matter_of_curvature(terms: tuple[str, ...]) -> None:
+    camera = Cameras.look_at((0.0, 0.0, 3.0), (0.0, 0.0, 0.0), width=4, height=3)
+    surface = SurfaceImage.from_depth(camera, 3.0 + 0.1 * torch.arange(4.0).expand(1, 3, 4))
+    random = torch.Generator().manual_seed(1)
+    normals = torch.randn(1, 3, 4, 3, 3, generator=random, dtype=torch.float64)
+    curvature = torch.rand(1, 3, 4, generator=random, dtype=torch.float64)
+    ones = torch.ones(1, 3, 4, 3)
+    lit = Lighting(
+        (PointLight(position=torch.tensor([1.0, 1.0, 3.0])),),
+        environment=Environment(radiance=torch.rand(4, 8, 3, generator=random)),
+    )
+    gloss = Gloss(color=ones, exponent=torch.full((1, 3, 4), 9.0), relative_to=ones)
+    for kind, factor in (("full", 2.0), ("scaled", 1.0)):
+        found = []
+        for step in (0.02, 0.04):
+            options = EnhanceOptions(magnitude="sum", terms=terms, curvature=kind, step=step)
+            full = normals if kind == "full" else None
+            found.append(shading_gradient(surface, curvature, lit, options, gloss=gloss, normals=full)[0])
+        assert float(found[0].abs().max()) > 0
+        torch.testing.assert_close(found[1], factor * found[0])
 
 
 @pytest.mark.parametrize("terms", [("geometry", "projection", "visibility"), ("geometry", "projection", "specular")])

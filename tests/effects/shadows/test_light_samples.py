@@ -42,6 +42,24 @@ def test_a_line_is_one_part_even_of_sixteen_samples(edge_v: tuple[float, float, 
     assert len(part) == 16 and len(outlines) == 1 and int(part.max()) == 0
 
 
+@pytest.mark.parametrize("share", [0.0, 0.5, -0.5, -2.0])
+@pytest.mark.parametrize("per_side", [1, 4])
+def test_samples_of_a_line_are_the_middles_of_equal_parts_from_tip_to_tip(share: float, per_side: int) -> None:
+    """Edges one after the other, or against each other: then the tips are their ends."""
+    u = torch.tensor([1.0, 0.2, 0.0]).double()
+    found = grid(per_side, tuple((share * u).tolist()))
+    corner = torch.tensor([-0.5, 3.0, -0.5], dtype=torch.float64)
+    low, high = min(0.0, share, 1.0 + share), max(1.0, share, 1.0 + share)
+    t = low + (high - low) * (torch.arange(per_side, dtype=torch.float64) + 0.5) / per_side
+    wanted = corner + t[:, None] * u
+    ends = corner + torch.tensor([low, high], dtype=torch.float64)[:, None] * u
+    in_turn = found.samples if float((found.samples[-1] - found.samples[0]) @ u) >= 0 else found.samples.flip(0)
+    torch.testing.assert_close(in_turn, wanted, atol=1e-6, rtol=0)
+    tips = torch.stack([found.outline[0], found.outline[0] + found.outline[1]])
+    tips = tips if float((tips[1] - tips[0]) @ u) > 0 else tips.flip(0)
+    torch.testing.assert_close(tips, ends, atol=1e-6, rtol=0)
+
+
 @pytest.mark.parametrize("n", [1, 2, 5, 16])
 def test_staggered_samples_cover_edges_one_by_one(n: int) -> None:
     """One in each cell, and along either edge one in each of n^2 equal steps; cell centres repeat n shares n times."""

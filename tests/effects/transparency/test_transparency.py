@@ -11,6 +11,7 @@ from torch import Tensor
 from torchrender.buffers import RayHits
 from torchrender.effects.transparency.layers import deepest_layers, transparency
 from torchrender.effects.transparency.pane_shadow import pane_shadow
+from torchrender.effects.transparency.passing import passing_light
 from torchrender.errors import OptionError
 from torchrender.pipeline.options import RenderOptions
 from torchrender.raster import rasterize
@@ -106,6 +107,29 @@ def test_a_thin_wall_lets_its_colour_pass_but_for_what_it_mirrors() -> None:
     expected = (1 - 0.04) * torch.tensor([1.0, 0.5, 0.25])
     torch.testing.assert_close(seen.passing[0, 8, 8], expected, atol=2e-3, rtol=0)
     assert int(seen.layers.max()) == 1
+
+
+def test_half_covered_glass_shows_half_of_what_lies_behind_and_metal_none() -> None:
+    """What passes is linear in the alpha of a pane; what of it is metal lets nothing pass where it covers."""
+
+    def passing(opacity: float, metallic: float) -> Tensor:
+        glass = Material(
+            metallic=metallic, roughness=0.3, transmission=0.8, diffuse=torch.tensor([0.9, 0.5, 0.2]),
+            opacity=opacity, blend=True,
+        )  # fmt: skip
+        scene = Scene(meshes=(pane(0.0, 0),), materials=(glass,))
+        start, down = (
+            torch.tensor([[0.1, 0.2, 3.0]], dtype=torch.float64),
+            torch.tensor([[0.0, 0.0, -1.0]], dtype=torch.float64),
+        )
+        hits = RayCaster(scene.geometry.panes).first_hit(start, down)
+        return passing_light(scene, start, down, hits)[1][0]
+
+    whole = passing(1.0, 0.0)
+    assert float(whole.min()) > 0.05
+    for opacity in (0.0, 0.25, 0.6):
+        torch.testing.assert_close(passing(opacity, 0.0), 1.0 - opacity + opacity * whole)
+        torch.testing.assert_close(passing(opacity, 1.0), torch.full((3,), 1.0 - opacity))
 
 
 @pytest.mark.parametrize("orthographic", [False, True])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -81,8 +82,13 @@ def test_steps_ascend_from_the_point_to_once_around() -> None:
     np.testing.assert_allclose(steps[:, 1:], np.stack([np.cos(steps[:, 0]), np.sin(steps[:, 0])], -1), atol=1e-6)
 
 
-def seen_disc(cosine: float) -> Surroundings:
-    """An eye that sees nothing but a sphere of radius 1 about itself where the direction's z is above ``cosine``."""
+def unit_of(v: object) -> np.ndarray:
+    v = np.asarray(v, float)
+    return v / np.linalg.norm(v, axis=-1, keepdims=True)
+
+
+def around_the_eye(depth_of: Callable[[np.ndarray], np.ndarray]) -> Surroundings:
+    """What an eye sees on the faces of a cube: ``depth_of`` directions (S,S,3) whose largest component is 1."""
     size = 256
     grid = (np.arange(size) + 0.5) / size * 2 - 1
     v, u = np.meshgrid(grid, grid, indexing="ij")
@@ -92,12 +98,15 @@ def seen_disc(cosine: float) -> Surroundings:
         d = np.zeros((size, size, 3))
         d[..., axes[face][0]], d[..., axes[face][1]] = u, v
         d[..., face // 2] = 1 - 2 * (face % 2)
-        unit = d / np.linalg.norm(d, axis=-1, keepdims=True)
-        # Depth of the unit sphere, which the kernel divides by the component along the axis.
-        front[face] = np.where(unit[..., 2] >= cosine, np.abs(unit[..., face // 2]), np.inf)
+        front[face] = depth_of(d)
     none = np.full((1, 1), FAR, np.float32)
     lens = np.array([1.0, 1.0, -50.0, -50.0], np.float32)
     return Surroundings(none, none, lens, front, np.full_like(front, FAR))
+
+
+def seen_disc(cosine: float) -> Surroundings:
+    """An eye that sees nothing but a sphere of radius 1 about itself where the direction's z is above ``cosine``."""
+    return around_the_eye(lambda d: np.where(unit_of(d)[..., 2] >= cosine, 1.0 / np.linalg.norm(d, axis=-1), np.inf))
 
 
 @pytest.mark.parametrize("edge", [0.6, 1.2, 2.2])
@@ -120,16 +129,46 @@ def test_a_point_in_a_round_bowl_sees_through_its_opening(edge: float) -> None:
     assert direction[2] < 0 and np.abs(direction[:2]).max() < 0.02 * abs(direction[2])
 
 
-def test_a_point_that_is_shut_in_sees_no_sky() -> None:
-    """Thin walls all around, some far behind others: what no step saw between them is as closed."""
+def seen_plane(normal: np.ndarray) -> Surroundings:
+    """An eye that sees nothing but the plane ``normal . x = -1``."""
+    return around_the_eye(lambda d: np.where(d @ normal < 0.0, -1.0 / np.minimum(d @ normal, -1e-6), np.inf))
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.005])
+def test_a_plane_hides_nothing_from_its_own_points(tilt: float) -> None:
+    """Nor where its normals are as little off as those of pictures are."""
+    normal = unit_of([0.2, -0.3, -1.0])
+    rng = np.random.default_rng(3)
+    direction = unit_of(np.array([0.0, 0.0, 1.0]) + rng.uniform(-0.6, 0.6, (64, 3)) * (1.0, 1.0, 0.0))
+    off = np.cross(normal, unit_of(rng.normal(size=(64, 3))))
+    points = Points(
+        direction.astype(np.float32),
+        (-1.0 / (direction @ normal)).astype(np.float32),
+        unit_of(normal + tilt * unit_of(off)).astype(np.float32),
+        np.arange(64) % PATTERN,
+    )
+    share = (np.arange(24)[None] + (np.arange(PATTERN)[:, None] + 0.5) / PATTERN) / 12
+    search = Search(4, share.astype(np.float32), 0.005, 1.0, 10.0, 0.15)
+    found = np.zeros((64, 5), np.float32)
+    measure_points(seen_plane(normal), points, _tables(), search, found)
+    np.testing.assert_allclose(found[:, :2], 1.0, atol=1e-6)
+
+
+@pytest.mark.parametrize("edges", [(0.0,), (0.9, 0.3), (0.8, 0.5, 0.2, -0.2, -0.5)])
+def test_a_point_that_is_shut_in_sees_no_sky(edges: tuple[float, ...]) -> None:
+    """Thin walls all around, rings of them far behind others: what no step saw between them is as closed."""
     ones = np.ones(PATTERN, np.float32)
     axis = np.array([[0, 0, 1]] * PATTERN, np.float32)
     points = Points(axis, ones, -axis, np.arange(PATTERN))
     share = (np.arange(48)[None] + (np.arange(PATTERN)[:, None] + 0.5) / PATTERN) / 24
-    search = Search(2, share.astype(np.float32), 0.005, 1.0, 10.0, 0.15)
-    near, closed = seen_disc(0.0), seen_disc(-1.1)
-    front = np.where(np.isfinite(near.cube_front), near.cube_front, 6.0 * closed.cube_front)
+    search = Search(2, share.astype(np.float32), 0.005, 1.0, 1.0, 0.15)
+
+    def walls(d: np.ndarray) -> np.ndarray:
+        ring = sum((unit_of(d)[..., 2] < edge).astype(int) for edge in edges)
+        return np.where(ring % 2 == 0, 1.0, 6.0) / np.linalg.norm(d, axis=-1)
+
+    around = around_the_eye(walls)
     found = np.zeros((PATTERN, 5), np.float32)
-    around = near._replace(cube_front=front, cube_back=front * np.float32(1.01))
+    around = around._replace(cube_back=around.cube_front * np.float32(1.01))
     measure_points(around, points, _tables(), search, found)
     assert found[:, 0].max() < 0.03

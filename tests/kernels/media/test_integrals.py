@@ -147,6 +147,18 @@ def test_light_that_begins_within_the_medium_comes_through_what_lies_before() ->
         assert 3 < bright < 30
 
 
+@pytest.mark.parametrize("medium", [{}, {"density": 1.5, "falloff": 0.8}])
+def test_rays_as_near_to_a_lamp_as_that_gets_no_brighter_are_as_exact(medium: dict[str, float]) -> None:
+    """Eight panels beside 128, where light is cut off at a distance that rays pass within."""
+    table, rays, _ = prepared(**medium)
+    lamp = LightTable.of(LAMP, table.origin, 0.6, "inverse_square")
+    few, many = light_of(table, rays, lamp, 8), light_of(table, rays, lamp, 128)
+    d, place = rays.beams.direction.astype(float), lamp.numbers[:3].astype(float)
+    close = np.linalg.norm(place - d * (d @ place)[:, None], axis=1) <= 0.6
+    assert 20 < close.sum() < 200
+    np.testing.assert_allclose(few[close], many[close], rtol=4e-3)
+
+
 def test_a_lamp_in_a_medium_that_falls_off_meets_quadrature() -> None:
     table, rays, lamp = prepared(density=1.5, falloff=0.8)
     place = lamp.numbers[:3].astype(float)

@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 import torch
 
-from media_scenes import LAMP, SUN, eye, fog
+from media_scenes import LAMP, SUN, eye, fog, t1
 from torchrender.effects.media.eye_rays import eye_of, rays_of
 from torchrender.effects.media.lattice import lattice_of, spacing, ways_by_lattice
-from torchrender.effects.media.light_images import NO_IMAGES, NO_SLICES
+from torchrender.effects.media.light_images import NO_IMAGES, NO_SLICES, images_of, views_of
 from torchrender.effects.media.options import ScatterOptions
 from torchrender.effects.media.tables import NOTHING, LightTable, MediaTable
-from torchrender.kernels.media.integrate import EVERYWHERE, scatter_rays
+from torchrender.effects.shadows.shadow_map import ShadowOptions, render_shadow_map
+from torchrender.kernels.media.integrate import EVERYWHERE, WALKED, scatter_rays
 from torchrender.kernels.media.lattice import UNKNOWN
 from torchrender.kernels.media.records import NO_LATTICE, Scattered, Source
 from torchrender.kernels.media.ways import ways_through
@@ -33,12 +34,12 @@ def prepared(depth: torch.Tensor | None = None, **medium):
     return table, rays_of(camera, torch.full((SIZE[1], SIZE[0]), 7.5) if depth is None else depth, table)
 
 
-def light_of(media, rays, lamp, lattice) -> np.ndarray:
+def light_of(media, rays, lamp, lattice, images=None) -> np.ndarray:
     count = len(rays.beams.direction)
     out = Scattered(np.zeros((count, 1), np.float32), np.zeros((count, 3), np.float32))
-    settings = (lamp.kind, EVERYWHERE, 48, 16, np.float32(1.0))
+    settings = (lamp.kind, EVERYWHERE if images is None else WALKED, 48, 16, np.float32(1.0))
     source = Source(lamp.numbers, NOTHING, *lattice)
-    scatter_rays(media, source, NO_IMAGES, NO_SLICES, rays.beams, np.arange(count), settings, out)
+    scatter_rays(media, source, images or NO_IMAGES, NO_SLICES, rays.beams, np.arange(count), settings, out)
     return out.radiance[:, 0]
 
 
@@ -61,6 +62,26 @@ def test_light_between_nodes_is_that_of_the_pixels_themselves(light, medium) -> 
     assert not np.array_equal(wanted, found), "the lattice is used"
     off = np.abs(found - wanted) / np.maximum(wanted, wanted.mean())
     assert np.sqrt((off**2).mean()) < 5e-3 and np.quantile(off, 0.99) < 1.5e-2
+
+
+@pytest.mark.parametrize("light", [LAMP, SUN])
+def test_light_in_parts_is_that_of_the_pixels_themselves(light) -> None:
+    """Bars before the light: of what reaches an end of a lit part, what reached its begin is taken off."""
+    camera = eye(*SIZE)
+    scene = t1(light, medium=fog(density=1.5, falloff=0.8), grille=True)
+    table = MediaTable.of(scene.media, eye_of(camera))
+    rays = rays_of(camera, torch.full((SIZE[1], SIZE[0]), 7.5), table)
+    lamp = LightTable.of(light, table.origin, 1e-3, "inverse_square")
+    options = ScatterOptions(lattice=4)
+    media = table.towards(lamp.kind, lamp.numbers, options)
+    shadow_map = render_shadow_map(scene, light, ShadowOptions(size=256))
+    images = images_of(shadow_map, views_of(shadow_map, table.origin), pyramid=True)
+    lattice = lattice_of(media, lamp, table, rays, options)
+    wanted, found = (light_of(media, rays, lamp, kept, images) for kept in (NO_LATTICE, lattice))
+    whole = light_of(media, rays, lamp, NO_LATTICE)
+    assert not np.array_equal(wanted, found) and wanted.mean() < 0.98 * whole.mean(), "there is shadow"
+    off = np.abs(found - wanted) / np.maximum(wanted, wanted.mean())
+    assert np.sqrt((off**2).mean()) < 5e-3
 
 
 def test_thick_media_are_integrated_ray_by_ray() -> None:

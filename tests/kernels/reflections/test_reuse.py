@@ -19,9 +19,11 @@ from torchrender.kernels.reflections.match import (
     VALID,
     KeyPixels,
     Matches,
+    Query,
     Settings,
     match,
     residual,
+    scaled,
 )
 from torchrender.kernels.reflections.shift import SURE, UNCOVERED, UNSURE, draw_moved, resolve_moved
 from torchrender.kernels.warp.corners import DIAGONAL, FIRST, SECOND
@@ -76,6 +78,25 @@ def test_the_distance_vanishes_at_the_exact_reflection_point(seed: int, kind: st
     a, b, c, state = residual(one_pixel(position, normal), np.uintp(0), tuple(point), False, eye)
     assert state == 0
     assert np.sqrt(a * a + b * b + c * c) < 1e-9 * 10
+
+
+@given(st.integers(0, 2**32 - 1), st.booleans())
+@settings(max_examples=40, deadline=None)
+def test_the_scaled_residual_is_how_far_the_mirror_is_off(seed: int, endless: bool) -> None:
+    """Beside the exact reflection point of a plane: of a move on the mirror, what is at right angles to the ray."""
+    rng = np.random.default_rng(seed)
+    eye = np.array([*rng.uniform(-1, 1, 2), rng.uniform(0.5, 4)])
+    point = np.array([*rng.uniform(-3, 3, 2), rng.uniform(0.5, 5)])
+    virtual = point * (1, 1, -1)
+    ray = unit(virtual if endless else virtual - eye)
+    exact = eye - ray * (eye[2] / ray[2])
+    move = np.array([*rng.normal(0, 1e-5, 2), 0.0])
+    surface = one_pixel(exact + move, np.array([0.0, 0.0, 1.0]))
+    query = Query(7, tuple(unit(point) if endless else point), endless, eye)
+    *found, known = scaled(KeyPixels(surface, np.array([7], np.int32), np.zeros((1, 4)), 1, 1), np.uintp(0), query)
+    across = move - (move @ ray) * ray
+    assert known
+    np.testing.assert_allclose(found, -across, atol=1e-3 * np.linalg.norm(move))
 
 
 def arrays(key, ids=None):

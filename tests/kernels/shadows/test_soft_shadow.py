@@ -151,3 +151,16 @@ def test_one_lit_probe_of_a_group_is_no_umbra() -> None:
     found, _ = fast_bits(far, points, normals, views, skip=False)
     assert np.array_equal(found, slow_bits(far, points, normals, views))
     assert found.sum() == 10 and found[:, :3].sum() == 1
+
+
+def test_receivers_on_both_sides_of_the_lights_plane() -> None:
+    """No planes hold what lies between them and the light, so that nothing may be left out of what is searched."""
+    rng = np.random.default_rng(5)
+    views = light_views(rng, 6, texels=False, height=2.0)
+    below = np.stack([rng.uniform(-0.2, 0.2, 8), np.full(8, 1.0), rng.uniform(-0.2, 0.2, 8)], axis=1)
+    points = np.concatenate([below, below * (1.0, -1.0, 1.0) + (0.0, 4.0, 0.0)])  # their box is centred in the plane
+    normals = np.array([[0.0, 1.0, 0.0]] * 8 + [[0.0, -1.0, 0.0]] * 8)
+    blocker = np.array([[[-9.0, 1.5, -9.0], [0.0, 1.5, -9.0], [0.0, 1.5, 9.0]]])
+    expected = slow_bits(blocker, points, normals, views)
+    assert 0.1 < expected[:8].mean() < 0.9 and expected[8:].all()
+    assert np.array_equal(fast_bits(blocker, points, normals, views, skip=True)[0], expected)

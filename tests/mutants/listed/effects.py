@@ -52,6 +52,7 @@ FAULTS: tuple[Fault, ...] = (
         ("row = min(max(np.int64(v * scale + half), 0), size - 1)", "row = min(max(np.int64(u * scale + half), 0), size - 1)"),
         ("return (np.float32(1.0) - share) * np.float32(SECTORS // 2)", "return (np.float32(1.0) - share) * np.float32(SECTORS // 3)"),
         ("if is_near:\n            near |= bits", "near |= bits"),
+        ("if not sees_sky:", "if False:"),
     ),
     *faults("ambient", E + "ambient/traced.py", AMBIENT,
         ("toward * surface[rows, None]).sum(-1) > 0", "toward * surface[rows, None]).sum(-1) > -2"),

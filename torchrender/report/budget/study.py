@@ -1,14 +1,15 @@
 """Budgets measured: are they kept, is the picture complete, is its error what was predicted, and is it worth it?
 
-``python -m torchrender.report.budget [--quick] [-o docs/results]`` writes ``budget.md``, ``.json`` and a plot.
+``python -m torchrender.report.budget [--quick] [--seconds 200] [-o docs/results]`` writes ``budget.md``,
+``.json`` and a plot. About twenty minutes; ``--seconds`` ends a run early, and the next goes on.
 """
 
 from __future__ import annotations
 
 import statistics
-import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +27,8 @@ from torchrender.quality.metrics import coverage, flip
 from torchrender.quality.pages import write_record, write_text
 from torchrender.renderer import render
 from torchrender.report.budget.page import page, plot
-from torchrender.report.common.command import run_study
+from torchrender.report.common.command import run_in_parts
+from torchrender.report.common.parts import Parts
 from torchrender.scene.camera import Cameras
 from torchrender.scene.cameras.path import built_in_path, walks_of
 from torchrender.scene.load import load
@@ -55,7 +57,7 @@ class StudyOptions:
     repeats: int = 4
 
 
-QUICK = StudyOptions(scenes=("cornell_box",), size=48, frames=3, budgets_ms=(5, 1000), checked=1, repeats=3)
+QUICK = StudyOptions(scenes=("cornell_box",), size=48, frames=3, budgets_ms=(5, 1000), checked=1, repeats=1)
 
 
 def paths(study: StudyOptions) -> Iterator[tuple[str, Scene, Cameras]]:
@@ -69,19 +71,17 @@ def paths(study: StudyOptions) -> Iterator[tuple[str, Scene, Cameras]]:
             yield f"{name} {path}", scene, walk[torch.arange(60, 60 + study.frames)]
 
 
-def budgets(study: StudyOptions) -> list[dict[str, Any]]:
-    """A record for every frame of every path and budget."""
+def budgets(name: str, scene: Scene, walk: Cameras, study: StudyOptions) -> list[dict[str, Any]]:
+    """A record for every frame of a path and budget."""
     records = []
-    for name, scene, walk in paths(study):
-        places = [round((i + 1) * (len(walk) - 1) / study.checked) for i in range(study.checked)]
-        wanted = {at: render(scene, walk[at], options=exact_options()).displayed() for at in places}
-        for budget in study.budgets_ms:
-            history: RenderHistory | None = RenderHistory()
-            for number in range(len(walk)):
-                image = render(scene, walk[number], history=history, budget_ms=budget)
-                history = image.history
-                records.append(_record(name, budget, number, image, wanted.get(number)))
-        sys.stderr.write(f"{name}: {sum(r['kept'] for r in records if r['path'] == name)} kept\n")
+    places = [round((i + 1) * (len(walk) - 1) / study.checked) for i in range(study.checked)]
+    wanted = {at: render(scene, walk[at], options=exact_options()).displayed() for at in places}
+    for budget in study.budgets_ms:
+        history: RenderHistory | None = RenderHistory()
+        for number in range(len(walk)):
+            image = render(scene, walk[number], history=history, budget_ms=budget)
+            history = image.history
+            records.append(_record(name, budget, number, image, wanted.get(number)))
     return records
 
 
@@ -106,31 +106,24 @@ def _record(name: str, budget: float, number: int, image: Image, wanted: Tensor 
     return record
 
 
-def presets(study: StudyOptions) -> list[dict[str, Any]]:
+def preset(name: str, study: StudyOptions, title: str) -> dict[str, Any]:
     """Fixed settings beside the planner's: at their time, and at their error. Still sequences, medians."""
-    found = []
-    for name in study.scenes:
-        scene = load(name)
-        camera = scene.camera(width=study.size, height=study.size)
-        wanted = render(scene, camera, options=exact_options()).displayed()
-        for preset, step in PRESETS.items():
-            fixed = at_step(step, RenderOptions(), first=None if step < 2 else "1")
-            ms, image = _steady(scene, camera, study.repeats, options=replace(fixed, reuse=None))
-            error = float(flip(image.displayed(), wanted)[0])
-            time, timed = _steady(scene, camera, study.repeats, budget_ms=ms / HEADROOM)
-            bound, bounded = _steady(scene, camera, study.repeats, max_error=min(max(error, 1e-4), 1.0))
-            found.append(
-                {
-                    "scene": name,
-                    "preset": preset,
-                    "ms": ms,
-                    "error": error,
-                    "at_its_time": {"ms": time, "error": float(flip(timed.displayed(), wanted)[0])},
-                    "at_its_error": {"ms": bound, "error": float(flip(bounded.displayed(), wanted)[0])},
-                }
-            )
-        sys.stderr.write(f"{name}: presets measured\n")
-    return found
+    scene, step = load(name), PRESETS[title]
+    camera = scene.camera(width=study.size, height=study.size)
+    wanted = render(scene, camera, options=exact_options()).displayed()
+    fixed = at_step(step, RenderOptions(), first=None if step < 2 else "1")
+    ms, image = _steady(scene, camera, study.repeats, options=replace(fixed, reuse=None))
+    error = float(flip(image.displayed(), wanted)[0])
+    time, timed = _steady(scene, camera, study.repeats, budget_ms=ms / HEADROOM)
+    bound, bounded = _steady(scene, camera, study.repeats, max_error=min(max(error, 1e-4), 1.0))
+    return {
+        "scene": name,
+        "preset": title,
+        "ms": ms,
+        "error": error,
+        "at_its_time": {"ms": time, "error": float(flip(timed.displayed(), wanted)[0])},
+        "at_its_error": {"ms": bound, "error": float(flip(bounded.displayed(), wanted)[0])},
+    }
 
 
 def _steady(scene: Scene, camera: Cameras, repeats: int, **wishes: Any) -> tuple[float, Image]:
@@ -147,36 +140,41 @@ def _steady(scene: Scene, camera: Cameras, repeats: int, **wishes: Any) -> tuple
     return statistics.median(times[2:]), image
 
 
-def deleted_passes(study: StudyOptions) -> list[dict[str, Any]]:
-    """Diffuse scenes with all passes in the table, and with those deleted that do not apply; pictures take turns."""
-    found = []
-    for name in study.scenes:
-        scene = load(name)
-        if any(m.is_reflector for m in scene.materials):
-            continue
-        camera = scene.camera(width=study.size, height=study.size)
-        image = render(scene, camera)
-        assert image.plan is not None
-        ran = {row.name for row in image.plan.running}
-        times: dict[bool, list[float]] = {True: [], False: []}
-        for number in range(2 * study.repeats):
-            whole = number % 2 == 0
-            steps = PASSES if whole else tuple(s for s in PASSES if s.name in ran)
-            image = render(scene, camera, options=RenderOptions(passes=steps))
-            times[whole].append(image.timings_ms["total"])
-        whole_ms, few_ms = statistics.median(times[True]), statistics.median(times[False])
-        found.append({"scene": name, "all_ms": whole_ms, "few_ms": few_ms, "ratio": whole_ms / few_ms})
-    return found
+def deleted_passes(name: str, study: StudyOptions) -> list[dict[str, Any]]:
+    """A diffuse scene with all passes in the table, and with those deleted that do not apply; pictures take turns."""
+    scene = load(name)
+    if any(m.is_reflector for m in scene.materials):
+        return []
+    camera = scene.camera(width=study.size, height=study.size)
+    image = render(scene, camera)
+    assert image.plan is not None
+    ran = {row.name for row in image.plan.running}
+    times: dict[bool, list[float]] = {True: [], False: []}
+    for number in range(2 * study.repeats):
+        whole = number % 2 == 0
+        steps = PASSES if whole else tuple(s for s in PASSES if s.name in ran)
+        image = render(scene, camera, options=RenderOptions(passes=steps))
+        times[whole].append(image.timings_ms["total"])
+    whole_ms, few_ms = statistics.median(times[True]), statistics.median(times[False])
+    return [{"scene": name, "all_ms": whole_ms, "few_ms": few_ms, "ratio": whole_ms / few_ms}]
 
 
-def run(study: StudyOptions, folder: Path) -> list[Path]:
+def run(study: StudyOptions, folder: Path, parts: Parts) -> list[Path]:
     """Measure and write."""
+    kept: list[dict[str, Any]] = []
+    beside, deleted = [], []
+    for name in study.scenes:
+        for title in PRESETS:
+            beside.append(parts.measured(f"{name}, {title}", partial(preset, name, study, title)))
+        deleted += parts.measured(f"{name}, passes deleted", partial(deleted_passes, name, study))
+    for name, scene, walk in paths(study):
+        kept += parts.measured(name, partial(budgets, name, scene, walk, study))
     record = {
         "machine": machine_record(),
         "study": {"size": study.size, "frames": study.frames, "tolerance": TOLERANCE},
-        "budgets": budgets(study),
-        "presets": presets(study),
-        "deleted": deleted_passes(study),
+        "budgets": kept,
+        "presets": beside,
+        "deleted": deleted,
     }
     files = [folder / f"budget{suffix}" for suffix in (".json", ".png", ".md")]
     write_record(files[0], record)
@@ -187,9 +185,10 @@ def run(study: StudyOptions, folder: Path) -> list[Path]:
 
 def main(argv: Sequence[str] | None = None) -> None:
     """The command."""
-    run_study(
+    run_in_parts(
         __doc__,
-        lambda folder, quick: run(QUICK if quick else StudyOptions(), folder),
+        lambda folder, quick, parts: run(QUICK if quick else StudyOptions(), folder, parts),
+        "budget",
         quick="a check that takes seconds",
         argv=argv,
     )

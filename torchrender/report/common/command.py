@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
+
+from torchrender.report.common.parts import FOLDER, Parts, Unfinished
 
 RESULTS = Path("docs/results")
 
@@ -38,4 +41,33 @@ def run_study(
     arguments = study_parser(description, quick=quick).parse_args(argv)
     arguments.output.mkdir(parents=True, exist_ok=True)
     for file in run(arguments.output, arguments.quick):
+        sys.stdout.write(f"{file}\n")
+
+
+def run_in_parts(
+    description: str | None,
+    run: Callable[[Path, bool, Parts], Iterable[Path]],
+    name: str,
+    *,
+    quick: str,
+    argv: Sequence[str] | None = None,
+) -> None:
+    """:func:`run_study` of a study that takes long: with ``--seconds`` it ends early, and the next run goes on.
+
+    ``name``: of the file in ``build/studies`` that keeps what was measured.
+    """
+    parser = study_parser(description, quick=quick)
+    parser.add_argument(
+        "--seconds", type=float, default=math.inf, help="begin no part after so long; run it again to go on"
+    )
+    arguments = parser.parse_args(argv)
+    kept = FOLDER / f"{name}{'-quick' if arguments.quick else ''}.json"
+    parts = Parts(kept if math.isfinite(arguments.seconds) else None, arguments.seconds)
+    arguments.output.mkdir(parents=True, exist_ok=True)
+    try:
+        files = list(run(arguments.output, arguments.quick, parts))
+    except Unfinished as unfinished:
+        sys.exit(f"unfinished: {unfinished}")
+    parts.done()
+    for file in files:
         sys.stdout.write(f"{file}\n")

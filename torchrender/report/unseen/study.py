@@ -1,8 +1,9 @@
 """Predicted errors, error bounds and budgets on scenes that calibration never saw.
 
-``python -m torchrender.report.unseen [--quick] [-o docs/results]`` writes ``unseen.md`` and ``.json``. The scenes are
-random ones of other seeds than calibration takes, and where ``TORCHRENDER_DATA`` names a folder, files of others in
-it; their paths and picture sizes are others, too.
+``python -m torchrender.report.unseen [--quick] [--seconds 200] [-o docs/results]`` writes ``unseen.md`` and
+``.json``; ``--seconds`` ends a run early, and the next goes on. The scenes are random ones of other seeds than
+calibration takes, and where ``TORCHRENDER_DATA`` names a folder, files of others in it; their paths and picture sizes
+are others, too.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import os
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +27,8 @@ from torchrender.quality.metrics import flip
 from torchrender.quality.pages import write_record, write_text
 from torchrender.renderer import render
 from torchrender.report.budget.study import TOLERANCE
-from torchrender.report.common.command import run_study
+from torchrender.report.common.command import run_in_parts
+from torchrender.report.common.parts import Parts
 from torchrender.report.unseen.page import page
 from torchrender.scene.camera import Cameras
 from torchrender.scene.cameras.path import built_in_path
@@ -62,7 +65,7 @@ class StudyOptions:
     frames: int = 3
 
 
-QUICK = StudyOptions(random=2, files=(), sides=(48,), budgets_ms=(50.0,), bounds=(0.1,), ladder=(0.2, 0.05), frames=3)
+QUICK = StudyOptions(random=1, files=(), sides=(48,), budgets_ms=(50.0,), bounds=(0.1,), ladder=(0.2,), frames=2)
 
 
 def scenes(study: StudyOptions) -> Iterator[tuple[str, Scene]]:
@@ -152,13 +155,16 @@ def measure(subject: Subject, study: StudyOptions) -> list[dict[str, Any]]:
     return records
 
 
-def run(study: StudyOptions, folder: Path) -> list[Path]:
+def _scene(name: str, scene: Scene, side: int, study: StudyOptions) -> list[dict[str, Any]]:
+    return measure(Subject.of(name, scene, side, study.frames), study)
+
+
+def run(study: StudyOptions, folder: Path, parts: Parts) -> list[Path]:
     """Measure and write."""
-    records = []
+    records: list[dict[str, Any]] = []
     for number, (name, scene) in enumerate(scenes(study)):
-        subject = Subject.of(name, scene, study.sides[number % len(study.sides)], study.frames)
-        records += measure(subject, study)
-        sys.stderr.write(f"{name}: measured\n")
+        side = study.sides[number % len(study.sides)]
+        records += parts.measured(name, partial(_scene, name, scene, side, study))
     record = {"machine": machine_record(), "tolerance": TOLERANCE, "records": records}
     files = [folder / "unseen.json", folder / "unseen.md"]
     write_record(files[0], record)
@@ -168,9 +174,10 @@ def run(study: StudyOptions, folder: Path) -> list[Path]:
 
 def main(argv: Sequence[str] | None = None) -> None:
     """The command."""
-    run_study(
+    run_in_parts(
         __doc__,
-        lambda folder, quick: run(QUICK if quick else StudyOptions(), folder),
+        lambda folder, quick, parts: run(QUICK if quick else StudyOptions(), folder, parts),
+        "unseen",
         quick="a check that takes seconds",
         argv=argv,
     )
