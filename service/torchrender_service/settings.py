@@ -56,6 +56,8 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     root_path: Annotated[str, Meta(pattern="^(/[^/?#]+)*$")] = ""  # below which a proxy shows the service
     trusted_proxies: tuple[str, ...] = ()  # their X-Forwarded-For tells whose request it is
     data_dir: str = "torchrender-data"  # uploaded scenes
+    shared_storage: str = ""  # of all replicas: a folder or an address such as s3://bucket/path; empty: data_dir alone
+    storage_s: Seconds = 10.0  # for each file that is read or written there
     built_in: tuple[str, ...] = BUILT_IN
     log_level: Annotated[str, Meta(pattern="^(debug|info|warning|error)$")] = "info"
 

@@ -186,9 +186,17 @@ class Stream:
         self._hello = message
         if message.layers is not None:
             session.extra_layers = min(session.extra_layers, message.layers)
-        ticket = self._around.sessions.ticket(session)
+        ticket = await self._renewed()
         self._welcomed = True
         await self._send(welcome_of(session, settings, ticket, self._max_pixels))
+
+    async def _renewed(self) -> str:
+        """A ticket to come back with."""
+        try:
+            return await self._around.sessions.renew(self._session)
+        except ServiceError as error:
+            await self._complain(error)
+            raise Closed(1012 if error.status == 503 else 1008, error.detail) from error
 
     # --------------------------------------------------------------- messages
 
