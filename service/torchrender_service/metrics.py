@@ -29,7 +29,7 @@ HELP = {
     "stream_errors": "Messages that could not be used, by kind.",
     "streams_dropped": "Streams that the server closed, by reason.",
     "rejected": "Requests refused by a limit, by kind.",
-    "sessions": "Sessions, connected or not.",
+    "sessions": "Sessions of all replicas, connected or not.",
     "streams": "Streams that are connected.",
     "jobs": "Jobs waiting or running.",
     "scenes": "Scenes, built-in ones included.",

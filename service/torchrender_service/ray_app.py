@@ -16,6 +16,7 @@ import os
 import shutil
 import statistics
 from collections.abc import AsyncIterator, Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -210,8 +211,8 @@ def stopping_of_replica() -> Callable[[], bool]:
     """
     for actor in ray._private.worker.global_worker.actors.values():
         found = getattr(actor, "_replica_impl", None)
-        if hasattr(found, "_shutting_down"):
-            return lambda: bool(found._shutting_down)
+        if found is not None and hasattr(found, "_shutting_down"):
+            return partial(getattr, found, "_shutting_down")
     raise RuntimeError(f"Ray {ray.__version__} does not show when a replica is stopped: streams could not be told")
 
 

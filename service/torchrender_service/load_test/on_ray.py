@@ -20,17 +20,15 @@ STOP_S = 60.0
 class RayUnderTest(ServerUnderTest):
     """A local cluster with the service; its processes are found by their titles."""
 
-    address: str = ""
-    """Of the cluster."""
-
     def replicas(self) -> list[int]:
         """Processes of the replicas, without their renderers."""
         return [pid for pid in descendants(self.pid) if title(pid).startswith("ray::ServeReplica")]
 
     def scale(self, count: int) -> None:
         """Change the number of replicas."""
-        command = [sys.executable, "-m", "torchrender_service.ray_local", "--address", self.address]
-        subprocess.run([*command, "--replicas", str(count)], check=True, timeout=60)
+        assert self.process is not None and self.process.stdin is not None
+        self.process.stdin.write(f"replicas {count}\n")
+        self.process.stdin.flush()
 
     def memory_mb(self) -> float:
         """Resident memory of all of it."""
@@ -45,14 +43,14 @@ def running_on_ray(replicas: int, **settings: str) -> Iterator[RayUnderTest]:
         port = free_port()
         command = [sys.executable, "-m", "torchrender_service.ray_local", "--port", str(port)]
         command += [f"{name}={value}" for name, value in words.items()]
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, text=True)
+        pipe = subprocess.PIPE
+        process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=log, text=True)
         try:
             assert process.stdout is not None
-            address, served = process.stdout.readline(), process.stdout.readline()
+            served = process.stdout.readline()
             if "http://" not in served:
                 raise LoadTestError(f"it does not start: {(Path(folder) / 'log').read_text()[-500:]}")
-            cluster = address.split()[-1]
-            yield RayUnderTest(process, process.pid, "127.0.0.1", port, Path(folder) / "log", address=cluster)
+            yield RayUnderTest(process, process.pid, "127.0.0.1", port, Path(folder) / "log")
         finally:
             process.terminate()
             try:
@@ -60,8 +58,9 @@ def running_on_ray(replicas: int, **settings: str) -> Iterator[RayUnderTest]:
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
-            if process.stdout is not None:
-                process.stdout.close()
+            for stream in (process.stdin, process.stdout):
+                if stream is not None:
+                    stream.close()
 
 
 def free_port() -> int:

@@ -24,6 +24,11 @@ class SessionDirectory:
     def __init__(self, ask: Ask, tell: Tell) -> None:
         self._ask, self._tell = ask, tell
 
+    async def count(self) -> int:
+        """Sessions of all replicas."""
+        found: int = await self._ask("count")
+        return found
+
     async def check_room(self, client: str) -> None:
         """Refuse early."""
         await self._ask("check_room", client)

@@ -107,6 +107,11 @@ class SessionLedger:
     def __len__(self) -> int:
         return len(self._entries)
 
+    def count(self) -> int:
+        """Sessions that there are now."""
+        self.expire()
+        return len(self._entries)
+
     def check_room(self, client: str) -> None:
         """Refuse early.
 
