@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import secrets
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
@@ -24,6 +24,8 @@ LOST_S = 3.0
 """A stream of which its replica has said nothing for so long counts as ended then."""
 IDS = 2**20
 """Keyframe ids that a connection may use before the next replica's begin: those of a lost one are not known."""
+LOOK_S = 0.25
+"""Between two looks through all sessions: with very many of them that takes time."""
 NEWS = 4096
 """Scenes that were deleted, remembered for replicas that have not heard yet."""
 
@@ -100,6 +102,8 @@ class SessionLedger:
         self._now = now
         self._entries: dict[str, _Entry] = {}
         self._tickets: dict[str, str] = {}
+        self._of_client: Counter[str] = Counter()
+        self._looked = -LOOK_S
         self._deleted: deque[tuple[int, str]] = deque(maxlen=NEWS)
         self._news = 0
         self.epoch = secrets.token_hex(8)
@@ -109,7 +113,7 @@ class SessionLedger:
 
     def count(self) -> int:
         """Sessions that there are now."""
-        self.expire()
+        self.expire(at_once=True)
         return len(self._entries)
 
     def check_room(self, client: str) -> None:
@@ -118,8 +122,9 @@ class SessionLedger:
         Raises:
             ServiceError: 429, as many sessions as may be, of this address or in all.
         """
-        self.expire()
-        if sum(entry.record.client == client for entry in self._entries.values()) >= self._own:
+        full = len(self._entries) >= self._max or self._of_client[client] >= self._own
+        self.expire(at_once=full)
+        if self._of_client[client] >= self._own:
             detail = f"this address has {self._own} sessions already"
             raise ServiceError(429, "too-many-sessions", detail, retry_after_s=self._ticket_s)
         if len(self._entries) >= self._max:
@@ -134,8 +139,9 @@ class SessionLedger:
             ServiceError: as :meth:`check_room`.
         """
         self.check_room(record.client)
-        self._entries[record.id] = _Entry(record, self._now() + self._ticket_s)
-        return self._ticket(self._entries[record.id], secrets.token_urlsafe(24))
+        entry = _Entry(record, self._now() + self._ticket_s)
+        self._put(entry)
+        return self._ticket(entry, secrets.token_urlsafe(24))
 
     def redeem(self, ticket: str, replica: str) -> SessionRecord:
         """Use a ticket up: the session's stream is now on that replica, and no other one.
@@ -145,7 +151,7 @@ class SessionLedger:
         """
         self.expire()
         entry = self._entries.get(self._tickets.pop(ticket, ""))
-        if entry is None:
+        if entry is None or self._is_over(entry):
             raise ServiceError(403, "ticket", "the ticket is unknown, used or expired: make a new session")
         if entry.replica not in (None, replica):
             following = (entry.record.next_id // IDS + 1) * IDS
@@ -170,7 +176,7 @@ class SessionLedger:
             return
         now = self._now()
         entry = _Entry(record, now + self._resume_s, replica=replica, connected=connected, seen=now)
-        self._entries[record.id] = entry
+        self._put(entry)
         self._ticket(entry, ticket)
 
     def release(self, record: SessionRecord, replica: str) -> None:
@@ -182,8 +188,13 @@ class SessionLedger:
     def end(self, name: str) -> None:
         """Forget a session and its tickets."""
         entry = self._entries.pop(name, None)
-        if entry is not None:
-            self._tickets.pop(entry.ticket, None)
+        if entry is None:
+            return
+        self._tickets.pop(entry.ticket, None)
+        client = entry.record.client
+        self._of_client[client] -= 1
+        if not self._of_client[client]:
+            del self._of_client[client]
 
     def delete_scene(self, scene: str) -> None:
         """No stream of it is begun any more; replicas hear of it with their next beat."""
@@ -208,14 +219,24 @@ class SessionLedger:
         deleted = [scene for number, scene in self._deleted if number > beat.news]
         return Told(epoch=self.epoch, gone=tuple(gone), deleted=tuple(deleted), news=self._news)
 
-    def expire(self) -> None:
-        """Forget the sessions whose time is over."""
+    def expire(self, *, at_once: bool = False) -> None:
+        """Forget the sessions whose time is over, where that was not done just now."""
         now = self._now()
-        for name, entry in list(self._entries.items()):
-            if entry.connected and now - entry.seen > LOST_S:
-                entry.connected, entry.expires = False, entry.seen + self._resume_s
-            if not entry.connected and entry.expires < now:
-                self.end(name)
+        if now - self._looked < LOOK_S and not at_once:
+            return
+        self._looked = now
+        for name in [name for name, entry in self._entries.items() if self._is_over(entry)]:
+            self.end(name)
+
+    def _is_over(self, entry: _Entry) -> bool:
+        now = self._now()
+        if entry.connected and now - entry.seen > LOST_S:
+            entry.connected, entry.expires = False, entry.seen + self._resume_s
+        return not entry.connected and entry.expires < now
+
+    def _put(self, entry: _Entry) -> None:
+        self._entries[entry.record.id] = entry
+        self._of_client[entry.record.client] += 1
 
     def _is_of(self, name: str, replica: str) -> bool:
         entry = self._entries.get(name)

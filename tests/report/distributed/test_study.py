@@ -23,6 +23,7 @@ LEISURE = {
     "keyframes_per_s": 4.0,
     "latency_ms": [60.0, 80.0],
     "render_ms": [50.0, 5.0],
+    "keyframe_bytes": 8000.0,
     "renderer_cpu_s": 0.2,
     "other_cpu_s": 0.04,
 }
@@ -88,15 +89,22 @@ def test_prices_follow_from_cores_and_bytes() -> None:
 def test_parts_are_kept_until_they_are_measured_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(OptionError, match="part must be one of batch"):
         study.run(tmp_path, True, ["nothing"])
-    monkeypatch.setitem(study.PARTS, "streams", lambda _: STREAMS)
+    monkeypatch.setitem(study.PARTS, "streams", lambda *_: STREAMS)
     study.run(tmp_path, True, ["streams"])
-    monkeypatch.setitem(study.PARTS, "streams", lambda _: pytest.fail())
+    monkeypatch.setitem(study.PARTS, "streams", lambda *_: pytest.fail())
     monkeypatch.setitem(
-        study.PARTS, "batch", lambda _: {"workers": {"1": {"rate": 1.0}, "2": {"rate": 1.9}}, "same": True}
+        study.PARTS, "batch", lambda *_: {"workers": {"1": {"rate": 1.0}, "2": {"rate": 1.9}}, "same": True}
     )
     _, page = study.run(tmp_path, True, ["batch"])
     text = page.read_text()
     assert "## Streams over two replicas" in text and "1.90×" in text and "## Batches by Ray Data" not in text
+    study.run(tmp_path, True, ["many"])
+    text = page.read_text()
+    assert "1,000 sessions" in text and "first full: " in text and "on a ring by their scene" in text
+    assert "1,000 pictures of the batch above | 0.0117 $" in text
+    (tmp_path / "distributed.json").unlink()
+    with pytest.raises(OptionError, match="streams must be measured first"):
+        study.run(tmp_path, True, ["many"])
 
 
 @pytest.mark.skipif(find_spec("ray") is None, reason="Ray is not installed")

@@ -140,10 +140,12 @@ async def looking(server: ServerUnderTest, count: int, seconds: float, *, period
         ]
         await asyncio.sleep(max(1.0, seconds / 4))
         before, spent = [len(c.latencies_s) for c in clients], cpu_s(server)
+        arrived = sum(c.bytes for c in clients), sum(c.received for c in clients)
         begin = time.perf_counter()
         await asyncio.sleep(seconds)
         took = time.perf_counter() - begin
         renderers, rest = (b - a for a, b in zip(spent, cpu_s(server), strict=True))
+        arrived = sum(c.bytes for c in clients) - arrived[0], sum(c.received for c in clients) - arrived[1]
         for look in looks:
             look.cancel()
         await asyncio.gather(*looks, return_exceptions=True)
@@ -155,6 +157,7 @@ async def looking(server: ServerUnderTest, count: int, seconds: float, *, period
         "keyframes_per_s": len(times) / took,
         "latency_ms": [1e3 * percentile(times, share) for share in (0.5, 0.95)],
         "render_ms": [statistics.fmean(rendered), statistics.pstdev(rendered)] if rendered else [0.0, 0.0],
+        "keyframe_bytes": arrived[0] / max(1, arrived[1]),
         "renderer_cpu_s": renderers / took,
         "other_cpu_s": rest / took,
     }

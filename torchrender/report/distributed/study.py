@@ -18,16 +18,19 @@ from torchrender.quality.pages import write_record, write_text
 from torchrender.report.common.command import study_parser
 from torchrender.report.common.progress import part
 from torchrender.report.distributed import batches, streams
+from torchrender.report.distributed.many import many_record, many_rows, price_rows
 from torchrender.report.distributed.reckoning import check_rows
 from torchrender.report.distributed.stream_rows import stream_rows
 from torchrender_service.load_test.rows import Row
 
-Measure = Callable[[bool], dict[str, Any]]
+Measure = Callable[[bool, dict[str, Any]], dict[str, Any]]
+"""What a part finds: quickly or not, and what the parts so far have found."""
 PARTS: dict[str, Measure] = {
-    "batch": lambda quick: batches.local_record(batches.QUICK if quick else batches.BatchEffort()),
-    "ray-batch": lambda quick: batches.ray_record(batches.QUICK if quick else batches.BatchEffort()),
-    "killed": lambda quick: batches.killed_record(batches.QUICK if quick else batches.BatchEffort(size=192)),
-    "streams": lambda quick: streams.stream_record(streams.QUICK if quick else streams.StreamEffort()),
+    "batch": lambda quick, _: batches.local_record(batches.QUICK if quick else batches.BatchEffort()),
+    "ray-batch": lambda quick, _: batches.ray_record(batches.QUICK if quick else batches.BatchEffort()),
+    "killed": lambda quick, _: batches.killed_record(batches.QUICK if quick else batches.BatchEffort(size=192)),
+    "streams": lambda quick, _: streams.stream_record(streams.QUICK if quick else streams.StreamEffort()),
+    "many": lambda quick, parts: many_record(_found(parts, "streams"), quick),
 }
 TABLES: tuple[tuple[str, str, Callable[[dict[str, Any]], list[Row]]], ...] = (
     ("Batches on one machine", "batch", batches.local_rows),
@@ -35,6 +38,7 @@ TABLES: tuple[tuple[str, str, Callable[[dict[str, Any]], list[Row]]], ...] = (
     ("Batches that are killed", "killed", batches.killed_rows),
     ("Streams over two replicas", "streams", stream_rows),
     ("The simulation", "streams", check_rows),
+    ("Many sessions, reckoned", "many", many_rows),
 )
 
 
@@ -54,12 +58,18 @@ def run(folder: Path, quick: bool, names: Sequence[str] = tuple(PARTS)) -> list[
         record = {"parts": {}}
     for name in names or tuple(PARTS):
         with part(name):
-            measured = PARTS[name](quick)
+            measured = PARTS[name](quick, record["parts"])
         record["parts"][name] = {"machine": machine_record(), "quick": quick, "found": measured}
         write_record(data, record)
     page_file = folder / "distributed.md"
     write_text(page_file, page(record["parts"]))
     return [data, page_file]
+
+
+def _found(parts: dict[str, Any], name: str) -> dict[str, Any]:
+    if name not in parts:
+        raise OptionError(f"part {name} must be measured first")
+    return dict(parts[name]["found"])
 
 
 def page(parts: dict[str, Any]) -> str:
@@ -80,6 +90,11 @@ def page(parts: dict[str, Any]) -> str:
         lines += ["| what | goal | measured | |", "|---|---|---|---|"]
         marks = {True: "met", False: "**missed**", None: ""}
         lines += [f"| {r.what} | {r.goal} | {r.measured} | {marks[r.met]} |" for r in rows_of(measured["found"])]
+        lines.append("")
+    if "many" in parts and "batch" in parts:
+        rate = parts["batch"]["found"]["workers"]["2"]["rate"] / 2
+        lines += ["## What it costs", "", "| what | |", "|---|---|"]
+        lines += [f"| {r.what} | {r.measured} |" for r in price_rows(parts["many"]["found"], rate)]
         lines.append("")
     return "\n".join(lines)
 
