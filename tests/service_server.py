@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import socket
 import subprocess
 import sys
@@ -81,6 +82,11 @@ class RunningServer:
         except urllib.error.HTTPError as error:
             with error:
                 return Answer(error.code, {k.lower(): v for k, v in error.headers.items()}, error.read())
+
+    def gauge(self, name: str) -> int:
+        """A value of /metrics, whatever its labels."""
+        text = self.ask("GET", "/metrics").body.decode()
+        return next(int(found[1]) for found in re.finditer(rf"^torchrender_{name}(?:{{.*}})? (\d+)$", text, re.M))
 
     def session(self, **wishes: Any) -> dict[str, Any]:
         """A new session for a small view."""

@@ -36,7 +36,7 @@ from torchrender_service.metrics import Metrics
 from torchrender_service.problems import problem_of
 from torchrender_service.renderers.contract import RendererPool
 from torchrender_service.settings import Settings as ServiceSettings
-from torchrender_service.streams.greeting import check_hello, welcome_of
+from torchrender_service.streams.greeting import MAX_MESSAGE_BYTES, check_hello, welcome_of
 from torchrender_service.streams.placement import Placement
 from torchrender_service.streams.producer import Producer
 from torchrender_service.streams.sessions import Session, SessionStore
@@ -224,6 +224,8 @@ class Stream:
         data = event.get("bytes")
         if data is None:
             raise ProtocolError("messages must be binary", fatal=True)
+        if len(data) > MAX_MESSAGE_BYTES:  # where the server before this one lets it through
+            raise Closed(1009, f"messages may have at most {MAX_MESSAGE_BYTES} bytes")
         return decode(data, accept).message
 
     def _take(self, message: Message) -> None:

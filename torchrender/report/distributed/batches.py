@@ -85,8 +85,9 @@ def local_record(effort: BatchEffort) -> dict[str, Any]:
     return {"workers": found, "same": same, "cameras": len(job.cameras)}
 
 
-def local_rows(record: dict[str, Any]) -> list[Row]:
+def local_rows(parts: dict[str, Any]) -> list[Row]:
     """As the page has them."""
+    record = parts["batch"]
     one, two = (record["workers"][n]["rate"] for n in ("1", "2"))
     return [
         Row(
@@ -122,8 +123,9 @@ def ray_record(effort: BatchEffort) -> dict[str, Any]:
     return {**found, "same": same}
 
 
-def ray_rows(record: dict[str, Any]) -> list[Row]:
+def ray_rows(parts: dict[str, Any]) -> list[Row]:
     """As the page has them."""
+    record = parts["ray-batch"]
     pool, on_ray = record["pool"], record["ray"]
     return [
         Row(
@@ -176,8 +178,9 @@ def killed_record(effort: BatchEffort) -> dict[str, Any]:
     return {"chunks": job.chunks, "killed": found}
 
 
-def killed_rows(record: dict[str, Any]) -> list[Row]:
+def killed_rows(parts: dict[str, Any]) -> list[Row]:
     """As the page has them."""
+    record = parts["killed"]
     rows = []
     for way, found in record["killed"].items():
         lost = record["chunks"] - (found["chunks"] - found["twice"])

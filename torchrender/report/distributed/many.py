@@ -26,13 +26,13 @@ CALL_S = 1e-3
 """Of one call to an actor of Ray, beside its work."""
 
 
-def many_record(streams: dict[str, Any], quick: bool) -> dict[str, Any]:
+def many_record(replicas: dict[str, Any], quick: bool) -> dict[str, Any]:
     """What the ledger takes, and what is simulated with the costs of a measured run."""
-    costs = costs_of(streams["serve"]["leisure"])
+    costs = costs_of(replicas["leisure"])
     sizes = (10, 100) if quick else SESSIONS
     return {
         "costs": asdict(costs),
-        "keyframe_bytes": streams["serve"]["leisure"]["keyframe_bytes"],
+        "keyframe_bytes": replicas["leisure"]["keyframe_bytes"],
         "ledger": {str(count): ledger_s(count) for count in sizes},
         "placing": placing_record(costs, quick),
         "machine": machine_record(costs, quick),
@@ -86,8 +86,9 @@ def placing_record(costs: Costs, quick: bool) -> dict[str, Any]:
     return {"sessions": each * cluster.machines, "machines": cluster.machines, **found}
 
 
-def many_rows(record: dict[str, Any]) -> list[Row]:
+def many_rows(parts: dict[str, Any]) -> list[Row]:
     """As the page has them."""
+    record = parts["many"]
     return [*_sizes(record), *_machine(record), *_placing(record)]
 
 
@@ -155,8 +156,9 @@ def _placing(record: dict[str, Any]) -> list[Row]:
     return rows
 
 
-def price_rows(record: dict[str, Any], pictures_per_core_s: float) -> list[Row]:
+def price_rows(parts: dict[str, Any]) -> list[Row]:
     """What it costs."""
+    record, pictures_per_core_s = parts["many"], parts["batch"]["workers"]["2"]["rate"] / 2
     costs = Costs(**record["costs"])
     found = prices(costs, keyframes_per_s=VIEWS_PER_S, keyframe_bytes=record["keyframe_bytes"],
                    pictures_per_core_s=pictures_per_core_s)  # fmt: skip

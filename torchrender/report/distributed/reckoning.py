@@ -45,9 +45,9 @@ def predicted(costs: Costs, looked: dict[str, Any], seconds: float = 60.0) -> Se
     return simulate(cluster, Load(sessions=looked["sessions"], period_s=looked["period_s"], seconds=seconds))
 
 
-def check_rows(record: dict[str, Any]) -> list[Row]:
+def check_rows(parts: dict[str, Any]) -> list[Row]:
     """The simulation beside the measured runs of two replicas."""
-    found = record["serve"]
+    found = parts["replicas"]
     costs = costs_of(found["leisure"])
     rows = []
     for name in ("busy", "half"):

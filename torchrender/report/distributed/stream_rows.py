@@ -7,13 +7,12 @@ from typing import Any
 from torchrender_service.load_test.rows import Row
 
 
-def stream_rows(record: dict[str, Any]) -> list[Row]:
-    """As the page has them."""
-    alone, found = record["uvicorn"], record["serve"]
+def stream_rows(parts: dict[str, Any]) -> list[Row]:
+    """Two replicas beside one server."""
+    alone, found = parts["server"], parts["replicas"]
     return [
         *_throughput(alone, found),
         *_opened(found),
-        *_faults(found),
         _compression(found),
         Row(
             what="memory of all processes, two renderers busy",
@@ -74,7 +73,9 @@ def _opened(found: dict[str, Any]) -> list[Row]:
     ]
 
 
-def _faults(found: dict[str, Any]) -> list[Row]:
+def lost_rows(parts: dict[str, Any]) -> list[Row]:
+    """A replica that is killed, and one that is taken away."""
+    found = parts["lost"]
     killed, scaled = found["killed"], found["scaled"]
     back, (before, after) = killed["back_s"], killed["p95_ms"]
     told = [one for one in scaled["told"] if one[1] == 1012 and one[0]]

@@ -64,18 +64,30 @@ class StreamEffort:
 QUICK = StreamEffort(seconds=3.0, clients=4, opened=12, asked=50)
 
 
-def stream_record(effort: StreamEffort) -> dict[str, Any]:
-    """A server with two renderers, then two replicas with one each, and what one kill and one scale-down do."""
+def server_record(effort: StreamEffort) -> dict[str, Any]:
+    """A server with two renderers."""
     with ready(running_server(**{**SETTINGS, "renderers": "2"})) as server:
-        alone = asyncio.run(served(server, effort))
+        return asyncio.run(served(server, effort))
+
+
+def replica_record(effort: StreamEffort) -> dict[str, Any]:
+    """Two replicas with a renderer each."""
     with ready(running_on_ray(2, **SETTINGS)) as server:
         found = asyncio.run(served(server, effort))
         found["opened"] = asyncio.run(opened(server, effort))
         found["compressed"] = asyncio.run(compressed(server))
-        found["upload_s"] = upload_seen_s(server)
-        found["killed"] = asyncio.run(killed(server, effort))
-        found["scaled"] = asyncio.run(scaled_down(server))
-    return {"uvicorn": alone, "serve": found}
+        return found | {"upload_s": upload_seen_s(server)}
+
+
+def lost_record(effort: StreamEffort) -> dict[str, Any]:
+    """Two replicas of which one is killed; and when it is back, one taken away."""
+    with ready(running_on_ray(2, **SETTINGS)) as server:
+        found = asyncio.run(killed(server, effort))
+        end = time.monotonic() + READY_S
+        while len(server.replicas()) < 2 and time.monotonic() < end:
+            time.sleep(0.2)
+        time.sleep(2.0)
+        return {"killed": found, "scaled": asyncio.run(scaled_down(server))}
 
 
 @contextmanager

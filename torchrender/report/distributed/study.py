@@ -20,7 +20,7 @@ from torchrender.report.common.progress import part
 from torchrender.report.distributed import batches, streams
 from torchrender.report.distributed.many import many_record, many_rows, price_rows
 from torchrender.report.distributed.reckoning import check_rows
-from torchrender.report.distributed.stream_rows import stream_rows
+from torchrender.report.distributed.stream_rows import lost_rows, stream_rows
 from torchrender_service.load_test.rows import Row
 
 Measure = Callable[[bool, dict[str, Any]], dict[str, Any]]
@@ -29,16 +29,20 @@ PARTS: dict[str, Measure] = {
     "batch": lambda quick, _: batches.local_record(batches.QUICK if quick else batches.BatchEffort()),
     "ray-batch": lambda quick, _: batches.ray_record(batches.QUICK if quick else batches.BatchEffort()),
     "killed": lambda quick, _: batches.killed_record(batches.QUICK if quick else batches.BatchEffort(size=192)),
-    "streams": lambda quick, _: streams.stream_record(streams.QUICK if quick else streams.StreamEffort()),
-    "many": lambda quick, parts: many_record(_found(parts, "streams"), quick),
+    "server": lambda quick, _: streams.server_record(streams.QUICK if quick else streams.StreamEffort()),
+    "replicas": lambda quick, _: streams.replica_record(streams.QUICK if quick else streams.StreamEffort()),
+    "lost": lambda quick, _: streams.lost_record(streams.QUICK if quick else streams.StreamEffort()),
+    "many": lambda quick, parts: many_record(_found(parts, "replicas"), quick),
 }
-TABLES: tuple[tuple[str, str, Callable[[dict[str, Any]], list[Row]]], ...] = (
-    ("Batches on one machine", "batch", batches.local_rows),
-    ("Batches by Ray Data", "ray-batch", batches.ray_rows),
-    ("Batches that are killed", "killed", batches.killed_rows),
-    ("Streams over two replicas", "streams", stream_rows),
-    ("The simulation", "streams", check_rows),
-    ("Many sessions, reckoned", "many", many_rows),
+TABLES: tuple[tuple[str, tuple[str, ...], Callable[[dict[str, Any]], list[Row]]], ...] = (
+    ("Batches on one machine", ("batch",), batches.local_rows),
+    ("Batches by Ray Data", ("ray-batch",), batches.ray_rows),
+    ("Batches that are killed", ("killed",), batches.killed_rows),
+    ("Streams over two replicas", ("server", "replicas"), stream_rows),
+    ("Replicas that go", ("lost",), lost_rows),
+    ("The simulation", ("replicas",), check_rows),
+    ("Many sessions, reckoned", ("many",), many_rows),
+    ("What it costs", ("many", "batch"), price_rows),
 )
 
 
@@ -81,22 +85,20 @@ def page(parts: dict[str, Any]) -> str:
         "clients that measure. What it means for more machines is reckoned in [scale](../scale.md).",
         "",
     ]
-    for heading, name, rows_of in TABLES:
-        if name not in parts:
+    found = {name: measured["found"] for name, measured in parts.items()}
+    marks = {True: "met", False: "**missed**", None: ""}
+    for heading, names, rows_of in TABLES:
+        if not all(name in parts for name in names):
             continue
-        measured = parts[name]
-        quick = ", quick" if measured["quick"] else ""
-        lines += [f"## {heading}", "", f"{machine_line(measured['machine'])}{quick}", ""]
-        lines += ["| what | goal | measured | |", "|---|---|---|---|"]
-        marks = {True: "met", False: "**missed**", None: ""}
-        lines += [f"| {r.what} | {r.goal} | {r.measured} | {marks[r.met]} |" for r in rows_of(measured["found"])]
-        lines.append("")
-    if "many" in parts and "batch" in parts:
-        rate = parts["batch"]["found"]["workers"]["2"]["rate"] / 2
-        lines += ["## What it costs", "", "| what | |", "|---|---|"]
-        lines += [f"| {r.what} | {r.measured} |" for r in price_rows(parts["many"]["found"], rate)]
+        machines = dict.fromkeys(_measured_on(parts[name]) for name in names)
+        lines += [f"## {heading}", "", "; ".join(machines), "", "| what | goal | measured | |", "|---|---|---|---|"]
+        lines += [f"| {r.what} | {r.goal} | {r.measured} | {marks[r.met]} |" for r in rows_of(found)]
         lines.append("")
     return "\n".join(lines)
+
+
+def _measured_on(measured: dict[str, Any]) -> str:
+    return machine_line(measured["machine"]) + (", quick" if measured["quick"] else "")
 
 
 def main(argv: Sequence[str] | None = None) -> None:
