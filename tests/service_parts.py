@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +11,7 @@ from torchrender.wire.messages import CameraHeader
 from torchrender_service.renderers.asked import Asked
 from torchrender_service.renderers.contract import RendererHandle, RendererPool
 from torchrender_service.renderers.jobs import Bounds, Describe, Forget, Job, Locate, SceneSource
+from torchrender_service.streams.ledger import SessionRecord
 from torchrender_service.streams.sessions import Session
 
 IDENTITY = tuple(float(i % 5 == 0) for i in range(16))
@@ -88,7 +88,7 @@ class FakePool(RendererPool):
         raise AssertionError(f"nobody expects {job}")
 
 
-def make_session(name: str, lasts_s: float = 60.0, **rest: Any) -> Session:
+def make_session(name: str, **rest: Any) -> Session:
     given = {
         "id": name,
         "scene": SceneSource(id="cornell_box"),
@@ -98,6 +98,10 @@ def make_session(name: str, lasts_s: float = 60.0, **rest: Any) -> Session:
         "overscan": 1.0,
         "bounds": Bounds(),
         "renderer": Actor("far away"),
-        "expires": time.monotonic() + lasts_s,
     }
     return Session(**given | rest)
+
+
+def make_record(name: str, **rest: Any) -> SessionRecord:
+    """Of a session that no stream was opened for yet."""
+    return msgspec.structs.replace(make_session(name).record(), **rest)

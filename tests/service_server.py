@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import re
+import socket
 import subprocess
 import sys
 import threading
@@ -13,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+PIPE = subprocess.PIPE
 START_S = 280.0
 LIMITS = {
     "BUILT_IN": "cornell_box",
@@ -80,6 +83,11 @@ class RunningServer:
             with error:
                 return Answer(error.code, {k.lower(): v for k, v in error.headers.items()}, error.read())
 
+    def gauge(self, name: str) -> int:
+        """A value of /metrics, whatever its labels."""
+        text = self.ask("GET", "/metrics").body.decode()
+        return next(int(found[1]) for found in re.finditer(rf"^torchrender_{name}(?:{{.*}})? (\d+)$", text, re.M))
+
     def session(self, **wishes: Any) -> dict[str, Any]:
         """A new session for a small view."""
         body = {"scene": "cornell_box", "width": 64, "height": 48, "layers": 0, **wishes}
@@ -89,17 +97,40 @@ class RunningServer:
         return dict(answer.json())
 
 
+ON_RAY = "TORCHRENDER_TESTS_ON_RAY"
+"""Of the environment: with any value, servers for tests are one replica on Ray Serve."""
+
+
+def start_on_ray(data: Path, **settings: str) -> RunningServer:
+    """The same service on Ray Serve."""
+    given = {name.lower(): value for name, value in {**LIMITS, **settings}.items()}
+    words = [f"{name}={value}" for name, value in {"num_cpus": "2", "data_dir": str(data), **given}.items()]
+    with socket.socket() as made:
+        made.bind(("127.0.0.1", 0))
+        port = made.getsockname()[1]
+    environment = {k: v for k, v in os.environ.items() if not k.startswith("TORCHRENDER_")}
+    command = [sys.executable, "-m", "torchrender_service.ray_local", "--port", str(port), *words]
+    return wait_for_line(subprocess.Popen(command, env=environment, stdout=PIPE, stderr=PIPE, text=True))
+
+
 def start_server(data: Path, **settings: str) -> RunningServer:
     """Start a server and wait until it says where it is."""
+    if os.environ.get(ON_RAY):
+        return start_on_ray(data, **settings)
     environment = {k: v for k, v in os.environ.items() if not k.startswith("TORCHRENDER_")}
     environment |= {f"TORCHRENDER_{k}": v for k, v in {**LIMITS, **settings}.items()}
     command = [sys.executable, "-m", "torchrender.cli", "serve", "--port", "0", "--data", str(data)]
-    pipe = subprocess.PIPE
-    process = subprocess.Popen(command, env=environment, stdout=pipe, stderr=pipe, text=True)
+    return wait_for_line(subprocess.Popen(command, env=environment, stdout=PIPE, stderr=PIPE, text=True))
+
+
+def wait_for_line(process: subprocess.Popen[str]) -> RunningServer:
+    """Until it says where it is."""
     assert process.stdout is not None and process.stderr is not None
     log: list[str] = []
     threading.Thread(target=lambda: log.extend(process.stderr or []), daemon=True).start()
     line = process.stdout.readline()
+    while line and "http://" not in line:
+        line = process.stdout.readline()
     assert "torchrender serves on http://127.0.0.1:" in line, (line, log)
     return RunningServer(process, line.split()[-1].rstrip("/"), log)
 

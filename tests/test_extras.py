@@ -91,7 +91,7 @@ def test_the_extras_are_those_of_the_project_file() -> None:
     for extra, packages in EXTRAS.items():
         block = re.search(rf"^{extra} = \[(.*?)^\]", text, re.DOTALL | re.MULTILINE)
         assert block is not None
-        named = set(re.findall(r'"([a-z]+)(?:\[[a-z]+\])?>=', block[1]))
+        named = set(re.findall(r'"([a-z]+)(?:\[[a-z,]+\])?>=', block[1]))
         if '"torchrender[client]"' in block[1]:
             named |= set(CLIENT)
         assert named == set(packages)

@@ -71,15 +71,19 @@ ORDER = (
     "torchrender_service.scenes",
     "torchrender_service.streams",
     "torchrender_service.web",
+    "torchrender_service.ray_directory",
+    "torchrender_service.ray_app",
+    "torchrender_service.ray_local",
     "torchrender_service.load_test",
     "torchrender_service.viewer",
     "torchrender.viewer",
     "torchrender.batch",
+    "torchrender.report.distributed",
     "torchrender.cli",
     "torchrender.__main__",
 )
 EFFECTS = "torchrender.effects."
-SERVING = ("torchrender.cli.serve", "torchrender.viewer")
+SERVING = ("torchrender.cli.serve", "torchrender.viewer", "torchrender.report.distributed")
 """What may import the service, which stands beside the package."""
 MAX_LINES = 330
 MAX_MODULES = 15

@@ -10,7 +10,8 @@ CLIENT = ("msgspec", "simplejpeg", "websockets", "zstandard")
 EXTRAS = {
     "client": CLIENT,
     "ray": ("ray", "pyarrow"),
-    "service": (*CLIENT, "fastapi", "filelock", "httptools", "limits", "uvicorn"),
+    "scale": ("simpy",),
+    "service": (*CLIENT, "fastapi", "filelock", "fsspec", "httptools", "limits", "uvicorn"),
 }
 """As in pyproject.toml."""
 

@@ -29,7 +29,7 @@ HELP = {
     "stream_errors": "Messages that could not be used, by kind.",
     "streams_dropped": "Streams that the server closed, by reason.",
     "rejected": "Requests refused by a limit, by kind.",
-    "sessions": "Sessions, connected or not.",
+    "sessions": "Sessions of all replicas, connected or not.",
     "streams": "Streams that are connected.",
     "jobs": "Jobs waiting or running.",
     "scenes": "Scenes, built-in ones included.",
@@ -39,33 +39,43 @@ Labels = tuple[tuple[str, str], ...]
 
 
 class Metrics:
-    """What the service counts; used from one thread."""
+    """What the service counts; used from one thread.
 
-    def __init__(self) -> None:
+    Args:
+        labels: of all values.
+    """
+
+    def __init__(self, labels: Mapping[str, str] | None = None) -> None:
+        self._own = tuple(sorted((labels or {}).items()))
         self._counters: dict[tuple[str, Labels], float] = defaultdict(float)
         self._gauges: dict[tuple[str, Labels], float] = {}
         self._histograms: dict[tuple[str, Labels], list[float]] = {}
 
     def count(self, name: str, amount: float = 1.0, **labels: str) -> None:
         """Add to a counter."""
-        self._counters[name, tuple(sorted(labels.items()))] += amount
+        self._counters[name, self._with_own(labels)] += amount
 
     def observe(self, name: str, seconds: float, **labels: str) -> None:
         """Add to a histogram."""
-        key = name, tuple(sorted(labels.items()))
+        key = name, self._with_own(labels)
         row = self._histograms.setdefault(key, [0.0] * (len(BUCKETS) + 2))
         row[bisect.bisect_left(BUCKETS, seconds)] += 1
         row[-1] += seconds
 
     def set(self, name: str, value: float, **labels: str) -> None:
         """Set a gauge."""
-        self._gauges[name, tuple(sorted(labels.items()))] = value
+        self._gauges[name, self._with_own(labels)] = value
+
+    def total(self, name: str, but: tuple[str, str]) -> tuple[float, float]:
+        """Sum and count of a histogram over all labels, except those with the label ``but``."""
+        rows = [row for (own, labels), row in self._histograms.items() if own == name and but not in labels]
+        return sum(row[-1] for row in rows), sum(sum(row[:-1]) for row in rows)
 
     def text(self, gauges: Mapping[str, float]) -> str:
         """All values, with ``gauges`` as they are now."""
         lines: list[str] = []
         for name, value in sorted(gauges.items()):
-            lines += [*_head(name, "gauge"), f"{PREFIX}{name} {value:g}"]
+            lines += [*_head(name, "gauge"), f"{PREFIX}{name}{_labels(self._own)} {value:g}"]
         for name in sorted({name for name, _ in self._gauges}):
             lines += _head(name, "gauge")
             rows = sorted((labels, value) for (n, labels), value in self._gauges.items() if n == name)
@@ -80,6 +90,9 @@ class Metrics:
                 if other == name:
                     lines += _histogram(name, labels, row)
         return "\n".join(lines) + "\n"
+
+    def _with_own(self, labels: dict[str, str]) -> Labels:
+        return tuple(sorted((labels | dict(self._own)).items()))
 
 
 def _head(name: str, kind: str, documented: str | None = None) -> list[str]:

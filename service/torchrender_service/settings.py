@@ -32,7 +32,7 @@ PREFIX = "TORCHRENDER_"
 OTHER_VARIABLES = {
     PREFIX + name
     for name in (
-        *("CONFIG", "CURVES", "KERNELS", "DATA", "CHROMIUM", "REQUIRE_BROWSER", "REQUIRE_DOCS"),
+        *("CONFIG", "CURVES", "KERNELS", "DATA", "CHROMIUM", "REQUIRE_BROWSER", "REQUIRE_DOCS", "TESTS_ON_RAY"),
         *("RENDERER_LIMIT_MB", "RENDERER_NICENESS", "PLAIN_COMPILER"),
     )
 }
@@ -56,6 +56,8 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     root_path: Annotated[str, Meta(pattern="^(/[^/?#]+)*$")] = ""  # below which a proxy shows the service
     trusted_proxies: tuple[str, ...] = ()  # their X-Forwarded-For tells whose request it is
     data_dir: str = "torchrender-data"  # uploaded scenes
+    shared_storage: str = ""  # of all replicas: a folder or an address such as s3://bucket/path; empty: data_dir alone
+    storage_s: Seconds = 10.0  # for each file that is read or written there
     built_in: tuple[str, ...] = BUILT_IN
     log_level: Annotated[str, Meta(pattern="^(debug|info|warning|error)$")] = "info"
 
@@ -135,6 +137,9 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
         return self.renderers or max(1, (os.cpu_count() or 1) // self.renderer_threads)
 
 
+_DEFAULTS = Settings()
+
+
 def memory_of_host_mb() -> int:
     """Memory that this process and its children may take: of the machine, or of the container where that is less."""
     found = [8 * 2**30]
@@ -165,6 +170,13 @@ def misspelt(environment: Mapping[str, str]) -> list[str]:
     return said
 
 
+def _parted(name: str, value: Any) -> Any:
+    """A list that is written as one text."""
+    if isinstance(value, str) and isinstance(getattr(_DEFAULTS, name, None), tuple):
+        return [part.strip() for part in value.split(",") if part.strip()]
+    return value
+
+
 def read_settings(
     file: str | Path | None = None, environment: Mapping[str, str] | None = None, **given: Any
 ) -> Settings:
@@ -182,13 +194,11 @@ def read_settings(
             values |= tomllib.loads(Path(file).read_text())
         except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
             raise OptionError(f"settings file {file} cannot be read: {error}") from error
-    defaults = Settings()
     for name in Settings.__struct_fields__:
         text = environment.get(PREFIX + name.upper())
         if text is not None:
-            several = isinstance(getattr(defaults, name), tuple)
-            values[name] = [part.strip() for part in text.split(",") if part.strip()] if several else text
-    values |= {name: value for name, value in given.items() if value is not None}
+            values[name] = _parted(name, text)
+    values |= {name: _parted(name, value) for name, value in given.items() if value is not None}
     try:
         settings = msgspec.convert(values, Settings, strict=False)
     except msgspec.ValidationError as error:

@@ -109,6 +109,15 @@ def test_a_killed_worker_loses_and_doubles_nothing(tmp_path: Path, fake) -> None
     assert sorted(chunks) == [0, 1, 2]
 
 
+def test_a_worker_that_hangs_is_killed_and_its_chunk_made(tmp_path: Path, fake, monkeypatch) -> None:
+    monkeypatch.setattr("torchrender.batch.local.LEAST_S", 0.3)
+    mark = tmp_path / "hung"
+    once = f"chunk == 1 and not os.path.exists({str(mark)!r})"
+    fake(f"import os, time; {once} and (open({str(mark)!r}, 'w'), time.sleep(60))")
+    outcome = run(job(), tmp_path / "out", workers=1)
+    assert (outcome.cameras, outcome.failed, outcome.restarts) == (5, {}, 1) and mark.exists()
+
+
 def test_a_chunk_that_always_kills_is_given_up_and_the_others_made(tmp_path: Path, fake) -> None:
     fake("chunk == 1 and __import__('os')._exit(9)")
     outcome = run(job(), tmp_path, workers=1)

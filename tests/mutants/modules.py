@@ -106,6 +106,8 @@ SERVICE_MODULES: tuple[tuple[str, str, str], ...] = (
     ("service", SERVICE + "streams/placement.py", "tests/service/test_placement.py"),
     ("service", SERVICE + "streams/prediction.py", "tests/service/test_placement.py tests/service/test_small_parts.py"),
     ("service", SERVICE + "streams/sessions.py", "tests/service/test_sessions.py"),
+    ("service", SERVICE + "streams/ledger.py", "tests/service/test_ledger.py"),
+    ("service", SERVICE + "scenes/storage.py", "tests/service/test_sharing.py"),
     ("service", SERVICE + "renderers/pool.py", "tests/service/test_pool.py tests/service/test_processes.py"),
     (
         "service",

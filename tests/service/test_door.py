@@ -303,7 +303,7 @@ def test_a_full_disk_is_a_problem_document(little: LittleServer, monkeypatch: py
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(store, "_finish", full)
+    monkeypatch.setattr(store, "finish", full)
     answer = little.ask("POST", "/v1/scenes", TOML + b"#", content_type="application/toml")
     assert answer.status == 507 and answer.json()["type"].endswith(":disk-full")
 

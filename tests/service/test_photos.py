@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import io
 import json
 from typing import Any
@@ -103,25 +104,29 @@ def test_what_is_no_photo_is_refused_and_not_kept(server: RunningServer) -> None
 
 
 def test_photos_go_when_there_is_no_room_or_nobody_asks(monkeypatch: pytest.MonkeyPatch) -> None:
+    asyncio.run(keep_photos(monkeypatch))
+
+
+async def keep_photos(monkeypatch: pytest.MonkeyPatch) -> None:
     pool, clock = FakePool("a", "b"), [0.0]
     monkeypatch.setattr(kept.time, "monotonic", lambda: clock[0])
     photos = KeptPhotos(pool, max_bytes=100)
-    first, second = photos.put(b"a" * 60), photos.put(b"b" * 30)
-    assert photos.get(first).renderer is not photos.get(second).renderer
+    first, second = [(await photos.put(data)).name for data in (b"a" * 60, b"b" * 30)]
+    assert (await photos.get(first)).renderer is not (await photos.get(second)).renderer
     clock[0] = 10.0
-    photos.get(first)
-    third = photos.put(b"c" * 35)
-    assert photos.get(first).data and photos.get(third).data, "the one that was used longest ago goes"
+    await photos.get(first)
+    third = (await photos.put(b"c" * 35)).name
+    assert (await photos.get(first)).data and (await photos.get(third)).data, "the one that was used longest ago goes"
     with pytest.raises(ServiceError, match="send it again"):
-        photos.get(second)
+        await photos.get(second)
     assert len(pool.back) == 1
     clock[0] = 10.0 + kept.LASTS_S + 1
-    photos.get(third)
+    await photos.get(third)
     photos.expire()
     with pytest.raises(ServiceError):
-        photos.get(first)
-    assert photos.get(third).data and len(pool.back) == 2
-    assert photos.put(b"d" * 500), "one that is larger than everything allowed is kept alone"
+        await photos.get(first)
+    assert (await photos.get(third)).data and len(pool.back) == 2
+    assert await photos.put(b"d" * 500), "one that is larger than everything allowed is kept alone"
 
 
 def test_warnings_beside_a_picture_stay_json() -> None:

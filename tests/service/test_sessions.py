@@ -8,16 +8,19 @@ from typing import Any
 
 import pytest
 from fastapi import FastAPI, Request
+from starlette.datastructures import Headers
 
-from service_parts import FACTS, FakePool, make_session
-from torchrender.wire.messages import MAJOR, Bye, Hello, Message, Type, Welcome, decode, encode
+from service_parts import CAMERA, FACTS, Actor, FakePool, make_record
+from torchrender.wire.messages import MAJOR, SUBPROTOCOL, Bye, Hello, Message, Type, Welcome, decode, encode
 from torchrender_service.errors import ServiceError
 from torchrender_service.metrics import Metrics
-from torchrender_service.renderers.jobs import Forget, Job, Locate
+from torchrender_service.renderers.jobs import Forget, Job, Locate, SceneSource
 from torchrender_service.settings import Settings, read_settings
-from torchrender_service.streams.sessions import SceneClock, SessionStore
+from torchrender_service.streams.directory import SessionDirectory, local_directory, make_ledger
+from torchrender_service.streams.sessions import SceneClock, Session, SessionStore
 from torchrender_service.streams.stream import Stream, Surroundings
 from torchrender_service.web.app import make_app
+from torchrender_service.web.routes_stream import _admitted
 from torchrender_service.web.routes_stream import make_session as answer_request
 from torchrender_service.web.schemas import SessionRequest
 from torchrender_service.web.state import ServiceState, state_of
@@ -58,12 +61,18 @@ class Stage:
 
     def __init__(self, **settings: Any) -> None:
         self.settings = read_settings(None, {}, **settings)
-        self.store = SessionStore(self.settings, on_end=lambda _: None)
+        self.ledger = make_ledger(self.settings)
+        self.store = SessionStore(lambda _: None, local_directory(self.ledger))
         self.around = Surroundings(settings=self.settings, sessions=self.store, pool=FakePool(), metrics=Metrics())
 
     async def open(self, ticket: str) -> tuple[Socket, asyncio.Task[None], Welcome]:
         socket = Socket()
-        stream = Stream(socket, self.store.redeem(ticket), self.around)  # type: ignore[arg-type]
+        record = await self.store.redeem(ticket)
+        session = self.store.find(record)
+        if session is None:
+            session = Session.of(record, SceneSource(id=record.scene), dict(FACTS), Actor("far away"))
+            self.store.put(session)
+        stream = Stream(socket, session, self.around)  # type: ignore[arg-type]
         task = asyncio.create_task(stream.run())
         socket.say(Hello(versions=(MAJOR, MAJOR)))
         while not socket.sent:
@@ -78,20 +87,20 @@ def test_a_session_does_not_expire_while_its_stream_is_connected() -> None:
 
     async def play() -> None:
         stage = Stage(ticket_s=0.02, resume_s=0.3)
-        ticket = stage.store.add(make_session("long", stage.settings.ticket_s, facts=FACTS))
+        ticket = stage.ledger.add(make_record("long"))
         socket, task, welcome = await stage.open(ticket)
         await asyncio.sleep(0.04)
-        stage.store.add(make_session("another"))
-        stage.store.expire()
-        assert not task.done() and len(stage.store) == 2 and len(stage.store.connections) == 1
-        stage.store.redeem(welcome.resume)  # the way back is still open
+        stage.ledger.add(make_record("another"))
+        await stage.store.beat()
+        assert not task.done() and len(stage.ledger) == 2 and len(stage.store.connections) == 1
+        await stage.store.redeem(welcome.resume)  # the way back is still open
         socket.inbox.put_nowait({"type": "websocket.disconnect"})
         await task
-        stage.store.expire()
-        assert len(stage.store) == 2, "it may come back"
+        await stage.store.beat()
+        assert len(stage.store) == 1, "it may come back"
         await asyncio.sleep(0.35)
-        stage.store.expire()
-        assert len(stage.store) == 1
+        await stage.store.beat()
+        assert len(stage.store) == len(stage.ledger) == 0
 
     run(play())
 
@@ -99,7 +108,7 @@ def test_a_session_does_not_expire_while_its_stream_is_connected() -> None:
 def test_a_second_connection_takes_the_session_over() -> None:
     async def play() -> None:
         stage = Stage()
-        first, task, welcome = await stage.open(stage.store.add(make_session("one", facts=FACTS)))
+        first, task, welcome = await stage.open(stage.ledger.add(make_record("one")))
         second, other, _ = await stage.open(welcome.resume)
         await task
         assert first.code == 1008 and isinstance(first.sent[-1], Bye)
@@ -123,19 +132,28 @@ def service(pool: FakePool, **settings: Any) -> tuple[ServiceState, Request]:
     return state_of(request), request
 
 
-def test_a_session_keeps_the_renderer_that_its_pool_gives_and_hands_it_back() -> None:
+class Knocking:
+    """A WebSocket with a ticket, before it is accepted."""
+
+    def __init__(self, request: Request, ticket: str) -> None:
+        self.app, self.headers = request.app, Headers({"host": "localhost"})
+        self.scope = {"subprotocols": [SUBPROTOCOL, f"bearer.{ticket}"]}
+
+
+def test_a_renderer_is_chosen_when_the_stream_begins_and_handed_back_after_it() -> None:
     """Another pool may give whatever it knows its renderers by."""
-    pool = FakePool("here", "there")
+    pool = FakePool("first", "second", "here")
 
     async def play() -> None:
         state, request = service(pool)
         made = [await answer_request(request, WISH) for _ in range(2)]
         located = [address for address, job in pool.jobs if isinstance(job, Locate)]
-        assert located == ["here", "there"]
-        session = state.sessions.redeem(made[1]["ticket"])
-        assert session.renderer is pool.given[1]
+        assert located == ["first", "second"] and pool.back == pool.given
+        session = await _admitted(Knocking(request, made[1]["ticket"]), state)  # type: ignore[arg-type]
+        assert session.renderer is pool.given[2] and session.id == made[1]["session"]
+        assert session.camera == CAMERA and len(state.sessions) == 1
         state.sessions.end(session)
-        assert pool.back == [pool.given[1]]
+        assert pool.back == pool.given
         assert pool.jobs[-1] == (None, Forget(session=session.id))
 
     run(play())
@@ -143,6 +161,8 @@ def test_a_session_keeps_the_renderer_that_its_pool_gives_and_hands_it_back() ->
 
 @pytest.mark.parametrize("why", ["refused", "full"])
 def test_a_session_that_comes_to_nothing_gives_its_renderer_back(why: str) -> None:
+    ledger = make_ledger(read_settings(None, {}, max_sessions=1))
+
     class Refusing(FakePool):
         """Finds no camera, or lets others take the last place meanwhile."""
 
@@ -150,29 +170,73 @@ def test_a_session_that_comes_to_nothing_gives_its_renderer_back(why: str) -> No
             if isinstance(job, Locate):
                 if why == "refused":
                     raise ServiceError(422, "invalid-value", "no camera")
-                state.sessions.add(make_session("quicker"))
+                ledger.add(make_record("quicker"))
             return super().answer(job)
 
     pool = Refusing()
-    state, request = service(pool, max_sessions=1)
+    state, request = service(pool)
+    state.sessions.directory = local_directory(ledger)
     with pytest.raises(ServiceError) as caught:
         asyncio.run(answer_request(request, WISH))
     assert caught.value.status == {"refused": 422, "full": 429}[why]
     assert pool.back == pool.given and len(pool.given) == 1
 
 
-def test_an_address_has_as_many_sessions_as_it_may_and_a_ticket_works_once() -> None:
-    stage = Stage(max_sessions_per_address=2)
-    tickets = [stage.store.add(make_session(str(k))) for k in range(2)]
-    for attempt in (stage.store.check_room, lambda: stage.store.add(make_session("3"))):
-        with pytest.raises(ServiceError) as refused:
-            attempt()
-        assert refused.value.status == 429 and "2 sessions" in str(refused.value)
-    stage.store.check_room("another address")
-    stage.store.redeem(tickets[0])
-    with pytest.raises(ServiceError) as used:
-        stage.store.redeem(tickets[0])
-    assert used.value.status == 403
+def test_streams_end_when_their_session_goes_on_in_another_replica() -> None:
+    """And what the client had set goes along; ids of keyframes never come twice."""
+
+    async def play() -> None:
+        stage = Stage()
+        _, task, welcome = await stage.open(stage.ledger.add(make_record("one")))
+        (session,) = stage.store.of_scene("cornell_box")
+        session.exposure, session.next_id = 2.0, 7
+        await stage.store.beat()
+        other = Stage()
+        other.store = SessionStore(lambda _: None, local_directory(stage.ledger), "other")
+        other.around.sessions = other.store
+        _, elsewhere, _ = await other.open(welcome.resume)
+        (moved,) = other.store.of_scene("cornell_box")
+        assert moved.exposure == 2.0 and moved.next_id >= 2**20
+        await stage.store.beat()
+        await task
+        assert len(stage.store) == 0 and len(stage.ledger) == 1 and not elsewhere.done()
+        elsewhere.cancel()
+        await asyncio.gather(elsewhere, return_exceptions=True)
+
+    run(play())
+
+
+def test_a_directory_that_was_lost_learns_from_the_replicas_what_there_is() -> None:
+    async def play() -> None:
+        stage = Stage()
+        _, task, welcome = await stage.open(stage.ledger.add(make_record("one")))
+        await stage.store.beat()
+        fresh = make_ledger(stage.settings)
+        stage.store.directory = local_directory(fresh)
+        await stage.store.beat()
+        assert len(fresh) == 1 and not task.done() and len(stage.store) == 1
+        assert (await stage.store.redeem(welcome.resume)).id == "one"
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+
+    run(play())
+
+
+def test_a_directory_out_of_reach_lets_streams_go_on() -> None:
+    async def ask(name: str, *given: Any) -> Any:
+        raise ServiceError(503, "directory", f"cannot {name} {len(given)}")
+
+    async def play() -> None:
+        stage = Stage()
+        _, task, _ = await stage.open(stage.ledger.add(make_record("one")))
+        stage.store.directory = SessionDirectory(ask, lambda *_: None)
+        with pytest.raises(ServiceError, match="cannot beat"):
+            await stage.store.beat()
+        assert not task.done() and len(stage.store) == 1
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+
+    run(play())
 
 
 def test_the_clock_of_a_scene_counts_while_it_plays() -> None:

@@ -227,7 +227,7 @@ def test_tickets_and_origins_are_checked_before_accept(server: RunningServer) ->
 
 
 def test_more_sessions_than_allowed(server: RunningServer) -> None:
-    tickets, there = [], gauge(server, "sessions")  # what earlier tests left, and what may end meanwhile
+    tickets, there = [], server.gauge("sessions")  # what earlier tests left, and what may end meanwhile
     while (
         answer := server.ask("POST", "/v1/sessions", {"scene": "cornell_box", "width": 32, "height": 24})
     ).status == 201:
@@ -383,14 +383,9 @@ def test_who_never_reads_is_cut_off_and_others_go_on(server: RunningServer) -> N
         wait_for_streams(server, 0)
 
 
-def gauge(server: RunningServer, name: str) -> int:
-    text = server.ask("GET", "/metrics").body.decode()
-    return next(int(line.split()[1]) for line in text.splitlines() if line.startswith(f"torchrender_{name} "))
-
-
 def wait_for_streams(server: RunningServer, count: int) -> None:
     end = time.monotonic() + 10
-    while gauge(server, "streams") != count:
+    while server.gauge("streams") != count:
         assert time.monotonic() < end
         time.sleep(0.1)
 

@@ -9,6 +9,7 @@ import queue
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +23,10 @@ from torchrender.errors import OptionError, TorchRenderError
 TRIES = 3
 """How often a chunk is begun: a process that ends may have been killed for what somebody else did."""
 MAX_WORKERS = 256
+PATIENCE = 20.0
+"""A process that takes so many times as long as the slowest chunk so far has hung, and is killed."""
+LEAST_S, FIRST_S = 60.0, 3600.0
+"""But it has at least so long, and until a chunk is done."""
 
 Tell = Callable[[int, int], None]
 """Told how many cameras are done, and how many there are."""
@@ -45,8 +50,8 @@ def run(job: Job, folder: str | Path, *, workers: int | None = None, tell: Tell 
     """Make what a job asks for, or what is left of it.
 
     The results are the same for every number of workers, bit for bit: a chunk is always made by one process from
-    nothing. A worker that is killed loses the chunk that it was at, which another makes; a run that is killed goes on
-    when it is called again.
+    nothing. A worker that is killed, or hangs, loses the chunk that it was at, which another makes; a run that is
+    killed goes on when it is called again.
 
     Args:
         folder: for the results; made where it does not exist.
@@ -86,6 +91,7 @@ class _Pool:
         self._made = self._restarts = 0
         self._failed: dict[int, str] = {}
         self._wall = ""  # why nothing can go on
+        self._slowest_s: float | None = None  # of the chunks that are done
         self._tries: dict[int, int] = {}
         self._left: queue.SimpleQueue[int] = queue.SimpleQueue()
         self._lock = threading.Lock()
@@ -119,7 +125,7 @@ class _Pool:
             process = process or self._start(threads)
             if process is None:
                 break
-            answer = _ask(process, str(chunk))
+            answer = self._asked(process, chunk)
             if answer is None:
                 self._lost(process, chunk)
                 process = None
@@ -129,6 +135,24 @@ class _Pool:
                 self._note(answer)
         if process is not None:
             self._end(process)
+
+    def _asked(self, process: subprocess.Popen[str], chunk: int) -> dict[str, Any] | None:
+        """The answer; None where the process has ended, or hung and was killed."""
+        begin = time.monotonic()
+        alarm = threading.Timer(self._patience_s, process.kill)
+        alarm.daemon = True
+        alarm.start()
+        try:
+            answer = _ask(process, str(chunk))
+        finally:
+            alarm.cancel()
+        if answer is not None:
+            self._slowest_s = max(self._slowest_s or 0.0, time.monotonic() - begin)
+        return answer
+
+    @property
+    def _patience_s(self) -> float:
+        return FIRST_S if self._slowest_s is None else max(LEAST_S, PATIENCE * self._slowest_s)
 
     def _start(self, threads: int) -> subprocess.Popen[str] | None:
         command = [sys.executable, "-m", "torchrender.batch.worker", str(self._folder), str(threads)]

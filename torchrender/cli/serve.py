@@ -57,7 +57,7 @@ def _keep(path: Path, data: Path) -> str:
     from torchrender.walkthrough.export import write_scene
     from torchrender.walkthrough.file import read_walkthrough
     from torchrender_service.renderers.uploads.any_scene import load_any
-    from torchrender_service.scenes.store import LINK
+    from torchrender_service.scenes.folder import LINK
 
     if path.suffix.lower() == ".trw":
         made = read_walkthrough(path)

@@ -91,7 +91,7 @@ class ServerUnderTest:
 
     def memory_mb(self) -> float:
         """Resident memory of the server and its renderers; 0 where the system does not tell."""
-        return sum(_resident_mb(pid) for pid in _family(self.pid))
+        return sum(resident_mb(pid) for pid in _family(self.pid))
 
 
 @contextmanager
@@ -258,7 +258,8 @@ def _family(pid: int) -> list[int]:
     return [pid, *(int(child) for child in text.split())]
 
 
-def _resident_mb(pid: int) -> float:
+def resident_mb(pid: int) -> float:
+    """Of a process; 0 where the system does not tell."""
     try:
         pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
     except (OSError, IndexError, ValueError):

@@ -11,13 +11,13 @@ import asyncio
 import contextlib
 import errno
 import hashlib
-import json
 import logging
 import os
 import re
 import secrets
 import shutil
-from collections.abc import AsyncIterator, Iterator
+import time
+from collections.abc import AsyncIterator, Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -27,31 +27,45 @@ from torchrender.errors import OptionError
 from torchrender_service.errors import ServiceError
 from torchrender_service.renderers.contract import RendererPool
 from torchrender_service.renderers.jobs import Describe, Forget, SceneSource, Validate
+from torchrender_service.scenes.folder import KINDS, UNFINISHED, finish, read_facts
+from torchrender_service.scenes.storage import SharedStorage
 from torchrender_service.settings import Settings
 
 LOG = logging.getLogger("torchrender_service.scenes.store")
-KINDS = {"glb": "scene.glb", "toml": "scene.toml", "zip": "scene.zip"}
-LINK = "files"
-"""In the folder of a scene that the service was started with: a link to where its file lies."""
 _HASH = re.compile(r"[0-9a-f]{64}")
-_UNFINISHED = ".unfinished-"
-_FACTS = "facts.json"
 SCENE_SHARE = 4
 """The textures of a scene may fill one in so many parts of a renderer's memory."""
 TEXEL_BYTES = 22
 """Of a decoded texel with its smaller copies: four numbers of four bytes, and a third of that again."""
 UNPACKED = 8
 """Times the bytes of the largest upload that an archive may unpack to."""
-MAX_SHOWN = 80
-"""Characters of a name in what an earlier server has kept."""
+LOOK_S = 0.5
+"""Between two looks at which scenes the shared storage holds."""
 
 
 class SceneStore:
-    """All scenes that can be rendered."""
+    """All scenes that can be rendered.
 
-    def __init__(self, settings: Settings, pool: RendererPool) -> None:
+    Where there is a shared storage, this one's folder holds copies of what renderers have needed: on a miss and on
+    delete the storage is looked at.
+
+    Args:
+        on_gone: called with each scene that was deleted by another replica.
+    """
+
+    def __init__(self, settings: Settings, pool: RendererPool, on_gone: Callable[[str], None] | None = None) -> None:
         self._settings = settings
         self._pool = pool
+        self._on_gone = on_gone or (lambda _: None)
+        self.storage: SharedStorage | None = None
+        if settings.shared_storage:
+            self.storage = SharedStorage(
+                settings.shared_storage, patience_s=settings.storage_s, max_kept_bytes=settings.max_kept_bytes
+            )
+        self._shared: set[str] = set()  # of the uploads: those that the storage holds
+        self._here: set[str] = set()  # those whose files are in the folder
+        self._coming: dict[str, asyncio.Task[None]] = {}
+        self._looked = -LOOK_S
         self._folder = Path(settings.data_dir) / "scenes"
         self._built_in: dict[str, asyncio.Task[dict[str, Any]]] = {}
         self._uploads: dict[str, dict[str, Any]] = {}
@@ -84,14 +98,15 @@ class SceneStore:
         """Read what an earlier process left; remove what it did not finish."""
         self._folder.mkdir(parents=True, exist_ok=True)
         for folder in sorted(self._folder.iterdir()):
-            if folder.name.startswith(_UNFINISHED):
+            if folder.name.startswith(UNFINISHED):
                 shutil.rmtree(folder, ignore_errors=True)
             elif _HASH.fullmatch(folder.name):
-                facts = _read_facts(folder)
+                facts = read_facts(folder)
                 if facts is None:
                     LOG.warning("scene folder is not usable", extra={"scene": folder.name})
                 else:
                     self._uploads[folder.name] = facts
+                    self._here.add(folder.name)
 
     @property
     def version(self) -> str:
@@ -101,7 +116,8 @@ class SceneStore:
     @property
     def names(self) -> list[str]:
         """Ids of all scenes."""
-        return [*self._live, *self._settings.built_in, *self._uploads]
+        uploads = self._uploads if self.storage is None else sorted(self._uploads)  # alike on all replicas
+        return [*self._live, *self._settings.built_in, *uploads]
 
     def revision(self, scene: str) -> int:
         """How often a scene has changed."""
@@ -120,14 +136,45 @@ class SceneStore:
             return SceneSource(id=scene, path=str(self._folder / scene / facts.get("main", KINDS[facts["kind"]])))
         raise ServiceError(404, "no-such-scene", f"there is no scene {scene[:80]!r}")
 
+    async def find(self, scene: str) -> SceneSource:
+        """Where renderers find a scene, which is fetched first where only the shared storage has it.
+
+        Raises:
+            ServiceError: 404, or 503 where the storage does not answer.
+        """
+        if self.storage is not None and scene not in self._here and _HASH.fullmatch(scene):
+            task = self._coming.get(scene)
+            if task is None:
+                task = self._coming[scene] = asyncio.create_task(self._fetch(self.storage, scene))
+                task.add_done_callback(lambda _: self._coming.pop(scene, None))
+            await asyncio.shield(task)
+        return self.source(scene)
+
+    async def refresh(self) -> None:
+        """Learn which scenes the shared storage holds, where that was not looked at just now."""
+        if self.storage is None or time.monotonic() - self._looked < LOOK_S:
+            return
+        self._looked = time.monotonic()
+        try:
+            there = await self.storage.scenes()
+            for scene in self._shared - there:
+                self._drop(scene)
+            for scene in there - set(self._uploads):
+                await self._learn(self.storage, scene)
+            self._shared |= there & set(self._uploads)
+        except ServiceError as error:
+            LOG.warning("scenes are listed as they were known: %s", error.detail)
+
     async def facts(self, scene: str) -> dict[str, Any]:
         """What clients are told about a scene; a built-in one is built for this once.
 
         Raises:
-            ServiceError: 404, or what the renderer says.
+            ServiceError: 404, or what the renderer or the shared storage says.
         """
         if scene in self._live:
             return self._live[scene]
+        if self.storage is not None and scene not in self._uploads and _HASH.fullmatch(scene):
+            await self._learn(self.storage, scene)
         source = self.source(scene)
         if source.path is not None:
             return self._uploads[scene]
@@ -153,7 +200,7 @@ class SceneStore:
             ServiceError: 409 the store is full, 413 too large, 422 not a scene, 507 the disk is full.
         """
         self._check_room(0)
-        folder = self._folder / (_UNFINISHED + secrets.token_hex(8))
+        folder = self._folder / (UNFINISHED + secrets.token_hex(8))
         try:
             folder.mkdir()
             return await self._keep(body, kind, name, folder)
@@ -170,6 +217,8 @@ class SceneStore:
     ) -> tuple[dict[str, Any], bool]:
         file = folder / KINDS[kind]
         scene, size = await self._receive(body, file, kind)
+        if self.storage is not None and not await self._learn(self.storage, scene):
+            self._drop(scene)  # another replica has deleted it
         if scene in self._uploads:
             return self._uploads[scene], False
         self._check_room(size)
@@ -184,9 +233,13 @@ class SceneStore:
         )
         facts = await self._pool.inspect(job)
         facts |= {"id": scene, "built_in": False, "kind": kind, "bytes": size, "name": name or facts["name"]}
-        await asyncio.to_thread(_finish, folder, facts, self._folder / scene)
+        if self.storage is not None:
+            await self.storage.put_scene(scene, folder, facts)
+            self._shared.add(scene)
+        await asyncio.to_thread(finish, folder, facts, self._folder / scene)
         new = scene not in self._uploads
         self._uploads.setdefault(scene, facts)
+        self._here.add(scene)
         LOG.info("scene kept", extra={"scene": scene, "bytes": size, "triangles": facts["triangles"]})
         return self._uploads[scene], new
 
@@ -194,16 +247,66 @@ class SceneStore:
         """Remove an uploaded scene.
 
         Raises:
-            ServiceError: 404, or 403 for a built-in scene.
+            ServiceError: 404, 403 for a built-in scene, 503 where the shared storage does not answer.
         """
+        if self.storage is not None and _HASH.fullmatch(scene):
+            await self._learn(self.storage, scene)
         if self.source(scene).path is None:
             raise ServiceError(403, "built-in-scene", "built-in scenes cannot be deleted")
+        if self.storage is not None:
+            await self.storage.delete_scene(scene)
+        await asyncio.to_thread(shutil.rmtree, self._take_out(scene), ignore_errors=True)
+
+    async def deleted_elsewhere(self, scene: str) -> None:
+        """Another replica says so: look whether it is still gone.
+
+        Raises:
+            ServiceError: 503, the shared storage does not answer.
+        """
+        if self.storage is not None and scene in self._uploads and await self.storage.scene(scene) is None:
+            self._drop(scene)
+
+    async def _learn(self, storage: SharedStorage, scene: str) -> bool:
+        """Whether it is there; of a scene that was not known the facts are noted."""
+        facts = await storage.scene(scene)
+        if facts is None:
+            return scene in self._uploads and scene not in self._shared
+        self._uploads.setdefault(scene, facts)
+        self._shared.add(scene)
+        return True
+
+    async def _fetch(self, storage: SharedStorage, scene: str) -> None:
+        """Copy it here, if it is there."""
+        folder = self._folder / (UNFINISHED + secrets.token_hex(8))
+        try:
+            folder.mkdir()
+            facts = await storage.fetch_scene(scene, folder)
+            if facts is None:
+                return
+            await asyncio.to_thread(finish, folder, facts, self._folder / scene)
+            self._uploads.setdefault(scene, facts)
+            self._shared.add(scene)
+            self._here.add(scene)
+            LOG.info("scene fetched", extra={"scene": scene, "bytes": facts["bytes"]})
+        finally:
+            shutil.rmtree(folder, ignore_errors=True)
+
+    def _drop(self, scene: str) -> None:
+        """It is gone for all."""
+        if scene in self._uploads:
+            shutil.rmtree(self._take_out(scene), ignore_errors=True)
+            self._on_gone(scene)
+
+    def _take_out(self, scene: str) -> Path:
+        """Forget a scene; returns where its files are now, to be deleted."""
         del self._uploads[scene]
-        doomed = self._folder / (_UNFINISHED + secrets.token_hex(8))
+        self._here.discard(scene)
+        self._shared.discard(scene)
+        doomed = self._folder / (UNFINISHED + secrets.token_hex(8))
         with contextlib.suppress(FileNotFoundError):
             os.replace(self._folder / scene, doomed)
         self._pool.forget(Forget(scene=scene))
-        await asyncio.to_thread(shutil.rmtree, doomed, ignore_errors=True)
+        return doomed
 
     def _check_room(self, more: int) -> None:
         kept = sum(facts["bytes"] for facts in self._uploads.values())
@@ -223,40 +326,3 @@ class SceneStore:
         if not size:
             raise ServiceError(422, "scene-file", "the body is empty")
         return digest.hexdigest(), size
-
-
-def _read_facts(folder: Path) -> dict[str, Any] | None:
-    try:
-        facts = json.loads((folder / _FACTS).read_text())
-        facts = _cut(dict(facts))
-        main = str(facts.get("main", ""))
-        file = folder / (main if main.startswith(f"{LINK}/") else KINDS[facts["kind"]])
-        whole = facts["id"] == folder.name and file.stat().st_size == facts["bytes"]
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
-        return None
-    return facts if whole else None
-
-
-def _cut(facts: dict[str, Any]) -> dict[str, Any]:
-    """Without names and lists that are longer than clients are shown; earlier servers kept them whole."""
-    cut = dict(facts) | {"name": str(facts["name"])[:MAX_SHOWN]}
-    cut["cameras"] = [str(name)[:MAX_SHOWN] for name in facts.get("cameras", [])[:64]]
-    if "animations" in facts:
-        cut["animations"] = {str(name)[:MAX_SHOWN]: s for name, s in list(facts["animations"].items())[:64]}
-    return cut
-
-
-def _finish(folder: Path, facts: dict[str, Any], target: Path) -> None:
-    """Make sure that everything is on the disk, then give the folder its name."""
-    (folder / _FACTS).write_text(json.dumps(facts))
-    for path in (*folder.rglob("*"), folder):
-        handle = os.open(path, os.O_RDONLY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)
-    # Somebody else has uploaded the same meanwhile: both are the same scene.
-    with contextlib.suppress(OSError):
-        os.rename(folder, target)
-    if not target.is_dir():
-        raise ServiceError(503, "store", "the scene cannot be kept: the disk refuses", retry_after_s=10.0)

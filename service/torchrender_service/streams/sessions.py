@@ -1,19 +1,26 @@
-"""Sessions and their one-use tickets."""
+"""Sessions whose streams this process serves, and their one-use tickets."""
 
 from __future__ import annotations
 
-import secrets
+import logging
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Literal, Protocol
+from typing import Any, Literal, Protocol
 
 from torchrender.wire.messages import CameraHeader
 from torchrender.wire.viewing import Effect, ToneMap
-from torchrender_service.errors import ServiceError
 from torchrender_service.renderers.contract import RendererHandle
 from torchrender_service.renderers.jobs import Bounds, SceneSource
-from torchrender_service.settings import Settings
+from torchrender_service.streams.directory import SessionDirectory
+from torchrender_service.streams.ledger import IDS, Beat, SessionRecord
+
+LOG = logging.getLogger("torchrender_service.streams.sessions")
+ALIKE = (
+    *("id", "camera", "extra_layers", "overscan", "bounds", "client", "density", "asymmetry", "exposure", "tone_map"),
+    *("off", "settings", "next_id", "latency_s"),
+)
+"""Of a session and its record."""
 
 
 class Connection(Protocol):
@@ -66,7 +73,6 @@ class Session:
     bounds: Bounds
     renderer: RendererHandle
     client: str = "unknown"  # the address that it counts for
-    expires: float  # monotonic time after which it is gone, unless a stream is connected
     density: float = 1.0  # of all media, as a multiple of their own
     asymmetry: float | None = None  # of all media; None: each its own
     exposure: float | Literal["auto", "as_lit"] = "as_lit"  # EV
@@ -76,21 +82,43 @@ class Session:
     clock: SceneClock = field(default_factory=SceneClock)  # of the scene's animation
     next_id: int = 0  # of the next keyframe
     latency_s: float = 0.0  # from a pose's arrival to its keyframe's acknowledgement; 0: not known yet
+    ticket: str = ""  # for the next connection; empty: the client has none
     connection: Connection | None = field(default=None, repr=False)  # set and cleared by the store alone
+
+    @staticmethod
+    def of(record: SessionRecord, scene: SceneSource, facts: dict[str, object], renderer: RendererHandle) -> Session:
+        """The session of a record, here."""
+        given: dict[str, Any] = {name: getattr(record, name) for name in ALIKE}
+        session = Session(scene=scene, facts=facts, renderer=renderer, **given)
+        if record.scene_s is not None:
+            session.clock = SceneClock(_passed=record.scene_s)
+            session.clock.play(record.playing, time.monotonic())
+        return session
+
+    def record(self) -> SessionRecord:
+        """As plain values."""
+        given: dict[str, Any] = {name: getattr(self, name) for name in ALIKE}
+        clock = self.clock
+        return SessionRecord(scene=self.scene.id, scene_s=clock.at(time.monotonic()), playing=clock.playing, **given)
 
 
 class SessionStore:
-    """All sessions of the process.
+    """The sessions whose streams run here, or did last.
 
     Args:
-        on_end: called with each session that is gone.
+        on_end: called with each session that is no longer here.
+        directory: of the sessions of all replicas.
+        replica: name of this one.
     """
 
-    def __init__(self, settings: Settings, on_end: Callable[[Session], None]) -> None:
-        self._settings = settings
+    def __init__(self, on_end: Callable[[Session], None], directory: SessionDirectory, replica: str = "") -> None:
+        self.directory = directory
+        self._replica = replica
         self._on_end = on_end
         self._sessions: dict[str, Session] = {}
-        self._tickets: dict[str, str] = {}
+        self._noted: dict[str, tuple[object, ...]] = {}  # what the directory knows of them
+        self._epoch: str | None = None
+        self._news = 0
 
     def __len__(self) -> int:
         return len(self._sessions)
@@ -100,48 +128,31 @@ class SessionStore:
         """The streams that are connected."""
         return [s.connection for s in self._sessions.values() if s.connection is not None]
 
-    def check_room(self, client: str = "unknown") -> None:
-        """Refuse early.
+    async def redeem(self, ticket: str) -> SessionRecord:
+        """The record of the session of a ticket, which is used up.
 
         Raises:
-            ServiceError: 429, as many sessions as may be, of this address or in all.
+            ServiceError: 403, unknown, used or expired; 503, the directory is out of reach.
         """
-        self.expire()
-        own = [s for s in self._sessions.values() if s.client == client]
-        if len(own) >= self._settings.max_sessions_per_address:
-            limit = self._settings.max_sessions_per_address
-            detail = f"this address has {limit} sessions already"
-            raise ServiceError(429, "too-many-sessions", detail, retry_after_s=self._settings.ticket_s)
-        if len(self._sessions) >= self._settings.max_sessions:
-            soonest = min(s.expires for s in self._sessions.values()) - time.monotonic()
-            wait = min(max(soonest, 1.0), self._settings.ticket_s)
-            limit = self._settings.max_sessions
-            raise ServiceError(429, "too-many-sessions", f"there are {limit} sessions already", retry_after_s=wait)
+        return await self.directory.redeem(ticket, self._replica)
 
-    def add(self, session: Session) -> str:
-        """Keep a session; returns its ticket."""
-        self.check_room(session.client)
-        self._sessions[session.id] = session
-        return self.ticket(session)
-
-    def ticket(self, session: Session) -> str:
-        """A new one-use ticket; the session's earlier ones no longer work."""
-        self._tickets = {t: s for t, s in self._tickets.items() if s != session.id}
-        ticket = secrets.token_urlsafe(24)
-        self._tickets[ticket] = session.id
-        return ticket
-
-    def redeem(self, ticket: str) -> Session:
-        """The session of a ticket, which is used up.
-
-        Raises:
-            ServiceError: 403, unknown, used or expired.
-        """
-        self.expire()
-        session = self._sessions.get(self._tickets.pop(ticket, ""))
-        if session is None:
-            raise ServiceError(403, "ticket", "the ticket is unknown, used or expired: make a new session")
+    def find(self, record: SessionRecord) -> Session | None:
+        """The session of a record, if it was here last."""
+        session = self._sessions.get(record.id)
+        if session is not None and record.next_id // IDS > session.next_id // IDS:  # it was elsewhere meanwhile
+            self._drop(session)
+            return None
         return session
+
+    def put(self, session: Session) -> None:
+        """A session comes here."""
+        self._sessions[session.id] = session
+        self._noted[session.id] = _lasting(session)
+
+    async def renew(self, session: Session) -> str:
+        """A new one-use ticket; the session's earlier ones no longer work."""
+        session.ticket = await self.directory.renew(session.id, self._replica)
+        return session.ticket
 
     def connect(self, session: Session, connection: Connection) -> None:
         """A stream begins. An older one ends: the client opened this one before that was found dead."""
@@ -149,26 +160,63 @@ class SessionStore:
             session.connection.end(1008, "the session goes on in another connection")
         session.connection = connection
 
-    def release(self, session: Session, connection: Connection) -> bool:
+    def release(self, session: Session, connection: Connection | None) -> bool:
         """A stream has ended: wait a while for the next one; False where that is there already."""
         if session.connection is not connection:
             return False
         session.connection = None
-        session.expires = time.monotonic() + self._settings.resume_s
+        if self._sessions.get(session.id) is session:
+            self.directory.release(session.record(), self._replica)
         return True
 
     def end(self, session: Session) -> None:
         """Forget a session and its tickets."""
-        if self._sessions.pop(session.id, None) is not None:
-            self._tickets = {t: s for t, s in self._tickets.items() if s != session.id}
-            self._on_end(session)
+        if self._sessions.get(session.id) is session:
+            self.directory.end(session.id)
+            self._drop(session)
 
-    def expire(self) -> None:
-        """Forget the sessions whose time is over."""
-        now = time.monotonic()
-        for session in [s for s in self._sessions.values() if s.connection is None and s.expires < now]:
-            self.end(session)
+    async def beat(self) -> tuple[str, ...]:
+        """Tell the directory how it is here, and end what is over; returns scenes that were deleted elsewhere.
+
+        Raises:
+            ServiceError: 503, the directory is out of reach.
+        """
+        sessions = list(self._sessions.values())
+        changed = [session for session in sessions if self._noted[session.id] != _lasting(session)]
+        told = await self.directory.beat(
+            Beat(
+                replica=self._replica,
+                connected=tuple(s.id for s in sessions if s.connection is not None),
+                waiting=tuple(s.id for s in sessions if s.connection is None),
+                changed=tuple(session.record() for session in changed),
+                news=self._news,
+            )
+        )
+        self._noted |= {session.id: _lasting(session) for session in changed if session.id in self._sessions}
+        known, self._epoch, self._news = self._epoch in (None, told.epoch), told.epoch, told.news
+        if not known:
+            LOG.warning("the directory of sessions has lost what it knew", extra={"sessions": len(sessions)})
+            for session in sessions:
+                self.directory.restore(session.record(), session.ticket, self._replica, session.connection is not None)
+            return ()
+        for session in sessions:
+            if session.id not in told.gone or self._sessions.get(session.id) is not session:
+                continue
+            if session.connection is not None:
+                session.connection.end(1008, "the session goes on in another connection")
+            self._drop(session)
+        return told.deleted
 
     def of_scene(self, scene: str) -> list[Session]:
         """Sessions that show a scene."""
         return [s for s in self._sessions.values() if s.scene.id == scene]
+
+    def _drop(self, session: Session) -> None:
+        del self._sessions[session.id], self._noted[session.id]
+        self._on_end(session)
+
+
+def _lasting(session: Session) -> tuple[object, ...]:
+    """What a client has set: it is told at once where it changes, the rest when the stream ends."""
+    names = ("extra_layers", "bounds", "density", "asymmetry", "exposure", "tone_map", "off", "settings")
+    return (*(getattr(session, name) for name in names), session.clock.playing)

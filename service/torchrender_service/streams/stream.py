@@ -36,7 +36,7 @@ from torchrender_service.metrics import Metrics
 from torchrender_service.problems import problem_of
 from torchrender_service.renderers.contract import RendererPool
 from torchrender_service.settings import Settings as ServiceSettings
-from torchrender_service.streams.greeting import check_hello, welcome_of
+from torchrender_service.streams.greeting import MAX_MESSAGE_BYTES, check_hello, welcome_of
 from torchrender_service.streams.placement import Placement
 from torchrender_service.streams.producer import Producer
 from torchrender_service.streams.sessions import Session, SessionStore
@@ -186,9 +186,17 @@ class Stream:
         self._hello = message
         if message.layers is not None:
             session.extra_layers = min(session.extra_layers, message.layers)
-        ticket = self._around.sessions.ticket(session)
+        ticket = await self._renewed()
         self._welcomed = True
         await self._send(welcome_of(session, settings, ticket, self._max_pixels))
+
+    async def _renewed(self) -> str:
+        """A ticket to come back with."""
+        try:
+            return await self._around.sessions.renew(self._session)
+        except ServiceError as error:
+            await self._complain(error)
+            raise Closed(1012 if error.status == 503 else 1008, error.detail) from error
 
     # --------------------------------------------------------------- messages
 
@@ -216,6 +224,8 @@ class Stream:
         data = event.get("bytes")
         if data is None:
             raise ProtocolError("messages must be binary", fatal=True)
+        if len(data) > MAX_MESSAGE_BYTES:  # where the server before this one lets it through
+            raise Closed(1009, f"messages may have at most {MAX_MESSAGE_BYTES} bytes")
         return decode(data, accept).message
 
     def _take(self, message: Message) -> None:

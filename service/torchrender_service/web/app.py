@@ -14,6 +14,7 @@ from torchrender_service.door.guard import Guard
 from torchrender_service.problems import add_error_handlers
 from torchrender_service.renderers.pool import Pool
 from torchrender_service.settings import Settings
+from torchrender_service.streams.directory import SessionDirectory
 from torchrender_service.web import (
     routes_fog,
     routes_photos,
@@ -29,13 +30,26 @@ from torchrender_service.web.state import MakePool, ServiceState
 STATIC = Path(__file__).parent.parent / "static"
 
 
-def make_app(settings: Settings, make_pool: MakePool = Pool, *, start: str = "") -> FastAPI:
+def make_app(
+    settings: Settings,
+    make_pool: MakePool = Pool,
+    *,
+    start: str = "",
+    directory: SessionDirectory | None = None,
+    replica: str = "",
+) -> FastAPI:
     """The service with these settings; it starts its renderers when the server starts it.
 
     Args:
         make_pool: who renders; default: processes of this machine.
+        start: scene that the page begins with.
+        directory: of the sessions of all replicas; default: this is the only one.
+        replica: name of this one.
+
+    Raises:
+        OptionError: the shared storage cannot be used.
     """
-    state = ServiceState(settings, make_pool)
+    state = ServiceState(settings, make_pool, directory=directory, replica=replica)
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:

@@ -94,7 +94,7 @@ async def fog(request: Request, body: FogRequest) -> Response:
 async def _photo(state: ServiceState, body: FogRequest) -> tuple[bytes, RendererHandle | None]:
     """The photo, and the renderer that has it ready."""
     if body.photo_id is not None:
-        kept = state.photos.get(body.photo_id)
+        kept = await state.photos.get(body.photo_id)
         return kept.data, kept.renderer
     try:
         return await asyncio.to_thread(base64.b64decode, body.photo or "", validate=True), None

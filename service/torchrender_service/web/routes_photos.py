@@ -94,14 +94,14 @@ async def keep(request: Request) -> PhotoFacts:
         raise ServiceError(415, "media-type", f"Content-Type must be one of {', '.join(PHOTOS)}")
     state = state_of(request)
     async with state.bodies.read(request) as data:
-        name = state.photos.put(data)
-    photo = state.photos.get(name)
+        photo = await state.photos.put(data)
+    name = photo.name
     job = DescribePhoto(photo=photo.data, max_pixels=state.settings.max_texture_pixels)
     try:
         found = await work(request, job, renderer=photo.renderer)
     except ServiceError as error:
         if error.status == 422:  # it is none, and would only take room
-            state.photos.drop(name)
+            await state.photos.drop(name)
         raise
     return PhotoFacts(id=name, **found)
 
@@ -110,7 +110,7 @@ async def keep(request: Request) -> PhotoFacts:
 async def regions(request: Request, photo: PhotoId, body: DivideRequest) -> Regions:
     """Divide a photo by a few strokes on each part (GrabCut and watershed), into regions of a file of marks."""
     state = state_of(request)
-    kept = state.photos.get(photo)
+    kept = await state.photos.get(photo)
     job = DividePhoto(
         photo=kept.data,
         max_pixels=state.settings.max_texture_pixels,

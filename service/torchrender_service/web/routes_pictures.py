@@ -62,7 +62,7 @@ async def render(request: Request, body: RenderRequest) -> Response:
     state, media_type = state_of(request), _media_type(request, PICTURES)
     job = Render(
         view=_view(state, body, body.options.supersample),
-        scene=state.scenes.source(body.scene),
+        scene=await state.scenes.find(body.scene),
         bounds=bounds_of(body.budget_ms, body.max_error),
         options=body.options.model_dump(),
         format=PICTURES[media_type],
@@ -94,7 +94,7 @@ async def depth_images(request: Request, body: DepthImagesRequest) -> Response:
     for view in views:
         _check_pixels(state, view, count=count)
     job = DepthImages(
-        scene=state.scenes.source(body.scene),
+        scene=await state.scenes.find(body.scene),
         views=tuple(views),
         method=body.method,
         bits=body.bits,
@@ -106,7 +106,7 @@ async def depth_images(request: Request, body: DepthImagesRequest) -> Response:
     )
     made = await work(request, job)
     name = await asyncio.to_thread(id_of, made["container"])
-    state.kept.put(made["container"], name)
+    await state.kept.put(made["container"], name)
     return Response(made["container"], media_type=CONTENT_TYPE, headers={"Torchrender-Keyframes": name})
 
 
@@ -127,8 +127,8 @@ async def keep_keyframes(request: Request, response: Response) -> dict[str, Any]
         limits = {"max_pixels": state.settings.max_pixels // 4, "max_images": state.settings.max_views}
         images = await asyncio.to_thread(count_keyframes, container, **limits)
         name = await asyncio.to_thread(id_of, container)
-        there = state.kept.has(name)
-        state.kept.put(container, name)
+        there = await state.kept.has(name)
+        await state.kept.put(container, name)
     if there:
         response.status_code = 200
     return {"id": name, "images": images}
@@ -173,7 +173,7 @@ async def plan(
     view = View(width=width, height=height, name=camera)
     _check_pixels(state, view)
     bounds = Bounds(budget_ms=budget_ms, max_error=max_error)
-    return await work(request, Plan(scene=state.scenes.source(scene), view=view, bounds=bounds))
+    return await work(request, Plan(scene=await state.scenes.find(scene), view=view, bounds=bounds))
 
 
 @router.get("/tradeoff/{name}", responses=problems(404, 422, 429, 503))
@@ -199,7 +199,7 @@ def _view(state: ServiceState, body: RenderRequest | ReprojectRequest, supersamp
 async def _container(state: ServiceState, body: ReprojectRequest) -> bytes:
     """The depth images of a request: kept ones, or those that came along."""
     if body.keyframes is not None:
-        return state.kept.get(body.keyframes)
+        return await state.kept.get(body.keyframes)
     try:
         return await asyncio.to_thread(base64.b64decode, body.container or "", validate=True)
     except (binascii.Error, ValueError) as error:

@@ -48,6 +48,7 @@ async def list_scenes(
 ) -> Any:
     """Scenes: the built-in ones, then the uploaded ones; ``next`` leads to more of them."""
     scenes = state_of(request).scenes
+    await scenes.refresh()
     tag = f'"{scenes.version}-{limit}-{after or ""}"'
     if same_tag(request, tag):
         return Response(status_code=304, headers={"ETag": tag})
@@ -117,7 +118,7 @@ async def survey_scene(request: Request, response: Response, scene: SceneParamet
     tag = f'"{scene}-{state.scenes.revision(scene)}"'
     if same_tag(request, tag):
         return Response(status_code=304, headers={"ETag": tag})
-    found = await work(request, Survey(scene=state.scenes.source(scene)))
+    found = await work(request, Survey(scene=await state.scenes.find(scene)))
     response.headers["ETag"] = tag
     response.headers["Cache-Control"] = "no-cache"
     return found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from typing import Any
 
 from fastapi import APIRouter, Request, Response
@@ -12,6 +13,7 @@ from torchrender_service.metrics import CONTENT_TYPE
 from torchrender_service.web.schemas import problems
 from torchrender_service.web.state import state_of
 
+LOG = logging.getLogger("torchrender_service.web.routes_status")
 router = APIRouter(tags=["status"])
 _TEXT: dict[int | str, dict[str, Any]] = {
     200: {"description": "Text format of Prometheus.", "content": {"text/plain": {}}}
@@ -47,10 +49,13 @@ async def metrics(request: Request) -> Response:
     """Counters, gauges and histograms for Prometheus."""
     state = state_of(request)
     gauges = {
-        "sessions": len(state.sessions),
         "streams": len(state.sessions.connections),
         "jobs": state.pool.waiting,
         "scenes": len(state.scenes.names),
         "connections": len(state.connections),
     }
+    try:
+        gauges["sessions"] = await state.sessions.directory.count()
+    except ServiceError as error:
+        LOG.warning("no count of sessions: %s", error.detail)
     return Response(state.metrics.text(gauges), media_type=CONTENT_TYPE)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import secrets
-import time
 from typing import Any
 
 import msgspec
@@ -13,8 +12,8 @@ from torchrender.wire.messages import SUBPROTOCOL, CameraHeader
 from torchrender_service.door.guard import check_host, check_origin, visit_of
 from torchrender_service.errors import ServiceError
 from torchrender_service.problems import problem_response
-from torchrender_service.renderers.contract import RendererHandle
-from torchrender_service.renderers.jobs import Locate, View
+from torchrender_service.renderers.jobs import Locate
+from torchrender_service.streams.ledger import SessionRecord
 from torchrender_service.streams.sessions import Session
 from torchrender_service.streams.stream import Stream
 from torchrender_service.web.schemas import PinholeCamera, SessionMade, SessionRequest, bounds_of, problems, view_of
@@ -39,42 +38,32 @@ async def make_session(request: Request, body: SessionRequest) -> dict[str, Any]
         detail = f"width x height must be at most {limit}, got {view.width} x {view.height}"
         raise ServiceError(422, "too-many-pixels", detail)
     client = visit_of(request.scope).client
-    state.sessions.check_room(client)
-    renderer = state.pool.assign()
+    directory = state.sessions.directory
+    await directory.check_room(client)
+    source, facts = await state.scenes.find(body.scene), await state.scenes.facts(body.scene)
+    renderer = state.pool.assign()  # it will have the scene, and is given out again if the stream begins soon
     try:
-        session = await _prepared(request, body, view, renderer)
-        ticket = state.sessions.add(session)
-    except BaseException:  # also where the client goes away meanwhile
+        found = await work(request, Locate(scene=source, view=view), renderer=renderer)
+    finally:
         state.pool.release(renderer)
-        raise
-    return {
-        "session": session.id,
-        "ticket": ticket,
-        "expires_s": state.settings.ticket_s,
-        "stream": "/v1/stream",
-        "camera": PinholeCamera.of(session.camera),
-        "scene_diagonal": session.facts["diagonal"],
-        "up": [0.0, 1.0, 0.0],
-    }
-
-
-async def _prepared(request: Request, body: SessionRequest, view: View, renderer: RendererHandle) -> Session:
-    """A session whose renderer knows its scene and first view."""
-    state = state_of(request)
-    source, facts = state.scenes.source(body.scene), await state.scenes.facts(body.scene)
-    found = await work(request, Locate(scene=source, view=view), renderer=renderer)
-    return Session(
+    record = SessionRecord(
         id=secrets.token_hex(8),
-        scene=source,
-        facts=facts,
+        scene=source.id,
         camera=msgspec.convert(found["camera"], CameraHeader),
         extra_layers=body.layers,
         overscan=body.overscan,
         bounds=bounds_of(body.budget_ms, body.max_error),
-        renderer=renderer,
-        client=visit_of(request.scope).client,
-        expires=time.monotonic() + state.settings.ticket_s,
+        client=client,
     )
+    return {
+        "session": record.id,
+        "ticket": await directory.add(record),
+        "expires_s": state.settings.ticket_s,
+        "stream": "/v1/stream",
+        "camera": PinholeCamera.of(record.camera),
+        "scene_diagonal": facts["diagonal"],
+        "up": [0.0, 1.0, 0.0],
+    }
 
 
 @router.websocket("/stream")
@@ -82,7 +71,7 @@ async def stream(socket: WebSocket) -> None:
     """Protocol ``torchrender.v1``; see PROTOCOL.md."""
     state = state_of(socket)
     try:
-        session = _admitted(socket, state)
+        session = await _admitted(socket, state)
     except ServiceError as error:
         state.metrics.count("rejected", kind=error.kind)
         await socket.send_denial_response(problem_response(error))
@@ -90,12 +79,13 @@ async def stream(socket: WebSocket) -> None:
     try:
         await socket.accept(subprotocol=SUBPROTOCOL)
     except (WebSocketDisconnect, RuntimeError):
-        return  # the client has left meanwhile; its session expires
+        state.sessions.release(session, None)  # the client has left meanwhile, and may come back
+        return
     await Stream(socket, session, state.around).run()
 
 
-def _admitted(socket: WebSocket, state: ServiceState) -> Session:
-    """The session whose ticket came, checked before the connection is accepted."""
+async def _admitted(socket: WebSocket, state: ServiceState) -> Session:
+    """The session whose ticket came, checked before the connection is accepted; it gets its renderer now."""
     if state.stopping:
         raise ServiceError(503, "stopping", "the server is stopping", retry_after_s=5.0)
     check_host(socket.headers, state.settings)
@@ -106,4 +96,15 @@ def _admitted(socket: WebSocket, state: ServiceState) -> Session:
     tickets = [word[len(TICKET) :] for word in offered if word.startswith(TICKET)]
     if len(tickets) != 1:
         raise ServiceError(401, "ticket", f"offer one subprotocol {TICKET}TICKET")
-    return state.sessions.redeem(tickets[0])
+    record = await state.sessions.redeem(tickets[0])
+    session = state.sessions.find(record)
+    if session is None:
+        try:
+            source, facts = await state.scenes.find(record.scene), await state.scenes.facts(record.scene)
+        except ServiceError as error:
+            if error.status == 404:
+                state.sessions.directory.end(record.id)
+            raise
+        session = Session.of(record, source, facts, state.pool.assign())
+        state.sessions.put(session)
+    return session

@@ -78,7 +78,7 @@ async def style(
     state = state_of(request)
     async with state.bodies.read(request) as photo:
         job = StylePhoto(
-            scene=state.scenes.source(query.scene),
+            scene=await state.scenes.find(query.scene),
             photo=photo,
             format=RESULTS[media_type],
             max_pixels=state.settings.max_texture_pixels,

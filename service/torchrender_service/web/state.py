@@ -17,6 +17,7 @@ from torchrender_service.renderers.jobs import Forget
 from torchrender_service.renderers.pool import Pool
 from torchrender_service.scenes.store import SceneStore
 from torchrender_service.settings import Settings
+from torchrender_service.streams.directory import SessionDirectory, local_directory, make_ledger
 from torchrender_service.streams.sessions import Session, SessionStore
 from torchrender_service.streams.stream import SCENE_GONE, Surroundings
 from torchrender_service.web.kept import KeptContainers, KeptPhotos
@@ -29,18 +30,27 @@ MakePool = Callable[[Settings, Metrics], RendererPool]
 class ServiceState:
     """Settings, renderers, scenes and sessions of one service."""
 
-    def __init__(self, settings: Settings, make_pool: MakePool = Pool) -> None:
+    def __init__(
+        self,
+        settings: Settings,
+        make_pool: MakePool = Pool,
+        *,
+        directory: SessionDirectory | None = None,
+        replica: str = "",
+    ) -> None:
         self.settings = settings
-        self.metrics = Metrics()
+        self.metrics = Metrics({"replica": replica} if replica else {})
         self.connections = Connections(settings, self.metrics)
         self.bodies = Bodies(settings)
         self.pool = make_pool(settings, self.metrics)
-        self.scenes = SceneStore(settings, self.pool)
-        self.kept = KeptContainers(settings.max_kept_bytes)
-        self.photos = KeptPhotos(self.pool, settings.max_kept_bytes)
-        self.sessions = SessionStore(settings, self._session_ended)
+        self.scenes = SceneStore(settings, self.pool, self.scene_gone)
+        self.kept = KeptContainers(settings.max_kept_bytes, self.scenes.storage)
+        self.photos = KeptPhotos(self.pool, settings.max_kept_bytes, self.scenes.storage)
+        directory = directory or local_directory(make_ledger(settings))
+        self.sessions = SessionStore(self._session_ended, directory, replica)
         self.around = Surroundings(settings=settings, sessions=self.sessions, pool=self.pool, metrics=self.metrics)
         self._tasks: list[asyncio.Task[None]] = []
+        self._told = ""  # why the directory is out of reach
 
     async def start(self) -> None:
         """Open the store and start the renderers."""
@@ -57,6 +67,8 @@ class ServiceState:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
         await self.pool.stop()
+        if self.scenes.storage is not None:
+            self.scenes.storage.close()
 
     @property
     def stopping(self) -> bool:
@@ -79,7 +91,12 @@ class ServiceState:
             await asyncio.sleep(0.05)
 
     def scene_deleted(self, scene: str) -> None:
-        """End the sessions that show it."""
+        """End the sessions that show it, on all replicas."""
+        self.sessions.directory.delete_scene(scene)
+        self.scene_gone(scene)
+
+    def scene_gone(self, scene: str) -> None:
+        """End the sessions here that show it."""
         for session in self.sessions.of_scene(scene):
             if session.connection is not None:
                 session.connection.end(SCENE_GONE, "the scene was deleted")
@@ -99,8 +116,15 @@ class ServiceState:
     async def _expire(self) -> None:
         while True:
             await asyncio.sleep(EXPIRE_S)
-            self.sessions.expire()
             self.photos.expire()
+            try:
+                for scene in await self.sessions.beat():
+                    await self.scenes.deleted_elsewhere(scene)
+                self._told = ""
+            except ServiceError as error:
+                if error.detail != self._told:
+                    LOG.warning("%s", error.detail)
+                self._told = error.detail
 
     async def _warm_up(self) -> None:
         """Start every renderer and learn about the built-in scenes, so that the first client need not wait."""

@@ -1,0 +1,92 @@
+"""The service on Ray Serve, as the load test starts and hurts it."""
+
+from __future__ import annotations
+
+import socket
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from torchrender_service.load_test.driver import LoadTestError, ServerUnderTest, resident_mb
+
+STOP_S = 60.0
+
+
+@dataclass(eq=False)
+class RayUnderTest(ServerUnderTest):
+    """A local cluster with the service; its processes are found by their titles."""
+
+    def replicas(self) -> list[int]:
+        """Processes of the replicas, without their renderers."""
+        return [pid for pid in descendants(self.pid) if title(pid).startswith("ray::ServeReplica")]
+
+    def scale(self, count: int) -> None:
+        """Change the number of replicas."""
+        assert self.process is not None and self.process.stdin is not None
+        self.process.stdin.write(f"replicas {count}\n")
+        self.process.stdin.flush()
+
+    def memory_mb(self) -> float:
+        """Resident memory of all of it."""
+        return sum(resident_mb(pid) for pid in descendants(self.pid))
+
+
+@contextmanager
+def running_on_ray(replicas: int, **settings: str) -> Iterator[RayUnderTest]:
+    """A fresh cluster with replicas of one core, in a folder of its own."""
+    with tempfile.TemporaryDirectory() as folder, (Path(folder) / "log").open("w") as log:
+        words = {"num_replicas": str(replicas), "num_cpus": "1", "data_dir": folder, **settings}
+        port = free_port()
+        command = [sys.executable, "-m", "torchrender_service.ray_local", "--port", str(port)]
+        command += [f"{name}={value}" for name, value in words.items()]
+        pipe = subprocess.PIPE
+        process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=log, text=True)
+        try:
+            assert process.stdout is not None
+            served = process.stdout.readline()
+            if "http://" not in served:
+                raise LoadTestError(f"it does not start: {(Path(folder) / 'log').read_text()[-500:]}")
+            yield RayUnderTest(process, process.pid, "127.0.0.1", port, Path(folder) / "log")
+        finally:
+            process.terminate()
+            try:
+                process.wait(STOP_S)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+            for stream in (process.stdin, process.stdout):
+                if stream is not None:
+                    stream.close()
+
+
+def free_port() -> int:
+    """One that nobody listens on now."""
+    with socket.socket() as made:
+        made.bind(("127.0.0.1", 0))
+        return int(made.getsockname()[1])
+
+
+def title(pid: int) -> str:
+    """Of a process, where the system shows it."""
+    try:
+        return (Path("/proc") / str(pid) / "cmdline").read_bytes().split(b"\0")[0].decode(errors="replace")
+    except OSError:
+        return ""
+
+
+def descendants(pid: int) -> list[int]:
+    """A process, its children, and theirs."""
+    found, left = [], [pid]
+    while left:
+        one = left.pop()
+        found.append(one)
+        try:
+            tasks = list(Path(f"/proc/{one}/task").iterdir())
+            left += [int(child) for task in tasks for child in (task / "children").read_text().split()]
+        except OSError:
+            continue
+    return found

@@ -1,0 +1,126 @@
+"""The study of many processes: its rows and pages from records, and with Ray the smallest real one."""
+
+from __future__ import annotations
+
+import json
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+
+from torchrender.errors import OptionError
+
+pytest.importorskip("simpy")
+
+from torchrender.report.distributed import study
+from torchrender.report.distributed.batches import killed_rows, local_rows, ray_rows
+from torchrender.report.distributed.reckoning import Costs, check_rows, costs_of, predicted, prices
+from torchrender.report.distributed.stream_rows import lost_rows, stream_rows
+
+LEISURE = {
+    "sessions": 1,
+    "period_s": 0.25,
+    "keyframes_per_s": 4.0,
+    "latency_ms": [60.0, 80.0],
+    "render_ms": [50.0, 5.0],
+    "keyframe_bytes": 8000.0,
+    "renderer_cpu_s": 0.2,
+    "other_cpu_s": 0.04,
+}
+BUSY = {**LEISURE, "sessions": 8, "period_s": 0.02, "keyframes_per_s": 2 / 0.06, "latency_ms": [240.0, 260.0]}
+HALF = {**LEISURE, "sessions": 8, "period_s": 1.0, "keyframes_per_s": 8.0}
+SIDE = {"health_ms": [1.0, 2.0], "memory_mb": 900.0, "leisure": LEISURE, "busy": BUSY, "half": HALF}
+STREAMS = {
+    "server": SIDE,
+    "replicas": {
+        **SIDE,
+        "opened": {"asked": 100, "refused": 0, "why": [], "s": 9.0},
+        "compressed": {"deflate": True},
+        "upload_s": 0.2,
+    },
+    "lost": {
+        "killed": {"clients": 4, "lost": 2, "back_s": [0.5, 0.9], "p95_ms": [60.0, 70.0]},
+        "scaled": {"clients": 8, "told": [["the server is stopping", 1012, 0.4]] * 3},
+    },
+}
+
+
+def marks(rows: list) -> list[bool | None]:
+    return [row.met for row in rows]
+
+
+def test_rows_say_what_was_met() -> None:
+    assert all(met is not False for met in marks([*stream_rows(STREAMS), *lost_rows(STREAMS)]))
+    worse = json.loads(json.dumps(STREAMS))
+    worse["replicas"]["opened"] |= {"refused": 5, "why": ["InvalidStatus"]}
+    worse["lost"]["killed"]["back_s"] = [0.5]
+    worse["lost"]["scaled"]["told"][0][1] = None
+    worse["replicas"]["busy"]["keyframes_per_s"] = 10.0
+    rows = [*stream_rows(worse), *lost_rows(worse)]
+    missed = [row.what for row in rows if row.met is False]
+    assert len(missed) == 4 and "5 refused (InvalidStatus)" in " ".join(row.measured for row in rows)
+    workers = {"1": {"rate": 1.5}, "2": {"rate": 2.6}}
+    assert marks(local_rows({"batch": {"workers": workers, "same": True}})) == [True, True]
+    assert marks(local_rows({"batch": {"workers": {**workers, "2": {"rate": 2.0}}, "same": False}})) == [False, False]
+    pool = {"rate": 2.0, "first_s": 3.0}
+    assert marks(ray_rows({"ray-batch": {"pool": pool, "ray": {"rate": 1.7, "first_s": 21.0}, "same": True}})) == [
+        False,
+        False,
+        True,
+    ]
+    killed = {"worker": {"before": 3, "chunks": 12, "twice": 0, "same": True},
+              "driver": {"before": 3, "chunks": 12, "twice": 1, "same": True}}  # fmt: skip
+    lost = killed_rows({"killed": {"chunks": 12, "killed": killed}})
+    assert marks(lost) == [True, False] and "1 lost, 1 doubled" in lost[1].measured
+
+
+def test_the_simulation_is_checked_against_what_was_measured() -> None:
+    costs = costs_of(LEISURE)
+    assert costs == Costs(render_s=0.05, spread=0.1, carry_s=0.01)
+    assert predicted(costs, BUSY, 20.0).keyframes_per_s == pytest.approx(2 / 0.06, rel=0.05)
+    assert marks(check_rows(STREAMS)) == [True, True]
+    off = json.loads(json.dumps(STREAMS))
+    off["replicas"]["busy"]["keyframes_per_s"] = 50.0
+    assert marks(check_rows(off)) == [False, True]
+
+
+def test_prices_follow_from_cores_and_bytes() -> None:
+    found = prices(Costs(render_s=0.09, spread=0.0, carry_s=0.01), keyframes_per_s=1.0, keyframe_bytes=1e5,
+                   pictures_per_core_s=1.0)  # fmt: skip
+    assert found["cores"] == pytest.approx(0.1)
+    assert found["session_hour"] == pytest.approx(0.1 * 0.04 + 0.36 * 0.05)
+    assert found["pictures_1000"] == pytest.approx(1000 / 3600 * 0.04)
+
+
+def test_parts_are_kept_until_they_are_measured_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(OptionError, match="part must be one of batch"):
+        study.run(tmp_path, True, ["nothing"])
+    for name in ("server", "replicas"):
+        monkeypatch.setitem(study.PARTS, name, lambda *_, name=name: STREAMS[name])
+    study.run(tmp_path, True, ["server", "replicas"])
+    monkeypatch.setitem(study.PARTS, "server", lambda *_: pytest.fail())
+    monkeypatch.setitem(
+        study.PARTS, "batch", lambda *_: {"workers": {"1": {"rate": 1.0}, "2": {"rate": 1.9}}, "same": True}
+    )
+    _, page = study.run(tmp_path, True, ["batch"])
+    text = page.read_text()
+    assert "## Streams over two replicas" in text and "1.90×" in text and "## Batches by Ray Data" not in text
+    study.run(tmp_path, True, ["many"])
+    text = page.read_text()
+    assert "1,000 sessions" in text and "first full: " in text and "on a ring by their scene" in text
+    assert "1,000 pictures of the batch above |  | 0.0117 $" in text
+    (tmp_path / "distributed.json").unlink()
+    with pytest.raises(OptionError, match="replicas must be measured first"):
+        study.run(tmp_path, True, ["many"])
+
+
+@pytest.mark.skipif(find_spec("ray") is None, reason="Ray is not installed")
+@pytest.mark.skipif(not Path("/proc").exists(), reason="looks for processes as Linux shows them")
+def test_two_replicas_are_one_service(tmp_path: Path) -> None:
+    data, _ = study.run(tmp_path, True, ["replicas", "lost"])
+    parts = json.loads(data.read_text())["parts"]
+    opened, lost = parts["replicas"]["found"]["opened"], parts["lost"]["found"]
+    assert opened["refused"] == 0, opened
+    killed, told = lost["killed"], lost["scaled"]["told"]
+    assert 0 < killed["lost"] < killed["clients"] and len(killed["back_s"]) >= killed["lost"]
+    assert told and all(reason and code == 1012 for reason, code, _ in told)

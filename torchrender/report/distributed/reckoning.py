@@ -1,0 +1,81 @@
+"""What sessions and pictures cost, and what is full first: from what was measured, by formulas and by simulation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from torchrender.report.distributed.simulation import Cluster, Load, Served, simulate
+from torchrender_service.load_test.rows import Row
+
+CORE_HOUR = 0.04
+"""US dollars, of a virtual core with 4 GB: about what large providers ask for machines that are not reserved."""
+GIGABYTE = 0.05
+"""US dollars, sent to the internet."""
+TOLERANCE = 0.15
+
+
+@dataclass(frozen=True, kw_only=True)
+class Costs:
+    """Of one keyframe, from a run with one client at leisure.
+
+    Args:
+        render_s, spread: in a renderer with a core of its own.
+        carry_s: of a core, for all else.
+    """
+
+    render_s: float
+    spread: float
+    carry_s: float
+
+
+def costs_of(leisure: dict[str, Any]) -> Costs:
+    """From what the processes used while one client looked about."""
+    rate = leisure["keyframes_per_s"]
+    mean, deviation = leisure["render_ms"]
+    render = leisure["renderer_cpu_s"] / rate
+    return Costs(
+        render_s=render, spread=min(1.0, deviation / mean) if mean else 0.0, carry_s=leisure["other_cpu_s"] / rate
+    )
+
+
+def predicted(costs: Costs, looked: dict[str, Any], seconds: float = 60.0) -> Served:
+    """What the simulation says about a measured run on two renderers and two cores."""
+    cluster = Cluster(cores=2, renderers=2, render_s=costs.render_s, spread=costs.spread, carry_s=costs.carry_s)
+    return simulate(cluster, Load(sessions=looked["sessions"], period_s=looked["period_s"], seconds=seconds))
+
+
+def check_rows(parts: dict[str, Any]) -> list[Row]:
+    """The simulation beside the measured runs of two replicas."""
+    found = parts["replicas"]
+    costs = costs_of(found["leisure"])
+    rows = []
+    for name in ("busy", "half"):
+        looked = found[name]
+        said = predicted(costs, looked)
+        off = said.keyframes_per_s / looked["keyframes_per_s"] - 1.0
+        times = f"latency {1e3 * said.latency_s:.0f} ms, measured {looked['latency_ms'][0]:.0f} ms"
+        rates = f"{said.keyframes_per_s:.1f} keyframes/s, measured {looked['keyframes_per_s']:.1f} ({100 * off:+.0f} %)"
+        rows.append(
+            Row(
+                what=f"simulated, {looked['sessions']} clients that look elsewhere every {looked['period_s']:g} s",
+                goal="within 15 % of the measured two replicas",
+                measured=f"{rates}; {times}",
+                met=abs(off) <= TOLERANCE,
+                details={"simulated": {"keyframes_per_s": said.keyframes_per_s, "latency_s": said.latency_s}},
+            )
+        )
+    return rows
+
+
+def prices(
+    costs: Costs, *, keyframes_per_s: float, keyframe_bytes: float, pictures_per_core_s: float
+) -> dict[str, float]:
+    """US dollars: of an hour of a session, its share of cores and what it sends, and of 1,000 pictures of a batch."""
+    cores = keyframes_per_s * (costs.render_s + costs.carry_s)
+    sent = keyframes_per_s * keyframe_bytes * 3600.0 / 1e9
+    return {
+        "cores": cores,
+        "session_hour": cores * CORE_HOUR + sent * GIGABYTE,
+        "pictures_1000": 1000.0 / pictures_per_core_s / 3600.0 * CORE_HOUR,
+    }
