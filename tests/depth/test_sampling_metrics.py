@@ -141,6 +141,34 @@ def test_views_between_lie_between(count: int) -> None:
     torch.testing.assert_close(corners.camera_from_world, cameras.camera_from_world)
 
 
+def test_views_between_three_fill_their_triangle() -> None:
+    eyes = torch.tensor([[0.0, 0.0, 3.0], [1.0, 0.0, 3.0], [0.2, 0.9, 3.2]], dtype=torch.float64)
+    cameras = Cameras.cat([Cameras.look_at(eye, (0.0, 0.0, 0.0), width=8, height=8) for eye in eyes.tolist()])
+    found = viewpoints_inside(cameras, 200).eye
+    weights = torch.linalg.lstsq(
+        torch.cat([eyes.T, torch.ones(1, 3)]), torch.cat([found.T, torch.ones(1, 200)])
+    ).solution
+    assert float(weights.min()) >= -1e-9
+    torch.testing.assert_close(weights.mean(dim=1), torch.full((3,), 1 / 3, dtype=torch.float64), atol=0.02, rtol=0)
+    assert float(weights.amax(dim=1).min()) > 0.85
+
+
+def test_means_of_any_orientations_are_rotations() -> None:
+    """A mean of turns by half about three axes is a reflection, or near one: the nearest turn is asked for."""
+    generator = torch.Generator().manual_seed(2)
+    some = torch.linalg.qr(torch.randn(12, 3, 3, generator=generator, dtype=torch.float64)).Q
+    some = some * torch.linalg.det(some).sign()[:, None, None]
+    halves = torch.stack([torch.diag(torch.tensor(d)) for d in ((1.0, -1, -1), (-1.0, 1, -1), (-1.0, -1, 1))]).double()
+    for rotations in (halves, *some.split(3)):
+        one = Cameras.look_at((0.0, 0.0, 1.0), (0.0, 0.0, 0.0), width=8, height=8)
+        matrix = torch.eye(4, dtype=torch.float64).repeat(3, 1, 1)
+        matrix[:, :3, :3] = rotations
+        cameras = replace(Cameras.cat([one] * 3), camera_from_world=matrix)
+        found = cameras_between(cameras, torch.tensor([[0.3, 0.36, 0.34], [0.8, 0.1, 0.1]])).rotation
+        torch.testing.assert_close(found @ found.transpose(1, 2), torch.eye(3, dtype=torch.float64).expand(2, 3, 3))
+        torch.testing.assert_close(torch.linalg.det(found), torch.ones(2, dtype=torch.float64))
+
+
 def test_orientations_that_cancel_out_still_give_a_camera() -> None:
     eye, ahead = (0.0, 0.0, 0.0), ((0.0, 0.0, -1.0), (0.0, 0.0, 1.0))
     cameras = Cameras.cat([Cameras.look_at(eye, target, width=8, height=8) for target in ahead])

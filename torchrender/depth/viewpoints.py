@@ -114,6 +114,7 @@ def cameras_between(cameras: Cameras, weights: Tensor) -> Cameras:
         weights: (F,B), each row sums to one.
     """
     weights = weights.double()
+    weights = weights / weights.sum(dim=1, keepdim=True)  # of float32, to one but for rounding
     mean = torch.einsum("fb,bij->fij", weights, cameras.rotation)
     u, sizes, v = torch.linalg.svd(mean)
     flip = torch.ones(len(weights), 3, dtype=torch.float64)

@@ -60,3 +60,13 @@ def test_marks_stay_and_empty_pixels_are_not_known():
     find_known(depth, ids, matrix, far, none, TOLERANCE, known)
     assert known.tolist() == [[False, False, True]]
     assert torch.isinf(torch.from_numpy(depth))[0, 1]
+
+
+def test_what_lies_behind_the_other_camera_is_not_in_its_picture():
+    """Lines through its eye meet the picture's plane: on the wrong side."""
+    depth, ids = np.full((2, 3), 2.0, np.float32), np.arange(6).reshape(2, 3)
+    for side, held in ((1.0, True), (-1.0, False), (0.0, False)):
+        matrix = np.concatenate([side * np.eye(3), np.zeros((3, 1))], axis=1)
+        known = np.zeros((2, 3), bool)
+        find_known(depth, ids, matrix, depth, ids, TOLERANCE, known)
+        assert bool((known == held).all())

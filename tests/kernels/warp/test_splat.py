@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from torchrender.kernels.warp.splat import EDGE_ON, Samples, Target, draw_splats
+from torchrender.kernels.warp.splat import EDGE_ON, Disc, Samples, Target, box, draw_splats
 from torchrender.kernels.warp.warp import Canvas
 
 SIZE = (23, 19)
@@ -59,3 +59,25 @@ def test_discs_against_a_loop(near: float) -> None:
     same = (found == owner) & (owner >= 0)
     inverse = (keys >> np.uint64(32)).astype(np.uint32).view(np.float32)
     np.testing.assert_allclose(inverse[same], best[same], rtol=1e-6)
+
+
+def test_boxes_hold_all_pixels_that_see_the_sphere_around_a_disc() -> None:
+    """However far beside the axis, where spheres look long, and at a near plane that cuts them."""
+    rng = np.random.default_rng(3)
+    k = np.array([[6.0, 0.9, 11.0], [0, 5.0, 9.0], [0, 0, 1.0]])
+    target = Target(np.eye(3), k, 0.3)
+    v, u = np.mgrid[0 : SIZE[1], 0 : SIZE[0]] + 0.5
+    rays = np.stack([u, v, np.ones_like(u)], axis=-1) @ np.linalg.inv(k).T
+    rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
+    seen = 0
+    for _ in range(300):
+        centre = rng.uniform(-1, 1, 3) * (4.0, 4.0, 0.0) + (0.0, 0.0, rng.uniform(0.4, 3.0))
+        radius = rng.uniform(0.05, 0.95) * centre[2]
+        along = rays @ centre
+        hit = (centre @ centre - along**2 <= radius**2) & (along > 0)
+        x0, y0, x1, y1 = box(Disc(tuple(centre), (0.0, 0.0, -1.0), radius), target, *SIZE)
+        inside = np.zeros_like(hit)
+        inside[max(y0, 0) : y1 + 1, max(x0, 0) : x1 + 1] = True
+        assert not (hit & ~inside).any()
+        seen += hit.any() and not inside.all()
+    assert seen > 100

@@ -100,7 +100,7 @@ FAULTS: tuple[Fault, ...] = (
         ("scope[\"path\"].startswith(root + \"/\")", "scope[\"path\"].startswith(root)"),
         ("if api or scope[\"path\"] == \"/metrics\":", "if api:"),
     ),
-    *faults("service", S + "web/kept.py", "tests/service/test_keeping.py tests/service/test_api.py tests/service/test_photos.py",
+    *faults("service", S + "web/kept.py", "tests/service/test_kept.py tests/service/test_photos.py",
         ("if count == max_images or", "if count > max_images or"),
         ("self._size -= len(dropped)", "pass"),
         ("self._pool.release(self._kept.pop(name).renderer)", "self._kept.pop(name)"),

@@ -20,7 +20,7 @@ FAULTS: tuple[Fault, ...] = (
         ("good = (depth >= near) &", "good = (depth > 0.0) &"),
     ),
     *faults("warp", K + "warp/splat.py", WARP,
-        ("if offset >= 0.0 or centre[2] + radius < near:", "if centre[2] + radius < near:"),
+        ("or centre[2] + radius < near:", "or centre[2] < near:"),
         ("dx = (u + 0.5 - intrinsics[0, 2] - intrinsics[0, 1] * dy) / intrinsics[0, 0]", "dx = (u + 0.5 - intrinsics[0, 2]) / intrinsics[0, 0]"),
         ("reach_v = radius * (fy + abs(v)) / depth", "reach_v = radius * fy / depth"),
         ("return math.sqrt(0.5) * footprint", "return 0.5 * footprint"),
