@@ -8,8 +8,8 @@ import pytest
 
 pytest.importorskip("ray.serve")
 
-from torchrender.errors import OptionError  # noqa: E402
-from torchrender_service import ray_local  # noqa: E402
+from torchrender.errors import OptionError
+from torchrender_service import ray_local
 
 
 def test_lines_change_how_many_replicas_there_are(monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
