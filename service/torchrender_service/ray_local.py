@@ -44,9 +44,9 @@ def run(args: Mapping[str, Any], host: str, port: int) -> None:
     """Serve until a signal comes.
 
     Raises:
-        OptionError: as :func:`~torchrender_service.ray_app.application`.
+        OptionError: as :func:`~torchrender_service.ray_app.application`; without an API key on loopback alone.
     """
-    built, options = application(args), options_of(args)
+    built, options = application({"host": host, **args}), options_of(args)
     cores = math.ceil(options.cpus * max(options.num_replicas, options.max_replicas))
     ray.init(num_cpus=cores, include_dashboard=False, **QUIET)
     serve.start(http_options={"host": host, "port": port})
