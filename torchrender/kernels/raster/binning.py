@@ -130,18 +130,18 @@ def classify_clusters(projected, listed, clusters, frame, how, part, lists, coun
         lists.corners, lists.bits, lists.highs, lists.places, lists.boxes, lists.to_clip
     )  # fmt: skip
     first, end, start = part
-    n = m = start
+    n = m = np.uintp(start)  # unsigned, as all indices here: signed ones may count from the end, which takes a test
     cull, plain, mask = how
     mask = borrowed(mask)
     for k in range(first, end):
-        for place in range(runs[chosen[k], 0], runs[chosen[k], 1]):
-            t = order[place]
-            va, vb, vc = listed[place, 0], listed[place, 1], listed[place, 2]
+        for place in range(np.uintp(runs[chosen[k], 0]), np.uintp(runs[chosen[k], 1])):
+            t = np.uintp(order[place])
+            va, vb, vc = np.uintp(listed[place, 0]), np.uintp(listed[place, 1]), np.uintp(listed[place, 2])
             a, b, c = packed[va, 3], packed[vb, 3], packed[vc, 3]
             if a == NEEDS_CLIP or b == NEEDS_CLIP or c == NEEDS_CLIP:
                 if not out_of_view(points, listed, place, near, far, orthographic, width * 0.5 + 1, height * 0.5 + 1):
                     to_clip[m] = place
-                    m += 1
+                    m += np.uintp(1)
                 continue
             x0, y0, x1, y1 = pixel_box(a, b, c, image, left, top)
             if x0 > x1 or y0 > y1:
@@ -168,11 +168,11 @@ def classify_clusters(projected, listed, clusters, frame, how, part, lists, coun
             bits_of[n] = bits
             highs[n] = greatest_key(points, listed, place, frame)
             boxes[n, 0], boxes[n, 1], boxes[n, 2], boxes[n, 3] = x0, y0, x1, y1
-            n += 1
+            n += np.uintp(1)
             for j in range(j0, j1 + 1):
                 for i in range(i0, i1 + 1):
-                    counts[j * columns + i] += 1
-    return n - start, m - start
+                    counts[np.uintp(j * columns + i)] += 1
+    return np.int64(n) - start, np.int64(m) - start
 
 
 @kernel(parallel=True)
