@@ -10,16 +10,15 @@ import pytest
 from torchrender.kernels.raster.coverage import (
     TILE_HEIGHT,
     TILE_WIDTH,
-    TINY,
-    covered_bits,
+    WINDOW,
     edge,
     fill,
-    fill_small,
-    fill_tiny,
+    fill_window,
     is_hidden,
-    small_bits,
+    misses,
     spans,
-    tiny_bits,
+    window_bits,
+    window_start,
 )
 from torchrender.kernels.raster.project import SUBPIXEL, snap
 
@@ -75,16 +74,13 @@ def test_spans_and_bits_are_the_covered_pixels(step: float) -> None:
         for y in range(7):
             found[y, first[y] : last[y] + 1] = first[y] <= last[y]
         np.testing.assert_array_equal(found, wanted)
-        flat = tuple(itertools.chain(*edges_of(packed, corners, 2, 1)))
-        bits = covered_bits(flat, 5, 4)
-        assert [(bits >> n) & 1 for n in range(20)] == wanted[1:5, 2:7].reshape(-1).tolist()
         area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
         pixel = (2 * SUBPIXEL + SUBPIXEL // 2, SUBPIXEL + SUBPIXEL // 2)
-        assert small_bits(*packed, area, pixel, 5, 4) == bits
-        for columns, rows in itertools.product((1, 2, 3, 4), (1, 2, 3, 4)):  # also where the box cuts the triangle
-            tiny = tiny_bits(*packed, area, pixel, columns, rows)
-            part = wanted[1 : 1 + rows, 2 : 2 + columns]
-            assert {n for n in range(64) if (tiny >> n) & 1} == {TINY * y + x for y, x in np.argwhere(part)}
+        bits = window_bits(*packed, area, pixel)  # also where the window cuts the triangle
+        part = [(x, y) for y, x in itertools.product(range(WINDOW), repeat=2) if covers(corners, x + 2, y + 1)]
+        assert {n for n in range(64) if (bits >> n) & 1} == {WINDOW * y + x for x, y in part}
+        outside = [misses(*e, 5, 4) for e in edges_of(packed, corners, 2, 1)]
+        assert not (any(outside) and any(x < 5 and y < 4 for x, y in part))
 
 
 def test_two_triangles_share_no_pixel_and_leave_none_out() -> None:
@@ -107,11 +103,12 @@ def test_two_triangles_share_no_pixel_and_leave_none_out() -> None:
         assert total == count.sum() == int(b[0] - 0.5) * int(b[1] - 0.5)
 
 
-@pytest.mark.parametrize("small", [False, True, None])
-def test_the_nearest_wins_and_of_equal_ones_the_lowest_id(small: bool | None) -> None:
+@pytest.mark.parametrize("right", [6, 40])
+@pytest.mark.parametrize("small", [False, True])
+@pytest.mark.parametrize("window", [False, True])
+def test_the_nearest_wins_and_of_equal_ones_the_lowest_id(window: bool, small: bool, right: int) -> None:
     """Coincident triangles, in every order, and planes that cross."""
-    right = 7 if small is not None else 6  # tiny ones have four columns
-    box = (3, 2, right, 5)
+    right = min(right, 10) if window else right
     planes = [
         (0.0, 0.0, 0.5, 0.1, 0.9),
         (0.0, 0.0, 0.5, 0.1, 0.9),  # coincident
@@ -121,28 +118,49 @@ def test_the_nearest_wins_and_of_equal_ones_the_lowest_id(small: bool | None) ->
     wanted_keys = np.full((TILE_HEIGHT, TILE_WIDTH), 0.05)
     wanted = np.full((TILE_HEIGHT, TILE_WIDTH), -1)
     for y, x in itertools.product(range(2, 6), range(3, right + 1)):
-        values = [min(max((kc + ky * y) + kx * x, low), high) for kx, ky, kc, low, high in planes]
+        start = 0 if small else y * TILE_WIDTH  # from where columns count: planes that cross may round to equal keys
+        keys_of = ((kc + ky * y - kx * start + kx * (start + x), low, high) for kx, ky, kc, low, high in planes)
+        values = [min(max(key, low), high) for key, low, high in keys_of]
         wanted[y, x] = max(range(4), key=lambda k: (values[k], -k))
         wanted_keys[y, x] = max(values)
     for order in itertools.permutations(range(4)):
         keys, ids = np.full(TILE_WIDTH * TILE_HEIGHT, 0.05), np.full(TILE_WIDTH * TILE_HEIGHT, -1, np.int32)
         for t in order:
-            if small is None:
-                fill_tiny(t, planes[t], 3, 2, np.int64(0xFFFF), keys, ids)
-            elif small:
-                fill_small(t, planes[t], box, np.int64(-1), keys, ids)
+            if window:
+                rows = sum(((1 << (right - 2)) - 1) << (WINDOW * y) for y in range(4))
+                fill_window(t, planes[t], 3, 2, np.uint64(rows), small, keys, ids)
             else:
-                first, last = np.zeros(4, np.int64), np.full(4, 4, np.int64)
-                assert fill(t, planes[t], (3, 2, 5), first, last, keys, ids) == 20
+                first, last = np.zeros(4, np.int64), np.full(4, right - 3, np.int64)
+                assert fill(t, planes[t], (3, 2, 5), small, first, last, keys, ids) == 4 * (right - 2)
         np.testing.assert_array_equal(ids.reshape(wanted.shape), wanted)
         np.testing.assert_allclose(keys.reshape(wanted.shape), wanted_keys, rtol=1e-14)
     assert set(np.unique(wanted)) == {-1, 0, 2, 3}
 
 
-def test_a_tiny_triangle_is_hidden_where_all_its_pixels_are_nearer() -> None:
+def test_spans_that_cut_groups_of_pixels_touch_no_others() -> None:
+    for begin, end in itertools.combinations_with_replacement(range(TILE_WIDTH), 2):
+        keys, ids = np.zeros(TILE_WIDTH * TILE_HEIGHT), np.full(TILE_WIDTH * TILE_HEIGHT, -1, np.int32)
+        last = TILE_HEIGHT - 1  # beyond which there is nothing
+        ends = np.array([begin]), np.array([end])
+        fill(7, (0.0, 0.0, 0.5, 0.1, 0.9), (0, last, last), True, *ends, keys, ids)
+        hit = np.zeros((TILE_HEIGHT, TILE_WIDTH), bool)
+        hit[last, begin : end + 1] = True
+        np.testing.assert_array_equal(keys.reshape(hit.shape), np.where(hit, 0.5, 0.0))
+        np.testing.assert_array_equal(ids.reshape(hit.shape), np.where(hit, 7, -1))
+
+
+def test_windows_stay_within_their_tile() -> None:
+    for x, y in itertools.product(range(2 * TILE_WIDTH), range(2 * TILE_HEIGHT)):
+        left, top = window_start(x, y)
+        assert left <= x <= left + WINDOW and top <= y <= top + WINDOW
+        assert left // TILE_WIDTH == (left + WINDOW - 1) // TILE_WIDTH == x // TILE_WIDTH
+        assert top // TILE_HEIGHT == (top + WINDOW - 1) // TILE_HEIGHT == y // TILE_HEIGHT
+
+
+def test_a_small_triangle_is_hidden_where_all_its_pixels_are_nearer() -> None:
     keys = np.full(TILE_WIDTH * TILE_HEIGHT, 0.5)
     keys[4 * TILE_WIDTH + 7] = 0.2
-    inside = np.int64(1 << (TINY * 2 + 2))  # that pixel, in a box from column 5 and row 2
-    assert is_hidden(0.4, 5, 2, np.int64(0xFFFF) & ~inside, keys) and not is_hidden(0.4, 5, 2, np.int64(0xFFFF), keys)
+    inside, every = np.uint64(1 << (WINDOW * 2 + 2)), np.uint64(2**64 - 1)  # that pixel, in a window from (5, 2)
+    assert is_hidden(0.4, 5, 2, every & ~inside, keys) and not is_hidden(0.4, 5, 2, every, keys)
     assert not is_hidden(0.4, 5, 2, inside, keys) and is_hidden(0.1, 5, 2, inside, keys)
-    assert not is_hidden(0.5, 5, 2, np.int64(1), keys), "of equal keys the id decides"
+    assert not is_hidden(0.5, 5, 2, np.uint64(1), keys), "of equal keys the id decides"

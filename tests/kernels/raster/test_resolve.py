@@ -29,8 +29,9 @@ def test_a_tile_against_a_loop(orthographic: bool, wants_ids: bool) -> None:
     faces = np.stack([np.arange(count), np.arange(count) + 1, np.arange(count) + 2], 1).astype(np.int32)
     objects = rng.integers(0, 9, count)
     nothing, none = np.zeros((0, 3), np.int64), np.zeros(0, np.int32)
-    lists = (nothing, nothing[:, 0], np.zeros(0), none, np.zeros((0, 4), np.int32))
-    scene = Triangles(points, faces, objects, *lists, nothing, none)
+    lists = (nothing, np.zeros(0, np.uint64), np.zeros(0), none, np.zeros((0, 4), np.int32))
+    order = np.arange(count, dtype=np.int32)
+    scene = Triangles(points, faces, objects, order, faces, *lists, nothing, none)
     frame = Frame(150, 80, 0.1, 100.0, orthographic)
     left, top, width, height = 64, 32, 51, 23
     buffers = tile(rng, count)

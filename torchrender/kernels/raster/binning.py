@@ -9,7 +9,8 @@ from numba import prange
 
 from torchrender.kernels.atomics import borrowed
 from torchrender.kernels.compile import kernel
-from torchrender.kernels.raster.coverage import COLUMN_BITS, ROW_BITS, TILE_HEIGHT, TILE_WIDTH, TINY, tiny_bits
+from torchrender.kernels.raster import coverage
+from torchrender.kernels.raster.coverage import COLUMN_BITS, NO_BITS, ROW_BITS, TILE_HEIGHT, TILE_WIDTH
 from torchrender.kernels.raster.project import GUARD, NEEDS_CLIP, SUBPIXEL, SUBPIXEL_BITS, snap, snapped_x, snapped_y
 
 HALF = SUBPIXEL >> 1
@@ -30,11 +31,11 @@ class Lists(NamedTuple):
     """Triangles that each chunk of clusters keeps."""
 
     corners: np.ndarray  # (N,3) int64 snapped
-    bits: np.ndarray  # (N,) int64 covered pixels of a tiny box within one tile, or 0: then the corners count
+    bits: np.ndarray  # (N,) uint64 covered pixels of a window within one tile, or 0: then the corners count
     highs: np.ndarray  # (N,) float64 keys that no fragment exceeds
-    ids: np.ndarray  # (N,) int32
-    boxes: np.ndarray  # (N,4) int32 first column and row, last column and row of pixels
-    to_clip: np.ndarray  # (N,) int32 ids, in the same places
+    places: np.ndarray  # (N,) int32 in the order of the clusters
+    boxes: np.ndarray  # (N,4) int32 first column and row of the box or window, last column and row of the box
+    to_clip: np.ndarray  # (N,) int32 places in the order of those to clip
 
 
 class Listing(NamedTuple):
@@ -125,22 +126,22 @@ def classify_clusters(projected, listed, clusters, frame, how, part, lists, coun
     image = (0, 0, width - 1, height - 1)
     left, top = width >> 1, height >> 1
     columns = (width + TILE_WIDTH - 1) >> COLUMN_BITS
-    corners, bits_of, highs, ids, boxes, to_clip = (
-        lists.corners, lists.bits, lists.highs, lists.ids, lists.boxes, lists.to_clip
+    corners, bits_of, highs, places, boxes, to_clip = (
+        lists.corners, lists.bits, lists.highs, lists.places, lists.boxes, lists.to_clip
     )  # fmt: skip
     first, end, start = part
-    n = m = start
+    n = m = np.uintp(start)  # unsigned, as all indices here: signed ones may count from the end, which takes a test
     cull, plain, mask = how
     mask = borrowed(mask)
     for k in range(first, end):
-        for place in range(runs[chosen[k], 0], runs[chosen[k], 1]):
-            t = order[place]
-            va, vb, vc = listed[place, 0], listed[place, 1], listed[place, 2]
+        for place in range(np.uintp(runs[chosen[k], 0]), np.uintp(runs[chosen[k], 1])):
+            t = np.uintp(order[place])
+            va, vb, vc = np.uintp(listed[place, 0]), np.uintp(listed[place, 1]), np.uintp(listed[place, 2])
             a, b, c = packed[va, 3], packed[vb, 3], packed[vc, 3]
             if a == NEEDS_CLIP or b == NEEDS_CLIP or c == NEEDS_CLIP:
                 if not out_of_view(points, listed, place, near, far, orthographic, width * 0.5 + 1, height * 0.5 + 1):
-                    to_clip[m] = t
-                    m += 1
+                    to_clip[m] = place
+                    m += np.uintp(1)
                 continue
             x0, y0, x1, y1 = pixel_box(a, b, c, image, left, top)
             if x0 > x1 or y0 > y1:
@@ -149,26 +150,29 @@ def classify_clusters(projected, listed, clusters, frame, how, part, lists, coun
             if is_culled(area, side_of(t, cull, single_sided)):
                 continue
             i0, j0, i1, j1 = x0 >> COLUMN_BITS, y0 >> ROW_BITS, x1 >> COLUMN_BITS, y1 >> ROW_BITS
-            bits = np.int64(0)
-            if max(x1 - x0, y1 - y0) < TINY:
+            bits = NO_BITS
+            if max(x1 - x0, y1 - y0) < coverage.WINDOW:
+                whole = i0 == i1 and j0 == j1 and (x1 - x0 + 1) * (y1 - y0 + 1) <= coverage.SMALL
+                if whole:
+                    x0, y0 = coverage.window_start(x0, y0)
                 pixel = ((x0 - left) * SUBPIXEL + HALF, (y0 - top) * SUBPIXEL + HALF)
-                bits = tiny_bits(a, b, c, area, pixel, x1 - x0 + 1, y1 - y0 + 1)
-                if bits == 0:
+                bits = coverage.window_bits(a, b, c, area, pixel)
+                if bits == NO_BITS:
                     continue
                 holed = mask.shape[0] > 0 and mask[t] >= 0
-                if not plain or holed or i0 != i1 or j0 != j1:
-                    bits = np.int64(0)  # of two tiles each has its own part of the box
-            ids[n] = t
-            if bits == 0:
+                if not plain or holed or not whole:
+                    bits = NO_BITS  # of two tiles each has its own part of the box
+            places[n] = place
+            if bits == NO_BITS:
                 corners[n, 0], corners[n, 1], corners[n, 2] = a, b, c
             bits_of[n] = bits
             highs[n] = greatest_key(points, listed, place, frame)
             boxes[n, 0], boxes[n, 1], boxes[n, 2], boxes[n, 3] = x0, y0, x1, y1
-            n += 1
+            n += np.uintp(1)
             for j in range(j0, j1 + 1):
                 for i in range(i0, i1 + 1):
-                    counts[j * columns + i] += 1
-    return n - start, m - start
+                    counts[np.uintp(j * columns + i)] += 1
+    return np.int64(n) - start, np.int64(m) - start
 
 
 @kernel(parallel=True)
@@ -267,21 +271,22 @@ def clip_polygon(polygon, count, near, orthographic):
 
 
 @kernel()
-def clip_triangles(points, faces, ids, frame, sides, positions, owners):
-    """Clip the triangles ``ids`` and fan them: snapped corners (M,3) and triangle ids (M,); returns M.
+def clip_triangles(points, listed, places, frame, sides, positions, owners):
+    """Clip the triangles at ``places`` in the order and fan them: snapped corners (M,3) and places (M,); returns M.
 
-    ``sides``: what to cull of all triangles, which ones are single-sided (F,) or (0,).
+    ``listed`` (F,3): faces in this order; ``sides``: what to cull of all triangles, which ones are single-sided (F,)
+    or (0,), and the order (F,).
     """
-    cull, single_sided = sides
+    cull, single_sided, order = sides
     near, orthographic = frame.near, frame.orthographic
     limit = float(GUARD)
     polygon = np.zeros((MAX_CLIPPED, 3))
     corner = np.zeros(MAX_CLIPPED, np.int64)
     total = 0
-    for t in ids:
+    for place in places:
         for k in range(3):
             for i in range(3):
-                polygon[k, i] = points[faces[t, k], i]
+                polygon[k, i] = points[listed[place, k], i]
         count = clip_polygon(polygon, 3, near, orthographic)
         for k in range(count):
             w = 1.0 if orthographic else polygon[k, 2]
@@ -290,11 +295,11 @@ def clip_triangles(points, faces, ids, frame, sides, positions, owners):
             corner[k] = snap(x, y)
         for k in range(1, count - 1):
             area = doubled_area(corner[0], corner[k], corner[k + 1])
-            if not is_culled(area, side_of(t, cull, single_sided)):
+            if not is_culled(area, side_of(order[place], cull, single_sided)):
                 positions[total, 0] = corner[0]
                 positions[total, 1] = corner[k]
                 positions[total, 2] = corner[k + 1]
-                owners[total] = t
+                owners[total] = place
                 total += 1
     return total
 

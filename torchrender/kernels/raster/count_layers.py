@@ -88,10 +88,11 @@ def count_holed(t, keys, limits, spot, scene, holes, stored, outputs):
 
 
 @kernel()
-def count_triangle(t, place, scene, frame, holes, stored, limits, outputs):
-    """Add one triangle to the pixels of a tile that it covers: ``place``, a :class:`Covered`."""
-    x0, y0, y1, left, top, origin, first, last = place
-    kx, ky, kc, low, high = key_plane(scene.points, scene.faces, t, frame)
+def count_triangle(place, pixels, scene, frame, holes, stored, limits, outputs):
+    """Add the triangle at a place in the order to the pixels of a tile that it covers: :class:`Covered`."""
+    x0, y0, y1, left, top, origin, first, last = pixels
+    t = np.int64(scene.order[place])
+    kx, ky, kc, low, high = key_plane(scene.points, scene.listed, place, frame)
     holed = holes.mask.shape[0] > 0 and holes.mask[t] >= 0
     for y in range(y0, y1 + 1):
         begin, end = x0 + first[y - y0], x0 + last[y - y0]
@@ -133,14 +134,14 @@ def count_tile(scene, bins, frame, holes, stored, work, k, outputs):
     origin = (left - (width >> 1), top - (height >> 1))
     limits = (eps[0], eps[1], frame.far)
     for n in range(starts[k], starts[k + 1]):
-        t, a, b, c = fetch(entries[n], scene)
+        place, a, b, c = fetch(entries[n], scene)
         x0, y0, x1, y1 = pixel_box(a, b, c, (left, top, right, bottom), width >> 1, height >> 1)
         if x0 > x1 or y0 > y1:
             continue
         box = (x0 - left, y0 - top, x1 - left, y1 - top)
         row_ends((a, b, c), box, origin, ends[0], ends[1])
-        place = Covered(box[0], box[1], box[3], left, top, origin, ends[0], ends[1])
-        count_triangle(t, place, scene, frame, holes, stored, limits, outputs)
+        pixels = Covered(box[0], box[1], box[3], left, top, origin, ends[0], ends[1])
+        count_triangle(place, pixels, scene, frame, holes, stored, limits, outputs)
 
 
 @kernel(parallel=True)

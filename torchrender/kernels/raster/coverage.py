@@ -8,18 +8,22 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba.cpython.unsafe.numbers import trailing_zeros
 
+from torchrender.kernels.atomics import borrowed
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.raster.fragments import has_surface, has_triangle, is_hole, only_identity
+from torchrender.kernels.raster.lanes import LANES, covered_window, keep_nearest, reaches
 from torchrender.kernels.raster.planes import barycentric_planes
 from torchrender.kernels.raster.project import SUBPIXEL, snapped_x, snapped_y
 
 HAIR = 1e-6  # pixels by which a span's ends are guessed too wide before the exact test
 COLUMN_BITS, ROW_BITS = 6, 5
 TILE_WIDTH, TILE_HEIGHT = 1 << COLUMN_BITS, 1 << ROW_BITS
-SMALL = 24  # boxes of at most this many pixels are tested pixel by pixel
-TINY = 4  # boxes of at most so many columns and rows are tested when triangles are listed
+WINDOW = LANES  # boxes of at most so many columns and rows are tested as a whole
+SMALL = 24
+"""Boxes of at most this many pixels count columns from the start of their rows, larger ones from that of the tile. The
+keys round differently, which decides between coplanar triangles."""
+NO_BITS, ROW = np.uint64(0), np.uint64((1 << WINDOW) - 1)
 
 
 @kernel(inline=True)
@@ -67,130 +71,83 @@ def spans(value, step_x, step_y, rows, width, first, last):
 
 
 @kernel(inline=True)
-def covered_bits(edges, width, rows):
-    """One bit for each covered pixel of a small box, rows of ``width`` bits; edges are given at its first pixel."""
-    e0, dx0, dy0, e1, dx1, dy1, e2, dx2, dy2 = edges
-    bits = np.int64(0)
-    place = np.int64(0)
-    for _ in range(rows):
-        f0, f1, f2 = e0, e1, e2
-        for _ in range(width):
-            bits |= np.int64((f0 | f1 | f2) >= 0) << place
-            place += 1
-            f0 += dx0
-            f1 += dx1
-            f2 += dx2
-        e0 += dy0
-        e1 += dy1
-        e2 += dy2
-    return bits
+def misses(value, step_x, step_y, width, rows):
+    """True if an edge has every pixel of a box on its outer side; it is given at the first pixel."""
+    return value + max(step_x * (width - 1), 0) + max(step_y * (rows - 1), 0) < 0
 
 
 @kernel(inline=True)
-def small_bits(a, b, c, area, pixel, width, rows):
-    """:func:`covered_bits` of a triangle of snapped corners; ``pixel``: the first one's centre, snapped."""
-    sign = 1 if area > 0 else -1
-    px, py = pixel
-    e0, dx0, dy0 = edge(a, b, sign, px, py)
-    e1, dx1, dy1 = edge(b, c, sign, px, py)
-    e2, dx2, dy2 = edge(c, a, sign, px, py)
-    return covered_bits((e0, dx0, dy0, e1, dx1, dy1, e2, dx2, dy2), width, rows)
+def window_start(x, y):
+    """The first pixel moved so that a window from there stays within its tile."""
+    column, row = x & (TILE_WIDTH - 1), y & (TILE_HEIGHT - 1)
+    return x - max(column - (TILE_WIDTH - WINDOW), 0), y - max(row - (TILE_HEIGHT - WINDOW), 0)
 
 
 @kernel(inline=True)
-def tiny_bits(a, b, c, area, pixel, width, rows):
-    """One bit for each covered pixel of a box of at most TINY x TINY: bit ``TINY y + x``.
+def window_bits(a, b, c, area, pixel):
+    """One bit for each covered pixel of a window of WINDOW x WINDOW: bit ``WINDOW y + x``.
 
-    Without loops of varying length: mispredicted branches would cost more than the pixels outside.
+    ``pixel``: the first one's centre, snapped. All of the window is tested, wherever the triangle ends: mispredicted
+    branches would cost more.
     """
     sign = 1 if area > 0 else -1
     px, py = pixel
     e0, dx0, dy0 = edge(a, b, sign, px, py)
     e1, dx1, dy1 = edge(b, c, sign, px, py)
     e2, dx2, dy2 = edge(c, a, sign, px, py)
-    f0, f1, f2 = e0 + dx0, e1 + dx1, e2 + dx2
-    bits = np.int64((e0 | e1 | e2) >= 0) | np.int64((f0 | f1 | f2) >= 0) << 1
-    bits |= np.int64((e0 + dy0 | e1 + dy1 | e2 + dy2) >= 0) << 4
-    bits |= np.int64((f0 + dy0 | f1 + dy1 | f2 + dy2) >= 0) << 5
-    if max(width, rows) > 2:
-        bits = np.int64(0)
-        for y in range(4):
-            for x in range(4):
-                f0, f1, f2 = e0 + dx0 * x + dy0 * y, e1 + dx1 * x + dy1 * y, e2 + dx2 * x + dy2 * y
-                bits |= np.int64((f0 | f1 | f2) >= 0) << (4 * y + x)
-    # The box may be cut by the image, beyond which the triangle goes on.
-    return bits & (np.int64(0x1111) * ((1 << width) - 1)) & ((1 << (4 * rows)) - 1)
+    return covered_window((e0, e1, e2, dx0, dx1, dx2, dy0, dy1, dy2))
 
 
 @kernel(inline=True)
 def is_hidden(high, x0, y0, bits, keys):
-    """True if every pixel of :func:`tiny_bits` holds something nearer than the key ``high``."""
-    first = np.uintp(y0 * TILE_WIDTH + x0)
-    while bits != 0:
-        place = np.uintp(trailing_zeros(bits))
-        if keys[first + (place >> np.uintp(2)) * np.uintp(TILE_WIDTH) + (place & np.uintp(3))] <= high:
+    """True if every pixel of :func:`window_bits` holds something nearer than the key ``high``."""
+    place = np.uintp(y0 * TILE_WIDTH + x0)
+    while bits != NO_BITS:
+        if reaches(keys, place, bits & ROW, high):
             return False
-        bits &= bits - 1
+        bits >>= np.uint64(WINDOW)
+        place += np.uintp(TILE_WIDTH)
     return True
 
 
 @kernel(inline=True)
-def fill_tiny(t, plane, x0, y0, bits, keys, ids):
-    """Keep the triangle where it is nearer, at the pixels of :func:`tiny_bits`."""
+def fill_window(t, plane, x0, y0, bits, small, keys, ids):
+    """Keep the triangle where it is nearer, at the pixels of :func:`window_bits`; ``small``: see :data:`SMALL`."""
     kx, ky, kc, low, high = plane
-    while bits != 0:
-        place = np.int64(trailing_zeros(bits))
-        x, y = x0 + (place & 3), y0 + (place >> 2)
-        base = kc + ky * y
-        key = min(max(base + kx * x, low), high)
-        spot = np.uintp(y * TILE_WIDTH + x)
-        here = keys[spot]
-        if key > here or (key == here and t < ids[spot]):
-            keys[spot] = key
-            ids[spot] = t
-        bits &= bits - 1
+    y, owner = y0, np.int32(t)
+    while bits != NO_BITS:
+        row = y * TILE_WIDTH
+        start = 0 if small else row
+        base = kc + ky * y - kx * start
+        keep_nearest(keys, ids, np.uintp(row + x0), bits & ROW, (base, kx, np.float64(start + x0), low, high), owner)
+        bits >>= np.uint64(WINDOW)
+        y += 1
 
 
 @kernel(inline=True)
-def fill(t, plane, box, first, last, keys, ids):
-    """Keep the triangle where it is nearer, in the spans of its rows."""
+def fill(t, plane, box, small, first, last, keys, ids):
+    """Keep the triangle where it is nearer, in the spans of its rows; ``small``: see :data:`SMALL`."""
     kx, ky, kc, low, high = plane
     x0, y0, y1 = box
     owner = np.int32(t)
     count = 0
     for y in range(y1 - y0 + 1):
-        begin, end = first[y], last[y]
+        begin, end = x0 + first[y], x0 + last[y]
         if begin > end:
             continue
         count += end - begin + 1
-        base = kc + ky * (y0 + y)
         row = (y0 + y) * TILE_WIDTH
-        base -= kx * row
-        for x in range(np.uintp(row + x0 + begin), np.uintp(row + x0 + end + 1)):
-            key = min(max(base + kx * np.float64(x), low), high)
-            here = keys[x]
-            nearer = (key > here) | ((key == here) & (owner < ids[x]))
-            keys[x] = key if nearer else here
-            ids[x] = owner if nearer else ids[x]
+        start = 0 if small else row
+        base = kc + ky * (y0 + y) - kx * start
+        x = begin & -LANES
+        mask = ROW << np.uint64(begin - x)
+        while x + LANES <= end:
+            keep_nearest(keys, ids, np.uintp(row + x), mask, (base, kx, np.float64(start + x), low, high), owner)
+            mask = ROW
+            x += LANES
+        mask &= ROW >> np.uint64(x + LANES - 1 - end)
+        keep_nearest(keys, ids, np.uintp(row + x), mask, (base, kx, np.float64(start + x), low, high), owner)
     return count
-
-
-@kernel(inline=True)
-def fill_small(t, plane, box, bits, keys, ids):
-    """Keep the triangle where it is nearer, at the set bits of a small box x0, y0, x1, y1 in the tile."""
-    kx, ky, kc, low, high = plane
-    x0, y0, x1, y1 = box
-    for y in range(y0, y1 + 1):
-        base = kc + ky * y
-        for x in range(x0, x1 + 1):
-            if bits & 1:
-                key = min(max(base + kx * x, low), high)
-                place = np.uintp(y * TILE_WIDTH + x)
-                here = keys[place]
-                if key > here or (key == here and t < ids[place]):
-                    keys[place] = key
-                    ids[place] = t
-            bits >>= 1
 
 
 @kernel()
@@ -199,6 +156,7 @@ def fill_tested(t, plane, spot, scene, frame, tests, buffers):
 
     ``spot`` = (x0, y0, y1 in the tile, tile left, tile top in the image).
     """
+    scene, tests, buffers = borrowed(scene), borrowed(tests), borrowed(buffers)
     kx, ky, kc, low, high = plane
     x0, y0, y1, left, top = spot
     keys, ids, first, last = buffers.keys, buffers.ids, buffers.spans[0], buffers.spans[1]

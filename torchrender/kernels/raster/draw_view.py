@@ -187,7 +187,7 @@ class _Memory(threading.local):
         """Room for ``count`` triangles, not cleared."""
         if count > KEPT_TRIANGLES:
             return _lists(count)
-        if len(self._lists.ids) < count:
+        if len(self._lists.places) < count:
             self._lists = _lists(count)
         return self._lists
 
@@ -195,7 +195,7 @@ class _Memory(threading.local):
 def _lists(*count: int) -> binning.Lists:
     return binning.Lists(
         np.empty((*count, 3), np.int64),
-        np.empty(count, np.int64),
+        np.empty(count, np.uint64),
         np.empty(count),
         np.empty(count, np.int32),
         np.empty((*count, 4), np.int32),
@@ -228,20 +228,21 @@ def _bin(
     sides: bool,
 ) -> tuple[Triangles, Bins]:
     """What is drawn, and for each tile what may touch it."""
-    points, faces = projected[0], triangles.faces
+    points = projected[0]
     starts = _chunk_starts(triangles.clusters, chosen)
     lists = _memory.lists(int(starts[-1]))
     backless = triangles.single_sided if sides else triangles.single_sided[:0]
     clusters = binning.Clusters(triangles.clusters, triangles.order, chosen, backless)
     kept, counts = binning.classify(projected, triangles.listed, clusters, frame, how, starts, lists)
     crossing = np.concatenate([lists.to_clip[s : s + n] for s, n in zip(starts[:-1], kept[:, 1], strict=True)])
+    sides_of = (how.cull, backless, triangles.order)
     clipped = np.empty(((binning.MAX_CLIPPED - 2) * len(crossing), 3), np.int64)
     owners = np.empty(len(clipped), np.int32)
-    count = binning.clip_triangles(points, faces, np.sort(crossing), frame, (how.cull, backless), clipped, owners)
+    count = binning.clip_triangles(points, triangles.listed, crossing, frame, sides_of, clipped, owners)
     clipped, owners = clipped[:count], owners[:count]
     extra = np.zeros(counts.shape[1], np.int64)
     nothing = np.zeros(0, np.int64)
-    first_entry = len(lists.ids)
+    first_entry = len(lists.places)
     binning.bin_clipped(clipped, first_entry, frame, extra, nothing.astype(np.int32), nothing)
     per_tile = counts.sum(axis=0, dtype=np.int64) + extra
     begin = np.concatenate([[0], np.cumsum(per_tile)]).astype(np.int64)
@@ -253,7 +254,8 @@ def _bin(
     if count:
         binning.bin_clipped(clipped, first_entry, frame, extra, entries, last)
     order = np.argsort(-per_tile, kind="stable")  # the heaviest tiles first, so that threads end together
-    drawn = Triangles(points, faces, triangles.objects, *lists[:-1], clipped, owners)
+    shape = (triangles.faces, triangles.objects, triangles.order, triangles.listed)
+    drawn = Triangles(points, *shape, *lists[:-1], clipped, owners)
     return drawn, Bins(order, begin, entries, np.zeros(1, np.int64))
 
 

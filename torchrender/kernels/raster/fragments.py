@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numba import prange
 
+from torchrender.kernels.atomics import borrowed
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.raster.records import SOLID, EarlierLens
 
@@ -32,6 +33,7 @@ def cosines(px, py, key, slope, uvz, lens, matrix, inverse):
 
     The plane is ``key = kx x + ky y + kc``, so that ``k . X = 1`` for its points X in homogeneous pixels.
     """
+    matrix, inverse = borrowed(matrix), borrowed(inverse)
     kx, ky = slope
     kc = key - kx * px - ky * py
     u, v, z = uvz
@@ -56,6 +58,7 @@ def same_surface(t, j, uvz, there, lens, earlier):
 
     CAPTURED: the pixel of image ``j`` stores nothing that lies clearly before the fragment.
     """
+    earlier = borrowed(earlier)
     u, v, z = uvz
     ids, test = earlier.ids, earlier.test
     stored = np.float64(earlier.depth[j, np.int64(math.floor(v)), np.int64(math.floor(u))])
@@ -75,6 +78,7 @@ def same_surface(t, j, uvz, there, lens, earlier):
 @kernel()
 def image_has(t, px, py, key, slope, j, uvz, earlier):
     """The tests of section 13, for a fragment that projects into image ``j`` at pixel (u, v) and depth z."""
+    earlier = borrowed(earlier)
     lens = lens_of(earlier.lenses, j)
     there, here = cosines(px, py, key, slope, uvz, lens, earlier.matrix, earlier.inverse)
     if earlier.test != IDENTITY:
@@ -124,9 +128,10 @@ def has_triangle(t, px, py, key, ids, pixels, near):
 @kernel()
 def has_surface(t, px, py, key, slope, earlier):
     """As :func:`has_triangle`, with the tests of section 13; ``slope``: the key's steps per pixel."""
+    earlier = borrowed(earlier)
     ids, pixels, near = earlier.ids, earlier.pixels, earlier.near
     key = stored_key(key)
-    for j in range(ids.shape[0]):
+    for j in range(np.uintp(ids.shape[0])):
         u, v, w = lookup(pixels, near, j, px, py, key)
         if w > 0.0:
             inverse = 1.0 / w
@@ -158,7 +163,8 @@ def wrapped(x, wrap):
 @kernel()
 def is_hole(t, u, v, faces, holes):
     """True if the texel at barycentric weights (u, v) of triangle ``t`` is missing."""
-    mask, table, texels, uv = holes
+    faces = borrowed(faces)
+    mask, table, texels, uv = borrowed(holes)
     row = mask[t]
     if row < 0:
         return False

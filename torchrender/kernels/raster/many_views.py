@@ -104,10 +104,10 @@ def list_triangles(shape, pose, frame, how, points, packed, lists):
     kept, crossing = classify_clusters((points, packed), shape.listed, clusters, frame, how, part, lists, counts)
     clipped = np.empty(((MAX_CLIPPED - 2) * crossing, 3), np.int64)
     owners = np.empty((MAX_CLIPPED - 2) * crossing, np.int32)
-    sides = (how.cull, shape.single_sided)
-    made = clip_triangles(points, shape.faces, lists.to_clip[:crossing], frame, sides, clipped, owners)
+    sides = (how.cull, shape.single_sided, shape.order)
+    made = clip_triangles(points, shape.listed, lists.to_clip[:crossing], frame, sides, clipped, owners)
     clipped, owners = clipped[:made], owners[:made]
-    first_entry = lists.ids.shape[0]
+    first_entry = lists.places.shape[0]
     extra = np.zeros(counts.shape[0], np.int64)
     bin_clipped(clipped, first_entry, frame, extra, np.empty(0, np.int32), extra)
     begin = offsets_of(counts + extra)
@@ -116,8 +116,11 @@ def list_triangles(shape, pose, frame, how, points, packed, lists):
     scatter_list(lists.boxes, 0, kept, columns, offsets, entries)
     if made > 0:
         bin_clipped(clipped, first_entry, frame, extra, entries, offsets)
-    corners, bits, highs, ids, boxes, _ = lists
-    drawn = Triangles(points, shape.faces, shape.objects, corners, bits, highs, ids, boxes, clipped, owners)
+    corners, bits, highs, places, boxes, _ = lists
+    drawn = Triangles(
+        points, shape.faces, shape.objects, shape.order, shape.listed,
+        corners, bits, highs, places, boxes, clipped, owners,
+    )  # fmt: skip
     return drawn, Bins(np.zeros(0, np.int64), begin, entries, np.zeros(0, np.int64))
 
 

@@ -23,13 +23,15 @@ class Triangles(NamedTuple):
     points: np.ndarray  # (V,4) float64: homogeneous pixel about the image centre, and place of the snapped one
     faces: np.ndarray  # (F,3) int32
     objects: np.ndarray  # (F,) int64
+    order: np.ndarray  # (F,) int32 triangle ids, cluster by cluster
+    listed: np.ndarray  # (F,3) int32 faces in this order
     corners: np.ndarray  # (N,3) int64 snapped
-    bits: np.ndarray  # (N,) int64 covered pixels of a small box, or 0
+    bits: np.ndarray  # (N,) uint64 covered pixels of a window, or 0
     highs: np.ndarray  # (N,) float64 keys that no fragment exceeds
-    ids: np.ndarray  # (N,) int32
-    boxes: np.ndarray  # (N,4) int32 pixels
+    places: np.ndarray  # (N,) int32 in the order
+    boxes: np.ndarray  # (N,4) int32 first pixel of the box or window, last pixel of the box
     clipped: np.ndarray  # (M,3) int64 snapped
-    owners: np.ndarray  # (M,) int32 ids
+    owners: np.ndarray  # (M,) int32 places in the order
 
 
 class Bins(NamedTuple):

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+from numba.cpython.unsafe.numbers import trailing_zeros
 
+from torchrender.kernels.atomics import borrowed
 from torchrender.kernels.compile import kernel
-from torchrender.kernels.raster.coverage import TILE_WIDTH
+from torchrender.kernels.raster.coverage import NO_BITS, ROW, TILE_WIDTH
+from torchrender.kernels.raster.lanes import LANES, same_lanes, write_owner, write_weights
 from torchrender.kernels.raster.planes import barycentric_planes
 
 CACHED = 1024  # triangles whose barycentric planes are kept from row to row; a power of two
@@ -27,10 +30,28 @@ def write_depth(orthographic, row, left, count, source, keys, ids, depth):
             depth[row, left + x] = inverse if ids[source + x] >= 0 else np.inf
 
 
+@kernel(inline=True)
+def plane_of(scene, t, orthographic, known, planes):
+    """Where the planes of triangle ``t`` are kept."""
+    slot = np.uintp(t & (CACHED - 1))
+    if known[slot] != t:
+        known[slot] = t
+        a, b, c, d, e, f = barycentric_planes(scene.points, scene.faces, t, orthographic)
+        planes[slot, 0] = a
+        planes[slot, 1] = b
+        planes[slot, 2] = c
+        planes[slot, 3] = d
+        planes[slot, 4] = e
+        planes[slot, 5] = f
+    return slot
+
+
 @kernel()
 def resolve(scene, frame, place, buffers, outputs):
     """Write a finished tile; planes are kept while one view is drawn, because most triangles span several rows."""
-    points, faces, objects = scene.points, scene.faces, scene.objects
+    # Counting references would cost more than the rest.
+    scene, buffers, outputs = borrowed(scene), borrowed(buffers), borrowed(outputs)
+    objects = scene.objects
     orthographic = frame.orthographic
     left, top, width, height = place
     centre_x, centre_y = frame.width >> 1, frame.height >> 1
@@ -47,40 +68,22 @@ def resolve(scene, frame, place, buffers, outputs):
             continue
         for x in range(count):
             triangle[row, target + x] = ids[source + x]
-        start = np.uintp(0)
-        one = np.uintp(1)
         py = top + y + 0.5 - centre_y
         shift = left + 0.5 - centre_x
-        while start < count:
-            t = np.int64(ids[source + start])
-            end = start + one
-            while end < count and ids[source + end] == t:
-                end += one
-            if t >= 0:
-                owner = objects[t]
-                slot = np.uintp(t & (CACHED - 1))
-                if known[slot] != t:
-                    known[slot] = t
-                    a, b, c, d, e, f = barycentric_planes(points, faces, t, orthographic)
-                    planes[slot, 0] = a
-                    planes[slot, 1] = b
-                    planes[slot, 2] = c
-                    planes[slot, 3] = d
-                    planes[slot, 4] = e
-                    planes[slot, 5] = f
+        for start in range(np.uintp(0), count, np.uintp(LANES)):
+            here, spot = source + start, (row, target + start)
+            rest = ROW >> np.uint64(max(start + np.uintp(LANES), count) - count)
+            while rest != NO_BITS:
+                t = ids[here + np.uintp(trailing_zeros(rest))]
+                mask = same_lanes(ids, here, t) & rest
+                rest ^= mask
+                column = np.float64(start) + shift
+                if t < 0:
+                    write_owner(object_id, spot, mask, -1)
+                    write_weights(barycentric, spot, mask, (0.0, 0.0, 0.0, 0.0, column), keys, here, False)
+                    continue
+                slot = plane_of(scene, np.int64(t), orthographic, known, planes)
                 ux, uc = planes[slot, 0], planes[slot, 1] * py + planes[slot, 2]
                 vx, vc = planes[slot, 3], planes[slot, 4] * py + planes[slot, 5]
-                for x in range(start, end):
-                    object_id[row, target + x] = owner
-                    weight = 1.0 if orthographic else keys[source + x]
-                    px = np.float64(x) + shift
-                    u = min(max((ux * px + uc) * weight, 0.0), 1.0)
-                    v = min(max((vx * px + vc) * weight, 0.0), 1.0 - u)
-                    barycentric[row, target + x, np.uintp(0)] = u
-                    barycentric[row, target + x, np.uintp(1)] = v
-            else:
-                for x in range(start, end):
-                    object_id[row, target + x] = -1
-                    barycentric[row, target + x, np.uintp(0)] = 0.0
-                    barycentric[row, target + x, np.uintp(1)] = 0.0
-            start = end
+                write_owner(object_id, spot, mask, objects[t])
+                write_weights(barycentric, spot, mask, (ux, uc, vx, vc, column), keys, here, not orthographic)

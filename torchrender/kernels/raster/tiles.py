@@ -12,18 +12,21 @@ from torchrender.kernels.compile import kernel
 from torchrender.kernels.raster.binning import HALF, doubled_area, pixel_box
 from torchrender.kernels.raster.coverage import (
     COLUMN_BITS,
+    NO_BITS,
     ROW_BITS,
     SMALL,
     TILE_HEIGHT,
     TILE_WIDTH,
+    WINDOW,
     edge,
     fill,
-    fill_small,
     fill_tested,
-    fill_tiny,
+    fill_window,
     is_hidden,
-    small_bits,
+    misses,
     spans,
+    window_bits,
+    window_start,
 )
 from torchrender.kernels.raster.planes import key_plane
 from torchrender.kernels.raster.project import SUBPIXEL
@@ -39,14 +42,14 @@ REFRESH = 1024  # pixels tried before they are found again
 
 @kernel(inline=True)
 def fetch(entry, scene):
-    """Triangle id and three snapped corners of a tile entry."""
-    corners, ids, clipped, owners = scene.corners, scene.ids, scene.clipped, scene.owners
-    count = ids.shape[0]
-    n = np.int64(entry)
+    """Place in the order of the clusters and three snapped corners of a tile entry. Unsigned, as all indices here."""
+    corners, places, clipped, owners = scene.corners, scene.places, scene.clipped, scene.owners
+    count = np.uintp(places.shape[0])
+    n = np.uintp(entry)
     if n < count:
-        return np.int64(ids[n]), corners[n, 0], corners[n, 1], corners[n, 2]
+        return np.uintp(places[n]), corners[n, 0], corners[n, 1], corners[n, 2]
     n -= count
-    return np.int64(owners[n]), clipped[n, 0], clipped[n, 1], clipped[n, 2]
+    return np.uintp(owners[n]), clipped[n, 0], clipped[n, 1], clipped[n, 2]
 
 
 @kernel(inline=True)
@@ -81,48 +84,53 @@ def least_low(lows, x0, y0, x1, y1):
 
 
 @kernel(inline=True)
-def plane_in_tile(t, left, top, scene, frame):
+def plane_in_tile(place, left, top, scene, frame):
     """The key over the tile's pixels, with its limits."""
     origin_x, origin_y = left - (np.int64(frame.width) >> 1), top - (np.int64(frame.height) >> 1)
-    kx, ky, kc, low, high = key_plane(scene.points, scene.faces, t, frame)
+    kx, ky, kc, low, high = key_plane(scene.points, scene.listed, place, frame)
     return kx, ky, kc + kx * (origin_x + 0.5) + ky * (origin_y + 0.5), low, high
 
 
 @kernel(inline=True)
-def draw(t, corners, box, scene, frame, tests, buffers):
-    """Draw one triangle into a tile; returns the number of pixels tried.
+def draw(place, corners, box, scene, frame, tests, buffers):
+    """Draw the triangle at a place in the order into a tile; returns the number of pixels tried.
 
     ``corners``: three snapped positions; ``box``: x0, y0, x1, y1 in the tile and the tile's left and top in the image.
     """
     a, b, c = corners
+    t = np.int64(scene.order[place])
     x0, y0, x1, y1, left, top = box
     keys, ids, first, last = buffers.keys, buffers.ids, buffers.spans[0], buffers.spans[1]
     origin = (left - (np.int64(frame.width) >> 1), top - (np.int64(frame.height) >> 1))
     tested = tests.limits.keys.shape[0] > 0 or tests.earlier.ids.shape[0] > 0
     if tests.holes.mask.shape[0] > 0:
         tested = tested or tests.holes.mask[t] >= 0
-    pixel = ((origin[0] + x0) * SUBPIXEL + HALF, (origin[1] + y0) * SUBPIXEL + HALF)
     area = doubled_area(a, b, c)
     width, rows = x1 - x0 + 1, y1 - y0 + 1
-    if width * rows <= SMALL and not tested:
-        bits = small_bits(a, b, c, area, pixel, width, rows)
-        if bits != 0:
-            fill_small(t, plane_in_tile(t, left, top, scene, frame), (x0, y0, x1, y1), bits, keys, ids)
-        return np.int64(bits != 0)
+    if max(width, rows) <= WINDOW and not tested:
+        x0, y0 = window_start(x0, y0)
+        bits = window_bits(a, b, c, area, ((origin[0] + x0) * SUBPIXEL + HALF, (origin[1] + y0) * SUBPIXEL + HALF))
+        if bits != NO_BITS:
+            plane = plane_in_tile(place, left, top, scene, frame)
+            fill_window(t, plane, x0, y0, bits, width * rows <= SMALL, keys, ids)
+        return np.int64(bits != NO_BITS)
+    px, py = (origin[0] + x0) * SUBPIXEL + HALF, (origin[1] + y0) * SUBPIXEL + HALF
     sign = 1 if area > 0 else -1
+    e0, dx0, dy0 = edge(a, b, sign, px, py)
+    e1, dx1, dy1 = edge(b, c, sign, px, py)
+    e2, dx2, dy2 = edge(c, a, sign, px, py)
+    if misses(e0, dx0, dy0, width, rows) or misses(e1, dx1, dy1, width, rows) or misses(e2, dx2, dy2, width, rows):
+        return np.int64(0)
     for y in range(np.uintp(rows)):
         first[y] = 0
         last[y] = width - 1
-    e, dx, dy = edge(a, b, sign, pixel[0], pixel[1])
-    spans(e, dx, dy, rows, width, first, last)
-    e, dx, dy = edge(b, c, sign, pixel[0], pixel[1])
-    spans(e, dx, dy, rows, width, first, last)
-    e, dx, dy = edge(c, a, sign, pixel[0], pixel[1])
-    spans(e, dx, dy, rows, width, first, last)
-    plane = plane_in_tile(t, left, top, scene, frame)
+    spans(e0, dx0, dy0, rows, width, first, last)
+    spans(e1, dx1, dy1, rows, width, first, last)
+    spans(e2, dx2, dy2, rows, width, first, last)
+    plane = plane_in_tile(place, left, top, scene, frame)
     if tested:
         return fill_tested(t, plane, (x0, y0, y1, left, top), scene, frame, tests, buffers)
-    return fill(t, plane, (x0, y0, y1), first, last, keys, ids)
+    return fill(t, plane, (x0, y0, y1), width * rows <= SMALL, first, last, keys, ids)
 
 
 @kernel(inline=True)
@@ -144,7 +152,7 @@ def render_tile(scene, bins, frame, tests, k, buffers, outputs):
     scene, tests, buffers, outputs = borrowed(scene), borrowed(tests), borrowed(buffers), borrowed(outputs)
     starts, entries = borrowed(bins.starts), borrowed(bins.entries)
     keys, ids, lows = buffers.keys, buffers.ids, buffers.lows
-    bits_of, highs, owner, boxes = scene.bits, scene.highs, scene.ids, scene.boxes
+    bits_of, highs, places, boxes = scene.bits, scene.highs, scene.places, scene.boxes
     width, height, _, far, orthographic = frame
     centre_x, centre_y = width >> 1, height >> 1
     columns = (width + TILE_WIDTH - 1) >> COLUMN_BITS
@@ -164,31 +172,33 @@ def render_tile(scene, bins, frame, tests, k, buffers, outputs):
         end = first
     bounds = (left, top, left + tile_width - 1, top + tile_height - 1)
     for n in range(first, end):
-        entry = np.int64(entries[n])
+        entry = np.uintp(entries[np.uintp(n)])
         high = np.inf
-        if entry < owner.shape[0]:
+        if entry < np.uintp(places.shape[0]):
             high = highs[entry]
             if high < lowest:
                 continue
             bits = bits_of[entry]
-            if bits != 0:
+            if bits != NO_BITS:
                 x0, y0 = np.int64(boxes[entry, 0]) - left, np.int64(boxes[entry, 1]) - top
                 if not is_hidden(high, x0, y0, bits, keys):
-                    t = np.int64(owner[entry])
-                    fill_tiny(t, plane_in_tile(t, left, top, scene, frame), x0, y0, bits, keys, ids)
+                    place = np.uintp(places[entry])
+                    t = np.int64(scene.order[place])
+                    plane = plane_in_tile(place, left, top, scene, frame)
+                    fill_window(t, plane, x0, y0, bits, True, keys, ids)
                     tried += 1
                     if tried > REFRESH:
                         lowest = find_lows(keys, lows)
                         tried = 0
                 continue
-        t, a, b, c = fetch(entry, scene)
+        place, a, b, c = fetch(entry, scene)
         x0, y0, x1, y1 = pixel_box(a, b, c, bounds, centre_x, centre_y)
         if x0 > x1 or y0 > y1:
             continue
         box = (x0 - left, y0 - top, x1 - left, y1 - top, left, top)
         if high < least_low(lows, box[0], box[1], box[2], box[3]):
             continue
-        tried += draw(t, (a, b, c), box, scene, frame, tests, buffers)
+        tried += draw(place, (a, b, c), box, scene, frame, tests, buffers)
         if tried > REFRESH:
             lowest = find_lows(keys, lows)
             tried = 0

@@ -1,0 +1,101 @@
+"""Eight pixels at a time, against loops in Python's integers and floats."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+from torchrender.kernels.raster.lanes import (
+    LANES,
+    covered_window,
+    keep_nearest,
+    reaches,
+    same_lanes,
+    write_owner,
+    write_weights,
+)
+
+
+@numba.njit
+def window(edges):
+    return covered_window(edges)
+
+
+@numba.njit
+def kept(keys, ids, place, mask, plane, t):
+    keep_nearest(keys, ids, np.uintp(place), np.uint64(mask), plane, np.int32(t))
+
+
+@numba.njit
+def reached(keys, place, mask, high):
+    return reaches(keys, np.uintp(place), np.uint64(mask), high)
+
+
+@numba.njit
+def alike(ids, place, t):
+    return same_lanes(ids, np.uintp(place), np.int32(t))
+
+
+@numba.njit
+def written(owners, weights, place, mask, planes, depths, source, weighted, owner):
+    spot = (np.uintp(place[0]), np.uintp(place[1]))
+    write_owner(owners, spot, np.uint64(mask), owner)
+    write_weights(weights, spot, np.uint64(mask), planes, depths, np.uintp(source), weighted)
+
+
+def set_bits(mask: int) -> set[int]:
+    return {k for k in range(64) if (int(mask) >> k) & 1}
+
+
+def test_a_window_is_inside_where_all_three_edges_are_not_negative() -> None:
+    rng = np.random.default_rng(0)
+    for scale in (4, 1 << 40):
+        for _ in range(200):
+            e, dx, dy = (rng.integers(-scale, scale, 3) * f for f in (6, 1, 1))
+            inside = {
+                8 * y + x
+                for y in range(8)
+                for x in range(8)
+                if all(e[k] + dx[k] * x + dy[k] * y >= 0 for k in range(3))
+            }
+            assert set_bits(window((*e, *dx, *dy))) == inside
+
+
+def test_the_nearest_of_masked_pixels_is_kept_and_others_stay() -> None:
+    rng = np.random.default_rng(1)
+    for _ in range(300):
+        keys, ids = rng.integers(0, 4, 24) / 4, rng.integers(0, 3, 24).astype(np.int32)
+        base, step, column = 0.25 * rng.integers(-3, 4), 0.25 * rng.integers(-1, 2), float(rng.integers(0, 3))
+        place, mask, t = int(rng.integers(0, 17)), int(rng.integers(0, 256)), int(rng.integers(0, 3))
+        wanted, owners = keys.copy(), ids.copy()
+        for k in set_bits(mask):
+            key = min(max(base + step * (column + k), 0.125), 0.75)
+            if (key, -t) > (wanted[place + k], -owners[place + k]):
+                wanted[place + k], owners[place + k] = key, t
+        high = rng.integers(0, 4) / 4
+        assert reached(keys, place, mask, high) == any(keys[place + k] <= high for k in set_bits(mask))
+        assert set_bits(alike(ids, place, t)) == {k for k in range(LANES) if ids[place + k] == t}
+        kept(keys, ids, place, mask, (base, step, column, 0.125, 0.75), t)
+        np.testing.assert_array_equal(keys, wanted)
+        np.testing.assert_array_equal(ids, owners)
+
+
+def test_masked_pixels_of_an_image_are_written_and_no_others() -> None:
+    rng = np.random.default_rng(2)
+    for weighted in (False, True):
+        for _ in range(100):
+            owners, weights = np.full((3, 9), -7), np.full((3, 9, 2), -7, np.float32)
+            depths, planes = rng.uniform(0.5, 2, 12), (*rng.uniform(-0.5, 0.6, 4), 3.5)
+            row, column, source = rng.integers(0, 3), rng.integers(0, 9), int(rng.integers(0, 5))
+            mask = int(rng.integers(0, 256)) & (0xFF >> max(column + LANES - 9, 0))
+            written(owners, weights, (row, column), mask, planes, depths, source, weighted, 5)
+            for y in range(3):
+                for x in range(9):
+                    k = x - column
+                    if y != row or k not in set_bits(mask):
+                        assert owners[y, x] == -7 and (weights[y, x] == -7).all()
+                        continue
+                    scale = depths[source + k] if weighted else 1.0
+                    u = min(max((planes[0] * (3.5 + k) + planes[1]) * scale, 0.0), 1.0)
+                    v = min(max((planes[2] * (3.5 + k) + planes[3]) * scale, 0.0), 1.0 - u)
+                    assert owners[y, x] == 5 and tuple(weights[y, x]) == (np.float32(u), np.float32(v))

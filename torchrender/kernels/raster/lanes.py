@@ -1,0 +1,216 @@
+"""Eight pixels of a row at a time, in LLVM's own vectors.
+
+LLVM makes vectors of long loops only; most rows of most triangles are shorter than that. Whatever the processor has
+not, it takes apart. Masks have a bit per pixel, the first one lowest. Tiles start rows at multiples of LANES and all
+LANES pixels must lie within the arrays: those that are masked out are written as they were.
+"""
+
+from __future__ import annotations
+
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
+
+LANES = 8
+
+_I8, _I64 = ir.IntType(8), ir.IntType(64)
+_DOUBLES, _INTS, _LONGS = (ir.VectorType(t, LANES) for t in (ir.DoubleType(), ir.IntType(32), _I64))
+_BITS = ir.VectorType(ir.IntType(1), LANES)
+_FLOATS, _PAIRS = ir.VectorType(ir.FloatType(), LANES), ir.VectorType(ir.FloatType(), 2 * LANES)
+
+
+def _constant(kind, values):
+    return ir.Constant(kind, [ir.Constant(kind.element, value) for value in values])
+
+
+def _splat(builder, kind, value):
+    first = builder.insert_element(ir.Constant(kind, ir.Undefined), value, ir.Constant(ir.IntType(32), 0))
+    spread = ir.Constant(ir.VectorType(ir.IntType(32), kind.count), [0] * kind.count)
+    return builder.shuffle_vector(first, ir.Constant(kind, ir.Undefined), spread)
+
+
+def _place(context, builder, kind, array, index, vector):
+    data = context.make_array(kind)(context, builder, array).data
+    return builder.bitcast(cgutils.gep_inbounds(builder, data, index), vector.as_pointer())
+
+
+def _mask(builder, bits):
+    return builder.bitcast(builder.trunc(bits, _I8), _BITS)
+
+
+def _call(builder, name, result, arguments):
+    """One of LLVM's own functions."""
+    kind = ir.FunctionType(result, [a.type for a in arguments])
+    return builder.call(cgutils.get_or_insert_function(builder.module, kind, name), arguments)
+
+
+def _whole(builder, values):
+    """The values, to be stored all together: what was stored by a mask is not forwarded to the next load."""
+    kind = "f64" if values.type == _DOUBLES else "f32"
+    return _call(builder, f"llvm.arithmetic.fence.v{LANES}{kind}", values.type, [values])
+
+
+def _masked_store(builder, values, pointer, mask, kind):
+    align = ir.Constant(ir.IntType(32), 4 if kind.endswith("f32") else 8)
+    _call(builder, f"llvm.masked.store.{kind}.p0", ir.VoidType(), [values, pointer, align, mask])
+
+
+@intrinsic
+def covered_window(typingctx, edges):  # noqa: ARG001
+    """uint64 with a bit for each pixel of 8 x 8 that lies inside three edges: bit ``8 y + x``.
+
+    ``edges``: values at the first pixel, steps along x and steps along y, three int64 each; inside is >= 0.
+    """
+    signature = types.uint64(types.UniTuple(types.int64, 9))
+
+    def generate(context, builder, sig, args):  # noqa: ARG001
+        parts = cgutils.unpack_tuple(builder, args[0], 9)
+        columns = _constant(_LONGS, range(LANES))
+        values, steps = [], []
+        for k in range(3):
+            across = builder.mul(_splat(builder, _LONGS, parts[3 + k]), columns)
+            values.append(builder.add(_splat(builder, _LONGS, parts[k]), across))
+            steps.append(_splat(builder, _LONGS, parts[6 + k]))
+        bits = ir.Constant(_I64, 0)
+        for y in range(8):
+            signs = builder.or_(builder.or_(values[0], values[1]), values[2])
+            inside = builder.icmp_signed(">=", signs, _constant(_LONGS, [0] * LANES))
+            row = builder.zext(builder.bitcast(inside, _I8), _I64)
+            bits = builder.or_(bits, builder.shl(row, ir.Constant(_I64, LANES * y)))
+            values = [builder.add(v, s) for v, s in zip(values, steps, strict=True)]
+        return bits
+
+    return signature, generate
+
+
+@intrinsic
+def reaches(typingctx, keys, place, mask, high):  # noqa: ARG001
+    """True if one of the masked pixels from ``keys[place]`` on holds no more than ``high``."""
+    signature = types.boolean(keys, types.uintp, types.uint64, types.float64)
+
+    def generate(context, builder, sig, args):
+        keys_, place_, mask_, high_ = args
+        here = builder.load(_place(context, builder, sig.args[0], keys_, place_, _DOUBLES))
+        here.align = 8
+        reached = builder.fcmp_ordered("<=", here, _splat(builder, _DOUBLES, high_))
+        found = builder.and_(builder.bitcast(reached, _I8), builder.trunc(mask_, _I8))
+        return builder.icmp_unsigned("!=", found, ir.Constant(_I8, 0))
+
+    return signature, generate
+
+
+@intrinsic
+def keep_nearest(typingctx, keys, ids, place, mask, plane, t):  # noqa: ARG001
+    """Triangle ``t`` into those of the masked pixels from ``place`` on where it is nearer, or as near with a lower id.
+
+    ``plane``: (key at column 0, step, column of the first pixel, least, greatest), float64.
+    """
+    signature = types.void(keys, ids, types.uintp, types.uint64, types.UniTuple(types.float64, 5), types.int32)
+
+    def generate(context, builder, sig, args):
+        keys_, ids_, place_, mask_, plane_, t_ = args
+        base, step, column, low, high = (
+            _splat(builder, _DOUBLES, part) for part in cgutils.unpack_tuple(builder, plane_, 5)
+        )
+        columns = builder.fadd(column, _constant(_DOUBLES, [float(k) for k in range(LANES)]))
+        key = builder.fadd(base, builder.fmul(step, columns))
+        key = builder.select(builder.fcmp_ordered(">", key, low), key, low)
+        key = builder.select(builder.fcmp_ordered("<", key, high), key, high)
+        owner = _splat(builder, _INTS, t_)
+        key_at = _place(context, builder, sig.args[0], keys_, place_, _DOUBLES)
+        id_at = _place(context, builder, sig.args[1], ids_, place_, _INTS)
+        here, held = builder.load(key_at), builder.load(id_at)
+        here.align, held.align = 8, 4
+        level = builder.and_(builder.fcmp_ordered("==", key, here), builder.icmp_signed("<", owner, held))
+        nearer = builder.or_(builder.fcmp_ordered(">", key, here), level)
+        nearer = builder.and_(nearer, _mask(builder, mask_))
+        builder.store(_whole(builder, builder.select(nearer, key, here)), key_at).align = 8
+        owners = builder.bitcast(builder.select(nearer, owner, held), _FLOATS)
+        builder.store(builder.bitcast(_whole(builder, owners), _INTS), id_at).align = 4
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+@intrinsic
+def same_lanes(typingctx, ids, place, t):  # noqa: ARG001
+    """Mask of the pixels from ``ids[place]`` on that hold triangle ``t``."""
+    signature = types.uint64(ids, types.uintp, types.int32)
+
+    def generate(context, builder, sig, args):
+        ids_, place_, t_ = args
+        held = builder.load(_place(context, builder, sig.args[0], ids_, place_, _INTS))
+        held.align = 4
+        same = builder.icmp_signed("==", held, _splat(builder, _INTS, t_))
+        return builder.zext(builder.bitcast(same, _I8), _I64)
+
+    return signature, generate
+
+
+@intrinsic
+def write_weights(typingctx, target, place, mask, planes, depths, source, weighted):  # noqa: ARG001
+    """Second and third barycentric weight into the masked ones of the pixels from ``place`` = row, column on.
+
+    ``target`` (H,W,2) float32; ``planes``: steps along x and values at column 0 of both weights over depth, and the
+    first column; ``depths[source]`` and the next count if ``weighted``.
+    """
+    if target.layout != "C":
+        return None
+    signature = types.void(
+        target, types.UniTuple(types.uintp, 2), types.uint64, types.UniTuple(types.float64, 5),
+        depths, types.uintp, types.boolean,
+    )  # fmt: skip
+
+    def generate(context, builder, sig, args):
+        target_, place_, mask_, planes_, depths_, source_, weighted_ = args
+        ux, uc, vx, vc, column = (_splat(builder, _DOUBLES, p) for p in cgutils.unpack_tuple(builder, planes_, 5))
+        depth = builder.load(_place(context, builder, sig.args[4], depths_, source_, _DOUBLES))
+        depth.align = 8
+        one, zero = (_constant(_DOUBLES, [value] * LANES) for value in (1.0, 0.0))
+        depth = builder.select(weighted_, depth, one)
+        x = builder.fadd(_constant(_DOUBLES, [float(k) for k in range(LANES)]), column)
+        u = builder.fmul(builder.fadd(builder.fmul(ux, x), uc), depth)
+        v = builder.fmul(builder.fadd(builder.fmul(vx, x), vc), depth)
+        u = builder.select(builder.fcmp_ordered(">", u, zero), u, zero)
+        u = builder.select(builder.fcmp_ordered("<", u, one), u, one)
+        most = builder.fsub(one, u)
+        v = builder.select(builder.fcmp_ordered(">", v, zero), v, zero)
+        v = builder.select(builder.fcmp_ordered("<", v, most), v, most)
+        both = ir.Constant(ir.VectorType(ir.IntType(32), 2 * LANES), [k // 2 + k % 2 * LANES for k in range(2 * LANES)])
+        pairs = builder.shuffle_vector(builder.fptrunc(u, _FLOATS), builder.fptrunc(v, _FLOATS), both)
+        one_bit = _mask(builder, mask_)
+        twice = ir.Constant(ir.VectorType(ir.IntType(32), 2 * LANES), [k // 2 for k in range(2 * LANES)])
+        wide = builder.shuffle_vector(one_bit, one_bit, twice)
+        pointer = _image_place(context, builder, sig.args[0], target_, place_, _PAIRS)
+        _masked_store(builder, pairs, pointer, wide, "v16f32")
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+@intrinsic
+def write_owner(typingctx, target, place, mask, owner):  # noqa: ARG001
+    """``owner`` into the masked ones of the pixels from ``place`` = row, column on of ``target`` (H,W) int64."""
+    if target.layout != "C":
+        return None
+    signature = types.void(target, types.UniTuple(types.uintp, 2), types.uint64, types.int64)
+
+    def generate(context, builder, sig, args):
+        target_, place_, mask_, owner_ = args
+        pointer = _image_place(context, builder, sig.args[0], target_, place_, _LONGS)
+        _masked_store(builder, _splat(builder, _LONGS, owner_), pointer, _mask(builder, mask_), "v8i64")
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+def _image_place(context, builder, kind, array, place, vector):
+    """Pixel ``place`` = row, column of a contiguous image."""
+    view = context.make_array(kind)(context, builder, array)
+    row, column = cgutils.unpack_tuple(builder, place, 2)
+    shape = cgutils.unpack_tuple(builder, view.shape, kind.ndim)
+    index = builder.add(builder.mul(row, shape[1]), column)
+    if kind.ndim == 3:
+        index = builder.mul(index, shape[2])
+    return builder.bitcast(cgutils.gep_inbounds(builder, view.data, index), vector.as_pointer())
