@@ -56,6 +56,23 @@ def room(browser: Any, service: Service) -> Iterator[Visit]:
     context.close()
 
 
+@pytest.fixture(scope="package")
+def violations() -> Callable[[Any], list[str]]:
+    """What axe-core finds on a page against WCAG 2.2 AA and good practice: rule, weight and elements."""
+    try:
+        from axe_playwright_python.sync_playwright import Axe
+    except ImportError:
+        unavailable("axe-playwright-python is not installed (pip install 'torchrender[test]')")
+    rules = ("wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice")
+    options = {"resultTypes": ["violations"], "runOnly": {"type": "tag", "values": rules}}
+
+    def found(page: Any) -> list[str]:
+        broken = Axe().run(page, options=options).response["violations"]
+        return [f"{rule['id']} ({rule['impact']}): {[node['html'][:120] for node in rule['nodes']]}" for rule in broken]
+
+    return found
+
+
 @pytest.fixture
 def visit(browser: Any, service: Service) -> Iterator[Callable[..., Visit]]:
     """Opens pages, by default on the small box at the test size."""

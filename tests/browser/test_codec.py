@@ -100,15 +100,14 @@ def test_the_example_of_the_protocol_byte_for_byte(tools: Any) -> None:
 def test_the_server_reads_what_the_page_sends(visit: Callable[..., Visit]) -> None:
     page = visit()
     page.wait(JPEG_READY)
-    page.wait("() => window.torchrender.stats.drawn > 0")
+    page.wait_for_message(Type.ACK, lambda ack: isinstance(ack, Ack) and ack.decode_ms > 0)
     hello = decode(page.sent[0], [Type.HELLO]).message
     assert hello.layers == 1
-    poses, acks = page.messages(Type.POSE), page.messages(Type.ACK)
-    assert isinstance(poses[0], Pose) and isinstance(acks[0], Ack)
-    assert msgspec.to_builtins(poses[-1].camera)["world_from_camera"] == tuple(
-        page.state("camera")["world_from_camera"]
+    seen = tuple(page.state("camera")["world_from_camera"])
+    page.wait_for_message(
+        Type.POSE,
+        lambda pose: isinstance(pose, Pose) and msgspec.to_builtins(pose.camera)["world_from_camera"] == seen,
     )
-    assert acks[0].decode_ms > 0
 
 
 @pytest.mark.parametrize(

@@ -215,13 +215,10 @@ def test_sliders_are_followed_live(marking: Open) -> None:
     page.press("Room")
     page.press("Window")
     page.settle()
-    times = []
     for k in range(8):
         count = page.at("stats")["shown"]
         page.page.locator("#visibility").fill(str(30 + 5 * k))
         page.page.wait_for_function(f"() => window.torchrenderFog.stats.shown > {count}", timeout=WAIT_MS)
-        times.append(page.at("stats")["latency_ms"])
-    assert min(times) <= 3000, times  # a preview, not a new picture; how quick it is stands in docs/results/fog.md
     # Many moves at once are not all computed, and the last one is shown.
     asked = page.at("stats")["asked"]
     for k in range(20):

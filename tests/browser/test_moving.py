@@ -9,10 +9,22 @@ import numpy as np
 import pytest
 
 import torchrender as tr
-from browser_stage import COMPLETE, JPEG_READY, Visit, camera_of
+from browser_stage import COMPLETE, JPEG_READY, Visit, camera_of, says
 from torchrender.cli.arguments import camera_of as camera_of_words
 
 WALLS = "() => window.torchrender?.walls"
+FOLLOW = """
+    () => {
+        window.eyes = [];
+        const note = () => {
+            const { world_from_camera: m } = window.torchrender.camera;
+            window.eyes.push([m[3], m[7], m[11]]);
+            requestAnimationFrame(note);
+        };
+        note();
+    }
+"""
+"""Where the eye is, in every frame from now on."""
 
 
 def eye(visit: Visit) -> np.ndarray[Any, Any]:
@@ -47,13 +59,11 @@ def test_the_wheel_glides(visit: Callable[..., Visit]) -> None:
     page = visit()
     page.wait(COMPLETE)
     page.page.mouse.move(160, 90)
-    places = [eye(page)]
+    page.page.evaluate(FOLLOW)
     page.page.mouse.wheel(0, -300)
-    for _ in range(4):
-        page.page.wait_for_timeout(60)
-        places.append(eye(page))
+    page.wait("() => window.eyes.some((eye) => String(eye) !== String(window.eyes[0]))")
     page.rest()
-    places.append(eye(page))
+    places = np.array(page.page.evaluate("() => window.eyes"))
     steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
     assert (steps > 0).sum() >= 2, "in several frames"
     assert (places[-1] - places[0]) @ forward(page) > 0
@@ -136,7 +146,7 @@ def test_a_view_as_python_and_as_a_command(visit: Callable[..., Visit]) -> None:
     copied = {}
     for name in ("link", "python", "command"):
         page.page.locator(f"#copy-{name}").click()
-        page.page.wait_for_timeout(50)
+        says(page.page, f"#copy-{name}", "copied")
         copied[name] = page.page.evaluate("() => navigator.clipboard.readText()")
     seen = camera_of(page.state("camera"))
     lines = copied["python"].splitlines()

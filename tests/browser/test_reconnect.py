@@ -20,11 +20,11 @@ def test_a_dropped_connection_resumes_its_session(browser: Any, service: Service
     try:
         page = Visit.begin(context, relay.url, scene="cornell_box", width=320, height=180)
         page.wait(COMPLETE)
+        count = page.state("stats")["keyframes"]
         relay.cut()
         page.wait("() => window.torchrender.state === 'live' && window.torchrender.stats.connections === 2")
         asked = [url for url in page.requests if url.endswith("/v1/sessions")]
         assert len(asked) == 1, "the session is resumed, no new one is asked for"
-        count = page.state("stats")["keyframes"]
         page.wait(f"() => window.torchrender.stats.keyframes > {count}")
     finally:
         context.close()
@@ -40,11 +40,11 @@ def test_delay_does_not_slow_the_picture(browser: Any, service: Service) -> None
         page.wait(COMPLETE)
         place, before = eye(page), page.state("stats")
         page.page.keyboard.down("KeyW")
-        page.wait(f"() => window.torchrender.stats.drawn >= {before['drawn'] + 3}", 2000)
+        page.wait(f"() => window.torchrender.stats.drawn >= {before['drawn'] + 3}")
         assert np.abs(eye(page) - place).max() > 0
+        page.wait("() => window.torchrender.stats.latency_ms > 250")
         page.page.keyboard.up("KeyW")
-        page.wait(f"() => window.torchrender.stats.keyframes > {before['keyframes']}")
-        assert page.state("stats")["latency_ms"] > 250
+        assert page.state("stats")["keyframes"] > before["keyframes"]
     finally:
         context.close()
         relay.close()
@@ -54,7 +54,7 @@ def test_a_killed_server_is_survived(visit: Callable[..., Visit], service: Servi
     page = visit()
     page.wait(COMPLETE)
     service.kill()
-    page.wait("() => window.torchrender.state === 'waiting'", 10_000)
+    page.wait("() => window.torchrender.state === 'waiting'")
     says(page.page, "#status", "reconnecting")
     place = eye(page)
     page.hold("KeyS", 0.3)
@@ -74,10 +74,10 @@ def test_a_page_waits_for_its_server(browser: Any, service: Service) -> None:
     context = browser.new_context()
     try:
         page = context.new_page()
-        page.route("**/v1/scenes", lambda route: route.abort())
+        page.route("**/v1/s*", lambda route: route.abort())
         page.goto(f"{service.url}?scene=cornell_box&width=320&height=180")
         page.wait_for_function("() => document.querySelector('#status').dataset.state === 'waiting'")
-        page.unroute("**/v1/scenes")
+        page.unroute("**/v1/s*")
         page.wait_for_function(JPEG_READY, timeout=FRAME_MS)
     finally:
         context.close()

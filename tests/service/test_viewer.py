@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import http.client
+import threading
 import time
 from collections.abc import Iterator
 from dataclasses import replace
@@ -15,9 +17,13 @@ import torch
 
 import torchrender as tr
 from torchrender.client import StreamClient
+from torchrender.clock import StepClock
 from torchrender.errors import InputError, TorchRenderError
 from torchrender.wire.cameras import header_of
 from torchrender.wire.messages import Hello, Look, Pick, Picked, Status, Type, decode, encode
+from torchrender_service.renderers.jobs import Forget
+from torchrender_service.viewer.live_scenes import LiveScenes
+from torchrender_service.viewer.thread_pool import ThreadPool
 from torchrender_service.viewer.view import Pick as Found
 from torchrender_service.viewer.view import View
 
@@ -253,3 +259,32 @@ def test_pages_of_this_machine_may_hold_it_in_a_frame(view: View) -> None:
         assert answer.headers["x-frame-options"] is None
     with urllib.request.urlopen(view.url.partition("?")[0] + "v1/scenes", timeout=10) as answer:
         assert "frame-ancestors 'none'" in answer.headers["content-security-policy"]
+
+
+def test_a_picture_that_nobody_waits_for_ends_between_two_passes(monkeypatch: pytest.MonkeyPatch) -> None:
+    pool, begun, ended = ThreadPool(LiveScenes()), threading.Event(), threading.Event()
+
+    def endless(job: Any) -> dict[str, Any]:
+        if job.session == "next":
+            return {"made": True}
+        clock = StepClock()
+        try:
+            while True:
+                begun.set()
+                with clock.measure("pass"):
+                    time.sleep(0.001)
+        finally:
+            ended.set()
+
+    monkeypatch.setattr(pool._runner, "run", endless)
+
+    async def change_of_mind() -> dict[str, Any]:
+        running = asyncio.ensure_future(pool.run(Forget(session="first")))
+        await asyncio.to_thread(begun.wait)
+        running.cancel()
+        made = await pool.run(Forget(session="next"))
+        await pool.stop()
+        return made
+
+    assert asyncio.run(change_of_mind()) == {"made": True}
+    assert ended.is_set()

@@ -27,7 +27,7 @@ from torchrender_service.streams.prediction import overscanned
 from torchrender_service.streams.sessions import Session
 
 LOG = logging.getLogger("torchrender_service.streams.producer")
-LOOK_S = 0.03  # between two looks whether a view at rest moves again
+LOOK_S = 0.01  # between two looks whether a view at rest moves again
 REACH_S = 0.5  # extra cameras stand where the client will be after this time
 
 

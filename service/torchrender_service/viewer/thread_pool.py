@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import threading
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
+from torchrender.clock import interruptible
 from torchrender_service.errors import ServiceError
 from torchrender_service.renderers.asked import Asked
 from torchrender_service.renderers.contract import RendererHandle, RendererPool
 from torchrender_service.renderers.job_runner import JobRunner
 from torchrender_service.renderers.jobs import Forget, Job
+from torchrender_service.renderers.processes.desk import Cancelled
 from torchrender_service.renderers.worker import failure_of
 from torchrender_service.viewer.live_scenes import LiveScenes
 
@@ -80,8 +83,12 @@ class ThreadPool(RendererPool):
         if self._closed:
             raise ServiceError(503, "stopping", "the viewer is closed", retry_after_s=5.0)
         self._load += 1
+        left = threading.Event()
         try:
-            return await asyncio.get_running_loop().run_in_executor(self._thread, self._run, job)
+            return await asyncio.get_running_loop().run_in_executor(self._thread, self._run, job, left)
+        except asyncio.CancelledError:
+            left.set()
+            raise
         finally:
             self._load -= 1
 
@@ -93,11 +100,20 @@ class ThreadPool(RendererPool):
         """Without waiting."""
         if not self._closed:
             with contextlib.suppress(RuntimeError):  # the program ends: its threads take no more work
-                self._thread.submit(self._run, job)
+                self._thread.submit(self._run, job, threading.Event())
 
-    def _run(self, job: Job) -> dict[str, Any]:
+    def _run(self, job: Job, left: threading.Event) -> dict[str, Any]:
+        """A job, in the thread; it ends between two passes of a picture once nobody waits for it."""
+
+        def check() -> None:
+            if left.is_set():
+                raise Cancelled
+
         try:
-            return self._runner.run(job)
+            with interruptible(check):
+                return self._runner.run(job)
+        except Cancelled:
+            raise ServiceError(499, "cancelled", "nobody waits for it") from None
         except Exception as error:
             failure = failure_of(error)
             raise ServiceError(failure.status, failure.kind, failure.detail) from error

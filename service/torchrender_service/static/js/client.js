@@ -10,6 +10,7 @@ import { TYPE } from "./wire.js";
 
 const POSE_INTERVAL = 50; // ms between poses
 const HOLES_INTERVAL = 250; // ms between readings of the hole share
+const FIGURES_INTERVAL = 250; // ms between two looks at how everything is
 const EXPOSURE_EASE = 0.12; // seconds in which an automatic exposure takes effect
 const SAME_EV = 0.004;
 const FORESEEN = 0.1; // seconds ahead, at least, for which a pose says where the view goes
@@ -23,14 +24,15 @@ const identical = (a, b) =>
 export class Client {
   /**
    * `hooks`: state(name, detail), keyframe(header), frame(ms), figures(stats), sources() of the samples to draw,
-   * exposure() to show (EV, or null: as the pictures come), scene(facts), picked(found), moved(), context(lost).
+   * exposure() to show (EV, or null: as the pictures come), scene(facts), picked(found), moved(), context(lost),
+   * unable(error) where the browser has no WebGL2.
    */
   constructor(canvas, walker, hooks) {
     this.canvas = canvas;
     this.walker = walker;
     this.hooks = hooks;
-    this.warp = new Warp(canvas);
-    this.keyframes = new KeyframeSet(this.warp);
+    this.warp = null; // made while the first keyframe is decoded
+    this.keyframes = new KeyframeSet();
     this.decoder = new Decoder();
     this.stream = new Stream({
       state: (name, detail) => this.onState(name, detail),
@@ -53,6 +55,7 @@ export class Client {
     this.holes = null;
     this.stretched = null;
     this.holesAt = 0;
+    this.figuresAt = 0;
     this.holesOf = 0; // the picture that was measured, by its number
     this.dirty = true;
     this.settings = null; // what the user wishes for, as SETTINGS holds it; null: nothing
@@ -67,8 +70,8 @@ export class Client {
     requestAnimationFrame((now) => this.frame(now));
   }
 
-  /** Stream a scene; `wishes` is the body of POST /v1/sessions. */
-  start(wishes, key) {
+  /** Stream a scene; `wishes` is the body of POST /v1/sessions, `asked` its answer where it was sent already. */
+  start(wishes, key, asked = null) {
     this.wishes = wishes;
     this.acks = [];
     if (this.ended?.scene !== wishes.scene) {
@@ -77,7 +80,7 @@ export class Client {
       this.holes = null;
       this.ev = null;
     }
-    this.stream.start(wishes, key);
+    this.stream.start(wishes, key, asked);
   }
 
   /** Nothing of what was received is of any use. */
@@ -126,7 +129,6 @@ export class Client {
   onWelcome(header, session) {
     const { camera } = header;
     this.diagonal = header.scene.diagonal ?? session.scene_diagonal;
-    this.canvasSize(camera.width, camera.height);
     const again = this.ended?.scene === this.wishes.scene && this.walker.camera;
     if (!again) {
       this.forget();
@@ -142,11 +144,8 @@ export class Client {
     this.acks = [];
     this.pose.camera = null; // the server knows no pose yet
     if (this.settings) this.stream.send(TYPE.SETTINGS, { ...this.settings, seq: ++this.seq }); // a new session knows none of it
-    this.dirty = true;
-  }
-
-  canvasSize(width, height) {
-    this.warp.resize(width, height);
+    this.sendPose();
+    this.warp?.resize(camera.width, camera.height);
     this.dirty = true;
   }
 
@@ -155,7 +154,9 @@ export class Client {
     this.traffic.add(buffer.byteLength);
     let image;
     try {
-      image = await this.decoder.decode(buffer, MAX_PIXELS);
+      const coming = this.decoder.decode(buffer, MAX_PIXELS);
+      if (!this.warp) this.makeWarp();
+      image = await coming;
     } catch (error) {
       this.counts.errors++;
       console.warn(`keyframe refused: ${error.message}`);
@@ -164,7 +165,7 @@ export class Client {
       this.stream.send(TYPE.RESYNC, { last: this.keyframes.newest?.id ?? null });
       return;
     }
-    if (socket !== this.stream.socket) return image.color.close(); // of a connection that has ended
+    if (socket !== this.stream.socket || !this.warp) return image.color.close(); // of a connection that has ended
     this.counts.images++;
     this.figures.decode.add(image.times.all);
     const earlier = this.keyframes.newest?.header;
@@ -179,6 +180,20 @@ export class Client {
       this.hooks.keyframe(image.header);
     }
     this.dirty = true;
+  }
+
+  /** Only now: until the first pose is sent nobody waits for the graphics, and then the server needs the processor. */
+  makeWarp() {
+    try {
+      this.warp = this.keyframes.warp = new Warp(this.canvas);
+    } catch (error) {
+      this.stream.stop();
+      this.hooks.unable(error);
+      return;
+    }
+    const { width, height } = this.walker.camera;
+    this.warp.resize(width, height);
+    this.warp.prepare();
   }
 
   onContext(lost) {
@@ -202,7 +217,9 @@ export class Client {
     if ((this.moving || this.dirty || easing || this.fade) && !this.lost) this.draw();
     this.measureHoles(now);
     this.sendPose();
-    if (this.counts.frames % 15 === 0) this.hooks.figures(this.stats);
+    if (now - this.figuresAt < FIGURES_INTERVAL) return;
+    this.figuresAt = now;
+    this.hooks.figures(this.stats);
   }
 
   /** Go on to the exposure that is asked for; tells whether the picture changes. */

@@ -16,8 +16,8 @@ export const received = (group) => 1 + group.extra.length + (group.picture.mirro
 const sameNear = (a, b) => Math.abs(a - b) <= 1e-6 * b;
 
 export class KeyframeSet {
-  constructor(warp) {
-    this.warp = warp;
+  constructor() {
+    this.warp = null; // holds the pictures; there before the first one
     this.groups = []; // newest first; each has its picture (layer 0), what its mirrors show, and extra layers
     this.leaving = []; // what is not kept any more, but still fades out
     this.cut = null; // the near plane that a program asked for: what was taken with another gives way to the first with it

@@ -7,7 +7,7 @@ import { received } from "./keyframes.js";
 import { Obstacles } from "./obstacles.js";
 import { Panel } from "./panel.js";
 import { Settings } from "./settings.js";
-import { ServiceError, request } from "./stream.js";
+import { ServiceError, askSession, request } from "./stream.js";
 import { Upload } from "./upload.js";
 import { Views } from "./views.js";
 
@@ -37,7 +37,8 @@ let views = null;
 let upload = null;
 let key = sessionStorage.getItem("torchrender.key");
 let size = null;
-let scenes = [];
+let scene = words.scene ?? FIRST_SCENE; // id of what is shown
+let scenes = null; // of the server; null: not known yet
 let addressTimer = 0;
 let wallsTimer = 0;
 let tellTimer = 0;
@@ -95,18 +96,28 @@ function layOut() {
   $("stage").style.height = fill ? "100dvh" : `${scale * height}px`;
 }
 
-function restart() {
-  if (!client || !$("scene").value) return;
+/** The body of POST /v1/sessions. */
+function sessionWishes() {
   size = streamSize();
-  layOut();
-  say("");
   const bounds = Object.fromEntries(Object.entries(settings.bounds()).filter(([, value]) => value !== null));
   const overscan = number("overscan", [1, 2], OVERSCAN);
+  return { scene, width: size[0], height: size[1], overscan, ...bounds };
+}
+
+function restart() {
+  if (client && scene) stream(sessionWishes());
+}
+
+/** `asked`: the answer to these wishes, where they were sent already. */
+function stream(wishes, asked) {
+  layOut();
+  say("");
   client.settings = settings.changed ? settings.message() : null;
-  client.start({ scene: $("scene").value, width: size[0], height: size[1], overscan, ...bounds }, key ?? undefined);
+  client.start(wishes, key ?? undefined, asked);
 }
 
 function onState(state, detail) {
+  if (state === "failed" && detail.status === 404 && !scenes) return; // the list of scenes will tell another one
   panel.showState(state, detail);
   if (state === "failed" && detail.status === 401) askKey(restart);
   else if (state === "failed") say(detail.message);
@@ -115,13 +126,12 @@ function onState(state, detail) {
 
 function askKey(then) {
   const dialog = $("key-dialog");
-  if (dialog.open) return;
   dialog.addEventListener("close", () => {
     key = $("key").value;
     sessionStorage.setItem("torchrender.key", key);
     then();
   }, { once: true });
-  dialog.showModal();
+  if (!dialog.open) dialog.showModal();
 }
 
 // ------------------------------------------------------------------ the address
@@ -133,12 +143,11 @@ function noteSoon() {
 }
 
 function note() {
-  if (!client?.walker.camera || !$("scene").value) return;
+  if (!client?.walker.camera || !scene) return;
   const { walker } = client;
   const atHome = walker.camera.world_from_camera.every((v, k) => v === walker.home.world_from_camera[k]);
-  const usual = $("scene").value === FIRST_SCENE && words.scene === undefined ? null : $("scene").value;
   writeWords({
-    scene: usual,
+    scene: scene === FIRST_SCENE && words.scene === undefined ? null : scene,
     view: atHome ? null : viewText(walker),
     controls: walker.mode === client.scene?.controls ? null : walker.mode,
     ...settings.words(),
@@ -211,57 +220,57 @@ async function loadScenes() {
       return found;
     } catch (error) {
       if (error instanceof ServiceError && error.status === 401) await new Promise(askKey);
-      else {
-        panel.showState("waiting", { seconds: RETRY / 1000, reason: error.message });
-        await new Promise((wake) => setTimeout(wake, RETRY));
-      }
+      else await new Promise((wake) => setTimeout(wake, RETRY));
     }
   }
 }
 
-function fillScenes(chosen) {
-  const name = (scene) => (scene.name || scene.id).replaceAll("_", " ");
-  $("scene").replaceChildren(...scenes.map((scene) => new Option(name(scene), scene.id)));
-  $("scene").value = chosen;
+function fillScenes() {
+  const name = (one) => (one.name || one.id).replaceAll("_", " ");
+  $("scene").replaceChildren(...scenes.map((one) => new Option(name(one), one.id)));
+  $("scene").value = scene;
 }
 
 function showScenes(found) {
   scenes = found;
-  const wanted = words.scene ?? FIRST_SCENE;
-  const first = scenes.find((scene) => scene.id === wanted || scene.name === wanted) ?? scenes[0];
+  const wanted = scene;
+  const first = scenes.find(({ id, name }) => id === wanted || name === wanted) ?? scenes[0];
   if (!first) return say("The server has no scenes.");
   if (words.scene && first.id !== wanted && first.name !== wanted) {
     settings.ignore("scene", words);
     delete words.view;
     delete words.scene;
   }
-  fillScenes(first.id);
+  scene = first.id;
+  fillScenes();
   $("scene").disabled = false;
   $("scene").addEventListener("change", () => {
     changeScene($("scene").value);
     $("scene").blur(); // so that the next key walks
   });
-  restart();
+  if (scene !== wanted || client.state === "failed") restart();
 }
 
 function changeScene(id) {
   $("scene").value = id;
   delete words.view;
-  words.scene = id;
+  scene = words.scene = id;
   settings.forgetScene();
   restart();
 }
 
 function onUploaded(facts) {
-  if (!scenes.some((scene) => scene.id === facts.id)) scenes.push(facts);
-  fillScenes(facts.id);
+  scenes ??= [];
+  if (!scenes.some(({ id }) => id === facts.id)) scenes.push(facts);
+  fillScenes();
   changeScene(facts.id);
 }
 
 function onDeleted(id) {
-  scenes = scenes.filter((scene) => scene.id !== id);
-  fillScenes(scenes[0]?.id);
+  scenes = scenes.filter((one) => one.id !== id);
+  fillScenes();
   if (scenes.length) changeScene(scenes[0].id);
+  else scene = null;
 }
 
 function showContext(lost) {
@@ -316,34 +325,33 @@ function listen() {
 }
 
 function begin() {
-  const walker = new Walker($("stage"), $("stick"));
-  try {
-    client = new Client($("stage"), walker, {
-      state: onState,
-      keyframe: onPicture,
-      frame: (ms) => panel.addFrame(ms),
-      figures: (stats) => {
-        panel.showFigures(stats);
-        settings.showExposure(stats.exposure);
-      },
-      sources: () => settings.sources,
-      exposure: () => settings.ev,
-      context: showContext,
-      scene: onScene,
-      moved: noteSoon,
-      picked: (found) => {
-        client.picked = found;
-        views.showPicked(found);
-      },
-    });
-  } catch (error) {
-    panel.showState("failed", { reason: error.message });
-    say("This page needs WebGL2, which this browser does not offer. Try a current browser, or switch on hardware acceleration.");
-    return;
-  }
+  const wishes = sessionWishes();
+  const asked = askSession(wishes, key ?? undefined); // first of all: it is answered while the rest begins
+  client = new Client($("stage"), new Walker($("stage"), $("stick")), {
+    state: onState,
+    keyframe: onPicture,
+    frame: (ms) => panel.addFrame(ms),
+    figures: (stats) => {
+      panel.showFigures(stats);
+      settings.showExposure(stats.exposure);
+    },
+    sources: () => settings.sources,
+    exposure: () => settings.ev,
+    context: showContext,
+    scene: onScene,
+    moved: noteSoon,
+    picked: (found) => {
+      client.picked = found;
+      views.showPicked(found);
+    },
+    unable: (error) => {
+      panel.showState("failed", { reason: error.message });
+      say("This page needs WebGL2, which this browser does not offer. Try a current browser, or switch on hardware acceleration.");
+    },
+  });
   const known = () => {
-    const scene = scenes.find((one) => one.id === $("scene").value);
-    return scene && !scene.built_in ? `${scene.name}.${scene.kind === "zip" ? "gltf" : scene.kind}` : $("scene").value;
+    const facts = scenes?.find((one) => one.id === scene);
+    return facts && !facts.built_in ? `${facts.name}.${facts.kind === "zip" ? "gltf" : facts.kind}` : scene;
   };
   const link = () => {
     note();
@@ -352,8 +360,8 @@ function begin() {
   views = new Views({ client, name: known, settings, changed: noteSoon, link });
   upload = new Upload({ key: () => key, ready: onUploaded, gone: onDeleted, tell });
   expose();
-  layOut();
   listen();
+  stream(wishes, asked);
   loadScenes().then(showScenes);
 }
 

@@ -29,6 +29,12 @@ export async function request(path, { key, patience = PATIENCE, ...options } = {
   return body;
 }
 
+/** A session of the service; `wishes` is the body of POST /v1/sessions. */
+export function askSession(wishes, key) {
+  const headers = { "Content-Type": "application/json" };
+  return request("v1/sessions", { method: "POST", headers, body: JSON.stringify(wishes), key });
+}
+
 /**
  * Keeps a stream open. Handlers: `state(name, detail)` with connecting, live, waiting, failed or closed;
  * `welcome(header, session)`; `keyframe(buffer)`; `problem(header)`; `told(type, header)` for what a viewer is told.
@@ -42,9 +48,10 @@ export class Stream {
     window.addEventListener("online", () => this.wake?.());
   }
 
-  /** Open a session with the body of POST /v1/sessions; an earlier one ends. */
-  start(wishes, key) {
+  /** Open a session with the body of POST /v1/sessions; an earlier one ends. `asked`: the answer is on its way. */
+  start(wishes, key, asked = null) {
     this.stop();
+    this.asked = asked;
     this.resume = null;
     this.session = null;
     this.wishes = wishes;
@@ -79,6 +86,7 @@ export class Stream {
         if (generation !== this.generation) return;
         if (await this.listen(ticket, generation)) wait = FIRST_WAIT;
       } catch (error) {
+        if (generation !== this.generation) return;
         const fatal = error instanceof ServiceError && error.status >= 400 && error.status < 500 && error.status !== 429;
         if (fatal) return this.handlers.state("failed", error);
         this.retryAfter = error.retryAfter ?? 0;
@@ -96,10 +104,11 @@ export class Stream {
   }
 
   async openSession() {
-    const body = JSON.stringify(this.wishes);
-    const headers = { "Content-Type": "application/json" };
-    this.session = await request("v1/sessions", { method: "POST", headers, body, key: this.key });
-    return this.session.ticket;
+    const { asked } = this;
+    this.asked = null;
+    const session = await (asked ?? askSession(this.wishes, this.key));
+    this.session = session;
+    return session.ticket;
   }
 
   /** One connection from opening to its end; tells whether it got as far as WELCOME. */

@@ -87,6 +87,9 @@ export class Warp {
   /** Throws where the browser has no WebGL2. */
   constructor(canvas) {
     this.renderer = new WebGLRenderer({ canvas, antialias: false, alpha: false, depth: false, stencil: false });
+    // Asking for errors waits for the graphics card, and so for all that the browser draws meanwhile. A shader that is not
+    // accepted still says so in the console.
+    this.renderer.debug.checkShaderErrors = false;
     this.renderer.autoClear = false;
     this.renderer.sortObjects = false;
     this.renderer.setClearColor(0x000000, 0);
@@ -95,6 +98,7 @@ export class Warp {
     this.scene.matrixWorldAutoUpdate = false;
     this.index = quadIndex(16384);
     this.pictures = new Set();
+    this.prepared = null; // a picture of nothing, whose shaders are those of all pictures
     this.target = null;
     const triangle = new BufferGeometry();
     triangle.setAttribute("position", new BufferAttribute(new Float32Array([-1, -1, 0, 3, -1, 0, -1, 3, 0]), 3));
@@ -114,6 +118,16 @@ export class Warp {
     this.mirrorBuffers = null; // made when a mirror is first seen
     this.count = this.pass(triangle, COUNT_FRAGMENT, { warped: { value: null } });
     this.counting = false;
+  }
+
+  /** Have the shaders of the first picture compiled beside everything else; what is compiled once is kept. */
+  async prepare() {
+    if (this.prepared) return;
+    const color = await createImageBitmap(new ImageData(1, 1));
+    const quads = { data: new Float32Array(12), count: 1, joined: new Uint8Array(4) };
+    const header = { camera: { width: 1, height: 1 }, layer: 0, color: { codec: "jpeg" } };
+    this.prepared = this.add({ header, codes: new Uint16Array(1), scale: 1, quads, color });
+    for (const what of [this.prepared.mesh, this.fill.scene, this.count.scene]) this.renderer.compile(what, this.camera);
   }
 
   pass(geometry, fragment, uniforms) {
