@@ -133,13 +133,23 @@ def reproject(
         if options.close_pinholes and method == "hybrid":
             closed = close_pinholes(*(a[k] for a in outputs))
         if follows:
-            shown, pinholes = outputs[2][k], None
-            if closed is not None:
-                shown, pinholes = shown & ~closed[0], closed_pinholes(outputs[1][k], *closed)
-            drawn = Drawn(keys, shown, pinholes, bias, back)
+            drawn = _drawn(keys, outputs[1][k], outputs[2][k], closed, (bias, back))
             followed.append(followed_colors(colors, drawn, pixel_arrays, smooth=smooth))
     color, *rest = (torch.from_numpy(a) for a in outputs)
     return Reprojection(cameras, torch.stack(followed).float() if followed else color, *rest)
+
+
+def _drawn(
+    keys: np.ndarray,
+    depth: np.ndarray,
+    valid: np.ndarray,
+    closed: tuple[np.ndarray, np.ndarray] | None,
+    ways: tuple[np.ndarray, np.ndarray],
+) -> Drawn:
+    """What colours follow: the samples that are shown, and pinholes from what is beside them."""
+    if closed is None:
+        return Drawn(keys, valid, None, *ways)
+    return Drawn(keys, valid & ~closed[0], closed_pinholes(depth, *closed), *ways)
 
 
 def _checked(source: DepthImages, cameras: Cameras, colors: Tensor | None) -> Tensor:

@@ -1,4 +1,4 @@
-"""The service on Ray Serve, as the load test starts and hurts it."""
+"""The service on Ray Serve, as studies start and hurt it."""
 
 from __future__ import annotations
 
