@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import prange
 
+from torchrender.kernels.atomics import borrowed
 from torchrender.kernels.compile import kernel
 
 MIN_COSINE = 0.1  # texture footprints stop growing at this grazing angle
@@ -223,6 +224,7 @@ def interpolate(mesh, eye, visible, outputs):
     position = outputs.position
     width = depth.shape[1]
     for y in prange(depth.shape[0]):
+        shape, room = borrowed(mesh), borrowed(outputs)  # threads would fight over the counts of references
         last = np.int64(-1)
         gx = gy = gz = density = 0.0
         for x in range(width):
@@ -231,7 +233,7 @@ def interpolate(mesh, eye, visible, outputs):
                 continue
             dx, dy, dz = ray_of(rays, x, y)
             if t != last:
-                gx, gy, gz, density = face_of(mesh, t)
+                gx, gy, gz, density = face_of(shape, t)
                 last = t
             z = np.float64(depth[y, x])
             row = y * width + x
@@ -247,7 +249,7 @@ def interpolate(mesh, eye, visible, outputs):
                 position[row, 1] = origin[1] + z * dy
                 position[row, 2] = origin[2] + z * dz
             weights = (np.float64(barycentric[y, x, 0]), np.float64(barycentric[y, x, 1]))
-            write_surface(mesh, t, weights, (gx, gy, gz), (dx, dy, dz), (density, size), row, outputs)
+            write_surface(shape, t, weights, (gx, gy, gz), (dx, dy, dz), (density, size), row, room)
 
 
 @kernel(parallel=True)
@@ -260,9 +262,10 @@ def interpolate_hits(mesh, rays, hits, outputs):
         t = triangle[row]
         if t < 0:
             continue
+        shape, room = borrowed(mesh), borrowed(outputs)
         d = (directions[row, 0], directions[row, 1], directions[row, 2])
-        gx, gy, gz, density = face_of(mesh, t)
+        gx, gy, gz, density = face_of(shape, t)
         for k in range(3):
             position[row, k] = origins[row, k] + t_hit[row] * d[k]
         weights = (np.float64(barycentric[row, 0]), np.float64(barycentric[row, 1]))
-        write_surface(mesh, t, weights, (gx, gy, gz), d, (density, widths[row]), row, outputs)
+        write_surface(shape, t, weights, (gx, gy, gz), d, (density, widths[row]), row, room)

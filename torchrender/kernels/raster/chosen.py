@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import prange
 
+from torchrender.kernels.atomics import borrowed
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.raster.attributes import (
     Surface,
@@ -113,10 +114,12 @@ def interpolate_views(mesh, eyes, visible, outputs, parts):
     count = depth.shape[0] * height
     smooth = normal.shape[0] > 0 and mesh.normals.shape[0] > 0
     for part in prange(parts):
-        room = Surface(position, normal, geometric, uv, footprint, color, material)
+        # Threads would fight over the counts of references.
+        shape = borrowed(mesh)
+        room = borrowed(Surface(position, normal, geometric, uv, footprint, color, material))
         for line in range(np.int64(part), count, np.int64(parts)):
             b, y = line // height, line % height
-            rays, origin, forward = all_rays[b], origins[b], forwards[b]
+            rays, origin, forward = borrowed((all_rays[b], origins[b], forwards[b]))
             last = np.int64(-1)
             gx = gy = gz = density = 0.0
             corners = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -128,9 +131,9 @@ def interpolate_views(mesh, eyes, visible, outputs, parts):
                     continue
                 dx, dy, dz = ray_of(rays, x, y)
                 if t != last:
-                    gx, gy, gz, density = face_of(mesh, t)
+                    gx, gy, gz, density = face_of(shape, t)
                     if smooth:
-                        corners = corner_normals(mesh.normals, mesh.faces, t)
+                        corners = corner_normals(shape.normals, shape.faces, t)
                     last = t
                 z = np.float64(depth[b, y, x])
                 size = footprints[b] * z
@@ -144,4 +147,4 @@ def interpolate_views(mesh, eyes, visible, outputs, parts):
                     px, py, pz = origin[0] + z * dx, origin[1] + z * dy, origin[2] + z * dz
                 weights = (np.float64(barycentric[b, y, x, 0]), np.float64(barycentric[b, y, x, 1]))
                 ray = ((dx, dy, dz), (px, py, pz), size)
-                write_chosen(mesh, t, weights, (gx, gy, gz, density, corners), ray, row, room)
+                write_chosen(shape, t, weights, (gx, gy, gz, density, corners), ray, row, room)
