@@ -137,7 +137,7 @@ class Material:
     double_sided: bool = True  # False: pictures show the front only; mirrors, shadows and depth images have both
 
     # holes and transparency
-    opacity: float = 1.0  # multiplies the alpha of diffuse_texture and of vertex colours
+    opacity: float = 1.0  # multiplies the alpha of diffuse_texture and of vertex colours, for blend or alpha_cutoff
     alpha_cutoff: float | None = None  # less alpha is a hole; None: no holes
     blend: bool = False  # what lies behind shows through by 1 - alpha; excludes alpha_cutoff
 
