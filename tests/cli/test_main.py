@@ -127,7 +127,7 @@ def test_scenes_lists_the_built_in_ones(capsys: pytest.CaptureFixture[str]) -> N
         (["render", "nest", "--triangles", "3000", "-o", "a.png", "--camera", "target=0,0,0"], "eye=x,y,z"),
         (["render", "nest", "--triangles", "3000", "-o", "a.png", "--camera", "balcony"], "balcony"),
         (["render", "nest", "--triangles", "1", "-o", "a.png"], "triangles"),
-        (["depth", "nest", "--triangles", "3000", "-o", "a.npz", "--views", "0"], "count"),
+        (["depth", "nest", "--triangles", "3000", "-o", "a.npz", "--views", "0"], "--views must be >= 1"),
         (["depth", "nest", "-o", "a.png"], ".npz"),
         (["--threads", "0", "scenes"], "--threads"),
     ],
@@ -270,3 +270,26 @@ def test_counts_are_told_by_their_flag(
     monkeypatch.chdir(tmp_path)
     assert cli.main(words) == 2
     assert told in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("depth", "cornell_box", "-o", "a.npz", "--views", "0"), "--views must be >= 1"),
+        (("render", "cornell_box", "-o", "a.png", "--triangles", "-5"), "--triangles must be in"),
+        (("render", "cornell_box", "-o", "a.png", "--shadow-size", "7"), "--shadow-size must be"),
+        (("render", "cornell_box", "-o", "a.png", "--supersample", "99"), "--supersample must be in"),
+        (("render", "cornell_box", "-o", "a.png", "--exposure", "wat"), '--exposure must be a number (EV) or "auto"'),
+        (("fly", "cornell_box", "-o", "a.gif", "--threshold", "7"), "--threshold must be in"),
+    ],
+)
+def test_errors_name_the_option(
+    words: tuple[str, ...],
+    told: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run(*words) == 2
+    assert capsys.readouterr().err.startswith(f"torchrender: error: {told}")

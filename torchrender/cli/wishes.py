@@ -76,6 +76,7 @@ def add_scene_fog(parser: argparse.ArgumentParser) -> None:
         metavar="FOG",
         help="fog in a box around scene and cameras, in place of its media; alone a thin one, or 'scattering=0.3"
         " [absorption=A] [asymmetry=G] [height=H] [density=D] [floor=Y] [emission=E]', coefficients per scene unit;"
+        " what glows needs absorption, too: 'absorption=0.2 emission=5';"
         " 'off' for clear air",
     )
 
