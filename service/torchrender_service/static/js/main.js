@@ -175,6 +175,14 @@ function tellIgnored() {
   settings.ignored = {};
 }
 
+/** The server does not do what was asked; where that was the view of a link, the scene's own takes its place. */
+function onRefused({ title, detail }) {
+  const lost = !client.keyframes.newest && client.walker.camera && client.walker.camera !== client.walker.home;
+  if (lost) client.walker.reset();
+  tell(`The server refuses: ${detail || title}${lost ? "; the view is the scene's own" : ""}`);
+  if (lost) noteSoon();
+}
+
 /** A scene that its program changes has other walls, once it rests. */
 function onPicture(header) {
   panel.showPlan(header);
@@ -232,6 +240,7 @@ function showScenes(found) {
   if (!first) return say("The server has no scenes.");
   if (words.scene && first.id !== wanted && first.name !== wanted) {
     settings.ignore("scene", words);
+    if (words.view) settings.ignore("view", words);
     delete words.view;
     delete words.scene;
   }
@@ -330,6 +339,7 @@ function begin() {
       exposure: () => settings.ev,
       context: showContext,
       scene: onScene,
+      refused: onRefused,
       moved: noteSoon,
       picked: (found) => {
         client.picked = found;
