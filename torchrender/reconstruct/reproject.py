@@ -6,6 +6,7 @@ sample becomes a disc (splat); what is nearest in the new camera is kept. Source
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -15,8 +16,8 @@ from torch import Tensor
 from torchrender.arrays import Recycler, view
 from torchrender.brief import brief
 from torchrender.buffers import DepthImages
-from torchrender.checks import check_choice, check_finite, check_no_gradient, check_range, check_tensor
-from torchrender.errors import InputError
+from torchrender.checks import check_choice, check_finite, check_no_gradient, check_range, check_tensor, checked_fields
+from torchrender.errors import ColorWarning, InputError
 from torchrender.kernels.compile import thread_count
 from torchrender.kernels.warp.resolve import resolve
 from torchrender.kernels.warp.splat import Samples, Target, draw_splats
@@ -37,6 +38,7 @@ FILTERS = ("bilinear", "nearest")
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked_fields
 class ReprojectOptions:
     """How depth images are drawn from a new viewpoint.
 
@@ -108,6 +110,7 @@ def reproject(
         InputError: orthographic cameras, colours of another shape, that are no floats or not finite, or more than
             2^32 - 2 samples.
         OptionError: an unknown method. GradientError: depths that ask for gradients.
+        ColorWarning: (warned) images sampled without ``shade``, and no ``colors``: all is black.
     """
     options = options or ReprojectOptions()
     method = check_choice("method", method or options.method, METHODS)
@@ -142,6 +145,9 @@ def reproject(
 
 def _checked(source: DepthImages, cameras: Cameras, colors: Tensor | None) -> Tensor:
     """The colours (N,H,W,3) to draw, if all can be drawn."""
+    if colors is None and source.parameters.get("shade") is False and not bool(source.color.any()):
+        told = "the images hold no colours, so all is black: sample them with shade=True, or give colors"
+        warnings.warn(told, ColorWarning, stacklevel=3)
     colors = check_tensor("colors", source.color if colors is None else colors, (*source.depth.shape, 3))
     check_no_gradient("reproject", depth=source.depth)
     if not colors.is_floating_point():
