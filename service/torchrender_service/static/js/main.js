@@ -159,6 +159,7 @@ function onScene(facts, first) {
   else if (words.view) settings.ignore("view", words);
   delete words.view; // of the scene that the page began with
   tellIgnored();
+  noteSoon(); // a scene that took long to come is not in the address yet
   views.showMode();
   views.showCameras({});
   survey(facts.id);
