@@ -129,3 +129,11 @@ def test_an_annotation_that_cannot_be_checked_is_no_options_field() -> None:
 
     with pytest.raises(TypeError, match="no way to check"):
         Odd()
+
+
+@pytest.mark.parametrize("name", ["unlit", "double_sided", "blend"])
+def test_flags_of_materials_are_true_or_false(name: str) -> None:
+    with pytest.raises(OptionError, match=f"material 'pane': {name} must be True or False, got 'off'"):
+        tr.Material(name="pane", **{name: "off"})
+    with pytest.raises(OptionError, match="photometric must be True or False, got 'no'"):
+        tr.Scene(photometric="no")

@@ -116,6 +116,12 @@ def check_name(name: str, value: object) -> None:
         raise InputError(f"{name} must be text, got {type(value).__name__}")
 
 
+def check_flag(name: str, value: object) -> None:
+    """Refuse what is neither True nor False: "off" would count as True."""
+    if not isinstance(value, bool | np.bool_):
+        raise OptionError(f"{name} must be True or False, got {value!r}")
+
+
 def check_choice(name: str, value: str, choices: Sequence[str]) -> str:
     """Return ``value`` if it is one of ``choices``; the error lists them."""
     if value not in choices:

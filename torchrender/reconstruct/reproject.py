@@ -102,8 +102,8 @@ def reproject(
         cameras: B perspective cameras of any size.
         offset_images: the images' views shifted by half a pixel (see :func:`fit_corners`); without them the hybrid
             quads' corners are guessed from the samples' tangent planes and agreed on between neighbours.
-        colors: (N,H,W,3) colours to use instead of those of the images, which have none without ``shade`` (ColorWarning).
-            Their gradients are exact: which samples pixels show does not depend on them.
+        colors: (N,H,W,3) colours to use instead of those of the images, which without ``shade`` have none: said. Their
+            gradients are exact: which samples pixels show does not depend on them.
         options: method and tolerances; ``method`` overrides the one in ``options``.
 
     Raises:
