@@ -7,6 +7,7 @@ import os
 import re
 import subprocess
 import sys
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,9 @@ import pytest
 import torchrender
 from torchrender.cli import main as cli
 from torchrender.cli.arguments import numbers
+from torchrender.cli.wishes import enhance_wish
 from torchrender.depth.options import SamplingOptions
+from torchrender.effects.enhancement.options import EnhanceOptions
 from torchrender.effects.reflections.reuse_options import ReuseOptions
 from torchrender.errors import OptionError
 from torchrender.images.files import read_image
@@ -293,3 +296,13 @@ def test_errors_name_the_option(
     monkeypatch.chdir(tmp_path)
     assert run(*words) == 2
     assert capsys.readouterr().err.startswith(f"torchrender: error: {told}")
+
+
+def test_flags_of_enhancement_are_yes_or_no() -> None:
+    flags = [field.name for field in fields(EnhanceOptions) if isinstance(field.default, bool)]
+    for name in flags:
+        made = enhance_wish(f"{name}=yes")
+        assert made is not None
+        assert getattr(made, name) is True
+        with pytest.raises(OptionError, match=f"--enhance {name} must be yes or no"):
+            enhance_wish(f"{name}=1")

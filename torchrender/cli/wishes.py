@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from torchrender.scene.model import Scene
 
 _WORDS = ("magnitude", "curvature", "source")
+_FLAGS = ("centred", "light_gradient")
 
 
 def add_enhance(parser: argparse.ArgumentParser) -> None:
@@ -58,7 +59,7 @@ def _value(name: str, text: str) -> Any:
         return text
     if name == "terms":
         return tuple(filter(None, text.split("+")))
-    if name == "light_gradient":
+    if name in _FLAGS:
         if text not in ("yes", "no"):
             raise OptionError(f"--enhance {name} must be yes or no, got {text!r}")
         return text == "yes"
