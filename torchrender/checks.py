@@ -1,10 +1,13 @@
-"""Shape, dtype and value checks, used once at each public door."""
+"""Shape, dtype and value checks, used once at each public door; and types of options, by their annotations."""
 
 from __future__ import annotations
 
 import math
 import numbers
-from collections.abc import Sequence
+import types
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 import torch
@@ -92,6 +95,17 @@ def is_number(value: object) -> bool:
     return isinstance(value, numbers.Real | np.number) or (isinstance(value, Tensor) and value.numel() == 1)
 
 
+def check_class(name: str, value: object, *kinds: type) -> None:
+    """Whether an argument is of one of these classes.
+
+    Raises:
+        InputError: it is not; names the argument, the classes and what it is.
+    """
+    if not isinstance(value, kinds):
+        wanted = " or ".join(kind.__name__ for kind in kinds)
+        raise InputError(f"{name} must be {wanted}, got {type(value).__name__}")
+
+
 def check_name(name: str, value: object) -> None:
     """Whether a name is text.
 
@@ -100,6 +114,12 @@ def check_name(name: str, value: object) -> None:
     """
     if not isinstance(value, str):
         raise InputError(f"{name} must be text, got {type(value).__name__}")
+
+
+def check_flag(name: str, value: object) -> None:
+    """Refuse what is neither True nor False: "off" would count as True."""
+    if not isinstance(value, bool | np.bool_):
+        raise OptionError(f"{name} must be True or False, got {value!r}")
 
 
 def check_choice(name: str, value: str, choices: Sequence[str]) -> str:
@@ -160,3 +180,145 @@ def as_array(
     if tensor.is_floating_point() and tensor.numel() and (isinstance(value, np.ndarray) or not dtype.is_floating_point):
         return tensor  # as precise as it was given; floats that should be integers are for the caller to refuse
     return tensor.to(dtype)
+
+
+# ---------------------------------------------------------------- fields of options
+
+Kind = TypeVar("Kind", bound=type)
+Accepts = Callable[[Any], bool]
+
+
+@dataclass(frozen=True)
+class _Rule:
+    """What a field takes."""
+
+    words: str
+    accepts: Accepts
+    exact: tuple[type, ...] = ()  # values of just these types need no look
+    number: bool = False  # floats do, as they may be NaN
+    plain: Callable[[Any], Any] | None = None  # the value as it is kept, where another spelling was given
+
+
+def checked_fields(kind: Kind) -> Kind:
+    """A decorator beneath ``@dataclass``, of every class of options: fields are of the type they are annotated with.
+
+    Booleans are True or False, integers are no floats and no booleans, floats are numbers but not NaN, options within
+    options are of their class, and lists are kept as tuples where these are declared. Ranges and choices stay with the
+    class, in its ``__post_init__``, which finds every field of the type that it declares.
+
+    Raises:
+        OptionError: on construction, where a value is of another type; names the field and the type.
+        TypeError: on the first construction, where a field has an annotation that cannot be checked.
+    """
+    own = kind.__dict__.get("__post_init__")
+    plans: list[tuple[str, frozenset[type], bool, _Rule]] = []
+
+    def __post_init__(self: Any) -> None:
+        if not plans:
+            plans.extend(_plan(kind))
+        held = self.__dict__
+        for name, exact, number, rule in plans:
+            value = held[name]
+            if type(value) not in exact or (number and value != value):
+                held[name] = _checked(name, value, rule)
+        if own is not None:
+            own(self)
+
+    kind.__post_init__ = __post_init__  # type: ignore[attr-defined]
+    return kind
+
+
+def _plan(kind: type) -> list[tuple[str, frozenset[type], bool, _Rule]]:
+    """Of every annotated field its rule; ``kind`` is a dataclass by now."""
+    hints = get_type_hints(kind)
+    rules = {name: _rule(hints[name]) for name in kind.__dataclass_fields__}  # type: ignore[attr-defined]
+    return [(name, frozenset(rule.exact), rule.number, rule) for name, rule in rules.items()]
+
+
+def _checked(name: str, value: Any, rule: _Rule) -> Any:
+    if not rule.accepts(value):
+        raise OptionError(f"{name} must be {rule.words}, got {_short(value)}")
+    return value if rule.plain is None else rule.plain(value)
+
+
+def _short(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 80 else f"{text[:77]}..."
+
+
+def _rule(hint: Any) -> _Rule:
+    """What an annotation means."""
+    origin, inner = get_origin(hint), get_args(hint)
+    if hint in _SIMPLE:
+        return _SIMPLE[hint]
+    if origin in (Union, types.UnionType):
+        return _any_of([_rule(one) for one in inner])
+    if origin is tuple:
+        return _tuple_of(inner)
+    if isinstance(origin, type) and issubclass(origin, Mapping):
+        return _Rule("a mapping", lambda value: isinstance(value, Mapping))
+    if isinstance(origin, type) and issubclass(origin, Sequence):
+        return _Rule(
+            "a sequence", lambda value: isinstance(value, Sequence | np.ndarray) and not isinstance(value, str)
+        )
+    if isinstance(hint, type) and origin is None:
+        return _Rule(hint.__name__, lambda value: isinstance(value, hint), (hint,))
+    raise TypeError(f"options have no way to check {hint!r}")
+
+
+def _any_of(rules: Sequence[_Rule]) -> _Rule:
+    tuples = [rule for rule in rules if rule.plain is not None]
+
+    def plain(value: Any) -> Any:
+        return tuples[0].plain(value) if isinstance(value, list) and tuples[0].plain else value
+
+    return _Rule(
+        " or ".join(rule.words for rule in rules),
+        lambda value: any(rule.accepts(value) for rule in rules),
+        tuple(one for rule in rules for one in rule.exact),
+        any(rule.number for rule in rules),
+        plain if tuples else None,
+    )
+
+
+def _tuple_of(inner: Sequence[Any]) -> _Rule:
+    """Tuples of any length (``tuple[str, ...]``) or of a certain one; lists are taken as such."""
+    if len(inner) == 2 and inner[1] is Ellipsis:
+        rule = _rule(inner[0])
+        words, length = f"a tuple, each {rule.words}", None
+    else:
+        rule = _any_of([_rule(one) for one in dict.fromkeys(inner)])
+        words, length = f"{len(inner)} values, each {rule.words}", len(inner)
+
+    def accepts(value: Any) -> bool:
+        fits = isinstance(value, tuple | list) and length in (None, len(value))
+        return fits and all(rule.accepts(one) for one in value)
+
+    return _Rule(words, accepts, (), plain=lambda value: tuple(value) if isinstance(value, list) else value)
+
+
+def _is_anything(value: Any) -> bool:
+    del value
+    return True
+
+
+def _is_sequence(value: Any) -> bool:
+    return isinstance(value, Sequence | np.ndarray) and not isinstance(value, str)
+
+
+def _is_whole(value: Any) -> bool:
+    return isinstance(value, numbers.Integral) and not isinstance(value, bool)
+
+
+def _is_float(value: Any) -> bool:
+    return is_number(value) and not isinstance(value, bool | np.bool_) and not math.isnan(value)
+
+
+_SIMPLE: dict[Any, _Rule] = {
+    Any: _Rule("anything", _is_anything),
+    bool: _Rule("True or False", lambda value: isinstance(value, bool | np.bool_), (bool,)),
+    int: _Rule("an integer", _is_whole, (int,)),
+    float: _Rule("a number", _is_float, (float, int), number=True),
+    str: _Rule("text", lambda value: isinstance(value, str), (str,)),
+    type(None): _Rule("None", lambda value: value is None, (type(None),)),
+}

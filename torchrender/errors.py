@@ -80,7 +80,7 @@ class TorchRenderWarning(UserWarning):
 
 
 class NotUsedWarning(TorchRenderWarning):
-    """A file holds something that has no counterpart here, or that the picture cannot show; names it."""
+    """A file or a scene holds something that has no counterpart here, or that the picture does not show; names it."""
 
 
 class ExposureWarning(TorchRenderWarning):
@@ -91,12 +91,16 @@ class SceneWarning(TorchRenderWarning):
     """A scene or a view can be drawn, but hardly as it was meant."""
 
 
+class EmptyWarning(SceneWarning):
+    """A scene holds nothing that could be seen."""
+
+
 class LightWarning(SceneWarning):
-    """A light faces away from everything there is or has no area; or no light arrives at what a camera sees."""
+    """A light faces away from everything there is or has no area; or what a camera sees sends no light."""
 
 
 class ColorWarning(SceneWarning):
-    """Colours of a mesh or a material reach values that look like those of 8 bits."""
+    """Colours reach values that look like those of 8 bits, or are not there where a picture shows them."""
 
 
 class ViewWarning(SceneWarning):

@@ -83,7 +83,10 @@ def add_error_handlers(app: FastAPI) -> None:
 
     @app.exception_handler(RequestValidationError)
     async def invalid(request: Request, error: RequestValidationError) -> Response:
-        del request
+        kind = request.headers.get("content-type", "").partition(";")[0].strip().lower()
+        if not kind.endswith("json") and any(e["loc"] == ("body",) for e in error.errors()):
+            detail = f"Content-Type must be application/json, got {kind[:80] or 'none'}"
+            return problem_response(ServiceError(415, "media-type", detail))
         # The values themselves are left out: they may be NaN, huge, or not even text.
         found = [{"at": _place(e["loc"]), "reason": str(e["msg"])} for e in error.errors()[:_SHOWN_ERRORS]]
         detail = "; ".join(f"{e['at']}: {e['reason']}" for e in found)

@@ -40,7 +40,7 @@ OTHER_VARIABLES = {
 LOOPBACK_NAMES = ("localhost", "127.0.0.1", "[::1]", "::1")
 BUILT_IN = (
     *("living_room", "cornell_box", "washroom", "nest", "grass", "city", "tree"),
-    *("hall", "street_lamp", "walker"),
+    *("hall", "street_lamp", "panes", "walker"),
 )
 
 

@@ -54,3 +54,32 @@ def test_nothing_stands_on_top_of_something_else(visit: Callable[..., Visit], wi
     head = [".brand", "#scene", "#status", "#add", "#toggle"]
     assert page.page.evaluate(APART, [head, mode]) == []
     assert page.page.evaluate(APART, [["#help", "#brief"], mode]) == []
+
+
+PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
+BUSY = """() => {
+  const put = (id, text) => { const e = document.getElementById(id); e.hidden = false; e.textContent = text; };
+  put("status-text", "making the refined picture");
+  put("status-time", " 4.2 s");
+  put("picked", "wall, 3.42 away, material 'white tiles'");
+  put("brief", "60 fps, 12 ms, 1.2 MB/s, 0.3 % holes, picture 4.2 s old");
+}"""
+
+
+def test_a_busy_phone_has_room_for_all(visit: Callable[..., Visit]) -> None:
+    page = visit(context=PHONE, layers=0)
+    page.wait(JPEG_READY)
+    page.page.evaluate(BUSY)
+    assert page.page.evaluate(APART, [["#stick", "#picked", "#brief"], "walk"]) == []
+    scene = page.page.locator("#scene").bounding_box()
+    assert scene and scene["width"] > 100
+    cut = "() => { const e = document.getElementById('status-text'); return e.scrollWidth > e.clientWidth; }"
+    assert not page.page.evaluate(cut)
+
+
+@pytest.mark.parametrize("query", [{"view": "1e30,0,0,0,0,0"}, {"scene": "nosuch", "view": "a,b"}])
+def test_a_view_that_cannot_be_is_said_and_left_out(visit: Callable[..., Visit], query: dict[str, str]) -> None:
+    page = visit(**query)
+    page.wait(JPEG_READY)
+    page.wait("() => !document.querySelector('#notice').hidden")
+    assert f"view={query['view']}" in page.page.locator("#notice").inner_text()

@@ -7,6 +7,7 @@ import os
 import re
 import subprocess
 import sys
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,9 @@ import pytest
 import torchrender
 from torchrender.cli import main as cli
 from torchrender.cli.arguments import numbers
+from torchrender.cli.wishes import enhance_wish
 from torchrender.depth.options import SamplingOptions
+from torchrender.effects.enhancement.options import EnhanceOptions
 from torchrender.effects.reflections.reuse_options import ReuseOptions
 from torchrender.errors import OptionError
 from torchrender.images.files import read_image
@@ -127,7 +130,7 @@ def test_scenes_lists_the_built_in_ones(capsys: pytest.CaptureFixture[str]) -> N
         (["render", "nest", "--triangles", "3000", "-o", "a.png", "--camera", "target=0,0,0"], "eye=x,y,z"),
         (["render", "nest", "--triangles", "3000", "-o", "a.png", "--camera", "balcony"], "balcony"),
         (["render", "nest", "--triangles", "1", "-o", "a.png"], "triangles"),
-        (["depth", "nest", "--triangles", "3000", "-o", "a.npz", "--views", "0"], "count"),
+        (["depth", "nest", "--triangles", "3000", "-o", "a.npz", "--views", "0"], "--views must be >= 1"),
         (["depth", "nest", "-o", "a.png"], ".npz"),
         (["--threads", "0", "scenes"], "--threads"),
     ],
@@ -270,3 +273,36 @@ def test_counts_are_told_by_their_flag(
     monkeypatch.chdir(tmp_path)
     assert cli.main(words) == 2
     assert told in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("depth", "cornell_box", "-o", "a.npz", "--views", "0"), "--views must be >= 1"),
+        (("render", "cornell_box", "-o", "a.png", "--triangles", "-5"), "--triangles must be in"),
+        (("render", "cornell_box", "-o", "a.png", "--shadow-size", "7"), "--shadow-size must be"),
+        (("render", "cornell_box", "-o", "a.png", "--supersample", "99"), "--supersample must be in"),
+        (("render", "cornell_box", "-o", "a.png", "--exposure", "wat"), '--exposure must be a number (EV) or "auto"'),
+        (("fly", "cornell_box", "-o", "a.gif", "--threshold", "7"), "--threshold must be in"),
+    ],
+)
+def test_errors_name_the_option(
+    words: tuple[str, ...],
+    told: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run(*words) == 2
+    assert capsys.readouterr().err.startswith(f"torchrender: error: {told}")
+
+
+def test_flags_of_enhancement_are_yes_or_no() -> None:
+    flags = [field.name for field in fields(EnhanceOptions) if isinstance(field.default, bool)]
+    for name in flags:
+        made = enhance_wish(f"{name}=yes")
+        assert made is not None
+        assert getattr(made, name) is True
+        with pytest.raises(OptionError, match=f"--enhance {name} must be yes or no"):
+            enhance_wish(f"{name}=1")

@@ -141,3 +141,13 @@ def test_what_does_not_fit_is_named(layers) -> None:
     loose = replace(a, depth=a.depth)
     with pytest.raises(InputError, match="shape must be given"):
         tr.visibility(camera(), loose)
+
+
+def test_arguments_of_other_classes_are_named(layers) -> None:
+    picture = tr.rasterize(layers, camera())
+    with pytest.raises(InputError, match="gbuffer must be GBuffer, got int"):
+        tr.visibility(camera(), 3)
+    with pytest.raises(InputError, match="cameras must be Cameras, got"):
+        tr.visibility(picture, picture)
+    with pytest.raises(InputError, match="b must be GBuffer, got int"):
+        tr.flow(picture, 3)

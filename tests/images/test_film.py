@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,9 @@ import torch
 from PIL import Image
 
 import torchrender as tr
-from torchrender.errors import ImageFileError, InputError, OptionError
+from torchrender.errors import ImageFileError, InputError, NotUsedWarning, OptionError
+
+pytestmark = pytest.mark.filterwarnings("ignore:.* films have even sides")
 
 FRAMES = [torch.full((10, 13, 3), level) for level in (0.1, 0.4, 0.9)]
 
@@ -99,3 +102,11 @@ def test_one_picture_is_a_film_too(tmp_path: Path) -> None:
     word: Any = 3
     with pytest.raises(InputError, match="frames must be pictures one after the other, got int"):
         tr.write_film(tmp_path / "frames", word)
+
+
+def test_what_odd_sides_lose_is_said(tmp_path: Path) -> None:
+    with pytest.warns(NotUsedWarning, match=r"\.mp4 films have even sides: the last column of 13x10 pixels left out"):
+        tr.write_film(tmp_path / "odd.mp4", FRAMES)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        tr.write_film(tmp_path / "even.mp4", [frame[:, :12] for frame in FRAMES])

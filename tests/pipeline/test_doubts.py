@@ -12,14 +12,17 @@ import torch
 import torchrender as tr
 from torchrender.errors import (
     ColorWarning,
+    EmptyWarning,
     LightWarning,
     NormalsWarning,
+    NotUsedWarning,
     SceneWarning,
     TorchRenderWarning,
     UnitsWarning,
     ViewWarning,
 )
-from torchrender.pipeline.doubts import scene_doubts, view_doubts
+from torchrender.pipeline.doubts import scene_doubts
+from torchrender.pipeline.view_doubts import view_doubts
 from torchrender.raster import rasterize_visibility
 from torchrender.scene.procedural import SCENES
 
@@ -191,3 +194,59 @@ def test_colours_of_eight_bits_are_told() -> None:
     painted = replace(BALL, colors=torch.full((len(BALL.vertices), 3), 255.0))
     with pytest.warns(ColorWarning, match="colors of mesh 'sphere' reach 255"):
         tr.render(scene(painted), CAMERA)
+
+
+GLASS = tr.Material(name="glass", opacity=0.4, blend=True)
+HOLES = tr.Material(name="leaf", opacity=0.2, alpha_cutoff=0.5)
+
+
+def test_a_pane_that_fills_the_view_is_something() -> None:
+    pane = scene(tr.Mesh.box([1.0, 1.0, 0.1]), materials=[GLASS])
+    assert view_doubts(pane, rasterize_visibility(pane.geometry.solid, CAMERA)) == []
+    away = tr.Cameras.look_at([0, 0, 3], [0, 0, 6], width=24, height=18)
+    ((_, told),) = view_doubts(pane, rasterize_visibility(pane.geometry.solid, away))
+    assert "camera 0 sees nothing: it stands at" in told
+
+
+def test_a_view_that_holes_alone_fill_is_told_of_them() -> None:
+    with pytest.warns(ViewWarning, match="camera 0 sees nothing: all that is before it is cut out by the alpha of 'l"):
+        tr.render(scene(materials=[HOLES]), CAMERA)
+
+
+def test_an_open_plane_from_below_is_nothing_to_stand_inside_of() -> None:
+    plane = scene(tr.Mesh.plane(40.0))
+    below = tr.Cameras.look_at([0, -2, 0.1], [0, 0, 0], width=24, height=18)
+    assert view_doubts(plane, rasterize_visibility(plane.geometry, below)) == []
+
+
+@pytest.mark.parametrize("glass", [GLASS, tr.Material(name="glass", metallic=0.0, roughness=0.1, transmission=0.9)])
+def test_a_camera_inside_glass_sees_through_it(glass: tr.Material) -> None:
+    inside = tr.Cameras.look_at([0, 0, 0.1], [0, 0, -1], width=24, height=18)
+    built = scene(tr.Mesh.box(1.0), materials=[glass])
+    assert view_doubts(built, rasterize_visibility(built.geometry.solid, inside)) == []
+
+
+def test_black_surfaces_are_told_as_such() -> None:
+    with pytest.warns(LightWarning, match="sees only black: diffuse of material 'soot' is black, and mirrors nothing"):
+        tr.render(scene(materials=[tr.Material(name="soot", diffuse=[0, 0, 0])]), CAMERA)
+
+
+def test_opacity_that_is_not_used_is_told_once() -> None:
+    ((kind, told),) = scene_doubts(scene(materials=[tr.Material(name="pane", opacity=0.4)]))
+    assert kind is NotUsedWarning and "opacity 0.4 of material 'pane' is not used: give it blend=True" in told
+    assert scene_doubts(scene(materials=[GLASS])) == [] == scene_doubts(scene(materials=[HOLES]))
+
+
+def test_media_that_would_glow_if_they_absorbed_are_told() -> None:
+    room = {"low": [-1, -1, -1], "high": [1, 1, 1], "emission": [5, 5, 5], "name": "flame"}
+    ((kind, told),) = scene_doubts(scene(media=[tr.Medium(**room)]))
+    assert kind is NotUsedWarning and "emission of medium 'flame' is not used, as it absorbs nothing" in told
+    assert scene_doubts(scene(media=[tr.Medium(**room, absorption=[0.1, 0, 0])])) == []
+
+
+def test_a_scene_without_anything_is_told_of() -> None:
+    with pytest.warns(EmptyWarning, match="nobody: it has no meshes, no media and no environment"):
+        tr.render(tr.Scene(meshes=[], name="nobody"), width=8, height=8)
+    sky = tr.Environment.constant([0.5, 0.6, 0.8])
+    air = tr.Medium(low=[-1, -1, -1], high=[1, 1, 1])
+    assert scene_doubts(tr.Scene(environment=sky)) == [] == scene_doubts(tr.Scene(media=[air]))

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import gc
 import math
+import warnings
 import weakref
 
 import pytest
 import torch
 
 from depth_scenes import both, depth_images, empty_image, front_camera, keep_pixels, psnr, wall, wave
-from torchrender.errors import InputError, OptionError
+from torchrender.depth.options import SamplingOptions
+from torchrender.depth.sample import sample_depth_images
+from torchrender.errors import ColorWarning, InputError, OptionError
 from torchrender.raster import rasterize
 from torchrender.rays import RayCaster
 from torchrender.reconstruct import corners
@@ -274,3 +277,14 @@ def test_quads_are_fitted_once_for_images_that_stay(monkeypatch: pytest.MonkeyPa
     del images
     gc.collect()
     assert gone() is None
+
+
+def test_images_without_colours_are_told_of() -> None:
+    scene, camera = room(), front_camera(SIZE)
+    plain = sample_depth_images(scene, camera)
+    with pytest.warns(ColorWarning, match="hold no colours, so all is black: sample them with shade=True"):
+        reproject(plain, camera)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", ColorWarning)
+        reproject(sample_depth_images(scene, camera, SamplingOptions(shade=True)), camera)
+        reproject(plain, camera, colors=torch.ones(*plain.depth.shape, 3))

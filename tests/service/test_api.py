@@ -241,7 +241,7 @@ def test_too_large_bodies_are_refused_before_they_are_read(server: RunningServer
 
 def test_deleting_what_cannot_be_deleted(server: RunningServer) -> None:
     assert server.ask("DELETE", "/v1/scenes/cornell_box").status == 403
-    for name, status in (("nothing", 404), ("..%2f..%2fetc", 405), ("A" * 65, 422), ("%00", 422), ("x.toml", 422)):
+    for name, status in (("nothing", 404), ("..%2f..%2fetc", 404), ("A" * 65, 422), ("%00", 422), ("x.toml", 422)):
         assert server.ask("DELETE", f"/v1/scenes/{name}").status == status
 
 
@@ -308,3 +308,29 @@ def test_the_log_is_structured_and_holds_no_tickets(server: RunningServer) -> No
     lines = [json.loads(line) for line in server.log]
     assert any(line["message"] == "request" and line["route"] == "/v1/sessions" for line in lines)
     assert not any(ticket in line for line in server.log)
+
+
+@pytest.mark.parametrize(
+    ("camera", "reason"),
+    [
+        ({"eye": [1, 1, 1], "fov_deg": 0}, "body.camera.LookAt.fov_deg: Input should be greater than 0"),
+        ({"eye": [0, 0, 1e308]}, "body.camera.LookAt.eye.2: Input should be less than or equal to 1000000000000000"),
+        ({**PINHOLE, "fx": -1}, "body.camera.PinholeCamera.fx: Input should be greater than 0"),
+        ({"name": ""}, "body.camera.NamedCamera.name: String should have at least 1 character"),
+        ("close", "body.camera: Input should be an object with the name of a camera"),
+    ],
+)
+def test_errors_of_cameras_are_about_their_own_form(server: RunningServer, camera: object, reason: str) -> None:
+    answer = server.ask("POST", "/v1/render", {**SMALL, "camera": camera})
+    assert answer.status == 422
+    assert answer.json()["detail"].startswith(reason)
+    assert len(answer.json()["errors"]) == 1
+
+
+def test_a_wrong_method_and_a_wrong_type_are_told(server: RunningServer) -> None:
+    assert server.ask("GET", "/v1/render").status == 405
+    assert server.ask("GET", "/v1/nothing").status == 404
+    body = b'{"scene": "cornell_box"}'
+    answer = server.ask("POST", "/v1/render", body, content_type="text/plain")
+    assert answer.status == 415
+    assert answer.json()["detail"] == "Content-Type must be application/json, got text/plain"

@@ -80,7 +80,7 @@ def test_cut_off_missing_and_foreign_files(model: VoxelModel, tmp_path: Path) ->
     with pytest.raises(SceneFileError, match="damaged"):
         read_voxels(path)
     np.save(tmp_path / "plain.npy", np.zeros(3))
-    with pytest.raises(SceneFileError, match="no voxel file"):
+    with pytest.raises(SceneFileError, match="no NPZ file, as voxel files"):
         read_voxels(tmp_path / "plain.npy")
     with pytest.raises(SceneFileError, match="no such file"):
         read_voxels(tmp_path / "none.npz")
@@ -118,3 +118,11 @@ def test_wrong_output_is_refused(model: VoxelModel, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="color must be uint8"):
         VoxelModel(voxels=model.voxels, color=torch.zeros(model.voxels.count, 3))
     write_voxels(tmp_path / "empty.vox", VoxelModel(voxels=Voxels.empty(unit_grid(3))))
+
+
+def test_other_files_are_told_in_plain_words(tmp_path: Path) -> None:
+    (tmp_path / "model.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    with pytest.raises(
+        SceneFileError, match=r"model\.obj: damaged, cut off or no NPZ file, as voxel files of torchrender are$"
+    ):
+        read_voxels(tmp_path / "model.obj")

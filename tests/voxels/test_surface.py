@@ -126,6 +126,16 @@ def test_missing_faces_are_reported_and_the_vote_repairs(seed: int) -> None:
     assert 0 < report.unknown < 100
 
 
+def test_an_open_mesh_whose_columns_do_not_leak_is_told_without_shares() -> None:
+    vertices, faces = icosphere()
+    small = torch.tensor([[0.01, 0.0, 0.0], [0.01, 0.2, 0.0], [0.01, 0.0, 0.2]])[None]  # upright, as columns are
+    corners = torch.tensor([[0, 1, 2]], dtype=faces.dtype) + vertices.shape[1]
+    with pytest.warns(LeakWarning, match=r"edges belong to one face alone; no column of these cells leaks$"):
+        _, report = voxelize_solid(torch.cat([vertices, small.to(vertices)], 1), torch.cat([faces, corners]), 16)
+    assert not report.closed
+    assert sum(report.leaking.values()) == 0
+
+
 def test_volume_converges_with_resolution() -> None:
     vertices, faces = icosphere(5)
     corners = vertices[0][faces]

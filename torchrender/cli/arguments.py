@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from torchrender.cli.output import waiting
-from torchrender.errors import OptionError
+from torchrender.errors import InputError, OptionError, TorchRenderError
 
 if TYPE_CHECKING:
     from torchrender.scene.camera import Cameras
@@ -63,6 +65,30 @@ def add_look(parser: argparse.ArgumentParser) -> None:
     )
 
 
+_ARGUMENT = re.compile(r"(\w+)(?= must )")
+
+
+def say_option(error: TorchRenderError, arguments: argparse.Namespace) -> str:
+    """What an error says, with the option in place of the argument of the same name that it complains about."""
+    text = str(error)
+    found = _ARGUMENT.match(text)
+    if found is None or not isinstance(error, InputError) or getattr(arguments, found[1], None) is None:
+        return text
+    return f"--{found[1].replace('_', '-')}{text[found.end() :]}"
+
+
+@contextmanager
+def named(**options: str) -> Iterator[None]:
+    """Errors about these arguments are errors about options of the command line: ``named(count="--views")``."""
+    try:
+        yield
+    except OptionError as error:
+        found = _ARGUMENT.match(str(error))
+        if found is None or found[1] not in options:
+            raise
+        raise OptionError(options[found[1]] + str(error)[found.end() :]) from error
+
+
 def given(**values: Any) -> dict[str, Any]:
     """Those that the command line names; the others keep the default of the option or function that they are for."""
     return {name: value for name, value in values.items() if value is not None}
@@ -75,12 +101,29 @@ def numbers(name: str, text: str, count: int) -> list[float]:
     except ValueError:
         values = []
     if len(values) != count or not all(abs(v) < float("inf") for v in values):
+        if count == 1:
+            raise OptionError(f"{name} must be a number, got {text!r}")
         raise OptionError(f"{name} must be {count} numbers separated by commas, got {text!r}")
     return values
 
 
 def exposure(text: str) -> float | None:
-    return None if text == "auto" else numbers("--exposure", text, 1)[0]
+    if text == "auto":
+        return None
+    try:
+        return numbers("--exposure", text, 1)[0]
+    except OptionError as error:
+        raise OptionError(f'--exposure must be a number (EV) or "auto", got {text!r}') from error
+
+
+def shadows_and_exposure(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Those options of pictures, as the command line wants them."""
+    from torchrender.pipeline.options import shadow_choices
+
+    shadows = "off" if arguments.no_shadows else arguments.shadows
+    with named(size="--shadow-size"):
+        made = shadow_choices(shadows, arguments.shadow_size, arguments.cascades)
+    return made if arguments.exposure is None else made | {"exposure": exposure(arguments.exposure)}
 
 
 def load_scene(arguments: argparse.Namespace) -> Scene:
@@ -90,7 +133,7 @@ def load_scene(arguments: argparse.Namespace) -> Scene:
         return read_walkthrough(arguments.scene).scene()
     from torchrender.scene.load import load
 
-    with waiting(f"reading {arguments.scene}"):
+    with waiting(f"reading {arguments.scene}"), named(size="--triangles"):
         return load(
             arguments.scene,
             size=arguments.triangles,

@@ -11,7 +11,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
-from torchrender.cli.arguments import add_scene, add_size, given, load_scene, named_or_numbered, numbers
+from torchrender.cli.arguments import add_scene, add_size, given, load_scene, named, named_or_numbered, numbers
 from torchrender.cli.output import check_output, collect_garbage, image_size, make_folder, progress
 from torchrender.cli.walkthrough import fly_pictures, is_walkthrough
 from torchrender.errors import InputError, OptionError
@@ -80,7 +80,8 @@ def fly(arguments: argparse.Namespace) -> None:
     if is_walkthrough(arguments.scene):
         _fly_walkthrough(arguments, (width, height), film=film)
         return
-    options = RenderOptions(reuse=ReuseOptions(**given(key_frame_threshold=arguments.threshold)))
+    with named(key_frame_threshold="--threshold"):
+        options = RenderOptions(reuse=ReuseOptions(**given(key_frame_threshold=arguments.threshold)))
     scene = load_scene(arguments)
     times = _times(scene, arguments)
     moves = _moves(scene, arguments)

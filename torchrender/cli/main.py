@@ -15,7 +15,18 @@ from pathlib import Path
 from typing import Any
 
 from torchrender import __version__
-from torchrender.cli.arguments import add_look, add_scene, add_size, camera_of, exposure, given, load_scene, numbers
+from torchrender.cli.arguments import (
+    add_look,
+    add_scene,
+    add_size,
+    camera_of,
+    given,
+    load_scene,
+    named,
+    numbers,
+    say_option,
+    shadows_and_exposure,
+)
 from torchrender.cli.batch import add_batch, batch_command
 from torchrender.cli.fly import add_fly, fly
 from torchrender.cli.fog import add_fog, run_fog
@@ -54,7 +65,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             finally:
                 COLD.stop()
     except TorchRenderError as error:
-        print(f"torchrender: error: {error}", file=sys.stderr)
+        print(f"torchrender: error: {say_option(error, arguments)}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("torchrender: interrupted", file=sys.stderr)
@@ -79,19 +90,16 @@ def _render(arguments: argparse.Namespace) -> None:
         COLD.begin()
     from torchrender.image import SUFFIXES
     from torchrender.images.files import numbered
-    from torchrender.pipeline.options import RenderOptions, shadow_choices
+    from torchrender.pipeline.options import RenderOptions
     from torchrender.renderer import render
 
     output = Path(arguments.output)
     check_output(output, SUFFIXES)
-    exposed: dict[str, Any] = {} if arguments.exposure is None else {"exposure": exposure(arguments.exposure)}
-    shadows = "off" if arguments.no_shadows else arguments.shadows
     options = RenderOptions(
-        **shadow_choices(shadows, arguments.shadow_size, arguments.cascades),
+        **shadows_and_exposure(arguments),
         background=None if arguments.background is None else numbers("--background", arguments.background, 3),
         **given(reflections=arguments.reflections, supersample=arguments.supersample, tone_map=arguments.tone_map),
         **given(enhance=enhance_wish(arguments.enhance)),
-        **exposed,
     )
     width, height = image_size(arguments.size)
     scene = foggy(load_scene(arguments), arguments)
@@ -169,7 +177,8 @@ def _depth(arguments: argparse.Namespace) -> None:
     width, height = image_size(arguments.size)
     scene = load_scene(arguments)
     camera = camera_of(scene, arguments.camera or [], width, height)
-    cameras = viewpoints_around(scene, camera, arguments.views, **given(spread=arguments.spread))
+    with named(count="--views"):
+        cameras = viewpoints_around(scene, camera, arguments.views, **given(spread=arguments.spread))
     images = sample_depth_images(scene, cameras, options)
     for file in write_depth(output, images):
         print(file)

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from torchrender.cli.arguments import add_size, given
+from torchrender.cli.arguments import add_size, given, named
 from torchrender.cli.output import check_folder, collect_garbage, image_size, make_folder
 from torchrender.errors import ImageFileError, InputError
 
@@ -87,7 +87,8 @@ def run_tradeoff(arguments: argparse.Namespace) -> list[Path]:
     files, found = [], []
     collect_garbage()
     for name in SCENES if arguments.all else (arguments.scene,):
-        scene = load(name, size=arguments.triangles)
+        with named(size="--triangles"):
+            scene = load(name, size=arguments.triangles)
         curves = measure(scene, **given(size=arguments.side), name=arguments.step, pictures=True)
         files += write(folder, curves)
         found.append(curves)

@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from torchrender.cli.arguments import add_size, camera_of, numbers
+from torchrender.cli.arguments import add_size, camera_of, named, numbers
 from torchrender.cli.output import check_output, image_size, sharing, waiting
 from torchrender.errors import OptionError
 
@@ -108,7 +108,8 @@ def _options(arguments: argparse.Namespace, background: list[float]) -> SplatOpt
     if arguments.radius is not None:  # the finer one keeps its ratio, within its range
         ratio = selection.fine_radius / selection.coarse_radius
         fine = max(0.3, min(2.0, ratio * arguments.radius))
-        selection = replace(selection, coarse_radius=arguments.radius, fine_radius=fine)
+        with named(coarse_radius="--radius"):
+            selection = replace(selection, coarse_radius=arguments.radius, fine_radius=fine)
     return SplatOptions(
         filter=arguments.filter,
         selection=selection,
@@ -174,7 +175,8 @@ def _pack(source: Path, target: Path, arguments: argparse.Namespace) -> int:
     from torchrender.points.pack import PackOptions, pack_points
 
     memory = PackOptions.memory_mb if arguments.memory is None else arguments.memory
-    options = PackOptions(memory_mb=memory, drop_invalid=arguments.drop_invalid)
+    with named(memory_mb="--memory"):
+        options = PackOptions(memory_mb=memory, drop_invalid=arguments.drop_invalid)
     with sharing(str(source)) as show:
         return pack_points(source, target, options, progress=show)
 

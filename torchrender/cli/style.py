@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from torchrender.cli.arguments import add_scene, load_scene, numbers
+from torchrender.cli.arguments import add_scene, load_scene, named, numbers
 from torchrender.cli.output import check_output, image_size
 from torchrender.errors import OptionError
 
@@ -115,6 +115,8 @@ def _options(arguments: argparse.Namespace) -> StyleOptions:
     for name in ("lightness", "saturation", "warmth"):
         if not -1.0 <= getattr(arguments, name) <= 1.0:
             raise OptionError(f"--{name} must be in [-1, 1], got {getattr(arguments, name)}")
+    with named(prior_weight="--prior"):
+        search = SearchOptions(prior_weight=arguments.prior)
     return StyleOptions(
         views=arguments.views,
         width=width,
@@ -124,7 +126,7 @@ def _options(arguments: argparse.Namespace) -> StyleOptions:
         keep_textures=arguments.keep_textures,
         seed=arguments.seed,
         fit=FitOptions(specular=not arguments.no_highlights),
-        search=SearchOptions(prior_weight=arguments.prior),
+        search=search,
     )
 
 

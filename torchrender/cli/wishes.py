@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from torchrender.scene.model import Scene
 
 _WORDS = ("magnitude", "curvature", "source")
+_FLAGS = ("centred", "light_gradient")
 
 
 def add_enhance(parser: argparse.ArgumentParser) -> None:
@@ -58,7 +59,7 @@ def _value(name: str, text: str) -> Any:
         return text
     if name == "terms":
         return tuple(filter(None, text.split("+")))
-    if name == "light_gradient":
+    if name in _FLAGS:
         if text not in ("yes", "no"):
             raise OptionError(f"--enhance {name} must be yes or no, got {text!r}")
         return text == "yes"
@@ -76,6 +77,7 @@ def add_scene_fog(parser: argparse.ArgumentParser) -> None:
         metavar="FOG",
         help="fog in a box around scene and cameras, in place of its media; alone a thin one, or 'scattering=0.3"
         " [absorption=A] [asymmetry=G] [height=H] [density=D] [floor=Y] [emission=E]', coefficients per scene unit;"
+        " what glows needs absorption, too: 'absorption=0.2 emission=5';"
         " 'off' for clear air",
     )
 

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from torchrender.brief import brief
 from torchrender.buffers import GBuffer
-from torchrender.checks import check_choice
+from torchrender.checks import check_choice, check_class
 from torchrender.errors import InputError
 from torchrender.rays import RayCaster
 from torchrender.scene.camera import Cameras
@@ -53,8 +53,10 @@ def visibility(cameras: Cameras, gbuffer: GBuffer, shape: Shape | RayCaster | No
             None: what ``gbuffer`` was drawn from.
 
     Raises:
-        InputError: numbers of pictures and cameras that do not fit, or no shape.
+        InputError: no cameras, no G-buffer or no shape, or numbers of pictures and cameras that do not fit.
     """
+    check_class("cameras", cameras, Cameras)
+    check_class("gbuffer", gbuffer, GBuffer)
     count = _fit(len(cameras), len(gbuffer.depth))
     position = gbuffer.position.expand(count, *gbuffer.position.shape[1:])
     covered = gbuffer.covered.expand(count, *gbuffer.covered.shape[1:])
@@ -77,10 +79,13 @@ def flow(a: GBuffer, b: GBuffer, *, method: str = "rays") -> Flow:
             of outlines.
 
     Raises:
-        InputError: numbers of pictures that do not fit, or "rays" where ``b`` holds no triangles any more.
+        InputError: no G-buffers, numbers of pictures that do not fit, or "rays" where ``b`` holds no triangles any
+            more.
         OptionError: an unknown method.
     """
     check_choice("method", method, METHODS)
+    check_class("a", a, GBuffer)
+    check_class("b", b, GBuffer)
     count = _fit(len(b.depth), len(a.depth))
     if count != len(a.depth):
         raise InputError(f"b must have 1 or {len(a.depth)} pictures, got {len(b.depth)}")

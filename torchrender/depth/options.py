@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from torchrender.checks import check_choice, check_range
+from torchrender.checks import check_choice, check_range, checked_fields
 from torchrender.fragment_tests import PIXEL_TESTS
 
 METHODS = ("nonredundant", "conventional", "depth_peeling")
@@ -14,6 +14,7 @@ VISIBILITY_TESTS = ("captured", "plain")
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked_fields
 class SamplingOptions:
     """Options of :func:`torchrender.depth.sample.sample_depth_images` (specification 01, section 5).
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import torch
 
 from torchrender.buffers import DepthImages
-from torchrender.checks import check_range
+from torchrender.checks import check_range, checked_fields
 from torchrender.depth.holders import Holder, images_holder, views_holder
 from torchrender.depth.options import SamplingOptions
 from torchrender.depth.probes import Probes
@@ -27,6 +27,7 @@ from torchrender.scene.model import Scene
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked_fields
 class SamplingMetricOptions:
     """How much is measured. More frames find more of the useful samples, so compare equal frame counts only.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Protocol, runtime_checkable
@@ -12,7 +13,7 @@ from PIL import Image as PillowImage
 from torch import Tensor
 
 from torchrender.checks import check_range
-from torchrender.errors import ImageFileError, InputError
+from torchrender.errors import ImageFileError, InputError, NotUsedWarning
 from torchrender.images.files import write_atomically, write_image
 from torchrender.numerics.color import srgb_from_linear
 
@@ -35,7 +36,8 @@ def write_film(path: str | Path, frames: Displayed | Iterable[Displayed | Tensor
 
     ``.mp4`` (MPEG-4 part 2), ``.avi`` (Motion JPEG) and ``.gif`` (256 colours, endless); a path without suffix is a
     folder of ``frame_0000.png`` …, made where it is missing. MP4 and AVI have even sides: an odd last row or column is
-    left out. GIF counts hundredths of a second: frames get those in turn that keep the film's length.
+    left out, with a NotUsedWarning. GIF counts hundredths of a second: frames get those in turn that keep the film's
+    length.
 
     Args:
         frames: pictures, or linear tensors (H,W,3) or (B,H,W,3) in [0,1], all of one size. A batch is so many frames.
@@ -115,6 +117,14 @@ def _write_gif(path: Path, pictures: Iterator[Tensor], fps: float) -> None:
     images[0].save(path, save_all=True, append_images=images[1:], duration=times, loop=0, disposal=1)
 
 
+def _say_size(path: Path, width: int, height: int) -> None:
+    """Say what does not fit a film, whose sides are even."""
+    odd = [what for what, side in (("column", width), ("row", height)) if side % 2 and side > 1]
+    if odd:
+        told = f"{path.suffix} films have even sides: the last {' and '.join(odd)} of {width}x{height} pixels left out"
+        warnings.warn(told, NotUsedWarning, stacklevel=2)
+
+
 def _encode(path: Path, pictures: Iterator[Tensor], fps: float, codec: str) -> None:
     import cv2
 
@@ -124,6 +134,7 @@ def _encode(path: Path, pictures: Iterator[Tensor], fps: float, codec: str) -> N
             codes = _codes(picture)[..., ::-1]
             if writer is None:
                 size = (codes.shape[1] // 2 * 2, codes.shape[0] // 2 * 2)
+                _say_size(path, codes.shape[1], codes.shape[0])
                 if min(size) < 2:
                     raise InputError(
                         f"a film needs pictures of at least 2x2 pixels, got {codes.shape[1]}x{codes.shape[0]}"

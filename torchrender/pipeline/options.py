@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from torchrender.checks import ArrayLike, as_vector, check_choice, check_range
+from torchrender.checks import ArrayLike, as_vector, check_choice, check_range, checked_fields
 from torchrender.effects.ambient.options import AmbientOptions
 from torchrender.effects.enhancement.options import EnhanceOptions
 from torchrender.effects.media.options import ScatterOptions
@@ -16,6 +16,7 @@ from torchrender.effects.reflections.traced import TraceOptions
 from torchrender.effects.shadows.shadow_map import ShadowOptions
 from torchrender.effects.shadows.soft_shadow import SoftShadowOptions
 from torchrender.effects.sky_shadows.options import SkyShadowOptions
+from torchrender.errors import OptionError
 from torchrender.numerics.tonemap import OPERATORS
 from torchrender.shade import AREA_LIGHTS
 
@@ -25,10 +26,12 @@ AREA_SHADOWS = ("pcss", "hard", "sampled")
 AMBIENT_VISIBILITY = ("off", "horizon", "traced")
 TRANSPARENCY = ("peeled", "traced", "off")
 AS_LIT = "as_lit"
+AUTOMATIC = "auto"
 UPSCALING = ("joint", "bilinear", "nearest")
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked_fields
 class RenderOptions:
     """How a picture is made.
 
@@ -62,7 +65,8 @@ class RenderOptions:
     effects: Mapping[str, Any] = field(default_factory=dict)  # options of further passes, by name of the pass
     fixed: tuple[str, ...] = ()  # passes whose settings a budget or an error bound must leave as they are
     background: ArrayLike | None = None  # linear colour of empty pixels; None: environment, else ambient light
-    exposure: float | str | None = AS_LIT  # EV for display; None: automatic; "as_lit": 0, photometric lights: automatic
+    exposure: float | str | None = AS_LIT  # EV for display; "auto", kept as None: automatic; "as_lit": 0, of
+    # photometric lights automatic
     tone_map: str = "none"  # operator for display: none, reinhard or aces
 
     def __post_init__(self) -> None:
@@ -77,11 +81,17 @@ class RenderOptions:
         check_range("supersample", self.supersample, 1 / 16, 4.0)
         if self.background is not None:
             as_vector("background", self.background)
-        if isinstance(self.exposure, str):
-            check_choice("exposure", self.exposure, (AS_LIT,))
+        self._check_exposure()
+        check_choice("tone_map", self.tone_map, OPERATORS)
+
+    def _check_exposure(self) -> None:
+        if self.exposure == AUTOMATIC:
+            object.__setattr__(self, "exposure", None)
+        elif isinstance(self.exposure, str):
+            if self.exposure != AS_LIT:
+                raise OptionError(f'exposure must be a number (EV), "auto" or "as_lit", got {self.exposure!r}')
         elif self.exposure is not None:
             check_range("exposure", self.exposure, -64.0, 64.0)
-        check_choice("tone_map", self.tone_map, OPERATORS)
 
 
 SHADOWS: Mapping[str, Mapping[str, Any]] = {

@@ -62,7 +62,7 @@ def load_points(
     Raises:
         SceneFileError: missing, damaged or unsupported file, one that is too large (:func:`pack_points` takes files of
             any size), or positions that are not finite.
-        InputError: an unknown name; ``samples`` given for a file of points.
+        InputError: an unknown name; ``samples`` given for a file of points, or less than 1.
     """
     source = Path(path)
     if holds_points(source):
@@ -74,7 +74,7 @@ def load_points(
         notes.close()
         return cloud
     scene = load(path, drop_invalid=drop_invalid)
-    count = SAMPLES if samples is None else samples
+    count = SAMPLES if samples is None else int(check_range("samples", samples, 1, 2**31))
     if samples is None and source.suffix:
         warnings.warn(f"{source}: holds surfaces: sampled by {count:,} points", SampledWarning, stacklevel=2)
     return sample_points(scene, count, seed=seed)

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from torchrender.brief import brief
-from torchrender.checks import check_choice, check_range
+from torchrender.checks import check_choice, check_range, checked_fields
 from torchrender.errors import OptionError
 from torchrender.images.files import numbered, png_bytes, side_by_side, write_image
 from torchrender.points.select import SelectionOptions
@@ -23,6 +23,7 @@ SHADING = ("point", "pixel", "none")
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked_fields
 class SplatOptions:
     """How points are drawn.
 

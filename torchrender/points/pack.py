@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from torchrender.checks import check_choice, check_range
+from torchrender.checks import check_choice, check_range, checked_fields
 from torchrender.errors import PointFileError
 from torchrender.points.cloud import PointCloud
 from torchrender.points.codec import NORMALS, PackedNodes, compress, fit_palette
@@ -41,6 +41,7 @@ Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked_fields
 class PackOptions:
     """How a large model is packed.
 

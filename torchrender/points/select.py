@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from torchrender.checks import check_choice, check_range
+from torchrender.checks import check_choice, check_range, checked_fields
 from torchrender.errors import OptionError
 from torchrender.points.tree import PatchHeaders
 from torchrender.scene.camera import Cameras
@@ -17,6 +17,7 @@ LEVELS = ("auto", "deepest")
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked_fields
 class SelectionOptions:
     """Culling and level choice."""
 

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from torchrender.brief import brief
-from torchrender.checks import check_range
+from torchrender.checks import check_range, checked_fields
 from torchrender.errors import OptionError
 from torchrender.kernels.compile import thread_count
 from torchrender.kernels.points.records import Nodes
@@ -24,6 +24,7 @@ from torchrender.scene.camera import Cameras
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked_fields
 class PatchOptions:
     """When a piece of a point model is a patch.
 

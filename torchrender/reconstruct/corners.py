@@ -15,7 +15,7 @@ from torch.utils.weak import WeakIdKeyDictionary
 
 from torchrender.arrays import Recycler, view
 from torchrender.buffers import DepthImages
-from torchrender.checks import check_range, check_tensor
+from torchrender.checks import check_range, check_tensor, checked_fields
 from torchrender.errors import InputError
 from torchrender.kernels.compile import thread_count
 from torchrender.kernels.warp import corners as kernels
@@ -26,6 +26,7 @@ _memory = Recycler(1 << 27)
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked_fields
 class ReconstructOptions:
     """How samples become quads.
 

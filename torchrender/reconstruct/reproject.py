@@ -6,6 +6,7 @@ sample becomes a disc (splat); what is nearest in the new camera is kept. Source
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -15,8 +16,8 @@ from torch import Tensor
 from torchrender.arrays import Recycler, view
 from torchrender.brief import brief
 from torchrender.buffers import DepthImages
-from torchrender.checks import check_choice, check_finite, check_no_gradient, check_range, check_tensor
-from torchrender.errors import InputError
+from torchrender.checks import check_choice, check_finite, check_no_gradient, check_range, check_tensor, checked_fields
+from torchrender.errors import ColorWarning, InputError
 from torchrender.kernels.compile import thread_count
 from torchrender.kernels.warp.resolve import resolve
 from torchrender.kernels.warp.splat import Samples, Target, draw_splats
@@ -37,6 +38,7 @@ FILTERS = ("bilinear", "nearest")
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked_fields
 class ReprojectOptions:
     """How depth images are drawn from a new viewpoint.
 
@@ -101,8 +103,8 @@ def reproject(
         cameras: B perspective cameras of any size.
         offset_images: the images' views shifted by half a pixel (see :func:`fit_corners`); without them the hybrid
             quads' corners are guessed from the samples' tangent planes and agreed on between neighbours.
-        colors: (N,H,W,3) colours to use instead of those of the images. Their gradients are exact: which samples
-            pixels show does not depend on them.
+        colors: (N,H,W,3) colours to use instead of those of the images, which without ``shade`` have none: said. Their
+            gradients are exact: which samples pixels show does not depend on them.
         options: method and tolerances; ``method`` overrides the one in ``options``.
 
     Raises:
@@ -154,6 +156,9 @@ def _drawn(
 
 def _checked(source: DepthImages, cameras: Cameras, colors: Tensor | None) -> Tensor:
     """The colours (N,H,W,3) to draw, if all can be drawn."""
+    if colors is None and source.parameters.get("shade") is False and not bool(source.color.any()):
+        told = "the images hold no colours, so all is black: sample them with shade=True, or give colors"
+        warnings.warn(told, ColorWarning, stacklevel=3)
     colors = check_tensor("colors", source.color if colors is None else colors, (*source.depth.shape, 3))
     check_no_gradient("reproject", depth=source.depth)
     if not colors.is_floating_point():

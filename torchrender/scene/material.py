@@ -20,6 +20,7 @@ from torchrender.checks import (
     as_vector,
     check_choice,
     check_finite,
+    check_flag,
     check_name,
     check_not_negative,
     check_picture,
@@ -121,7 +122,8 @@ class Material:
     Raises:
         InputError: a colour that is not three finite numbers of zero or more, a texture of a wrong shape or with values
             that are not finite or negative, a sampler for a texture that does not exist.
-        OptionError: a number outside its range, or one of metallic-roughness on a Phong material.
+        OptionError: a number outside its range, or one of metallic-roughness on a Phong material; a flag that is
+            neither True nor False.
     """
 
     name: str = "material"
@@ -137,7 +139,7 @@ class Material:
     double_sided: bool = True  # False: pictures show the front only; mirrors, shadows and depth images have both
 
     # holes and transparency
-    opacity: float = 1.0  # multiplies the alpha of diffuse_texture and of vertex colours
+    opacity: float = 1.0  # multiplies the alpha of diffuse_texture and of vertex colours, for blend or alpha_cutoff
     alpha_cutoff: float | None = None  # less alpha is a hole; None: no holes
     blend: bool = False  # what lies behind shows through by 1 - alpha; excludes alpha_cutoff
 
@@ -171,6 +173,8 @@ class Material:
         for name in ("diffuse", "specular_color", "emission", "sheen_color"):
             told = f"material {self.name!r}: {name}"
             object.__setattr__(self, name, check_not_negative(told, as_vector(told, getattr(self, name))))
+        for name in ("unlit", "double_sided", "blend"):
+            check_flag(f"material {self.name!r}: {name}", getattr(self, name))
         for name in UNIT:
             self._check(name, 0.0, 1.0)
         self._check("shininess", 0.0, 1e6)

@@ -23,6 +23,9 @@ LARGEST_RISE = 60.0
 class Medium:
     """A medium inside an axis-aligned box; coefficients are per scene unit at density 1.
 
+    A ray gains ``absorption emission`` radiance per unit: what does not absorb does not glow, and a picture of such a
+    medium says so (NotUsedWarning).
+
     The density is a number, a number that falls off with height, ``density exp(-falloff (y - floor))``, or a grid whose
     cells fill the box; between the centres of cells it is trilinear, and outside of the box there is nothing. Media may
     overlap: what is in them adds up.
@@ -37,7 +40,7 @@ class Medium:
     high: Tensor  # (3,) float64 largest corner
     absorption: Tensor = field(default_factory=lambda: torch.zeros(3))  # (3,) 1/unit
     scattering: Tensor = field(default_factory=lambda: torch.full((3,), 0.1))  # (3,) 1/unit
-    emission: Tensor = field(default_factory=lambda: torch.zeros(3))  # (3,) radiance
+    emission: Tensor = field(default_factory=lambda: torch.zeros(3))  # (3,) radiance L_e that what absorbs sends out
     asymmetry: float = 0.0  # Henyey-Greenstein g
     density: Tensor | float = 1.0  # a number, or a grid (D,H,W) over the box: z, y, x
     falloff: float = 0.0  # 1/unit; of a number, with height

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from torchrender.brief import brief, brief_html
-from torchrender.checks import as_vector, check_name, check_not_negative
+from torchrender.checks import as_vector, check_flag, check_name, check_not_negative
 from torchrender.errors import InputError
 from torchrender.numerics import tangents
 from torchrender.scene.camera import Cameras, framing_camera
@@ -60,6 +60,7 @@ class Scene:
 
     def __post_init__(self) -> None:
         check_name("name of a scene", self.name)
+        check_flag("photometric", self.photometric)
         check_around(self.environment, self.cameras)
         for name, kind in KINDS.items():
             object.__setattr__(self, name, several(name, getattr(self, name), kind))

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from torchrender.brief import brief
-from torchrender.checks import check_range, check_tensor
+from torchrender.checks import check_range, check_tensor, checked_fields
 from torchrender.errors import InputError
 from torchrender.scene.mesh import Geometry
 from torchrender.scene.triangles import Shape, geometry_of
@@ -22,6 +22,7 @@ FARTHEST_CELL = 2**21  # cells that the larger body may be long
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked_fields
 class CollisionOptions:
     """``resolution``: cells along the longest side of the region where the bodies' boxes overlap.
 

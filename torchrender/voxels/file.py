@@ -22,6 +22,9 @@ from torchrender.voxels.attributes import SurfaceVoxels, decode_normals, encode_
 from torchrender.voxels.grid import VoxelGrid, Voxels
 
 FORMAT = "torchrender.voxels"
+ZIP = b"PK"
+"""What archives, and so NPZ files, begin with."""
+
 VERSION = 1
 KINDS = ("surface", "solid")
 VOX_SIDE = 256
@@ -149,6 +152,9 @@ def read_voxels(path: str | Path) -> VoxelModel:
         raise SceneFileError(path, "no such file")
     try:
         with path.open("rb") as stream:  # NumPy leaves files that it cannot read open
+            if stream.read(len(ZIP)) != ZIP:
+                raise SceneFileError(path, "damaged, cut off or no NPZ file, as voxel files of torchrender are")
+            stream.seek(0)
             return _read(path, np.load(stream, allow_pickle=False))
     except (zipfile.BadZipFile, zlib.error, ValueError, EOFError, OSError, KeyError) as error:
         if isinstance(error, InputError):

@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchrender.checks import check_choice, check_range
+from torchrender.checks import check_choice, check_range, checked_fields
 from torchrender.errors import InputError, LeakWarning
 from torchrender.kernels.compile import thread_count
 from torchrender.kernels.voxels import columns as columns
@@ -34,6 +34,7 @@ FARTHEST = 1 << 30
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked_fields
 class SolidOptions:
     """How the inside is found.
 
@@ -104,7 +105,7 @@ def voxelize_solid(
     2^-subbits of a cell; farther than 2^(30 - subbits) cells from the grid is an InputError, too.
 
     Warns:
-        LeakWarning: with the share of columns that leak.
+        LeakWarning: with the share of columns that leak, or that none does although the mesh is open.
     """
     vertices, faces, grid = mesh_arguments(vertices, faces, grid)
     options = options or SolidOptions()
@@ -126,17 +127,15 @@ def voxelize_solid(
 
 
 def _tell(report: SolidReport, options: SolidOptions) -> None:
+    leaking = sum(report.leaking.values())
+    how = f"{100 * report.leaking_share:.2g} % of the columns of cells that it crosses leak"
+    how += f" ({leaking} of {sum(report.crossed.values())}) and are "
+    how += "decided by the other axes" if options.method == "vote" else 'wrong; method="vote" closes small holes'
     if options.method == "soup":
-        text = "the mesh is not closed: cells are inside where it covers more than half of what they see"
-        warnings.warn(text, LeakWarning, stacklevel=3)
-        return
-    doubtful = "decided by the other axes" if options.method == "vote" else 'wrong; method="vote" closes small holes'
-    warnings.warn(
-        f"the mesh is not closed: {100 * report.leaking_share:.2g} % of the columns of cells that it crosses leak"
-        f" ({sum(report.leaking.values())} of {sum(report.crossed.values())}) and are {doubtful}",
-        LeakWarning,
-        stacklevel=3,
-    )
+        how = "cells are inside where it covers more than half of what they see"
+    elif not leaking:
+        how = "edges belong to one face alone; no column of these cells leaks"
+    warnings.warn(f"the mesh is not closed: {how}", LeakWarning, stacklevel=3)
 
 
 def _snapped(points: np.ndarray, grid: VoxelGrid, subbits: int) -> np.ndarray:

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from torchrender.arrays import view
-from torchrender.checks import check_choice, check_finite, check_tensor
+from torchrender.checks import check_choice, check_finite, check_tensor, checked_fields
 from torchrender.errors import InputError
 from torchrender.kernels.compile import thread_count
 from torchrender.kernels.voxels.cells import Soup
@@ -23,6 +23,7 @@ MODES = ("conservative", "thin")
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked_fields
 class SurfaceOptions:
     """``conservative`` marks every cell whose closed box meets a triangle: no leaks. ``thin`` samples the dominant axis
     at the centres of cell columns, as the source does: fewer cells, and triangles smaller than a column may vanish.

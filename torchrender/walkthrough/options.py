@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from torchrender.checks import check_choice, check_range
+from torchrender.checks import check_choice, check_range, checked_fields
 from torchrender.errors import OptionError
 
 FILLS = ("exemplar", "inpaint", "off")
@@ -15,6 +15,7 @@ SPLATS = ("squares", "ewa")
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked_fields
 class WalkthroughOptions:
     """How photos become planes and points. Names and ranges: specification 13, section 9.
 
@@ -86,6 +87,7 @@ class WalkthroughOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked_fields
 class DrawOptions:
     """How a walkthrough is drawn.
 

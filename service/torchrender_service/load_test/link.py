@@ -12,11 +12,14 @@ import random
 from dataclasses import dataclass
 from types import TracebackType
 
+from torchrender.checks import checked_fields
+
 CHUNK = 16384
 RETRANSMISSION_S = 0.2
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked_fields
 class LinkOptions:
     """Of both directions."""
 

@@ -24,7 +24,7 @@ from torchrender_service.web import (
     routes_stream,
     routes_style,
 )
-from torchrender_service.web.page import PageFiles
+from torchrender_service.web.page import PageFiles, PageMount
 from torchrender_service.web.state import MakePool, ServiceState
 
 STATIC = Path(__file__).parent.parent / "static"
@@ -83,7 +83,8 @@ def make_app(
     ):
         app.include_router(module.router)
     if STATIC.is_dir():
-        app.mount("/", PageFiles(directory=STATIC, html=True, start=start), name="client")
+        files = PageFiles(directory=STATIC, html=True, start=start)
+        app.router.routes.append(PageMount("/", files, name="client"))
     app.add_middleware(Guard, settings=settings, metrics=state.metrics, bodies=state.bodies)
     return app
 

@@ -10,6 +10,7 @@ from typing import Any
 import zstandard
 from starlette.datastructures import Headers
 from starlette.responses import RedirectResponse, Response
+from starlette.routing import Match, Mount
 from starlette.staticfiles import NotModifiedResponse, StaticFiles
 from starlette.types import Scope
 
@@ -31,6 +32,16 @@ def coding_of(accepted: str) -> str | None:
     words = [word.strip().lower().partition(";") for word in accepted.split(",")]
     taken = {name.strip() for name, _, rest in words if rest.replace(" ", "") not in ("q=0", "q=0.0", "q=0.00")}
     return next((coding for coding in CODINGS if coding in taken), None)
+
+
+class PageMount(Mount):
+    """The page at every path but those of the interface: there a wrong method is told as such (405)."""
+
+    def matches(self, scope: Scope) -> tuple[Match, Scope]:
+        """Whether a file could be meant."""
+        if scope["path"].removeprefix(scope.get("root_path", "")).startswith("/v1/"):
+            return Match.NONE, {}
+        return super().matches(scope)
 
 
 class PageFiles(StaticFiles):

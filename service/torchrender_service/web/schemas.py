@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
 
 from torchrender.wire.messages import MAX_LAYERS, CameraHeader
 from torchrender_service.renderers.jobs import Bounds, Buffer, View
@@ -74,7 +74,28 @@ class PinholeCamera(Strict):
         return cls(world_from_camera=matrix, **{name: getattr(header, name) for name in names})
 
 
-Camera = NamedCamera | LookAt | PinholeCamera
+def _camera_form(value: Any) -> str | None:
+    """Which of its forms a camera has, so that errors are about that one alone; None: it is no camera."""
+    if isinstance(value, NamedCamera | LookAt | PinholeCamera):
+        return type(value).__name__
+    if not isinstance(value, dict):
+        return None
+    if "name" in value:
+        return NamedCamera.__name__
+    poses = {"world_from_camera", "fx", "fy", "cx", "cy"} & value.keys()
+    return PinholeCamera.__name__ if poses else LookAt.__name__
+
+
+def _by_form(told: str) -> Discriminator:
+    return Discriminator(_camera_form, custom_error_type="camera", custom_error_message=f"Input should be {told}")
+
+
+_PLACED = "an object with eye (and target, up, fov_deg), or with world_from_camera and fx, fy, cx, cy"
+_Named = Annotated[NamedCamera, Tag("NamedCamera")]
+_Look = Annotated[LookAt, Tag("LookAt")]
+_Pinhole = Annotated[PinholeCamera, Tag("PinholeCamera")]
+Camera = Annotated[_Named | _Look | _Pinhole, _by_form(f"an object with the name of a camera, {_PLACED}")]
+PlacedCamera = Annotated[_Look | _Pinhole, _by_form(_PLACED)]
 
 
 class Problem(BaseModel):
@@ -220,7 +241,7 @@ class ReprojectRequest(Strict):
 
     keyframes: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$", description="id of a container")] | None = None
     container: Annotated[str, Field(min_length=4, description="a container as base64")] | None = None
-    camera: LookAt | PinholeCamera
+    camera: PlacedCamera
     width: Side = 640
     height: Side = 360
     method: Literal["hybrid", "grid", "splat"] = "hybrid"

@@ -382,6 +382,7 @@ def test_the_mapping_keeps_the_height_of_highlights() -> None:
         ({"options": {"views": 8}}, OptionError, "must be StyleOptions"),
         ({"photos": torch.rand(4, 4, 3, requires_grad=True)}, InputError, "gradients"),
         ({"photos": ["photo.png"]}, InputError, "floating-point"),
+        ({"photos": torch.rand(1, 1, 3)}, InputError, "photo must have at least 8x8 pixels, got 1x1"),
     ],
 )
 def test_wrong_use(change, error, text) -> None:
@@ -394,7 +395,7 @@ def test_options_check_themselves() -> None:
     for wrong in ({"views": 7}, {"views": 16}, {"visible_share": 0.5}, {"place": "tile"}, {"cut": "x"}, {"seed": -1}):
         with pytest.raises(OptionError, match=next(iter(wrong))):
             StyleOptions(**wrong)
-    with pytest.raises(OptionError, match="views must be a whole number"):
+    with pytest.raises(OptionError, match="views must be an integer"):
         StyleOptions(views=8.5)
     with pytest.raises(OptionError, match="ridge"):
         FitOptions(ridge=1.0)

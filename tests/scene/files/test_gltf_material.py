@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from gltf_builder import Glb
-from torchrender.errors import InputError, NotUsedWarning, SceneFileError
+from torchrender.errors import InputError, NotUsedWarning, RepairedWarning, SceneFileError
 from torchrender.scene.files.gltf.materials import MIRROR_IOR
 from torchrender.scene.files.gltf.out.materials import downwards
 from torchrender.scene.files.gltf.out.write import write_glb
@@ -308,3 +308,32 @@ def test_a_written_material_comes_back(tmp_path: Path) -> None:
         else:
             assert other == pytest.approx(value), name
     assert isinstance(after, Scene) and after.meshes[0].uv1 is not None
+
+
+def test_numbers_out_of_their_range_are_told(tmp_path: Path) -> None:
+    pbr = {"metallicFactor": 5.0, "roughnessFactor": -3.0}
+    extensions = {"KHR_materials_emissive_strength": {"emissiveStrength": -1.0}}
+    entry = {"pbrMetallicRoughness": pbr, "emissiveFactor": [1.0, 1.0, -1.0], "extensions": extensions}
+    with pytest.warns(RepairedWarning, match="metallicFactor outside"):
+        scene = load(with_material(entry, extensionsUsed=list(extensions)).write(tmp_path / "a.glb"))
+    assert (scene.materials[0].metallic, scene.materials[0].roughness) == (1.0, 0.0)
+    told = {note.what for note in scene.report.repaired}
+    assert told == {
+        "metallicFactor outside [0, 1]: set to its nearest end",
+        "roughnessFactor outside [0, 1]: set to its nearest end",
+        "emissiveStrength outside [0, inf]: set to its nearest end",
+        "emissiveFactor below 0: set to it",
+    }
+
+
+def test_a_rotation_of_zero_is_told(tmp_path: Path) -> None:
+    glb = with_material({})
+    glb.json["nodes"][0]["rotation"] = [0.0, 0.0, 0.0, 0.0]
+    with pytest.warns(RepairedWarning, match="rotation of a node is zero, which is none: it is not turned"):
+        load(glb.write(tmp_path / "a.glb"))
+
+
+def test_json_that_is_nested_too_deeply_is_told(tmp_path: Path) -> None:
+    (tmp_path / "deep.gltf").write_text("[" * 200_000)
+    with pytest.raises(SceneFileError, match=r"damaged or not glTF \(nested too deeply\)"):
+        load(tmp_path / "deep.gltf")

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from torchrender.checks import check_range
+from torchrender.checks import check_range, checked_fields
 
 REACH_SHARE = 0.1
 """Reach of near occluders where none is given, in diagonals of the scene's bounding box."""
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked_fields
 class AmbientOptions:
     """How thoroughly, and what counts as near.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from torchrender.checks import check_choice, check_range
+from torchrender.checks import check_choice, check_range, checked_fields
 from torchrender.errors import OptionError
 
 MAGNITUDES = ("signed_l2", "sum", "l1", "l2")
@@ -14,6 +14,7 @@ SOURCES = ("auto", "mesh", "picture")
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked_fields
 class EnhanceOptions:
     """Gradient-enhanced rendering; the defaults are the source's, but for a magnitude without its diagonal bias.
 

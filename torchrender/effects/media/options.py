@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from torchrender.checks import check_choice, check_range
+from torchrender.checks import check_choice, check_range, checked_fields
 
 WAYS = ("slices", "walk", "march")
 SHADOWS = ("maps", "rays", "none")
@@ -14,6 +14,7 @@ NORMALS = ("length", "effective")
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked_fields
 class ScatterOptions:
     """How scattered light is integrated, and which pixels are.
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from torchrender.checks import check_choice, check_range
+from torchrender.checks import check_choice, check_range, checked_fields
 
 SEARCHES = ("leap", "walk")
 SECOND_WARPS = ("reverse", "forward")
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked_fields
 class ReuseOptions:
     """When an old reflection is good enough.
 

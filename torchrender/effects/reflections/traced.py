@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from torchrender.buffers import ReflectionLayer, ReflectionState
-from torchrender.checks import check_choice, check_range
+from torchrender.checks import check_choice, check_range, checked_fields
 from torchrender.effects.reflections.bounces import traced_onward
 from torchrender.effects.reflections.glossy import share_rays
 from torchrender.effects.reflections.reflectors import (
@@ -33,6 +33,7 @@ _RAYS = 1 << 19  # cast together: bounds the memory of their hits
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked_fields
 class TraceOptions:
     """How reflections are traced.
 

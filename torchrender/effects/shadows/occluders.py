@@ -14,8 +14,8 @@ import torch
 from torch import Tensor
 
 from torchrender.buffers import DepthImages
-from torchrender.checks import check_choice, check_range
-from torchrender.depth.options import METHODS, SamplingOptions
+from torchrender.checks import check_choice, check_range, checked_fields
+from torchrender.depth.options import METHODS, REDUNDANCY, SamplingOptions
 from torchrender.depth.sample import sample_depth_images, sample_offset_images
 from torchrender.effects.shadows.light_samples import corner_grid
 from torchrender.fragment_tests import PIXEL_TESTS
@@ -32,6 +32,7 @@ _TESTS = {"triangles": "identity", "hybrid": "captured", "grid": "captured", "sp
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked_fields
 class OccluderOptions:
     """How a light's view of the scene is sampled and rebuilt.
 
@@ -54,6 +55,8 @@ class OccluderOptions:
         check_choice("mesh", self.mesh, MESHES)
         if self.pixel_test is not None:
             check_choice("pixel_test", self.pixel_test, PIXEL_TESTS)
+        check_choice("redundancy", self.redundancy, REDUNDANCY)
+        check_range("guess_ratio", self.guess_ratio, 1.01, 2.0)
         check_range("size", self.size, 16, 8192)
         check_range("layers", self.layers, 1, 64)
 

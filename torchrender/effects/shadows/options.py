@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from torchrender.checks import check_choice, check_range
+from torchrender.checks import check_choice, check_range, checked_fields
 from torchrender.errors import OptionError
 from torchrender.kernels.shadows.shadow_lookup import AVERAGE_DEPTH, DISC, NEAREST_TEXEL, PCSS, WINDOW
 from torchrender.kernels.shadows.shadow_receiver import CONSTANT, RECEIVER_PLANE, SLOPE
@@ -24,6 +24,7 @@ EDGES = ("map", "exact")
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked_fields
 class ShadowOptions:
     """How shadow maps are drawn and looked up.
 

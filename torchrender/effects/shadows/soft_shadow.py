@@ -32,7 +32,7 @@ from torch import Tensor
 from torchrender.arrays import view as numpy_view
 from torchrender.brief import brief
 from torchrender.buffers import GBuffer
-from torchrender.checks import check_choice, check_range
+from torchrender.checks import check_choice, check_range, checked_fields
 from torchrender.effects.shadows.light_packets import Packets, packet_bits
 from torchrender.effects.shadows.light_rays import LightRays, samples_above, usable
 from torchrender.effects.shadows.light_samples import LightGrid, light_grid
@@ -54,6 +54,7 @@ _ONES = np.array([bin(value).count("1") for value in range(256)], np.int32)
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked_fields
 class SoftShadowOptions:
     """How light visibility is found.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from torchrender.checks import check_choice, check_range
+from torchrender.checks import check_choice, check_range, checked_fields
 from torchrender.errors import OptionError
 
 LEVELS = (1, 2)
@@ -19,6 +19,7 @@ WAVELETS = 6138
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked_fields
 class SkyLightOptions:
     """How light from all around is prepared, and how exactly its shadows are summed.
 
@@ -54,6 +55,7 @@ class SkyLightOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked_fields
 class SphereOptions:
     """How spheres are fitted to a mesh.
 
@@ -72,9 +74,11 @@ class SphereOptions:
         check_range("resolution", self.resolution, 8, 256)
         check_range("starts", self.starts, 1, 64)
         check_range("teleports", self.teleports, 0, 1000)
+        check_range("seed", self.seed, 0, 2**31 - 1)
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked_fields
 class SkyShadowOptions:
     """Shadows that objects cast under the environment's light.
 

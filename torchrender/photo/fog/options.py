@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from torchrender.checks import as_vector, check_choice, check_finite, check_range
+from torchrender.checks import as_vector, check_choice, check_finite, check_range, checked_fields
 from torchrender.errors import InputError, OptionError, TorchRenderWarning
 
 CONTRAST = 3.912
@@ -92,6 +92,7 @@ class FogMedium:
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked_fields
 class FogOptions:
     """How fog is put into a photo.
 

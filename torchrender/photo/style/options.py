@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from torchrender.checks import check_choice, check_range
+from torchrender.checks import check_choice, check_range, checked_fields
 from torchrender.errors import OptionError
 
 MAX_VIEWS = 15
@@ -23,17 +23,12 @@ def check_options(options: object) -> None:
         raise OptionError(f"options must be StyleOptions, got {type(options).__name__}")
 
 
-def _whole(name: str, value: float, low: int, high: int) -> None:
-    check_range(name, value, low, high)
-    if not isinstance(value, int):
-        raise OptionError(f"{name} must be a whole number, got {value}")
-
-
 class StyleWarning(UserWarning):
     """Something asked for could not be done for a part of the scene; names it."""
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked_fields
 class FitOptions:
     """How a material is fitted to the pixels of a photo.
 
@@ -51,14 +46,15 @@ class FitOptions:
     max_pixels: int = 5000  # of one object in one view; more are thinned evenly
 
     def __post_init__(self) -> None:
-        _whole("seeds", self.seeds, 1, 8)
+        check_range("seeds", self.seeds, 1, 8)
         check_range("alpha0", self.alpha0, 5.0, 100.0)
-        _whole("refine", self.refine, 0, 8)
+        check_range("refine", self.refine, 0, 8)
         check_range("ridge", self.ridge, 0.0, 1e-2)
-        _whole("max_pixels", self.max_pixels, 100, 10**7)
+        check_range("max_pixels", self.max_pixels, 100, 10**7)
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked_fields
 class SearchOptions:
     """How one candidate per object is chosen.
 
@@ -82,19 +78,20 @@ class SearchOptions:
         check_choice("tabu", self.tabu, ("solution", "move"))
         check_choice("smooth", self.smooth, ("laplacian", "tv"))
         check_choice("units", self.units, ("normalized", "raw"))
-        _whole("tabu_length", self.tabu_length, 1, 50)
-        _whole("stagnation", self.stagnation, 10, 500)
+        check_range("tabu_length", self.tabu_length, 1, 50)
+        check_range("stagnation", self.stagnation, 10, 500)
         check_range("stop_at", self.stop_at, 0.0)
         check_range("prior_weight", self.prior_weight, 0.0, 100.0)
         check_range("fit_weight", self.fit_weight, 0.0, 100.0)
-        _whole("bins", self.bins, 8, 64)
+        check_range("bins", self.bins, 8, 64)
         if self.smooth_weight is not None:
             check_range("smooth_weight", self.smooth_weight, 0.0, 1.0)
         if self.cluster is not None:
-            _whole("cluster", self.cluster, 1, MAX_VIEWS)
+            check_range("cluster", self.cluster, 1, MAX_VIEWS)
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked_fields
 class StyleOptions:
     """How a scene takes the style of a photo.
 
@@ -114,12 +111,10 @@ class StyleOptions:
     search: SearchOptions = SearchOptions()
 
     def __post_init__(self) -> None:
-        _whole("views", self.views, 8, MAX_VIEWS)
-        _whole("width", self.width, 16, 4096)
-        _whole("height", self.height, 16, 4096)
+        check_range("views", self.views, 8, MAX_VIEWS)
+        check_range("width", self.width, 16, 4096)
+        check_range("height", self.height, 16, 4096)
         check_range("visible_share", self.visible_share, 0.0005, 0.05)
         check_choice("place", self.place, ("stretch", "crop"))
         check_choice("cut", self.cut, CUTS)
-        _whole("seed", self.seed, 0, 2**31 - 1)
-        if not isinstance(self.fit, FitOptions) or not isinstance(self.search, SearchOptions):
-            raise OptionError("fit must be FitOptions and search SearchOptions")
+        check_range("seed", self.seed, 0, 2**31 - 1)

@@ -16,6 +16,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from torchrender.checks import checked_fields
 from torchrender.image import Image
 from torchrender.images.files import write_atomically
 from torchrender.passes.table import PASSES
@@ -46,6 +47,7 @@ PRESETS = {"draft": 0, "low": 1, "medium": 2, "high": 3}
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked_fields
 class StudyOptions:
     """How much is measured."""
 

@@ -18,6 +18,7 @@ import torch
 from skimage.metrics import structural_similarity
 from torch import Tensor
 
+from torchrender.checks import checked_fields
 from torchrender.images.files import write_image
 from torchrender.points.cloud import PointCloud
 from torchrender.points.codec import compress, decompress, half_extent
@@ -51,6 +52,7 @@ DEEPEST = SelectionOptions(level="deepest")
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked_fields
 class StudyOptions:
     """How much is measured."""
 

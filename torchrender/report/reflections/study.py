@@ -17,6 +17,7 @@ from PIL import Image as Picture
 from torch import Tensor
 
 from torchrender.buffers import ReflectionLayer
+from torchrender.checks import checked_fields
 from torchrender.effects.reflections.clustered import ClusterOptions
 from torchrender.images.files import write_atomically
 from torchrender.quality.machine import machine_record
@@ -44,6 +45,7 @@ THESIS = ClusterOptions(
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked_fields
 class StudyOptions:
     """How much is measured."""
 

@@ -18,6 +18,7 @@ import torch
 from torch import Tensor
 
 from torchrender.buffers import GBuffer, ReflectionLayer, ReflectionState
+from torchrender.checks import checked_fields
 from torchrender.effects.reflections.key_frame import match_reflections
 from torchrender.effects.reflections.reflectors import (
     ReflectivePixels,
@@ -55,6 +56,7 @@ OCCLUSION = 0.02  # relative difference in distance that shows that a reused poi
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked_fields
 class StudyOptions:
     """How much is measured."""
 

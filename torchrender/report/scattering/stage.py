@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from torchrender.buffers import GBuffer
+from torchrender.checks import checked_fields
 from torchrender.effects.media.options import ScatterOptions
 from torchrender.effects.media.scatter import Illumination, ScatteringLayer, scatter
 from torchrender.effects.shadows.shadow_map import ShadowOptions, render_shadow_map
@@ -25,6 +26,7 @@ SUN_STEPS = 8
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked_fields
 class StudyOptions:
     """How much is measured."""
 

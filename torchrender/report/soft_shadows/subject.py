@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from torchrender.buffers import GBuffer
+from torchrender.checks import checked_fields
 from torchrender.effects.shadows.occluders import MESHES
 from torchrender.effects.shadows.soft_shadow import LightVisibility, Occluders, SoftShadowOptions, soft_shadow
 from torchrender.raster import rasterize
@@ -20,6 +21,7 @@ SCENES = ("nest", "grass", "city", "tree")
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked_fields
 class StudyOptions:
     """How much is measured."""
 

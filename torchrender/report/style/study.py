@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from torchrender.checks import checked_fields
 from torchrender.errors import TorchRenderError
 from torchrender.images.files import write_atomically
 from torchrender.photo.style.options import FitOptions, SearchOptions, StyleOptions, StyleWarning
@@ -40,6 +41,7 @@ SOURCE_OBJECTS = 15
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked_fields
 class StudyOptions:
     """How much is measured."""
 

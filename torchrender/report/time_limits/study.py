@@ -22,6 +22,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from torchrender.checks import checked_fields
 from torchrender.errors import ImageFileError
 from torchrender.images.files import read_image, write_image
 from torchrender.kernels.compile import thread_count
@@ -51,6 +52,7 @@ PATIENCE = 1200.0  # seconds after which a process is given up
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked_fields
 class StudyOptions:
     """How much is measured."""
 

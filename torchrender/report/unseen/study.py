@@ -19,6 +19,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from torchrender.checks import checked_fields
 from torchrender.image import Image
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
@@ -53,6 +54,7 @@ FIRST_SEED = 10_000
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked_fields
 class StudyOptions:
     """How much is measured."""
 

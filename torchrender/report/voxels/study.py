@@ -16,6 +16,7 @@ from typing import Any
 
 import torch
 
+from torchrender.checks import checked_fields
 from torchrender.images.files import write_atomically
 from torchrender.quality.machine import machine_record
 from torchrender.quality.timing import take_turns
@@ -41,6 +42,7 @@ REAL = ("utah_teapot.obj", "fandisk.obj", "stanford_bunny.ply", "armadillo.ply",
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked_fields
 class StudyOptions:
     """How much is measured."""
 

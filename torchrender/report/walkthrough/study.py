@@ -16,6 +16,7 @@ from typing import Any
 
 import torch
 
+from torchrender.checks import checked_fields
 from torchrender.images.files import write_atomically
 from torchrender.quality.machine import machine_record
 from torchrender.quality.pages import text_writer
@@ -52,6 +53,7 @@ PARTS = ("synthetic", "livingroom1", "slambook2", "noisy")
 
 
 @dataclass(frozen=True)
+@checked_fields
 class StudyOptions:
     """How large."""
 

@@ -6,7 +6,6 @@ A path file is TOML or JSON with an array ``pose`` of tables ``eye``, ``target``
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,7 @@ from torchrender.checks import check_finite, check_tensor
 from torchrender.errors import InputError, SceneFileError
 from torchrender.scene.camera import Cameras
 from torchrender.scene.cameras.spline import FINE, even_times, spans, spline_at
-from torchrender.scene.files.content import read_bytes
+from torchrender.scene.files.content import json_values, read_bytes
 from torchrender.scene.files.toml_table import Table, parse_toml
 from torchrender.scene.model import Scene
 
@@ -158,8 +157,8 @@ def load_path(path: str | Path) -> CameraPath:
 
 def _json(path: Path, data: bytes) -> dict[str, Any]:
     try:
-        values = json.loads(data)
-    except (UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
+        values = json_values(data)
+    except ValueError as error:
         raise SceneFileError(path, f"not a JSON file ({error})") from error
     if not isinstance(values, dict):
         raise SceneFileError(path, "must hold a JSON object")

@@ -2,11 +2,25 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
+from typing import Any
 
 from torchrender.errors import SceneFileError
 
 MAX_FILE_BYTES = 2**31
+
+
+def json_values(data: bytes) -> Any:
+    """What a JSON text holds.
+
+    Raises:
+        ValueError: it is none, or is nested too deeply.
+    """
+    try:
+        return json.loads(data)
+    except RecursionError as error:
+        raise ValueError("nested too deeply") from error
 
 
 def read_bytes(path: Path) -> bytes:

@@ -37,7 +37,9 @@ def parse_toml_values(path: Path, data: bytes) -> dict[str, Any]:
     """The plain values of a TOML file; errors as :func:`parse_toml`."""
     try:
         return tomllib.loads(data.decode("utf-8"))
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
+    except RecursionError as error:
+        raise SceneFileError(path, "not a TOML file (nested too deeply)") from error
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise SceneFileError(path, f"not a TOML file ({error})") from error
 
 

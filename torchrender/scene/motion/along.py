@@ -6,7 +6,6 @@ object stands) and, if wanted, ``turn`` (degrees about its upright axis); ``ends
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,7 +15,7 @@ from torch import Tensor
 from torchrender.checks import as_array, check_finite, check_tensor
 from torchrender.errors import InputError, SceneFileError
 from torchrender.scene.cameras.spline import even_times, spline_at
-from torchrender.scene.files.content import read_bytes
+from torchrender.scene.files.content import json_values, read_bytes
 from torchrender.scene.files.toml_table import Table, parse_toml
 
 
@@ -79,8 +78,8 @@ def load_object_path(path: str | Path) -> ObjectPath:
     data = read_bytes(path)
     if path.suffix.lower() == ".json":
         try:
-            values = json.loads(data)
-        except (UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
+            values = json_values(data)
+        except ValueError as error:
             raise SceneFileError(path, f"not a JSON file ({error})") from error
         if not isinstance(values, dict):
             raise SceneFileError(path, "must hold a JSON object")

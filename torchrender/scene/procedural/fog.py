@@ -21,8 +21,9 @@ def with_fog(scene: Scene, values: Mapping[str, float]) -> Scene:
 
     Args:
         values: ``scattering``, ``absorption`` in 1/unit (0.1 over the scene's diagonal where neither is given),
-            ``emission`` as radiance, ``asymmetry`` g, ``density``, and ``height``: over so many scene units upwards
-            from ``floor`` (the lowest point of the scene) it gets thinner by a factor e.
+            ``emission`` as radiance (times absorption: without that there is none), ``asymmetry`` g, ``density``, and
+            ``height``: over so many scene units upwards from ``floor`` (the lowest point of the scene) it gets thinner
+            by a factor e.
 
     Raises:
         OptionError: an unknown name, or a height that is not positive; InputError: a value out of its range.

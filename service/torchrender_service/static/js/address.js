@@ -4,6 +4,7 @@ import { axesTowards } from "./controls.js";
 import { add, axesOf, eyeOf, normalize, placed, scale } from "./camera.js";
 
 const DIGITS = 7;
+const FARTHEST = 1e12; // coordinate that a view may have
 const AHEAD = 0.2; // of the diagonal: how far before a walker the point lies that the text names
 
 /** Words of the address by name. */
@@ -35,10 +36,11 @@ export function viewText(walker) {
   return [...eye, ...target].map(short).join(",");
 }
 
-/** The camera of such a text, with the size and opening angle of `camera`; null: it is none. */
+/** The camera of such a text, with the size and opening angle of `camera`; null: it is none, or out of
+ * any reach. */
 export function cameraOf(text, camera, up) {
   const numbers = (text ?? "").split(",").map(Number);
-  if (numbers.length !== 6 || !numbers.every(Number.isFinite)) return null;
+  if (numbers.length !== 6 || !numbers.every((v) => Math.abs(v) <= FARTHEST)) return null;
   const [eye, target] = [numbers.slice(0, 3), numbers.slice(3)];
   const way = target.map((v, k) => v - eye[k]);
   if (Math.hypot(...way) === 0) return null;

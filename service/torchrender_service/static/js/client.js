@@ -25,7 +25,7 @@ export class Client {
   /**
    * `hooks`: state(name, detail), keyframe(header), frame(ms), figures(stats), sources() of the samples to draw,
    * exposure() to show (EV, or null: as the pictures come), scene(facts), picked(found), moved(), context(lost),
-   * unable(error) where the browser has no WebGL2.
+   * refused(problem) of what the server does not do, unable(error) where the browser has no WebGL2.
    */
   constructor(canvas, walker, hooks) {
     this.canvas = canvas;
@@ -38,7 +38,7 @@ export class Client {
       state: (name, detail) => this.onState(name, detail),
       welcome: (header, session) => this.onWelcome(header, session),
       keyframe: (buffer) => this.onKeyframe(buffer),
-      problem: (header) => console.warn(`server: ${header.title}: ${header.detail}`),
+      problem: (header) => this.hooks.refused(header),
       told: (type, header) => this.onTold(type, header),
     });
     this.health = new Health(this);

@@ -2,6 +2,7 @@
 
 const SILENCE = 2500; // ms without a word from a server that says something every second
 const LATE = 700; // ms that a picture may take before it is worth a word
+const OLD = 3000; // ms from which on a picture is no live one
 const KINDS = { moving: "a picture", still: "the refined picture", smooth: "smooth outlines" };
 
 export class Health {
@@ -58,7 +59,9 @@ export class Health {
       return { kind: "busy", text: `waiting for ${[...this.pending.names].join(", ")}`, ms };
     }
     if (!keyframes.newest) return { kind: "busy", text: "first picture", ms: doing ? passed : undefined };
-    if (doing && passed > LATE) return { kind: "good", text: `making ${KINDS[doing]}`, ms: passed };
-    return null;
+    const age = this.age;
+    const old = age > OLD; // also where nobody has begun with another one
+    if (doing && passed > LATE) return { kind: old ? "busy" : "good", text: `making ${KINDS[doing]}`, ms: passed };
+    return old ? { kind: "busy", text: "picture is old", ms: age } : null;
   }
 }

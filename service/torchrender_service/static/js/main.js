@@ -168,6 +168,7 @@ function onScene(facts, first) {
   else if (words.view) settings.ignore("view", words);
   delete words.view; // of the scene that the page began with
   tellIgnored();
+  noteSoon(); // a scene that took long to come is not in the address yet
   views.showMode();
   views.showCameras({});
   survey(facts.id);
@@ -182,6 +183,14 @@ function tellIgnored() {
     noteSoon(); // the address says what is shown
   }
   settings.ignored = {};
+}
+
+/** The server does not do what was asked; where that was the view of a link, the scene's own takes its place. */
+function onRefused({ title, detail }) {
+  const lost = !client.keyframes.newest && client.walker.camera && client.walker.camera !== client.walker.home;
+  if (lost) client.walker.reset();
+  tell(`The server refuses: ${detail || title}${lost ? "; the view is the scene's own" : ""}`);
+  if (lost) noteSoon();
 }
 
 /** A scene that its program changes has other walls, once it rests. */
@@ -238,6 +247,7 @@ function showScenes(found) {
   if (!first) return say("The server has no scenes.");
   if (words.scene && first.id !== wanted && first.name !== wanted) {
     settings.ignore("scene", words);
+    if (words.view) settings.ignore("view", words);
     delete words.view;
     delete words.scene;
   }
@@ -340,6 +350,7 @@ function begin() {
     context: showContext,
     scene: onScene,
     moved: noteSoon,
+    refused: onRefused,
     picked: (found) => {
       client.picked = found;
       views.showPicked(found);

@@ -16,11 +16,11 @@ import torch
 from torch import Tensor
 
 from torchrender.arrays import view
-from torchrender.checks import check_choice
+from torchrender.checks import check_choice, check_range, checked_fields
 from torchrender.effects.reflections.clusters.bundle import Bundle, ClusterCameras
 from torchrender.effects.reflections.clusters.extents import with_images
 from torchrender.effects.reflections.clusters.grouping import PixelClusters, split
-from torchrender.effects.reflections.reflectors import ReflectivePixels
+from torchrender.effects.reflections.reflectors import LOBES, ReflectivePixels
 from torchrender.kernels.reflections import cluster_fit
 
 AIMS = ("rays", "normal")
@@ -37,11 +37,12 @@ NO_CONDITION = 1e8
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked_fields
 class CameraOptions:
     """How cameras are placed.
 
     Raises:
-        OptionError: an unknown centre or aim.
+        OptionError: a value outside its range; names it.
     """
 
     centre: str = "best"  # "thesis", "least_squares", or "best"
@@ -57,6 +58,10 @@ class CameraOptions:
     def __post_init__(self) -> None:
         check_choice("centre", self.centre, CENTRES)
         check_choice("aim", self.aim, AIMS)
+        check_choice("lobe", self.lobe, LOBES)
+        check_range("scale", self.scale, 1e-3, 64.0)
+        check_range("deviation_deg", self.deviation_deg, 0.1, 180.0)
+        check_range("most", self.most, 1, 1 << 20)
 
 
 def build_cluster_cameras(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from torchrender.checks import check_choice, check_range
+from torchrender.checks import check_choice, check_range, checked_fields
 from torchrender.effects.reflections.clusters.cameras import AIMS, CENTRES, CameraOptions
 from torchrender.effects.reflections.reflectors import LOBES
 from torchrender.errors import OptionError
@@ -14,6 +14,7 @@ SEARCHES = ("intersect", "secant")
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked_fields
 class ClusterOptions:
     """How pixels are grouped, and how their depth images are drawn and asked.
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import binascii
-import json
 import struct
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ from urllib.parse import unquote
 import numpy as np
 
 from torchrender.errors import SceneFileError
+from torchrender.scene.files.content import json_values
 from torchrender.scene.files.gltf.extensions import SUPPORTED
 from torchrender.scene.files.gltf.meshopt import EXTENSIONS, decode_view
 from torchrender.scene.files.report import Notes
@@ -36,8 +36,8 @@ class GltfFile:
         self._binary = b""
         text = self._chunks(data) if data[:4] == b"glTF" else data
         try:
-            self.json = json.loads(text.removeprefix(b"\xef\xbb\xbf"))
-        except (ValueError, RecursionError) as error:
+            self.json = json_values(text.removeprefix(b"\xef\xbb\xbf"))
+        except ValueError as error:
             raise SceneFileError(path, f"damaged or not glTF ({error})") from error
         if not isinstance(self.json, dict) or not isinstance(self.json.get("asset"), dict):
             raise SceneFileError(path, "not glTF: the JSON has no asset")

@@ -6,6 +6,7 @@ is the specular colour. What a material here has no field for is named in the re
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -105,7 +106,7 @@ class _Draft:
         if "ior" in ior:
             value = self._file.number(ior, "ior", 1.5, self._key)
             # Zero stands for a surface that mirrors everything, where specular-glossiness was turned into this.
-            values["ior"] = MIRROR_IOR if value == 0 else min(max(value, 1.0), MIRROR_IOR)
+            values["ior"] = MIRROR_IOR if value == 0 else self._within("ior", value, 1.0, MIRROR_IOR)
         return values
 
     def _phong(self, phong: dict[str, Any], values: dict[str, Any]) -> dict[str, Any]:
@@ -116,7 +117,7 @@ class _Draft:
             "specular": self._share(phong, "specular", 0.0),
             "specular_color": self._colors(phong, "specular_color", 1.0),
             "gloss": self._share(phong, "gloss", 0.0),
-            "shininess": min(max(self._file.number(phong, "shininess", 32.0, self._key), 0.0), 1e6),
+            "shininess": self._within("shininess", self._file.number(phong, "shininess", 32.0, self._key), 0.0, 1e6),
         }
 
     def _specular_texture(self, specular: dict[str, Any]) -> Tensor | None:
@@ -155,16 +156,16 @@ class _Draft:
         mode = self._entry.get("alphaMode", "OPAQUE")
         if mode not in ("OPAQUE", "MASK", "BLEND"):
             raise SceneFileError(self._file.path, f"unknown alphaMode {mode!r}", key=self._key)
-        opacity = min(max(factor, 0.0), 1.0)
         if mode == "OPAQUE":
             return {}
+        opacity = self._within("alpha of the base color", factor, 0.0, 1.0)
         if mode == "BLEND":
             return {"blend": True, "opacity": opacity}
         cutoff = self._file.number(self._entry, "alphaCutoff", 0.5, self._key)
         # A cutoff above one hides everything, which a material expresses by opacity 0.
         if cutoff > 1.0:
             return {"alpha_cutoff": 1.0, "opacity": 0.0}
-        return {"alpha_cutoff": max(cutoff, 0.0), "opacity": opacity}
+        return {"alpha_cutoff": self._within("alphaCutoff", cutoff, 0.0, 1.0), "opacity": opacity}
 
     def _emission(self) -> dict[str, Any]:
         factor = self._colors(self._entry, "emissiveFactor", 0.0)
@@ -172,14 +173,17 @@ class _Draft:
         info = self._entry.get("emissiveTexture")
         if not bool((factor > 0).any()):
             return {}
-        return {"emission": factor * max(strength, 0.0), "emission_texture": self._color("emission_texture", info)}
+        return {
+            "emission": factor * self._within("emissiveStrength", strength, 0.0, math.inf),
+            "emission_texture": self._color("emission_texture", info),
+        }
 
     def _relief(self) -> dict[str, Any]:
         normal, occlusion = (object_of(self._entry.get(n)) for n in ("normalTexture", "occlusionTexture"))
         scale = self._file.number(normal, "scale", 1.0, self._key)
         return {
             "normal_texture": self._plain("normal_texture", normal or None),
-            "normal_scale": min(max(scale, -100.0), 100.0),
+            "normal_scale": self._within("scale of a normal texture", scale, -100.0, 100.0),
             "occlusion_texture": self._plain("occlusion_texture", occlusion or None),
             "occlusion_strength": self._share(occlusion, "strength", 1.0),
         }
@@ -228,10 +232,21 @@ class _Draft:
         return object_of(self._extensions.get(_PREFIX + name))
 
     def _share(self, holder: Mapping[str, Any], name: str, default: float) -> float:
-        return min(max(self._file.number(dict(holder), name, default, self._key), 0.0), 1.0)
+        return self._within(name, self._file.number(dict(holder), name, default, self._key), 0.0, 1.0)
 
     def _colors(self, holder: Mapping[str, Any], name: str, default: float) -> Tensor:
-        return _vector(self._file.numbers(dict(holder), name, [default] * 3, self._key)).clamp_min(0.0)
+        given = _vector(self._file.numbers(dict(holder), name, [default] * 3, self._key))
+        self._note(name, bool((given < 0).any()), "below 0: set to it")
+        return given.clamp_min(0.0)
+
+    def _within(self, name: str, value: float, low: float, high: float) -> float:
+        """The number, or the end of its range that is nearest; said."""
+        self._note(name, not low <= value <= high, f"outside [{low:g}, {high:g}]: set to its nearest end")
+        return min(max(value, low), high)
+
+    def _note(self, name: str, wrong: bool, how: str) -> None:
+        if wrong:
+            self._file.notes.repaired(f"{name} {how}")
 
     def _color(self, name: str, info: Any) -> Tensor | None:
         found = self._textures.color(info, self._key)

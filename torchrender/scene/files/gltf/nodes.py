@@ -78,6 +78,8 @@ def read_nodes(file: GltfFile, roots: list[Any]) -> tuple[Nodes, list[int]]:
         for name, values in (("translation", translation), ("rotation", rotation), ("scale", scale)):
             if name in node:
                 values[index] = file.numbers(node, name, values[index].tolist(), key)
+    none = int((rotation == 0).all(1)[order].sum())
+    file.notes.repaired("rotation of a node is zero, which is none: it is not turned", none)
     return Nodes(parents, translation, rotation, scale, matrices, _weights(file, order)), order
 
 

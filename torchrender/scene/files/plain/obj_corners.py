@@ -11,12 +11,13 @@ from torchrender.errors import SceneFileError
 from torchrender.kernels.files.corners import parse_corners
 
 Array = np.ndarray[Any, Any]
+_WHAT = ("vertex", "texture coordinate", "normal")
 
 
 def read_corners(path: Path, lines: list[str], sizes: tuple[int, int, int]) -> tuple[Array, Array]:
     """(C,3) int64 place of vertex, texture coordinate and normal of each corner, -1: none; corners of each face."""
     table, counts = _quick(lines) or _by_words(path, lines)
-    for k, (what, size) in enumerate(zip(("vertex", "texture coordinate", "normal"), sizes, strict=True)):
+    for k, (what, size) in enumerate(zip(_WHAT, sizes, strict=True)):
         wrong = (table[:, k] > size) | (table[:, k] < (1 if k == 0 else 0))
         if wrong.any():
             row = int(np.searchsorted(counts.cumsum(), int(wrong.argmax()), side="right"))
@@ -48,21 +49,23 @@ def _by_words(path: Path, lines: list[str]) -> tuple[Array, Array]:
             here = [int(n) for n in head.split()]
         own = line.split()
         if here is not None:
-            own = [_absolute(path, word, here) for word in own]
+            own = [_absolute(path, word, here, row) for word in own]
         counts[row] = len(own)
         words += own
     return _indices(path, words), counts
 
 
-def _absolute(path: Path, word: str, here: list[int]) -> str:
-    """A corner with relative indices as one with absolute ones."""
+def _absolute(path: Path, word: str, here: list[int], row: int) -> str:
+    """A corner with relative indices, of the face in that row, as one with absolute ones."""
     out = []
     for k, part in enumerate(word.split("/")[:3]):
         if part.startswith("-"):
             if not part[1:].isdigit():
                 raise SceneFileError(path, f"damaged: a corner of a face is {word[:40]!r}")
             number = here[k] + 1 + int(part)
-            part = str(number) if number > 0 else "999999999999"
+            if number < 1:
+                raise SceneFileError(path, f"face {row + 1} names {_WHAT[k]} {part}, there are {here[k]} before it")
+            part = str(number)
         out.append(part)
     return "/".join(out)
 
