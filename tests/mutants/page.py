@@ -33,9 +33,9 @@ def _page(faults: Sequence[Fault], verdicts: Verdicts, asked: Counter[str]) -> s
         "# Faults that the tests notice",
         "",
         f"`make mutants` seeds {len(faults)} faults written by hand, one at a time, into a copy of the tree, and runs "
-        f"the tests that are about the place: {sum(asked.values())} of them so far. Verdicts are kept until the fault or "
-        "those tests change, and one that was caught stays caught; one that was not counts as not asked once tests were "
-        f"written for it, until it is asked again. Verdicts by what was asked: {of_each}.",
+        f"the tests that are about the place: {sum(asked.values())} of them so far. Verdicts are kept until the fault "
+        "or those tests change, and one that was caught stays caught; one that was not counts as not asked once tests "
+        f"were written for it, until it is asked again. Verdicts by what was asked: {of_each}.",
         "",
         f"| area | caught | asked | seeded | score | goal {GOAL} % |",
         "|---|---|---|---|---|---|",
