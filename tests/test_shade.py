@@ -395,3 +395,15 @@ def test_rectangles_send_their_light_to_one_side(seen: str, area_light: str) -> 
         gbuffer = rasterize(scene, cameras) if seen == "triangles" else floor_gbuffer(cameras)
         sums.append(float(shade(scene, gbuffer, area_light=area_light).sum()))
     assert min(sums) == 0.0 and max(sums) > 0.1
+
+
+@pytest.mark.parametrize("seen", ["triangles", "samples"])
+def test_empty_pixels_show_what_the_environment_shows_and_not_what_it_sheds(seen: str) -> None:
+    around = Environment(radiance=torch.full((4, 8, 3), 0.5), shown=torch.full((4, 8, 3), 2.0))
+    scene, cameras = replace(floor_scene(), environment=around), overhead()
+    if seen == "triangles":
+        cameras = Cameras.look_at((0.0, 5.0, 0.0), (0.0, 9.0, 1.0), width=6, height=4)
+    gbuffer = rasterize(scene, cameras) if seen == "triangles" else floor_gbuffer(cameras)
+    empty = ~gbuffer.covered
+    assert bool(empty.any())
+    torch.testing.assert_close(shade(scene, gbuffer)[empty], torch.full((int(empty.sum()), 3), 2.0))
