@@ -381,3 +381,29 @@ def test_far_from_the_world_origin_nothing_changes() -> None:
     position = torch.where(covered[..., None], gbuffer.position.double() + away, 0.0)
     moved = replace(gbuffer, cameras=replace(cameras, camera_from_world=matrix), position=position)
     torch.testing.assert_close(shade(far, moved)[covered], shade(near, gbuffer)[covered], rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.parametrize("area_light", ["polygon", "centre"])
+@pytest.mark.parametrize("seen", ["triangles", "samples"])
+def test_rectangles_send_their_light_to_one_side(seen: str, area_light: str) -> None:
+    """Seen by the compiled kernel, which takes triangles, and by torch."""
+    corner, u, v = torch.tensor([-0.5, 1.5, -0.5]), torch.tensor([1.0, 0.0, 0.0]), torch.tensor([0.0, 0.0, 1.0])
+    sums = []
+    for first, second in ((u, v), (v, u)):
+        scene = floor_scene(RectLight(corner=corner, edge_u=first, edge_v=second, radiance=torch.ones(3)))
+        cameras = overhead()
+        gbuffer = rasterize(scene, cameras) if seen == "triangles" else floor_gbuffer(cameras)
+        sums.append(float(shade(scene, gbuffer, area_light=area_light).sum()))
+    assert min(sums) == 0.0 and max(sums) > 0.1
+
+
+@pytest.mark.parametrize("seen", ["triangles", "samples"])
+def test_empty_pixels_show_what_the_environment_shows_and_not_what_it_sheds(seen: str) -> None:
+    around = Environment(radiance=torch.full((4, 8, 3), 0.5), shown=torch.full((4, 8, 3), 2.0))
+    scene, cameras = replace(floor_scene(), environment=around), overhead()
+    if seen == "triangles":
+        cameras = Cameras.look_at((0.0, 5.0, 0.0), (0.0, 9.0, 1.0), width=6, height=4)
+    gbuffer = rasterize(scene, cameras) if seen == "triangles" else floor_gbuffer(cameras)
+    empty = ~gbuffer.covered
+    assert bool(empty.any())
+    torch.testing.assert_close(shade(scene, gbuffer)[empty], torch.full((int(empty.sum()), 3), 2.0))

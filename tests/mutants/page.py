@@ -32,9 +32,10 @@ def _page(faults: Sequence[Fault], verdicts: Verdicts, asked: Counter[str]) -> s
     lines = [
         "# Faults that the tests notice",
         "",
-        f"`make mutants` seeded {len(faults)} faults written by hand, one at a time, into a copy of the tree, and ran "
-        "the tests that are about the place. Verdicts are kept until the fault or those tests change, and "
-        f"one that was caught stays caught; verdicts by what was asked: {of_each}.",
+        f"`make mutants` seeds {len(faults)} faults written by hand, one at a time, into a copy of the tree, and runs "
+        f"the tests that are about the place: {sum(asked.values())} of them so far. Verdicts are kept until the fault "
+        "or those tests change, and one that was caught stays caught; one that was not counts as not asked once tests "
+        f"were written for it, until it is asked again. Verdicts by what was asked: {of_each}.",
         "",
         f"| area | caught | asked | seeded | score | goal {GOAL} % |",
         "|---|---|---|---|---|---|",
@@ -43,11 +44,9 @@ def _page(faults: Sequence[Fault], verdicts: Verdicts, asked: Counter[str]) -> s
         share = 100 * caught / of if of else 0.0
         word = "met" if of == seeded and share >= GOAL else "missed" if of == seeded else "not all asked"
         lines.append(f"| {area} | {caught} | {of} | {seeded} | {f'{share:.0f} %' if of else '-'} | {word} |")
-    lines += ["", "## Not noticed", ""]
-    lines += [
-        f"- {fault.area}, `{fault.file}`: {_code(fault.old)} → {_code(fault.new)}"
-        for _, fault in missed(faults, verdicts)
-    ]
+    found = missed(faults, verdicts)
+    lines += ["", "## Not noticed", ""] if found else ["", "None of those that were asked is left unnoticed."]
+    lines += [f"- {one.area}, `{one.file}`: {_code(one.old)} → {_code(one.new)}" for _, one in found]
     return "\n".join(lines) + "\n"
 
 

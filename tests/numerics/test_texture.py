@@ -13,7 +13,7 @@ from torch import Tensor
 
 from torchrender.errors import InputError
 from torchrender.numerics import texture as module
-from torchrender.numerics.texture import build_pyramid, color_pyramid, sample_texture
+from torchrender.numerics.texture import Addressing, build_pyramid, color_pyramid, sample_texture
 
 
 def picture(height: int, width: int, channels: int = 3, seed: int = 0) -> Tensor:
@@ -173,3 +173,29 @@ def test_a_pyramid_made_in_place_is_the_one_that_gradients_pass(size: tuple[int,
     assert traced.texels.requires_grad and plain.texels.shape[1] == 4
     together = build_pyramid(torch.cat(parts, dim=2))
     torch.testing.assert_close(together.texels, plain.texels)
+
+
+@pytest.mark.parametrize("filtering", ["nearest", "bilinear", "trilinear"])
+def test_what_lies_beyond_the_edges(filtering: str) -> None:
+    """Mirrored, the same to both sides of each edge; clamped, as at the edge; inside, the same as each other."""
+    pyramid = build_pyramid(picture(5, 4))
+    generator = torch.Generator().manual_seed(1)
+    inside = torch.rand(40, 2, generator=generator, dtype=torch.float64) * 0.98 + 0.01
+    width = None if filtering != "trilinear" else torch.full((40,), 0.4)
+
+    def look(uv: Tensor, wrap: str) -> Tensor:
+        return sample_texture(pyramid, uv, width, Addressing(wrap, wrap, filtering))
+
+    wanted = look(inside, "mirror")
+    torch.testing.assert_close(look(inside, "clamp"), wanted)
+    for axis in (0, 1):
+        turned, moved, both = inside.clone(), inside.clone(), inside.clone()
+        turned[:, axis] *= -1.0
+        moved[:, axis] += 6.0
+        both[:, axis] = 2.0 - both[:, axis]
+        for uv in (turned, moved, both):
+            torch.testing.assert_close(look(uv, "mirror"), wanted, atol=1e-5, rtol=1e-5)
+        beyond, edge = inside.clone(), inside.clone()
+        beyond[:, axis] = torch.where(beyond[:, axis] > 0.5, 7.3, -2.7)
+        edge[:, axis] = (edge[:, axis] > 0.5).double()
+        torch.testing.assert_close(look(beyond, "clamp"), look(edge, "clamp"))

@@ -7,7 +7,7 @@ from mutants.fault import Fault, faults
 P = "torchrender/"
 LOBE = "tests/numerics/test_lobe.py tests/numerics/test_ggx.py tests/effects/reflections/test_traced.py"
 RASTER = "tests/kernels/raster tests/test_raster.py tests/hard/test_raster.py"
-MARCH = "tests/kernels/reflections tests/effects/reflections/test_clustered.py tests/hard/test_clustered_reflection.py"
+MARCH = "tests/kernels/rays/test_depth_march.py tests/kernels/reflections tests/effects/reflections/test_clustered.py tests/hard/test_clustered_reflection.py"
 SHADE = "tests/kernels/shading tests/shading tests/test_shade.py"
 
 FAULTS: tuple[Fault, ...] = (

@@ -9,7 +9,7 @@ from __future__ import annotations
 import statistics
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -108,11 +108,18 @@ def _record(name: str, budget: float, number: int, image: Image, wanted: Tensor 
     return record
 
 
+@lru_cache(maxsize=1)
+def _subject(name: str, size: int) -> tuple[Scene, Cameras, Tensor]:
+    """A scene, its camera, and what the picture should be: made once for all presets."""
+    scene = load(name)
+    camera = scene.camera(width=size, height=size)
+    return scene, camera, render(scene, camera, options=exact_options()).displayed()
+
+
 def preset(name: str, study: StudyOptions, title: str) -> dict[str, Any]:
     """Fixed settings beside the planner's: at their time, and at their error. Still sequences, medians."""
-    scene, step = load(name), PRESETS[title]
-    camera = scene.camera(width=study.size, height=study.size)
-    wanted = render(scene, camera, options=exact_options()).displayed()
+    scene, camera, wanted = _subject(name, study.size)
+    step = PRESETS[title]
     fixed = at_step(step, RenderOptions(), first=None if step < 2 else "1")
     ms, image = _steady(scene, camera, study.repeats, options=replace(fixed, reuse=None))
     error = float(flip(image.displayed(), wanted)[0])
