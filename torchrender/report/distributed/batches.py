@@ -19,8 +19,8 @@ from typing import Any
 from torchrender.batch import Job, Outcome, SceneSource, run
 from torchrender.batch.folder import MANIFEST
 from torchrender.errors import TorchRenderError
+from torchrender.report.distributed.cluster import descendants, title
 from torchrender.scene.cameras.path import built_in_path
-from torchrender_service.load_test.on_ray import descendants, title
 from torchrender_service.load_test.rows import Row
 
 WAIT_S = 120.0

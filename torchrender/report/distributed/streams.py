@@ -21,6 +21,7 @@ from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed, WebSocketException
 
 from torchrender.errors import TorchRenderError
+from torchrender.report.distributed.cluster import RayUnderTest, descendants, running_on_ray
 from torchrender.wire.messages import SUBPROTOCOL, Bye, Keyframe, decode
 from torchrender_service.load_test.driver import (
     MAX_BYTES,
@@ -31,7 +32,6 @@ from torchrender_service.load_test.driver import (
     percentile,
     running_server,
 )
-from torchrender_service.load_test.on_ray import RayUnderTest, descendants, running_on_ray
 
 SCENE = "cornell_box"
 VIEW = {"width": 160, "height": 90, "layers": 0}

@@ -1,4 +1,4 @@
-"""The service on Ray Serve, as the load test starts and hurts it."""
+"""The service on Ray Serve, as the study starts and hurts it."""
 
 from __future__ import annotations
 
