@@ -19,7 +19,7 @@ from typing import Any
 from torchrender.batch import Job, Outcome, SceneSource, run
 from torchrender.batch.folder import MANIFEST
 from torchrender.errors import TorchRenderError
-from torchrender.report.distributed.on_ray import descendants, title
+from torchrender.report.distributed.cluster import descendants, title
 from torchrender.scene.cameras.path import built_in_path
 from torchrender_service.load_test.rows import Row
 

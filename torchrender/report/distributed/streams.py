@@ -21,7 +21,7 @@ from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed, WebSocketException
 
 from torchrender.errors import TorchRenderError
-from torchrender.report.distributed.on_ray import RayUnderTest, descendants, running_on_ray
+from torchrender.report.distributed.cluster import RayUnderTest, descendants, running_on_ray
 from torchrender.wire.messages import SUBPROTOCOL, Bye, Keyframe, decode
 from torchrender_service.load_test.driver import (
     MAX_BYTES,
