@@ -1,8 +1,4 @@
-<<<<<<<< HEAD:torchrender/report/distributed/on_ray.py
-"""The service on Ray Serve, as studies start and hurt it."""
-========
 """The service on Ray Serve, as the study starts and hurts it."""
->>>>>>>> 477638fe34d943ee8b4e3fa78e22e3d1b3c10749:torchrender/report/distributed/cluster.py
 
 from __future__ import annotations
 
