@@ -219,7 +219,7 @@ def checked_fields(kind: Kind) -> Kind:
         held = self.__dict__
         for name, exact, number, rule in plans:
             value = held[name]
-            if type(value) not in exact or (number and value != value):
+            if type(value) not in exact or (number and type(value) is float and value != value):
                 held[name] = _checked(name, value, rule)
         if own is not None:
             own(self)

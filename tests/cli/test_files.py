@@ -92,7 +92,7 @@ def test_points_are_packed_within_a_bound_of_memory(tmp_path: Path, capsys: pyte
         assert "away.ply: all points face away: drawn from both sides" in capsys.readouterr().err
         assert float(read_image(tmp_path / name).max()) > 0.1
     assert run("points", path, "-o", tmp_path / "c.trp", "--memory", 1) == 2
-    assert "memory_mb must be in [128.0" in capsys.readouterr().err
+    assert "--memory must be in [128.0" in capsys.readouterr().err
     assert sorted(f.name for f in tmp_path.iterdir()) == ["a.png", "a.trp", "away.ply", "b.png"]
 
 

@@ -365,7 +365,7 @@ def test_a_sequence_learns_what_passes_take(grass: Scene) -> None:
     """Predictions that are wrong by a factor are right after a few pictures."""
     curves = load_curves()
     wrong = replace(curves, weights={
-        name: {s: [4.0 * w for w in weights] for s, weights in settings.items()}
+        name: {s: [40.0 * w for w in weights] for s, weights in settings.items()}
         for name, settings in curves.weights.items()
     })  # fmt: skip
     camera = view(grass, 64)
