@@ -137,3 +137,12 @@ def test_flags_of_materials_are_true_or_false(name: str) -> None:
         tr.Material(name="pane", **{name: "off"})
     with pytest.raises(OptionError, match="photometric must be True or False, got 'no'"):
         tr.Scene(photometric="no")
+
+
+def test_a_table_of_passes_holds_passes() -> None:
+    for wrong in ((), ("gbuffer",)):
+        with pytest.raises(OptionError, match="passes must be a table of passes"):
+            tr.RenderOptions(passes=wrong)
+    assert tr.RenderOptions(exposure="auto").exposure is None
+    with pytest.raises(OptionError, match=r'exposure must be a number \(EV\), "auto" or "as_lit"'):
+        tr.RenderOptions(exposure="wat")
