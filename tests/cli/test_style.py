@@ -90,7 +90,7 @@ def test_warnings_are_said_by_name(here: Path, capsys: pytest.CaptureFixture[str
         (("--photo", "photo.png", "-o", "a.glb", "--views", "3"), "views must be in"),
         (("--photo", "photo.png", "-o", "a.glb", "--size", "9"), "--size must look like"),
         (("--photo", "photo.png", "-o", "a.glb", "--warmth", "3"), "--warmth must be in"),
-        (("--photo", "photo.png", "-o", "a.glb", "--prior", "nan"), "prior_weight must be"),
+        (("--photo", "photo.png", "-o", "a.glb", "--prior", "nan"), "--prior must be"),
         (("--photo", "photo.png", "-o", "a.glb", "--sheet", "a.jpg"), "output must be .png"),
         (("--photo", "photo.png", "-o", "a.glb", "--sheet", "a.png", "--no-sheet"), "exclude each other"),
         (("--photo", "photo.png", "-o", "a.glb", "--seed", "-1"), "seed must be"),
