@@ -143,3 +143,19 @@ def test_flags_of_materials_are_true_or_false(name: str) -> None:
         tr.Material(name="pane", **{name: "off"})
     with pytest.raises(OptionError, match="photometric must be True or False, got 'no'"):
         tr.Scene(photometric="no")
+
+
+def test_a_table_of_passes_holds_passes() -> None:
+    for wrong in ((), ("gbuffer",)):
+        with pytest.raises(OptionError, match="passes must be a table of passes"):
+            tr.RenderOptions(passes=wrong)
+    assert tr.RenderOptions(exposure="auto").exposure is None
+    with pytest.raises(OptionError, match=r'exposure must be a number \(EV\), "auto" or "as_lit"'):
+        tr.RenderOptions(exposure="wat")
+
+
+def test_a_background_is_a_tensor_a_sequence_or_a_number() -> None:
+    for given in (torch.tensor([0.1, 0.2, 0.3]), (0.1, 0.2, 0.3), [0.1, 0.2, 0.3], np.ones(3), 0.5, None):
+        assert tr.RenderOptions(background=given).background is given
+    with pytest.raises(OptionError, match="background must be Tensor or a sequence or a number or None, got 'red'"):
+        tr.RenderOptions(background="red")

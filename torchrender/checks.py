@@ -195,7 +195,6 @@ class _Rule:
     words: str
     accepts: Accepts
     exact: tuple[type, ...] = ()  # values of just these types need no look
-    number: bool = False  # floats do, as they may be NaN
     plain: Callable[[Any], Any] | None = None  # the value as it is kept, where another spelling was given
 
 
@@ -211,15 +210,15 @@ def checked_fields(kind: Kind) -> Kind:
         TypeError: on the first construction, where a field has an annotation that cannot be checked.
     """
     own = kind.__dict__.get("__post_init__")
-    plans: list[tuple[str, frozenset[type], bool, _Rule]] = []
+    plans: list[tuple[str, frozenset[type], _Rule]] = []
 
     def __post_init__(self: Any) -> None:
         if not plans:
             plans.extend(_plan(kind))
         held = self.__dict__
-        for name, exact, number, rule in plans:
+        for name, exact, rule in plans:
             value = held[name]
-            if type(value) not in exact or (number and type(value) is float and value != value):
+            if type(value) not in exact or (type(value) is float and value != value):
                 held[name] = _checked(name, value, rule)
         if own is not None:
             own(self)
@@ -228,11 +227,11 @@ def checked_fields(kind: Kind) -> Kind:
     return kind
 
 
-def _plan(kind: type) -> list[tuple[str, frozenset[type], bool, _Rule]]:
+def _plan(kind: type) -> list[tuple[str, frozenset[type], _Rule]]:
     """Of every annotated field its rule; ``kind`` is a dataclass by now."""
     hints = get_type_hints(kind)
     rules = {name: _rule(hints[name]) for name in kind.__dataclass_fields__}  # type: ignore[attr-defined]
-    return [(name, frozenset(rule.exact), rule.number, rule) for name, rule in rules.items()]
+    return [(name, frozenset(rule.exact), rule) for name, rule in rules.items()]
 
 
 def _checked(name: str, value: Any, rule: _Rule) -> Any:
@@ -276,7 +275,6 @@ def _any_of(rules: Sequence[_Rule]) -> _Rule:
         " or ".join(rule.words for rule in rules),
         lambda value: any(rule.accepts(value) for rule in rules),
         tuple(one for rule in rules for one in rule.exact),
-        any(rule.number for rule in rules),
         plain if tuples else None,
     )
 
@@ -318,7 +316,7 @@ _SIMPLE: dict[Any, _Rule] = {
     Any: _Rule("anything", _is_anything),
     bool: _Rule("True or False", lambda value: isinstance(value, bool | np.bool_), (bool,)),
     int: _Rule("an integer", _is_whole, (int,)),
-    float: _Rule("a number", _is_float, (float, int), number=True),
+    float: _Rule("a number", _is_float, (float, int)),
     str: _Rule("text", lambda value: isinstance(value, str), (str,)),
     type(None): _Rule("None", lambda value: value is None, (type(None),)),
 }

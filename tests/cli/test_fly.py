@@ -78,7 +78,7 @@ def test_objects_along_paths(tmp_path) -> None:
         (["-o", "out", "--move", "0,0,1"], "NAME=X,Y,Z"),
         (["-o", "out", "--move", "basin=0,1"], "--move"),
         (["-o", "out", "--move", "basin=none.toml"], "none.toml"),
-        (["-o", "out", "--threshold", "2"], "--threshold"),
+        (["-o", "out", "--threshold", "2"], "--threshold must be in"),
         (["-o", "out", "--size", "0x3"], "--size"),
         (["-o", "film.mp4", "--size", "1x1"], "2x2"),
     ],

@@ -95,7 +95,7 @@ def test_serve_keeps_it_as_a_scene(folder, tmp_path):
         (["walkthrough", ".", "-o", "a.glb"], "must be .trw"),
         (["walkthrough", ".", "-o", "a.trw"], "known layout"),
         (["walkthrough", ".", "-o", "a.trw", "--intrinsics", "1,2"], "4 numbers"),
-        (["walkthrough", ".", "-o", "a.trw", "--tau-z", "7"], "--tau-z"),
+        (["walkthrough", ".", "-o", "a.trw", "--tau-z", "7"], "--tau-z must be in"),
         (["walkthrough", ".", "-o", "a.trw", "--next-views", "-1"], "next-views"),
         (["render", "missing.trw", "-o", "a.png"], "no such file"),
         (["fly", "missing.trw", "-o", "film", "--frames", "0"], "--frames"),

@@ -143,8 +143,8 @@ def test_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
         (["tradeoff", "cornell_box", "--side", "1"], "--side must be in"),
         (["calibrate", "cornell_box", "--side", "9999"], "--side must be in"),
         (["calibrate", "cornell_box", "-o", "curves.txt"], "json"),
-        (["plan", "cornell_box", "--budget-ms", "nan"], "budget_ms must be > 0"),
-        (["plan", "cornell_box", "--max-error", "2"], "max_error must be in"),
+        (["plan", "cornell_box", "--budget-ms", "nan"], "--budget-ms must be > 0"),
+        (["plan", "cornell_box", "--max-error", "2"], "--max-error must be in"),
     ],
 )
 def test_bad_input_is_one_line(words: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -82,6 +82,8 @@ class RenderOptions:
         if self.background is not None:
             as_vector("background", self.background)
         self._check_exposure()
+        if self.passes is not None and not (self.passes and all(hasattr(one, "makes") for one in self.passes)):
+            raise OptionError("passes must be a table of passes, such as torchrender.passes.table.PASSES, or None")
         check_choice("tone_map", self.tone_map, OPERATORS)
 
     def _check_exposure(self) -> None:
