@@ -35,6 +35,12 @@ def test_carrying_takes_cores_from_rendering() -> None:
     assert more.keyframes_per_s == pytest.approx(2 / 0.08, rel=0.05), "renderers have cores of their own"
 
 
+def test_what_is_always_done_takes_its_share() -> None:
+    load = Load(sessions=40, seconds=60.0)
+    served = simulate(Cluster(cores=1, renderers=1, render_s=0.05, spread=0.0, always_s=0.25), load)
+    assert served.keyframes_per_s == pytest.approx(0.75 * 20.0, rel=0.05)
+
+
 def test_waiting_is_that_of_a_queue_with_random_arrivals() -> None:
     """Many sessions with long periods arrive as Poisson's do: M/D/1, a wait of ``rho s / (2 (1 - rho))``."""
     cluster = Cluster(cores=1, renderers=1, render_s=0.1, spread=0.0)

@@ -29,7 +29,7 @@ LEISURE = {
 }
 BUSY = {**LEISURE, "sessions": 8, "period_s": 0.02, "keyframes_per_s": 2 / 0.06, "latency_ms": [240.0, 260.0]}
 HALF = {**LEISURE, "sessions": 8, "period_s": 1.0, "keyframes_per_s": 8.0}
-SIDE = {"health_ms": [1.0, 2.0], "memory_mb": 900.0, "leisure": LEISURE, "busy": BUSY, "half": HALF}
+SIDE = {"idle_cpu_s": 0.0, "health_ms": [1.0, 2.0], "memory_mb": 900.0, "leisure": LEISURE, "busy": BUSY, "half": HALF}
 STREAMS = {
     "server": SIDE,
     "replicas": {
@@ -75,7 +75,7 @@ def test_rows_say_what_was_met() -> None:
 
 
 def test_the_simulation_is_checked_against_what_was_measured() -> None:
-    costs = costs_of(LEISURE)
+    costs = costs_of(SIDE)
     assert costs == Costs(render_s=0.05, spread=0.1, carry_s=0.01)
     assert predicted(costs, BUSY, 20.0).keyframes_per_s == pytest.approx(2 / 0.06, rel=0.05)
     assert marks(check_rows(STREAMS)) == [True, True]

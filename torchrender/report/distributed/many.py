@@ -28,7 +28,7 @@ CALL_S = 1e-3
 
 def many_record(replicas: dict[str, Any], quick: bool) -> dict[str, Any]:
     """What the ledger takes, and what is simulated with the costs of a measured run."""
-    costs = costs_of(replicas["leisure"])
+    costs = costs_of(replicas)
     sizes = (10, 100) if quick else SESSIONS
     return {
         "costs": asdict(costs),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from torchrender.report.distributed.simulation import Cluster, Load, Served, simulate
@@ -22,33 +22,35 @@ class Costs:
     Args:
         render_s, spread: in a renderer with a core of its own.
         carry_s: of a core, for all else.
+        always_s: of a core, each second, with no client at all.
     """
 
     render_s: float
     spread: float
     carry_s: float
+    always_s: float = 0.0
 
 
-def costs_of(leisure: dict[str, Any]) -> Costs:
-    """From what the processes used while one client looked about."""
+def costs_of(found: dict[str, Any]) -> Costs:
+    """From what the processes used while nobody was there, and while one client looked about."""
+    leisure, always = found["leisure"], found["idle_cpu_s"]
     rate = leisure["keyframes_per_s"]
+    carry = max(0.0, leisure["other_cpu_s"] - always) / rate
     mean, deviation = leisure["render_ms"]
     render = leisure["renderer_cpu_s"] / rate
-    return Costs(
-        render_s=render, spread=min(1.0, deviation / mean) if mean else 0.0, carry_s=leisure["other_cpu_s"] / rate
-    )
+    return Costs(render_s=render, spread=min(1.0, deviation / mean) if mean else 0.0, carry_s=carry, always_s=always)
 
 
 def predicted(costs: Costs, looked: dict[str, Any], seconds: float = 60.0) -> Served:
     """What the simulation says about a measured run on two renderers and two cores."""
-    cluster = Cluster(cores=2, renderers=2, render_s=costs.render_s, spread=costs.spread, carry_s=costs.carry_s)
+    cluster = Cluster(cores=2, renderers=2, **asdict(costs))
     return simulate(cluster, Load(sessions=looked["sessions"], period_s=looked["period_s"], seconds=seconds))
 
 
 def check_rows(parts: dict[str, Any]) -> list[Row]:
     """The simulation beside the measured runs of two replicas."""
     found = parts["replicas"]
-    costs = costs_of(found["leisure"])
+    costs = costs_of(found)
     rows = []
     for name in ("busy", "half"):
         looked = found[name]

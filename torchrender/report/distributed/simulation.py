@@ -24,6 +24,8 @@ from torchrender.report.distributed.ring import Ring
 
 TURN_S = 0.004
 """That a process has a core for while others wait."""
+HOUSE_S = 0.05
+"""Between two turns of what is always done."""
 Placing = Literal["fewest", "random", "ring"]
 Process = Generator[simpy.Event, Any, None]
 
@@ -37,6 +39,7 @@ class Cluster:
         render_s, spread: mean time of a keyframe in a renderer with a core of its own, and its standard deviation as a
             share of that; times are log-normal.
         carry_s: of a core, for a keyframe from the renderer to the client, whoever pays for it on that machine.
+        always_s: of a core, each second on each machine, whatever is asked.
         load_s: of a core, to read a scene and build its trees.
         scenes_kept: by each renderer.
     """
@@ -47,14 +50,15 @@ class Cluster:
     render_s: float = 0.1
     spread: float = 0.2
     carry_s: float = 0.0
+    always_s: float = 0.0
     load_s: float = 0.0
     scenes_kept: int = 8
 
     def __post_init__(self) -> None:
         if min(self.machines, self.cores, self.renderers, self.scenes_kept) < 1:
             raise OptionError("machines, cores, renderers and scenes_kept must be >= 1")
-        if self.render_s <= 0.0 or min(self.spread, self.carry_s, self.load_s) < 0.0:
-            raise OptionError("render_s must be > 0, spread, carry_s and load_s >= 0")
+        if self.render_s <= 0.0 or min(self.spread, self.carry_s, self.always_s, self.load_s) < 0.0:
+            raise OptionError("render_s must be > 0, spread, carry_s, always_s and load_s >= 0")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,6 +116,9 @@ class _World:
         self.renderers = [
             _Renderer(simpy.Resource(self.now, 1), cores) for cores in machines for _ in range(cluster.renderers)
         ]
+        if cluster.always_s:
+            for cores in machines:
+                self.now.process(self.keep_house(cores))
         self.ring = Ring(len(self.renderers))
         self.latencies: list[float] = []
         self.waits: list[float] = []
@@ -131,6 +138,11 @@ class _World:
             if self.counts:
                 self.busy_s += turn
             seconds -= turn
+
+    def keep_house(self, cores: simpy.Resource) -> Process:
+        while True:
+            self.now.process(self.use(cores, HOUSE_S * self.cluster.always_s))
+            yield self.now.timeout(HOUSE_S)
 
     def session(self, renderer: _Renderer, scene: int) -> Process:
         load = self.load

@@ -114,12 +114,16 @@ def ready(starting: Any) -> Iterator[Any]:
 async def served(server: ServerUnderTest, effort: StreamEffort) -> dict[str, Any]:
     """Health, one client at leisure, and as many as keep all busy."""
     answers = await asyncio.to_thread(health_s, server, effort.asked)
+    before = cpu_s(server)[1]
+    await asyncio.sleep(effort.seconds / 3)
+    idle = (cpu_s(server)[1] - before) / (effort.seconds / 3)
     leisure = await looking(server, 1, effort.seconds / 2, period_s=0.25)
     busy = await looking(server, effort.clients, effort.seconds, period_s=0.02)
     half = await looking(server, effort.clients, effort.seconds, period_s=1.0)
     return {
         "health_ms": [1e3 * percentile(answers, share) for share in (0.5, 0.99)],
         "memory_mb": server.memory_mb(),
+        "idle_cpu_s": idle,
         "leisure": leisure,
         "busy": busy,
         "half": half,
