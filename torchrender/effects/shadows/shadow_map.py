@@ -151,7 +151,8 @@ def _settled(
         return found
     at, facing = points.reshape(-1, 3).index_select(0, rows), normals.reshape(-1, 3).index_select(0, rows)
     lifted = at + facing * float_error(gbuffer, rows)[:, None]
-    hidden = hidden_points(scene.geometry, shadow_map.cameras, doubt.reshape(-1)[rows], lifted)
+    size = _light_size(light, shadow_map.cameras, options) if options.filter == "pcss" else 0.0
+    hidden = hidden_points(scene.geometry, shadow_map.cameras, doubt.reshape(-1)[rows], lifted, size)
     flat = found.reshape(-1)
     return flat.index_copy(0, rows, folded(flat[rows], hidden)).reshape(found.shape)
 
