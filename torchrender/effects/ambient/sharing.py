@@ -2,7 +2,7 @@
 
 Hits fall into the cells of a grid in space, as wide as a few of their rays or, where these are still few, twice, four
 times … as wide; the corners of the grid know the means of the cells around them, and hits take those of their corners,
-smoothly. Surfaces that face different ways do not mix.
+smoothly. Surfaces that face different axes do not mix; what faces between them takes part in each.
 """
 
 from __future__ import annotations
@@ -20,6 +20,9 @@ ENOUGH = 24.0
 
 LEVELS = 5
 """Widths of cells, each twice the one before."""
+
+LEAST = 0.02
+"""Share of a hit among those that face along an axis, below which it is none of them."""
 
 _FACTORS = (0x1E3779B97F4A7C15, 0x42B2AE3D27D4EB4F, 0x165667B19E3779F9, 0x27D4EB2F165667C5)
 
@@ -44,24 +47,30 @@ def share_hits(position: Tensor, normal: Tensor, width: Tensor, values: Tensor, 
     rows = ((width > 0) & torch.isfinite(width)).nonzero().reshape(-1)
     if not len(rows):
         return values
+    share = normal[rows].double().square().square()
+    share = share / share.sum(dim=1, keepdim=True).clamp_min(1e-30)
+    part, axis = (share > LEAST).nonzero().unbind(1)  # a hit that faces between two axes is one of both
+    weight, rows = share[part, axis], rows[part]
     level = (width[rows].double() * WIDE).log2().ceil().clamp(-1000, 1000)
     place = position[rows].double() / torch.exp2(level)[:, None]
-    most = normal[rows].abs().argmax(dim=1)
-    side = 2 * most + (normal[rows].gather(1, most[:, None])[:, 0] > 0).long()
-    own = torch.cat([values[rows].double(), torch.ones(len(rows), 1, dtype=torch.float64)], dim=1)
+    side = 2 * axis + (normal[rows].gather(1, axis[:, None])[:, 0] > 0).long()
+    own = torch.cat([values[rows].double() * weight[:, None], weight[:, None]], dim=1)
     cells, cell = _merged(place.floor().long(), side + 6 * level.long(), own)
-    out, open_rows = values.clone(), torch.arange(len(rows))
+    found, open_rows = torch.zeros(len(rows), values.shape[1], dtype=torch.float64), torch.arange(len(rows))
     for number in range(LEVELS):
         filled = cells.sums[cell[open_rows], -1] * samples >= ENOUGH
         done = open_rows if number == LEVELS - 1 else open_rows[filled]
-        out[rows[done]] = _from_corners(cells, cell[done], place[done]).float()
+        found[done] = _from_corners(cells, cell[done], place[done])
         open_rows = open_rows[:0] if number == LEVELS - 1 else open_rows[~filled]
         if not len(open_rows):
             break
         place = place / 2
         cells, parent = _merged(cells.place >> 1, cells.kind, cells.sums)
         cell = parent[cell]
-    return out
+    total = torch.zeros(len(values), values.shape[1] + 1, dtype=torch.float64)
+    total.index_add_(0, rows, torch.cat([found, torch.ones(len(rows), 1)], dim=1) * weight[:, None])
+    known = total[:, -1:] > 0
+    return torch.where(known, total[:, :-1] / total[:, -1:].clamp_min(1e-30), values).float()
 
 
 def _merged(place: Tensor, kind: Tensor, sums: Tensor) -> tuple[_Cells, Tensor]:
