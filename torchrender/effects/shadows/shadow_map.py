@@ -24,6 +24,7 @@ from torchrender.effects.shadows.light_cameras import choose_views, light_camera
 from torchrender.effects.shadows.options import BIASES as BIASES
 from torchrender.effects.shadows.options import FILTERS as FILTERS
 from torchrender.effects.shadows.options import ShadowOptions as ShadowOptions
+from torchrender.effects.shadows.receivers import shadow_receivers
 from torchrender.effects.shadows.traced import float_error
 from torchrender.effects.shadows.view_cameras import view_cameras
 from torchrender.errors import InputError
@@ -123,7 +124,7 @@ def light_visibility(
     if shadow_map is None:
         seen = gbuffer if options.coverage == "view" and isinstance(gbuffer, GBuffer) else None
         shadow_map = render_shadow_map(scene, light, options, gbuffer=seen)
-    points, normals = gbuffer.position, gbuffer.geometric_normal
+    points, normals = shadow_receivers(gbuffer)
     if known is None:
         return _settled(scene, light, gbuffer, (points, normals), options, shadow_map)
     if bool(known[1].all()):
