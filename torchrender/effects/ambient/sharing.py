@@ -12,13 +12,13 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-WIDE = 4.0
+WIDE = 8.0
 """Widths of a ray that a cell has at least."""
 
 ENOUGH = 24.0
 """Samples of the hits in a cell that need no wider one: the corners of a cell know four times as many."""
 
-LEVELS = 5
+LEVELS = 4
 """Widths of cells, each twice the one before."""
 
 LEAST = 0.02
@@ -60,7 +60,8 @@ def share_hits(position: Tensor, normal: Tensor, width: Tensor, values: Tensor, 
     for number in range(LEVELS):
         filled = cells.sums[cell[open_rows], -1] * samples >= ENOUGH
         done = open_rows if number == LEVELS - 1 else open_rows[filled]
-        found[done] = _from_corners(cells, cell[done], place[done])
+        if len(done):
+            found[done] = _from_corners(cells, cell[done], place[done])
         open_rows = open_rows[:0] if number == LEVELS - 1 else open_rows[~filled]
         if not len(open_rows):
             break
