@@ -85,9 +85,14 @@ def arrival(light: Light, surface: Surface, origin: Tensor, area_light: str) -> 
 
 
 def _cosine(surface: Surface, direction: Tensor, level: Tensor) -> Tensor:
-    """Cosine (N,) at the shading normal; 0 where the light lies behind the geometric surface, or in it: see LEVEL."""
-    above = (surface.geometric * direction).sum(0) > level
+    """Cosine (N,) at the shading normal; 0 where the light lies behind the smooth surface, or in it: see LEVEL."""
+    above = (_horizon(surface) * direction).sum(0) > level
     return torch.where(above, (surface.normal * direction).sum(0).clamp_min(0.0), 0.0)
+
+
+def _horizon(surface: Surface) -> Tensor:
+    """Normals (3,N) of the smooth surface that vertex normals stand for, or of triangles where these lean too far."""
+    return torch.where((surface.smooth * surface.geometric).sum(0) > 0.5, surface.smooth, surface.geometric)
 
 
 def _level(surface: Surface, place: Tensor) -> Tensor:
@@ -111,7 +116,8 @@ def _from_rectangle(light: RectLight, surface: Surface, origin: Tensor, from_cen
     corners = torch.stack([corner, corner + u, corner + u + v, corner + v])
     # Plane tests as differences of two numbers per point: cheaper than vectors to each corner.
     along = light.normal @ surface.position - light.normal @ corner
-    height = (corners @ surface.geometric) - (surface.position * surface.geometric).sum(0)
+    horizon = _horizon(surface)
+    height = (corners @ horizon) - (surface.position * horizon).sum(0)
     level = torch.stack([_level(surface, one) for one in corners]).amax(0)
     sees = (along > level) & (height > level).any(0)
     offset = (corner + (u + v) / 2)[:, None] - surface.position

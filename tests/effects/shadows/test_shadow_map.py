@@ -12,6 +12,7 @@ import torch
 from shadow_scenes import box, edge_distance, flat_image, floor, on_plane, plane_map, quad
 from torchrender.buffers import ShadowMap
 from torchrender.effects.shadows import shadow_map as module
+from torchrender.effects.shadows.exact_edges import folded
 from torchrender.effects.shadows.light_cameras import light_cameras
 from torchrender.effects.shadows.shadow_map import (
     FILTERS,
@@ -318,6 +319,28 @@ def test_pcss_contact_stays_sharp():
     light, cast = half_plane(0.02)
     texel = 4.0 / float(cast.cameras.intrinsics[0, 0, 0])
     assert penumbra(cast, light, ShadowOptions(filter="pcss", light_width=0.5)) < 3.5 * texel
+
+
+def test_cords_far_before_a_wall_cast_no_hard_lines_in_the_light_of_a_window():
+    """They hide a few hundredths of the window, whether taps find them or texels happen to hold them."""
+    wall = quad([-2.0, 0.0, 0.0], [4.0, 0.0, 0.0], [0.0, 2.5, 0.0])
+    cords = [quad([0.1 * k - 0.4, 0.0, 1.0], [0.0004 * 1.5**k, 0.02, 0.0], [0.2, 2.5, 0.0]) for k in range(6)]
+    window = RectLight(corner=[-0.3, 0.6, 3.0], edge_u=[0.0, 1.2, 0.0], edge_v=[1.2, 0.0, 0.0])
+    scene = Scene(meshes=[wall, *cords], lights=[window])
+    cameras = Cameras.look_at([0.9, 1.2, 0.9], [-0.2, 1.2, 0.0], width=160, height=120, fov_deg=50.0)
+    gbuffer = rasterize(scene, cameras)
+    wall_seen = gbuffer.object_id == 0
+    rays = traced_visibility(RayCaster(scene.geometry), window, gbuffer, samples=32)
+    assert float(rays[wall_seen].min()) > 0.95
+    found = light_visibility(scene, window, gbuffer, ShadowOptions(filter="pcss"))
+    assert float((found[wall_seen] < 0.5).float().mean()) < 1e-4
+    assert float((found - rays)[wall_seen].abs().mean()) < 0.02
+
+
+def test_edges_decide_the_side_of_a_visibility_and_what_hides_from_afar_leaves_it():
+    visibility = torch.tensor([0.2, 0.7, 0.2, 0.7, 0.2, 0.7])
+    hidden = torch.tensor([[1, 1, 0, 0, 0, 0], [0, 0, 1, 1, 0, 0]]).bool()
+    torch.testing.assert_close(folded(visibility, hidden), torch.tensor([0.2, 0.3, 0.2, 0.7, 0.8, 0.7]))
 
 
 def test_pcss_of_a_directional_light_follows_its_angle():

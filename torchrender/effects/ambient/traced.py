@@ -11,6 +11,7 @@ from torch import Tensor
 from torchrender.buffers import GBuffer, RaySurface
 from torchrender.checks import check_range
 from torchrender.effects.ambient.lattice import lattice_of, spread
+from torchrender.effects.ambient.sharing import share_hits
 from torchrender.effects.ambient.visibility import AmbientVisibility, as_images
 from torchrender.numerics.lobe import frame
 from torchrender.rays import RayCaster
@@ -26,9 +27,9 @@ def traced_ambient(
     rays: int,
     reach: float,
     gap: float,
-    turned: bool | None = None,
     spacing: int = 1,
     far: bool = True,
+    share: bool = False,
 ) -> AmbientVisibility:
     """Visibility (B,H,W) from ``rays`` cosine-weighted directions about each shading normal.
 
@@ -37,13 +38,15 @@ def traced_ambient(
         samples: what cameras see, or what rays hit as an image.
         reach: scene units within which something hides near light.
         gap: scene units above the surface at which rays start.
-        turned: directions follow a spiral that is another one for each sample. None: from pixel to pixel, but not from
-            hit to hit, where few rays must leave no noise. Hits go by their place, whatever else was hit.
         spacing: one point casts rays for so many pixels and side of what perspective cameras see, others follow along
             surfaces.
         far: rays go on beyond the reach. False: what lies there counts as open, also for the sky, and rays cost less.
+        share: hits take part in what those around them found
+            (:func:`~torchrender.effects.ambient.sharing.share_hits`), and directions follow a spiral that is another
+            one for each. False: hits go by their place, whatever else was hit; all follow one spiral, so that few rays
+            leave no noise.
 
-    Directions below the geometric surface see nothing.
+    Directions below the geometric surface see nothing. Those of pixels follow spirals of their own.
 
     Raises:
         OptionError: no rays, a negative reach or gap.
@@ -51,10 +54,12 @@ def traced_ambient(
     check_range("rays", rays, 1, 1 << 16)
     check_range("reach", reach, 0.0, math.inf)
     check_range("gap", gap, 0.0, math.inf)
-    cast, turn = Cast(caster, rays, reach, gap, far), isinstance(samples, GBuffer) if turned is None else turned
-    if spacing > 1 and isinstance(samples, GBuffer) and not samples.cameras.orthographic:
+    cast = Cast(caster, rays, reach, gap, far)
+    if isinstance(samples, RaySurface):
+        return _from_hits(samples, cast, share)
+    if spacing > 1 and not samples.cameras.orthographic:
         return _from_few(samples, cast, spacing)
-    return as_images(samples.covered, *_cast(samples, samples.covered, cast, 1 if turn else 0), samples.normal)
+    return as_images(samples.covered, *_cast(samples, samples.covered, cast, 1), samples.normal)
 
 
 class Cast(NamedTuple):
@@ -65,6 +70,17 @@ class Cast(NamedTuple):
     reach: float
     gap: float
     far: bool
+
+
+def _from_hits(samples: RaySurface, how: Cast, share: bool) -> AmbientVisibility:
+    """Rays of all hits, whose values those take that lie around them."""
+    covered, width = samples.covered, samples.width
+    if width is None or not share:
+        return as_images(covered, *_cast(samples, covered, how, 0), samples.normal)
+    sky, near, bent = _cast(samples, covered, how, 1)
+    values = torch.cat([sky[:, None], near[:, None], bent / how.rays], dim=1)
+    values = share_hits(samples.position[covered], samples.normal[covered], width[covered], values, how.rays)
+    return as_images(covered, values[:, 0], values[:, 1], values[:, 2:], samples.normal)
 
 
 def _from_few(samples: GBuffer, how: Cast, spacing: int) -> AmbientVisibility:

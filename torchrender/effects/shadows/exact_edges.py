@@ -3,7 +3,8 @@
 A map knows depths at texel centres. Where those around a point agree by a clear margin, so do the triangles; elsewhere,
 along edges, at contacts and on rough surfaces, every point is tested against the triangles on its way to the light
 (:mod:`torchrender.kernels.shadows.exact_edges`). The filtered value then keeps its softness but not its side: a point
-that the light reaches gets the larger of s and 1 - s, any other the smaller one.
+that the light reaches gets the larger of s and 1 - s, any other the smaller one. What stands so far before a point that
+its penumbra is wider than texels has no edge there: only the filter tells how much of a light with a size it hides.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from torch import Tensor
 from torchrender.arrays import view as numpy_view
 from torchrender.kernels.compile import thread_count
 from torchrender.kernels.shadows.exact_edges import Casters, Cells, hide
+from torchrender.kernels.shadows.shadow_lookup import SHARP
 from torchrender.rays import holes_of
 from torchrender.scene.camera import Cameras
 from torchrender.scene.mesh import Geometry
@@ -23,31 +25,42 @@ _PER_CELL = 1.0  # points, about
 _MOST_CELLS = 1024  # along each side
 
 
-def hidden_points(geometry: Geometry, cameras: Cameras, chosen: Tensor, points: Tensor) -> Tensor:
-    """(N,) bool: some triangle lies between the light and a point.
+def hidden_points(
+    geometry: Geometry, cameras: Cameras, chosen: Tensor, points: Tensor, light_size: float = 0.0
+) -> Tensor:
+    """(2,N) bool: some triangle between the light and a point is so close to it that its shadow has an edge there; only
+    others hide it.
 
     Args:
         cameras: V views of one light.
         chosen: (N,) int64 the view in which each point lies; -1: it is not asked about.
         points: (N,3) float64, moved off their own surface towards the light.
+        light_size: width of the light, scene units; of parallel light twice the tangent of its half angle. 0: all
+            shadows have edges.
     """
-    hidden = torch.zeros(len(points), dtype=torch.bool)
+    hidden = torch.zeros(2, len(points), dtype=torch.bool)
     casters, holes = _casters(geometry), holes_of(geometry)
     rows = view_rows(cameras)
     for index in range(len(cameras)):
         asked = (chosen == index).nonzero().reshape(-1)
         if len(asked):
-            cells, order = _cells(cameras, index, points[asked])
-            found = np.zeros(len(asked), np.uint8)
+            cells, order = _cells(cameras, index, points[asked], light_size)
+            found = np.zeros((2, len(asked)), np.uint8)
             hide(casters, rows[index], cameras.orthographic, holes, cells, 16 * thread_count(), found)
-            hidden[asked[order]] = torch.from_numpy(found).bool()
+            hidden[:, asked[order]] = torch.from_numpy(found).bool()
+    hidden[1] &= ~hidden[0]
     return hidden
 
 
 def folded(visibility: Tensor, hidden: Tensor) -> Tensor:
-    """Visibility (N,) on the side that ``hidden`` (N,) bool says: the softness of an edge stays, its place is exact."""
+    """Visibility (N,) on the side that ``hidden`` (2,N) bool says: the softness of an edge stays, its place is exact.
+
+    What hides a point from afar has no edge: there the visibility stays.
+    """
+    edge, afar = hidden
     other = 1.0 - visibility
-    return torch.where(hidden, torch.minimum(visibility, other), torch.maximum(visibility, other))
+    sided = torch.where(edge, torch.minimum(visibility, other), torch.maximum(visibility, other))
+    return torch.where(afar, visibility, sided)
 
 
 def view_rows(cameras: Cameras) -> np.ndarray:
@@ -58,7 +71,7 @@ def view_rows(cameras: Cameras) -> np.ndarray:
     return numpy_view(table, np.float64)
 
 
-def _cells(cameras: Cameras, index: int, points: Tensor) -> tuple[Cells, Tensor]:
+def _cells(cameras: Cameras, index: int, points: Tensor, light_size: float) -> tuple[Cells, Tensor]:
     """The points sorted into cells of a view's image, and their order."""
     camera = cameras[index]
     place = camera.transform(points)[0]
@@ -74,8 +87,15 @@ def _cells(cameras: Cameras, index: int, points: Tensor) -> tuple[Cells, Tensor]
     starts = torch.searchsorted(ordered, torch.arange(side * side + 1))
     deepest = torch.full((side * side,), -torch.inf, dtype=torch.float64)
     deepest.scatter_reduce_(0, key, place[:, 2], "amax")
+    least = torch.full((len(points),), -torch.inf, dtype=torch.float64)
+    if light_size > 0:
+        longer = float(k[(0, 1), (0, 1)].max())
+        reach = 2.0 * SHARP / (light_size * longer)
+        deepest_wide = place[:, 2] - reach if camera.orthographic else place[:, 2] / (1.0 + reach * place[:, 2])
+        least = torch.where(place[:, 2] > camera.near[0], deepest_wide, least)  # nearer, nothing else was asked
     made = Cells(
         place=numpy_view(place[order], np.float64),
+        least=numpy_view(least[order], np.float64),
         starts=numpy_view(starts, np.int64),
         deepest=numpy_view(deepest, np.float64),
         size=numpy_view(size, np.float64),

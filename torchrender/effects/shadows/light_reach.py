@@ -17,6 +17,7 @@ from torch import Tensor
 from torchrender.arrays import view as numpy_view
 from torchrender.buffers import GBuffer, RaySurface
 from torchrender.checks import check_range
+from torchrender.effects.shadows.receivers import shadow_receivers
 from torchrender.kernels.compile import thread_count
 from torchrender.kernels.shadows.light_reach import PARALLEL, POINT, RECTANGLE, SPOT, Lamps, Points, mark_tiles
 from torchrender.scene.light import DirectionalLight, Light, PointLight, RectLight, SpotLight, light_color
@@ -88,10 +89,11 @@ def points_of(scene: Scene, samples: GBuffer | RaySurface) -> list[Points]:
     """The pictures as kernels read them."""
     takes = takes_light(scene).detach()[samples.material] & samples.covered
     depth = samples.depth if isinstance(samples, GBuffer) else torch.ones(samples.material.shape)
+    position, normal = shadow_receivers(samples)
     return [
         Points(
-            numpy_view(samples.position[index], np.float64),
-            numpy_view(samples.geometric_normal[index], np.float32),
+            numpy_view(position[index], np.float64),
+            numpy_view(normal[index], np.float32),
             numpy_view(depth[index], np.float32),
             numpy_view(takes[index], np.bool_),
         )

@@ -24,6 +24,7 @@ from torchrender.effects.shadows.light_cameras import choose_views, light_camera
 from torchrender.effects.shadows.options import BIASES as BIASES
 from torchrender.effects.shadows.options import FILTERS as FILTERS
 from torchrender.effects.shadows.options import ShadowOptions as ShadowOptions
+from torchrender.effects.shadows.receivers import shadow_receivers
 from torchrender.effects.shadows.traced import float_error
 from torchrender.effects.shadows.view_cameras import view_cameras
 from torchrender.errors import InputError
@@ -123,7 +124,7 @@ def light_visibility(
     if shadow_map is None:
         seen = gbuffer if options.coverage == "view" and isinstance(gbuffer, GBuffer) else None
         shadow_map = render_shadow_map(scene, light, options, gbuffer=seen)
-    points, normals = gbuffer.position, gbuffer.geometric_normal
+    points, normals = shadow_receivers(gbuffer)
     if known is None:
         return _settled(scene, light, gbuffer, (points, normals), options, shadow_map)
     if bool(known[1].all()):
@@ -151,7 +152,8 @@ def _settled(
         return found
     at, facing = points.reshape(-1, 3).index_select(0, rows), normals.reshape(-1, 3).index_select(0, rows)
     lifted = at + facing * float_error(gbuffer, rows)[:, None]
-    hidden = hidden_points(scene.geometry, shadow_map.cameras, doubt.reshape(-1)[rows], lifted)
+    size = _light_size(light, shadow_map.cameras, options) if options.filter == "pcss" else 0.0
+    hidden = hidden_points(scene.geometry, shadow_map.cameras, doubt.reshape(-1)[rows], lifted, size)
     flat = found.reshape(-1)
     return flat.index_copy(0, rows, folded(flat[rows], hidden)).reshape(found.shape)
 

@@ -11,6 +11,7 @@ from torch import Tensor
 from torchrender.buffers import GBuffer, RaySurface
 from torchrender.effects.shadows.light_reach import LightReach, shines
 from torchrender.effects.shadows.options import ShadowOptions
+from torchrender.effects.shadows.receivers import shadow_receivers
 from torchrender.effects.shadows.traced import float_error, ray_end
 from torchrender.rays import RayCaster
 from torchrender.scene.light import DirectionalLight, Light, RectLight, SpotLight
@@ -72,7 +73,7 @@ def small_light_visibility(
     listed = (lamp >= 0).nonzero().reshape(-1)
     tile = torch.repeat_interleave(torch.arange(len(reach.starts) - 1), reach.starts.diff())[listed]
     pixels, covered = _pixels_of(samples.material.shape, reach.side), samples.covered.reshape(-1)
-    points, normals = samples.position.reshape(-1, 3), samples.geometric_normal.reshape(-1, 3)
+    points, normals = (image.reshape(-1, 3) for image in shadow_receivers(samples))
     for part in torch.arange(len(listed)).split(_AT_ONCE):
         row = pixels[tile[part]]
         which = lamp[listed[part]][:, None].expand_as(row)

@@ -36,6 +36,7 @@ from torchrender.checks import check_choice, check_range, checked_fields
 from torchrender.effects.shadows.light_packets import Packets, packet_bits
 from torchrender.effects.shadows.light_rays import LightRays, samples_above, usable
 from torchrender.effects.shadows.light_samples import LightGrid, light_grid
+from torchrender.effects.shadows.receivers import shadow_receivers
 from torchrender.effects.shadows.traced import float_error
 from torchrender.errors import InputError, OptionError
 from torchrender.kernels.rays.bvh_build import Bvh, build_bvh
@@ -254,7 +255,7 @@ class _Receivers(NamedTuple):
 def _receivers(gbuffer: GBuffer, b: int) -> tuple[_Receivers, Tensor]:
     """The covered pixels of picture ``b``, and their order (P,)."""
     covered = gbuffer.covered[b]
-    points, normals = gbuffer.position[b][covered].double(), gbuffer.geometric_normal[b][covered].double()
+    points, normals = (image[b][covered].double() for image in shadow_receivers(gbuffer))
     order = _neighbours_first(points)
     rows = covered.reshape(-1).nonzero().reshape(-1)[order] + b * covered.numel()
     return _Receivers(points[order], normals[order], float_error(gbuffer, rows)), order

@@ -9,6 +9,7 @@ from torch import Tensor
 
 from torchrender.buffers import GBuffer, RaySurface
 from torchrender.checks import check_range
+from torchrender.effects.shadows.receivers import shadow_receivers
 from torchrender.rays import RayCaster
 from torchrender.scene.light import DirectionalLight, Light, RectLight, vectors_to
 
@@ -43,8 +44,7 @@ def traced_visibility(
     check_range("samples", samples, 1, 256)
     check_range("offset", offset, 0.0, 1e6)
     covered = gbuffer.covered
-    points = gbuffer.position[covered].double()
-    normals = gbuffer.geometric_normal[covered].double()
+    points, normals = (image[covered].double() for image in shadow_receivers(gbuffer))
     gap = offset * float_error(gbuffer, covered.reshape(-1).nonzero().reshape(-1))
     origins = points + normals * gap[:, None]
     seen = torch.zeros(len(points), dtype=torch.float64)

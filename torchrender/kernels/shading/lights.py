@@ -9,13 +9,23 @@ from torchrender.kernels.shading.records import CENTRE, PARALLEL, SLOT
 from torchrender.kernels.shading.simd import HALF, LEVEL, ONE, THREE, TINY, TWO, ZERO, angle, f4
 
 PX, PY, PZ, NX, NY, NZ = (SLOT[n] for n in ("PX", "PY", "PZ", "NX", "NY", "NZ"))
-GX, GY, GZ, AM, VS, LX, LY, LZ = (SLOT[n] for n in ("GX", "GY", "GZ", "AM", "VS", "LX", "LY", "LZ"))
+GX, GY, GZ, SX, SY, SZ = (SLOT[n] for n in ("GX", "GY", "GZ", "SX", "SY", "SZ"))
+AM, VS, LX, LY, LZ = (SLOT[n] for n in ("AM", "VS", "LX", "LY", "LZ"))
 
 
 @kernel(inline=True)
 def norm1(x, y, z):
     """Sum of the absolute components."""
     return abs(x) + abs(y) + abs(z)
+
+
+@kernel(inline=True)
+def horizon(s, i):
+    """Normal of the smooth surface that vertex normals stand for, or of the triangle where these lean too far."""
+    gx, gy, gz = s[GX + i], s[GY + i], s[GZ + i]
+    sx, sy, sz = s[SX + i], s[SY + i], s[SZ + i]
+    smooth = sx * gx + sy * gy + sz * gz > HALF
+    return (sx if smooth else gx), (sy if smooth else gy), (sz if smooth else gz)
 
 
 @kernel(inline=True)
@@ -70,7 +80,7 @@ def rectangle(s, n, light):
     size = max(max(norm1(ax, ay, az), norm1(bx, by, bz)), max(norm1(cx, cy, cz), norm1(dx, dy, dz)))
     for i in range(n):
         x, y, z = s[PX + i], s[PY + i], s[PZ + i]
-        gx, gy, gz = s[GX + i], s[GY + i], s[GZ + i]
+        gx, gy, gz = horizon(s, i)
         a, b = (ax - x, ay - y, az - z), (bx - x, by - y, bz - z)
         c, d = (cx - x, cy - y, cz - z), (dx - x, dy - y, dz - z)
         top = max(
@@ -98,7 +108,8 @@ def small_light(s, n, light):
     for i in range(n):
         ux, uy, uz = bx - far * s[PX + i], by - far * s[PY + i], bz - far * s[PZ + i]
         square = ux * ux + uy * uy + uz * uz
-        height = s[GX + i] * ux + s[GY + i] * uy + s[GZ + i] * uz
+        gx, gy, gz = horizon(s, i)
+        height = gx * ux + gy * uy + gz * uz
         above = height > LEVEL * (size + far * norm1(s[PX + i], s[PY + i], s[PZ + i]))
         inv = ONE / math.sqrt(max(square, TINY))
         ux, uy, uz = ux * inv, uy * inv, uz * inv

@@ -37,6 +37,7 @@ class Cells(NamedTuple):
 
     place: np.ndarray  # (M,3) float64 x, y (perspective: x/z, y/z) and depth in the view's frame
     starts: np.ndarray  # (rows*columns+1,) int64
+    least: np.ndarray  # (M,) float64 depth before which a triangle's penumbra is no edge
     deepest: np.ndarray  # (rows*columns,) float64 largest depth of the points of a cell; -inf
     size: np.ndarray  # (2,) float64 of a cell, texels along u and v
     shape: np.ndarray  # (2,) int64 rows, columns
@@ -148,21 +149,24 @@ def _weights(c, a, b, orthographic):
 
 @kernel(inline=True)
 def _hide_points(casters, t, corners, cell, how, cells, holes, hidden):
-    """Mark the points of a cell that a triangle hides."""
+    """Mark the points of a cell that a triangle hides, beyond their least depth or before it."""
     orthographic, near = how
     for i in range(cells.starts[cell], cells.starts[cell + 1]):
-        if hidden[i] != 0 or not cells.place[i, 2] > near:
+        if hidden[0, i] != 0 or not cells.place[i, 2] > near:
             continue
         u, v, w, depth = _weights(corners, cells.place[i, 0], cells.place[i, 1], orthographic)
         if not ((u >= 0.0 and v >= 0.0 and w >= 0.0) or (u <= 0.0 and v <= 0.0 and w <= 0.0)):
             continue
         if not depth < cells.place[i, 2] or (not orthographic and not depth > 0.0):
             continue
+        side = 0 if depth >= cells.least[i] else 1
+        if hidden[side, i] != 0:
+            continue
         if holes.mask.shape[0] > 0:
             total = u + v + w
             if is_hole(t, np.float32(v / total), np.float32(w / total), casters.faces, holes):
                 continue
-        hidden[i] = 1
+        hidden[side, i] = 1
 
 
 @kernel(parallel=True)
@@ -176,7 +180,8 @@ def hide(casters, view, orthographic, holes, cells, parts, hidden):
         holes: what is missing of triangles.
         cells: :class:`Cells`; points are moved off their own surface.
         parts: pieces of work.
-        hidden: (M,) uint8, zero; 1 is written. Pieces write the same value: their order does not matter.
+        hidden: (2,M) uint8, zero; 1 is written: by triangles beyond the least depth of a point, and by those before it,
+            where no other hides it. Pieces write the same value: their order does not matter.
     """
     deepest = -np.inf
     for i in range(cells.deepest.shape[0]):

@@ -32,7 +32,7 @@ UNSURE, DARK, LIT = 0, 1, 2
 _BLOCK, _PARTS = 512, 64
 _RISE = 8.0  # texels of depth per texel aside, beyond the slope of the receiver: surfaces that hardly face the light
 _WITHIN = 1.25  # how far outside the cone to the light a blocker still counts: texels are not points
-_SHARP = 1.5  # radius in texels up to which a penumbra is an edge
+SHARP = 1.5  # radius in texels up to which a penumbra is an edge
 _CLEAR = 2.0  # texels that a blocker must lie before the receiver to be none of its own surface
 
 
@@ -168,7 +168,7 @@ def _pcss(maps, face, r, s, taps, turn):
     gap = max(r.z - mean, 0.0)
     radius = 0.5 * width * gap if s.orthographic else 0.5 * width * gap / (mean * r.z)
     radius = min(max(radius, 1.0 / longer), s.rho_max / longer)
-    sharp = radius * longer <= _SHARP
+    sharp = radius * longer <= SHARP
     here = with_reach(r, s, radius * r.focal_u, radius * r.focal_v)
     rise = s.settles and sharp
     radius_u, radius_v = radius * r.focal_u, radius * r.focal_v
