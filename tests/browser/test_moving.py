@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from typing import Any
 
@@ -116,6 +117,13 @@ def test_named_cameras_and_keyboard_alone(visit: Callable[..., Visit]) -> None:
     assert page.page.evaluate("() => document.activeElement.id") == "toggle"
 
 
+def same_address(one: str, other: str) -> bool:
+    """But for the last digits of numbers, which go through the camera and back."""
+    number = re.compile(r"-?\d+\.\d+")
+    ours, theirs = (np.array([float(v) for v in number.findall(url)]) for url in (one, other))
+    return number.sub("#", one) == number.sub("#", other) and bool(np.allclose(ours, theirs, atol=1e-5))
+
+
 def test_a_reload_shows_what_was_shown(visit: Callable[..., Visit]) -> None:
     page = visit(layers=1)
     page.wait(JPEG_READY)
@@ -135,7 +143,7 @@ def test_a_reload_shows_what_was_shown(visit: Callable[..., Visit]) -> None:
     assert not page.page.locator("#effect-shadows").is_checked()
     assert page.state("keyframes")[0]["tone_map"] == "aces", "the first picture has it already"
     page.page.wait_for_timeout(600)
-    assert page.page.url == address
+    assert same_address(page.page.url, address)
 
 
 def test_a_view_as_python_and_as_a_command(visit: Callable[..., Visit]) -> None:

@@ -90,7 +90,8 @@ def test_roughness_from_end_to_end(gloss: float, way: str) -> None:
     camera = looking(32)
     made, mirror = shown(scene, camera, way), shown(sphere_scene(), camera, way)
     if gloss < 0.1:
-        assert float((made - mirror).abs().mean()) < 2e-3
+        # Glossy hits share what ambient light they get, an exact mirror's have their own few rays.
+        assert float((made - mirror).abs().mean()) < (2e-3 if gloss == 0.0 else 4e-3)
     else:  # rougher is smoother: the checks of the walls are blurred away
         ball = made[14:18, 14:18]
         assert float(ball.std()) < float(mirror[14:18, 14:18].std()) + 0.05

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+
 import pytest
 import torch
 from hypothesis import given, settings
@@ -18,21 +20,26 @@ from torchrender_service.web.kept import KeptContainers, count_keyframes
 @settings(deadline=None)
 def test_containers_are_a_queue_of_so_many_bytes(asked: list[tuple[int, bool]], limit: int) -> None:
     """Beside a list: what was used last stays, as far as it has room."""
-    kept, known = KeptContainers(limit), []
+    asyncio.run(_beside_a_list(asked, limit))
+
+
+async def _beside_a_list(asked: list[tuple[int, bool]], limit: int) -> None:
+    kept = KeptContainers(limit)
+    known: list[int] = []
     for number, put in asked:
         data = bytes([number]) * (number + 1)
         if put:
-            kept.put(data, str(number))
+            await kept.put(data, str(number))
         elif number in known:
-            assert kept.get(str(number)) == data
+            assert await kept.get(str(number)) == data
         else:
             with pytest.raises(ServiceError):
-                kept.get(str(number))
+                await kept.get(str(number))
             continue
         known = [other for other in known if other != number] + [number]
         while sum(other + 1 for other in known) > limit:
             known.pop(0)
-        assert [other for other in range(8) if kept.has(str(other))] == sorted(known)
+        assert [other for other in range(8) if await kept.has(str(other))] == sorted(known)
 
 
 def test_a_container_declares_as_many_pictures_and_pixels_as_are_allowed_and_no_more() -> None:

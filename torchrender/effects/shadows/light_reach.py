@@ -17,7 +17,7 @@ from torch import Tensor
 from torchrender.arrays import view as numpy_view
 from torchrender.buffers import GBuffer, RaySurface
 from torchrender.checks import check_range
-from torchrender.effects.shadows.receivers import shadow_receivers
+from torchrender.effects.shadows.receivers import horizon_normals, shadow_receivers
 from torchrender.kernels.compile import thread_count
 from torchrender.kernels.shadows.light_reach import PARALLEL, POINT, RECTANGLE, SPOT, Lamps, Points, mark_tiles
 from torchrender.scene.light import DirectionalLight, Light, PointLight, RectLight, SpotLight, light_color
@@ -61,7 +61,7 @@ def light_reach(scene: Scene, samples: GBuffer | RaySurface, *, side: int = TILE
     shining = torch.tensor([shines(light) for light in scene.lights], dtype=torch.bool)
     if bool(shining.any()) and bool(samples.covered.any()):
         lamps, threads = lamps_of(scene.lights), thread_count()
-        for index, points in enumerate(points_of(scene, samples)):
+        for index, points in enumerate(points_of(scene, samples, (samples.position, horizon_normals(samples)))):
             mark_tiles(points, lamps, side, threads, marks[index])
     found = torch.from_numpy(marks) & shining
     flat = found.reshape(count * tiles, found.shape[-1] if found.dim() else 0)
@@ -85,11 +85,15 @@ def takes_light(scene: Scene) -> Tensor:
     return (table.diffuse != 0).any(dim=1) | (table.highlight != 0).any(dim=1) | glossy
 
 
-def points_of(scene: Scene, samples: GBuffer | RaySurface) -> list[Points]:
-    """The pictures as kernels read them."""
+def points_of(scene: Scene, samples: GBuffer | RaySurface, places: tuple[Tensor, Tensor] | None = None) -> list[Points]:
+    """The pictures as kernels read them.
+
+    Args:
+        places: positions and normals (B,H,W,3); None: those by which shadows are looked up.
+    """
     takes = takes_light(scene).detach()[samples.material] & samples.covered
     depth = samples.depth if isinstance(samples, GBuffer) else torch.ones(samples.material.shape)
-    position, normal = shadow_receivers(samples)
+    position, normal = shadow_receivers(samples) if places is None else places
     return [
         Points(
             numpy_view(position[index], np.float64),

@@ -42,6 +42,12 @@ def shadow_receivers(samples: GBuffer | RaySurface) -> tuple[Tensor, Tensor]:
     return made
 
 
+def horizon_normals(samples: GBuffer | RaySurface) -> Tensor:
+    """Unit normals (...,3) of the planes before which light must stand to be shaded: see :data:`MOST_BENT`."""
+    cosine = (samples.normal * samples.geometric_normal).sum(-1, keepdim=True)
+    return torch.where(cosine > MOST_BENT, samples.normal, samples.geometric_normal)
+
+
 def _smooth(samples: GBuffer | RaySurface, geometry: Geometry) -> tuple[Tensor, Tensor]:
     position, flat, smooth = samples.position, samples.geometric_normal, samples.normal
     cosine = (smooth * flat).sum(-1)

@@ -210,6 +210,8 @@ HARD = (
         ),
         skip=no_mirrors,
         turns=False,
+        rounding=0.04,  # glossy hits share what they found within cells: values at their borders move
+        twins=0.04,
     ),
     HardEffect(
         name="environment_reflections",

@@ -30,8 +30,6 @@ from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
 
 _LISTED = 8
-MIN_SIDE = 8
-"""Pixels of a photo's side, at least."""
 
 
 def style_scene(
@@ -49,7 +47,7 @@ def style_scene(
 
     Args:
         scene: meshes that are objects already; light sources keep their material.
-        photos: linear light (H,W,C), or (H,W) grey, as ``read_image`` gives it; several count alike; at least 8x8.
+        photos: linear light (H,W,C), or (H,W) grey, as ``read_image`` gives it; several count alike.
         options: what may be chosen.
         cameras: 1 to 15 views instead of generated ones; their size counts, not that of the options.
         light: (3,) position of the white point light that the fit assumes; default 5 % below the top centre, or
@@ -101,13 +99,7 @@ def _prepared(photos: Tensor | Sequence[Tensor]) -> tuple[Photo, ...]:
     if not given:
         raise InputError("photos must hold at least one photo")
     names = ["photo"] if len(given) == 1 else [f"photos[{k}]" for k in range(len(given))]
-    prepared = tuple(prepare_photo(photo, name) for photo, name in zip(given, names, strict=True))
-    for photo, name in zip(prepared, names, strict=True):
-        if min(photo.width, photo.height) < MIN_SIDE:
-            raise InputError(
-                f"{name} must have at least {MIN_SIDE}x{MIN_SIDE} pixels, got {photo.width}x{photo.height}"
-            )
-    return prepared
+    return tuple(prepare_photo(photo, name) for photo, name in zip(given, names, strict=True))
 
 
 def _wishes(

@@ -41,4 +41,5 @@ PICTURE = HardEffect(
     ),
     turns=False,
     twins=0.04,  # of scenes whose every coordinate rounds otherwise
+    rounding=0.04,  # glossy hits share what they found within cells: values at their borders move
 )
