@@ -17,10 +17,10 @@ from torchrender_service.load_test.rows import Effort, Row
 
 Measurement = Callable[[ServerUnderTest, Effort], Awaitable[list[Row]]]
 ON_SERVER: tuple[tuple[str, Measurement], ...] = (
+    ("Pictures", figures.throughput_rows),  # first: sessions that may come back would keep a renderer for themselves
     ("Latency", network.interactive_rows),
     ("Latency", network.delay_rows),
     ("Load", network.health_rows),
-    ("Pictures", figures.throughput_rows),
     ("Pictures", figures.budget_rows),
     ("Faults", network.stalled_rows),
     ("Faults", faults.message_rows),
