@@ -257,9 +257,7 @@ def _rule(hint: Any) -> _Rule:
     if isinstance(origin, type) and issubclass(origin, Mapping):
         return _Rule("a mapping", lambda value: isinstance(value, Mapping))
     if isinstance(origin, type) and issubclass(origin, Sequence):
-        return _Rule(
-            "a sequence", lambda value: isinstance(value, Sequence | np.ndarray) and not isinstance(value, str)
-        )
+        return _Rule("a sequence", _is_sequence)
     if isinstance(hint, type) and origin is None:
         return _Rule(hint.__name__, lambda value: isinstance(value, hint), (hint,))
     raise TypeError(f"options have no way to check {hint!r}")

@@ -7,6 +7,12 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 
+def element(context, builder, kind, array, index):
+    """Address of ``array[index]`` of a one-dimensional array of this type, for intrinsics."""
+    data = context.make_array(kind)(context, builder, array).data
+    return cgutils.gep_inbounds(builder, data, index)
+
+
 @intrinsic
 def fetch_add(typingctx, array, index, value):  # noqa: ARG001
     """Add ``value`` to ``array[index]`` atomically and return what was there before. The array is one-dimensional."""
@@ -14,8 +20,7 @@ def fetch_add(typingctx, array, index, value):  # noqa: ARG001
 
     def generate(context, builder, sig, args):
         values, position, addend = args
-        data = context.make_array(sig.args[0])(context, builder, values).data
-        pointer = cgutils.gep_inbounds(builder, data, position)
+        pointer = element(context, builder, sig.args[0], values, position)
         return builder.atomic_rmw("add", pointer, addend, "monotonic")
 
     return signature, generate
@@ -28,8 +33,7 @@ def store_max(typingctx, array, index, value):  # noqa: ARG001
 
     def generate(context, builder, sig, args):
         values, position, candidate = args
-        data = context.make_array(sig.args[0])(context, builder, values).data
-        pointer = cgutils.gep_inbounds(builder, data, position)
+        pointer = element(context, builder, sig.args[0], values, position)
         builder.atomic_rmw("umax", pointer, candidate, "monotonic")
         return context.get_dummy_value()
 
@@ -43,8 +47,7 @@ def store_or(typingctx, array, index, value):  # noqa: ARG001
 
     def generate(context, builder, sig, args):
         values, position, bits = args
-        data = context.make_array(sig.args[0])(context, builder, values).data
-        pointer = cgutils.gep_inbounds(builder, data, position)
+        pointer = element(context, builder, sig.args[0], values, position)
         builder.atomic_rmw("or", pointer, bits, "monotonic")
         return context.get_dummy_value()
 

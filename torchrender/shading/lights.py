@@ -9,7 +9,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from torchrender.kernels.shading.simd import LEVEL
+from torchrender.kernels.shading.simd import LEVEL, MOST_BENT
 from torchrender.numerics.polygon_light import polygon_irradiance
 from torchrender.scene.light import DirectionalLight, Light, PointLight, RectLight, SpotLight, window
 from torchrender.shading.linear_cosines import mirrored_share
@@ -92,7 +92,9 @@ def _cosine(surface: Surface, direction: Tensor, level: Tensor) -> Tensor:
 
 def _horizon(surface: Surface) -> Tensor:
     """Normals (3,N) of the smooth surface that vertex normals stand for, or of triangles where these lean too far."""
-    return torch.where((surface.smooth * surface.geometric).sum(0) > 0.5, surface.smooth, surface.geometric)
+    return torch.where(
+        (surface.smooth * surface.geometric).sum(0) > float(MOST_BENT), surface.smooth, surface.geometric
+    )
 
 
 def _level(surface: Surface, place: Tensor) -> Tensor:

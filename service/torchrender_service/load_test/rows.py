@@ -17,6 +17,11 @@ class Row:
     before: str = ""  # what it was once
     details: dict[str, Any] = field(default_factory=dict)
 
+    @property
+    def mark(self) -> str:
+        """Whether it is met, in a table."""
+        return "" if self.met is None else "met" if self.met else "**missed**"
+
     def to_dict(self) -> dict[str, Any]:
         """Plain values."""
         return {
@@ -27,6 +32,15 @@ class Row:
             "met": None if self.met is None else bool(self.met),
             **self.details,
         }
+
+
+def table_of(rows: list[Row]) -> list[str]:
+    """Lines of a table, with a column for what it was once, where something is known about that."""
+    if any(row.before for row in rows):
+        head = ["| what | once | goal | measured | |", "|---|---|---|---|---|"]
+        return head + [f"| {r.what} | {r.before} | {r.goal} | {r.measured} | {r.mark} |" for r in rows]
+    head = ["| what | goal | measured | |", "|---|---|---|---|"]
+    return head + [f"| {r.what} | {r.goal} | {r.measured} | {r.mark} |" for r in rows]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,7 +13,7 @@ from torchrender.images.files import write_atomically
 from torchrender.quality.machine import machine_line, machine_record
 from torchrender_service.load_test import beside, faults, figures, network, pictures
 from torchrender_service.load_test.driver import ServerUnderTest, running_server
-from torchrender_service.load_test.rows import Effort, Row
+from torchrender_service.load_test.rows import Effort, Row, table_of
 
 Measurement = Callable[[ServerUnderTest, Effort], Awaitable[list[Row]]]
 ON_SERVER: tuple[tuple[str, Measurement], ...] = (
@@ -96,26 +96,13 @@ def page(sections: dict[str, list[Row]], record: dict[str, Any], effort: Effort)
         "",
     ]
     for name, rows in sections.items():
-        lines += [f"## {name}", "", *_table(rows), ""]
+        lines += [f"## {name}", "", *table_of(rows), ""]
     return "\n".join(lines)
-
-
-def _table(rows: list[Row]) -> list[str]:
-    """With a column for what it was once, where something is known about that."""
-    if any(row.before for row in rows):
-        head = ["| what | once | goal | measured | |", "|---|---|---|---|---|"]
-        return head + [f"| {r.what} | {r.before} | {r.goal} | {r.measured} | {_mark(r.met)} |" for r in rows]
-    head = ["| what | goal | measured | |", "|---|---|---|---|"]
-    return head + [f"| {r.what} | {r.goal} | {r.measured} | {_mark(r.met)} |" for r in rows]
-
-
-def _mark(met: bool | None) -> str:
-    return "" if met is None else "met" if met else "**missed**"
 
 
 def _tell(rows: list[Row]) -> None:
     for row in rows:
-        sys.stderr.write(f"{_mark(row.met) or '-':10s} {row.what}: {row.measured} (goal: {row.goal})\n")
+        sys.stderr.write(f"{row.mark or '-':10s} {row.what}: {row.measured} (goal: {row.goal})\n")
     sys.stderr.flush()
 
 

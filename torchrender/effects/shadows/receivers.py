@@ -16,14 +16,12 @@ from torch import Tensor
 from torch.utils.weak import WeakIdKeyDictionary
 
 from torchrender.buffers import GBuffer, RaySurface
+from torchrender.kernels.shading.simd import MOST_BENT
 from torchrender.scene.mesh import Geometry
 
 _KEPT: WeakIdKeyDictionary = WeakIdKeyDictionary()
 FLAT = 1e-6
 """One minus the cosine between shading and geometric normal up to which a surface is flat."""
-
-MOST_BENT = 0.5
-"""Cosine between both down to which normals are those of a smooth surface: below, the triangle's own plane counts."""
 
 
 def shadow_receivers(samples: GBuffer | RaySurface) -> tuple[Tensor, Tensor]:
@@ -43,15 +41,15 @@ def shadow_receivers(samples: GBuffer | RaySurface) -> tuple[Tensor, Tensor]:
 
 
 def horizon_normals(samples: GBuffer | RaySurface) -> Tensor:
-    """Unit normals (...,3) of the planes before which light must stand to be shaded: see :data:`MOST_BENT`."""
+    """Unit normals (...,3) of the planes before which light must stand to be shaded, as shading has them."""
     cosine = (samples.normal * samples.geometric_normal).sum(-1, keepdim=True)
-    return torch.where(cosine > MOST_BENT, samples.normal, samples.geometric_normal)
+    return torch.where(cosine > float(MOST_BENT), samples.normal, samples.geometric_normal)
 
 
 def _smooth(samples: GBuffer | RaySurface, geometry: Geometry) -> tuple[Tensor, Tensor]:
     position, flat, smooth = samples.position, samples.geometric_normal, samples.normal
     cosine = (smooth * flat).sum(-1)
-    bent = (cosine < 1.0 - FLAT) & (cosine > MOST_BENT)
+    bent = (cosine < 1.0 - FLAT) & (cosine > float(MOST_BENT))
     rows = (bent & samples.covered).reshape(-1).nonzero().reshape(-1)
     if not len(rows):
         return position, flat

@@ -12,6 +12,8 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
+from torchrender.kernels.atomics import element
+
 LANES = 8
 
 _I8, _I64 = ir.IntType(8), ir.IntType(64)
@@ -31,8 +33,7 @@ def _splat(builder, kind, value):
 
 
 def _place(context, builder, kind, array, index, vector):
-    data = context.make_array(kind)(context, builder, array).data
-    return builder.bitcast(cgutils.gep_inbounds(builder, data, index), vector.as_pointer())
+    return builder.bitcast(element(context, builder, kind, array, index), vector.as_pointer())
 
 
 def _mask(builder, bits):

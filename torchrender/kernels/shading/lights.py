@@ -6,7 +6,7 @@ import math
 
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.shading.records import CENTRE, PARALLEL, SLOT
-from torchrender.kernels.shading.simd import HALF, LEVEL, ONE, THREE, TINY, TWO, ZERO, angle, f4
+from torchrender.kernels.shading.simd import HALF, LEVEL, MOST_BENT, ONE, THREE, TINY, TWO, ZERO, angle, f4
 
 PX, PY, PZ, NX, NY, NZ = (SLOT[n] for n in ("PX", "PY", "PZ", "NX", "NY", "NZ"))
 GX, GY, GZ, SX, SY, SZ = (SLOT[n] for n in ("GX", "GY", "GZ", "SX", "SY", "SZ"))
@@ -24,7 +24,7 @@ def horizon(s, i):
     """Normal of the smooth surface that vertex normals stand for, or of the triangle where these lean too far."""
     gx, gy, gz = s[GX + i], s[GY + i], s[GZ + i]
     sx, sy, sz = s[SX + i], s[SY + i], s[SZ + i]
-    smooth = sx * gx + sy * gy + sz * gz > HALF
+    smooth = sx * gx + sy * gy + sz * gz > MOST_BENT
     return (sx if smooth else gx), (sy if smooth else gy), (sz if smooth else gz)
 
 

@@ -90,9 +90,5 @@ def close(color, depth, valid, source, fewest, limits):
                 found = look_around(y, x, depth, own, limits)
                 if found[1] >= fewest[1 if valid[y, x] else 0]:
                     close_pixel(y, x, found, (color, depth, own, source))
-                    closed[y, x] = True
-    for row in prange(height):
-        y = np.int64(row)
-        for x in range(width):
-            valid[y, x] |= closed[y, x]
+                    closed[y, x] = valid[y, x] = True
     return closed, own

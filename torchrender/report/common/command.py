@@ -39,8 +39,13 @@ def run_study(
 ) -> None:
     """The command of a study that ``run(folder, quick)`` measures and writes; names its files."""
     arguments = study_parser(description, quick=quick).parse_args(argv)
-    arguments.output.mkdir(parents=True, exist_ok=True)
-    for file in run(arguments.output, arguments.quick):
+    write_named(arguments.output, lambda folder: run(folder, arguments.quick))
+
+
+def write_named(folder: Path, write: Callable[[Path], Iterable[Path]]) -> None:
+    """Have files written into a folder, which is made, and name them."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for file in write(folder):
         sys.stdout.write(f"{file}\n")
 
 
@@ -63,11 +68,8 @@ def run_in_parts(
     arguments = parser.parse_args(argv)
     kept = FOLDER / f"{name}{'-quick' if arguments.quick else ''}.json"
     parts = Parts(kept if math.isfinite(arguments.seconds) else None, arguments.seconds)
-    arguments.output.mkdir(parents=True, exist_ok=True)
     try:
-        files = list(run(arguments.output, arguments.quick, parts))
+        write_named(arguments.output, lambda folder: run(folder, arguments.quick, parts))
     except Unfinished as unfinished:
         sys.exit(f"unfinished: {unfinished}")
     parts.done()
-    for file in files:
-        sys.stdout.write(f"{file}\n")

@@ -19,7 +19,7 @@ from typing import Any
 from torchrender.batch import Job, Outcome, SceneSource, run
 from torchrender.batch.folder import MANIFEST
 from torchrender.errors import TorchRenderError
-from torchrender.report.distributed.cluster import descendants, title
+from torchrender.report.distributed.cluster import command_line, descendants
 from torchrender.scene.cameras.path import built_in_path
 from torchrender_service.load_test.rows import Row
 
@@ -96,13 +96,13 @@ def local_rows(parts: dict[str, Any]) -> list[Row]:
             measured=f"{two:.2f} against {one:.2f}: {two / one:.2f}×",
             met=two >= 1.7 * one,
         ),
-        Row(
-            what="results of one and of two workers",
-            goal="the same, bit for bit",
-            measured="the same" if record["same"] else "they differ",
-            met=record["same"],
-        ),
+        _same_row("results of one and of two workers", record),
     ]
+
+
+def _same_row(what: str, record: dict[str, Any]) -> Row:
+    measured = "the same" if record["same"] else "they differ"
+    return Row(what=what, goal="the same, bit for bit", measured=measured, met=record["same"])
 
 
 def ray_record(effort: BatchEffort) -> dict[str, Any]:
@@ -140,12 +140,7 @@ def ray_rows(parts: dict[str, Any]) -> list[Row]:
             measured=f"{on_ray['first_s']:.1f} s (pool: {pool['first_s']:.1f} s)",
             met=on_ray["first_s"] <= 20.0,
         ),
-        Row(
-            what="results of Ray Data and of the pool",
-            goal="the same, bit for bit",
-            measured="the same" if record["same"] else "they differ",
-            met=record["same"],
-        ),
+        _same_row("results of Ray Data and of the pool", record),
     ]
 
 
@@ -214,19 +209,11 @@ def worker_of(pid: int) -> int:
     end = time.monotonic() + WAIT_S
     while time.monotonic() < end:
         for one in descendants(pid):
-            words = title(one), command_line(one)
-            if words[0].startswith("ray::MapWorker") or "torchrender.batch.worker" in words[1]:
+            words = command_line(one)
+            if words.startswith("ray::MapWorker") or "torchrender.batch.worker" in words:
                 return one
         time.sleep(0.02)
     raise TorchRenderError("no process makes chunks")
-
-
-def command_line(pid: int) -> str:
-    """Of a process."""
-    try:
-        return (Path("/proc") / str(pid) / "cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace")
-    except OSError:
-        return ""
 
 
 def wait_for(out: Path, count: int) -> None:

@@ -22,7 +22,7 @@ class RayUnderTest(ServerUnderTest):
 
     def replicas(self) -> list[int]:
         """Processes of the replicas, without their renderers."""
-        return [pid for pid in descendants(self.pid) if title(pid).startswith("ray::ServeReplica")]
+        return [pid for pid in descendants(self.pid) if command_line(pid).startswith("ray::ServeReplica")]
 
     def scale(self, count: int) -> None:
         """Change the number of replicas."""
@@ -70,10 +70,10 @@ def free_port() -> int:
         return int(made.getsockname()[1])
 
 
-def title(pid: int) -> str:
-    """Of a process, where the system shows it."""
+def command_line(pid: int) -> str:
+    """Of a process, its title first; empty where the system does not show it."""
     try:
-        return (Path("/proc") / str(pid) / "cmdline").read_bytes().split(b"\0")[0].decode(errors="replace")
+        return Path(f"/proc/{pid}/cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace")
     except OSError:
         return ""
 

@@ -21,7 +21,7 @@ from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed, WebSocketException
 
 from torchrender.errors import TorchRenderError
-from torchrender.report.distributed.cluster import RayUnderTest, descendants, running_on_ray
+from torchrender.report.distributed.cluster import RayUnderTest, command_line, descendants, running_on_ray
 from torchrender.wire.messages import SUBPROTOCOL, Bye, Keyframe, decode
 from torchrender_service.load_test.driver import (
     MAX_BYTES,
@@ -186,11 +186,10 @@ def cpu_s(server: ServerUnderTest) -> tuple[float, float]:
         try:
             with open(f"/proc/{pid}/stat") as file:
                 fields = file.read().rpartition(")")[2].split()
-            with open(f"/proc/{pid}/cmdline", "rb") as file:
-                renders = b"renderers.worker" in file.read()
         except OSError:
             continue
         used = (int(fields[11]) + int(fields[12])) / TICKS
+        renders = "renderers.worker" in command_line(pid)
         renderers, rest = (renderers + used, rest) if renders else (renderers, rest + used)
     return renderers, rest
 

@@ -7,7 +7,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,13 +14,13 @@ from typing import Any
 from torchrender.errors import OptionError
 from torchrender.quality.machine import machine_line, machine_record
 from torchrender.quality.pages import write_record, write_text
-from torchrender.report.common.command import study_parser
+from torchrender.report.common.command import study_parser, write_named
 from torchrender.report.common.progress import part
 from torchrender.report.distributed import batches, streams
 from torchrender.report.distributed.many import many_record, many_rows, price_rows
 from torchrender.report.distributed.reckoning import check_rows
 from torchrender.report.distributed.stream_rows import lost_rows, stream_rows
-from torchrender_service.load_test.rows import Row
+from torchrender_service.load_test.rows import Row, table_of
 
 Measure = Callable[[bool, dict[str, Any]], dict[str, Any]]
 """What a part finds: quickly or not, and what the parts so far have found."""
@@ -86,14 +85,11 @@ def page(parts: dict[str, Any]) -> str:
         "",
     ]
     found = {name: measured["found"] for name, measured in parts.items()}
-    marks = {True: "met", False: "**missed**", None: ""}
     for heading, names, rows_of in TABLES:
         if not all(name in parts for name in names):
             continue
         machines = dict.fromkeys(_measured_on(parts[name]) for name in names)
-        lines += [f"## {heading}", "", "; ".join(machines), "", "| what | goal | measured | |", "|---|---|---|---|"]
-        lines += [f"| {r.what} | {r.goal} | {r.measured} | {marks[r.met]} |" for r in rows_of(found)]
-        lines.append("")
+        lines += [f"## {heading}", "", "; ".join(machines), "", *table_of(rows_of(found)), ""]
     return "\n".join(lines)
 
 
@@ -106,6 +102,4 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser = study_parser(__doc__, quick="little of everything, in a minute or two")
     parser.add_argument("parts", nargs="*", metavar="PART", help=f"of {', '.join(PARTS)}; default: all")
     arguments = parser.parse_args(argv)
-    arguments.output.mkdir(parents=True, exist_ok=True)
-    for file in run(arguments.output, arguments.quick, arguments.parts):
-        sys.stdout.write(f"{file}\n")
+    write_named(arguments.output, lambda folder: run(folder, arguments.quick, arguments.parts))
