@@ -139,6 +139,31 @@ def test_small_pictures_of_several_clients_take_two_processes_and_a_thread_each(
     assert asyncio.run(chosen(pool, picture(512), bounded)) == [("batch", 0), ("0", 0)]
 
 
+def test_a_session_at_rest_keeps_no_renderer_from_small_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It may be one whose client has gone, and may come back."""
+    monkeypatch.setattr(RendererProcess, "ready", True)
+    monkeypatch.setattr(Pool, "_aside_ready", True)
+
+    async def first_goes_to(rest_s: float) -> str:
+        pool = make_pool(renderers=1)
+        handle = pool.assign()
+        stream = asyncio.create_task(pool.run(Forget(), renderer=handle))
+        await asyncio.sleep(0)
+        monkeypatch.setattr(pool_module, "AT_REST_S", rest_s)
+        await asyncio.sleep(0.01)
+        picture_task = asyncio.create_task(pool.run(picture(512)))
+        await asyncio.sleep(0)
+        await asyncio.sleep(0)
+        names = [renderer.name for renderer in pool._working if renderer.load > (renderer.name == "0")]
+        for task in (stream, picture_task):
+            task.cancel()
+        await asyncio.gather(stream, picture_task, return_exceptions=True)
+        return names[0]
+
+    assert asyncio.run(first_goes_to(60.0)) == "batch"
+    assert asyncio.run(first_goes_to(0.001)) == "0"
+
+
 def test_who_helps_out_makes_a_first_picture_of_its_own_before(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(RendererProcess, "ready", True)
 

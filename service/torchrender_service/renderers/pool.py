@@ -11,7 +11,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from torchrender_service.errors import ServiceError
@@ -32,13 +32,17 @@ HELP_S, PATIENCE_S = 1.0, 2.0
 second beside streams."""
 AVOIDED_S = 1.0
 """So long pictures do not go there any more after that."""
+AT_REST_S = 5.0
+"""A session that has asked for nothing for so long, connected or not, keeps no renderer for itself: what it asks for
+next comes before pictures all the same."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class AssignedProcess(RendererHandle):
     """A renderer of this pool; every session has a handle of its own."""
 
     process: RendererProcess
+    asked: float = field(default_factory=time.monotonic)  # when its session asked for something last
 
 
 class Pool:
@@ -66,7 +70,7 @@ class Pool:
         self._inspector = RendererProcess(inspector, settings.waiting, metrics)
         self._kernels = KernelPreparation()
         self._warm: set[str] = set()
-        self._assigned: set[RendererHandle] = set()
+        self._assigned: set[AssignedProcess] = set()
         self._warm_aside: int | None = 0  # process that has made a first picture
         self._preparing: asyncio.Task[None] | None = None
         self._aside_from = 0.0  # time from which on pictures go to the renderer of large ones
@@ -138,22 +142,22 @@ class Pool:
         """The renderer that the fewest sessions have, among equals the one with the least to do."""
         if background:
             return AssignedProcess(self._batch)
-        sessions = Counter(self._process(handle).name for handle in self._assigned)
+        sessions = Counter(handle.process.name for handle in self._assigned)
         handle = AssignedProcess(min(self._renderers, key=lambda r: (sessions[r.name], r.load)))
         self._assigned.add(handle)
         return handle
 
     def release(self, renderer: RendererHandle) -> None:
         """The session is over; a second time does nothing."""
-        self._assigned.discard(renderer)
+        self._assigned.discard(self._handle(renderer))
 
     def idle(self, renderer: RendererHandle) -> bool:
         """Whether a renderer has nothing to do."""
-        return self._process(renderer).load == 0
+        return self._handle(renderer).process.load == 0
 
     def load(self, renderer: RendererHandle) -> int:
         """Jobs that wait or run in a renderer."""
-        return self._process(renderer).load
+        return self._handle(renderer).process.load
 
     @property
     def waiting(self) -> int:
@@ -179,7 +183,9 @@ class Pool:
             ServiceError: what the renderer says about the job, 429 where too many jobs wait, 503 while stopping.
         """
         if renderer is not None:
-            return await self._put(self._process(renderer), job, asked)
+            handle = self._handle(renderer)
+            handle.asked = time.monotonic()
+            return await self._put(handle.process, job, asked)
         rank = asked.rank if asked is not None and asked.rank is not None else rank_of(job)
         if rank is Rank.BATCH or isinstance(job, PhotoJob):
             return await self._put(self._batch, job, asked)
@@ -195,12 +201,12 @@ class Pool:
         own, aside = min(self._renderers[1:] or self._renderers, key=lambda r: r.load), self._batch
         if is_small(job) and self.waiting:
             asked.threads = 1
-        streams = any(self._process(handle) is own for handle in self._assigned)
+        now = time.monotonic()
+        streams = any(one.process is own and now - one.asked < AT_REST_S for one in self._assigned)
         if aside in self._renderers or not is_free(job) or not (streams or (own.load and is_small(job))):
             return await self._put(own, job, asked)
         if not self._aside_ready:
             self._prepare_aside()
-        now = time.monotonic()
         spare = self._aside_ready and not aside.has(Rank.BATCH) and (streams or aside.load < own.load)
         if not spare or now < self._aside_from:
             return await self._put(own, job, asked)
@@ -238,10 +244,10 @@ class Pool:
             if renderer.ready and not self._closed:
                 renderer.post(job)
 
-    def _process(self, renderer: RendererHandle) -> RendererProcess:
+    def _handle(self, renderer: RendererHandle) -> AssignedProcess:
         if not isinstance(renderer, AssignedProcess) or renderer.process not in self._working:
             raise TypeError(f"renderer must be a handle of this pool, got {renderer!r}")
-        return renderer.process
+        return renderer
 
     async def _put(self, renderer: RendererProcess, job: Job, asked: Asked | None) -> dict[str, Any]:
         if self._closed:

@@ -17,17 +17,18 @@ from typing import Any
 from torchrender_service.errors import ServiceError
 from torchrender_service.metrics import Metrics
 from torchrender_service.renderers.asked import Asked, Rank, rank_of
-from torchrender_service.renderers.jobs import JOB_ENCODER, REPLY_DECODER, Cancel, Forget, Job, Reply, Task
+from torchrender_service.renderers.jobs import REPLY_DECODER, Cancel, Forget, Job, Reply, Task
 from torchrender_service.renderers.processes.schedule import RETRY_S, FairQueue, Waiting
 from torchrender_service.renderers.processes.start import (
+    NO_JOB,
     Kind,
     Spare,
     end_process,
     kill_process,
     read_message,
     start_process,
+    write_message,
 )
-from torchrender_service.renderers.worker import LENGTH
 
 LOG = logging.getLogger("torchrender_service.renderers.processes.process")
 STOP_S = 3.0
@@ -57,7 +58,7 @@ class RendererProcess:
         self._metrics = metrics
         self.queue = FairQueue(room)
         self._running: dict[int, Running] = {}
-        self._serials = itertools.count(1)
+        self._serials = itertools.count(NO_JOB + 1)
         self._process: asyncio.subprocess.Process | None = None
         self._handshake = False
         self._stopped = False
@@ -152,11 +153,8 @@ class RendererProcess:
         self._write(Task(serial=serial, job=waiting.job, express=express, threads=waiting.asked.threads))
 
     def _write(self, message: Task | Cancel) -> None:
-        process = self._process
-        if process is None or process.stdin is None or process.stdin.is_closing():
-            return  # its end is noticed by whoever reads
-        data = JOB_ENCODER.encode(message)
-        process.stdin.write(LENGTH.pack(len(data)) + data)
+        if self._process is not None:
+            write_message(self._process, message)
 
     def _too_slow(self, serial: int) -> None:
         """Ask the job to stop; where that does not help, end the process."""

@@ -10,6 +10,7 @@ import sys
 from dataclasses import dataclass
 
 from torchrender_service.errors import ServiceError
+from torchrender_service.renderers.jobs import JOB_ENCODER, Cancel, Task, WarmUp
 from torchrender_service.renderers.processes.schedule import RETRY_S
 from torchrender_service.renderers.worker import LENGTH
 
@@ -19,6 +20,8 @@ START_S = 300.0
 NEXT_SPARE_S = 3.0
 """After one was taken: whoever took it has more to do now than the next spare one."""
 MAX_REPLY_BYTES = 2**32
+NO_JOB = 0
+"""Jobs are numbered from the next one on."""
 Process = asyncio.subprocess.Process
 
 
@@ -45,6 +48,13 @@ async def read_message(stream: asyncio.StreamReader) -> bytes:
     if size > MAX_REPLY_BYTES:
         raise ConnectionError(f"reply of {size} bytes")
     return await stream.readexactly(size)
+
+
+def write_message(process: Process, message: Task | Cancel) -> None:
+    """One message to a renderer; one that has ended gets none: whoever reads notices."""
+    if process.stdin is not None and not process.stdin.is_closing():
+        data = JOB_ENCODER.encode(message)
+        process.stdin.write(LENGTH.pack(len(data)) + data)
 
 
 async def start_process(kind: Kind) -> Process:
@@ -92,7 +102,8 @@ async def end_process(process: Process | None) -> None:
 
 
 class Spare:
-    """A process of the kind that streams have, already started: what a new one needs most of its time for is done."""
+    """A process of the kind that streams have, already started, its first picture made or on the way: what a new one
+    needs most of its time for is done."""
 
     def __init__(self, kind: Kind) -> None:
         self._kind = kind
@@ -129,5 +140,7 @@ class Spare:
         await asyncio.sleep(wait_s)
         try:
             self._process = await start_process(self._kind)
+            # Whoever takes it passes over this answer, which has the number of no job of theirs.
+            write_message(self._process, Task(serial=NO_JOB, job=WarmUp()))
         except ServiceError as error:
             LOG.warning("no renderer stands ready: %s", error.detail)
