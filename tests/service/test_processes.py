@@ -59,9 +59,12 @@ while True:
         failure = Failure(status=499, kind='cancelled', detail='left')
         if held.pop(task.serial, None): send(Reply(serial=task.serial, failure=failure))
         continue
-    job = msgspec.msgpack.decode(task.job); name = job.get('name', job['type']); names.append(name)
+    job = msgspec.msgpack.decode(task.job); name = job.get('name', job['type'])
     if name == 'hold': held[task.serial] = task
-    else: send(Reply(serial=task.serial, memory_mb=5.0, evictions=2, result={'did': name, 'express': task.express, 'all': names}))
+    else:
+        result = {'did': name, 'express': task.express, 'after': list(names)}
+        send(Reply(serial=task.serial, memory_mb=5.0, evictions=2, result=result))
+        names.append(name)
 """
 """Answers at once, but keeps a job called "hold" until it is cancelled."""
 HOLD, QUICK, URGENT = Tradeoff(name="hold"), Tradeoff(name="quick"), MakeLayers(session="one", id=1)
@@ -202,7 +205,7 @@ def test_the_process_that_stands_ready_takes_the_place_of_one_that_died(monkeypa
             await asyncio.sleep(0.01)
         assert stage.renderer.pid == ready and stage.spare.pid is None
         answer = await stage.renderer.submit(QUICK)
-        assert answer["did"] == "quick" and answer["all"] == ["WarmUp", "quick"], "its first picture was made before"
+        assert answer["did"] == "quick" and answer["after"] == ["WarmUp"], "its first picture was made before"
 
     stage.run(play())
 
@@ -229,7 +232,7 @@ def test_keyframes_do_not_wait_for_a_picture(monkeypatch: pytest.MonkeyPatch) ->
 
     async def play() -> None:
         running = await stage.begun(HOLD)
-        assert await stage.renderer.submit(URGENT) == {"did": "MakeLayers", "express": True}
+        assert await stage.renderer.submit(URGENT) == {"did": "MakeLayers", "express": True, "after": []}
         running.cancel()
         await asyncio.gather(running, return_exceptions=True)
         while stage.renderer.load:
