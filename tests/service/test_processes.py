@@ -232,12 +232,12 @@ def test_keyframes_do_not_wait_for_a_picture(monkeypatch: pytest.MonkeyPatch) ->
 
     async def play() -> None:
         running = await stage.begun(HOLD)
-        assert await stage.renderer.submit(URGENT) == {"did": "MakeLayers", "express": True, "after": []}
+        assert (await stage.renderer.submit(URGENT)).items() >= {"did": "MakeLayers", "express": True}.items()
         running.cancel()
         await asyncio.gather(running, return_exceptions=True)
         while stage.renderer.load:
             await asyncio.sleep(0.01)
-        assert await stage.renderer.submit(URGENT) == {"did": "MakeLayers", "express": False}
+        assert (await stage.renderer.submit(URGENT)).items() >= {"did": "MakeLayers", "express": False}.items()
 
     stage.run(play())
 
