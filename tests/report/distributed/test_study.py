@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -13,7 +16,8 @@ from torchrender.errors import OptionError
 pytest.importorskip("simpy")
 
 from torchrender.report.distributed import study
-from torchrender.report.distributed.batches import killed_rows, local_rows, ray_rows
+from torchrender.report.distributed.batches import Clock, killed_rows, local_rows, ray_rows
+from torchrender.report.distributed.cluster import cpu_s
 from torchrender.report.distributed.reckoning import Costs, check_rows, costs_of, predicted, prices
 from torchrender.report.distributed.stream_rows import lost_rows, stream_rows
 
@@ -59,9 +63,11 @@ def test_rows_say_what_was_met() -> None:
     rows = [*stream_rows(worse), *lost_rows(worse)]
     missed = [row.what for row in rows if row.met is False]
     assert len(missed) == 4 and "5 refused (InvalidStatus)" in " ".join(row.measured for row in rows)
-    workers = {"1": {"rate": 1.5}, "2": {"rate": 2.6}}
-    assert marks(local_rows({"batch": {"workers": workers, "same": True}})) == [True, True]
-    assert marks(local_rows({"batch": {"workers": {**workers, "2": {"rate": 2.0}}, "same": False}})) == [False, False]
+    workers = {"1": {"rate": 1.5, "cores": 1.6}, "2": {"rate": 2.6, "cores": 2.0}}
+    rows = local_rows({"batch": {"workers": workers, "same": True}})
+    assert marks(rows) == [True, True] and "1.60 and 2.00 cores busy" in rows[0].measured
+    slower = {**workers, "2": {"rate": 2.0, "cores": 2.0}}
+    assert marks(local_rows({"batch": {"workers": slower, "same": False}})) == [False, False]
     pool = {"rate": 2.0, "first_s": 3.0}
     assert marks(ray_rows({"ray-batch": {"pool": pool, "ray": {"rate": 1.7, "first_s": 21.0}, "same": True}})) == [
         False,
@@ -99,9 +105,8 @@ def test_parts_are_kept_until_they_are_measured_again(tmp_path: Path, monkeypatc
         monkeypatch.setitem(study.PARTS, name, lambda *_, name=name: STREAMS[name])
     study.run(tmp_path, True, ["server", "replicas"])
     monkeypatch.setitem(study.PARTS, "server", lambda *_: pytest.fail())
-    monkeypatch.setitem(
-        study.PARTS, "batch", lambda *_: {"workers": {"1": {"rate": 1.0}, "2": {"rate": 1.9}}, "same": True}
-    )
+    workers = {"1": {"rate": 1.0, "cores": 1.5}, "2": {"rate": 1.9, "cores": 2.0}}
+    monkeypatch.setitem(study.PARTS, "batch", lambda *_: {"workers": workers, "same": True})
     _, page = study.run(tmp_path, True, ["batch"])
     text = page.read_text()
     assert "## Streams over two replicas" in text and "1.90×" in text and "## Batches by Ray Data" not in text
@@ -124,3 +129,25 @@ def test_two_replicas_are_one_service(tmp_path: Path) -> None:
     killed, told = lost["killed"], lost["scaled"]["told"]
     assert 0 < killed["lost"] < killed["clients"] and len(killed["back_s"]) >= killed["lost"]
     assert told and all(reason and code == 1012 for reason, code, _ in told)
+
+
+def test_cores_that_are_busy_are_those_of_all_processes() -> None:
+    """Also of those that have ended meanwhile."""
+    clock, work = (
+        Clock(),
+        "end = __import__('time').process_time() + 0.4\nwhile __import__('time').process_time() < end: pass",
+    )
+    clock(1, 3)
+    before = cpu_s(os.getpid())
+    running = [subprocess.Popen([sys.executable, "-c", work]) for _ in range(2)]
+    for process in running:
+        assert process.wait(60) == 0
+    used = cpu_s(os.getpid()) - before
+    clock(3, 3)
+    assert 0.75 < used < 4.0
+    first, last = clock.told
+    assert (
+        clock.cores == pytest.approx((last.cpu_s - first.cpu_s) / (last.at - first.at))
+        and last.cpu_s >= first.cpu_s + 0.75
+    )
+    assert clock.rate == pytest.approx(2 / (last.at - first.at))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import socket
 import subprocess
 import sys
@@ -90,3 +91,15 @@ def descendants(pid: int) -> list[int]:
         except OSError:
             continue
     return found
+
+
+def cpu_s(pid: int) -> float:
+    """Time that a process and all below it have had on cores, in seconds, with those below that have ended."""
+    ticks = 0
+    for one in descendants(pid):
+        try:
+            fields = Path(f"/proc/{one}/stat").read_text().rpartition(")")[2].split()
+        except OSError:
+            continue
+        ticks += sum(map(int, fields[11:15]))  # in user and in system mode, its own and of children that have ended
+    return ticks / os.sysconf("SC_CLK_TCK")

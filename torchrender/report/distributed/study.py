@@ -27,7 +27,9 @@ Measure = Callable[[bool, dict[str, Any]], dict[str, Any]]
 PARTS: dict[str, Measure] = {
     "batch": lambda quick, _: batches.local_record(batches.QUICK if quick else batches.BatchEffort()),
     "ray-batch": lambda quick, _: batches.ray_record(batches.QUICK if quick else batches.BatchEffort()),
-    "killed": lambda quick, _: batches.killed_record(batches.QUICK if quick else batches.BatchEffort(size=192)),
+    "killed": lambda quick, _: batches.killed_record(
+        batches.QUICK if quick else batches.BatchEffort(size=128, cameras=32)
+    ),
     "server": lambda quick, _: streams.server_record(streams.QUICK if quick else streams.StreamEffort()),
     "replicas": lambda quick, _: streams.replica_record(streams.QUICK if quick else streams.StreamEffort()),
     "lost": lambda quick, _: streams.lost_record(streams.QUICK if quick else streams.StreamEffort()),
