@@ -1,4 +1,7 @@
-"""One attack in a process of its own: it takes time from the server, and none from those who measure.
+"""One attack in a process of its own, which takes no time from those who measure.
+
+An attacker has a machine of its own: what it computes itself must not be what the others notice. So its process comes
+last with the system, and the server, busy with what it sends, does not.
 
     python -m torchrender_service.load_test.playing NAME SERVER
 
@@ -11,6 +14,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import os
 import sys
 from collections.abc import AsyncIterator
 from concurrent.futures import ThreadPoolExecutor
@@ -22,6 +26,7 @@ from torchrender_service.load_test.driver import ServerUnderTest
 
 THREADS = 64
 STOP_S = 5.0
+NICENESS = 19
 
 
 def main(name: str, told: str) -> int:
@@ -31,6 +36,8 @@ def main(name: str, told: str) -> int:
     attack = next(one for one in ATTACKS if one.name == name)
     attack.prepare()
     _many_files()
+    if hasattr(os, "nice"):
+        os.nice(NICENESS)
     sys.stdout.write("ready\n")
     sys.stdout.flush()
     if not sys.stdin.readline():
