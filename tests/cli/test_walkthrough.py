@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import json
+import math
 import subprocess
 import sys
 
 import numpy as np
 import pytest
+import torch
 import trimesh
 
 from torchrender.cli.main import main
 from torchrender.images.files import read_image
+from torchrender.numerics.color import luminance
 from torchrender.points.load import load_points
 from torchrender.scene.load import load
 from torchrender.walkthrough.frames.json_file import write_json_sequence
@@ -69,6 +72,17 @@ def test_render_info_and_fly(folder, tmp_path, capsys):
     assert "points" in capsys.readouterr().out
     assert main(["render", room, "-o", str(picture), "--size", "40x30", "--camera", "eye=0,1.5,-1", "--explain"]) == 0
     assert "--explain does nothing" in capsys.readouterr().err
+    shown = {}
+    for ev in ("-2", "auto"):
+        words = ["render", room, "-o", str(tmp_path / "a.exr"), "--size", "80x60", "--camera", "frame1"]
+        assert main([*words, "--exposure", ev]) == 0
+        said = capsys.readouterr().out
+        assert ("exposure" in said) == (ev == "auto")
+        shown[ev] = read_image(tmp_path / "a.exr")
+    light = luminance(torch.as_tensor(shown["auto"], dtype=torch.float64))
+    assert float(torch.log2(light[light > 0]).mean()) == pytest.approx(math.log2(0.18), abs=0.01)
+    ratio = (shown["auto"] / shown["-2"])[shown["-2"] > 1e-3]
+    assert float(ratio.max() / ratio.min()) == pytest.approx(1.0, abs=1e-2), "one factor for the whole picture"
     assert main(["info", room, "--json"]) == 0
     info = json.loads(capsys.readouterr().out)
     assert info["planes"] >= 4 and info["held_out_psnr_db"] > 20

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from torchrender.cli.arguments import camera_of, numbers
+from torchrender.cli.arguments import camera_of, exposure, numbers
 from torchrender.cli.output import check_output, image_size
 from torchrender.errors import OptionError
 
@@ -186,6 +186,7 @@ def _next_views(made: Walkthrough, count: int, seed: int) -> Iterator[str]:
 def render_walkthrough(arguments: argparse.Namespace) -> None:
     """``torchrender render room.trw``."""
     from torchrender.images.files import numbered, write_image
+    from torchrender.numerics.tonemap import auto_exposure
     from torchrender.walkthrough.draw import draw_walkthrough
     from torchrender.walkthrough.file import read_walkthrough
 
@@ -197,18 +198,23 @@ def render_walkthrough(arguments: argparse.Namespace) -> None:
     made = read_walkthrough(arguments.scene)
     options = _draw_options(arguments.background)
     words = arguments.camera or [[]]
-    scale = 2.0 ** numbers("--exposure", "0" if arguments.exposure in (None, "auto") else arguments.exposure, 1)[0]
+    chosen_exposure = 0.0 if arguments.exposure is None else exposure(arguments.exposure)
     factor = max(1, round(arguments.supersample or 1))
     for number, chosen in enumerate(words):
         camera = camera_of(made, chosen, width, height)  # type: ignore[arg-type]
         drawn = draw_walkthrough(made, camera.scaled(factor) if factor > 1 else camera, options)
-        image = scale * _smaller(drawn.image[0], factor)
+        image = _smaller(drawn.image[0], factor)
+        ev = auto_exposure(drawn.image[0], mask=drawn.covered[0]) if chosen_exposure is None else chosen_exposure
+        image = 2.0**ev * image
         file = numbered(output, number, len(words))
         write_image(file, image)
         found = drawn.statistics[0]
         steps = "  ".join(f"{step} {elapsed:.0f} ms" for step, elapsed in found.ms.items())
         empty = 100 * found.uncovered / drawn.kind[0].numel()
-        print(f"{file}  {width}x{height}  {found.drawn:,} of {found.points:,} points  {empty:.2f} % empty  {steps}")
+        exposed = f"  exposure {ev:+.2f} EV" if chosen_exposure is None else ""
+        print(
+            f"{file}  {width}x{height}  {found.drawn:,} of {found.points:,} points  {empty:.2f} % empty  {steps}{exposed}"
+        )
 
 
 def _smaller(image: Any, factor: int) -> Any:
