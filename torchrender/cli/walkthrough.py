@@ -212,9 +212,8 @@ def render_walkthrough(arguments: argparse.Namespace) -> None:
         steps = "  ".join(f"{step} {elapsed:.0f} ms" for step, elapsed in found.ms.items())
         empty = 100 * found.uncovered / drawn.kind[0].numel()
         exposed = f"  exposure {ev:+.2f} EV" if chosen_exposure is None else ""
-        print(
-            f"{file}  {width}x{height}  {found.drawn:,} of {found.points:,} points  {empty:.2f} % empty  {steps}{exposed}"
-        )
+        shown = f"{found.drawn:,} of {found.points:,} points  {empty:.2f} % empty"
+        print(f"{file}  {width}x{height}  {shown}  {steps}{exposed}")
 
 
 def _smaller(image: Any, factor: int) -> Any:
