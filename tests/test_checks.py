@@ -18,6 +18,7 @@ import torch
 import torchrender as tr
 from torchrender.checks import checked_fields
 from torchrender.errors import InputError, OptionError
+from torchrender.passes.table import PASSES
 
 ROOT = Path(__file__).resolve().parent.parent
 HOMES = (ROOT, ROOT / "service")
@@ -159,3 +160,10 @@ def test_a_background_is_a_tensor_a_sequence_or_a_number() -> None:
         assert tr.RenderOptions(background=given).background is given
     with pytest.raises(OptionError, match="background must be Tensor or a sequence or a number or None, got 'red'"):
         tr.RenderOptions(background="red")
+
+
+@pytest.mark.parametrize("name", ["gbuffer", "composite", "resample"])
+def test_a_table_of_passes_that_makes_no_picture_is_refused(name: str) -> None:
+    options = tr.RenderOptions(passes=tuple(one for one in PASSES if one.name != name))
+    with pytest.raises(OptionError, match="passes: none of this table makes"):
+        tr.render("cornell_box", width=16, height=12, options=options)

@@ -8,6 +8,7 @@ from typing import Any
 
 from torchrender.buffers import GBuffer, RaySurface
 from torchrender.clock import StepClock
+from torchrender.errors import OptionError
 from torchrender.image import Image
 from torchrender.passes.contract import Pass
 from torchrender.passes.light.direct_light import MIRROR_SHARE
@@ -47,8 +48,15 @@ class Run:
     doubts: list[Doubt] = field(init=False, default_factory=list)  # about what cameras see
 
     def image(self) -> Image:
-        """The picture."""
+        """The picture.
+
+        Raises:
+            OptionError: the table of passes makes none.
+        """
         self.buffers({})
+        lost = [buffer.name for buffer in (GBUFFER, PICTURE) if buffer not in self.values]
+        if lost:
+            raise OptionError(f"passes: none of this table makes {lost[0]}; those of PASSES do")
         outlook, wanted = self.knowledge.outlook, self.knowledge.wanted
         if self.plan.options.supersample == 1:
             self.doubts += picture_doubts(outlook.scene, self.values[GBUFFER], self.values[PICTURE])
