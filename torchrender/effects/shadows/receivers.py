@@ -11,17 +11,19 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 from torch.utils.weak import WeakIdKeyDictionary
 
+from torchrender.arrays import view
 from torchrender.buffers import GBuffer, RaySurface
 from torchrender.kernels.shading.simd import MOST_BENT
+from torchrender.kernels.shadows.receivers import move_out
 from torchrender.scene.mesh import Geometry
+from torchrender.shading.attributes import attribute_arrays
 
 _KEPT: WeakIdKeyDictionary = WeakIdKeyDictionary()
-FLAT = 1e-6
-"""One minus the cosine between shading and geometric normal up to which a surface is flat."""
 
 
 def shadow_receivers(samples: GBuffer | RaySurface) -> tuple[Tensor, Tensor]:
@@ -47,32 +49,13 @@ def horizon_normals(samples: GBuffer | RaySurface) -> Tensor:
 
 
 def _smooth(samples: GBuffer | RaySurface, geometry: Geometry) -> tuple[Tensor, Tensor]:
-    position, flat, smooth = samples.position, samples.geometric_normal, samples.normal
-    cosine = (smooth * flat).sum(-1)
-    bent = (cosine < 1.0 - FLAT) & (cosine > float(MOST_BENT))
-    rows = (bent & samples.covered).reshape(-1).nonzero().reshape(-1)
-    if not len(rows):
-        return position, flat
-    facing = smooth.reshape(-1, 3).index_select(0, rows)
-    place = position.reshape(-1, 3).index_select(0, rows)
+    position, flat = samples.position, samples.geometric_normal
     assert samples.triangle is not None and samples.barycentric is not None
-    corners = geometry.faces[samples.triangle.reshape(-1)[rows]].long()
-    weight = samples.barycentric.reshape(-1, 2).index_select(0, rows).double()
-    moved = _on_touching_planes(geometry, corners, weight, place, facing.double())
-    return (
-        position.reshape(-1, 3).index_copy(0, rows, moved.to(position.dtype)).reshape(position.shape),
-        flat.reshape(-1, 3).index_copy(0, rows, facing).reshape(flat.shape),
-    )
-
-
-def _on_touching_planes(geometry: Geometry, corners: Tensor, weight: Tensor, place: Tensor, facing: Tensor) -> Tensor:
-    """Places (N,3) moved out onto the planes at the corners (N,3) of their triangles, by their weights (N,2)."""
-    assert geometry.normals is not None
-    shares = torch.cat([1.0 - weight.sum(-1, keepdim=True), weight], dim=-1)
-    moved = place.double().clone()
-    for k in range(3):
-        normal = torch.nn.functional.normalize(geometry.normals[corners[:, k]].double(), dim=-1, eps=1e-30)
-        outward = torch.where((normal * facing).sum(-1, keepdim=True) < 0, -normal, normal)
-        below = ((place - geometry.vertices[corners[:, k]]) * outward).sum(-1, keepdim=True).clamp_max(0.0)
-        moved = moved - shares[:, k : k + 1] * below * outward
-    return moved
+    mesh = attribute_arrays(geometry)
+    given = (view(position, np.float64).reshape(-1, 3), view(flat, np.float32).reshape(-1, 3))
+    made = tuple(np.empty_like(value) for value in given)
+    triangle = view(samples.triangle, np.int64).reshape(-1)
+    weights = view(samples.barycentric, np.float32).reshape(-1, 2)
+    move_out((mesh.vertices, mesh.faces, mesh.normals), triangle, weights, given, made)
+    moved, facing = (torch.from_numpy(value) for value in made)
+    return moved.reshape(position.shape).to(position.dtype), facing.reshape(flat.shape)

@@ -16,14 +16,16 @@ SX, SY, SZ, GX, GY, GZ = (SLOT[n] for n in ("SX", "SY", "SZ", "GX", "GY", "GZ"))
 EX, EY, EZ, U, V, LV = (SLOT[n] for n in ("EX", "EY", "EZ", "U", "V", "LV"))
 U1, V1, L1, TX, TW, AM = (SLOT[n] for n in ("U1", "V1", "L1", "TX", "TW", "AM"))
 BR, DR, SH, VS = (SLOT[n] for n in ("BR", "DR", "SH", "VS"))
-_NAMES = ("PX", "PY", "PZ", "SX", "SY", "DR", "DG")
-_PX, _PY, _PZ, _SX, _SY, _DR, _DG = (np.uintp(SLOT[n]) for n in _NAMES)
+_NAMES = ("PX", "PY", "PZ", "SX", "SY", "DR", "DG", "GX", "GY", "GZ", "LV", "U", "V")
+_PX, _PY, _PZ, _SX, _SY, _DR, _DG, _GX, _GY, _GZ, _LV, _U, _V = (np.uintp(SLOT[n]) for n in _NAMES)
 _ONE = np.uintp(1)
 _A, _B, _C = SPAN, 2 * SPAN, 3 * SPAN
 """Where the corners' numbers are in :attr:`Work.near`, after the triangles."""
 SHININESS = MATERIAL["shininess"]
 DIFFUSE = MATERIAL["diffuse"]
 LEAST, LARGEST = f4(1e-12), f4(1e12)
+LONG = 6
+"""Pixels that runs have in the mean from which on they are taken as such."""
 
 
 @kernel()
@@ -31,32 +33,28 @@ def gather(box, samples, view, packed, looks, work):
     """Attributes of the covered pixels of a tile into ``s``; -> their count, that of empty ones, kinds as bits.
 
     ``box`` = first and one past last column, then row. Bits: 1 << kind, flags of :attr:`Looks.groups_of` << 3.
-    Short loops, one kind of look-up each: what they wait for comes from memory side by side. All indices are unsigned:
-    signed ones are tested for counting from the end, access by access.
+    Where triangles are small: short loops, one kind of look-up each, so that what they wait for comes from memory side
+    by side; else triangle by triangle. All indices are unsigned: signed ones are tested for counting from the end,
+    access by access.
     """
-    s, pix, mat, near = work.s, work.pix, work.mat, work.near
+    s, pix, numbers = work.s, work.pix, looks.numbers
     n, e = seen_pixels(box, samples, work)
-    planes, ids, numbers, kinds_of = packed.planes, packed.ids, looks.numbers, looks.groups_of
+    count = runs_of(work.near, n, work.runs)
+    if count * LONG <= n:
+        for k in range(count):
+            one_triangle(work, packed, np.uintp(work.runs[k]), np.uintp(work.runs[k + 1]))
+    else:
+        many_triangles(work, packed, n)
+    work.found[3] = runs_of(work.mat, n, work.runs)
     bits = 0
-    for i in range(n):
-        k = near[i]
-        near[_A + i], near[_B + i], near[_C + i], mat[i] = ids[k, 0], ids[k, 1], ids[k, 2], ids[k, 3]
-    for i in range(n):
-        k = near[i]
-        s[GX + i], s[GY + i], s[GZ + i], s[LV + i] = planes[k, 0], planes[k, 1], planes[k, 2], planes[k, 3]
-    last = np.uint32(0xFFFFFFFF)
-    for i in range(n):
-        m = mat[i]
-        if m != last:
-            last = m
-            bits |= (1 << kinds_of[m, 2]) | (kinds_of[m, 3] << 3)
-    blend(s, n, packed.corners, near)
-    for i in range(n):
-        m = mat[i]
-        s[SH + i] = numbers[m, SHININESS]
-        s[BR + i] *= numbers[m, DIFFUSE]
-        s[BR + SPAN + i] *= numbers[m, DIFFUSE + 1]
-        s[BR + 2 * SPAN + i] *= numbers[m, DIFFUSE + 2]
+    for k in range(work.found[3]):
+        m = work.mat[work.runs[k]]
+        bits |= (1 << looks.groups_of[m, 2]) | (looks.groups_of[m, 3] << 3)
+    spread(work, n, SH, numbers, SHININESS)
+    for c in range(3):
+        spread(work, n, VS, numbers, DIFFUSE + c)
+        for i in range(n):
+            s[BR + c * SPAN + i] *= s[VS + i]
     if samples.position.shape[0] > 0:
         for i in range(n):
             row = pix[i]
@@ -65,6 +63,75 @@ def gather(box, samples, view, packed, looks, work):
                 s[EX + k * SPAN + i] = samples.to_eye[row, k]
             s[VS + i] = f4(samples.width[row])
     return n, e, bits
+
+
+@kernel()
+def runs_of(values, n, runs):
+    """Where runs of equal values begin among the first ``n``, and the end; -> how many there are."""
+    count, last = np.uintp(0), np.uint32(0xFFFFFFFF)
+    for i in range(n):
+        if values[i] != last:
+            last = values[i]
+            runs[count] = np.uint32(i)
+            count = count + _ONE
+    runs[count] = np.uint32(n)
+    return np.int64(count)
+
+
+@kernel()
+def spread(work, n, slot, numbers, column):
+    """A number of the materials into ``slot`` of all pixels; after :func:`gather` has found their runs."""
+    s, mat, runs, count = work.s, work.mat, work.runs, work.found[3]
+    if count * LONG > n:
+        for i in range(n):
+            s[slot + i] = numbers[mat[i], column]
+        return
+    for k in range(count):
+        begin, end = np.uintp(runs[k]), np.uintp(runs[k + 1])
+        value = numbers[mat[begin], column]
+        for i in range(begin, end):
+            s[np.uintp(slot) + i] = value
+
+
+@kernel()
+def one_triangle(work, packed, begin, end):
+    """The pixels from ``begin`` to ``end``, which see one triangle."""
+    s, near, corners, planes = work.s, work.near, packed.corners, packed.planes
+    t = near[begin]
+    a, b, c, m = packed.ids[t, 0], packed.ids[t, 1], packed.ids[t, 2], packed.ids[t, 3]
+    gx, gy, gz, density = planes[t, 0], planes[t, 1], planes[t, 2], planes[t, 3]
+    for i in range(begin, end):
+        work.mat[i] = m
+    for i in range(begin, end):
+        s[_GX + i], s[_GY + i], s[_GZ + i], s[_LV + i] = gx, gy, gz, density
+    for k in range(3):
+        normal, color = np.uintp(NX + k * SPAN), np.uintp(BR + k * SPAN)
+        na, nb, nc = corners[a, k], corners[b, k], corners[c, k]
+        ra, rb, rc = corners[a, k + 3], corners[b, k + 3], corners[c, k + 3]
+        for i in range(begin, end):
+            u, v = s[_SX + i], s[_SY + i]
+            w = ONE - u - v
+            s[normal + i] = w * na + u * nb + v * nc
+            s[color + i] = w * ra + u * rb + v * rc
+    ua, ub, uc = np.float64(corners[a, 6]), np.float64(corners[b, 6]), np.float64(corners[c, 6])
+    va, vb, vc = np.float64(corners[a, 7]), np.float64(corners[b, 7]), np.float64(corners[c, 7])
+    for i in range(begin, end):
+        du, dv = np.float64(s[_SX + i]), np.float64(s[_SY + i])  # large texture coordinates need it
+        dw = 1.0 - du - dv
+        s[_U + i], s[_V + i] = f4(dw * ua + du * ub + dv * uc), f4(dw * va + du * vb + dv * vc)
+
+
+@kernel()
+def many_triangles(work, packed, n):
+    """All pixels, each by itself."""
+    s, mat, near, planes, ids = work.s, work.mat, work.near, packed.planes, packed.ids
+    for i in range(n):
+        k = near[i]
+        near[_A + i], near[_B + i], near[_C + i], mat[i] = ids[k, 0], ids[k, 1], ids[k, 2], ids[k, 3]
+    for i in range(n):
+        k = near[i]
+        s[GX + i], s[GY + i], s[GZ + i], s[LV + i] = planes[k, 0], planes[k, 1], planes[k, 2], planes[k, 3]
+    blend(s, n, packed.corners, near)
 
 
 @kernel()

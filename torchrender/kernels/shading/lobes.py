@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from torchrender.kernels.compile import kernel
+from torchrender.kernels.shading.gather import spread
 from torchrender.kernels.shading.records import MATERIAL, METALLIC, PHONG, SLOT, SPAN, UNLIT
 from torchrender.kernels.shading.simd import HALF, INV_PI, ONE, PI, TINY, TWO, ZERO, exp2, f4, fifth, log2
 
@@ -17,7 +18,7 @@ OC, RO, ME, CC = (SLOT[n] for n in ("OC", "RO", "ME", "CC"))
 DR, DG, DB, SR, SG, SB, AM, VS, SH = (SLOT[n] for n in ("DR", "DG", "DB", "SR", "SG", "SB", "AM", "VS", "SH"))
 FR, FG, FB, FH, KR, KG, KB = (SLOT[n] for n in ("FR", "FG", "FB", "FH", "KR", "KG", "KB"))
 WR, WG, WB, MR, MG, MB = (SLOT[n] for n in ("WR", "WG", "WB", "MR", "MG", "MB"))
-LO, HI, IN, NV = (SLOT[n] for n in ("LO", "HI", "IN", "NV"))
+LO, HI, IN, NV, LA = (SLOT[n] for n in ("LO", "HI", "IN", "NV", "LA"))
 SL, CL, TH, YR, YG, YB = (SLOT[n] for n in ("SL", "CL", "TH", "YR", "YG", "YB"))
 DIELECTRIC, WEIGHT, SHEEN, SHEEN_ROUGHNESS = (MATERIAL[n] for n in ("dielectric", "weight", "sheen", "sheen_roughness"))
 TRANSMISSION, DEGREE, LOBE = (MATERIAL[n] for n in ("transmission", "degree", "lobe"))
@@ -51,10 +52,11 @@ def corners_of(table, cosine, roughness):
     x, y = math.sqrt(cosine) * last, roughness * last
     i, j = min(np.int32(x), np.int32(table.shape[0] - 2)), min(np.int32(y), np.int32(table.shape[0] - 2))
     u, v = x - f4(i), y - f4(j)
+    i, j = np.uint32(i), np.uint32(j)
     w11 = u * v
     w01, w10 = u - w11, v - w11
     w00 = ONE - u - w10
-    return j, j + np.int32(1), i, i + np.int32(1), w00, w01, w10, w11
+    return j, j + np.uint32(1), i, i + np.uint32(1), w00, w01, w10, w11
 
 
 @kernel(inline=True)
@@ -80,9 +82,9 @@ def open_share(eye, seen, roughness):
 
 
 @kernel()
-def look_up(s, n, mat, looks, sky, cloth):
+def look_up(work, n, looks, sky, cloth):
     """What :func:`mix` needs from tables: albedos into KR.., FR.., numbers of the materials into SL, FH, TH, LO."""
-    numbers, table, mean = looks.numbers, sky.albedo, sky.mean
+    s, mat, numbers, table, mean = work.s, work.mat, looks.numbers, sky.albedo, sky.mean
     last = f4(mean.shape[0] - 1)
     for i in range(n):
         nv = s[NX + i] * s[EX + i] + s[NY + i] * s[EY + i] + s[NZ + i] * s[EZ + i]
@@ -92,13 +94,13 @@ def look_up(s, n, mat, looks, sky, cloth):
     for i in range(n):
         s[KR + i], s[KG + i], _ = albedo(table, s[NV + i], s[RO + i])
         y = s[RO + i] * last
-        j = min(np.int32(y), np.int32(mean.shape[0] - 2))
-        v = y - f4(j)
+        low = min(np.int32(y), np.int32(mean.shape[0] - 2))
+        v, j = y - f4(low), np.uint32(low)
         s[FR + i] = mean[j, 0] + v * (mean[j + 1, 0] - mean[j, 0])
         s[FG + i] = mean[j, 1] + v * (mean[j + 1, 1] - mean[j, 1])
-    for i in range(n):
-        m = mat[i]
-        s[SL + i], s[FH + i], s[TH + i] = numbers[m, DIELECTRIC], numbers[m, WEIGHT], ONE - numbers[m, TRANSMISSION]
+    spread(work, n, SL, numbers, DIELECTRIC)
+    spread(work, n, FH, numbers, WEIGHT)
+    spread(work, n, TH, numbers, TRANSMISSION)
     if cloth:
         for i in range(n):
             m = mat[i]
@@ -111,7 +113,7 @@ def mix(s, n):
     """Terms of metallic-roughness that do not depend on lights, from what the textures and tables told."""
     for i in range(n):
         a, b, mean_a, mean_b = s[KR + i], s[KG + i], s[FR + i], s[FG + i]
-        metal, weight, matte = s[ME + i], s[FH + i] * s[HA + i], (ONE - s[ME + i]) * s[TH + i]
+        metal, weight, matte = s[ME + i], s[FH + i] * s[HA + i], (ONE - s[ME + i]) * (ONE - s[TH + i])
         high = weight + metal * (ONE - weight)
         lost = ONE / max(a + b, f4(1e-3)) - ONE
         se = s[SX + i] * s[EX + i] + s[SY + i] * s[EY + i] + s[SZ + i] * s[EZ + i]
@@ -140,19 +142,21 @@ def mix(s, n):
 
 
 @kernel()
-def begin_metallic(s, n, mat, looks):
+def begin_metallic(work, n, looks, cloth):
     """Emission, sheen and light from all around into YR..; what is mirrored is in LX.., and stays there
     as far as it arrives.
     """
-    numbers = looks.numbers
+    s, mat, numbers = work.s, work.mat, looks.numbers
     for i in range(n):
         s[VS + i] = open_share(s[NV + i], s[OC + i], s[RO + i])
     for c in range(3):
         for i in range(n):
             mirrored = s[WR + c * SPAN + i] * s[LX + c * SPAN + i] * s[VS + i]
             s[LX + c * SPAN + i] = mirrored  # what mirrors replace, for those who ask
-            total = s[OR + c * SPAN + i] + numbers[mat[i], SHEEN + c] * s[CL + i] * s[DR + c * SPAN + i]
-            s[YR + c * SPAN + i] = total + s[MR + c * SPAN + i] * s[DR + c * SPAN + i] + mirrored
+            s[YR + c * SPAN + i] = s[OR + c * SPAN + i] + s[MR + c * SPAN + i] * s[DR + c * SPAN + i] + mirrored
+        if cloth:
+            for i in range(n):
+                s[YR + c * SPAN + i] += numbers[mat[i], SHEEN + c] * s[CL + i] * s[DR + c * SPAN + i]
 
 
 @kernel(inline=True)
@@ -179,16 +183,24 @@ def half_terms(normal, eye, light):
 
 
 @kernel()
-def add_metallic(s, n, sky, light):
-    """One light, through all lobes under the coat but sheen."""
-    table = sky.albedo
-    red, green, blue = light[7], light[8], light[9]
+def diffuse_share(s, n, table):
+    """What of the light in AM meets the diffuse part, into LA."""
     for i in range(n):
         nl = s[NX + i] * s[LX + i] + s[NY + i] * s[LY + i] + s[NZ + i] * s[LZ + i]
-        a, b, _ = albedo(table, nl, s[RO + i])
-        s[VS + i] = s[AM + i] * (ONE - (s[LO + i] * a + s[HI + i] * b)) * s[IN + i]
+        s[LA + i] = min(max(nl, ZERO), ONE)
     for i in range(n):
-        amount, matte = s[AM + i], s[VS + i]
+        at = corners_of(table, s[LA + i], s[RO + i])
+        a, b = read_at(table, at, 0), read_at(table, at, 1)
+        s[LA + i] = s[AM + i] * (ONE - (s[LO + i] * a + s[HI + i] * b)) * s[IN + i]
+
+
+@kernel()
+def add_metallic(s, n, sky, light):
+    """One light, through all lobes under the coat but sheen."""
+    red, green, blue = light[7], light[8], light[9]
+    diffuse_share(s, n, sky.albedo)
+    for i in range(n):
+        amount, matte = s[AM + i], s[LA + i]
         nx, ny, nz, lx, ly, lz = s[NX + i], s[NY + i], s[NZ + i], s[LX + i], s[LY + i], s[LZ + i]
         sine, half = half_terms((nx, ny, nz), (s[EX + i], s[EY + i], s[EZ + i]), (lx, ly, lz))
         rough = max(s[RO + i], SMOOTHEST)
@@ -204,14 +216,16 @@ def add_metallic(s, n, sky, light):
 
 
 @kernel()
-def write(s, n, bits, pix, mat, looks, out):
+def write(work, n, bits, looks, out):
     """Radiance of each pixel by the kind of its material."""
-    numbers, kinds = looks.numbers, looks.groups_of
+    s, pix, mat, numbers, kinds = work.s, work.pix, work.mat, looks.numbers, looks.groups_of
     radiance = out.radiance
     if bits & 16 > 0:
-        for i in range(n):
-            degree = numbers[mat[i], DEGREE] * numbers[mat[i], LOBE] * s[HA + i]
-            for c in range(3):
+        spread(work, n, AM, numbers, DEGREE)
+        spread(work, n, VS, numbers, LOBE)
+        for c in range(3):
+            for i in range(n):
+                degree = s[AM + i] * s[VS + i] * s[HA + i]
                 s[OR + c * SPAN + i] += degree * s[HR + c * SPAN + i] * s[SR + c * SPAN + i]
     for c in range(3):
         for i in range(n):

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from torchrender.kernels.compile import kernel
+from torchrender.kernels.shading.gather import spread
 from torchrender.kernels.shading.records import LEVELS, MATERIAL, SLOT, SPAN
 from torchrender.kernels.shading.simd import HALF, ONE, TINY, TWO, ZERO, f4
 
@@ -24,23 +25,20 @@ TRILINEAR, BILINEAR, NEAREST = 0, 1, 2
 
 
 @kernel()
-def constants(s, n, mat, looks, physical):
+def constants(work, n, looks, physical):
     """What textures multiply, as the materials have it; base colours are there already."""
-    numbers = looks.numbers
+    s, numbers = work.s, looks.numbers
     for c in range(3):
-        for i in range(n):
-            s[OR + c * SPAN + i] = numbers[mat[i], EMISSION + c]
-            s[HR + c * SPAN + i] = numbers[mat[i], TINT + c]
-    for i in range(n):
-        s[OC + i] = ONE
-        s[HA + i] = ONE
+        spread(work, n, OR + c * SPAN, numbers, EMISSION + c)
+        spread(work, n, HR + c * SPAN, numbers, TINT + c)
     if physical:
+        spread(work, n, RO, numbers, ROUGHNESS)
+        spread(work, n, ME, numbers, METALLIC)
+        spread(work, n, CC, numbers, COAT)
+        spread(work, n, CK, numbers, COAT + 1)
+    for slot in (OC, HA, QX, QY, QZ):
         for i in range(n):
-            m = mat[i]
-            s[RO + i], s[ME + i] = numbers[m, ROUGHNESS], numbers[m, METALLIC]
-            s[CC + i], s[CK + i] = numbers[m, COAT], numbers[m, COAT + 1]
-    for i in range(n):
-        s[QX + i], s[QY + i], s[QZ + i] = ONE, ONE, ONE
+            s[slot + i] = ONE
 
 
 @kernel(inline=True)
@@ -88,7 +86,7 @@ def corners(groups, g, level, across, down, channels):
 
 
 @kernel(inline=True)
-def sample(s, i, g, groups, transforms, texels):
+def sample(s, i, g, groups, transforms, texels, found):
     """Multiply the numbers of pixel ``i`` by the textures of group ``g``."""
     second = groups[g, 4] == 1
     u, v = np.float64(s[U1 + i] if second else s[U + i]), np.float64(s[V1 + i] if second else s[V + i])
@@ -125,36 +123,37 @@ def sample(s, i, g, groups, transforms, texels):
         a0, a1, a2, a3 = a0 * rest, a1 * rest, a2 * rest, a3 * rest
         b0, b1, b2, b3 = b0 * share, b1 * share, b2 * share, b3 * share
         for c in range(channels):
-            slot = groups[g, 8 + c]
-            if slot >= 0:
-                s[slot + i] *= (
-                    a0 * texels[p0 + c] + a1 * texels[p1 + c] + a2 * texels[p2 + c] + a3 * texels[p3 + c]
-                    + b0 * texels[q0 + c] + b1 * texels[q1 + c] + b2 * texels[q2 + c] + b3 * texels[q3 + c]
-                )  # fmt: skip
-        return
+            found[c] = (
+                a0 * texels[p0 + c] + a1 * texels[p1 + c] + a2 * texels[p2 + c] + a3 * texels[p3 + c]
+                + b0 * texels[q0 + c] + b1 * texels[q1 + c] + b2 * texels[q2 + c] + b3 * texels[q3 + c]
+            )  # fmt: skip
+    else:
+        for c in range(channels):
+            found[c] = a0 * texels[p0 + c] + a1 * texels[p1 + c] + a2 * texels[p2 + c] + a3 * texels[p3 + c]
     for c in range(channels):
         slot = groups[g, 8 + c]
         if slot >= 0:
-            s[slot + i] *= a0 * texels[p0 + c] + a1 * texels[p1 + c] + a2 * texels[p2 + c] + a3 * texels[p3 + c]
+            s[slot + i] *= found[c]
 
 
 @kernel()
-def textures(s, n, mat, looks):
+def textures(work, n, looks):
     """All textures of all pixels."""
+    s, mat = work.s, work.mat
     groups_of, groups, transforms, texels = looks.groups_of, looks.groups, looks.transforms, looks.texels
     for i in range(n):
         m = mat[i]
         for g in range(groups_of[m, 0], groups_of[m, 1]):
-            sample(s, i, np.int64(g), groups, transforms, texels)
+            sample(s, i, np.int64(g), groups, transforms, texels, work.texel)
 
 
 @kernel()
-def finish(s, n, mat, looks, physical):
+def finish(work, n, looks, physical):
     """Occlusion by its strength, degrees and weights; numbers of metallic-roughness into their range."""
-    numbers = looks.numbers
+    s = work.s
+    spread(work, n, VS, looks.numbers, OCCLUSION)
     for i in range(n):
-        strength = numbers[mat[i], OCCLUSION]
-        s[OC + i] = min(max(ONE + strength * (s[OC + i] - ONE), ZERO), ONE)
+        s[OC + i] = min(max(ONE + s[VS + i] * (s[OC + i] - ONE), ZERO), ONE)
     if physical:
         for i in range(n):
             s[RO + i] = min(max(s[RO + i], ZERO), ONE)
@@ -172,11 +171,10 @@ def raised(nx, ny, nz, ax, ay, az):
 
 
 @kernel()
-def bend(s, n, mat, looks):
+def bend(work, n, looks):
     """Normals as their maps bend them; never below the triangle, nor turned from the eye."""
-    numbers = looks.numbers
-    for i in range(n):
-        s[VS + i] = numbers[mat[i], NORMAL_SCALE]
+    s = work.s
+    spread(work, n, VS, looks.numbers, NORMAL_SCALE)
     for i in range(n):
         scale = s[VS + i]
         x, y, z = (TWO * s[QX + i] - ONE) * scale, (TWO * s[QY + i] - ONE) * scale, TWO * s[QZ + i] - ONE

@@ -41,7 +41,7 @@ def surfaces(box, samples, view, packed, looks, work):
         if samples.position.shape[0] == 0:
             place(work.s, n, view)
         face(work.s, n)
-        constants(work.s, n, work.mat, looks, bits & (1 << METALLIC) > 0)
+        constants(work, n, looks, bits & (1 << METALLIC) > 0)
 
 
 @stage("further")
@@ -53,13 +53,13 @@ def further(samples, packed, work, n):
 @stage("textures")
 def textures(looks, work, n):
     """All textures."""
-    all_textures(work.s, n, work.mat, looks)
+    all_textures(work, n, looks)
 
 
 @stage("further")
 def bend(looks, work, n):
     """Normal maps."""
-    bend_normals(work.s, n, work.mat, looks)
+    bend_normals(work, n, looks)
 
 
 @stage("maps")
@@ -76,7 +76,7 @@ def surface(out, work, n):
 @stage()
 def ambient(looks, sky, reach, work, n, bits):
     """Diffuse light from all around."""
-    finish(work.s, n, work.mat, looks, bits & (1 << METALLIC) > 0)
+    finish(work, n, looks, bits & (1 << METALLIC) > 0)
     diffuse(work.s, n, work.pix, sky, reach)
 
 
@@ -108,10 +108,10 @@ def phong(work, n, light, shiny):
 def metallic(looks, sky, out, work, n, bits):
     """Metallic-roughness before its lights: what all around brings, emission."""
     s = work.s
-    look_up(s, n, work.mat, looks, sky, bits & CLOTH > 0)
+    look_up(work, n, looks, sky, bits & CLOTH > 0)
     mix(s, n)
     mirrored(s, n, sky, NX, RO)
-    begin_metallic(s, n, work.mat, looks)
+    begin_metallic(work, n, looks, bits & CLOTH > 0)
     if out.replaced.shape[0] > 0:  # before its slots are used for lights
         for i in range(n):
             for c in range(3):
@@ -158,7 +158,7 @@ def coat_rectangle(sky, work, n, light):
 @stage()
 def write(looks, out, work, n, bits):
     """Radiance into the image."""
-    write_light(work.s, n, bits, work.pix, work.mat, looks, out)
+    write_light(work, n, bits, looks, out)
 
 
 @stage("mirrors")

@@ -25,8 +25,8 @@ _SLOTS = (
     "DR DG DB SR SG SB AM VS LX LY LZ SH "
     # of metallic-roughness, see lobes
     "FR FG FB FH KR KG KB WR WG WB MR MG MB LO HI IN NV SL CL TH YR YG YB "
-    # share of a lobe that a rectangle fills
-    "FL"
+    # share of a lobe that a rectangle fills, and how the lobe lies
+    "FL LA LB LC LD LE"
 ).split()
 SLOT = {name: number * SPAN for number, name in enumerate(_SLOTS)}
 SLOTS = len(_SLOTS)
@@ -176,5 +176,7 @@ class Work(NamedTuple):
     mat: np.ndarray  # (SPAN,) uint32 material
     empty: np.ndarray  # (SPAN,) uint32 place of each empty pixel
     near: np.ndarray  # (4 * SPAN,) uint32 triangle and its three corners
-    found: np.ndarray  # (3,) int64 covered pixels, empty ones, bits of their materials, see gather
+    found: np.ndarray  # (4,) int64 covered pixels, empty ones, bits of their materials, runs of these, see gather
     lit: np.ndarray  # (L,) bool lights that may reach the tile
+    runs: np.ndarray  # (SPAN + 1,) uint32 where pixels begin that follow one another and share a material, and the end
+    texel: np.ndarray  # (CHANNELS,) float32 of one pixel

@@ -7,15 +7,17 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.shading.lights import polygon
-from torchrender.kernels.shading.lobes import COAT_F0, SMOOTHEST, albedo, corners_of, read_at
+from torchrender.kernels.shading.lobes import COAT_F0, SMOOTHEST, albedo, corners_of, diffuse_share, read_at
 from torchrender.kernels.shading.records import SLOT, SPAN
 from torchrender.kernels.shading.simd import HALF, INV_PI, ONE, ZERO, f4
 
 PX, PY, PZ, NX, NY, NZ, SX, SY, SZ = (SLOT[n] for n in ("PX", "PY", "PZ", "NX", "NY", "NZ", "SX", "SY", "SZ"))
 EX, EY, EZ, LX, LY, LZ = (SLOT[n] for n in ("EX", "EY", "EZ", "LX", "LY", "LZ"))
-AM, VS, RO, LO, HI, IN = (SLOT[n] for n in ("AM", "VS", "RO", "LO", "HI", "IN"))
+AM, VS, RO, LA, LB, LC, LD, LE = (SLOT[n] for n in ("AM", "VS", "RO", "LA", "LB", "LC", "LD", "LE"))
 MR, WR, YR, CC, CK, FL = (SLOT[n] for n in ("MR", "WR", "YR", "CC", "CK", "FL"))
 UPRIGHT, MOST = f4(1e-12), f4(1.0 - 1e-7)
 
@@ -36,16 +38,6 @@ def moved(p, frame, matrix):
 
 
 @kernel(inline=True)
-def transform(table, cosine, roughness):
-    """Bilinear numbers of the table."""
-    at = corners_of(table, cosine, min(roughness, ONE))
-    return (
-        read_at(table, at, 0), read_at(table, at, 1), read_at(table, at, 2), read_at(table, at, 3),
-        read_at(table, at, 4),
-    )  # fmt: skip
-
-
-@kernel(inline=True)
 def upright(n):
     """A unit vector at right angles to one (Duff et al. 2017)."""
     sign = ONE if n[2] >= ZERO else -ONE
@@ -60,24 +52,28 @@ def filled(s, n, light, table, slots):
     ax, ay, az, bx, by, bz = light[16], light[17], light[18], light[19], light[20], light[21]
     cx, cy, cz, dx, dy, dz = light[22], light[23], light[24], light[25], light[26], light[27]
     for i in range(n):
-        if s[AM + i] <= ZERO:
-            s[FL + i] = ZERO
-            continue
+        facing = s[normal + i] * s[EX + i] + s[normal + SPAN + i] * s[EY + i] + s[normal + 2 * SPAN + i] * s[EZ + i]
+        s[FL + i] = min(max(facing, f4(1e-4)), MOST)
+    for i in range(n):
+        at = corners_of(table, s[FL + i], min(max(s[rough + i], SMOOTHEST), ONE))
+        for k in range(5):
+            s[LA + k * SPAN + i] = read_at(table, at, np.uint32(k))
+    for i in range(n):
         x, y, z = s[PX + i], s[PY + i], s[PZ + i]
         up = s[normal + i], s[normal + SPAN + i], s[normal + 2 * SPAN + i]
         eye = s[EX + i], s[EY + i], s[EZ + i]
-        facing = dot(up, eye)
-        nv = min(max(facing, f4(1e-4)), MOST)
+        facing, nv = dot(up, eye), s[FL + i]
         sine = math.sqrt(ONE - nv * nv)
-        a, b, c, d, e = transform(table, nv, max(s[rough + i], SMOOTHEST))
-        b, d = sine * b, sine * d
+        a, b, c, d, e = s[LA + i], sine * s[LB + i], s[LC + i], sine * s[LD + i], s[LE + i]
         lx, ly, lz = eye[0] - facing * up[0], eye[1] - facing * up[1], eye[2] - facing * up[2]
         length = lx * lx + ly * ly + lz * lz
-        if length < UPRIGHT:
-            lx, ly, lz = upright(up)
-        else:
-            inv = ONE / math.sqrt(length)
-            lx, ly, lz = lx * inv, ly * inv, lz * inv
+        across, inv = upright(up), ONE / math.sqrt(max(length, UPRIGHT))
+        stands = length < UPRIGHT
+        lx, ly, lz = (
+            (across[0] if stands else lx * inv),
+            (across[1] if stands else ly * inv),
+            (across[2] if stands else lz * inv),
+        )
         frame = (
             (sine * up[0] + nv * lx, sine * up[1] + nv * ly, sine * up[2] + nv * lz),
             (up[1] * lz - up[2] * ly, up[2] * lx - up[0] * lz, up[0] * ly - up[1] * lx),
@@ -93,22 +89,20 @@ def filled(s, n, light, table, slots):
         )
         tilt, height = a * sine + d * nv, b * sine + e * nv
         above = HALF * (ONE + height / max(math.sqrt(tilt * tilt + height * height), f4(1e-12)))
-        s[FL + i] = min(total * INV_PI / max(above, f4(1e-3)), ONE) * s[VS + i]
+        share = min(total * INV_PI / max(above, f4(1e-3)), ONE) * s[VS + i]
+        s[FL + i] = share if s[AM + i] > ZERO else ZERO
 
 
 @kernel()
 def add_metallic_rectangle(s, n, sky, light):
     """A rectangle, through the lobes under the coat: diffuse as light from its centre, mirrored as it is."""
-    for i in range(n):
-        nl = s[NX + i] * s[LX + i] + s[NY + i] * s[LY + i] + s[NZ + i] * s[LZ + i]
-        a, b, _ = albedo(sky.albedo, nl, s[RO + i])
-        matte = s[AM + i] * (ONE - (s[LO + i] * a + s[HI + i] * b)) * s[IN + i]
-        for c in range(3):
-            s[YR + c * SPAN + i] += light[7 + c] * s[MR + c * SPAN + i] * matte
     filled(s, n, light, sky.cosines, (NX, RO))
+    diffuse_share(s, n, sky.albedo)
     for c in range(3):
+        color = light[7 + c]
         for i in range(n):
-            s[YR + c * SPAN + i] += light[7 + c] * s[WR + c * SPAN + i] * s[FL + i]
+            sent = s[MR + c * SPAN + i] * s[LA + i] + s[WR + c * SPAN + i] * s[FL + i]
+            s[YR + c * SPAN + i] += color * sent
 
 
 @kernel()

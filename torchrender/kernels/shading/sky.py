@@ -41,8 +41,9 @@ def diffuse(s, n, pix, sky, reach):
         for i in range(n):
             s[OC + i] *= reach.around[pix[i]]
     for c in range(3):
+        even = ambient[c]
         for i in range(n):
-            s[DR + c * SPAN + i] = ambient[c]
+            s[DR + c * SPAN + i] = even
             s[SR + c * SPAN + i] = ZERO
     if texels.shape[0] > 0:
         bent = reach.bent.shape[0] > 0
