@@ -11,6 +11,7 @@ import torch
 import torchrender as tr
 from torchrender.passes.light.probe import MOST_LIGHTS
 from torchrender.passes.senses import closely
+from torchrender.passes.settings import CUSTOM
 from torchrender.passes.table import PASSES
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
@@ -18,7 +19,6 @@ from torchrender.planning.costs import sense_of
 from torchrender.scene.model import Scene
 
 SIDE = 40  # every pixel is probed
-HELD = tuple(step.name for step in PASSES if step.settings.is_choice and step.name != "reflections")
 FLOOR, BOX = tr.Mesh.plane(4.0, name="floor"), tr.Mesh.box((0.6, 0.8, 0.6), (0.0, 0.4, 0.0), name="box")
 LAMP = tr.PointLight(position=(1.5, 2.5, 0.5), intensity=(9.0, 9.0, 9.0))
 PANEL = tr.RectLight(corner=(0.6, 1.4, 0.2), edge_u=(0.8, 0.0, 0.0), edge_v=(0.0, 0.0, 0.8), radiance=(6.0, 6.0, 6.0))
@@ -30,9 +30,9 @@ def options(**changes: Any) -> RenderOptions:
 
 
 def probed(scene: Scene, name: str, **changes: Any) -> float | None:
-    image = tr.render(
-        scene, CAMERA, history=RenderHistory(), budget_ms=1e9, options=replace(options(**changes), fixed=HELD)
-    )
+    made = options(**changes)
+    held = tuple(p.name for p in PASSES if p.settings.is_choice and p.settings.current(made) != CUSTOM)
+    image = tr.render(scene, CAMERA, history=RenderHistory(), budget_ms=1e9, options=replace(made, fixed=held))
     assert image.history is not None and image.history.pace is not None
     return image.history.pace.known.get(sense_of(closely(name)))
 

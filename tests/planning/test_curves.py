@@ -57,7 +57,7 @@ def test_times_are_weighted_sums_and_errors_means() -> None:
     [
         {"format": 1},
         {"joint": [9.0]},
-        {"joint": 1.0},
+        {"joint": 9.0},
         {"joint": [1.0, 1.0, float("nan")]},
         {"joint": [1.0, -1.0]},
         {"norm": 0.0},

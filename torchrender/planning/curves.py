@@ -175,7 +175,8 @@ def parse_curves(data: Mapping[str, Any], source: str) -> Curves:
     norm = float(data["norm"])
     if not 0.5 <= norm <= 8.0:
         raise ValueError(f"norm must be in [0.5, 8], got {norm}")
-    lines, joint = parse_lines(data.get("foresight", {})), Joint(*(float(value) for value in data.get("joint", ())))
+    lines, told = parse_lines(data.get("foresight", {})), data.get("joint", [])
+    joint = Joint(*(float(value) for value in (told if isinstance(told, list) else [told])))
     if not 0.25 <= joint.factor <= 4.0:
         raise ValueError(f"joint: factor must be in [0.25, 4], got {joint.factor}")
     if not (0.0 < joint.below <= 10.0 and 0.0 < joint.above <= 10.0):
