@@ -138,6 +138,16 @@ def test_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert parse_curves(json.loads(curves.read_text()), "mine").scenes
 
 
+def test_curves_are_measured_in_parts(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    words = ["tradeoff", "cornell_box", "--pass", "direct_light", "--side", "32", "-o", "out", "--seconds"]
+    assert main([*words, "-1"]) == 2 and "run it again" in capsys.readouterr().err
+    assert main([*words, "1000"]) == 0 and (tmp_path / "out" / "tradeoff.html").is_file()
+    assert not list((tmp_path / "build").rglob("*.json")), "nothing is left to take over"
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
