@@ -1,6 +1,7 @@
 """Figures and pictures of the thin client in headless Chromium: docs/results/thin-client.md and docs/client-*.png.
 
-``python tests/benchmarks/thin_client.py [--pictures | --figures] [--scenes living_room,city] [--budget 500]``
+``python tests/benchmarks/thin_client.py [--pictures | --figures] [--scenes living_room,city] [--budget 500]``;
+``--seconds 200`` ends a run early, and the next goes on.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import os
 import statistics
 import sys
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +38,7 @@ from browser_stage import (
 )
 from browser_surface import drawn_exactly, page_image
 from torchrender.quality.machine import machine_line
+from torchrender.report.common.parts import Parts, Unfinished, parts_of
 from torchrender_service.settings import BUILT_IN
 
 LOG = logging.getLogger("thin_client")
@@ -142,14 +145,14 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
 
 
-def figures(browser: Any, service: Service, scenes: Sequence[str]) -> str:
+def figures(browser: Any, service: Service, scenes: Sequence[str], parts: Parts) -> str:
     """The page."""
     agreed, open_ = [], []
     for scene in scenes:
-        LOG.info("scene %s", scene)
-        agreed.append(agreement(browser, service, scene))
-        open_ += holes(browser, service, scene)
-    LOG.info("costs and delays")
+        agreed.append(parts.measured(f"{scene}, agreement", partial(agreement, browser, service, scene)))
+        open_ += parts.measured(f"{scene}, holes", partial(holes, browser, service, scene))
+    frames = parts.measured("what a frame costs", partial(costs, browser, service))
+    rates = parts.measured("frame rate against delay", partial(delays, browser, service))
     load = os.getloadavg()[0]
     return f"""# The thin client, measured
 
@@ -178,12 +181,12 @@ number of non-redundant extra layers, before earlier keyframes and filling help.
 Living room, warp and filling, drawn and waited for; the machine renders with two cores and no graphics card. Decoding
 runs in a worker and includes checksum, zstd, prediction, quads and colour.
 
-{table(["picture", "quads", "keyframe alone", "two extra layers", "decoding, each image"], costs(browser, service))}
+{table(["picture", "quads", "keyframe alone", "two extra layers", "decoding, each image"], frames)}
 ## Frame rate against delay
 
 Turning in the Cornell box for four seconds while the server renders on the same cores.
 
-{table(["round trip", "frames/s drawn", "keyframes/s", "pose to picture"], delays(browser, service))}"""
+{table(["round trip", "frames/s drawn", "keyframes/s", "pose to picture"], rates)}"""
 
 
 def screenshots(browser: Any, service: Service, wishes: dict[str, Any]) -> None:
@@ -217,22 +220,31 @@ def main() -> None:
     parser.add_argument("--pictures", action="store_true", help="screenshots only")
     parser.add_argument("--figures", action="store_true", help="figures only")
     parser.add_argument("--scenes", default=",".join(BUILT_IN))
+    parser.add_argument("--seconds", type=float, help="begin no part after so long; run it again to go on")
     parser.add_argument("--budget", type=float, help="milliseconds of a keyframe in the pictures; default: automatic")
     given = parser.parse_args()
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     from playwright.sync_api import sync_playwright
 
+    parts = parts_of("thin-client", given.seconds)
     service = Service(",".join(BUILT_IN))
     service.start()
+    unfinished = ""
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=find_chromium(), args=list(FLAGS))
         if not given.figures:
             screenshots(browser, service, {} if given.budget is None else {"budget_ms": given.budget})
         if not given.pictures:
-            text = figures(browser, service, given.scenes.split(","))
-            (DOCS / "results" / "thin-client.md").write_text(text)
+            try:
+                text = figures(browser, service, given.scenes.split(","), parts)
+                (DOCS / "results" / "thin-client.md").write_text(text)
+                parts.done()
+            except Unfinished as early:
+                unfinished = f"unfinished: {early}"
         browser.close()
     service.stop()
+    if unfinished:
+        sys.exit(unfinished)
 
 
 if __name__ == "__main__":

@@ -20,6 +20,7 @@ import torchrender.report.stability.study as stability
 from torchrender.effects.shadows.shadow_map import ShadowOptions, light_visibility
 from torchrender.passes.hard import HardEffect, Law, Outputs, bounds_error, difference, same
 from torchrender.passes.table import PASSES
+from torchrender.report.common.parts import Parts
 from torchrender.report.stability.cases import BASE, BY_NAME, CASES, Case
 from torchrender.report.stability.numerics import NUMERICS, HardFunction
 from torchrender.report.stability.page import page
@@ -159,7 +160,8 @@ def test_measures_of_difference() -> None:
 def test_the_page_shows_faults(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     chosen = tuple(e for e in EFFECTS if e.name in ("gbuffer", "direct_light"))
     monkeypatch.setattr(stability, "EFFECTS", chosen)
-    assert run(tmp_path, quick=True) == 0
+    files, faulty = run(tmp_path, True, Parts())
+    assert faulty == 0 and [file.name for file in files] == ["stability.json", "stability.md"]
     record = json.loads((tmp_path / "stability.json").read_text())
     text = (tmp_path / "stability.md").read_text()
     assert "0 with one" in text and "| studio |" in text and record["numerics"]

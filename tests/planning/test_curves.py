@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -44,8 +45,10 @@ def test_times_are_weighted_sums_and_errors_means() -> None:
     assert curves.error("gbuffer", "1", "unknown").error == pytest.approx(0.3)
     assert curves.together([Expected(0.3, 0.1), Expected(0.4, 0.1)]).error == pytest.approx(0.5)
     assert curves.together([]).error == 0.0
-    more = parse_curves({**small(), "joint": 1.5}, "test")
-    assert more.together([Expected(0.2, 0.1)], unseen=True).error == pytest.approx(0.3)
+    more = parse_curves({**small(), "joint": [1.5, 1.0, 0.7]}, "test")
+    unseen = more.together([Expected(0.2, 0.1)], unseen=True)
+    assert unseen.error == pytest.approx(0.3)
+    assert unseen.interval == pytest.approx((0.3 * math.exp(-unseen.spread), 0.3 * math.exp(0.7 * unseen.spread)))
     assert more.together([Expected(0.2, 0.1)]).error == pytest.approx(0.2), "scenes that were measured have their own"
 
 
@@ -53,7 +56,10 @@ def test_times_are_weighted_sums_and_errors_means() -> None:
     "damage",
     [
         {"format": 1},
+        {"joint": [9.0]},
         {"joint": 9.0},
+        {"joint": [1.0, 1.0, float("nan")]},
+        {"joint": [1.0, -1.0]},
         {"norm": 0.0},
         {"norm": float("nan")},
         {"weights": {"gbuffer": {"1": [float("nan")]}}},

@@ -9,7 +9,18 @@ import pytest
 
 import torchrender as tr
 from torchrender.planning.curves import load_curves
-from torchrender.planning.foresight import LEAST, Expected, Line, fitted, parse_lines, together
+from torchrender.planning.foresight import (
+    COVERED,
+    LEAST,
+    LEAST_TAIL,
+    Expected,
+    Joint,
+    Line,
+    fitted,
+    joint_of_pictures,
+    parse_lines,
+    together,
+)
 from torchrender.scene.procedural.anything import anything
 
 
@@ -69,6 +80,22 @@ def test_errors_add_up_by_the_norm_and_spreads_by_their_shares() -> None:
     assert both.spread == pytest.approx(math.hypot(0.36 * 0.4, 0.64 * 0.2))
     assert together([], 2.0, 0.1) == Expected(0.0, 0.1)
     assert together([Expected(0.1, 0.3), Expected(0.0, 9.0)], 1.5, 0.4).spread == pytest.approx(0.5)
+
+
+def test_whole_pictures_tell_the_factor_and_both_tails() -> None:
+    generator = np.random.default_rng(4)
+    z = generator.exponential(1.0, 4000)  # a long tail up, none down
+    told = [Expected(0.01, spread) for spread in generator.uniform(0.2, 0.6, len(z))]
+    pictures = [
+        (one.error * 1.3 * math.exp(one.spread * (v - math.log(2.0))), one) for v, one in zip(z, told, strict=True)
+    ]
+    joint = joint_of_pictures(pictures)
+    assert joint.factor == pytest.approx(1.3, rel=0.05)
+    assert joint.above == pytest.approx(-math.log(0.05) - math.log(2.0), rel=0.1)
+    assert joint.below == pytest.approx(max(math.log(2.0) + math.log(0.95), LEAST_TAIL), rel=0.1)
+    assert joint_of_pictures([]) == Joint() and joint_of_pictures(pictures[:9]).above == COVERED
+    alike = joint_of_pictures([(0.02, Expected(0.01, 0.3))] * 50)
+    assert alike.factor == pytest.approx(2.0) and alike.above == alike.below == LEAST_TAIL
 
 
 def test_lines_go_through_json() -> None:

@@ -15,6 +15,7 @@ from torchrender.points.codec import compress, decompress
 from torchrender.points.draw import render_points
 from torchrender.points.options import SplatOptions
 from torchrender.points.tree import build_patches
+from torchrender.report.common.parts import Parts
 from torchrender.report.points.models import bumpy_sphere, close_camera, ground_reference, reference
 from torchrender.report.points.study import QUICK, errors, node_errors, run
 from torchrender.scene.camera import Cameras
@@ -26,7 +27,7 @@ def test_a_tiny_study_writes_its_page(tmp_path, monkeypatch):
     """Without real models and without pyvista the page says so and has the rest."""
     monkeypatch.setenv("TORCHRENDER_DATA", str(tmp_path / "none"))
     monkeypatch.setattr("torchrender.report.points.study.pyvista_points", lambda *_: {"skipped": "not asked for"})
-    run(replace(QUICK, size=48, counts=(3000,), one_pixel=2000, runs=1, peer=(1000, 32)), tmp_path)
+    run(replace(QUICK, size=48, counts=(3000,), one_pixel=2000, runs=1, peer=(1000, 32)), tmp_path, Parts())
     page = (tmp_path / "points.md").read_text()
     assert "| Dragon (published, 2000s GPU) | adaptive EWA | 1.28 M | 0.42 M | 0.33 | 10.75 | 4.5 |" in page
     assert "| bumpy sphere | adaptive EWA | 0.003 M |" in page and "Not measured: not asked for." in page

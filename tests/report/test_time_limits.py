@@ -14,7 +14,7 @@ import trimesh
 from torchrender.report.time_limits import study as time_limits
 from torchrender.report.time_limits.page import page
 from torchrender.report.time_limits.scene import export_scene, plain_scene
-from torchrender.report.time_limits.study import PEERS, StudyOptions, other, own, study
+from torchrender.report.time_limits.study import PEERS, StudyOptions, compared, other, own
 from torchrender.scene.camera import Cameras
 from torchrender.scene.light import DirectionalLight, PointLight, SpotLight
 from torchrender.scene.material import Material
@@ -98,12 +98,12 @@ def test_each_renderer_has_its_script() -> None:
 
 
 @pytest.mark.parametrize("peer", ["Mitsuba", "Blender Cycles"])
-def test_other_renderers_see_the_same_scene(peer: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_other_renderers_see_the_same_scene(peer: str, monkeypatch: pytest.MonkeyPatch) -> None:
     if find_spec("mitsuba" if peer == "Mitsuba" else "bpy") is None:  # never imported here: they change the process
         pytest.skip(f"{peer} is not installed")
     monkeypatch.setattr(time_limits, "PEERS", {peer: PEERS[peer]})
-    record, pictures = study(TINY, tmp_path)
-    found = record["scenes"]["cornell_box"]["renderers"]
+    record, pictures = compared("cornell_box", TINY)
+    found = record["renderers"]
     assert found[peer]["limits"]["500"]["complete"] == 1.0
     mine, theirs = pictures[:192, -192:], pictures[192:, -192:]
     # They have indirect light: no darker anywhere on the whole, and bright and dark in the same places.

@@ -19,8 +19,9 @@ from torchrender.report.common.parts import Parts
 from torchrender.scene.load import load
 from torchrender.tuning.calibrate import calibrate, fit, fit_norm
 from torchrender.tuning.measure import FRAMES, frontier, options_at, views_of
+from torchrender.tuning.picture_url import picture_url
 from torchrender.tuning.tradeoff import measure, table, write
-from torchrender.tuning.tradeoff_page import page_data, picture_url, write_page
+from torchrender.tuning.tradeoff_page import page_data, write_page
 
 
 def test_the_frontier_is_what_nothing_beats() -> None:
@@ -57,15 +58,17 @@ def test_the_norm_is_found_again() -> None:
 def test_errors_fall_from_fast_to_exact_and_the_reference_has_none(tmp_path: Path) -> None:
     scene = load("cornell_box")
     curves = measure(scene, size=40, name="soft_shadow", pictures=True)
-    found = curves.passes["soft_shadow"]
+    found = curves.passes["soft_shadow"]["settings"]
     assert list(found) == ["hard", "pcss", "4 x 4", "8 x 8", "16 x 16"]
-    assert found["16 x 16"].flip == 0.0 and found["16 x 16"].own == 0.0 and found["16 x 16"].psnr == 120.0
-    assert found["hard"].own > found["4 x 4"].own > found["8 x 8"].own > 0  # type: ignore[operator]
-    assert all(m.repeats and m.ms > 0 and m.runs == 2 * FRAMES for m in found.values())
+    exact = found["16 x 16"]
+    assert exact["flip"] == 0.0 and exact["own"] == 0.0 and exact["psnr"] == 120.0
+    assert found["hard"]["own"] > found["4 x 4"]["own"] > found["8 x 8"]["own"] > 0
+    assert all(m["repeats"] and m["ms"] > 0 and m["runs"] == 2 * FRAMES for m in found.values())
     files = write(tmp_path, curves)
     assert {f.suffix for f in files} == {".json", ".md", ".png"}
     record = json.loads(files[0].read_text())["passes"]["soft_shadow"]
     assert record["reference"] == "16 x 16" and set(record["frontier"]) <= set(found)
+    assert "picture" not in record and "difference" not in record["settings"]["hard"]
     assert "visibility error" in table(curves)
     page = tmp_path / "page.html"
     write_page(page, [curves])
@@ -133,6 +136,16 @@ def test_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     curves = tmp_path / "mine.json"
     assert main(["calibrate", "cornell_box", "--side", "32", "-o", str(curves)]) == 0
     assert parse_curves(json.loads(curves.read_text()), "mine").scenes
+
+
+def test_curves_are_measured_in_parts(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    words = ["tradeoff", "cornell_box", "--pass", "direct_light", "--side", "32", "-o", "out", "--seconds"]
+    assert main([*words, "-1"]) == 2 and "run it again" in capsys.readouterr().err
+    assert main([*words, "1000"]) == 0 and (tmp_path / "out" / "tradeoff.html").is_file()
+    assert not list((tmp_path / "build").rglob("*.json")), "nothing is left to take over"
 
 
 @pytest.mark.parametrize(

@@ -44,6 +44,9 @@ def add_plan(commands: Any, add_scene: Callable[[argparse.ArgumentParser], None]
     tradeoff.add_argument("--pass", dest="step", metavar="PASS", help="one pass (default: all that apply)")
     tradeoff.add_argument("--all", action="store_true", help="all built-in scenes, and one HTML page of them")
     tradeoff.add_argument("--side", type=int, metavar="N", help="pixels of a side (default 512)")
+    tradeoff.add_argument(
+        "--seconds", type=float, metavar="S", help="begin no pass after so long; run it again to go on"
+    )
     tradeoff.add_argument("-o", "--output", default="docs/results", metavar="FOLDER", help="default docs/results")
     calibrate = commands.add_parser("calibrate", help="measure the curves that budgets rely on, on this machine")
     calibrate.add_argument("scenes", nargs="*", metavar="SCENE", help="default: all built-in scenes")
@@ -71,6 +74,7 @@ def run_plan(arguments: argparse.Namespace, scene: Scene, find_camera: FindCamer
 def run_tradeoff(arguments: argparse.Namespace) -> list[Path]:
     """Measure and write; the files."""
     from torchrender.passes.table import find_pass
+    from torchrender.report.common.parts import Unfinished, parts_of
     from torchrender.scene.load import load
     from torchrender.scene.procedural import SCENES
     from torchrender.tuning.tradeoff import measure, write
@@ -85,16 +89,23 @@ def run_tradeoff(arguments: argparse.Namespace) -> list[Path]:
     folder = Path(arguments.output)
     make_folder(folder)
     files, found = [], []
+    parts = parts_of("tradeoff", arguments.seconds)
     collect_garbage()
     for name in SCENES if arguments.all else (arguments.scene,):
         with named(size="--triangles"):
             scene = load(name, size=arguments.triangles)
-        curves = measure(scene, **given(size=arguments.side), name=arguments.step, pictures=True)
+        try:
+            curves = measure(
+                scene, **given(size=arguments.side), name=arguments.step, pictures=True, kept=parts.measured
+            )
+        except Unfinished as unfinished:
+            raise InputError(f"--seconds: {unfinished}; run it again to go on") from None
         files += write(folder, curves)
         found.append(curves)
         tell(f"{name}: measured")
     files.append(folder / "tradeoff.html")
     write_page(files[-1], found)
+    parts.done()
     return files
 
 
@@ -125,7 +136,7 @@ def run_calibrate(arguments: argparse.Namespace) -> Path:
     write_atomically(path, text_writer(json.dumps(curves, separators=(",", ":")) + "\n"))
     if known is None:  # how errors of whole pictures compare with these curves
         os.environ[ENVIRONMENT] = str(path)
-        curves["joint"] = joint_of(anything(seed) for seed in SEEDS[:JOINT_SCENES])
+        curves["joint"] = [round(value, 3) for value in joint_of(anything(seed) for seed in SEEDS[:JOINT_SCENES])]
         write_atomically(path, text_writer(json.dumps(curves, separators=(",", ":")) + "\n"))
     return path
 

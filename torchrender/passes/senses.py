@@ -54,16 +54,21 @@ def detail(frame: Frame, radiance: Tensor) -> tuple[float, float]:
     return float(slope) * scale, float((shown - again).abs().mean()) * scale
 
 
-def few(image: Tensor) -> Tensor:
-    """Pixels (B,h,w,...) at equal distances, up to ``SIDE`` along each side, of an image (B,H,W,...)."""
-    rows, columns = (max(1, -(-n // SIDE)) for n in image.shape[1:3])
+def closely(name: str) -> str:
+    """What a pass senses closely: the difference itself that a setting makes, in a few pixels."""
+    return f"{name}, closely"
+
+
+def few(image: Tensor, side: int = SIDE) -> Tensor:
+    """Pixels (B,h,w,...) at equal distances, up to ``side`` along each side, of an image (B,H,W,...)."""
+    rows, columns = (max(1, -(-n // side)) for n in image.shape[1:3])
     return image[:, rows // 2 :: rows, columns // 2 :: columns]
 
 
-def difference(frame: Frame, radiance: Tensor, other: Tensor) -> float:
-    """Mean absolute difference of two pictures' display values, both exposed as the first."""
-    shown = display(frame, radiance.detach())
-    return float((shown - display(frame, other.detach(), radiance.detach())).abs().mean())
+def difference(frame: Frame, radiance: Tensor, other: Tensor, like: Tensor | None = None) -> float:
+    """Mean absolute difference of two pictures' display values, both exposed as the first, or as ``like``."""
+    whole = radiance.detach() if like is None else like.detach()
+    return float((display(frame, radiance.detach(), whole) - display(frame, other.detach(), whole)).abs().mean())
 
 
 def partly_lit(covered: Tensor, lights: Iterable[Tensor]) -> float:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 
 from torchrender.passes.contract import Amounts, Buffers, Pass
 from torchrender.passes.outlook import Outlook
+from torchrender.passes.senses import closely
 from torchrender.passes.table import PASSES, PICTURE, table_of
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
@@ -105,7 +106,9 @@ class Knowledge:
         return asked and step.applies(self.outlook.at(step.settings.reference.applied(options))).runs
 
     def _error(self, step: Pass, setting: str) -> Expected:
-        return self.curves.error(step.name, setting, self.name, self.pace.known.get(sense_of(step.name)))
+        known = self.pace.known
+        sensed, probed = (known.get(sense_of(name)) for name in (step.name, closely(step.name)))
+        return self.curves.error(step.name, setting, self.name, sensed, probed)
 
 
 def sense_of(name: str) -> str:

@@ -17,7 +17,8 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from torchrender.planning.foresight import Expected, Line, parse_lines, together
+from torchrender.passes.senses import closely
+from torchrender.planning.foresight import Expected, Joint, Line, parse_lines, together
 from torchrender.scene.model import Scene
 
 FORMAT = 2
@@ -37,6 +38,9 @@ UNSEEN_SPREAD = 0.3
 """The same, in scenes that were not measured."""
 
 
+AS_ADDED_UP = Joint()
+
+
 class CurvesWarning(UserWarning):
     """A file of curves cannot be used; the shipped ones are."""
 
@@ -51,7 +55,7 @@ class Curves:
     machine: Mapping[str, Any]
     source: str
     lines: Mapping[str, Mapping[str, Line]] = field(default_factory=dict)  # for scenes that are not among these
-    joint: float = 1.0  # errors of whole pictures of such scenes, by those that their passes add up to
+    joint: Joint = AS_ADDED_UP  # whole pictures of such scenes, beside what their passes add up to
 
     def time_ms(self, name: str, setting: str, amounts: Sequence[float], scene: str | None = None) -> float | None:
         """Predicted time; None for what was never measured."""
@@ -66,15 +70,26 @@ class Curves:
         own = self.scenes.get(scene or "")
         return usual if own is None else usual * float(own.get("ratios", {}).get(name, {}).get(setting, 1.0))
 
-    def error(self, name: str, setting: str, scene: str | None = None, sensed: float | None = None) -> Expected:
+    def error(
+        self,
+        name: str,
+        setting: str,
+        scene: str | None = None,
+        sensed: float | None = None,
+        probed: float | None = None,
+    ) -> Expected:
         """Mean FLIP between a picture with this setting and one with the pass's reference, all else equal.
 
-        Of the scene itself if it was measured; else by what the pass sensed in an earlier picture of it
-        (:mod:`torchrender.planning.foresight`); else the mean of the scenes that the pass applied to.
+        Of the scene itself if it was measured; else by what a probe found in an earlier picture of it, where errors of
+        this setting follow that better, or by what the pass sensed there (:mod:`torchrender.planning.foresight`); else
+        the mean of the scenes that the pass applied to.
         """
         own = self.record(name, setting, scene)
         if own is not None:
             return Expected(float(own["flip"]), MEASURED_SPREAD)
+        closer = None if probed is None else self.lines.get(closely(name), {}).get(setting)
+        if closer is not None:
+            return closer.expected(probed)
         line = self.lines.get(name, {}).get(setting)
         if line is not None:
             return line.expected(sensed)
@@ -90,7 +105,10 @@ class Curves:
     def together(self, errors: Sequence[Expected], *, unseen: bool = False) -> Expected:
         """The error of a picture whose passes have these; ``unseen``: of a scene that was not measured."""
         found = together(errors, self.norm, UNSEEN_SPREAD if unseen else JOINT_SPREAD)
-        return found._replace(error=min(found.error * self.joint, 1.0)) if unseen else found
+        if not unseen:
+            return found
+        joint = self.joint
+        return found._replace(error=min(found.error * joint.factor, 1.0), below=joint.below, above=joint.above)
 
 
 def scene_key(scene: Scene) -> str:
@@ -157,7 +175,10 @@ def parse_curves(data: Mapping[str, Any], source: str) -> Curves:
     norm = float(data["norm"])
     if not 0.5 <= norm <= 8.0:
         raise ValueError(f"norm must be in [0.5, 8], got {norm}")
-    lines, joint = parse_lines(data.get("foresight", {})), float(data.get("joint", 1.0))
-    if not 0.25 <= joint <= 4.0:
-        raise ValueError(f"joint must be in [0.25, 4], got {joint}")
+    lines, told = parse_lines(data.get("foresight", {})), data.get("joint", [])
+    joint = Joint(*(float(value) for value in (told if isinstance(told, list) else [told])))
+    if not 0.25 <= joint.factor <= 4.0:
+        raise ValueError(f"joint: factor must be in [0.25, 4], got {joint.factor}")
+    if not (0.0 < joint.below <= 10.0 and 0.0 < joint.above <= 10.0):
+        raise ValueError(f"joint: tails must be in (0, 10], got {joint.below} and {joint.above}")
     return Curves(data["weights"], data["scenes"], norm, data.get("machine", {}), source, lines, joint)

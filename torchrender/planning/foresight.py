@@ -20,18 +20,43 @@ LEAST, LEAST_SENSED = 3e-4, 1e-4
 COVERED = 1.645
 """Standard deviations either way that hold nine of ten."""
 
+LEAST_TAIL = 0.5
+"""Pictures that happen to lie closer than this many standard deviations are luck."""
+
 
 class Expected(NamedTuple):
     """An error, and the standard deviation of its natural logarithm."""
 
     error: float
     spread: float
+    below: float = COVERED  # standard deviations down
+    above: float = COVERED  # and up that hold nine of ten
 
     @property
     def interval(self) -> tuple[float, float]:
         """Holds nine of ten."""
-        factor = math.exp(COVERED * self.spread)
-        return self.error / factor, min(self.error * factor, 1.0)
+        least, most = self.error * math.exp(-self.below * self.spread), self.error * math.exp(self.above * self.spread)
+        return least, min(most, 1.0)
+
+
+class Joint(NamedTuple):
+    """How errors of whole pictures of scenes that nobody measured lie about what their passes add up to."""
+
+    factor: float = 1.0  # their median,
+    below: float = COVERED  # and how far nine of ten lie from that,
+    above: float = COVERED  # in standard deviations of the prediction
+
+
+def joint_of_pictures(pictures: Sequence[tuple[float, Expected]]) -> Joint:
+    """Of errors of pictures, each with what its passes added up to; fewer than ten say nothing about tails."""
+    if not pictures:
+        return Joint()
+    ratios = np.array([math.log(max(error, LEAST) / max(told.error, LEAST)) for error, told in pictures])
+    middle = float(np.median(ratios))
+    if len(pictures) < 10:
+        return Joint(math.exp(middle))
+    tails = np.quantile((ratios - middle) / np.array([told.spread for _, told in pictures]), (0.05, 0.95))
+    return Joint(math.exp(middle), max(-float(tails[0]), LEAST_TAIL), max(float(tails[1]), LEAST_TAIL))
 
 
 @dataclass(frozen=True)

@@ -77,13 +77,17 @@ def measure_pass(
         first = _sequence(lit, view, step, running)
         if first.image.plan is None or not first.image.plan.row(step.name).runs:
             continue
-        reference = _sequence(lit, view, step, step.settings.reference)
+        made = {
+            setting.name: _sequence(lit, view, step, setting) for setting in step.settings.all if setting != running
+        }
+        made[running.name] = first
+        wanted = step.settings.reference
+        exact = made[wanted.name].image if wanted in step.settings.all else _last(lit, view, step, wanted)
         with_picture = pictures and shown is None
         if with_picture:
-            shown = reference.image.to_srgb()[0]
-        for setting in step.settings.all:
-            made = first if setting is running else _sequence(lit, view, step, setting)
-            found[setting.name].append(_compare(made, reference, step, with_picture))
+            shown = exact.to_srgb()[0]
+        for name, sequence in made.items():
+            found[name].append(_compare(sequence, exact, step, with_picture))
     return {name: _mean(values) for name, values in found.items() if values}, shown
 
 
@@ -121,8 +125,7 @@ class _Sequence:
 
 
 def _sequence(scene: Scene, view: Cameras, step: Pass, setting: Setting) -> _Sequence:
-    buffers = () if step.own is None else (GBUFFER.name, step.own.buffer.name)
-    options, history = replace(options_at(step, setting), buffers=buffers), RenderHistory()
+    options, history = _watched(step, setting), RenderHistory()
     images: list[Image] = []
     for number in (*range(FRAMES), FRAMES - 1):
         # The last one is made twice, from the same history.
@@ -130,22 +133,36 @@ def _sequence(scene: Scene, view: Cameras, step: Pass, setting: Setting) -> _Seq
         images.append(render(scene, view[number], options=options, history=before))
         history = images[-1].history or RenderHistory()
     times = tuple(image.timings_ms.get(step.name, 0.0) for image in images)
-    return _Sequence(images[-1], times, torch.equal(images[-1].radiance, images[-2].radiance))
+    # What the history keeps may be large.
+    return _Sequence(replace(images[-1], history=None), times, torch.equal(images[-1].radiance, images[-2].radiance))
 
 
-def _compare(made: _Sequence, reference: _Sequence, step: Pass, picture: bool) -> Measured:
-    shown, wanted = made.image.displayed().float(), reference.image.displayed().float()
+def _last(scene: Scene, view: Cameras, step: Pass, setting: Setting) -> Image:
+    """The last picture, as one of a sequence: what a reference takes is not asked."""
+    options = _watched(step, setting)
+    before = render(scene, view[FRAMES - 2], options=options, history=RenderHistory())
+    return replace(render(scene, view[FRAMES - 1], options=options, history=before.history), history=None)
+
+
+def _watched(step: Pass, setting: Setting) -> RenderOptions:
+    """The options of a setting, with what its own measure looks at."""
+    buffers = () if step.own is None else (GBUFFER.name, step.own.buffer.name)
+    return replace(options_at(step, setting), buffers=buffers)
+
+
+def _compare(made: _Sequence, exact: Image, step: Pass, picture: bool) -> Measured:
+    shown, wanted = made.image.displayed().float(), exact.displayed().float()
     difference = flip_map(shown, wanted)
     # What lasts costs what it costs at first.
     steady = made.times_ms[:1] if step.makes.lasting is not None else made.times_ms[1:]
     quarters = statistics.quantiles(steady, n=4) if len(steady) > 1 else [steady[0]] * 3
     own = None
-    if step.own is not None and step.own.buffer.name in reference.image.buffers:
-        own = step.own.error(made.image.buffers, reference.image.buffers)
+    if step.own is not None and step.own.buffer.name in exact.buffers:
+        own = step.own.error(made.image.buffers, exact.buffers)
     return Measured(
         flip=float(difference.mean()),
         psnr=float(psnr(shown, wanted)[0]),
-        relative_mse=float(relative_squared_error(made.image.radiance, reference.image.radiance)[0]),
+        relative_mse=float(relative_squared_error(made.image.radiance, exact.radiance)[0]),
         own=own,
         ms=statistics.median(steady),
         spread_ms=quarters[2] - quarters[0],

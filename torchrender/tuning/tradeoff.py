@@ -5,22 +5,31 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
-
-from torch import Tensor
+from typing import Any, Protocol
 
 from torchrender.images.files import write_atomically
-from torchrender.passes.table import PASSES
+from torchrender.passes.contract import Pass
 from torchrender.planning.curves import scene_key
 from torchrender.quality.machine import machine_line, machine_record
 from torchrender.quality.pages import text_writer
+from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
-from torchrender.tuning.measure import SIDE, Measured, frontier, measure_pass, passes_named, views_of
+from torchrender.tuning.measure import SIDE, frontier, measure_pass, passes_named, views_of
+from torchrender.tuning.picture_url import picture_url
 
-Found = Mapping[str, Mapping[str, Measured]]
-"""What was measured, by pass and setting."""
 LABEL_WIDTH, LABEL_HEIGHT = 90.0, 13.0  # pixels of a plot that a setting's name may take
+
+
+PICTURES = ("picture", "difference")
+
+
+class Kept(Protocol):
+    """What was measured under a name is taken over, else measured now."""
+
+    def __call__(self, name: str, measure: Callable[[], Any], /) -> Any:
+        """The record, as JSON has it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,37 +38,55 @@ class SceneCurves:
 
     name: str
     size: int  # pixels of a side
-    passes: Found
-    references: Mapping[str, Tensor | None]  # (H,W,3) sRGB, by pass
+    passes: Mapping[str, Mapping[str, Any]]  # what pass_data tells of those that have something to do
 
     def record(self) -> dict[str, Any]:
-        """Plain values."""
-        return {
-            name: {
-                "reference": step.settings.reference.name,
-                "own_measure": None if step.own is None else step.own.title,
-                "frontier": frontier({s: (m.ms, m.flip) for s, m in self.passes[name].items()}),
-                "settings": {setting: measured.record() for setting, measured in self.passes[name].items()},
-            }
-            for name, step in ((p.name, p) for p in PASSES)
-            if self.passes.get(name)
-        }
+        """Numbers alone."""
+        return {name: _plain(values) for name, values in self.passes.items()}
 
 
-def measure(scene: Scene, *, size: int = SIDE, name: str | None = None, pictures: bool = False) -> SceneCurves:
+def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Without pictures, at any depth."""
+    inside = {k: _plain(v) if isinstance(v, Mapping) else v for k, v in values.items()}
+    return {k: v for k, v in inside.items() if k not in PICTURES}
+
+
+def measure(
+    scene: Scene, *, size: int = SIDE, name: str | None = None, pictures: bool = False, kept: Kept | None = None
+) -> SceneCurves:
     """Curves of one pass of a scene, or of all that have something to do there.
+
+    Args:
+        kept: takes over what an earlier run measured of a pass.
 
     Raises:
         InputError: no pass of that name.
     """
-    views = views_of(scene, size)
-    found = {step.name: measure_pass(scene, views, step, pictures=pictures) for step in passes_named(name)}
-    return SceneCurves(
-        scene_key(scene),
-        size,
-        {name: settings for name, (settings, _) in found.items() if settings},
-        {name: shown for name, (_, shown) in found.items()},
-    )
+    views, key = views_of(scene, size), scene_key(scene)
+    found = {}
+    for step in passes_named(name):
+        one = partial(pass_data, scene, views, step, pictures=pictures)
+        data = one() if kept is None else kept(f"{key}, {step.name}, {size}", one)
+        if data is not None:
+            found[step.name] = data
+    return SceneCurves(key, size, found)
+
+
+def pass_data(scene: Scene, views: Sequence[Cameras], step: Pass, *, pictures: bool = False) -> dict[str, Any] | None:
+    """Plain values about a pass and its settings, pictures as text; None where it has nothing to do."""
+    found, shown = measure_pass(scene, views, step, pictures=pictures)
+    if not found:
+        return None
+    settings = {name: measured.record() for name, measured in found.items()}
+    for name, measured in found.items() if pictures else ():
+        settings[name] |= {kind: picture_url(getattr(measured, kind)) for kind in PICTURES}
+    return {
+        "reference": step.settings.reference.name,
+        "own_measure": None if step.own is None else step.own.title,
+        "frontier": frontier({name: (measured.ms, measured.flip) for name, measured in found.items()}),
+        "settings": settings,
+        **({"picture": picture_url(shown)} if pictures else {}),
+    }
 
 
 def write(folder: Path, curves: SceneCurves) -> list[Path]:
@@ -110,12 +137,12 @@ def plot(path: Path, curves: SceneCurves) -> None:
     """Error against time, a panel per pass."""
     from matplotlib.figure import Figure
 
-    shown = [name for name in curves.passes if len(curves.passes[name]) > 1]
+    shown = {name: values["settings"] for name, values in curves.passes.items() if len(values["settings"]) > 1}
     figure = Figure(figsize=(4.2 * min(len(shown), 4), 3.2 * -(-len(shown) // 4)), dpi=100, layout="constrained")
     named = []
     for number, name in enumerate(shown):
         axes = figure.add_subplot(-(-len(shown) // 4), min(len(shown), 4), number + 1)
-        points = {s: (max(m.ms, 1e-2), m.flip) for s, m in curves.passes[name].items()}
+        points = {s: (max(m["ms"], 1e-2), m["flip"]) for s, m in shown[name].items()}
         best = frontier(points)
         axes.plot([points[s][0] for s in best], [points[s][1] for s in best], color="0.7", zorder=0)
         axes.set(title=name, xlabel="ms", ylabel="mean FLIP", xscale="log")

@@ -6,19 +6,20 @@ setting, as a sequence would have it from the picture before.
 
 from __future__ import annotations
 
-import statistics
+import math
 from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
 from torchrender.image import Image
 from torchrender.passes.contract import Pass
+from torchrender.passes.senses import closely
 from torchrender.passes.settings import CUSTOM, Setting
 from torchrender.passes.table import PASSES
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
 from torchrender.planning.costs import sense_of
-from torchrender.planning.foresight import LEAST, fitted
+from torchrender.planning.foresight import COVERED, LEAST, Expected, Joint, Line, fitted, joint_of_pictures
 from torchrender.quality.metrics import flip
 from torchrender.renderer import NO_LIMIT, render
 from torchrender.scene.camera import Cameras
@@ -34,14 +35,16 @@ SEEDS = range(40)
 WISHES: tuple[dict[str, Any], ...] = (
     {"budget_ms": 80.0},
     {"budget_ms": 250.0},
-    {"max_error": 0.07},
-    {"max_error": 0.035},
+    {"max_error": 0.2},
+    {"max_error": 0.1},
+    {"max_error": 0.05},
+    {"max_error": 0.025},
 )
 """For which whole pictures are compared with the errors of their passes, in the first ``JOINT_SCENES`` scenes."""
-JOINT_SCENES = 10
+JOINT_SCENES = 20
 
 Record = dict[str, dict[str, Any]]
-"""By pass: ``sensed``, None where nothing was, and ``errors`` by setting."""
+"""By pass: ``sensed`` and ``probed``, None where nothing was, and ``errors`` by setting."""
 
 
 def record_of(scene: Scene, size: int = SIDE) -> Record:
@@ -55,7 +58,11 @@ def record_of(scene: Scene, size: int = SIDE) -> Record:
     for step in PASSES:
         if step.settings.is_choice and usual.plan.row(step.name).runs:
             errors, history = _errors(lit, camera, step, history)
-            found[step.name] = {"sensed": known.get(sense_of(step.name)), "errors": errors}
+            found[step.name] = {
+                "sensed": known.get(sense_of(step.name)),
+                "probed": known.get(sense_of(closely(step.name))),
+                "errors": errors,
+            }
     return found
 
 
@@ -88,36 +95,51 @@ def lines_of(records: Iterable[Record]) -> dict[str, dict[str, list[float]]]:
     """Lines by pass and setting, for :func:`torchrender.planning.foresight.parse_lines`.
 
     Settings that are the reference wherever they were tried have none: their error is that of the pass's records.
+    What probes found has lines of its own, where errors follow it more closely.
     """
-    pairs: dict[str, dict[str, list[tuple[float, float | None]]]] = {}
+    found: dict[str, dict[str, list[float]]] = {}
+    rows: dict[str, dict[str, list[tuple[float, dict[str, Any]]]]] = {}
     for record in records:
         for name, values in record.items():
             for setting, error in values["errors"].items():
-                pairs.setdefault(name, {}).setdefault(setting, []).append((error, values["sensed"]))
-    found: dict[str, dict[str, list[float]]] = {}
-    for name, settings in pairs.items():
-        for setting, rows in settings.items():
-            known = [(error, sensed) for error, sensed in rows if sensed is not None]
-            chosen = known or [(error, 1.0) for error, _ in rows]
-            if any(error > LEAST for error, _ in chosen):
-                errors, seen = zip(*chosen, strict=True)
-                found.setdefault(name, {})[setting] = fitted(errors, seen).to_list()
+                rows.setdefault(name, {}).setdefault(setting, []).append((error, values))
+    for name, settings in rows.items():
+        for setting, pairs in settings.items():
+            usual = _line(pairs, "sensed")
+            if usual is None:
+                continue
+            found.setdefault(name, {})[setting] = usual.to_list()
+            probed = _line(pairs, "probed", needed=True)
+            if probed is not None and probed.left < usual.left:
+                found.setdefault(closely(name), {})[setting] = probed.to_list()
     return found
 
 
-def joint_of(scenes: Iterable[Scene], size: int = SIDE) -> float:
-    """By how much whole pictures err more than the errors of their passes, added up, say: a median.
+def _line(pairs: Iterable[tuple[float, dict[str, Any]]], kind: str, *, needed: bool = False) -> Line | None:
+    """Through errors over what was sensed where something was, else, unless that is ``needed``, of the errors alone."""
+    known = [(error, values[kind]) for error, values in pairs if values.get(kind) is not None]
+    chosen = known if known or needed else [(error, 1.0) for error, _ in pairs]
+    if not any(error > LEAST for error, _ in chosen):
+        return None
+    errors, seen = zip(*chosen, strict=True)
+    return fitted(errors, seen)
 
-    Of the second picture of a sequence, at settings that budgets and bounds choose with the lines of this machine.
+
+def joint_of(scenes: Iterable[Scene], size: int = SIDE) -> Joint:
+    """How errors of whole pictures lie about what their passes add up to.
+
+    Of the second picture of a sequence, at settings that budgets and bounds choose by curves which do not tell it yet.
     """
-    ratios = [1.0]
+    pictures = []
     for scene in scenes:
         camera = scene.with_default_light().camera(width=size, height=size)
         wanted = render(scene, camera, options=exact_options()).displayed().float()
         for wish in WISHES:
             first = render(scene, camera, history=RenderHistory(), **wish)
             second = render(scene, camera, history=first.history, **wish)
-            if second.plan is not None and second.plan.predicted_error:
-                error = float(flip(second.displayed().float(), wanted)[0])
-                ratios.append(max(error, LEAST) / max(second.plan.predicted_error, LEAST))
-    return statistics.median(ratios)
+            assert second.plan is not None
+            told, interval = second.plan.predicted_error, second.plan.error_interval
+            if told and interval is not None:
+                spread = math.log(told / interval[0]) / COVERED
+                pictures.append((float(flip(second.displayed().float(), wanted)[0]), Expected(told, spread)))
+    return joint_of_pictures(pictures)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -16,10 +17,11 @@ from torchrender.passes.hard import HardEffect, Law, Outputs, Subject, radiance_
 from torchrender.passes.light.ambient_visibility import AMBIENT_VISIBILITY
 from torchrender.passes.light.light_reach import AREA_LISTED, LIGHT_REACH, POINT_LISTED
 from torchrender.passes.light.pane_shadow import PANE_SHADOW
+from torchrender.passes.light.probe import probe
 from torchrender.passes.light.visibility import POINT_SHADOW, SOFT_SHADOW
 from torchrender.passes.outlook import Outlook, Verdict, counted
 from torchrender.passes.seen.gbuffer import GBUFFER
-from torchrender.passes.senses import difference, few
+from torchrender.passes.senses import closely, difference, few
 from torchrender.passes.settings import settings
 from torchrender.pipeline.buffer import Buffer, Layer, Order
 from torchrender.pipeline.frame import Frame
@@ -39,6 +41,9 @@ def _under_all(scene: Scene, gbuffer: GBuffer, radiance: Tensor, direct: Tensor)
 
 FEW = 4
 """Lights that are not worth a look at lists."""
+
+RAYS = 64
+"""Of the quickest traced ambient visibility, whose noise is told beforehand."""
 
 HALF_WHITE = 0.5
 """Reflectance that few surfaces exceed."""
@@ -143,16 +148,19 @@ def senses(frame: Frame) -> dict[str, float]:
         found["direct_light"] = near
     reach = ambient_reach(frame.scene, frame.get(AMBIENT_VISIBILITY))
     if reach is not None:
-        found["ambient_visibility"] = _darkened(frame, few(reach.visibility))
-    return found
+        visible = few(reach.visibility)
+        found["ambient_visibility"] = _changed(frame, visible, 1.0 - visible)
+        noise = (visible * (1.0 - visible)).clamp_min(0.0).sqrt() / math.sqrt(RAYS)
+        found[closely("ambient_visibility")] = _changed(frame, visible, noise)
+    return found | probe(frame, frame[GBUFFER], lights_visibility(frame), reach, frame[DIRECT_LIGHT])
 
 
-def _darkened(frame: Frame, visible: Tensor) -> float:
-    """By what hides ambient light, with surfaces as white as the light they send allows, half white at most."""
+def _changed(frame: Frame, visible: Tensor, change: Tensor) -> float:
+    """By a change of ambient visibility, with surfaces as white as the light they send allows, half white at most."""
     scene, radiance = frame.scene, few(frame[DIRECT_LIGHT]).detach().float()
     arriving = sum(_from_around(scene))
     whitest = radiance.mean(dim=-1) / (arriving * visible).clamp_min(1e-6)
-    hidden = arriving * (1.0 - visible) * whitest.clamp_max(HALF_WHITE)
+    hidden = arriving * change * whitest.clamp_max(HALF_WHITE)
     return difference(frame, radiance, radiance + hidden[..., None])
 
 

@@ -23,6 +23,8 @@ from torchrender.passes.mirrors.reflective_pixel import REFLECTIVE_PIXEL, mirror
 from torchrender.passes.outlook import Outlook
 from torchrender.passes.seen.gbuffer import GBUFFER
 from torchrender.passes.seen.ray_caster import RAY_CASTER
+from torchrender.passes.senses import closely
+from torchrender.passes.senses import difference as seen_difference
 from torchrender.passes.settings import Setting, settings
 from torchrender.pipeline.buffer import Buffer, Layer, Order
 from torchrender.pipeline.frame import Frame
@@ -69,6 +71,25 @@ def run(frame: Frame) -> ReflectionLayer:
         onward=_onward(frame),
     )
     return made.layer
+
+
+PROBED = 2048
+"""Reflective pixels, at most, whose surroundings are looked up beside what they mirror."""
+
+
+def senses(frame: Frame) -> dict[str, float]:
+    """How far off the surroundings alone would be: by a few of the pixels that show more."""
+    pixels, layer = frame[REFLECTIVE_PIXEL], frame[REFLECTIONS]
+    if frame.options.reflections == "environment" or not len(pixels):
+        return {}
+    chosen = pixels.select(torch.arange(len(pixels))[:: -(-len(pixels) // PROBED)])
+    far = frame[HIT_SHADER].environment(chosen.direction, chosen.cameras.eye)
+    direct, mirrored = (image.reshape(-1, 3)[chosen.pixel] for image in (frame[DIRECT_LIGHT], layer.color))
+    share = frame[MIRROR_SHARE]
+    replaced, weight = (image.reshape(-1, 3)[chosen.pixel] for image in (share.replaced, share.mirrored))
+    both = [(direct - replaced + weight * color).clamp_min(0.0)[None, None] for color in (mirrored, far)]
+    part = len(pixels) / max(frame[GBUFFER].covered.numel(), 1)
+    return {closely("reflections"): part * seen_difference(frame, both[0], both[1], frame[DIRECT_LIGHT])}
 
 
 VIEWS = 300.0
@@ -248,6 +269,7 @@ PASS = Pass(
         },
     ),
     amounts=amounts,
+    senses=senses,
     settle=settle,
     settles=left_open,
     own=OWN,

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import math
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
-from torchrender.report.common.parts import FOLDER, Parts, Unfinished
+from torchrender.report.common.parts import Parts, Unfinished, parts_of
 
 RESULTS = Path("docs/results")
 
@@ -62,12 +61,9 @@ def run_in_parts(
     ``name``: of the file in ``build/studies`` that keeps what was measured.
     """
     parser = study_parser(description, quick=quick)
-    parser.add_argument(
-        "--seconds", type=float, default=math.inf, help="begin no part after so long; run it again to go on"
-    )
+    parser.add_argument("--seconds", type=float, help="begin no part after so long; run it again to go on")
     arguments = parser.parse_args(argv)
-    kept = FOLDER / f"{name}{'-quick' if arguments.quick else ''}.json"
-    parts = Parts(kept if math.isfinite(arguments.seconds) else None, arguments.seconds)
+    parts = parts_of(f"{name}{'-quick' if arguments.quick else ''}", arguments.seconds)
     try:
         write_named(arguments.output, lambda folder: run(folder, arguments.quick, parts))
     except Unfinished as unfinished:

@@ -54,3 +54,8 @@ class Parts:
         """The study is written: nothing is left to take over."""
         if self._file is not None:
             self._file.unlink(missing_ok=True)
+
+
+def parts_of(name: str, seconds: float | None) -> Parts:
+    """Of the study of that name: kept in a file where a run may end early, after so many seconds."""
+    return Parts() if seconds is None else Parts(FOLDER / f"{name}.json", seconds)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import torch
@@ -63,19 +65,31 @@ class Model:
     cloud: PointCloud
 
 
-def mesh_model(name: str, file: str, samples: int) -> Model | None:
-    """A sampled mesh; None where the file is not there."""
-    path = data_folder() / "meshes" / file
-    if not path.is_file():
-        return None
+Maker = Callable[[], Model]
+
+
+def models(meshes: Iterable[tuple[str, str, int]], scans: Iterable[str], otherwise: int) -> dict[str, Maker]:
+    """By name, what makes them: sampled meshes (name, file, samples) and scans whose files are there.
+
+    Without any there is a bumpy sphere of ``otherwise`` points, so that there is something to draw.
+    """
+    found: dict[str, Maker] = {}
+    for name, file, samples in meshes:
+        if (path := data_folder() / "meshes" / file).is_file():
+            found[name] = partial(_mesh_model, name, path, samples)
+    for name in scans:
+        if (path := data_folder() / "points" / f"{name}.ply").is_file():
+            found[name] = partial(_scan_model, name, path)
+    return found or {"bumpy sphere": lambda: Model("bumpy sphere", None, bumpy_sphere(otherwise))}
+
+
+def _scan_model(name: str, path: Path) -> Model:
+    return Model(name, None, load_points(path))
+
+
+def _mesh_model(name: str, path: Path, samples: int) -> Model:
     scene = load(path)
     return Model(name, scene, sample_points(scene, samples))
-
-
-def scan_model(name: str) -> Model | None:
-    """A scanned cloud; None where the file is not there."""
-    path = data_folder() / "points" / f"{name}.ply"
-    return Model(name, None, load_points(path)) if path.is_file() else None
 
 
 def reference(scene: Scene, camera: Cameras, options: SplatOptions, factor: int) -> tuple[Tensor, Tensor]:

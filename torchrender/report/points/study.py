@@ -1,13 +1,14 @@
-"""Point models measured: ``python -m torchrender.report.points [--quick] [-o docs/results]``.
+"""Point models measured: ``python -m torchrender.report.points [--quick] [--seconds 200] [-o docs/results]``.
 
-Writes ``points.md``, ``.json`` and ``.png``: tables 3.1 and 3.2 of the published method remade, quality and time by
-filter against supersampled references, errors of compression, models of up to ten million points, and pyvista.
+Writes ``points.md``, ``.json`` and ``.png``; ``--seconds`` ends a run early, and the next goes on. There are
+tables 3.1 and 3.2 of the published method remade, quality and time by filter against supersampled references, errors of
+compression, models of up to ten million points, and pyvista.
 """
 
 from __future__ import annotations
 
-import sys
 import time
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -31,17 +32,18 @@ from torchrender.quality.machine import machine_record
 from torchrender.quality.metrics import psnr
 from torchrender.quality.pages import write_record
 from torchrender.quality.timing import take_turns
-from torchrender.report.common.command import study_parser
+from torchrender.report.common.command import run_in_parts
+from torchrender.report.common.parts import Parts
 from torchrender.report.points.models import (
     SCANS,
+    Maker,
     Model,
     bumpy_sphere,
     close_camera,
     ground,
     ground_reference,
-    mesh_model,
+    models,
     reference,
-    scan_model,
 )
 from torchrender.report.points.page import write_page
 from torchrender.report.points.peers import pyvista_points
@@ -76,35 +78,34 @@ QUICK = StudyOptions(
 )  # fmt: skip
 
 
-def run(study: StudyOptions, folder: Path) -> dict[str, Any]:
-    """Measure everything and write the page."""
-    folder.mkdir(parents=True, exist_ok=True)
+def run(study: StudyOptions, folder: Path, parts: Parts) -> list[Path]:
+    """Measure everything and write the page; pictures are written with their parts."""
     record: dict[str, Any] = {"machine": machine_record(), "study": asdict(study)}
-    models = [m for name, file, n in study.meshes if (m := mesh_model(name, file, n)) is not None]
-    models += [m for name in study.scans if (m := scan_model(name)) is not None]
-    # Without the real models the study still has something to draw.
-    models = models or [Model("bumpy sphere", None, bumpy_sphere(study.counts[0]))]
-    record["models"] = {m.name: _step(f"model {m.name}", lambda m=m: model_row(m.cloud, study)) for m in models}
-    record["quality"], pictures = _step("quality by filter", lambda: quality(models[0], study))
-    write_image(folder / "points.png", torch.cat(pictures, dim=1))
-    record["aliasing"], pictures = _step("minified ground", aliasing)
-    write_image(folder / "points-ground.png", torch.cat(pictures, dim=1))
-    record["compression"] = _step("compression", lambda: compression(models[0].cloud, study, folder))
-    record["scaling"] = {str(n): _step(f"{n:,} points", lambda n=n: scaling(n, study)) for n in study.counts}
-    record["one_pixel"] = _step("all in one pixel", lambda: one_pixel(study))
-    record["peer"] = _step("pyvista", lambda: peer(study))
+    makers = models(study.meshes, study.scans, study.counts[0])
+    record["models"] = {
+        name: parts.measured(f"model {name}", partial(_row, make, study)) for name, make in makers.items()
+    }
+    first = next(iter(makers.values()))
+    pictures = folder / "points.png", folder / "points-ground.png"
+    record["quality"] = parts.measured("quality by filter", lambda: _shown(quality(first(), study), pictures[0]))
+    record["aliasing"] = parts.measured("minified ground", lambda: _shown(aliasing(), pictures[1]))
+    record["compression"] = parts.measured("compression", lambda: compression(first().cloud, study, folder))
+    record["scaling"] = {str(n): parts.measured(f"{n:,} points", partial(scaling, n, study)) for n in study.counts}
+    record["one_pixel"] = parts.measured("all in one pixel", partial(one_pixel, study))
+    record["peer"] = parts.measured("pyvista", partial(peer, study))
     write_record(folder / "points.json", record)
     write_page(record, folder)
-    return record
+    return [folder / "points.json", folder / "points.md", *pictures]
 
 
-def _step(name: str, work: Any) -> Any:
-    sys.stderr.write(f"{name} ...")
-    sys.stderr.flush()
-    begin = time.perf_counter()
-    found = work()
-    sys.stderr.write(f" {time.perf_counter() - begin:.1f} s\n")
-    return found
+def _row(make: Maker, study: StudyOptions) -> dict[str, Any]:
+    return model_row(make().cloud, study)
+
+
+def _shown(found: tuple[dict[str, Any], list[Tensor]], path: Path) -> dict[str, Any]:
+    """The record of a part whose pictures are written, side by side."""
+    write_image(path, torch.cat(found[1], dim=1))
+    return found[0]
 
 
 # ------------------------------------------------------------------ sections
@@ -311,8 +312,12 @@ def peer(study: StudyOptions) -> dict[str, Any]:
     return {"points": count, "size": size, "ms": times, "pyvista": pyvista_points(cloud, camera, 3)}
 
 
-def main() -> None:
+def main(argv: Sequence[str] | None = None) -> None:
     """The command."""
-    given = study_parser(__doc__, quick="small models and pictures: checks that it works").parse_args()
-    run(QUICK if given.quick else StudyOptions(), given.output)
-    sys.stderr.write(f"wrote {given.output / 'points.md'}\n")
+    run_in_parts(
+        __doc__,
+        lambda folder, quick, parts: run(QUICK if quick else StudyOptions(), folder, parts),
+        "points",
+        quick="small models and pictures: checks that it works",
+        argv=argv,
+    )

@@ -1,17 +1,18 @@
-"""Run every effect over every hard case: ``python -m torchrender.report.stability [--quick]``.
+"""Run every effect over every hard case: ``python -m torchrender.report.stability [--quick] [--seconds 200]``.
 
-Writes ``docs/results/stability.md`` and ``.json``. Each pair of effect and case is examined once more with one thread
-and with vertices that went through float32; results must be finite, bounded, the same bit by bit whatever the number of
-threads, nearly the same in both precisions, and obey the effect's law. ``tests/hard/test_stability.py`` asserts it.
+Writes ``docs/results/stability.md`` and ``.json``; ``--seconds`` ends a run early, and the next goes on. Each pair of
+effect and case is examined once more with one thread and with vertices that went through float32; results must be
+finite, bounded, the same bit by bit whatever the number of threads, nearly the same in both precisions, and obey the
+effect's law. ``tests/hard/test_stability.py`` asserts it.
 """
 
 from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,8 @@ from torchrender.passes.hard import HardEffect, Outputs, bounds_error, differenc
 from torchrender.passes.table import PASSES
 from torchrender.quality.machine import machine_record
 from torchrender.quality.pages import write_record, write_text
-from torchrender.report.common.command import study_parser
+from torchrender.report.common.command import run_in_parts
+from torchrender.report.common.parts import Parts
 from torchrender.report.stability.cases import BY_NAME, CASES, Case, HardCase
 from torchrender.report.stability.numerics import NUMERICS
 from torchrender.report.stability.page import page
@@ -129,14 +131,22 @@ def numbers() -> dict[str, float]:
     return {function.name: function.difference(NUMBERS) for function in NUMERICS}
 
 
-def study(quick: bool) -> dict[str, Any]:
-    """All findings; ``quick``: of a few cases."""
-    chosen = [pair for pair in pairs() if not quick or pair[1] in CASES[:4]]
-    findings = []
-    for effect, case in chosen:
-        findings.append(examine(effect, case))
-        if findings[-1].faults:
-            sys.stderr.write(f"{effect.name}, {case.name}: {'; '.join(findings[-1].faults)}\n")
+def findings_of(effect: HardEffect, quick: bool = False) -> list[dict[str, Any]]:
+    """Of all cases that are about an effect; ``quick``: of the first few. What must not be is said at once."""
+    found = []
+    for other, case in pairs():
+        if other is effect and (not quick or case in CASES[:4]):
+            found.append(asdict(examine(effect, case)))
+            if found[-1]["faults"]:
+                sys.stderr.write(f"{effect.name}, {case.name}: {'; '.join(found[-1]['faults'])}\n")
+    return found
+
+
+def study(quick: bool, parts: Parts) -> dict[str, Any]:
+    """All findings, a part for each effect."""
+    findings: list[dict[str, Any]] = []
+    for effect in EFFECTS:
+        findings += parts.measured(effect.name, partial(findings_of, effect, quick))
     return {
         "machine": machine_record(),
         "effects": [
@@ -147,22 +157,28 @@ def study(quick: bool) -> dict[str, Any]:
             for e in EFFECTS
         ],
         "cases": [{"name": c.name, "why": c.why, "twin": c.twin} for c in CASES],
-        "findings": [asdict(f) for f in findings],
+        "findings": findings,
         "numerics": numbers(),
     }  # fmt: skip
 
 
-def main() -> None:
+def run(folder: Path, quick: bool, parts: Parts) -> tuple[list[Path], int]:
+    """Write the page and the record; with the number of pairs with a fault."""
+    record = study(quick, parts)
+    files = [folder / "stability.json", folder / "stability.md"]
+    write_record(files[0], record)
+    write_text(files[1], page(record))
+    return files, sum(bool(finding["faults"]) for finding in record["findings"])
+
+
+def main(argv: Sequence[str] | None = None) -> None:
     """The command; its exit status is 1 if something must not be."""
-    given = study_parser(__doc__, quick="a few cases, to check that it works").parse_args()
-    sys.exit(1 if run(given.output, quick=given.quick) else 0)
+    faulty = 0
 
+    def write(folder: Path, quick: bool, parts: Parts) -> list[Path]:
+        nonlocal faulty
+        files, faulty = run(folder, quick, parts)
+        return files
 
-def run(folder: Path, *, quick: bool = False) -> int:
-    """Write the page and the record; the number of pairs with a fault."""
-    folder.mkdir(parents=True, exist_ok=True)
-    record = study(quick)
-    write_record(folder / "stability.json", record)
-    write_text(folder / "stability.md", page(record))
-    sys.stderr.write(f"wrote {folder / 'stability.md'}\n")
-    return sum(bool(finding["faults"]) for finding in record["findings"])
+    run_in_parts(__doc__, write, "stability", quick="a few cases, to check that it works", argv=argv)
+    sys.exit(1 if faulty else 0)

@@ -1,8 +1,9 @@
-"""Who keeps a time limit, and with what picture: ``python -m torchrender.report.time_limits [--quick]``.
+"""Who keeps a time limit, and with what picture.
 
-Writes ``docs/results/time-limits.md``, ``.json`` and ``.png``: torchrender with a budget beside Mitsuba and Blender
-Cycles with their time limits, on the same diffuse scenes. Both are optional (``pip install 'torchrender[bench]'``,
-``'torchrender[blender]'``) and run in processes of their own; what is missing is said.
+``python -m torchrender.report.time_limits [--quick] [--seconds 200]`` writes ``docs/results/time-limits.md``, ``.json``
+and ``.png``; ``--seconds`` ends a run early, and the next goes on. torchrender with a budget stands beside Mitsuba and
+Blender Cycles with their time limits, on the same diffuse scenes. Both are optional (``pip install
+'torchrender[bench]'``, ``'torchrender[blender]'``) and run in processes of their own; what is missing is said.
 """
 
 from __future__ import annotations
@@ -14,8 +15,9 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +34,8 @@ from torchrender.quality.machine import machine_record
 from torchrender.quality.metrics import coverage, flip
 from torchrender.quality.pages import write_record, write_text
 from torchrender.renderer import render
-from torchrender.report.common.command import study_parser
+from torchrender.report.common.command import run_in_parts
+from torchrender.report.common.parts import Parts
 from torchrender.report.time_limits.page import page
 from torchrender.report.time_limits.scene import export_scene, plain_scene
 from torchrender.scene.camera import Cameras
@@ -66,29 +69,25 @@ class StudyOptions:
 QUICK = StudyOptions(scenes=("cornell_box",), size=48, limits_ms=(50, 500), runs=1, samples=16)
 
 
-def study(options: StudyOptions, work: Path) -> tuple[dict[str, Any], Tensor]:
-    """The record, and the pictures of the last scene: a row for each renderer, a column for each limit."""
-    record: dict[str, Any] = {
-        "machine": machine_record(),
-        "size": options.size,
-        "limits_ms": list(options.limits_ms),
-        "runs": options.runs,
-        "samples": options.samples,
-        "scenes": {},
-    }
-    rows: list[Tensor] = []
-    for name in options.scenes:
-        scene = plain_scene(build(name))
-        camera = scene.camera(width=options.size, height=options.size)
-        folder = work / name
-        folder.mkdir(parents=True)
+def compared(name: str, options: StudyOptions) -> tuple[dict[str, Any], Tensor]:
+    """The record of a scene, and its pictures: a row for each renderer, a column for each limit."""
+    scene = plain_scene(build(name))
+    camera = scene.camera(width=options.size, height=options.size)
+    with tempfile.TemporaryDirectory() as work:
+        folder = Path(work)
         export_scene(scene, camera, folder)
         found = {"torchrender": own(scene, camera, options)}
         found |= {peer: other(peer, folder, options) for peer in PEERS}
-        pictures = {renderer: row.pop("pictures") for renderer, row in found.items() if "pictures" in row}
-        record["scenes"][name] = {"triangles": scene.geometry.triangle_count, "renderers": found}
-        rows = [torch.cat(list(made), dim=1) for made in pictures.values()]
-    return record, torch.cat(rows)
+    pictures = {renderer: row.pop("pictures") for renderer, row in found.items() if "pictures" in row}
+    record = {"triangles": scene.geometry.triangle_count, "renderers": found}
+    return record, torch.cat([torch.cat(list(made), dim=1) for made in pictures.values()])
+
+
+def _written(name: str, options: StudyOptions, path: Path) -> dict[str, Any]:
+    """The record of a scene whose pictures are in a file."""
+    record, pictures = compared(name, options)
+    write_image(path, pictures)
+    return record
 
 
 def own(scene: Scene, camera: Cameras, options: StudyOptions) -> dict[str, Any]:
@@ -173,19 +172,30 @@ def _small(shown: dict[str, Tensor], names: list[str], side: int = 192) -> Itera
         yield torch.nn.functional.adaptive_avg_pool2d(planes, side)[0].permute(1, 2, 0)
 
 
-def run(folder: Path, options: StudyOptions) -> dict[str, Any]:
-    """Measure and write the page."""
-    folder.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory() as work:
-        record, pictures = study(options, Path(work))
-    write_image(folder / "time-limits.png", pictures)
-    write_record(folder / "time-limits.json", record)
-    write_text(folder / "time-limits.md", page(record))
-    return record
+def run(options: StudyOptions, folder: Path, parts: Parts) -> list[Path]:
+    """Measure and write the page, with the pictures of the last scene."""
+    record: dict[str, Any] = {
+        "machine": machine_record(),
+        "size": options.size,
+        "limits_ms": list(options.limits_ms),
+        "runs": options.runs,
+        "samples": options.samples,
+        "scenes": {},
+    }
+    files = [folder / f"time-limits{suffix}" for suffix in (".json", ".png", ".md")]
+    for name in options.scenes:
+        record["scenes"][name] = parts.measured(name, partial(_written, name, options, files[1]))
+    write_record(files[0], record)
+    write_text(files[2], page(record))
+    return files
 
 
-def main() -> None:
+def main(argv: Sequence[str] | None = None) -> None:
     """The command."""
-    given = study_parser(__doc__, quick="one small scene, to check that it works").parse_args()
-    run(given.output, QUICK if given.quick else StudyOptions())
-    sys.stderr.write(f"wrote {given.output / 'time-limits.md'}\n")
+    run_in_parts(
+        __doc__,
+        lambda folder, quick, parts: run(QUICK if quick else StudyOptions(), folder, parts),
+        "time-limits",
+        quick="one small scene, to check that it works",
+        argv=argv,
+    )
