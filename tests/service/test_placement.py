@@ -9,7 +9,7 @@ import pytest
 
 from service_parts import CAMERA
 from torchrender.wire.messages import CREDITS, Ack, CameraHeader, Pose
-from torchrender_service.streams.placement import STALE_S, Placement, Shown
+from torchrender_service.streams.placement import SPARE_S, STALE_S, Placement, Shown
 from torchrender_service.streams.prediction import angle, distance, overscanned, predicted, same_view
 
 
@@ -185,6 +185,26 @@ def test_round_trips_unlike_the_next_one_do_not_count() -> None:
         place.begin(number, 0.0, timed=timed)
         assert place.take_ack(Ack(id=number), trip) == pytest.approx(trip)
     assert place.latency_s == pytest.approx(0.1)
+
+
+def test_a_view_that_moves_gets_keyframes_that_it_could_do_without_where_there_is_time() -> None:
+    place = started()
+    right = {"velocity": (0.01, 0.0, 0.0), "moving": True}
+    place.take_pose(pose(2, moved(x=0.001), **right), 0.2)
+    assert place.due(0.2) is None, "too little to be seen"
+    place.take_pose(pose(3, moved(x=0.01), **right), 0.3)
+    assert place.due(0.3) == "spare"
+    place.begin(1, 0.3, timed=True)
+    assert place.due(0.35) is None, "one is on its way"
+    place.done(1, shown(moved(x=0.01)))
+    place.take_ack(Ack(id=1), 0.32)
+    place.take_pose(pose(4, moved(x=0.02), **right), 0.34)
+    assert place.due(0.34) is None and place.patience(0.34, 1.0) == pytest.approx(0.3 + SPARE_S - 0.34)
+    assert place.due(0.3 + SPARE_S) == "spare"
+    place.take_pose(pose(5, moved(x=0.2), **right), 0.35)
+    assert place.due(0.35) == "moving", "now the samples run out"
+    place.take_pose(pose(6, moved(x=0.02)), 0.4)
+    assert place.due(0.41) is None, "what does not move on needs none"
 
 
 def test_a_silent_client_does_not_cause_keyframes_for_ever():

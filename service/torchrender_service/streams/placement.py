@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from statistics import median_low
 
 from torchrender.wire.messages import CREDITS, Ack, CameraHeader, Pose
-from torchrender_service.streams.prediction import MAX_HOLES, needs_keyframe, predicted, same_view
+from torchrender_service.streams.prediction import MAX_HOLES, SPARE_SHARE, needs_keyframe, predicted, same_view
 
 STALE_S = 0.5
 """A pose that was not renewed for so long no longer moves."""
@@ -18,6 +18,8 @@ RHYTHM = 1.5
 """Poses that come at intervals are waited for this many times as long before a view counts as at rest."""
 LONGEST_S = 3.0
 """But no longer than this: the client may have gone quiet."""
+SPARE_S = 0.09
+"""Between the beginnings of two keyframes of a moving view that could still do without."""
 TRIPS = 5
 """Round trips whose median counts: one that was slow, because something was loaded or compiled, leads nobody astray."""
 
@@ -59,6 +61,7 @@ class Placement:
         self._moved_at = 0.0
         self._rhythm_s = 0.0  # between the last two views of a moving client
         self._holes = 0.0
+        self._begun_at = 0.0  # the last keyframe
         self._fresh = True  # one keyframe is wanted whatever the pose
         self._shown: Shown | None = None
         self._flights: dict[int, Flight] = {}
@@ -110,7 +113,8 @@ class Placement:
     # ------------------------------------------------------------ for server
 
     def due(self, now: float) -> str | None:
-        """Which kind of keyframe is wanted: "moving", "still", "smooth" (still, the mean of several) or None."""
+        """Which kind of keyframe is wanted: "moving", "still", "smooth" (still, the mean of several) or None; "spare" is a
+        moving one that the view does not need yet: its mirrors, highlights and outlines only get fresher by it."""
         pose, shown = self.pose, self._shown
         if pose is None or len(self._flights) >= CREDITS:
             return None
@@ -121,7 +125,9 @@ class Placement:
         exact = same_view(shown.view, pose.camera)
         if self._holes > MAX_HOLES and not exact and now - self._moved_at < self._rest_s:
             return "moving"
-        rested = now - self._moved_at >= self._rest_s and not self._going(pose, now)
+        if self._going(pose, now):
+            return "spare" if self._spare(pose, now) else None
+        rested = now - self._moved_at >= self._rest_s
         if not rested:
             return None
         if not (exact and shown.still):
@@ -130,7 +136,11 @@ class Placement:
 
     def patience(self, now: float, longest: float) -> float:
         """Seconds until something may become due without a message."""
-        return max(0.01, min(longest, self._moved_at + self._rest_s - now))
+        times = [self._moved_at + self._rest_s]
+        if self.pose is not None and self._going(self.pose, now):
+            times.append(self._begun_at + SPARE_S)
+        waits = [time - now for time in times if time > now]
+        return max(0.01, min([longest, *waits]))
 
     def view(self, pose: Pose, now: float) -> CameraHeader:
         """Where the camera will be when a keyframe that is begun now is shown."""
@@ -151,9 +161,17 @@ class Placement:
             and now - self._pose_at <= max(STALE_S, RHYTHM * self._rhythm_s)
         )
 
+    def _spare(self, pose: Pose, now: float) -> bool:
+        if self._flights or now - self._begun_at < SPARE_S:
+            return False
+        shown = self._shown
+        assert shown is not None
+        view = self.view(pose, now)
+        return needs_keyframe(shown.view, view, shown.typical_depth, shown.overscan, share=SPARE_SHARE)
+
     def begin(self, number: int, now: float, *, timed: bool) -> Flight:
         """A keyframe is begun: it takes a credit."""
-        self._fresh = False
+        self._fresh, self._begun_at = False, now
         flight = self._flights[number] = Flight(now, timed)
         return flight
 

@@ -15,6 +15,7 @@ MAX_SPIN = 8.0
 MOVE_SHARE = 0.02  # of the typical depth: a keyframe this far away shows holes
 MARGIN_SHARE = 0.3  # of the overscan margin that a turn may use up
 MIN_TURN = 0.005
+SPARE_SHARE = 0.15  # of how far a view may go without a keyframe: from here one is of use, if nothing else is to be done
 MAX_HOLES = 0.01
 
 Matrix = tuple[float, ...]
@@ -73,20 +74,23 @@ def angle(first: CameraHeader, second: CameraHeader) -> float:
     return math.acos(max(-1.0, min(1.0, (trace - 1.0) / 2.0)))
 
 
-def needs_keyframe(shown: CameraHeader, wanted: CameraHeader, typical_depth: float, overscan: float) -> bool:
+def needs_keyframe(
+    shown: CameraHeader, wanted: CameraHeader, typical_depth: float, overscan: float, *, share: float = 1.0
+) -> bool:
     """Whether the view ``wanted`` is about to run out of the samples of a keyframe taken from ``shown``.
 
     Args:
         shown, wanted: without overscan.
         typical_depth: median depth of the keyframe; 0: nothing was seen, so moving does not matter.
         overscan: of the keyframe.
+        share: of how far it may go.
     """
     if (shown.width, shown.height) != (wanted.width, wanted.height) or abs(shown.fx / wanted.fx - 1.0) > 0.01:
         return True
     margin = (overscan - 1.0) / 2.0 * min(wanted.width / wanted.fx, wanted.height / wanted.fy)
-    if angle(shown, wanted) > max(MIN_TURN, MARGIN_SHARE * margin):
+    if angle(shown, wanted) > share * max(MIN_TURN, MARGIN_SHARE * margin):
         return True
-    return typical_depth > 0.0 and distance(shown, wanted) > MOVE_SHARE * typical_depth
+    return typical_depth > 0.0 and distance(shown, wanted) > share * MOVE_SHARE * typical_depth
 
 
 def same_view(first: CameraHeader, second: CameraHeader) -> bool:

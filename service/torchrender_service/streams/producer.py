@@ -120,7 +120,7 @@ class Producer:
         running = asyncio.ensure_future(self._run(job))
         try:
             while not (await asyncio.wait({running}, timeout=LOOK_S))[0]:
-                if self.placement.due(time.monotonic()) == "moving":
+                if self.placement.due(time.monotonic()) in ("moving", "spare"):
                     return None
             return running.result()
         finally:

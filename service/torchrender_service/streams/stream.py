@@ -44,6 +44,8 @@ from torchrender_service.streams.viewing import OnPick, Viewing, take_settings
 
 LOG = logging.getLogger("torchrender_service.streams.stream")
 FROM_CLIENT = (Type.HELLO, Type.POSE, Type.ACK, Type.RESYNC, Type.BYE, Type.SETTINGS, Type.PICK)
+PATIENT = ("smooth", "spare")
+"""Keyframes that nothing else in the renderer waits for."""
 MAX_ERRORS = 16
 SCENE_GONE = 4404
 TICK_S = 0.25
@@ -273,7 +275,7 @@ class Stream:
         while True:
             now = time.monotonic()
             kind = placement.due(now)
-            if kind is None or (kind == "smooth" and not around.pool.idle(session.renderer)):
+            if kind is None or (kind in PATIENT and not around.pool.idle(session.renderer)):
                 await self._rest(placement.patience(now, TICK_S))
                 continue
             try:

@@ -6,6 +6,7 @@ const EARLIER = 3; // keyframes kept beside the newest; that of the start beside
 const LAYERED = 2; // keyframes of which extra layers are drawn
 const SAME_DISTANCE = 0.01; // of the typical depth: a keyframe this near to a newer one adds nothing
 const SAME_ANGLE = 0.02; // radians
+const SAME_VIEW = 0.2; // of both: nearer than that it is the same view; else it goes where a third one is as near
 const BLUR_DISTANCE = 0.1; // of the typical depth: from here a keyframe looks half as sharp
 const NEWEST_BONUS = 1.3; // its shading fits best
 const REFINED_BONUS = 3; // made without haste, while pictures of a moving view may hold fewer samples than pixels
@@ -64,9 +65,9 @@ export class KeyframeSet {
     return there.sort((a, b) => this.fineness(b) - this.fineness(a))[0] ?? null;
   }
 
-  samePlace(a, b, typical) {
+  samePlace(a, b, typical, share = 1) {
     const step = length(subtract(eyeOf(a), eyeOf(b)));
-    return step < SAME_DISTANCE * typical && angleBetween(a, b) < SAME_ANGLE;
+    return step < share * SAME_DISTANCE * typical && angleBetween(a, b) < share * SAME_ANGLE;
   }
 
   /** Settings have changed: what was there before gives way to what comes. */
@@ -74,11 +75,17 @@ export class KeyframeSet {
     for (const group of this.groups) group.outdated = true;
   }
 
-  /** Earlier keyframes from nearly the same place hold nothing that a complete newer one lacks, unless they are finer. */
+  /**
+   * Earlier keyframes from nearly the same place hold nothing that a complete newer one lacks, unless they are finer.
+   * Where keyframes follow each other closely, some of them stay, so that a trail of the way is there.
+   */
   dropRepeated(group) {
+    const { typical } = group;
     const finer = (other) => !other.outdated && this.fineness(other) > 1.01 * this.fineness(group);
-    const repeats = (other) => this.samePlace(other.camera, group.camera, group.typical) && !finer(other);
-    for (const other of this.groups.filter((g) => g !== group && repeats(g))) this.drop(other);
+    const near = (a, b, share) => this.samePlace(a.camera, b.camera, typical, share);
+    const needless = (other) => this.groups.some((g) => g !== group && g !== other && near(g, other));
+    for (const other of this.groups.filter((g) => g !== group && near(g, group) && !finer(g)))
+      if (near(other, group, SAME_VIEW) || other.outdated || needless(other)) this.drop(other);
   }
 
   fineness(group) {
