@@ -9,11 +9,10 @@ from numba import prange
 
 from torchrender.kernels.atomics import borrowed, fetch_add
 from torchrender.kernels.compile import kernel
-from torchrender.kernels.raster.binning import HALF, pixel_box
+from torchrender.kernels.raster.binning import pixel_box
 from torchrender.kernels.raster.coverage import TILE_HEIGHT, TILE_WIDTH, edge, spans
 from torchrender.kernels.raster.fragments import is_hole
-from torchrender.kernels.raster.planes import barycentric_planes, key_plane
-from torchrender.kernels.raster.project import SUBPIXEL, snapped_x, snapped_y
+from torchrender.kernels.raster.project import HALF, SUBPIXEL, barycentric_planes, key_plane, snapped_x, snapped_y
 from torchrender.kernels.raster.records import Nearer, Stored
 from torchrender.kernels.raster.tiles import fetch
 
