@@ -37,6 +37,6 @@ def test_samples_against_a_loop(seed: int) -> None:
         if own == face or (alike and near):
             expected[j, i], left[j, i] = color, False
     seen, kinds = (depth, triangle, owner), (MATERIALS, OBJECTS)
-    place_samples(points, faces, light, CAMERA, seen, kinds, SAME, wanted, out)
+    place_samples((points, faces, light), CAMERA, seen, kinds, SAME, wanted, out)
     assert np.array_equal(wanted, left) and np.allclose(out, expected)
     assert left.any() and expected.any()

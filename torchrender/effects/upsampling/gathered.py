@@ -84,4 +84,4 @@ class GatheredLight:
             view(self.light[kept], np.float32),
         )
         matrix = pixel_from_world(seen.cameras)
-        place_samples(*samples, matrix, own, kinds, SAME_SURFACE, view(wanted, np.bool_), view(light, np.float32))
+        place_samples(samples, matrix, own, kinds, SAME_SURFACE, view(wanted, np.bool_), view(light, np.float32))

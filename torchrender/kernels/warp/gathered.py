@@ -8,11 +8,11 @@ from torchrender.kernels.compile import kernel
 
 
 @kernel()
-def place_samples(points, faces, light, matrix, seen, kinds, same, wanted, out):
+def place_samples(samples, matrix, seen, kinds, same, wanted, out):
     """Give pixels the light of the last sample that falls into them and is of what they show.
 
     Args:
-        points: (N,3) float64 world. faces: (N,) their triangles. light: (N,3).
+        samples: points (N,3) float64 world, their triangles (N,), light (N,3).
         matrix: (3,4), homogeneous pixel of the view = matrix (point, 1).
         seen: (depth, triangle, object) of the view (H,W); triangle -1: nothing.
         kinds: (materials, objects) (F,) by triangle. Samples of one object and material are of one surface.
@@ -20,6 +20,7 @@ def place_samples(points, faces, light, matrix, seen, kinds, same, wanted, out):
         wanted: (H,W) pixels to look at; False afterwards where light was found.
         out: (H,W,3) the light.
     """
+    points, faces, light = samples
     depth, triangle, owner = seen
     materials, objects = kinds
     height, width = depth.shape
