@@ -115,8 +115,7 @@ class Placement:
     def due(self, now: float) -> str | None:
         """Which kind of keyframe is wanted: "moving", "still", "smooth" (still, the mean of several) or None.
 
-        "spare" is a moving one that the view does not need yet: its mirrors, highlights and outlines only get fresher
-        by it.
+        "spare" is a moving one that the view does not need yet: mirrors and outlines only get fresher by it.
         """
         pose, shown = self.pose, self._shown
         if pose is None or len(self._flights) >= CREDITS:
