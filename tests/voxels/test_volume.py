@@ -93,6 +93,32 @@ def test_rays_equal_the_slow_twin() -> None:
             assert np.allclose(image[0, j, i].numpy(), wanted, atol=1e-5)
 
 
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_what_lies_between_empty_blocks_is_met_from_every_side(axis: int, side: float) -> None:
+    """Five blocks of eight cells along each axis; the filled ones stand alone, none at the border of the layer."""
+    generator = torch.Generator().manual_seed(7)
+    rgba = torch.zeros(40, 40, 40, 4, dtype=torch.uint8)
+    for block in ((1, 1, 3), (3, 1, 1), (1, 3, 2), (3, 3, 3)):
+        low = [8 * place + 2 for place in block]
+        part = rgba[tuple(slice(start, start + 4) for start in low)]
+        part[..., :3] = torch.randint(0, 256, (4, 4, 4, 3), generator=generator, dtype=torch.uint8)
+        part[..., 3] = 120
+    layer = VolumeLayer(rgba=rgba, origin=torch.zeros(3), spacing=torch.ones(3), smooth=False)
+    eye = torch.full((3,), 20.3)
+    eye[axis] += 60.0 * side
+    up = (0.0, 0.0, 1.0) if axis == 1 else (0.0, 1.0, 0.0)
+    camera = Cameras.look_at(eye, (20.1, 19.9, 20.2), up=up, width=9, height=9, fov_deg=34)
+    image = render_volume([layer], camera, step=0.45)[0]
+    origins, toward = camera.rays()
+    toward = torch.nn.functional.normalize(toward, dim=-1)
+    wanted = np.stack([
+        [twin(layer, origins[0, j, i].numpy(), toward[0, j, i].numpy(), 0.45) for i in range(9)] for j in range(9)
+    ])  # fmt: skip
+    assert (wanted[..., 3] > 0.2).sum() >= 6
+    assert np.allclose(image.numpy(), wanted, atol=1e-5)
+
+
 def test_smooth_layers_are_linear_between_centres() -> None:
     """Seen along z, a ramp of optical depth along x is a ramp, whatever lies between the centres."""
     rgba = torch.zeros(1, 4, 64, 4, dtype=torch.uint8)
