@@ -52,11 +52,11 @@ def corners_of(table, cosine, roughness):
     x, y = math.sqrt(cosine) * last, roughness * last
     i, j = min(np.int32(x), np.int32(table.shape[0] - 2)), min(np.int32(y), np.int32(table.shape[0] - 2))
     u, v = x - f4(i), y - f4(j)
-    i, j = np.uint32(i), np.uint32(j)
+    column, row, one = np.uint32(i), np.uint32(j), np.uint32(1)
     w11 = u * v
     w01, w10 = u - w11, v - w11
     w00 = ONE - u - w10
-    return j, j + np.uint32(1), i, i + np.uint32(1), w00, w01, w10, w11
+    return row, row + one, column, column + one, w00, w01, w10, w11
 
 
 @kernel(inline=True, counted=False)

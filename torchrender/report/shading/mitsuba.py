@@ -131,7 +131,7 @@ def beside_mitsuba(folder: Path | None, samples: int, names: tuple[str, ...] = (
             wanted = (halves[0] + halves[1]) / 2.0
             found, once, inside = _ours(ball, ours)
             rows.append({"ball": ball.name, "light": light, **_compared(found, wanted, inside)})
-            rows[-1]["noise"] = _compared(*halves, inside)["psnr"] + HALVED
+            rows[-1]["noise"] = _compared(halves[0], halves[1], inside)["psnr"] + HALVED
             rows[-1]["once"] = _compared(once, wanted, inside)
     return {"version": mi.__version__, "samples": samples, "rows": rows}
 

@@ -53,8 +53,8 @@ def _mitsuba(record: dict[str, Any]) -> list[str]:
             f"samples a pixel under lights with an area, {SKY_SAMPLES} times as many under environments): the ratio of",
             "the means over the ball, and PSNR against its brightest pixel; PSNR of Mitsuba's own noise, by two halves",
             "of its samples. Mitsuba counts one bounce between microfacets, so that its rough metals lose light; ours",
-            "gives it back, as a white furnace asks. The last two columns leave that out. Grey plastics: the colour below",
-            "Mitsuba's varnish is the one that shows ours from outside, along the normal. Goal: within 3 %, 35 dB.",
+            "gives it back, as a white furnace asks. The last two columns leave that out. Grey plastics: the colour",
+            "below Mitsuba's varnish is the one that shows ours from outside, along the normal. Goal: within 3 %, 35 dB.",
             "",
         ]
         head = ["ball", "light", "ratio", "PSNR dB", "noise dB", "one bounce: ratio", "PSNR dB"]
