@@ -54,7 +54,8 @@ def _mitsuba(record: dict[str, Any]) -> list[str]:
             "the means over the ball, and PSNR against its brightest pixel; PSNR of Mitsuba's own noise, by two halves",
             "of its samples. Mitsuba counts one bounce between microfacets, so that its rough metals lose light; ours",
             "gives it back, as a white furnace asks. The last two columns leave that out. Grey plastics: the colour",
-            "below Mitsuba's varnish is the one that shows ours from outside, along the normal. Goal: within 3 %, 35 dB.",
+            "below Mitsuba's varnish is the one that shows ours from outside, along the normal.",
+            "Goal: within 3 %, 35 dB.",
             "",
         ]
         head = ["ball", "light", "ratio", "PSNR dB", "noise dB", "one bounce: ratio", "PSNR dB"]
