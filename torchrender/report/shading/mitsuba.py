@@ -190,7 +190,7 @@ def _compared(found: Tensor, wanted: Tensor, inside: Tensor) -> dict[str, float]
 
 def _ours(ball: Ball, light: Light | Environment) -> tuple[Tensor, Tensor, Tensor]:
     """Radiance (S,S,3), the same with one bounce between microfacets, and pixels that lie wholly on the ball."""
-    scene = Scene(meshes=(_sphere(),), materials=(ball.ours,))
+    scene = Scene(meshes=(smooth_ball(),), materials=(ball.ours,))
     if isinstance(light, Environment):
         scene = replace(scene, environment=light)
     else:
@@ -209,7 +209,8 @@ def _ours(ball: Ball, light: Light | Environment) -> tuple[Tensor, Tensor, Tenso
 
 
 @cache
-def _sphere() -> Mesh:
+def smooth_ball() -> Mesh:
+    """A ball of radius one with exact normals."""
     fine = sphere(segments=256)
     return replace(fine, normals=torch.nn.functional.normalize(fine.vertices, dim=-1))
 
