@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import torch
 from torch import Tensor
+from torch.utils.weak import WeakIdKeyDictionary
 
 from torchrender.arrays import view
 from torchrender.buffers import GBuffer, RayHits, RaySurface, VisibilityBuffer
@@ -34,6 +35,7 @@ from torchrender.scene.camera import Cameras
 from torchrender.scene.mesh import Geometry
 
 Array = np.ndarray[Any, Any]
+_EYES: WeakIdKeyDictionary = WeakIdKeyDictionary()
 Made = Mapping[str, Tensor]
 
 
@@ -236,11 +238,18 @@ def empty_attributes(shape: tuple[int, ...]) -> dict[str, Array]:
 
 def eye_of(cameras: Cameras, k: int) -> Eye:
     """Camera ``k`` as the attribute and shading kernels read it."""
-    return _eyes(cameras[k])[0]
+    return _eyes(cameras)[k]
 
 
 def _eyes(cameras: Cameras) -> list[Eye]:
     """All cameras as the kernels read them."""
+    known: list[Eye] | None = _EYES.get(cameras)
+    if known is None:
+        known = _EYES[cameras] = _made_eyes(cameras)
+    return known
+
+
+def _made_eyes(cameras: Cameras) -> list[Eye]:
     all_rays = np.linalg.inv(cameras.intrinsics.numpy())
     if cameras.orthographic:
         all_rays[:, 2] = 0.0  # across the image plane; the depth goes along ``forward``

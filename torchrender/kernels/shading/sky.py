@@ -14,7 +14,7 @@ NX, NY, NZ, EX, EY, EZ = (SLOT[n] for n in ("NX", "NY", "NZ", "EX", "EY", "EZ"))
 DR, DG, SR, SG, VS, LX, LY, LZ, OC = (SLOT[n] for n in ("DR", "DG", "SR", "SG", "VS", "LX", "LY", "LZ", "OC"))
 
 
-@kernel(inline=True)
+@kernel(inline=True, counted=False)
 def octahedral(x, y, z):
     """Place in [0, 1] of a direction in an octahedral map, across (x) and down (z)."""
     scale = ONE / max(abs(x) + abs(y) + abs(z), TINY)
@@ -24,7 +24,7 @@ def octahedral(x, y, z):
     return p * HALF + HALF, q * HALF + HALF
 
 
-@kernel(inline=True)
+@kernel(inline=True, counted=False)
 def map_corners(first, side, across, down):
     """First of the four texels about a place in a map with an edge of one texel, the second row, and two shares."""
     x, y = across * f4(side) + HALF, down * f4(side) + HALF
@@ -33,7 +33,7 @@ def map_corners(first, side, across, down):
     return at, at + side + 2, x - f4(i), y - f4(j)
 
 
-@kernel()
+@kernel(counted=False)
 def diffuse(s, n, pix, sky, reach):
     """Irradiance over pi from all around into DR.., times what of it arrives; SR.. begin at zero."""
     ambient, texels = sky.ambient, sky.irradiance
@@ -63,7 +63,7 @@ def diffuse(s, n, pix, sky, reach):
             s[DR + c * SPAN + i] *= s[OC + i]
 
 
-@kernel()
+@kernel(counted=False)
 def mirrored(s, n, sky, normal, rough):
     """Radiance about the directions that normals in slot ``normal`` mirror to the eye, into LX, LY, LZ."""
     ambient, texels, levels = sky.ambient, sky.mirrored, sky.levels
@@ -94,7 +94,7 @@ def mirrored(s, n, sky, normal, rough):
             s[LX + c * SPAN + i] = ambient[c] + first + share * (second - first)
 
 
-@kernel()
+@kernel(counted=False)
 def background(s, e, empty, view, sky, out):
     """Latitude-longitude look-up for empty pixels."""
     radiance, view = sky.radiance, view.numbers
