@@ -40,7 +40,7 @@ TITLES = {
     503: "Not available now",
     507: "No room on the disk",
 }
-_KINDS = {404: "not-found", 405: "method-not-allowed", 400: "bad-request"}
+_KINDS = {404: "not-found", 405: "method-not-allowed", 400: "bad-request", 422: "invalid-value"}
 _SHOWN_ERRORS = 16
 
 

@@ -292,6 +292,43 @@ def test_pages_of_other_sites_cannot_ask(little: LittleServer) -> None:
     assert " ws: " not in headers["content-security-policy"]
 
 
+@pytest.mark.parametrize(
+    ("method", "path", "body", "named"),
+    [
+        ("GET", "/v1/plan?scene=cornell_box&foo=1", b"", "query.foo"),
+        ("GET", "/v1/plan?scene=cornell_box&scene=nest", b"", "query.scene"),
+        ("GET", "/v1/scenes?nmae=a", b"", "query.nmae"),
+        ("GET", "/v1/scenes/cornell_box?x", b"", "query.x"),
+        ("GET", "/v1/scenes/cornell_box?x=", b"", "query.x"),
+        ("DELETE", "/v1/scenes/cornell_box?force=1", b"", "query.force"),
+        ("POST", "/v1/render?scene=nest", json.dumps(SMALL).encode(), "query.scene"),
+        ("POST", "/v1/style?scene=nest&seed=1&seed=2", b"", "query.seed"),
+        ("POST", "/v1/style?scene=nest&sed=1", b"", "query.sed"),
+        ("POST", "/v1/render", b'{"scene": "nest", "width": 8, "height": 8, "width": 9}', "body.width"),
+        ("POST", "/v1/sessions", b'{"scene": "nest", "camera": {"name": "a", "name": "a"}}', "body.name"),
+    ],
+)
+def test_what_would_be_passed_over_is_named(
+    little: LittleServer, method: str, path: str, body: bytes, named: str
+) -> None:
+    answer = little.ask(method, path, body or None, content_type="application/json")
+    assert answer.status == 422 and answer.headers["content-type"] == "application/problem+json"
+    assert answer.json()["type"].endswith(":invalid-value") and answer.json()["detail"].startswith(named + ":")
+
+
+def test_words_that_may_come_several_times_still_may(little: LittleServer) -> None:
+    answer = little.ask("POST", "/v1/style?scene=cornell_box&lock=a&lock=b", b"", content_type="text/plain")
+    assert answer.status == 415
+
+
+def test_bodies_come_as_they_are(little: LittleServer) -> None:
+    packed = gzip.compress(TOML)
+    answer = little.ask("POST", "/v1/scenes", packed, content_type="application/toml", content_encoding="gzip")
+    assert answer.status == 415 and "gzip" in answer.json()["detail"]
+    same = little.ask("POST", "/v1/scenes", TOML, content_type="application/toml", content_encoding="identity")
+    assert same.status in (200, 201)
+
+
 def test_every_answer_has_a_request_id(little: LittleServer) -> None:
     assert little.ask("GET", "/health", x_request_id="mine-1").headers["x-request-id"] == "mine-1"
     assert re.fullmatch("[0-9a-f]{16}", little.ask("GET", "/health", x_request_id="a b").headers["x-request-id"])
