@@ -155,7 +155,7 @@ class View:
         return self
 
     def add(self, *things: Mesh | PointCloud | Material | Any) -> View:
-        """Show more: meshes, point clouds (as small solids), lights.
+        """Show more: meshes, point clouds (as small discs), lights.
 
         Raises:
             InputError: something that is none of these.
