@@ -111,25 +111,122 @@ def keep_nearest(typingctx, keys, ids, place, mask, plane, t):  # noqa: ARG001
 
     def generate(context, builder, sig, args):
         keys_, ids_, place_, mask_, plane_, t_ = args
-        base, step, column, low, high = (
-            _splat(builder, _DOUBLES, part) for part in cgutils.unpack_tuple(builder, plane_, 5)
-        )
-        columns = builder.fadd(column, _constant(_DOUBLES, [float(k) for k in range(LANES)]))
-        key = builder.fadd(base, builder.fmul(step, columns))
-        key = builder.select(builder.fcmp_ordered(">", key, low), key, low)
-        key = builder.select(builder.fcmp_ordered("<", key, high), key, high)
+        key = _key_of(builder, cgutils.unpack_tuple(builder, plane_, 5))
         owner = _splat(builder, _INTS, t_)
         key_at = _place(context, builder, sig.args[0], keys_, place_, _DOUBLES)
         id_at = _place(context, builder, sig.args[1], ids_, place_, _INTS)
         here, held = builder.load(key_at), builder.load(id_at)
         here.align, held.align = 8, 4
-        level = builder.and_(builder.fcmp_ordered("==", key, here), builder.icmp_signed("<", owner, held))
-        nearer = builder.or_(builder.fcmp_ordered(">", key, here), level)
-        nearer = builder.and_(nearer, _mask(builder, mask_))
+        nearer = builder.and_(_is_nearer(builder, key, owner, here, held), _mask(builder, mask_))
         builder.store(_whole(builder, builder.select(nearer, key, here)), key_at).align = 8
         owners = builder.bitcast(builder.select(nearer, owner, held), _FLOATS)
         builder.store(builder.bitcast(_whole(builder, owners), _INTS), id_at).align = 4
         return context.get_dummy_value()
+
+    return signature, generate
+
+
+def _key_of(builder, plane):
+    """The keys of a row's pixels; ``plane`` as of :func:`keep_nearest`."""
+    base, step, column, low, high = (_splat(builder, _DOUBLES, part) for part in plane)
+    columns = builder.fadd(column, _constant(_DOUBLES, [float(k) for k in range(LANES)]))
+    key = builder.fadd(base, builder.fmul(step, columns))
+    key = builder.select(builder.fcmp_ordered(">", key, low), key, low)
+    return builder.select(builder.fcmp_ordered("<", key, high), key, high)
+
+
+def _is_nearer(builder, key, t, here, held):
+    """Or as near with a lower id."""
+    level = builder.and_(builder.fcmp_ordered("==", key, here), builder.icmp_signed("<", t, held))
+    return builder.or_(builder.fcmp_ordered(">", key, here), level)
+
+
+def _looked_up(builder, coefficients, near, x, y, key):
+    """Columns, rows and where the fragments project at all, in one earlier image: see ``fragments.lookup``."""
+    u, v, w = (
+        builder.fadd(
+            builder.fadd(
+                builder.fadd(
+                    builder.fmul(_splat(builder, _DOUBLES, row[0]), x),
+                    _splat(builder, _DOUBLES, builder.fmul(row[1], y)),
+                ),
+                _splat(builder, _DOUBLES, row[2]),
+            ),
+            builder.fmul(_splat(builder, _DOUBLES, row[3]), key),
+        )
+        for row in coefficients
+    )
+    zero, one = (_constant(_DOUBLES, [value] * LANES) for value in (0.0, 1.0))
+    reached = builder.fcmp_ordered(">=", w, builder.fmul(_splat(builder, _DOUBLES, near), key))
+    reached = builder.and_(reached, builder.fcmp_ordered(">", w, zero))
+    inverse = builder.fdiv(one, w)
+    return builder.fmul(u, inverse), builder.fmul(v, inverse), reached
+
+
+@intrinsic
+def unseen_lanes(typingctx, keys, ids, place, mask, plane, t, spot, earlier):  # noqa: ARG001
+    """Mask of those of the masked pixels from ``place`` on where triangle ``t`` is nearer and in no earlier image.
+
+    ``plane`` as of :func:`keep_nearest`; ``spot``: centre of the first pixel from the image centre; ``earlier``: ids
+    (J,h,w) int64, pixels (J,3,4) and near (J,): see ``records.Earlier``.
+    """
+    if any(part.layout != "C" for part in earlier):
+        return None
+    signature = types.uint64(
+        keys, ids, types.uintp, types.uint64, types.UniTuple(types.float64, 5), types.int32,
+        types.UniTuple(types.float64, 2), earlier,
+    )  # fmt: skip
+
+    def generate(context, builder, sig, args):
+        keys_, ids_, place_, mask_, plane_, t_, spot_, earlier_ = args
+        key = _key_of(builder, cgutils.unpack_tuple(builder, plane_, 5))
+        here = builder.load(_place(context, builder, sig.args[0], keys_, place_, _DOUBLES))
+        held = builder.load(_place(context, builder, sig.args[1], ids_, place_, _INTS))
+        here.align, held.align = 8, 4
+        new = _is_nearer(builder, key, _splat(builder, _INTS, t_), here, held)
+        new = builder.bitcast(builder.and_(new, _mask(builder, mask_)), _I8)
+        left = cgutils.alloca_once_value(builder, new)
+        known, pixels, near = (
+            context.make_array(kind)(context, builder, part)
+            for kind, part in zip(sig.args[7], cgutils.unpack_tuple(builder, earlier_, 3), strict=True)
+        )
+        count, height, width = cgutils.unpack_tuple(builder, known.shape, 3)
+        first, y = cgutils.unpack_tuple(builder, spot_, 2)
+        columns = _constant(_DOUBLES, [float(k) for k in range(LANES)])
+        x = builder.fadd(_splat(builder, _DOUBLES, first), columns)
+        ones, zeros = (_constant(_DOUBLES, [value] * LANES) for value in (1.0, 0.0))
+        owner = _splat(builder, _LONGS, builder.sext(t_, _I64))
+        with builder.if_then(builder.icmp_unsigned("!=", new, ir.Constant(_I8, 0))):
+            stored = builder.fpext(builder.fptrunc(builder.fdiv(ones, key), _FLOATS), _DOUBLES)
+            stored = builder.fdiv(ones, stored)
+            with cgutils.for_range(builder, count) as loop:
+                some = builder.icmp_unsigned("!=", builder.load(left), ir.Constant(_I8, 0))
+                with builder.if_then(some):
+                    at = builder.mul(loop.index, ir.Constant(_I64, 12))
+                    loaded = [
+                        builder.load(cgutils.gep_inbounds(builder, pixels.data, builder.add(at, ir.Constant(_I64, k))))
+                        for k in range(12)
+                    ]
+                    nearest = builder.load(cgutils.gep_inbounds(builder, near.data, loop.index))
+                    u, v, inside = _looked_up(builder, [loaded[k : k + 4] for k in (0, 4, 8)], nearest, x, y, stored)
+                    for value, size in ((u, width), (v, height)):
+                        most = _splat(builder, _DOUBLES, builder.sitofp(size, ir.DoubleType()))
+                        inside = builder.and_(inside, builder.fcmp_ordered(">=", value, zeros))
+                        inside = builder.and_(inside, builder.fcmp_ordered("<", value, most))
+                    column = builder.fptosi(builder.select(inside, u, zeros), _LONGS)
+                    row = builder.fptosi(builder.select(inside, v, zeros), _LONGS)
+                    image = _splat(builder, _LONGS, builder.mul(loop.index, height))
+                    row = builder.mul(builder.add(image, row), _splat(builder, _LONGS, width))
+                    spots, values = builder.add(row, column), ir.Constant(_LONGS, ir.Undefined)
+                    for k in range(LANES):
+                        lane = ir.Constant(ir.IntType(32), k)
+                        value = builder.load(
+                            cgutils.gep_inbounds(builder, known.data, builder.extract_element(spots, lane))
+                        )
+                        values = builder.insert_element(values, value, lane)
+                    seen = builder.and_(builder.icmp_signed("==", values, owner), inside)
+                    builder.store(builder.and_(builder.load(left), builder.not_(builder.bitcast(seen, _I8))), left)
+        return builder.zext(builder.load(left), _I64)
 
     return signature, generate
 
