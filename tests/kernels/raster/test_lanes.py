@@ -48,7 +48,7 @@ def written(owners, weights, place, mask, planes, depths, source, weighted, owne
 
 @numba.njit
 def unseen(keys, ids, place, mask, plane, t, spot, earlier):
-    return unseen_lanes(keys, ids, np.uintp(place), np.uint64(mask), plane, np.int32(t), spot, earlier)
+    return unseen_lanes(keys, ids, np.uintp(place), np.uint64(mask), plane + spot, np.int32(t), earlier)
 
 
 def set_bits(mask: int) -> set[int]:

@@ -219,7 +219,7 @@ def fill_unseen(t, plane, box, frame, first, last, earlier, buffers):
             place = np.uintp(buffers.first + y * TILE_WIDTH + x)
             mask = ROW << np.uint64(max(begin - x, 0)) & ROW >> np.uint64(max(x + LANES - 1 - end, 0))
             row, spot = (base, kx, np.float64(x), low, high), (np.float64(x) + shift_x, np.float64(y) + shift_y)
-            new = unseen_lanes(keys, ids, place, mask, row, owner, spot, seen)
+            new = unseen_lanes(keys, ids, place, mask, row + spot, owner, seen)
             if new != NO_BITS:
                 keep_nearest(keys, ids, place, new, row, owner)
     return count
@@ -239,7 +239,7 @@ def fill_unseen_window(t, plane, spot, bits, centre, earlier, keys, ids):
         place = np.uintp(first + y * TILE_WIDTH + x0)
         row = (kc + ky * y, kx, column, low, high)
         at = (column + centre[0], np.float64(y) + centre[1])
-        new = unseen_lanes(keys, ids, place, bits & ROW, row, owner, at, seen)
+        new = unseen_lanes(keys, ids, place, bits & ROW, row + at, owner, seen)
         if new != NO_BITS:
             keep_nearest(keys, ids, place, new, row, owner)
         bits >>= np.uint64(WINDOW)

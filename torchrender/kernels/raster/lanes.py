@@ -163,69 +163,73 @@ def _looked_up(builder, coefficients, near, x, y, key):
     return builder.fmul(u, inverse), builder.fmul(v, inverse), reached
 
 
+def _has_triangle(builder, arrays, j, lanes, owner):
+    """Which of the pixels earlier image ``j`` has: those where it holds the triangle that they project to.
+
+    ``arrays``: ids, pixels and near of ``records.Earlier``; ``lanes``: centres x, the row's y, and stored keys.
+    """
+    known, pixels, near = arrays
+    zeros = _constant(_DOUBLES, [0.0] * LANES)
+    _, height, width = cgutils.unpack_tuple(builder, known.shape, 3)
+
+    def number(data, index):
+        return builder.load(cgutils.gep_inbounds(builder, data, index))
+
+    at = builder.mul(j, ir.Constant(_I64, 12))
+    loaded = [number(pixels.data, builder.add(at, ir.Constant(_I64, k))) for k in range(12)]
+    u, v, inside = _looked_up(builder, [loaded[k : k + 4] for k in (0, 4, 8)], number(near.data, j), *lanes)
+    for value, size in ((u, width), (v, height)):
+        most = _splat(builder, _DOUBLES, builder.sitofp(size, ir.DoubleType()))
+        inside = builder.and_(inside, builder.fcmp_ordered(">=", value, zeros))
+        inside = builder.and_(inside, builder.fcmp_ordered("<", value, most))
+    column, row = (builder.fptosi(builder.select(inside, value, zeros), _LONGS) for value in (u, v))
+    row = builder.add(_splat(builder, _LONGS, builder.mul(j, height)), row)
+    spots = builder.add(builder.mul(row, _splat(builder, _LONGS, width)), column)
+    values = ir.Constant(_LONGS, ir.Undefined)
+    for k in range(LANES):
+        lane = ir.Constant(ir.IntType(32), k)
+        value = number(known.data, builder.extract_element(spots, lane))
+        values = builder.insert_element(values, value, lane)
+    return builder.and_(builder.icmp_signed("==", values, owner), inside)
+
+
 @intrinsic
-def unseen_lanes(typingctx, keys, ids, place, mask, plane, t, spot, earlier):  # noqa: ARG001
+def unseen_lanes(typingctx, keys, ids, place, mask, row, t, earlier):  # noqa: ARG001
     """Mask of those of the masked pixels from ``place`` on where triangle ``t`` is nearer and in no earlier image.
 
-    ``plane`` as of :func:`keep_nearest`; ``spot``: centre of the first pixel from the image centre; ``earlier``: ids
-    (J,h,w) int64, pixels (J,3,4) and near (J,): see ``records.Earlier``.
+    ``row``: plane of :func:`keep_nearest`, then x and y of the first pixel's centre from the image centre;
+    ``earlier``: ids (J,h,w) int64, pixels (J,3,4) and near (J,): see ``records.Earlier``.
     """
     if any(part.layout != "C" for part in earlier):
         return None
     signature = types.uint64(
-        keys, ids, types.uintp, types.uint64, types.UniTuple(types.float64, 5), types.int32,
-        types.UniTuple(types.float64, 2), earlier,
-    )  # fmt: skip
+        keys, ids, types.uintp, types.uint64, types.UniTuple(types.float64, 7), types.int32, earlier
+    )
 
     def generate(context, builder, sig, args):
-        keys_, ids_, place_, mask_, plane_, t_, spot_, earlier_ = args
-        key = _key_of(builder, cgutils.unpack_tuple(builder, plane_, 5))
+        keys_, ids_, place_, mask_, row_, t_, earlier_ = args
+        *plane, first, y = cgutils.unpack_tuple(builder, row_, 7)
+        key = _key_of(builder, plane)
         here = builder.load(_place(context, builder, sig.args[0], keys_, place_, _DOUBLES))
         held = builder.load(_place(context, builder, sig.args[1], ids_, place_, _INTS))
         here.align, held.align = 8, 4
         new = _is_nearer(builder, key, _splat(builder, _INTS, t_), here, held)
         new = builder.bitcast(builder.and_(new, _mask(builder, mask_)), _I8)
         left = cgutils.alloca_once_value(builder, new)
-        known, pixels, near = (
-            context.make_array(kind)(context, builder, part)
-            for kind, part in zip(sig.args[7], cgutils.unpack_tuple(builder, earlier_, 3), strict=True)
-        )
-        count, height, width = cgutils.unpack_tuple(builder, known.shape, 3)
-        first, y = cgutils.unpack_tuple(builder, spot_, 2)
-        columns = _constant(_DOUBLES, [float(k) for k in range(LANES)])
-        x = builder.fadd(_splat(builder, _DOUBLES, first), columns)
-        ones, zeros = (_constant(_DOUBLES, [value] * LANES) for value in (1.0, 0.0))
+        parts = zip(sig.args[6], cgutils.unpack_tuple(builder, earlier_, 3), strict=True)
+        arrays = [context.make_array(kind)(context, builder, part) for kind, part in parts]
+        x = builder.fadd(_splat(builder, _DOUBLES, first), _constant(_DOUBLES, [float(k) for k in range(LANES)]))
+        ones, none = _constant(_DOUBLES, [1.0] * LANES), ir.Constant(_I8, 0)
         owner = _splat(builder, _LONGS, builder.sext(t_, _I64))
-        with builder.if_then(builder.icmp_unsigned("!=", new, ir.Constant(_I8, 0))):
+        count = cgutils.unpack_tuple(builder, arrays[0].shape, 3)[0]
+        with builder.if_then(builder.icmp_unsigned("!=", new, none)):
             stored = builder.fpext(builder.fptrunc(builder.fdiv(ones, key), _FLOATS), _DOUBLES)
-            stored = builder.fdiv(ones, stored)
+            lanes = (x, y, builder.fdiv(ones, stored))
             with cgutils.for_range(builder, count) as loop:
-                some = builder.icmp_unsigned("!=", builder.load(left), ir.Constant(_I8, 0))
-                with builder.if_then(some):
-                    at = builder.mul(loop.index, ir.Constant(_I64, 12))
-                    loaded = [
-                        builder.load(cgutils.gep_inbounds(builder, pixels.data, builder.add(at, ir.Constant(_I64, k))))
-                        for k in range(12)
-                    ]
-                    nearest = builder.load(cgutils.gep_inbounds(builder, near.data, loop.index))
-                    u, v, inside = _looked_up(builder, [loaded[k : k + 4] for k in (0, 4, 8)], nearest, x, y, stored)
-                    for value, size in ((u, width), (v, height)):
-                        most = _splat(builder, _DOUBLES, builder.sitofp(size, ir.DoubleType()))
-                        inside = builder.and_(inside, builder.fcmp_ordered(">=", value, zeros))
-                        inside = builder.and_(inside, builder.fcmp_ordered("<", value, most))
-                    column = builder.fptosi(builder.select(inside, u, zeros), _LONGS)
-                    row = builder.fptosi(builder.select(inside, v, zeros), _LONGS)
-                    image = _splat(builder, _LONGS, builder.mul(loop.index, height))
-                    row = builder.mul(builder.add(image, row), _splat(builder, _LONGS, width))
-                    spots, values = builder.add(row, column), ir.Constant(_LONGS, ir.Undefined)
-                    for k in range(LANES):
-                        lane = ir.Constant(ir.IntType(32), k)
-                        value = builder.load(
-                            cgutils.gep_inbounds(builder, known.data, builder.extract_element(spots, lane))
-                        )
-                        values = builder.insert_element(values, value, lane)
-                    seen = builder.and_(builder.icmp_signed("==", values, owner), inside)
-                    builder.store(builder.and_(builder.load(left), builder.not_(builder.bitcast(seen, _I8))), left)
+                rest = builder.load(left)
+                with builder.if_then(builder.icmp_unsigned("!=", rest, none)):
+                    seen = builder.bitcast(_has_triangle(builder, arrays, loop.index, lanes, owner), _I8)
+                    builder.store(builder.and_(rest, builder.not_(seen)), left)
         return builder.zext(builder.load(left), _I64)
 
     return signature, generate
