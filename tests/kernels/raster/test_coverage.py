@@ -15,6 +15,8 @@ from torchrender.kernels.raster.coverage import (
     edge,
     fill,
     fill_samples,
+    fill_unseen,
+    fill_unseen_window,
     fill_window,
     is_hidden,
     misses,
@@ -23,6 +25,7 @@ from torchrender.kernels.raster.coverage import (
     window_start,
 )
 from torchrender.kernels.raster.project import SUBPIXEL, snap
+from torchrender.kernels.raster.records import NO_EARLIER, Buffers, Frame
 
 
 def position(x: float, y: float) -> int:
@@ -161,6 +164,35 @@ def test_few_pixels_are_drawn_as_a_window_is() -> None:
             assert not hidden or (a == before).all()
         answers.add((hidden, bool((one[0] != keys).any())))
     assert answers == {(True, False), (False, False), (False, True)}
+
+
+def test_windows_of_new_pixels_are_spans_of_them() -> None:
+    """A small triangle's rows, as a window and as spans, beside one earlier image; some of both pass."""
+    rng = np.random.default_rng(9)
+    pixels = TILE_WIDTH * TILE_HEIGHT
+    frame = Frame(90, 70, 0.1, 100.0, False)
+    earlier = NO_EARLIER._replace(
+        ids=rng.integers(3, 5, (1, 70, 90)), pixels=np.array([np.eye(3, 4)]), near=np.array([0.1])
+    )
+    earlier.pixels[0, :2, 2] = 45, 35
+    kept = 0
+    for _ in range(100):
+        width, rows = rng.integers(1, 5, 2)
+        x, y = int(rng.integers(0, TILE_WIDTH - WINDOW)), int(rng.integers(0, TILE_HEIGHT - WINDOW))
+        plane = (0.01, -0.02, 0.9, 0.1, 0.7)
+        keys, ids = rng.choice([0.2, 0.5, 0.7], pixels), rng.integers(0, 9, pixels).astype(np.int32)
+        first, last = rng.integers(0, width, rows), rng.integers(0, width, rows)
+        bits = sum(1 << (WINDOW * j + i) for j in range(rows) for i in range(first[j], last[j] + 1))
+        one = Buffers(0, keys.copy(), ids.copy(), *(np.zeros((0,)),), np.zeros((2, 0), np.int64), ids, keys)
+        fill_unseen(4, plane, (x, y, y + int(rows) - 1, 0, 32), frame, first, last, earlier, one)
+        other = keys.copy(), ids.copy()
+        fill_unseen_window(4, plane, (x, y, 0), np.uint64(bits), (0.5 - 45, 32.5 - 35), earlier, *other)
+        np.testing.assert_array_equal(one.keys, other[0])
+        np.testing.assert_array_equal(one.ids, other[1])
+        changed = int((one.keys != keys).sum())
+        assert changed <= bits.bit_count()
+        kept += changed
+    assert kept > 50
 
 
 def test_spans_that_cut_groups_of_pixels_touch_no_others() -> None:

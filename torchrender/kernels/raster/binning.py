@@ -52,8 +52,8 @@ class Listing(NamedTuple):
     """What is listed, and how."""
 
     cull: int  # CULL_NONE, CULL_BACK or CULL_FRONT
-    plain: bool  # fragments need no tests, so that tiny triangles are listed by their pixels,
-    mask: np.ndarray  # (F,) but for those with a row of missing texels here; (0,): none
+    plain: bool  # of tiny triangles, which are listed by their pixels, nobody asks for the corners
+    mask: np.ndarray  # (F,) triangles with a row of missing texels here are no tiny ones; (0,): none
 
 
 @kernel(inline=True)
@@ -165,10 +165,10 @@ def classify_clusters(projected, listed, clusters, frame, how, part, lists, coun
                 bits = coverage.window_bits(a, b, c, area, pixel)
                 if bits == NO_BITS:
                     continue
-            if not plain or not whole or (mask.shape[0] > 0 and mask[t] >= 0):
+            if not whole or (mask.shape[0] > 0 and mask[t] >= 0):
                 bits = NO_BITS  # of two tiles each has its own part of the box
             places[n] = place
-            if bits == NO_BITS:
+            if bits == NO_BITS or not plain:
                 corners[n, 0], corners[n, 1], corners[n, 2] = a, b, c
             bits_of[n] = bits
             highs[n] = greatest_key(points, listed, place, frame)

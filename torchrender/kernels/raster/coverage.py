@@ -13,7 +13,7 @@ from numba.cpython.unsafe.numbers import trailing_zeros
 from torchrender.kernels.atomics import borrowed
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.raster.fragments import has_surface, has_triangle, is_hole, only_identity
-from torchrender.kernels.raster.lanes import LANES, covered_window, keep_nearest, reaches
+from torchrender.kernels.raster.lanes import LANES, covered_window, keep_nearest, reaches, unseen_lanes
 from torchrender.kernels.raster.project import SUBPIXEL, barycentric_planes, snapped_x, snapped_y
 
 HAIR = 1e-6  # pixels by which a span's ends are guessed too wide before the exact test
@@ -194,6 +194,56 @@ def fill(t, plane, box, small, first, last, keys, ids):
         mask &= ROW >> np.uint64(x + LANES - 1 - end)
         keep_nearest(keys, ids, np.uintp(place + x), mask, (base, kx, np.float64(start + x), low, high), owner)
     return count
+
+
+@kernel(inline=True)
+def fill_unseen(t, plane, box, frame, first, last, earlier, buffers):
+    """As :func:`fill`, but of fragments whose triangle no earlier image has there: pixel redundancy and no other test.
+
+    ``box`` = x0, y0, y1 in the tile, tile left, tile top in the image.
+    """
+    kx, ky, kc, low, high = plane
+    x0, y0, y1, left, top = box
+    keys, ids, owner = buffers.keys, buffers.ids, np.int32(t)
+    seen = (earlier.ids, earlier.pixels, earlier.near)
+    shift_x = left + 0.5 - (np.int64(frame.width) >> 1)
+    shift_y = top + 0.5 - (np.int64(frame.height) >> 1)
+    count = 0
+    for y in range(y0, y1 + 1):
+        begin, end = x0 + first[y - y0], x0 + last[y - y0]
+        if begin > end:
+            continue
+        count += end - begin + 1
+        base = kc + ky * y
+        for x in range(begin & -LANES, end + 1, LANES):
+            place = np.uintp(buffers.first + y * TILE_WIDTH + x)
+            mask = ROW << np.uint64(max(begin - x, 0)) & ROW >> np.uint64(max(x + LANES - 1 - end, 0))
+            row, spot = (base, kx, np.float64(x), low, high), (np.float64(x) + shift_x, np.float64(y) + shift_y)
+            new = unseen_lanes(keys, ids, place, mask, row + spot, owner, seen)
+            if new != NO_BITS:
+                keep_nearest(keys, ids, place, new, row, owner)
+    return count
+
+
+@kernel(inline=True)
+def fill_unseen_window(t, plane, spot, bits, centre, earlier, keys, ids):
+    """As :func:`fill_window` of a small box, but only what :func:`fill_unseen` keeps.
+
+    ``centre``: that of the tile's first pixel, from the image centre.
+    """
+    kx, ky, kc, low, high = plane
+    x0, y0, first = spot
+    seen, owner = (earlier.ids, earlier.pixels, earlier.near), np.int32(t)
+    column, y = np.float64(x0), y0
+    while bits != NO_BITS:
+        place = np.uintp(first + y * TILE_WIDTH + x0)
+        row = (kc + ky * y, kx, column, low, high)
+        at = (column + centre[0], np.float64(y) + centre[1])
+        new = unseen_lanes(keys, ids, place, bits & ROW, row + at, owner, seen)
+        if new != NO_BITS:
+            keep_nearest(keys, ids, place, new, row, owner)
+        bits >>= np.uint64(WINDOW)
+        y += 1
 
 
 @kernel()

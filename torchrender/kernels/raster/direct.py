@@ -178,9 +178,10 @@ def draw_clipped(scene, places, frame, sides, tests, tiles):
 
 
 @kernel(inline=True)
-def draw_whole(place, corners, code, box, scene, frame, canvas, buffers):
+def draw_whole(place, corners, code, box, scene, frame, earlier, tiles):
     """A triangle whose box is a part of one tile and no larger than a window."""
     a, b, c = corners
+    canvas, buffers = tiles
     x0, y0, x1, y1 = box
     column, row = x0 >> COLUMN_BITS, y0 >> ROW_BITS
     small = (x1 - x0 + 1) * (y1 - y0 + 1) <= SMALL
@@ -194,8 +195,8 @@ def draw_whole(place, corners, code, box, scene, frame, canvas, buffers):
     left, top = column << COLUMN_BITS, row << ROW_BITS
     high = greatest_key(scene.points, scene.listed, place, frame)
     tile = row * canvas.columns + column
-    spot, own = (x0 - left, y0 - top, left, top), tile_buffers(canvas, tile, buffers)
-    draw_bits(place, bits, spot, high, small, scene, frame, own)
+    spot, own = (x0 - left, y0 - top, left, top, small), tile_buffers(canvas, tile, buffers)
+    draw_bits(place, bits, spot, high, scene, frame, earlier, own)
 
 
 @kernel()
@@ -234,7 +235,7 @@ def draw_chunk(scene, run, frame, sides, tests, canvas, buffers, room):
         whole = box[0] >> COLUMN_BITS == box[2] >> COLUMN_BITS and box[1] >> ROW_BITS == box[3] >> ROW_BITS
         whole = whole and max(box[2] - box[0], box[3] - box[1]) < WINDOW
         if whole and not (holed and tests.holes.mask[t] >= 0):
-            draw_whole(place, (a, b, c), code, box, scene, frame, canvas, buffers)
+            draw_whole(place, (a, b, c), code, box, scene, frame, tests.earlier, (canvas, buffers))
             continue
         high = greatest_key(scene.points, scene.listed, place, frame)
         draw_box(place, (a, b, c), high, scene, frame, tests, canvas, buffers)

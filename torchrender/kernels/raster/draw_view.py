@@ -34,7 +34,8 @@ CULL = {"none": project.CULL_NONE, "sides": project.CULL_NONE, "back": project.C
 CHUNKS_PER_THREAD = 4
 KEPT_VERTICES = 1 << 21  # 64 MiB
 KEPT_TRIANGLES = 1 << 20  # 64 MiB
-WHOLE_PIXELS = 1 << 18  # of pictures that one thread draws alone
+WHOLE_PIXELS = 1 << 16  # of pictures that one thread draws alone,
+FINE_PIXELS = 1 << 18  # or of those with a triangle to two pixels, whose tiles are not drawn into often
 WHOLE_ROOM = 1 << 28  # bytes that all threads may need for it
 
 
@@ -103,7 +104,8 @@ def suits_whole_views(triangles: TriangleArrays, count: int, pixels: int) -> boo
     """True if ``count`` pictures of so many pixels are drawn faster by a thread each."""
     threads = thread_count()
     room = threads * len(triangles.vertices) * 32
-    return count >= 4 * threads and pixels <= WHOLE_PIXELS and room <= WHOLE_ROOM
+    most = max(WHOLE_PIXELS, min(FINE_PIXELS, 2 * len(triangles.faces)))
+    return count >= 4 * threads and pixels <= most and room <= WHOLE_ROOM
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,6 +23,8 @@ from torchrender.kernels.raster.coverage import (
     fill,
     fill_samples,
     fill_tested,
+    fill_unseen,
+    fill_unseen_window,
     fill_window,
     is_hidden,
     misses,
@@ -30,6 +32,7 @@ from torchrender.kernels.raster.coverage import (
     window_bits,
     window_start,
 )
+from torchrender.kernels.raster.fragments import is_identity_alone, only_identity
 from torchrender.kernels.raster.project import HALF, SUBPIXEL, key_plane
 from torchrender.kernels.raster.records import Buffers, Refusals
 from torchrender.kernels.raster.resolve import resolve
@@ -94,15 +97,25 @@ def plane_in_tile(place, left, top, scene, frame):
 
 
 @kernel(inline=True)
-def draw_bits(place, bits, spot, high, small, scene, frame, buffers):
+def draw_bits(place, bits, spot, high, scene, frame, earlier, buffers):
     """Draw the pixels that a triangle has in a window of a tile; returns the number of pixels tried.
 
     ``bits``: of :func:`window_bits` or :func:`~.samples.find_samples`; ``spot``: first column and row of the window in
-    the tile and the tile's left and top in the image; ``high``: a key that no fragment exceeds; ``small``: see SMALL.
+    the tile, the tile's left and top in the image, and whether the box is SMALL; ``high``: a key that no fragment
+    exceeds.
     """
-    x0, y0, left, top = spot
+    x0, y0, left, top, small = spot
     keys, ids, first = buffers.keys, buffers.ids, buffers.first
     spot = (x0, y0, first)
+    if earlier.ids.shape[0] > 0:
+        moved = max(x0 - (TILE_WIDTH - WINDOW), 0)
+        spot, bits = (x0 - moved, y0, first), bits << np.uint64(moved)
+        if is_hidden(high, spot, bits, keys):
+            return 0
+        plane = plane_in_tile(place, left, top, scene, frame)
+        centre = (left + 0.5 - (np.int64(frame.width) >> 1), top + 0.5 - (np.int64(frame.height) >> 1))
+        fill_unseen_window(scene.order[place], plane, spot, bits, centre, earlier, keys, ids)
+        return 1
     if bits & ~np.uint64(SAMPLES) == NO_BITS:
         if are_hidden(high, spot, bits, keys):
             return 0
@@ -153,6 +166,8 @@ def draw(place, corners, box, scene, frame, tests, buffers):
     spans(e1, dx1, dy1, rows, width, first, last)
     spans(e2, dx2, dy2, rows, width, first, last)
     plane = plane_in_tile(place, left, top, scene, frame)
+    if is_identity_alone(t, tests):
+        return fill_unseen(t, plane, (x0, y0, y1, left, top), frame, first, last, tests.earlier, buffers)
     if tested:
         return fill_tested(t, plane, (x0, y0, y1, left, top), scene, frame, tests, buffers)
     return fill(t, plane, (x0, y0, y1, buffers.first), width * rows <= SMALL, first, last, keys, ids)
@@ -193,6 +208,7 @@ def render_tile(scene, bins, frame, tests, k, buffers, outputs):
     lowest = -np.inf
     tried = 0
     first, end = starts[k], starts[k + 1]
+    by_bits = tests.limits.keys.shape[0] == 0 and only_identity(tests.earlier)
     if not is_open(tests.limits.keys, left, top, tile_width, tile_height, empty):
         end = first
     bounds = (left, top, left + tile_width - 1, top + tile_height - 1)
@@ -204,10 +220,10 @@ def render_tile(scene, bins, frame, tests, k, buffers, outputs):
             if high < lowest:
                 continue
             bits = bits_of[entry]
-            if bits != NO_BITS:
+            if bits != NO_BITS and by_bits:
                 x0, y0 = np.int64(boxes[entry, 0]) - left, np.int64(boxes[entry, 1]) - top
                 place = np.uintp(places[entry])
-                tried += draw_bits(place, bits, (x0, y0, left, top), high, True, scene, frame, buffers)
+                tried += draw_bits(place, bits, (x0, y0, left, top, True), high, scene, frame, tests.earlier, buffers)
                 if tried > REFRESH:
                     lowest = find_lows(keys, lows)
                     tried = 0
