@@ -15,7 +15,7 @@ from torchrender.effects.upsampling.outlines import pixel_from_world
 from torchrender.kernels.warp.gathered import place_samples
 from torchrender.scene.model import Scene
 
-MOST = 1 << 17
+MOST = 1 << 16
 """Samples; the oldest go first."""
 SAME_SURFACE = 0.01
 """Difference of 1/z, as a share, up to which a sample is of the surface that a pixel shows."""

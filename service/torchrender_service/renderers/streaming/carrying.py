@@ -33,10 +33,11 @@ MOST_OF_MOVING = 0.3
 """The same for one that moves."""
 FEWEST, FIRST, MOST = 1024, 4096, 1 << 15
 """Pixels that one moving picture shades at least, before it is known how long they take, and at most."""
-LEAST_MS = 40.0
+LEAST_MS = 30.0
 """Time that these have whatever else took."""
 FEW_RAYS = 4
-"""Of a pixel that is shaded by itself, for the light from everywhere: those around it share theirs."""
+"""Of a pixel of a view at rest, for the light from everywhere: those around it share theirs. That takes longer than
+more rays where there are few pixels."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,8 +124,9 @@ def carried_picture(
         views.gathered.place(scene, seen, rest, carried.light)
     carried_ms = 1e3 * (time.perf_counter() - begin)
     room = None if budget_ms is None else views.room
-    ambient = replace(options.ambient, rays=FEW_RAYS, share=True)
-    alone = replace(options, ambient=ambient)
+    alone = options
+    if budget_ms is None:
+        alone = replace(options, ambient=replace(options.ambient, rays=FEW_RAYS, share=True))
     chosen, radiance, shaded = _completed(scene, seen, carried, rest, room, alone, past)
     took_ms = 1e3 * (time.perf_counter() - begin)
     if budget_ms is not None and len(shaded.radiance):
