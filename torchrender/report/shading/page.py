@@ -38,7 +38,14 @@ def page(record: dict[str, Any]) -> list[str]:
     lines += ["A white metal in a white surrounding; 1 is all of the light:", ""]
     balls = [[f"{r['roughness']:g}", f"{r['least']:.4f}", f"{r['most']:.4f}"] for r in record["furnace"]]
     lines += table(["roughness", "least", "most"], balls)
-    return lines + _mitsuba(record) + _skies(record["skies"]) + _rooms(record["rooms"]) + _sheet(record["failed"])
+    return (
+        lines
+        + _mitsuba(record)
+        + _skies(record["skies"])
+        + _glossy(record.get("glossy", []))
+        + _rooms(record["rooms"])
+        + _sheet(record["failed"])
+    )
 
 
 def _mitsuba(record: dict[str, Any]) -> list[str]:
@@ -120,6 +127,23 @@ def _skies(rows: list[dict[str, Any]]) -> list[str]:
             "yes" if r["sun"] else "no",
             *(f"{100 * r[which][name]:.2f} %" for which in ("irradiance", "pictures") for name in ("mean", "largest")),
         ]
+        for r in rows
+    ]
+    return lines + table(head, cells)
+
+
+def _glossy(rows: list[dict[str, Any]]) -> list[str]:
+    if not rows:
+        return []
+    lines = [
+        "Glossy light of one map on balls, beside the sum of all pixels of the map over the lobe; on the right the",
+        "split-sum approximation by itself, with lobes summed over all pixels, too. Black plastic and white metal.",
+        "",
+    ]
+    head = ["material", "roughness", "ratio", "PSNR dB", "split sum: ratio", "PSNR dB"]
+    cells = [
+        [r["material"], f"{r['roughness']:g}"]
+        + [text for way in ("ours", "split_sum") for text in (f"{r[way]['ratio']:.3f}", f"{r[way]['psnr']:.1f}")]
         for r in rows
     ]
     return lines + table(head, cells)

@@ -24,6 +24,7 @@ from torchrender.quality.timing import take_turns
 from torchrender.raster import rasterize
 from torchrender.report.common.command import run_study
 from torchrender.report.shading import before, opengl
+from torchrender.report.shading.glossy_sky import glossy_of
 from torchrender.report.shading.mitsuba import beside_mitsuba
 from torchrender.report.shading.page import page
 from torchrender.report.shading.references import references
@@ -46,6 +47,7 @@ SAMPLES = 512
 """Of Mitsuba, for each pixel."""
 ROUGHNESS = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
 DIRECTIONS = 256
+GLOSSY_SKY = "museum.exr"
 QUICK_MODELS = ("SimpleSparseAccessor",)
 READ, WRITTEN, GATHERS = 16 + 4, 12, 45
 """Bytes per pixel of the visibility buffer and of the light that leaves, and numbers gathered: corners, planes, ids."""
@@ -171,6 +173,7 @@ def _parts(sheet: Path, data: Path, quick: bool) -> dict[str, Callable[[], Any]]
         "mitsuba": lambda: beside_mitsuba(None, 4, ("matt",)) if quick else beside_mitsuba(skies, SAMPLES),
         "references": lambda: [] if quick else references(data / "references"),
         "skies": lambda: [] if quick or skies is None else irradiance_of(skies, DIRECTIONS),
+        "glossy": lambda: [] if quick or skies is None else glossy_of(skies / GLOSSY_SKY),
         "rooms": lambda: [] if quick else ambient_rooms(ROOMS, small, runs),
         "failed": lambda: write_sheet(sheet, data / "gltf", names=models, side=64 if quick else 256),
     }
