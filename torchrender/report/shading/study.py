@@ -12,6 +12,7 @@ import os
 import sys
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -54,9 +55,8 @@ READ, WRITTEN, GATHERS = 16 + 4, 12, 45
 
 
 def direct_light(one: Subject, runs: int) -> dict[str, Any]:
-    """Times of one scene, and how much the two ways differ where the light from all around is the same."""
-    flat = Subject(one.name, _without_sky(one.scene), one.seen, one.visibility)
-    found, wanted = (way(flat.scene, flat.gbuffer, flat.visibility) for way in (shade, before.shade))
+    """Times of one scene, and how much the kernel differs from its twin in torch."""
+    found, wanted = (shade(one.scene, gbuffer, one.visibility) for gbuffer in (one.gbuffer, replace(one.gbuffer)))
     error = ((found - wanted).abs() / wanted.abs().clamp_min(1e-3)).amax(-1)
     times = take_turns(
         {
@@ -87,19 +87,6 @@ def _before(one: Subject) -> Any:
         return before.shade(one.scene, gbuffer, one.visibility)
 
     return work
-
-
-def _without_sky(scene: Scene) -> Scene:
-    """Ambient light in place of the environment, whose irradiance was an approximation before."""
-    made = Scene(
-        meshes=scene.meshes,
-        materials=scene.materials,
-        lights=scene.lights,
-        ambient=torch.full((3,), 0.2),
-        name=scene.name,
-    )
-    made.__dict__["geometry"] = scene.geometry
-    return made
 
 
 def beside_opengl(one: Subject, runs: int) -> dict[str, Any] | None:
