@@ -16,8 +16,8 @@ def page(record: dict[str, Any]) -> list[str]:
         "Direct light by the compiled kernel, from the visibility buffer, beside what torch took from a whole G-buffer",
         "before there was a kernel. Both take turns in one run; milliseconds, medians. The third column is what the",
         "attributes of the G-buffer take, which the kernel does not need; the ratio with them counts them on torch's",
-        "side. Pixels that differ by more than 1e-4 are those of today's twin in torch. Goal: 12 times at 512, 15 times",
-        "at 1024 pixels.",
+        "side. Pixels that differ by more than 1e-4 are those of today's twin in torch. Goal: 12 times at 512,",
+        "15 times at 1024 pixels.",
         "",
     ]
     head = ["scene", "side", "torch", "attributes", "kernel", "ratio", "with attributes", "pixels that differ"]
