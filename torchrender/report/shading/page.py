@@ -136,8 +136,8 @@ def _glossy(rows: list[dict[str, Any]]) -> list[str]:
     if not rows:
         return []
     lines = [
-        "Glossy light of one map on balls, beside the sum of all pixels of the map over the lobe; on the right the",
-        "split-sum approximation by itself, with lobes summed over all pixels, too. Black plastic and white metal.",
+        "Glossy light of one map on balls, beside the sum of all pixels of the map over the lobe; right: the lobe",
+        "seen along its normal, about the mirrored direction, summed over all pixels, too. Black plastic, white metal.",
         "",
     ]
     head = ["material", "roughness", "ratio", "PSNR dB", "split sum: ratio", "PSNR dB"]
