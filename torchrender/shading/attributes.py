@@ -250,11 +250,11 @@ def _eyes(cameras: Cameras) -> list[Eye]:
 
 
 def _made_eyes(cameras: Cameras) -> list[Eye]:
-    all_rays = np.linalg.inv(cameras.intrinsics.numpy())
+    all_rays = np.linalg.inv(cameras.intrinsics.detach().numpy())
     if cameras.orthographic:
         all_rays[:, 2] = 0.0  # across the image plane; the depth goes along ``forward``
-    world_from_camera = cameras.world_from_camera.numpy()
-    sizes = cameras.footprint(torch.ones(len(cameras), 1, dtype=torch.float64)).numpy()
+    world_from_camera = cameras.world_from_camera.detach().numpy()
+    sizes = cameras.footprint(torch.ones(len(cameras), 1, dtype=torch.float64)).detach().numpy()
     made = []
     for rays, matrix, size in zip(all_rays, world_from_camera, sizes, strict=True):
         rotation = matrix[:3, :3]
