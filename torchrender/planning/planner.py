@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from torchrender.checks import check_range
+from torchrender.checks import check_class, check_range, options_of
 from torchrender.errors import InputError, OptionError
 from torchrender.passes.settings import CUSTOM
 from torchrender.passes.table import find_pass, table_of
@@ -242,8 +242,10 @@ def plan(
         OptionError: ``budget_ms`` not positive, ``max_error`` outside [0, 1].
         InputError: ``options.fixed`` names no pass.
     """
+    check_class("scene", scene, Scene)
+    check_class("camera", camera, Cameras)
     check_wishes(budget_ms, max_error)
-    options = options or RenderOptions()
+    options = options_of(options, RenderOptions)
     check_names(options)
     knowledge = Knowledge.of(scene, camera, options, history, curves or load_curves())
     return make_plan(knowledge, options, budget_ms, max_error)

@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchrender.checks import check_range
+from torchrender.checks import check_class, check_range
 from torchrender.errors import InputError, MeshError, SceneFileError, TorchRenderWarning
 from torchrender.points.cloud import PointCloud
 from torchrender.points.gaussians import covariances
@@ -64,6 +64,7 @@ def load_points(
             any size), or positions that are not finite.
         InputError: an unknown name; ``samples`` given for a file of points, or less than 1.
     """
+    check_class("path", path, str, Path)
     source = Path(path)
     if holds_points(source):
         if samples is not None:

@@ -16,7 +16,16 @@ from torch import Tensor
 from torchrender.arrays import Recycler, view
 from torchrender.brief import brief
 from torchrender.buffers import DepthImages
-from torchrender.checks import check_choice, check_finite, check_no_gradient, check_range, check_tensor, checked_fields
+from torchrender.checks import (
+    check_choice,
+    check_class,
+    check_finite,
+    check_no_gradient,
+    check_range,
+    check_tensor,
+    checked_fields,
+    options_of,
+)
 from torchrender.errors import ColorWarning, InputError
 from torchrender.kernels.compile import thread_count
 from torchrender.kernels.warp.resolve import resolve
@@ -112,8 +121,12 @@ def reproject(
             2^32 - 2 samples.
         OptionError: an unknown method. GradientError: depths that ask for gradients.
     """
-    options = options or ReprojectOptions()
+    options = options_of(options, ReprojectOptions)
     method = check_choice("method", method or options.method, METHODS)
+    check_class("images", images, DepthImages, SampleQuads)
+    check_class("cameras", cameras, Cameras)
+    if offset_images is not None:
+        check_class("offset_images", offset_images, DepthImages)
     source = images.images if isinstance(images, SampleQuads) else images
     colors = _checked(source, cameras, colors)
     quads = _quads(images, offset_images, options, method)
