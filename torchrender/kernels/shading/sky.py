@@ -76,7 +76,10 @@ def mirrored(s, n, sky, normal, rough):
         nx, ny, nz = s[normal + i], s[normal + SPAN + i], s[normal + 2 * SPAN + i]
         ex, ey, ez = s[EX + i], s[EY + i], s[EZ + i]
         d = TWO * min(max(nx * ex + ny * ey + nz * ez, f4(1e-4)), ONE)
-        s[LX + i], s[LY + i] = octahedral(d * nx - ex, d * ny - ey, d * nz - ez)
+        alpha = min(max(s[rough + i], ZERO), ONE)
+        turn = HALF * alpha * alpha  # towards the normal, see :func:`torchrender.shading.lobes.lobe_middle`
+        d, rest = d + turn * (ONE - d), ONE - turn
+        s[LX + i], s[LY + i] = octahedral(d * nx - rest * ex, d * ny - rest * ey, d * nz - rest * ez)
     for i in range(n):
         level = min(max(s[rough + i], ZERO), ONE) * top
         k = min(np.int64(level), np.int64(levels.shape[0] - 2))
