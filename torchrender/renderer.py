@@ -83,8 +83,7 @@ def render(
             :func:`~torchrender.points.draw.render_points`, which has options of its own.
         camera: cameras, the name of one of the scene's, or None for its first, or where it has none one that frames it.
         width, height: size of the picture in pixels; the default is the size of ``camera`` where cameras are given,
-            else 1024 x 768; where one side is given, the other follows in that shape. Cameras of another shape keep
-            their vertical opening angle.
+            else 1024 x 768; one side alone keeps that shape. Others keep the camera's vertical opening angle.
         history: ``RenderHistory()`` starts a sequence of pictures, ``image.history`` of one picture is for the next.
             Shadow maps, ray caster and reflections are then used again as far as the scene has stood still; reused
             reflections are close to traced ones, not the same. See :class:`torchrender.pipeline.history.RenderHistory`.

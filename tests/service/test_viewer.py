@@ -306,7 +306,7 @@ def test_places_that_are_no_numbers_are_named(view: View, place: tuple[Any, Any]
 def test_pictures_have_the_size_that_is_asked_for(view: View) -> None:
     camera = view.camera
     picture = view.screenshot(height=24)
-    assert (picture.height, picture.width) == (24, round(24 * camera.width / camera.height))
+    assert tuple(picture.radiance.shape[1:3]) == (24, round(24 * camera.width / camera.height))
     for sides in ({"width": 0, "height": 3}, {"height": -1}, {"width": "a"}):
         with pytest.raises(InputError, match=r"width|height"):
             view.screenshot(**sides)

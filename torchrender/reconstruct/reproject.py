@@ -123,10 +123,6 @@ def reproject(
     """
     options = options_of(options, ReprojectOptions)
     method = check_choice("method", method or options.method, METHODS)
-    check_class("images", images, DepthImages, SampleQuads)
-    check_class("cameras", cameras, Cameras)
-    if offset_images is not None:
-        check_class("offset_images", offset_images, DepthImages)
     source = images.images if isinstance(images, SampleQuads) else images
     colors = _checked(source, cameras, colors)
     quads = _quads(images, offset_images, options, method)
@@ -169,6 +165,8 @@ def _drawn(
 
 def _checked(source: DepthImages, cameras: Cameras, colors: Tensor | None) -> Tensor:
     """The colours (N,H,W,3) to draw, if all can be drawn."""
+    check_class("images", source, DepthImages)
+    check_class("cameras", cameras, Cameras)
     if colors is None and source.parameters.get("shade") is False and not bool(source.color.any()):
         told = "the images hold no colours, so all is black: sample them with shade=True, or give colors"
         warnings.warn(told, ColorWarning, stacklevel=3)

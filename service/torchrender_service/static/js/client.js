@@ -269,7 +269,7 @@ export class Client {
 
   /** Measure the hole share of the newest picture now and then, and once more when nothing moves. */
   measureHoles(now) {
-    if (this.lost || this.holesOf === this.counts.drawn || now - this.holesAt < HOLES_INTERVAL) return;
+    if (this.lost || !this.drawn.length || this.holesOf === this.counts.drawn || now - this.holesAt < HOLES_INTERVAL) return;
     this.holesAt = now;
     const { views, counts: { drawn } } = this;
     const take = (shares) => {
