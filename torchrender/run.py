@@ -64,9 +64,9 @@ class Run:
             OptionError: the table of passes makes none.
         """
         self.buffers({})
-        lost = [buffer.name for buffer in (GBUFFER, PICTURE) if buffer not in self.values]
-        if lost:
-            raise OptionError(f"passes: none of this table makes {lost[0]}; those of PASSES do")
+        if PICTURE not in self.values:
+            why = "; ".join(f"{name}: {verdict.reason}" for name, verdict in self.graph.verdicts.items())
+            raise OptionError(f"passes: this table makes no picture: {why}")
         outlook, wanted = self.knowledge.outlook, self.knowledge.wanted
         if self.plan.options.supersample == 1:
             self.doubts += picture_doubts(outlook.scene, self.values[GBUFFER], self.values[PICTURE])
