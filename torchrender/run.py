@@ -65,8 +65,8 @@ class Run:
         """
         self.buffers({})
         if PICTURE not in self.values:
-            why = "; ".join(f"{name}: {verdict.reason}" for name, verdict in self.graph.verdicts.items())
-            raise OptionError(f"passes: this table makes no picture: {why}")
+            said = [f"{name}: {one.reason}" for name, one in self.graph.verdicts.items() if "nobody makes" in one.reason]
+            raise OptionError(f"passes: this table makes no picture: {'; '.join(said) or f'nobody makes {PICTURE.name}'}")
         outlook, wanted = self.knowledge.outlook, self.knowledge.wanted
         if self.plan.options.supersample == 1:
             self.doubts += picture_doubts(outlook.scene, self.values[GBUFFER], self.values[PICTURE])
