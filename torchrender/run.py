@@ -65,8 +65,9 @@ class Run:
         """
         self.buffers({})
         if PICTURE not in self.values:
-            said = [f"{name}: {one.reason}" for name, one in self.graph.verdicts.items() if "nobody makes" in one.reason]
-            raise OptionError(f"passes: this table makes no picture: {'; '.join(said) or f'nobody makes {PICTURE.name}'}")
+            reasons = [f"{name}: {one.reason}" for name, one in self.graph.verdicts.items()]
+            said = [reason for reason in reasons if "nobody makes" in reason] or [f"nobody makes {PICTURE.name}"]
+            raise OptionError(f"passes: this table makes no picture: {'; '.join(said)}")
         outlook, wanted = self.knowledge.outlook, self.knowledge.wanted
         if self.plan.options.supersample == 1:
             self.doubts += picture_doubts(outlook.scene, self.values[GBUFFER], self.values[PICTURE])
