@@ -54,7 +54,8 @@ class Run:
             OptionError: the table of passes makes none.
         """
         self.buffers({})
-        lost = [buffer.name for buffer in (GBUFFER, PICTURE) if buffer not in self.values]
+        needed = (GBUFFER, PICTURE) if self.plan.options.supersample <= 1 else (PICTURE,)
+        lost = [buffer.name for buffer in needed if buffer not in self.values]
         if lost:
             raise OptionError(f"passes: none of this table makes {lost[0]}; those of PASSES do")
         outlook, wanted = self.knowledge.outlook, self.knowledge.wanted
