@@ -16,6 +16,7 @@ from torch import Tensor
 from torchrender.errors import GradientError, InputError, OptionError
 
 ArrayLike = Tensor | Sequence[float] | float
+Options = TypeVar("Options")
 
 
 def check_tensor(name: str, value: object, shape: Sequence[int | str]) -> Tensor:
@@ -104,6 +105,14 @@ def check_class(name: str, value: object, *kinds: type) -> None:
     if not isinstance(value, kinds):
         wanted = " or ".join(kind.__name__ for kind in kinds)
         raise InputError(f"{name} must be {wanted}, got {type(value).__name__}")
+
+
+def options_of(options: Options | None, kind: type[Options]) -> Options:
+    """Options as they are, the default ones for None; others, also empty ones such as ``{}``, are an InputError."""
+    if options is None:
+        return kind()
+    check_class("options", options, kind)
+    return options
 
 
 def check_name(name: str, value: object) -> None:

@@ -21,7 +21,7 @@ from torch import Tensor
 
 from torchrender.arrays import Recycler
 from torchrender.buffers import GBuffer, VisibilityBuffer
-from torchrender.checks import check_choice
+from torchrender.checks import check_choice, check_class
 from torchrender.errors import OptionError
 from torchrender.fragment_tests import FragmentTests as FragmentTests
 from torchrender.fragment_tests import earlier_arrays, limit_arrays
@@ -95,6 +95,7 @@ def rasterize(
         OptionError: unknown ``cull`` or output. InputError: ``tests`` that do not fit the cameras.
         GradientError: meshes that ask for gradients, which there are none of.
     """
+    check_class("cameras", cameras, Cameras)
     check_fixed("rasterize", check_scene("scene", scene))
     if outputs is None:
         return surface_attributes(scene, rasterize_visibility(scene.geometry, cameras, cull=cull, tests=tests))
@@ -232,6 +233,7 @@ def camera_passes(geometry: Geometry, camera: Cameras, cull: str) -> Iterator[Ca
 
 def rasterize_depth(geometry: Shape, cameras: Cameras, *, cull: str = "none") -> Tensor:
     """Camera depth (B,H,W) float32 of the nearest surface, +inf where empty: what a shadow map needs, and no more."""
+    check_class("cameras", cameras, Cameras)
     check_choice("cull", cull, CULLING)
     depth = _memory.empty((len(cameras), cameras.height, cameras.width), np.float32)
     geometry = geometry_of("geometry", geometry)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, overload
 from torch import Tensor
 
 from torchrender.buffers import GBuffer
+from torchrender.checks import options_of
 from torchrender.clock import StepClock
 from torchrender.errors import InputError
 from torchrender.image import Image
@@ -82,7 +83,7 @@ def render(
             :func:`~torchrender.points.draw.render_points`, which has options of its own.
         camera: cameras, the name of one of the scene's, or None for its first, or where it has none one that frames it.
         width, height: size of the picture in pixels; the default is the size of ``camera`` where cameras are given,
-            else 1024 x 768. Cameras of another shape keep their vertical opening angle.
+            else 1024 x 768; one side alone keeps that shape. Others keep the camera's vertical opening angle.
         history: ``RenderHistory()`` starts a sequence of pictures, ``image.history`` of one picture is for the next.
             Shadow maps, ray caster and reflections are then used again as far as the scene has stood still; reused
             reflections are close to traced ones, not the same. See :class:`torchrender.pipeline.history.RenderHistory`.
@@ -106,8 +107,8 @@ def render(
         wishes = {"options": options, "history": history, "budget_ms": budget_ms, "max_error": max_error}
         return picture(scene, camera, (width, height), wishes)
     check_wishes(budget_ms, max_error)
-    options = options or RenderOptions()
-    _check_kinds(options, history)
+    options = options_of(options, RenderOptions)
+    _check_history(history)
     check_names(options)
     clock = StepClock(watched=budget_ms is not None)
     if not isinstance(scene, Scene):
@@ -146,9 +147,7 @@ def _looked(knowledge: Knowledge, history: RenderHistory | None, clock: StepCloc
     )
 
 
-def _check_kinds(options: object, history: object) -> None:
-    if not isinstance(options, RenderOptions):
-        raise InputError(f"options must be RenderOptions, got {type(options).__name__}")
+def _check_history(history: object) -> None:
     if not isinstance(history, RenderHistory | None):
         raise InputError(f"history must be a RenderHistory, such as image.history, got {type(history).__name__}")
 
@@ -188,7 +187,7 @@ def light_of_samples(
     history = RenderHistory.alone() if history is None else replace(history, sequence=False)
     clock = StepClock()
     with clock.measure("total"):
-        knowledge = Knowledge.of(scene, samples.cameras, options or RenderOptions(), history, load_curves())
+        knowledge = Knowledge.of(scene, samples.cameras, options_of(options, RenderOptions), history, load_curves())
         past = knowledge.outlook.history
         chosen = knowledge.outlook.options
         for step in knowledge.passes:
@@ -209,7 +208,7 @@ def make_buffers(
     given: Mapping[Buffer[Any], Any] | None = None,
 ) -> dict[Buffer[Any], Any]:
     """Buffers of a picture that is not made to its end, by name; those in ``given`` are taken as they are."""
-    knowledge = Knowledge.of(scene, cameras, options or RenderOptions(), None, load_curves())
+    knowledge = Knowledge.of(scene, cameras, options_of(options, RenderOptions), None, load_curves())
     run = Run(replace(knowledge, wanted=wanted, given=tuple(given or ())), (None, None), StepClock())
     return run.buffers(given or {})
 

@@ -29,6 +29,16 @@ from torchrender.planning.plan import Plan
 from torchrender.planning.planner import make_plan
 from torchrender.shade import SentLight
 
+BESIDE = "milliseconds of plan and senses"
+"""A quantity that a picture tells the next one: what a budget pays beside the passes."""
+
+FIRST_BESIDE = 20.0
+"""Milliseconds of it, at most, that a first picture tells."""
+
+
+def _beside(took: Mapping[str, float]) -> float:
+    return sum(took.get(name, 0.0) for name in ("plan", "senses"))
+
 
 @dataclass(eq=False)
 class Run:
@@ -100,6 +110,7 @@ class Run:
             took = self.clock.elapsed_ms
             done = {name: took[name] for name in self.done}
             spent = sum(ms for name, ms in took.items() if name not in ("load", "total"))
+            spent += max(0.0, self.knowledge.pace.known.get(BESIDE, 0.0) - _beside(took))
             self.plan = make_plan(self.knowledge, options, *self.limits, done=done, spent_ms=spent)
             self.graph = self.knowledge.graph(self.plan.options)
 
@@ -159,6 +170,11 @@ class Run:
             if buffer not in kept and not self.graph.asked.get(buffer, frozenset()) & left:
                 del self.values[buffer]
 
+    def _beside(self) -> dict[str, float]:
+        """What the next picture will spend beside its passes, about; the first one of a scene loads much for it."""
+        took, past = _beside(self.clock.elapsed_ms), self.knowledge.outlook.history
+        return {BESIDE: took if past.pictures else min(took, FIRST_BESIDE)}
+
     def history(self, plan: Plan) -> RenderHistory:
         """What the next picture of the sequence starts from."""
         known = self.knowledge
@@ -168,7 +184,9 @@ class Run:
             if row.amounts is not None and row.measured_ms is not None:
                 raw = known.curves.time_ms(row.name, row.setting, row.amounts, known.name)
                 pace = pace.learned(row.name, row.setting, row.measured_ms, raw or 0.0)
-        pace = replace(pace, choice=settings, known={**pace.known, **known.outlook.known, **self.sensed})
+        pace = replace(
+            pace, choice=settings, known={**pace.known, **known.outlook.known, **self.sensed, **self._beside()}
+        )
         past = known.outlook.history.with_picture(self.lasting.items(), plan.options)
         return replace(past, pace=pace)
 

@@ -101,8 +101,9 @@ def sent_light(
             order; None: any light any pixel, one image for each.
     """
     check_choice("area_light", area_light, AREA_LIGHTS)
-    check_tensor("samples.covered", samples.covered, ("B", "H", "W"))
-    count, height, width = samples.covered.shape
+    seen = samples.triangle if isinstance(samples, GBuffer) else samples.covered
+    check_tensor("samples.covered", seen, ("B", "H", "W"))
+    count, height, width = seen.shape
     if visibility is not None:
         given = len(scene.lights) if lists is None or lists.shaded is None else len(lists.shaded)
         check_tensor("visibility", visibility, (count, given, height, width))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+from http import HTTPStatus
 from typing import Any
 
 from fastapi import FastAPI, Request
@@ -25,18 +26,21 @@ TITLES = {
     404: "Not found",
     405: "Method not allowed",
     406: "No such representation",
+    408: "Too late",
     409: "Conflict",
     413: "Too large",
+    414: "The address is too long",
     415: "Unsupported media type",
     421: "Not a name of this service",
     422: "A value cannot be used",
     429: "Too many requests",
+    431: "The headers are too large",
     500: "Internal error",
     499: "The client has left",
     503: "Not available now",
     507: "No room on the disk",
 }
-_KINDS = {404: "not-found", 405: "method-not-allowed", 400: "bad-request"}
+_KINDS = {404: "not-found", 405: "method-not-allowed", 400: "bad-request", 422: "invalid-value"}
 _SHOWN_ERRORS = 16
 
 
@@ -59,6 +63,19 @@ def problem_response(error: ServiceError, **extra: Any) -> Response:
         headers["WWW-Authenticate"] = "Bearer"
     content = json.dumps(problem_of(error) | extra)
     return Response(content, status_code=error.status, media_type=MEDIA_TYPE, headers=headers)
+
+
+def last_answer(error: ServiceError) -> bytes:
+    """The response of an error as it goes over the wire, from where there is no application: it ends a connection."""
+    body = json.dumps(problem_of(error)).encode()
+    lines = [
+        f"HTTP/1.1 {error.status} {HTTPStatus(error.status).phrase}",
+        f"content-type: {MEDIA_TYPE}",
+        f"content-length: {len(body)}",
+        *([] if error.retry_after_s is None else [f"retry-after: {max(1, round(error.retry_after_s))}"]),
+        "connection: close",
+    ]
+    return "\r\n".join(lines).encode() + b"\r\n\r\n" + body
 
 
 def service_error(error: Exception) -> ServiceError:

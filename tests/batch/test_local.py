@@ -199,3 +199,13 @@ def test_wrong_jobs_are_refused_by_name() -> None:
             job(**wrong)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="at least one"):
         Job(SOURCE, job().cameras[:0])
+
+
+def test_a_worker_whose_driver_is_gone_ends_quietly(tmp_path: Path) -> None:
+    open_folder(tmp_path / "out", job(), scene_digest(SCENE))
+    command = [sys.executable, "-m", "torchrender.batch.worker", str(tmp_path / "out"), "1"]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as worker:
+        assert worker.stdout is not None and worker.stderr is not None
+        worker.stdout.close()
+        assert worker.wait(120) == 1
+        assert worker.stderr.read() == b""

@@ -48,7 +48,7 @@ BASELINES = (0.02, 0.05)
 STEP = 0.041  # of the typical depth; a round share puts outlines of the Cornell box exactly on centres of pixels
 WAYS = {"right": (1, 0, 0), "left": (-1, 0, 0), "up": (0, -1, 0), "ahead": (0, 0, 1)}
 DESKTOP = {"viewport": {"width": 1280, "height": 720}}
-PHONE = {"viewport": {"width": 390, "height": 780}, "has_touch": True, "is_mobile": True, "device_scale_factor": 2}
+PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True, "device_scale_factor": 2}
 
 
 AGREEMENT = ["scene", "still", "keyframe alone, SwiftShader", "unrounded", "two extra layers, SwiftShader", "unrounded"]
@@ -190,7 +190,7 @@ Turning in the Cornell box for four seconds while the server renders on the same
 
 
 def screenshots(browser: Any, service: Service, wishes: dict[str, Any]) -> None:
-    """A session in the living room: desktop and phone, moving and still."""
+    """A session in the living room: desktop and phone, moving, still, and with the panel."""
     for name, options in (("desktop", DESKTOP), ("phone", PHONE)):
         context = browser.new_context(**options)
         visit = Visit.begin(context, service.url, scene="living_room", layers=2, **wishes)
@@ -207,9 +207,14 @@ def screenshots(browser: Any, service: Service, wishes: dict[str, Any]) -> None:
         page.wait_for_timeout(700)
         visit.wait(ARRIVED)
         visit.wait(COMPLETE)
-        page.evaluate("() => document.querySelector('#toggle').click()")
+        panel = page.locator("#panel")
+        if panel.is_visible():
+            page.evaluate("() => document.querySelector('#toggle').click()")
         page.wait_for_timeout(1500)
         page.screenshot(path=DOCS / f"client-{name}.png")
+        page.evaluate("() => document.querySelector('#toggle').click()")
+        page.wait_for_timeout(1500)
+        page.screenshot(path=DOCS / f"client-{name}-panel.png")
         LOG.info("%s: %s", name, visit.state("stats"))
         context.close()
 

@@ -306,3 +306,12 @@ def test_flags_of_enhancement_are_yes_or_no() -> None:
         assert getattr(made, name) is True
         with pytest.raises(OptionError, match=f"--enhance {name} must be yes or no"):
             enhance_wish(f"{name}=1")
+
+
+def test_what_a_file_holds_does_not_reach_the_terminal_as_it_is(tmp_path, capsys):
+    file = tmp_path / "noise.obj"
+    file.write_bytes(b"v 0 0 0\nf \x1b[2J\x07 \x9b1m 2 3\n")
+    assert cli.main(["info", str(file)]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("torchrender: error: ") and said.endswith("\n") and "\\x1b" in said
+    assert said[:-1].isprintable()

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import json
+import socket
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -53,6 +56,19 @@ def test_what_is_no_model_is_refused(tmp_path: Path, capsys: pytest.CaptureFixtu
     for file, told in (("notes.txt", "cannot read .txt"), ("none.glb", "no such file")):
         assert main(["serve", str(tmp_path / file), "--data", str(tmp_path / "data")]) == 2
         assert told in capsys.readouterr().err
+
+
+def test_a_port_that_is_taken_is_one_line(tmp_path: Path) -> None:
+    """In a process of its own: the service sets up the logs of the whole process."""
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        port = other.getsockname()[1]
+        code = "import sys; from torchrender.cli.main import main; sys.exit(main(sys.argv[1:]))"
+        command = [sys.executable, "-c", code, "serve", "--port", str(port), "--data", str(tmp_path / "data")]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 2 and done.stdout == ""
+    assert done.stderr.splitlines() == [
+        f"torchrender: error: cannot listen on 127.0.0.1, port {port}: Address already in use"
+    ]
 
 
 @pytest.mark.parametrize(("query", "status"), [(b"", 307), (b"scene=city", 200)])

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 import torchrender as tr
-from torchrender.passes.senses import SIDE, detail, difference, few, partly_lit
+from torchrender.passes.senses import SIDE, borders, detail, difference, few, partly_lit
 from torchrender.pipeline.frame import Frame
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
@@ -66,6 +66,20 @@ def test_borders_of_shadows_are_counted_light_by_light() -> None:
     assert partly_lit(covered, [lit, 1 - lit]) == 0.0
     assert partly_lit(covered, [part, part]) == pytest.approx(0.1)
     assert partly_lit(covered, []) == 0.0
+
+
+@pytest.mark.parametrize("width", [1, 6], ids=["hard", "soft"])
+@pytest.mark.parametrize("size", [64, 640])
+def test_borders_are_as_long_as_they_are_whatever_found_them(size: int, width: int) -> None:
+    """A straight border across the picture: one pixel in each row, of as many pixels as a row has."""
+    ramp = ((torch.arange(float(size)) - size / 2) / width).clamp(0.0, 1.0).expand(1, size, size)
+    everywhere = torch.ones(1, size, size, dtype=torch.bool)
+    assert borders(frame(), everywhere, [ramp]) == pytest.approx(1 / size, rel=0.02)
+    assert borders(frame(), everywhere, [ramp, ramp.transpose(1, 2)]) == pytest.approx(2 / size, rel=0.02)
+    # Rendered with half as many pixels along each side, it is the same border of the same picture.
+    assert borders(frame(supersample=0.5), everywhere, [ramp]) == pytest.approx(0.5 / size, rel=0.02)
+    assert borders(frame(), everywhere & (torch.arange(size) < size // 3), [ramp]) == 0.0
+    assert borders(frame(), everywhere, []) == 0.0
 
 
 def test_a_difference_is_one_of_display_values_with_one_exposure() -> None:

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from torchrender.pipeline.options import RenderOptions
 from torchrender.planning import curves as module
 from torchrender.planning.curves import (
     Curves,
@@ -19,7 +20,7 @@ from torchrender.planning.curves import (
     shipped_curves,
     user_file,
 )
-from torchrender.planning.foresight import Expected
+from torchrender.planning.foresight import COVERED, Expected
 from torchrender.scene.load import load
 
 
@@ -45,10 +46,13 @@ def test_times_are_weighted_sums_and_errors_means() -> None:
     assert curves.error("gbuffer", "1", "unknown").error == pytest.approx(0.3)
     assert curves.together([Expected(0.3, 0.1), Expected(0.4, 0.1)]).error == pytest.approx(0.5)
     assert curves.together([]).error == 0.0
-    more = parse_curves({**small(), "joint": [1.5, 1.0, 0.7]}, "test")
-    unseen = more.together([Expected(0.2, 0.1)], unseen=True)
-    assert unseen.error == pytest.approx(0.3)
-    assert unseen.interval == pytest.approx((0.3 * math.exp(-unseen.spread), 0.3 * math.exp(0.7 * unseen.spread)))
+    more = parse_curves({**small(), "joint": {"fine": [1.5, 1.0, 0.7], "coarse": [0.8]}}, "test")
+    unseen = more.together([Expected(0.2, 0.1)], unseen=RenderOptions())
+    assert unseen.error == pytest.approx(0.2), "the factor is in what passes add"
+    assert unseen.interval == pytest.approx((0.2 * math.exp(-unseen.spread), 0.2 * math.exp(0.7 * unseen.spread)))
+    assert more.joint(RenderOptions(supersample=2.0)).factor == 1.5
+    assert more.joint(RenderOptions(supersample=0.5)) == (0.8, COVERED, COVERED)
+    assert parse_curves({**small(), "joint": 1.2}, "test").coarse.factor == 1.2
     assert more.together([Expected(0.2, 0.1)]).error == pytest.approx(0.2), "scenes that were measured have their own"
 
 
@@ -58,8 +62,8 @@ def test_times_are_weighted_sums_and_errors_means() -> None:
         {"format": 1},
         {"joint": [9.0]},
         {"joint": 9.0},
-        {"joint": [1.0, 1.0, float("nan")]},
-        {"joint": [1.0, -1.0]},
+        {"joint": {"fine": [1.0, 1.0, float("nan")]}},
+        {"joint": {"coarse": [1.0, -1.0]}},
         {"norm": 0.0},
         {"norm": float("nan")},
         {"weights": {"gbuffer": {"1": [float("nan")]}}},

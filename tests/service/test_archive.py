@@ -8,10 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import torch
 from PIL import Image as PilImage
 
+import torchrender as tr
 from gltf_builder import Glb
-from torchrender.errors import SceneFileError, TorchRenderError
+from torchrender.errors import NotUsedWarning, SceneFileError, TorchRenderError
 from torchrender_service.errors import ServiceError
 from torchrender_service.renderers.jobs import SceneSource, Validate
 from torchrender_service.renderers.scene_cache import SceneCache
@@ -61,11 +63,28 @@ def test_gltf_with_its_buffers(tmp_path: Path) -> None:
     assert facts["triangles"] == 1 and facts["main"] == "files/one.glb"
 
 
-def test_points_are_shown_as_solids(tmp_path: Path) -> None:
-    head = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nend_header\n"
-    facts = checked(tmp_path, {"p.ply": (head + "0 0 0\n1 0 0\n0 1 0\n").encode()})
-    assert facts["triangles"] == 24
+def test_points_are_shown_as_discs(tmp_path: Path) -> None:
+    head = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+    head += "".join(f"property uchar {name}\n" for name in ("red", "green", "blue", "alpha"))
+    head += "property float wind\nend_header\n"
+    with pytest.warns(NotUsedWarning, match="wind"):
+        facts = checked(
+            tmp_path, {"p.ply": (head + "0 0 0 9 9 9 255 0\n1 0 0 9 9 9 99 0\n0 1 0 9 9 9 255 0\n").encode()}
+        )
+    assert facts["triangles"] == 12
     assert any("points" in note for note in facts["report"]["read"])
+    told = " ".join(facts["report"]["not_used"])
+    assert "wind" in told and "opacity of points: opaque ones are shown (1)" in told
+
+
+def test_a_cloud_of_a_body_is_orbited(tmp_path: Path) -> None:
+    ball = tr.Mesh.sphere(1.0, segments=16)
+    normals = torch.nn.functional.normalize(ball.vertices, dim=1)
+    rows = "\n".join(" ".join(f"{v:.6f}" for v in (*p, *n)) for p, n in zip(ball.vertices, normals, strict=True))
+    names = "".join(f"property float {name}\n" for name in ("x", "y", "z", "nx", "ny", "nz"))
+    head = f"ply\nformat ascii 1.0\nelement vertex {len(normals)}\n{names}end_header\n"
+    facts = checked(tmp_path, {"ball.ply": (head + rows).encode()})
+    assert facts["controls"] == "orbit" and facts["report"]["not_used"] == []
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ import pytest
 from service_little import FACTS, PICTURE, LittleServer, little_server
 from service_parts import FakePool
 from torchrender.errors import OptionError
-from torchrender_service.door import traces
+from torchrender_service.door import accepting, traces
 from torchrender_service.door.accepting import MOST_ADDRESSES, Arrivals, listening
 from torchrender_service.door.address import client_of, group_of
 from torchrender_service.door.rates import Quota, Rates
@@ -87,7 +87,9 @@ def test_an_address_opens_so_many_connections_a_second() -> None:
     assert len(arrivals._left) <= MOST_ADDRESSES
 
 
-def test_what_is_refused_is_closed_before_anybody_looks_at_it() -> None:
+def test_what_is_refused_is_closed_before_anybody_looks_at_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(accepting, "TOLD_PER_S", 2)
+    monkeypatch.setattr(accepting.time, "monotonic", lambda: 50.0)
     (one,) = listening("127.0.0.1", 0, Arrivals(Settings(connections_per_s=1)))
     with one:
         one.listen(16)
@@ -95,6 +97,8 @@ def test_what_is_refused_is_closed_before_anybody_looks_at_it() -> None:
             one.accept()
         visitors = [socket.create_connection(one.getsockname(), source_address=(OTHER, 0)) for _ in range(5)]
         honest = socket.create_connection(one.getsockname())
+        for visitor in visitors[2:4]:
+            visitor.sendall(b"GET / HTTP/1.1\r\nhost: localhost\r\n\r\n")
         accepted = []
         for _ in range(3):
             connection, peer = one.accept()
@@ -103,17 +107,72 @@ def test_what_is_refused_is_closed_before_anybody_looks_at_it() -> None:
         assert accepted == [OTHER, OTHER, "127.0.0.1"]
         with pytest.raises(BlockingIOError):
             one.accept()
-        assert sum(_is_reset(visitor) for visitor in visitors) == 3
+        for visitor in visitors[2:4]:  # told why, and the connection ends in order
+            visitor.settimeout(5.0)
+            said = b""
+            while part := visitor.recv(65536):
+                said += part
+            head, _, body = said.partition(b"\r\n\r\n")
+            assert head.startswith(b"HTTP/1.1 429 ") and b"connection: close" in head and b"retry-after: 1" in head
+            assert json.loads(body)["type"].endswith(":connections-a-second")
+        visitors[4].settimeout(5.0)
+        with pytest.raises(ConnectionResetError):
+            visitors[4].recv(1)
         for visitor in (*visitors, honest):
             visitor.close()
 
 
-def _is_reset(connection: socket.socket) -> bool:
-    connection.settimeout(5.0)
-    try:
-        return connection.recv(1) == b"x"
-    except ConnectionResetError:
-        return True
+HEAD = b"GET /health HTTP/1.1\r\nhost: localhost\r\n"
+
+
+@pytest.mark.parametrize(
+    ("request_", "status"),
+    [
+        (b"BREW /pot HTTP/1.1\r\nhost: localhost\r\n\r\n", 400),
+        (b"GET / HTTP/9.9\r\nhost: localhost\r\n\r\n", 400),
+        (HEAD + b"content-length: -5\r\n\r\n", 400),
+        (HEAD + b"content-length: 99999999999999999999\r\n\r\n", 400),
+        (HEAD + b"content-length: 5\r\ntransfer-encoding: chunked\r\n\r\n0\r\n\r\n", 400),
+        (b"\x16\x03\x01\x02\x00", 400),
+        (b"GET /" + 100_000 * b"a" + b" HTTP/1.1\r\nhost: localhost\r\n\r\n", 414),
+        (b"GET /" + 300_000 * b"a", 414),
+        (HEAD + b"x-a: " + 200_000 * b"a" + b"\r\n\r\n", 431),
+        (HEAD + b"x-a: " + 700_000 * b"a", 431),
+        (HEAD + b"".join(b"x-%d: %s\r\n" % (k, 1000 * b"a") for k in range(200)) + b"\r\n", 431),
+    ],
+)
+def test_what_is_no_http_is_told_so_in_a_problem_document(little: LittleServer, request_: bytes, status: int) -> None:
+    with little.connect() as one:
+        one.settimeout(10.0)
+        one.sendall(request_)
+        head, _, body = ended(one).partition(b"\r\n\r\n")
+    assert head.startswith(b"HTTP/1.1 %d " % status) and b"content-type: application/problem+json" in head
+    assert json.loads(body)["status"] == status
+    assert until(lambda: little.state.connections.of("127.0.0.1") == 0)
+
+
+def test_headers_may_be_large_and_each_request_has_its_own(little: LittleServer) -> None:
+    with little.connect() as one:
+        one.settimeout(10.0)
+        for _ in range(4):
+            one.sendall(HEAD + b"x-a: " + 40_000 * b"a" + b"\r\n\r\n")
+            said = b""
+            while b"version" not in said:
+                said += one.recv(65536)
+            assert b" 200 " in said
+
+
+def test_a_connection_too_many_is_told_so(tmp_path: Path) -> None:
+    with little_server(tmp_path, max_connections_per_address=2) as server:
+        busy = [server.connect(OTHER) for _ in range(2)]
+        for one in busy:
+            one.sendall(post("/v1/reproject", 50, "application/json"))
+        assert until(lambda: len(server.state.connections._busy.get(OTHER, ())) == 2)
+        with server.connect(OTHER) as one:
+            said = ended(one)
+        assert said.startswith(b"HTTP/1.1 429 ") and b"application/problem+json" in said
+        for one in busy:
+            one.close()
 
 
 def test_half_sent_headers_are_ended_and_keep_nobody_out(little: LittleServer) -> None:
@@ -231,6 +290,43 @@ def test_pages_of_other_sites_cannot_ask(little: LittleServer) -> None:
     assert headers["x-frame-options"] == "DENY" and f"ws://{little.address} " in headers["content-security-policy"]
     assert "connect-src 'self' data: " in headers["content-security-policy"], "the decoder fetches its own code"
     assert " ws: " not in headers["content-security-policy"]
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "body", "named"),
+    [
+        ("GET", "/v1/plan?scene=cornell_box&foo=1", b"", "query.foo"),
+        ("GET", "/v1/plan?scene=cornell_box&scene=nest", b"", "query.scene"),
+        ("GET", "/v1/scenes?nmae=a", b"", "query.nmae"),
+        ("GET", "/v1/scenes/cornell_box?x", b"", "query.x"),
+        ("GET", "/v1/scenes/cornell_box?x=", b"", "query.x"),
+        ("DELETE", "/v1/scenes/cornell_box?force=1", b"", "query.force"),
+        ("POST", "/v1/render?scene=nest", json.dumps(SMALL).encode(), "query.scene"),
+        ("POST", "/v1/style?scene=nest&seed=1&seed=2", b"", "query.seed"),
+        ("POST", "/v1/style?scene=nest&sed=1", b"", "query.sed"),
+        ("POST", "/v1/render", b'{"scene": "nest", "width": 8, "height": 8, "width": 9}', "body.width"),
+        ("POST", "/v1/sessions", b'{"scene": "nest", "camera": {"name": "a", "name": "a"}}', "body.name"),
+    ],
+)
+def test_what_would_be_passed_over_is_named(
+    little: LittleServer, method: str, path: str, body: bytes, named: str
+) -> None:
+    answer = little.ask(method, path, body or None, content_type="application/json")
+    assert answer.status == 422 and answer.headers["content-type"] == "application/problem+json"
+    assert answer.json()["type"].endswith(":invalid-value") and answer.json()["detail"].startswith(named + ":")
+
+
+def test_words_that_may_come_several_times_still_may(little: LittleServer) -> None:
+    answer = little.ask("POST", "/v1/style?scene=cornell_box&lock=a&lock=b", b"", content_type="text/plain")
+    assert answer.status == 415
+
+
+def test_bodies_come_as_they_are(little: LittleServer) -> None:
+    packed = gzip.compress(TOML)
+    answer = little.ask("POST", "/v1/scenes", packed, content_type="application/toml", content_encoding="gzip")
+    assert answer.status == 415 and "gzip" in answer.json()["detail"]
+    same = little.ask("POST", "/v1/scenes", TOML, content_type="application/toml", content_encoding="identity")
+    assert same.status in (200, 201)
 
 
 def test_every_answer_has_a_request_id(little: LittleServer) -> None:

@@ -192,6 +192,19 @@ def test_a_renderer_that_is_killed_while_idle_lives_again_at_once(monkeypatch: p
     stage.run(play())
 
 
+def test_a_process_that_is_prepared_runs_before_its_first_job(monkeypatch: pytest.MonkeyPatch) -> None:
+    stage = Stage(monkeypatch, eager=False)
+
+    async def play() -> None:
+        await asyncio.sleep(0.2)
+        assert stage.renderer.pid is None
+        stage.renderer.prepare()
+        await stage.ready()
+        assert (await stage.renderer.submit(QUICK))["did"] == "quick"
+
+    stage.run(play())
+
+
 def test_the_process_that_stands_ready_takes_the_place_of_one_that_died(monkeypatch: pytest.MonkeyPatch) -> None:
     stage = Stage(monkeypatch)
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import Coroutine
 from typing import Any
 
+import msgspec
 import pytest
 from fastapi import FastAPI, Request
 from starlette.datastructures import Headers
@@ -249,3 +251,20 @@ def test_the_clock_of_a_scene_counts_while_it_plays() -> None:
     assert clock.at(200.0) == 4.0
     clock.play(True, 300.0)
     assert clock.at(301.0) == 5.0
+
+
+@pytest.mark.parametrize("playing", [True, False])
+def test_the_clock_of_a_scene_goes_on_in_another_replica(playing: bool) -> None:
+    record = msgspec.structs.replace(make_record("s"), scene_s=12.5, playing=playing)
+    before = time.monotonic()
+    session = Session.of(record, SceneSource(id=record.scene), dict(FACTS), Actor("far away"))
+    assert session.clock.playing == playing
+    passed = session.clock.at(before + 100.0)
+    assert passed == pytest.approx(112.5 if playing else 12.5, abs=0.5)
+    again = session.record()
+    assert again.playing == playing and again.scene_s == pytest.approx(12.5, abs=0.5)
+
+
+def test_a_scene_that_never_moved_has_no_clock_anywhere() -> None:
+    session = Session.of(make_record("s"), SceneSource(id="cornell_box"), dict(FACTS), Actor("far away"))
+    assert session.clock.at(1e6) is None and session.record().scene_s is None and not session.record().playing

@@ -328,6 +328,25 @@ def test_too_many_bad_values_end_the_stream(server: RunningServer) -> None:
         assert sum(isinstance(m, Problem) for m in seen) == 16
 
 
+def test_poses_that_cannot_be_rendered_count_too(server: RunningServer) -> None:
+    with stream(server) as (ws, welcome):
+        bad = msgspec.structs.replace(welcome.camera, world_from_camera=(2.0,) * 16)
+        for seq in range(16):
+            ws.send(encode(Pose(seq=seq, time_ms=0.0, camera=bad)))
+            problem = receive(ws)
+            assert isinstance(problem, Problem) and problem.status == 422
+        assert closed_with(ws)[0] == 1008
+
+
+def test_a_second_hello_is_named(server: RunningServer) -> None:
+    with stream(server) as (ws, welcome):
+        ws.send(HELLO)
+        problem = receive(ws)
+        assert isinstance(problem, Problem) and "HELLO" in problem.detail
+        ws.send(pose(welcome.camera, 1))
+        assert receive_keyframe(ws).pose == 1
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_random_bytes_in_the_middle(server: RunningServer, seed: int) -> None:
     noise = random.Random(seed)

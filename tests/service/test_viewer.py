@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import http.client
+import socket
 import threading
 import time
 from collections.abc import Iterator
@@ -288,3 +289,24 @@ def test_a_picture_that_nobody_waits_for_ends_between_two_passes(monkeypatch: py
 
     assert asyncio.run(change_of_mind()) == {"made": True}
     assert ended.is_set()
+
+
+def test_a_port_that_is_taken_says_so_once(capfd: pytest.CaptureFixture[str]) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as other, pytest.raises(TorchRenderError, match="in use"):
+        tr.show(small_scene(), browser=False, port=other.getsockname()[1])
+    assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize("place", [("a", 1), (1, None), (float("nan"), 1)])
+def test_places_that_are_no_numbers_are_named(view: View, place: tuple[Any, Any]) -> None:
+    with pytest.raises(InputError, match=r"^[xy] must"):
+        view.pick(*place)
+
+
+def test_pictures_have_the_size_that_is_asked_for(view: View) -> None:
+    camera = view.camera
+    picture = view.screenshot(height=24)
+    assert tuple(picture.radiance.shape[1:3]) == (24, round(24 * camera.width / camera.height))
+    for sides in ({"width": 0, "height": 3}, {"height": -1}, {"width": "a"}):
+        with pytest.raises(InputError, match=r"width|height"):
+            view.screenshot(**sides)

@@ -47,6 +47,9 @@ def main(folder: Path, threads: int) -> int:
 
 
 if __name__ == "__main__":
-    code = main(Path(sys.argv[1]), int(sys.argv[2]))
-    sys.stderr.flush()
+    try:
+        code = main(Path(sys.argv[1]), int(sys.argv[2]))
+        sys.stderr.flush()
+    except BrokenPipeError:  # whoever asked is gone
+        code = 1
     os._exit(code)

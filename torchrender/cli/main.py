@@ -30,7 +30,7 @@ from torchrender.cli.arguments import (
 from torchrender.cli.batch import add_batch, batch_command
 from torchrender.cli.fly import add_fly, fly
 from torchrender.cli.fog import add_fog, run_fog
-from torchrender.cli.output import check_output, collect_garbage, image_size, progress, saying_warnings
+from torchrender.cli.output import check_output, collect_garbage, image_size, plain, progress, saying_warnings
 from torchrender.cli.plan import add_limits, add_plan, run_calibrate, run_plan, run_tradeoff
 from torchrender.cli.points import add_points, draws_points, point_info, run_points
 from torchrender.cli.serve import add_load_test, add_serve, load_test_command, serve_command
@@ -65,7 +65,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             finally:
                 COLD.stop()
     except TorchRenderError as error:
-        print(f"torchrender: error: {say_option(error, arguments)}", file=sys.stderr)
+        print(f"torchrender: error: {plain(say_option(error, arguments))}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("torchrender: interrupted", file=sys.stderr)

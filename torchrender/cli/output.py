@@ -65,6 +65,11 @@ def collect_garbage() -> None:
         gc.enable()
 
 
+def plain(text: str) -> str:
+    """A line for a terminal: what files hold may be control characters, which are shown as escapes."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape", "backslashreplace").decode() for c in text)
+
+
 @contextmanager
 def saying_warnings() -> Iterator[None]:
     """Warnings of this package are one line each on stderr, said once."""
@@ -77,7 +82,7 @@ def saying_warnings() -> Iterator[None]:
                 usual(message, category, *rest, **more)
             elif str(message) not in said:
                 said.add(str(message))
-                print(f"torchrender: warning: {message}", file=sys.stderr)
+                print(f"torchrender: warning: {plain(str(message))}", file=sys.stderr)
 
         warnings.showwarning = say
         warnings.simplefilter("always", TorchRenderWarning)

@@ -136,7 +136,7 @@ def run_calibrate(arguments: argparse.Namespace) -> Path:
     write_atomically(path, text_writer(json.dumps(curves, separators=(",", ":")) + "\n"))
     if known is None:  # how errors of whole pictures compare with these curves
         os.environ[ENVIRONMENT] = str(path)
-        curves["joint"] = [round(value, 3) for value in joint_of(anything(seed) for seed in SEEDS[:JOINT_SCENES])]
+        curves["joint"] = joint_of(anything(seed) for seed in SEEDS[:JOINT_SCENES])
         write_atomically(path, text_writer(json.dumps(curves, separators=(",", ":")) + "\n"))
     return path
 

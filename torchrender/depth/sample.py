@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from torchrender.buffers import DepthImages
+from torchrender.checks import check_class, options_of
 from torchrender.depth.conventional import conventional
 from torchrender.depth.nonredundant import pixel_nonredundant
 from torchrender.depth.nonredundant_rays import visibility_nonredundant
@@ -30,7 +31,9 @@ def sample_depth_images(scene: Scene, cameras: Cameras, options: SamplingOptions
     Raises:
         InputError: orthographic cameras, or none at all. GradientError: a mesh asks for a gradient.
     """
-    options = options or SamplingOptions()
+    check_class("scene", scene, Scene)
+    check_class("cameras", cameras, Cameras)
+    options = options_of(options, SamplingOptions)
     check_fixed("sample_depth_images", scene)
     if cameras.orthographic or not len(cameras):
         raise InputError(f"cameras must be perspective and at least one, got {len(cameras)}")
@@ -52,6 +55,8 @@ def sample_offset_images(scene: Scene, images: DepthImages) -> DepthImages:
     Args:
         images: what :func:`sample_depth_images` made of the same scene.
     """
+    check_class("scene", scene, Scene)
+    check_class("images", images, DepthImages)
     if not isinstance(images, DepthImages):
         raise InputError(f"images must be DepthImages, as sample_depth_images makes them, got {type(images).__name__}")
     options = SamplingOptions(**images.parameters)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import torch
 
 from torchrender.buffers import DepthImages
-from torchrender.checks import check_range, checked_fields
+from torchrender.checks import check_range, checked_fields, options_of
 from torchrender.depth.holders import Holder, images_holder, views_holder
 from torchrender.depth.options import SamplingOptions
 from torchrender.depth.probes import Probes
@@ -103,7 +103,7 @@ def sampling_metrics(
     Raises:
         InputError: sets of different sizes or redundancies.
     """
-    options = options or SamplingMetricOptions()
+    options = options_of(options, SamplingMetricOptions)
     sampling = _common_options(sets)
     size = sets[0].cameras
     viewpoints = viewpoints.scaled(size.height / viewpoints.height)

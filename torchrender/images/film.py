@@ -12,7 +12,7 @@ import torch
 from PIL import Image as PillowImage
 from torch import Tensor
 
-from torchrender.checks import check_range
+from torchrender.checks import check_class, check_range
 from torchrender.errors import ImageFileError, InputError, NotUsedWarning
 from torchrender.images.files import write_atomically, write_image
 from torchrender.numerics.color import srgb_from_linear
@@ -49,6 +49,7 @@ def write_film(path: str | Path, frames: Displayed | Iterable[Displayed | Tensor
         ImageFileError: another suffix, a missing folder, or a film that cannot be written here.
         InputError: no frames, frames of several sizes, of another shape or with NaN, or too small for a film.
     """
+    check_class("path", path, str, Path)
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix and suffix not in FILMS:

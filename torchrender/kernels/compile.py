@@ -130,17 +130,20 @@ class Kernel(CPUDispatcher):
         return False
 
 
-def kernel(*, parallel: bool = False, inline: bool = False) -> Callable[[Callable[..., Any]], Any]:
+def kernel(
+    *, parallel: bool = False, inline: bool = False, counted: bool = True
+) -> Callable[[Callable[..., Any]], Any]:
     """Decorator for a compiled loop: cached, no ``fastmath`` (comparisons decide visibility), C division rules.
 
     ``inline`` makes LLVM inline it into its callers: worth its compile time for small functions in hot loops, because
-    arrays that cross a real call are reference counted.
+    arrays that cross a real call are reference counted. Unless ``counted`` is False: for what kernels alone call, with
+    arrays that these keep alive, and that makes none.
     """
 
     def decorate(function: Callable[..., Any]) -> Any:
         if numba_config.DISABLE_JIT:
             return function
-        options = options_of(parallel=parallel)
+        options = options_of(parallel=parallel, counted=counted)
         if inline:
             options["forceinline"] = True
         return Kernel(function, targetoptions=options)
@@ -148,9 +151,10 @@ def kernel(*, parallel: bool = False, inline: bool = False) -> Callable[[Callabl
     return decorate
 
 
-def options_of(*, parallel: bool = False) -> dict[str, Any]:
+def options_of(*, parallel: bool = False, counted: bool = True) -> dict[str, Any]:
     """How numba compiles all of them."""
-    return {"nopython": True, "error_model": "numpy", "nogil": True, "parallel": parallel, "boundscheck": None}
+    options = {"nopython": True, "error_model": "numpy", "nogil": True, "parallel": parallel, "boundscheck": None}
+    return options if counted else {**options, "_nrt": False}
 
 
 def _refuse(self: Kernel, *_: Any, **__: Any) -> Any:

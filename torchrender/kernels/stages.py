@@ -18,11 +18,11 @@ from torchrender.kernels.libraries import OWN_CODE
 
 
 class Stage(Kernel):
-    """A function of kernels' arguments that returns nothing, and that kernels alone call."""
+    """A function of kernels' arguments that returns nothing and makes no arrays, and that kernels alone call."""
 
     def __init__(self, py_func: Any, need: str | None) -> None:
         OWN_CODE.add(py_func)
-        super().__init__(py_func, None, options_of() | {"no_cpython_wrapper": True})
+        super().__init__(py_func, None, options_of(counted=False) | {"no_cpython_wrapper": True})
         self._seen = True  # asked for from Python: told about, kept and waited for like what Python calls
         self.need = need
         self._addresses: dict[Any, int] = {}

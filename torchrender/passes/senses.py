@@ -71,6 +71,24 @@ def difference(frame: Frame, radiance: Tensor, other: Tensor, like: Tensor | Non
     return float((display(frame, radiance.detach(), whole) - display(frame, other.detach(), whole)).abs().mean())
 
 
+def borders(frame: Frame, covered: Tensor, lights: Iterable[Tensor]) -> float:
+    """Length of the borders of shadows, summed over the lights: pixels per pixel of the picture.
+
+    How much more or less of a light the next pixel sees: a soft border counts as a hard one.
+    """
+    chosen, length = few(covered), 0.0
+    pairs = [chosen[:, 1:] & chosen[:, :-1], chosen[:, :, 1:] & chosen[:, :, :-1]]
+    steps = [max(1, -(-n // SIDE)) / frame.options.supersample for n in covered.shape[1:3]]
+    for visibility in lights:
+        part = few(visibility)
+        changes = (part[:, 1:] - part[:, :-1]).abs(), (part[:, :, 1:] - part[:, :, :-1]).abs()
+        length += sum(
+            float((change * both).sum()) / (step * max(chosen.numel(), 1))
+            for change, both, step in zip(changes, pairs, steps, strict=True)
+        )
+    return length
+
+
 def partly_lit(covered: Tensor, lights: Iterable[Tensor]) -> float:
     """Share of the pixels (B,H,W) that see a part of a light, summed over the lights: borders of shadows."""
     chosen, share = few(covered), 0.0

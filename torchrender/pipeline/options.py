@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import Any
 
 from torchrender.checks import ArrayLike, as_vector, check_choice, check_range, checked_fields
@@ -129,8 +130,24 @@ def lasting_shadows(options: RenderOptions) -> ShadowOptions:
 
     The look-up of the picture itself may be the quickest one; neither maps nor mirrors are made anew for that.
     """
-    shadow = replace(options.shadow, edges="exact")
+    return _looked_up(options.shadow)
+
+
+def everywhere(options: RenderOptions) -> ShadowOptions:
+    """The same of maps of everything, whatever the picture sees."""
+    return _everywhere(options.shadow)
+
+
+# A plan asks for these a few hundred times, of a few dozen settings.
+@lru_cache(maxsize=256)
+def _looked_up(options: ShadowOptions) -> ShadowOptions:
+    shadow = replace(options, edges="exact")
     return replace(shadow, filter="bilinear") if shadow.filter == "none" and shadow.soft is None else shadow
+
+
+@lru_cache(maxsize=256)
+def _everywhere(options: ShadowOptions) -> ShadowOptions:
+    return replace(_looked_up(options), coverage="scene", cascades=None)
 
 
 def plain_background(options: RenderOptions) -> tuple[float, ...] | None:

@@ -88,15 +88,16 @@ class Knowledge:
     def setting_error(self, step: Pass, setting: str, options: RenderOptions) -> Expected:
         """Error of a setting; where settings are compared in a context of their own, beyond the best of them.
 
-        A pass that knows one way has none.
+        A pass that knows one way has none. In a scene that was not measured, what it adds to the whole picture's.
         """
         if not step.settings.is_choice or not step.settings.shows(options):
             return Expected(0.0, 0.0)
         found = self._error(step, setting)
-        if not step.settings.context.changes:
-            return found
-        best = min(self._error(step, s).error for s in step.settings.names)
-        return found._replace(error=max(found.error - best, 0.0))
+        if step.settings.context.changes:
+            best = min(self._error(step, s).error for s in step.settings.names)
+            found = found._replace(error=max(found.error - best, 0.0))
+        factor = self.curves.joint(options).factor if self.unseen else 1.0
+        return found if factor == 1.0 else found._replace(error=min(factor * found.error, 1.0))
 
     def leaves_out(self, step: Pass, options: RenderOptions) -> bool:
         """The pass was asked for and has something to do, and these options turn it off: that is an error, too."""

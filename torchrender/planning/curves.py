@@ -18,7 +18,8 @@ from pathlib import Path
 from typing import Any
 
 from torchrender.passes.senses import closely
-from torchrender.planning.foresight import Expected, Joint, Line, parse_lines, together
+from torchrender.pipeline.options import RenderOptions
+from torchrender.planning.foresight import Expected, Joint, Line, parse_joint, parse_lines, together
 from torchrender.scene.model import Scene
 
 FORMAT = 2
@@ -55,7 +56,8 @@ class Curves:
     machine: Mapping[str, Any]
     source: str
     lines: Mapping[str, Mapping[str, Line]] = field(default_factory=dict)  # for scenes that are not among these
-    joint: Joint = AS_ADDED_UP  # whole pictures of such scenes, beside what their passes add up to
+    fine: Joint = AS_ADDED_UP  # whole pictures of such scenes, beside what their passes add up to,
+    coarse: Joint = AS_ADDED_UP  # and those with fewer rendered pixels than the picture has
 
     def time_ms(self, name: str, setting: str, amounts: Sequence[float], scene: str | None = None) -> float | None:
         """Predicted time; None for what was never measured."""
@@ -102,13 +104,17 @@ class Curves:
         found = self.scenes.get(scene or "", {}).get("passes", {}).get(name, {}).get(setting)
         return found if isinstance(found, dict) else None
 
-    def together(self, errors: Sequence[Expected], *, unseen: bool = False) -> Expected:
-        """The error of a picture whose passes have these; ``unseen``: of a scene that was not measured."""
-        found = together(errors, self.norm, UNSEEN_SPREAD if unseen else JOINT_SPREAD)
-        if not unseen:
-            return found
-        joint = self.joint
-        return found._replace(error=min(found.error * joint.factor, 1.0), below=joint.below, above=joint.above)
+    def joint(self, options: RenderOptions) -> Joint:
+        """How pictures of scenes that were not measured lie about what their passes add up to."""
+        return self.coarse if options.supersample < 1.0 else self.fine
+
+    def together(self, errors: Sequence[Expected], *, unseen: RenderOptions | None = None) -> Expected:
+        """The error of a picture whose passes have these; ``unseen``: its options, of a scene that was not measured."""
+        if unseen is None:
+            return together(errors, self.norm, JOINT_SPREAD)
+        joint = self.joint(unseen)
+        found = together(errors, self.norm, UNSEEN_SPREAD)
+        return found._replace(error=min(found.error, 1.0), below=joint.below, above=joint.above)
 
 
 def scene_key(scene: Scene) -> str:
@@ -175,10 +181,7 @@ def parse_curves(data: Mapping[str, Any], source: str) -> Curves:
     norm = float(data["norm"])
     if not 0.5 <= norm <= 8.0:
         raise ValueError(f"norm must be in [0.5, 8], got {norm}")
-    lines, told = parse_lines(data.get("foresight", {})), data.get("joint", [])
-    joint = Joint(*(float(value) for value in (told if isinstance(told, list) else [told])))
-    if not 0.25 <= joint.factor <= 4.0:
-        raise ValueError(f"joint: factor must be in [0.25, 4], got {joint.factor}")
-    if not (0.0 < joint.below <= 10.0 and 0.0 < joint.above <= 10.0):
-        raise ValueError(f"joint: tails must be in (0, 10], got {joint.below} and {joint.above}")
-    return Curves(data["weights"], data["scenes"], norm, data.get("machine", {}), source, lines, joint)
+    told = data.get("joint", {})
+    fine, coarse = (parse_joint(told.get(name, []) if isinstance(told, dict) else told) for name in ("fine", "coarse"))
+    lines = parse_lines(data.get("foresight", {}))
+    return Curves(data["weights"], data["scenes"], norm, data.get("machine", {}), source, lines, fine, coarse)

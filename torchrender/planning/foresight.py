@@ -47,6 +47,20 @@ class Joint(NamedTuple):
     above: float = COVERED  # in standard deviations of the prediction
 
 
+def parse_joint(told: Any) -> Joint:
+    """From JSON: factor and tails, or the factor alone.
+
+    Raises:
+        ValueError: numbers out of range.
+    """
+    joint = Joint(*(float(value) for value in (told if isinstance(told, list) else [told])))
+    if not 0.25 <= joint.factor <= 4.0:
+        raise ValueError(f"joint: factor must be in [0.25, 4], got {joint.factor}")
+    if not (0.0 < joint.below <= 10.0 and 0.0 < joint.above <= 10.0):
+        raise ValueError(f"joint: tails must be in (0, 10], got {joint.below} and {joint.above}")
+    return joint
+
+
 def joint_of_pictures(pictures: Sequence[tuple[float, Expected]]) -> Joint:
     """Of errors of pictures, each with what its passes added up to; fewer than ten say nothing about tails."""
     if not pictures:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from torchrender.checks import check_range
+from torchrender.checks import check_class, check_range, options_of
 from torchrender.errors import InputError, OptionError
 from torchrender.passes.settings import CUSTOM
 from torchrender.passes.table import find_pass, table_of
@@ -96,7 +96,7 @@ def make_plan(
             choice, rows = _safely(question, (budget_ms, max_error, spent_ms), choice, rows)
         options = question.options_at(choice.settings)
     rows = rows or _rows(knowledge, options)
-    expected = _expected(knowledge, rows)
+    expected = _expected(knowledge, rows, options)
     plan = Plan(
         rows=rows,
         options=options,
@@ -122,23 +122,24 @@ def _safely(
     budget_ms, max_error, spent_ms = wishes
     bound = max_error
     for _ in range(ROUNDS):
-        expected = _expected(question.knowledge, rows)
+        expected = _expected(question.knowledge, rows, question.options_at(choice.settings))
         if not choice.possible or expected is None or expected.interval[1] <= max_error:
             break
         bound = TIGHTER * min(bound, max_error * choice.predicted_error / expected.interval[1])
         choice = choose(question, budget_ms, bound, spent_ms)
         rows = _rows(question.knowledge, question.options_at(choice.settings))
         if not choice.possible:  # nothing is as sure as that: what is most exact may do
-            expected = _expected(question.knowledge, rows)
+            expected = _expected(question.knowledge, rows, question.options_at(choice.settings))
             return replace(choice, possible=expected is not None and expected.error <= max_error), rows
     return choice, rows
 
 
-def _expected(knowledge: Knowledge, rows: tuple[PlanRow, ...]) -> Expected | None:
+def _expected(knowledge: Knowledge, rows: tuple[PlanRow, ...], options: RenderOptions) -> Expected | None:
     """The error of a picture whose passes run like this; None where one was never measured."""
     found = [row.expected_error for row in rows if row.runs or row.expected_error is not None]
     known = [one for one in found if one is not None]
-    return knowledge.curves.together(known, unseen=knowledge.unseen) if len(known) == len(found) else None
+    unseen = options if knowledge.unseen else None
+    return knowledge.curves.together(known, unseen=unseen) if len(known) == len(found) else None
 
 
 def _changes(asked: tuple[PlanRow, ...], chosen: tuple[PlanRow, ...]) -> tuple[str, ...]:
@@ -241,8 +242,10 @@ def plan(
         OptionError: ``budget_ms`` not positive, ``max_error`` outside [0, 1].
         InputError: ``options.fixed`` names no pass.
     """
+    check_class("scene", scene, Scene)
+    check_class("camera", camera, Cameras)
     check_wishes(budget_ms, max_error)
-    options = options or RenderOptions()
+    options = options_of(options, RenderOptions)
     check_names(options)
     knowledge = Knowledge.of(scene, camera, options, history, curves or load_curves())
     return make_plan(knowledge, options, budget_ms, max_error)

@@ -98,13 +98,16 @@ class Question:
         """Of one pass at one setting, to the power of the norm."""
         if not step.settings.is_choice:
             return 0.0
-        key = ("error", step.name, setting.name, step.settings.shows(self._exact_at(count)))
+        key = ("error", step.name, setting.name, step.settings.shows(self._exact_at(count)), self._joint_at(count))
         found = self._memo.get(key)
         if found is None:
             error = self.knowledge.setting_error(step, setting.name, self._exact_at(count)).error
             found = self._memo[key] = float(error**self.knowledge.curves.norm)
         assert isinstance(found, float)
         return found
+
+    def _joint_at(self, count: Setting) -> object:
+        return self.knowledge.curves.joint(self._exact_at(count)) if self.knowledge.unseen else None
 
     def inputs(self, step: Pass, setting: Setting, count: Setting, fresh: bool) -> frozenset[AnyBuffer]:
         """What a pass takes at one setting."""

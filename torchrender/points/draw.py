@@ -15,6 +15,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchrender.checks import check_class, options_of
 from torchrender.errors import CameraError
 from torchrender.kernels.compile import thread_count
 from torchrender.kernels.points import ewa
@@ -63,18 +64,17 @@ def render_points(points: PatchSet | PointCloud, cameras: Cameras, options: Spla
         CameraError: orthographic cameras.
         PointFileError: a compressed file is damaged where it is read.
     """
-    options = options or SplatOptions()
+    check_class("cameras", cameras, Cameras)
+    options = options_of(options, SplatOptions)
     if cameras.orthographic:
         raise CameraError("points are drawn by perspective cameras only")
     if isinstance(points, PointCloud) and is_blended(points):
         return render_gaussians(points, cameras, options)
-    patches = build_patches(points) if isinstance(points, PointCloud) else points
+    patches = points if isinstance(points, PatchSet) else build_patches(points)
     shape = (len(cameras), cameras.height, cameras.width)
     image, depth, weight = torch.zeros(*shape, 3), torch.zeros(shape), torch.zeros(shape)
-    statistics = tuple(
-        _draw(patches, cameras[number], options, (image[number], depth[number], weight[number]))
-        for number in range(len(cameras))
-    )
+    parts = zip(image, depth, weight, strict=True)
+    statistics = tuple(_draw(patches, cameras[k], options, one) for k, one in enumerate(parts))
     return PointImage(image, depth, weight, statistics)
 
 

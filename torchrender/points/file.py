@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from torchrender.checks import check_class
 from torchrender.errors import PointFileError
 from torchrender.images.files import write_atomically
 from torchrender.points.codec import NORMALS, PALETTE, NodeAccess, PackedNodes, compress
@@ -38,6 +39,7 @@ def write_points(path: str | Path, patches: PatchSet, *, normals: str = "angles"
         PointFileError: another suffix.
         ImageFileError: the folder does not exist, or the file cannot be written.
     """
+    check_class("path", path, str, Path)
     path = Path(path)
     if path.suffix.lower() != SUFFIX:
         raise PointFileError(path, f"compressed points are written to {SUFFIX}")
@@ -118,6 +120,7 @@ def open_points(path: str | Path) -> PatchSet:
         PointFileError: missing, no such file of points, another version, damaged, or cut off. Damage to nodes shows
             when they are first drawn.
     """
+    check_class("path", path, str, Path)
     path = Path(path)
     try:
         size = path.stat().st_size

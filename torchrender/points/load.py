@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchrender.checks import check_range
+from torchrender.checks import check_class, check_range
 from torchrender.errors import InputError, MeshError, SceneFileError, TorchRenderWarning
 from torchrender.points.cloud import PointCloud
 from torchrender.points.gaussians import covariances
@@ -20,7 +20,7 @@ from torchrender.scene.files.gltf.container import GltfFile
 from torchrender.scene.files.gltf.points import has_only_points, read_gltf_points
 from torchrender.scene.files.plain.ply import declares_faces, read_ply
 from torchrender.scene.files.plain.ply_format import MAX_HEADER, read_header
-from torchrender.scene.files.report import Notes
+from torchrender.scene.files.report import LoadReport, Notes
 from torchrender.scene.load import load
 from torchrender.scene.model import Scene
 from torchrender.voxels.coverage import surface_alpha, surface_colors
@@ -64,20 +64,25 @@ def load_points(
             any size), or positions that are not finite.
         InputError: an unknown name; ``samples`` given for a file of points, or less than 1.
     """
+    check_class("path", path, str, Path)
     source = Path(path)
     if holds_points(source):
         if samples is not None:
             raise InputError(f"samples is for meshes only, {source} holds points")
-        notes = Notes(source)
-        read = _gltf_points if source.suffix.lower() in GLTF else _ply_points
-        cloud = read(source, read_bytes(source), notes, drop_invalid)
-        notes.close()
-        return cloud
+        return read_points(source, drop_invalid)[0]
     scene = load(path, drop_invalid=drop_invalid)
     count = SAMPLES if samples is None else int(check_range("samples", samples, 1, 2**31))
     if samples is None and source.suffix:
         warnings.warn(f"{source}: holds surfaces: sampled by {count:,} points", SampledWarning, stacklevel=2)
     return sample_points(scene, count, seed=seed)
+
+
+def read_points(path: Path, drop_invalid: bool = False) -> tuple[PointCloud, LoadReport]:
+    """The points of a file that :func:`holds_points`, and what was read of it. Errors as :func:`load_points`."""
+    notes = Notes(path)
+    read = _gltf_points if path.suffix.lower() in GLTF else _ply_points
+    cloud = read(path, read_bytes(path), notes, drop_invalid)
+    return cloud, notes.close()
 
 
 def holds_points(path: str | Path) -> bool:

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from torchrender.checks import check_choice, check_range, checked_fields
+from torchrender.checks import check_choice, check_class, check_range, checked_fields, options_of
 from torchrender.errors import PointFileError
 from torchrender.points.cloud import PointCloud
 from torchrender.points.codec import NORMALS, PackedNodes, compress, fit_palette
@@ -81,7 +81,9 @@ def pack_points(
         PointFileError: the source holds surfaces, 3D Gaussians or points that are not opaque; another target suffix.
         ImageFileError: the target's folder does not exist, or the file cannot be written.
     """
-    options, target = options or PackOptions(), Path(target)
+    check_class("source", source, str, Path)
+    check_class("target", target, str, Path)
+    options, target = options_of(options, PackOptions), Path(target)
     say = progress or _silent
     if target.suffix.lower() != SUFFIX:
         raise PointFileError(target, f"compressed points are written to {SUFFIX}")

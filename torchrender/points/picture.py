@@ -11,7 +11,7 @@ from torchrender.points.draw import render_points
 from torchrender.points.options import PointImage
 from torchrender.points.tree import PatchSet
 from torchrender.scene.camera import Cameras
-from torchrender.scene.model import DEFAULT_SIZE, resized
+from torchrender.scene.model import DEFAULT_SIZE, resized, sides
 
 
 def picture(
@@ -34,8 +34,6 @@ def picture(
     named = [name for name, wish in wishes.items() if wish is not None]
     if named:
         raise InputError(f"{', '.join(named)}: for scenes; points take SplatOptions, by render_points")
-    width, height = size
     if isinstance(camera, Cameras):
-        return render_points(cloud, resized(camera, width or camera.width, height or camera.height))
-    framing = cloud.camera(camera, width=width or DEFAULT_SIZE[0], height=height or DEFAULT_SIZE[1])
-    return render_points(cloud, framing)
+        return render_points(cloud, resized(camera, *sides(size, (camera.width, camera.height))))
+    return render_points(cloud, cloud.camera(camera, **sides(size, DEFAULT_SIZE)._asdict()))

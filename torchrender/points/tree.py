@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from torchrender.brief import brief
-from torchrender.checks import check_range, checked_fields
+from torchrender.checks import check_class, check_range, checked_fields, options_of
 from torchrender.errors import OptionError
 from torchrender.kernels.compile import thread_count
 from torchrender.kernels.points.records import Nodes
@@ -165,7 +165,8 @@ def build_patches(cloud: PointCloud, options: PatchOptions | None = None) -> Pat
     squared radius; its radius encloses its children. The deepest level of a patch holds each of its points once, and
     every level represents them all. Missing normals and radii are estimated.
     """
-    options = options or PatchOptions()
+    check_class("cloud", cloud, PointCloud)
+    options = options_of(options, PatchOptions)
     cloud = cloud.completed()
     assert cloud.normal is not None and cloud.radius is not None
     points = node_arrays(cloud.position, cloud.normal, cloud.radius, cloud.color)

@@ -15,7 +15,7 @@ from torch.utils.weak import WeakIdKeyDictionary
 
 from torchrender.arrays import Recycler, view
 from torchrender.buffers import DepthImages
-from torchrender.checks import check_range, check_tensor, checked_fields
+from torchrender.checks import check_range, check_tensor, checked_fields, options_of
 from torchrender.errors import InputError
 from torchrender.kernels.compile import thread_count
 from torchrender.kernels.warp import corners as kernels
@@ -86,7 +86,7 @@ def fit_corners(
     Raises:
         InputError: orthographic cameras, or offset images of other views.
     """
-    options = options or ReconstructOptions()
+    options = options_of(options, ReconstructOptions)
     cameras = images.cameras
     if cameras.orthographic:
         raise InputError("images must come from perspective cameras")
@@ -122,7 +122,7 @@ def kept_corners(images: DepthImages, options: ReconstructOptions | None = None)
 
     They take 21 bytes a pixel. Images whose tensors were changed in place since are fitted again.
     """
-    options = options or ReconstructOptions()
+    options = options_of(options, ReconstructOptions)
     state = (options, *(tensor._version for tensor in (images.depth, images.normal, images.object_id)))
     known: tuple[Any, tuple[Tensor, Tensor, Tensor]] | None = _KEPT.get(images)
     if known is None or known[0] != state:

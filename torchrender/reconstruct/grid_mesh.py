@@ -10,6 +10,7 @@ import torch
 
 from torchrender.arrays import view
 from torchrender.buffers import DepthImages
+from torchrender.checks import options_of
 from torchrender.errors import InputError
 from torchrender.kernels.warp.depth_grid import fit_blocks
 from torchrender.reconstruct.corners import ReconstructOptions, SampleQuads, corner_limits, pixel_normals
@@ -24,7 +25,7 @@ def fit_grid(images: DepthImages, options: ReconstructOptions | None = None) -> 
     Raises:
         InputError: orthographic cameras.
     """
-    options = options or ReconstructOptions()
+    options = options_of(options, ReconstructOptions)
     if images.cameras.orthographic:
         raise InputError("images must come from perspective cameras")
     count, height, width = images.depth.shape

@@ -14,6 +14,7 @@ from torch import Tensor
 
 from torchrender.arrays import view
 from torchrender.buffers import DepthImages
+from torchrender.checks import check_class
 from torchrender.kernels.warp import corner_mesh
 from torchrender.kernels.warp.corners import DIAGONAL, FIRST, SECOND
 from torchrender.reconstruct.corners import ReconstructOptions, SampleQuads, fit_corners
@@ -96,6 +97,7 @@ def reconstruct_hybrid(
     Raises:
         InputError: orthographic cameras, or offset images of other views.
     """
+    check_class("images", images, DepthImages)
     return mesh_of_quads(fit_corners(images, offset_images, options), colors=colors)
 
 

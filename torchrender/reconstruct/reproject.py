@@ -16,7 +16,16 @@ from torch import Tensor
 from torchrender.arrays import Recycler, view
 from torchrender.brief import brief
 from torchrender.buffers import DepthImages
-from torchrender.checks import check_choice, check_finite, check_no_gradient, check_range, check_tensor, checked_fields
+from torchrender.checks import (
+    check_choice,
+    check_class,
+    check_finite,
+    check_no_gradient,
+    check_range,
+    check_tensor,
+    checked_fields,
+    options_of,
+)
 from torchrender.errors import ColorWarning, InputError
 from torchrender.kernels.compile import thread_count
 from torchrender.kernels.warp.resolve import resolve
@@ -112,7 +121,7 @@ def reproject(
             2^32 - 2 samples.
         OptionError: an unknown method. GradientError: depths that ask for gradients.
     """
-    options = options or ReprojectOptions()
+    options = options_of(options, ReprojectOptions)
     method = check_choice("method", method or options.method, METHODS)
     source = images.images if isinstance(images, SampleQuads) else images
     colors = _checked(source, cameras, colors)
@@ -156,6 +165,8 @@ def _drawn(
 
 def _checked(source: DepthImages, cameras: Cameras, colors: Tensor | None) -> Tensor:
     """The colours (N,H,W,3) to draw, if all can be drawn."""
+    check_class("images", source, DepthImages)
+    check_class("cameras", cameras, Cameras)
     if colors is None and source.parameters.get("shade") is False and not bool(source.color.any()):
         told = "the images hold no colours, so all is black: sample them with shade=True, or give colors"
         warnings.warn(told, ColorWarning, stacklevel=3)

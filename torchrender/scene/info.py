@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from torchrender.checks import check_class
 from torchrender.scene.material import TEXTURES
 from torchrender.scene.model import Scene
 from torchrender.scene.smooth import weld
@@ -19,6 +20,7 @@ def scene_info(scene: Scene) -> dict[str, Any]:
     ``closed``: every edge of every object is shared by exactly two faces that run along it in opposite directions.
     Corners at the same position count as one.
     """
+    check_class("scene", scene, Scene)
     geometry = scene.geometry
     degenerate = int((geometry.face_normals.abs().sum(dim=1) == 0).sum())
     open_edges = _open_edges(scene)

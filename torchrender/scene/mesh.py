@@ -14,7 +14,7 @@ from torch import Tensor
 from torchrender.brief import brief
 from torchrender.checks import ArrayLike, as_array, as_vector
 from torchrender.errors import MeshError
-from torchrender.kernels.raster.culling_clusters import cluster_boxes, first_use, spatial_order, vertex_blocks
+from torchrender.kernels.meshes.culling_clusters import cluster_boxes, first_use, spatial_order, vertex_blocks
 from torchrender.numerics.tangents import TangentTable
 from torchrender.scene.cutout import Cutout
 from torchrender.scene.parts.columns import finite_rows, joined, optional

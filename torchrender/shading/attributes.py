@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import torch
 from torch import Tensor
+from torch.utils.weak import WeakIdKeyDictionary
 
 from torchrender.arrays import view
 from torchrender.buffers import GBuffer, RayHits, RaySurface, VisibilityBuffer
@@ -34,6 +35,7 @@ from torchrender.scene.camera import Cameras
 from torchrender.scene.mesh import Geometry
 
 Array = np.ndarray[Any, Any]
+_EYES: WeakIdKeyDictionary = WeakIdKeyDictionary()
 Made = Mapping[str, Tensor]
 
 
@@ -236,16 +238,23 @@ def empty_attributes(shape: tuple[int, ...]) -> dict[str, Array]:
 
 def eye_of(cameras: Cameras, k: int) -> Eye:
     """Camera ``k`` as the attribute and shading kernels read it."""
-    return _eyes(cameras[k])[0]
+    return _eyes(cameras)[k]
 
 
 def _eyes(cameras: Cameras) -> list[Eye]:
     """All cameras as the kernels read them."""
-    all_rays = np.linalg.inv(cameras.intrinsics.numpy())
+    known: list[Eye] | None = _EYES.get(cameras)
+    if known is None:
+        known = _EYES[cameras] = _made_eyes(cameras)
+    return known
+
+
+def _made_eyes(cameras: Cameras) -> list[Eye]:
+    all_rays = np.linalg.inv(cameras.intrinsics.detach().numpy())
     if cameras.orthographic:
         all_rays[:, 2] = 0.0  # across the image plane; the depth goes along ``forward``
-    world_from_camera = cameras.world_from_camera.numpy()
-    sizes = cameras.footprint(torch.ones(len(cameras), 1, dtype=torch.float64)).numpy()
+    world_from_camera = cameras.world_from_camera.detach().numpy()
+    sizes = cameras.footprint(torch.ones(len(cameras), 1, dtype=torch.float64)).detach().numpy()
     made = []
     for rays, matrix, size in zip(all_rays, world_from_camera, sizes, strict=True):
         rotation = matrix[:3, :3]

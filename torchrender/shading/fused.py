@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 from torch.utils.weak import WeakIdKeyDictionary
 
+from torchrender.arrays import Recycler
 from torchrender.arrays import view as array
 from torchrender.buffers import GBuffer, RaySurface, VisibilityBuffer
 from torchrender.kernels.compile import thread_count
@@ -50,6 +51,7 @@ from torchrender.shading.sky import SkyMaps
 Array = np.ndarray[Any, Any]
 f4 = np.float32
 _PACKED: WeakIdKeyDictionary = WeakIdKeyDictionary()
+_memory = Recycler(1 << 26)
 _NONE, _NONE4 = np.zeros((0, 3), f4), np.zeros((0, 4), f4)
 _EVERYWHERE = (np.zeros(1, np.int64), np.zeros(0, np.int32))
 """No lists of lights: each may reach all pixels."""
@@ -76,9 +78,10 @@ def send_fused(
     looks = looks_of(scene.materials, scene.material_table)
     sky = _sky(scene, background)
     images = 1 if isinstance(samples, RaySurface) else len(samples.cameras)
-    count = samples.covered.numel()
+    assert samples.triangle is not None
+    count = samples.triangle.numel()
     each = count // max(images, 1)
-    made = np.zeros if isinstance(samples, RaySurface) else np.empty
+    made = np.zeros if isinstance(samples, RaySurface) else _memory.empty
     radiance = made((count, 3), f4)
     more = [np.zeros((count if mirrors else 0, 3), f4) for _ in range(2)]
     shadow = None if visibility is None or not len(visibility) else array(visibility, f4).reshape(len(visibility), -1)

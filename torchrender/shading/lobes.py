@@ -68,7 +68,7 @@ def metallic_roughness(surface: Surface, sky: Sky, around: Around, lights: Seque
     s, m = surface, _Mix.of(surface)
     seen = s.occlusion if around.visibility is None else s.occlusion * around.visibility
     diffuse = sky.diffuse(s.normal if around.normal is None else around.normal) * seen
-    up = 2.0 * m.eye * s.normal - s.to_eye
+    up = lobe_middle(s.normal, s.to_eye, m.eye, s.roughness)
     specular_seen = specular_occlusion(m.eye, seen, s.roughness)
     through = 1.0 - _coat_share(s)
     mirrored = m.mirrored * m.sheen_left * through
@@ -89,6 +89,16 @@ def unlit(surface: Surface) -> Sent:
     """The colour as it is."""
     none = torch.zeros_like(surface.base)
     return Sent(surface.base, none, none)
+
+
+def lobe_middle(normal: Tensor, to_eye: Tensor, eye: Tensor, roughness: Tensor) -> Tensor:
+    """Unit direction (3,N) that light from all around is looked up in: rough surfaces mirror more from along their
+    normal than the mirrored direction has (Lagarde and de Rousiers 2014, section 4.9.3, with a weaker turn: their lobes
+    have Fresnel's term within). ``eye``: cosines (N,) to the eye.
+    """
+    mirror = 2.0 * eye * normal - to_eye
+    turned = normal + (mirror - normal) * (1.0 - 0.5 * roughness.clamp(0.0, 1.0).square())
+    return turned / turned.square().sum(0).sqrt().clamp_min(1e-18)
 
 
 def specular_occlusion(eye: Tensor, seen: Tensor, roughness: Tensor) -> Tensor:
@@ -172,7 +182,7 @@ def _coat(s: Surface, sky: Sky, seen: Tensor, lights: Sequence[Lit]) -> Tensor:
     """Light (3,N) that the clear coat mirrors."""
     eye = (s.smooth * s.to_eye).sum(0).clamp(1e-4, 1.0)
     a, b = directional_albedo(eye, s.coat_roughness)
-    up = 2.0 * eye * s.smooth - s.to_eye
+    up = lobe_middle(s.smooth, s.to_eye, eye, s.coat_roughness)
     share = s.clearcoat * (COAT_F0 * a + b)
     total = share * sky.mirrored(up, s.coat_roughness) * specular_occlusion(eye, seen, s.coat_roughness)
     alpha = ggx_alpha(s.coat_roughness)

@@ -9,6 +9,7 @@ from torch.utils.weak import WeakIdKeyDictionary
 from torchrender.buffers import RaySurface, VisibilityBuffer
 from torchrender.scene.mesh import Geometry
 from torchrender.scene.model import Scene
+from torchrender.shading.attributes import eye_of
 
 _KEPT: WeakIdKeyDictionary = WeakIdKeyDictionary()
 LOOKED_AT = 4096
@@ -24,8 +25,8 @@ def origin_of(scene: Scene, samples: VisibilityBuffer | RaySurface, k: int = 0) 
     """
     if isinstance(samples, RaySurface) or samples.cameras.orthographic:
         return middle(scene.geometry)
-    bounds = scene.bounds
-    return torch.minimum(torch.maximum(samples.cameras.eye[k], bounds[0]), bounds[1])
+    bounds, eye = scene.bounds, torch.from_numpy(eye_of(samples.cameras, k).origin)
+    return torch.minimum(torch.maximum(eye, bounds[0]), bounds[1])
 
 
 def middle(geometry: Geometry) -> Tensor:

@@ -76,7 +76,10 @@ def calibrate(scenes: Sequence[Scene], *, size: int = SIDE, known: Curves | None
             name: {setting: line.to_list() for setting, line in rows.items()} for name, rows in known.lines.items()
         }
     norm = fit_norm(joint) if joint or known is None else known.norm
-    rest = {"foresight": lines, "joint": [] if known is None else list(known.joint)}
+    rest = {
+        "foresight": lines,
+        "joint": {} if known is None else {"fine": list(known.fine), "coarse": list(known.coarse)},
+    }
     return curves_from(errors, seen, norm) | rest
 
 

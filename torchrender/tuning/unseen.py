@@ -19,7 +19,7 @@ from torchrender.passes.table import PASSES
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
 from torchrender.planning.costs import sense_of
-from torchrender.planning.foresight import COVERED, LEAST, Expected, Joint, Line, fitted, joint_of_pictures
+from torchrender.planning.foresight import COVERED, LEAST, Expected, Line, fitted, joint_of_pictures
 from torchrender.quality.metrics import flip
 from torchrender.renderer import NO_LIMIT, render
 from torchrender.scene.camera import Cameras
@@ -125,12 +125,12 @@ def _line(pairs: Iterable[tuple[float, dict[str, Any]]], kind: str, *, needed: b
     return fitted(errors, seen)
 
 
-def joint_of(scenes: Iterable[Scene], size: int = SIDE) -> Joint:
-    """How errors of whole pictures lie about what their passes add up to.
+def joint_of(scenes: Iterable[Scene], size: int = SIDE) -> dict[str, list[float]]:
+    """How errors of whole pictures lie about what their passes add up to, of ``fine`` and of ``coarse`` ones.
 
     Of the second picture of a sequence, at settings that budgets and bounds choose by curves which do not tell it yet.
     """
-    pictures = []
+    pictures: dict[str, list[tuple[float, Expected]]] = {"fine": [], "coarse": []}
     for scene in scenes:
         camera = scene.with_default_light().camera(width=size, height=size)
         wanted = render(scene, camera, options=exact_options()).displayed().float()
@@ -141,5 +141,7 @@ def joint_of(scenes: Iterable[Scene], size: int = SIDE) -> Joint:
             told, interval = second.plan.predicted_error, second.plan.error_interval
             if told and interval is not None:
                 spread = math.log(told / interval[0]) / COVERED
-                pictures.append((float(flip(second.displayed().float(), wanted)[0]), Expected(told, spread)))
-    return joint_of_pictures(pictures)
+                kind = "coarse" if second.plan.options.supersample < 1.0 else "fine"
+                error = float(flip(second.displayed().float(), wanted)[0])
+                pictures[kind].append((error, Expected(told, spread)))
+    return {kind: [round(value, 3) for value in joint_of_pictures(found)] for kind, found in pictures.items()}

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from torchrender.brief import brief
-from torchrender.checks import check_finite
+from torchrender.checks import check_finite, options_of
 from torchrender.errors import InputError
 from torchrender.kernels.compile import thread_count
 from torchrender.kernels.voxels.bits import count_runs
@@ -120,7 +120,7 @@ def surface_fragments(
     """
     if len(grid) != 1:
         raise InputError(f"fragments are of one grid, got {len(grid)}")
-    options = options or SurfaceOptions()
+    options = options_of(options, SurfaceOptions)
     points, triangles = checked_mesh(vertices, faces, grid)
     voxels = voxelize_surface(vertices, faces, grid, options)
     words, thin = flat(voxels.words[0]), options.mode == "thin"

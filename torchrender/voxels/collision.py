@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from torchrender.brief import brief
-from torchrender.checks import check_range, check_tensor, checked_fields
+from torchrender.checks import check_range, check_tensor, checked_fields, options_of
 from torchrender.errors import InputError
 from torchrender.scene.mesh import Geometry
 from torchrender.scene.triangles import Shape, geometry_of
@@ -86,7 +86,7 @@ def collide(
     Warns:
         LeakWarning: a body is not closed.
     """
-    options = options or CollisionOptions()
+    options = options_of(options, CollisionOptions)
     first, second = geometry_of("first", first), geometry_of("second", second)
     bodies = [
         (_placed("world_from_first", first, world_from_first), first.faces),

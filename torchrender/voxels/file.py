@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from torchrender.brief import brief
-from torchrender.checks import check_tensor
+from torchrender.checks import check_class, check_tensor
 from torchrender.errors import InputError, SceneFileError
 from torchrender.images.files import write_bytes, write_npz
 from torchrender.numerics.color import linear_from_srgb, srgb_from_linear
@@ -109,6 +109,7 @@ def write_voxels(path: str | Path, model: VoxelModel | SurfaceVoxels | Voxels) -
         ImageFileError: missing folder, or the file cannot be written.
         SceneFileError: another suffix, or a grid of more than 256 cells per side for ``.vox``.
     """
+    check_class("path", path, str, Path)
     path = Path(path)
     if isinstance(model, SurfaceVoxels):
         model = VoxelModel.of(model, path.stem)
@@ -147,6 +148,7 @@ def read_voxels(path: str | Path) -> VoxelModel:
     Raises:
         SceneFileError: missing, damaged, cut off, of another kind or of a newer version.
     """
+    check_class("path", path, str, Path)
     path = Path(path)
     if not path.is_file():
         raise SceneFileError(path, "no such file")

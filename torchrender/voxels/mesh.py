@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from torchrender.checks import check_tensor
+from torchrender.checks import check_class, check_tensor
 from torchrender.errors import InputError
 from torchrender.scene.mesh import Mesh
 from torchrender.voxels.grid import WORD, Voxels
@@ -24,6 +24,7 @@ def voxel_mesh(voxels: Voxels, color: Tensor | None = None, *, normals: Tensor |
     Raises:
         InputError: several grids, or values of another shape.
     """
+    check_class("voxels", voxels, Voxels)
     if len(voxels.grid) != 1:
         raise InputError(f"voxels must be of one grid, got {len(voxels.grid)}")
     numbers = voxels.numbers()

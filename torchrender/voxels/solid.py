@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchrender.checks import check_choice, check_range, checked_fields
+from torchrender.checks import check_choice, check_range, checked_fields, options_of
 from torchrender.errors import InputError, LeakWarning
 from torchrender.kernels.compile import thread_count
 from torchrender.kernels.voxels import columns as columns
@@ -108,7 +108,7 @@ def voxelize_solid(
         LeakWarning: with the share of columns that leak, or that none does although the mesh is open.
     """
     vertices, faces, grid = mesh_arguments(vertices, faces, grid)
-    options = options or SolidOptions()
+    options = options_of(options, SolidOptions)
     points, triangles = checked_mesh(vertices, faces, grid)
     words = empty_words(grid)
     total = SolidReport()

@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchrender.kernels.raster.culling_clusters import spatial_order
+from torchrender.kernels.meshes.culling_clusters import spatial_order
 from torchrender.kernels.voxels.winding import gather_clusters, winding_slice
 from torchrender.voxels.grid import VoxelGrid, Voxels
 

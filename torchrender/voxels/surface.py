@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from torchrender.arrays import view
-from torchrender.checks import check_choice, check_finite, check_tensor, checked_fields
+from torchrender.checks import check_choice, check_finite, check_tensor, checked_fields, options_of
 from torchrender.errors import InputError
 from torchrender.kernels.compile import thread_count
 from torchrender.kernels.voxels.cells import Soup
@@ -66,7 +66,7 @@ def voxelize_surface(
         InputError: wrong shapes, vertices that are not finite, faces that name missing vertices.
     """
     vertices, faces, grid = mesh_arguments(vertices, faces, grid)
-    options = options or SurfaceOptions()
+    options = options_of(options, SurfaceOptions)
     points, triangles = checked_mesh(vertices, faces, grid)
     words = empty_words(grid)
     tally = np.zeros(3, np.int64)

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import torch
 
-from torchrender.checks import check_range
+from torchrender.checks import check_range, options_of
 from torchrender.clock import StepClock
 from torchrender.errors import OptionError
 from torchrender.scene.camera import Cameras
@@ -90,7 +90,7 @@ def build_stages(
     progress: Progress = quiet,
 ) -> Stages:
     """As :func:`build_walkthrough`, with what the stages made."""
-    options = options or WalkthroughOptions()
+    options = options_of(options, WalkthroughOptions)
     check_range("hold_out", hold_out, 0, 10**6)
     if hold_out == 1:
         raise OptionError("hold_out must not be 1: no photo would be left")

@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchrender.checks import check_class, options_of
 from torchrender.errors import CameraError
 from torchrender.kernels.compile import thread_count
 from torchrender.kernels.walkthrough import splat
@@ -79,7 +80,9 @@ def draw_walkthrough(
     Raises:
         CameraError: orthographic cameras.
     """
-    options = options or DrawOptions()
+    check_class("walkthrough", walkthrough, Walkthrough)
+    check_class("cameras", cameras, Cameras)
+    options = options_of(options, DrawOptions)
     if cameras.orthographic:
         raise CameraError("walkthroughs are drawn by perspective cameras only")
     shape = (len(cameras), cameras.height, cameras.width)

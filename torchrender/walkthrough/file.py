@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import torch
 
+from torchrender.checks import check_class
 from torchrender.errors import SceneFileError, TorchRenderError
 from torchrender.images.files import write_atomically
 from torchrender.scene.camera import Cameras
@@ -44,6 +45,7 @@ def write_walkthrough(path: str | Path, walkthrough: Walkthrough) -> int:
     Raises:
         SceneFileError: another suffix, or the file cannot be written.
     """
+    check_class("path", path, str, Path)
     path = Path(path)
     if path.suffix.lower() != SUFFIX:
         raise SceneFileError(path, f"walkthroughs are written to {SUFFIX}")
@@ -118,6 +120,7 @@ def read_walkthrough(path: str | Path) -> Walkthrough:
     Raises:
         SceneFileError: missing, damaged, of another version, or larger than it may be; says what is wrong.
     """
+    check_class("path", path, str, Path)
     path = Path(path)
     if not path.is_file():
         raise SceneFileError(path, "no such file")

@@ -1,7 +1,8 @@
-"""Listening sockets that close connections at once where one address opens too many a second.
+"""Listening sockets that turn connections away at once where one address opens too many a second.
 
-A connection that becomes a transport and a protocol costs the server a tenth of a millisecond, one that is closed here
-a hundredth: who opens thousands a second takes nothing from the others.
+A connection that becomes a transport and a protocol costs the server a tenth of a millisecond, one that is turned away
+here a hundredth: who opens thousands a second takes nothing from the others. Some hundred a second are told why, with
+429; the rest are reset.
 """
 
 from __future__ import annotations
@@ -15,6 +16,8 @@ from collections.abc import Callable
 from typing import Any
 
 from torchrender_service.door.address import peer_of
+from torchrender_service.errors import ServiceError
+from torchrender_service.problems import last_answer
 from torchrender_service.settings import Settings
 
 BURST_S = 2.0
@@ -22,6 +25,9 @@ BURST_S = 2.0
 MOST_REFUSED = 256
 """In a row, before whoever is connected has a turn."""
 MOST_ADDRESSES = 4096
+TOLD_PER_S = 500
+"""Answers to those that are turned away, of all addresses: each leaves the system something to wait for."""
+BUSY = last_answer(ServiceError(429, "connections-a-second", "too many new connections a second", retry_after_s=1.0))
 _AT_ONCE = struct.pack("ii", 1, 0)  # SO_LINGER: reset, nothing is left to wait for
 
 
@@ -37,6 +43,7 @@ class Arrivals:
         self._trusted = frozenset(settings.trusted_proxies)
         self._refused = refused
         self._left: dict[str, tuple[float, float]] = {}  # by address: how many, and when
+        self._told, self._second = 0, 0  # answers in a second, and which
 
     def let_in(self, address: str, now: float) -> bool:
         """Count a connection."""
@@ -53,6 +60,13 @@ class Arrivals:
             self._forget(now)
         self._left[address] = (left - 1.0, now)
         return True
+
+    def tells(self, now: float) -> bool:
+        """Whether one more is told why it is turned away, in this second."""
+        if int(now) != self._second:
+            self._told, self._second = 0, int(now)
+        self._told += 1
+        return self._told <= TOLD_PER_S
 
     def _forget(self, now: float) -> None:
         """Drop the addresses whose bucket is full again; all, where none is."""
@@ -74,12 +88,22 @@ class DoorSocket(socket.socket):
         """
         for _ in range(MOST_REFUSED):
             connection, peer = super().accept()
-            if self.arrivals is None or self.arrivals.let_in(peer_of(peer), time.monotonic()):
+            now = time.monotonic()
+            if self.arrivals is None or self.arrivals.let_in(peer_of(peer), now):
                 return connection, peer
-            with contextlib.suppress(OSError):
-                connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _AT_ONCE)
-            connection.close()
+            with connection, contextlib.suppress(OSError):
+                if self.arrivals.tells(now):
+                    _tell(connection)
+                else:
+                    connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _AT_ONCE)
         raise BlockingIOError
+
+
+def _tell(connection: socket.socket) -> None:
+    """Say why, without waiting; what was asked is read if it is there, else the system would reset the connection."""
+    connection.setblocking(False)
+    connection.send(BUSY)
+    connection.recv(65536)
 
 
 def listening(host: str, port: int, arrivals: Arrivals) -> list[socket.socket]:

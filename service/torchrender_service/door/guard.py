@@ -146,6 +146,9 @@ class Guard:
             check_origin(headers, self._settings)
         if api or scope["path"] == "/metrics":
             check_key(headers, self._settings)
+        coding = headers.get("content-encoding", "").strip().lower()
+        if coding not in ("", "identity"):
+            raise ServiceError(415, "content-encoding", f"bodies must come as they are, not with {coding[:40]!r}")
         length = headers.get("content-length")
         limit = self._bodies.of(scope)
         if length is not None and length.isdecimal() and int(length[:20]) > limit:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import time
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +12,8 @@ from websockets.http11 import Request
 
 from torchrender_service.door.address import peer_of
 from torchrender_service.door.connections import Connections
+from torchrender_service.errors import ServiceError
+from torchrender_service.problems import last_answer
 from torchrender_service.settings import Settings
 
 if TYPE_CHECKING:
@@ -22,7 +23,15 @@ LINGER_S = 5.0
 """After a close the peer may take this long to read what was sent before."""
 PROGRESS = 16 * 1024
 """Bytes of a body or of an answer that must go over the wire within each deadline."""
-LATE = "the request did not come in time"
+MAX_HEAD = 64 * 1024
+"""Bytes of the address of a request, and of all its headers."""
+LAST_S = 1.0
+"""What still comes is read so long after a last answer: a reset would take it from the peer."""
+LATE = ServiceError(408, "late", "the request did not come in time")
+MALFORMED = ServiceError(400, "malformed", "this is no request of HTTP/1.1 that the server understands")
+LONG_ADDRESS = ServiceError(414, "address-too-long", f"an address may have at most {MAX_HEAD} bytes")
+LARGE_HEAD = ServiceError(431, "headers-too-large", f"the headers may have at most {MAX_HEAD} bytes together")
+FULL = ServiceError(429, "connections", "there are too many connections", retry_after_s=1.0)
 
 
 class Deadlines:
@@ -65,8 +74,15 @@ class PatientProtocol(HttpToolsProtocol):
         self.deadlines = Deadlines(self.settings)
         self._body = 0  # bytes since the deadline began
         self._unsent = 0  # bytes of the answer when its deadline began
+        self._head = 0  # bytes of headers that are there
+        self._head_came = 0  # bytes since the request began, addresses and unfinished headers included
+        self._in_head = False
+        self._wrong = MALFORMED  # what is said where the parser gives up
+        self._ended = False  # the last answer was given
         if not self.visits.come(self):
-            self.transport.abort()
+            self._ended = True
+            self.transport.write(last_answer(FULL))
+            self.transport.close()
             return
         self.deadlines.begin("header")
 
@@ -78,17 +94,62 @@ class PatientProtocol(HttpToolsProtocol):
 
     def data_received(self, data: bytes) -> None:
         """What comes after it was turned away is not looked at."""
-        if not self.transport.is_closing():
-            super().data_received(data)
+        if self._ended or self.transport.is_closing():
+            return
+        before = self._in_head
+        super().data_received(data)
+        if before and self._in_head:  # a header is not told before all of it is there
+            self._head_came += len(data)
+            if self._head_came > 2 * MAX_HEAD:
+                self._end(LARGE_HEAD)
+
+    def send_400_response(self, msg: str) -> None:
+        """The parser has given up."""
+        del msg
+        self._end(self._wrong)
+
+    def _end(self, error: ServiceError) -> None:
+        """A last answer, where none is under way."""
+        self._ended = True
+        self.visits.gone(self)
+        self.deadlines = Deadlines(self.settings)
+        cycle = self.cycle
+        if self.transport.is_closing() or (cycle and cycle.response_started and not cycle.response_complete):
+            self.transport.abort()
+            return
+        if cycle is not None:  # a request before it has no answer yet
+            cycle.disconnected = True
+            cycle.message_event.set()
+        self.transport.write(last_answer(error))
+        self.transport.write_eof()
+        self.loop.call_later(LAST_S, self.transport.abort)
+
+    def on_url(self, url: bytes) -> None:
+        """A part of the address."""
+        super().on_url(url)
+        if len(self.url) > MAX_HEAD:
+            self._wrong = LONG_ADDRESS
+            raise ValueError(LONG_ADDRESS.detail)
+
+    def on_header(self, name: bytes, value: bytes) -> None:
+        """A header is there."""
+        self._head += len(name) + len(value) + 4
+        if self._head > MAX_HEAD:
+            self._wrong = LARGE_HEAD
+            raise ValueError(LARGE_HEAD.detail)
+        super().on_header(name, value)
 
     def on_message_begin(self) -> None:
         """A request begins."""
         super().on_message_begin()
+        self._head = self._head_came = 0
+        self._in_head = True
         self.deadlines.end("idle")
         self.deadlines.begin("header")
 
     def on_headers_complete(self) -> None:
         """Its headers are there."""
+        self._in_head = False
         self.deadlines.end("header")
         self.deadlines.begin("body")
         self._body = 0
@@ -152,11 +213,8 @@ class PatientProtocol(HttpToolsProtocol):
     def turn_away(self, reason: str) -> None:
         """See :class:`Visitor`: with an answer where a request has begun and none was sent."""
         self.visits.gone(self)
-        started = self.cycle is not None and self.cycle.response_started and not self.cycle.response_complete
-        if reason in ("header", "body") and not started and not self.transport.is_closing():
-            self.transport.write(_late())
-            self.transport.close()
-            self.loop.call_later(1.0, self.transport.abort)
+        if reason in ("header", "body"):
+            self._end(LATE)
         else:
             self.transport.abort()
 
@@ -219,10 +277,3 @@ class StreamProtocol(WebSocketsSansIOProtocol):
 def http_protocol(visits: Connections, settings: Settings) -> type[asyncio.Protocol]:
     """The protocol class for a server."""
     return type("ServerProtocol", (PatientProtocol,), {"visits": visits, "settings": settings})
-
-
-def _late() -> bytes:
-    problem = {"type": "urn:torchrender:problem:late", "title": "Too late", "status": 408, "detail": LATE}
-    body = json.dumps(problem).encode()
-    head = f"HTTP/1.1 408 Request Timeout\r\ncontent-type: application/problem+json\r\ncontent-length: {len(body)}"
-    return head.encode() + b"\r\nconnection: close\r\n\r\n" + body

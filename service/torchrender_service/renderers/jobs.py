@@ -9,7 +9,7 @@ import msgspec
 from torchrender.wire.messages import Bits, CameraHeader, ColorCodec
 from torchrender.wire.viewing import Effect, ToneMap
 
-QUALITY_MOVING = 85
+QUALITY_MOVING = 90
 QUALITY_STILL = 95  # where the client cannot read WebP
 LOSSLESS = 100  # with WebP
 BITS_STILL: Bits = 16

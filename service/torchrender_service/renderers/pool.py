@@ -95,6 +95,7 @@ class Pool:
         warming = [asyncio.create_task(self._warm_renderer(renderer)) for renderer in self._renderers]
         try:
             await asyncio.gather(self._kernels.run(), *warming)
+            self._inspector.prepare()  # the first upload waits for no process
             if self._spare is not None:
                 self._spare.prepare()
         finally:

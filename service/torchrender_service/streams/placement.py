@@ -113,8 +113,10 @@ class Placement:
     # ------------------------------------------------------------ for server
 
     def due(self, now: float) -> str | None:
-        """Which kind of keyframe is wanted: "moving", "still", "smooth" (still, the mean of several) or None; "spare" is a
-        moving one that the view does not need yet: its mirrors, highlights and outlines only get fresher by it."""
+        """Which kind of keyframe is wanted: "moving", "still", "smooth" (still, the mean of several) or None.
+
+        "spare" is a moving one that the view does not need yet: mirrors and outlines only get fresher by it.
+        """
         pose, shown = self.pose, self._shown
         if pose is None or len(self._flights) >= CREDITS:
             return None

@@ -15,7 +15,7 @@ MAX_SPIN = 8.0
 MOVE_SHARE = 0.02  # of the typical depth: a keyframe this far away shows holes
 MARGIN_SHARE = 0.3  # of the overscan margin that a turn may use up
 MIN_TURN = 0.005
-SPARE_SHARE = 0.15  # of how far a view may go without a keyframe: from here one is of use, if nothing else is to be done
+SPARE_SHARE = 0.15  # of how far a view may go without a keyframe: from here one is of use, if there is time for it
 MAX_HOLES = 0.01
 
 Matrix = tuple[float, ...]

@@ -206,13 +206,13 @@ class Stream:
         while True:
             try:
                 message = await self._next(FROM_CLIENT)
+                if isinstance(message, Hello):
+                    raise ProtocolError("HELLO: comes once, before all others")
             except ProtocolError as error:
                 await self._complain(error)
-                self._errors += 1
                 if error.fatal:
                     raise Closed(1002, "a message could not be read") from error
-                if self._errors >= MAX_ERRORS:
-                    raise Closed(1008, "too many messages that cannot be used") from error
+                self._count_error()
                 continue
             if isinstance(message, Bye):
                 raise Closed(1000, "goodbye")
@@ -247,6 +247,11 @@ class Stream:
             placement.refresh()
         elif isinstance(message, Pick):
             self._viewing.pick(message)
+
+    def _count_error(self) -> None:
+        self._errors += 1
+        if self._errors >= MAX_ERRORS:
+            raise Closed(1008, "too many messages that cannot be used")
 
     async def _complain(self, error: ProtocolError | ServiceError) -> None:
         kind = error.kind if isinstance(error, ServiceError) else "invalid-message"
@@ -308,6 +313,8 @@ class Stream:
             await asyncio.sleep(error.retry_after_s or RETRY_S)
         else:
             self._placement.drop_pose()
+            if error.status == 422:
+                self._count_error()
 
     async def _watch(self) -> None:
         """Drop a client that does not acknowledge."""

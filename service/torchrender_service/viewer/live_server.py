@@ -6,6 +6,7 @@ import atexit
 import logging
 import queue
 import shutil
+import socket
 import tempfile
 import threading
 from collections.abc import Callable, Sequence
@@ -16,6 +17,7 @@ import uvicorn
 from torchrender.errors import TorchRenderError
 from torchrender.scene.model import Scene
 from torchrender.wire.messages import CameraHeader, Picked
+from torchrender_service.door.accepting import listening
 from torchrender_service.door.protocol import http_protocol
 from torchrender_service.renderers.scene_cache import describe
 from torchrender_service.settings import Settings
@@ -74,7 +76,8 @@ class LiveServer:
             server_header=False,
         )
         self._server = uvicorn.Server(config)
-        self._thread = threading.Thread(target=self._server.run, daemon=True, name="torchrender-viewer-server")
+        self._thread = threading.Thread(target=self._run, daemon=True, name="torchrender-viewer-server")
+        self._sockets: list[socket.socket] = []
 
     @property
     def port(self) -> int:
@@ -92,6 +95,12 @@ class LiveServer:
         Raises:
             TorchRenderError: it does not, because the port is in use, for instance.
         """
+        config = self._server.config
+        used = TorchRenderError(f"the viewer cannot listen on port {config.port}: is it in use?")
+        try:
+            self._sockets = listening(config.host, config.port, self._state.connections.arrivals)
+        except OSError as error:
+            raise used from error
         self._thread.start()
         threading.Thread(target=self._tell, daemon=True, name="torchrender-viewer-callbacks").start()
         waited = threading.Event()
@@ -100,9 +109,12 @@ class LiveServer:
                 break
             waited.wait(0.02)
         if not self.running:
-            raise TorchRenderError(f"the viewer cannot listen on port {self._server.config.port}: is it in use?")
+            raise used
         self._loop = self._server.servers[0].get_loop()
         atexit.register(self.stop)
+
+    def _run(self) -> None:
+        self._server.run(sockets=self._sockets)
 
     def stop(self) -> None:
         """End it; pages that show its scenes keep their last picture."""

@@ -18,7 +18,7 @@ from urllib.parse import urlsplit
 import torch
 from torch import Tensor
 
-from torchrender.checks import ArrayLike, as_array
+from torchrender.checks import ArrayLike, as_array, check_range
 from torchrender.errors import InputError, TorchRenderError, TorchRenderWarning
 from torchrender.image import Image
 from torchrender.pipeline.options import RenderOptions
@@ -39,6 +39,7 @@ from torchrender_service.viewer.live_server import LiveServer, live_server
 
 LIGHTS = (DirectionalLight, PointLight, RectLight, SpotLight)
 HEIGHT = 480
+MAX_PIXEL = 2**31
 """Pixels of a notebook's frame."""
 SIZE = (640, 360)
 POLL_S = 0.01
@@ -155,7 +156,7 @@ class View:
         return self
 
     def add(self, *things: Mesh | PointCloud | Material | Any) -> View:
-        """Show more: meshes, point clouds (as small solids), lights.
+        """Show more: meshes, point clouds (as small discs), lights.
 
         Raises:
             InputError: something that is none of these.
@@ -212,6 +213,8 @@ class View:
             x, y: pixels; the first one's centre is at 0.5.
             camera: default :attr:`camera`.
         """
+        for name, value in (("x", x), ("y", y)):
+            check_range(name, value, -MAX_PIXEL, MAX_PIXEL)
         header = _header("camera", self.camera if camera is None else camera)
         return self._pick_of(find_pixel(self._scene, FindPixel(scene=SceneSource(id=self.id), camera=header, x=x, y=y)))
 
@@ -230,14 +233,9 @@ class View:
         """A picture of the scene as it is, from where the page looks; needs no page and no display.
 
         Args:
-            width, height: pixels; default: as the page has. The vertical opening angle stays.
+            width, height: pixels; default: as the page has, in its shape. The vertical opening angle stays.
         """
-        camera = self.camera
-        factor = (height or camera.height) / camera.height
-        wide = width or round(camera.width * factor)
-        scaled = camera.scaled(factor)
-        aside = 0.5 * (wide - scaled.width)
-        return render(self._scene, scaled.sub_camera(-aside, 0.0, wide, scaled.height), options=options)
+        return render(self._scene, self.camera, width=width, height=height, options=options)
 
     def close(self) -> None:
         """Show it no longer; pictures and picks without a page still work."""

@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, Request, Response
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from torchrender_service.door.strict import StrictRoute
 from torchrender_service.errors import ServiceError
 from torchrender_service.renderers.contract import RendererHandle
 from torchrender_service.renderers.jobs import FogInPhoto
@@ -20,7 +21,7 @@ from torchrender_service.web.schemas import problems
 from torchrender_service.web.state import ServiceState, state_of
 from torchrender_service.web.work import work
 
-router = APIRouter(prefix="/v1", tags=["fog"])
+router = APIRouter(prefix="/v1", tags=["fog"], route_class=StrictRoute)
 
 RESULTS = {"image/png": "png", "image/jpeg": "jpeg", "application/json": "json"}
 _BINARY = {"schema": {"type": "string", "format": "binary"}}

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, Request, Response
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from torchrender_service.door.strict import StrictRoute
 from torchrender_service.errors import ServiceError
 from torchrender_service.renderers.jobs import CheckMarks, DescribePhoto, DividePhoto, StrokeLine
 from torchrender_service.web.negotiation import negotiate
@@ -15,7 +16,7 @@ from torchrender_service.web.schemas import problems
 from torchrender_service.web.state import state_of
 from torchrender_service.web.work import work
 
-router = APIRouter(prefix="/v1", tags=["photos"])
+router = APIRouter(prefix="/v1", tags=["photos"], route_class=StrictRoute)
 
 PHOTOS = ("image/jpeg", "image/png")
 MARKS = {"application/json": ".json", "application/toml": ".toml"}

@@ -12,6 +12,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Path, Query, Request, Response
 
 from torchrender.wire.messages import CONTENT_TYPE
+from torchrender_service.door.strict import StrictRoute
 from torchrender_service.errors import ServiceError
 from torchrender_service.renderers.jobs import Bounds, DepthImages, Plan, Render, Reproject, Tradeoff, View
 from torchrender_service.web.kept import count_keyframes, id_of
@@ -32,7 +33,7 @@ from torchrender_service.web.schemas import (
 from torchrender_service.web.state import ServiceState, state_of
 from torchrender_service.web.work import work
 
-router = APIRouter(prefix="/v1", tags=["pictures"])
+router = APIRouter(prefix="/v1", tags=["pictures"], route_class=StrictRoute)
 
 PICTURES = {"image/png": "png", "image/x-exr": "exr", "application/x-npz": "npz"}
 REPROJECTIONS = {"image/png": "png", "application/x-npz": "npz"}

@@ -7,13 +7,14 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Path, Query, Request, Response
 
+from torchrender_service.door.strict import StrictRoute
 from torchrender_service.errors import ServiceError
 from torchrender_service.renderers.jobs import Survey
 from torchrender_service.web.schemas import SceneFacts, SceneId, SceneList, SceneSurvey, problems
 from torchrender_service.web.state import state_of
 from torchrender_service.web.work import work
 
-router = APIRouter(prefix="/v1/scenes", tags=["scenes"])
+router = APIRouter(prefix="/v1/scenes", tags=["scenes"], route_class=StrictRoute)
 
 MEDIA_TYPES = {
     "model/gltf-binary": "glb",

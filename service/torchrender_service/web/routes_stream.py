@@ -10,6 +10,7 @@ from fastapi import APIRouter, Request, WebSocket, WebSocketDisconnect
 
 from torchrender.wire.messages import SUBPROTOCOL, CameraHeader
 from torchrender_service.door.guard import check_host, check_origin, visit_of
+from torchrender_service.door.strict import StrictRoute
 from torchrender_service.errors import ServiceError
 from torchrender_service.problems import problem_response
 from torchrender_service.renderers.jobs import Locate
@@ -20,7 +21,7 @@ from torchrender_service.web.schemas import PinholeCamera, SessionMade, SessionR
 from torchrender_service.web.state import ServiceState, state_of
 from torchrender_service.web.work import work
 
-router = APIRouter(prefix="/v1", tags=["stream"])
+router = APIRouter(prefix="/v1", tags=["stream"], route_class=StrictRoute)
 TICKET = "bearer."
 
 

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, Query, Request, Response
 from pydantic import BaseModel, ConfigDict, Field
 
+from torchrender_service.door.strict import StrictRoute
 from torchrender_service.errors import ServiceError
 from torchrender_service.renderers.jobs import StylePhoto
 from torchrender_service.web.negotiation import negotiate, warning_headers
@@ -16,7 +17,7 @@ from torchrender_service.web.schemas import SceneId, problems
 from torchrender_service.web.state import state_of
 from torchrender_service.web.work import work
 
-router = APIRouter(prefix="/v1", tags=["style"])
+router = APIRouter(prefix="/v1", tags=["style"], route_class=StrictRoute)
 
 PHOTOS = ("image/jpeg", "image/png")
 RESULTS = {"model/gltf-binary": "glb", "image/png": "png", "application/json": "json"}

@@ -12,6 +12,7 @@ from typing import Any
 
 import uvicorn
 
+from torchrender.errors import OptionError
 from torchrender_service.door.accepting import listening
 from torchrender_service.door.protocol import StreamProtocol, http_protocol
 from torchrender_service.logs import set_up_logs
@@ -37,20 +38,25 @@ class Server(uvicorn.Server):
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """Also print where the service is."""
         asyncio.get_running_loop().set_exception_handler(self._loop_error)
-        await super().startup(self._listen() if sockets is None else sockets)
+        await super().startup(self.listen() if sockets is None else sockets)
         if self.started:
             host, port = self.servers[0].sockets[0].getsockname()[:2]
             shown = f"[{host}]" if ":" in host else host
             sys.stdout.write(f"torchrender serves on http://{shown}:{port}{self._settings.root_path}/\n")
             sys.stdout.flush()
 
-    def _listen(self) -> list[socket.socket] | None:
-        """Sockets that look at who comes; None where there cannot be any: the server then says why."""
-        connections = self.config.loaded_app.state.service.connections
+    def listen(self) -> list[socket.socket]:
+        """Sockets that look at who comes.
+
+        Raises:
+            OptionError: host and port cannot be used.
+        """
+        host, port = self.config.host, self.config.port
+        app: Any = self.config.app
         try:
-            return listening(self.config.host, self.config.port, connections.arrivals)
-        except OSError:
-            return None
+            return listening(host, port, app.state.service.connections.arrivals)
+        except OSError as error:
+            raise OptionError(f"cannot listen on {host}, port {port}: {error.strerror or error}") from error
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """BYE and close 1012 to every stream; requests get their answers, or are told to come again."""
@@ -98,7 +104,7 @@ def serve(settings: Settings, *, start: str = "") -> None:
     """Run until a signal stops it; the page begins with the scene ``start``.
 
     Raises:
-        OptionError: the data folder cannot be used.
+        OptionError: the data folder, or host and port, cannot be used.
     """
     set_up_logs(settings.log_level)
     for said in misspelt(os.environ):
@@ -106,4 +112,4 @@ def serve(settings: Settings, *, start: str = "") -> None:
     server = make_server(settings, start=start)
     app: Any = server.config.app
     with app.state.service.scenes.own_folder():
-        server.run()
+        server.run(sockets=server.listen())

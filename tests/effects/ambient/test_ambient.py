@@ -135,6 +135,21 @@ def test_few_points_cast_rays_and_the_others_follow_them() -> None:
     torch.testing.assert_close(one.near[0], made["few"].near[0])
 
 
+def test_pixels_that_share_their_rays_have_less_noise() -> None:
+    """In the shade of a table, where this light is all there is."""
+    floor = sheet((-6.0, 0.0, 6.0), (12.0, 0.0, 0.0), (0.0, 0.0, -12.0))
+    top = box(torch.tensor([1.6, 0.1, 1.0]))
+    scene = Scene(meshes=(floor, replace(top, vertices=top.vertices + torch.tensor([0.0, 0.8, 0.0]))))
+    seen, caster = rasterize(scene, camera((0.5, 1.8, 3.0), (0.0, 0.3, 0.0), 96)), RayCaster(scene.geometry)
+    exact = traced_ambient(caster, seen, rays=256, reach=2.0, gap=1e-6)
+    apart = {}
+    for share in (False, True):
+        found = traced_ambient(caster, seen, rays=4, reach=2.0, gap=1e-6, share=share)
+        assert bool((found.sky[~seen.covered] == 1).all())
+        apart[share] = float((found.sky - exact.sky).square()[seen.covered].mean()) ** 0.5
+    assert apart[True] < 0.5 * apart[False]
+
+
 def test_a_batch_is_its_single_pictures() -> None:
     scene = Scene(meshes=(box(torch.tensor([4.0, 3.0, 5.0])),))
     views = Cameras.cat([camera((0.5, 0.1, 1.5), (0.0, -0.1, -3.0)), camera((-0.5, 0.4, 0.0), (2.0, 0.0, 1.0))])

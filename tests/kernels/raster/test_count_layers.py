@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from torchrender.kernels.raster.count_layers import count_row, is_needed
+from torchrender.kernels.raster.count_layers import count_row, find_farthest, lies_behind
 from torchrender.kernels.raster.records import Nearer, Stored
+from torchrender.kernels.raster.tiles import BLOCKS
 
 
 def test_a_row_against_a_loop() -> None:
@@ -18,9 +19,13 @@ def test_a_row_against_a_loop() -> None:
         depth = np.where(rng.random(n) < 0.5, z, rng.uniform(1, 8, n)).astype(np.float32)  # often equal depths
         depth[0] = np.inf
         triangle = rng.integers(0, 9, n)
-        found = Nearer(np.zeros(n, np.int32), np.zeros(n, np.bool_))
+        images = Nearer(np.zeros((3, n + 5), np.int32), np.zeros((3, n + 5), np.bool_))
+        stored = Stored(np.full((3, n + 5), np.inf, np.float32), np.zeros((3, n + 5), np.int64))
+        stored.depth[1, 2 : n + 2], stored.triangle[1, 2 : n + 2] = depth, triangle
         relative, absolute = 0.1, 0.05
-        count_row(4, (base, step, low, high), (relative, absolute, far), Stored(depth, triangle), found)
+        count_row(4, (base, step, low, high), (relative, absolute, far), 1, (2, n + 2), stored, images)
+        assert images.number.sum() == images.number[1, 2 : n + 2].sum(), "nothing else is counted"
+        found = Nearer(*(image[1, 2 : n + 2] for image in images))
         nearer = [
             z[x] <= far and (z[x] < depth[x] or (z[x] == depth[x] and triangle[x] > 4)) for x in range(n)
         ]  # of equal depths the lower id is in front
@@ -29,10 +34,24 @@ def test_a_row_against_a_loop() -> None:
         np.testing.assert_array_equal(found.touching, touching)
 
 
-def test_a_tile_that_asks_for_nothing_is_not_needed() -> None:
-    depth = np.zeros((6, 7), np.float32)
-    depth[2, 3] = 1.0
-    for top in range(6):
-        for left in range(7):
-            assert is_needed(depth, left, top, 6, 5) == (top <= 2 and left <= 3)
-            assert is_needed(depth, 0, 0, left, top) == (top >= 2 and left >= 3)
+def test_what_lies_behind_a_box_of_a_tile() -> None:
+    """The greatest depth of each block, against all pixels; a part of the image, none of which may be asked for."""
+    rng = np.random.default_rng(1)
+    depth = rng.uniform(0, 5, (50, 90)).astype(np.float32)
+    depth[17, 70] = np.inf
+    left, top, right, bottom = 64, 16, 89, 47
+    farthest = np.zeros(BLOCKS, np.float32)
+    assert find_farthest(depth, left, top, right, bottom, farthest) == np.inf
+    padded = np.full((32, 64), -np.inf, np.float32)
+    padded[:, : right - left + 1] = depth[top : bottom + 1, left : right + 1]
+    blocks = padded.reshape(4, 8, 4, 16).max(axis=(1, 3))
+    np.testing.assert_array_equal(farthest, blocks.reshape(-1))
+    answers = []
+    for _ in range(200):
+        (x0, x1), (y0, y1) = np.sort(rng.integers(0, 26, 2)), np.sort(rng.integers(0, 32, 2))
+        own = blocks[y0 // 8 : y1 // 8 + 1, x0 // 16 : x1 // 16 + 1].max()
+        nearest = np.float32(rng.choice([own, np.nextafter(own, np.float32(np.inf)), 4.9]))
+        assert lies_behind(nearest, (x0, y0, x1, y1), farthest) == (nearest > own)
+        answers.append(nearest > own)
+    assert 20 < sum(answers) < 180
+    assert find_farthest(np.zeros((3, 4), np.float32), 0, 0, 3, 2, farthest) == 0

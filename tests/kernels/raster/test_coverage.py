@@ -11,8 +11,12 @@ from torchrender.kernels.raster.coverage import (
     TILE_HEIGHT,
     TILE_WIDTH,
     WINDOW,
+    are_hidden,
     edge,
     fill,
+    fill_samples,
+    fill_unseen,
+    fill_unseen_window,
     fill_window,
     is_hidden,
     misses,
@@ -21,6 +25,7 @@ from torchrender.kernels.raster.coverage import (
     window_start,
 )
 from torchrender.kernels.raster.project import SUBPIXEL, snap
+from torchrender.kernels.raster.records import NO_EARLIER, Buffers, Frame
 
 
 def position(x: float, y: float) -> int:
@@ -128,13 +133,66 @@ def test_the_nearest_wins_and_of_equal_ones_the_lowest_id(window: bool, small: b
         for t in order:
             if window:
                 rows = sum(((1 << (right - 2)) - 1) << (WINDOW * y) for y in range(4))
-                fill_window(t, planes[t], 3, 2, np.uint64(rows), small, keys, ids)
+                fill_window(t, planes[t], (3, 2, 0), np.uint64(rows), small, keys, ids)
             else:
                 first, last = np.zeros(4, np.int64), np.full(4, right - 3, np.int64)
-                assert fill(t, planes[t], (3, 2, 5), small, first, last, keys, ids) == 4 * (right - 2)
+                assert fill(t, planes[t], (3, 2, 5, 0), small, first, last, keys, ids) == 4 * (right - 2)
         np.testing.assert_array_equal(ids.reshape(wanted.shape), wanted)
         np.testing.assert_allclose(keys.reshape(wanted.shape), wanted_keys, rtol=1e-14)
     assert set(np.unique(wanted)) == {-1, 0, 2, 3}
+
+
+def test_few_pixels_are_drawn_as_a_window_is() -> None:
+    """In a tile that others stand before, with ties; hidden are those that nothing of the triangle exceeds."""
+    rng = np.random.default_rng(7)
+    pixels = TILE_WIDTH * TILE_HEIGHT
+    answers = set()
+    for _ in range(400):
+        bits = np.uint64(sum(int(b) << (k % 2 + WINDOW * (k // 2)) for k, b in enumerate(rng.random(4) < 0.6)))
+        x, y = rng.integers(0, TILE_WIDTH - WINDOW), rng.integers(0, TILE_HEIGHT - WINDOW)
+        spot, high = (int(x), int(y), pixels), float(rng.choice([0.4, 0.6]))
+        plane = (*rng.choice([0.0, 0.01, -0.02], 2), 0.5, 0.3, high)
+        keys = rng.choice([0.3, 0.5, 0.7], 2 * pixels)
+        ids = rng.integers(-1, 9, 2 * pixels).astype(np.int32)
+        hidden = are_hidden(high, spot, bits, keys)
+        assert hidden == is_hidden(high, spot, bits, keys)
+        one, other = (keys.copy(), ids.copy()), (keys.copy(), ids.copy())
+        fill_window(4, plane, spot, bits, True, *one)
+        fill_samples(4, plane, spot, bits, *other)
+        for a, b, before in zip(one, other, (keys, ids), strict=True):
+            np.testing.assert_array_equal(a, b)
+            assert not hidden or (a == before).all()
+        answers.add((hidden, bool((one[0] != keys).any())))
+    assert answers == {(True, False), (False, False), (False, True)}
+
+
+def test_windows_of_new_pixels_are_spans_of_them() -> None:
+    """A small triangle's rows, as a window and as spans, beside one earlier image; some of both pass."""
+    rng = np.random.default_rng(9)
+    pixels = TILE_WIDTH * TILE_HEIGHT
+    frame = Frame(90, 70, 0.1, 100.0, False)
+    earlier = NO_EARLIER._replace(
+        ids=rng.integers(3, 5, (1, 70, 90)), pixels=np.array([np.eye(3, 4)]), near=np.array([0.1])
+    )
+    earlier.pixels[0, :2, 2] = 45, 35
+    kept = 0
+    for _ in range(100):
+        width, rows = rng.integers(1, 5, 2)
+        x, y = int(rng.integers(0, TILE_WIDTH - WINDOW)), int(rng.integers(0, TILE_HEIGHT - WINDOW))
+        plane = (0.01, -0.02, 0.9, 0.1, 0.7)
+        keys, ids = rng.choice([0.2, 0.5, 0.7], pixels), rng.integers(0, 9, pixels).astype(np.int32)
+        first, last = rng.integers(0, width, rows), rng.integers(0, width, rows)
+        bits = sum(1 << (WINDOW * j + i) for j in range(rows) for i in range(first[j], last[j] + 1))
+        one = Buffers(0, keys.copy(), ids.copy(), *(np.zeros((0,)),), np.zeros((2, 0), np.int64), ids, keys)
+        fill_unseen(4, plane, (x, y, y + int(rows) - 1, 0, 32), frame, first, last, earlier, one)
+        other = keys.copy(), ids.copy()
+        fill_unseen_window(4, plane, (x, y, 0), np.uint64(bits), (0.5 - 45, 32.5 - 35), earlier, *other)
+        np.testing.assert_array_equal(one.keys, other[0])
+        np.testing.assert_array_equal(one.ids, other[1])
+        changed = int((one.keys != keys).sum())
+        assert changed <= bits.bit_count()
+        kept += changed
+    assert kept > 50
 
 
 def test_spans_that_cut_groups_of_pixels_touch_no_others() -> None:
@@ -142,7 +200,7 @@ def test_spans_that_cut_groups_of_pixels_touch_no_others() -> None:
         keys, ids = np.zeros(TILE_WIDTH * TILE_HEIGHT), np.full(TILE_WIDTH * TILE_HEIGHT, -1, np.int32)
         last = TILE_HEIGHT - 1  # beyond which there is nothing
         ends = np.array([begin]), np.array([end])
-        fill(7, (0.0, 0.0, 0.5, 0.1, 0.9), (0, last, last), True, *ends, keys, ids)
+        fill(7, (0.0, 0.0, 0.5, 0.1, 0.9), (0, last, last, 0), True, *ends, keys, ids)
         hit = np.zeros((TILE_HEIGHT, TILE_WIDTH), bool)
         hit[last, begin : end + 1] = True
         np.testing.assert_array_equal(keys.reshape(hit.shape), np.where(hit, 0.5, 0.0))
@@ -161,6 +219,6 @@ def test_a_small_triangle_is_hidden_where_all_its_pixels_are_nearer() -> None:
     keys = np.full(TILE_WIDTH * TILE_HEIGHT, 0.5)
     keys[4 * TILE_WIDTH + 7] = 0.2
     inside, every = np.uint64(1 << (WINDOW * 2 + 2)), np.uint64(2**64 - 1)  # that pixel, in a window from (5, 2)
-    assert is_hidden(0.4, 5, 2, every & ~inside, keys) and not is_hidden(0.4, 5, 2, every, keys)
-    assert not is_hidden(0.4, 5, 2, inside, keys) and is_hidden(0.1, 5, 2, inside, keys)
-    assert not is_hidden(0.5, 5, 2, np.uint64(1), keys), "of equal keys the id decides"
+    assert is_hidden(0.4, (5, 2, 0), every & ~inside, keys) and not is_hidden(0.4, (5, 2, 0), every, keys)
+    assert not is_hidden(0.4, (5, 2, 0), inside, keys) and is_hidden(0.1, (5, 2, 0), inside, keys)
+    assert not is_hidden(0.5, (5, 2, 0), np.uint64(1), keys), "of equal keys the id decides"

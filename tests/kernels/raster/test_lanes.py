@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import numba
 import numpy as np
+import pytest
 
+from torchrender.kernels.raster.fragments import has_triangle
 from torchrender.kernels.raster.lanes import (
     LANES,
     covered_window,
     keep_nearest,
     reaches,
     same_lanes,
+    unseen_lanes,
     write_owner,
     write_weights,
 )
@@ -41,6 +44,11 @@ def written(owners, weights, place, mask, planes, depths, source, weighted, owne
     spot = (np.uintp(place[0]), np.uintp(place[1]))
     write_owner(owners, spot, np.uint64(mask), owner)
     write_weights(weights, spot, np.uint64(mask), planes, depths, np.uintp(source), weighted)
+
+
+@numba.njit
+def unseen(keys, ids, place, mask, plane, t, spot, earlier):
+    return unseen_lanes(keys, ids, np.uintp(place), np.uint64(mask), plane + spot, np.int32(t), earlier)
 
 
 def set_bits(mask: int) -> set[int]:
@@ -99,3 +107,31 @@ def test_masked_pixels_of_an_image_are_written_and_no_others() -> None:
                     u = min(max((planes[0] * (3.5 + k) + planes[1]) * scale, 0.0), 1.0)
                     v = min(max((planes[2] * (3.5 + k) + planes[3]) * scale, 0.0), 1.0 - u)
                     assert owners[y, x] == 5 and tuple(weights[y, x]) == (np.float32(u), np.float32(v))
+
+
+@pytest.mark.parametrize("images", [0, 1, 3])
+def test_unseen_pixels_are_nearer_and_in_no_earlier_image(images: int) -> None:
+    """Of fragments that project outside of the images, before their near planes, and on pixels of the same triangle."""
+    rng = np.random.default_rng(8)
+    kinds = set()
+    for _ in range(300):
+        keys, ids = rng.choice([0.2, 0.5, 0.9], 24), rng.integers(-1, 9, 24).astype(np.int32)
+        place, mask, t = int(rng.integers(0, 17)), int(rng.integers(0, 256)), int(rng.integers(0, 3))
+        plane = (0.5, float(rng.choice([0.0, 0.03])), float(rng.integers(0, 5)), 0.3, 0.7)
+        spot = tuple(rng.uniform(-4, 4, 2))
+        pixels = np.zeros((images, 3, 4))
+        pixels[:, 0, 0] = pixels[:, 1, 1] = pixels[:, 2, 2] = 1.0
+        pixels[:, :2, 2] = 4.0
+        pixels += rng.normal(0, 0.3, pixels.shape)
+        near = rng.choice([0.1, 2.0], images)
+        known = rng.integers(-1, 3, (images, 7, 9))
+        found = set_bits(unseen(keys, ids, place, mask, plane, t, spot, (known, pixels, near)))
+        for n in range(LANES):
+            base, step, column, low, high = plane
+            key = min(max(base + step * (column + n), low), high)
+            here, held = keys[place + n], ids[place + n]
+            wins = bool(mask >> n & 1) and (key > here or (key == here and t < held))
+            seen = has_triangle(t, spot[0] + n, spot[1], key, known, pixels, near)
+            assert (n in found) == (wins and not seen)
+            kinds.add((wins, bool(seen)))
+    assert len(kinds) == (4 if images else 2)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from torchrender.kernels.raster.coverage import TILE_HEIGHT, TILE_WIDTH
-from torchrender.kernels.raster.planes import barycentric_planes
+from torchrender.kernels.raster.project import barycentric_planes
 from torchrender.kernels.raster.records import NO_IDS, Buffers, Frame, Triangles, Visible
 from torchrender.kernels.raster.resolve import CACHED, resolve
 
@@ -16,7 +16,9 @@ def tile(rng: np.random.Generator, faces: int) -> Buffers:
     pixels = TILE_WIDTH * TILE_HEIGHT
     ids = np.repeat(rng.choice([-1, 0, 1, CACHED, CACHED + 1, faces - 1], pixels // 4), 4).astype(np.int32)
     known, planes = np.full(CACHED, -1, np.int64), np.full((CACHED, 6), np.nan)
-    return Buffers(rng.uniform(0.1, 1, pixels), ids, np.zeros(0), np.zeros((2, TILE_HEIGHT), np.int64), known, planes)
+    return Buffers(
+        0, rng.uniform(0.1, 1, pixels), ids, np.zeros(0), np.zeros((2, TILE_HEIGHT), np.int64), known, planes
+    )
 
 
 @pytest.mark.parametrize("wants_ids", [False, True])

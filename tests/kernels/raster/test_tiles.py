@@ -8,10 +8,10 @@ import itertools
 import numpy as np
 import pytest
 
-from torchrender.kernels.raster import binning, culling_clusters, draw_view, many_views, tiles
+from torchrender.kernels.meshes import culling_clusters
+from torchrender.kernels.raster import binning, draw_view, tiles
 from torchrender.kernels.raster.draw_view import TriangleArrays, View
-from torchrender.kernels.raster.planes import barycentric_planes, key_plane
-from torchrender.kernels.raster.project import SUBPIXEL, snap
+from torchrender.kernels.raster.project import SUBPIXEL, barycentric_planes, key_plane, snap
 from torchrender.kernels.raster.records import (
     NO_EARLIER,
     NO_HOLES,
@@ -271,7 +271,3 @@ def test_whole_views_are_the_loop_over_views(orthographic: bool, cull: str) -> N
     # An orthographic camera looks at the back of the wide one.
     assert (found.triangle[0] == 60).any() == (cull == "none" or not orthographic)
     assert (found.triangle[2] == -1).all() and (found.triangle[1] >= 0).any()
-
-
-def test_entries_of_tiles_begin_where_those_before_end() -> None:
-    np.testing.assert_array_equal(many_views.offsets_of(np.array([2, 0, 3])), [0, 2, 2, 5])

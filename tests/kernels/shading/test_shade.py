@@ -138,5 +138,5 @@ def test_every_module_of_the_kernel_is_used_by_it() -> None:
     used = (gather.gather, layers.add_coat, lights.rectangle, lobes.add_metallic, maps.textures, sky.diffuse)
     used = (*used, rectangles.add_metallic_rectangle)
     assert all(callable(one) for one in (*used, shade.shade, parts.surfaces, needs.stages_of))
-    assert SLOTS * SPAN * 4 < 128 << 10 and len(set(SLOT.values())) == SLOTS and max(MATERIAL.values()) < 32
+    assert SLOTS * SPAN * 4 < 256 << 10 and len(set(SLOT.values())) == SLOTS and max(MATERIAL.values()) < 32
     assert noise(4, 4, 3, 0).shape == (4, 4, 3) and PANEL.area > 0

@@ -26,6 +26,7 @@ class AmbientOptions:
     backs: bool = False  # draw where things end behind what is seen, too
     rays: int = 16  # of each pixel, where rays are cast
     ray_spacing: int = 1  # as ``spacing``, where rays are cast; parallel views take every pixel
+    share: bool = False  # pixels whose rays are cast take part in what those around them found
     reach: float | None = None  # scene units within which things hide near light; None: a tenth of the scene's diagonal
 
     def __post_init__(self) -> None:

@@ -41,10 +41,10 @@ def traced_ambient(
         spacing: one point casts rays for so many pixels and side of what perspective cameras see, others follow along
             surfaces.
         far: rays go on beyond the reach. False: what lies there counts as open, also for the sky, and rays cost less.
-        share: hits take part in what those around them found
+        share: samples take part in what those around them found
             (:func:`~torchrender.effects.ambient.sharing.share_hits`), and directions follow a spiral that is another
-            one for each. False: hits go by their place, whatever else was hit; all follow one spiral, so that few rays
-            leave no noise.
+            one for each. False: each goes by its own rays; those of hits all follow one spiral, so that few leave no
+            noise.
 
     Directions below the geometric surface see nothing. Those of pixels follow spirals of their own.
 
@@ -57,6 +57,8 @@ def traced_ambient(
     cast = Cast(caster, rays, reach, gap, far)
     if isinstance(samples, RaySurface):
         return _from_hits(samples, cast, share)
+    if share and not samples.cameras.orthographic:
+        return _from_all(samples, cast)
     if spacing > 1 and not samples.cameras.orthographic:
         return _from_few(samples, cast, spacing)
     return as_images(samples.covered, *_cast(samples, samples.covered, cast, 1), samples.normal)
@@ -77,9 +79,21 @@ def _from_hits(samples: RaySurface, how: Cast, share: bool) -> AmbientVisibility
     covered, width = samples.covered, samples.width
     if width is None or not share:
         return as_images(covered, *_cast(samples, covered, how, 0), samples.normal)
+    return _shared(samples, width[covered], how)
+
+
+def _from_all(samples: GBuffer, how: Cast) -> AmbientVisibility:
+    """As :func:`_from_hits`, of pixels of perspective cameras."""
+    focal = samples.cameras.intrinsics[:, 0, 0].float()[:, None, None]
+    return _shared(samples, (samples.depth / focal)[samples.covered], how)
+
+
+def _shared(samples: GBuffer | RaySurface, width: Tensor, how: Cast) -> AmbientVisibility:
+    """Rays of all covered samples, so wide (N,) each, and values that those around have a part in."""
+    covered = samples.covered
     sky, near, bent = _cast(samples, covered, how, 1)
     values = torch.cat([sky[:, None], near[:, None], bent / how.rays], dim=1)
-    values = share_hits(samples.position[covered], samples.normal[covered], width[covered], values, how.rays)
+    values = share_hits(samples.position[covered], samples.normal[covered], width, values, how.rays)
     return as_images(covered, values[:, 0], values[:, 1], values[:, 2:], samples.normal)
 
 

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from torchrender.arrays import view
-from torchrender.checks import check_tensor
+from torchrender.checks import check_class, check_tensor, options_of
 from torchrender.effects.enhancement.creases import bound_overshoot
 from torchrender.effects.enhancement.curvature import strength
 from torchrender.effects.enhancement.gradient import NEAREST, Gloss, Lighting, shading_gradient
@@ -55,7 +55,7 @@ def enhancement(
     Raises:
         InputError: shapes that do not fit.
     """
-    options = options or EnhanceOptions()
+    options = options_of(options, EnhanceOptions)
     check_tensor("curvature", curvature, tuple(surface.depth.shape))
     if lighting.visibility is not None:
         shape = surface.depth.shape
@@ -128,7 +128,8 @@ def enhance_picture(
     Raises:
         InputError: shapes that do not fit.
     """
-    options = options or EnhanceOptions()
+    check_class("cameras", cameras, Cameras)
+    options = options_of(options, EnhanceOptions)
     surface = SurfaceImage.from_depth(cameras, depth, normal)
     check_tensor("radiance", radiance, (*depth.shape, 3))
     curvature = surface.curvature(options.limit, centred=options.centred)

@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from torchrender.buffers import ShadowMap
+from torchrender.checks import options_of
 from torchrender.effects.media.between import Guard, Integrate, between, every_ray, normaliser
 from torchrender.effects.media.eye_rays import EyeRays, eye_of, rays_of
 from torchrender.effects.media.lattice import lattice_of, ways_by_lattice
@@ -85,7 +86,7 @@ def scatter(
     Raises:
         InputError: shapes that do not fit, or shadow maps with skew.
     """
-    options = options or ScatterOptions()
+    options = options_of(options, ScatterOptions)
     parts = []
     for number in range(len(cameras)):
         place = None if position is None else position[number]

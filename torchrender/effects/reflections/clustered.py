@@ -16,6 +16,7 @@ from torch import Tensor
 
 from torchrender.brief import brief
 from torchrender.buffers import RayHits, ReflectionLayer, ReflectionState
+from torchrender.checks import options_of
 from torchrender.clock import StepClock
 from torchrender.effects.reflections.clusters.bundle import ClusterCameras
 from torchrender.effects.reflections.clusters.cameras import build_cluster_cameras
@@ -78,7 +79,7 @@ def clustered_reflections(
     Raises:
         OptionError: ``missing="trace"`` without a caster.
     """
-    options = options or ClusterOptions()
+    options = options_of(options, ClusterOptions)
     if options.missing == "trace" and caster is None:
         raise OptionError('missing="trace" needs a caster')
     own = torch.zeros(len(pixels), 3) if direct is None else direct.reshape(-1, 3).index_select(0, pixels.pixel)

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from torchrender.arrays import view
 from torchrender.buffers import DepthImages, GBuffer, ReflectionLayer, ReflectionState
-from torchrender.checks import check_tensor
+from torchrender.checks import check_tensor, options_of
 from torchrender.effects.reflections.reuse_options import ReuseOptions
 from torchrender.errors import InputError
 from torchrender.kernels.reflections import match as kernels
@@ -82,7 +82,7 @@ def make_key_frame(
     Raises:
         InputError: orthographic cameras, or a layer of another size.
     """
-    options = options or ReuseOptions()
+    options = options_of(options, ReuseOptions)
     cameras = gbuffer.cameras
     if cameras.orthographic:
         raise InputError("reflections are reused between perspective cameras only")
@@ -195,7 +195,7 @@ def match_reflections(
     Raises:
         InputError: eyes or start of a wrong shape.
     """
-    options = options or ReuseOptions()
+    options = options_of(options, ReuseOptions)
     check_tensor("eye", eye, (len(key.cameras), 3))
     count = len(key.pixel)
     end, offset = np.zeros((count, 2), np.int32), np.zeros((count, 2), np.float32)

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from torchrender.arrays import view
-from torchrender.checks import check_tensor
+from torchrender.checks import check_tensor, options_of
 from torchrender.effects.reflections.key_frame import ReflectionKeyFrame, ReflectionMatches
 from torchrender.effects.reflections.reflectors import ReflectivePixels
 from torchrender.effects.reflections.reuse_options import ReuseOptions
@@ -63,7 +63,7 @@ def shift_reflections(
     Triangles that have grown too much, are flipped or bridge a jump in reflected distance are drawn, so that nothing
     shows through them, but are not reliable.
     """
-    options = options or ReuseOptions()
+    options = options_of(options, ReuseOptions)
     count, height, width = key.reflector.shape
     source = np.full((count, height, width, 2), np.nan, np.float32)
     certainty = np.zeros((count, height, width), np.uint8)
@@ -91,7 +91,7 @@ def warp_to_view(
     Args:
         weight: (N,) share of what a pixel mirrors in its colour, for the limit of contrast; None: one.
     """
-    options = options or ReuseOptions()
+    options = options_of(options, ReuseOptions)
     check_tensor("moved.certainty", moved.certainty, tuple(key.reflector.shape))
     count = len(pixels)
     color, distance = np.zeros((count, 3), np.float32), np.zeros(count, np.float32)

@@ -17,7 +17,7 @@ from torch import Tensor
 
 from torchrender.brief import brief
 from torchrender.buffers import GBuffer, RayHits, ReflectionLayer, ReflectionState
-from torchrender.checks import check_tensor
+from torchrender.checks import check_class, check_tensor
 from torchrender.numerics.lobe import ggx_directions, lobe_directions, reflect, schlick
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
@@ -123,6 +123,8 @@ def reflective(scene: Scene, gbuffer: GBuffer) -> Tensor:
 
 def reflective_pixels(scene: Scene, gbuffer: GBuffer, mask: Tensor | None = None) -> ReflectivePixels:
     """The reflective pixels of a G-buffer, or those of them in ``mask`` (B,H,W) bool."""
+    check_class("scene", scene, Scene)
+    check_class("gbuffer", gbuffer, GBuffer)
     chosen = reflective(scene, gbuffer)
     if mask is not None:
         chosen = chosen & check_tensor("mask", mask, tuple(chosen.shape))

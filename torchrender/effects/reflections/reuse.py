@@ -16,6 +16,7 @@ import torch
 from torch import Tensor
 
 from torchrender.buffers import GBuffer, ReflectionLayer, ReflectionState
+from torchrender.checks import options_of
 from torchrender.clock import StepClock
 from torchrender.effects.reflections.key_frame import (
     CAUSES,
@@ -91,7 +92,7 @@ def reuse_reflections(
     Raises:
         InputError: orthographic cameras.
     """
-    options = options or ReuseOptions()
+    options = options_of(options, ReuseOptions)
     if gbuffer.cameras.orthographic:
         raise InputError("reflections are reused between perspective cameras only")
     if state is None or state.renew or len(state.key.cameras) != len(gbuffer.cameras):
@@ -145,7 +146,7 @@ def begin_reuse(
         if weight is not None:
             shares = torch.zeros(gbuffer.depth.numel()).index_copy(0, pixels.pixel, weight.float())
             shares = shares.reshape(gbuffer.depth.shape)
-        key = make_key_frame(gbuffer, layer, options or ReuseOptions(), shares)
+        key = make_key_frame(gbuffer, layer, options_of(options, ReuseOptions), shares)
     report = ReuseReport(key_frame=True, reflective=len(pixels), traced=len(pixels), times_ms=clock.elapsed_ms)
     return ReuseState(key), report
 

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from torchrender.buffers import ReflectionLayer, ReflectionState
-from torchrender.checks import check_choice, check_range, checked_fields
+from torchrender.checks import check_choice, check_range, checked_fields, options_of
 from torchrender.effects.reflections.bounces import traced_onward
 from torchrender.effects.reflections.glossy import share_rays
 from torchrender.effects.reflections.reflectors import (
@@ -64,7 +64,7 @@ def trace_reflections(
         pixels: from :func:`torchrender.effects.reflections.reflectors.reflective_pixels`; a mask there re-traces few.
         shader: gives hits their colour.
     """
-    options = options or TraceOptions()
+    options = options_of(options, TraceOptions)
     color, distance = torch.zeros(len(pixels), 3), torch.full((len(pixels),), torch.inf)
     mirror = pixels.gloss <= 0
     onward = traced_onward(caster, shader, options.bounces, options.lobe)

@@ -7,15 +7,18 @@ angle that contains the box. A sample that would need more than 150 degrees gets
 from __future__ import annotations
 
 import math
+import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
 from torchrender.checks import check_finite, check_range, check_tensor
+from torchrender.errors import LightWarning
 from torchrender.numerics.transforms import pinhole_matrix
 from torchrender.scene.camera import Cameras
-from torchrender.scene.light import RectLight
+from torchrender.scene.light import RectLight, check_place
 
 WIDEST_DEG = 150.0
 NEAREST = 1e-4
@@ -95,6 +98,15 @@ def corner_grid(light: RectLight, bounds: Tensor, *, size: int) -> LightGrid:
             kept.append(c)
     _, outline, note = _samples(light, 1, False)
     return _grid(torch.stack(kept), outline, note, bounds, size)
+
+
+def check_lights(function: str, lights: Sequence[RectLight]) -> None:
+    """Warn of lights without area, and refuse gradients to where lights are: GradientError."""
+    for light in lights:
+        check_place(function, light)
+        if light.area == 0.0:
+            told = f"light {light.name!r} has no area: it lights nothing in pictures, here it is a line or a point"
+            warnings.warn(told, LightWarning, stacklevel=3)
 
 
 def _samples(light: RectLight, per_side: int, staggered: bool) -> tuple[Tensor, Tensor, str]:

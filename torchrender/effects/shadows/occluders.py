@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from torchrender.buffers import DepthImages
-from torchrender.checks import check_choice, check_range, checked_fields
+from torchrender.checks import check_choice, check_class, check_range, checked_fields, options_of
 from torchrender.depth.options import METHODS, REDUNDANCY, SamplingOptions
 from torchrender.depth.sample import sample_depth_images, sample_offset_images
 from torchrender.effects.shadows.light_samples import corner_grid
@@ -73,7 +73,9 @@ def approximate_occluders(
         bounds: (2,3) box that the images frame, where that is not the whole scene's: the part whose shadows matter,
             when a wide backdrop would take most pixels. What lies outside the images casts no shadow.
     """
-    options = options or OccluderOptions()
+    check_class("scene", scene, Scene)
+    check_class("light", light, RectLight)
+    options = options_of(options, OccluderOptions)
     if not scene.geometry.triangle_count:
         return scene.geometry.solid
     cameras = light_viewpoints(light, scene.bounds if bounds is None else bounds, options)

@@ -18,7 +18,7 @@ from torch import Tensor
 
 from torchrender.arrays import view as numpy_view
 from torchrender.buffers import GBuffer, RaySurface, ShadowMap
-from torchrender.checks import check_tensor
+from torchrender.checks import check_tensor, options_of
 from torchrender.effects.shadows.exact_edges import folded, hidden_points, view_rows
 from torchrender.effects.shadows.light_cameras import choose_views, light_cameras, light_view
 from torchrender.effects.shadows.options import BIASES as BIASES
@@ -50,7 +50,7 @@ def render_shadow_map(
     cube are a little larger than 90 degrees, so that filters do not meet their borders. With a G-buffer of the scene,
     of what can cast shadows on what B pictures see: :func:`~torchrender.effects.shadows.view_cameras.view_cameras`.
     """
-    options = options or ShadowOptions()
+    options = options_of(options, ShadowOptions)
     geometry = scene.geometry if isinstance(scene, Scene) else scene
     if gbuffer is not None and isinstance(scene, Scene):
         return draw_shadow_map(geometry, *view_cameras(scene, light, gbuffer, options), options)
@@ -95,12 +95,12 @@ def shadow_factor(
         InputError: shapes that do not fit, or a map whose cameras have skew.
     """
     # Without triangles nothing else can settle what the map leaves open.
-    return _factors(points, normals, light, shadow_map, replace(options or ShadowOptions(), edges="map"))[0]
+    return _factors(points, normals, light, shadow_map, replace(options_of(options, ShadowOptions), edges="map"))[0]
 
 
 def options_for(light: Light, scene: Scene, options: ShadowOptions | None = None) -> ShadowOptions:
     """The options with the size that a light without one has in this scene."""
-    options = options or ShadowOptions()
+    options = options_of(options, ShadowOptions)
     if options.light_width is None and not isinstance(light, RectLight):
         options = replace(options, light_width=max(0.05 * scene.diagonal, 1e-12))
     return options

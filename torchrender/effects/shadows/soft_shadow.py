@@ -32,16 +32,16 @@ from torch import Tensor
 from torchrender.arrays import view as numpy_view
 from torchrender.brief import brief
 from torchrender.buffers import GBuffer
-from torchrender.checks import check_choice, check_range, checked_fields
+from torchrender.checks import check_choice, check_class, check_range, checked_fields, options_of
 from torchrender.effects.shadows.light_packets import Packets, packet_bits
 from torchrender.effects.shadows.light_rays import LightRays, samples_above, usable
-from torchrender.effects.shadows.light_samples import LightGrid, light_grid
+from torchrender.effects.shadows.light_samples import LightGrid, check_lights, light_grid
 from torchrender.effects.shadows.receivers import shadow_receivers
 from torchrender.effects.shadows.traced import float_error
 from torchrender.errors import InputError, OptionError
 from torchrender.kernels.rays.bvh_build import Bvh, build_bvh
 from torchrender.kernels.rays.embree_library import embree
-from torchrender.scene.light import RectLight, check_place
+from torchrender.scene.light import RectLight
 from torchrender.scene.mesh import Geometry
 from torchrender.scene.parts.kinds import several
 from torchrender.scene.triangles import Shape, geometry_of
@@ -202,12 +202,12 @@ def soft_shadow(
     Raises:
         InputError: no light, or ``bounds`` not finite. GradientError: a light's place asks for a gradient.
     """
-    options = options or SoftShadowOptions()
+    check_class("gbuffer", gbuffer, GBuffer)
+    options = options_of(options, SoftShadowOptions)
     lights = several("lights", lights, (RectLight,))
     if not lights:
         raise InputError("lights must not be empty")
-    for one in lights:
-        check_place("soft_shadow", one)
+    check_lights("soft_shadow", lights)
     ready = casters if isinstance(casters, Occluders) else occluders(casters)
     covered = gbuffer.covered
     if bounds is None:

@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from torchrender.arrays import view
-from torchrender.checks import check_finite, check_tensor
+from torchrender.checks import check_finite, check_tensor, options_of
 from torchrender.effects.sky_shadows.clusters import Array, Model, State, model_of, sphere_of
 from torchrender.effects.sky_shadows.options import SphereOptions
 from torchrender.effects.sky_shadows.sharing import Sharing, joined
@@ -75,7 +75,7 @@ def fit_spheres(
     Raises:
         InputError: wrong shapes, no triangles, or vertices that are not finite.
     """
-    options = options or SphereOptions()
+    options = options_of(options, SphereOptions)
     check_tensor("vertices", vertices, ("V", 3))
     check_tensor("faces", faces, ("F", 3))
     check_finite("vertices", vertices)

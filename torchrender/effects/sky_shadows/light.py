@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchrender.checks import check_finite, check_tensor
+from torchrender.checks import check_finite, check_tensor, options_of
 from torchrender.effects.sky_shadows.options import SkyLightOptions
 from torchrender.errors import InputError
 from torchrender.kernels.sky_shadows.light import Light
@@ -88,7 +88,7 @@ def prepare_light(sky: Environment | Tensor, options: SkyLightOptions | None = N
     Raises:
         InputError: radiance of another shape, negative, or not finite.
     """
-    options = options or SkyLightOptions()
+    options = options_of(options, SkyLightOptions)
     radiance = cube_radiance(sky) if isinstance(sky, Environment) else sky.detach().double()
     check_tensor("radiance", radiance, (6, SIDE, SIDE, 3))
     check_finite("radiance", radiance)

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import prange
 
+from torchrender.kernels.atomics import borrowed, keep
 from torchrender.kernels.compile import kernel
 
 SECTORS = 32
@@ -58,7 +59,7 @@ class Search(NamedTuple):
     thickness: float  # of surfaces that are seen from behind, in their distance
 
 
-@kernel(inline=True)
+@kernel(inline=True, counted=False)
 def cube_place(x, y, z, size):
     """Face, row and column of a direction, and its component along the face's axis."""
     ax, ay, az = abs(x), abs(y), abs(z)
@@ -75,7 +76,7 @@ def cube_place(x, y, z, size):
     return face, row, column, major
 
 
-@kernel(inline=True)
+@kernel(inline=True, counted=False)
 def cube_point(face, j, i, size, depth):
     """What the centre of a face's pixel sees at that depth."""
     u = (np.float32(2 * i + 1) / np.float32(size) - np.float32(1.0)) * depth
@@ -87,7 +88,7 @@ def cube_point(face, j, i, size, depth):
     return (u, v, depth) if face == 4 else (v, u, -depth)
 
 
-@kernel(inline=True)
+@kernel(inline=True, counted=False)
 def distances(around, x, y, z):
     """Distance to the front and to the back of what lies in a direction, and the point that its pixel's centre sees.
 
@@ -95,27 +96,28 @@ def distances(around, x, y, z):
     """
     height, width = around.front.shape
     if z > np.float32(1e-6):
-        column = x / z * around.lens[0] + around.lens[2]
-        row = y / z * around.lens[1] + around.lens[3]
+        one, half = np.float32(1.0), np.float32(0.5)
+        fx, fy, cx, cy = around.lens[0], around.lens[1], around.lens[2], around.lens[3]
+        inverse, share = one / z, np.float32(around.back.shape[0]) / np.float32(height)
+        column, row = x * inverse * fx + cx, y * inverse * fy + cy
         if column >= 0 and column < width and row >= 0 and row < height:
-            share = np.float32(around.back.shape[0]) / np.float32(height)
-            j = min(np.int64(row * share), around.back.shape[0] - 1)
-            i = min(np.int64(column * share), around.back.shape[1] - 1)
-            depth = around.front[np.int64(row), np.int64(column)]
-            half = np.float32(0.5)
-            px = (np.floor(column) + half - around.lens[2]) / around.lens[0] * depth
-            py = (np.floor(row) + half - around.lens[3]) / around.lens[1] * depth
-            return depth / z, around.back[j, i] / z, px, py, depth
+            j = np.uintp(min(np.int64(row * share), around.back.shape[0] - 1))
+            i = np.uintp(min(np.int64(column * share), around.back.shape[1] - 1))
+            depth = around.front[np.uintp(row), np.uintp(column)]
+            px = (np.floor(column) + half - cx) * (one / fx) * depth
+            py = (np.floor(row) + half - cy) * (one / fy) * depth
+            return depth * inverse, around.back[j, i] * inverse, px, py, depth
     size = around.cube_front.shape[1]
     if size == 0:
         return np.float32(-1.0), np.float32(-1.0), np.float32(0.0), np.float32(0.0), np.float32(0.0)
     face, j, i, major = cube_place(x, y, z, size)
-    depth = around.cube_front[face, j, i]
+    inverse = np.float32(1.0) / major
+    depth = around.cube_front[np.uintp(face), np.uintp(j), np.uintp(i)]
     px, py, pz = cube_point(face, j, i, size, depth)
-    return depth / major, around.cube_back[face, j, i] / major, px, py, pz
+    return depth * inverse, around.cube_back[np.uintp(face), np.uintp(j), np.uintp(i)] * inverse, px, py, pz
 
 
-@kernel(inline=True)
+@kernel(inline=True, counted=False)
 def sector(along, across):
     """Place in 0..SECTORS of an angle in [0, pi] with that cosine and sine, of any length: even steps of a diamond."""
     size = abs(along) + across
@@ -123,7 +125,7 @@ def sector(along, across):
     return (np.float32(1.0) - share) * np.float32(SECTORS // 2)
 
 
-@kernel(inline=True)
+@kernel(inline=True, counted=False)
 def between(low, high):
     """Bits of the sectors whose middles lie between two places."""
     first = np.int64(max(low + np.float32(0.5), np.float32(0.0)))
@@ -133,7 +135,7 @@ def between(low, high):
     return ((np.uint64(1) << np.uint64(last - first)) - np.uint64(1)) << np.uint64(first)
 
 
-@kernel()
+@kernel(counted=False)
 def end_of_plane(r0, older, last, angle):
     """Place and squared distance of the middle between the last step and ``angle``, on the plane of two steps.
 
@@ -152,7 +154,7 @@ def end_of_plane(r0, older, last, angle):
     return sector(along, across), along * along + across * across
 
 
-@kernel()
+@kernel(counted=False)
 def search_side(around, point, normal, tangent, steps, search):
     """Sectors that are hidden on one side: by anything, and by what is within reach."""
     dx, dy, dz, r0 = point
@@ -214,7 +216,7 @@ def search_side(around, point, normal, tangent, steps, search):
     return hidden, near
 
 
-@kernel()
+@kernel(counted=False)
 def spread_steps(share, first, reach, steps):
     """Angles from the point, their cosines and sines (S,3): some within the angle of the reach, some all around."""
     last = np.float32(math.pi) - np.float32(0.01)
@@ -227,7 +229,7 @@ def spread_steps(share, first, reach, steps):
         steps[s, 2] = np.float32(math.sin(angle))
 
 
-@kernel()
+@kernel(counted=False)
 def visible_share(hidden, near, angles, normal):
     """Sums over the sectors of one side: cosine-weighted share of the open ones, the same times the direction in the
     plane, the share that is open to what is within reach, and that of all sectors.
@@ -252,9 +254,9 @@ def visible_share(hidden, near, angles, normal):
     return total, along, across, close, most
 
 
-@kernel()
-def measure_point(around, point, normal, number, tables, search, steps, out):
-    """``out`` (5,): share of the whole sky, share of near light, and the mean open direction (3,) of the sky."""
+@kernel(counted=False)
+def measure_point(around, point, normal, number, tables, search, steps):
+    """Share of the whole sky, of near light, mean open direction of the sky (three values)."""
     dx, dy, dz, r0 = point
     share = np.float32(search.reach) / r0
     within = np.float32(math.asin(share)) if share < np.float32(1.0) else np.float32(1.5)
@@ -267,7 +269,7 @@ def measure_point(around, point, normal, number, tables, search, steps, out):
     ux, uy, uz = np.float32(1.0) + sign * dx * dx * a, sign * b, -sign * dx
     vx, vy, vz = b, sign + dy * dy * a, -dy
     most = np.float32(0.0)
-    out[:] = np.float32(0.0)
+    sky = close = bx = by = bz = np.float32(0.0)
     to_eye = -(normal[0] * dx + normal[1] * dy + normal[2] * dz)
     for k in range(search.slices):
         turn = (np.float32(k) + turns[number]) * np.float32(math.pi) / np.float32(search.slices)
@@ -278,15 +280,12 @@ def measure_point(around, point, normal, number, tables, search, steps, out):
             s = np.float32(1.0) - np.float32(2.0) * np.float32(side)
             facing = (to_eye, s * lean)
             hidden, near = search_side(around, point, normal, (s * tx, s * ty, s * tz), steps, search)
-            share, along, across, close, whole = visible_share(hidden, near, angles, facing)
-            out[0] += share
-            out[1] += close
-            most += whole
-            out[2] += across * s * tx - along * dx
-            out[3] += across * s * ty - along * dy
-            out[4] += across * s * tz - along * dz
-    out[0] /= most
-    out[1] /= most
+            share, along, across, nearby, whole = visible_share(hidden, near, angles, facing)
+            sky, close, most = sky + share, close + nearby, most + whole
+            bx += across * s * tx - along * dx
+            by += across * s * ty - along * dy
+            bz += across * s * tz - along * dz
+    return sky / most, close / most, bx, by, bz
 
 
 @kernel(parallel=True)
@@ -294,8 +293,13 @@ def measure_points(around, points, tables, search, out):
     """``out`` (N,5) as :func:`measure_point` has it; ``tables``: sectors' angles, and turns (PATTERN,) of slices."""
     parts = 64
     for part in prange(parts):
-        steps = np.zeros((search.steps.shape[1], 3), np.float32)
-        for n in range(np.int64(part), points.distance.shape[0], parts):
-            d = points.direction[n]
-            point = (d[0], d[1], d[2], points.distance[n])
-            measure_point(around, point, points.normal[n], points.number[n], tables, search, steps, out[n])
+        held = np.zeros((search.steps.shape[1], 3), np.float32)
+        steps, room, asked = borrowed(held), borrowed(out), borrowed(points)
+        near, told, how = borrowed(around), borrowed(tables), borrowed(search)
+        for n in range(np.int64(part), asked.distance.shape[0], parts):
+            d, m = asked.direction, asked.normal
+            point = (d[n, 0], d[n, 1], d[n, 2], asked.distance[n])
+            normal = (m[n, 0], m[n, 1], m[n, 2])
+            found = measure_point(near, point, normal, asked.number[n], told, how, steps)
+            room[n, 0], room[n, 1], room[n, 2], room[n, 3], room[n, 4] = found
+        keep(held)

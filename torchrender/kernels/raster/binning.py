@@ -7,14 +7,24 @@ from typing import NamedTuple
 import numpy as np
 from numba import prange
 
-from torchrender.kernels.atomics import borrowed
+from torchrender.kernels.atomics import borrowed, keep
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.raster import coverage
 from torchrender.kernels.raster.coverage import COLUMN_BITS, NO_BITS, ROW_BITS, TILE_HEIGHT, TILE_WIDTH
-from torchrender.kernels.raster.project import GUARD, NEEDS_CLIP, SUBPIXEL, SUBPIXEL_BITS, snap, snapped_x, snapped_y
+from torchrender.kernels.raster.project import (
+    CULL_BACK,
+    CULL_FRONT,
+    GUARD,
+    HALF,
+    SUBPIXEL,
+    SUBPIXEL_BITS,
+    greatest_key,
+    snap,
+    snapped_x,
+    snapped_y,
+)
+from torchrender.kernels.raster.samples import CROSSING, LARGE, look_at, room_for
 
-HALF = SUBPIXEL >> 1
-CULL_NONE, CULL_BACK, CULL_FRONT = 0, 1, 2
 MAX_CLIPPED = 9  # vertices of a triangle after five planes
 
 
@@ -42,8 +52,8 @@ class Listing(NamedTuple):
     """What is listed, and how."""
 
     cull: int  # CULL_NONE, CULL_BACK or CULL_FRONT
-    plain: bool  # fragments need no tests, so that tiny triangles are listed by their pixels,
-    mask: np.ndarray  # (F,) but for those with a row of missing texels here; (0,): none
+    plain: bool  # of tiny triangles, which are listed by their pixels, nobody asks for the corners
+    mask: np.ndarray  # (F,) triangles with a row of missing texels here are no tiny ones; (0,): none
 
 
 @kernel(inline=True)
@@ -101,14 +111,6 @@ def side_of(t, cull, single_sided):
     return CULL_BACK if single_sided.shape[0] > 0 and single_sided[t] else cull
 
 
-@kernel(inline=True)
-def greatest_key(points, faces, t, frame):
-    """Key that no fragment of triangle ``t`` exceeds: that of its nearest corner, or of the near plane."""
-    nearest = min(points[faces[t, 0], 2], min(points[faces[t, 1], 2], points[faces[t, 2], 2]))
-    nearest = max(nearest, frame.near)
-    return -nearest if frame.orthographic else 1.0 / nearest
-
-
 @kernel()
 def classify_clusters(projected, listed, clusters, frame, how, part, lists, counts):
     """Cull the triangles of some chosen clusters, list the others and count their tiles.
@@ -131,39 +133,42 @@ def classify_clusters(projected, listed, clusters, frame, how, part, lists, coun
     )  # fmt: skip
     first, end, start = part
     n = m = np.uintp(start)  # unsigned, as all indices here: signed ones may count from the end, which takes a test
-    cull, plain, mask = how
-    mask = borrowed(mask)
-    for k in range(first, end):
-        for place in range(np.uintp(runs[chosen[k], 0]), np.uintp(runs[chosen[k], 1])):
-            t = np.uintp(order[place])
-            va, vb, vc = np.uintp(listed[place, 0]), np.uintp(listed[place, 1]), np.uintp(listed[place, 2])
-            a, b, c = packed[va, 3], packed[vb, 3], packed[vc, 3]
-            if a == NEEDS_CLIP or b == NEEDS_CLIP or c == NEEDS_CLIP:
+    cull, plain, mask = borrowed(how)
+    room = room_for(runs, chosen[first:end])
+    chunk = borrowed(room)
+    for cluster in range(first, end):
+        begin, past = runs[chosen[cluster], 0], runs[chosen[cluster], 1]
+        look_at(packed, listed, (begin, past), frame, cull, chunk)
+        for k in range(np.uintp(past - begin)):
+            code = chunk.codes[k]
+            if code == 0:
+                continue
+            place = np.uintp(begin) + k
+            if code == CROSSING:
                 if not out_of_view(points, listed, place, near, far, orthographic, width * 0.5 + 1, height * 0.5 + 1):
                     to_clip[m] = place
                     m += np.uintp(1)
                 continue
-            x0, y0, x1, y1 = pixel_box(a, b, c, image, left, top)
-            if x0 > x1 or y0 > y1:
-                continue
+            a, b, c, t = chunk.a[k], chunk.b[k], chunk.c[k], np.uintp(order[place])
             area = doubled_area(a, b, c)
-            if is_culled(area, side_of(t, cull, single_sided)):
+            if single_sided.shape[0] > 0 and is_culled(area, side_of(t, cull, single_sided)):
                 continue
+            x0, y0, x1, y1 = pixel_box(a, b, c, image, left, top)
             i0, j0, i1, j1 = x0 >> COLUMN_BITS, y0 >> ROW_BITS, x1 >> COLUMN_BITS, y1 >> ROW_BITS
-            bits = NO_BITS
-            if max(x1 - x0, y1 - y0) < coverage.WINDOW:
-                whole = i0 == i1 and j0 == j1 and (x1 - x0 + 1) * (y1 - y0 + 1) <= coverage.SMALL
+            bits = NO_BITS if code == LARGE else np.uint64(code)
+            whole = i0 == i1 and j0 == j1
+            if code == LARGE and max(x1 - x0, y1 - y0) < coverage.WINDOW:
+                whole = whole and (x1 - x0 + 1) * (y1 - y0 + 1) <= coverage.SMALL
                 if whole:
                     x0, y0 = coverage.window_start(x0, y0)
                 pixel = ((x0 - left) * SUBPIXEL + HALF, (y0 - top) * SUBPIXEL + HALF)
                 bits = coverage.window_bits(a, b, c, area, pixel)
                 if bits == NO_BITS:
                     continue
-                holed = mask.shape[0] > 0 and mask[t] >= 0
-                if not plain or holed or not whole:
-                    bits = NO_BITS  # of two tiles each has its own part of the box
+            if not whole or (mask.shape[0] > 0 and mask[t] >= 0):
+                bits = NO_BITS  # of two tiles each has its own part of the box
             places[n] = place
-            if bits == NO_BITS:
+            if bits == NO_BITS or not plain:
                 corners[n, 0], corners[n, 1], corners[n, 2] = a, b, c
             bits_of[n] = bits
             highs[n] = greatest_key(points, listed, place, frame)
@@ -172,6 +177,7 @@ def classify_clusters(projected, listed, clusters, frame, how, part, lists, coun
             for j in range(j0, j1 + 1):
                 for i in range(i0, i1 + 1):
                     counts[np.uintp(j * columns + i)] += 1
+    keep(room)
     return np.int64(n) - start, np.int64(m) - start
 
 

@@ -7,15 +7,21 @@ from typing import NamedTuple
 import numpy as np
 from numba import prange
 
-from torchrender.kernels.atomics import borrowed, fetch_add
+from torchrender.kernels.atomics import borrowed, fetch_add, keep
 from torchrender.kernels.compile import kernel
-from torchrender.kernels.raster.binning import HALF, pixel_box
+from torchrender.kernels.raster.binning import pixel_box
 from torchrender.kernels.raster.coverage import TILE_HEIGHT, TILE_WIDTH, edge, spans
 from torchrender.kernels.raster.fragments import is_hole
-from torchrender.kernels.raster.planes import barycentric_planes, key_plane
-from torchrender.kernels.raster.project import SUBPIXEL, snapped_x, snapped_y
-from torchrender.kernels.raster.records import Nearer, Stored
-from torchrender.kernels.raster.tiles import fetch
+from torchrender.kernels.raster.project import (
+    HALF,
+    SUBPIXEL,
+    barycentric_planes,
+    greatest_key,
+    key_plane,
+    snapped_x,
+    snapped_y,
+)
+from torchrender.kernels.raster.tiles import BLOCK_COLUMN_BITS, BLOCK_COLUMNS, BLOCK_ROW_BITS, BLOCKS, fetch
 
 
 class Covered(NamedTuple):
@@ -54,40 +60,49 @@ def row_ends(corners, box, origin, first, last):
 
 
 @kernel(inline=True)
-def count_row(t, keys, limits, stored, outputs):
-    """Add one triangle to a row; ``keys`` = (first key, step, least, greatest), ``limits`` = (eps, eps, far)."""
+def count_row(t, keys, limits, row, part, stored, outputs):
+    """Add one triangle to the columns ``part[0]`` to ``part[1] - 1`` of a row.
+
+    ``keys`` = (first key, step, least, greatest), ``limits`` = (eps, eps, far). No slices: those count references.
+    """
     depth, triangle = stored
     count, touching = outputs
     base, step, low, high = keys
     relative, absolute, far = limits
-    for x in range(np.uintp(depth.shape[0])):
-        key = min(max(base + step * np.float64(x), low), high)
+    first = np.uintp(part[0])
+    for n in range(np.uintp(part[1]) - first):
+        x = first + n
+        key = min(max(base + step * np.float64(n), low), high)
         z = np.float32(1.0 / key)
-        here = depth[x]
+        here = depth[row, x]
         # As the depth test decides: equal depths go to the lower id.
-        nearer = ((z < here) | ((z == here) & (t < triangle[x]))) & (z <= far)
-        count[x] += np.int32(nearer)
-        touching[x] |= nearer & (np.float64(z) * (1.0 + relative) + absolute >= np.float64(here))
+        nearer = ((z < here) | ((z == here) & (t < triangle[row, x]))) & (z <= far)
+        count[row, x] += np.int32(nearer)
+        touching[row, x] |= nearer & (np.float64(z) * (1.0 + relative) + absolute >= np.float64(here))
 
 
 @kernel()
-def count_holed(t, keys, limits, spot, scene, holes, stored, outputs):
-    """As :func:`count_row` for a triangle with holes; ``spot``: first pixel from the image centre."""
+def count_holed(t, keys, limits, spot, part, scene, holes, images):
+    """As :func:`count_row` for a triangle with holes.
+
+    ``spot``: first pixel from the image centre; ``part``: row, first column and the one past the last; ``images``:
+    :class:`Stored` and :class:`Nearer`.
+    """
     faces = scene.faces
+    stored, outputs = images
     base, step, low, high = keys
     px, py = spot
+    row, begin, end = part
     ux, uy, uc, vx, vy, vc = barycentric_planes(scene.points, faces, t, False)
-    for x in range(stored.depth.shape[0]):
+    for x in range(end - begin):
         key = min(max(base + step * x, low), high)
         u, v = (ux * (px + x) + uy * py + uc) / key, (vx * (px + x) + vy * py + vc) / key
         if not is_hole(t, u, v, faces, holes):
-            part = slice(x, x + 1)
-            here = Stored(stored.depth[part], stored.triangle[part])
-            found = Nearer(outputs.number[part], outputs.touching[part])
-            count_row(t, (base + step * x, step, low, high), limits, here, found)
+            one = (begin + x, begin + x + 1)
+            count_row(t, (base + step * x, step, low, high), limits, np.uintp(row), one, stored, outputs)
 
 
-@kernel()
+@kernel(inline=True)
 def count_triangle(place, pixels, scene, frame, holes, stored, limits, outputs):
     """Add the triangle at a place in the order to the pixels of a tile that it covers: :class:`Covered`."""
     x0, y0, y1, left, top, origin, first, last = pixels
@@ -100,23 +115,35 @@ def count_triangle(place, pixels, scene, frame, holes, stored, limits, outputs):
             continue
         px, py = origin[0] + begin + 0.5, origin[1] + y + 0.5
         keys = (kc + ky * py + kx * px, kx, low, high)
-        part = slice(left + begin, left + end + 1)
-        here = Stored(stored.depth[top + y, part], stored.triangle[top + y, part])
-        found = Nearer(outputs.number[top + y, part], outputs.touching[top + y, part])
+        part = (left + begin, left + end + 1)
         if holed:
-            count_holed(t, keys, limits, (px, py), scene, holes, here, found)
+            count_holed(t, keys, limits, (px, py), (top + y, part[0], part[1]), scene, holes, (stored, outputs))
         else:
-            count_row(t, keys, limits, here, found)
+            count_row(t, keys, limits, np.uintp(top + y), part, stored, outputs)
 
 
 @kernel(inline=True)
-def is_needed(depth, left, top, right, bottom):
-    """True if something can be nearer than what is stored somewhere in the tile."""
+def find_farthest(depth, left, top, right, bottom, farthest):
+    """Greatest depth stored in each block of a tile; returns that of all."""
+    farthest[:] = -np.inf
+    most = np.float32(-np.inf)
     for y in range(np.uintp(top), np.uintp(bottom + 1)):
+        row = ((y - np.uintp(top)) >> np.uintp(BLOCK_ROW_BITS)) * np.uintp(BLOCK_COLUMNS)
         for x in range(np.uintp(left), np.uintp(right + 1)):
-            if depth[y, x] > 0.0:
-                return True
-    return False
+            block = row + ((x - np.uintp(left)) >> np.uintp(BLOCK_COLUMN_BITS))
+            farthest[block] = max(farthest[block], depth[y, x])
+            most = max(most, depth[y, x])
+    return most
+
+
+@kernel(inline=True)
+def lies_behind(nearest, box, farthest):
+    """True if a triangle whose fragments are no nearer than this lies behind all that is stored in its box."""
+    for j in range(box[1] >> BLOCK_ROW_BITS, (box[3] >> BLOCK_ROW_BITS) + 1):
+        for i in range(box[0] >> BLOCK_COLUMN_BITS, (box[2] >> BLOCK_COLUMN_BITS) + 1):
+            if nearest <= farthest[np.uintp(j * BLOCK_COLUMNS + i)]:
+                return False
+    return True
 
 
 @kernel()
@@ -129,8 +156,10 @@ def count_tile(scene, bins, frame, holes, stored, work, k, outputs):
     columns = (width + TILE_WIDTH - 1) // TILE_WIDTH
     left, top = (k % columns) * TILE_WIDTH, (k // columns) * TILE_HEIGHT
     right, bottom = min(left + TILE_WIDTH, width) - 1, min(top + TILE_HEIGHT, height) - 1
-    if not is_needed(stored.depth, left, top, right, bottom):
-        return
+    room = np.empty(BLOCKS, np.float32)
+    farthest = borrowed(room)
+    if not find_farthest(stored.depth, left, top, right, bottom, farthest) > 0.0:
+        return  # nothing is asked for
     origin = (left - (width >> 1), top - (height >> 1))
     limits = (eps[0], eps[1], frame.far)
     for n in range(starts[k], starts[k + 1]):
@@ -139,9 +168,12 @@ def count_tile(scene, bins, frame, holes, stored, work, k, outputs):
         if x0 > x1 or y0 > y1:
             continue
         box = (x0 - left, y0 - top, x1 - left, y1 - top)
+        if lies_behind(np.float32(1.0 / greatest_key(scene.points, scene.listed, place, frame)), box, farthest):
+            continue
         row_ends((a, b, c), box, origin, ends[0], ends[1])
         pixels = Covered(box[0], box[1], box[3], left, top, origin, ends[0], ends[1])
         count_triangle(place, pixels, scene, frame, holes, stored, limits, outputs)
+    keep(room)
 
 
 @kernel(parallel=True)

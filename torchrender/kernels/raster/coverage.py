@@ -8,13 +8,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numba.cpython.unsafe.numbers import trailing_zeros
 
 from torchrender.kernels.atomics import borrowed
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.raster.fragments import has_surface, has_triangle, is_hole, only_identity
-from torchrender.kernels.raster.lanes import LANES, covered_window, keep_nearest, reaches
-from torchrender.kernels.raster.planes import barycentric_planes
-from torchrender.kernels.raster.project import SUBPIXEL, snapped_x, snapped_y
+from torchrender.kernels.raster.lanes import LANES, covered_window, keep_nearest, reaches, unseen_lanes
+from torchrender.kernels.raster.project import SUBPIXEL, barycentric_planes, snapped_x, snapped_y
 
 HAIR = 1e-6  # pixels by which a span's ends are guessed too wide before the exact test
 COLUMN_BITS, ROW_BITS = 6, 5
@@ -99,9 +99,13 @@ def window_bits(a, b, c, area, pixel):
 
 
 @kernel(inline=True)
-def is_hidden(high, x0, y0, bits, keys):
-    """True if every pixel of :func:`window_bits` holds something nearer than the key ``high``."""
-    place = np.uintp(y0 * TILE_WIDTH + x0)
+def is_hidden(high, spot, bits, keys):
+    """True if every pixel of :func:`window_bits` holds something nearer than the key ``high``.
+
+    ``spot``: as of :func:`fill_window`.
+    """
+    x0, y0, first = spot
+    place = np.uintp(first + y0 * TILE_WIDTH + x0)
     while bits != NO_BITS:
         if reaches(keys, place, bits & ROW, high):
             return False
@@ -111,24 +115,65 @@ def is_hidden(high, x0, y0, bits, keys):
 
 
 @kernel(inline=True)
-def fill_window(t, plane, x0, y0, bits, small, keys, ids):
-    """Keep the triangle where it is nearer, at the pixels of :func:`window_bits`; ``small``: see :data:`SMALL`."""
+def fill_window(t, plane, spot, bits, small, keys, ids):
+    """Keep the triangle where it is nearer, at the pixels of :func:`window_bits`; ``small``: see :data:`SMALL`.
+
+    ``spot``: first column and row of the window in its tile, and where the tile's pixels begin.
+    """
+    x0, y0, first = spot
     kx, ky, kc, low, high = plane
     y, owner = y0, np.int32(t)
     while bits != NO_BITS:
         row = y * TILE_WIDTH
         start = 0 if small else row
         base = kc + ky * y - kx * start
-        keep_nearest(keys, ids, np.uintp(row + x0), bits & ROW, (base, kx, np.float64(start + x0), low, high), owner)
+        keep_nearest(
+            keys, ids, np.uintp(first + row + x0), bits & ROW, (base, kx, np.float64(start + x0), low, high), owner
+        )
         bits >>= np.uint64(WINDOW)
         y += 1
 
 
 @kernel(inline=True)
-def fill(t, plane, box, small, first, last, keys, ids):
-    """Keep the triangle where it is nearer, in the spans of its rows; ``small``: see :data:`SMALL`."""
+def are_hidden(high, spot, bits, keys):
+    """As :func:`is_hidden`, for a few pixels, which need not lie in one window of the tile."""
+    x0, y0, first = spot
+    place = np.uintp(first + y0 * TILE_WIDTH + x0)
+    hidden = True
+    while bits != NO_BITS:
+        k = np.uintp(trailing_zeros(bits))
+        bits &= bits - np.uint64(1)
+        hidden &= high < keys[place + (k & np.uintp(WINDOW - 1)) + (k // np.uintp(WINDOW)) * np.uintp(TILE_WIDTH)]
+    return hidden
+
+
+@kernel(inline=True)
+def fill_samples(t, plane, spot, bits, keys, ids):
+    """As :func:`fill_window` of a small box, one pixel after the other."""
+    x0, y0, first = spot
     kx, ky, kc, low, high = plane
-    x0, y0, y1 = box
+    owner = np.int32(t)
+    while bits != NO_BITS:
+        k = np.int64(trailing_zeros(bits))
+        bits &= bits - np.uint64(1)
+        x, y = x0 + (k & (WINDOW - 1)), y0 + k // WINDOW
+        key = kc + ky * np.float64(y) + kx * np.float64(x)
+        key = key if key > low else low
+        key = key if key < high else high
+        at = np.uintp(first + y * TILE_WIDTH + x)
+        if key > keys[at] or (key == keys[at] and owner < ids[at]):
+            keys[at] = key
+            ids[at] = owner
+
+
+@kernel(inline=True)
+def fill(t, plane, box, small, first, last, keys, ids):
+    """Keep the triangle where it is nearer, in the spans of its rows; ``small``: see :data:`SMALL`.
+
+    ``box``: first column, first and last row in the tile, and where the tile's pixels begin.
+    """
+    kx, ky, kc, low, high = plane
+    x0, y0, y1, start_of_tile = box
     owner = np.int32(t)
     count = 0
     for y in range(y1 - y0 + 1):
@@ -137,17 +182,68 @@ def fill(t, plane, box, small, first, last, keys, ids):
             continue
         count += end - begin + 1
         row = (y0 + y) * TILE_WIDTH
+        place = start_of_tile + row
         start = 0 if small else row
         base = kc + ky * (y0 + y) - kx * start
         x = begin & -LANES
         mask = ROW << np.uint64(begin - x)
         while x + LANES <= end:
-            keep_nearest(keys, ids, np.uintp(row + x), mask, (base, kx, np.float64(start + x), low, high), owner)
+            keep_nearest(keys, ids, np.uintp(place + x), mask, (base, kx, np.float64(start + x), low, high), owner)
             mask = ROW
             x += LANES
         mask &= ROW >> np.uint64(x + LANES - 1 - end)
-        keep_nearest(keys, ids, np.uintp(row + x), mask, (base, kx, np.float64(start + x), low, high), owner)
+        keep_nearest(keys, ids, np.uintp(place + x), mask, (base, kx, np.float64(start + x), low, high), owner)
     return count
+
+
+@kernel(inline=True)
+def fill_unseen(t, plane, box, frame, first, last, earlier, buffers):
+    """As :func:`fill`, but of fragments whose triangle no earlier image has there: pixel redundancy and no other test.
+
+    ``box`` = x0, y0, y1 in the tile, tile left, tile top in the image.
+    """
+    kx, ky, kc, low, high = plane
+    x0, y0, y1, left, top = box
+    keys, ids, owner = buffers.keys, buffers.ids, np.int32(t)
+    seen = (earlier.ids, earlier.pixels, earlier.near)
+    shift_x = left + 0.5 - (np.int64(frame.width) >> 1)
+    shift_y = top + 0.5 - (np.int64(frame.height) >> 1)
+    count = 0
+    for y in range(y0, y1 + 1):
+        begin, end = x0 + first[y - y0], x0 + last[y - y0]
+        if begin > end:
+            continue
+        count += end - begin + 1
+        base = kc + ky * y
+        for x in range(begin & -LANES, end + 1, LANES):
+            place = np.uintp(buffers.first + y * TILE_WIDTH + x)
+            mask = ROW << np.uint64(max(begin - x, 0)) & ROW >> np.uint64(max(x + LANES - 1 - end, 0))
+            row, spot = (base, kx, np.float64(x), low, high), (np.float64(x) + shift_x, np.float64(y) + shift_y)
+            new = unseen_lanes(keys, ids, place, mask, row + spot, owner, seen)
+            if new != NO_BITS:
+                keep_nearest(keys, ids, place, new, row, owner)
+    return count
+
+
+@kernel(inline=True)
+def fill_unseen_window(t, plane, spot, bits, centre, earlier, keys, ids):
+    """As :func:`fill_window` of a small box, but only what :func:`fill_unseen` keeps.
+
+    ``centre``: that of the tile's first pixel, from the image centre.
+    """
+    kx, ky, kc, low, high = plane
+    x0, y0, first = spot
+    seen, owner = (earlier.ids, earlier.pixels, earlier.near), np.int32(t)
+    column, y = np.float64(x0), y0
+    while bits != NO_BITS:
+        place = np.uintp(first + y * TILE_WIDTH + x0)
+        row = (kc + ky * y, kx, column, low, high)
+        at = (column + centre[0], np.float64(y) + centre[1])
+        new = unseen_lanes(keys, ids, place, bits & ROW, row + at, owner, seen)
+        if new != NO_BITS:
+            keep_nearest(keys, ids, place, new, row, owner)
+        bits >>= np.uint64(WINDOW)
+        y += 1
 
 
 @kernel()
@@ -179,7 +275,7 @@ def fill_tested(t, plane, spot, scene, frame, tests, buffers):
         py = y + shift_y
         for x in range(np.uintp(x0 + begin), np.uintp(x0 + end + 1)):
             key = min(max(base + kx * np.float64(x), low), high)
-            place = np.uintp(y * TILE_WIDTH) + x
+            place = np.uintp(buffers.first + y * TILE_WIDTH) + x
             here = keys[place]
             if key < here or (key == here and t > ids[place]):
                 continue

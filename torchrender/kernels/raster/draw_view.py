@@ -30,11 +30,12 @@ from torchrender.kernels.raster.records import (
 from torchrender.kernels.raster.resolve import CACHED
 
 Array = np.ndarray[Any, Any]
-CULL = {"none": binning.CULL_NONE, "sides": binning.CULL_NONE, "back": binning.CULL_BACK, "front": binning.CULL_FRONT}
+CULL = {"none": project.CULL_NONE, "sides": project.CULL_NONE, "back": project.CULL_BACK, "front": project.CULL_FRONT}
 CHUNKS_PER_THREAD = 4
 KEPT_VERTICES = 1 << 21  # 64 MiB
 KEPT_TRIANGLES = 1 << 20  # 64 MiB
-WHOLE_PIXELS = 1 << 18  # of pictures that one thread draws alone
+WHOLE_PIXELS = 1 << 16  # of pictures that one thread draws alone,
+FINE_PIXELS = 1 << 18  # or of those with a triangle to two pixels, whose tiles are not drawn into often
 WHOLE_ROOM = 1 << 28  # bytes that all threads may need for it
 
 
@@ -88,23 +89,23 @@ def draw_views(triangles: TriangleArrays, views: list[View], cull: str, holes: H
         np.array([[frame.near, frame.far] for frame in frames]),
         *(frames[0].width, frames[0].height, frames[0].orthographic),
     )
-    vertices, faces = len(triangles.vertices), len(triangles.faces)
+    vertices = len(triangles.vertices)
     points = _memory.points(threads * vertices)[: threads * vertices].reshape(threads, vertices, 4)
-    room = many_views.Room(points, points.view(np.int64), *_buffers(threads))
-    every = _memory.lists(threads * faces)
-    lists = binning.Lists(*(a[: threads * faces].reshape(threads, faces, *a.shape[1:]) for a in every))
+    tiles_of = -(-frames[0].width // TILE_WIDTH) * -(-frames[0].height // TILE_HEIGHT)
+    room = many_views.Room(points, points.view(np.int64), *_buffers(threads, tiles_of)[1:])
     if not outputs.triangle.size:
         none = np.zeros((len(views), 0, 0), np.int64)
         outputs = Visible(outputs.depth, none, none, np.zeros((len(views), 0, 0, 2), np.float32))
     how = binning.Listing(CULL[cull], True, holes.mask)
-    many_views.draw_views(shape, poses, how, holes, room, lists, outputs)
+    many_views.draw_views(shape, poses, how, holes, room, outputs)
 
 
 def suits_whole_views(triangles: TriangleArrays, count: int, pixels: int) -> bool:
     """True if ``count`` pictures of so many pixels are drawn faster by a thread each."""
     threads = thread_count()
-    room = threads * (len(triangles.vertices) * 32 + len(triangles.faces) * 64)
-    return count >= 4 * threads and pixels <= WHOLE_PIXELS and room <= WHOLE_ROOM
+    room = threads * len(triangles.vertices) * 32
+    most = max(WHOLE_PIXELS, min(FINE_PIXELS, 2 * len(triangles.faces)))
+    return count >= 4 * threads and pixels <= most and room <= WHOLE_ROOM
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,13 +193,13 @@ class _Memory(threading.local):
         return self._lists
 
 
-def _lists(*count: int) -> binning.Lists:
+def _lists(count: int) -> binning.Lists:
     return binning.Lists(
-        np.empty((*count, 3), np.int64),
+        np.empty((count, 3), np.int64),
         np.empty(count, np.uint64),
         np.empty(count),
         np.empty(count, np.int32),
-        np.empty((*count, 4), np.int32),
+        np.empty((count, 4), np.int32),
         np.empty(count, np.int32),
     )
 
@@ -206,10 +207,11 @@ def _lists(*count: int) -> binning.Lists:
 _memory = _Memory()
 
 
-def _buffers(threads: int) -> Buffers:
-    """A row per thread."""
-    pixels = TILE_WIDTH * TILE_HEIGHT
+def _buffers(threads: int, count: int = 1) -> Buffers:
+    """A row per thread, with room for so many tiles."""
+    pixels = count * TILE_WIDTH * TILE_HEIGHT
     return Buffers(
+        0,
         np.zeros((threads, pixels)),
         np.zeros((threads, pixels), np.int32),
         np.zeros((threads, tiles.BLOCKS)),

@@ -150,6 +150,14 @@ def only_identity(earlier):
 
 
 @kernel(inline=True)
+def is_identity_alone(t, tests):
+    """True if fragments of a triangle are tested by :func:`has_triangle` and by nothing else."""
+    limits, earlier, holes = tests
+    holed = holes.mask.shape[0] > 0 and holes.mask[t] >= 0
+    return earlier.ids.shape[0] > 0 and only_identity(earlier) and limits.keys.shape[0] == 0 and not holed
+
+
+@kernel(inline=True)
 def wrapped(x, wrap):
     """A coordinate moved into [0, 1]: repeated (0), mirrored (1) or clamped (2)."""
     if wrap == 2:

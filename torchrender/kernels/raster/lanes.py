@@ -111,25 +111,126 @@ def keep_nearest(typingctx, keys, ids, place, mask, plane, t):  # noqa: ARG001
 
     def generate(context, builder, sig, args):
         keys_, ids_, place_, mask_, plane_, t_ = args
-        base, step, column, low, high = (
-            _splat(builder, _DOUBLES, part) for part in cgutils.unpack_tuple(builder, plane_, 5)
-        )
-        columns = builder.fadd(column, _constant(_DOUBLES, [float(k) for k in range(LANES)]))
-        key = builder.fadd(base, builder.fmul(step, columns))
-        key = builder.select(builder.fcmp_ordered(">", key, low), key, low)
-        key = builder.select(builder.fcmp_ordered("<", key, high), key, high)
+        key = _key_of(builder, cgutils.unpack_tuple(builder, plane_, 5))
         owner = _splat(builder, _INTS, t_)
         key_at = _place(context, builder, sig.args[0], keys_, place_, _DOUBLES)
         id_at = _place(context, builder, sig.args[1], ids_, place_, _INTS)
         here, held = builder.load(key_at), builder.load(id_at)
         here.align, held.align = 8, 4
-        level = builder.and_(builder.fcmp_ordered("==", key, here), builder.icmp_signed("<", owner, held))
-        nearer = builder.or_(builder.fcmp_ordered(">", key, here), level)
-        nearer = builder.and_(nearer, _mask(builder, mask_))
+        nearer = builder.and_(_is_nearer(builder, key, owner, here, held), _mask(builder, mask_))
         builder.store(_whole(builder, builder.select(nearer, key, here)), key_at).align = 8
         owners = builder.bitcast(builder.select(nearer, owner, held), _FLOATS)
         builder.store(builder.bitcast(_whole(builder, owners), _INTS), id_at).align = 4
         return context.get_dummy_value()
+
+    return signature, generate
+
+
+def _key_of(builder, plane):
+    """The keys of a row's pixels; ``plane`` as of :func:`keep_nearest`."""
+    base, step, column, low, high = (_splat(builder, _DOUBLES, part) for part in plane)
+    columns = builder.fadd(column, _constant(_DOUBLES, [float(k) for k in range(LANES)]))
+    key = builder.fadd(base, builder.fmul(step, columns))
+    key = builder.select(builder.fcmp_ordered(">", key, low), key, low)
+    return builder.select(builder.fcmp_ordered("<", key, high), key, high)
+
+
+def _is_nearer(builder, key, t, here, held):
+    """Or as near with a lower id."""
+    level = builder.and_(builder.fcmp_ordered("==", key, here), builder.icmp_signed("<", t, held))
+    return builder.or_(builder.fcmp_ordered(">", key, here), level)
+
+
+def _looked_up(builder, coefficients, near, x, y, key):
+    """Columns, rows and where the fragments project at all, in one earlier image: see ``fragments.lookup``."""
+    u, v, w = (
+        builder.fadd(
+            builder.fadd(
+                builder.fadd(
+                    builder.fmul(_splat(builder, _DOUBLES, row[0]), x),
+                    _splat(builder, _DOUBLES, builder.fmul(row[1], y)),
+                ),
+                _splat(builder, _DOUBLES, row[2]),
+            ),
+            builder.fmul(_splat(builder, _DOUBLES, row[3]), key),
+        )
+        for row in coefficients
+    )
+    zero, one = (_constant(_DOUBLES, [value] * LANES) for value in (0.0, 1.0))
+    reached = builder.fcmp_ordered(">=", w, builder.fmul(_splat(builder, _DOUBLES, near), key))
+    reached = builder.and_(reached, builder.fcmp_ordered(">", w, zero))
+    inverse = builder.fdiv(one, w)
+    return builder.fmul(u, inverse), builder.fmul(v, inverse), reached
+
+
+def _has_triangle(builder, arrays, j, lanes, owner):
+    """Which of the pixels earlier image ``j`` has: those where it holds the triangle that they project to.
+
+    ``arrays``: ids, pixels and near of ``records.Earlier``; ``lanes``: centres x, the row's y, and stored keys.
+    """
+    known, pixels, near = arrays
+    zeros = _constant(_DOUBLES, [0.0] * LANES)
+    _, height, width = cgutils.unpack_tuple(builder, known.shape, 3)
+
+    def number(data, index):
+        return builder.load(cgutils.gep_inbounds(builder, data, index))
+
+    at = builder.mul(j, ir.Constant(_I64, 12))
+    loaded = [number(pixels.data, builder.add(at, ir.Constant(_I64, k))) for k in range(12)]
+    u, v, inside = _looked_up(builder, [loaded[k : k + 4] for k in (0, 4, 8)], number(near.data, j), *lanes)
+    for value, size in ((u, width), (v, height)):
+        most = _splat(builder, _DOUBLES, builder.sitofp(size, ir.DoubleType()))
+        inside = builder.and_(inside, builder.fcmp_ordered(">=", value, zeros))
+        inside = builder.and_(inside, builder.fcmp_ordered("<", value, most))
+    column, row = (builder.fptosi(builder.select(inside, value, zeros), _LONGS) for value in (u, v))
+    row = builder.add(_splat(builder, _LONGS, builder.mul(j, height)), row)
+    spots = builder.add(builder.mul(row, _splat(builder, _LONGS, width)), column)
+    values = ir.Constant(_LONGS, ir.Undefined)
+    for k in range(LANES):
+        lane = ir.Constant(ir.IntType(32), k)
+        value = number(known.data, builder.extract_element(spots, lane))
+        values = builder.insert_element(values, value, lane)
+    return builder.and_(builder.icmp_signed("==", values, owner), inside)
+
+
+@intrinsic
+def unseen_lanes(typingctx, keys, ids, place, mask, row, t, earlier):  # noqa: ARG001
+    """Mask of those of the masked pixels from ``place`` on where triangle ``t`` is nearer and in no earlier image.
+
+    ``row``: plane of :func:`keep_nearest`, then x and y of the first pixel's centre from the image centre;
+    ``earlier``: ids (J,h,w) int64, pixels (J,3,4) and near (J,): see ``records.Earlier``.
+    """
+    if any(part.layout != "C" for part in earlier):
+        return None
+    signature = types.uint64(
+        keys, ids, types.uintp, types.uint64, types.UniTuple(types.float64, 7), types.int32, earlier
+    )
+
+    def generate(context, builder, sig, args):
+        keys_, ids_, place_, mask_, row_, t_, earlier_ = args
+        *plane, first, y = cgutils.unpack_tuple(builder, row_, 7)
+        key = _key_of(builder, plane)
+        here = builder.load(_place(context, builder, sig.args[0], keys_, place_, _DOUBLES))
+        held = builder.load(_place(context, builder, sig.args[1], ids_, place_, _INTS))
+        here.align, held.align = 8, 4
+        new = _is_nearer(builder, key, _splat(builder, _INTS, t_), here, held)
+        new = builder.bitcast(builder.and_(new, _mask(builder, mask_)), _I8)
+        left = cgutils.alloca_once_value(builder, new)
+        parts = zip(sig.args[6], cgutils.unpack_tuple(builder, earlier_, 3), strict=True)
+        arrays = [context.make_array(kind)(context, builder, part) for kind, part in parts]
+        x = builder.fadd(_splat(builder, _DOUBLES, first), _constant(_DOUBLES, [float(k) for k in range(LANES)]))
+        ones, none = _constant(_DOUBLES, [1.0] * LANES), ir.Constant(_I8, 0)
+        owner = _splat(builder, _LONGS, builder.sext(t_, _I64))
+        count = cgutils.unpack_tuple(builder, arrays[0].shape, 3)[0]
+        with builder.if_then(builder.icmp_unsigned("!=", new, none)):
+            stored = builder.fpext(builder.fptrunc(builder.fdiv(ones, key), _FLOATS), _DOUBLES)
+            lanes = (x, y, builder.fdiv(ones, stored))
+            with cgutils.for_range(builder, count) as loop:
+                rest = builder.load(left)
+                with builder.if_then(builder.icmp_unsigned("!=", rest, none)):
+                    seen = builder.bitcast(_has_triangle(builder, arrays, loop.index, lanes, owner), _I8)
+                    builder.store(builder.and_(rest, builder.not_(seen)), left)
+        return builder.zext(builder.load(left), _I64)
 
     return signature, generate
 

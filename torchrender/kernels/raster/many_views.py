@@ -10,30 +10,21 @@ from typing import NamedTuple
 import numpy as np
 from numba import prange
 
-from torchrender.kernels.atomics import fetch_add
+from torchrender.kernels.atomics import borrowed, fetch_add
 from torchrender.kernels.compile import kernel
-from torchrender.kernels.raster.binning import (
-    MAX_CLIPPED,
-    Clusters,
-    Lists,
-    bin_clipped,
-    classify_clusters,
-    clip_triangles,
-    scatter_list,
-)
 from torchrender.kernels.raster.coverage import COLUMN_BITS, ROW_BITS, TILE_HEIGHT, TILE_WIDTH
-from torchrender.kernels.raster.project import needed_blocks, project_block, visible_clusters
-from torchrender.kernels.raster.records import (
-    Bins,
-    Buffers,
-    Earlier,
-    Frame,
-    Limits,
-    Refusals,
-    Triangles,
-    Visible,
+from torchrender.kernels.raster.direct import (
+    Canvas,
+    clear_canvas,
+    cluster_reach,
+    draw_cluster,
+    is_cluster_hidden,
+    tile_buffers,
 )
-from torchrender.kernels.raster.tiles import render_tile
+from torchrender.kernels.raster.project import BLOCK, project_block, visible_clusters
+from torchrender.kernels.raster.records import Buffers, Earlier, Frame, Limits, Refusals, Triangles, Visible
+from torchrender.kernels.raster.resolve import resolve
+from torchrender.kernels.raster.samples import room_for
 
 
 class Shape(NamedTuple):
@@ -68,7 +59,7 @@ class Room(NamedTuple):
 
     points: np.ndarray  # (threads,V,4) float64
     packed: np.ndarray  # the same memory as int64
-    keys: np.ndarray
+    keys: np.ndarray  # (threads,tiles << PIXEL_BITS)
     ids: np.ndarray
     lows: np.ndarray
     spans: np.ndarray
@@ -77,85 +68,72 @@ class Room(NamedTuple):
 
 
 @kernel()
-def offsets_of(counts):
-    """Where each tile's entries begin, (T+1,)."""
-    begin = np.zeros(counts.shape[0] + 1, np.int64)
-    for k in range(counts.shape[0]):
-        begin[k + 1] = begin[k] + counts[k]
-    return begin
-
-
-@kernel()
-def list_triangles(shape, pose, frame, how, points, packed, lists):
-    """Cull, project, clip and bin: what is drawn, and what each tile draws.
-
-    ``pose``: matrix, reference point and frustum of the camera; ``points`` and ``packed``: its room.
-    """
-    matrix, reference, planes = pose
-    chosen, distance = visible_clusters(shape.cluster_bounds, planes)
-    chosen = chosen[np.argsort(distance)]
-    for block in needed_blocks(chosen, shape.block_starts, shape.blocks, shape.vertices.shape[0]):
-        project_block(shape.vertices, block, matrix, reference, (frame.near, frame.orthographic), points, packed)
-    columns = (frame.width + TILE_WIDTH - 1) >> COLUMN_BITS
-    rows = (frame.height + TILE_HEIGHT - 1) >> ROW_BITS
-    counts = np.zeros(columns * rows, np.int32)
-    clusters = Clusters(shape.clusters, shape.order, chosen, shape.single_sided)
-    part = (np.int64(0), chosen.shape[0], np.int64(0))
-    kept, crossing = classify_clusters((points, packed), shape.listed, clusters, frame, how, part, lists, counts)
-    clipped = np.empty(((MAX_CLIPPED - 2) * crossing, 3), np.int64)
-    owners = np.empty((MAX_CLIPPED - 2) * crossing, np.int32)
-    sides = (how.cull, shape.single_sided, shape.order)
-    made = clip_triangles(points, shape.listed, lists.to_clip[:crossing], frame, sides, clipped, owners)
-    clipped, owners = clipped[:made], owners[:made]
-    first_entry = lists.places.shape[0]
-    extra = np.zeros(counts.shape[0], np.int64)
-    bin_clipped(clipped, first_entry, frame, extra, np.empty(0, np.int32), extra)
-    begin = offsets_of(counts + extra)
-    entries = np.empty(begin[-1], np.int32)
-    offsets = begin[:-1].copy()
-    scatter_list(lists.boxes, 0, kept, columns, offsets, entries)
-    if made > 0:
-        bin_clipped(clipped, first_entry, frame, extra, entries, offsets)
-    corners, bits, highs, places, boxes, _ = lists
-    drawn = Triangles(
-        points, shape.faces, shape.objects, shape.order, shape.listed,
-        corners, bits, highs, places, boxes, clipped, owners,
-    )  # fmt: skip
-    return drawn, Bins(np.zeros(0, np.int64), begin, entries, np.zeros(0, np.int64))
-
-
-@kernel()
-def draw_one(shape, pose, frame, how, holes, room, lists, outputs):
-    """One picture by one thread; ``room``: vertices as floats and integers, :class:`Buffers`."""
+def draw_clusters(shape, pose, frame, how, tests, room, canvas):
+    """Cull, project and draw; ``pose``: matrix, reference point and frustum of the camera. Returns what was drawn."""
+    matrix, reference, planes = borrowed(pose)
     points, packed, buffers = room
-    scene, bins = list_triangles(shape, pose, frame, how, points, packed, lists)
+    scene = Triangles(
+        points, shape.faces, shape.objects, shape.order, shape.listed, np.empty((0, 3), np.int64),
+        np.empty(0, np.uint64), np.empty(0), np.empty(0, np.int32), np.empty((0, 4), np.int32),
+        np.empty((0, 3), np.int64), np.empty(0, np.int32),
+    )  # fmt: skip
+    sides = (how.cull, shape.single_sided)
+    projected = np.zeros((shape.vertices.shape[0] + BLOCK - 1) // BLOCK, np.bool_)
+    chosen, distance = visible_clusters(shape.cluster_bounds, planes)
+    chunk = room_for(shape.clusters, chosen)
+    own = (chunk, np.empty(chunk.a.shape[0], np.int32))
+    for c in chosen[np.argsort(distance)]:
+        reach = cluster_reach(shape.cluster_bounds, c, matrix, reference, frame)
+        if is_cluster_hidden(canvas, reach):
+            continue
+        for n in range(shape.block_starts[c], shape.block_starts[c + 1]):
+            block = shape.blocks[n]
+            if not projected[block]:
+                projected[block] = True
+                limits = (frame.near, frame.orthographic)
+                project_block(shape.vertices, block, matrix, reference, limits, points, packed)
+        run = (shape.clusters[c, 0], shape.clusters[c, 1])
+        draw_cluster(scene, packed, run, frame, sides, tests, (canvas, buffers), own)
+    return scene
+
+
+@kernel()
+def draw_one(shape, pose, frame, how, holes, room, canvas, outputs):
+    """One picture by one thread; ``room``: vertices as floats and integers, :class:`Buffers`."""
+    buffers = room[2]
     buffers.known[:] = -1
     limits = Limits(np.zeros((0, 0)), np.zeros((0, 0), np.int64))
     earlier = Earlier(
         np.zeros((0, 0, 0), np.int64), np.zeros((0, 3, 4)), np.zeros(0), np.zeros((0, 0, 0), np.float32),
         np.zeros((0, 9)), np.zeros((3, 3)), np.zeros((3, 3)), 0, np.inf, 0.0,
     )  # fmt: skip
-    tests = Refusals(limits, earlier, holes)
-    for k in range(bins.starts.shape[0] - 1):
-        render_tile(scene, bins, frame, tests, k, buffers, outputs)
+    clear_canvas(canvas, frame)
+    scene = draw_clusters(shape, pose, frame, how, Refusals(limits, earlier, holes), room, canvas)
+    for tile in range(canvas.keys.shape[0] // (TILE_WIDTH * TILE_HEIGHT)):
+        left, top = (tile % canvas.columns) << COLUMN_BITS, (tile // canvas.columns) << ROW_BITS
+        place = (left, top, min(TILE_WIDTH, frame.width - left), min(TILE_HEIGHT, frame.height - top))
+        resolve(scene, frame, place, tile_buffers(canvas, tile, buffers), outputs)
 
 
 @kernel(parallel=True)
-def draw_views(shape, views, how, holes, room, lists, outputs):
+def draw_views(shape, views, how, holes, room, outputs):
     """Fill ``outputs``, a :class:`~.records.Visible` with a row per camera, of no pixels where only depth is wanted.
 
     ``shape``: :class:`Shape`; ``views``: :class:`Views`; ``how``: :class:`~.binning.Listing`; ``holes``:
-    :class:`~.records.Holes`; ``room``: :class:`Room`; ``lists``: :class:`~.binning.Lists` with a row per thread.
+    :class:`~.records.Holes`; ``room``: :class:`Room`.
     """
     points, packed, keys, ids, lows, spans_of, known, planes_of = room
-    corners, bits, highs, owners, boxes, to_clip = lists
     matrices, references, frustums, limits, width, height, orthographic = views
     depth, triangle, objects, barycentric = outputs
     count = matrices.shape[0]
+    columns = (width + TILE_WIDTH - 1) >> COLUMN_BITS
     counter = np.zeros(1, np.int64)
     for thread in prange(points.shape[0]):
-        own = Lists(corners[thread], bits[thread], highs[thread], owners[thread], boxes[thread], to_clip[thread])
-        buffers = Buffers(keys[thread], ids[thread], lows[thread], spans_of[thread], known[thread], planes_of[thread])
+        buffers = Buffers(
+            0, keys[thread], ids[thread], lows[thread], spans_of[thread], known[thread], planes_of[thread]
+        )
+        own = (points[thread], packed[thread], buffers)
+        canvas = Canvas(keys[thread], ids[thread], columns)
         while True:
             k = fetch_add(counter, 0, 1)
             if k >= count:
@@ -163,4 +141,4 @@ def draw_views(shape, views, how, holes, room, lists, outputs):
             frame = Frame(width, height, limits[k, 0], limits[k, 1], orthographic)
             pose = (matrices[k], references[k], frustums[k])
             one = Visible(depth[k], triangle[k], objects[k], barycentric[k])
-            draw_one(shape, pose, frame, how, holes, (points[thread], packed[thread], buffers), own, one)
+            draw_one(shape, pose, frame, how, holes, own, canvas, one)

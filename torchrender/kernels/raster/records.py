@@ -103,6 +103,7 @@ class Refusals(NamedTuple):
 class Buffers(NamedTuple):
     """A tile in the making; with a row per thread in front where threads take tiles."""
 
+    first: int  # where its pixels begin in keys and ids
     keys: np.ndarray  # (pixels,) float64
     ids: np.ndarray  # (pixels,) int32
     lows: np.ndarray  # (blocks,) float64 least keys of blocks, or less

@@ -9,7 +9,7 @@ from torchrender.kernels.atomics import borrowed
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.raster.coverage import NO_BITS, ROW, TILE_WIDTH
 from torchrender.kernels.raster.lanes import LANES, same_lanes, write_owner, write_weights
-from torchrender.kernels.raster.planes import barycentric_planes
+from torchrender.kernels.raster.project import barycentric_planes
 
 CACHED = 1024  # triangles whose barycentric planes are kept from row to row; a power of two
 
@@ -56,11 +56,11 @@ def resolve(scene, frame, place, buffers, outputs):
     left, top, width, height = place
     centre_x, centre_y = frame.width >> 1, frame.height >> 1
     depth, triangle, object_id, barycentric = outputs
-    keys, ids, _, _, known, planes = buffers
+    first, keys, ids, _, _, known, planes = buffers
     wants_ids = triangle.shape[0] > 0
     for y in range(height):
         row = np.uintp(top + y)
-        source = np.uintp(y * TILE_WIDTH)
+        source = np.uintp(first + y * TILE_WIDTH)
         target = np.uintp(left)
         count = np.uintp(width)
         write_depth(orthographic, row, target, count, source, keys, ids, depth)

@@ -9,7 +9,7 @@ from numba import prange
 
 from torchrender.kernels.atomics import borrowed, fetch_add
 from torchrender.kernels.compile import kernel
-from torchrender.kernels.raster.binning import HALF, doubled_area, pixel_box
+from torchrender.kernels.raster.binning import doubled_area, pixel_box
 from torchrender.kernels.raster.coverage import (
     COLUMN_BITS,
     NO_BITS,
@@ -18,9 +18,13 @@ from torchrender.kernels.raster.coverage import (
     TILE_HEIGHT,
     TILE_WIDTH,
     WINDOW,
+    are_hidden,
     edge,
     fill,
+    fill_samples,
     fill_tested,
+    fill_unseen,
+    fill_unseen_window,
     fill_window,
     is_hidden,
     misses,
@@ -28,10 +32,11 @@ from torchrender.kernels.raster.coverage import (
     window_bits,
     window_start,
 )
-from torchrender.kernels.raster.planes import key_plane
-from torchrender.kernels.raster.project import SUBPIXEL
+from torchrender.kernels.raster.fragments import is_identity_alone, only_identity
+from torchrender.kernels.raster.project import HALF, SUBPIXEL, key_plane
 from torchrender.kernels.raster.records import Buffers, Refusals
 from torchrender.kernels.raster.resolve import resolve
+from torchrender.kernels.raster.samples import SAMPLES
 
 BLOCK_COLUMN_BITS, BLOCK_ROW_BITS = 4, 3
 BLOCK_COLUMNS = TILE_WIDTH >> BLOCK_COLUMN_BITS
@@ -92,6 +97,39 @@ def plane_in_tile(place, left, top, scene, frame):
 
 
 @kernel(inline=True)
+def draw_bits(place, bits, spot, high, scene, frame, earlier, buffers):
+    """Draw the pixels that a triangle has in a window of a tile; returns the number of pixels tried.
+
+    ``bits``: of :func:`window_bits` or :func:`~.samples.find_samples`; ``spot``: first column and row of the window in
+    the tile, the tile's left and top in the image, and whether the box is SMALL; ``high``: a key that no fragment
+    exceeds.
+    """
+    x0, y0, left, top, small = spot
+    keys, ids, first = buffers.keys, buffers.ids, buffers.first
+    spot = (x0, y0, first)
+    if earlier.ids.shape[0] > 0:
+        moved = max(x0 - (TILE_WIDTH - WINDOW), 0)
+        spot, bits = (x0 - moved, y0, first), bits << np.uint64(moved)
+        if is_hidden(high, spot, bits, keys):
+            return 0
+        plane = plane_in_tile(place, left, top, scene, frame)
+        centre = (left + 0.5 - (np.int64(frame.width) >> 1), top + 0.5 - (np.int64(frame.height) >> 1))
+        fill_unseen_window(scene.order[place], plane, spot, bits, centre, earlier, keys, ids)
+        return 1
+    if bits & ~np.uint64(SAMPLES) == NO_BITS:
+        if are_hidden(high, spot, bits, keys):
+            return 0
+        plane = plane_in_tile(place, left, top, scene, frame)
+        fill_samples(scene.order[place], plane, spot, bits, keys, ids)
+        return 1
+    if is_hidden(high, spot, bits, keys):
+        return 0
+    plane = plane_in_tile(place, left, top, scene, frame)
+    fill_window(scene.order[place], plane, spot, bits, small, keys, ids)
+    return 1
+
+
+@kernel(inline=True)
 def draw(place, corners, box, scene, frame, tests, buffers):
     """Draw the triangle at a place in the order into a tile; returns the number of pixels tried.
 
@@ -112,7 +150,7 @@ def draw(place, corners, box, scene, frame, tests, buffers):
         bits = window_bits(a, b, c, area, ((origin[0] + x0) * SUBPIXEL + HALF, (origin[1] + y0) * SUBPIXEL + HALF))
         if bits != NO_BITS:
             plane = plane_in_tile(place, left, top, scene, frame)
-            fill_window(t, plane, x0, y0, bits, width * rows <= SMALL, keys, ids)
+            fill_window(t, plane, (x0, y0, buffers.first), bits, width * rows <= SMALL, keys, ids)
         return np.int64(bits != NO_BITS)
     px, py = (origin[0] + x0) * SUBPIXEL + HALF, (origin[1] + y0) * SUBPIXEL + HALF
     sign = 1 if area > 0 else -1
@@ -128,9 +166,11 @@ def draw(place, corners, box, scene, frame, tests, buffers):
     spans(e1, dx1, dy1, rows, width, first, last)
     spans(e2, dx2, dy2, rows, width, first, last)
     plane = plane_in_tile(place, left, top, scene, frame)
+    if is_identity_alone(t, tests):
+        return fill_unseen(t, plane, (x0, y0, y1, left, top), frame, first, last, tests.earlier, buffers)
     if tested:
         return fill_tested(t, plane, (x0, y0, y1, left, top), scene, frame, tests, buffers)
-    return fill(t, plane, (x0, y0, y1), width * rows <= SMALL, first, last, keys, ids)
+    return fill(t, plane, (x0, y0, y1, buffers.first), width * rows <= SMALL, first, last, keys, ids)
 
 
 @kernel(inline=True)
@@ -168,6 +208,7 @@ def render_tile(scene, bins, frame, tests, k, buffers, outputs):
     lowest = -np.inf
     tried = 0
     first, end = starts[k], starts[k + 1]
+    by_bits = tests.limits.keys.shape[0] == 0 and only_identity(tests.earlier)
     if not is_open(tests.limits.keys, left, top, tile_width, tile_height, empty):
         end = first
     bounds = (left, top, left + tile_width - 1, top + tile_height - 1)
@@ -179,17 +220,13 @@ def render_tile(scene, bins, frame, tests, k, buffers, outputs):
             if high < lowest:
                 continue
             bits = bits_of[entry]
-            if bits != NO_BITS:
+            if bits != NO_BITS and by_bits:
                 x0, y0 = np.int64(boxes[entry, 0]) - left, np.int64(boxes[entry, 1]) - top
-                if not is_hidden(high, x0, y0, bits, keys):
-                    place = np.uintp(places[entry])
-                    t = np.int64(scene.order[place])
-                    plane = plane_in_tile(place, left, top, scene, frame)
-                    fill_window(t, plane, x0, y0, bits, True, keys, ids)
-                    tried += 1
-                    if tried > REFRESH:
-                        lowest = find_lows(keys, lows)
-                        tried = 0
+                place = np.uintp(places[entry])
+                tried += draw_bits(place, bits, (x0, y0, left, top, True), high, scene, frame, tests.earlier, buffers)
+                if tried > REFRESH:
+                    lowest = find_lows(keys, lows)
+                    tried = 0
                 continue
         place, a, b, c = fetch(entry, scene)
         x0, y0, x1, y1 = pixel_box(a, b, c, bounds, centre_x, centre_y)
@@ -212,11 +249,13 @@ def render_tiles(scene, bins, frame, limits, earlier, holes, buffers, outputs):
     The tests come one by one because a parallel loop takes no records within records.
     """
     order, counter = bins.order, bins.turn
-    keys, ids, lows, spans_of, known, planes = buffers
+    first, keys, ids, lows, spans_of, known, planes = buffers
     for thread in prange(keys.shape[0]):
         while True:
             turn = fetch_add(counter, 0, 1)
             if turn >= order.shape[0]:
                 break
-            own = Buffers(keys[thread], ids[thread], lows[thread], spans_of[thread], known[thread], planes[thread])
+            own = Buffers(
+                first, keys[thread], ids[thread], lows[thread], spans_of[thread], known[thread], planes[thread]
+            )
             render_tile(scene, bins, frame, Refusals(limits, earlier, holes), order[turn], own, outputs)

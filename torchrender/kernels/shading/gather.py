@@ -24,11 +24,11 @@ _A, _B, _C = SPAN, 2 * SPAN, 3 * SPAN
 SHININESS = MATERIAL["shininess"]
 DIFFUSE = MATERIAL["diffuse"]
 LEAST, LARGEST = f4(1e-12), f4(1e12)
-LONG = 6
+LONG = 3
 """Pixels that runs have in the mean from which on they are taken as such."""
 
 
-@kernel()
+@kernel(counted=False)
 def gather(box, samples, view, packed, looks, work):
     """Attributes of the covered pixels of a tile into ``s``; -> their count, that of empty ones, kinds as bits.
 
@@ -65,7 +65,7 @@ def gather(box, samples, view, packed, looks, work):
     return n, e, bits
 
 
-@kernel()
+@kernel(counted=False)
 def runs_of(values, n, runs):
     """Where runs of equal values begin among the first ``n``, and the end; -> how many there are."""
     count, last = np.uintp(0), np.uint32(0xFFFFFFFF)
@@ -78,7 +78,7 @@ def runs_of(values, n, runs):
     return np.int64(count)
 
 
-@kernel()
+@kernel(counted=False)
 def spread(work, n, slot, numbers, column):
     """A number of the materials into ``slot`` of all pixels; after :func:`gather` has found their runs."""
     s, mat, runs, count = work.s, work.mat, work.runs, work.found[3]
@@ -93,7 +93,7 @@ def spread(work, n, slot, numbers, column):
             s[np.uintp(slot) + i] = value
 
 
-@kernel()
+@kernel(counted=False)
 def one_triangle(work, packed, begin, end):
     """The pixels from ``begin`` to ``end``, which see one triangle."""
     s, near, corners, planes = work.s, work.near, packed.corners, packed.planes
@@ -121,7 +121,7 @@ def one_triangle(work, packed, begin, end):
         s[_U + i], s[_V + i] = f4(dw * ua + du * ub + dv * uc), f4(dw * va + du * vb + dv * vc)
 
 
-@kernel()
+@kernel(counted=False)
 def many_triangles(work, packed, n):
     """All pixels, each by itself."""
     s, mat, near, planes, ids = work.s, work.mat, work.near, packed.planes, packed.ids
@@ -134,7 +134,7 @@ def many_triangles(work, packed, n):
     blend(s, n, packed.corners, near)
 
 
-@kernel()
+@kernel(counted=False)
 def seen_pixels(box, samples, work):
     """Places, triangles and weights of the covered pixels of a tile, places of the empty ones; -> their counts."""
     x0, x1, y0, y1 = box
@@ -158,7 +158,7 @@ def seen_pixels(box, samples, work):
     return np.int64(n), np.int64(e)
 
 
-@kernel()
+@kernel(counted=False)
 def blend(s, n, corners, near):
     """What the corners carry, at the weights in SX and SY."""
     for i in range(n):  # brings them near, many at a time
@@ -176,7 +176,7 @@ def blend(s, n, corners, near):
         s[V + i] = f4(dw * corners[a, 7] + du * corners[b, 7] + dv * corners[c, 7])
 
 
-@kernel()
+@kernel(counted=False)
 def gather_further(samples, packed, s, n, pix):
     """Second texture coordinates and tangents, where the scene has some; after :func:`face`."""
     triangle, weights = samples.triangle, samples.weights
@@ -207,7 +207,7 @@ def gather_further(samples, packed, s, n, pix):
                 s[TW + i] = turned if w * g[row, 0, 3] + u * g[row, 1, 3] + v * g[row, 2, 3] >= ZERO else -turned
 
 
-@kernel()
+@kernel(counted=False)
 def place(s, n, view):
     """Position, direction to the eye and width of a pixel there, of pixels of an image."""
     view = view.numbers
@@ -227,7 +227,7 @@ def place(s, n, view):
         s[VS + i] = size * k
 
 
-@kernel()
+@kernel(counted=False)
 def face(s, n):
     """Normals that face the eye; the footprint of a pixel there (VS) and in texture coordinates, as a logarithm; which
     side is seen (AM: -1 where tangents turn).

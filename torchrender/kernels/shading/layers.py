@@ -22,7 +22,7 @@ EX, EY, EZ, LX, LY, LZ = (SLOT[n] for n in ("EX", "EY", "EZ", "LX", "LY", "LZ"))
 AM, VS, NV, OC, CC, CK, YR = (SLOT[n] for n in ("AM", "VS", "NV", "OC", "CC", "CK", "YR"))
 
 
-@kernel()
+@kernel(counted=False)
 def add_sheen(s, n, mat, looks, light):
     """One light on sheen."""
     numbers = looks.numbers
@@ -39,7 +39,7 @@ def add_sheen(s, n, mat, looks, light):
             s[YR + c * SPAN + i] += light[7 + c] * numbers[mat[i], SHEEN + c] * s[VS + i]
 
 
-@kernel()
+@kernel(counted=False)
 def add_coat(s, n, light):
     """One light on the clear coat, which lies flat under the normal map."""
     for i in range(n):
@@ -57,7 +57,7 @@ def add_coat(s, n, light):
             s[YR + c * SPAN + i] += light[7 + c] * s[VS + i]
 
 
-@kernel()
+@kernel(counted=False)
 def add_coat_sky(s, n, sky):
     """What the coat mirrors of the light from all around, which is in LX.."""
     for i in range(n):

@@ -13,13 +13,13 @@ GX, GY, GZ, SX, SY, SZ = (SLOT[n] for n in ("GX", "GY", "GZ", "SX", "SY", "SZ"))
 AM, VS, LX, LY, LZ = (SLOT[n] for n in ("AM", "VS", "LX", "LY", "LZ"))
 
 
-@kernel(inline=True)
+@kernel(inline=True, counted=False)
 def norm1(x, y, z):
     """Sum of the absolute components."""
     return abs(x) + abs(y) + abs(z)
 
 
-@kernel(inline=True)
+@kernel(inline=True, counted=False)
 def horizon(s, i):
     """Normal of the smooth surface that vertex normals stand for, or of the triangle where these lean too far."""
     gx, gy, gz = s[GX + i], s[GY + i], s[GZ + i]
@@ -28,7 +28,7 @@ def horizon(s, i):
     return (sx if smooth else gx), (sy if smooth else gy), (sz if smooth else gz)
 
 
-@kernel(inline=True)
+@kernel(inline=True, counted=False)
 def edge(a, b, ha, hb, normal):
     """One edge of a polygon seen from 0, cut at the horizon: its term, and where it leaves and enters, or 0."""
     ax, ay, az = a
@@ -53,7 +53,7 @@ def edge(a, b, ha, hb, normal):
     return term, (s * lx, s * ly, s * lz), (r * fx, r * fy, r * fz)
 
 
-@kernel(inline=True)
+@kernel(inline=True, counted=False)
 def polygon(a, b, c, d, normal):
     """Irradiance of a parallelogram of radiance one at 0, whose corners are given (Lambert's formula)."""
     nx, ny, nz = normal
@@ -71,7 +71,7 @@ def polygon(a, b, c, d, normal):
     return HALF * abs(t0 + t1 + t2 + t3 + close)
 
 
-@kernel()
+@kernel(counted=False)
 def rectangle(s, n, light):
     """Exact irradiance of a rectangle, and the direction to its centre."""
     mx, my, mz, d0, x0, y0, z0 = light[12], light[13], light[14], light[15], light[1], light[2], light[3]
@@ -96,7 +96,7 @@ def rectangle(s, n, light):
         s[LX + i], s[LY + i], s[LZ + i] = ux * inv, uy * inv, uz * inv
 
 
-@kernel()
+@kernel(counted=False)
 def small_light(s, n, light):
     """Point, spot and parallel lights, and rectangles taken as if all came from their centre."""
     parallel, centre = light[0] == f4(PARALLEL), light[0] == f4(CENTRE)

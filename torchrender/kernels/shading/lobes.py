@@ -18,14 +18,14 @@ OC, RO, ME, CC = (SLOT[n] for n in ("OC", "RO", "ME", "CC"))
 DR, DG, DB, SR, SG, SB, AM, VS, SH = (SLOT[n] for n in ("DR", "DG", "DB", "SR", "SG", "SB", "AM", "VS", "SH"))
 FR, FG, FB, FH, KR, KG, KB = (SLOT[n] for n in ("FR", "FG", "FB", "FH", "KR", "KG", "KB"))
 WR, WG, WB, MR, MG, MB = (SLOT[n] for n in ("WR", "WG", "WB", "MR", "MG", "MB"))
-LO, HI, IN, NV, LA = (SLOT[n] for n in ("LO", "HI", "IN", "NV", "LA"))
+LO, HI, IN, NV, MA = (SLOT[n] for n in ("LO", "HI", "IN", "NV", "MA"))
 SL, CL, TH, YR, YG, YB = (SLOT[n] for n in ("SL", "CL", "TH", "YR", "YG", "YB"))
 DIELECTRIC, WEIGHT, SHEEN, SHEEN_ROUGHNESS = (MATERIAL[n] for n in ("dielectric", "weight", "sheen", "sheen_roughness"))
 TRANSMISSION, DEGREE, LOBE = (MATERIAL[n] for n in ("transmission", "degree", "lobe"))
 SMOOTHEST, LEAST_COSINE, COAT_F0 = f4(0.045), f4(1e-3), f4(0.04)
 
 
-@kernel()
+@kernel(counted=False)
 def add_phong(s, n, light, shiny):
     """One light's diffuse and mirrored irradiance."""
     for c in range(3):
@@ -45,35 +45,35 @@ def add_phong(s, n, light, shiny):
                 s[SR + c * SPAN + i] += color * s[VS + i]
 
 
-@kernel(inline=True)
+@kernel(inline=True, counted=False)
 def corners_of(table, cosine, roughness):
     """Where a table over roots of cosines and roughness, both from 0 to 1, is read: rows, columns, and weights."""
     last = f4(table.shape[0] - 1)
     x, y = math.sqrt(cosine) * last, roughness * last
     i, j = min(np.int32(x), np.int32(table.shape[0] - 2)), min(np.int32(y), np.int32(table.shape[0] - 2))
     u, v = x - f4(i), y - f4(j)
-    i, j = np.uint32(i), np.uint32(j)
+    column, row, one = np.uint32(i), np.uint32(j), np.uint32(1)
     w11 = u * v
     w01, w10 = u - w11, v - w11
     w00 = ONE - u - w10
-    return j, j + np.uint32(1), i, i + np.uint32(1), w00, w01, w10, w11
+    return row, row + one, column, column + one, w00, w01, w10, w11
 
 
-@kernel(inline=True)
+@kernel(inline=True, counted=False)
 def read_at(table, corners, c):
     """Bilinear value of channel ``c``; ``corners`` by :func:`corners_of`."""
     j, m, i, k, w00, w01, w10, w11 = corners
     return w00 * table[j, i, c] + w01 * table[j, k, c] + w10 * table[m, i, c] + w11 * table[m, k, c]
 
 
-@kernel(inline=True)
+@kernel(inline=True, counted=False)
 def albedo(table, cosine, roughness):
     """Directional albedo: terms of f0 and of f90, and of sheen."""
     at = corners_of(table, min(max(cosine, ZERO), ONE), min(max(roughness, ZERO), ONE))
     return read_at(table, at, 0), read_at(table, at, 1), read_at(table, at, 2)
 
 
-@kernel(inline=True)
+@kernel(inline=True, counted=False)
 def open_share(eye, seen, roughness):
     """Share of mirrored light where a share ``seen`` of all directions is open (Lagarde and de Rousiers 2014)."""
     power = exp2(f4(-16) * roughness - ONE)
@@ -81,7 +81,7 @@ def open_share(eye, seen, roughness):
     return ONE if seen >= ONE else min(max(share, ZERO), ONE)
 
 
-@kernel()
+@kernel(counted=False)
 def look_up(work, n, looks, sky, cloth):
     """What :func:`mix` needs from tables: albedos into KR.., FR.., numbers of the materials into SL, FH, TH, LO."""
     s, mat, numbers, table, mean = work.s, work.mat, looks.numbers, sky.albedo, sky.mean
@@ -108,7 +108,7 @@ def look_up(work, n, looks, sky, cloth):
             s[LO + i] = max(numbers[m, SHEEN], max(numbers[m, SHEEN + 1], numbers[m, SHEEN + 2]))
 
 
-@kernel()
+@kernel(counted=False)
 def mix(s, n):
     """Terms of metallic-roughness that do not depend on lights, from what the textures and tables told."""
     for i in range(n):
@@ -141,7 +141,7 @@ def mix(s, n):
         s[IN + i] = INV_PI / max(ONE - (low * mean_a + weight * mean_b), f4(1e-3))
 
 
-@kernel()
+@kernel(counted=False)
 def begin_metallic(work, n, looks, cloth):
     """Emission, sheen and light from all around into YR..; what is mirrored is in LX.., and stays there
     as far as it arrives.
@@ -159,7 +159,7 @@ def begin_metallic(work, n, looks, cloth):
                 s[YR + c * SPAN + i] += numbers[mat[i], SHEEN + c] * s[CL + i] * s[DR + c * SPAN + i]
 
 
-@kernel(inline=True)
+@kernel(inline=True, counted=False)
 def ggx(square_sine, nl, nv, alpha):
     """``D G / (4 cos cos)``."""
     a2 = alpha * alpha
@@ -169,7 +169,7 @@ def ggx(square_sine, nl, nv, alpha):
     return HALF * a2 / (PI * spread * spread * masked)
 
 
-@kernel(inline=True)
+@kernel(inline=True, counted=False)
 def half_terms(normal, eye, light):
     """Squared sine of the half vector to the normal, cosine to the eye."""
     nx, ny, nz = normal
@@ -182,25 +182,25 @@ def half_terms(normal, eye, light):
     return min(cx * cx + cy * cy + cz * cz, ONE), min(max(ex * hx + ey * hy + ez * hz, ZERO), ONE)
 
 
-@kernel()
+@kernel(counted=False)
 def diffuse_share(s, n, table):
-    """What of the light in AM meets the diffuse part, into LA."""
+    """What of the light in AM meets the diffuse part, into MA."""
     for i in range(n):
         nl = s[NX + i] * s[LX + i] + s[NY + i] * s[LY + i] + s[NZ + i] * s[LZ + i]
-        s[LA + i] = min(max(nl, ZERO), ONE)
+        s[MA + i] = min(max(nl, ZERO), ONE)
     for i in range(n):
-        at = corners_of(table, s[LA + i], s[RO + i])
+        at = corners_of(table, s[MA + i], s[RO + i])
         a, b = read_at(table, at, 0), read_at(table, at, 1)
-        s[LA + i] = s[AM + i] * (ONE - (s[LO + i] * a + s[HI + i] * b)) * s[IN + i]
+        s[MA + i] = s[AM + i] * (ONE - (s[LO + i] * a + s[HI + i] * b)) * s[IN + i]
 
 
-@kernel()
+@kernel(counted=False)
 def add_metallic(s, n, sky, light):
     """One light, through all lobes under the coat but sheen."""
     red, green, blue = light[7], light[8], light[9]
     diffuse_share(s, n, sky.albedo)
     for i in range(n):
-        amount, matte = s[AM + i], s[LA + i]
+        amount, matte = s[AM + i], s[MA + i]
         nx, ny, nz, lx, ly, lz = s[NX + i], s[NY + i], s[NZ + i], s[LX + i], s[LY + i], s[LZ + i]
         sine, half = half_terms((nx, ny, nz), (s[EX + i], s[EY + i], s[EZ + i]), (lx, ly, lz))
         rough = max(s[RO + i], SMOOTHEST)
@@ -215,7 +215,7 @@ def add_metallic(s, n, sky, light):
         s[YB + i] += blue * (s[MB + i] * matte + f * s[KB + i] * lobe)
 
 
-@kernel()
+@kernel(counted=False)
 def write(work, n, bits, looks, out):
     """Radiance of each pixel by the kind of its material."""
     s, pix, mat, numbers, kinds = work.s, work.pix, work.mat, looks.numbers, looks.groups_of
@@ -242,7 +242,7 @@ def write(work, n, bits, looks, out):
             radiance[p, c] = s[DR + c * SPAN + i]
 
 
-@kernel()
+@kernel(counted=False)
 def write_mirrors(s, n, pix, mat, looks, out):
     """What mirrors replace, and the share and tint of what they show."""
     numbers, kinds = looks.numbers, looks.groups_of

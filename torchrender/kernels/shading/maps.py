@@ -24,7 +24,7 @@ REPEAT, MIRROR, CLAMP = 0, 1, 2
 TRILINEAR, BILINEAR, NEAREST = 0, 1, 2
 
 
-@kernel()
+@kernel(counted=False)
 def constants(work, n, looks, physical):
     """What textures multiply, as the materials have it; base colours are there already."""
     s, numbers = work.s, looks.numbers
@@ -41,7 +41,7 @@ def constants(work, n, looks, physical):
             s[slot + i] = ONE
 
 
-@kernel(inline=True)
+@kernel(inline=True, counted=False)
 def placed(x, wrap):
     """A coordinate moved into [0, 1]; float64: what is far from the unit square keeps its fraction."""
     if wrap == REPEAT:
@@ -52,7 +52,7 @@ def placed(x, wrap):
     return f4(1.0 - abs(1.0 - 2.0 * (half - np.floor(half))))
 
 
-@kernel(inline=True)
+@kernel(inline=True, counted=False)
 def neighbours(place, size, wrap):
     """The two texels about a place in [0, 1] along one axis, and the share of the second."""
     x = place * f4(size) - HALF
@@ -67,7 +67,7 @@ def neighbours(place, size, wrap):
     return i, j, x - low
 
 
-@kernel(inline=True)
+@kernel(inline=True, counted=False)
 def corners(groups, g, level, across, down, channels):
     """First numbers of the four texels about a place, and their weights."""
     k = LEVELS + 3 * level
@@ -85,7 +85,7 @@ def corners(groups, g, level, across, down, channels):
     )  # fmt: skip
 
 
-@kernel(inline=True)
+@kernel(inline=True, counted=False)
 def sample(s, i, g, groups, transforms, texels, found):
     """Multiply the numbers of pixel ``i`` by the textures of group ``g``."""
     second = groups[g, 4] == 1
@@ -136,7 +136,7 @@ def sample(s, i, g, groups, transforms, texels, found):
             s[slot + i] *= found[c]
 
 
-@kernel()
+@kernel(counted=False)
 def textures(work, n, looks):
     """All textures of all pixels."""
     s, mat = work.s, work.mat
@@ -147,7 +147,7 @@ def textures(work, n, looks):
             sample(s, i, np.int64(g), groups, transforms, texels, work.texel)
 
 
-@kernel()
+@kernel(counted=False)
 def finish(work, n, looks, physical):
     """Occlusion by its strength, degrees and weights; numbers of metallic-roughness into their range."""
     s = work.s
@@ -161,7 +161,7 @@ def finish(work, n, looks, physical):
             s[CK + i] = min(max(s[CK + i], ZERO), ONE)
 
 
-@kernel(inline=True)
+@kernel(inline=True, counted=False)
 def raised(nx, ny, nz, ax, ay, az):
     """A unit normal, lifted to where it just looks along a unit axis."""
     more = max(LEAST_TILT - (nx * ax + ny * ay + nz * az), ZERO)
@@ -170,7 +170,7 @@ def raised(nx, ny, nz, ax, ay, az):
     return nx * inv, ny * inv, nz * inv
 
 
-@kernel()
+@kernel(counted=False)
 def bend(work, n, looks):
     """Normals as their maps bend them; never below the triangle, nor turned from the eye."""
     s = work.s

@@ -22,7 +22,7 @@ from torchrender.kernels.shading.maps import bend as bend_normals
 from torchrender.kernels.shading.maps import constants, finish
 from torchrender.kernels.shading.maps import textures as all_textures
 from torchrender.kernels.shading.records import METALLIC, SLOT, SPAN
-from torchrender.kernels.shading.rectangles import add_coat_rectangle, add_metallic_rectangle
+from torchrender.kernels.shading.rectangles import add_coat_rectangle, add_metallic_rectangle, lay
 from torchrender.kernels.shading.sky import background as far_away
 from torchrender.kernels.shading.sky import diffuse, mirrored
 from torchrender.kernels.stages import stage
@@ -122,6 +122,12 @@ def metallic(looks, sky, out, work, n, bits):
 def metallic_light(sky, work, n, light):
     """One light on metallic-roughness."""
     add_metallic(work.s, n, sky, light)
+
+
+@stage("rectangles")
+def lobes(sky, work, n):
+    """How lobes lie that rectangles fill."""
+    lay(work.s, n, sky.cosines, NX, RO)
 
 
 @stage("rectangles")

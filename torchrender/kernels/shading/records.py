@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-SPAN = 256
-"""Pixels per tile at most: their scratch stays in the cache of a core."""
-TILE = (64, 4)
+SPAN = 512
+"""Pixels per tile at most: their scratch stays in the cache of a core, and calls of stages weigh little."""
+TILE = (128, 4)
 """Columns and rows of a tile."""
 
 IRRADIANCE_SIDE = 64
@@ -25,8 +25,8 @@ _SLOTS = (
     "DR DG DB SR SG SB AM VS LX LY LZ SH "
     # of metallic-roughness, see lobes
     "FR FG FB FH KR KG KB WR WG WB MR MG MB LO HI IN NV SL CL TH YR YG YB "
-    # share of a lobe that a rectangle fills, and how the lobe lies
-    "FL LA LB LC LD LE"
+    # light for the diffuse part; share of a lobe that a rectangle fills, and how the lobe lies
+    "MA FL LA LB LC LD LE"
 ).split()
 SLOT = {name: number * SPAN for number, name in enumerate(_SLOTS)}
 SLOTS = len(_SLOTS)
@@ -144,6 +144,7 @@ class Stages(NamedTuple):
     phong: int
     metallic: int
     metallic_light: int
+    lobes: int
     metallic_rectangle: int
     sheen_light: int
     coat: int

@@ -17,18 +17,18 @@ from torchrender.kernels.shading.simd import HALF, INV_PI, ONE, ZERO, f4
 
 PX, PY, PZ, NX, NY, NZ, SX, SY, SZ = (SLOT[n] for n in ("PX", "PY", "PZ", "NX", "NY", "NZ", "SX", "SY", "SZ"))
 EX, EY, EZ, LX, LY, LZ = (SLOT[n] for n in ("EX", "EY", "EZ", "LX", "LY", "LZ"))
-AM, VS, RO, LA, LB, LC, LD, LE = (SLOT[n] for n in ("AM", "VS", "RO", "LA", "LB", "LC", "LD", "LE"))
+AM, VS, RO, MA, LA, LB, LC, LD, LE = (SLOT[n] for n in ("AM", "VS", "RO", "MA", "LA", "LB", "LC", "LD", "LE"))
 MR, WR, YR, CC, CK, FL = (SLOT[n] for n in ("MR", "WR", "YR", "CC", "CK", "FL"))
 UPRIGHT, MOST = f4(1e-12), f4(1.0 - 1e-7)
 
 
-@kernel(inline=True)
+@kernel(inline=True, counted=False)
 def dot(a, b):
     """Of vectors of three components."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@kernel(inline=True)
+@kernel(inline=True, counted=False)
 def moved(p, frame, matrix):
     """A corner, seen from the surface, where the lobe is a cosine about the third axis."""
     across, beside, along = frame
@@ -37,7 +37,7 @@ def moved(p, frame, matrix):
     return e * x - b * z, (a * e - b * d) / c * y, a * z - d * x
 
 
-@kernel(inline=True)
+@kernel(inline=True, counted=False)
 def upright(n):
     """A unit vector at right angles to one (Duff et al. 2017)."""
     sign = ONE if n[2] >= ZERO else -ONE
@@ -45,24 +45,35 @@ def upright(n):
     return ONE + sign * n[0] * n[0] * a, sign * n[0] * n[1] * a, -sign * n[0]
 
 
-@kernel()
-def filled(s, n, light, table, slots):
-    """Share of the lobe that the rectangle fills, as far as it is visible, into FL; ``slots``: normal, roughness."""
-    normal, rough = slots
-    ax, ay, az, bx, by, bz = light[16], light[17], light[18], light[19], light[20], light[21]
-    cx, cy, cz, dx, dy, dz = light[22], light[23], light[24], light[25], light[26], light[27]
+@kernel(inline=True, counted=False)
+def flattened(facing):
+    """Cosine between normal and eye as far as tables hold it."""
+    return min(max(facing, f4(1e-4)), MOST)
+
+
+@kernel(counted=False)
+def lay(s, n, table, normal, rough):
+    """How the lobes lie about the normals in slot ``normal``, for :func:`filled`, into LA, LB, LC, LD, LE."""
     for i in range(n):
         facing = s[normal + i] * s[EX + i] + s[normal + SPAN + i] * s[EY + i] + s[normal + 2 * SPAN + i] * s[EZ + i]
-        s[FL + i] = min(max(facing, f4(1e-4)), MOST)
+        s[FL + i] = flattened(facing)
     for i in range(n):
         at = corners_of(table, s[FL + i], min(max(s[rough + i], SMOOTHEST), ONE))
         for k in range(5):
             s[LA + k * SPAN + i] = read_at(table, at, np.uint32(k))
+
+
+@kernel(counted=False)
+def filled(s, n, light, normal):
+    """Share of the lobes that the rectangle fills, as far as it is visible, into FL; after :func:`lay`."""
+    ax, ay, az, bx, by, bz = light[16], light[17], light[18], light[19], light[20], light[21]
+    cx, cy, cz, dx, dy, dz = light[22], light[23], light[24], light[25], light[26], light[27]
     for i in range(n):
         x, y, z = s[PX + i], s[PY + i], s[PZ + i]
         up = s[normal + i], s[normal + SPAN + i], s[normal + 2 * SPAN + i]
         eye = s[EX + i], s[EY + i], s[EZ + i]
-        facing, nv = dot(up, eye), s[FL + i]
+        facing = dot(up, eye)
+        nv = flattened(facing)
         sine = math.sqrt(ONE - nv * nv)
         a, b, c, d, e = s[LA + i], sine * s[LB + i], s[LC + i], sine * s[LD + i], s[LE + i]
         lx, ly, lz = eye[0] - facing * up[0], eye[1] - facing * up[1], eye[2] - facing * up[2]
@@ -93,25 +104,27 @@ def filled(s, n, light, table, slots):
         s[FL + i] = share if s[AM + i] > ZERO else ZERO
 
 
-@kernel()
+@kernel(counted=False)
 def add_metallic_rectangle(s, n, sky, light):
     """A rectangle, through the lobes under the coat: diffuse as light from its centre, mirrored as it is."""
-    filled(s, n, light, sky.cosines, (NX, RO))
+    filled(s, n, light, NX)
     diffuse_share(s, n, sky.albedo)
     for c in range(3):
         color = light[7 + c]
         for i in range(n):
-            sent = s[MR + c * SPAN + i] * s[LA + i] + s[WR + c * SPAN + i] * s[FL + i]
+            sent = s[MR + c * SPAN + i] * s[MA + i] + s[WR + c * SPAN + i] * s[FL + i]
             s[YR + c * SPAN + i] += color * sent
 
 
-@kernel()
+@kernel(counted=False)
 def add_coat_rectangle(s, n, sky, light):
     """A rectangle, on the clear coat."""
-    filled(s, n, light, sky.cosines, (SX, CK))
+    lay(s, n, sky.cosines, SX, CK)
+    filled(s, n, light, SX)
     for i in range(n):
         nv = s[SX + i] * s[EX + i] + s[SY + i] * s[EY + i] + s[SZ + i] * s[EZ + i]
         a, b, _ = albedo(sky.albedo, min(max(nv, f4(1e-4)), ONE), s[CK + i])
         share = s[CC + i] * (COAT_F0 * a + b) * s[FL + i]
         for c in range(3):
             s[YR + c * SPAN + i] += light[7 + c] * share
+    lay(s, n, sky.cosines, NX, RO)

@@ -14,7 +14,7 @@ from torchrender.kernels.stages import run
 CC, VS = SLOT["CC"], SLOT["VS"]
 
 
-@kernel()
+@kernel(counted=False)
 def some(s, n, slot):
     """Any pixel has more than zero there."""
     most = ZERO
@@ -23,7 +23,7 @@ def some(s, n, slot):
     return most > ZERO
 
 
-@kernel()
+@kernel(counted=False)
 def arrives(s, n, pix, number, reach):
     """Share of light ``number`` that arrives at the pixels, into VS; False if none of them sees it."""
     shadow = reach.shadow
@@ -40,7 +40,7 @@ def arrives(s, n, pix, number, reach):
     return most > ZERO
 
 
-@kernel()
+@kernel(counted=False)
 def find_lit(box, across, side, reach, lit):
     """Which lights are listed for any of the blocks of ``side`` pixels, ``across`` in a row, that the tile lies in."""
     x0, x1, y0, y1 = box
@@ -53,7 +53,7 @@ def find_lit(box, across, side, reach, lit):
                 lit[reach.listed[k]] = True
 
 
-@kernel()
+@kernel(counted=False)
 def tile(box, seen, looks, sky, reach, out, work, stages):
     """One tile; ``seen`` = what is seen, its camera, its triangles."""
     samples, view, packed = seen
@@ -87,6 +87,7 @@ def tile(box, seen, looks, sky, reach, out, work, stages):
         coated, cloth = some(s, n, CC), bits & 32 > 0
         if coated:
             run(stages.coat, (sky, work, n))
+    laid = False
     for number in range(reach.lights.shape[0]):
         if not work.lit[number] or not arrives(s, n, pix, number, reach):
             continue
@@ -98,6 +99,9 @@ def tile(box, seen, looks, sky, reach, out, work, stages):
             run(stages.small_light, (work, n, light))
         if metallic:
             if wide:
+                if not laid:
+                    run(stages.lobes, (sky, work, n))
+                    laid = True
                 run(stages.metallic_rectangle, (sky, work, n, light))
                 if coated:
                     run(stages.coat_rectangle, (sky, work, n, light))

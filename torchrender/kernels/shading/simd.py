@@ -44,7 +44,7 @@ def _cast(source: Any, target: Any) -> Any:
 bits_of, float_of = _cast(float32, int32), _cast(int32, float32)
 
 
-@kernel(inline=True)
+@kernel(inline=True, counted=False)
 def log2(x):
     """Logarithm of a positive normal number."""
     b = bits_of(x) - np.int32(0x3F3504F3)
@@ -62,7 +62,7 @@ def log2(x):
     return f4(e) + p * f
 
 
-@kernel(inline=True)
+@kernel(inline=True, counted=False)
 def exp2(x):
     """Two to the power of ``x`` <= 127."""
     x = max(x, f4(-126))
@@ -72,7 +72,7 @@ def exp2(x):
     return p * float_of((np.int32(r) + np.int32(127)) << np.int32(23))
 
 
-@kernel(inline=True)
+@kernel(inline=True, counted=False)
 def angle(y, x):
     """atan2 for y >= 0."""
     ax = abs(x)
@@ -91,7 +91,7 @@ def angle(y, x):
     return PI - p if x < ZERO else p
 
 
-@kernel(inline=True)
+@kernel(inline=True, counted=False)
 def fifth(cosine):
     """``(1 - cos)^5``, Schlick's weight."""
     one = min(max(ONE - cosine, ZERO), ONE)

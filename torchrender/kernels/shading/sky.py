@@ -14,7 +14,7 @@ NX, NY, NZ, EX, EY, EZ = (SLOT[n] for n in ("NX", "NY", "NZ", "EX", "EY", "EZ"))
 DR, DG, SR, SG, VS, LX, LY, LZ, OC = (SLOT[n] for n in ("DR", "DG", "SR", "SG", "VS", "LX", "LY", "LZ", "OC"))
 
 
-@kernel(inline=True)
+@kernel(inline=True, counted=False)
 def octahedral(x, y, z):
     """Place in [0, 1] of a direction in an octahedral map, across (x) and down (z)."""
     scale = ONE / max(abs(x) + abs(y) + abs(z), TINY)
@@ -24,7 +24,7 @@ def octahedral(x, y, z):
     return p * HALF + HALF, q * HALF + HALF
 
 
-@kernel(inline=True)
+@kernel(inline=True, counted=False)
 def map_corners(first, side, across, down):
     """First of the four texels about a place in a map with an edge of one texel, the second row, and two shares."""
     x, y = across * f4(side) + HALF, down * f4(side) + HALF
@@ -33,7 +33,7 @@ def map_corners(first, side, across, down):
     return at, at + side + 2, x - f4(i), y - f4(j)
 
 
-@kernel()
+@kernel(counted=False)
 def diffuse(s, n, pix, sky, reach):
     """Irradiance over pi from all around into DR.., times what of it arrives; SR.. begin at zero."""
     ambient, texels = sky.ambient, sky.irradiance
@@ -63,7 +63,7 @@ def diffuse(s, n, pix, sky, reach):
             s[DR + c * SPAN + i] *= s[OC + i]
 
 
-@kernel()
+@kernel(counted=False)
 def mirrored(s, n, sky, normal, rough):
     """Radiance about the directions that normals in slot ``normal`` mirror to the eye, into LX, LY, LZ."""
     ambient, texels, levels = sky.ambient, sky.mirrored, sky.levels
@@ -76,7 +76,10 @@ def mirrored(s, n, sky, normal, rough):
         nx, ny, nz = s[normal + i], s[normal + SPAN + i], s[normal + 2 * SPAN + i]
         ex, ey, ez = s[EX + i], s[EY + i], s[EZ + i]
         d = TWO * min(max(nx * ex + ny * ey + nz * ez, f4(1e-4)), ONE)
-        s[LX + i], s[LY + i] = octahedral(d * nx - ex, d * ny - ey, d * nz - ez)
+        alpha = min(max(s[rough + i], ZERO), ONE)
+        turn = HALF * alpha * alpha  # towards the normal, see :func:`torchrender.shading.lobes.lobe_middle`
+        d, rest = d + turn * (ONE - d), ONE - turn
+        s[LX + i], s[LY + i] = octahedral(d * nx - rest * ex, d * ny - rest * ey, d * nz - rest * ez)
     for i in range(n):
         level = min(max(s[rough + i], ZERO), ONE) * top
         k = min(np.int64(level), np.int64(levels.shape[0] - 2))
@@ -94,7 +97,7 @@ def mirrored(s, n, sky, normal, rough):
             s[LX + c * SPAN + i] = ambient[c] + first + share * (second - first)
 
 
-@kernel()
+@kernel(counted=False)
 def background(s, e, empty, view, sky, out):
     """Latitude-longitude look-up for empty pixels."""
     radiance, view = sky.radiance, view.numbers

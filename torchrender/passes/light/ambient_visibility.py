@@ -104,7 +104,7 @@ def run(frame: Frame) -> AmbientVisibility:
         rays=options.rays,
         reach=reach,
         gap=gap,
-        share=options.rays < AT_HITS,
+        share=options.share if seen else options.rays < AT_HITS,
         spacing=options.ray_spacing,
         far=seen or scene.environment is not None,  # hits ask for no more than arrives
     )

@@ -29,7 +29,7 @@ from torchrender.passes.light.visibility import POINT_SHADOW, lights_by_rays, li
 from torchrender.passes.outlook import Outlook, Verdict, counted, no_shadows
 from torchrender.passes.seen.gbuffer import GBUFFER
 from torchrender.passes.seen.ray_caster import RAY_CASTER
-from torchrender.passes.senses import partly_lit
+from torchrender.passes.senses import borders
 from torchrender.passes.settings import settings
 from torchrender.pipeline.frame import Frame
 from torchrender.pipeline.history import RenderHistory
@@ -93,8 +93,8 @@ def _visibility(frame: Frame, lights: dict[int, Light]) -> dict[int, Tensor]:
 
 
 def senses(frame: Frame) -> dict[str, float]:
-    """How much of the picture lies on borders of shadows."""
-    edges = partly_lit(frame[GBUFFER].covered, frame[POINT_SHADOW].values())
+    """How long the borders of shadows are, whatever filter or rays found them."""
+    edges = borders(frame, frame[GBUFFER].covered, frame[POINT_SHADOW].values())
     return {"point_shadow": edges, "shadow_map": edges}
 
 

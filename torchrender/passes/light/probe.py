@@ -59,7 +59,8 @@ def probe(
     if points:  # borders of shadows in the next pixel
         moved = here.clone()
         moved[:, points] = _rows_of(visibility.roll((1, 1), (2, 3)), rows)[:, points]
-        found[closely("point_shadow")] = found[closely("shadow_map")] = changed(moved)
+        moved_by = changed(moved) * frame.options.supersample
+        found[closely("point_shadow")] = found[closely("shadow_map")] = moved_by
     if areas:  # shadows without penumbrae
         hard = here.clone()
         hard[:, areas] = (hard[:, areas] > 0.5).to(hard.dtype)

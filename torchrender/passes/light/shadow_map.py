@@ -29,7 +29,7 @@ from torchrender.passes.seen.gbuffer import GBUFFER
 from torchrender.passes.settings import settings
 from torchrender.pipeline.buffer import Buffer, Lasting, lights_of, same
 from torchrender.pipeline.frame import Frame
-from torchrender.pipeline.options import RenderOptions, lasting_shadows
+from torchrender.pipeline.options import RenderOptions, everywhere, lasting_shadows
 from torchrender.scene.light import DirectionalLight, Light, PointLight, RectLight
 from torchrender.scene.model import Scene
 
@@ -48,7 +48,7 @@ SHADOW_MAP: Buffer[tuple[ShadowMap | None, ...]] = Buffer(
 
 
 def _made_of_all_with(options: RenderOptions) -> tuple[Any, ...]:
-    shadow = replace(lasting_shadows(options), coverage="scene", cascades=None)
+    shadow = everywhere(options)
     return (options.shadows, shadow, options.media, options.scattering.sun_texels)
 
 

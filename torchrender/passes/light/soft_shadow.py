@@ -20,7 +20,7 @@ from torchrender.passes.light.visibility import POINT_SHADOW, SOFT_SHADOW, light
 from torchrender.passes.outlook import Outlook, Verdict, counted, no_shadows
 from torchrender.passes.seen.gbuffer import GBUFFER
 from torchrender.passes.seen.occluders import OCCLUDERS
-from torchrender.passes.senses import partly_lit
+from torchrender.passes.senses import borders, partly_lit
 from torchrender.passes.settings import settings
 from torchrender.pipeline.frame import Frame
 from torchrender.pipeline.history import RenderHistory
@@ -73,9 +73,10 @@ def _found(frame: Frame, lights: dict[int, Light]) -> dict[int, Tensor]:
 
 
 def senses(frame: Frame) -> dict[str, float]:
-    """How much of the picture lies on borders of shadows."""
-    edges = partly_lit(frame[GBUFFER].covered, frame[SOFT_SHADOW].values())
-    return {"soft_shadow": edges} if POINT_SHADOW in frame.values else {"soft_shadow": edges, "shadow_map": edges}
+    """How much of the picture lies in penumbrae, and how long the borders of shadows are."""
+    covered, lights = frame[GBUFFER].covered, frame[SOFT_SHADOW].values()
+    found = {"soft_shadow": partly_lit(covered, lights)}
+    return found if POINT_SHADOW in frame.values else {**found, "shadow_map": borders(frame, covered, lights)}
 
 
 def amounts(outlook: Outlook) -> Amounts:

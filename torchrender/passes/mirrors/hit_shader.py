@@ -33,7 +33,7 @@ from torchrender.pipeline.buffer import Buffer, Lasting, look_of, same
 from torchrender.pipeline.frame import Frame
 from torchrender.pipeline.hit_memory import HitMemory
 from torchrender.pipeline.hit_shader import HitShader
-from torchrender.pipeline.options import RenderOptions, lasting_shadows, plain_background
+from torchrender.pipeline.options import RenderOptions, everywhere, plain_background
 from torchrender.pipeline.standing import swept
 from torchrender.scene.material_table import wants_gradient
 from torchrender.shade import shade
@@ -41,7 +41,7 @@ from torchrender.shade import shade
 
 def look_made_with(options: RenderOptions) -> tuple[Any, ...]:
     """What of the options shows in the colours of hits; their shadows are looked up in maps of everything."""
-    shadow = replace(lasting_shadows(options), coverage="scene", cascades=None)
+    shadow = everywhere(options)
     return (options.shadows, shadow, plain_background(options), options.ambient_visibility)
 
 

@@ -13,6 +13,7 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
+from torchrender.checks import options_of
 from torchrender.errors import InputError, OptionError
 from torchrender.photo.fog import outdoor
 from torchrender.photo.fog.depth.labels import SKY, VERTICAL, Labelled, depth_from_labels, label_map, outdoor_camera
@@ -48,7 +49,7 @@ class FogPhoto:
         labels: Tensor | None = None,
     ) -> None:  # fmt: skip
         begin = time.perf_counter()
-        self.options = options or FogOptions()
+        self.options = options_of(options, FogOptions)
         self._photo = prepare(photo)
         work = self._photo.work
         h, w = work.shape[:2]

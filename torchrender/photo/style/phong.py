@@ -16,7 +16,7 @@ import torch
 from scipy.optimize import lsq_linear
 from torch import Tensor
 
-from torchrender.checks import check_tensor
+from torchrender.checks import check_tensor, options_of
 from torchrender.photo.style.options import FitOptions
 from torchrender.photo.style.terms import DARK_MIRROR
 
@@ -77,7 +77,7 @@ def fit_phong(color: Tensor, diffuse: Tensor, mirror: Tensor, options: FitOption
     Raises:
         InputError: wrong shapes, or no pixel.
     """
-    options = options or FitOptions()
+    options = options_of(options, FitOptions)
     check_tensor("color", color, ("N", 3))
     check_tensor("diffuse", diffuse, (len(color),))
     check_tensor("mirror", mirror, (len(color),))

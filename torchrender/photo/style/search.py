@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from torchrender.checks import options_of
 from torchrender.errors import InputError
 from torchrender.photo.style.cost import Moves, StyleCost
 from torchrender.photo.style.options import SearchOptions
@@ -51,7 +52,7 @@ def tabu_search(
     Raises:
         InputError: the start names a candidate that does not exist.
     """
-    options = options or SearchOptions()
+    options = options_of(options, SearchOptions)
     if len(start) != cost.objects or start.min() < 0 or start.max() >= cost.columns:
         raise InputError(f"start must name one of {cost.columns} candidates for each of {cost.objects} objects")
     moves = cost.start(start)

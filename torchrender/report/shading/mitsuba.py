@@ -31,13 +31,19 @@ from torchrender.scene.model import Scene
 from torchrender.scene.shapes import sphere
 from torchrender.shade import shade
 
+STEPS = 64
+"""Directions that an albedo is the mean over."""
+SKY_SAMPLES = 4
+"""Times as many under environments, whose lamps are small."""
+HALVED = 20.0 * math.log10(2.0)
+"""Decibels by which the mean of two pictures has less noise than their difference."""
 SIDE, FINER = 64, 4
 """Pixels a side, and how many of ours fall on each of them."""
 
 GOLD = {"eta": (0.143, 0.375, 1.442), "k": (3.983, 2.386, 1.603)}
 IOR = 1.5
-TURNED_BACK = 0.5964
-"""Share of diffuse light that turns back inside a varnish of that index (Egan and Hilgeman 1973)."""
+TRIED = (0.4, 0.8)
+"""Base colours within a varnish that tell how much of its diffuse light turns back."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +53,7 @@ class Ball:
     name: str
     ours: Material
     theirs: Mapping[str, Any]
+    base: float | None = None  # colour that a varnished one shows from outside
 
     @property
     def is_smooth(self) -> bool:
@@ -68,12 +75,11 @@ def balls() -> tuple[Ball, ...]:
     for roughness in (0.2, 0.4):
         for base in (0.0, 0.5):
             ggx = {"distribution": "ggx", "alpha": roughness**2}
-            within = base / (1.0 - TURNED_BACK + base * TURNED_BACK)  # shows the base colour from outside
             varnish = _of(
-                "roughplastic", diffuse_reflectance=_rgb(within), int_ior=IOR, ext_ior=1.0, nonlinear=True, **ggx
+                "roughplastic", diffuse_reflectance=_rgb(0.0), int_ior=IOR, ext_ior=1.0, nonlinear=True, **ggx
             )
             name = f"rough plastic, {roughness:g}, {'black' if base == 0 else 'grey'}"
-            made.append(Ball(name, _material(metallic=0.0, roughness=roughness, diffuse=base), varnish))
+            made.append(Ball(name, _material(metallic=0.0, roughness=roughness, diffuse=base), varnish, base or None))
     smooth = _of("plastic", diffuse_reflectance=_rgb(0.0), int_ior=IOR, ext_ior=1.0)
     made.append(Ball("dielectric, smooth", _material(metallic=0.0, roughness=0.0, diffuse=0.0), smooth))
     return tuple(made)
@@ -115,16 +121,48 @@ def beside_mitsuba(folder: Path | None, samples: int, names: tuple[str, ...] = (
     mi.set_log_level(mi.LogLevel.Error)
     sky = None if folder is None else read_image(folder / "museum.exr")[..., :3].contiguous()
     rows = []
-    for ball in balls():
+    for ball in (_varnished(mi, one) for one in balls()):
         for light, (ours, theirs) in lights(sky).items():
             if (names and ball.name not in names) or (ball.is_smooth and light != "environment"):
                 continue  # a mirror shows no points
             few = light in ("point", "parallel")  # next to no noise
-            wanted = _theirs(mi, ball, theirs, max(samples // 16, 4) if few else samples)
+            count = max(samples // 16, 4) if few else (samples * SKY_SAMPLES if light == "environment" else samples)
+            halves = [_theirs(mi, ball, theirs, count // 2, seed) for seed in (1, 2)]
+            wanted = (halves[0] + halves[1]) / 2.0
             found, once, inside = _ours(ball, ours)
             rows.append({"ball": ball.name, "light": light, **_compared(found, wanted, inside)})
+            rows[-1]["noise"] = _compared(halves[0], halves[1], inside)["psnr"] + HALVED
             rows[-1]["once"] = _compared(once, wanted, inside)
     return {"version": mi.__version__, "samples": samples, "rows": rows}
+
+
+def _varnished(mi: Any, ball: Ball) -> Ball:
+    """The same ball with the colour below Mitsuba's varnish that shows the wanted one from outside, along the normal.
+
+    There the light that leaves is ``K w / (1 - F w)`` of the colour ``w``: two colours tell ``K``, and the share ``F``
+    that turns back, which depends on roughness.
+    """
+    if ball.base is None:
+        return ball
+    dark = _albedo(mi, ball.theirs)
+    first, second = (_albedo(mi, {**ball.theirs, "diffuse_reflectance": _rgb(w)}) - dark for w in TRIED)
+    ratio = first / second * TRIED[1] / TRIED[0]
+    back = (1.0 - ratio) / (TRIED[1] - TRIED[0] * ratio)
+    through = first * (1.0 - back * TRIED[0]) / TRIED[0]
+    wanted = ball.base * (1.0 - ((IOR - 1.0) / (IOR + 1.0)) ** 2)
+    return replace(ball, theirs={**ball.theirs, "diffuse_reflectance": _rgb(wanted / (through + wanted * back))})
+
+
+def _albedo(mi: Any, material: Mapping[str, Any]) -> float:
+    """Share of even light that a material sends along its normal; exact for what varies slowly with direction."""
+    bsdf, seen = mi.load_dict(dict(material)), mi.SurfaceInteraction3f()
+    seen.wi = mi.ScalarVector3f(0.0, 0.0, 1.0)
+    total = 0.0
+    for k in range(STEPS):
+        cosine = math.sqrt((k + 0.5) / STEPS)  # as many steps where the cosine weighs more
+        toward = mi.ScalarVector3f(math.sqrt(1.0 - cosine * cosine), 0.0, cosine)
+        total += bsdf.eval(mi.BSDFContext(), seen, toward)[0] / cosine
+    return total * math.pi / STEPS
 
 
 def _material(diffuse: float, **more: Any) -> Material:
@@ -152,7 +190,7 @@ def _compared(found: Tensor, wanted: Tensor, inside: Tensor) -> dict[str, float]
 
 def _ours(ball: Ball, light: Light | Environment) -> tuple[Tensor, Tensor, Tensor]:
     """Radiance (S,S,3), the same with one bounce between microfacets, and pixels that lie wholly on the ball."""
-    scene = Scene(meshes=(_sphere(),), materials=(ball.ours,))
+    scene = Scene(meshes=(smooth_ball(),), materials=(ball.ours,))
     if isinstance(light, Environment):
         scene = replace(scene, environment=light)
     else:
@@ -171,7 +209,8 @@ def _ours(ball: Ball, light: Light | Environment) -> tuple[Tensor, Tensor, Tenso
 
 
 @cache
-def _sphere() -> Mesh:
+def smooth_ball() -> Mesh:
+    """A ball of radius one with exact normals."""
     fine = sphere(segments=256)
     return replace(fine, normals=torch.nn.functional.normalize(fine.vertices, dim=-1))
 
@@ -180,7 +219,7 @@ def _coarse(image: Tensor) -> Tensor:
     return image.reshape(SIDE, FINER, SIDE, FINER, -1).mean(dim=(1, 3))
 
 
-def _theirs(mi: Any, ball: Ball, light: dict[str, Any], samples: int) -> Tensor:
+def _theirs(mi: Any, ball: Ball, light: dict[str, Any], samples: int, seed: int = 1) -> Tensor:
     light = dict(light)
     if "pixels" in light:
         turn = mi.ScalarTransform4f().rotate([0, 1, 0], 180)  # the middle column looks along -z here
@@ -195,7 +234,7 @@ def _theirs(mi: Any, ball: Ball, light: dict[str, Any], samples: int) -> Tensor:
         "type": "scene", "integrator": {"type": "direct", "hide_emitters": True}, "sensor": sensor,
         "ball": {"type": "sphere", "bsdf": dict(ball.theirs)}, "light": light,
     }  # fmt: skip
-    image = np.array(mi.render(mi.load_dict(world), spp=samples, seed=1))
+    image = np.array(mi.render(mi.load_dict(world), spp=samples, seed=seed))
     return torch.from_numpy(image[..., :3].astype(np.float32))
 
 

@@ -12,6 +12,7 @@ import os
 import sys
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from torchrender.quality.timing import take_turns
 from torchrender.raster import rasterize
 from torchrender.report.common.command import run_study
 from torchrender.report.shading import before, opengl
+from torchrender.report.shading.glossy_sky import glossy_of
 from torchrender.report.shading.mitsuba import beside_mitsuba
 from torchrender.report.shading.page import page
 from torchrender.report.shading.references import references
@@ -46,15 +48,15 @@ SAMPLES = 512
 """Of Mitsuba, for each pixel."""
 ROUGHNESS = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
 DIRECTIONS = 256
+GLOSSY_SKY = "museum.exr"
 QUICK_MODELS = ("SimpleSparseAccessor",)
 READ, WRITTEN, GATHERS = 16 + 4, 12, 45
 """Bytes per pixel of the visibility buffer and of the light that leaves, and numbers gathered: corners, planes, ids."""
 
 
 def direct_light(one: Subject, runs: int) -> dict[str, Any]:
-    """Times of one scene, and how much the two ways differ where the light from all around is the same."""
-    flat = Subject(one.name, _without_sky(one.scene), one.seen, one.visibility)
-    found, wanted = (way(flat.scene, flat.gbuffer, flat.visibility) for way in (shade, before.shade))
+    """Times of one scene, and how much the kernel differs from its twin in torch."""
+    found, wanted = (shade(one.scene, gbuffer, one.visibility) for gbuffer in (one.gbuffer, replace(one.gbuffer)))
     error = ((found - wanted).abs() / wanted.abs().clamp_min(1e-3)).amax(-1)
     times = take_turns(
         {
@@ -85,19 +87,6 @@ def _before(one: Subject) -> Any:
         return before.shade(one.scene, gbuffer, one.visibility)
 
     return work
-
-
-def _without_sky(scene: Scene) -> Scene:
-    """Ambient light in place of the environment, whose irradiance was an approximation before."""
-    made = Scene(
-        meshes=scene.meshes,
-        materials=scene.materials,
-        lights=scene.lights,
-        ambient=torch.full((3,), 0.2),
-        name=scene.name,
-    )
-    made.__dict__["geometry"] = scene.geometry
-    return made
 
 
 def beside_opengl(one: Subject, runs: int) -> dict[str, Any] | None:
@@ -171,6 +160,7 @@ def _parts(sheet: Path, data: Path, quick: bool) -> dict[str, Callable[[], Any]]
         "mitsuba": lambda: beside_mitsuba(None, 4, ("matt",)) if quick else beside_mitsuba(skies, SAMPLES),
         "references": lambda: [] if quick else references(data / "references"),
         "skies": lambda: [] if quick or skies is None else irradiance_of(skies, DIRECTIONS),
+        "glossy": lambda: [] if quick or skies is None else glossy_of(skies / GLOSSY_SKY),
         "rooms": lambda: [] if quick else ambient_rooms(ROOMS, small, runs),
         "failed": lambda: write_sheet(sheet, data / "gltf", names=models, side=64 if quick else 256),
     }

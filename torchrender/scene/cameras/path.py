@@ -13,7 +13,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchrender.checks import check_finite, check_tensor
+from torchrender.checks import check_class, check_finite, check_tensor
 from torchrender.errors import InputError, SceneFileError
 from torchrender.scene.camera import Cameras
 from torchrender.scene.cameras.spline import FINE, even_times, spans, spline_at
@@ -137,6 +137,7 @@ def load_path(path: str | Path) -> CameraPath:
     Raises:
         SceneFileError: the file or a key in it cannot be used; says which and why.
     """
+    check_class("path", path, str, Path)
     path = Path(path)
     data = read_bytes(path)
     table = parse_toml(path, data) if path.suffix.lower() != ".json" else Table(path, "", _json(path, data))

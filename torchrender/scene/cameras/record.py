@@ -41,7 +41,7 @@ class Size(NamedTuple):
 
 
 def sides(asked: tuple[int | None, int | None], usual: tuple[int, int]) -> Size:
-    """Width and height of a picture; what nobody asks for is as usual.
+    """Width and height of a picture; a side that nobody asks for keeps the usual shape.
 
     Raises:
         CameraError: no size of a picture.
@@ -49,7 +49,9 @@ def sides(asked: tuple[int | None, int | None], usual: tuple[int, int]) -> Size:
     for name, pixels in zip(("width", "height"), asked, strict=True):
         if pixels is not None:
             check_side(name, pixels)
-    return Size(*(own if one is None else one for one, own in zip(asked, usual, strict=True)))
+    factors = [one / own for one, own in zip(asked, usual, strict=True) if one is not None]
+    factor = factors[0] if factors else 1.0
+    return Size(*(max(1, round(factor * own)) if one is None else one for one, own in zip(asked, usual, strict=True)))
 
 
 @dataclass(frozen=True, eq=False)

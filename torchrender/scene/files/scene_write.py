@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchrender.checks import check_class
 from torchrender.errors import SceneFileError
 from torchrender.images.files import write_atomically, write_image
 from torchrender.scene.camera import Cameras
@@ -33,6 +34,8 @@ def write_scene(path: str | Path, scene: Scene) -> list[Path]:
     Raises:
         SceneFileError: another suffix, missing folder, no triangles, or a file that cannot be written.
     """
+    check_class("path", path, str, Path)
+    check_class("scene", scene, Scene)
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:

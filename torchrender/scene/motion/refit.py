@@ -10,7 +10,7 @@ from torch import Tensor
 
 from torchrender.arrays import Recycler
 from torchrender.errors import MeshError
-from torchrender.kernels.raster.culling_clusters import cluster_boxes, take_vertices
+from torchrender.kernels.meshes.culling_clusters import cluster_boxes, take_vertices
 from torchrender.scene.mesh import Geometry, describe
 
 KEPT = ("order", "clusters", "numbering", "cluster_blocks")

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from torchrender.checks import check_class
 from torchrender.errors import SceneFileError
 from torchrender.walkthrough.frames.poses import (
     default_intrinsics,
@@ -55,6 +56,7 @@ def load_rgbd(
         SceneFileError: nothing of that kind is there, or a file cannot be used; names it and says why.
         CameraError: a pose or intrinsics that are none.
     """
+    check_class("path", path, str, Path)
     path = Path(path)
     wishes = Wishes(None if intrinsics is None else default_intrinsics(intrinsics), depth_scale)
     if path.suffix.lower() == ".json" and path.is_file():

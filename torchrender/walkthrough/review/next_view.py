@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
+from torchrender.checks import check_class
 from torchrender.errors import InputError
 from torchrender.scene.camera import Cameras
 from torchrender.walkthrough.draw import FILLED, NOTHING, draw_walkthrough
@@ -42,6 +43,7 @@ def next_views(walkthrough: Walkthrough, count: int = 1, *, seed: int = 0, candi
     Raises:
         InputError: the walkthrough has no cameras, or nothing in it.
     """
+    check_class("walkthrough", walkthrough, Walkthrough)
     base = walkthrough.cameras
     if base is None or not len(base):
         raise InputError("the walkthrough does not know the cameras of its photos")

@@ -196,6 +196,10 @@ class RendererProcess:
             self._wanted.set()
         self._task = asyncio.create_task(self._live(), name=f"renderer {self.name}")
 
+    def prepare(self) -> None:
+        """Run from now on, also before the first job."""
+        self._wanted.set()
+
     async def drain(self) -> None:
         """Take no more jobs, and give back those that have not begun."""
         self._draining = True

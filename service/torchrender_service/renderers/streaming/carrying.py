@@ -15,6 +15,7 @@ from torchrender.buffers import VisibilityBuffer
 from torchrender.effects.media.in_view import boxes_in_view, boxes_of
 from torchrender.effects.transparency.layers import deepest_layers
 from torchrender.effects.upsampling.carried import CarriedLight, LitPicture, MirroredLight, carried_light
+from torchrender.effects.upsampling.gathered import GatheredLight
 from torchrender.effects.upsampling.joint import joint_upsampled
 from torchrender.image import Image
 from torchrender.pipeline.doubts import exposure_of
@@ -34,8 +35,11 @@ MOST_OF_MOVING = 0.3
 """The same for one that moves."""
 FEWEST, FIRST, MOST = 1024, 4096, 1 << 15
 """Pixels that one moving picture shades at least, before it is known how long they take, and at most."""
-LEAST_MS = 40.0
+LEAST_MS = 30.0
 """Time that these have whatever else took."""
+FEW_RAYS = 4
+"""Of a pixel of a view at rest, for the light from everywhere: those around it share theirs. That takes longer than
+more rays where there are few pixels."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,17 +59,19 @@ class LitViews:
 
     pictures: list[LitPicture] = field(default_factory=list)
     room: int = FIRST  # pixels that a moving picture shades
+    gathered: GatheredLight = field(default_factory=GatheredLight.none)  # that moving pictures shaded
     _scene: Scene | None = None
     _off: tuple[Effect, ...] = ()
 
     def newest(self) -> LitViews:
         """Another session of the same scene may begin with this."""
-        return LitViews(self.pictures[-1:], FIRST, self._scene, self._off)
+        return LitViews(self.pictures[-1:], FIRST, _scene=self._scene, _off=self._off)
 
     def of(self, scene: Scene, off: Sequence[Effect]) -> list[LitPicture]:
         """Those that show this scene without these effects; others are dropped."""
         if self._scene is not scene or self._off != tuple(off):
             self.pictures, self._scene, self._off = [], scene, tuple(off)
+            self.gathered = GatheredLight.none()
         return self.pictures
 
     def keep(self, scene: Scene, off: Sequence[Effect], image: Image, mirrors: Layer | None) -> None:
@@ -116,20 +122,20 @@ def carried_picture(
     carried = carried_light(seen, pictures, materials)
     if carried.share < (MOST_OF_STILL if budget_ms is None else MOST_OF_MOVING):
         return None
-    carried_ms = 1e3 * (time.perf_counter() - begin)
-    rest = ~carried.known & seen.covered[0]
-    if budget_ms is None:
-        rest |= carried.stale
-        carried.mirrors.known[carried.stale] = False
-    count = int(rest.sum())
-    spacing = 1
+    rest = (~carried.known & seen.covered[0]) | carried.stale
+    carried.mirrors.known[carried.stale] = False
     if budget_ms is not None:
-        spacing = _spacing(count, views.room)
-        options = replace(options, shadow=replace(options.shadow, edges="map"))
-    radiance, shaded = _completed(scene, seen, carried, rest, spacing, options, past)
+        views.gathered.place(scene, seen, rest, carried.light)
+    carried_ms = 1e3 * (time.perf_counter() - begin)
+    room = None if budget_ms is None else views.room
+    alone = options
+    if budget_ms is None:
+        alone = replace(options, ambient=replace(options.ambient, rays=FEW_RAYS, share=True))
+    chosen, radiance, shaded = _completed(scene, seen, carried, rest, room, alone, past)
     took_ms = 1e3 * (time.perf_counter() - begin)
     if budget_ms is not None and len(shaded.radiance):
         views.learn(len(shaded.radiance), took_ms - carried_ms, max(LEAST_MS, budget_ms - carried_ms))
+        views.gathered = views.gathered.with_samples(scene, seen, chosen, shaded.radiance)
     lit = past.of_scene(scene).scene or scene
     kept = replace(past.of_scene(scene), kept={**past.kept, **shaded.history.kept})
     image = Image(
@@ -142,7 +148,7 @@ def carried_picture(
         tone_map=options.tone_map,
     )
     mirrors = Layer(camera, carried.mirrors.depth, carried.mirrors.light, carried.mirrors.known)
-    used = options if shaded.plan is None else shaded.plan.options
+    used = alone if shaded.plan is None else shaded.plan.options
     return CarriedPicture(image, used, _plan(shaded, carried, carried_ms, took_ms), kept, mirrors)
 
 
@@ -175,30 +181,56 @@ def _completed(
     seen: VisibilityBuffer,
     carried: CarriedLight,
     rest: Tensor,
-    spacing: int,
+    room: int | None,
     options: RenderOptions,
     past: RenderHistory,
-) -> tuple[Tensor, ShadedPixels]:
-    """Radiance (H,W,3) with the rest (H,W) of the covered pixels, and the sky."""
+) -> tuple[Tensor, Tensor, ShadedPixels]:
+    """Which pixels (H,W) were shaded, and radiance (H,W,3) with the rest (H,W) of the covered pixels, and the sky."""
     radiance = carried.light
+    count = int(rest.sum())
+    room = count if room is None else room
+    spacing = _spacing(count, room)
     height, width = (side - side % spacing for side in rest.shape)
     first = spacing // 2
     lattice = torch.zeros_like(rest)
     lattice[first:height:spacing, first:width:spacing] = True
     lattice[height:], lattice[:, width:] = True, True
-    shaded = shade_pixels(scene, seen, (rest & lattice)[None], options, past)
-    radiance[rest & lattice] = shaded.radiance
+    chosen = (rest & lattice) | _scattered(rest & ~lattice, room - int((rest & lattice).sum()))
+    shaded = shade_pixels(scene, seen, chosen[None], options, past)
+    radiance[chosen] = shaded.radiance
     sky = ~carried.known & ~seen.covered[0]
     if bool(sky.any()):
-        radiance[sky] = background_of(scene, seen, options, past)[sky]
-    between = rest & ~lattice
+        rows, columns = (_extent(sky.any(dim=axis)) for axis in (1, 0))
+        radiance[sky] = background_of(scene, _window(seen, rows, columns), options, past)[sky[rows, columns]]
+    between = rest & ~chosen
     if bool(between.any()):
         inner = slice(0, height), slice(0, width)
         few, many = _part(seen, slice(first, height, spacing), slice(first, width, spacing)), _part(seen, *inner)
         colors = radiance[first:height:spacing, first:width:spacing][None]
         filled = joint_upsampled(colors, few, many, scene.geometry.material, between[inner][None])[0]
         radiance[between] = filled[between[inner]]
-    return radiance, shaded
+    return chosen, radiance, shaded
+
+
+def _scattered(pixels: Tensor, count: int) -> Tensor:
+    """(H,W) bool: about so many of the pixels, others as soon as there are more or fewer of them."""
+    total = int(pixels.sum())
+    if count <= 0 or not total:
+        return torch.zeros_like(pixels)
+    return pixels & (torch.rand(pixels.shape, generator=torch.Generator().manual_seed(total)) < count / total)
+
+
+def _extent(found: Tensor) -> slice:
+    """From the first to the last of those found (N) bool; there is one."""
+    rows = found.nonzero()[:, 0]
+    return slice(int(rows[0]), int(rows[-1]) + 1)
+
+
+def _window(seen: VisibilityBuffer, rows: slice, columns: slice) -> VisibilityBuffer:
+    """A rectangle of what one camera sees."""
+    part = _part(seen, rows, columns)
+    size = columns.stop - columns.start, rows.stop - rows.start
+    return replace(part, cameras=seen.cameras.sub_camera(columns.start, rows.start, *size))
 
 
 def _part(seen: VisibilityBuffer, rows: slice, columns: slice) -> VisibilityBuffer:
@@ -209,7 +241,7 @@ def _part(seen: VisibilityBuffer, rows: slice, columns: slice) -> VisibilityBuff
 
 def _spacing(count: int, room: int) -> int:
     """Of a lattice in ``count`` pixels that has no more than ``room``; odd, so that it has pixels in its middle."""
-    least = math.ceil(math.sqrt(count / room))
+    least = max(1, math.ceil(math.sqrt(count / max(1, room))))
     return least + 1 - least % 2
 
 

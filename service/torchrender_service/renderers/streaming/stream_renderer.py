@@ -7,6 +7,7 @@ from collections import OrderedDict
 from dataclasses import replace
 from typing import Any
 
+from torchrender.effects.upsampling.outlines import smooth_outlines
 from torchrender.passes.picture import resample
 from torchrender.pipeline.history import Kept
 from torchrender.pipeline.options import RenderOptions
@@ -116,6 +117,8 @@ class StreamRenderer:
             while len(self._refined) > MAX_REFINED:
                 self._refined.popitem(last=False)
             light = smooth_edges(image, light, ASIDE)
+        else:
+            light = smooth_outlines(scene.geometry, image.visibility, light.clamp(max=brightest(stamp)))
         messages = [first_message(stamp, camera, depth, light, render_ms=render_ms, plan=made.plan)]
         if mirrors is not None:
             messages.append(mirror_message(stamp, mirrors))
@@ -200,7 +203,7 @@ class StreamRenderer:
     def _weigh(self, job: MakeKeyframe, state: SessionState) -> None:
         """Note what a session has of its own, and make room."""
         own: list[Any] = [kept.value for kept in state.history.kept.values() if not _is_shared(kept)]
-        own.append(state.lit.pictures)
+        own += [state.lit.pictures, state.lit.gathered]
         begun = None if state.begun is None else state.begun.image.buffers
         refined = self._refined.get(job.session)
         state.bytes = bytes_of(own, begun, None if refined is None else (refined.light, refined.begun.image.buffers))

@@ -57,6 +57,7 @@ export class Client {
     this.holesAt = 0;
     this.figuresAt = 0;
     this.holesOf = 0; // the picture that was measured, by its number
+    this.views = 0; // scenes that were begun: figures of one say nothing about the next
     this.dirty = true;
     this.settings = null; // what the user wishes for, as SETTINGS holds it; null: nothing
     this.seq = 0; // of the newest SETTINGS
@@ -77,7 +78,6 @@ export class Client {
     if (this.ended?.scene !== wishes.scene) {
       this.forget();
       this.walker.camera = null;
-      this.holes = null;
       this.ev = null;
     }
     this.stream.start(wishes, key, asked);
@@ -87,6 +87,8 @@ export class Client {
   forget() {
     this.fade = null;
     this.drawn = [];
+    this.holes = this.stretched = null;
+    this.views++;
     this.keyframes.clear();
   }
 
@@ -267,10 +269,14 @@ export class Client {
 
   /** Measure the hole share of the newest picture now and then, and once more when nothing moves. */
   measureHoles(now) {
-    if (this.lost || this.holesOf === this.counts.drawn || now - this.holesAt < HOLES_INTERVAL) return;
+    if (this.lost || !this.drawn.length || this.holesOf === this.counts.drawn || now - this.holesAt < HOLES_INTERVAL) return;
     this.holesAt = now;
-    this.holesOf = this.counts.drawn;
-    const take = (shares) => shares && Object.assign(this, shares);
+    const { views, counts: { drawn } } = this;
+    const take = (shares) => {
+      if (!shares || views !== this.views) return; // an earlier reading is under way: this one comes later
+      Object.assign(this, shares);
+      this.holesOf = drawn;
+    };
     this.warp.holeShare().then(take, () => {}); // fails with the context
   }
 
@@ -317,6 +323,7 @@ export class Client {
       holes: this.holes,
       stretched: this.stretched,
       exposure: this.ev,
+      shown: this.drawn.length > 0, // a picture of this scene
       age_ms: this.health.age,
       notice: this.health.notice,
       bytes_per_second: this.traffic.perSecond(),

@@ -67,11 +67,12 @@ export class Panel {
     $("plan-statement").textContent = plan.statement ?? "";
     $("plan").replaceChildren(...rows.map((row) => this.planRow(row)));
     $("plan").append(this.planRow({ pass: "together", runs: true, ...plan, reason: "", settings: "" }));
+    const carried = rows.some((row) => row.pass === "carried_light" && row.runs); // light of earlier pictures
     for (const [effect, passes] of Object.entries(PASSES)) {
       const own = rows.filter((row) => passes.includes(row.pass));
       const run = own.filter((row) => row.runs);
       const cost = run.reduce((sum, row) => sum + (row.measured_ms ?? row.predicted_ms ?? 0), 0);
-      $(`cost-${effect}`).textContent = run.length ? ms(cost) : "nothing";
+      $(`cost-${effect}`).textContent = run.length ? ms(cost) : carried && $(`effect-${effect}`).checked ? "carried" : "nothing";
       $(`cost-${effect}`).title = own.map((row) => `${row.pass.replaceAll("_", " ")}: ${row.reason}`).join("\n");
     }
   }
@@ -102,10 +103,11 @@ export class Panel {
     const fps = stats.frame_ms ? Math.round(1000 / stats.frame_ms) : null;
     this.showNotice(stats.notice);
     const age = stats.age_ms === null ? "picture current" : `picture ${seconds(stats.age_ms)} old`;
-    $("brief").textContent = fps ? `${fps} fps · ${age} · ${percent(stats.holes)} filled · ${percent(stats.stretched)} stretched` : "";
+    if (!stats.shown) $("brief").textContent = fps ? `${fps} fps · no picture of this scene yet` : "";
+    else $("brief").textContent = fps ? `${fps} fps · ${age} · ${percent(stats.holes)} filled · ${percent(stats.stretched)} stretched` : "";
     if ($("panel").hidden) return;
     $("s-frame").textContent = fps ? `${ms(stats.frame_ms)} · ${fps} fps` : "–";
-    $("s-age").textContent = stats.age_ms === null ? "current" : seconds(stats.age_ms);
+    $("s-age").textContent = !stats.shown ? "–" : stats.age_ms === null ? "current" : seconds(stats.age_ms);
     $("s-warp").textContent = ms(stats.warp_ms);
     $("s-holes").textContent = percent(stats.holes);
     $("s-stretched").textContent = percent(stats.stretched);

@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 
 from torchrender.arrays import view
-from torchrender.checks import check_choice, check_range, checked_fields
+from torchrender.checks import check_choice, check_range, checked_fields, options_of
 from torchrender.effects.reflections.clusters.bundle import Bundle, ClusterCameras
 from torchrender.effects.reflections.clusters.extents import with_images
 from torchrender.effects.reflections.clusters.grouping import PixelClusters, split
@@ -73,7 +73,7 @@ def build_cluster_cameras(
     Args:
         diagonal: of the scene's bounding box; rays are followed that far.
     """
-    options = options or CameraOptions()
+    options = options_of(options, CameraOptions)
     bundle = Bundle.of(pixels, clusters)
     rounds = SPLITS if options.deviation_deg >= 180.0 else ROUNDS
     for attempt in range(rounds + 1):

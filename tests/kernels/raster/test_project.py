@@ -7,7 +7,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from torchrender.kernels.raster.planes import barycentric_planes, key_plane
+from torchrender.kernels.raster.project import barycentric_planes, key_plane
 from torchrender.kernels.raster.records import Frame
 
 FACES = np.array([[0, 1, 2]], np.int32)

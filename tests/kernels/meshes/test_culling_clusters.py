@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from torchrender.kernels.raster.culling_clusters import (
+from torchrender.kernels.meshes.culling_clusters import (
     BITS,
     cluster_boxes,
     first_use,

@@ -1,0 +1,85 @@
+"""Clusters that are drawn straight into tiles: what they may touch, and which of them are hidden."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from torchrender.kernels.raster import direct
+from torchrender.kernels.raster.records import Frame
+
+SIZE = (150, 70)  # three tiles by three, of which some are cut
+
+
+def canvas_of(frame: Frame) -> direct.Canvas:
+    columns, rows = -(-frame.width // 64), -(-frame.height // 32)
+    count = columns * rows << direct.PIXEL_BITS
+    canvas = direct.Canvas(np.zeros(count), np.zeros(count, np.int32), columns)
+    direct.clear_canvas(canvas, frame)
+    return canvas
+
+
+def place_of(canvas: direct.Canvas, x: int, y: int) -> int:
+    return ((y // 32 * canvas.columns + x // 64) << direct.PIXEL_BITS) + y % 32 * 64 + x % 64
+
+
+@pytest.mark.parametrize("orthographic", [False, True])
+def test_an_empty_canvas_hides_nothing_but_what_lies_outside(orthographic: bool) -> None:
+    frame = Frame(*SIZE, 0.25, 50.0, orthographic)
+    canvas = canvas_of(frame)
+    inside = {place_of(canvas, x, y) for y in range(SIZE[1]) for x in range(SIZE[0])}
+    farthest = -50.0 if orthographic else 1 / 50.0
+    for place, key in enumerate(canvas.keys):
+        assert key < farthest if place in inside else key == np.inf
+    assert (canvas.ids == -1).all()
+
+
+def test_a_box_is_hidden_where_every_pixel_is_nearer() -> None:
+    frame = Frame(*SIZE, 0.25, 50.0, False)
+    canvas = canvas_of(frame)
+    rng = np.random.default_rng(5)
+    keys = np.where(rng.random(SIZE[::-1]) < 0.02, 0.3, rng.uniform(0.5, 1, SIZE[::-1]))
+    for y in range(SIZE[1]):
+        for x in range(SIZE[0]):
+            canvas.keys[place_of(canvas, x, y)] = keys[y, x]
+    answers = []
+    for _ in range(300):
+        (x0, x1), (y0, y1) = (np.sort(rng.integers(0, n, 2)) for n in SIZE)
+        x1, y1 = min(x1, x0 + rng.integers(1, 20)), min(y1, y0 + rng.integers(1, 6))
+        hidden = bool((keys[y0 : y1 + 1, x0 : x1 + 1] > 0.4).all())
+        assert direct.is_box_hidden(canvas, (x0, y0, x1, y1), 0.4) == hidden
+        reach = (x0, y0, x1, y1, 0.4)
+        assert direct.is_cluster_hidden(canvas, reach) == hidden
+        answers.append(hidden)
+    assert 30 < sum(answers) < 270
+    assert direct.is_cluster_hidden(canvas, (5, 5, 4, 9, np.inf))  # it holds no pixel
+    assert not direct.is_cluster_hidden(canvas, (0, 0, *(n - 1 for n in SIZE), 1e-3))  # too many to compare
+
+
+@pytest.mark.parametrize("orthographic", [False, True])
+def test_the_reach_of_a_cluster_holds_its_points(orthographic: bool) -> None:
+    frame = Frame(*SIZE, 0.25, 50.0, orthographic)
+    rng = np.random.default_rng(6)
+    crossing = 0
+    for _ in range(200):
+        matrix = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        matrix[:2] *= 1 if orthographic else 60
+        eye = rng.uniform(-1e3, 1e3, 3)
+        middle = eye + np.linalg.solve(matrix, [rng.uniform(-90, 90), rng.uniform(-50, 50), rng.uniform(0.2, 9)])
+        corners = middle + rng.uniform(-1, 1, (2, 3)) * rng.choice([0.01, 2.0])
+        bounds = np.sort(corners, axis=0)[None]
+        x0, y0, x1, y1, high = direct.cluster_reach(bounds, 0, matrix, eye, frame)
+        points = rng.uniform(*bounds[0], (40, 3))
+        px, py, w = matrix @ (points - eye).T
+        if high == np.inf:
+            crossing += 1
+            assert (x0, y0, x1, y1) == (0, 0, SIZE[0] - 1, SIZE[1] - 1)
+            continue
+        assert (w > frame.near).all()
+        assert ((-w if orthographic else 1 / w) <= high).all()
+        scale = 1 if orthographic else w
+        x, y = px / scale + SIZE[0] // 2 - 0.5, py / scale + SIZE[1] // 2 - 0.5  # pixel centres at integers
+        for axis, low, up, count in ((x, x0, x1, SIZE[0]), (y, y0, y1, SIZE[1])):
+            held = np.arange(count)[(np.arange(count) >= axis.min()) & (np.arange(count) <= axis.max())]
+            assert all(low <= n <= up for n in held)
+    assert 10 < crossing < 190

@@ -1,0 +1,256 @@
+"""Triangles straight into the tiles of a small picture, cluster by cluster and nearly front to back.
+
+A picture that fits into a core's cache needs no lists of triangles, and what lies hidden is known at once: whole
+clusters of it are neither transformed nor looked at.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from torchrender.kernels.atomics import borrowed
+from torchrender.kernels.compile import kernel
+from torchrender.kernels.raster.binning import (
+    MAX_CLIPPED,
+    clip_triangles,
+    doubled_area,
+    is_culled,
+    out_of_view,
+    pixel_box,
+    side_of,
+)
+from torchrender.kernels.raster.coverage import (
+    COLUMN_BITS,
+    NO_BITS,
+    ROW,
+    ROW_BITS,
+    SMALL,
+    TILE_HEIGHT,
+    TILE_WIDTH,
+    WINDOW,
+    window_bits,
+    window_start,
+)
+from torchrender.kernels.raster.lanes import LANES, reaches
+from torchrender.kernels.raster.project import HALF, SUBPIXEL, greatest_key
+from torchrender.kernels.raster.records import Buffers
+from torchrender.kernels.raster.samples import CROSSING, LARGE, look_at
+from torchrender.kernels.raster.tiles import draw, draw_bits
+
+PIXEL_BITS = COLUMN_BITS + ROW_BITS  # of a tile
+SLACK = 2.0**-8  # pixels by which rounding and snapping may move a vertex out of the box of its cluster
+SCANNED = 1 << 12  # pixels of a cluster that are compared at most: drawing it costs no more
+
+
+class Canvas(NamedTuple):
+    """All tiles of a picture, one after the other."""
+
+    keys: np.ndarray  # (tiles << PIXEL_BITS,) float64
+    ids: np.ndarray  # (tiles << PIXEL_BITS,) int32
+    columns: int  # tiles side by side
+
+
+@kernel(inline=True)
+def tile_buffers(canvas, tile, buffers):
+    """:class:`Buffers` of a tile."""
+    lows, spans, known, planes = buffers.lows, buffers.spans, buffers.known, buffers.planes
+    return Buffers(tile << PIXEL_BITS, canvas.keys, canvas.ids, lows, spans, known, planes)
+
+
+@kernel()
+def clear_canvas(canvas, frame):
+    """Nothing yet; pixels of the tiles that lie outside of the image hold what nothing exceeds."""
+    keys, ids = borrowed(canvas.keys), borrowed(canvas.ids)
+    empty = np.nextafter(-frame.far if frame.orthographic else 1.0 / frame.far, -np.inf)
+    keys[:] = empty
+    ids[:] = -1
+    rows = (frame.height + TILE_HEIGHT - 1) >> ROW_BITS
+    for tile in range(canvas.columns * rows):
+        across = frame.width - ((tile % canvas.columns) << COLUMN_BITS)
+        down = frame.height - ((tile // canvas.columns) << ROW_BITS)
+        if across >= TILE_WIDTH and down >= TILE_HEIGHT:
+            continue
+        for y in range(TILE_HEIGHT):
+            for x in range(TILE_WIDTH):
+                if x >= across or y >= down:
+                    keys[(tile << PIXEL_BITS) + (y << COLUMN_BITS) + x] = np.inf
+
+
+@kernel(inline=True)
+def is_box_hidden(canvas, box, high):
+    """True if every pixel of a box of the image holds something nearer than the key ``high``."""
+    x0, y0, x1, y1 = box
+    keys = canvas.keys
+    begin, end = x0 & -LANES, x1 & -LANES
+    head = ROW << np.uint64(x0 - begin)
+    tail = ROW >> np.uint64(end + LANES - 1 - x1)
+    for y in range(y0, y1 + 1):
+        row = ((y >> ROW_BITS) * canvas.columns << PIXEL_BITS) + ((y & (TILE_HEIGHT - 1)) << COLUMN_BITS)
+        for x in range(begin, end + 1, LANES):
+            mask = ROW
+            if x == begin:
+                mask &= head
+            if x == end:
+                mask &= tail
+            place = row + ((x >> COLUMN_BITS) << PIXEL_BITS) + (x & (TILE_WIDTH - 1))
+            if reaches(keys, np.uintp(place), mask, high):
+                return False
+    return True
+
+
+@kernel()
+def cluster_reach(bounds, c, matrix, eye, frame):
+    """Pixels x0, y0, x1, y1 that cluster ``c`` may touch, and a key that none of its fragments exceeds.
+
+    All of the image, and infinity, where it reaches the near plane.
+    """
+    width, height, near, _, orthographic = frame
+    least_x = least_y = least_w = np.inf
+    most_x = most_y = -np.inf
+    size = 0.0
+    for k in range(3):
+        size += abs(matrix[2, k]) * max(abs(bounds[c, 0, k] - eye[k]), abs(bounds[c, 1, k] - eye[k]))
+    for corner in range(8):
+        x = bounds[c, corner & 1, 0] - eye[0]
+        y = bounds[c, (corner >> 1) & 1, 1] - eye[1]
+        z = bounds[c, corner >> 2, 2] - eye[2]
+        px = matrix[0, 0] * x + matrix[0, 1] * y + matrix[0, 2] * z
+        py = matrix[1, 0] * x + matrix[1, 1] * y + matrix[1, 2] * z
+        w = matrix[2, 0] * x + matrix[2, 1] * y + matrix[2, 2] * z
+        inverse = 1.0 if orthographic else 1.0 / w
+        least_w = min(least_w, w)
+        least_x, most_x = min(least_x, px * inverse), max(most_x, px * inverse)
+        least_y, most_y = min(least_y, py * inverse), max(most_y, py * inverse)
+    least_w -= 1e-12 * size
+    if not least_w > near:
+        return 0, 0, width - 1, height - 1, np.inf
+    middle_x, middle_y = np.float64(width >> 1), np.float64(height >> 1)
+    x0 = np.int64(np.ceil(min(max(least_x + middle_x - 0.5 - SLACK, 0.0), np.float64(width))))
+    y0 = np.int64(np.ceil(min(max(least_y + middle_y - 0.5 - SLACK, 0.0), np.float64(height))))
+    x1 = np.int64(np.floor(min(max(most_x + middle_x - 0.5 + SLACK, -1.0), width - 1.0)))
+    y1 = np.int64(np.floor(min(max(most_y + middle_y - 0.5 + SLACK, -1.0), height - 1.0)))
+    return x0, y0, x1, y1, -least_w if orthographic else 1.0 / least_w
+
+
+@kernel(inline=True)
+def is_cluster_hidden(canvas, reach):
+    """True if nothing of a cluster is seen; see :func:`cluster_reach`."""
+    x0, y0, x1, y1, high = reach
+    if x0 > x1 or y0 > y1:
+        return True
+    if (x1 - x0 + 1) * (y1 - y0 + 1) > SCANNED:
+        return False
+    return is_box_hidden(canvas, (x0, y0, x1, y1), high)
+
+
+@kernel(inline=True)
+def draw_box(place, corners, high, scene, frame, tests, canvas, buffers):
+    """One triangle into the tiles that its box of pixels meets."""
+    a, b, c = corners
+    image = (0, 0, frame.width - 1, frame.height - 1)
+    x0, y0, x1, y1 = pixel_box(a, b, c, image, frame.width >> 1, frame.height >> 1)
+    if x0 > x1 or y0 > y1:
+        return
+    for j in range(y0 >> ROW_BITS, (y1 >> ROW_BITS) + 1):
+        for i in range(x0 >> COLUMN_BITS, (x1 >> COLUMN_BITS) + 1):
+            left, top = i << COLUMN_BITS, j << ROW_BITS
+            own = (max(x0, left), max(y0, top), min(x1, left + TILE_WIDTH - 1), min(y1, top + TILE_HEIGHT - 1))
+            if is_box_hidden(canvas, own, high):
+                continue
+            part = (own[0] - left, own[1] - top, own[2] - left, own[3] - top, left, top)
+            tile = j * canvas.columns + i
+            draw(place, corners, part, scene, frame, tests, tile_buffers(canvas, tile, buffers))
+
+
+@kernel()
+def draw_clipped(scene, places, frame, sides, tests, tiles):
+    """The triangles at these places, which cross the near plane or leave the guard band."""
+    corners = np.empty(((MAX_CLIPPED - 2) * places.shape[0], 3), np.int64)
+    owners = np.empty(corners.shape[0], np.int32)
+    canvas, buffers = tiles
+    cull, single_sided = sides
+    made = clip_triangles(scene.points, scene.listed, places, frame, (cull, single_sided, scene.order), corners, owners)
+    for n in range(made):
+        triangle = (corners[n, 0], corners[n, 1], corners[n, 2])
+        draw_box(np.uintp(owners[n]), triangle, np.inf, scene, frame, tests, canvas, buffers)
+
+
+@kernel(inline=True)
+def draw_whole(place, corners, code, box, scene, frame, earlier, tiles):
+    """A triangle whose box is a part of one tile and no larger than a window."""
+    a, b, c = corners
+    canvas, buffers = tiles
+    x0, y0, x1, y1 = box
+    column, row = x0 >> COLUMN_BITS, y0 >> ROW_BITS
+    small = (x1 - x0 + 1) * (y1 - y0 + 1) <= SMALL
+    bits = np.uint64(code)
+    if code == LARGE:
+        x0, y0 = window_start(x0, y0)
+        px, py = x0 - (frame.width >> 1), y0 - (frame.height >> 1)
+        bits = window_bits(a, b, c, doubled_area(a, b, c), (px * SUBPIXEL + HALF, py * SUBPIXEL + HALF))
+        if bits == NO_BITS:
+            return
+    left, top = column << COLUMN_BITS, row << ROW_BITS
+    high = greatest_key(scene.points, scene.listed, place, frame)
+    tile = row * canvas.columns + column
+    spot, own = (x0 - left, y0 - top, left, top, small), tile_buffers(canvas, tile, buffers)
+    draw_bits(place, bits, spot, high, scene, frame, earlier, own)
+
+
+@kernel()
+def draw_chunk(scene, run, frame, sides, tests, canvas, buffers, room):
+    """The triangles at the places ``run[0]`` to ``run[1] - 1``, of :func:`~.samples.find_samples`.
+
+    ``room``: a :class:`~.samples.Chunk` and places of triangles to clip; returns how many these are.
+    """
+    scene, tests = borrowed(scene), borrowed(tests)
+    canvas, buffers = borrowed(canvas), borrowed(buffers)
+    chunk, to_clip = borrowed(room)
+    cull, single_sided = sides
+    single_sided = borrowed(single_sided)
+    image = (0, 0, frame.width - 1, frame.height - 1)
+    left, top = frame.width >> 1, frame.height >> 1
+    holed = tests.holes.mask.shape[0] > 0
+    m = np.uintp(0)
+    for n in range(np.uintp(run[1] - run[0])):
+        code = chunk.codes[n]
+        if code == 0:
+            continue
+        place = np.uintp(run[0]) + n
+        if code == CROSSING:
+            if not out_of_view(
+                scene.points, scene.listed, place, frame.near, frame.far, frame.orthographic,
+                frame.width * 0.5 + 1, frame.height * 0.5 + 1,
+            ):  # fmt: skip
+                to_clip[m] = place
+                m += np.uintp(1)
+            continue
+        a, b, c = chunk.a[n], chunk.b[n], chunk.c[n]
+        t = np.uintp(scene.order[place])
+        if single_sided.shape[0] > 0 and is_culled(doubled_area(a, b, c), side_of(t, cull, single_sided)):
+            continue
+        box = pixel_box(a, b, c, image, left, top)
+        whole = box[0] >> COLUMN_BITS == box[2] >> COLUMN_BITS and box[1] >> ROW_BITS == box[3] >> ROW_BITS
+        whole = whole and max(box[2] - box[0], box[3] - box[1]) < WINDOW
+        if whole and not (holed and tests.holes.mask[t] >= 0):
+            draw_whole(place, (a, b, c), code, box, scene, frame, tests.earlier, (canvas, buffers))
+            continue
+        high = greatest_key(scene.points, scene.listed, place, frame)
+        draw_box(place, (a, b, c), high, scene, frame, tests, canvas, buffers)
+    return np.int64(m)
+
+
+@kernel()
+def draw_cluster(scene, packed, run, frame, sides, tests, tiles, room):
+    """The triangles at the places ``run[0]`` to ``run[1] - 1``.
+
+    ``packed``: the memory of the scene's points as integers; ``sides``: what to cull of all triangles, and which ones
+    are single-sided (F,) or (0,); ``tiles``: :class:`Canvas` and :class:`Buffers`; ``room``: as of :func:`draw_chunk`.
+    """
+    canvas, buffers = tiles
+    look_at(packed, scene.listed, run, frame, sides[0], room[0])
+    crossing = draw_chunk(scene, run, frame, sides, tests, canvas, buffers, room)
+    if crossing > 0:
+        draw_clipped(scene, room[1][:crossing], frame, sides, tests, tiles)
