@@ -165,5 +165,5 @@ def test_a_background_is_a_tensor_a_sequence_or_a_number() -> None:
 @pytest.mark.parametrize("name", ["gbuffer", "composite", "resample"])
 def test_a_table_of_passes_that_makes_no_picture_is_refused(name: str) -> None:
     options = tr.RenderOptions(passes=tuple(one for one in PASSES if one.name != name))
-    with pytest.raises(OptionError, match="passes: this table makes no picture: .*nobody makes"):
+    with pytest.raises(OptionError, match=r"passes: this table makes no picture: .*nobody makes"):
         tr.render("cornell_box", width=16, height=12, options=options)

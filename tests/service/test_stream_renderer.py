@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import torch
 
+from keyframe_jobs import HUNDRED, LOSSLESS_COLOR, STILL, aside, error, job, picture_of
 from reflection_scenes import looking, mirror_scene
 from torchrender.passes.mirrors.key_frame import KEY_FRAME
 from torchrender.passes.seen.ray_caster import RAY_CASTER
@@ -17,8 +18,7 @@ from torchrender.scene.load import load
 from torchrender.scene.procedural.fog import with_fog
 from torchrender.wire.cameras import header_of
 from torchrender.wire.codec import display_bytes
-from torchrender.wire.containers import KeyframeImage, read_container
-from torchrender_service.renderers.jobs import Bounds, MakeKeyframe, MakeLayers, SceneSource, SmoothKeyframe
+from torchrender_service.renderers.jobs import Bounds, MakeLayers, SmoothKeyframe
 from torchrender_service.renderers.streaming import stream_renderer
 from torchrender_service.renderers.streaming.stream_renderer import (
     ASIDE,
@@ -31,35 +31,10 @@ from torchrender_service.renderers.streaming.stream_renderer import (
 )
 from torchrender_service.renderers.viewing.appearance import wish_of
 
-HUNDRED = Bounds(budget_ms=100.0)
-
 
 @pytest.fixture(scope="module")
 def scene():
     return load("cornell_box")
-
-
-def job(scene, number: int = 0, **rest) -> MakeKeyframe:
-    given = {
-        "session": "one",
-        "scene": SceneSource(id="cornell_box"),
-        "id": number,
-        "pose": number,
-        "time_ms": 0.0,
-        "camera": header_of(scene.camera(width=64, height=48)),
-        "still": False,
-        "extra_layers": 0,
-        "direction": (0.0, 0.0, 0.0),
-        "baseline": 0.0,
-        "color": "jpeg",
-        "quality": 85,
-        "bounds": HUNDRED,
-    }
-    return MakeKeyframe(**given | rest)
-
-
-def picture_of(data: bytes) -> KeyframeImage:
-    return read_container(data, max_pixels=10**6, max_images=1)[0]
 
 
 def budgets(scene, count: int, *, still: bool = False, bounds: Bounds = HUNDRED) -> list[float | None]:
@@ -95,9 +70,6 @@ def test_refinements_may_cost_more_and_moving_pictures_have_a_budget_anyway(scen
     assert budgets(scene, 1, still=True) == [STILL_FACTOR * 100.0]
     assert budgets(scene, 1, bounds=Bounds()) == [MOVING_BUDGET_MS]
     assert budgets(scene, 1, still=True, bounds=Bounds()) == [None]
-
-
-STILL = {"still": True, "bounds": Bounds(), "color": "webp", "quality": 100}
 
 
 @pytest.mark.parametrize(("ambient", "left"), [(False, 0.5), (True, 0.92)])
@@ -223,23 +195,6 @@ def test_mirrors_come_as_a_layer_of_their_own_to_those_who_ask() -> None:
     assert bool((mirrors.depth[shown] > first.depth[shown]).all())  # behind the glass
     dull = load("cornell_box")
     assert len(StreamRenderer().make(dull, job(dull, mirrors=True))["messages"]) == 1
-
-
-def aside(scene, right: float):
-    """The camera of the jobs, moved along its own x axis by a share of the scene's size."""
-    camera = scene.camera(width=64, height=48)
-    matrix = camera.camera_from_world.clone()
-    matrix[0, 0, 3] -= right * scene.diagonal
-    return replace(camera, camera_from_world=matrix)
-
-
-def error(data: bytes, scene, camera, options=STREAMED) -> float:
-    """Mean difference of a keyframe's colours to those of a picture without bounds."""
-    wanted = display_bytes(render(scene, camera, options=options).radiance[0]).astype(float)
-    return float(np.abs(picture_of(data).codes.numpy() - wanted).mean())
-
-
-LOSSLESS_COLOR = {"color": "webp", "quality": 100}
 
 
 def test_a_moving_view_takes_the_light_of_those_at_rest(scene) -> None:

@@ -12,6 +12,8 @@ import torch
 from torch import Tensor
 
 from torchrender.buffers import VisibilityBuffer
+from torchrender.effects.media.in_view import boxes_in_view, boxes_of
+from torchrender.effects.transparency.layers import deepest_layers
 from torchrender.effects.upsampling.carried import CarriedLight, LitPicture, MirroredLight, carried_light
 from torchrender.effects.upsampling.gathered import GatheredLight
 from torchrender.effects.upsampling.joint import joint_upsampled
@@ -104,7 +106,7 @@ def carried_picture(
     *,
     budget_ms: float | None,
 ) -> CarriedPicture | None:
-    """A view of one camera out of pictures of others; None where these show too little of it.
+    """A view of one camera out of pictures of others; None where these show too little of it, or it is veiled.
 
     Pixels that none of them shows are shaded; where these are too many for the time, some of them in a lattice, and
     those between are filled in along the surfaces.
@@ -112,6 +114,8 @@ def carried_picture(
     Args:
         budget_ms: None: however long it takes.
     """
+    if not pictures or veiled(scene, camera, options):
+        return None
     begin = time.perf_counter()
     materials = scene.geometry.material
     seen = rasterize_visibility(scene.geometry, camera)
@@ -146,6 +150,14 @@ def carried_picture(
     mirrors = Layer(camera, carried.mirrors.depth, carried.mirrors.light, carried.mirrors.known)
     used = alone if shaded.plan is None else shaded.plan.options
     return CarriedPicture(image, used, _plan(shaded, carried, carried_ms, took_ms), kept, mirrors)
+
+
+def veiled(scene: Scene, camera: Cameras, options: RenderOptions) -> bool:
+    """Whether a view looks into media or through panes: what these add and take is the rays' and no surface's."""
+    if options.media and bool(boxes_in_view(boxes_of(scene.media), camera).any()):
+        return True
+    through = options.transparency != "off" and scene.geometry.see_through is not None
+    return through and deepest_layers(scene, camera, most=1) > 0
 
 
 def smooth_edges(image: Image, light: Tensor, aside: Sequence[tuple[float, float]]) -> Tensor:

@@ -53,6 +53,8 @@ def background_of(scene: Scene, seen: VisibilityBuffer, options: RenderOptions, 
     nothing = torch.full_like(seen.triangle, -1)
     empty = replace(seen, triangle=nothing, object_id=nothing)
     gbuffer = empty if isinstance(empty, GBuffer) else surface_attributes(scene, empty)
+    if options.media and scene.media:
+        return light_of_samples(scene, gbuffer, options, past).radiance[0]
     return shade(lit, gbuffer, background=options.background)[0]
 
 

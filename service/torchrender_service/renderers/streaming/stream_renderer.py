@@ -19,7 +19,7 @@ from torchrender_service.renderers.jobs import BITS_STILL, Bounds, MakeKeyframe,
 from torchrender_service.renderers.keeping.lasting import LastingParts
 from torchrender_service.renderers.keeping.sizes import bytes_of
 from torchrender_service.renderers.keyframes import Stamp, enough_bits, first_message, layer_message, mirror_message
-from torchrender_service.renderers.streaming.carrying import LitViews, carried_picture, smooth_edges
+from torchrender_service.renderers.streaming.carrying import LitViews, carried_picture, smooth_edges, veiled
 from torchrender_service.renderers.streaming.layers import (
     MIRRORS_NEED,
     cameras_around,
@@ -229,7 +229,7 @@ class StreamRenderer:
         """Layer 0, out of pictures at rest as far as these show it, and else anew."""
         options = options_of(STREAMED, job.off)
         pictures = state.lit.of(scene, job.off)
-        if pictures and job.bounds.max_error is None and not (job.still and job.bounds.budget_ms):
+        if job.bounds.max_error is None and not (job.still and job.bounds.budget_ms):
             past = state.history if not job.still else replace(state.history.shared(), sequence=False)
             made = carried_picture(scene, camera, state.lit, pictures, past, options, budget_ms=bounds.budget_ms)
             if made is not None:
@@ -259,7 +259,7 @@ class StreamRenderer:
         image, plan = render_image(scene, camera, bounds, options, past)
         assert image.history is not None and image.plan is not None
         mirrors = mirror_layer(image, camera) if keep else None
-        if keep and image.plan.options.supersample >= 1.0:
+        if keep and image.plan.options.supersample >= 1.0 and not veiled(scene, camera, options):
             state.lit.keep(scene, job.off, image, mirrors)
         state.history = replace(
             state.history.of_scene(scene), kept={**state.history.kept, **image.history.shared().kept}

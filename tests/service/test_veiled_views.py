@@ -1,0 +1,81 @@
+"""Views through media and panes: what these add and take belongs to the eye's rays and is carried nowhere."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from keyframe_jobs import LOSSLESS_COLOR, STILL, aside, error, job, picture_of
+from torchrender.pipeline.history import RenderHistory
+from torchrender.renderer import render
+from torchrender.scene.load import load
+from torchrender.scene.procedural.fog import with_fog
+from torchrender.wire.cameras import header_of
+from torchrender.wire.codec import display_bytes
+from torchrender_service.renderers.jobs import SmoothKeyframe
+from torchrender_service.renderers.streaming.carrying import veiled
+from torchrender_service.renderers.streaming.samples import background_of
+from torchrender_service.renderers.streaming.stream_renderer import ASIDE, STREAMED, StreamRenderer
+from torchrender_service.renderers.viewing.appearance import options_of
+
+
+def foggy():
+    return with_fog(load("cornell_box"), {"scattering": 0.6})
+
+
+def paned():
+    """With a pane before the boxes, half transparent."""
+    scene = load("cornell_box")
+    half = tuple(
+        replace(m, blend=True, alpha_cutoff=None, opacity=0.5) if k == 0 else m for k, m in enumerate(scene.materials)
+    )
+    return replace(scene, materials=half)
+
+
+@pytest.mark.parametrize("make", [foggy, paned])
+def test_light_seen_through_something_is_never_carried(make) -> None:
+    scene, renderer = make(), StreamRenderer()
+    there = aside(scene, 0.05)
+    renderer.make(scene, job(scene, 1, **STILL))
+    while renderer.smooth(SmoothKeyframe(session="one", id=2))["left"]:
+        pass
+    assert veiled(scene, there, STREAMED)
+    for session in ("one", "two"):  # another one begins with what the first left
+        wish = {"session": session, "camera": header_of(there)}
+        moving = renderer.make(scene, job(scene, 3, **LOSSLESS_COLOR, **wish))["messages"][0]
+        rest = renderer.make(scene, job(scene, 4, **STILL, **wish))["messages"][0]
+        for made in (moving, rest):
+            plan = picture_of(made).header.plan
+            assert plan is not None and not any(row["pass"] == "carried_light" for row in plan["rows"])
+        assert error(rest, scene, there) < 1.5, "right at once where the view rests, outlines apart"
+        assert renderer.smooth(SmoothKeyframe(session=session, id=5))["left"] == len(ASIDE) - 1, "none anew"
+
+
+def test_without_media_or_where_they_are_out_of_sight_light_is_carried() -> None:
+    scene, renderer = foggy(), StreamRenderer()
+    clear = options_of(STREAMED, ("media",))
+    behind = aside(scene, 0.0)
+    assert veiled(scene, behind, STREAMED) and not veiled(scene, behind, clear)
+    fog = scene.media[0]
+    away = replace(fog, low=fog.low + 100.0 * behind.eye[0], high=fog.high + 100.0 * behind.eye[0])
+    assert not veiled(replace(scene, media=(away,)), behind, STREAMED)
+    renderer.make(scene, job(scene, 1, off=("media",), **STILL))
+    plan = picture_of(renderer.make(scene, job(scene, 2, off=("media",)))["messages"][0]).header.plan
+    assert plan is not None and plan["rows"][0]["pass"] == "carried_light"
+
+
+def test_what_shows_where_nothing_is_seen_has_fog_before_it() -> None:
+    scene = foggy()
+    camera = aside(scene, 0.6)
+    image = render(scene, camera, options=STREAMED, history=RenderHistory())
+    assert image.history is not None
+    sky = ~image.visibility.covered[0]
+    assert int(sky.sum()) > 100
+    found = background_of(scene, image.visibility, STREAMED, image.history)
+    shown, wanted = (display_bytes(light[sky]).astype(float) for light in (found, image.radiance[0]))
+    assert float(wanted.mean()) > 2.0, "the fog shows"
+    assert np.abs(shown - wanted).mean() < 1.5
+    assert torch.isfinite(found).all()
