@@ -291,3 +291,21 @@ def test_media_follow_a_session_without_a_scene_being_loaded(scene) -> None:
     before = state.as_wished(foggy, wish_of(job(foggy, density=3.0)))
     assert state.as_wished(foggy, wish_of(job(foggy, density=3.0))) is before, "the same wish is the same scene"
     assert before.geometry is foggy.geometry
+
+
+def test_a_picture_in_a_hurry_is_as_bright_as_one_at_rest(scene) -> None:
+    """Ambient visibility is found quickly rather than left out, but where the session leaves it out."""
+    lit = replace(scene, lights=(), ambient=torch.full((3,), 0.8))
+    camera = lit.camera(width=240, height=180)
+    hurry = {"bounds": Bounds(budget_ms=1.0), "camera": header_of(camera), **LOSSLESS_COLOR}
+
+    def mean(options=STREAMED, **rest) -> tuple[float, float]:
+        made = picture_of(StreamRenderer().make(lit, job(lit, 1, **hurry, **rest))["messages"][0])
+        wanted = display_bytes(render(lit, camera, options=options).radiance[0])
+        return float(made.codes.numpy().mean()), float(wanted.mean())
+
+    open_, open_wanted = mean(replace(STREAMED, ambient_visibility="off"), off=("ambient",))
+    shut, shut_wanted = mean()
+    assert open_wanted > shut_wanted + 5.0, "it matters here"
+    assert abs(shut - shut_wanted) < 0.5 * (open_wanted - shut_wanted)
+    assert abs(open_ - open_wanted) < 0.2 * (open_wanted - shut_wanted)

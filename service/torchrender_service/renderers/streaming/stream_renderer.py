@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 from torchrender.effects.upsampling.outlines import smooth_outlines
+from torchrender.passes.light import ambient_visibility
 from torchrender.passes.picture import resample
 from torchrender.pipeline.history import Kept
 from torchrender.pipeline.options import RenderOptions
@@ -46,6 +47,8 @@ STREAMED = RenderOptions(upscaling="joint", fixed=(resample.PASS.name,))
 """The depth of all pixels is sent anyway, and colours must not stick to the wrong surface when the view moves."""
 ASIDE = ((-0.375, -0.125), (0.125, -0.375), (0.375, 0.125), (-0.125, 0.375))
 """Pixels by which the further pictures of a refinement are moved: with the first, five places in every pixel."""
+QUICK_AMBIENT = "1 x 12"
+"""Setting of ambient visibility in pictures that are made within a budget, however small."""
 MAX_RESTED = 4
 """Scenes whose last smooth picture is kept: another session begins with its light."""
 MAX_REFINED = 4
@@ -238,6 +241,7 @@ class StreamRenderer:
         if job.still:
             return self._at_rest(scene, camera, state, job, bounds, keep=True)
         options = replace(options, buffers=MIRRORS_NEED) if job.mirrors else options
+        options = options if bounds.max_error is not None else _as_bright(options)
         image, plan = render_image(scene, camera, bounds, options, state.history)
         assert image.history is not None and image.plan is not None
         state.history = image.history
@@ -265,6 +269,14 @@ class StreamRenderer:
             state.history.of_scene(scene), kept={**state.history.kept, **image.history.shared().kept}
         )
         return Made(image, plan, image.plan.options, image.history, mirrors)
+
+
+def _as_bright(options: RenderOptions) -> RenderOptions:
+    """With ambient visibility found quickly and never left out to save time: without it pictures are brighter."""
+    if options.ambient_visibility == "off":
+        return options
+    quick = ambient_visibility.PASS.settings.named(QUICK_AMBIENT).applied(options)
+    return replace(quick, fixed=(*options.fixed, ambient_visibility.PASS.name))
 
 
 def _is_shared(kept: Kept) -> bool:
