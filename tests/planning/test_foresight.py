@@ -140,5 +140,6 @@ def test_passes_sense_only_where_it_helps() -> None:
     camera = scene.camera(width=48, height=48)
     assert load_curves().scenes.keys() >= {"cornell_box/96"}
     assert "senses" not in tr.render(scene, camera).timings_ms
-    assert "senses" not in tr.render(box, width=48, height=48, budget_ms=1000).timings_ms
+    assert "senses" not in tr.render(box, width=400, height=400, budget_ms=1000).timings_ms
+    assert tr.render(box, width=48, height=48, budget_ms=1000).timings_ms["senses"] > 0, "it was measured larger"
     assert tr.render(scene, camera, max_error=0.3).timings_ms["senses"] > 0

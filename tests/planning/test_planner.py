@@ -334,12 +334,13 @@ def test_wishes_for_passes_that_are_off_stay_off(washroom: Scene) -> None:
 def test_what_is_left_out_of_what_was_asked_for_is_an_error(box: Scene) -> None:
     """For the search as for what is told; what a user turned off is none."""
     scene, step = replace(box, ambient=torch.ones(3)), find_pass("ambient_visibility")
+    camera = scene.camera(width=400, height=400)  # about as large as what was measured
     usual = RenderOptions(reflections="traced")
     others = [s for s in PASSES if s.settings.is_choice and s.settings.current(usual) != CUSTOM and s is not step]
     options = replace(usual, fixed=tuple(s.name for s in others))
     plans = {}
     for name in ("off", "64 rays"):
-        known = Knowledge.of(scene, view(scene), options, None, load_curves())
+        known = Knowledge.of(scene, camera, options, None, load_curves())
         asked = Question.about(known, step.settings.named(name).applied(options))
         found = make_plan(known, asked.options)
         assert not known.unseen and found.predicted_error is not None
@@ -353,9 +354,19 @@ def test_what_is_left_out_of_what_was_asked_for_is_an_error(box: Scene) -> None:
         load_curves().error(step.name, "off", known.name).error
     )
     assert plans["off"].predicted_error > max(row.predicted_error, plans["64 rays"].predicted_error)
-    wished = tr.plan(scene, view(scene), options=replace(options, ambient_visibility="off"))
+    wished = tr.plan(scene, camera, options=replace(options, ambient_visibility="off"))
     assert wished.row(step.name).predicted_error is None
     assert wished.predicted_error < plans["64 rays"].predicted_error
+
+
+@pytest.mark.parametrize(("side", "alike"), [(48, False), (300, False), (400, True), (700, True), (800, False)])
+def test_errors_that_were_measured_hold_for_pictures_of_about_that_size(box: Scene, side: int, alike: bool) -> None:
+    known = Knowledge.of(box, box.camera(width=side, height=side), RenderOptions(), None, load_curves())
+    assert known.unseen != alike
+    step = find_pass("soft_shadow")
+    measured = known.curves.error(step.name, "pcss", known.name)
+    assert (known._error(step, "pcss") == measured) == alike
+    assert not replace(known, curves=replace(known.curves, side=side)).unseen
 
 
 # ---------------------------------------------------------------- sequences

@@ -77,12 +77,13 @@ class Knowledge:
 
     @property
     def unseen(self) -> bool:
-        """The scene is none of those that were measured."""
-        return self.name not in self.curves.scenes
+        """The scene is none of those that were measured, or the picture much smaller or larger than theirs were."""
+        return self.name not in self.curves.scenes or not self.curves.like_measured(self.outlook.cameras)
 
     @property
     def blind(self) -> bool:
-        """The scene is none of those that were measured, and no picture of it told what its errors follow."""
+        """The picture is like none of those that were measured, and no other one of its scene told what its errors
+        follow."""
         return self.unseen and not any(name.startswith(SENSE) for name in self.pace.known)
 
     def setting_error(self, step: Pass, setting: str, options: RenderOptions) -> Expected:
@@ -109,7 +110,7 @@ class Knowledge:
     def _error(self, step: Pass, setting: str) -> Expected:
         known = self.pace.known
         sensed, probed = (known.get(sense_of(name)) for name in (step.name, closely(step.name)))
-        return self.curves.error(step.name, setting, self.name, sensed, probed)
+        return self.curves.error(step.name, setting, None if self.unseen else self.name, sensed, probed)
 
 
 def sense_of(name: str) -> str:

@@ -20,6 +20,7 @@ from typing import Any
 from torchrender.passes.senses import closely
 from torchrender.pipeline.options import RenderOptions
 from torchrender.planning.foresight import Expected, Joint, Line, parse_joint, parse_lines, together
+from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
 
 FORMAT = 2
@@ -38,6 +39,12 @@ JOINT_SPREAD = 0.15
 UNSEEN_SPREAD = 0.3
 """The same, in scenes that were not measured."""
 
+
+MEASURED_SIDE = 512
+"""Of the pictures that errors of scenes were measured in, where curves say nothing else."""
+
+ALIKE = 2.0
+"""So many times more or fewer pixels: outlines, borders of shadows and noise take another share of the picture then."""
 
 AS_ADDED_UP = Joint()
 
@@ -58,6 +65,7 @@ class Curves:
     lines: Mapping[str, Mapping[str, Line]] = field(default_factory=dict)  # for scenes that are not among these
     fine: Joint = AS_ADDED_UP  # whole pictures of such scenes, beside what their passes add up to,
     coarse: Joint = AS_ADDED_UP  # and those with fewer rendered pixels than the picture has
+    side: int = MEASURED_SIDE  # of pictures in which errors were measured
 
     def time_ms(self, name: str, setting: str, amounts: Sequence[float], scene: str | None = None) -> float | None:
         """Predicted time; None for what was never measured."""
@@ -98,6 +106,10 @@ class Curves:
         found = [self.record(name, setting, known) for known in self.scenes]
         values = [float(record["flip"]) for record in found if record is not None]
         return Expected(sum(values) / len(values) if values else 0.0, UNKNOWN_SPREAD)
+
+    def like_measured(self, cameras: Cameras) -> bool:
+        """Errors of measured scenes hold for pictures of about that size."""
+        return 1.0 / ALIKE <= cameras.width * cameras.height / self.side**2 <= ALIKE
 
     def record(self, name: str, setting: str, scene: str | None) -> Mapping[str, Any] | None:
         """What was measured; None if it was not."""
@@ -183,5 +195,7 @@ def parse_curves(data: Mapping[str, Any], source: str) -> Curves:
         raise ValueError(f"norm must be in [0.5, 8], got {norm}")
     told = data.get("joint", {})
     fine, coarse = (parse_joint(told.get(name, []) if isinstance(told, dict) else told) for name in ("fine", "coarse"))
-    lines = parse_lines(data.get("foresight", {}))
-    return Curves(data["weights"], data["scenes"], norm, data.get("machine", {}), source, lines, fine, coarse)
+    lines, side = parse_lines(data.get("foresight", {})), int(data.get("side", MEASURED_SIDE))
+    if side < 1:
+        raise ValueError(f"side must be positive, got {side}")
+    return Curves(data["weights"], data["scenes"], norm, data.get("machine", {}), source, lines, fine, coarse, side)

@@ -77,6 +77,7 @@ def calibrate(scenes: Sequence[Scene], *, size: int = SIDE, known: Curves | None
         }
     norm = fit_norm(joint) if joint or known is None else known.norm
     rest = {
+        "side": size if known is None else known.side,
         "foresight": lines,
         "joint": {} if known is None else {"fine": list(known.fine), "coarse": list(known.coarse)},
     }
