@@ -179,7 +179,6 @@ def test_wide_holes_are_filled_from_what_lies_behind(room: Visit, source: list[K
     beside = np.logical_or.accumulate(covered[:, ::-1], axis=1)[:, ::-1]  # something is seen to their right
     holes = ~grown(covered, 1) & known & beside
     assert holes.sum() > 100
-    print(holes.sum(), psnr(filled, truth, holes), psnr(bare, truth, holes), psnr(spread(bare, covered), truth, holes))
     assert psnr(filled, truth, holes) > psnr(bare, truth, holes) + 3.0
     assert psnr(filled, truth, holes) > psnr(spread(bare, covered), truth, holes) + 0.5
 
