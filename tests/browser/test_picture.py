@@ -162,7 +162,7 @@ def test_a_turn_leaves_nothing_black(room: Visit, degrees: float) -> None:
     low, high = np.percentile(filled[beside], (1, 99), axis=0)
     assert (filled[~covered] >= low - 2).all() and (filled[~covered] <= high + 2).all()
     deep = ~grown(covered, 8)
-    assert filled[deep].min() > 2 * bare[deep].max(), "nowhere nearly as dark as the backdrop"
+    assert filled[deep].sum(-1).min() > 2 * bare[deep].sum(-1).max(), "nowhere nearly as dark as the backdrop"
     for axis in (0, 1):
         steps = np.abs(np.diff(filled.astype(int), axis=axis)).max(-1)
         inside = np.delete(deep, 0, axis)

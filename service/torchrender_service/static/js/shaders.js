@@ -179,13 +179,15 @@ void main() {
   picture = rest;
 }`;
 
-// What lies farther counts: a hole hides what is behind. Keys tell how near something is, in twelfths of 12 octaves.
+// What lies farther counts, the more so the larger the preference: a hole hides what is behind. Keys tell how near something is, in twelfths of 12 octaves.
 const BEHIND = `
 const float BEHIND = 0.02;  // a quarter of an octave of depth
-float behind(float key, float farthest) { return exp2(-24.0 * max(key - farthest - BEHIND, 0.0)) + 0.01; }
+float behind(float key, float farthest, float preference) {
+  return exp2(-preference * max(key - farthest - BEHIND, 0.0)) + 0.01;
+}
 
 // A level of the pyramid between its cells, the farther ones preferred; \`place\` in its pixels.
-vec4 between(sampler2D level, vec2 place) {
+vec4 between(sampler2D level, vec2 place, float preference) {
   ivec2 last = textureSize(level, 0) - 1;
   ivec2 low = ivec2(floor(place - 0.5));
   vec2 share = clamp(place - 0.5 - vec2(low), 0.001, 0.999);
@@ -200,7 +202,7 @@ vec4 between(sampler2D level, vec2 place) {
   for (int k = 0; k < 4; k++) {
     if (cells[k].a == 0.0) continue;
     float weight = ((k & 1) == 1 ? share.x : 1.0 - share.x) * (k > 1 ? share.y : 1.0 - share.y);
-    weight *= behind(cells[k].a, farthest);
+    weight *= behind(cells[k].a, farthest, preference);
     sum += weight * cells[k];
     weights += weight;
   }
@@ -215,6 +217,7 @@ uniform sampler2D finer;     // colours and keys
 uniform sampler2D coverage;  // roots of the shares that are covered
 uniform bool weighted;       // there are such shares; otherwise keys tell what is covered
 uniform int cell;            // of its pixels along a side
+uniform float preference;
 layout(location = 0) out vec4 mean;
 layout(location = 1) out vec4 covered;
 
@@ -236,7 +239,7 @@ void main() {
       vec4 texel = texelFetch(finer, ivec2(x, y), 0);
       if (texel.a == 0.0) continue;
       float root = weighted ? texelFetch(coverage, ivec2(x, y), 0).r : 1.0;
-      float weight = root * root * behind(texel.a, farthest);
+      float weight = root * root * behind(texel.a, farthest, preference);
       sum += weight * texel;
       weights += weight;
       shares += root * root;
@@ -254,6 +257,7 @@ precision highp int;
 uniform sampler2D own;
 uniform sampler2D coverage;
 uniform sampler2D coarser;
+uniform float preference;
 layout(location = 0) out vec4 filled;
 
 const float ENOUGH = 0.75;  // a share that is covered from which on nothing else counts
@@ -265,10 +269,10 @@ void main() {
   float share = min(root * root / ENOUGH, 1.0);
   filled = mean;
   if (share == 1.0) return;
-  vec4 around = between(coarser, 0.5 * gl_FragCoord.xy);
+  vec4 around = between(coarser, 0.5 * gl_FragCoord.xy, preference);
   float farthest = mean.a > 0.0 ? min(mean.a, around.a) : around.a;
-  float within = share * behind(mean.a, farthest);
-  float beside = (1.0 - share) * behind(around.a, farthest);
+  float within = share * behind(mean.a, farthest, preference);
+  float beside = (1.0 - share) * behind(around.a, farthest, preference);
   filled = mix(around, mean, within / (within + beside));
 }`;
 
@@ -280,6 +284,7 @@ precision highp int;
 uniform sampler2D warped;
 uniform sampler2D around;  // of the pyramid, its finest level
 uniform int cell;          // pixels along a side of its cells
+uniform float preference;
 uniform vec3 backdrop;
 uniform int radius;  // 0: holes stay
 uniform bool mark;   // alpha 0 in holes, for captures
@@ -342,9 +347,9 @@ void main() {
     shown = vec4(sum / weights, mark ? 0.0 : 1.0);
     return;
   }
-  vec4 wide = between(around, gl_FragCoord.xy / float(cell));
+  vec4 wide = between(around, gl_FragCoord.xy / float(cell), preference);
   if (wide.a == 0.0) wide.rgb = backdrop;
-  else if (enclosing < ENCLOSED) trust *= smoothstep(OPEN, ENCLOSED, enclosing) * min(behind(farthest, wide.a), 1.0);
+  else if (enclosing < ENCLOSED) trust *= smoothstep(OPEN, ENCLOSED, enclosing) * min(behind(farthest, wide.a, preference), 1.0);
   shown = vec4(mix(wide.rgb, sum / max(weights, 1e-6), trust), mark ? 0.0 : 1.0);
 }`;
 

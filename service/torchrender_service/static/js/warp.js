@@ -24,7 +24,7 @@ import {
   WebGLRenderTarget,
 } from "../vendor/three/three.module.min.js";
 import { clipFromSource, eyeOf, length, subtract } from "./camera.js";
-import { FIRST, Pyramid } from "./pyramid.js";
+import { FIRST, PREFERENCE, Pyramid } from "./pyramid.js";
 import {
   COUNT_FRAGMENT,
   COUNT_TILE,
@@ -107,6 +107,7 @@ export class Warp {
       warped: { value: null },
       around: { value: null },
       cell: { value: FIRST },
+      preference: { value: PREFERENCE },
       backdrop: { value: new Vector3(...BACKDROP) },
       radius: { value: FILL_RADIUS },
       mark: { value: false },
