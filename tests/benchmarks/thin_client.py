@@ -49,6 +49,7 @@ STEP = 0.041  # of the typical depth; a round share puts outlines of the Cornell
 WAYS = {"right": (1, 0, 0), "left": (-1, 0, 0), "up": (0, -1, 0), "ahead": (0, 0, 1)}
 DESKTOP = {"viewport": {"width": 1280, "height": 720}}
 PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True, "device_scale_factor": 2}
+DEVICES: dict[str, dict[str, Any]] = {"desktop": DESKTOP, "phone": PHONE}
 
 
 AGREEMENT = ["scene", "still", "keyframe alone, SwiftShader", "unrounded", "two extra layers, SwiftShader", "unrounded"]
@@ -189,10 +190,10 @@ Turning in the Cornell box for four seconds while the server renders on the same
 {table(["round trip", "frames/s drawn", "keyframes/s", "pose to picture"], rates)}"""
 
 
-def screenshots(browser: Any, service: Service, wishes: dict[str, Any]) -> None:
-    """A session in the living room: desktop and phone, moving, still, and with the panel."""
-    for name, options in (("desktop", DESKTOP), ("phone", PHONE)):
-        context = browser.new_context(**options)
+def screenshots(browser: Any, service: Service, devices: Sequence[str], wishes: dict[str, Any]) -> None:
+    """A session in the living room on each device: moving, still, and with the panel."""
+    for name in devices:
+        context = browser.new_context(**DEVICES[name])
         visit = Visit.begin(context, service.url, scene="living_room", layers=2, **wishes)
         page = visit.page
         visit.wait(REFINED)
@@ -224,6 +225,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--pictures", action="store_true", help="screenshots only")
     parser.add_argument("--figures", action="store_true", help="figures only")
+    parser.add_argument("--devices", default=",".join(DEVICES), help="of which there are pictures")
     parser.add_argument("--scenes", default=",".join(BUILT_IN))
     parser.add_argument("--seconds", type=float, help="begin no part after so long; run it again to go on")
     parser.add_argument("--budget", type=float, help="milliseconds of a keyframe in the pictures; default: automatic")
@@ -238,7 +240,9 @@ def main() -> None:
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=find_chromium(), args=list(FLAGS))
         if not given.figures:
-            screenshots(browser, service, {} if given.budget is None else {"budget_ms": given.budget})
+            screenshots(
+                browser, service, given.devices.split(","), {} if given.budget is None else {"budget_ms": given.budget}
+            )
         if not given.pictures:
             try:
                 text = figures(browser, service, given.scenes.split(","), parts)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from io import BytesIO
+from typing import Any
 
 import numpy as np
 import pytest
@@ -121,6 +122,72 @@ def test_small_holes_are_filled_from_what_lies_behind(room: Visit, source: list[
     holes = ~covered & known
     assert holes.sum() > 100
     assert psnr(filled, truth, holes) > psnr(bare, truth, holes) + 3.0
+
+
+def turned(view: dict[str, Any], degrees: float) -> dict[str, Any]:
+    """A camera of the page, turned to its right."""
+    matrix = np.array(view["world_from_camera"]).reshape(4, 4)
+    cos, sin = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    matrix[:3, :3] = matrix[:3, :3] @ [[cos, 0, sin], [0, 1, 0], [-sin, 0, cos]]
+    return view | {"world_from_camera": matrix.reshape(-1).tolist()}
+
+
+def spread(picture: np.ndarray[Any, Any], covered: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    """The covered pixels, drawn out sideways and up and down into holes, step by step."""
+    out, known = picture.astype(float), covered.copy()
+    while not known.all():
+        padded, mask = np.pad(out, ((1, 1), (1, 1), (0, 0))), np.pad(known, 1).astype(float)[..., None]
+        sums, counts = np.zeros_like(out), np.zeros((*known.shape, 1))
+        for j, i in ((0, 1), (1, 0), (1, 2), (2, 1)):
+            part = np.s_[j : j + known.shape[0], i : i + known.shape[1]]
+            sums += padded[part] * mask[part]
+            counts += mask[part]
+        new = ~known & (counts[..., 0] > 0)
+        out[new] = (sums / np.maximum(counts, 1))[new]
+        known |= new
+    return out.round().astype(np.uint8)
+
+
+@pytest.mark.parametrize("degrees", [20.0, 40.0])
+def test_a_turn_leaves_nothing_black(room: Visit, degrees: float) -> None:
+    """As far as no keyframe has come yet: what lies beyond the picture is a calm continuation of it."""
+    view = turned(room.state("camera"), degrees)
+    options = {"camera": view, "earlier": False, "mirrors": False}
+    bare, covered = room.capture(**options, fill=False)
+    filled, also = room.capture(**options)
+    assert (covered == also).all(), "what is filled still counts as holes"
+    assert (~covered).mean() > 0.1, "a wide hole"
+    assert (filled[covered] == bare[covered]).all()
+    beside = grown(~covered, 40) & covered
+    low, high = np.percentile(filled[beside], (1, 99), axis=0)
+    assert (filled[~covered] >= low - 2).all() and (filled[~covered] <= high + 2).all()
+    deep = ~grown(covered, 8)
+    assert filled[deep].sum(-1).min() > 2 * bare[deep].sum(-1).max(), "nowhere nearly as dark as the backdrop"
+    for axis in (0, 1):
+        steps = np.abs(np.diff(filled.astype(int), axis=axis)).max(-1)
+        inside = np.delete(deep, 0, axis)
+        assert steps[inside].max() <= 8, "calm"
+
+
+def test_wide_holes_are_filled_from_what_lies_behind(room: Visit, source: list[KeyframeImage]) -> None:
+    """Better than by drawing out what is beside them, against the layer that knows what is there."""
+    view = moved(room.state("camera"), 0.25 * typical_depth(source), 0.0, 0.0)
+    options = {"camera": view, "earlier": False, "mirrors": False}
+    bare, covered = room.capture(**options, layers=False, fill=False)
+    filled, _ = room.capture(**options, layers=False)
+    truth, known = room.capture(**options, fill=False)
+    beside = np.logical_or.accumulate(covered[:, ::-1], axis=1)[:, ::-1]  # something is seen to their right
+    holes = ~grown(covered, 1) & known & beside
+    assert holes.sum() > 100
+    assert psnr(filled, truth, holes) > psnr(bare, truth, holes) + 3.0
+    assert psnr(filled, truth, holes) > psnr(spread(bare, covered), truth, holes) + 0.5
+
+
+def test_what_no_picture_shows_is_the_backdrop(room: Visit) -> None:
+    view = turned(room.state("camera"), 180.0)
+    filled, covered = room.capture(camera=view, earlier=False, layers=False, mirrors=False)
+    assert not covered.any()
+    assert (filled == filled[0, 0]).all()
 
 
 def test_mirrored_points_move_as_they_do_in_a_mirror(room: Visit, source: list[KeyframeImage]) -> None:

@@ -179,11 +179,112 @@ void main() {
   picture = rest;
 }`;
 
+// What lies farther counts, the more so the larger the preference: a hole hides what is behind. Keys tell how near something is, in twelfths of 12 octaves.
+const BEHIND = `
+const float BEHIND = 0.02;  // a quarter of an octave of depth
+float behind(float key, float farthest, float preference) {
+  return exp2(-preference * max(key - farthest - BEHIND, 0.0)) + 0.01;
+}
+
+// A level of the pyramid between its cells, the farther ones preferred; \`place\` in its pixels.
+vec4 between(sampler2D level, vec2 place, float preference) {
+  ivec2 last = textureSize(level, 0) - 1;
+  ivec2 low = ivec2(floor(place - 0.5));
+  vec2 share = clamp(place - 0.5 - vec2(low), 0.001, 0.999);
+  vec4 cells[4];
+  float farthest = 2.0;
+  for (int k = 0; k < 4; k++) {
+    cells[k] = texelFetch(level, clamp(low + ivec2(k & 1, k >> 1), ivec2(0), last), 0);
+    if (cells[k].a > 0.0) farthest = min(farthest, cells[k].a);
+  }
+  vec4 sum = vec4(0.0);
+  float weights = 0.0;
+  for (int k = 0; k < 4; k++) {
+    if (cells[k].a == 0.0) continue;
+    float weight = ((k & 1) == 1 ? share.x : 1.0 - share.x) * (k > 1 ? share.y : 1.0 - share.y);
+    weight *= behind(cells[k].a, farthest, preference);
+    sum += weight * cells[k];
+    weights += weight;
+  }
+  return weights > 0.0 ? sum / weights : vec4(0.0);
+}`;
+
+// One cell of the next level: the mean colour and key of what is covered, mostly of the farthest, and which share is.
+export const PULL_FRAGMENT = `
+precision highp float;
+precision highp int;
+uniform sampler2D finer;     // colours and keys
+uniform sampler2D coverage;  // roots of the shares that are covered
+uniform bool weighted;       // there are such shares; otherwise keys tell what is covered
+uniform int cell;            // of its pixels along a side
+uniform float preference;
+layout(location = 0) out vec4 mean;
+layout(location = 1) out vec4 covered;
+
+${BEHIND}
+void main() {
+  ivec2 first = ivec2(gl_FragCoord.xy) * cell;
+  ivec2 end = min(first + cell, textureSize(finer, 0));
+  float farthest = 2.0;
+  for (int y = first.y; y < end.y; y++)
+    for (int x = first.x; x < end.x; x++) {
+      float key = texelFetch(finer, ivec2(x, y), 0).a;
+      if (key > 0.0) farthest = min(farthest, key);
+    }
+  vec4 sum = vec4(0.0);
+  float weights = 0.0;
+  float shares = 0.0;
+  for (int y = first.y; y < end.y; y++)
+    for (int x = first.x; x < end.x; x++) {
+      vec4 texel = texelFetch(finer, ivec2(x, y), 0);
+      if (texel.a == 0.0) continue;
+      float root = weighted ? texelFetch(coverage, ivec2(x, y), 0).r : 1.0;
+      float weight = root * root * behind(texel.a, farthest, preference);
+      sum += weight * texel;
+      weights += weight;
+      shares += root * root;
+    }
+  mean = weights > 0.0 ? sum / weights : vec4(0.0);
+  ivec2 size = end - first;
+  covered = vec4(weights > 0.0 ? max(sqrt(shares / float(size.x * size.y)), 1.0 / 255.0) : 0.0);
+}`;
+
+// A cell with holes in it shows those what lies around: itself by the share that is covered, the rest from the coarser
+// level, and of both rather what is farther.
+export const PUSH_FRAGMENT = `
+precision highp float;
+precision highp int;
+uniform sampler2D own;
+uniform sampler2D coverage;
+uniform sampler2D coarser;
+uniform float preference;
+layout(location = 0) out vec4 filled;
+
+const float ENOUGH = 0.75;  // a share that is covered from which on nothing else counts
+${BEHIND}
+void main() {
+  ivec2 p = ivec2(gl_FragCoord.xy);
+  vec4 mean = texelFetch(own, p, 0);
+  float root = texelFetch(coverage, p, 0).r;
+  float share = min(root * root / ENOUGH, 1.0);
+  filled = mean;
+  if (share == 1.0) return;
+  vec4 around = between(coarser, 0.5 * gl_FragCoord.xy, preference);
+  float farthest = mean.a > 0.0 ? min(mean.a, around.a) : around.a;
+  float within = share * behind(mean.a, farthest, preference);
+  float beside = (1.0 - share) * behind(around.a, farthest, preference);
+  filled = mix(around, mean, within / (within + beside));
+}`;
+
 // A hole gets the colours of the covered pixels around it, mostly of the farthest ones: what a hole hides lies behind.
+// Farther from them than the radius, or where they hide something farther, it shows what the pyramid has there.
 export const FILL_FRAGMENT = `
 precision highp float;
 precision highp int;
 uniform sampler2D warped;
+uniform sampler2D around;  // of the pyramid, its finest level
+uniform int cell;          // pixels along a side of its cells
+uniform float preference;
 uniform vec3 backdrop;
 uniform int radius;  // 0: holes stay
 uniform bool mark;   // alpha 0 in holes, for captures
@@ -192,8 +293,11 @@ uniform float fade;  // of the new picture; 1: nothing else
 layout(location = 0) out vec4 shown;
 
 const int DIRECTIONS = 12;
-const float BEHIND = 0.02;  // a quarter of an octave of depth
+// Directions in which something is found: fewer make a hole an open one, which the pyramid fills alone; a small one has more.
+const float OPEN = 4.0;
+const float ENCLOSED = 9.0;
 
+${BEHIND}
 void main() {
   ivec2 own = ivec2(gl_FragCoord.xy);
   ivec2 last = textureSize(warped, 0) - 1;
@@ -201,6 +305,10 @@ void main() {
   if (texel.a > 0.0) {
     vec4 old = fade < 1.0 ? texelFetch(before, own, 0) : vec4(0.0);
     shown = vec4(old.a > 0.0 ? mix(old.rgb, texel.rgb, fade) : texel.rgb, 1.0);
+    return;
+  }
+  if (radius == 0) {
+    shown = vec4(backdrop, mark ? 0.0 : 1.0);
     return;
   }
   vec4 found[DIRECTIONS];
@@ -225,16 +333,24 @@ void main() {
   vec3 sum = vec3(0.0);
   float weights = 0.0;
   float nearest = float(radius) + 1.0;
+  float enclosing = 0.0;
   for (int k = 0; k < DIRECTIONS; k++) {
     if (found[k].a == 0.0) continue;
-    float behind = found[k].a <= farthest + BEHIND ? 1.0 : 0.01;
-    float weight = behind / (distances[k] * distances[k]);
+    float weight = (found[k].a <= farthest + BEHIND ? 1.0 : 0.01) / (distances[k] * distances[k]);
     sum += weight * found[k].rgb;
     weights += weight;
     nearest = min(nearest, distances[k]);
+    enclosing += 1.0;
   }
-  float trust = weights > 0.0 ? 1.0 - smoothstep(0.5, 1.0, (nearest - 1.0) / float(max(radius, 1))) : 0.0;
-  shown = vec4(mix(backdrop, sum / max(weights, 1e-6), trust), mark ? 0.0 : 1.0);
+  float trust = weights > 0.0 ? 1.0 - smoothstep(0.5, 1.0, (nearest - 1.0) / float(radius)) : 0.0;
+  if (trust == 1.0 && enclosing >= ENCLOSED) {
+    shown = vec4(sum / weights, mark ? 0.0 : 1.0);
+    return;
+  }
+  vec4 wide = between(around, gl_FragCoord.xy / float(cell), preference);
+  if (wide.a == 0.0) wide.rgb = backdrop;
+  else if (enclosing < ENCLOSED) trust *= smoothstep(OPEN, ENCLOSED, enclosing) * min(behind(farthest, wide.a, preference), 1.0);
+  shown = vec4(mix(wide.rgb, sum / max(weights, 1e-6), trust), mark ? 0.0 : 1.0);
 }`;
 
 // Covered pixels of each tile, as a count in the red and green bytes, and drawn-out ones in blue and alpha: the shares

@@ -1,4 +1,4 @@
-// Draws depth images from a new viewpoint: warp into a buffer, then fill small holes on the way to the canvas.
+// Draws depth images from a new viewpoint: warp into a buffer, then fill holes on the way to the canvas.
 
 import {
   BufferAttribute,
@@ -24,6 +24,7 @@ import {
   WebGLRenderTarget,
 } from "../vendor/three/three.module.min.js";
 import { clipFromSource, eyeOf, length, subtract } from "./camera.js";
+import { FIRST, PREFERENCE, Pyramid } from "./pyramid.js";
 import {
   COUNT_FRAGMENT,
   COUNT_TILE,
@@ -34,7 +35,7 @@ import {
   WARP_VERTEX,
 } from "./shaders.js";
 
-const FILL_RADIUS = 8; // pixels
+const FILL_RADIUS = 8; // pixels; farther into a hole the pyramid alone tells
 const BACKDROP = [0.055, 0.063, 0.078];
 // Of surfaces that agree within these shares of 1/depth the preferred picture is shown: the newest keyframe, then earlier
 // ones, then extra layers. Samples of those stand alone, so their slope is often not known.
@@ -104,12 +105,19 @@ export class Warp {
     triangle.setAttribute("position", new BufferAttribute(new Float32Array([-1, -1, 0, 3, -1, 0, -1, 3, 0]), 3));
     this.fill = this.pass(triangle, FILL_FRAGMENT, {
       warped: { value: null },
+      around: { value: null },
+      cell: { value: FIRST },
+      preference: { value: PREFERENCE },
       backdrop: { value: new Vector3(...BACKDROP) },
       radius: { value: FILL_RADIUS },
       mark: { value: false },
       before: { value: null },
       fade: { value: 1 },
     });
+    this.pyramid = new Pyramid(
+      (fragment, uniforms) => this.pass(triangle, fragment, uniforms),
+      (width, height, textures) => this.buffer(width, height, false, textures),
+    );
     this.joint = this.pass(triangle, MIRROR_FRAGMENT, {
       warped: { value: null },
       painted: { value: null },
@@ -127,7 +135,8 @@ export class Warp {
     const quads = { data: new Float32Array(12), count: 1, joined: new Uint8Array(4) };
     const header = { camera: { width: 1, height: 1 }, layer: 0, color: { codec: "jpeg" } };
     this.prepared = this.add({ header, codes: new Uint16Array(1), scale: 1, quads, color });
-    for (const what of [this.prepared.mesh, this.fill.scene, this.count.scene]) this.renderer.compile(what, this.camera);
+    const passes = [this.fill, this.count, ...this.pyramid.passes].map(({ scene }) => scene);
+    for (const what of [this.prepared.mesh, ...passes]) this.renderer.compile(what, this.camera);
   }
 
   pass(geometry, fragment, uniforms) {
@@ -154,12 +163,14 @@ export class Warp {
     this.put = null; // buffers of what was drawn before that, while it fades out
     for (const buffer of Object.values(this.mirrorBuffers ?? {})) buffer.dispose();
     this.mirrorBuffers = null;
+    this.pyramid.resize(width, height);
     this.counts?.dispose();
     this.counts = this.buffer(Math.ceil(width / COUNT_TILE), Math.ceil(height / COUNT_TILE), false);
   }
 
-  buffer(width, height, depthBuffer) {
+  buffer(width, height, depthBuffer, count = 1) {
     return new WebGLRenderTarget(width, height, {
+      count,
       format: RGBAFormat,
       type: UnsignedByteType,
       colorSpace: NoColorSpace,
@@ -276,12 +287,11 @@ export class Warp {
     this.scene.add(first.mirrors.mesh);
     first.mirrors.uniforms.clip_from_source.value = clipFromSource(first.mirrors.camera, camera, near, 0);
     this.drawPart([], ALL, buffers.beyond);
-    const { uniforms, scene } = this.joint;
+    const { uniforms } = this.joint;
     uniforms.warped.value = this.target.texture;
     uniforms.painted.value = buffers.painted.texture;
     uniforms.beyond.value = buffers.beyond.texture;
-    this.renderer.setRenderTarget(buffers.joint);
-    this.renderer.render(scene, this.camera);
+    this.run(this.joint, buffers.joint);
     this.shown = buffers.joint;
   }
 
@@ -327,7 +337,7 @@ export class Warp {
   }
 
   /**
-   * Fill small holes and show the picture; `before`: what `putAside` gave, of which `1 - fade` is still seen where both
+   * Fill holes and show the picture; `before`: what `putAside` gave, of which `1 - fade` is still seen where both
    * have samples.
    */
   present({ fill = true, mark = false, target = null, before = null, fade = 1 } = {}) {
@@ -336,14 +346,19 @@ export class Warp {
     this.fill.uniforms.fade.value = before ? fade : 1;
     this.fill.uniforms.radius.value = fill ? FILL_RADIUS : 0;
     this.fill.uniforms.mark.value = mark;
-    this.renderer.setRenderTarget(target);
-    this.renderer.render(this.fill.scene, this.camera);
+    if (fill) this.fill.uniforms.around.value = this.pyramid.build(this.shown.texture, this.run);
+    this.run(this.fill, target);
   }
+
+  /** Draw a pass over all pixels of `target`; null: the canvas. */
+  run = ({ scene }, target) => {
+    this.renderer.setRenderTarget(target);
+    this.renderer.render(scene, this.camera);
+  };
 
   drawCounts() {
     this.count.uniforms.warped.value = this.shown.texture;
-    this.renderer.setRenderTarget(this.counts);
-    this.renderer.render(this.count.scene, this.camera);
+    this.run(this.count, this.counts);
   }
 
   /**
