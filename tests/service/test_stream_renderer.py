@@ -309,3 +309,22 @@ def test_a_picture_in_a_hurry_is_as_bright_as_one_at_rest(scene) -> None:
     assert open_wanted > shut_wanted + 5.0, "it matters here"
     assert abs(shut - shut_wanted) < 0.5 * (open_wanted - shut_wanted)
     assert abs(open_ - open_wanted) < 0.2 * (open_wanted - shut_wanted)
+
+
+def test_a_picture_in_a_hurry_mirrors_what_is_there() -> None:
+    """What stands on a shiny floor is mirrored in it, not the windows that the middle of the room sees."""
+    room = load("living_room", size=20_000)
+    camera = room.camera(width=320, height=200)
+    hurry = {"bounds": Bounds(budget_ms=1.0), "camera": header_of(camera), **LOSSLESS_COLOR}
+
+    def brighter(options=STREAMED, **rest) -> tuple[float, float]:
+        """Than a picture at rest, in the mean; and by how much blocks of 20 x 20 pixels differ, but for the worst."""
+        made = picture_of(StreamRenderer().make(room, job(room, 1, **hurry, **rest))["messages"][0])
+        wanted = display_bytes(render(room, camera, options=options).radiance[0]).astype(float)
+        blocks = (made.codes.numpy() - wanted).mean(-1).reshape(10, 20, 16, 20).mean((1, 3))
+        return float(blocks.mean()), float(np.quantile(np.abs(blocks), 0.95))
+
+    mean, local = brighter()
+    plain, plain_local = brighter(replace(STREAMED, reflections="off"), off=("reflections",))
+    assert mean - plain < 3.8, "mirrors make it brighter by little"
+    assert local < 2.0 * plain_local

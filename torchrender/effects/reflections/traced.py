@@ -6,7 +6,7 @@ options say; then mirrors show the environment.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -74,6 +74,8 @@ def trace_reflections(
                 continue
             part = pixels.select(rows)
             rays, weight = (reflected_rays(part), None) if chosen is mirror else lobe_rays(part, count, options.lobe)
+            # What neighbours find counts together with a pixel's own, as several rays of one pixel do.
+            rays = replace(rays, many=rays.many or (options.share_rays and weight is not None))
             found, length = trace_rays(caster, rays, shader, onward)
             if weight is not None:
                 found = found * weight.float()[:, None]

@@ -7,8 +7,10 @@ from collections import OrderedDict
 from dataclasses import replace
 from typing import Any
 
+from torchrender.effects.reflections.traced import TraceOptions
 from torchrender.effects.upsampling.outlines import smooth_outlines
 from torchrender.passes.light import ambient_visibility
+from torchrender.passes.mirrors import reflections
 from torchrender.passes.picture import resample
 from torchrender.pipeline.history import Kept
 from torchrender.pipeline.options import RenderOptions
@@ -49,6 +51,10 @@ ASIDE = ((-0.375, -0.125), (0.125, -0.375), (0.375, 0.125), (-0.125, 0.375))
 """Pixels by which the further pictures of a refinement are moved: with the first, five places in every pixel."""
 QUICK_AMBIENT = "1 x 12"
 """Setting of ambient visibility in pictures that are made within a budget, however small."""
+QUICK_MIRRORS = "traced"
+"""The same of mirrors."""
+ONE_RAY = TraceOptions(glossy_rays=1, bounces=1)
+"""Of each mirroring pixel in these pictures; glossy ones share what the rays of their neighbours find."""
 MAX_RESTED = 4
 """Scenes whose last smooth picture is kept: another session begins with its light."""
 MAX_REFINED = 4
@@ -272,11 +278,19 @@ class StreamRenderer:
 
 
 def _as_bright(options: RenderOptions) -> RenderOptions:
-    """With ambient visibility found quickly and never left out to save time: without it pictures are brighter."""
-    if options.ambient_visibility == "off":
-        return options
-    quick = ambient_visibility.PASS.settings.named(QUICK_AMBIENT).applied(options)
-    return replace(quick, fixed=(*options.fixed, ambient_visibility.PASS.name))
+    """With what hides light found quickly, and never left out to save time: without it pictures are brighter.
+
+    That is ambient visibility, and what stands before mirrors: surroundings that are taken from the middle of a room
+    show its windows in all of its floor, and nothing dark that stands there.
+    """
+    quick = options
+    if options.ambient_visibility != "off":
+        quick = ambient_visibility.PASS.settings.named(QUICK_AMBIENT).applied(quick)
+        quick = replace(quick, fixed=(*quick.fixed, ambient_visibility.PASS.name))
+    if options.reflections != "off":
+        quick = reflections.PASS.settings.named(QUICK_MIRRORS).applied(quick)
+        quick = replace(quick, tracing=ONE_RAY, fixed=(*quick.fixed, reflections.PASS.name))
+    return quick
 
 
 def _is_shared(kept: Kept) -> bool:
