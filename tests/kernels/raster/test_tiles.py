@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from torchrender.kernels.meshes import culling_clusters
-from torchrender.kernels.raster import binning, draw_view, tiles
+from torchrender.kernels.raster import binning, draw_view, many_views, tiles
 from torchrender.kernels.raster.draw_view import TriangleArrays, View
 from torchrender.kernels.raster.project import SUBPIXEL, barycentric_planes, key_plane, snap
 from torchrender.kernels.raster.records import (
@@ -260,6 +260,7 @@ def test_whole_views_are_the_loop_over_views(orthographic: bool, cull: str) -> N
         out = tuple(np.full((height, width), -7, kind) for kind in (np.float32, np.int64, np.int64))
         wanted.append(Visible(*out, np.full((height, width, 2), -7, np.float32)))
         draw_view.draw_view(triangles, view, cull, Refusals(NO_LIMITS, NO_EARLIER, NO_HOLES), wanted[-1])
+    assert {field.name for field in dataclasses.fields(triangles)} >= set(many_views.Shape._fields)
     found = Visible(*(np.stack([np.zeros_like(a) for a in images]) for images in zip(*wanted, strict=True)))
     draw_view.draw_views(triangles, views, cull, NO_HOLES, found)
     depth = Visible(np.zeros_like(found.depth), *NO_IDS)

@@ -7,9 +7,11 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
-from torchrender.buffers import GBuffer
+from torchrender.buffers import GBuffer, VisibilityBuffer
 from torchrender.effects.upsampling.carried import LitPicture, carried_light
+from torchrender.effects.upsampling.gathered import GatheredLight
 from torchrender.effects.upsampling.joint import joint_upsampled
+from torchrender.effects.upsampling.outlines import smooth_outlines
 from torchrender.passes.contract import Amounts, Buffers, Pass
 from torchrender.passes.hard import VIEW, HardEffect, Law, Outputs, Subject
 from torchrender.passes.outlook import Outlook, Verdict
@@ -20,7 +22,7 @@ from torchrender.passes.senses import detail
 from torchrender.passes.settings import settings
 from torchrender.pipeline.buffer import Buffer
 from torchrender.pipeline.frame import Frame
-from torchrender.raster import rasterize
+from torchrender.raster import rasterize, rasterize_visibility
 from torchrender.shade import shade
 
 PICTURE = Buffer("picture", Tensor)
@@ -145,7 +147,59 @@ def _own_light(subject: Subject, outputs: Outputs) -> float:
     return float(off.max()) if off.numel() else 0.0
 
 
+def _lit(subject: Subject) -> tuple[VisibilityBuffer, Tensor]:
+    """What one camera sees, and its light."""
+    scene, camera = subject.scene, subject.cameras[0]
+    return rasterize_visibility(scene.geometry, camera), shade(scene, rasterize(scene, camera))[0]
+
+
+def _gathered(subject: Subject) -> Outputs:
+    seen, light = _lit(subject)
+    wanted, found = seen.covered[0].clone(), torch.zeros_like(light)
+    if not seen.cameras.orthographic:
+        kept = GatheredLight.none().with_samples(subject.scene, seen, wanted, light[wanted])
+        kept.place(subject.scene, seen, wanted, found)
+    return {"own": torch.where((seen.covered[0] & ~wanted)[..., None], found, light)}
+
+
+def _outlined(subject: Subject) -> Outputs:
+    seen, light = _lit(subject)
+    return {"light": light if seen.cameras.orthographic else smooth_outlines(subject.scene.geometry, seen, light)}
+
+
+def _within_the_picture(subject: Subject, outputs: Outputs) -> float:
+    light = _lit(subject)[1].reshape(-1, 3)
+    low, high, found = light.amin(dim=0), light.amax(dim=0), outputs["light"]
+    return float(torch.maximum(low - found, found - high).max()) / max(float(high.max()), 1e-30)
+
+
 HARD = (
+    HardEffect(
+        name="gathered_light",
+        about=VIEW,
+        modules=("effects.upsampling.gathered",),
+        run=_gathered,
+        bounds=lambda s: {"own": (0.0, s.radiance_limit)},
+        law=Law(
+            text="a view takes its own samples as they are: largest difference, of the brightest",
+            deviation=_own_light,
+            limit=1e-3,
+        ),
+        parallel=False,
+    ),
+    HardEffect(
+        name="smooth_outlines",
+        about=VIEW,
+        modules=("effects.upsampling.outlines",),
+        run=_outlined,
+        bounds=lambda s: {"light": (0.0, s.radiance_limit)},
+        law=Law(
+            text="no pixel leaves the range of the picture: by how much, of the brightest",
+            deviation=_within_the_picture,
+            limit=1e-5,
+        ),
+        parallel=False,
+    ),
     HardEffect(
         name="carried_light",
         about=VIEW,
