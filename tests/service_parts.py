@@ -60,6 +60,9 @@ class FakePool(RendererPool):
     def idle(self, renderer: RendererHandle) -> bool:
         return renderer in self.given
 
+    def alone(self, renderer: RendererHandle) -> bool:
+        return self.idle(renderer)
+
     def load(self, renderer: RendererHandle) -> int:
         del renderer
         return 0

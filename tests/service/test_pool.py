@@ -139,6 +139,23 @@ def test_small_pictures_of_several_clients_take_two_processes_and_a_thread_each(
     assert asyncio.run(chosen(pool, picture(512), bounded)) == [("batch", 0), ("0", 0)]
 
 
+def test_a_renderer_is_alone_while_its_other_sessions_rest(monkeypatch: pytest.MonkeyPatch) -> None:
+    pool: RendererPool = make_pool(renderers=2)
+    first, other, second = (pool.assign() for _ in range(3))  # the first and the third share one
+
+    async def ask(handle: Any) -> None:
+        task = asyncio.create_task(pool.run(Forget(), renderer=handle))
+        await asyncio.sleep(0)
+        assert not pool.alone(handle), "it has something to do"
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+
+    asyncio.run(ask(second))
+    assert not pool.alone(first) and pool.alone(other)
+    monkeypatch.setattr(pool_module, "AT_REST_S", 0.0)
+    assert pool.alone(first) and pool.alone(second)
+
+
 def test_a_session_at_rest_keeps_no_renderer_from_small_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """It may be one whose client has gone, and may come back."""
     monkeypatch.setattr(RendererProcess, "ready", True)

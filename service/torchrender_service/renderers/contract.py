@@ -57,6 +57,10 @@ class RendererPool(Protocol):
     def idle(self, renderer: RendererHandle) -> bool:
         """Whether a renderer of :meth:`assign` has nothing to do."""
 
+    def alone(self, renderer: RendererHandle) -> bool:
+        """Whether a renderer of :meth:`assign` has nothing to do, and no other session has asked it for anything of
+        late."""
+
     def load(self, renderer: RendererHandle) -> int:
         """Jobs that wait or run in a renderer of :meth:`assign`."""
 

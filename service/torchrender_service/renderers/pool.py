@@ -156,6 +156,12 @@ class Pool:
         """Whether a renderer has nothing to do."""
         return self._handle(renderer).process.load == 0
 
+    def alone(self, renderer: RendererHandle) -> bool:
+        """Whether a renderer has nothing to do, and all its other sessions rest."""
+        own, now = self._handle(renderer), time.monotonic()
+        others = (one for one in self._assigned if one is not own and one.process is own.process)
+        return own.process.load == 0 and not any(now - one.asked < AT_REST_S for one in others)
+
     def load(self, renderer: RendererHandle) -> int:
         """Jobs that wait or run in a renderer."""
         return self._handle(renderer).process.load

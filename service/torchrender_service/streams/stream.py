@@ -44,8 +44,6 @@ from torchrender_service.streams.viewing import OnPick, Viewing, take_settings
 
 LOG = logging.getLogger("torchrender_service.streams.stream")
 FROM_CLIENT = (Type.HELLO, Type.POSE, Type.ACK, Type.RESYNC, Type.BYE, Type.SETTINGS, Type.PICK)
-PATIENT = ("smooth", "spare")
-"""Keyframes that nothing else in the renderer waits for."""
 MAX_ERRORS = 16
 SCENE_GONE = 4404
 TICK_S = 0.25
@@ -280,7 +278,9 @@ class Stream:
         while True:
             now = time.monotonic()
             kind = placement.due(now)
-            if kind is None or (kind in PATIENT and not around.pool.idle(session.renderer)):
+            # A keyframe that the view could do without must not be what another session's waits for.
+            may = {"smooth": around.pool.idle, "spare": around.pool.alone}.get(kind or "")
+            if kind is None or (may is not None and not may(session.renderer)):
                 await self._rest(placement.patience(now, TICK_S))
                 continue
             try:

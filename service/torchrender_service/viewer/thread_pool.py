@@ -61,6 +61,10 @@ class ThreadPool(RendererPool):
         del renderer
         return self._load == 0
 
+    def alone(self, renderer: RendererHandle) -> bool:
+        """The same: views of one program are few."""
+        return self.idle(renderer)
+
     def load(self, renderer: RendererHandle) -> int:
         """Jobs that wait or run."""
         del renderer
