@@ -27,6 +27,8 @@ from torchrender_service.settings import Settings
 
 INSPECTOR_NICENESS = 10
 """Whoever uploads waits for no picture; a file that takes long to look at must not take from others."""
+INSPECTOR_S = 15.0
+"""After the first pictures of the renderers it starts, if nobody has uploaded by then."""
 HELP_S, PATIENCE_S = 1.0, 2.0
 """For a picture in the renderer of large ones, which the system serves last: then it goes back to the others; the
 second beside streams."""
@@ -95,7 +97,8 @@ class Pool:
         warming = [asyncio.create_task(self._warm_renderer(renderer)) for renderer in self._renderers]
         try:
             await asyncio.gather(self._kernels.run(), *warming)
-            self._inspector.prepare()  # the first upload waits for no process
+            # The first upload waits for no process; but the first pictures have the cores for themselves.
+            asyncio.get_running_loop().call_later(INSPECTOR_S, self._inspector.prepare)
             if self._spare is not None:
                 self._spare.prepare()
         finally:

@@ -141,6 +141,6 @@ class Spare:
         try:
             self._process = await start_process(self._kind)
             # Whoever takes it passes over this answer, which has the number of no job of theirs.
-            write_message(self._process, Task(serial=NO_JOB, job=WarmUp()))
+            write_message(self._process, Task(serial=NO_JOB, job=WarmUp(), threads=1))
         except ServiceError as error:
             LOG.warning("no renderer stands ready: %s", error.detail)
