@@ -253,7 +253,11 @@ def test_as_many_jobs_as_may_wait_and_not_one_more(inspected: bool) -> None:
 def test_renderers_never_learn_the_api_key(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """A scene that takes a renderer over must not find it there."""
     noted = tmp_path / "environment.json"
-    note = f"import json, os; json.dump(dict(os.environ), open({str(noted)!r}, 'w'))"
+    # Whole at once: a renderer that runs from the start tries again beside the one that is looked at.
+    note = (
+        f"import json, os; own = {str(noted)!r} + str(os.getpid()); "
+        f"open(own, 'w').write(json.dumps(dict(os.environ))); os.replace(own, {str(noted)!r})"
+    )
     begin = asyncio.create_subprocess_exec
 
     async def instead(*command: str, **rest: Any) -> asyncio.subprocess.Process:
