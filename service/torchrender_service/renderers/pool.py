@@ -161,9 +161,8 @@ class Pool:
 
     def alone(self, renderer: RendererHandle) -> bool:
         """Whether a renderer has nothing to do, and all its other sessions rest."""
-        own, now = self._handle(renderer), time.monotonic()
-        others = (one for one in self._assigned if one is not own and one.process is own.process)
-        return own.process.load == 0 and not any(now - one.asked < AT_REST_S for one in others)
+        own = self._handle(renderer)
+        return own.process.load == 0 and not self._awake(own.process) - {own}
 
     def load(self, renderer: RendererHandle) -> int:
         """Jobs that wait or run in a renderer."""
@@ -211,12 +210,12 @@ class Pool:
         own, aside = min(self._renderers[1:] or self._renderers, key=lambda r: r.load), self._batch
         if is_small(job) and self.waiting:
             asked.threads = 1
-        now = time.monotonic()
-        streams = any(one.process is own and now - one.asked < AT_REST_S for one in self._assigned)
+        streams = bool(self._awake(own))
         if aside in self._renderers or not is_free(job) or not (streams or (own.load and is_small(job))):
             return await self._put(own, job, asked)
         if not self._aside_ready:
             self._prepare_aside()
+        now = time.monotonic()
         spare = self._aside_ready and not aside.has(Rank.BATCH) and (streams or aside.load < own.load)
         if not spare or now < self._aside_from:
             return await self._put(own, job, asked)
@@ -253,6 +252,11 @@ class Pool:
         for renderer in self._working:
             if renderer.ready and not self._closed:
                 renderer.post(job)
+
+    def _awake(self, process: RendererProcess) -> set[AssignedProcess]:
+        """The sessions of a renderer that do not rest."""
+        now = time.monotonic()
+        return {one for one in self._assigned if one.process is process and now - one.asked < AT_REST_S}
 
     def _handle(self, renderer: RendererHandle) -> AssignedProcess:
         if not isinstance(renderer, AssignedProcess) or renderer.process not in self._working:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
-from torchrender.buffers import GBuffer, VisibilityBuffer
+from torchrender.buffers import GBuffer
 from torchrender.effects.upsampling.carried import LitPicture, carried_light
 from torchrender.effects.upsampling.gathered import GatheredLight
 from torchrender.effects.upsampling.joint import joint_upsampled
@@ -22,7 +22,7 @@ from torchrender.passes.senses import detail
 from torchrender.passes.settings import settings
 from torchrender.pipeline.buffer import Buffer
 from torchrender.pipeline.frame import Frame
-from torchrender.raster import rasterize, rasterize_visibility
+from torchrender.raster import rasterize
 from torchrender.shade import shade
 
 PICTURE = Buffer("picture", Tensor)
@@ -131,26 +131,25 @@ def _grey_stays_grey_guided(subject: Subject, _: Outputs) -> float:
     return max(float((part - 0.4).abs().max()) for part in made)
 
 
+def _lit(subject: Subject) -> tuple[GBuffer, Tensor]:
+    """What one camera sees, and its light."""
+    seen = rasterize(subject.scene, subject.cameras[0])
+    return seen, shade(subject.scene, seen)[0]
+
+
 def _carried(subject: Subject) -> Outputs:
     scene, camera = subject.scene, subject.cameras[0]
-    seen = rasterize(scene, camera)
-    picture = LitPicture(seen, shade(scene, seen)[0])
+    seen, light = _lit(subject)
+    picture = LitPicture(seen, light)
     aside = rasterize(scene, camera.sub_camera(0.4, 0.3, camera.width, camera.height))
     own, other = (carried_light(view, [picture], scene.geometry.material).light for view in (seen, aside))
     return {"own": own, "aside": other}
 
 
 def _own_light(subject: Subject, outputs: Outputs) -> float:
-    seen = rasterize(subject.scene, subject.cameras[0])
-    light = shade(subject.scene, seen)[0]
+    seen, light = _lit(subject)
     off = (outputs["own"] - light).abs()[seen.covered[0]] / max(float(light.max()), 1e-30)
     return float(off.max()) if off.numel() else 0.0
-
-
-def _lit(subject: Subject) -> tuple[VisibilityBuffer, Tensor]:
-    """What one camera sees, and its light."""
-    scene, camera = subject.scene, subject.cameras[0]
-    return rasterize_visibility(scene.geometry, camera), shade(scene, rasterize(scene, camera))[0]
 
 
 def _gathered(subject: Subject) -> Outputs:
