@@ -195,7 +195,8 @@ def _completed(
     lattice = torch.zeros_like(rest)
     lattice[first:height:spacing, first:width:spacing] = True
     lattice[height:], lattice[:, width:] = True, True
-    chosen = (rest & lattice) | _scattered(rest & ~lattice, room - int((rest & lattice).sum()))
+    placed = rest & lattice
+    chosen = placed | _scattered(rest & ~lattice, room - int(placed.sum()))
     shaded = shade_pixels(scene, seen, chosen[None], options, past)
     radiance[chosen] = shaded.radiance
     sky = ~carried.known & ~seen.covered[0]
