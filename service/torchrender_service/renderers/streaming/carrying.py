@@ -58,6 +58,7 @@ class LitViews:
     """Pictures at rest of one session whose light is carried, the newest last, and how many pixels it can shade."""
 
     pictures: list[LitPicture] = field(default_factory=list)
+    quick: LitPicture | None = None  # one of a moving view, until there is one at rest
     room: int = FIRST  # pixels that a moving picture shades
     gathered: GatheredLight = field(default_factory=GatheredLight.none)  # that moving pictures shaded
     _scene: Scene | None = None
@@ -65,20 +66,35 @@ class LitViews:
 
     def newest(self) -> LitViews:
         """Another session of the same scene may begin with this."""
-        return LitViews(self.pictures[-1:], FIRST, _scene=self._scene, _off=self._off)
+        return LitViews(self.pictures[-1:], self.quick, _scene=self._scene, _off=self._off)
 
     def of(self, scene: Scene, off: Sequence[Effect]) -> list[LitPicture]:
         """Those that show this scene without these effects; others are dropped."""
         if self._scene is not scene or self._off != tuple(off):
-            self.pictures, self._scene, self._off = [], scene, tuple(off)
+            self.pictures, self.quick, self._scene, self._off = [], None, scene, tuple(off)
             self.gathered = GatheredLight.none()
         return self.pictures
 
-    def keep(self, scene: Scene, off: Sequence[Effect], image: Image, mirrors: Layer | None) -> None:
-        """One more, with what its mirrors show."""
+    def for_moving(self, scene: Scene, off: Sequence[Effect]) -> list[LitPicture]:
+        """The same, and where none is at rest yet the last one that was made within a budget."""
+        pictures = self.of(scene, off)
+        return pictures if self.quick is None else [self.quick]
+
+    def keep(
+        self, scene: Scene, off: Sequence[Effect], image: Image, mirrors: Layer | None, *, quick: bool = False
+    ) -> None:
+        """One more, with what its mirrors show.
+
+        Args:
+            quick: made within a moving picture's budget: only until there is one at rest.
+        """
         shown = None if mirrors is None else MirroredLight(mirrors.depth, mirrors.radiance, mirrors.known)
         made = LitPicture(image.visibility, image.radiance[0].detach(), shown)
-        self.pictures = [*self.of(scene, off), made][-MOST_PICTURES:]
+        pictures = self.of(scene, off)
+        if quick:
+            self.quick = None if pictures else made
+        else:
+            self.pictures, self.quick = [*pictures, made][-MOST_PICTURES:], None
 
     def improve(self, scene: Scene, off: Sequence[Effect], image: Image, light: Tensor) -> None:
         """The mean light (H,W,3) of several pictures in place of a kept one's own.

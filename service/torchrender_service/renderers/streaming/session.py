@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from torch import Tensor
 
 from torchrender.image import Image
-from torchrender.pipeline.history import RenderHistory
+from torchrender.pipeline.history import Kept, RenderHistory
 from torchrender.pipeline.options import RenderOptions
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
@@ -81,3 +82,15 @@ class SessionState:
         if self.wished is None or self.wished[0] is not scene or self.wished[1] != wish:
             self.wished = (scene, wish, as_wished(scene, wish))
         return self.wished[2]
+
+
+@dataclass(eq=False)
+class Rested:
+    """What a scene's new sessions begin with."""
+
+    lit: LitViews
+    kept: Mapping[str, Kept]  # by name of the buffer: maps that are fitted to its view, used while they cover another
+
+    def begin(self, history: RenderHistory) -> SessionState:
+        """A session, with what all pictures of the scene share."""
+        return SessionState(replace(history, kept={**history.kept, **self.kept}), lit=self.lit.newest())

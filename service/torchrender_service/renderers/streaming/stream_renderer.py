@@ -10,9 +10,10 @@ from typing import Any
 from torchrender.effects.reflections.traced import TraceOptions
 from torchrender.effects.upsampling.outlines import smooth_outlines
 from torchrender.passes.light import ambient_visibility
+from torchrender.passes.light.shadow_map import SHADOW_MAP
 from torchrender.passes.mirrors import reflections
 from torchrender.passes.picture import resample
-from torchrender.pipeline.history import Kept
+from torchrender.pipeline.history import Kept, RenderHistory
 from torchrender.pipeline.options import RenderOptions
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
@@ -22,7 +23,7 @@ from torchrender_service.renderers.jobs import BITS_STILL, Bounds, MakeKeyframe,
 from torchrender_service.renderers.keeping.lasting import LastingParts
 from torchrender_service.renderers.keeping.sizes import bytes_of
 from torchrender_service.renderers.keyframes import Stamp, enough_bits, first_message, layer_message, mirror_message
-from torchrender_service.renderers.streaming.carrying import LitViews, carried_picture, smooth_edges, veiled
+from torchrender_service.renderers.streaming.carrying import carried_picture, smooth_edges, veiled
 from torchrender_service.renderers.streaming.layers import (
     MIRRORS_NEED,
     cameras_around,
@@ -31,7 +32,7 @@ from torchrender_service.renderers.streaming.layers import (
     typical_depth,
     worth_sending,
 )
-from torchrender_service.renderers.streaming.session import Begun, Made, Refinement, SessionState
+from torchrender_service.renderers.streaming.session import Begun, Made, Refinement, Rested, SessionState
 from torchrender_service.renderers.viewing.appearance import brightest, options_of, wish_of
 
 MAX_SESSIONS = 256
@@ -56,7 +57,7 @@ QUICK_MIRRORS = "traced"
 ONE_RAY = TraceOptions(glossy_rays=1, bounces=1)
 """Of each mirroring pixel in these pictures; glossy ones share what the rays of their neighbours find."""
 MAX_RESTED = 4
-"""Scenes whose last smooth picture is kept: another session begins with its light."""
+"""Scenes of which a picture is kept, the last smooth one, before that the first: others begin with its light."""
 MAX_REFINED = 4
 """Refinements that are kept to be gone on with: each holds a whole picture."""
 
@@ -74,14 +75,14 @@ class StreamRenderer:
         self._max = max_bytes
         self._sessions: OrderedDict[str, SessionState] = OrderedDict()
         self._refined: OrderedDict[str, Refinement] = OrderedDict()
-        self._rested: OrderedDict[str, LitViews] = OrderedDict()  # the last smooth picture of each scene
+        self._rested: OrderedDict[str, Rested] = OrderedDict()  # by scene
         self.evictions = 0
 
     @property
     def bytes(self) -> int:
         """Of what is each session's own."""
         return sum(state.bytes for state in self._sessions.values()) + bytes_of(
-            [views.pictures for views in self._rested.values()]
+            [(left.lit.pictures, left.lit.quick, left.kept) for left in self._rested.values()]
         )
 
     def make(self, scene: Scene, job: MakeKeyframe, revision: int = 0) -> dict[str, Any]:
@@ -183,10 +184,7 @@ class StreamRenderer:
         stamp = replace(begun.stamp, id=job.id, samples=refined.count)
         image, light = begun.image, refined.light / refined.count
         state.lit.improve(refined.scene, refined.job.off, image, light)
-        self._rested[refined.job.scene.id] = state.lit.newest()
-        self._rested.move_to_end(refined.job.scene.id)
-        while len(self._rested) > MAX_RESTED:
-            self._rested.popitem(last=False)
+        self._keep_for_others(refined.job.scene.id, state)
         depth = image.visibility.depth[0]
         messages = [first_message(stamp, refined.camera, depth, light, render_ms=refined.render_ms, plan=made.plan)]
         if begun.mirrors is not None:
@@ -212,7 +210,7 @@ class StreamRenderer:
     def _weigh(self, job: MakeKeyframe, state: SessionState) -> None:
         """Note what a session has of its own, and make room."""
         own: list[Any] = [kept.value for kept in state.history.kept.values() if not _is_shared(kept)]
-        own += [state.lit.pictures, state.lit.gathered]
+        own += [state.lit.pictures, state.lit.quick, state.lit.gathered]
         begun = None if state.begun is None else state.begun.image.buffers
         refined = self._refined.get(job.session)
         state.bytes = bytes_of(own, begun, None if refined is None else (refined.light, refined.begun.image.buffers))
@@ -225,9 +223,8 @@ class StreamRenderer:
         state = self._sessions.get(job.session)
         if state is None:
             rested = self._rested.get(job.scene.id)
-            state = SessionState(
-                self._lasting.get(job.scene.id, STREAM).shared(), lit=rested.newest() if rested else LitViews()
-            )
+            history = self._lasting.get(job.scene.id, STREAM).shared()
+            state = SessionState(history) if rested is None else rested.begin(history)
             self._sessions[job.session] = state
         self._sessions.move_to_end(job.session)
         while len(self._sessions) > MAX_SESSIONS:
@@ -237,23 +234,43 @@ class StreamRenderer:
     def _picture(self, scene: Scene, camera: Cameras, state: SessionState, job: MakeKeyframe, bounds: Bounds) -> Made:
         """Layer 0, out of pictures at rest as far as these show it, and else anew."""
         options = options_of(STREAMED, job.off)
-        pictures = state.lit.of(scene, job.off)
+        lit = state.lit
+        pictures = lit.of(scene, job.off) if job.still else lit.for_moving(scene, job.off)
         if job.bounds.max_error is None and not (job.still and job.bounds.budget_ms):
             past = state.history if not job.still else replace(state.history.shared(), sequence=False)
-            made = carried_picture(scene, camera, state.lit, pictures, past, options, budget_ms=bounds.budget_ms)
+            made = carried_picture(scene, camera, lit, pictures, past, options, budget_ms=bounds.budget_ms)
             if made is not None:
                 state.history = replace(state.history.of_scene(scene), kept=made.history.kept)
+                self._share_maps(job.scene.id, state.history)
                 return Made(made.image, made.plan, made.options, made.history, made.mirrors, carried=True)
         if job.still:
             return self._at_rest(scene, camera, state, job, bounds, keep=True)
-        options = replace(options, buffers=MIRRORS_NEED) if job.mirrors else options
+        keeps = bounds.max_error is None and not pictures and not veiled(scene, camera, options)
+        options = replace(options, buffers=MIRRORS_NEED) if job.mirrors or keeps else options
         options = options if bounds.max_error is not None else _as_bright(options)
         image, plan = render_image(scene, camera, bounds, options, state.history)
         assert image.history is not None and image.plan is not None
         state.history = image.history
         self._lasting.put(job.scene.id, STREAM, image.history)
-        mirrors = mirror_layer(image, camera) if job.mirrors else None
+        mirrors = mirror_layer(image, camera) if job.mirrors or keeps else None
+        if keeps and image.plan.options.supersample >= 1.0:
+            lit.keep(scene, job.off, image, mirrors, quick=True)
+            if job.scene.id not in self._rested:
+                self._keep_for_others(job.scene.id, state)
         return Made(image, plan, image.plan.options, image.history, mirrors)
+
+    def _share_maps(self, scene: str, history: RenderHistory) -> None:
+        """What a few pixels were shaded with serves those that other sessions shade at first."""
+        self._lasting.put(scene, STREAM, replace(history, pace=self._lasting.get(scene, STREAM).pace))
+        if scene in self._rested:
+            self._rested[scene].kept = _maps(history)
+
+    def _keep_for_others(self, scene: str, state: SessionState) -> None:
+        """New sessions of a scene begin with the light that this one has, and the maps it was made with."""
+        self._rested[scene] = Rested(state.lit.newest(), _maps(state.history))
+        self._rested.move_to_end(scene)
+        while len(self._rested) > MAX_RESTED:
+            self._rested.popitem(last=False)
 
     def _at_rest(
         self, scene: Scene, camera: Cameras, state: SessionState, job: MakeKeyframe, bounds: Bounds, *, keep: bool
@@ -291,6 +308,11 @@ def _as_bright(options: RenderOptions) -> RenderOptions:
         quick = reflections.PASS.settings.named(QUICK_MIRRORS).applied(quick)
         quick = replace(quick, tracing=ONE_RAY, fixed=(*quick.fixed, reflections.PASS.name))
     return quick
+
+
+def _maps(history: RenderHistory) -> dict[str, Kept]:
+    """That are fitted to a view."""
+    return {name: kept for name, kept in history.kept.items() if name == SHADOW_MAP.name}
 
 
 def _is_shared(kept: Kept) -> bool:
