@@ -20,6 +20,7 @@ from torchrender.wire.cameras import header_of
 from torchrender.wire.codec import display_bytes
 from torchrender_service.renderers.jobs import Bounds, MakeLayers, SmoothKeyframe
 from torchrender_service.renderers.streaming import stream_renderer
+from torchrender_service.renderers.streaming.carrying import LitViews
 from torchrender_service.renderers.streaming.stream_renderer import (
     ASIDE,
     MAX_REFINED,
@@ -38,10 +39,13 @@ def scene():
 
 
 def budgets(scene, count: int, *, still: bool = False, bounds: Bounds = HUNDRED) -> list[float | None]:
-    """Of the pictures inside ``count`` keyframes of one session."""
+    """Of the pictures inside ``count`` keyframes of one session, each made anew."""
     renderer = StreamRenderer()
     found = []
     for number in range(count):
+        renderer.forget(scene="cornell_box")
+        if number:
+            renderer._sessions["one"].lit = LitViews()
         made = renderer.make(scene, job(scene, number, still=still, bounds=bounds))
         plan = picture_of(made["messages"][0]).header.plan
         assert plan is not None
@@ -136,6 +140,7 @@ def test_a_new_session_shares_what_a_scene_has_but_no_reflections(monkeypatch) -
     monkeypatch.setattr(stream_renderer, "render_image", noting)
     renderer, scene = StreamRenderer(), mirror_scene()
     monkeypatch.setattr(stream_renderer, "MOVING_BUDGET_MS", None)  # which might rule reuse out
+    monkeypatch.setattr(stream_renderer, "carried_picture", lambda *_, **__: None)  # all are made anew
     wish = {"bounds": Bounds(), "camera": header_of(looking(48))}
     for number, session in enumerate(("one", "one", "one", "two")):
         renderer.make(scene, job(scene, number, session=session, **wish))
@@ -262,6 +267,28 @@ def test_another_session_begins_with_the_light_of_the_last_smooth_picture(scene)
     renderer.forget(scene="cornell_box")
     assert error_of_first("three") > 4.0
     assert 0 < before < 2**26
+
+
+def test_moving_views_are_carried_from_the_first_picture_until_one_is_at_rest(scene) -> None:
+    """Also in other sessions: after a renderer died ten that never rest do not all make every picture anew."""
+    renderer, there = StreamRenderer(), aside(scene, 0.01)
+
+    def carried(made, number: int = 0) -> bool:
+        plan = picture_of(made["messages"][number]).header.plan
+        assert plan is not None
+        return plan["rows"][0]["pass"] == "carried_light"
+
+    assert not carried(renderer.make(scene, job(scene, 1)))
+    wish = {"camera": header_of(there), **LOSSLESS_COLOR}
+    second = renderer.make(scene, job(scene, 2, **wish))
+    other = renderer.make(scene, job(scene, 1, session="two", **wish))
+    assert carried(second) and carried(other)
+    assert error(second["messages"][0], scene, there) < 4.0
+    assert error(other["messages"][0], scene, there) < 4.0
+    assert not carried(renderer.make(scene, job(scene, 3, **STILL))), "a view at rest owes nothing to one in a hurry"
+    lit = renderer._sessions["one"].lit
+    assert lit.quick is None and len(lit.pictures) == 1
+    assert not carried(renderer.make(scene, job(scene, 4, session="two", off=("shadows",))))
 
 
 def test_what_no_picture_shows_is_filled_along_its_surface(scene) -> None:

@@ -29,6 +29,7 @@ class Attack:
     play: Callable[[ServerUnderTest], Awaitable[str]]
     prepare: Callable[[], Any] = lambda: None
     slower: float = 1.10  # p95 of honest sessions at most, as a multiple of what it is without
+    longer: float = 1.0  # watched so many times as long as others: what comes once must not be all that is watched
 
 
 PICTURE = {"scene": "cornell_box", "width": 64, "height": 48}
@@ -195,7 +196,9 @@ ATTACKS = (
         play=large_pictures,
         slower=2.0,
     ),
-    Attack(name="a renderer is killed", once="2.2 s; an idle one never came back", play=killed_renderer),
+    Attack(
+        name="a renderer is killed", once="2.2 s; an idle one never came back", play=killed_renderer, longer=5.0
+    ),
     Attack(name="84 MB of JSON to /v1/reproject", once="/health 3.7 s, 2.1 GB", play=large_json),
     Attack(name="eight uploads that drip", once="nobody else could upload", play=slow_uploads),
     Attack(name="a scene with a name of 3 MB", once="list, WELCOME and page broken for all", play=long_names),
