@@ -196,9 +196,7 @@ ATTACKS = (
         play=large_pictures,
         slower=2.0,
     ),
-    Attack(
-        name="a renderer is killed", once="2.2 s; an idle one never came back", play=killed_renderer, longer=5.0
-    ),
+    Attack(name="a renderer is killed", once="2.2 s; an idle one never came back", play=killed_renderer, longer=5.0),
     Attack(name="84 MB of JSON to /v1/reproject", once="/health 3.7 s, 2.1 GB", play=large_json),
     Attack(name="eight uploads that drip", once="nobody else could upload", play=slow_uploads),
     Attack(name="a scene with a name of 3 MB", once="list, WELCOME and page broken for all", play=long_names),

@@ -91,8 +91,8 @@ def page(sections: dict[str, list[Row]], record: dict[str, Any], effort: Effort)
         "on loopback; a lost segment costs one round trip and 200 ms, as TCP makes it. Latency is from sending a "
         "pose to having its picture (layer 0). Each attack comes from an address and a process of its own, which the "
         "system serves last, because attackers compute elsewhere, without a key, beside ten sessions that look around "
-        "in cornell_box at 96 × 54, four keyframes a second each, so that they leave half of the machine free; p95 is of "
-        "those sessions, before and during the attack. What an attack once "
+        "in cornell_box at 96 × 54, four keyframes a second each, so that they leave half of the machine free; p95 is "
+        "of those sessions, before and during the attack. What an attack once "
         "did was seen by hand when it was found, not beside such sessions.",
         "",
     ]

@@ -15,10 +15,13 @@ from torchrender.client.mirrors import draw_with_mirrors
 from torchrender.effects.reflections.reflectors import START
 from torchrender.effects.reflections.virtual import virtual_images
 from torchrender.image import Image
+from torchrender.passes.light.direct_light import MIRROR_SHARE
 from torchrender.pipeline.options import RenderOptions
 from torchrender.rays import RayCaster
 from torchrender.renderer import render
 from torchrender.scene.camera import Cameras
+from torchrender.scene.light import PointLight
+from torchrender.scene.material import Material
 from torchrender.scene.model import Scene
 from torchrender.scene.shapes import box, sphere
 from torchrender.wire.containers import KeyframeImage, read_container
@@ -177,3 +180,30 @@ def test_flat_sides_stay_flat_beside_an_edge() -> None:
     wanted = gbuffer.depth * ((length + layer.distance) / length).float()
     assert int(mirrors.sum()) > 500 and bool(made.known[mirrors].all())
     torch.testing.assert_close(made.depth[mirrors], wanted[mirrors], rtol=1e-3, atol=0)
+
+
+def test_what_a_painted_metal_mirrors_has_the_colour_of_its_paint() -> None:
+    """The mirrored part of a picture is what the picture holds of it, where materials vary over the surface: a teal
+    helmet is teal also when its light is carried to another view."""
+    teal = torch.tensor([[[0.05, 0.5, 0.5], [0.5, 0.3, 0.05]]])
+    metal = torch.tensor([[[0.0, 0.3, 1.0], [0.0, 0.5, 0.6]]])
+    ball = sphere(0.8, 64)
+    uv = torch.rand(len(ball.vertices), 2, generator=torch.Generator().manual_seed(1))
+    paint = Material(
+        diffuse=torch.ones(3), metallic=1.0, roughness=1.0, diffuse_texture=teal, metallic_roughness_texture=metal
+    )
+    scene = Scene(
+        meshes=[replace(ball, uv=uv, material=0)],
+        materials=[paint],
+        lights=[PointLight(position=torch.tensor([2.0, 3.0, 4.0]), intensity=torch.full((3,), 30.0))],
+        ambient=torch.full((3,), 0.7),
+    )
+    camera = Cameras.look_at([0.0, 0.5, 2.9], [0.0, 0.0, 0.0], width=64, height=64, fov_deg=50.0)
+    made = render(scene, camera, options=OPTIONS)
+    layer = mirror_layer(made, camera)
+    assert layer is not None and int(layer.known.sum()) > 300
+    matte = made.radiance[0] - layer.radiance
+    assert float(matte[layer.known].min()) > -1e-5, "no more of it than there is"
+    share = made.buffers[MIRROR_SHARE.name]
+    direct = render(scene, camera, options=replace(OPTIONS, reflections="off", buffers=())).radiance[0]
+    torch.testing.assert_close(matte[layer.known], (direct - share.replaced[0])[layer.known], rtol=1e-4, atol=1e-5)

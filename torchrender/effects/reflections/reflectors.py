@@ -284,9 +284,12 @@ def blend_reflections(scene: Scene, gbuffer: GBuffer, direct: Tensor, layer: Ref
 
 def mirrored_light(scene: Scene, gbuffer: GBuffer, layer: ReflectionLayer) -> Tensor:
     """(B,H,W,3) the part of :func:`blend_reflections` that was mirrored; 0 where nothing is."""
-    cosine = (gbuffer.normal * layer.direction).sum(-1).abs()
-    share, tint = _share(scene, gbuffer.material, cosine)
-    part = share[..., None] * tint * layer.color
+    if layer.share is not None:
+        part = layer.share.mirrored * layer.color
+    else:
+        cosine = (gbuffer.normal * layer.direction).sum(-1).abs()
+        share, tint = _share(scene, gbuffer.material, cosine)
+        part = share[..., None] * tint * layer.color
     return torch.where((layer.state != ReflectionState.NONE)[..., None], part, 0.0)
 
 
