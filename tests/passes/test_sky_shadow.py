@@ -136,7 +136,9 @@ def test_it_takes_the_occluders_place_among_what_hides_the_sky(walls: int) -> No
         corners = torch.tensor([[-1.2, 0, -3], [-1.2, 2, -3], [-1.2, 2, 3], [-1.2, 0, 3]])
         wall = Mesh(vertices=corners, faces=torch.tensor([[0, 1, 2], [0, 2, 3]]), name="wall")
         scene = replace(scene, meshes=(*scene.meshes, wall))
-    usual = RenderOptions(ambient_visibility="traced", ambient=AmbientOptions(rays=64), buffers=("gbuffer",))
+    usual = RenderOptions(
+        ambient_visibility="traced", ambient=AmbientOptions(rays=64, ray_spacing=1), buffers=("gbuffer",)
+    )
     wanted, rows = by_rays(scene, render(scene, view(), options=usual).buffers["gbuffer"], 0.8)
     error = {}
     for name, options in {

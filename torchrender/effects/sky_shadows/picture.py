@@ -131,6 +131,21 @@ def _spread(gbuffer: GBuffer, b: int, few: tuple[slice, Tensor], out: Tensor, sp
     spread_points(points, pixels, out.numpy())
 
 
+def no_more_than_hides(left: Tensor, sky: Tensor, own: Tensor) -> Tensor:
+    """Shares (B,H,W,4) that spheres leave, where on the occluder itself they hide no more than all surfaces together do.
+
+    Spheres bulge out of flat faces and hide those beside them, where the object itself may hide nothing.
+
+    Args:
+        left: (B,H,W,4) as :func:`light_left` has it.
+        sky: (B,H,W) share of the sky that is open.
+        own: (B,H,W) bool: pixels that see the occluder.
+    """
+    hidden = 1.0 - left[..., 3]
+    share = ((1.0 - sky) / hidden.clamp_min(1e-6)).clamp(0.0, 1.0)
+    return torch.where(own[..., None], 1.0 - (1.0 - left) * share[..., None], left)
+
+
 class Surroundings(NamedTuple):
     """What all surfaces together leave of the sky's light, as the picture's light was computed with."""
 
