@@ -134,7 +134,7 @@ def _cube_cameras(camera: Cameras, size: int) -> Cameras:
 
 
 def _search(options: AmbientOptions, around: Surroundings, reach: float, far: bool) -> Search:
-    """Steps lie within the angle that the reach takes up, denser beside the point; where far, half of them all around."""
+    """Steps lie within the angle that the reach takes up, denser beside the point; half of them all around if far."""
     fx, fy = around.lens[:2].tolist()
     place = torch.arange(options.steps)[None] + (torch.arange(PATTERN)[:, None] + 0.5) / PATTERN
     steps = place * ((2.0 if far else 1.0) / options.steps)

@@ -71,7 +71,8 @@ def add_point(point, beside, values, place, room):
     middle, apart = np.float32(column * step + step // 2), one / np.float32(step)
     first = np.int64(math.ceil(middle - reach * np.float32(step)))
     end = np.int64(math.floor(middle + reach * np.float32(step))) + 1
-    first, end = max(first, 0), min(end, room.shape[1])
+    first = first if first > 0 else np.int64(0)
+    end = end if end < room.shape[1] else np.int64(room.shape[1])
     nx, ny, nz = room[_X, first:end], room[_Y, first:end], room[_Z, first:end]
     here, near = room[_HERE, first:end], room[_NEAR, first:end]
     share, total = room[_SHARE, first:end], room[_TOTAL, first:end]
@@ -104,11 +105,11 @@ def spread_points(few, many, out):
             look_at_row(image, j, step, room)
             y = (np.float32(j) - np.float32(step // 2)) / np.float32(step)
             top = np.int64(math.ceil(y - reach))
-            for r in range(max(top, 0), min(top + 5, rows)):
+            for r in range(top if top > 0 else 0, top + 5 if top + 5 < rows else rows):
                 beside = min(reach - abs(y - np.float32(r)), one)
-                for c in range(columns if beside > zero else 0):
+                for c in range(columns):
                     m0, m1, m2 = asked.normal[r, c, 0], asked.normal[r, c, 1], asked.normal[r, c, 2]
-                    if m0 != zero or m1 != zero or m2 != zero:
+                    if beside > zero and (m0 != zero or m1 != zero or m2 != zero):
                         p0, p1, p2 = asked.position[r, c, 0], asked.position[r, c, 1], asked.position[r, c, 2]
                         add_point((m0, m1, m2, p0, p1, p2), beside, asked.values[r, c], (c, step), room)
             for i in range(width):

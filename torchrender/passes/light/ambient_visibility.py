@@ -85,7 +85,7 @@ def settle(outlook: Outlook, prices: Prices) -> RenderOptions:
     options = outlook.options
     if not left_open(options):
         return options
-    ready = outlook.kept(RAY_CASTER) is not None or outlook.triangles <= TREE
+    ready = outlook.kept(RAY_CASTER) is not None or outlook.scene.geometry.triangle_count <= TREE
     return replace(options, ambient_visibility="traced" if ready else "horizon")
 
 

@@ -63,7 +63,7 @@ class _World:
         }  # fmt: skip
         made: dict[str, Any] = {
             "type": "scene",
-            "integrator": {"type": "path", "max_depth": DEPTH},
+            "integrator": {"type": "volpath", "max_depth": DEPTH},  # the one whose shadow rays pass holes
             "sensor": {
                 "type": "perspective", "fov": height, "fov_axis": "y", "to_world": mi.ScalarTransform4f(pose),
                 "near_clip": float(camera.near[0]), "far_clip": 1e5, "film": film,

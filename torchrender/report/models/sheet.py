@@ -33,11 +33,14 @@ MEANS = {
     "Cameras": "A square seen by the file's own first camera.",
     "ClearCoatTest": "Columns: base layer, coated, coat alone; coated is both of its neighbours.",
     "DamagedHelmet": "Metal with all maps; the visor's lights glow, nothing else does.",
-    "NormalTangentTest": "Derived tangents: every bump lit from the same side as real ones beside it.",
+    "NormalTangentTest": "Derived tangents: every bump lit from the same side as real ones beside it "
+    "(steep normals are black in the path tracer).",
     "SimpleSparseAccessor": "A strip of triangles; three corners moved by a sparse accessor.",
-    "SpecularTest": "Black dielectrics: from left to right more mirrored light, by what each row's label names.",
+    "SpecularTest": "Black dielectrics: from left to right more mirrored light, by what each row's label names "
+    "(the path tracer is told neither colours nor textures of it).",
     "TextureCoordinateTest": "Fields of a picture: each shows its own label, upright.",
-    "TextureSettingsTest": "Wrap modes and sides: a green tick wherever one is asked for, no red cross.",
+    "TextureSettingsTest": "Wrap modes and sides: a green tick wherever one is asked for, no red cross "
+    "(the path tracer knows one wrap mode for both axes and draws back sides black).",
     "duck_pack-c": "The duck, compressed by meshopt: yellow with its texture.",
     "geometry-camera-light": "A scene with its own camera and photometric light.",
     "heart_draco": "A heart, compressed by Draco.",
@@ -52,7 +55,7 @@ FRONT = {
 """Boards that are looked at straight, and whether they face along z or against it."""
 
 SIDE, LINES, GAP = 176, 4, 5
-SAMPLES = 64
+SAMPLES = 40
 """Of the path tracer, for each pixel of a tile."""
 
 

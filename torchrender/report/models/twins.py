@@ -18,7 +18,6 @@ from torchrender.scene.mesh import Mesh
 from torchrender.scene.model import Scene
 from torchrender.scene.shapes import quad, sphere
 
-
 UV = torch.tensor([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 """Texture coordinates of the corners of a board."""
 
