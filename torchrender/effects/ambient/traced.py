@@ -158,9 +158,8 @@ def _numbers(samples: GBuffer | RaySurface, chosen: Tensor, place: Tensor, step:
     if not step:
         return torch.zeros(len(place), dtype=torch.int64)
     if isinstance(samples, GBuffer):
-        picture, row, column = chosen.nonzero().unbind(-1)
-        height, width = (-(-n // step) for n in chosen.shape[1:])
-        return (picture * height + row // step) * width + column // step
+        _, row, column = chosen.nonzero().unbind(-1)  # a picture of a batch is as one alone
+        return row // step * -(-chosen.shape[2] // step) + column // step
     bits = place.contiguous().view(torch.int64) >> 20  # what rounding leaves alone
     return ((bits * torch.tensor([73856093, 19349663, 83492791])).sum(-1) >> 7) & 0xFFFF
 
