@@ -23,7 +23,8 @@ def test_a_small_study_writes_its_page_and_its_sheets(tmp_path: Path, monkeypatc
     record = json.loads(files[0].read_text())
     assert list(record["models"]) == ["UnlitTest"] and record["failed"] == []
     assert "| UnlitTest |" in files[1].read_text() and files[2].name == "models-twins.jpg"
-    assert Image.open(files[2]).size[0] > 2 * 32
+    with Image.open(files[2]) as sheet:
+        assert sheet.size[0] > 2 * 32
 
 
 @pytest.mark.parametrize("twin", TWINS, ids=lambda twin: twin.name)
@@ -39,11 +40,12 @@ def test_twins_look_like_the_path_tracers(twin: Twin, tmp_path: Path) -> None:
 
 
 def test_the_board_of_textures_is_laid_alike(tmp_path: Path) -> None:
-    """Pixel by pixel but for noise: a turned, shifted or mirrored texture would differ by half of the picture."""
+    """Block by block, as the path tracer knows no coarser levels: turned or shifted textures would differ by far more."""
     pytest.importorskip("mitsuba")
     (twin,) = (t for t in TWINS if t.name == "TextureTransformTest")
     scene = replace(twin.make(sky_of(tmp_path)), environment=None, ambient=torch.ones(3))
     scene = replace(scene, materials=tuple(replace(m, metallic=None, roughness=1.0) for m in scene.materials))
-    camera = seen(twin, scene, 48)
+    camera = seen(twin, scene, 96)
     found, wanted = render(scene, camera).radiance[0], path_traced(scene, camera, 64)
-    assert float((found - wanted).abs().mean()) < 0.03
+    blocks = (found - wanted).reshape(16, 6, 16, 6, 3).mean(dim=(1, 3))
+    assert float(blocks.abs().mean()) < 0.02 and float(blocks.abs().max()) < 0.15
