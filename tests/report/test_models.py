@@ -40,7 +40,7 @@ def test_twins_look_like_the_path_tracers(twin: Twin, tmp_path: Path) -> None:
 
 
 def test_the_board_of_textures_is_laid_alike(tmp_path: Path) -> None:
-    """Block by block, as the path tracer knows no coarser levels: turned or shifted textures would differ by far more."""
+    """Block by block, as the path tracer knows no coarser levels: turned or shifted textures differ far more."""
     pytest.importorskip("mitsuba")
     (twin,) = (t for t in TWINS if t.name == "TextureTransformTest")
     scene = replace(twin.make(sky_of(tmp_path)), environment=None, ambient=torch.ones(3))
