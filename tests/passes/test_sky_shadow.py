@@ -136,7 +136,9 @@ def test_it_takes_the_occluders_place_among_what_hides_the_sky(walls: int) -> No
         corners = torch.tensor([[-1.2, 0, -3], [-1.2, 2, -3], [-1.2, 2, 3], [-1.2, 0, 3]])
         wall = Mesh(vertices=corners, faces=torch.tensor([[0, 1, 2], [0, 2, 3]]), name="wall")
         scene = replace(scene, meshes=(*scene.meshes, wall))
-    usual = RenderOptions(ambient_visibility="traced", ambient=AmbientOptions(rays=64), buffers=("gbuffer",))
+    usual = RenderOptions(
+        ambient_visibility="traced", ambient=AmbientOptions(rays=64, ray_spacing=1), buffers=("gbuffer",)
+    )
     wanted, rows = by_rays(scene, render(scene, view(), options=usual).buffers["gbuffer"], 0.8)
     error = {}
     for name, options in {
@@ -187,3 +189,19 @@ def test_a_character_that_walks(data_dir: Path) -> None:
     assert float(lost[0].max()) > 0.05 and float((lost[0] - lost[1]).abs().max()) > 0.02
     assert [row.reason for row in first.plan.rows if row.name == "sky_shadow"] == ["1 mesh, as 24 spheres, under lamps"]
     del high
+
+
+def test_spheres_hide_nothing_of_a_convex_body_from_itself() -> None:
+    """A box of twelve triangles: its spheres bulge out of its faces, which nothing hides."""
+    box = replace(Mesh.box(1.0, [0.0, 0.5, 0.0]), name="ball")
+    scene = replace(still(sky()), meshes=(box,))
+    few = AmbientOptions(rays=16, ray_spacing=1)
+    options = RenderOptions(
+        ambient_visibility="traced", ambient=few, sky_shadow=QUICK, buffers=("gbuffer", SKY_SHADOW.name)
+    )
+    image = render(scene, view(), options=options)
+    lost = image.buffers[SKY_SHADOW.name][image.buffers["gbuffer"].covered]
+    whole = render(scene, view(), options=replace(options, buffers=(), shadows=False)).radiance
+    assert len(lost) and float(lost.abs().max()) < 0.02 * float(whole.max())
+    alone = render(scene, view(), options=replace(options, ambient_visibility="off"))
+    assert float(alone.buffers[SKY_SHADOW.name].max()) > 0.05 * float(whole.max())

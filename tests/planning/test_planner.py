@@ -66,8 +66,9 @@ def running(plan: Plan) -> list[str]:
 
 def test_only_what_the_scene_calls_for(grass: Scene, box: Scene, washroom: Scene) -> None:
     end = ["ambient_visibility", "direct_light", "composite", "resample"]
-    assert running(tr.plan(grass, view(grass))) == ["gbuffer", "light_reach", "shadow_map", "point_shadow", *end]
-    assert running(tr.plan(box, view(box))) == ["gbuffer", "light_reach", "shadow_map", "soft_shadow", *end]
+    lit = ["gbuffer", "light_reach", "ray_caster", "shadow_map"]
+    assert running(tr.plan(grass, view(grass))) == [*lit, "point_shadow", *end]
+    assert running(tr.plan(box, view(box))) == [*lit, "soft_shadow", *end]
     seen = ["gbuffer", "reflective_pixel", "light_reach", "ray_caster"]
     names = [*seen, "shadow_map", "point_shadow", "soft_shadow", *end[:2], "hit_shader"]
     assert running(tr.plan(washroom, view(washroom))) == [*names, "reflections", *end[2:]]
@@ -87,7 +88,7 @@ def test_what_lasts_says_for_whom(washroom: Scene) -> None:
     plan = tr.plan(washroom, view(washroom), options=exact)
     assert plan.row("shadow_map").reason.endswith(": for hit_shader")
     assert plan.row("shadow_map").predicted_error == 0.0, "the picture itself does not look maps up"
-    assert plan.row("ray_caster").reason.endswith(": for point_shadow, hit_shader, reflections")
+    assert plan.row("ray_caster").reason.endswith(": for point_shadow, ambient_visibility, hit_shader, reflections")
     dull = tr.plan(washroom, view(washroom), options=replace(exact, reflections="off"))
     assert dull.row("shadow_map").reason == "nobody asks for what it makes"
 
@@ -220,7 +221,7 @@ def test_a_diffuse_scene_runs_the_same_with_the_other_passes_deleted(grass: Scen
         pictures.append(tr.render(grass, camera, options=RenderOptions(passes=steps)))
         ran = set(pictures[-1].timings_ms) - {"plan", "total"}
         light = {"light_reach", "shadow_map", "point_shadow", "ambient_visibility", "direct_light"}
-        assert ran == {"gbuffer", *light, "composite", "resample"}
+        assert ran == {"gbuffer", "ray_caster", *light, "composite", "resample"}
     assert torch.equal(pictures[0].radiance, pictures[1].radiance)
 
 

@@ -59,7 +59,7 @@ def question(
 ) -> Question:
     """Random costs; of passes with many settings every ``thin``-th is open."""
     chance = random.Random(seed)
-    options = replace(options or RenderOptions(), passes=tuple(passes))
+    options = replace(options or RenderOptions(ambient_visibility="horizon"), passes=tuple(passes))
     past = (history or RenderHistory()).of_scene(SCENE)
     outlook = Outlook(scene=SCENE, cameras=CAMERA, options=options, history=past)
     known = Knowledge(outlook=outlook, curves=random_curves(passes, outlook, chance), passes=tuple(passes))

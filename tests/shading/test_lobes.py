@@ -182,6 +182,33 @@ def test_a_flat_normal_map_changes_nothing_and_a_tilted_one_tilts() -> None:
     assert mean((s, 0.0, s), normal_scale=0.0) == pytest.approx(flat, rel=1e-4)
 
 
+@pytest.mark.parametrize("kernel", [True, False])
+def test_normal_maps_turn_the_sky_s_light_where_ambient_visibility_is_known(kernel: bool) -> None:
+    """An open board: its mean open direction is its own normal, and a map counts as without ambient visibility."""
+    mesh = Mesh(
+        vertices=torch.tensor([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]),
+        faces=torch.tensor([[0, 1, 2], [0, 2, 3]]),
+        uv=torch.tensor([[0.0, 0], [1, 0], [1, 1], [0, 1]]),
+    )
+    rows = torch.linspace(2.0, 0.0, 32)[:, None, None].expand(32, 64, 3).contiguous()
+    camera = Cameras.look_at([0.0, 0.0, 3.0], [0.0, 0.0, 0.0], width=4, height=4, fov_deg=5.0)
+    told = (torch.tensor([0.0, math.sqrt(0.5), math.sqrt(0.5)]) * 0.5 + 0.5).expand(2, 2, 3).contiguous()
+    found = {}
+    for name, texture in (("flat", None), ("up", told)):
+        for material in (
+            Material(diffuse=WHITE, normal_texture=texture),
+            Material(metallic=0.0, roughness=1.0, diffuse=WHITE, normal_texture=texture),
+        ):
+            scene = Scene(meshes=(mesh,), materials=(material,), environment=Environment(radiance=rows))
+            gbuffer = rasterize(scene, camera)
+            samples = gbuffer if kernel else replace(gbuffer)
+            reach = AmbientReach(torch.ones(1, 4, 4), gbuffer.normal)
+            alone, known = shade(scene, samples), shade(scene, samples, around=reach)
+            torch.testing.assert_close(alone, known, rtol=1e-4, atol=1e-5)
+            found[name, material.is_physical] = float(known.mean())
+    assert all(found["up", kind] > 1.2 * found["flat", kind] for kind in (False, True))
+
+
 def test_normal_maps_never_turn_the_surface_from_the_eye() -> None:
     scene = ball(
         Material(metallic=1.0, roughness=0.2, diffuse=WHITE, normal_texture=bumps(8, 8, 0), normal_scale=50.0),

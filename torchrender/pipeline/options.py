@@ -24,7 +24,7 @@ from torchrender.shade import AREA_LIGHTS
 REFLECTIONS = ("auto", "clustered", "traced", "environment", "off")
 POINT_SHADOWS = ("maps", "traced")
 AREA_SHADOWS = ("pcss", "hard", "sampled")
-AMBIENT_VISIBILITY = ("off", "horizon", "traced")
+AMBIENT_VISIBILITY = ("auto", "off", "horizon", "traced")
 TRANSPARENCY = ("peeled", "traced", "off")
 AS_LIT = "as_lit"
 AUTOMATIC = "auto"
@@ -47,7 +47,7 @@ class RenderOptions:
     soft_shadow: SoftShadowOptions = field(default_factory=SoftShadowOptions)  # of area_shadows="sampled"
     sky_shadow: SkyShadowOptions = field(default_factory=SkyShadowOptions)  # of objects before an environment
     area_light: str = "polygon"  # light of rectangles without shadows: exact, or "centre": all from their centre
-    ambient_visibility: str = "horizon"  # what hides light from everywhere: "horizon" search, "traced", "off": nothing
+    ambient_visibility: str = "auto"  # what hides light from everywhere: "horizon" search, "traced", "off": nothing
     ambient: AmbientOptions = field(default_factory=AmbientOptions)
     reflections: str = "auto"  # how reflectors mirror: "clustered", "traced", "environment" (one cube map), "off", or
     # "auto": the most accurate of the quick ways

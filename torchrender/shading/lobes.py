@@ -33,6 +33,12 @@ class Around(NamedTuple):
     visibility: Tensor | None = None  # (N,) share
     normal: Tensor | None = None  # (3,N) unit mean direction that it comes from; None: the surface's normal
 
+    def towards(self, normal: Tensor, smooth: Tensor) -> Tensor:
+        """Unit direction (3,N) of light on surfaces of that normal (3,N): it turns as maps turn the smooth normal."""
+        if self.normal is None:
+            return normal
+        return torch.nn.functional.normalize(self.normal + (normal - smooth), dim=0)
+
 
 @dataclass(frozen=True, eq=False)
 class Sent:
@@ -47,7 +53,7 @@ def phong(surface: Surface, sky: Sky, around: Around, lights: Sequence[Lit]) -> 
     """Lambert's diffuse light and Phong's normalised highlight."""
     s = surface
     seen = s.occlusion if around.visibility is None else s.occlusion * around.visibility
-    diffuse = sky.diffuse(s.normal if around.normal is None else around.normal) * seen
+    diffuse = sky.diffuse(around.towards(s.normal, s.smooth)) * seen
     specular = torch.zeros_like(s.base)
     facing = (s.normal * s.to_eye).sum(0)
     mirror = 2.0 * facing * s.normal - s.to_eye
@@ -67,7 +73,7 @@ def metallic_roughness(surface: Surface, sky: Sky, around: Around, lights: Seque
     """GGX with energy compensation over a coupled diffuse part, under sheen and a clear coat."""
     s, m = surface, _Mix.of(surface)
     seen = s.occlusion if around.visibility is None else s.occlusion * around.visibility
-    diffuse = sky.diffuse(s.normal if around.normal is None else around.normal) * seen
+    diffuse = sky.diffuse(around.towards(s.normal, s.smooth)) * seen
     up = lobe_middle(s.normal, s.to_eye, m.eye, s.roughness)
     specular_seen = specular_occlusion(m.eye, seen, s.roughness)
     through = 1.0 - _coat_share(s)

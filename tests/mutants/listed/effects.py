@@ -56,7 +56,7 @@ FAULTS: tuple[Fault, ...] = (
     ),
     *faults("ambient", E + "ambient/traced.py", AMBIENT,
         ("toward * surface[rows, None]).sum(-1) > 0", "toward * surface[rows, None]).sum(-1) > -2"),
-        ("is_near[chosen[close[beside]]] = True", "is_near[chosen[close]] = True"),
+        ("clear[cast] = ~beside", "clear[cast] = True"),
         ("across = share.sqrt()", "across = share"),
         ("start = samples.position[chosen] + surface.double() * gap", "start = samples.position[chosen]"),
     ),

@@ -45,7 +45,7 @@ FACES = ((1, 2), (2, 1), (2, 0), (0, 2), (0, 1), (1, 0))
 
 
 def horizon_ambient(
-    geometry: Geometry, gbuffer: GBuffer, options: AmbientOptions, *, reach: float
+    geometry: Geometry, gbuffer: GBuffer, options: AmbientOptions, *, reach: float, far: bool = True
 ) -> AmbientVisibility:
     """Visibility (B,H,W) by depth images around each camera's eye.
 
@@ -53,6 +53,8 @@ def horizon_ambient(
         geometry: what hides.
         gbuffer: what perspective cameras see.
         reach: scene units within which something hides near light.
+        far: the search goes on beyond the reach, all around. False: all of its steps lie within, and what is farther
+            away counts as open, also for the sky.
 
     Raises:
         InputError: cameras that are orthographic: they have no eye.
@@ -67,23 +69,23 @@ def horizon_ambient(
     pixels = torch.ones(*shape, 5)
     for k in (k for k, some in enumerate(seen) if some):
         around = _surroundings(geometry, cameras[k], gbuffer.depth[k], options)
-        _measure(around, gbuffer, k, options, reach, pixels[k])
+        _measure(around, gbuffer, k, _search(options, around, reach, far), pixels[k], options.spacing)
     covered = gbuffer.covered
-    sky, near = (pixels[..., c].clamp(0.0, 1.0) for c in (0, 1))
+    near = torch.where(covered, pixels[..., 1].clamp(0.0, 1.0), 1.0)
+    if not far:
+        return AmbientVisibility(near, near, gbuffer.normal)
+    sky = torch.where(covered, pixels[..., 0].clamp(0.0, 1.0), 1.0)
     local = pixels[..., 2:]
     world = torch.einsum("bij,bhwi->bhwj", cameras.rotation.float(), local)
     length = world.norm(dim=-1, keepdim=True)
     bent = torch.where(covered[..., None] & (length > 1e-6), world / length.clamp_min(1e-6), gbuffer.normal)
-    return AmbientVisibility(torch.where(covered, sky, 1.0), torch.where(covered, near, 1.0), bent)
+    return AmbientVisibility(sky, near, bent)
 
 
-def _measure(
-    around: Surroundings, gbuffer: GBuffer, k: int, options: AmbientOptions, reach: float, out: Tensor
-) -> None:
+def _measure(around: Surroundings, gbuffer: GBuffer, k: int, search: Search, out: Tensor, spacing: int) -> None:
     """Fill the pixels (H,W,5) of camera ``k``: every few of them searches, and the others follow."""
-    grid = lattice_of(gbuffer, k, options.spacing)
+    grid = lattice_of(gbuffer, k, spacing)
     seen, ray = grid.seen, grid.ray
-    fx, fy = around.lens[:2].tolist()
     tile = torch.tensor(ORDER).reshape(4, 4)
     number = tile[(torch.arange(len(grid.rows)) % 4)[:, None], torch.arange(len(grid.columns)) % 4]
     points = Points(
@@ -93,7 +95,7 @@ def _measure(
         view(number[seen], np.int64),
     )
     found = np.zeros((len(points.distance), 5), np.float32)
-    measure_points(around, points, _tables(), _search(options, min(1.5 / fx, 1.5 / fy), reach), found)
+    measure_points(around, points, _tables(), search, found)
     values = torch.zeros(*seen.shape, 5)
     values[seen] = torch.from_numpy(found)
     spread(gbuffer, k, grid, values, out)
@@ -131,10 +133,12 @@ def _cube_cameras(camera: Cameras, size: int) -> Cameras:
     return Cameras(turns @ camera.camera_from_world, intrinsics, size, size, near, far)
 
 
-def _search(options: AmbientOptions, first: float, reach: float) -> Search:
-    """Half of the steps lie within the angle that the reach takes up, denser beside the point, half all around."""
+def _search(options: AmbientOptions, around: Surroundings, reach: float, far: bool) -> Search:
+    """Steps lie within the angle that the reach takes up, denser beside the point; half of them all around if far."""
+    fx, fy = around.lens[:2].tolist()
     place = torch.arange(options.steps)[None] + (torch.arange(PATTERN)[:, None] + 0.5) / PATTERN
-    steps = place * (2.0 / options.steps)
+    steps = place * ((2.0 if far else 1.0) / options.steps)
+    first = min(1.5 / fx, 1.5 / fy)
     return Search(options.slices, view(steps, np.float32), first, reach, JOINED, THICKNESS)
 
 

@@ -24,8 +24,8 @@ class AmbientOptions:
     spacing: int = 3  # one point for so many pixels and side; those between follow along surfaces
     around: int = 64  # pixels of a side of the six views around the eye, for what the picture does not show; 0: none
     backs: bool = False  # draw where things end behind what is seen, too
-    rays: int = 16  # of each pixel, where rays are cast
-    ray_spacing: int = 1  # as ``spacing``, where rays are cast; parallel views take every pixel
+    rays: int = 8  # of each point, where rays are cast; at least 16 where each pixel is one for want of an eye
+    ray_spacing: int = 4  # as ``spacing``, where rays are cast; parallel and tiny views take every pixel
     share: bool = False  # pixels whose rays are cast take part in what those around them found
     reach: float | None = None  # scene units within which things hide near light; None: a tenth of the scene's diagonal
 

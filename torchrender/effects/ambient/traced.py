@@ -100,17 +100,23 @@ def _shared(samples: GBuffer | RaySurface, width: Tensor, how: Cast) -> AmbientV
 def _from_few(samples: GBuffer, how: Cast, spacing: int) -> AmbientVisibility:
     """Rays of few points, whose values all pixels take that lie on their surfaces."""
     covered = samples.covered
-    chosen, found = torch.zeros_like(covered), torch.zeros(*covered.shape, 5)
+    channels = 5 if how.far else 1  # without the sky, what is near tells all
+    chosen, found = torch.zeros_like(covered), torch.zeros(*covered.shape, channels)
     grids = [lattice_of(samples, k, spacing) for k in range(len(covered))]
     for k, grid in enumerate(grids):
         chosen[k, grid.rows[:, None], grid.columns] = grid.seen
     sky, near, bent = _cast(samples, chosen, how, spacing)
-    found[chosen] = torch.cat([sky[:, None], near[:, None], bent / how.rays], dim=1)
-    pixels = torch.ones(*covered.shape, 5)
+    found[chosen] = torch.cat([near[:, None], sky[:, None], bent / how.rays], dim=1)[:, :channels]
+    pixels = torch.ones(*covered.shape, channels)
     for k, grid in enumerate(grids):
         spread(samples, k, grid, found[k][grid.rows][:, grid.columns], pixels[k])
-    sky, near, bent = pixels[covered].split([1, 1, 3], dim=1)
-    return as_images(covered, sky[:, 0].clamp(0.0, 1.0), near[:, 0].clamp(0.0, 1.0), bent, samples.normal)
+    shares = torch.where(covered[..., None], pixels[..., :2].clamp(0.0, 1.0), 1.0)
+    if not how.far:
+        return AmbientVisibility(shares[..., 0], shares[..., 0], samples.normal)
+    bent = pixels[..., 2:]
+    length = bent.norm(dim=-1, keepdim=True)
+    unit = torch.where(covered[..., None] & (length > 1e-6), bent / length.clamp_min(1e-6), samples.normal)
+    return AmbientVisibility(shares[..., 1], shares[..., 0], unit)
 
 
 def _cast(samples: GBuffer | RaySurface, chosen: Tensor, how: Cast, step: int) -> tuple[Tensor, Tensor, Tensor]:
@@ -126,20 +132,24 @@ def _cast(samples: GBuffer | RaySurface, chosen: Tensor, how: Cast, step: int) -
     for rows in torch.arange(len(start)).split(max(1, CHUNK // rays)):
         toward = _cosine_directions(normal[rows], rays, number[rows])
         up = (toward * surface[rows, None]).sum(-1) > 0
-        chosen = up.reshape(-1).nonzero().reshape(-1)
-        origins = start[rows, None].expand(-1, rays, -1).reshape(-1, 3)[chosen]
-        directions = toward.reshape(-1, 3)[chosen].double()
-        hidden = caster.occluded(origins, directions) if far else torch.ones(len(chosen), dtype=torch.bool)
-        close = hidden.nonzero().reshape(-1)
-        beside = caster.occluded(origins[close], directions[close], t_max=reach)
-        is_open, is_near = torch.zeros(up.numel(), dtype=torch.bool), torch.zeros(up.numel(), dtype=torch.bool)
-        is_open[chosen] = ~hidden
-        is_open[chosen[close[~beside]]] |= not far
-        is_near[chosen[close[beside]]] = True
-        is_open = is_open.reshape(up.shape)
-        sky[rows] = is_open.float().mean(dim=1)
-        near[rows] = (up & ~is_near.reshape(up.shape)).float().mean(dim=1)
-        bent[rows] = (toward * is_open[..., None]).sum(dim=1)
+        cast = up.reshape(-1).nonzero().reshape(-1)
+        origins = start[rows].index_select(0, cast // rays)
+        directions = toward.reshape(-1, 3).index_select(0, cast).double()
+        clear, seen_far = torch.zeros(up.numel(), dtype=torch.bool), torch.zeros(up.numel(), dtype=torch.bool)
+        if far:
+            hidden = caster.occluded(origins, directions)
+            close = hidden.nonzero().reshape(-1)
+            beside = hidden.clone()
+            beside[close] = caster.occluded(origins[close], directions[close], t_max=reach)
+            seen_far[cast] = ~hidden
+        else:
+            beside = caster.occluded(origins, directions, t_max=reach)
+        clear[cast] = ~beside
+        near[rows] = clear.reshape(up.shape).float().mean(dim=1)
+        if not far:
+            seen_far = clear
+        sky[rows] = seen_far.reshape(up.shape).float().mean(dim=1)
+        bent[rows] = (toward * seen_far.reshape(up.shape)[..., None]).sum(dim=1)
     return sky, near, bent
 
 
@@ -148,9 +158,8 @@ def _numbers(samples: GBuffer | RaySurface, chosen: Tensor, place: Tensor, step:
     if not step:
         return torch.zeros(len(place), dtype=torch.int64)
     if isinstance(samples, GBuffer):
-        picture, row, column = chosen.nonzero().unbind(-1)
-        height, width = (-(-n // step) for n in chosen.shape[1:])
-        return (picture * height + row // step) * width + column // step
+        _, row, column = chosen.nonzero().unbind(-1)  # a picture of a batch is as one alone
+        return row // step * -(-chosen.shape[2] // step) + column // step
     bits = place.contiguous().view(torch.int64) >> 20  # what rounding leaves alone
     return ((bits * torch.tensor([73856093, 19349663, 83492791])).sum(-1) >> 7) & 0xFFFF
 

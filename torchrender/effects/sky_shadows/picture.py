@@ -131,6 +131,21 @@ def _spread(gbuffer: GBuffer, b: int, few: tuple[slice, Tensor], out: Tensor, sp
     spread_points(points, pixels, out.numpy())
 
 
+def no_more_than_hides(left: Tensor, sky: Tensor, own: Tensor) -> Tensor:
+    """Shares (B,H,W,4) that spheres leave: on the occluder itself they hide no more than all surfaces together.
+
+    Spheres bulge out of flat faces and hide those beside them, where the object itself may hide nothing.
+
+    Args:
+        left: (B,H,W,4) as :func:`light_left` has it.
+        sky: (B,H,W) share of the sky that is open.
+        own: (B,H,W) bool: pixels that see the occluder.
+    """
+    hidden = 1.0 - left[..., 3]
+    share = ((1.0 - sky) / hidden.clamp_min(1e-6)).clamp(0.0, 1.0)
+    return torch.where(own[..., None], 1.0 - (1.0 - left) * share[..., None], left)
+
+
 class Surroundings(NamedTuple):
     """What all surfaces together leave of the sky's light, as the picture's light was computed with."""
 
@@ -193,7 +208,10 @@ def _lost_fused(scene: Scene, gbuffer: GBuffer, shares: _Shares, chosen: Tensor,
     none = torch.zeros(0)
     known = Known(*(view(v, np.float32) for v in (none, none, none.reshape(0, 3))))
     if around is not None:
-        bent = torch.zeros(0, 3) if around.normal is None else around.normal.reshape(-1, 3)
+        bent = torch.zeros(0, 3)
+        if around.normal is not None:
+            smooth = torch.where(chosen[:, None], gbuffer.normal.reshape(-1, 3), surface[:, :3])
+            bent = Around(None, around.normal.reshape(-1, 3).T).towards(surface[:, :3].T, smooth.T).T
         known = Known(*(view(v, np.float32) for v in (around.taken.reshape(-1), around.sky.reshape(-1), bent)))
     assert scene.environment is not None
     texels = SkyMaps.of(scene.environment, scene.material_table.has_physical).irradiance.reshape(-1, 3)
@@ -212,7 +230,7 @@ def _lost_plain(scene: Scene, gbuffer: GBuffer, shares: _Shares, chosen: Tensor,
 def _lost_of(reader: Reader, sky: _LostSky, rows: Tensor, shares: _Shares) -> Tensor:
     surface = reader.surface(rows)
     surface = replace(surface, emission=torch.zeros_like(surface.emission))
-    lost = _lost_light(sky, surface.normal, rows, shares)
+    lost = _lost_light(sky, (surface.normal, surface.smooth), rows, shares)
     value = torch.zeros(3, len(rows))
     for kind, sent in ((PHONG, phong), (METALLIC, metallic_roughness)):
         some = (surface.kind == kind).nonzero().reshape(-1)
@@ -222,16 +240,16 @@ def _lost_of(reader: Reader, sky: _LostSky, rows: Tensor, shares: _Shares) -> Te
     return value.T
 
 
-def _lost_light(sky: _LostSky, normal: Tensor, rows: Tensor, shares: _Shares) -> Tensor:
-    """Irradiance over pi (3,N) that does not arrive at normals (3,N)."""
-    left, around = shares
+def _lost_light(sky: _LostSky, normals: tuple[Tensor, Tensor], rows: Tensor, shares: _Shares) -> Tensor:
+    """Irradiance over pi (3,N) that does not arrive at normals (3,N), with their maps and without."""
+    (left, around), (normal, smooth) = shares, normals
     if around is None:
         return sky.arriving(normal) * (1.0 - left[:, :3]).T
     taken, whole = around.taken.reshape(-1)[rows], around.sky.reshape(-1)[rows]
     others = (whole / left[:, 3].clamp_min(1e-6)).clamp(0.0, 1.0)  # share that is left by what else is there
     was = towards = normal
     if around.normal is not None:
-        was = around.normal.reshape(-1, 3)[rows].T
+        was = Around(None, around.normal.reshape(-1, 3)[rows].T).towards(normal, smooth)
         # The open sky's middle lies off the normal in the measure in which others hide it.
         part = ((1.0 - others) / (1.0 - whole).clamp_min(1e-6)).clamp(0.0, 1.0)
         towards = normalize(torch.lerp(normal, was, part), dim=0)

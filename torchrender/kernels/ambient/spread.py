@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -13,8 +14,6 @@ from torchrender.kernels.compile import kernel
 REACH = 2.5
 """Points of a row that count, to either side: wholly but for the last unit, where they fade. Two points that are four
 apart count as one, so that each number of the pattern has the same share in every pixel, and leaves no dots."""
-MOST = 25
-"""Points that count in a pixel."""
 
 
 class Few(NamedTuple):
@@ -35,58 +34,86 @@ class Many(NamedTuple):
     lens: np.ndarray  # (4,) float32 fx, fy, cx, cy
 
 
+PARTS = 64
+_X, _Y, _Z, _HERE, _NEAR, _SHARE, _TOTAL = range(7)
+"""Rows of a thread's room: normals of a row of pixels, their planes' distances from the eye, one by the points'
+distance there, the share of one point, the sum of all; the sums of values follow."""
+
+
+@kernel(counted=False)
+def look_at_row(many, j, step, room):
+    """Fill what the pixels of row ``j`` are compared by."""
+    turn, lens, zero, one, half = many.turn, many.lens, np.float32(0.0), np.float32(1.0), np.float32(0.5)
+    across = np.float32(1.5 * step) / lens[0]
+    y = (np.float32(j) + half - lens[3]) / lens[1]
+    for i in range(many.depth.shape[1]):
+        z = many.depth[j, i]
+        z = z if z < np.inf else one
+        n0, n1, n2 = many.normal[j, i, 0], many.normal[j, i, 1], many.normal[j, i, 2]
+        nx = turn[0, 0] * n0 + turn[0, 1] * n1 + turn[0, 2] * n2
+        ny = turn[1, 0] * n0 + turn[1, 1] * n1 + turn[1, 2] * n2
+        nz = turn[2, 0] * n0 + turn[2, 1] * n1 + turn[2, 2] * n2
+        room[_X, i], room[_Y, i], room[_Z, i] = nx, ny, nz
+        room[_HERE, i] = ((np.float32(i) + half - lens[2]) / lens[0] * nx + y * ny + nz) * z
+        # A point off the pixel's plane by more than the points lie apart is of another surface.
+        room[_NEAR, i] = one / (z * across)
+    for k in range(_TOTAL, room.shape[0]):
+        for i in range(room.shape[1]):
+            room[k, i] = zero
+
+
+@kernel(counted=False)
+def add_point(point, beside, values, place, room):
+    """Add what one point tells the pixels of a row about it; ``place``: its column among points, their step."""
+    m0, m1, m2, p0, p1, p2 = point
+    column, step = place
+    zero, one, least, reach = np.float32(0.0), np.float32(1.0), np.float32(1e-6), np.float32(REACH)
+    middle, apart = np.float32(column * step + step // 2), one / np.float32(step)
+    first = np.int64(math.ceil(middle - reach * np.float32(step)))
+    end = np.int64(math.floor(middle + reach * np.float32(step))) + 1
+    first = first if first > 0 else np.int64(0)
+    end = end if end < room.shape[1] else np.int64(room.shape[1])
+    nx, ny, nz = room[_X, first:end], room[_Y, first:end], room[_Z, first:end]
+    here, near = room[_HERE, first:end], room[_NEAR, first:end]
+    share, total = room[_SHARE, first:end], room[_TOTAL, first:end]
+    start = (np.float32(first) - middle) * apart
+    for i in range(end - first):
+        like = max(m0 * nx[i] + m1 * ny[i] + m2 * nz[i], zero)
+        off = (p0 * nx[i] + p1 * ny[i] + p2 * nz[i] - here[i]) * near[i]
+        like *= max(one - off * off, zero)
+        like *= like
+        fade = max(min(reach - abs(start + np.float32(i) * apart), one), zero)
+        share[i] = beside * fade * (like * like + least)
+    for i in range(end - first):
+        total[i] += share[i]
+    for k in range(values.shape[0]):
+        value, told = values[k], room[_TOTAL + 1 + k, first:end]
+        for i in range(end - first):
+            told[i] += share[i] * value
+
+
 @kernel(parallel=True)
 def spread_points(few, many, out):
     """``out`` (H,W,C): means over the points around each pixel that lie in its plane; empty pixels are left alone."""
     height, width = many.depth.shape
-    rows, columns = few.normal.shape[:2]
-    count = few.values.shape[2]
-    all_values = few.values.reshape(rows * columns, count)
-    all_places, all_normals = few.position.reshape(rows * columns, 3), few.normal.reshape(rows * columns, 3)
-    turn, lens, step = many.turn, many.lens, few.step
-    zero, one, least, reach = np.float32(0.0), np.float32(1.0), np.float32(1e-6), np.float32(REACH)
-    for j in prange(height):
-        held = (np.zeros(MOST, np.float32), np.zeros(MOST, np.uint32))
-        share, place = borrowed(held)
-        image, room = borrowed(many), borrowed(out)
-        places, normals, values = borrowed(all_places), borrowed(all_normals), borrowed(all_values)
-        y = (np.float32(j) - np.float32(step // 2)) / np.float32(step)
-        for i in range(width):
-            z = image.depth[j, i]
-            if z == np.inf:
-                continue
-            px = (np.float32(i) + np.float32(0.5) - lens[2]) / lens[0] * z
-            py = (np.float32(j) + np.float32(0.5) - lens[3]) / lens[1] * z
-            n0, n1, n2 = image.normal[j, i, 0], image.normal[j, i, 1], image.normal[j, i, 2]
-            nx = turn[0, 0] * n0 + turn[0, 1] * n1 + turn[0, 2] * n2
-            ny = turn[1, 0] * n0 + turn[1, 1] * n1 + turn[1, 2] * n2
-            nz = turn[2, 0] * n0 + turn[2, 1] * n1 + turn[2, 2] * n2
-            # A point off the pixel's plane by more than the points lie apart is of another surface.
-            near = np.float32(1.0) / (z * np.float32(1.5 * step) / lens[0])
-            x = (np.float32(i) - np.float32(step // 2)) / np.float32(step)
-            top, left = np.int64(np.ceil(y - reach)), np.int64(np.ceil(x - reach))
-            here = px * nx + py * ny + z * nz
-            weights, taken = np.float32(0.0), np.uintp(0)
+    rows, columns, count = few.values.shape
+    for part in prange(PARTS):
+        held = np.empty((_TOTAL + 1 + count, width), np.float32)
+        room, asked, image, made = borrowed(held), borrowed(few), borrowed(many), borrowed(out)
+        step, reach, zero, one = asked.step, np.float32(REACH), np.float32(0.0), np.float32(1.0)
+        for j in range(np.int64(part), height, PARTS):
+            look_at_row(image, j, step, room)
+            y = (np.float32(j) - np.float32(step // 2)) / np.float32(step)
+            top = np.int64(math.ceil(y - reach))
             for r in range(top if top > 0 else 0, top + 5 if top + 5 < rows else rows):
                 beside = min(reach - abs(y - np.float32(r)), one)
-                for c in range(left if left > 0 else 0, left + 5 if left + 5 < columns else columns):
-                    at = np.uintp(r * columns + c)
-                    m0, m1, m2 = normals[at, 0], normals[at, 1], normals[at, 2]
-                    there = m0 != zero or m1 != zero or m2 != zero
-                    like = max(m0 * nx + m1 * ny + m2 * nz, zero)
-                    p0, p1, p2 = places[at, 0], places[at, 1], places[at, 2]
-                    off = (p0 * nx + p1 * ny + p2 * nz - here) * near
-                    like *= max(one - off * off, zero)
-                    like *= like
-                    weight = beside * min(reach - abs(x - np.float32(c)), one) * (like * like + least)
-                    weight = weight if there else zero
-                    weights += weight
-                    share[taken], place[taken] = weight, at
-                    taken = taken + np.uintp(1)
-            if weights > zero:
-                for k in range(count):
-                    total = zero
-                    for n in range(taken):
-                        total += share[n] * values[place[n], np.uintp(k)]
-                    room[j, i, k] = total / weights
+                for c in range(columns):
+                    m0, m1, m2 = asked.normal[r, c, 0], asked.normal[r, c, 1], asked.normal[r, c, 2]
+                    if beside > zero and (m0 != zero or m1 != zero or m2 != zero):
+                        p0, p1, p2 = asked.position[r, c, 0], asked.position[r, c, 1], asked.position[r, c, 2]
+                        add_point((m0, m1, m2, p0, p1, p2), beside, asked.values[r, c], (c, step), room)
+            for i in range(width):
+                if image.depth[j, i] < np.inf and room[_TOTAL, i] > zero:
+                    for k in range(count):
+                        made[j, i, k] = room[_TOTAL + 1 + k, i] / room[_TOTAL, i]
         keep(held)

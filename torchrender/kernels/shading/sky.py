@@ -11,6 +11,7 @@ from torchrender.kernels.shading.records import IRRADIANCE_SIDE, SLOT, SPAN
 from torchrender.kernels.shading.simd import HALF, INV_PI, ONE, TINY, TWO, ZERO, angle, f4
 
 NX, NY, NZ, EX, EY, EZ = (SLOT[n] for n in ("NX", "NY", "NZ", "EX", "EY", "EZ"))
+SX, SY, SZ = (SLOT[n] for n in ("SX", "SY", "SZ"))
 DR, DG, SR, SG, VS, LX, LY, LZ, OC = (SLOT[n] for n in ("DR", "DG", "SR", "SG", "VS", "LX", "LY", "LZ", "OC"))
 
 
@@ -50,7 +51,10 @@ def diffuse(s, n, pix, sky, reach):
         for i in range(n):
             x, y, z = s[NX + i], s[NY + i], s[NZ + i]
             if bent:
-                x, y, z = reach.bent[pix[i], 0], reach.bent[pix[i], 1], reach.bent[pix[i], 2]
+                # The open sky's middle was found about the smooth normal: it turns with what a map makes of that.
+                x += reach.bent[pix[i], 0] - s[SX + i]
+                y += reach.bent[pix[i], 1] - s[SY + i]
+                z += reach.bent[pix[i], 2] - s[SZ + i]
             s[LX + i], s[LY + i] = octahedral(x, y, z)
         for i in range(n):
             at, below, u, v = map_corners(np.int64(0), np.int64(IRRADIANCE_SIDE), s[LX + i], s[LY + i])

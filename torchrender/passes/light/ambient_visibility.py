@@ -14,7 +14,7 @@ from torchrender.effects.ambient.horizon import horizon_ambient
 from torchrender.effects.ambient.options import REACH_SHARE, AmbientOptions
 from torchrender.effects.ambient.traced import traced_ambient
 from torchrender.effects.ambient.visibility import AmbientVisibility
-from torchrender.passes.contract import Amounts, Buffers, OwnMeasure, Pass
+from torchrender.passes.contract import Amounts, Buffers, OwnMeasure, Pass, Prices
 from torchrender.passes.hard import VIEW, HardEffect, Law, Outputs, Subject, mean_over
 from torchrender.passes.outlook import Outlook, Verdict
 from torchrender.passes.seen.gbuffer import GBUFFER
@@ -40,6 +40,12 @@ GAP = 1e-7
 AT_HITS = 8
 """Rays where no eye looks first."""
 
+EACH = 16
+"""Rays at least where every pixel casts its own."""
+
+TREE = 400_000
+"""Triangles up to which a tree for rays, where nobody else asks for one, costs no more than it is worth."""
+
 
 def applies(outlook: Outlook) -> Verdict:
     """There is light from everywhere, and something that could hide it."""
@@ -63,6 +69,26 @@ def has_ambient_light(scene: Scene) -> bool:
     return scene.environment is not None or bool((scene.ambient > 0).any())
 
 
+def has_sky(scene: Scene) -> bool:
+    """Light comes from beyond all that could hide it. Other light asks for no more than what is near."""
+    return scene.environment is not None and not scene.environment.fill
+
+
+def left_open(options: RenderOptions) -> bool:
+    """Nobody says how."""
+    return options.ambient_visibility == "auto"
+
+
+def settle(outlook: Outlook, prices: Prices) -> RenderOptions:
+    """For ``ambient_visibility="auto"`` rays, which are closer, but where a tree for them is missing and large."""
+    del prices
+    options = outlook.options
+    if not left_open(options):
+        return options
+    ready = outlook.kept(RAY_CASTER) is not None or outlook.scene.geometry.triangle_count <= TREE
+    return replace(options, ambient_visibility="traced" if ready else "horizon")
+
+
 def by_rays(outlook: Outlook) -> bool:
     """Whether rays are cast: they were asked for, no eye sees the samples first, or a picture's own depth tells little.
 
@@ -84,6 +110,11 @@ def is_small(cameras: Cameras) -> bool:
     return min(cameras.width, cameras.height) < LEAST_SIDE
 
 
+def takes_each(cameras: Cameras) -> bool:
+    """Pixels cast rays of their own: those of parallel views, which know no lattice, and of pictures with few."""
+    return cameras.orthographic or is_small(cameras)
+
+
 def asks(outlook: Outlook) -> Buffers:
     """Triangles ready for rays, where they are cast."""
     return (RAY_CASTER,) if by_rays(outlook) else ()
@@ -95,18 +126,19 @@ def run(frame: Frame) -> AmbientVisibility:
     reach = reach_of(scene, options)
     caster = frame.get(RAY_CASTER) if AMBIENT_VISIBILITY in frame.askers(RAY_CASTER) else None
     if caster is None and isinstance(gbuffer, GBuffer):
-        return horizon_ambient(scene.geometry, gbuffer, options, reach=reach)
+        return horizon_ambient(scene.geometry, gbuffer, options, reach=reach, far=has_sky(scene))
     assert caster is not None
     seen, gap = isinstance(gbuffer, GBuffer), GAP * scene.diagonal
+    each = isinstance(gbuffer, GBuffer) and takes_each(gbuffer.cameras)
     return traced_ambient(
         caster,
         gbuffer,
-        rays=options.rays,
+        rays=max(options.rays, EACH) if each else options.rays,
         reach=reach,
         gap=gap,
         share=options.share if seen else options.rays < AT_HITS,
-        spacing=options.ray_spacing,
-        far=seen or scene.environment is not None,  # hits ask for no more than arrives
+        spacing=1 if each else options.ray_spacing,
+        far=has_sky(scene),
     )
 
 
@@ -119,8 +151,10 @@ def amounts(outlook: Outlook) -> Amounts:
     """Once; pixels; depths that are looked at; triangles drawn around the eye; rays, and triangles to sort for them."""
     pixels, options = outlook.pixels, outlook.options.ambient
     if by_rays(outlook):
-        few = 1.0 if outlook.samples is not None or outlook.cameras.orthographic else options.ray_spacing**2
-        return (1.0, pixels, 0.0, 0.0, options.rays * pixels / few)
+        each = outlook.samples is None and takes_each(outlook.cameras)
+        few = 1.0 if outlook.samples is not None or each else options.ray_spacing**2
+        reaching = 2.0 if has_sky(outlook.scene) else 1.0  # far, and what is hit near as well
+        return (1.0, pixels, 0.0, 0.0, reaching * (max(options.rays, EACH) if each else options.rays) * pixels / few)
     looks = pixels * options.slices * options.steps / options.spacing**2
     drawn = (1 if options.around else 0) * (2 if options.backs else 1)
     return (1.0, pixels, looks, drawn * outlook.triangles, 0.0)
@@ -181,6 +215,10 @@ def _horizon(**changes: Any) -> dict[str, Any]:
     return {"ambient_visibility": "horizon"} | {f"ambient.{name}": value for name, value in changes.items()}
 
 
+def _traced(rays: int, spacing: int) -> dict[str, Any]:
+    return {"ambient_visibility": "traced", "ambient.rays": rays, "ambient.ray_spacing": spacing}
+
+
 PASS = Pass(
     name="ambient_visibility",
     summary="finds how much of the light from everywhere reaches what is seen",
@@ -195,14 +233,16 @@ PASS = Pass(
             "off": {"ambient_visibility": "off"},
             "1 x 12": _horizon(slices=1, steps=12, spacing=4, around=32, backs=False),
             "2 x 16": _horizon(slices=2, steps=16, spacing=3, around=64, backs=False),
-            "4 x 24": _horizon(slices=4, steps=24, spacing=2, around=96, backs=False),
-            "4 x 24, two depths": _horizon(slices=4, steps=24, spacing=2, around=96, backs=True),
-            "64 rays": {"ambient_visibility": "traced", "ambient.rays": 64},
+            "8 rays, 4 x 4": _traced(8, 4),
+            "16 rays, 3 x 3": _traced(16, 3),
+            "64 rays": _traced(64, 1),
         },
-        ("256 rays", {"ambient_visibility": "traced", "ambient.rays": 256}),
+        ("256 rays", _traced(256, 1)),
     ),
     amounts=amounts,
     off="off",
+    settle=settle,
+    settles=left_open,
     by_settings=True,
     own=OwnMeasure(title="visibility error", buffer=AMBIENT_VISIBILITY, error=_error),
     over_samples=over_samples,

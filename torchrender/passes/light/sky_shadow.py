@@ -17,6 +17,7 @@ from torchrender.effects.sky_shadows.picture import (
     light_left,
     light_lost,
     light_of,
+    no_more_than_hides,
     unevenness,
 )
 from torchrender.effects.sky_shadows.shade import shade
@@ -71,7 +72,11 @@ def run(frame: Frame) -> Tensor:
         return torch.zeros(*gbuffer.covered.shape, 3)
     light = light_of(scene.environment, options.light)
     left = light_left(scene, gbuffer, occluder, light, options.spacing)
-    return light_lost(scene, gbuffer, left, _surroundings(scene, frame.get(AMBIENT_VISIBILITY)))
+    around = _surroundings(scene, frame.get(AMBIENT_VISIBILITY))
+    if around is not None:
+        own = gbuffer.covered & (occluder.face_spheres(scene)[gbuffer.triangle.clamp_min(0)] >= 0)
+        left = no_more_than_hides(left, around.sky, own)
+    return light_lost(scene, gbuffer, left, around)
 
 
 def _surroundings(scene: Scene, found: AmbientVisibility | None) -> Surroundings | None:

@@ -42,7 +42,7 @@ from torchrender.shade import shade
 def look_made_with(options: RenderOptions) -> tuple[Any, ...]:
     """What of the options shows in the colours of hits; their shadows are looked up in maps of everything."""
     shadow = everywhere(options)
-    return (options.shadows, shadow, plain_background(options), options.ambient_visibility)
+    return (options.shadows, shadow, plain_background(options), options.ambient_visibility != "off")
 
 
 HIT_SHADER = Buffer("hit_shader", HitShader, lasting=Lasting(look_of, look_made_with))

@@ -39,12 +39,7 @@ def page(record: dict[str, Any]) -> list[str]:
     balls = [[f"{r['roughness']:g}", f"{r['least']:.4f}", f"{r['most']:.4f}"] for r in record["furnace"]]
     lines += table(["roughness", "least", "most"], balls)
     return (
-        lines
-        + _mitsuba(record)
-        + _skies(record["skies"])
-        + _glossy(record.get("glossy", []))
-        + _rooms(record["rooms"])
-        + _sheet(record["failed"])
+        lines + _mitsuba(record) + _skies(record["skies"]) + _glossy(record.get("glossy", [])) + _rooms(record["rooms"])
     )
 
 
@@ -169,19 +164,6 @@ def _rooms(rows: list[dict[str, Any]]) -> list[str]:
         for r in rows
     ]  # fmt: skip
     return lines + table(head, cells)
-
-
-def _sheet(failed: list[str]) -> list[str]:
-    lines = [
-        "## Test models",
-        "",
-        "Each as it comes out here, beside the picture that was published with it (another viewer, other light:",
-        "features count, not pixels), and what it is to show:",
-        "",
-        "![test models](shading.jpg)",
-        "",
-    ]
-    return lines + ([f"Not drawn: {'; '.join(failed)}", ""] if failed else [])
 
 
 def _direct(row: dict[str, Any]) -> list[str]:

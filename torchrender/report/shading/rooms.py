@@ -20,7 +20,7 @@ RAYS = 256
 def ambient_rooms(names: Sequence[str], side: int, runs: int) -> list[dict[str, Any]]:
     """FLIP of whole pictures without mirrors, error of the visibility itself, and times of the pass."""
     plain = RenderOptions(reflections="off", buffers=(AMBIENT_VISIBILITY.name,))
-    by_rays = replace(plain, ambient_visibility="traced", ambient=AmbientOptions(rays=RAYS))
+    by_rays = replace(plain, ambient_visibility="traced", ambient=AmbientOptions(rays=RAYS, ray_spacing=1))
     rows = []
     for name in names:
         scene = load(name)

@@ -1,8 +1,8 @@
 """Measure shading: ``python -m torchrender.report.shading [--quick] [-o docs/results]``.
 
-Writes ``shading.md``, ``.json`` and ``.jpg``: pictures of Mitsuba, environment maps by direction, direct light by the
+Writes ``shading.md`` and ``.json``: pictures of Mitsuba, environment maps by direction, direct light by the
 kernel beside what torch took before there was one, the price of all maps, what is left to the machine's limit, ambient
-visibility in rooms, white furnaces, and a contact sheet of test models. Data come from the folder of
+visibility in rooms, white furnaces. Data come from the folder of
 ``TORCHRENDER_DATA`` (default ``../shared/data``); what is not there is left out, and the page says so.
 """
 
@@ -30,7 +30,6 @@ from torchrender.report.shading.mitsuba import beside_mitsuba
 from torchrender.report.shading.page import page
 from torchrender.report.shading.references import references
 from torchrender.report.shading.rooms import ROOMS, ambient_rooms
-from torchrender.report.shading.sheet import write_sheet
 from torchrender.report.shading.sky import irradiance_of
 from torchrender.report.shading.subject import Subject, built_in, machine_limits, with_all_maps
 from torchrender.scene.camera import Cameras
@@ -49,7 +48,6 @@ SAMPLES = 512
 ROUGHNESS = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
 DIRECTIONS = 256
 GLOSSY_SKY = "museum.exr"
-QUICK_MODELS = ("SimpleSparseAccessor",)
 READ, WRITTEN, GATHERS = 16 + 4, 12, 45
 """Bytes per pixel of the visibility buffer and of the light that leaves, and numbers gathered: corners, planes, ids."""
 
@@ -132,9 +130,9 @@ def furnace() -> list[dict[str, float]]:
 def run(folder: Path, quick: bool) -> list[Path]:
     """Measure and write."""
     data = Path(os.environ.get("TORCHRENDER_DATA", "../shared/data"))
-    files = [folder / "shading.json", folder / "shading.md", folder / "shading.jpg"]
+    files = [folder / "shading.json", folder / "shading.md"]
     record: dict[str, Any] = {"machine": machine_record(), "per_pixel": {"bytes": READ + WRITTEN, "gathers": GATHERS}}
-    for name, work in _parts(files[2], data, quick).items():
+    for name, work in _parts(data, quick).items():
         begin = time.perf_counter()
         record[name] = work()
         sys.stderr.write(f"{name}: {time.perf_counter() - begin:.0f} s\n")
@@ -143,14 +141,13 @@ def run(folder: Path, quick: bool) -> list[Path]:
     return [file for file in files if file.is_file()]
 
 
-def _parts(sheet: Path, data: Path, quick: bool) -> dict[str, Callable[[], Any]]:
+def _parts(data: Path, quick: bool) -> dict[str, Callable[[], Any]]:
     """What is measured, by its name in the record."""
     names: Sequence[str] = ("cornell_box",) if quick else SCENES
     sides = {128: 2} if quick else SIDES
     small, runs = next(iter(sides.items()))
     mapped = names if quick else ("living_room", "washroom", "city")
     skies = data / "envmaps" if (data / "envmaps").is_dir() else None
-    models = QUICK_MODELS if quick else ()
     return {
         "limits": machine_limits,
         "direct_light": lambda: [direct_light(built_in(n, side), r) for side, r in sides.items() for n in names],
@@ -162,7 +159,6 @@ def _parts(sheet: Path, data: Path, quick: bool) -> dict[str, Callable[[], Any]]
         "skies": lambda: [] if quick or skies is None else irradiance_of(skies, DIRECTIONS),
         "glossy": lambda: [] if quick or skies is None else glossy_of(skies / GLOSSY_SKY),
         "rooms": lambda: [] if quick else ambient_rooms(ROOMS, small, runs),
-        "failed": lambda: write_sheet(sheet, data / "gltf", names=models, side=64 if quick else 256),
     }
 
 

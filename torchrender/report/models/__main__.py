@@ -1,0 +1,5 @@
+"""Run the study."""
+
+from torchrender.report.models.study import main
+
+main()
