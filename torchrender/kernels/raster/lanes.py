@@ -47,14 +47,44 @@ def _call(builder, name, result, arguments):
 
 
 def _whole(builder, values):
-    """The values, to be stored all together: what was stored by a mask is not forwarded to the next load."""
-    kind = "f64" if values.type == _DOUBLES else "f32"
-    return _call(builder, f"llvm.arithmetic.fence.v{LANES}{kind}", values.type, [values])
+    """The values, to be stored all together: by a mask it takes dozens of steps, and the next load has to wait."""
+    kind = values.type
+    floats = {_INTS: _FLOATS, _LONGS: _DOUBLES}.get(kind, kind)
+    name = f"llvm.arithmetic.fence.v{kind.count}{'f64' if floats == _DOUBLES else 'f32'}"
+    return builder.bitcast(_call(builder, name, floats, [builder.bitcast(values, floats)]), kind)
 
 
-def _masked_store(builder, values, pointer, mask, kind):
-    align = ir.Constant(ir.IntType(32), 4 if kind.endswith("f32") else 8)
-    _call(builder, f"llvm.masked.store.{kind}.p0", ir.VoidType(), [values, pointer, align, mask])
+def _store_lanes(builder, values, pointers, lanes):
+    """Those of a mask (uint64); where all pixels are the thread's own, the others are written as they were."""
+    mask, whole = builder.trunc(lanes[0], _I8), lanes[1]
+    with builder.if_else(builder.icmp_unsigned("==", mask, ir.Constant(_I8, 255))) as (every, some):
+        with every:
+            for value, pointer in zip(values, pointers, strict=True):
+                builder.store(value, pointer).align = _alignment(value)
+        with some, builder.if_else(whole) as (blended, masked):
+            with blended:
+                for value, pointer in zip(values, pointers, strict=True):
+                    held = builder.load(pointer)
+                    held.align = _alignment(value)
+                    chosen = builder.select(_spread(builder, mask, value.type.count), value, held)
+                    builder.store(_whole(builder, chosen), pointer).align = _alignment(value)
+            with masked:
+                for value, pointer in zip(values, pointers, strict=True):
+                    bits = _spread(builder, mask, value.type.count)
+                    name = f"llvm.masked.store.v{value.type.count}{'f32' if value.type == _PAIRS else 'i64'}.p0"
+                    align = ir.Constant(ir.IntType(32), _alignment(value))
+                    _call(builder, name, ir.VoidType(), [value, pointer, align, bits])
+
+
+def _alignment(value):
+    return 4 if value.type == _PAIRS else 8
+
+
+def _spread(builder, mask, count):
+    """The bits of a mask (int8), for one or more values each."""
+    bits = builder.bitcast(mask, _BITS)
+    places = [k * LANES // count for k in range(count)]
+    return builder.shuffle_vector(bits, bits, ir.Constant(ir.VectorType(ir.IntType(32), count), places))
 
 
 @intrinsic
@@ -119,8 +149,7 @@ def keep_nearest(typingctx, keys, ids, place, mask, plane, t):  # noqa: ARG001
         here.align, held.align = 8, 4
         nearer = builder.and_(_is_nearer(builder, key, owner, here, held), _mask(builder, mask_))
         builder.store(_whole(builder, builder.select(nearer, key, here)), key_at).align = 8
-        owners = builder.bitcast(builder.select(nearer, owner, held), _FLOATS)
-        builder.store(builder.bitcast(_whole(builder, owners), _INTS), id_at).align = 4
+        builder.store(_whole(builder, builder.select(nearer, owner, held)), id_at).align = 4
         return context.get_dummy_value()
 
     return signature, generate
@@ -251,26 +280,28 @@ def same_lanes(typingctx, ids, place, t):  # noqa: ARG001
 
 
 @intrinsic
-def write_weights(typingctx, target, place, mask, planes, depths, source, weighted):  # noqa: ARG001
-    """Second and third barycentric weight into the masked ones of the pixels from ``place`` = row, column on.
+def write_seen(typingctx, images, place, lanes, owner, planes, depths, source):  # noqa: ARG001
+    """Object and barycentric weights of a triangle into some of the pixels from ``place`` = row, column on.
 
-    ``target`` (H,W,2) float32; ``planes``: steps along x and values at column 0 of both weights over depth, and the
-    first column; ``depths[source]`` and the next count if ``weighted``.
+    ``images``: (H,W) int64 and (H,W,2) float32; ``lanes``: a mask of the pixels, and whether all LANES of them lie
+    within the part of the image that the thread writes; ``planes``: steps along x and values at column 0 of the second
+    and third weight over depth, and the first column; ``source``: first of ``depths`` and whether these count.
     """
-    if target.layout != "C":
+    if any(image.layout != "C" for image in images):
         return None
     signature = types.void(
-        target, types.UniTuple(types.uintp, 2), types.uint64, types.UniTuple(types.float64, 5),
-        depths, types.uintp, types.boolean,
+        images, types.UniTuple(types.uintp, 2), types.Tuple((types.uint64, types.boolean)), types.int64,
+        types.UniTuple(types.float64, 5), depths, types.Tuple((types.uintp, types.boolean)),
     )  # fmt: skip
 
     def generate(context, builder, sig, args):
-        target_, place_, mask_, planes_, depths_, source_, weighted_ = args
+        images_, place_, lanes_, owner_, planes_, depths_, source_ = args
         ux, uc, vx, vc, column = (_splat(builder, _DOUBLES, p) for p in cgutils.unpack_tuple(builder, planes_, 5))
-        depth = builder.load(_place(context, builder, sig.args[4], depths_, source_, _DOUBLES))
+        first, weighted = cgutils.unpack_tuple(builder, source_, 2)
+        depth = builder.load(_place(context, builder, sig.args[5], depths_, first, _DOUBLES))
         depth.align = 8
         one, zero = (_constant(_DOUBLES, [value] * LANES) for value in (1.0, 0.0))
-        depth = builder.select(weighted_, depth, one)
+        depth = builder.select(weighted, depth, one)
         x = builder.fadd(_constant(_DOUBLES, [float(k) for k in range(LANES)]), column)
         u = builder.fmul(builder.fadd(builder.fmul(ux, x), uc), depth)
         v = builder.fmul(builder.fadd(builder.fmul(vx, x), vc), depth)
@@ -281,27 +312,13 @@ def write_weights(typingctx, target, place, mask, planes, depths, source, weight
         v = builder.select(builder.fcmp_ordered("<", v, most), v, most)
         both = ir.Constant(ir.VectorType(ir.IntType(32), 2 * LANES), [k // 2 + k % 2 * LANES for k in range(2 * LANES)])
         pairs = builder.shuffle_vector(builder.fptrunc(u, _FLOATS), builder.fptrunc(v, _FLOATS), both)
-        one_bit = _mask(builder, mask_)
-        twice = ir.Constant(ir.VectorType(ir.IntType(32), 2 * LANES), [k // 2 for k in range(2 * LANES)])
-        wide = builder.shuffle_vector(one_bit, one_bit, twice)
-        pointer = _image_place(context, builder, sig.args[0], target_, place_, _PAIRS)
-        _masked_store(builder, pairs, pointer, wide, "v16f32")
-        return context.get_dummy_value()
-
-    return signature, generate
-
-
-@intrinsic
-def write_owner(typingctx, target, place, mask, owner):  # noqa: ARG001
-    """``owner`` into the masked ones of the pixels from ``place`` = row, column on of ``target`` (H,W) int64."""
-    if target.layout != "C":
-        return None
-    signature = types.void(target, types.UniTuple(types.uintp, 2), types.uint64, types.int64)
-
-    def generate(context, builder, sig, args):
-        target_, place_, mask_, owner_ = args
-        pointer = _image_place(context, builder, sig.args[0], target_, place_, _LONGS)
-        _masked_store(builder, _splat(builder, _LONGS, owner_), pointer, _mask(builder, mask_), "v8i64")
+        values = (_splat(builder, _LONGS, owner_), pairs)
+        arrays = cgutils.unpack_tuple(builder, images_, 2)
+        places = [
+            _image_place(context, builder, kind, array, place_, value.type)
+            for kind, array, value in zip(sig.args[0], arrays, values, strict=True)
+        ]
+        _store_lanes(builder, values, places, cgutils.unpack_tuple(builder, lanes_, 2))
         return context.get_dummy_value()
 
     return signature, generate

@@ -35,7 +35,7 @@ from torchrender.kernels.raster.coverage import (
 from torchrender.kernels.raster.fragments import is_identity_alone, only_identity
 from torchrender.kernels.raster.project import HALF, SUBPIXEL, key_plane
 from torchrender.kernels.raster.records import Buffers, Refusals
-from torchrender.kernels.raster.resolve import resolve
+from torchrender.kernels.raster.resolve import resolve, resolve_blank
 from torchrender.kernels.raster.samples import SAMPLES
 
 BLOCK_COLUMN_BITS, BLOCK_ROW_BITS = 4, 3
@@ -199,6 +199,12 @@ def render_tile(scene, bins, frame, tests, k, buffers, outputs):
     left, top = (k % columns) << COLUMN_BITS, (k // columns) << ROW_BITS
     tile_width, tile_height = min(TILE_WIDTH, width - left), min(TILE_HEIGHT, height - top)
     empty = np.nextafter(-far if orthographic else 1.0 / far, -np.inf)
+    place = (left, top, tile_width, tile_height)
+    first, end = starts[k], starts[k + 1]
+    by_bits = tests.limits.keys.shape[0] == 0 and only_identity(tests.earlier)
+    if first == end or not is_open(tests.limits.keys, left, top, tile_width, tile_height, empty):
+        resolve_blank(place, outputs)
+        return
     for y in range(TILE_HEIGHT):
         for x in range(TILE_WIDTH):
             keys[y * TILE_WIDTH + x] = empty if x < tile_width and y < tile_height else np.inf
@@ -207,10 +213,6 @@ def render_tile(scene, bins, frame, tests, k, buffers, outputs):
         lows[block] = -np.inf
     lowest = -np.inf
     tried = 0
-    first, end = starts[k], starts[k + 1]
-    by_bits = tests.limits.keys.shape[0] == 0 and only_identity(tests.earlier)
-    if not is_open(tests.limits.keys, left, top, tile_width, tile_height, empty):
-        end = first
     bounds = (left, top, left + tile_width - 1, top + tile_height - 1)
     for n in range(first, end):
         entry = np.uintp(entries[np.uintp(n)])
