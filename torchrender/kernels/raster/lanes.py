@@ -36,8 +36,15 @@ def _place(context, builder, kind, array, index, vector):
     return builder.bitcast(element(context, builder, kind, array, index), vector.as_pointer())
 
 
-def _mask(builder, bits):
-    return builder.bitcast(builder.trunc(bits, _I8), _BITS)
+def _mask(builder, bits, kind=None):
+    """Bits of a mask (uint64) for the lanes of vectors of this kind, one or more each; LONGS by default.
+
+    Compared lane by lane, because a mask that becomes bits is taken apart bit by bit.
+    """
+    kind = kind or _LONGS
+    own = _constant(kind, [1 << (k * LANES // kind.count) for k in range(kind.count)])
+    spread = _splat(builder, kind, builder.trunc(bits, kind.element) if kind.element != _I64 else bits)
+    return builder.icmp_signed("!=", builder.and_(spread, own), _constant(kind, [0] * kind.count))
 
 
 def _call(builder, name, result, arguments):
@@ -56,8 +63,9 @@ def _whole(builder, values):
 
 def _store_lanes(builder, values, pointers, lanes):
     """Those of a mask (uint64); where all pixels are the thread's own, the others are written as they were."""
-    mask, whole = builder.trunc(lanes[0], _I8), lanes[1]
-    with builder.if_else(builder.icmp_unsigned("==", mask, ir.Constant(_I8, 255))) as (every, some):
+    mask, whole = lanes
+    kinds = {_PAIRS: ir.VectorType(ir.IntType(32), 2 * LANES), _LONGS: _LONGS}
+    with builder.if_else(builder.icmp_unsigned("==", mask, ir.Constant(_I64, 255))) as (every, some):
         with every:
             for value, pointer in zip(values, pointers, strict=True):
                 builder.store(value, pointer).align = _alignment(value)
@@ -66,11 +74,11 @@ def _store_lanes(builder, values, pointers, lanes):
                 for value, pointer in zip(values, pointers, strict=True):
                     held = builder.load(pointer)
                     held.align = _alignment(value)
-                    chosen = builder.select(_spread(builder, mask, value.type.count), value, held)
+                    chosen = builder.select(_mask(builder, mask, kinds[value.type]), value, held)
                     builder.store(_whole(builder, chosen), pointer).align = _alignment(value)
             with masked:
                 for value, pointer in zip(values, pointers, strict=True):
-                    bits = _spread(builder, mask, value.type.count)
+                    bits = _mask(builder, mask, kinds[value.type])
                     name = f"llvm.masked.store.v{value.type.count}{'f32' if value.type == _PAIRS else 'i64'}.p0"
                     align = ir.Constant(ir.IntType(32), _alignment(value))
                     _call(builder, name, ir.VoidType(), [value, pointer, align, bits])
@@ -78,13 +86,6 @@ def _store_lanes(builder, values, pointers, lanes):
 
 def _alignment(value):
     return 4 if value.type == _PAIRS else 8
-
-
-def _spread(builder, mask, count):
-    """The bits of a mask (int8), for one or more values each."""
-    bits = builder.bitcast(mask, _BITS)
-    places = [k * LANES // count for k in range(count)]
-    return builder.shuffle_vector(bits, bits, ir.Constant(ir.VectorType(ir.IntType(32), count), places))
 
 
 @intrinsic

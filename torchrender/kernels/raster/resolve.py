@@ -31,27 +31,29 @@ def write_depth(orthographic, row, left, count, source, keys, ids, depth):
 
 
 @kernel(inline=True)
-def write_blank(row, left, count, outputs):
-    """A row of pixels without a surface."""
+def write_blank(row, left, count, keys, outputs):
+    """A row of pixels without a surface; ``keys``: LANES or more, of which none counts."""
     depth, triangle, object_id, barycentric = outputs
     for x in range(count):
         depth[row, left + x] = np.inf
-    if triangle.shape[0] > 0:
-        for x in range(count):
-            triangle[row, left + x] = -1
-            object_id[row, left + x] = -1
-        for x in range(count):
-            barycentric[row, left + x, 0] = 0.0
-            barycentric[row, left + x, 1] = 0.0
+    if triangle.shape[0] == 0:
+        return
+    for x in range(count):
+        triangle[row, left + x] = -1
+    for start in range(np.uintp(0), count, np.uintp(LANES)):
+        past = start + np.uintp(LANES)
+        lanes = (ROW >> np.uint64(max(past, count) - count), past <= count)
+        spot, none = (row, left + start), (0.0, 0.0, 0.0, 0.0, 0.0)
+        write_seen((object_id, barycentric), spot, lanes, -1, none, keys, (np.uintp(0), False))
 
 
 @kernel()
-def resolve_blank(place, outputs):
+def resolve_blank(place, keys, outputs):
     """Write a tile without a surface."""
-    outputs = borrowed(outputs)
+    keys, outputs = borrowed(keys), borrowed(outputs)
     left, top, width, height = place
     for y in range(np.uintp(height)):
-        write_blank(np.uintp(top) + y, np.uintp(left), np.uintp(width), outputs)
+        write_blank(np.uintp(top) + y, np.uintp(left), np.uintp(width), keys, outputs)
 
 
 @kernel(inline=True)
@@ -97,7 +99,7 @@ def resolve(scene, frame, place, buffers, outputs):
         target = np.uintp(left)
         count = np.uintp(width)
         if is_blank(ids, source, count):
-            write_blank(row, target, count, outputs)
+            write_blank(row, target, count, keys, outputs)
             continue
         write_depth(orthographic, row, target, count, source, keys, ids, depth)
         if not wants_ids:

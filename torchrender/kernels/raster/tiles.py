@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 from numba import prange
 
-from torchrender.kernels.atomics import borrowed, fetch_add
+from torchrender.kernels.atomics import borrowed, fetch_add, foresee
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.raster.binning import doubled_area, pixel_box
 from torchrender.kernels.raster.coverage import (
@@ -43,6 +43,7 @@ BLOCK_COLUMNS = TILE_WIDTH >> BLOCK_COLUMN_BITS
 BLOCKS = BLOCK_COLUMNS * (TILE_HEIGHT >> BLOCK_ROW_BITS)
 """Blocks of 16 x 8 pixels whose least keys are known: what is farther than these is not set up."""
 REFRESH = 1024  # pixels tried before they are found again
+AHEAD = 8  # entries
 
 
 @kernel(inline=True)
@@ -55,6 +56,16 @@ def fetch(entry, scene):
         return np.uintp(places[n]), corners[n, 0], corners[n, 1], corners[n, 2]
     n -= count
     return np.uintp(owners[n]), clipped[n, 0], clipped[n, 1], clipped[n, 2]
+
+
+@kernel(inline=True)
+def look_ahead(scene, entry):
+    """What drawing a tile entry reads is on its way; of a clipped one, nothing that is there."""
+    foresee(scene.highs, entry)
+    foresee(scene.bits, entry)
+    foresee(scene.boxes, entry)
+    foresee(scene.places, entry)
+    foresee(scene.corners, entry)
 
 
 @kernel(inline=True)
@@ -90,8 +101,11 @@ def least_low(lows, x0, y0, x1, y1):
 
 @kernel(inline=True)
 def plane_in_tile(place, left, top, scene, frame):
-    """The key over the tile's pixels, with its limits."""
+    """The key over the tile's pixels, with its limits; what resolving the tile reads is on its way."""
     origin_x, origin_y = left - (np.int64(frame.width) >> 1), top - (np.int64(frame.height) >> 1)
+    t = np.uintp(scene.order[place])
+    foresee(scene.faces, t)
+    foresee(scene.objects, t)
     kx, ky, kc, low, high = key_plane(scene.points, scene.listed, place, frame)
     return kx, ky, kc + kx * (origin_x + 0.5) + ky * (origin_y + 0.5), low, high
 
@@ -203,7 +217,7 @@ def render_tile(scene, bins, frame, tests, k, buffers, outputs):
     first, end = starts[k], starts[k + 1]
     by_bits = tests.limits.keys.shape[0] == 0 and only_identity(tests.earlier)
     if first == end or not is_open(tests.limits.keys, left, top, tile_width, tile_height, empty):
-        resolve_blank(place, outputs)
+        resolve_blank(place, keys, outputs)
         return
     for y in range(TILE_HEIGHT):
         for x in range(TILE_WIDTH):
@@ -216,6 +230,7 @@ def render_tile(scene, bins, frame, tests, k, buffers, outputs):
     bounds = (left, top, left + tile_width - 1, top + tile_height - 1)
     for n in range(first, end):
         entry = np.uintp(entries[np.uintp(n)])
+        look_ahead(scene, np.uintp(entries[np.uintp(min(n + AHEAD, end - 1))]))
         high = np.inf
         if entry < np.uintp(places.shape[0]):
             high = highs[entry]
