@@ -36,12 +36,8 @@ def _place(context, builder, kind, array, index, vector):
     return builder.bitcast(element(context, builder, kind, array, index), vector.as_pointer())
 
 
-def _mask(builder, bits, kind=None):
-    """Bits of a mask (uint64) for the lanes of vectors of this kind, one or more each; LONGS by default.
-
-    Compared lane by lane, because a mask that becomes bits is taken apart bit by bit.
-    """
-    kind = kind or _LONGS
+def _mask(builder, bits, kind=_LONGS):
+    """Of a mask (uint64), a bit for one or more lanes of this kind each: compared, as bits are taken apart singly."""
     own = _constant(kind, [1 << (k * LANES // kind.count) for k in range(kind.count)])
     spread = _splat(builder, kind, builder.trunc(bits, kind.element) if kind.element != _I64 else bits)
     return builder.icmp_signed("!=", builder.and_(spread, own), _constant(kind, [0] * kind.count))
@@ -64,28 +60,25 @@ def _whole(builder, values):
 def _store_lanes(builder, values, pointers, lanes):
     """Those of a mask (uint64); where all pixels are the thread's own, the others are written as they were."""
     mask, whole = lanes
+    aligned = {_PAIRS: 4, _LONGS: 8}
     kinds = {_PAIRS: ir.VectorType(ir.IntType(32), 2 * LANES), _LONGS: _LONGS}
     with builder.if_else(builder.icmp_unsigned("==", mask, ir.Constant(_I64, 255))) as (every, some):
         with every:
             for value, pointer in zip(values, pointers, strict=True):
-                builder.store(value, pointer).align = _alignment(value)
+                builder.store(value, pointer).align = aligned[value.type]
         with some, builder.if_else(whole) as (blended, masked):
             with blended:
                 for value, pointer in zip(values, pointers, strict=True):
                     held = builder.load(pointer)
-                    held.align = _alignment(value)
+                    held.align = aligned[value.type]
                     chosen = builder.select(_mask(builder, mask, kinds[value.type]), value, held)
-                    builder.store(_whole(builder, chosen), pointer).align = _alignment(value)
+                    builder.store(_whole(builder, chosen), pointer).align = aligned[value.type]
             with masked:
                 for value, pointer in zip(values, pointers, strict=True):
                     bits = _mask(builder, mask, kinds[value.type])
                     name = f"llvm.masked.store.v{value.type.count}{'f32' if value.type == _PAIRS else 'i64'}.p0"
-                    align = ir.Constant(ir.IntType(32), _alignment(value))
+                    align = ir.Constant(ir.IntType(32), aligned[value.type])
                     _call(builder, name, ir.VoidType(), [value, pointer, align, bits])
-
-
-def _alignment(value):
-    return 4 if value.type == _PAIRS else 8
 
 
 @intrinsic

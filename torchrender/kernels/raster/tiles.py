@@ -188,15 +188,25 @@ def draw(place, corners, box, scene, frame, tests, buffers):
 
 
 @kernel(inline=True)
-def is_open(limits, left, top, width, height, empty):
-    """False if the peeling limits let nothing through anywhere in the tile."""
+def is_open(limits, left, top, width, height, closed):
+    """False if the peeling limits are ``closed`` or less, which lets nothing through, everywhere in the tile."""
     if limits.shape[0] == 0:
         return True
     for y in range(np.uintp(top), np.uintp(top + height)):
         for x in range(np.uintp(left), np.uintp(left + width)):
-            if limits[y, x] > empty:
+            if limits[y, x] > closed:
                 return True
     return False
+
+
+@kernel(inline=True)
+def close_pixels(limits, place, closed, keys):
+    """Pixels whose limits let nothing in hold what nothing exceeds: what meets only these is not set up."""
+    left, top, width, height = place
+    for y in range(np.uintp(height)):
+        for x in range(np.uintp(width)):
+            if not limits[np.uintp(top) + y, np.uintp(left) + x] > closed:
+                keys[y * np.uintp(TILE_WIDTH) + x] = np.inf
 
 
 @kernel()
@@ -213,10 +223,11 @@ def render_tile(scene, bins, frame, tests, k, buffers, outputs):
     left, top = (k % columns) << COLUMN_BITS, (k // columns) << ROW_BITS
     tile_width, tile_height = min(TILE_WIDTH, width - left), min(TILE_HEIGHT, height - top)
     empty = np.nextafter(-far if orthographic else 1.0 / far, -np.inf)
+    closed = empty if orthographic else max(empty, 0.0)
     place = (left, top, tile_width, tile_height)
     first, end = starts[k], starts[k + 1]
     by_bits = tests.limits.keys.shape[0] == 0 and only_identity(tests.earlier)
-    if first == end or not is_open(tests.limits.keys, left, top, tile_width, tile_height, empty):
+    if first == end or not is_open(tests.limits.keys, left, top, tile_width, tile_height, closed):
         resolve_blank(place, keys, outputs)
         return
     for y in range(TILE_HEIGHT):
@@ -226,6 +237,9 @@ def render_tile(scene, bins, frame, tests, k, buffers, outputs):
     for block in range(BLOCKS):
         lows[block] = -np.inf
     lowest = -np.inf
+    if tests.limits.keys.shape[0] > 0:
+        close_pixels(tests.limits.keys, place, closed, keys)
+        lowest = find_lows(keys, lows)
     tried = 0
     bounds = (left, top, left + tile_width - 1, top + tile_height - 1)
     for n in range(first, end):
