@@ -79,7 +79,7 @@ class Effort:
     @classmethod
     def full(cls) -> Effort:
         """About three minutes a scene on two cores."""
-        return cls(1024, 1000, 300, 8, 192, 50, (256, 512, 1024, 2048), 20, 7)
+        return cls(1024, 300, 100, 8, 192, 50, (256, 512, 1024, 2048), 20, 7)
 
 
 def main(argv: Sequence[str] | None = None) -> None:
