@@ -213,7 +213,7 @@ class CameraPasses:
         return VisibilityBuffer(cameras=camera, **{name: torch.from_numpy(image) for name, image in images.items()})
 
     def rasterize_behind(
-        self, tests: FragmentTests, seen: VisibilityBuffer, beyond: Tensor, pixels: tuple[Tensor, Tensor]
+        self, tests: FragmentTests, seen: VisibilityBuffer, beyond: Tensor, pixels: tuple[Tensor, ...]
     ) -> None:
         """Replace what ``seen`` holds in ``pixels`` (N,): by fragments behind ``beyond`` (N,) that pass the tests.
 
@@ -231,7 +231,7 @@ class CameraPasses:
             getattr(seen, name).numpy()[0, rows, columns] = image[rows, columns]
 
     def count_nearer(
-        self, seen: VisibilityBuffer, eps: tuple[float, float], pixels: tuple[Tensor, Tensor] | None = None
+        self, seen: VisibilityBuffer, eps: tuple[float, float], pixels: tuple[Tensor, ...] | None = None
     ) -> tuple[Tensor, Tensor]:
         """As :func:`count_nearer`, before what the one camera's ``seen`` holds; with ``pixels``, there alone (N,)."""
         depth, where = seen.depth[0].numpy(), None if pixels is None else (pixels[0].numpy(), pixels[1].numpy())

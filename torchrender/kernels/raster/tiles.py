@@ -224,11 +224,11 @@ def render_tile(scene, bins, frame, tests, k, buffers, outputs):
     tile_width, tile_height = min(TILE_WIDTH, width - left), min(TILE_HEIGHT, height - top)
     empty = np.nextafter(-far if orthographic else 1.0 / far, -np.inf)
     closed = empty if orthographic else max(empty, 0.0)
-    place = (left, top, tile_width, tile_height)
+    area = (left, top, tile_width, tile_height)
     first, end = starts[k], starts[k + 1]
     by_bits = tests.limits.keys.shape[0] == 0 and only_identity(tests.earlier)
     if first == end or not is_open(tests.limits.keys, left, top, tile_width, tile_height, closed):
-        resolve_blank(place, keys, outputs)
+        resolve_blank(area, keys, outputs)
         return
     for y in range(TILE_HEIGHT):
         for x in range(TILE_WIDTH):
@@ -238,7 +238,7 @@ def render_tile(scene, bins, frame, tests, k, buffers, outputs):
         lows[block] = -np.inf
     lowest = -np.inf
     if tests.limits.keys.shape[0] > 0:
-        close_pixels(tests.limits.keys, place, closed, keys)
+        close_pixels(tests.limits.keys, area, closed, keys)
         lowest = find_lows(keys, lows)
     tried = 0
     bounds = (left, top, left + tile_width - 1, top + tile_height - 1)
@@ -270,7 +270,7 @@ def render_tile(scene, bins, frame, tests, k, buffers, outputs):
         if tried > REFRESH:
             lowest = find_lows(keys, lows)
             tried = 0
-    resolve(scene, frame, (left, top, tile_width, tile_height), buffers, outputs)
+    resolve(scene, frame, area, buffers, outputs)
 
 
 @kernel(parallel=True)

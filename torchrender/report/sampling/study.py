@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -78,7 +78,7 @@ class Effort:
 
     @classmethod
     def full(cls) -> Effort:
-        """About three minutes a scene on two cores."""
+        """A minute or two a scene on two cores."""
         return cls(1024, 300, 100, 8, 192, 50, (256, 512, 1024, 2048), 20, 7)
 
 
@@ -138,8 +138,8 @@ class Subject:
 def study(subject: Subject, effort: Effort, folder: Path, parts: Parts) -> dict[str, Any]:
     """Everything about one scene, as plain values, measured in parts; writes its picture."""
 
-    def part(what: str, *how: Any) -> Any:
-        return parts.measured(f"{subject.name}: {what}", partial(*how))
+    def part(what: str, measured: Callable[..., Any], *how: Any) -> Any:
+        return parts.measured(f"{subject.name}: {what}", partial(measured, *how))
 
     few, size, stride = max(effort.size // SUBPIXEL, 8), effort.size, effort.stride
     sides = [(side, max(1, side // effort.sizes[0])) for side in effort.sizes]
