@@ -34,6 +34,7 @@ from torchrender.kernels.raster.records import (
     NO_LIMITS,
     Frame,
     Holes,
+    Limits,
     Nearer,
     Refusals,
     Stored,
@@ -151,11 +152,12 @@ def rasterize_visibility(
 
 def rasterize_into(room: VisibilityBuffer, geometry: Geometry, *, cull: str = "none") -> None:
     """:func:`rasterize_visibility` of the cameras of ``room``, into its tensors."""
-    _visible(geometry, room.cameras, (cull, None), _images(room))
+    _visible(geometry, room.cameras, (cull, None), {name: getattr(room, name).numpy() for name in SEEN})
 
 
-def _images(room: VisibilityBuffer) -> dict[str, Array]:
-    return {name: getattr(room, name).numpy() for name in SEEN}
+def _room(shape: tuple[int, ...], known: Mapping[str, Array] | None = None) -> dict[str, Array]:
+    known = known or {}
+    return {n: known[n] if n in known else _memory.empty((*shape, *_SHAPES[n][0]), _SHAPES[n][1]) for n in SEEN}
 
 
 def _visible(
@@ -165,8 +167,7 @@ def _visible(
     cull, tests = how
     check_choice("cull", cull, CULLING)
     shape = (len(cameras), cameras.height, cameras.width)
-    # Every pixel is written.
-    images = {n: room[n] if n in room else _memory.empty((*shape, *_SHAPES[n][0]), _SHAPES[n][1]) for n in SEEN}
+    images = _room(shape, room)  # every pixel is written
     _draw(geometry, cameras, cull, tests, Visible(**images))
     return VisibilityBuffer(cameras=cameras, **{name: torch.from_numpy(image) for name, image in images.items()})
 
@@ -190,8 +191,7 @@ def count_nearer(
     for k in range(len(seen.cameras)):
         one = replace(seen, cameras=seen.cameras[k], depth=seen.depth[k : k + 1], triangle=seen.triangle[k : k + 1])
         with camera_passes(geometry, one.cameras, cull) as passes:
-            found = passes.count_nearer(one, eps)
-        count[k], touching[k] = found[0][0], found[1][0]
+            count[k : k + 1], touching[k : k + 1] = passes.count_nearer(one, eps)
     return count, touching
 
 
@@ -206,21 +206,42 @@ class CameraPasses:
         """As :func:`rasterize_visibility`; ``room``: in its tensors."""
         camera, prepared = self._camera, self._prepared
         shape = (1, camera.height, camera.width)
-        if room is None:
-            images = {n: _memory.empty((*shape, *_SHAPES[n][0]), _SHAPES[n][1]) for n in SEEN}
-        else:
-            images = _images(room)
+        known = {} if room is None else {name: getattr(room, name).numpy() for name in SEEN}
+        images = _room(shape, known)
         limits, earlier = limit_arrays(camera, 0, tests), earlier_arrays(camera, 0, tests, prepared.view)
         prepared.draw(limits, earlier, Visible(**{name: image[0] for name, image in images.items()}))
         return VisibilityBuffer(cameras=camera, **{name: torch.from_numpy(image) for name, image in images.items()})
 
-    def count_nearer(self, seen: VisibilityBuffer, eps: tuple[float, float]) -> tuple[Tensor, Tensor]:
-        """As :func:`count_nearer`, before what the one camera's ``seen`` holds."""
-        shape = tuple(seen.triangle.shape)
-        count, touching = np.zeros(shape, np.int32), np.zeros(shape, np.bool_)
-        stored = Stored(seen.depth[0].numpy(), seen.triangle[0].numpy())
-        self._prepared.count(stored, np.array(eps), Nearer(count[0], touching[0]))
-        return torch.from_numpy(count), torch.from_numpy(touching)
+    def rasterize_behind(
+        self, tests: FragmentTests, seen: VisibilityBuffer, beyond: Tensor, pixels: tuple[Tensor, ...]
+    ) -> None:
+        """Replace what ``seen`` holds in ``pixels`` (N,): by fragments behind ``beyond`` (N,) that pass the tests.
+
+        They are also of other triangles than those seen.
+        """
+        camera, prepared = self._camera, self._prepared
+        rows, columns = (axis.numpy() for axis in pixels)
+        shape = (camera.height, camera.width)
+        keys = np.zeros(shape)  # mapped where it is written to
+        keys[rows, columns] = 1.0 / beyond.numpy()
+        found = Visible(**_room(shape))
+        earlier = earlier_arrays(camera, 0, tests, prepared.view)
+        prepared.draw(Limits(keys, seen.triangle[0].numpy()), earlier, found, (rows, columns))
+        for name, image in zip(SEEN, found, strict=True):
+            getattr(seen, name).numpy()[0, rows, columns] = image[rows, columns]
+
+    def count_nearer(
+        self, seen: VisibilityBuffer, eps: tuple[float, float], pixels: tuple[Tensor, ...] | None = None
+    ) -> tuple[Tensor, Tensor]:
+        """As :func:`count_nearer`, before what the one camera's ``seen`` holds; with ``pixels``, there alone (N,)."""
+        depth, where = seen.depth[0].numpy(), None if pixels is None else (pixels[0].numpy(), pixels[1].numpy())
+        if where is not None:
+            every, depth = depth, np.zeros_like(depth)
+            depth[where] = every[where]
+        found = Nearer(np.zeros(depth.shape, np.int32), np.zeros(depth.shape, np.bool_))
+        self._prepared.count(Stored(depth, seen.triangle[0].numpy()), np.array(eps), found, where)
+        count, touching = (torch.from_numpy(image) for image in found)
+        return (count[None], touching[None]) if pixels is None else (count[pixels], touching[pixels])
 
 
 @contextmanager

@@ -16,7 +16,7 @@ from torchrender.depth.options import SamplingOptions
 from torchrender.depth.probes import Probes, pixel_redundant
 from torchrender.depth.ray_visibility import RayVisibility
 from torchrender.fragment_tests import PIXEL_TESTS
-from torchrender.raster import FragmentTests, camera_passes, count_nearer, rasterize_visibility
+from torchrender.raster import SEEN, FragmentTests, camera_passes, count_nearer, rasterize_visibility
 from torchrender.scene.camera import Cameras
 from torchrender.scene.mesh import Mesh, concatenate
 from torchrender.scene.model import Scene
@@ -205,3 +205,26 @@ def test_passes_of_one_camera_share_their_triangles_and_leave_others_alone() -> 
             assert torch.equal(between.triangle, other.triangle)
             count, _ = passes.count_nearer(replace(seen, depth=torch.where(seen.covered, 99.0, 0.0)), (0.0, 0.0))
             assert bool((count[seen.covered] >= 1).all()) and bool((count[~seen.covered] == 0).all())
+
+
+def test_a_second_look_at_some_pixels_is_the_look_at_all_of_them_there() -> None:
+    """Behind what is seen, in tiles of 64 x 32 pixels of which some are asked for; the other pixels stay."""
+    scene = build("nest", triangles=3000)
+    camera = replace(ring(scene, 150)[1], height=80)
+    seen = rasterize_visibility(scene.geometry, camera, cull="back")
+    asked = torch.nonzero(
+        seen.covered[0] & (torch.arange(150) < 70) & (torch.arange(80) % 7 == 3)[:, None], as_tuple=True
+    )
+    assert 20 < len(asked[0]) < 400
+    with camera_passes(scene.geometry, camera, "back") as passes:
+        behind = passes.rasterize(FragmentTests(beyond=seen.depth.double(), skip=seen.triangle))
+        found = replace(seen, **{name: getattr(seen, name).clone() for name in SEEN})
+        passes.rasterize_behind(FragmentTests(), found, seen.depth[0][asked].double(), asked)
+        counts = passes.count_nearer(behind, (1e-5, 1e-6)), passes.count_nearer(behind, (1e-5, 1e-6), asked)
+    for name in SEEN:
+        wanted = getattr(seen, name).clone()
+        wanted[0][asked] = getattr(behind, name)[0][asked]
+        assert torch.equal(getattr(found, name), wanted)
+    assert bool((behind.covered[0][asked]).any()) and not bool((behind.covered[0][asked]).all())
+    for every, some in zip(*counts, strict=True):
+        assert torch.equal(every[0][asked], some)

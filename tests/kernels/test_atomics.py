@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from torchrender.kernels.atomics import borrowed, fetch_add, keep, store_max, store_or
+from torchrender.kernels.atomics import borrowed, fetch_add, foresee, keep, store_max, store_or
 
 
 class Pair(NamedTuple):
@@ -31,6 +31,23 @@ def doubled(pair):
     for k in range(len(own.first)):
         own.first[k] = 2 * own.first[k] + own.inner[0][k] * own.inner[1] + own.number
     return own.first.sum()
+
+
+@numba.njit
+def foreseen_sum(rows, order):
+    total = 0.0
+    for n in range(len(order)):
+        foresee(rows, np.uintp(order[n] + 1000 * len(rows)))
+        foresee(rows, np.uintp(order[n]))
+        total += rows[order[n], 1]
+    return total
+
+
+def test_reading_ahead_changes_nothing_even_beyond_the_end() -> None:
+    rows = np.arange(300.0).reshape(100, 3)
+    kept = rows.copy()
+    assert foreseen_sum(rows, np.arange(99, -1, -1)) == rows[:, 1].sum()
+    np.testing.assert_array_equal(rows, kept)
 
 
 def test_nothing_is_lost_between_threads() -> None:

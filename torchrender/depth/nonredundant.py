@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import torch
 from torch import Tensor
@@ -35,7 +34,7 @@ def pixel_nonredundant(
             rasterize_into(own, scene.geometry, cull=options.cull)
         else:
             layer, truncated = _nearest_new(scene, own, some_views(known, slice(number)), options)
-            found.layer[number], found.truncated[number] = layer[0], truncated[0]
+            found.layer[number], found.truncated[number] = layer, truncated
     return found
 
 
@@ -54,42 +53,32 @@ def _nearest_new(
     """Write into ``seen``, of one camera, the nearest surface in each pixel that ``known`` does not hold.
 
     Returns:
-        layer (1,H,W) int32 of surfaces skipped before it, truncated (1,H,W) bool.
+        layer (H,W) int32 of surfaces skipped before it, truncated (H,W) bool.
     """
     tests = fragment_tests(options, known)
     eps = (options.relative_tolerance, options.scene_tolerance * scene.diagonal)
     with camera_passes(scene.geometry, seen.cameras, options.cull) as passes:
         passes.rasterize(tests, seen)
         if not options.count_layers:
-            shape = seen.triangle.shape
+            shape = seen.triangle.shape[1:]
             return torch.zeros(shape, dtype=torch.int32), torch.zeros(shape, dtype=torch.bool)
         layer, touching = passes.count_nearer(seen, eps)
-        again = torch.nonzero(touching & (seen.triangle >= 0) & (layer < options.max_skips), as_tuple=True)
+        depth, triangle, layer, touching = seen.depth[0], seen.triangle[0], layer[0], touching[0]
+        again = torch.nonzero(touching & (triangle >= 0) & (layer < options.max_skips), as_tuple=True)
         for _ in range(options.max_skips):
             if not len(again[0]):
                 break
             # A coplanar copy of something redundant is the same surface under another id: look behind it, only there.
             # The step by eps also passes further copies, which would otherwise point to each other for ever.
-            beyond = torch.full(seen.depth.shape, math.inf, dtype=torch.float64)
-            beyond[again] = seen.depth[again].double() * (1.0 + eps[0]) + eps[1]
-            _copy(again, passes.rasterize(replace(tests, beyond=beyond, skip=seen.triangle)), seen)
-            asked = torch.zeros_like(seen.depth)
-            asked[again] = seen.depth[again]
-            more, touching = passes.count_nearer(replace(seen, depth=asked), eps)
-            layer[again] = more[again]
-            open_still = touching[again] & (seen.triangle[again] >= 0) & (layer[again] < options.max_skips)
+            passes.rasterize_behind(tests, seen, depth[again].double() * (1.0 + eps[0]) + eps[1], again)
+            layer[again], touches = passes.count_nearer(seen, eps, again)
+            open_still = touches & (triangle[again] >= 0) & (layer[again] < options.max_skips)
             again = tuple(axis[open_still] for axis in again)
     truncated = layer >= options.max_skips
     truncated[again] = True
     given_up = torch.nonzero(truncated, as_tuple=True)
     if len(given_up[0]):
-        seen.depth[given_up] = math.inf
-        seen.triangle[given_up] = seen.object_id[given_up] = -1
-        seen.barycentric[given_up] = 0.0
+        depth[given_up] = math.inf
+        triangle[given_up] = seen.object_id[0][given_up] = -1
+        seen.barycentric[0][given_up] = 0.0
     return layer, truncated
-
-
-def _copy(pixels: tuple[Tensor, ...], new: VisibilityBuffer, seen: VisibilityBuffer) -> None:
-    """Write ``new`` into ``seen`` at the given pixels."""
-    for name in ("depth", "triangle", "object_id", "barycentric"):
-        getattr(seen, name)[pixels] = getattr(new, name)[pixels]

@@ -14,8 +14,7 @@ from torchrender.kernels.raster.lanes import (
     reaches,
     same_lanes,
     unseen_lanes,
-    write_owner,
-    write_weights,
+    write_seen,
 )
 
 
@@ -40,10 +39,10 @@ def alike(ids, place, t):
 
 
 @numba.njit
-def written(owners, weights, place, mask, planes, depths, source, weighted, owner):
+def written(images, place, lanes, owner, planes, depths, source):
     spot = (np.uintp(place[0]), np.uintp(place[1]))
-    write_owner(owners, spot, np.uint64(mask), owner)
-    write_weights(weights, spot, np.uint64(mask), planes, depths, np.uintp(source), weighted)
+    here = (np.uintp(source[0]), source[1])
+    write_seen(images, spot, (np.uint64(lanes[0]), lanes[1]), owner, planes, depths, here)
 
 
 @numba.njit
@@ -91,12 +90,14 @@ def test_the_nearest_of_masked_pixels_is_kept_and_others_stay() -> None:
 def test_masked_pixels_of_an_image_are_written_and_no_others() -> None:
     rng = np.random.default_rng(2)
     for weighted in (False, True):
-        for _ in range(100):
+        for _ in range(200):
             owners, weights = np.full((3, 9), -7), np.full((3, 9, 2), -7, np.float32)
             depths, planes = rng.uniform(0.5, 2, 12), (*rng.uniform(-0.5, 0.6, 4), 3.5)
             row, column, source = rng.integers(0, 3), rng.integers(0, 9), int(rng.integers(0, 5))
-            mask = int(rng.integers(0, 256)) & (0xFF >> max(column + LANES - 9, 0))
-            written(owners, weights, (row, column), mask, planes, depths, source, weighted, 5)
+            inside = 0xFF >> max(column + LANES - 9, 0)
+            mask = int(rng.choice([rng.integers(0, 256), 0xFF])) & inside
+            lanes = (mask, bool(inside == 0xFF and rng.integers(0, 2)))
+            written((owners, weights), (row, column), lanes, 5, planes, depths, (source, weighted))
             for y in range(3):
                 for x in range(9):
                     k = x - column

@@ -8,7 +8,7 @@ import pytest
 from torchrender.kernels.raster.coverage import TILE_HEIGHT, TILE_WIDTH
 from torchrender.kernels.raster.project import barycentric_planes
 from torchrender.kernels.raster.records import NO_IDS, Buffers, Frame, Triangles, Visible
-from torchrender.kernels.raster.resolve import CACHED, resolve
+from torchrender.kernels.raster.resolve import CACHED, resolve, resolve_blank
 
 
 def tile(rng: np.random.Generator, faces: int) -> Buffers:
@@ -63,3 +63,17 @@ def test_a_tile_against_a_loop(orthographic: bool, wants_ids: bool) -> None:
                 u = min(max((ux * px + uy * py + uc) * weight, 0.0), 1.0)
                 v = min(max((vx * px + vy * py + vc) * weight, 0.0), 1.0 - u)
             np.testing.assert_allclose(out.barycentric[place], [u, v], atol=1e-6)
+
+
+@pytest.mark.parametrize("wants_ids", [False, True])
+@pytest.mark.parametrize("width", [1, 8, 51, 64])
+def test_a_tile_without_a_surface_is_written_and_nothing_beside_it(width: int, wants_ids: bool) -> None:
+    out = Visible(np.full((40, 120), -7, np.float32), *NO_IDS)
+    if wants_ids:
+        out = Visible(out.depth, np.full((40, 120), -7), np.full((40, 120), -7), np.full((40, 120, 2), -7, np.float32))
+    resolve_blank((3, 5, width, 23), np.full(TILE_WIDTH, np.inf), out)
+    inside = np.zeros((40, 120), bool)
+    inside[5:28, 3 : 3 + width] = True
+    for image, blank in zip(out, (np.inf, -1, -1, 0.0), strict=True):
+        if image.size:
+            assert (image[inside] == blank).all() and (image[~inside] == -7).all()

@@ -30,6 +30,7 @@ from torchrender.kernels.raster.records import (
 from torchrender.kernels.raster.resolve import CACHED
 
 Array = np.ndarray[Any, Any]
+Pixels = tuple[Array, Array]  # rows and columns, int64
 CULL = {"none": project.CULL_NONE, "sides": project.CULL_NONE, "back": project.CULL_BACK, "front": project.CULL_FRONT}
 CHUNKS_PER_THREAD = 4
 KEPT_VERTICES = 1 << 21  # 64 MiB
@@ -117,18 +118,23 @@ class PreparedView:
     scene: Triangles
     bins: Bins
 
-    def draw(self, limits: Limits, earlier: Earlier, outputs: Visible) -> None:
-        """Fill ``outputs`` with what passes the tests."""
+    def draw(self, limits: Limits, earlier: Earlier, outputs: Visible, pixels: Pixels | None = None) -> None:
+        """Fill ``outputs`` with what passes the tests; with ``pixels`` only the tiles that hold these."""
         buffers = _buffers(thread_count())
-        tiles.render_tiles(self.scene, self._bins(), self.view.frame, limits, earlier, self.holes, buffers, outputs)
+        bins = self._bins(pixels)
+        tiles.render_tiles(self.scene, bins, self.view.frame, limits, earlier, self.holes, buffers, outputs)
 
-    def count(self, stored: Stored, eps: Array, outputs: Nearer) -> None:
-        """Fill ``outputs``; ``eps``: relative and absolute distance of touching surfaces."""
+    def count(self, stored: Stored, eps: Array, outputs: Nearer, pixels: Pixels | None = None) -> None:
+        """Fill ``outputs``, all zero; ``eps``: relative and absolute distance of touching surfaces."""
         ends = _buffers(thread_count()).spans
-        layers.count_tiles(self.scene, self._bins(), self.view.frame, self.holes, stored, eps, ends, outputs)
+        layers.count_tiles(self.scene, self._bins(pixels), self.view.frame, self.holes, stored, eps, ends, outputs)
 
-    def _bins(self) -> Bins:
-        return self.bins._replace(turn=np.zeros(1, np.int64))
+    def _bins(self, pixels: Pixels | None) -> Bins:
+        order = self.bins.order
+        if pixels is not None:
+            columns = -(-self.view.frame.width // TILE_WIDTH)
+            order = np.unique(pixels[0] // TILE_HEIGHT * columns + pixels[1] // TILE_WIDTH)
+        return self.bins._replace(order=order, turn=np.zeros(1, np.int64))
 
 
 @contextmanager

@@ -36,8 +36,11 @@ def _place(context, builder, kind, array, index, vector):
     return builder.bitcast(element(context, builder, kind, array, index), vector.as_pointer())
 
 
-def _mask(builder, bits):
-    return builder.bitcast(builder.trunc(bits, _I8), _BITS)
+def _mask(builder, bits, kind=_LONGS):
+    """Of a mask (uint64), a bit for one or more lanes of this kind each: compared, as bits are taken apart singly."""
+    own = _constant(kind, [1 << (k * LANES // kind.count) for k in range(kind.count)])
+    spread = _splat(builder, kind, builder.trunc(bits, kind.element) if kind.element != _I64 else bits)
+    return builder.icmp_signed("!=", builder.and_(spread, own), _constant(kind, [0] * kind.count))
 
 
 def _call(builder, name, result, arguments):
@@ -47,14 +50,35 @@ def _call(builder, name, result, arguments):
 
 
 def _whole(builder, values):
-    """The values, to be stored all together: what was stored by a mask is not forwarded to the next load."""
-    kind = "f64" if values.type == _DOUBLES else "f32"
-    return _call(builder, f"llvm.arithmetic.fence.v{LANES}{kind}", values.type, [values])
+    """The values, to be stored all together: by a mask it takes dozens of steps, and the next load has to wait."""
+    kind = values.type
+    floats = {_INTS: _FLOATS, _LONGS: _DOUBLES}.get(kind, kind)
+    name = f"llvm.arithmetic.fence.v{kind.count}{'f64' if floats == _DOUBLES else 'f32'}"
+    return builder.bitcast(_call(builder, name, floats, [builder.bitcast(values, floats)]), kind)
 
 
-def _masked_store(builder, values, pointer, mask, kind):
-    align = ir.Constant(ir.IntType(32), 4 if kind.endswith("f32") else 8)
-    _call(builder, f"llvm.masked.store.{kind}.p0", ir.VoidType(), [values, pointer, align, mask])
+def _store_lanes(builder, values, pointers, lanes):
+    """Those of a mask (uint64); where all pixels are the thread's own, the others are written as they were."""
+    mask, whole = lanes
+    aligned = {_PAIRS: 4, _LONGS: 8}
+    kinds = {_PAIRS: ir.VectorType(ir.IntType(32), 2 * LANES), _LONGS: _LONGS}
+    with builder.if_else(builder.icmp_unsigned("==", mask, ir.Constant(_I64, 255))) as (every, some):
+        with every:
+            for value, pointer in zip(values, pointers, strict=True):
+                builder.store(value, pointer).align = aligned[value.type]
+        with some, builder.if_else(whole) as (blended, masked):
+            with blended:
+                for value, pointer in zip(values, pointers, strict=True):
+                    held = builder.load(pointer)
+                    held.align = aligned[value.type]
+                    chosen = builder.select(_mask(builder, mask, kinds[value.type]), value, held)
+                    builder.store(_whole(builder, chosen), pointer).align = aligned[value.type]
+            with masked:
+                for value, pointer in zip(values, pointers, strict=True):
+                    bits = _mask(builder, mask, kinds[value.type])
+                    name = f"llvm.masked.store.v{value.type.count}{'f32' if value.type == _PAIRS else 'i64'}.p0"
+                    align = ir.Constant(ir.IntType(32), aligned[value.type])
+                    _call(builder, name, ir.VoidType(), [value, pointer, align, bits])
 
 
 @intrinsic
@@ -119,8 +143,7 @@ def keep_nearest(typingctx, keys, ids, place, mask, plane, t):  # noqa: ARG001
         here.align, held.align = 8, 4
         nearer = builder.and_(_is_nearer(builder, key, owner, here, held), _mask(builder, mask_))
         builder.store(_whole(builder, builder.select(nearer, key, here)), key_at).align = 8
-        owners = builder.bitcast(builder.select(nearer, owner, held), _FLOATS)
-        builder.store(builder.bitcast(_whole(builder, owners), _INTS), id_at).align = 4
+        builder.store(_whole(builder, builder.select(nearer, owner, held)), id_at).align = 4
         return context.get_dummy_value()
 
     return signature, generate
@@ -251,26 +274,28 @@ def same_lanes(typingctx, ids, place, t):  # noqa: ARG001
 
 
 @intrinsic
-def write_weights(typingctx, target, place, mask, planes, depths, source, weighted):  # noqa: ARG001
-    """Second and third barycentric weight into the masked ones of the pixels from ``place`` = row, column on.
+def write_seen(typingctx, images, place, lanes, owner, planes, depths, source):  # noqa: ARG001
+    """Object and barycentric weights of a triangle into some of the pixels from ``place`` = row, column on.
 
-    ``target`` (H,W,2) float32; ``planes``: steps along x and values at column 0 of both weights over depth, and the
-    first column; ``depths[source]`` and the next count if ``weighted``.
+    ``images``: (H,W) int64 and (H,W,2) float32; ``lanes``: a mask of the pixels, and whether all LANES of them lie
+    within the part of the image that the thread writes; ``planes``: steps along x and values at column 0 of the second
+    and third weight over depth, and the first column; ``source``: first of ``depths`` and whether these count.
     """
-    if target.layout != "C":
+    if any(image.layout != "C" for image in images):
         return None
     signature = types.void(
-        target, types.UniTuple(types.uintp, 2), types.uint64, types.UniTuple(types.float64, 5),
-        depths, types.uintp, types.boolean,
+        images, types.UniTuple(types.uintp, 2), types.Tuple((types.uint64, types.boolean)), types.int64,
+        types.UniTuple(types.float64, 5), depths, types.Tuple((types.uintp, types.boolean)),
     )  # fmt: skip
 
     def generate(context, builder, sig, args):
-        target_, place_, mask_, planes_, depths_, source_, weighted_ = args
+        images_, place_, lanes_, owner_, planes_, depths_, source_ = args
         ux, uc, vx, vc, column = (_splat(builder, _DOUBLES, p) for p in cgutils.unpack_tuple(builder, planes_, 5))
-        depth = builder.load(_place(context, builder, sig.args[4], depths_, source_, _DOUBLES))
+        first, weighted = cgutils.unpack_tuple(builder, source_, 2)
+        depth = builder.load(_place(context, builder, sig.args[5], depths_, first, _DOUBLES))
         depth.align = 8
         one, zero = (_constant(_DOUBLES, [value] * LANES) for value in (1.0, 0.0))
-        depth = builder.select(weighted_, depth, one)
+        depth = builder.select(weighted, depth, one)
         x = builder.fadd(_constant(_DOUBLES, [float(k) for k in range(LANES)]), column)
         u = builder.fmul(builder.fadd(builder.fmul(ux, x), uc), depth)
         v = builder.fmul(builder.fadd(builder.fmul(vx, x), vc), depth)
@@ -281,27 +306,13 @@ def write_weights(typingctx, target, place, mask, planes, depths, source, weight
         v = builder.select(builder.fcmp_ordered("<", v, most), v, most)
         both = ir.Constant(ir.VectorType(ir.IntType(32), 2 * LANES), [k // 2 + k % 2 * LANES for k in range(2 * LANES)])
         pairs = builder.shuffle_vector(builder.fptrunc(u, _FLOATS), builder.fptrunc(v, _FLOATS), both)
-        one_bit = _mask(builder, mask_)
-        twice = ir.Constant(ir.VectorType(ir.IntType(32), 2 * LANES), [k // 2 for k in range(2 * LANES)])
-        wide = builder.shuffle_vector(one_bit, one_bit, twice)
-        pointer = _image_place(context, builder, sig.args[0], target_, place_, _PAIRS)
-        _masked_store(builder, pairs, pointer, wide, "v16f32")
-        return context.get_dummy_value()
-
-    return signature, generate
-
-
-@intrinsic
-def write_owner(typingctx, target, place, mask, owner):  # noqa: ARG001
-    """``owner`` into the masked ones of the pixels from ``place`` = row, column on of ``target`` (H,W) int64."""
-    if target.layout != "C":
-        return None
-    signature = types.void(target, types.UniTuple(types.uintp, 2), types.uint64, types.int64)
-
-    def generate(context, builder, sig, args):
-        target_, place_, mask_, owner_ = args
-        pointer = _image_place(context, builder, sig.args[0], target_, place_, _LONGS)
-        _masked_store(builder, _splat(builder, _LONGS, owner_), pointer, _mask(builder, mask_), "v8i64")
+        values = (_splat(builder, _LONGS, owner_), pairs)
+        arrays = cgutils.unpack_tuple(builder, images_, 2)
+        places = [
+            _image_place(context, builder, kind, array, place_, value.type)
+            for kind, array, value in zip(sig.args[0], arrays, values, strict=True)
+        ]
+        _store_lanes(builder, values, places, cgutils.unpack_tuple(builder, lanes_, 2))
         return context.get_dummy_value()
 
     return signature, generate

@@ -8,7 +8,7 @@ from numba.cpython.unsafe.numbers import trailing_zeros
 from torchrender.kernels.atomics import borrowed
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.raster.coverage import NO_BITS, ROW, TILE_WIDTH
-from torchrender.kernels.raster.lanes import LANES, same_lanes, write_owner, write_weights
+from torchrender.kernels.raster.lanes import LANES, same_lanes, write_seen
 from torchrender.kernels.raster.project import barycentric_planes
 
 CACHED = 1024  # triangles whose barycentric planes are kept from row to row; a power of two
@@ -28,6 +28,41 @@ def write_depth(orthographic, row, left, count, source, keys, ids, depth):
             inverse = 1.0 / keys[source + x]
             keys[source + x] = inverse
             depth[row, left + x] = inverse if ids[source + x] >= 0 else np.inf
+
+
+@kernel(inline=True)
+def write_blank(row, left, count, keys, outputs):
+    """A row of pixels without a surface; ``keys``: LANES or more, of which none counts."""
+    depth, triangle, object_id, barycentric = outputs
+    for x in range(count):
+        depth[row, left + x] = np.inf
+    if triangle.shape[0] == 0:
+        return
+    for x in range(count):
+        triangle[row, left + x] = -1
+    for start in range(np.uintp(0), count, np.uintp(LANES)):
+        past = start + np.uintp(LANES)
+        lanes = (ROW >> np.uint64(max(past, count) - count), past <= count)
+        spot, none = (row, left + start), (0.0, 0.0, 0.0, 0.0, 0.0)
+        write_seen((object_id, barycentric), spot, lanes, -1, none, keys, (np.uintp(0), False))
+
+
+@kernel()
+def resolve_blank(place, keys, outputs):
+    """Write a tile without a surface."""
+    keys, outputs = borrowed(keys), borrowed(outputs)
+    left, top, width, height = place
+    for y in range(np.uintp(height)):
+        write_blank(np.uintp(top) + y, np.uintp(left), np.uintp(width), keys, outputs)
+
+
+@kernel(inline=True)
+def is_blank(ids, source, count):
+    """True if none of the pixels holds a triangle."""
+    most = np.int32(-1)
+    for x in range(count):
+        most = max(most, ids[source + x])
+    return most < 0
 
 
 @kernel(inline=True)
@@ -63,6 +98,9 @@ def resolve(scene, frame, place, buffers, outputs):
         source = np.uintp(first + y * TILE_WIDTH)
         target = np.uintp(left)
         count = np.uintp(width)
+        if is_blank(ids, source, count):
+            write_blank(row, target, count, keys, outputs)
+            continue
         write_depth(orthographic, row, target, count, source, keys, ids, depth)
         if not wants_ids:
             continue
@@ -72,18 +110,22 @@ def resolve(scene, frame, place, buffers, outputs):
         shift = left + 0.5 - centre_x
         for start in range(np.uintp(0), count, np.uintp(LANES)):
             here, spot = source + start, (row, target + start)
+            whole = start + np.uintp(LANES) <= count
             rest = ROW >> np.uint64(max(start + np.uintp(LANES), count) - count)
+            column = np.float64(start) + shift
             while rest != NO_BITS:
                 t = ids[here + np.uintp(trailing_zeros(rest))]
                 mask = same_lanes(ids, here, t) & rest
                 rest ^= mask
-                column = np.float64(start) + shift
-                if t < 0:
-                    write_owner(object_id, spot, mask, -1)
-                    write_weights(barycentric, spot, mask, (0.0, 0.0, 0.0, 0.0, column), keys, here, False)
-                    continue
-                slot = plane_of(scene, np.int64(t), orthographic, known, planes)
-                ux, uc = planes[slot, 0], planes[slot, 1] * py + planes[slot, 2]
-                vx, vc = planes[slot, 3], planes[slot, 4] * py + planes[slot, 5]
-                write_owner(object_id, spot, mask, objects[t])
-                write_weights(barycentric, spot, mask, (ux, uc, vx, vc, column), keys, here, not orthographic)
+                ux = uc = vx = vc = 0.0
+                owner = np.int64(-1)
+                if t >= 0:
+                    slot = plane_of(scene, np.int64(t), orthographic, known, planes)
+                    ux, uc = planes[slot, 0], planes[slot, 1] * py + planes[slot, 2]
+                    vx, vc = planes[slot, 3], planes[slot, 4] * py + planes[slot, 5]
+                    owner = objects[t]
+                weighted = t >= 0 and not orthographic
+                write_seen(
+                    (object_id, barycentric), spot, (mask, whole), owner, (ux, uc, vx, vc, column), keys,
+                    (here, weighted),
+                )  # fmt: skip

@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 from numba import prange
 
-from torchrender.kernels.atomics import borrowed, fetch_add
+from torchrender.kernels.atomics import borrowed, fetch_add, foresee
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.raster.binning import doubled_area, pixel_box
 from torchrender.kernels.raster.coverage import (
@@ -35,7 +35,7 @@ from torchrender.kernels.raster.coverage import (
 from torchrender.kernels.raster.fragments import is_identity_alone, only_identity
 from torchrender.kernels.raster.project import HALF, SUBPIXEL, key_plane
 from torchrender.kernels.raster.records import Buffers, Refusals
-from torchrender.kernels.raster.resolve import resolve
+from torchrender.kernels.raster.resolve import resolve, resolve_blank
 from torchrender.kernels.raster.samples import SAMPLES
 
 BLOCK_COLUMN_BITS, BLOCK_ROW_BITS = 4, 3
@@ -43,6 +43,7 @@ BLOCK_COLUMNS = TILE_WIDTH >> BLOCK_COLUMN_BITS
 BLOCKS = BLOCK_COLUMNS * (TILE_HEIGHT >> BLOCK_ROW_BITS)
 """Blocks of 16 x 8 pixels whose least keys are known: what is farther than these is not set up."""
 REFRESH = 1024  # pixels tried before they are found again
+AHEAD = 8  # entries
 
 
 @kernel(inline=True)
@@ -55,6 +56,16 @@ def fetch(entry, scene):
         return np.uintp(places[n]), corners[n, 0], corners[n, 1], corners[n, 2]
     n -= count
     return np.uintp(owners[n]), clipped[n, 0], clipped[n, 1], clipped[n, 2]
+
+
+@kernel(inline=True)
+def look_ahead(scene, entry):
+    """What drawing a tile entry reads is on its way; of a clipped one, nothing that is there."""
+    foresee(scene.highs, entry)
+    foresee(scene.bits, entry)
+    foresee(scene.boxes, entry)
+    foresee(scene.places, entry)
+    foresee(scene.corners, entry)
 
 
 @kernel(inline=True)
@@ -90,8 +101,11 @@ def least_low(lows, x0, y0, x1, y1):
 
 @kernel(inline=True)
 def plane_in_tile(place, left, top, scene, frame):
-    """The key over the tile's pixels, with its limits."""
+    """The key over the tile's pixels, with its limits; what resolving the tile reads is on its way."""
     origin_x, origin_y = left - (np.int64(frame.width) >> 1), top - (np.int64(frame.height) >> 1)
+    t = np.uintp(scene.order[place])
+    foresee(scene.faces, t)
+    foresee(scene.objects, t)
     kx, ky, kc, low, high = key_plane(scene.points, scene.listed, place, frame)
     return kx, ky, kc + kx * (origin_x + 0.5) + ky * (origin_y + 0.5), low, high
 
@@ -174,15 +188,25 @@ def draw(place, corners, box, scene, frame, tests, buffers):
 
 
 @kernel(inline=True)
-def is_open(limits, left, top, width, height, empty):
-    """False if the peeling limits let nothing through anywhere in the tile."""
+def is_open(limits, left, top, width, height, closed):
+    """False if the peeling limits are ``closed`` or less, which lets nothing through, everywhere in the tile."""
     if limits.shape[0] == 0:
         return True
     for y in range(np.uintp(top), np.uintp(top + height)):
         for x in range(np.uintp(left), np.uintp(left + width)):
-            if limits[y, x] > empty:
+            if limits[y, x] > closed:
                 return True
     return False
+
+
+@kernel(inline=True)
+def close_pixels(limits, place, closed, keys):
+    """Pixels whose limits let nothing in hold what nothing exceeds: what meets only these is not set up."""
+    left, top, width, height = place
+    for y in range(np.uintp(height)):
+        for x in range(np.uintp(width)):
+            if not limits[np.uintp(top) + y, np.uintp(left) + x] > closed:
+                keys[y * np.uintp(TILE_WIDTH) + x] = np.inf
 
 
 @kernel()
@@ -199,6 +223,13 @@ def render_tile(scene, bins, frame, tests, k, buffers, outputs):
     left, top = (k % columns) << COLUMN_BITS, (k // columns) << ROW_BITS
     tile_width, tile_height = min(TILE_WIDTH, width - left), min(TILE_HEIGHT, height - top)
     empty = np.nextafter(-far if orthographic else 1.0 / far, -np.inf)
+    closed = empty if orthographic else max(empty, 0.0)
+    area = (left, top, tile_width, tile_height)
+    first, end = starts[k], starts[k + 1]
+    by_bits = tests.limits.keys.shape[0] == 0 and only_identity(tests.earlier)
+    if first == end or not is_open(tests.limits.keys, left, top, tile_width, tile_height, closed):
+        resolve_blank(area, keys, outputs)
+        return
     for y in range(TILE_HEIGHT):
         for x in range(TILE_WIDTH):
             keys[y * TILE_WIDTH + x] = empty if x < tile_width and y < tile_height else np.inf
@@ -206,14 +237,14 @@ def render_tile(scene, bins, frame, tests, k, buffers, outputs):
     for block in range(BLOCKS):
         lows[block] = -np.inf
     lowest = -np.inf
+    if tests.limits.keys.shape[0] > 0:
+        close_pixels(tests.limits.keys, area, closed, keys)
+        lowest = find_lows(keys, lows)
     tried = 0
-    first, end = starts[k], starts[k + 1]
-    by_bits = tests.limits.keys.shape[0] == 0 and only_identity(tests.earlier)
-    if not is_open(tests.limits.keys, left, top, tile_width, tile_height, empty):
-        end = first
     bounds = (left, top, left + tile_width - 1, top + tile_height - 1)
     for n in range(first, end):
         entry = np.uintp(entries[np.uintp(n)])
+        look_ahead(scene, np.uintp(entries[np.uintp(min(n + AHEAD, end - 1))]))
         high = np.inf
         if entry < np.uintp(places.shape[0]):
             high = highs[entry]
@@ -239,7 +270,7 @@ def render_tile(scene, bins, frame, tests, k, buffers, outputs):
         if tried > REFRESH:
             lowest = find_lows(keys, lows)
             tried = 0
-    resolve(scene, frame, (left, top, tile_width, tile_height), buffers, outputs)
+    resolve(scene, frame, area, buffers, outputs)
 
 
 @kernel(parallel=True)

@@ -48,6 +48,26 @@ def write_named(folder: Path, write: Callable[[Path], Iterable[Path]]) -> None:
         sys.stdout.write(f"{file}\n")
 
 
+def parts_parser(description: str | None, *, quick: str) -> argparse.ArgumentParser:
+    """:func:`study_parser` of a study that takes long: with ``--seconds`` it ends early, and the next run goes on."""
+    parser = study_parser(description, quick=quick)
+    parser.add_argument("--seconds", type=float, help="begin no part after so long; run it again to go on")
+    return parser
+
+
+def write_in_parts(arguments: argparse.Namespace, write: Callable[[Path, Parts], Iterable[Path]], name: str) -> None:
+    """Have a study written that :func:`parts_parser` was asked for.
+
+    ``name``: of the file in ``build/studies`` that keeps what was measured.
+    """
+    parts = parts_of(f"{name}{'-quick' if arguments.quick else ''}", arguments.seconds)
+    try:
+        write_named(arguments.output, lambda folder: write(folder, parts))
+    except Unfinished as unfinished:
+        sys.exit(f"unfinished: {unfinished}")
+    parts.done()
+
+
 def run_in_parts(
     description: str | None,
     run: Callable[[Path, bool, Parts], Iterable[Path]],
@@ -56,16 +76,6 @@ def run_in_parts(
     quick: str,
     argv: Sequence[str] | None = None,
 ) -> None:
-    """:func:`run_study` of a study that takes long: with ``--seconds`` it ends early, and the next run goes on.
-
-    ``name``: of the file in ``build/studies`` that keeps what was measured.
-    """
-    parser = study_parser(description, quick=quick)
-    parser.add_argument("--seconds", type=float, help="begin no part after so long; run it again to go on")
-    arguments = parser.parse_args(argv)
-    parts = parts_of(f"{name}{'-quick' if arguments.quick else ''}", arguments.seconds)
-    try:
-        write_named(arguments.output, lambda folder: run(folder, arguments.quick, parts))
-    except Unfinished as unfinished:
-        sys.exit(f"unfinished: {unfinished}")
-    parts.done()
+    """:func:`run_study` of a study that takes long; see :func:`parts_parser` and :func:`write_in_parts`."""
+    arguments = parts_parser(description, quick=quick).parse_args(argv)
+    write_in_parts(arguments, lambda folder, parts: run(folder, arguments.quick, parts), name)

@@ -1,16 +1,15 @@
 """Measure depth-image sampling as the thesis does: ``python -m torchrender.report.sampling [--quick]``.
 
 Tables 2 to 7 on the built-in nest, grass, city and tree beside the published numbers, and the resolution study of
-figures 13 to 15. ``--scenes nest`` measures one scene, in some three minutes, and keeps the others as they are recorded
-beside the page. Writes ``docs/results/sampling.md``, ``.json`` and pictures.
+figures 13 to 15. ``--scenes nest`` measures one scene and keeps the others as they are recorded beside the page;
+``--seconds`` ends early, and the next run goes on. Writes ``docs/results/sampling.md``, ``.json`` and pictures.
 """
 
 from __future__ import annotations
 
 import json
 import math
-import sys
-import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -31,7 +30,8 @@ from torchrender.numerics.transforms import look_at_matrix
 from torchrender.quality.machine import machine_record
 from torchrender.quality.pages import write_record
 from torchrender.quality.timing import take_turns
-from torchrender.report.common.command import study_parser
+from torchrender.report.common.command import parts_parser, write_in_parts
+from torchrender.report.common.parts import Parts
 from torchrender.report.common.subject import own_direction, subject_box
 from torchrender.report.sampling.page import write_page
 from torchrender.scene.camera import Cameras
@@ -78,26 +78,30 @@ class Effort:
 
     @classmethod
     def full(cls) -> Effort:
-        """About three minutes a scene on two cores."""
-        return cls(1024, 1000, 300, 8, 192, 50, (256, 512, 1024, 2048), 20, 7)
+        """A minute or two a scene on two cores."""
+        return cls(1024, 300, 100, 8, 192, 50, (256, 512, 1024, 2048), 20, 7)
 
 
-def main() -> None:
-    """Run the study and write the page."""
-    parser = study_parser(__doc__, quick="50 frames, every fourth pixel, small images")
+def main(argv: Sequence[str] | None = None) -> None:
+    """The command."""
+    parser = parts_parser(__doc__, quick="50 frames, every fourth pixel, small images")
     parser.add_argument("--scenes", nargs="+", choices=SCENES, default=list(SCENES))
-    arguments = parser.parse_args()
+    arguments = parser.parse_args(argv)
     effort = Effort.quick() if arguments.quick else Effort.full()
-    begin = time.perf_counter()
-    scenes = {} if len(arguments.scenes) == len(SCENES) else recorded(arguments.output, effort)
-    for name in arguments.scenes:
-        scenes[name] = {**study(name, build(name), effort, arguments.output), "machine": machine_record()}
-        sys.stderr.write(f"{name}: done after {time.perf_counter() - begin:.0f} s\n")
+    write_in_parts(arguments, lambda folder, parts: run(arguments.scenes, effort, folder, parts), "sampling")
+
+
+def run(names: Sequence[str], effort: Effort, folder: Path, parts: Parts) -> list[Path]:
+    """Measure these scenes and write."""
+    scenes = {} if len(names) == len(SCENES) else recorded(folder, effort)
+    for name in names:
+        scenes[name] = {**study(Subject.of(name), effort, folder, parts), "machine": machine_record()}
     scenes = {name: scenes[name] for name in SCENES if name in scenes}
     record = {"machine": machine_record(), "effort": vars(effort), "scenes": scenes}
-    write_record(arguments.output / "sampling.json", record)
-    write_page(record, arguments.output)
-    sys.stderr.write(f"wrote {arguments.output / 'sampling.md'}\n")
+    write_record(folder / "sampling.json", record)
+    write_page(record, folder)
+    pictures = [folder / f"sampling-{name}.png" for name in (*scenes, "resolution")]
+    return [folder / "sampling.json", folder / "sampling.md", *pictures]
 
 
 def recorded(folder: Path, effort: Effort) -> dict[str, Any]:
@@ -107,48 +111,76 @@ def recorded(folder: Path, effort: Effort) -> dict[str, Any]:
     return found["scenes"] if found.get("effort") == json.loads(json.dumps(vars(effort))) else {}
 
 
-def study(name: str, scene: Scene, effort: Effort, output: Path) -> dict[str, Any]:
-    """Everything about one scene, as plain values; writes its picture."""
-    output.mkdir(parents=True, exist_ok=True)
-    distance = DISTANCE.get(name, USUAL_DISTANCE)
-    cameras = viewpoints(scene, distance, effort.size)
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """A scene and where it is looked at from."""
+
+    name: str
+    scene: Scene
+    distance: float
+
+    @classmethod
+    def of(cls, name: str) -> Subject:
+        """A built-in scene."""
+        return cls(name, build(name), DISTANCE.get(name, USUAL_DISTANCE))
+
+    def cameras(self, size: int) -> Cameras:
+        """Its three cameras, of so many pixels along a side."""
+        return viewpoints(self.scene, self.distance, size)
+
+    def measure(self, size: int, table: str, frames: int, stride: int = 1) -> dict[str, Any]:
+        """Metrics of the three methods."""
+        return measure(
+            self.scene, self.cameras(size), TABLES[table], SamplingMetricOptions(frames=frames, stride=stride)
+        )
+
+
+def study(subject: Subject, effort: Effort, folder: Path, parts: Parts) -> dict[str, Any]:
+    """Everything about one scene, as plain values, measured in parts; writes its picture."""
+
+    def part(what: str, measured: Callable[..., Any], *how: Any) -> Any:
+        return parts.measured(f"{subject.name}: {what}", partial(measured, *how))
+
+    few, size, stride = max(effort.size // SUBPIXEL, 8), effort.size, effort.stride
+    sides = [(side, max(1, side // effort.sizes[0])) for side in effort.sizes]
+    return {
+        **part("picture", seen, subject, effort, folder),
+        "tables": {
+            "pixel": part("pixel", subject.measure, size, "pixel", effort.frames, stride),
+            "visibility": part("visibility", subject.measure, effort.ray_size, "visibility", effort.ray_frames, 2),
+            "captured": part("captured", subject.measure, size, "captured", effort.captured_frames, stride),
+        },
+        "resolution": {
+            "pixel": {
+                str(side): part(f"pixel at {side}", subject.measure, side, "pixel", effort.study_frames, step)
+                for side, step in sides
+            },
+            "visibility": part("all rays", subject.measure, effort.ray_size, "visibility", effort.study_frames),
+        },
+        "subpixel": {
+            **part("small pixels", small_pixels, subject, few),
+            "table": part("small pixels, table", subject.measure, few, "pixel", effort.captured_frames),
+        },
+        "ms": part("times", time_methods, subject.scene, subject.cameras(effort.size), effort.runs),
+    }
+
+
+def seen(subject: Subject, effort: Effort, folder: Path) -> dict[str, Any]:
+    """Triangles and their size; writes a picture of what the images hold."""
+    scene, cameras = subject.scene, subject.cameras(effort.size)
     images = sample_depth_images(scene, cameras, SamplingOptions())
     kinds = sample_kinds(scene, cameras, images, frames=min(effort.frames, 50))
-    write_strip(output / f"sampling-{name}.png", kinds_picture(images, kinds))
-    small = viewpoints(scene, distance, effort.ray_size)
-    tables = {
-        key: measure(scene, small, options, SamplingMetricOptions(frames=effort.ray_frames, stride=2))
-        if key == "visibility"
-        else measure(
-            scene,
-            cameras,
-            options,
-            SamplingMetricOptions(
-                frames=effort.frames if key == "pixel" else effort.captured_frames, stride=effort.stride
-            ),
-        )
-        for key, options in TABLES.items()
-    }
-    plain = measure(scene, small, TABLES["visibility"], SamplingMetricOptions(frames=effort.study_frames))
-    sizes = {}
-    for size in effort.sizes:
-        options = SamplingMetricOptions(frames=effort.study_frames, stride=max(1, size // effort.sizes[0]))
-        sizes[size] = measure(scene, viewpoints(scene, distance, size), TABLES["pixel"], options)
-    few = viewpoints(scene, distance, max(effort.size // SUBPIXEL, 8))
-    options = SamplingMetricOptions(frames=effort.captured_frames)
-    below = {
-        "size": few.width,
-        "median_triangle_pixels": median_triangle_pixels(scene, sample_depth_images(scene, few, SamplingOptions())),
-        "table": measure(scene, few, TABLES["pixel"], options),
-    }
+    write_strip(folder / f"sampling-{subject.name}.png", kinds_picture(images, kinds))
     return {
-        "subpixel": below,
         "triangles": scene.geometry.triangle_count,
         "median_triangle_pixels": median_triangle_pixels(scene, images),
-        "tables": tables,
-        "resolution": {"pixel": sizes, "visibility": plain},
-        "ms": time_methods(scene, cameras, effort.runs),
     }
+
+
+def small_pixels(subject: Subject, size: int) -> dict[str, Any]:
+    """Images whose pixels are about as large as triangles."""
+    images = sample_depth_images(subject.scene, subject.cameras(size), SamplingOptions())
+    return {"size": size, "median_triangle_pixels": median_triangle_pixels(subject.scene, images)}
 
 
 def viewpoints(scene: Scene, distance: float, size: int) -> Cameras:
