@@ -75,6 +75,7 @@ class SessionState:
     exposure: Exposure = field(default_factory=Exposure)
     lit: LitViews = field(default_factory=LitViews)
     bytes: int = 0  # of what is this session's own
+    unweighed: int = 0  # keyframes since these were counted
 
     def as_wished(self, scene: Scene, wish: Wish) -> Scene:
         """The scene with the media and lights that the session wishes for: the same one while the wish is."""

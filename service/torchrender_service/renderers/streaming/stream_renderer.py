@@ -7,6 +7,8 @@ from collections import OrderedDict
 from dataclasses import replace
 from typing import Any
 
+import torch
+
 from torchrender.effects.reflections.traced import TraceOptions
 from torchrender.effects.upsampling.outlines import smooth_outlines
 from torchrender.passes.light import ambient_visibility
@@ -57,6 +59,8 @@ ONE_RAY = TraceOptions(glossy_rays=1, bounces=1)
 """Of each mirroring pixel in these pictures; glossy ones share what the rays of their neighbours find."""
 MAX_RESTED = 4
 """Scenes whose last smooth picture is kept: another session begins with its light."""
+SELDOM = 8
+"""Keyframes of a moving view between two looks at what a session keeps: one picture takes as much as the next."""
 MAX_REFINED = 4
 """Refinements that are kept to be gone on with: each holds a whole picture."""
 
@@ -75,15 +79,15 @@ class StreamRenderer:
         self._sessions: OrderedDict[str, SessionState] = OrderedDict()
         self._refined: OrderedDict[str, Refinement] = OrderedDict()
         self._rested: OrderedDict[str, LitViews] = OrderedDict()  # the last smooth picture of each scene
+        self._rested_bytes = 0
         self.evictions = 0
 
     @property
     def bytes(self) -> int:
         """Of what is each session's own."""
-        return sum(state.bytes for state in self._sessions.values()) + bytes_of(
-            [views.pictures for views in self._rested.values()]
-        )
+        return sum(state.bytes for state in self._sessions.values()) + self._rested_bytes
 
+    @torch.no_grad()
     def make(self, scene: Scene, job: MakeKeyframe, revision: int = 0) -> dict[str, Any]:
         """The message of layer 0 and what the server needs to place the next keyframe."""
         state = self._state(job)
@@ -132,7 +136,9 @@ class StreamRenderer:
         if mirrors is not None:
             messages.append(mirror_message(stamp, mirrors))
         state.begun = begun if around else None
-        self._weigh(job, state)
+        state.unweighed += 1
+        if job.still or state.unweighed >= SELDOM or not state.bytes:
+            self._weigh(job, state)
         state.packing_ms = 1e3 * (time.perf_counter() - begin) - render_ms
         return {
             "messages": messages,
@@ -140,6 +146,7 @@ class StreamRenderer:
             "typical_depth": typical,
         }
 
+    @torch.no_grad()
     def make_layers(self, job: MakeLayers) -> dict[str, Any]:
         """The messages of the extra layers; none where the session has gone on meanwhile."""
         state = self._sessions.get(job.session)
@@ -155,6 +162,7 @@ class StreamRenderer:
         messages = [layer_message(begun.stamp, k + 1, layer, render_ms=each_ms) for k, layer in enumerate(layers)]
         return {"messages": messages}
 
+    @torch.no_grad()
     def smooth(self, job: SmoothKeyframe) -> dict[str, Any]:
         """One more picture of a refinement; ``left`` tells how many are missing, with the last comes the message.
 
@@ -187,6 +195,7 @@ class StreamRenderer:
         self._rested.move_to_end(refined.job.scene.id)
         while len(self._rested) > MAX_RESTED:
             self._rested.popitem(last=False)
+        self._rested_bytes = bytes_of([views.pictures for views in self._rested.values()])
         depth = image.visibility.depth[0]
         messages = [first_message(stamp, refined.camera, depth, light, render_ms=refined.render_ms, plan=made.plan)]
         if begun.mirrors is not None:
@@ -196,8 +205,8 @@ class StreamRenderer:
 
     def forget(self, *, session: str | None = None, scene: str | None = None) -> None:
         """Drop what is kept for a session, or for new sessions of a scene."""
-        if scene is not None:
-            self._rested.pop(scene, None)
+        if scene is not None and self._rested.pop(scene, None) is not None:
+            self._rested_bytes = bytes_of([views.pictures for views in self._rested.values()])
         if session is not None:
             self._sessions.pop(session, None)
             self._refined.pop(session, None)
@@ -208,9 +217,11 @@ class StreamRenderer:
         self._sessions.clear()
         self._refined.clear()
         self._rested.clear()
+        self._rested_bytes = 0
 
     def _weigh(self, job: MakeKeyframe, state: SessionState) -> None:
         """Note what a session has of its own, and make room."""
+        state.unweighed = 0
         own: list[Any] = [kept.value for kept in state.history.kept.values() if not _is_shared(kept)]
         own += [state.lit.pictures, state.lit.gathered]
         begun = None if state.begun is None else state.begun.image.buffers
