@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from torch import Tensor
 
+from torchrender.effects.upsampling.carried import LitPicture
 from torchrender.image import Image
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
 from torchrender_service.renderers.jobs import Bounds, MakeKeyframe
-from torchrender_service.renderers.keyframes import Stamp
-from torchrender_service.renderers.streaming.carrying import LitViews
+from torchrender_service.renderers.keyframes import Stamp, displayed
+from torchrender_service.renderers.streaming.carrying import Base, LitViews, busiest
 from torchrender_service.renderers.streaming.layers import Layer
 from torchrender_service.renderers.viewing.appearance import Exposure, Wish, as_wished
 
@@ -53,13 +54,32 @@ class Refinement:
     camera: Cameras
     bounds: Bounds
     brightest: float  # radiance that can be displayed at most
+    plan: dict[str, Any]  # of the last picture that was made anew
     render_ms: float
     light: Tensor | None = None  # (H,W,3) sum over the pictures; None: what was sent is made of others' light
     count: int = 0
+    base: Base | None = None  # the further pictures take their light from this; None: they are made anew
 
-    def add(self, image: Image) -> None:
-        """One more picture."""
+    def take(self, made: Made, *, whole: bool) -> None:
+        """A picture that was made anew. The extra layers and mirrors of the last message are those of the first.
+
+        Args:
+            whole: its light belongs to surfaces, so that others may take it.
+        """
+        image, first = made.image, self.light is None
         light = image.radiance[0].clamp(max=self.brightest)
+        self.add(light)
+        self.plan = made.plan
+        if not first:
+            return
+        mirrors = made.mirrors if self.begun.mirrors is not None and made.mirrors is not None else self.begun.mirrors
+        self.begun = replace(self.begun, image=image, options=made.options, past=made.history, mirrors=mirrors)
+        if whole and self.bounds == Bounds() and made.options.supersample >= 1.0:
+            self.base = Base(LitPicture(image.visibility, light), busiest(displayed(self.begun.stamp, light)))
+
+    def add(self, light: Tensor) -> None:
+        """The light (H,W,3) of one more picture."""
+        light = light.clamp(max=self.brightest)
         self.light = light if self.light is None else self.light + light
         self.count += 1
 

@@ -24,7 +24,13 @@ from torchrender_service.renderers.jobs import BITS_STILL, Bounds, MakeKeyframe,
 from torchrender_service.renderers.keeping.lasting import LastingParts
 from torchrender_service.renderers.keeping.sizes import bytes_of
 from torchrender_service.renderers.keyframes import Stamp, enough_bits, first_message, layer_message, mirror_message
-from torchrender_service.renderers.streaming.carrying import LitViews, carried_picture, smooth_edges, veiled
+from torchrender_service.renderers.streaming.carrying import (
+    LitViews,
+    carried_picture,
+    moved_aside,
+    smooth_edges,
+    veiled,
+)
 from torchrender_service.renderers.streaming.layers import (
     MIRRORS_NEED,
     cameras_around,
@@ -122,10 +128,10 @@ class StreamRenderer:
         light = image.radiance[0]
         self._refined.pop(job.session, None)
         if job.still:
-            refined = Refinement(job, begun, scene, camera, bounds, brightest(stamp), render_ms=render_ms)
+            refined = Refinement(job, begun, scene, camera, bounds, brightest(stamp), made.plan, render_ms=render_ms)
             light = light.clamp(max=refined.brightest)
             if not made.carried:
-                refined.add(image)
+                refined.take(made, whole=not veiled(scene, camera, made.options))
             self._refined[job.session] = refined
             while len(self._refined) > MAX_REFINED:
                 self._refined.popitem(last=False)
@@ -173,15 +179,15 @@ class StreamRenderer:
         if state is None or refined is None:
             return {"messages": [], "left": 0}
         begin = time.perf_counter()
-        camera, begun = refined.camera, refined.begun
+        camera, options = refined.camera, options_of(STREAMED, refined.job.off)
         if refined.light is not None:
             camera = camera.sub_camera(*ASIDE[refined.count - 1], camera.width, camera.height)
-        made = self._at_rest(refined.scene, camera, state, refined.job, refined.bounds, keep=refined.light is None)
-        if refined.light is None:  # the extra layers and mirrors of the last message are those of this picture
-            refined.begun = begun = replace(begun, image=made.image, options=made.options, past=made.history)
-            if begun.mirrors is not None and made.mirrors is not None:
-                refined.begun = begun = replace(begun, mirrors=made.mirrors)
-        refined.add(made.image)
+        if refined.base is not None:
+            refined.add(moved_aside(refined.scene, camera, refined.base, options, refined.begun.past))
+        else:
+            made = self._at_rest(refined.scene, camera, state, refined.job, refined.bounds, keep=refined.light is None)
+            refined.take(made, whole=not veiled(refined.scene, refined.camera, options))
+        begun = refined.begun
         assert refined.light is not None
         refined.render_ms += 1e3 * (time.perf_counter() - begin)
         left = 1 + len(ASIDE) - refined.count
@@ -191,13 +197,9 @@ class StreamRenderer:
         stamp = replace(begun.stamp, id=job.id, samples=refined.count)
         image, light = begun.image, refined.light / refined.count
         state.lit.improve(refined.scene, refined.job.off, image, light)
-        self._rested[refined.job.scene.id] = state.lit.newest()
-        self._rested.move_to_end(refined.job.scene.id)
-        while len(self._rested) > MAX_RESTED:
-            self._rested.popitem(last=False)
-        self._rested_bytes = bytes_of([views.pictures for views in self._rested.values()])
+        self._keep_rested(refined.job.scene.id, state.lit.newest())
         depth = image.visibility.depth[0]
-        messages = [first_message(stamp, refined.camera, depth, light, render_ms=refined.render_ms, plan=made.plan)]
+        messages = [first_message(stamp, refined.camera, depth, light, render_ms=refined.render_ms, plan=refined.plan)]
         if begun.mirrors is not None:
             messages.append(mirror_message(stamp, begun.mirrors))
         state.begun = replace(begun, stamp=stamp) if begun.around else None
@@ -205,11 +207,20 @@ class StreamRenderer:
 
     def forget(self, *, session: str | None = None, scene: str | None = None) -> None:
         """Drop what is kept for a session, or for new sessions of a scene."""
-        if scene is not None and self._rested.pop(scene, None) is not None:
-            self._rested_bytes = bytes_of([views.pictures for views in self._rested.values()])
+        if scene is not None:
+            self._keep_rested(scene, None)
         if session is not None:
             self._sessions.pop(session, None)
             self._refined.pop(session, None)
+
+    def _keep_rested(self, scene: str, views: LitViews | None) -> None:
+        """What new sessions of a scene begin with; None: nothing any more."""
+        self._rested.pop(scene, None)
+        if views is not None:
+            self._rested[scene] = views
+        while len(self._rested) > MAX_RESTED:
+            self._rested.popitem(last=False)
+        self._rested_bytes = bytes_of([kept.pictures for kept in self._rested.values()])
 
     def clear(self) -> None:
         """Drop everything: all sessions start anew."""
