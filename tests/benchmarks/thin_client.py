@@ -19,6 +19,7 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
+import python_views
 
 from browser_stage import (
     ARRIVED,
@@ -156,6 +157,7 @@ def figures(browser: Any, service: Service, scenes: Sequence[str], parts: Parts)
         open_ += parts.measured(f"{scene}, holes", partial(holes, browser, service, scene))
     frames = parts.measured("what a frame costs", partial(costs, browser, service))
     rates = parts.measured("frame rate against delay", partial(delays, browser, service))
+    programs = parts.measured("views of programs", partial(python_views.rows, browser))
     load = os.getloadavg()[0]
     return f"""# The thin client, measured
 
@@ -189,7 +191,15 @@ runs in a worker and includes checksum, zstd, prediction, quads and colour.
 
 Turning in the Cornell box for four seconds while the server renders on the same cores.
 
-{table(["round trip", "frames/s drawn", "keyframes/s", "pose to picture"], rates)}"""
+{table(["round trip", "frames/s drawn", "keyframes/s", "pose to picture"], rates)}
+## Views of programs
+
+`tr.show` in a program, and its page in a browser that runs already, on the same cores, {python_views.SIZE[0]} x
+{python_views.SIZE[1]} pixels; a grid of hills for the update. The last row: wrong clicks of those in the page, and how
+far the points of the right ones lay from where a ray meets the triangle. By itself:
+`python tests/benchmarks/python_views.py`.
+
+{table(python_views.ROWS, programs)}"""
 
 
 def _walked(visit: Visit) -> None:
