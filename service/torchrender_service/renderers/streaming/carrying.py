@@ -39,9 +39,9 @@ FEWEST, FIRST, MOST = 1024, 4096, 1 << 15
 """Pixels that one moving picture shades at least, before it is known how long they take, and at most."""
 LEAST_MS = 30.0
 """Time that these have whatever else took."""
-BUSY = 24
+BUSY = 16
 """Codes of 255 between neighbours from which a pixel of a smooth picture is shaded in all its places."""
-MOST_BUSY, FEW_BUSY = 0.06, 1 << 14
+MOST_BUSY, FEW_BUSY = 0.1, 1 << 14
 """Share of the pixels that are, and how many always may be."""
 FEW_RAYS = 4
 """Of a pixel of a view at rest, for the light from everywhere: those around it share theirs. That takes longer than
