@@ -118,7 +118,7 @@ def test_a_pixel_too_bright_in_one_picture_counts_as_white_once(scene, monkeypat
         return replace(image, radiance=painted()[None]), plan
 
     monkeypatch.setattr(stream_renderer, "render_image", first)
-    monkeypatch.setattr(stream_renderer, "moved_aside", lambda *arguments: painted())
+    monkeypatch.setattr(stream_renderer, "moved_aside", lambda *_: painted())
     renderer = StreamRenderer()
     renderer.make(scene, job(scene, 1, **STILL))
     steps = [renderer.smooth(SmoothKeyframe(session="one", id=2)) for _ in ASIDE]

@@ -172,7 +172,7 @@ def cameras_around(
     return moved
 
 
-def _shade_few(scene: Scene, seen: VisibilityBuffer, options: RenderOptions, past: RenderHistory) -> Tensor:
+def _shade_few(scene: Scene, seen: GBuffer, options: RenderOptions, past: RenderHistory) -> Tensor:
     """Radiance (H,W,3) of one image with few samples; empty pixels get the background."""
     radiance = background_of(scene, seen, options, past).clone()
     radiance[seen.covered[0]] = shade_pixels(scene, seen, seen.covered, options, past).radiance
