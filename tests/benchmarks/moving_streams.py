@@ -1,17 +1,18 @@
 """What a viewer waits for and sees, by the Python client alone: docs/results/moving-streams.md.
 
-``python tests/benchmarks/moving_streams.py [--scenes living_room,city] [--runs 5] [--write]``
+``python tests/benchmarks/moving_streams.py [--scenes living_room,city] [--runs 5] [--write]``; ``--seconds 200`` ends a
+run early, and the next goes on.
 """
 
 from __future__ import annotations
 
 import argparse
-import logging
 import os
 import statistics
 import sys
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -24,11 +25,11 @@ from browser_stage import Service, psnr
 from torchrender.client import StreamClient
 from torchrender.client.stream import StreamedKeyframe
 from torchrender.quality.machine import machine_line
+from torchrender.report.common.parts import Unfinished, parts_of
 from torchrender.scene.camera import Cameras
 from torchrender.wire.cameras import header_of
 from torchrender_service.settings import BUILT_IN
 
-LOG = logging.getLogger("moving_streams")
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "results" / "moving-streams.md"
 SIZE = (640, 360)
 MOVED_S = 5.0
@@ -214,22 +215,23 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--scenes", default=",".join(BUILT_IN))
     parser.add_argument("--runs", type=int, default=5)
+    parser.add_argument("--seconds", type=float, help="begin no part after so long; run it again to go on")
     parser.add_argument("--write", action="store_true", help="the page; else it is printed")
     given = parser.parse_args()
-    logging.basicConfig(level=logging.INFO, format="%(message)s")
     scenes = [name for name in given.scenes.split(",") if name]
+    parts = parts_of("moving-streams", given.seconds)
     service = Service(",".join(dict.fromkeys([*scenes, "living_room"])))
     service.start()
     try:
-        rows = []
-        for scene in scenes:
-            rows.append(rate(service.url, scene))
-            LOG.info("%s", rows[-1])
-        likeness = []
-        for _ in range(given.runs):
-            likeness.append(fidelity(service.url, "living_room"))
-            LOG.info("%s", likeness[-1])
-        text = page(rows, likeness)
+        rows = [parts.measured(f"rate, {scene}", partial(rate, service.url, scene)) for scene in scenes]
+        runs = [
+            parts.measured(f"likeness, run {k + 1}", partial(fidelity, service.url, "living_room"))
+            for k in range(given.runs)
+        ]
+        text = page(rows, [Likeness(*run) for run in runs])
+        parts.done()
+    except Unfinished as early:
+        sys.exit(f"unfinished: {early}")
     finally:
         service.stop()
     if given.write:

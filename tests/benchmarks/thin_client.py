@@ -19,6 +19,7 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
+import python_views
 
 from browser_stage import (
     ARRIVED,
@@ -49,6 +50,8 @@ STEP = 0.041  # of the typical depth; a round share puts outlines of the Cornell
 WAYS = {"right": (1, 0, 0), "left": (-1, 0, 0), "up": (0, -1, 0), "ahead": (0, 0, 1)}
 DESKTOP = {"viewport": {"width": 1280, "height": 720}}
 PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True, "device_scale_factor": 2}
+SHOT_MS = 280_000
+"""For what a picture waits for: software draws both sides of it."""
 DEVICES: dict[str, dict[str, Any]] = {"desktop": DESKTOP, "phone": PHONE}
 
 
@@ -154,6 +157,7 @@ def figures(browser: Any, service: Service, scenes: Sequence[str], parts: Parts)
         open_ += parts.measured(f"{scene}, holes", partial(holes, browser, service, scene))
     frames = parts.measured("what a frame costs", partial(costs, browser, service))
     rates = parts.measured("frame rate against delay", partial(delays, browser, service))
+    programs = parts.measured("views of programs", partial(python_views.rows, browser))
     load = os.getloadavg()[0]
     return f"""# The thin client, measured
 
@@ -187,37 +191,63 @@ runs in a worker and includes checksum, zstd, prediction, quads and colour.
 
 Turning in the Cornell box for four seconds while the server renders on the same cores.
 
-{table(["round trip", "frames/s drawn", "keyframes/s", "pose to picture"], rates)}"""
+{table(["round trip", "frames/s drawn", "keyframes/s", "pose to picture"], rates)}
+## Views of programs
+
+`tr.show` in a program, and its page in a browser that runs already, on the same cores, {python_views.SIZE[0]} x
+{python_views.SIZE[1]} pixels; a grid of hills for the update. The last row: wrong clicks of those in the page, and how
+far the points of the right ones lay from where a ray meets the triangle. By itself:
+`python tests/benchmarks/python_views.py`.
+
+{table(python_views.ROWS, programs)}"""
 
 
-def screenshots(browser: Any, service: Service, devices: Sequence[str], wishes: dict[str, Any]) -> None:
+def _walked(visit: Visit) -> None:
+    """There and on: keyframes of the way have come."""
+    for _ in range(2):
+        visit.hold("KeyW", 0.5)
+        visit.page.wait_for_timeout(2500)
+
+
+def _moving(visit: Visit, path: Path) -> None:
+    visit.page.keyboard.down("KeyD")
+    visit.page.wait_for_timeout(350)
+    visit.page.screenshot(path=path)
+    visit.page.keyboard.up("KeyD")
+
+
+def _still(visit: Visit, path: Path) -> None:
+    visit.rest()
+    visit.wait(ARRIVED, SHOT_MS)
+    if visit.page.locator("#panel").is_visible():
+        visit.page.evaluate("() => document.querySelector('#toggle').click()")
+    visit.page.wait_for_timeout(1500)
+    visit.page.screenshot(path=path)
+
+
+def _panel(visit: Visit, path: Path) -> None:
+    if not visit.page.locator("#panel").is_visible():
+        visit.page.evaluate("() => document.querySelector('#toggle').click()")
+    visit.page.wait_for_timeout(1500)
+    visit.page.screenshot(path=path)
+
+
+def screenshots(browser: Any, service: Service, devices: Sequence[str], shots: Sequence[str], **wishes: Any) -> None:
     """A session in the living room on each device: moving, still, and with the panel."""
     for name in devices:
         context = browser.new_context(**DEVICES[name])
-        visit = Visit.begin(context, service.url, scene="living_room", layers=2, **wishes)
-        page = visit.page
-        visit.wait(REFINED)
-        visit.wait(ARRIVED)
-        for seconds in (0.5, 0.5):  # there and on: keyframes of the way have come
-            visit.hold("KeyW", seconds)
-            page.wait_for_timeout(2500)
-        page.keyboard.down("KeyD")
-        page.wait_for_timeout(350)
-        page.screenshot(path=DOCS / f"client-{name}-moving.png")
-        page.keyboard.up("KeyD")
-        page.wait_for_timeout(700)
-        visit.wait(ARRIVED)
-        visit.wait(COMPLETE)
-        panel = page.locator("#panel")
-        if panel.is_visible():
-            page.evaluate("() => document.querySelector('#toggle').click()")
-        page.wait_for_timeout(1500)
-        page.screenshot(path=DOCS / f"client-{name}.png")
-        page.evaluate("() => document.querySelector('#toggle').click()")
-        page.wait_for_timeout(1500)
-        page.screenshot(path=DOCS / f"client-{name}-panel.png")
-        LOG.info("%s: %s", name, visit.state("stats"))
+        visit = Visit.begin(context, service.url, scene="living_room", **wishes)
+        visit.page.set_default_timeout(SHOT_MS)
+        visit.wait(COMPLETE, SHOT_MS)
+        LOG.info("%s: the first picture is there", name)
+        _walked(visit)
+        for shot in shots:
+            SHOTS[shot](visit, DOCS / f"client-{name}{'' if shot == 'still' else '-' + shot}.png")
+            LOG.info("%s, %s: %s", name, shot, visit.state("stats"))
         context.close()
+
+
+SHOTS = {"moving": _moving, "still": _still, "panel": _panel}
 
 
 def main() -> None:
@@ -226,6 +256,8 @@ def main() -> None:
     parser.add_argument("--pictures", action="store_true", help="screenshots only")
     parser.add_argument("--figures", action="store_true", help="figures only")
     parser.add_argument("--devices", default=",".join(DEVICES), help="of which there are pictures")
+    parser.add_argument("--shots", default=",".join(SHOTS), help="which pictures, in this order")
+    parser.add_argument("--layers", type=int, default=2, help="extra layers in the pictures")
     parser.add_argument("--scenes", default=",".join(BUILT_IN))
     parser.add_argument("--seconds", type=float, help="begin no part after so long; run it again to go on")
     parser.add_argument("--budget", type=float, help="milliseconds of a keyframe in the pictures; default: automatic")
@@ -240,9 +272,8 @@ def main() -> None:
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=find_chromium(), args=list(FLAGS))
         if not given.figures:
-            screenshots(
-                browser, service, given.devices.split(","), {} if given.budget is None else {"budget_ms": given.budget}
-            )
+            wishes = {"layers": given.layers} | ({} if given.budget is None else {"budget_ms": given.budget})
+            screenshots(browser, service, given.devices.split(","), given.shots.split(","), **wishes)
         if not given.pictures:
             try:
                 text = figures(browser, service, given.scenes.split(","), parts)

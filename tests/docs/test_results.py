@@ -43,6 +43,12 @@ def test_every_page_names_a_commit_of_this_history(ages: ModuleType) -> None:
         assert lost == OF_THEN, "measured again: take it off the list"
 
 
+def test_every_page_is_in_the_index() -> None:
+    listed = set(re.findall(r"\]\(([\w-]+)\.(?:md|html)\)", (ROOT / "docs" / "results" / "index.md").read_text()))
+    families = {page.stem.split("-")[0] for page in PAGES if page.stem.startswith("tradeoff-")}
+    assert {page.stem for page in PAGES if not page.stem.startswith("tradeoff-")} | families <= listed
+
+
 def test_ages_are_told(ages: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ages, "commits_since", {"1234567": 0, "89abcde": 3}.get)
     assert ages.commits_of("on a machine, commit 1234567, then commit `89abcde-dirty`.") == [

@@ -109,16 +109,20 @@ def test_a_pixel_too_bright_in_one_picture_counts_as_white_once(scene, monkeypat
     usual = stream_renderer.render_image
     count = 0
 
-    def painted(*arguments, **options):
+    def painted():
         """Black, but for one pixel of one of the pictures."""
         nonlocal count
-        image, plan = usual(*arguments, **options)
-        radiance = torch.zeros_like(image.radiance)
-        radiance[0, 20, 30] = 50.0 if count == bright else 0.0
+        radiance = torch.zeros(48, 64, 3)
+        radiance[20, 30] = 50.0 if count == bright else 0.0
         count += 1
-        return replace(image, radiance=radiance), plan
+        return radiance
 
-    monkeypatch.setattr(stream_renderer, "render_image", painted)
+    def first(*arguments, **options):
+        image, plan = usual(*arguments, **options)
+        return replace(image, radiance=painted()[None]), plan
+
+    monkeypatch.setattr(stream_renderer, "render_image", first)
+    monkeypatch.setattr(stream_renderer, "moved_aside", lambda *_: painted())
     renderer = StreamRenderer()
     renderer.make(scene, job(scene, 1, **STILL))
     steps = [renderer.smooth(SmoothKeyframe(session="one", id=2)) for _ in ASIDE]

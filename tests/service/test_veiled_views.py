@@ -12,11 +12,14 @@ from keyframe_jobs import LOSSLESS_COLOR, STILL, aside, error, job, picture_of
 from torchrender.pipeline.history import RenderHistory
 from torchrender.renderer import render
 from torchrender.scene.load import load
+from torchrender.scene.material import Material
+from torchrender.scene.mesh import Mesh
 from torchrender.scene.procedural.fog import with_fog
 from torchrender.wire.cameras import header_of
 from torchrender.wire.codec import display_bytes
 from torchrender_service.renderers.jobs import SmoothKeyframe
 from torchrender_service.renderers.streaming.carrying import veiled
+from torchrender_service.renderers.streaming.layers import cameras_around, extra_layers
 from torchrender_service.renderers.streaming.samples import background_of
 from torchrender_service.renderers.streaming.stream_renderer import ASIDE, STREAMED, StreamRenderer
 from torchrender_service.renderers.viewing.appearance import options_of
@@ -79,3 +82,29 @@ def test_what_shows_where_nothing_is_seen_has_fog_before_it() -> None:
     assert float(wanted.mean()) > 2.0, "the fog shows"
     assert np.abs(shown - wanted).mean() < 1.5
     assert torch.isfinite(found).all()
+
+
+def test_extra_layers_behind_panes_are_tinted() -> None:
+    """Red glass before everything: nothing green or blue comes through it to another layer either."""
+    scene = load("cornell_box")
+    camera = aside(scene, 0.0)
+    corners = torch.tensor([[-9.0, -9.0, 0.0], [9.0, -9.0, 0.0], [9.0, 9.0, 0.0], [-9.0, 9.0, 0.0]])
+    turn = camera.world_from_camera[0].float()
+    place = (turn[:3, :3] @ (corners + torch.tensor([0.0, 0.0, 0.05])).T).T + turn[:3, 3]
+    glass = Material(name="glass", diffuse=torch.tensor([1.0, 0.0, 0.0]), metallic=0.0, transmission=1.0)
+    panes = Mesh(
+        vertices=place, faces=torch.tensor([[0, 1, 2], [0, 2, 3], [0, 2, 1], [0, 3, 2]]), material=len(scene.materials)
+    )
+    red = scene.replace(meshes=[*scene.meshes, panes], materials=[*scene.materials, glass])
+    found = []
+    for one in (scene, red):
+        image = render(one, camera, options=STREAMED, history=RenderHistory())
+        assert image.history is not None and image.plan is not None
+        around = cameras_around(camera, image.visibility.depth[0], 1)
+        found.append(extra_layers(one, image.visibility, around, image.plan.options, image.history)[0])
+    clear, tinted = found
+    known = clear.known & tinted.known & clear.depth.isfinite()
+    assert int(known.sum()) > 20
+    assert float(clear.radiance[known][:, 1:].mean()) > 0.01
+    assert float(tinted.radiance[known][:, 1:].max()) < 1e-3
+    assert float(tinted.radiance[known][:, 0].mean()) > 0.1 * float(clear.radiance[known][:, 0].mean())

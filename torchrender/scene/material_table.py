@@ -116,4 +116,6 @@ def _mirrored(material: Material) -> tuple[Tensor, Tensor]:
 
 def wants_gradient(materials: Sequence[Material]) -> bool:
     """Whether a colour of these materials is a variable of a derivative."""
+    if not torch.is_grad_enabled():
+        return False
     return any(c.requires_grad for m in materials for c in (m.diffuse, m.specular_color, m.emission, m.sheen_color))

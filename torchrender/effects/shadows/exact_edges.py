@@ -22,7 +22,7 @@ from torchrender.scene.camera import Cameras
 from torchrender.scene.mesh import Geometry
 
 _PER_CELL = 1.0  # points, about
-_MOST_CELLS = 1024  # along each side
+_FEWEST_CELLS, _MOST_CELLS = 64, 1024  # along each side; where points are few, most clusters meet none of their cells
 
 
 def hidden_points(
@@ -78,7 +78,7 @@ def _cells(cameras: Cameras, index: int, points: Tensor, light_size: float) -> t
     if not cameras.orthographic:
         place[:, :2] = place[:, :2] / place[:, 2:].clamp_min(1e-300)
     k = camera.intrinsics[0]
-    side = max(1, min(_MOST_CELLS, round((len(points) / _PER_CELL) ** 0.5)))
+    side = max(_FEWEST_CELLS, min(_MOST_CELLS, round((len(points) / _PER_CELL) ** 0.5)))
     size = torch.tensor([camera.width, camera.height], dtype=torch.float64) / side
     uv = place[:, :2] * k[(0, 1), (0, 1)] + k[:2, 2]
     cell = (uv / size).floor().clamp(0, side - 1).long()

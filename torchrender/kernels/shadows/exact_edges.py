@@ -75,7 +75,27 @@ def _misses(casters, c, view, orthographic, cells, deepest):
             value = a * middle[k] + b * middle[2]
             if value + (abs(p) * hx + abs(q) * hy + abs(r) * hz) * (1.0 + 1e-9) < 0.0:
                 return True
-    return False
+    return _before_none(middle, reach, view, orthographic, cells)
+
+
+@kernel(inline=True)
+def _before_none(middle, reach, view, orthographic, cells):
+    """Of all cells that a box of a view may cover none has a point behind its front: cells are looked at one by one."""
+    near, far = middle[2] - reach[2], middle[2] + reach[2]
+    if not orthographic and near <= _CLIP * far:
+        return False
+    begin, end = np.zeros(2, np.int64), np.zeros(2, np.int64)
+    for k in range(2):
+        low, high = middle[k] - reach[k], middle[k] + reach[k]
+        if not orthographic:
+            low, high = min(low / near, low / far), max(high / near, high / far)
+        begin[k], end[k] = _cell_range(low, high, view[FX + k], view[CX + k], cells.size[k], cells.shape[1 - k])
+    columns = cells.shape[1]
+    for row in range(begin[1], end[1]):
+        for column in range(begin[0], end[0]):
+            if cells.deepest[row * columns + column] > near:
+                return False
+    return True
 
 
 @kernel(inline=True)

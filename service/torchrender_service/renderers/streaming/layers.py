@@ -15,8 +15,9 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from torchrender.buffers import GBuffer, MirrorShare, ReflectionLayer, VisibilityBuffer
+from torchrender.buffers import GBuffer, MirrorShare, RayHits, ReflectionLayer, VisibilityBuffer
 from torchrender.effects.reflections.virtual import virtual_images
+from torchrender.effects.transparency.layers import deepest_layers, transparency
 from torchrender.image import Image
 from torchrender.kernels.warp.known_samples import find_known
 from torchrender.passes.light.direct_light import MIRROR_SHARE
@@ -172,11 +173,23 @@ def cameras_around(
     return moved
 
 
-def _shade_few(scene: Scene, seen: VisibilityBuffer, options: RenderOptions, past: RenderHistory) -> Tensor:
+def _shade_few(scene: Scene, seen: GBuffer, options: RenderOptions, past: RenderHistory) -> Tensor:
     """Radiance (H,W,3) of one image with few samples; empty pixels get the background."""
     radiance = background_of(scene, seen, options, past).clone()
     radiance[seen.covered[0]] = shade_pixels(scene, seen, seen.covered, options, past).radiance
-    return radiance
+    return radiance if options.transparency == "off" else _through_panes(scene, seen, radiance)
+
+
+def _through_panes(scene: Scene, seen: GBuffer, radiance: Tensor) -> Tensor:
+    """The light (H,W,3) of one image as panes before it tint it; what these send themselves is left out."""
+    if scene.geometry.see_through is None or not deepest_layers(scene, seen.cameras, most=1):
+        return radiance
+    return radiance * transparency(scene, seen, _dark).passing[0]
+
+
+def _dark(origins: Tensor, directions: Tensor, width: Tensor, hits: RayHits) -> Tensor:
+    del directions, width, hits
+    return torch.zeros(origins.shape, dtype=torch.float32)
 
 
 def mirror_layer(image: Image, camera: Cameras) -> Layer | None:

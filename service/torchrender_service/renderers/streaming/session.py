@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 from torch import Tensor
 
+from torchrender.effects.upsampling.carried import LitPicture
 from torchrender.image import Image
-from torchrender.pipeline.history import Kept, RenderHistory
+from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
 from torchrender_service.renderers.jobs import Bounds, MakeKeyframe
-from torchrender_service.renderers.keyframes import Stamp
-from torchrender_service.renderers.streaming.carrying import LitViews
+from torchrender_service.renderers.keyframes import Stamp, displayed
+from torchrender_service.renderers.streaming.carrying import Base, LitViews, busiest
 from torchrender_service.renderers.streaming.layers import Layer
 from torchrender_service.renderers.viewing.appearance import Exposure, Wish, as_wished
 
@@ -54,13 +54,32 @@ class Refinement:
     camera: Cameras
     bounds: Bounds
     brightest: float  # radiance that can be displayed at most
+    plan: dict[str, Any]  # of the last picture that was made anew
     render_ms: float
     light: Tensor | None = None  # (H,W,3) sum over the pictures; None: what was sent is made of others' light
     count: int = 0
+    base: Base | None = None  # the further pictures take their light from this; None: they are made anew
 
-    def add(self, image: Image) -> None:
-        """One more picture."""
+    def take(self, made: Made, *, whole: bool) -> None:
+        """A picture that was made anew. The extra layers and mirrors of the last message are those of the first.
+
+        Args:
+            whole: its light belongs to surfaces, so that others may take it.
+        """
+        image, first = made.image, self.light is None
         light = image.radiance[0].clamp(max=self.brightest)
+        self.add(light)
+        self.plan = made.plan
+        if not first:
+            return
+        mirrors = made.mirrors if self.begun.mirrors is not None and made.mirrors is not None else self.begun.mirrors
+        self.begun = replace(self.begun, image=image, options=made.options, past=made.history, mirrors=mirrors)
+        if whole and self.bounds == Bounds() and made.options.supersample >= 1.0:
+            self.base = Base(LitPicture(image.visibility, light), busiest(displayed(self.begun.stamp, light)))
+
+    def add(self, light: Tensor) -> None:
+        """The light (H,W,3) of one more picture."""
+        light = light.clamp(max=self.brightest)
         self.light = light if self.light is None else self.light + light
         self.count += 1
 
@@ -76,21 +95,10 @@ class SessionState:
     exposure: Exposure = field(default_factory=Exposure)
     lit: LitViews = field(default_factory=LitViews)
     bytes: int = 0  # of what is this session's own
+    unweighed: int = 0  # keyframes since these were counted
 
     def as_wished(self, scene: Scene, wish: Wish) -> Scene:
         """The scene with the media and lights that the session wishes for: the same one while the wish is."""
         if self.wished is None or self.wished[0] is not scene or self.wished[1] != wish:
             self.wished = (scene, wish, as_wished(scene, wish))
         return self.wished[2]
-
-
-@dataclass(eq=False)
-class Rested:
-    """What a scene's new sessions begin with."""
-
-    lit: LitViews
-    kept: Mapping[str, Kept]  # by name of the buffer: maps that are fitted to its view, used while they cover another
-
-    def begin(self, history: RenderHistory) -> SessionState:
-        """A session, with what all pictures of the scene share."""
-        return SessionState(replace(history, kept={**history.kept, **self.kept}), lit=self.lit.newest())

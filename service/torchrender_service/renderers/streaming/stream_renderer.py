@@ -7,10 +7,11 @@ from collections import OrderedDict
 from dataclasses import replace
 from typing import Any
 
+import torch
+
 from torchrender.effects.reflections.traced import TraceOptions
 from torchrender.effects.upsampling.outlines import smooth_outlines
 from torchrender.passes.light import ambient_visibility
-from torchrender.passes.light.shadow_map import SHADOW_MAP
 from torchrender.passes.mirrors import reflections
 from torchrender.passes.picture import resample
 from torchrender.pipeline.history import Kept, RenderHistory
@@ -23,7 +24,8 @@ from torchrender_service.renderers.jobs import BITS_STILL, Bounds, MakeKeyframe,
 from torchrender_service.renderers.keeping.lasting import LastingParts
 from torchrender_service.renderers.keeping.sizes import bytes_of
 from torchrender_service.renderers.keyframes import Stamp, enough_bits, first_message, layer_message, mirror_message
-from torchrender_service.renderers.streaming.carrying import carried_picture, smooth_edges, veiled
+from torchrender_service.renderers.streaming.beginnings import Beginnings
+from torchrender_service.renderers.streaming.carrying import carried_picture, moved_aside, smooth_edges, veiled
 from torchrender_service.renderers.streaming.layers import (
     MIRRORS_NEED,
     cameras_around,
@@ -32,7 +34,7 @@ from torchrender_service.renderers.streaming.layers import (
     typical_depth,
     worth_sending,
 )
-from torchrender_service.renderers.streaming.session import Begun, Made, Refinement, Rested, SessionState
+from torchrender_service.renderers.streaming.session import Begun, Made, Refinement, SessionState
 from torchrender_service.renderers.viewing.appearance import brightest, options_of, wish_of
 
 MAX_SESSIONS = 256
@@ -56,8 +58,8 @@ QUICK_MIRRORS = "traced"
 """The same of mirrors."""
 ONE_RAY = TraceOptions(glossy_rays=1, bounces=1)
 """Of each mirroring pixel in these pictures; glossy ones share what the rays of their neighbours find."""
-MAX_RESTED = 4
-"""Scenes of which a picture is kept, the last smooth one, before that the first: others begin with its light."""
+SELDOM = 8
+"""Keyframes of a moving view between two looks at what a session keeps: one picture takes as much as the next."""
 MAX_REFINED = 4
 """Refinements that are kept to be gone on with: each holds a whole picture."""
 
@@ -75,16 +77,15 @@ class StreamRenderer:
         self._max = max_bytes
         self._sessions: OrderedDict[str, SessionState] = OrderedDict()
         self._refined: OrderedDict[str, Refinement] = OrderedDict()
-        self._rested: OrderedDict[str, Rested] = OrderedDict()  # by scene
+        self._beginnings = Beginnings()
         self.evictions = 0
 
     @property
     def bytes(self) -> int:
         """Of what is each session's own."""
-        return sum(state.bytes for state in self._sessions.values()) + bytes_of(
-            [(left.lit.pictures, left.lit.quick, left.kept) for left in self._rested.values()]
-        )
+        return sum(state.bytes for state in self._sessions.values()) + self._beginnings.bytes
 
+    @torch.no_grad()
     def make(self, scene: Scene, job: MakeKeyframe, revision: int = 0) -> dict[str, Any]:
         """The message of layer 0 and what the server needs to place the next keyframe."""
         state = self._state(job)
@@ -119,10 +120,10 @@ class StreamRenderer:
         light = image.radiance[0]
         self._refined.pop(job.session, None)
         if job.still:
-            refined = Refinement(job, begun, scene, camera, bounds, brightest(stamp), render_ms=render_ms)
+            refined = Refinement(job, begun, scene, camera, bounds, brightest(stamp), made.plan, render_ms=render_ms)
             light = light.clamp(max=refined.brightest)
             if not made.carried:
-                refined.add(image)
+                refined.take(made, whole=not veiled(scene, camera, made.options))
             self._refined[job.session] = refined
             while len(self._refined) > MAX_REFINED:
                 self._refined.popitem(last=False)
@@ -133,7 +134,9 @@ class StreamRenderer:
         if mirrors is not None:
             messages.append(mirror_message(stamp, mirrors))
         state.begun = begun if around else None
-        self._weigh(job, state)
+        state.unweighed += 1
+        if job.still or state.unweighed >= SELDOM or not state.bytes:
+            self._weigh(job, state)
         state.packing_ms = 1e3 * (time.perf_counter() - begin) - render_ms
         return {
             "messages": messages,
@@ -141,6 +144,7 @@ class StreamRenderer:
             "typical_depth": typical,
         }
 
+    @torch.no_grad()
     def make_layers(self, job: MakeLayers) -> dict[str, Any]:
         """The messages of the extra layers; none where the session has gone on meanwhile."""
         state = self._sessions.get(job.session)
@@ -156,6 +160,7 @@ class StreamRenderer:
         messages = [layer_message(begun.stamp, k + 1, layer, render_ms=each_ms) for k, layer in enumerate(layers)]
         return {"messages": messages}
 
+    @torch.no_grad()
     def smooth(self, job: SmoothKeyframe) -> dict[str, Any]:
         """One more picture of a refinement; ``left`` tells how many are missing, with the last comes the message.
 
@@ -166,15 +171,15 @@ class StreamRenderer:
         if state is None or refined is None:
             return {"messages": [], "left": 0}
         begin = time.perf_counter()
-        camera, begun = refined.camera, refined.begun
+        camera, options = refined.camera, options_of(STREAMED, refined.job.off)
         if refined.light is not None:
             camera = camera.sub_camera(*ASIDE[refined.count - 1], camera.width, camera.height)
-        made = self._at_rest(refined.scene, camera, state, refined.job, refined.bounds, keep=refined.light is None)
-        if refined.light is None:  # the extra layers and mirrors of the last message are those of this picture
-            refined.begun = begun = replace(begun, image=made.image, options=made.options, past=made.history)
-            if begun.mirrors is not None and made.mirrors is not None:
-                refined.begun = begun = replace(begun, mirrors=made.mirrors)
-        refined.add(made.image)
+        if refined.base is not None:
+            refined.add(moved_aside(refined.scene, camera, refined.base, options, refined.begun.past))
+        else:
+            made = self._at_rest(refined.scene, camera, state, refined.job, refined.bounds, keep=refined.light is None)
+            refined.take(made, whole=not veiled(refined.scene, refined.camera, options))
+        begun = refined.begun
         assert refined.light is not None
         refined.render_ms += 1e3 * (time.perf_counter() - begin)
         left = 1 + len(ASIDE) - refined.count
@@ -184,9 +189,9 @@ class StreamRenderer:
         stamp = replace(begun.stamp, id=job.id, samples=refined.count)
         image, light = begun.image, refined.light / refined.count
         state.lit.improve(refined.scene, refined.job.off, image, light)
-        self._keep_for_others(refined.job.scene.id, state)
+        self._beginnings.keep(refined.job.scene.id, state)
         depth = image.visibility.depth[0]
-        messages = [first_message(stamp, refined.camera, depth, light, render_ms=refined.render_ms, plan=made.plan)]
+        messages = [first_message(stamp, refined.camera, depth, light, render_ms=refined.render_ms, plan=refined.plan)]
         if begun.mirrors is not None:
             messages.append(mirror_message(stamp, begun.mirrors))
         state.begun = replace(begun, stamp=stamp) if begun.around else None
@@ -195,7 +200,7 @@ class StreamRenderer:
     def forget(self, *, session: str | None = None, scene: str | None = None) -> None:
         """Drop what is kept for a session, or for new sessions of a scene."""
         if scene is not None:
-            self._rested.pop(scene, None)
+            self._beginnings.forget(scene)
         if session is not None:
             self._sessions.pop(session, None)
             self._refined.pop(session, None)
@@ -205,10 +210,11 @@ class StreamRenderer:
         self.evictions += len(self._sessions)
         self._sessions.clear()
         self._refined.clear()
-        self._rested.clear()
+        self._beginnings.clear()
 
     def _weigh(self, job: MakeKeyframe, state: SessionState) -> None:
         """Note what a session has of its own, and make room."""
+        state.unweighed = 0
         own: list[Any] = [kept.value for kept in state.history.kept.values() if not _is_shared(kept)]
         own += [state.lit.pictures, state.lit.quick, state.lit.gathered]
         begun = None if state.begun is None else state.begun.image.buffers
@@ -222,9 +228,7 @@ class StreamRenderer:
     def _state(self, job: MakeKeyframe) -> SessionState:
         state = self._sessions.get(job.session)
         if state is None:
-            rested = self._rested.get(job.scene.id)
-            history = self._lasting.get(job.scene.id, STREAM).shared()
-            state = SessionState(history) if rested is None else rested.begin(history)
+            state = self._beginnings.begin(job.scene.id, self._lasting.get(job.scene.id, STREAM).shared())
             self._sessions[job.session] = state
         self._sessions.move_to_end(job.session)
         while len(self._sessions) > MAX_SESSIONS:
@@ -255,22 +259,14 @@ class StreamRenderer:
         mirrors = mirror_layer(image, camera) if job.mirrors or keeps else None
         if keeps and image.plan.options.supersample >= 1.0:
             lit.keep(scene, job.off, image, mirrors, quick=True)
-            if job.scene.id not in self._rested:
-                self._keep_for_others(job.scene.id, state)
+            if job.scene.id not in self._beginnings:
+                self._beginnings.keep(job.scene.id, state)
         return Made(image, plan, image.plan.options, image.history, mirrors)
 
     def _share_maps(self, scene: str, history: RenderHistory) -> None:
         """What a few pixels were shaded with serves those that other sessions shade at first."""
         self._lasting.put(scene, STREAM, replace(history, pace=self._lasting.get(scene, STREAM).pace))
-        if scene in self._rested:
-            self._rested[scene].kept = _maps(history)
-
-    def _keep_for_others(self, scene: str, state: SessionState) -> None:
-        """New sessions of a scene begin with the light that this one has, and the maps it was made with."""
-        self._rested[scene] = Rested(state.lit.newest(), _maps(state.history))
-        self._rested.move_to_end(scene)
-        while len(self._rested) > MAX_RESTED:
-            self._rested.popitem(last=False)
+        self._beginnings.keep_maps(scene, history)
 
     def _at_rest(
         self, scene: Scene, camera: Cameras, state: SessionState, job: MakeKeyframe, bounds: Bounds, *, keep: bool
@@ -308,11 +304,6 @@ def _as_bright(options: RenderOptions) -> RenderOptions:
         quick = reflections.PASS.settings.named(QUICK_MIRRORS).applied(quick)
         quick = replace(quick, tracing=ONE_RAY, fixed=(*quick.fixed, reflections.PASS.name))
     return quick
-
-
-def _maps(history: RenderHistory) -> dict[str, Kept]:
-    """That are fitted to a view."""
-    return {name: kept for name, kept in history.kept.items() if name == SHADOW_MAP.name}
 
 
 def _is_shared(kept: Kept) -> bool:

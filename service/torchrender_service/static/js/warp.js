@@ -273,8 +273,9 @@ export class Warp {
       this.expose(picture, exposure);
       picture.uniforms.trim.value = rank > 0 && picture.lossy;
       picture.uniforms.clip_from_source.value = clipFromSource(picture.camera, camera, near, bias);
-      this.scene.add(picture.mesh);
     });
+    // No bias tells skies apart: the last one drawn shows, and through media each view has its own.
+    for (const picture of [...pictures].reverse()) this.scene.add(picture.mesh);
     this.shown = this.target;
     if (!mirrors || still || !first?.mirrors) {
       this.drawPart(pictures, ALL, this.target); // from the same eye a mirror shows what it showed
