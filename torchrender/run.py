@@ -22,6 +22,7 @@ from torchrender.pipeline.doubts import Doubt, exposure_of
 from torchrender.pipeline.frame import Frame
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
+from torchrender.pipeline.pace import Search, missed
 from torchrender.pipeline.view_doubts import picture_doubts, view_doubts
 from torchrender.planning.costs import Knowledge, sense_of
 from torchrender.planning.graph import Graph
@@ -29,15 +30,14 @@ from torchrender.planning.plan import Plan
 from torchrender.planning.planner import make_plan
 from torchrender.shade import SentLight
 
-BESIDE = "milliseconds of plan and senses"
-"""A quantity that a picture tells the next one: what a budget pays beside the passes."""
+BESIDE = {name: f"milliseconds of {name}" for name in ("plan", "senses")}
+"""Quantities that a picture tells the next one: what a budget pays beside the passes."""
 
-FIRST_BESIDE = 20.0
-"""Milliseconds of it, at most, that a first picture tells."""
+FIRST_BESIDE = {"plan": 4.0, "senses": 16.0}
+"""Milliseconds of them, at most, that a first picture tells: it loads much for them."""
 
-
-def _beside(took: Mapping[str, float]) -> float:
-    return sum(took.get(name, 0.0) for name in ("plan", "senses"))
+LOOKS = 4
+"""Of so many pictures that stand by one choice the last one senses: what errors follow changes with the view."""
 
 
 @dataclass(eq=False)
@@ -54,6 +54,8 @@ class Run:
     amounts: dict[str, tuple[float, ...]] = field(init=False, default_factory=dict)  # of work, by pass
     done: list[str] = field(init=False, default_factory=list)  # passes that ran
     found: dict[str, float] = field(init=False, default_factory=dict)  # quantities, since the plan was made
+    searches: dict[tuple[str, ...], Search] = field(init=False, default_factory=dict)  # by the passes that had run
+    foreseen_ms: float = field(init=False, default=0.0)  # of all of it, by the first plan
     sensed: dict[str, float] = field(init=False, default_factory=dict)  # what errors of the next picture follow
     doubts: list[Doubt] = field(init=False, default_factory=list)  # about what cameras see
 
@@ -95,7 +97,7 @@ class Run:
             with self.clock.measure(step.name):
                 self._take(step, step.run(self._frame()))
             self.done.append(step.name)
-            if step.senses is not None and self.limits != (None, None) and self.knowledge.unseen:
+            if step.senses is not None and self.limits != (None, None) and self.knowledge.unseen and self._looks:
                 with self.clock.measure("senses"):
                     self.sensed |= {sense_of(name): value for name, value in step.senses(self._frame()).items()}
             if step.checkpoint is not None:
@@ -110,9 +112,14 @@ class Run:
             took = self.clock.elapsed_ms
             done = {name: took[name] for name in self.done}
             spent = sum(ms for name, ms in took.items() if name not in ("load", "total"))
-            spent += max(0.0, self.knowledge.pace.known.get(BESIDE, 0.0) - _beside(took))
+            told = self.knowledge.pace.known
+            spent += sum(max(0.0, told.get(known, 0.0) - took.get(name, 0.0)) for name, known in BESIDE.items())
             self.plan = make_plan(self.knowledge, options, *self.limits, done=done, spent_ms=spent)
             self.graph = self.knowledge.graph(self.plan.options)
+            if not done:
+                self.foreseen_ms = spent + (self.plan.predicted_ms or 0.0)
+            if self.plan.search is not None:
+                self.searches[tuple(done)] = self.plan.search
 
     def _look_again(self) -> None:
         """More is known, and a part of the time is spent: reasons, and what is left to choose, follow."""
@@ -171,9 +178,32 @@ class Run:
                 del self.values[buffer]
 
     def _beside(self) -> dict[str, float]:
-        """What the next picture will spend beside its passes, about; the first one of a scene loads much for it."""
-        took, past = _beside(self.clock.elapsed_ms), self.knowledge.outlook.history
-        return {BESIDE: took if past.pictures else min(took, FIRST_BESIDE)}
+        """What the next picture will spend beside its passes, about: it stands by this one's choice."""
+        took, past = self.clock.elapsed_ms, self.knowledge.outlook.history
+        before = FIRST_BESIDE if not past.pictures else {n: self.knowledge.pace.known.get(k) for n, k in BESIDE.items()}
+        found = {}
+        for name, known in BESIDE.items():
+            usual = before[name]
+            searched = not past.pictures or (name == "plan" and not self._stands)
+            found[known] = took.get(name, 0.0) if usual is None or not searched else min(took.get(name, 0.0), usual)
+        return found
+
+    @property
+    def _looks(self) -> bool:
+        """It is time to sense: a search was made, or many pictures stood by it."""
+        return all(search.pictures % LOOKS in (0, LOOKS - 1) for search in self.searches.values())
+
+    @property
+    def _stands(self) -> bool:
+        """All that was chosen is what an earlier picture chose."""
+        return bool(self.searches) and all(search.pictures for search in self.searches.values())
+
+    def _missed(self) -> dict[str, float]:
+        """How far the time was missed that a picture after the first was chosen for."""
+        past = self.knowledge.outlook.history
+        if not past.pictures or past.pace is None or not self._stands:
+            return {}
+        return missed(past.pace.known, self.clock.elapsed_ms.get("total", 0.0), self.foreseen_ms)
 
     def history(self, plan: Plan) -> RenderHistory:
         """What the next picture of the sequence starts from."""
@@ -184,9 +214,8 @@ class Run:
             if row.amounts is not None and row.measured_ms is not None:
                 raw = known.curves.time_ms(row.name, row.setting, row.amounts, known.name)
                 pace = pace.learned(row.name, row.setting, row.measured_ms, raw or 0.0)
-        pace = replace(
-            pace, choice=settings, known={**pace.known, **known.outlook.known, **self.sensed, **self._beside()}
-        )
+        learned = {**pace.known, **known.outlook.known, **self.sensed, **self._beside(), **self._missed()}
+        pace = replace(pace, choice=settings, known=learned, searches=self.searches)
         past = known.outlook.history.with_picture(self.lasting.items(), plan.options)
         return replace(past, pace=pace)
 
