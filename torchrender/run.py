@@ -10,6 +10,7 @@ from torchrender.buffers import GBuffer, RaySurface
 from torchrender.clock import StepClock
 from torchrender.errors import OptionError
 from torchrender.image import Image
+from torchrender.kernels.compile import Kernel
 from torchrender.passes.contract import Pass
 from torchrender.passes.light.direct_light import MIRROR_SHARE
 from torchrender.passes.outlook import Outlook
@@ -55,6 +56,7 @@ class Run:
     done: list[str] = field(init=False, default_factory=list)  # passes that ran
     found: dict[str, float] = field(init=False, default_factory=dict)  # quantities, since the plan was made
     searches: dict[tuple[str, ...], Search] = field(init=False, default_factory=dict)  # by the passes that had run
+    loading: set[str] = field(init=False, default_factory=set)  # passes that loaded kernels: their times teach nothing
     foreseen_ms: float = field(init=False, default=0.0)  # of all of it, by the first plan
     sensed: dict[str, float] = field(init=False, default_factory=dict)  # what errors of the next picture follow
     doubts: list[Doubt] = field(init=False, default_factory=list)  # about what cameras see
@@ -94,8 +96,11 @@ class Run:
                 return self.values
             step, rest = left[0], left[1:]
             self._weigh(step)
+            before = Kernel.loads
             with self.clock.measure(step.name):
                 self._take(step, step.run(self._frame()))
+            if Kernel.loads != before:
+                self.loading.add(step.name)
             self.done.append(step.name)
             if step.senses is not None and self.limits != (None, None) and self.knowledge.unseen and self._looks:
                 with self.clock.measure("senses"):
@@ -211,7 +216,7 @@ class Run:
         settings = {step.name: step.settings.current(plan.options) for step in known.passes}
         pace = known.pace.aged({(row.name, row.setting) for row in plan.running})
         for row in plan.running:
-            if row.amounts is not None and row.measured_ms is not None:
+            if row.amounts is not None and row.measured_ms is not None and row.name not in self.loading:
                 raw = known.curves.time_ms(row.name, row.setting, row.amounts, known.name)
                 pace = pace.learned(row.name, row.setting, row.measured_ms, raw or 0.0)
         learned = {**pace.known, **known.outlook.known, **self.sensed, **self._beside(), **self._missed()}
