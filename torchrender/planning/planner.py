@@ -21,7 +21,7 @@ from torchrender.planning.curves import Curves, load_curves
 from torchrender.planning.graph import AnyBuffer
 from torchrender.planning.plan import Plan, PlanRow
 from torchrender.planning.question import Question
-from torchrender.planning.rows import expected_of, rows_of
+from torchrender.planning.rows import expected_of, most_of, rows_of
 from torchrender.planning.search import Choice, choose
 from torchrender.planning.standing import Standing, cost_of_rows, stands
 from torchrender.scene.camera import Cameras
@@ -147,9 +147,10 @@ def _safely(
     bound = max_error
     for _ in range(ROUNDS):
         expected = expected_of(question.knowledge, rows, question.options_at(choice.settings))
-        if not choice.possible or expected is None or expected.interval[1] <= max_error:
+        most = 0.0 if expected is None else most_of(question.knowledge, expected)
+        if not choice.possible or expected is None or most <= max_error:
             break
-        bound = TIGHTER * min(bound, max_error * choice.predicted_error / expected.interval[1])
+        bound = TIGHTER * min(bound, max_error * choice.predicted_error / most)
         choice = choose(question, budget_ms, bound, spent_ms)
         rows = rows_of(question.knowledge, question.options_at(choice.settings))
         if not choice.possible:  # nothing is as sure as that: what is most exact may do
