@@ -196,7 +196,8 @@ class Run:
     @property
     def _looks(self) -> bool:
         """It is time to sense: a search was made, or many pictures stood by it."""
-        return all(search.pictures % LOOKS in (0, LOOKS - 1) for search in self.searches.values())
+        stood = [search.pictures for search in self.searches.values()]
+        return all(number == 0 or number % LOOKS == LOOKS - 1 for number in stood)
 
     @property
     def _stands(self) -> bool:

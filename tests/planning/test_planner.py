@@ -254,7 +254,6 @@ def test_an_impossible_budget_gives_the_cheapest_complete_picture(washroom: Scen
     quickest = tr.plan(washroom, view(washroom), budget_ms=1e-3)
     assert all((quickest.predicted_ms or 0.0) <= (one.predicted_ms or 0.0) + 1e-6 for one in others)
     assert "gbuffer: 0.25 instead of 1, saves" in str(image.plan)
-    assert any(text.startswith("reflections: environment instead of ") for text in image.plan.changes)
     assert image.radiance.shape == (1, 40, 40, 3) and bool(torch.isfinite(image.radiance).all())
     assert float((image.radiance.sum(-1) > 0).float().mean()) > 0.99
     assert image.gbuffer.depth.shape == (1, 40, 40)

@@ -14,7 +14,7 @@ from torchrender.pipeline.pace import LATE, Pace, Search, missed
 from torchrender.planning import planner
 from torchrender.planning.plan import Plan
 from torchrender.planning.search import HEADROOM, HEADROOMS, headroom
-from torchrender.planning.standing import PICTURES
+from torchrender.planning.standing import LEAST_MS, PICTURES, SLOWER
 
 SCENE = tr.load("grass", size=3000)
 CAMERA = SCENE.camera(width=64, height=48)
@@ -72,14 +72,16 @@ def test_another_wish_is_searched_for(
     assert planned(monkeypatch, past, **wishes)[1] > 0
 
 
-@pytest.mark.parametrize("place, factor", [(0, 0.2), (0, 5.0), (1, 0.8), (1, 1.25)])
+@pytest.mark.parametrize("later, worse, searched", [
+    (1.0, 1.05, False), (2 * LEAST_MS, 1.0, True), (0.0, 0.8, True), (0.0, 1.25, True),
+])  # fmt: skip
 def test_costs_that_moved_are_searched_for(
-    monkeypatch: pytest.MonkeyPatch, past: RenderHistory, place: int, factor: float
+    monkeypatch: pytest.MonkeyPatch, past: RenderHistory, later: float, worse: float, searched: bool
 ) -> None:
-    cost = list(last(past).cost)
-    assert cost[0] > 3.0 and cost[1] > 0.01, "far from where changes are none"
-    cost[place] *= factor
-    assert planned(monkeypatch, with_search(past, replace(last(past), cost=tuple(cost))))[1] > 0
+    ms, error, most = last(past).cost
+    assert error > 0.01, "far from where changes are none"
+    moved = replace(last(past), cost=((SLOWER if later > LEAST_MS else 1.0) * ms + later, worse * error, most))
+    assert (planned(monkeypatch, with_search(past, moved))[1] > 0) == searched
 
 
 def test_no_choice_stands_for_ever(monkeypatch: pytest.MonkeyPatch, past: RenderHistory) -> None:

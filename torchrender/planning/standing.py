@@ -26,8 +26,8 @@ fast at first."""
 SLOWER, WORSE = 1.25, 1.1
 """Times that milliseconds and errors may have grown or shrunk since."""
 
-LEAST_MS = 2.0
-"""Changes of times below this are none."""
+LEAST_MS = 8.0
+"""Changes of times below this are none: a search takes as long."""
 
 Cost = tuple[float, float, float]
 
