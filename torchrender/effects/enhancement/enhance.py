@@ -126,7 +126,8 @@ def enhance_picture(
         lights: None, without an environment: a light that shines along each camera's axis.
 
     Raises:
-        InputError: shapes that do not fit, or light that is not finite. GradientError: depth or normals ask for gradients.
+        InputError: shapes that do not fit, or light that is not finite. GradientError: depth or normals ask for
+            gradients.
     """
     check_class("cameras", cameras, Cameras)
     check_no_gradient("enhance_picture", depth=depth, normal=normal)
