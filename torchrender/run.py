@@ -102,7 +102,7 @@ class Run:
             if Kernel.loads != before:
                 self.loading.add(step.name)
             self.done.append(step.name)
-            if step.senses is not None and self.limits != (None, None) and self._looks:
+            if step.senses is not None and self.limits != (None, None) and self.knowledge.unseen and self._looks:
                 with self.clock.measure("senses"):
                     self.sensed |= {sense_of(name): value for name, value in step.senses(self._frame()).items()}
             if step.checkpoint is not None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import torchrender as tr
-from torchrender.planning.curves import MOST_OTHER, load_curves
+from torchrender.planning.curves import load_curves
 from torchrender.planning.foresight import (
     COVERED,
     LEAST,
@@ -142,20 +142,6 @@ def test_passes_sense_only_where_it_helps() -> None:
     camera = scene.camera(width=48, height=48)
     assert load_curves().scenes.keys() >= {"cornell_box/96"}
     assert "senses" not in tr.render(scene, camera).timings_ms
-    assert "senses" not in tr.render(box, width=48, height=48).timings_ms
-    assert tr.render(box, width=400, height=400, budget_ms=1000).timings_ms["senses"] > 0, "it was measured elsewhere"
+    assert "senses" not in tr.render(box, width=400, height=400, budget_ms=1000).timings_ms
     assert tr.render(box, width=48, height=48, budget_ms=1000).timings_ms["senses"] > 0, "it was measured larger"
     assert tr.render(scene, camera, max_error=0.3).timings_ms["senses"] > 0
-
-
-def test_errors_of_a_measured_scene_follow_what_another_view_shows() -> None:
-    curves, key, name = load_curves(), "cornell_box/96", "ambient_visibility"
-    then = curves.scenes[key]["sensed"][name]
-    record = curves.record(name, "off", key)
-    assert record is not None and record["flip"] > 0
-    errors = [curves.error(name, "off", key, factor * then).error for factor in (0.5, 1.0, 2.0, 1e6)]
-    assert errors[1] == pytest.approx(record["flip"]) and errors[0] < errors[1] < errors[2]
-    assert errors[3] == pytest.approx(min(MOST_OTHER * record["flip"], 1.0)), "within limits"
-    assert curves.error(name, "off", key).error == record["flip"], "nothing is known of the view"
-    line = curves.lines[name]["off"]
-    assert errors[2] / errors[1] == pytest.approx(2.0**line.slope, rel=1e-3)

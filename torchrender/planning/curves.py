@@ -30,9 +30,6 @@ ENVIRONMENT = "TORCHRENDER_CURVES"
 MEASURED_SPREAD = 0.15
 """Of the logarithm of an error in another view of a scene that was measured."""
 
-MOST_OTHER = 4.0
-"""Times more or less error in another view of it."""
-
 UNKNOWN_SPREAD = 1.0
 """The same, where nothing is known but the mean of others."""
 
@@ -99,8 +96,7 @@ class Curves:
         """
         own = self.record(name, setting, scene)
         if own is not None:
-            factor = self._other_view(name, setting, scene, sensed, probed)
-            return Expected(min(float(own["flip"]) * factor, 1.0), MEASURED_SPREAD)
+            return Expected(float(own["flip"]), MEASURED_SPREAD)
         closer = None if probed is None else self.lines.get(closely(name), {}).get(setting)
         if closer is not None:
             return closer.expected(probed)
@@ -110,18 +106,6 @@ class Curves:
         found = [self.record(name, setting, known) for known in self.scenes]
         values = [float(record["flip"]) for record in found if record is not None]
         return Expected(sum(values) / len(values) if values else 0.0, UNKNOWN_SPREAD)
-
-    def _other_view(
-        self, name: str, setting: str, scene: str | None, sensed: float | None, probed: float | None
-    ) -> float:
-        """How errors in a view of a measured scene lie about those in views that were measured, by what is sensed."""
-        before = self.scenes.get(scene or "", {}).get("sensed", {})
-        for kind, now in ((closely(name), probed), (name, sensed)):
-            line, then = self.lines.get(kind, {}).get(setting), before.get(kind)
-            if line is not None and then is not None and now is not None:
-                ratio = line.expected(now).error / max(line.expected(float(then)).error, 1e-9)
-                return min(max(ratio, 1.0 / MOST_OTHER), MOST_OTHER)
-        return 1.0
 
     def like_measured(self, cameras: Cameras) -> bool:
         """Errors of measured scenes hold for pictures of about that size."""

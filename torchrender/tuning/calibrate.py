@@ -54,16 +54,14 @@ def calibrate(scenes: Sequence[Scene], *, size: int = SIDE, known: Curves | None
         tell: is told what was done, a line at a time.
     """
     errors: dict[str, Any] = {}
-    senses: dict[str, Any] = {}
     joint: list[tuple[list[float], float]] = []
     seen: Observations = defaultdict(list)
     for scene in scenes:
         key = scene_key(scene)
         if known is not None and key in known.scenes:
-            errors[key], senses[key] = known.scenes[key]["passes"], known.scenes[key].get("sensed", {})
+            errors[key] = known.scenes[key]["passes"]
         else:
             errors[key] = errors_of(scene, views_of(scene, size))
-            senses[key] = unseen.sensed_in(scene, views_of(scene, size))
             joint += joint_errors(scene, size, errors[key])
             tell(f"{scene.name}: errors measured")
         for name, values in times_of(scene, [s for s in SIZES if s < size] + [size]).items():
@@ -83,10 +81,7 @@ def calibrate(scenes: Sequence[Scene], *, size: int = SIDE, known: Curves | None
         "foresight": lines,
         "joint": {} if known is None else {"fine": list(known.fine), "coarse": list(known.coarse)},
     }
-    made = curves_from(errors, seen, norm) | rest
-    for key, values in senses.items():
-        made["scenes"][key]["sensed"] = values
-    return made
+    return curves_from(errors, seen, norm) | rest
 
 
 def errors_of(scene: Scene, views: Sequence[Cameras]) -> dict[str, dict[str, dict[str, Any]]]:

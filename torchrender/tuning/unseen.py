@@ -18,7 +18,7 @@ from torchrender.passes.settings import CUSTOM, Setting
 from torchrender.passes.table import PASSES
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
-from torchrender.planning.costs import SENSE, sense_of
+from torchrender.planning.costs import sense_of
 from torchrender.planning.foresight import COVERED, LEAST, Expected, Line, fitted, joint_of_pictures
 from torchrender.quality.metrics import flip
 from torchrender.renderer import NO_LIMIT, render
@@ -73,18 +73,6 @@ def sensed(scene: Scene, camera: Cameras) -> tuple[Image, RenderHistory]:
     image = render(scene, camera, options=replace(usual, fixed=held), history=RenderHistory(), budget_ms=NO_LIMIT)
     assert image.history is not None
     return image, image.history
-
-
-def sensed_in(scene: Scene, views: Iterable[Cameras]) -> dict[str, float]:
-    """What passes sense in the last pictures of short sequences, means over those in which all of it is: by name."""
-    found = []
-    for view in views:
-        _, history = sensed(scene.with_default_light(), view[len(view) - 1])
-        assert history.pace is not None
-        known = history.pace.known
-        found.append({name[len(SENSE) :]: value for name, value in known.items() if name.startswith(SENSE)})
-    names = set.intersection(*(set(one) for one in found)) if found else set()
-    return {name: float(f"{sum(one[name] for one in found) / len(found):.4g}") for name in sorted(names)}
 
 
 def _errors(
