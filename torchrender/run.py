@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -35,7 +36,7 @@ BESIDE = {name: f"milliseconds of {name}" for name in ("plan", "senses")}
 """Quantities that a picture tells the next one: what a budget pays beside the passes."""
 
 FIRST_BESIDE = {"plan": 4.0, "senses": 16.0}
-"""Milliseconds of them, at most, that a first picture tells: it loads much for them."""
+"""Milliseconds of them, at most, that pictures tell which load much for them: of the plan the first one."""
 
 LOOKS = 4
 """Of so many pictures that stand by one choice the last one senses: what errors follow changes with the view."""
@@ -185,12 +186,12 @@ class Run:
     def _beside(self) -> dict[str, float]:
         """What the next picture will spend beside its passes, about: it stands by this one's choice."""
         took, past = self.clock.elapsed_ms, self.knowledge.outlook.history
-        before = FIRST_BESIDE if not past.pictures else {n: self.knowledge.pace.known.get(k) for n, k in BESIDE.items()}
         found = {}
         for name, known in BESIDE.items():
-            usual = before[name]
-            searched = not past.pictures or (name == "plan" and not self._stands)
-            found[known] = took.get(name, 0.0) if usual is None or not searched else min(took.get(name, 0.0), usual)
+            most = FIRST_BESIDE[name]
+            if name == "plan" and past.pictures:
+                most = math.inf if self._stands else self.knowledge.pace.known.get(known, most)
+            found[known] = min(took.get(name, 0.0), most)
         return found
 
     @property

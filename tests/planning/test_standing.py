@@ -89,6 +89,14 @@ def test_no_choice_stands_for_ever(monkeypatch: pytest.MonkeyPatch, past: Render
     assert planned(monkeypatch, with_search(past, replace(last(past), pictures=PICTURES)))[1] > 0
 
 
+def test_what_became_possible_is_searched_for(monkeypatch: pytest.MonkeyPatch, past: RenderHistory) -> None:
+    plan, _ = planned(monkeypatch, with_search(past, None), max_error=None, budget_ms=1000.0)
+    assert plan.search is not None and plan.possible
+    assert planned(monkeypatch, with_search(past, plan.search), max_error=None, budget_ms=1000.0)[1] == 0
+    lost = with_search(past, replace(plan.search, possible=False))
+    assert planned(monkeypatch, lost, max_error=None, budget_ms=1000.0)[1] > 0
+
+
 def test_first_choices_stand_for_a_short_time(monkeypatch: pytest.MonkeyPatch, past: RenderHistory) -> None:
     young = replace(with_search(past, replace(last(past), pictures=1)), pictures=3)
     assert planned(monkeypatch, young)[1] > 0

@@ -74,7 +74,7 @@ def stands(
     rows = rows_of(knowledge, options)
     expected = expected_of(knowledge, rows, options)
     cost = cost_of_rows(rows, expected, frozenset(done))
-    if _moved(cost, last.cost) or (last.possible and not _kept(knowledge, wishes, cost, spent_ms)):
+    if _moved(cost, last.cost) or last.possible != _kept(knowledge, wishes, cost, spent_ms):
         return None
     choice = Choice(
         settings=last.settings,
@@ -91,7 +91,7 @@ def _moved(cost: Cost, before: Cost) -> bool:
 
 
 def _kept(knowledge: Knowledge, wishes: tuple[float | None, float | None], cost: Cost, spent_ms: float) -> bool:
-    """What was possible still is; bounds that nothing surely keeps are those of the error alone."""
+    """What was wished for is kept; bounds that nothing surely keeps are those of the error alone."""
     budget, bound = wishes
     in_time = budget is None or spent_ms + cost[0] <= headroom(knowledge.pace) * budget
     return in_time and (bound is None or cost[1] <= bound)
