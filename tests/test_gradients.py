@@ -69,6 +69,9 @@ def test_places_of_lights_carry_gradients_with_shadows_as_they_are() -> None:
 
 
 VERTICES = BOX.vertices.clone().requires_grad_()
+RADIUS = torch.tensor(0.4, dtype=torch.float64, requires_grad=True)
+AREA = tr.RectLight(corner=[1, 2, 1], edge_u=[1, 0, 0], edge_v=[0, 0, 1], radiance=5)
+EDGES = torch.tensor([[-2.0], [2.0]])
 RAYS = torch.tensor([[0.0, 0.0, 3.0]])
 LOST: dict[str, tuple[Callable[[], object], str]] = {
     "render": (lambda: tr.render(scene(mesh(vertices=VERTICES)), CAMERA), "vertices of mesh 'box'"),
@@ -89,6 +92,42 @@ LOST: dict[str, tuple[Callable[[], object], str]] = {
     "tree": (lambda: tr.RayCaster(mesh(vertices=VERTICES)), "vertices of mesh 'box'"),
     "rays": (lambda: tr.RayCaster(BOX).first_hit(RAYS.clone().requires_grad_(), -RAYS), "casting rays .* to origins"),
     "voxels": (lambda: tr.voxelize_solid(VERTICES[None], BOX.faces, 8), "voxelization gives no gradient to vertices"),
+    "eye": (lambda: tr.Cameras.look_at(wanted(3), [0, 0, 3], width=8, height=8), "a camera gives no gradient to eye"),
+    "opening angle": (
+        lambda: tr.Cameras.look_at([0, 0, 3], [0, 0, 0], fov_deg=wanted(value=40.0), width=8, height=8),
+        "a camera gives no gradient to fov_deg",
+    ),
+    "cone": (
+        lambda: tr.SpotLight(position=[0, 2, 0], direction=[0, -1, 0], intensity=1, outer_deg=wanted(value=40.0)),
+        "a light gives no gradient to outer_deg",
+    ),
+    "turned sky": (
+        lambda: tr.Environment(radiance=torch.ones(4, 8, 3), rotation_deg=wanted(value=40.0)),
+        "an environment gives no gradient to rotation_deg",
+    ),
+    "box of a shadow": (
+        lambda: tr.soft_shadow(scene(), AREA, tr.rasterize(scene(), CAMERA), bounds=wanted(2, 3) * EDGES),
+        "soft_shadow gives no gradient to bounds",
+    ),
+    "placement": (
+        lambda: tr.collide(BOX, BOX, world_from_second=torch.eye(4).requires_grad_()),
+        "collide gives no gradient to world_from_second",
+    ),
+    "grid": (lambda: tr.make_grid(VERTICES[None], 8), "make_grid gives no gradient to points"),
+    "implicit": (
+        lambda: tr.voxelize_implicit(lambda p: p.norm(dim=-1) - RADIUS, tr.make_grid(BOX.vertices[None], 8)),
+        "voxelize_implicit gives no gradient to values of function",
+    ),
+    "parametric": (
+        lambda: tr.voxelize_parametric(
+            lambda q: torch.cat([q, q[:, :1]], dim=-1) * RADIUS, ((0, 1), (0, 1)), tr.make_grid(BOX.vertices[None], 8)
+        ),
+        "voxelize_parametric gives no gradient to points of surface",
+    ),
+    "enhanced depth": (
+        lambda: tr.enhance_picture(CAMERA, torch.ones(1, 10, 12, 3), wanted(1, 10, 12)),
+        "enhance_picture gives no gradient to depth",
+    ),
     "points": (lambda: tr.PointCloud(position=wanted(4, 3)), "a point cloud gives no gradient to position"),
 }
 

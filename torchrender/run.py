@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -10,6 +11,7 @@ from torchrender.buffers import GBuffer, RaySurface
 from torchrender.clock import StepClock
 from torchrender.errors import OptionError
 from torchrender.image import Image
+from torchrender.kernels.compile import Kernel
 from torchrender.passes.contract import Pass
 from torchrender.passes.light.direct_light import MIRROR_SHARE
 from torchrender.passes.outlook import Outlook
@@ -22,6 +24,7 @@ from torchrender.pipeline.doubts import Doubt, exposure_of
 from torchrender.pipeline.frame import Frame
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
+from torchrender.pipeline.pace import Search, missed
 from torchrender.pipeline.view_doubts import picture_doubts, view_doubts
 from torchrender.planning.costs import Knowledge, sense_of
 from torchrender.planning.graph import Graph
@@ -29,15 +32,14 @@ from torchrender.planning.plan import Plan
 from torchrender.planning.planner import make_plan
 from torchrender.shade import SentLight
 
-BESIDE = "milliseconds of plan and senses"
-"""A quantity that a picture tells the next one: what a budget pays beside the passes."""
+BESIDE = {name: f"milliseconds of {name}" for name in ("plan", "senses")}
+"""Quantities that a picture tells the next one: what a budget pays beside the passes."""
 
-FIRST_BESIDE = 20.0
-"""Milliseconds of it, at most, that a first picture tells."""
+FIRST_BESIDE = {"plan": 4.0, "senses": 16.0}
+"""Milliseconds of them, at most, that pictures tell which load much for them: of the plan the first one."""
 
-
-def _beside(took: Mapping[str, float]) -> float:
-    return sum(took.get(name, 0.0) for name in ("plan", "senses"))
+LOOKS = 4
+"""Of so many pictures that stand by one choice the last one senses: what errors follow changes with the view."""
 
 
 @dataclass(eq=False)
@@ -54,6 +56,9 @@ class Run:
     amounts: dict[str, tuple[float, ...]] = field(init=False, default_factory=dict)  # of work, by pass
     done: list[str] = field(init=False, default_factory=list)  # passes that ran
     found: dict[str, float] = field(init=False, default_factory=dict)  # quantities, since the plan was made
+    searches: dict[tuple[str, ...], Search] = field(init=False, default_factory=dict)  # by the passes that had run
+    loading: set[str] = field(init=False, default_factory=set)  # passes that loaded kernels: their times teach nothing
+    foreseen_ms: float = field(init=False, default=0.0)  # of all of it, by the first plan
     sensed: dict[str, float] = field(init=False, default_factory=dict)  # what errors of the next picture follow
     doubts: list[Doubt] = field(init=False, default_factory=list)  # about what cameras see
 
@@ -92,10 +97,13 @@ class Run:
                 return self.values
             step, rest = left[0], left[1:]
             self._weigh(step)
+            before = Kernel.loads
             with self.clock.measure(step.name):
                 self._take(step, step.run(self._frame()))
+            if Kernel.loads != before:
+                self.loading.add(step.name)
             self.done.append(step.name)
-            if step.senses is not None and self.limits != (None, None) and self.knowledge.unseen:
+            if step.senses is not None and self.limits != (None, None) and self.knowledge.unseen and self._looks:
                 with self.clock.measure("senses"):
                     self.sensed |= {sense_of(name): value for name, value in step.senses(self._frame()).items()}
             if step.checkpoint is not None:
@@ -110,9 +118,14 @@ class Run:
             took = self.clock.elapsed_ms
             done = {name: took[name] for name in self.done}
             spent = sum(ms for name, ms in took.items() if name not in ("load", "total"))
-            spent += max(0.0, self.knowledge.pace.known.get(BESIDE, 0.0) - _beside(took))
+            told = self.knowledge.pace.known
+            spent += sum(max(0.0, told.get(known, 0.0) - took.get(name, 0.0)) for name, known in BESIDE.items())
             self.plan = make_plan(self.knowledge, options, *self.limits, done=done, spent_ms=spent)
             self.graph = self.knowledge.graph(self.plan.options)
+            if not done:
+                self.foreseen_ms = spent + (self.plan.predicted_ms or 0.0)
+            if self.plan.search is not None:
+                self.searches[tuple(done)] = self.plan.search
 
     def _look_again(self) -> None:
         """More is known, and a part of the time is spent: reasons, and what is left to choose, follow."""
@@ -171,9 +184,33 @@ class Run:
                 del self.values[buffer]
 
     def _beside(self) -> dict[str, float]:
-        """What the next picture will spend beside its passes, about; the first one of a scene loads much for it."""
-        took, past = _beside(self.clock.elapsed_ms), self.knowledge.outlook.history
-        return {BESIDE: took if past.pictures else min(took, FIRST_BESIDE)}
+        """What the next picture will spend beside its passes, about: it stands by this one's choice."""
+        took, past = self.clock.elapsed_ms, self.knowledge.outlook.history
+        found = {}
+        for name, known in BESIDE.items():
+            most = FIRST_BESIDE[name]
+            if name == "plan" and past.pictures:
+                most = math.inf if self._stands else self.knowledge.pace.known.get(known, most)
+            found[known] = min(took.get(name, 0.0), most)
+        return found
+
+    @property
+    def _looks(self) -> bool:
+        """It is time to sense: a search was made, or many pictures stood by it."""
+        stood = [search.pictures for search in self.searches.values()]
+        return all(number == 0 or number % LOOKS == LOOKS - 1 for number in stood)
+
+    @property
+    def _stands(self) -> bool:
+        """All that was chosen is what an earlier picture chose."""
+        return bool(self.searches) and all(search.pictures for search in self.searches.values())
+
+    def _missed(self) -> dict[str, float]:
+        """How far the time was missed that a picture after the first was chosen for."""
+        past = self.knowledge.outlook.history
+        if not past.pictures or past.pace is None or not self._stands:
+            return {}
+        return missed(past.pace.known, self.clock.elapsed_ms.get("total", 0.0), self.foreseen_ms)
 
     def history(self, plan: Plan) -> RenderHistory:
         """What the next picture of the sequence starts from."""
@@ -181,12 +218,11 @@ class Run:
         settings = {step.name: step.settings.current(plan.options) for step in known.passes}
         pace = known.pace.aged({(row.name, row.setting) for row in plan.running})
         for row in plan.running:
-            if row.amounts is not None and row.measured_ms is not None:
+            if row.amounts is not None and row.measured_ms is not None and row.name not in self.loading:
                 raw = known.curves.time_ms(row.name, row.setting, row.amounts, known.name)
                 pace = pace.learned(row.name, row.setting, row.measured_ms, raw or 0.0)
-        pace = replace(
-            pace, choice=settings, known={**pace.known, **known.outlook.known, **self.sensed, **self._beside()}
-        )
+        learned = {**pace.known, **known.outlook.known, **self.sensed, **self._beside(), **self._missed()}
+        pace = replace(pace, choice=settings, known=learned, searches=self.searches)
         past = known.outlook.history.with_picture(self.lasting.items(), plan.options)
         return replace(past, pace=pace)
 

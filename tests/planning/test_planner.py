@@ -248,9 +248,13 @@ def test_an_impossible_budget_gives_the_cheapest_complete_picture(washroom: Scen
     image = tr.render(washroom, view(washroom), budget_ms=1e-3)
     assert image.plan is not None and not image.plan.possible
     assert "not enough" in image.plan.statement and image.plan.statement in str(image.plan)
-    assert image.plan.row("gbuffer").setting == "0.25" and image.plan.row("reflections").setting == "environment"
+    assert image.plan.row("gbuffer").setting == "0.25"
+    ways = find_pass("reflections").settings.all
+    held = [replace(way.applied(tr.RenderOptions()), fixed=("reflections",)) for way in ways]
+    others = [tr.plan(washroom, view(washroom), options=options, budget_ms=1e-3) for options in held]
+    quickest = tr.plan(washroom, view(washroom), budget_ms=1e-3)
+    assert all((quickest.predicted_ms or 0.0) <= (one.predicted_ms or 0.0) + 1e-6 for one in others)
     assert "gbuffer: 0.25 instead of 1, saves" in str(image.plan)
-    assert any(text.startswith("reflections: environment instead of ") for text in image.plan.changes)
     assert image.radiance.shape == (1, 40, 40, 3) and bool(torch.isfinite(image.radiance).all())
     assert float((image.radiance.sum(-1) > 0).float().mean()) > 0.99
     assert image.gbuffer.depth.shape == (1, 40, 40)

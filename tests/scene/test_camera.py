@@ -159,6 +159,10 @@ def test_wrong_shapes_and_values_are_named():
     good = some_cameras()
     with pytest.raises(CameraError, match="camera_from_world"):
         Cameras(torch.eye(4), good.intrinsics, 4, 4, 0.1, 1.0)
+    leaning = torch.eye(4, dtype=torch.float64)[None].clone()
+    leaning[0, 3, 0] = 0.5
+    with pytest.raises(CameraError, match="camera_from_world must have the last row 0, 0, 0, 1"):
+        Cameras(camera_from_world=leaning, intrinsics=torch.eye(3)[None], width=8, height=8)
     with pytest.raises(CameraError, match="intrinsics"):
         Cameras(good.camera_from_world, good.intrinsics[:2], 4, 4, 0.1, 1.0)
     with pytest.raises(CameraError, match="focal"):

@@ -40,6 +40,8 @@ LOG = logging.getLogger("torchrender.kernels")
 class Kernel(CPUDispatcher):
     """A compiled function, and the same function as other kernels call it."""
 
+    loads = 0  # of all kernels so far: compiled, or read from disk
+
     def __init__(self, py_func: Any, locals: Any = None, targetoptions: Any = None, *, seen: bool = True) -> None:
         options = {**(targetoptions or {}), "no_cfunc_wrapper": True}
         if not seen:
@@ -99,6 +101,7 @@ class Kernel(CPUDispatcher):
 
     def compile(self, sig: Any) -> Any:
         """For these types of arguments; other processes that want the same wait meanwhile."""
+        Kernel.loads += 1
         try:
             return super().compile(sig)
         finally:

@@ -145,6 +145,11 @@ class HitShader:
         assert self.scene.environment is not None
         return SkyPyramid.of(self.scene.environment)
 
+    @property
+    def looked_around(self) -> bool:
+        """The scene was drawn from its middle."""
+        return bool(self._cubes)
+
     def _cube(self, eyes: Tensor | None) -> SceneCube:
         """The scene as its middle sees it."""
         own = torch.zeros(0, 3, dtype=torch.float64) if eyes is None else eyes.double()

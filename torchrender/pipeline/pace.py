@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
+
+from torchrender.pipeline.options import RenderOptions
 
 LEARNING = 0.5
 """Weight of the newest picture in a ratio."""
+
+SLOWLY = 0.25
+"""The same of a whole picture, in how far predictions are missed."""
 
 FADING = 0.85
 """Power that a ratio takes with every picture which does not use its setting: one slow picture, as where kernels are
@@ -16,6 +23,50 @@ LIMIT = 8.0
 """Largest correction of a prediction, up or down."""
 
 
+MISSED, UNSURE, LATE = (f"logarithm of times over what was foreseen: {name}" for name in ("mean", "spread", "most"))
+"""Quantities that a sequence learns about whole pictures."""
+
+FIRST_UNSURE = 0.08
+"""Before the first of them is known: times lie that far off, up or down."""
+
+MOST_MISSED = 0.4
+"""What one picture counts for."""
+
+
+def missed(known: Mapping[str, float], measured_ms: float, foreseen_ms: float) -> dict[str, float]:
+    """What a sequence knows of how pictures miss their times, after another one."""
+    if foreseen_ms <= 0.0 or measured_ms <= 0.0:
+        return {}
+    off = min(max(math.log(measured_ms / foreseen_ms), -MOST_MISSED), MOST_MISSED)
+    before = known.get(MISSED, 0.0)
+    mean = before + SLOWLY * (off - before)
+    spread = (1.0 - SLOWLY) * known.get(UNSURE, FIRST_UNSURE) + SLOWLY * abs(off - before)
+    return {MISSED: mean, UNSURE: spread, LATE: mean + 2.0 * spread}
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Search:
+    """What a search over all settings came to, at one place of a picture: the next pictures stand by it for a while."""
+
+    wishes: tuple[float | None, float | None]  # budget, error bound
+    asked: RenderOptions  # before anything was chosen
+    settings: Mapping[str, str]  # chosen, by pass
+    possible: bool
+    changes: tuple[str, ...]  # in words
+    cost: tuple[float, float, float]  # expected milliseconds of what was to run, error, and most of it
+    pictures: int = 0  # that stood by it
+
+    def is_of(self, wishes: tuple[float | None, float | None], asked: RenderOptions) -> bool:
+        """It was about the same."""
+        return self.wishes == wishes and (asked is self.asked or _alike(asked, self.asked))
+
+
+def _alike(first: Any, second: Any) -> bool:
+    """Options are equal; colours may be tensors, of which only the same one is."""
+    mine, other = dict(vars(first)), dict(vars(second))
+    return mine.pop("background") is other.pop("background") and mine == other
+
+
 @dataclass(frozen=True, kw_only=True)
 class Pace:
     """Ratios measured / predicted by pass and setting, and the settings that the last picture was made with."""
@@ -23,6 +74,7 @@ class Pace:
     ratios: Mapping[tuple[str, str], float] = field(default_factory=dict)
     choice: Mapping[str, str] = field(default_factory=dict)  # setting by pass
     known: Mapping[str, float] = field(default_factory=dict)  # quantities that the last pictures found out
+    searches: Mapping[tuple[str, ...], Search] = field(default_factory=dict, compare=False)  # by the passes that ran
 
     def ratio(self, name: str, setting: str) -> float:
         """Correction of a prediction: of this setting, else the mean of the pass's other settings, else 1."""

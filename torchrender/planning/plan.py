@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from torchrender.brief import html_table
 from torchrender.pipeline.options import RenderOptions
+from torchrender.pipeline.pace import Search
 from torchrender.planning.foresight import Expected
 
 
@@ -59,6 +60,7 @@ class Plan:
     measured_ms: float | None = None
     note: str = ""  # why it took far longer than predicted, where that is known
     changes: tuple[str, ...] = ()  # settings that a budget or a bound chose instead of those asked for, in words
+    search: Search | None = field(default=None, repr=False, compare=False)  # that chose these settings
 
     @property
     def running(self) -> tuple[PlanRow, ...]:

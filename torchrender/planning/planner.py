@@ -15,17 +15,17 @@ from torchrender.passes.settings import CUSTOM
 from torchrender.passes.table import find_pass, table_of
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
-from torchrender.planning.costs import Knowledge, is_seen
+from torchrender.pipeline.pace import Search
+from torchrender.planning.costs import Knowledge
 from torchrender.planning.curves import Curves, load_curves
-from torchrender.planning.foresight import Expected
 from torchrender.planning.graph import AnyBuffer
 from torchrender.planning.plan import Plan, PlanRow
 from torchrender.planning.question import Question
+from torchrender.planning.rows import expected_of, most_of, rows_of
 from torchrender.planning.search import Choice, choose
+from torchrender.planning.standing import Standing, cost_of_rows, stands
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
-
-NOTHING = Expected(0.0, 0.0)
 
 ROUNDS = 3
 """Of tightening a bound."""
@@ -85,18 +85,13 @@ def make_plan(
         done: passes that ran, with what they took; their settings are what the options say.
         spent_ms: time that was spent so far.
     """
-    choice = None
-    options = _settled(knowledge, options, frozenset(done or ()))
-    rows: tuple[PlanRow, ...] | None = None
-    if budget_ms is not None or max_error is not None:
-        question = Question.about(knowledge, options, frozenset(done or ()))
-        choice = choose(question, budget_ms, max_error, spent_ms)
-        rows = _rows(knowledge, question.options_at(choice.settings))
-        if max_error is not None:
-            choice, rows = _safely(question, (budget_ms, max_error, spent_ms), choice, rows)
-        options = question.options_at(choice.settings)
-    rows = rows or _rows(knowledge, options)
-    expected = _expected(knowledge, rows, options)
+    ran = frozenset(done or ())
+    options = _settled(knowledge, options, ran)
+    wishes = (budget_ms, max_error)
+    found = None if wishes == (None, None) else _found(knowledge, options, wishes, tuple(done or ()), spent_ms)
+    options = options if found is None else found.options
+    rows = rows_of(knowledge, options) if found is None else found.rows
+    expected = expected_of(knowledge, rows, options)
     plan = Plan(
         rows=rows,
         options=options,
@@ -105,11 +100,40 @@ def make_plan(
         predicted_error=None if expected is None else expected.error,
         error_interval=None if expected is None else expected.interval,
     )
-    if choice is None:
+    if found is None:
         return plan
-    asked = _settled(knowledge, knowledge.outlook.options, frozenset(done or ()))
-    plan = replace(plan, changes=_changes(_rows(knowledge, asked), rows))
+    choice, search = found.choice, found.search
+    if search is None:
+        asked = _settled(knowledge, knowledge.outlook.options, ran)
+        search = Search(
+            wishes=wishes,
+            asked=knowledge.outlook.options,
+            settings=choice.settings,
+            possible=choice.possible,
+            changes=_changes(rows_of(knowledge, asked), rows),
+            cost=cost_of_rows(rows, expected, ran),
+        )
+    plan = replace(plan, changes=search.changes, search=search)
     return plan if choice.possible else replace(plan, possible=False, statement=_statement(plan, choice, spent_ms))
+
+
+def _found(
+    knowledge: Knowledge,
+    options: RenderOptions,
+    wishes: tuple[float | None, float | None],
+    done: tuple[str, ...],
+    spent_ms: float,
+) -> Standing:
+    """The choice of the last pictures where it still holds, else that of a search."""
+    kept = stands(knowledge, options, wishes, done, spent_ms)
+    if kept is not None:
+        return kept
+    question = Question.about(knowledge, options, frozenset(done))
+    choice = choose(question, *wishes, spent_ms)
+    rows = rows_of(knowledge, question.options_at(choice.settings))
+    if wishes[1] is not None:
+        choice, rows = _safely(question, (wishes[0], wishes[1], spent_ms), choice, rows)
+    return Standing(choice, question.options_at(choice.settings), rows, None)
 
 
 def _safely(
@@ -122,24 +146,17 @@ def _safely(
     budget_ms, max_error, spent_ms = wishes
     bound = max_error
     for _ in range(ROUNDS):
-        expected = _expected(question.knowledge, rows, question.options_at(choice.settings))
-        if not choice.possible or expected is None or expected.interval[1] <= max_error:
+        expected = expected_of(question.knowledge, rows, question.options_at(choice.settings))
+        most = 0.0 if expected is None else most_of(question.knowledge, expected)
+        if not choice.possible or expected is None or most <= max_error:
             break
-        bound = TIGHTER * min(bound, max_error * choice.predicted_error / expected.interval[1])
+        bound = TIGHTER * min(bound, max_error * choice.predicted_error / most)
         choice = choose(question, budget_ms, bound, spent_ms)
-        rows = _rows(question.knowledge, question.options_at(choice.settings))
+        rows = rows_of(question.knowledge, question.options_at(choice.settings))
         if not choice.possible:  # nothing is as sure as that: what is most exact may do
-            expected = _expected(question.knowledge, rows, question.options_at(choice.settings))
+            expected = expected_of(question.knowledge, rows, question.options_at(choice.settings))
             return replace(choice, possible=expected is not None and expected.error <= max_error), rows
     return choice, rows
-
-
-def _expected(knowledge: Knowledge, rows: tuple[PlanRow, ...], options: RenderOptions) -> Expected | None:
-    """The error of a picture whose passes run like this; None where one was never measured."""
-    found = [row.expected_error for row in rows if row.runs or row.expected_error is not None]
-    known = [one for one in found if one is not None]
-    unseen = options if knowledge.unseen else None
-    return knowledge.curves.together(known, unseen=unseen) if len(known) == len(found) else None
 
 
 def _changes(asked: tuple[PlanRow, ...], chosen: tuple[PlanRow, ...]) -> tuple[str, ...]:
@@ -199,31 +216,6 @@ def _named(plan: Plan) -> str:
     """The settings of passes that have some."""
     rows = [row for row in plan.running if row.setting not in ("-", CUSTOM)]
     return ", ".join(f"{row.name} {row.setting}" for row in rows)
-
-
-def _rows(knowledge: Knowledge, options: RenderOptions) -> tuple[PlanRow, ...]:
-    graph, outlook = knowledge.graph(options), knowledge.outlook.at(options)
-    rows = []
-    for step in (*graph.running, *(step for step in knowledge.passes if not graph.verdicts[step.name].runs)):
-        setting, verdict = step.settings.current(options), graph.verdicts[step.name]
-        time, error = None, None
-        if verdict.runs and setting != CUSTOM:
-            time = knowledge.predicted_ms(step, setting, step.amounts(outlook))
-            error = knowledge.setting_error(step, setting, options) if is_seen(step, graph) else NOTHING
-        elif knowledge.leaves_out(step, options):
-            error = knowledge.setting_error(step, setting, options)
-        rows.append(
-            PlanRow(
-                name=step.name,
-                runs=verdict.runs,
-                reason=verdict.reason,
-                setting=setting,
-                predicted_ms=time,
-                expected_error=error,
-                lasts=step.makes.lasting is not None,
-            )
-        )
-    return tuple(rows)
 
 
 def plan(

@@ -7,9 +7,10 @@ invalid what an earlier picture left. All else adds up: times, and errors to the
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
+from typing import Any, TypeVar, cast
 
 from torchrender.passes.contract import Pass, nothing_asked
 from torchrender.passes.outlook import Outlook
@@ -18,6 +19,8 @@ from torchrender.pipeline.buffer import same
 from torchrender.pipeline.options import RenderOptions
 from torchrender.planning.costs import Knowledge
 from torchrender.planning.graph import AnyBuffer, layers
+
+T = TypeVar("T")
 
 Combination = Mapping[str, str]
 """A setting for every pass with open settings, by its name."""
@@ -75,6 +78,13 @@ class Question:
         """The number of pixels of a combination."""
         name = combination.get(self.first.name)
         return next((count for count in self.counts if count.name == name), self.counts[0])
+
+    def once(self, name: str, make: Callable[[], T]) -> T:
+        """Something that follows from the question, made when it is first asked for."""
+        if (name,) not in self._memo:
+            self._memo[name,] = make()
+        found: Any = self._memo[name,]
+        return cast("T", found)
 
     # ------------------------------------------------------------ times, errors
 

@@ -8,17 +8,22 @@ search.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from torchrender.passes.settings import Setting
+from torchrender.pipeline.pace import LATE, Pace
 from torchrender.planning.problem import VALID, Problem, problems
 from torchrender.planning.question import Combination, Question
 
 HEADROOM = 0.85
-"""Share of a budget that predictions may fill: pictures vary, and so does the machine."""
+"""Share of a budget that predictions may fill before a sequence tells: pictures vary, and so does the machine."""
+
+HEADROOMS = (0.75, 0.95)
+"""Least and most of it."""
 
 LOYALTY = 1.1
 """The last choice stays while nothing else is better by more than this factor."""
@@ -55,8 +60,8 @@ def choose(question: Question, budget_ms: float | None, max_error: float | None,
     Where nothing meets the wish: the quickest for a budget, the most exact for an error bound.
     """
     norm = question.knowledge.curves.norm
-    pool = _Pool(question)
-    time_limit = np.inf if budget_ms is None else HEADROOM * budget_ms - spent_ms
+    pool = question.once("pool", lambda: _Pool(question))
+    time_limit = np.inf if budget_ms is None else headroom(question.knowledge.pace) * budget_ms - spent_ms
     error_limit = np.inf if max_error is None else max_error**norm
     found, possible = None, False
     if max_error is not None or budget_ms is None:
@@ -79,9 +84,15 @@ def choose(question: Question, budget_ms: float | None, max_error: float | None,
     )
 
 
+def headroom(pace: Pace) -> float:
+    """Share of a budget that predictions may fill, by how far the sequence's pictures missed theirs."""
+    over = pace.known.get(LATE)
+    return HEADROOM if over is None else min(max(math.exp(-over), HEADROOMS[0]), HEADROOMS[1])
+
+
 def cost_of(question: Question, combination: Combination) -> tuple[float, float]:
     """Time, and error to the power of the norm, of one combination."""
-    return _at(_Pool(question), combination).cost
+    return _at(question.once("pool", lambda: _Pool(question)), combination).cost
 
 
 class _Pool:

@@ -15,7 +15,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchrender.checks import as_array, as_vector, check_finite, check_range
+from torchrender.checks import as_array, as_vector, check_finite, check_no_gradient, check_range
 from torchrender.errors import CameraError
 from torchrender.numerics.transforms import look_at_matrix, pinhole_matrix
 from torchrender.scene.cameras.doors import CameraDoors, focal_length
@@ -224,6 +224,7 @@ class Cameras(CameraDoors):
 
 def _places(name: str, value: Tensor | Sequence[float]) -> Tensor:
     """(B,3) float64 of one place or several."""
+    check_no_gradient("a camera", **{name: value})
     places = as_array(name, value, error=CameraError).detach().to("cpu", torch.float64)
     if places.dim() not in (1, 2) or places.shape[-1] != 3 or not len(places):
         raise CameraError(f"{name} must have shape (3,) or (B, 3), got {tuple(places.shape)}")

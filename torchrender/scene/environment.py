@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from torchrender.brief import brief
-from torchrender.checks import ArrayLike, as_vector, check_finite, check_picture, check_range
+from torchrender.checks import ArrayLike, as_vector, check_finite, check_no_gradient, check_picture, check_range
 from torchrender.errors import InputError
 from torchrender.images.files import read_image
 from torchrender.scene.files.texture_file import as_texture
@@ -56,6 +56,7 @@ class Environment:
             object.__setattr__(self, "shown", self._checked("shown", self.shown))
         told = f"environment {self.name!r}"
         check_range(f"{told}: intensity", self.intensity, 0.0, LARGEST)
+        check_no_gradient("an environment", rotation_deg=self.rotation_deg)
         check_range(f"{told}: rotation_deg", self.rotation_deg, -LARGEST, LARGEST)
         if float(self.radiance.detach().amax()) * self.intensity > LARGEST:
             raise InputError(f"{told}: radiance times intensity must be at most {LARGEST:g}")
@@ -190,7 +191,7 @@ class Environment:
     def filtered(self) -> FilteredSky:
         """The picture as rough mirrors show it, in its own frame, at intensity one."""
         with torch.inference_mode(False), torch.no_grad():
-            return FilteredSky.of(self._fine)
+            return FilteredSky.of(self._fine, len(self.radiance))
 
     @property
     def _fine(self) -> Tensor:

@@ -102,6 +102,7 @@ class SpotLight:
         _vectors(self, "direction")
         _colors(self, "intensity")
         _unit(self, "direction")
+        check_no_gradient("a light", outer_deg=self.outer_deg, inner_deg=self.inner_deg)
         check_range("SpotLight.outer_deg", self.outer_deg, NARROWEST_DEG, WIDEST_DEG)
         check_range("SpotLight.inner_deg", self.inner_deg, 0.0, self.outer_deg)
         check_range("SpotLight.range", self.range, SHORTEST_RANGE)

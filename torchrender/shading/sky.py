@@ -38,6 +38,11 @@ class SkyMaps:
         made: SkyMaps = known[mirrors]
         return made
 
+    @staticmethod
+    def are_made(environment: Environment, mirrors: bool) -> bool:
+        """Whether :meth:`of` has them ready."""
+        return mirrors in _KEPT.get(environment, ())
+
 
 def _made(environment: Environment, mirrors: bool) -> SkyMaps:
     irradiance = environment.irradiance(octahedral_directions(IRRADIANCE_SIDE)).float() / math.pi

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from torchrender.brief import brief
-from torchrender.checks import check_range, check_tensor, checked_fields, options_of
+from torchrender.checks import check_no_gradient, check_range, check_tensor, checked_fields, options_of
 from torchrender.errors import InputError
 from torchrender.scene.mesh import Geometry
 from torchrender.scene.triangles import Shape, geometry_of
@@ -87,6 +87,7 @@ def collide(
         LeakWarning: a body is not closed.
     """
     options = options_of(options, CollisionOptions)
+    check_no_gradient("collide", world_from_first=world_from_first, world_from_second=world_from_second)
     first, second = geometry_of("first", first), geometry_of("second", second)
     bodies = [
         (_placed("world_from_first", first, world_from_first), first.faces),

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from torchrender.checks import check_choice, check_finite, check_range
+from torchrender.checks import check_choice, check_finite, check_no_gradient, check_range
 from torchrender.errors import InputError
 from torchrender.voxels.grid import VoxelGrid, Voxels
 
@@ -60,6 +60,7 @@ def _inside(function: Callable[[Tensor], Tensor], grid: VoxelGrid, batch: int, c
         values = function(points.reshape(-1, 3))
         if not isinstance(values, Tensor) or values.shape != (ny * nx,):
             raise InputError(f"function must return ({ny * nx},) values, got {getattr(values, 'shape', type(values))}")
+        check_no_gradient("voxelize_implicit", **{"values of function": values})
         if bool(values.isnan().any()):
             raise InputError(f"function must not return NaN: it did in slice {k}")
         out[k] = (values <= 0).reshape(ny, nx)
@@ -139,6 +140,7 @@ def _points(surface: Callable[[Tensor], Tensor], uv: Tensor) -> Tensor:
     points = surface(uv)
     if not isinstance(points, Tensor) or points.shape != (len(uv), 3):
         raise InputError(f"surface must return ({len(uv)}, 3) points, got {getattr(points, 'shape', type(points))}")
+    check_no_gradient("voxelize_parametric", **{"points of surface": points})
     return check_finite("points of the surface", points.double())
 
 

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from torchrender.brief import brief, brief_html
-from torchrender.checks import as_array, check_finite, check_range, check_tensor
+from torchrender.checks import as_array, check_finite, check_no_gradient, check_range, check_tensor
 from torchrender.errors import InputError, OptionError
 from torchrender.kernels.voxels.bits import count_ones, count_runs, list_ones
 
@@ -103,6 +103,7 @@ def make_grid(points: Tensor, dims: Sequence[int] | int = DIMS, pad: int = 2) ->
         OptionError: ``dims`` or ``pad`` outside their ranges.
     """
     points = check_tensor("points", as_array("points", points), ("B", "N", 3))
+    check_no_gradient("make_grid", points=points)
     check_finite("points", points)
     check_range("pad", pad, 0, 8)
     points = points.detach().double()

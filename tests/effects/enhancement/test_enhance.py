@@ -369,5 +369,7 @@ def test_bad_wishes_are_named() -> None:
         with pytest.raises(OptionError, match=text):
             EnhanceOptions(**wish)  # type: ignore[arg-type]
     camera = Cameras.look_at(torch.zeros(1, 3), torch.ones(1, 3), width=4, height=4)
+    with pytest.raises(InputError, match="radiance must be finite"):
+        enhance_picture(camera, torch.full((1, 4, 4, 3), math.nan), torch.ones(1, 4, 4))
     with pytest.raises(InputError, match="depth must have shape"):
         enhance_picture(camera, torch.zeros(1, 4, 4, 3), torch.zeros(1, 4, 5))

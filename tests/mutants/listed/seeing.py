@@ -43,7 +43,7 @@ FAULTS: tuple[Fault, ...] = (
         ("weight = 1.0 if orthographic else 1.0 / key", "weight = 1.0 / key"),
     ),
     *faults("raster", P + "kernels/raster/lanes.py", RASTER,
-        ('builder.icmp_signed("<", owner, held)', 'builder.icmp_signed(">", owner, held)'),
+        ('builder.icmp_signed("<", t, held)', 'builder.icmp_signed(">", t, held)'),
         ('builder.select(builder.fcmp_ordered("<", key, high), key, high)', 'builder.select(builder.fcmp_ordered("<", key, high), key, low)'),
         ('builder.select(builder.fcmp_ordered("<", v, most), v, most)', 'builder.select(builder.fcmp_ordered("<", v, one), v, one)'),
     ),

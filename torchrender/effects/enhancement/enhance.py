@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from torchrender.arrays import view
-from torchrender.checks import check_class, check_tensor, options_of
+from torchrender.checks import check_class, check_finite, check_no_gradient, check_tensor, options_of
 from torchrender.effects.enhancement.creases import bound_overshoot
 from torchrender.effects.enhancement.curvature import strength
 from torchrender.effects.enhancement.gradient import NEAREST, Gloss, Lighting, shading_gradient
@@ -126,12 +126,14 @@ def enhance_picture(
         lights: None, without an environment: a light that shines along each camera's axis.
 
     Raises:
-        InputError: shapes that do not fit.
+        InputError: shapes that do not fit, or light that is not finite. GradientError: depth or normals ask for
+            gradients.
     """
     check_class("cameras", cameras, Cameras)
+    check_no_gradient("enhance_picture", depth=depth, normal=normal)
     options = options_of(options, EnhanceOptions)
     surface = SurfaceImage.from_depth(cameras, depth, normal)
-    check_tensor("radiance", radiance, (*depth.shape, 3))
+    check_finite("radiance", check_tensor("radiance", radiance, (*depth.shape, 3)))
     curvature = surface.curvature(options.limit, centred=options.centred)
     size = torch.zeros_like(radiance)
     for b in range(len(cameras)):

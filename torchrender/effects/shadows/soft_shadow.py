@@ -32,7 +32,7 @@ from torch import Tensor
 from torchrender.arrays import view as numpy_view
 from torchrender.brief import brief
 from torchrender.buffers import GBuffer
-from torchrender.checks import check_choice, check_class, check_range, checked_fields, options_of
+from torchrender.checks import check_choice, check_class, check_no_gradient, check_range, checked_fields, options_of
 from torchrender.effects.shadows.light_packets import Packets, packet_bits
 from torchrender.effects.shadows.light_rays import LightRays, samples_above, usable
 from torchrender.effects.shadows.light_samples import LightGrid, check_lights, light_grid
@@ -208,6 +208,7 @@ def soft_shadow(
     if not lights:
         raise InputError("lights must not be empty")
     check_lights("soft_shadow", lights)
+    check_no_gradient("soft_shadow", bounds=bounds)
     ready = casters if isinstance(casters, Occluders) else occluders(casters)
     covered = gbuffer.covered
     if bounds is None:

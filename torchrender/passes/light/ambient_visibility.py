@@ -52,7 +52,7 @@ def applies(outlook: Outlook) -> Verdict:
     scene = outlook.scene
     if outlook.options.ambient_visibility == "off":
         return Verdict(False, "ambient visibility is turned off")
-    if not has_ambient_light(scene):
+    if not outlook.fact(_has_ambient_light):
         return Verdict(False, "no ambient light")
     if not scene.geometry.triangle_count:
         return Verdict(False, "the scene has no triangles")
@@ -97,7 +97,12 @@ def by_rays(outlook: Outlook) -> bool:
     """
     if outlook.options.ambient_visibility == "traced" or outlook.samples is not None or outlook.cameras.orthographic:
         return True
-    return not tells_enough(outlook.scene, outlook.cameras)
+    return not outlook.fact(tells_enough)
+
+
+def _has_ambient_light(scene: Scene, cameras: Cameras) -> bool:
+    del cameras
+    return has_ambient_light(scene)
 
 
 def tells_enough(scene: Scene, cameras: Cameras) -> bool:

@@ -27,10 +27,12 @@ from torchrender.pipeline.buffer import Buffer, Layer, Order
 from torchrender.pipeline.frame import Frame
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
+from torchrender.scene.camera import Cameras
 from torchrender.scene.light import Light, RectLight
 from torchrender.scene.model import Scene
 from torchrender.shade import AmbientReach, sent_light, shade
 from torchrender.shading.lights import LightLists
+from torchrender.shading.sky import SkyMaps
 
 
 def _under_all(scene: Scene, gbuffer: GBuffer, radiance: Tensor, direct: Tensor) -> Tensor:
@@ -179,11 +181,20 @@ def _nearness(frame: Frame) -> float | None:
 
 
 def amounts(outlook: Outlook) -> Amounts:
-    """Once; pixels; pixels times lights, without and with area."""
+    """Once; pixels; pixels times lights, without and with area; maps of an environment, and of mirrors of it."""
     pixels, point, area = outlook.pixels, float(outlook.point_lights), float(outlook.area_lights)
     if point + area > FEW:  # those that are listed for a tile
         point, area = outlook.known.get(POINT_LISTED, point), outlook.known.get(AREA_LISTED, area)
-    return (1.0, pixels, pixels * point, pixels * area)
+    return (1.0, pixels, pixels * point, pixels * area, *outlook.fact(_sky_maps))
+
+
+def _sky_maps(scene: Scene, cameras: Cameras) -> tuple[float, float]:
+    """Whether the maps of the environment are still to be made, and whether those of what it mirrors are."""
+    del cameras
+    mirrors = scene.material_table.has_physical
+    if scene.environment is None or SkyMaps.are_made(scene.environment, mirrors):
+        return 0.0, 0.0
+    return 1.0, float(mirrors)
 
 
 def over_hits(options: RenderOptions, history: RenderHistory) -> RenderOptions:

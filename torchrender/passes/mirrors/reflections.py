@@ -97,8 +97,11 @@ VIEWS = 300.0
 
 
 def amounts(outlook: Outlook) -> Amounts:
-    """Once; reflective pixels; triangles in the clusters' pictures."""
+    """Once; reflective pixels; triangles in the clusters' pictures, or the first look at the surroundings alone."""
     options, pixels, drawn = outlook.options, reflective(outlook), 0.0
+    if options.reflections == "environment":
+        shader = outlook.history.last(HIT_SHADER)
+        drawn = float(shader is None or not shader.looked_around)
     if options.reflections == "clustered":
         drawn = outlook.triangles * (1.0 if options.reflection.missing == "trace" else 1.0 + VIEWS * pixels)
     return (1.0, pixels, drawn)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import statistics
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,6 @@ from torchrender.images.files import write_atomically
 from torchrender.passes.table import PASSES
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
-from torchrender.planning.search import HEADROOM
 from torchrender.quality.machine import machine_record
 from torchrender.quality.metrics import coverage
 from torchrender.quality.pages import write_record, write_text
@@ -35,15 +34,18 @@ from torchrender.scene.camera import Cameras
 from torchrender.scene.cameras.path import built_in_path, walks_of
 from torchrender.scene.load import load
 from torchrender.scene.model import Scene
-from torchrender.tuning.calibrate import at_step
 
 BUDGETS_MS = (50, 100, 200, 500)
 TOLERANCE = 1.1
 """A budget counts as kept up to this factor."""
 
 PRESETS = {"draft": 0, "low": 1, "medium": 2, "high": 3}
-"""Fixed settings to compare with: all knobs at their step of that number, at full resolution from "medium" on."""
+"""Fixed settings to compare with: all knobs of a usual picture at their step of that number, those that can be off
+included, at full resolution from "medium" on."""
 
+
+FILLED = 1.05
+"""Budget by the time that a preset took: predictions fill a budget up to about that part of it."""
 
 SUBJECTS = ("nest", "grass", "city", "tree", "living_room", "washroom", "cornell_box")
 """Built-in scenes whose look a single kind of pass does not decide."""
@@ -59,7 +61,7 @@ class StudyOptions:
     frames: int = 23  # of each path: 207 over the nine paths of these scenes
     budgets_ms: tuple[int, ...] = BUDGETS_MS
     checked: int = 2  # frames of each path whose error is measured
-    repeats: int = 4
+    repeats: int = 6  # pictures of a still sequence whose median time counts, beside presets
 
 
 QUICK = StudyOptions(scenes=("cornell_box",), size=48, frames=3, budgets_ms=(5, 1000), checked=1, repeats=1)
@@ -119,23 +121,39 @@ def _subject(name: str, size: int) -> tuple[Scene, Cameras, Windows]:
     return scene, camera, Windows.of(scene, camera)
 
 
+def fixed_settings(number: int) -> RenderOptions:
+    """The options of a preset: what a usual picture leaves out stays out."""
+    options = usual = RenderOptions(reuse=None)
+    for step in PASSES:
+        if step.settings.is_choice and step.settings.current(usual) != step.off:
+            names = step.settings.names
+            name = "1" if step is PASSES[0] and number >= 2 else names[min(number, len(names) - 1)]
+            options = step.settings.named(name).applied(options)
+    return options
+
+
 def preset(name: str, study: StudyOptions, title: str) -> dict[str, Any]:
     """Fixed settings beside the planner's: at their time, and at their error. Still sequences, medians."""
     scene, camera, wanted = _subject(name, study.size)
-    step = PRESETS[title]
-    fixed = at_step(step, RenderOptions(), first=None if step < 2 else "1")
-    ms, image = _steady(scene, camera, study.repeats, options=replace(fixed, reuse=None))
+    ms, image = _steady(scene, camera, study.repeats, options=fixed_settings(PRESETS[title]))
     error = wanted.error(image)
-    time, timed = _steady(scene, camera, study.repeats, budget_ms=ms / HEADROOM)
+    time, timed = _steady(scene, camera, study.repeats, budget_ms=FILLED * ms)
     bound, bounded = _steady(scene, camera, study.repeats, max_error=min(max(error, 1e-4), 1.0))
     return {
         "scene": name,
         "preset": title,
         "ms": ms,
         "error": error,
-        "at_its_time": {"ms": time, "error": wanted.error(timed)},
-        "at_its_error": {"ms": bound, "error": wanted.error(bounded)},
+        "at_its_time": {"ms": time, "error": wanted.error(timed), "same": _same(image, timed)},
+        "at_its_error": {"ms": bound, "error": wanted.error(bounded), "same": _same(image, bounded)},
     }
+
+
+def _same(one: Image, other: Image) -> bool:
+    """Both were made with the same settings of all passes that ran."""
+    assert one.plan is not None and other.plan is not None
+    ran = [[(row.name, row.setting) for row in image.plan.running] for image in (one, other) if image.plan]
+    return ran[0] == ran[1]
 
 
 def _steady(scene: Scene, camera: Cameras, repeats: int, **wishes: Any) -> tuple[float, Image]:

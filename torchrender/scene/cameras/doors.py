@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchrender.checks import check_finite, is_number
+from torchrender.checks import check_finite, check_no_gradient, is_number
 from torchrender.errors import CameraError, ViewWarning
 from torchrender.numerics.quaternions import rotations
 from torchrender.numerics.transforms import pinhole_matrix
@@ -259,6 +259,7 @@ def _rotation(name: str, turn: Tensor) -> Tensor:
 
 def focal_length(name: str, degrees: float, side: int) -> float:
     """Pixels, of an opening angle over ``side`` pixels."""
+    check_no_gradient("a camera", **{name: degrees})
     if not is_number(degrees) or not 0.0 < degrees <= WIDEST_DEG:
         raise CameraError(f"{name} must be in (0, {WIDEST_DEG}], got {degrees!r}")
     check_side("width and height", side)

@@ -113,6 +113,8 @@ class CameraRecord:
         if not (off < RIGID).all():
             told = f"camera_from_world must be a rotation and a shift, mirrored or not: number {int(off.argmax())}"
             raise CameraError(f"{told} is off by {float(off.max()):.3g} from unit axes at right angles")
+        if not (np.abs(matrix[:, 3] - (0.0, 0.0, 0.0, 1.0)) < RIGID).all():
+            raise CameraError(f"camera_from_world must have the last row 0, 0, 0, 1, got {matrix[:, 3].tolist()}")
         if (k[:, (0, 1), (0, 1)] <= 0).any():
             raise CameraError("intrinsics must have positive focal lengths")
         if (np.abs(k[:, (1, 2, 2, 2), (0, 0, 1, 2)] - (0.0, 0.0, 0.0, 1.0)) > 1e-9).any():

@@ -25,6 +25,9 @@ LEVELS = 8
 NODES = 129
 """Nodes per side of a filtered image."""
 
+LEAST_NODES = 33
+"""The same of pictures of a few rows."""
+
 COARSER = (1, 2, 2, 2, 4, 4, 4, 4)
 """Of each image every so many nodes are summed, and those between are interpolated."""
 
@@ -42,10 +45,10 @@ class FilteredSky:
     levels: Tensor  # (LEVELS,N,N,3) octahedral maps of roughness 1 / LEVELS, 2 / LEVELS ... 1
 
     @classmethod
-    def of(cls, radiance: Tensor) -> FilteredSky:
-        """From a latitude-longitude picture (H,W,3)."""
+    def of(cls, radiance: Tensor, rows: int | None = None) -> FilteredSky:
+        """From a latitude-longitude picture (H,W,3); ``rows`` of one that it was interpolated from, where it was."""
         tree = sky_tree(radiance)
-        fine = min(NODES, 2 * radiance.shape[0] + 1)
+        fine = min(NODES, 2 * radiance.shape[0] + 1, max(LEAST_NODES, 4 * (rows or NODES) + 1))
         made = []
         for number, step in enumerate(COARSER, start=1):
             size = max((fine - 1) // step, 16) + 1

@@ -1,0 +1,137 @@
+"""Pictures of a sequence stand by a choice while it holds, and learn how far a budget may be filled."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+import torchrender as tr
+from torchrender.pipeline.history import RenderHistory
+from torchrender.pipeline.pace import LATE, Pace, Search, missed
+from torchrender.planning import planner
+from torchrender.planning.plan import Plan
+from torchrender.planning.search import HEADROOM, HEADROOMS, headroom
+from torchrender.planning.standing import LEAST_MS, PICTURES, SLOWER
+
+SCENE = tr.load("grass", size=3000)
+CAMERA = SCENE.camera(width=64, height=48)
+BOUND = {"max_error": 0.2}
+OPTIONS = tr.RenderOptions(reuse=None)
+
+
+@pytest.fixture(scope="module")
+def past() -> RenderHistory:
+    """After a picture, with what a search before the next one came to."""
+    history = tr.render(SCENE, CAMERA, history=RenderHistory(), options=OPTIONS, **BOUND).history
+    assert history is not None
+    found = tr.plan(SCENE, CAMERA, history=with_search(history, None), options=OPTIONS, **BOUND).search
+    assert found is not None and found.pictures == 0
+    return with_search(history, found)
+
+
+def with_search(history: RenderHistory, search: Search | None) -> RenderHistory:
+    assert history.pace is not None
+    return replace(history, pictures=100, pace=replace(history.pace, searches={} if search is None else {(): search}))
+
+
+def last(history: RenderHistory) -> Search:
+    assert history.pace is not None
+    return history.pace.searches[()]
+
+
+def planned(monkeypatch: pytest.MonkeyPatch, history: RenderHistory, **wishes: Any) -> tuple[Plan, int]:
+    """The plan of the next picture, and how often settings were searched for it."""
+    calls = []
+    search = planner.choose
+    monkeypatch.setattr(planner, "choose", lambda *given: (calls.append(1), search(*given))[1])
+    return tr.plan(SCENE, CAMERA, history=history, **{"options": OPTIONS, **BOUND, **wishes}), len(calls)
+
+
+def test_a_choice_that_holds_is_taken_without_a_search(monkeypatch: pytest.MonkeyPatch, past: RenderHistory) -> None:
+    plan, searches = planned(monkeypatch, past, options=tr.RenderOptions(reuse=None))
+    assert searches == 0 and plan.search is not None and plan.search.pictures == 1
+    anew, searches = planned(monkeypatch, with_search(past, None))
+    assert searches > 0
+    assert [(row.name, row.setting) for row in plan.rows] == [(row.name, row.setting) for row in anew.rows]
+    assert plan.predicted_ms == anew.predicted_ms and plan.error_interval == anew.error_interval
+    assert plan.changes == anew.changes and plan.possible == anew.possible
+
+
+@pytest.mark.parametrize("wishes", [
+    {"max_error": 0.1},
+    {"budget_ms": 100.0},
+    {"options": tr.RenderOptions(reuse=None, shadows=False)},
+    {"options": tr.RenderOptions(reuse=None, background=[0.1, 0.2, 0.3])},
+], ids=["bound", "budget", "options", "background"])  # fmt: skip
+def test_another_wish_is_searched_for(
+    monkeypatch: pytest.MonkeyPatch, past: RenderHistory, wishes: dict[str, Any]
+) -> None:
+    assert planned(monkeypatch, past, **wishes)[1] > 0
+
+
+@pytest.mark.parametrize("later, worse, searched", [
+    (1.0, 1.05, False), (2 * LEAST_MS, 1.0, True), (0.0, 0.8, True), (0.0, 1.25, True),
+])  # fmt: skip
+def test_costs_that_moved_are_searched_for(
+    monkeypatch: pytest.MonkeyPatch, past: RenderHistory, later: float, worse: float, searched: bool
+) -> None:
+    ms, error, most = last(past).cost
+    assert error > 0.01, "far from where changes are none"
+    moved = replace(last(past), cost=((SLOWER if later > LEAST_MS else 1.0) * ms + later, worse * error, most))
+    assert (planned(monkeypatch, with_search(past, moved))[1] > 0) == searched
+
+
+def test_no_choice_stands_for_ever(monkeypatch: pytest.MonkeyPatch, past: RenderHistory) -> None:
+    assert planned(monkeypatch, with_search(past, replace(last(past), pictures=PICTURES - 1)))[1] == 0
+    assert planned(monkeypatch, with_search(past, replace(last(past), pictures=PICTURES)))[1] > 0
+
+
+def test_what_became_possible_is_searched_for(monkeypatch: pytest.MonkeyPatch, past: RenderHistory) -> None:
+    plan, _ = planned(monkeypatch, with_search(past, None), max_error=None, budget_ms=1000.0)
+    assert plan.search is not None and plan.possible
+    assert planned(monkeypatch, with_search(past, plan.search), max_error=None, budget_ms=1000.0)[1] == 0
+    lost = with_search(past, replace(plan.search, possible=False))
+    assert planned(monkeypatch, lost, max_error=None, budget_ms=1000.0)[1] > 0
+
+
+def test_first_choices_stand_for_a_short_time(monkeypatch: pytest.MonkeyPatch, past: RenderHistory) -> None:
+    young = replace(with_search(past, replace(last(past), pictures=1)), pictures=3)
+    assert planned(monkeypatch, young)[1] > 0
+    assert planned(monkeypatch, replace(young, pictures=4))[1] == 0
+
+
+def test_a_budget_that_became_too_small_is_searched_for(monkeypatch: pytest.MonkeyPatch, past: RenderHistory) -> None:
+    """The same wish and the same predictions, but less of the budget may be filled."""
+    assert past.pace is not None
+    rest = with_search(past, None)
+    plan, _ = planned(monkeypatch, rest, max_error=None, budget_ms=1000.0)
+    assert plan.search is not None and plan.possible
+    tight = 1.001 * (plan.predicted_ms or 0.0) / HEADROOM
+    kept = with_search(past, replace(plan.search, wishes=(tight, None)))
+    assert planned(monkeypatch, kept, max_error=None, budget_ms=tight)[1] == 0
+    assert kept.pace is not None
+    late = replace(kept, pace=replace(kept.pace, known={**kept.pace.known, LATE: 0.25}))
+    assert planned(monkeypatch, late, max_error=None, budget_ms=tight)[1] > 0
+
+
+def test_headroom_follows_how_far_times_are_missed() -> None:
+    assert headroom(Pace()) == HEADROOM
+    known: dict[str, float] = {}
+    for _ in range(20):
+        known = missed(known, 100.0, 100.0)
+    assert headroom(Pace(known=known)) == HEADROOMS[1], "as foreseen, picture after picture"
+    for _ in range(20):
+        known = missed(known, 110.0, 100.0)
+    assert headroom(Pace(known=known)) == pytest.approx(1 / 1.1, rel=0.02), "always a tenth later"
+    for number in range(20):
+        known = missed(known, 140.0 if number % 2 else 100.0, 100.0)
+    assert headroom(Pace(known=known)) == HEADROOMS[0], "nobody knows"
+    assert missed(known, 100.0, 0.0) == {} and missed(known, 0.0, 100.0) == {}
+
+
+def test_one_slow_picture_counts_within_limits() -> None:
+    assert missed({}, 1e9, 1.0) == missed({}, 2.0, 1.0)
+    assert math.exp(-missed({}, 1e9, 1.0)[LATE]) > 0.6
