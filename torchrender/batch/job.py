@@ -58,7 +58,7 @@ class Job:
 
     Raises:
         InputError: no camera, names that are not one for each camera, empty, repeated or no plain file names.
-        OptionError: an unknown kind, format or wish, a chunk below 1.
+        OptionError: an unknown kind, format or wish, a chunk below 1, outputs of what has none.
     """
 
     scene: SceneSource
@@ -77,6 +77,8 @@ class Job:
         check_choice(f"format of {self.what}", self.format, FORMATS[self.what])
         if self.what == "film" and self.shards:
             raise OptionError("shards: a film is one file; give what='pictures' for shards")
+        if self.what != "depth" and tuple(self.outputs) != OUTPUTS:
+            raise OptionError(f"outputs: they are arrays of what='depth', not of {self.what!r}")
         if self.chunk < 1:
             raise OptionError(f"chunk must be >= 1, got {self.chunk}")
         count = len(self.cameras)
