@@ -56,7 +56,10 @@ def test_a_film_is_put_together(inside, tmp_path) -> None:
 @pytest.mark.parametrize(
     ("words", "message"),
     [(("--grid", "2x2"), "--grid must look like"), (("--orbit", 0), "--orbit must be >= 1"),
-     (("--orbit", 2, "--what", "noise"), "what"), (("--cameras", "none.json"), "no such file")],
+     (("--orbit", 2, "--what", "noise"), "what"), (("--orbit", 2, "--outputs", "depth"), "without --what depth"),
+     (("--orbit", 2, "--fps", 9), "nothing without --what film"), (("--orbit", 2, "--frames", 9), "without --path"),
+     (("--orbit", 2, "--what", "depth", "--outputs", "noise"), "outputs must be"),
+     (("--cameras", "none.json"), "no such file")],
 )  # fmt: skip
 def test_wrong_wishes_are_refused(tmp_path, capsys, words, message) -> None:
     assert batch(*words, "-o", tmp_path / "out") == 2

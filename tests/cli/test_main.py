@@ -16,6 +16,7 @@ import pytest
 import torchrender
 from torchrender.cli import main as cli
 from torchrender.cli.arguments import numbers
+from torchrender.cli.plan import say_missed
 from torchrender.cli.wishes import enhance_wish
 from torchrender.depth.options import SamplingOptions
 from torchrender.effects.enhancement.options import EnhanceOptions
@@ -23,6 +24,7 @@ from torchrender.effects.reflections.reuse_options import ReuseOptions
 from torchrender.errors import OptionError
 from torchrender.images.files import read_image
 from torchrender.pipeline.options import RenderOptions
+from torchrender.planning.plan import Plan
 from torchrender.points.select import SelectionOptions
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -144,6 +146,61 @@ def test_errors_are_one_line_with_exit_code_2(
     assert error.startswith("torchrender: error: ") and error.count("\n") == 1
     assert said in error
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["render"], "the following arguments are required: SCENE, -o/--output; see torchrender render --help"),
+        (["render", "nest", "-o", "a.png", "--shadows", "soft"], "argument --shadows: invalid choice: 'soft'"),
+        (["fly", "nest", "-o", "a", "--frames", "many"], "argument --frames: invalid int value: 'many'"),
+        (["draw"], "invalid choice: 'draw'"),
+        (["scenes", "--fast"], "unrecognized arguments: --fast; see torchrender --help"),
+    ],
+)
+def test_words_that_no_command_has_are_one_line(
+    words: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as end:
+        cli.main(words)
+    error = capsys.readouterr().err
+    assert end.value.code == 2 and error.startswith("torchrender: error: ") and error.count("\n") == 1
+    assert said in error
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("", "got an empty one"),
+        (".", "is a folder"),
+        ("a.xyz", ".trw (walkthroughs), .trp (points)"),
+        ("a/b", "no such"),
+    ],
+)
+def test_what_is_no_scene_is_told(name: str, said: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["info", name]) == 2
+    error = capsys.readouterr().err
+    assert said in error and error.count("\n") == 1
+
+
+def test_a_missed_wish_is_one_line(obj: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["render", str(obj), "-o", str(tmp_path / "a.png"), "--size", "48x32"]
+    for wishes, told in (
+        (["--budget-ms", "0.001"], "a budget of 0.001 ms"),
+        (["--budget-ms", "0.001", "--max-error", "0.0001"], "0.001 ms"),
+        (["--max-error", "0"], "no settings reach an error of 0"),
+        (["--budget-ms", "1e6"], ""),
+        ([], ""),
+    ):
+        assert cli.main([*words, *wishes]) == 0
+        lines = [line for line in capsys.readouterr().err.splitlines() if "budget" in line or "error" in line]
+        assert len(lines) == bool(told) and all(told in line for line in lines), wishes
+
+
+def test_a_picture_that_took_longer_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    for taken, told in ((100.0, False), (109.0, False), (111.0, True)):
+        say_missed(Plan(rows=(), options=RenderOptions(), budget_ms=100.0, measured_ms=taken))
+        assert ("took 111 ms, its budget was 100 ms" in capsys.readouterr().err) == told
 
 
 def test_image_size_and_numbers() -> None:

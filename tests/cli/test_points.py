@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import json
+import re
 
 import pytest
+import torch
 
+from torchrender.cli import main as cli
 from torchrender.cli.main import main
 from torchrender.images.files import read_image
+from torchrender.numerics.tonemap import auto_exposure, tone_map
 
 
 def test_compress_then_draw_then_describe(tmp_path, capsys):
@@ -40,6 +44,57 @@ def test_info_of_a_cloud(tmp_path, capsys):
     assert main(["info", str(cloud)]) == 0
     said = capsys.readouterr().out
     assert "points                 3" in said and "(1, 2, 0)" in said
+
+
+@pytest.fixture
+def disc(tmp_path):
+    """A few points in a plane that faces the usual camera."""
+    rows = [(x, y) for x in range(6) for y in range(6)]
+    names = "".join(f"property float {name}\n" for name in ("x", "y", "z", "nx", "ny", "nz", "radius"))
+    head = f"ply\nformat ascii 1.0\nelement vertex {len(rows)}\n{names}end_header\n"
+    (tmp_path / "disc.ply").write_text(head + "".join(f"{x} {y} 0 0 0 1 0.8\n" for x, y in rows))
+    return tmp_path / "disc.ply"
+
+
+def test_exposure_and_tone_map_show_points_as_they_show_scenes(disc, tmp_path):
+    view = ["--camera", "eye=2.5,2.5,6", "target=2.5,2.5,0", "--size", "24x16"]
+
+    def drawn(command, suffix, *words):
+        picture = tmp_path / f"a{suffix}"
+        assert main([command, str(disc), "-o", str(picture), *view, *words]) == 0
+        return read_image(picture)
+
+    light = drawn("render", ".exr")[..., :3]
+    assert float(light.max()) > 0.3
+    for words, shown in (
+        (("--exposure", "-2"), tone_map(light, exposure=-2.0)),
+        (("--tone-map", "aces", "--exposure", "1"), tone_map(light, "aces", exposure=1.0)),
+        (("--exposure", "auto"), tone_map(light, exposure=auto_exposure(light))),
+    ):
+        for command in ("render", "points"):
+            assert float((drawn(command, ".png", *words) - shown).abs().max()) < 0.01, words
+    assert torch.equal(drawn("render", ".exr", "--exposure", "-2")[..., :3], light), "files of light keep it"
+    assert main(["points", str(disc), "-o", str(tmp_path / "a.png"), *view, "--exposure", "99"]) == 2
+
+
+def test_render_names_every_option_that_points_do_not_have(disc, tmp_path, capsys):
+    unused = {
+        "--budget-ms": ["5"], "--max-error": ["0.1"], "--enhance": [], "--supersample": ["2"], "--fog": [],
+        "--no-shadows": [], "--shadows": ["traced"], "--reflections": ["traced"], "--time": ["3"], "--explain": [],
+        "--triangles": ["9"], "--animation": ["a"], "--variant": ["a"], "--subscene": ["a"], "--cascades": ["2"],
+        "--shadow-size": ["64"],
+    }  # fmt: skip
+    used = {"--exposure": ["1"], "--tone-map": ["aces"], "--background": ["1,0,0"], "--drop-invalid": [],
+            "--size": ["24x16"], "--camera": ["eye=2,2,6"], "--output": [str(tmp_path / "a.png")]}  # fmt: skip
+    words = [word for option, values in {**unused, **used}.items() for word in (option, *values)]
+    assert main(["render", str(disc), *words]) == 0
+    told = next(line for line in capsys.readouterr().err.splitlines() if "do nothing with points" in line)
+    assert set(re.findall(r"--[a-z-]+", told)) == set(unused)
+    known = next(a for a in cli._parser()._actions if a.dest == "command").choices["render"]
+    options = {max(action.option_strings, key=len) for action in known._actions if action.option_strings}
+    assert options - {"--help"} == set(unused) | set(used), "a new option of render belongs to one of both lists"
+    assert main(["info", str(disc), "--time", "3"]) == 0
+    assert "--time does nothing" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

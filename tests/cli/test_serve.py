@@ -36,8 +36,8 @@ def model(tmp_path: Path) -> Path:
 
 def test_a_model_is_a_scene_where_it_lies(model: Path, tmp_path: Path) -> None:
     data = tmp_path / "data"
-    name = _keep(model, data)
-    assert _keep(model, data) == name
+    name, flat = _keep(model, data)
+    assert not flat and _keep(model, data) == (name, False)
     facts = json.loads((data / "scenes" / name / "facts.json").read_text())
     assert (facts["name"], facts["triangles"], facts["kind"]) == ("red", 1, "zip")
     assert str(tmp_path) not in json.dumps({k: v for k, v in facts.items() if k != "report"}), "no path is told"
@@ -48,7 +48,25 @@ def test_a_model_is_a_scene_where_it_lies(model: Path, tmp_path: Path) -> None:
     assert isinstance(source, SceneSource)
     assert SceneCache().get(source).materials[0].diffuse.tolist() == pytest.approx([0.9, 0, 0])
     model.write_text(OBJ + "# other\n")
-    assert _keep(model, data) != name, "what has changed is another scene"
+    assert _keep(model, data)[0] != name, "what has changed is another scene"
+
+
+def test_a_scene_of_an_orthographic_camera_is_served_and_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], model: Path
+) -> None:
+    flat = tmp_path / "flat.toml"
+    flat.write_text('[[geometry]]\nshape = "box"\n[[camera]]\neye = [0, 0, 4]\ntarget = [0, 0, 0]\nview_height = 3\n')
+    served: list[Any] = []
+    monkeypatch.setattr(
+        "torchrender_service.web.server.serve", lambda settings, start: served.append((settings, start))
+    )
+    for _ in range(2):  # kept before or not
+        assert main(["serve", str(flat), str(model), "--data", str(tmp_path / "data")]) == 0
+        lines = [line for line in capsys.readouterr().err.splitlines() if " is scene " in line]
+        assert len(lines) == 2 and "pictures of it, but no streams" in lines[0] and "orthographic" not in lines[1]
+        assert served[-1][1] == lines[1].split()[-1], "the page begins with what it can show"
+    scenes = {json.loads(file.read_text())["name"] for file in (tmp_path / "data").glob("scenes/*/facts.json")}
+    assert scenes == {"flat", "red"}
 
 
 def test_what_is_no_model_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -71,7 +71,13 @@ def test_render_info_and_fly(folder, tmp_path, capsys):
     assert read_image(picture).shape == (60, 80, 3)
     assert "points" in capsys.readouterr().out
     assert main(["render", room, "-o", str(picture), "--size", "40x30", "--camera", "eye=0,1.5,-1", "--explain"]) == 0
-    assert "--explain does nothing" in capsys.readouterr().err
+    assert "--explain does nothing with a walkthrough" in capsys.readouterr().err
+    words = ["--fog", "--enhance", "--time", "3", "--variant", "red", "--drop-invalid", "--shadows", "off"]
+    assert main(["render", room, "-o", str(picture), "--size", "40x30", "--camera", "frame1", *words]) == 0
+    said = capsys.readouterr().err
+    assert all(word in said for word in words if word.startswith("--")) and "do nothing" in said and "size" not in said
+    assert main(["info", room, "--time", "3", "--json"]) == 0
+    assert "--time does nothing" in capsys.readouterr().err
     shown = {}
     for ev in ("-2", "auto"):
         words = ["render", room, "-o", str(tmp_path / "a.exr"), "--size", "80x60", "--camera", "frame1"]
@@ -93,8 +99,8 @@ def test_render_info_and_fly(folder, tmp_path, capsys):
 def test_serve_keeps_it_as_a_scene(folder, tmp_path):
     from torchrender.cli.serve import _keep
 
-    name = _keep(folder / "room.trw", tmp_path)
-    assert name == _keep(folder / "room.trw", tmp_path)
+    name, _ = _keep(folder / "room.trw", tmp_path)
+    assert (name, False) == _keep(folder / "room.trw", tmp_path)
     home = tmp_path / "scenes" / name
     facts = json.loads((home / "facts.json").read_text())
     assert facts["id"] == name and facts["bytes"] == (home / "scene.toml").stat().st_size

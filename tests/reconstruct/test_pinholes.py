@@ -8,7 +8,7 @@ import torch
 
 import torchrender as tr
 from torchrender.kernels.warp.pinholes import DOWN, RIGHT
-from torchrender.reconstruct.pinholes import AGREE, FEWEST, SMOOTH, close_pinholes
+from torchrender.reconstruct.pinholes import AGREE, APART, FEWEST, SMOOTH, close_pinholes
 
 LINES = tuple(zip(DOWN, RIGHT, strict=True))
 
@@ -28,8 +28,8 @@ def punched(arrays: tuple[np.ndarray, ...], *pixels: tuple[int, int]) -> tuple[n
     return color, depth, valid, source
 
 
-def is_one_surface(near: float, far: float) -> bool:
-    return abs(near - far) <= SMOOTH * min(near, far)
+def is_one_surface(near: float, far: float, limit: float = SMOOTH) -> bool:
+    return abs(near - far) <= limit * min(near, far)
 
 
 def is_seen_through(at: tuple[int, int], depth, valid, source) -> bool:
@@ -37,7 +37,7 @@ def is_seen_through(at: tuple[int, int], depth, valid, source) -> bool:
         a, b = (at[0] + dj, at[1] + di), (at[0] - dj, at[1] - di)
         if valid[a] and valid[b] and not source[a] == source[b] == source[at]:
             near, far = float(depth[a]), float(depth[b])
-            if is_one_surface(near, far) and float(depth[at]) > (1.0 + AGREE) * max(near, far):
+            if is_one_surface(near, far, APART) and float(depth[at]) > (1.0 + AGREE) * max(near, far):
                 return True
     return False
 
@@ -61,7 +61,11 @@ def twin(color, depth, valid, source) -> int:
                     pairs.append((a, b, 0.5 / near + 0.5 / far))
         mean = sum(p[2] for p in pairs) / max(len(pairs), 1)
         smooth = all(abs(p[2] - mean) <= AGREE * mean for p in pairs)
-        if own[j, i] or len(pairs) < FEWEST[(j, i) in through] or not smooth:
+        if own[j, i]:
+            continue
+        if len(pairs) < FEWEST[(j, i) in through] or not smooth:
+            if (j, i) in through:
+                valid[j, i], depth[j, i], source[j, i], color[j, i] = False, np.inf, -1, 0.0
             continue
         valid[j, i], depth[j, i], source[j, i] = True, 1.0 / mean, before[3][pairs[0][0]]
         color[j, i] = sum(0.5 * (before[0][a].astype(float) + before[0][b]) for a, b, _ in pairs) / len(pairs)
@@ -135,6 +139,28 @@ def test_what_lies_behind_a_surface_does_not_show_through_it() -> None:
     for at in ((4, 4), (4, 5), (4, 6)):  # of the same image: it saw a hole there
         own[1][at] *= 1.3
     assert closed(tuple(own)) == 0
+
+
+def test_what_shows_through_the_edge_of_two_walls_is_emptied() -> None:
+    """Above and below differ by more than a surface does; a row between them shows the inside of the wall."""
+    color, depth, valid, source = tilted()
+    source[:] = 0
+    depth[5:] *= 1.1
+    seen = (valid.copy(), depth.copy(), color.copy(), source.copy())
+    for column in (3, 4, 5, 8):
+        color[4, column], depth[4, column], source[4, column] = 0.0, 1.3 * depth[4, column], 1
+    row = [3, 4, 5, 8]
+    assert closed((color, depth, valid, source)) == 0
+    assert not valid[4, row].any() and np.isinf(depth[4, row]).all() and (source[4, row] == -1).all()
+    rest = np.ones_like(valid)
+    rest[4, row] = False
+    for now, before in zip((valid, depth, color, source), seen, strict=True):
+        assert np.array_equal(now[rest], before[rest])
+    color, depth, valid, source = (seen[k].copy() for k in (2, 1, 0, 3))
+    depth[4], depth[5:], source[4] = 1.25 * depth[4], 1.3 * depth[5:], 1  # an outline: what is behind is seen beside it
+    kept = [a.copy() for a in (color, depth, valid, source)]
+    assert closed((color, depth, valid, source)) == 0
+    assert all(np.array_equal(a, b) for a, b in zip((color, depth, valid, source), kept, strict=True))
 
 
 def test_small_pictures_have_none() -> None:

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from torchrender.checks import check_choice
 from torchrender.errors import InputError, OptionError
 from torchrender.pipeline.options import RenderOptions, shadow_choices
+from torchrender.raster import OUTPUTS as ARRAYS
 from torchrender.scene.camera import Cameras
 from torchrender.scene.load import load
 from torchrender.scene.model import Scene
@@ -58,7 +59,7 @@ class Job:
 
     Raises:
         InputError: no camera, names that are not one for each camera, empty, repeated or no plain file names.
-        OptionError: an unknown kind, format or wish, a chunk below 1.
+        OptionError: an unknown kind, format or wish, a chunk below 1, outputs of what has none.
     """
 
     scene: SceneSource
@@ -77,6 +78,7 @@ class Job:
         check_choice(f"format of {self.what}", self.format, FORMATS[self.what])
         if self.what == "film" and self.shards:
             raise OptionError("shards: a film is one file; give what='pictures' for shards")
+        check_outputs(self.what, self.outputs)
         if self.chunk < 1:
             raise OptionError(f"chunk must be >= 1, got {self.chunk}")
         count = len(self.cameras)
@@ -115,6 +117,18 @@ class Job:
             digest.update(values.numpy().tobytes())
         digest.update(repr((cameras.width, cameras.height, cameras.orthographic)).encode())
         return digest.hexdigest()
+
+
+def check_outputs(what: str, outputs: Sequence[str]) -> None:
+    """Refuse arrays that depth images do not have, and arrays for anything else.
+
+    Raises:
+        OptionError: names them.
+    """
+    for name in outputs:
+        check_choice("outputs", name, ARRAYS)
+    if what != "depth" and tuple(outputs) != OUTPUTS:
+        raise OptionError(f"outputs: they are arrays of what='depth', not of {what!r}")
 
 
 def options_of(wishes: Mapping[str, Any]) -> RenderOptions:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from torchrender.batch.job import KINDS, OUTPUTS, SceneSource, options_of
+from torchrender.batch.job import KINDS, OUTPUTS, SceneSource, check_outputs, options_of
 from torchrender.checks import check_choice
 from torchrender.errors import InputError
 from torchrender.numerics.color import srgb_from_linear
@@ -33,7 +33,7 @@ class Renderer:
         wishes: options of pictures, as :class:`~torchrender.batch.job.Job` has them.
 
     Raises:
-        OptionError: an unknown kind or wish.
+        OptionError: an unknown kind, array or wish, or arrays for pictures.
     """
 
     def __init__(
@@ -48,6 +48,7 @@ class Renderer:
         **wishes: Any,
     ) -> None:
         check_choice("what", what, tuple(kind for kind in KINDS if kind != "film"))
+        check_outputs(what, outputs)
         self._source = SceneSource(path_or_name, dict(choices or {}))
         self._size, self._what, self._outputs = (width, height), what, tuple(outputs)
         self._options = options_of(wishes)

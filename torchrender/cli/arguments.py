@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import argparse
 import re
-from collections.abc import Iterator, Sequence
+import sys
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from torchrender.cli.output import waiting
 from torchrender.errors import InputError, OptionError, TorchRenderError
@@ -16,6 +17,33 @@ if TYPE_CHECKING:
     from torchrender.scene.model import Scene
 
 _CAMERA_KEYS = {"eye": 3, "target": 3, "up": 3, "fov": 1, "near": 1}
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser that says what is wrong in one line, and keeps which options of a command were given."""
+
+    def error(self, message: str) -> NoReturn:
+        """Without the usage, which ``--help`` has."""
+        self.exit(2, f"torchrender: error: {message}; see {self.prog} --help\n")
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """As usual; ``given_options`` of the result are the options that differ from their defaults, by argument."""
+        found, rest = super().parse_known_args(args, namespace)
+        changed = {
+            action.dest: max(action.option_strings, key=len)
+            for action in self._actions
+            if action.option_strings and getattr(found, action.dest, action.default) != action.default
+        }
+        found.given_options = getattr(found, "given_options", {}) | changed
+        return found, rest
+
+
+def say_unused(arguments: argparse.Namespace, used: Collection[str], what: str) -> None:
+    """Warn of the options that were given but do nothing here: all but those ``used``, whatever the parser knows."""
+    unused = [option for name, option in arguments.given_options.items() if name not in (*used, "threads")]
+    if unused:
+        verb = "does" if len(unused) == 1 else "do"
+        sys.stderr.write(f"torchrender: warning: {', '.join(unused)} {verb} nothing with {what}\n")
 
 
 def add_scene(parser: argparse.ArgumentParser) -> None:
@@ -49,13 +77,17 @@ def add_shadows(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_display(parser: argparse.ArgumentParser, usual: str = "0") -> None:
+    """How light is shown."""
+    parser.add_argument("--exposure", metavar="EV", help=f"powers of two, or auto (default {usual})")
+    parser.add_argument("--tone-map", choices=("none", "reinhard", "aces"), help="default none")
+
+
 def add_look(parser: argparse.ArgumentParser) -> None:
     """How pictures are made and shown: samples, exposure, shadows, reflections."""
     help_text = "samples per pixel and side: 2 is two by two, 0.5 one for four pixels (default 1)"
     parser.add_argument("--supersample", type=float, metavar="N", help=help_text)
-    help_text = "powers of two, or auto (default as_lit: auto for lux, else 0)"
-    parser.add_argument("--exposure", metavar="EV", help=help_text)
-    parser.add_argument("--tone-map", choices=("none", "reinhard", "aces"), help="default none")
+    add_display(parser, "as_lit: auto for lux, else 0")
     parser.add_argument("--background", metavar="R,G,B", help="linear colour of empty pixels")
     add_shadows(parser)
     parser.add_argument(
@@ -130,6 +162,10 @@ def load_scene(arguments: argparse.Namespace) -> Scene:
     if arguments.scene.lower().endswith(".trw"):
         from torchrender.walkthrough.file import read_walkthrough
 
+        choices = Parser(add_help=False)
+        add_scene(choices)
+        of_scenes = {action.dest for action in choices._actions}
+        say_unused(arguments, [name for name in vars(arguments) if name not in of_scenes], "a walkthrough")
         return read_walkthrough(arguments.scene).scene()
     from torchrender.scene.load import load
 

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 EVERY_S = 10.0
 """A line about progress where no terminal shows a bar."""
+FRAMES = 240
+"""Cameras along a path, where their number is not given."""
 MOST_TOLD = 10
 """Bad rows that are written out; the others are counted."""
 
@@ -43,24 +45,25 @@ def add_batch(commands: Any) -> None:
     of.add_argument("--orbit", type=int, metavar="N", help="N cameras on a swing about the scene")
     of.add_argument("--path", metavar="PATH", help="walk1, walk2, orbit or a path file, with --frames")
     of.add_argument("--grid", metavar="XxYxZ", help="four views from each cell of a grid through the scene")
-    parser.add_argument("--frames", type=int, default=240, metavar="N", help="cameras along --path (default 240)")
+    parser.add_argument("--frames", type=int, metavar="N", help="cameras along --path (default 240)")
     parser.add_argument("--what", default="pictures", metavar="WHAT", help="pictures (default), depth or film")
     parser.add_argument("--format", default="", metavar="KIND", help="png (default), exr or npz; depth: npz")
     parser.add_argument("--shards", action="store_true", help="one tar file for each chunk, as WebDataset reads them")
-    parser.add_argument("--outputs", default="depth,normal,object_id", metavar="NAMES", help="arrays of depth images")
+    parser.add_argument("--outputs", metavar="NAMES", help="arrays of --what depth (default depth,normal,object_id)")
     parser.add_argument("--chunk", type=int, metavar="N", help="cameras that one process makes in a row (default 32)")
     parser.add_argument("--workers", type=int, metavar="N", help="processes (default: one for each core)")
     parser.add_argument("--ray", metavar="ADDRESS", help="on a Ray cluster: its address, or auto")
-    parser.add_argument("--fps", type=float, default=30.0, help="pictures per second of a film (default 30)")
+    parser.add_argument("--fps", type=float, help="pictures per second of --what film (default 30)")
     add_size(parser, "512x512")
     add_look(parser)
 
 
 def batch_command(arguments: argparse.Namespace) -> None:
     """Run the command."""
-    from torchrender.batch.job import CHUNK, Job, SceneSource
+    from torchrender.batch.job import Job, SceneSource
     from torchrender.batch.local import run
 
+    _check_together(arguments)
     rows = _cameras(arguments)
     for key in rows.not_used:
         sys.stderr.write(f"torchrender: warning: not used: {key} of rows in {arguments.cameras}\n")
@@ -79,9 +82,8 @@ def batch_command(arguments: argparse.Namespace) -> None:
         what=arguments.what,
         format=arguments.format,
         shards=arguments.shards,
-        outputs=tuple(arguments.outputs.split(",")),
         wishes=_wishes(arguments),
-        chunk=CHUNK if arguments.chunk is None else arguments.chunk,
+        **given(chunk=arguments.chunk, outputs=arguments.outputs and tuple(arguments.outputs.split(","))),
     )
     output, progress = Path(arguments.output), _Progress()
     begin = time.monotonic()
@@ -96,8 +98,20 @@ def batch_command(arguments: argparse.Namespace) -> None:
     rate = f", {outcome.made / took:.1f}/s" if outcome.made else ""
     print(f"{output}  {outcome.cameras} of {len(job.cameras)} cameras, {outcome.made} made in {took:.0f} s{rate}")
     if job.what == "film" and not outcome.failed:
-        print(_film(output, job.names, arguments.fps))
+        print(_film(output, job.names, 30.0 if arguments.fps is None else arguments.fps))
     _complain(rows, outcome.failed)
+
+
+def _check_together(arguments: argparse.Namespace) -> None:
+    """Refuse options that would do nothing with the others that were given."""
+    what = arguments.what
+    for option, value, needs, met in (
+        ("--outputs", arguments.outputs, "--what depth", what == "depth"),
+        ("--fps", arguments.fps, "--what film", what == "film"),
+        ("--frames", arguments.frames, "--path", arguments.path is not None),
+    ):
+        if value is not None and not met:
+            raise OptionError(f"{option} does nothing without {needs}")
 
 
 def _cameras(arguments: argparse.Namespace) -> CameraRows:
@@ -118,7 +132,7 @@ def _cameras(arguments: argparse.Namespace) -> CameraRows:
         return grid_cameras(scene, (int(match[1]), int(match[2]), int(match[3])), width=width, height=height)
     name = arguments.path or "orbit"
     path = load_path(name) if Path(name).suffix.lower() in (".toml", ".json") else built_in_path(scene, name)
-    count = arguments.orbit if arguments.orbit is not None else arguments.frames
+    count = arguments.orbit or arguments.frames or FRAMES
     cameras = path.cameras(count, width=width, height=height, near=1e-3 * (scene.diagonal or 1.0))
     return CameraRows(cameras, tuple(f"{number:06d}" for number in range(count)), (), ())
 

@@ -11,7 +11,16 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
-from torchrender.cli.arguments import add_scene, add_size, given, load_scene, named, named_or_numbered, numbers
+from torchrender.cli.arguments import (
+    add_scene,
+    add_size,
+    given,
+    load_scene,
+    named,
+    named_or_numbered,
+    numbers,
+    say_unused,
+)
 from torchrender.cli.output import check_output, collect_garbage, image_size, make_folder, progress
 from torchrender.cli.walkthrough import fly_pictures, is_walkthrough
 from torchrender.errors import InputError, OptionError
@@ -78,6 +87,7 @@ def fly(arguments: argparse.Namespace) -> None:
         raise OptionError(f"--frames must be >= 1, got {arguments.frames}")
     width, height = image_size(arguments.size)
     if is_walkthrough(arguments.scene):
+        say_unused(arguments, ("output", "path", "frames", "fps", "size"), "a walkthrough")
         _fly_walkthrough(arguments, (width, height), film=film)
         return
     with named(key_frame_threshold="--threshold"):

@@ -16,6 +16,7 @@ from typing import Any
 
 from torchrender import __version__
 from torchrender.cli.arguments import (
+    Parser,
     add_look,
     add_scene,
     add_size,
@@ -25,13 +26,14 @@ from torchrender.cli.arguments import (
     named,
     numbers,
     say_option,
+    say_unused,
     shadows_and_exposure,
 )
 from torchrender.cli.batch import add_batch, batch_command
 from torchrender.cli.fly import add_fly, fly
 from torchrender.cli.fog import add_fog, run_fog
-from torchrender.cli.output import check_output, collect_garbage, image_size, plain, progress, saying_warnings
-from torchrender.cli.plan import add_limits, add_plan, run_calibrate, run_plan, run_tradeoff
+from torchrender.cli.output import check_output, collect_garbage, image_size, in_words, plain, progress, saying_warnings
+from torchrender.cli.plan import add_limits, add_plan, run_calibrate, run_plan, run_tradeoff, say_missed
 from torchrender.cli.points import add_points, draws_points, point_info, run_points
 from torchrender.cli.serve import add_load_test, add_serve, load_test_command, serve_command
 from torchrender.cli.spheres import add_spheres, run_spheres
@@ -119,6 +121,8 @@ def _render(arguments: argparse.Namespace) -> None:
         print(f"{file}  {width}x{height}  {scene.geometry.triangle_count:,} triangles  {steps}")
         if arguments.explain:
             print(image.plan)
+        else:
+            say_missed(image.plan)
 
 
 def _planned(scene: Any, camera: Any, options: Any, arguments: argparse.Namespace) -> list[str]:
@@ -149,13 +153,15 @@ def _info(arguments: argparse.Namespace) -> None:
     name = arguments.scene
     drop = arguments.drop_invalid
     info = voxel_info(name) if name.endswith(".npz") else walkthrough_info(name) or point_info(name, drop_invalid=drop)
+    if info:
+        say_unused(arguments, ("json", "drop_invalid") if name.endswith(".ply") else ("json",), f"{name}, no scene")
     info = info or scene_info(load_scene(arguments))
     if arguments.json:
         print(json.dumps(info, indent=2))
         return
     warnings = info.pop("warnings", [])
     for key, value in info.items():
-        print(f"{key.replace('_', ' '):22s} {_plain(value)}")
+        print(f"{key.replace('_', ' '):22s} {in_words(value)}")
     for warning in warnings:
         print(f"warning: {warning}")
 
@@ -227,21 +233,6 @@ _COMMANDS = {
     "warm-up": warm_up_command,
 }
 
-# -------------------------------------------------------------------- values
-
-
-def _plain(value: object) -> str:
-    if isinstance(value, float):
-        return f"{value:.6g}"
-    if isinstance(value, int) and not isinstance(value, bool):
-        return f"{value:,}"
-    if isinstance(value, dict):
-        return ", ".join(f"{count} {name}" for name, count in value.items()) or "none"
-    if isinstance(value, list):
-        return ", ".join(f"({_plain(v)})" if isinstance(v, list) else _plain(v) for v in value) or "none"
-    return "none" if value is None else str(value)
-
-
 # ----------------------------------------------------------------- arguments
 
 
@@ -258,7 +249,7 @@ def _set_up_threads(count: int | None) -> None:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="torchrender", description="Real-time approximation of complex 3D scenes by depth images, on the CPU."
     )
     parser.add_argument("--version", action="version", version=f"torchrender {__version__}")

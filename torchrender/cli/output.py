@@ -70,6 +70,19 @@ def plain(text: str) -> str:
     return "".join(c if c.isprintable() else c.encode("unicode_escape", "backslashreplace").decode() for c in text)
 
 
+def in_words(value: object) -> str:
+    """A value of what ``info`` prints."""
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, int) and not isinstance(value, bool):
+        return f"{value:,}"
+    if isinstance(value, dict):
+        return ", ".join(f"{count} {name}" for name, count in value.items()) or "none"
+    if isinstance(value, list):
+        return ", ".join(f"({in_words(v)})" if isinstance(v, list) else in_words(v) for v in value) or "none"
+    return "none" if value is None else str(value)
+
+
 @contextmanager
 def saying_warnings() -> Iterator[None]:
     """Warnings of this package are one line each on stderr, said once."""

@@ -15,18 +15,44 @@ from torchrender.cli.output import check_folder, collect_garbage, image_size, ma
 from torchrender.errors import ImageFileError, InputError
 
 if TYPE_CHECKING:
+    from torchrender.planning.plan import Plan
     from torchrender.scene.camera import Cameras
     from torchrender.scene.model import Scene
 
 FindCamera = Callable[["Scene", Sequence[str], int, int], "Cameras"]
 
 
+LATE = 1.1
+"""Times its budget from which on a picture is told to have missed it."""
+
+
 def add_limits(parser: argparse.ArgumentParser) -> None:
     """Budget and error bound of a picture."""
-    parser.add_argument("--budget-ms", type=float, metavar="MS", help="time that the picture may take")
     parser.add_argument(
-        "--max-error", type=float, metavar="FLIP", help="mean FLIP, in [0,1], that it may be away from the reference"
+        "--budget-ms",
+        type=float,
+        metavar="MS",
+        help="time that the picture may take; it goes before --max-error where not both can be kept",
     )
+    parser.add_argument(
+        "--max-error",
+        type=float,
+        metavar="FLIP",
+        help="mean FLIP, in [0,1], that it may be away from the reference; alone: the quickest picture within it",
+    )
+
+
+def say_missed(plan: Plan | None) -> None:
+    """One line about a picture whose budget or error bound could not be kept, or whose budget was not."""
+    if plan is None:
+        return
+    told = "" if plan.possible else plan.statement
+    budget, taken = plan.budget_ms, plan.measured_ms
+    if not told and budget is not None and taken is not None and taken > LATE * budget:
+        told = f"the picture took {taken:.0f} ms, its budget was {budget:g} ms"
+        told += f" ({plan.note})" if plan.note else ""
+    if told:
+        sys.stderr.write(f"torchrender: {told}\n")
 
 
 def add_plan(commands: Any, add_scene: Callable[[argparse.ArgumentParser], None]) -> None:

@@ -10,13 +10,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from torchrender.cli.arguments import add_size, camera_of, named, numbers
+from torchrender.cli.arguments import add_display, add_size, camera_of, exposure, named, numbers, say_unused
 from torchrender.cli.output import check_output, image_size, sharing, waiting
 from torchrender.errors import OptionError
 
 if TYPE_CHECKING:
     from torchrender.points.cloud import PointCloud
-    from torchrender.points.options import SplatOptions
+    from torchrender.points.options import PointImage, SplatOptions
     from torchrender.points.tree import PatchSet
     from torchrender.scene.camera import Cameras
 
@@ -52,6 +52,7 @@ def add_points(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--background", default="0,0,0", metavar="R,G,B", help="linear colour of empty pixels")
     parser.add_argument("--camera", nargs="+", metavar="CAMERA", help="as for render")
     add_size(parser)
+    add_display(parser)
 
 
 def run_points(
@@ -93,10 +94,24 @@ def run_points(
             sys.stderr.write(f"{source}: all points face away: drawn from both sides\n")
             drawn = render_points(model, camera, replace(options, two_sided=True))
         del model  # closes the file
-    drawn.save(output)
+    _displayed(drawn, arguments, deep=output.suffix.lower() == ".exr").save(output)
     found = drawn.statistics[0]
     steps = "  ".join(f"{step} {elapsed:.0f} ms" for step, elapsed in found.ms.items())
     yield f"{output}  {size[0]}x{size[1]}  {found.points:,} points, {found.drawn:,} drawn  {steps}"
+
+
+def _displayed(drawn: PointImage, arguments: argparse.Namespace, *, deep: bool) -> PointImage:
+    """The pictures as a display shows them, exposed and tone mapped; those of ``deep`` files stay light as it is."""
+    from torchrender.numerics.tonemap import auto_exposure, tone_map
+
+    if deep:
+        return drawn
+    ev = 0.0 if arguments.exposure is None else exposure(arguments.exposure)
+    if ev is None:
+        ev = auto_exposure(drawn.image, mask=drawn.mask if bool(drawn.mask.any()) else None)
+    with named(exposure="--exposure"):
+        shown = tone_map(drawn.image, arguments.tone_map or "none", exposure=ev)
+    return replace(drawn, image=shown)
 
 
 def _options(arguments: argparse.Namespace, background: list[float]) -> SplatOptions:
@@ -128,6 +143,8 @@ def draws_points(arguments: argparse.Namespace) -> bool:
     if path.suffix.lower() != COMPRESSED and not holds_points(path):
         return False
     sys.stderr.write(f"{path}: holds points: drawn as by the command points\n")
+    known = ("output", "camera", "size", "background", "exposure", "tone_map", "drop_invalid")
+    say_unused(arguments, known, "points")
     if len(arguments.camera or []) > 1:
         raise OptionError("points are drawn for one --camera at a time")
     like = argparse.Namespace(
@@ -140,6 +157,8 @@ def draws_points(arguments: argparse.Namespace) -> bool:
         two_sided=False,
         camera=(arguments.camera or [None])[0],
         drop_invalid=arguments.drop_invalid,
+        exposure=arguments.exposure,
+        tone_map=arguments.tone_map,
     )
     background = numbers("--background", arguments.background or "0,0,0", 3)
     for line in run_points(like, image_size(arguments.size), background, camera_of):

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from torchrender.cli.output import make_folder
-from torchrender.errors import InputError, OptionError, SceneFileError
+from torchrender.errors import OptionError, SceneFileError
 
 if TYPE_CHECKING:
     from torchrender.scene.model import Scene
@@ -36,20 +36,21 @@ def serve_command(arguments: argparse.Namespace) -> None:
         if name in settings.built_in:
             start = start or name
             continue
-        scene = _keep(Path(name), Path(settings.data_dir))
-        start = start or scene
-        sys.stderr.write(f"{name} is scene {scene}\n")
+        scene, flat = _keep(Path(name), Path(settings.data_dir))
+        start = start or ("" if flat else scene)
+        told = ": its first camera is orthographic, so there are pictures of it, but no streams" if flat else ""
+        sys.stderr.write(f"{name} is scene {scene}{told}\n")
     serve(settings, start=start)
 
 
-def _keep(path: Path, data: Path) -> str:
-    """Put a file among the scenes of the service; returns its id.
+def _keep(path: Path, data: Path) -> tuple[str, bool]:
+    """Put a file among the scenes of the service; returns its id, and whether its first camera is orthographic.
 
     A walkthrough becomes a scene of triangles. Other files stay where they are, with their textures: what is kept is a
     link to their folder, and what the service tells of them.
 
     Raises:
-        SceneFileError: it cannot be read. InputError: an orthographic camera comes first.
+        SceneFileError: it cannot be read.
     """
     import hashlib
     import tempfile
@@ -60,18 +61,19 @@ def _keep(path: Path, data: Path) -> str:
     from torchrender_service.scenes.folder import LINK
 
     if path.suffix.lower() == ".trw":
-        made = read_walkthrough(path)
+        made, flat = read_walkthrough(path), False
         scene = hashlib.sha256(b"trw" + path.read_bytes()).hexdigest()
     else:
         if not path.is_file():
             raise SceneFileError(path, "no such file")
         shown = load_any(path)
+        flat = shown.camera(width=64, height=36).orthographic
         where = path.resolve()
         told = f"{where}\0{where.stat().st_mtime_ns}\0{where.stat().st_size}"
         scene = hashlib.sha256(told.encode(errors="surrogateescape")).hexdigest()
     home = data / "scenes" / scene
     if home.is_dir():
-        return scene
+        return scene, flat
     make_folder(home.parent)
     with tempfile.TemporaryDirectory(dir=home.parent, prefix=".unfinished-") as folder:
         if path.suffix.lower() == ".trw":
@@ -84,7 +86,7 @@ def _keep(path: Path, data: Path) -> str:
             more["main"] = f"{LINK}/{where.name}"
             (Path(folder) / LINK).symlink_to(where.parent, target_is_directory=True)
         _finish(Path(folder), home, shown, {"id": scene, "built_in": False, "name": path.stem} | more)
-    return scene
+    return scene, flat
 
 
 def _finish(folder: Path, home: Path, scene: Scene, more: dict[str, Any]) -> None:
@@ -95,8 +97,7 @@ def _finish(folder: Path, home: Path, scene: Scene, more: dict[str, Any]) -> Non
     from torchrender_service.renderers.scene_cache import describe
 
     facts = describe(scene)
-    if facts.pop("orthographic"):
-        raise InputError(f"{more['name']}: its first camera is orthographic, and streams are of perspective ones")
+    facts.pop("orthographic")
     (folder / "facts.json").write_text(json.dumps(facts | more))
     shutil.copytree(folder, home, symlinks=True)
 

@@ -6,11 +6,11 @@ import argparse
 import json
 import sys
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from torchrender.cli.arguments import camera_of, exposure, numbers
+from torchrender.cli.arguments import camera_of, exposure, numbers, say_unused
 from torchrender.cli.output import check_output, image_size
 from torchrender.errors import OptionError
 
@@ -190,8 +190,7 @@ def render_walkthrough(arguments: argparse.Namespace) -> None:
     from torchrender.walkthrough.draw import draw_walkthrough
     from torchrender.walkthrough.file import read_walkthrough
 
-    lights = ("no_shadows", "shadows", "shadow_size", "cascades", "reflections")
-    _say_unused(arguments, ("triangles", "budget_ms", "max_error", "explain", "tone_map", *lights))
+    say_unused(arguments, ("output", "camera", "size", "background", "exposure", "supersample"), "a walkthrough")
     output = Path(arguments.output)
     check_output(output, (".png", ".exr"))
     width, height = image_size(arguments.size)
@@ -228,12 +227,6 @@ def _draw_options(background: str | None) -> Any:
 
     color = (0.0, 0.0, 0.0) if background is None else tuple(numbers("--background", background, 3))
     return DrawOptions(gap_pixels=GAP_PIXELS, background=color)  # type: ignore[arg-type]
-
-
-def _say_unused(arguments: argparse.Namespace, names: Sequence[str]) -> None:
-    used = [f"--{n.replace('_', '-')}" for n in names if getattr(arguments, n, None) not in (None, False)]
-    if used:
-        print(f"torchrender: warning: {', '.join(used)} does nothing with a walkthrough", file=sys.stderr)
 
 
 def fly_pictures(arguments: argparse.Namespace, size: tuple[int, int]) -> Iterator[tuple[Any, dict[str, Any]]]:

@@ -12,6 +12,9 @@ SMOOTH = 0.05
 """Relative difference of depths across the pixel, up to which both sides are one surface."""
 AGREE = 0.01
 """Relative difference of inverse depths at the pixel that lines through it may give: on a plane they give one."""
+APART = 0.15
+"""Relative difference of depths across a pixel that shows what is behind both sides, up to which these are one surface,
+or two that meet there: through cracks along edges hidden samples show, such as the dark inside of a wall."""
 FEWEST = (2, 3)
 """Lines through the pixel that must lie on the surface: where nothing is, and where something behind it shows."""
 
@@ -34,7 +37,8 @@ def close_pinholes(
     A pixel is a pinhole where no sample reached, or one of another image than what is beside it and behind that, and
     where two of the four lines through it, or three in the second case, have both neighbours on one surface, and give
     it the same depth. It gets the mean inverse depth and colour of these. Outlines and what is really hidden stay as
-    they are: there the sides differ, or miss.
+    they are: there the sides differ, or miss. A pixel of the second case that cannot be closed is emptied: what it
+    shows is hidden by what is beside it, as along the edge where two walls meet.
 
     Args:
         color: (H,W,3) float32. depth: (H,W) float32 camera z, +inf where nothing is. valid: (H,W) bool. source: (H,W)
@@ -45,7 +49,7 @@ def close_pinholes(
     """
     if min(valid.shape) < 3:
         return np.zeros_like(valid), valid.copy()
-    closed, own = close(color, depth, valid, source, FEWEST, (SMOOTH, AGREE))
+    closed, own = close(color, depth, valid, source, FEWEST, (SMOOTH, AGREE, APART))
     return closed, own
 
 

@@ -101,7 +101,8 @@ def reproject(
     """Pictures of B cameras from N depth images (N,H,W), with the pixels that the depth images know marked valid.
 
     Views near those of the images have no pinholes in surfaces: a pixel that all samples missed, or only one behind
-    reached that another image has, between neighbours that lie on one surface, takes theirs. Surfaces seen from
+    reached that another image has, between neighbours that lie on one surface, takes theirs. Where such neighbours lie
+    on two surfaces that meet there, the pixel is not valid: what it would show is hidden. Surfaces seen from
     behind are not drawn. Where images agree on a surface, the one whose camera is nearest to the new one goes first
     (its colours and resolution fit best), then the earlier one; so they do not mingle pixel by pixel. Quads that
     are fitted without offset images are kept with the images, so that further views take half as long. The result

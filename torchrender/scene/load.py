@@ -50,6 +50,8 @@ def load(
     choice = FileChoice(time=time, animation=animation, variant=variant, subscene=subscene, drop_invalid=drop_invalid)
     if not isinstance(path_or_name, str | os.PathLike):
         raise InputError(f"path_or_name must be a path or a name, got {type(path_or_name).__name__}")
+    if not str(path_or_name).strip():
+        raise InputError("a scene is a path or a name, got an empty one")
     path = Path(path_or_name)
     suffix = path.suffix.lower()
     built_in = not suffix and len(path.parts) == 1 and not path.is_file()
@@ -59,7 +61,9 @@ def load(
         return _at(build_procedural(str(path_or_name), size), time, animation)
     if suffix not in (*MESH_SUFFIXES, SCENE_SUFFIX):
         reason = f"cannot read {suffix or 'files without suffix'}; supported: {SUPPORTED}"
-        raise SceneFileError(path, reason if suffix or path.exists() else "no such file")
+        if not suffix:
+            reason = "is a folder, not a file" if path.is_dir() else reason if path.exists() else "no such file"
+        raise SceneFileError(path, reason)
     if size is not None:
         raise InputError(f"size is for procedural scenes only, {path} is a file")
     return _at(load_scene_file(path), time, animation) if suffix == SCENE_SUFFIX else load_mesh_file(path, choice)

@@ -23,6 +23,9 @@ LARGEST_RISE = 60.0
 class Medium:
     """A medium inside an axis-aligned box; coefficients are per scene unit at density 1.
 
+    Without further words it is a thin white haze: it scatters 0.1 per unit, and absorbs and emits nothing. What is to
+    absorb alone takes ``scattering=0`` besides ``absorption``. Coefficients are numbers, or three for red, green, blue.
+
     A ray gains ``absorption emission`` radiance per unit: what does not absorb does not glow, and a picture of such a
     medium says so (NotUsedWarning).
 
@@ -38,8 +41,8 @@ class Medium:
 
     low: Tensor  # (3,) float64 smallest corner
     high: Tensor  # (3,) float64 largest corner
-    absorption: Tensor = field(default_factory=lambda: torch.zeros(3))  # (3,) 1/unit
-    scattering: Tensor = field(default_factory=lambda: torch.full((3,), 0.1))  # (3,) 1/unit
+    absorption: Tensor = field(default_factory=lambda: torch.zeros(3))  # (3,) 1/unit; default 0
+    scattering: Tensor = field(default_factory=lambda: torch.full((3,), 0.1))  # (3,) 1/unit; default 0.1
     emission: Tensor = field(default_factory=lambda: torch.zeros(3))  # (3,) radiance L_e that what absorbs sends out
     asymmetry: float = 0.0  # Henyey-Greenstein g
     density: Tensor | float = 1.0  # a number, or a grid (D,H,W) over the box: z, y, x

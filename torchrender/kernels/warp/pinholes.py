@@ -54,14 +54,17 @@ def close_pixel(y, x, found, picture):
 
 @kernel()
 def is_seen_through(y, x, depth, valid, source, limits):
-    """Whether a pixel shows a sample behind a surface on both sides, which its image does not have on both."""
-    smooth, behind = limits
+    """Whether a pixel shows a sample behind what is on both sides, which its image does not have on both.
+
+    ``limits``: relative difference of the depths of both sides, and how much farther the pixel must be than these.
+    """
+    apart, behind = limits
     own, z = source[y, x], np.float64(depth[y, x])
     for k in range(2):
         j, i, m, n = y + DOWN[k], x + RIGHT[k], y - DOWN[k], x - RIGHT[k]
         if (source[j, i] != own or source[m, n] != own) and valid[j, i] and valid[m, n]:
             near, far = np.float64(depth[j, i]), np.float64(depth[m, n])
-            if abs(near - far) <= smooth * min(near, far) and z > (1.0 + behind) * max(near, far):
+            if abs(near - far) <= apart * min(near, far) and z > (1.0 + behind) * max(near, far):
                 return True
     return False
 
@@ -70,10 +73,13 @@ def is_seen_through(y, x, depth, valid, source, limits):
 def close(color, depth, valid, source, fewest, limits):
     """Close pixels in place: through empty ones at least ``fewest[0]`` lines agree, through others ``fewest[1]``.
 
+    What is seen through a surface and cannot be closed is emptied: it is not what is there.
+
     Returns:
         (H,W) bool which; (H,W) bool what they were closed from: valid pixels that are not seen through a surface.
     """
     height, width = depth.shape
+    smooth, agree, apart = limits
     closed = np.zeros((height, width), np.bool_)
     own = np.empty((height, width), np.bool_)
     for row in prange(height):
@@ -82,13 +88,16 @@ def close(color, depth, valid, source, fewest, limits):
         for x in range(width):
             own[y, x] = valid[y, x]
             if inside and 0 < x < width - 1 and own[y, x]:
-                own[y, x] = not is_seen_through(y, x, depth, valid, source, limits)
+                own[y, x] = not is_seen_through(y, x, depth, valid, source, (apart, agree))
     for row in prange(1, height - 1):
         y = np.int64(row)
         for x in range(1, width - 1):
             if not own[y, x]:
-                found = look_around(y, x, depth, own, limits)
+                found = look_around(y, x, depth, own, (smooth, agree))
                 if found[1] >= fewest[1 if valid[y, x] else 0]:
                     close_pixel(y, x, found, (color, depth, own, source))
                     closed[y, x] = valid[y, x] = True
+                elif valid[y, x]:
+                    color[y, x, 0] = color[y, x, 1] = color[y, x, 2] = 0.0
+                    depth[y, x], valid[y, x], source[y, x] = np.inf, False, -1
     return closed, own

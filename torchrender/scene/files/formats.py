@@ -28,7 +28,7 @@ FORMATS = (
         "all textures, samplers and two sets of coordinates, variants, vertex colours with opacity, tangents, cameras, "
         "punctual lights, skins, morph targets, animations of every interpolation, sparse and quantised accessors, "
         "several scenes; points through `load_points`; media in `extras.media` of a scene",
-        "lines, a third set of texture coordinates, the range of lights, extensions that are not listed below",
+        "lines, a third set of texture coordinates, extensions that are not listed below",
     ),
     Format(
         (".obj",),

@@ -37,7 +37,7 @@ from torchrender.scene.light import (
     RectLight,
     SpotLight,
 )
-from torchrender.scene.material import Material
+from torchrender.scene.material import PHYSICAL, Material
 from torchrender.scene.medium import SCALES, Medium
 from torchrender.scene.mesh import Mesh
 from torchrender.scene.model import Scene
@@ -109,7 +109,10 @@ def _object(index: int, mesh: Mesh) -> int:
 
 
 def _material(table: Table, textures: dict[Path, Tensor]) -> Material:
-    """Keys as :class:`~torchrender.scene.material.Material`; ``texture`` names a picture, ``name`` is required."""
+    """Keys as :class:`~torchrender.scene.material.Material`; ``texture`` names a picture, ``name`` is required.
+
+    A key of metallic-roughness materials alone makes one, as ``metallic`` does, which is 0 where it is left out.
+    """
     name = table.text("name")
     path = table.file("texture", None)
     if path is not None and path not in textures:
@@ -126,6 +129,13 @@ def _material(table: Table, textures: dict[Path, Tensor]) -> Material:
             shininess=table.number("shininess", 32.0, 0.0, 1e6),
             emission=table.color("emission", torch.zeros(3)),
             alpha_cutoff=table.number("alpha_cutoff", None, 0.0, 1.0),
+            opacity=table.number("opacity", 1.0, 0.0, 1.0),
+            blend=table.flag("blend", False),
+            double_sided=table.flag("double_sided", True),
+            unlit=table.flag("unlit", False),
+            metallic=table.number("metallic", 0.0 if any(key in table for key in PHYSICAL) else None, 0.0, 1.0),
+            sheen_color=table.color("sheen_color", torch.zeros(3)),
+            **{key: table.number(key, value) for key, value in PHYSICAL.items() if key != "sheen_color"},
         )
     table.finish()
     return material

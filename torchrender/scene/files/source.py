@@ -13,7 +13,7 @@ from torchrender.scene.model import Scene
 
 MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl")
 SCENE_SUFFIX = ".toml"
-SUPPORTED = ", ".join((SCENE_SUFFIX, *MESH_SUFFIXES))
+SUPPORTED = f"{', '.join((SCENE_SUFFIX, *MESH_SUFFIXES))}; drawn, but no scenes: .trw (walkthroughs), .trp (points)"
 MAX_SIZE = 50_000_000
 
 

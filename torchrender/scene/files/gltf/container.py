@@ -171,7 +171,8 @@ class GltfFile:
         try:
             return (self.path.parent / unquote(uri)).read_bytes()
         except (OSError, ValueError) as error:
-            raise SceneFileError(self.path, f"file {uri!r} cannot be read", key=key) from error
+            reason = getattr(error, "strerror", None) or str(error)
+            raise SceneFileError(self.path, f"file {uri!r} cannot be read ({reason})", key=key) from error
 
     def view(self, index: object) -> tuple[bytes, int, int, int | None]:
         """Buffer, first byte, size and stride of a buffer view."""

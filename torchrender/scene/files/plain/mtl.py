@@ -54,9 +54,10 @@ def read_materials(path: Path, libraries: list[str], wanted: list[str], notes: N
         for file in _files(path, library):
             try:
                 entries |= _entries(decoded(file.read_bytes()))
-            except (OSError, ValueError):
+            except (OSError, ValueError) as error:
                 whole = False
-                notes.missing(f"mtllib {file.name}", "the file cannot be read")
+                reason = getattr(error, "strerror", None) or str(error)
+                notes.missing(f"mtllib {file.name}", f"the file cannot be read ({reason})")
     maps = MapReader(path, notes)
     found = {}
     for name in wanted:
