@@ -14,7 +14,6 @@ from torchrender.effects.media.eye_rays import rays_along
 from torchrender.effects.media.in_view import boxes_in_view, boxes_of, shadowed_by, share_of_view
 from torchrender.effects.media.options import ScatterOptions
 from torchrender.effects.media.scatter import Illumination, ScatteringLayer, scatter, scatter_along
-from torchrender.effects.media.surfaces import light_transmittance, surroundings_left
 from torchrender.effects.media.surroundings import Surroundings
 from torchrender.effects.media.tables import MediaTable
 from torchrender.effects.reflections.reflectors import blend_reflections
@@ -23,12 +22,14 @@ from torchrender.effects.transparency.layers import Veil
 from torchrender.passes.contract import Amounts, Buffers, Pass
 from torchrender.passes.hard import SMALL_SHADOW, HardEffect, Law, Outputs, Subject, mean_over, no_lights
 from torchrender.passes.light.ambient_visibility import AMBIENT_VISIBILITY, has_ambient_light
-from torchrender.passes.light.direct_light import DIRECT_LIGHT, ambient_reach, lights_visibility
+from torchrender.passes.light.direct_light import DIRECT_LIGHT
 from torchrender.passes.light.pane_shadow import PANE_SHADOW
 from torchrender.passes.light.shadow_map import SCENE_SHADOW_MAP
+from torchrender.passes.light.sky_shadow import SKY_SHADOW
 from torchrender.passes.light.visibility import POINT_SHADOW, SOFT_SHADOW
 from torchrender.passes.mirrors.reflections import REFLECTIONS
 from torchrender.passes.outlook import Outlook, Verdict, counted, no_shadows
+from torchrender.passes.picture.darkened import darkened
 from torchrender.passes.seen.gbuffer import GBUFFER
 from torchrender.passes.seen.ray_caster import RAY_CASTER
 from torchrender.passes.settings import settings
@@ -39,7 +40,6 @@ from torchrender.pipeline.options import RenderOptions
 from torchrender.scene.camera import Cameras
 from torchrender.scene.medium import Medium
 from torchrender.scene.model import Scene
-from torchrender.shade import AmbientReach, shade
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +133,7 @@ def _illumination(frame: Frame) -> Illumination:
 def _change(frame: Frame, samples: GBuffer | RaySurface, illumination: Illumination | None) -> Tensor | None:
     """What media take from the light that surfaces send and mirror; None: nothing."""
     direct = frame[DIRECT_LIGHT]
-    darker = _darkened(frame, samples) if frame.options.scattering.surfaces else None
+    darker = darkened(frame, samples) if frame.options.scattering.surfaces else None
     mirrored = frame.get(REFLECTIONS)
     if mirrored is None or illumination is None or isinstance(samples, RaySurface):
         return None if darker is None else darker - direct
@@ -142,37 +142,6 @@ def _change(frame: Frame, samples: GBuffer | RaySurface, illumination: Illuminat
         return None
     after = blend_reflections(frame.scene, samples, direct if darker is None else darker, hazed)
     return after - blend_reflections(frame.scene, samples, direct, mirrored)
-
-
-def _darkened(frame: Frame, samples: GBuffer | RaySurface) -> Tensor | None:
-    """Direct light (B,H,W,3) with what media leave of it on its way from the lights and from everywhere."""
-    scene, options = frame.scene, frame.options
-    passed = light_transmittance(scene.media, scene.lights, samples.position, samples.covered) if scene.lights else None
-    left = None
-    if has_ambient_light(scene):
-        left = surroundings_left(
-            scene.media, samples.position, samples.normal, samples.covered, scattered=options.scattering.environment
-        )
-    if passed is None and left is None:
-        return None
-    visibility, around = lights_visibility(frame), ambient_reach(scene, frame.get(AMBIENT_VISIBILITY))
-
-    def of_color(c: int) -> Tensor:
-        arriving = visibility
-        if passed is not None:
-            own = passed[..., c % passed.shape[-1]]
-            arriving = (own if visibility is None else visibility * own).contiguous()
-        reach = around
-        if left is not None:
-            own = left[..., c % left.shape[-1]]
-            reach = AmbientReach(own) if around is None else replace(around, visibility=around.visibility * own)
-        return shade(
-            scene, samples, arriving, background=options.background, area_light=options.area_light, around=reach
-        )
-
-    colors = max(part.shape[-1] for part in (passed, left) if part is not None)
-    images = [of_color(c) for c in range(colors)]
-    return images[0] if colors == 1 else torch.stack([image[..., c] for c, image in enumerate(images)], dim=-1)
 
 
 def _hazed_mirrors(
@@ -306,7 +275,7 @@ PASS = Pass(
     summary="what media scatter towards the eye and keep from it",
     makes=SCATTERING,
     needs=(GBUFFER, DIRECT_LIGHT),
-    uses=(POINT_SHADOW, SOFT_SHADOW, PANE_SHADOW, AMBIENT_VISIBILITY, REFLECTIONS),
+    uses=(POINT_SHADOW, SOFT_SHADOW, PANE_SHADOW, AMBIENT_VISIBILITY, SKY_SHADOW, REFLECTIONS),
     asks=asks,
     applies=applies,
     run=run,
