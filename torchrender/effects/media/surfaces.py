@@ -5,13 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+import numpy as np
 import torch
 from torch import Tensor
 
+from torchrender.arrays import view
 from torchrender.checks import check_tensor
 from torchrender.effects.media.eye_rays import rays_along
 from torchrender.effects.media.tables import MediaTable
-from torchrender.kernels.media.ways import ways_through
+from torchrender.kernels.media.records import Beams
+from torchrender.kernels.media.ways import clip_rays, ways_through
 from torchrender.numerics.lobe import frame
 from torchrender.scene.light import DirectionalLight, Light, vectors_to
 from torchrender.scene.medium import Medium
@@ -106,24 +109,21 @@ def surroundings_left(
 
 def _share(table: MediaTable, points: Tensor, normals: Tensor, extinction: Tensor, scattering: Tensor | None) -> Tensor:
     """(N,C) of :func:`surroundings_left` at places (N,3); extinction and scattering of media (M,C)."""
-    squared = torch.tensor(HEIGHTS, dtype=torch.float64).repeat_interleave(AROUND)
+    squared = torch.tensor(HEIGHTS).repeat_interleave(AROUND)
     weight = torch.tensor(WEIGHTS).repeat_interleave(AROUND) / AROUND
-    angle = torch.arange(len(squared)) * (2.0 * math.pi / AROUND * (1.0 + 1.0 / len(squared)))  # rings are turned
-    across = (1.0 - squared).sqrt()
-    first, second = frame(normals)
-    directions = (
-        squared.sqrt()[:, None] * normals[:, None]
-        + (across * angle.cos())[:, None] * first[:, None]
-        + (across * angle.sin())[:, None] * second[:, None]
-    )
     count = len(squared)
-    origins = points[:, None].expand(-1, count, -1).reshape(-1, 3)
-    endless = torch.full((len(origins),), math.inf, dtype=torch.float64)
-    rays = rays_along(origins, directions.reshape(-1, 3), endless, table)
-    ways = torch.zeros(len(origins), len(table))
-    ways_through(table.arrays, rays.beams, STEPS, ways.numpy())
-    lost = ways @ extinction
-    passed = torch.exp(-lost)
+    angle = torch.arange(count) * (2.0 * math.pi / AROUND * (1.0 + 1.0 / count))  # rings are turned
+    across = (1.0 - squared).sqrt()
+    local = torch.stack([across * angle.cos(), across * angle.sin(), squared.sqrt()], dim=-1)
+    normals = normals.float()
+    directions = (local @ torch.stack([*frame(normals), normals], dim=1)).reshape(-1, 3)
+    near = (points - table.origin).float().repeat_interleave(count, dim=0)
+    beams = Beams(view(near, np.float32), view(directions, np.float32), np.empty((len(near), 2), np.float32))
+    clip_rays(table.arrays, beams, np.full(len(near), 1e30, np.float32))
+    ways = torch.zeros(len(near), len(table))
+    ways_through(table.arrays, beams, STEPS, ways.numpy())
+    depth = ways @ extinction
+    lost = -torch.expm1(-depth)
     if scattering is not None:
-        passed = passed + (1.0 - passed) * (ways @ scattering) / lost.clamp_min(1e-30)
-    return (passed.reshape(len(points), count, -1) * weight[:, None]).sum(dim=1)
+        lost = lost * (1.0 - (ways @ scattering) / depth.clamp_min(1e-30)).clamp_min(0.0)
+    return 1.0 - torch.einsum("nkc,k->nc", lost.reshape(len(points), count, -1), weight)

@@ -138,6 +138,7 @@ def _blended(
     count = len(rays.origin)
     radiance, passing = torch.zeros(count, 3), torch.ones(count, 3)
     number = torch.zeros(count, dtype=torch.int64)
+    veiled: list[tuple[Tensor, Tensor, Tensor, Tensor]] = []
     for _, layer in zip(range(layers), found, strict=False):
         shows = passing[layer.pixel].amax(dim=1) > DARK
         pixel, hits = layer.pixel[shows], layer.hits
@@ -147,13 +148,18 @@ def _blended(
         o, d = rays.origin[pixel], rays.direction[pixel]
         width = rays.width[pixel] + rays.spread[pixel] * hits.t
         covers, behind = passing_light(scene, o, d, hits, width)
-        before, sent = passing[pixel], covers[:, None] * _shaded(shader, (o, d, width), hits, pixel // rays.picture)
-        if veil is not None:
-            through, scattered = veil(pixel, hits.t)
-            sent = sent * through + (1.0 - behind) * scattered
-        radiance[pixel] += before * sent
+        before = passing[pixel]
+        sent = before * covers[:, None] * _shaded(shader, (o, d, width), hits, pixel // rays.picture)
+        if veil is None:
+            radiance[pixel] += sent
+        else:
+            veiled.append((pixel, hits.t, sent, before * (1.0 - behind)))
         passing[pixel] = before * behind
         number[pixel] += 1
+    if veil is not None and veiled:  # all layers at once: what media need of each light is made but once
+        pixel, lengths, sent, hidden = (torch.cat(parts) for parts in zip(*veiled, strict=True))
+        through, scattered = veil(pixel, lengths)
+        radiance.index_add_(0, pixel, sent * through + hidden * scattered)
     return radiance, passing, number
 
 
