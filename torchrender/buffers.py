@@ -57,6 +57,12 @@ class GBuffer(VisibilityBuffer):
     __repr__ = brief
     _repr_html_ = brief_html
 
+    def of_cameras(self, chosen: Tensor) -> GBuffer:
+        """What the chosen of the cameras, by numbers (K,), see."""
+        images = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "cameras"}
+        own: dict[str, Any] = {n: None if image is None else image[chosen] for n, image in images.items()}
+        return replace(self, cameras=self.cameras[chosen], **own)
+
 
 @dataclass(frozen=True, eq=False)
 class DepthImages(VisibilityBuffer):

@@ -47,7 +47,7 @@ class Image:
     buffers: Mapping[str, Any] = field(default_factory=dict)  # those that were asked for, by name
     plan: Plan | None = None  # what was done and why, with predicted and measured times
     timings_ms: Mapping[str, float] = field(default_factory=dict)  # wall time of each step
-    exposure: float | None = 0.0  # EV for display; None: automatic, from the log-average luminance
+    exposure: float | None = 0.0  # EV for display; None: automatic, one from the log-average luminance of all views
     tone_map: str = "none"  # operator for display
     history: RenderHistory | None = None  # for the next picture of a sequence; None where none was asked for
 

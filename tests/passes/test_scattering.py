@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import pytest
@@ -78,7 +79,8 @@ def test_a_mirror_in_fog_shows_what_both_ways_leave() -> None:
     low, high = torch.full((3,), -30.0), torch.full((3,), 30.0)
     medium = fog(low=low, high=high, scattering=torch.zeros(3), absorption=torch.full((3,), 0.2))
     scene = replace(mirror_scene(medium), lights=(replace(LAMP, intensity=torch.zeros(3)),))
-    options = RenderOptions(reflections="traced", scattering=ALL, buffers=("reflections",))
+    ways = replace(ALL, surfaces=False)  # to the eye alone: light from everywhere arrives undimmed
+    options = RenderOptions(reflections="traced", scattering=ways, buffers=("reflections",))
     image = tr.render(scene, SMALL, options=options)
     clear = tr.render(replace(scene, media=()), SMALL, options=options)
     layer = clear.buffers["reflections"]
@@ -160,3 +162,36 @@ def test_a_sun_in_media_has_a_finer_image_than_shadows_need() -> None:
     maps = history.get(SCENE_SHADOW_MAP)
     assert maps is not None
     assert [one.depth.shape[-1] for one in maps if one is not None] == [256, 128]
+
+
+def lit_from_everywhere(absorption: float, scattering: float, *, environment: bool) -> torch.Tensor:
+    """A grey floor far inside a wide slab of a medium that ends 2 above it, seen from its upper side."""
+    wide = {"low": [-1e4, -1, -1e4], "high": [1e4, 2, 1e4]}
+    sky = tr.Environment.constant([1, 1, 1]) if environment else None
+    scene = Scene(
+        meshes=(tr.Mesh.plane(1.0),),
+        materials=(Material(diffuse=torch.full((3,), 0.5)),),
+        ambient=torch.zeros(3) if environment else torch.ones(3),
+        environment=sky,
+        media=(tr.Medium(absorption=absorption, scattering=scattering, **wide),),
+    )
+    above = Cameras.look_at([0.001, 2, 0], [0, 0, 0], width=17, height=17, fov_deg=20, up=[0, 0, -1])
+    options = RenderOptions(scattering=replace(ALL, environment=scattering > 0))
+    return tr.render(scene, above, options=options).radiance[0, 8, 8]
+
+
+@pytest.mark.parametrize("environment", (False, True))
+@pytest.mark.parametrize("absorption", (0.05, 0.2, 0.5))
+def test_light_from_everywhere_is_dimmed_on_its_way_to_surfaces(absorption: float, environment: bool) -> None:
+    """Below a slab of optical depth t arrives 2 E3(t) of it, and the eye's way takes exp(-t) once more."""
+    t = 2.0 * absorption
+    cosine = (torch.arange(100000, dtype=torch.float64) + 0.5) / 100000
+    wanted = float((2.0 * cosine * torch.exp(-t / cosine)).mean()) * 0.5 * float(torch.exp(torch.tensor(-t)))
+    found = lit_from_everywhere(absorption, 0.0, environment=environment)
+    assert torch.allclose(found, torch.full((3,), wanted), rtol=0.03), (found, wanted)
+
+
+def test_media_that_absorb_nothing_leave_even_light_even() -> None:
+    """What they scatter away they scatter back: a white floor in fog under a white sky is as white as the sky."""
+    floor = 0.5 * math.exp(-0.6) + (1.0 - math.exp(-0.6))
+    assert torch.allclose(lit_from_everywhere(0.0, 0.3, environment=False), torch.full((3,), floor), rtol=0.01)

@@ -24,8 +24,8 @@ class Order(IntEnum):
     EMISSION = 0
     DIRECT = 10
     REFLECTION = 20
-    TRANSPARENCY = 25
     SCATTERING = 30
+    TRANSPARENCY = 35
     ENHANCEMENT = 40
 
 

@@ -67,7 +67,7 @@ class RenderOptions:
     fixed: tuple[str, ...] = ()  # passes whose settings a budget or an error bound must leave as they are
     background: ArrayLike | None = None  # linear colour of empty pixels; None: environment, else ambient light
     exposure: float | str | None = AS_LIT  # EV for display; "auto", kept as None: automatic; "as_lit": 0, of
-    # photometric lights automatic
+    # photometric lights automatic. Automatic is one exposure for all pictures of a batch
     tone_map: str = "none"  # operator for display: none, reinhard or aces
 
     def __post_init__(self) -> None:

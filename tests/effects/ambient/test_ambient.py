@@ -211,9 +211,10 @@ def test_walls_seen_edge_on_are_told_from_others() -> None:
         return Cameras.look_at([x, 1.0, z], [0.0, 0.5, 1.0], width=32, height=24)
 
     inside, aside = eye(-5.0, -3.0), eye(-5.0, -2.9)
-    assert sees_edge_on(geometry, inside) and sees_edge_on(geometry, Cameras.cat([aside, inside]))
-    assert not sees_edge_on(geometry, aside) and not sees_edge_on(geometry, inside[:0])
-    assert not sees_edge_on(Scene(meshes=(floor,)).geometry, inside)
+    assert sees_edge_on(geometry, inside).tolist() == [True]
+    assert sees_edge_on(geometry, Cameras.cat([aside, inside])).tolist() == [False, True]
+    assert sees_edge_on(geometry, aside).tolist() == [False] and not len(sees_edge_on(geometry, inside[:0]))
+    assert sees_edge_on(Scene(meshes=(floor,)).geometry, inside).tolist() == [False]
 
 
 def test_rays_below_the_surface_see_nothing() -> None:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import pytest
 import torch
 from torch import Tensor
 
+import torchrender as tr
 from torchrender.buffers import RayHits
 from torchrender.effects.transparency.layers import deepest_layers, transparency
 from torchrender.effects.transparency.pane_shadow import pane_shadow
@@ -268,3 +270,29 @@ def test_layers_are_shaded_as_wide_as_a_pixel_is_there(way: bool) -> None:
     one = float(camera.footprint(torch.ones(1, 1, dtype=torch.float64)))
     for width, depth in zip(widths, (3.0, 8.0), strict=True):
         torch.testing.assert_close(width.double(), torch.full_like(width, depth * one).double(), rtol=1e-5, atol=0)
+
+
+@pytest.mark.parametrize("orthographic", (False, True))
+@pytest.mark.parametrize("glow", (0.0, 1.0))
+@pytest.mark.parametrize("height", (0.5, 1.5, 1.9, 2.5))
+def test_each_pane_is_fogged_as_far_as_it_is_away(height: float, glow: float, orthographic: bool) -> None:
+    """A half opaque pane that sends blue light, over a white floor, below, in and above a fog of one unit.
+
+    ``(o p + (1 - o) (w t_behind + e (1 - t_behind))) t_before + e (1 - t_before)`` with the fog's transmittances t.
+    """
+    floor = Material(diffuse=torch.zeros(3), emission=torch.ones(3))
+    blue = Material(diffuse=torch.zeros(3), opacity=0.5, blend=True, emission=torch.tensor([0.0, 0.0, 1.0]))
+    fog = tr.Medium(low=[-1, 1, -1], high=[1, 2, 1], absorption=1.0, scattering=0.0, emission=glow)
+    meshes = (tr.Mesh.plane(4), tr.Mesh.plane(1.5, [0, height, 0], material=1))
+    scene = Scene(meshes=meshes, materials=(floor, blue), media=(fog,))
+    camera = Cameras.look_at([0.001, 3, 0], [0, 0, 0], width=17, height=17, fov_deg=20, up=[0, 0, -1])
+    if orthographic:
+        lens = torch.tensor([[[10.0, 0.0, 8.5], [0.0, 10.0, 8.5], [0.0, 0.0, 1.0]]], dtype=torch.float64)
+        near, far = torch.tensor([0.01]).double(), torch.tensor([100.0]).double()
+        camera = Cameras(camera.camera_from_world, lens, 17, 17, near, far, orthographic=True)
+    before = math.exp(-max(0.0, 2.0 - max(height, 1.0)))
+    behind = math.exp(-1.0) / before
+    through = 0.5 * (behind + glow * (1.0 - behind))
+    wanted = torch.tensor([through, through, through + 0.5]) * before + glow * (1.0 - before)
+    found = tr.render(scene, camera).radiance[0, 8, 8]
+    assert torch.allclose(found, wanted, atol=2e-3), (found, wanted)

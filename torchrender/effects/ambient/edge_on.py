@@ -16,25 +16,23 @@ THIN = 2e-3
 """An eye this near to a plane, in its distance from the triangle, sees no more of it than a line."""
 
 _PLANES: WeakKeyDictionary[Geometry, tuple[Tensor, Tensor]] = WeakKeyDictionary()
-_ANSWERS: WeakKeyDictionary[Cameras, tuple[ReferenceType[Geometry], bool]] = WeakKeyDictionary()
+_ANSWERS: WeakKeyDictionary[Cameras, tuple[ReferenceType[Geometry], Tensor]] = WeakKeyDictionary()
 
 
-def sees_edge_on(geometry: Geometry, cameras: Cameras) -> bool:
-    """Whether an eye of the cameras lies in the plane of a large triangle. A plan asks many times: answers are kept."""
-    about, answer = _ANSWERS.get(cameras, (None, False))
-    if about is None or about() is not geometry:
+def sees_edge_on(geometry: Geometry, cameras: Cameras) -> Tensor:
+    """(B,) bool: the camera's eye lies in the plane of a large triangle. A plan asks many times: answers are kept."""
+    about, answer = _ANSWERS.get(cameras, (None, None))
+    if answer is None or about is None or about() is not geometry:
         answer = _find(geometry, cameras)
         _ANSWERS[cameras] = ref(geometry), answer
     return answer
 
 
-def _find(geometry: Geometry, cameras: Cameras) -> bool:
+def _find(geometry: Geometry, cameras: Cameras) -> Tensor:
     normals, centres = _planes(geometry)
-    if not len(normals) or not len(cameras):
-        return False
     to_eye = cameras.eye[:, None] - centres
     across = (to_eye * normals).sum(dim=-1).abs()
-    return bool((across < THIN * to_eye.norm(dim=-1)).any())
+    return (across < THIN * to_eye.norm(dim=-1)).any(dim=1)
 
 
 def _planes(geometry: Geometry) -> tuple[Tensor, Tensor]:

@@ -89,11 +89,14 @@ def _from_all(samples: GBuffer, how: Cast) -> AmbientVisibility:
 
 
 def _shared(samples: GBuffer | RaySurface, width: Tensor, how: Cast) -> AmbientVisibility:
-    """Rays of all covered samples, so wide (N,) each, and values that those around have a part in."""
+    """Rays of all covered samples, so wide (N,) each, and values that those around in their picture have a part in."""
     covered = samples.covered
     sky, near, bent = _cast(samples, covered, how, 1)
     values = torch.cat([sky[:, None], near[:, None], bent / how.rays], dim=1)
-    values = share_hits(samples.position[covered], samples.normal[covered], width, values, how.rays)
+    counts = covered.flatten(1).sum(dim=1).tolist()
+    each = (v.split(counts) for v in (samples.position[covered], samples.normal[covered], width, values))
+    shared = [share_hits(p, n, w, v, how.rays) for p, n, w, v in zip(*each, strict=True)]
+    values = torch.cat(shared) if shared else values
     return as_images(covered, values[:, 0], values[:, 1], values[:, 2:], samples.normal)
 
 
@@ -158,7 +161,7 @@ def _numbers(samples: GBuffer | RaySurface, chosen: Tensor, place: Tensor, step:
     if not step:
         return torch.zeros(len(place), dtype=torch.int64)
     if isinstance(samples, GBuffer):
-        _, row, column = chosen.nonzero().unbind(-1)  # a picture of a batch is as one alone
+        _, row, column = chosen.nonzero().unbind(-1)  # a camera's picture is the same among others as alone
         return row // step * -(-chosen.shape[2] // step) + column // step
     bits = place.contiguous().view(torch.int64) >> 20  # what rounding leaves alone
     return ((bits * torch.tensor([73856093, 19349663, 83492791])).sum(-1) >> 7) & 0xFFFF

@@ -43,8 +43,8 @@ class ScatterOptions:
     nearest: float = 1e-3  # scene diagonals; lamps get no brighter below this distance
     light_steps: int = 16  # through grids, towards a light
     light_cells: int = 32  # of a grid's side, from which the way to a light is known
-    environment: bool = True  # ambient light and environment are scattered, too; nothing shadows them
-    surfaces: bool = True  # media shadow surfaces
+    environment: bool = True  # ambient light and environment are scattered, too; nothing shadows them in the air
+    surfaces: bool = True  # media dim the light of lamps and from everywhere on its way to surfaces
     steps: int = 64  # of way="march"
     scheme: str = "exact_segment"  # of way="march": or "source", which is too bright by what steps scatter away
     equiangular: bool = True  # of way="march": steps of equal angle at lamps; else of equal length

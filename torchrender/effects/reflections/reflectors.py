@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import torch
@@ -61,6 +61,19 @@ class ReflectivePixels:
         return ReflectivePixels(
             shape=self.shape, cameras=self.cameras, **{name: value[index] for name, value in own.items()}
         )
+
+    def pictures(self) -> list[ReflectivePixels]:
+        """Those of each picture alone."""
+        count, size = self.shape[0], self.shape[1] * self.shape[2]
+        if count <= 1:
+            return [self]
+        ends = torch.searchsorted(self.pixel, torch.arange(count + 1) * size).tolist()
+        parts = []
+        for k in range(count):
+            own = self.select(torch.arange(ends[k], ends[k + 1]))
+            shape = (1, self.shape[1], self.shape[2])
+            parts.append(replace(own, shape=shape, cameras=self.cameras[k], pixel=own.pixel - k * size))
+        return parts
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,7 +205,7 @@ def lobe_rays(pixels: ReflectivePixels, count: int, lobe: str = "ggx") -> tuple[
     Args:
         lobe: of facets ("ggx", alpha = gloss squared), or an even "cone" as published.
     """
-    column, row = pixels.pixel % pixels.shape[2], pixels.pixel // pixels.shape[2]
+    column, row = pixels.pixel % pixels.shape[2], pixels.pixel // pixels.shape[2] % pixels.shape[1]
     turn = noise_angle(column, row)
     angle = (pixels.pixel_angle * pixels.length, pixels.pixel_angle)
     return spread_rays(

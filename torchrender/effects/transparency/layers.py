@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import torch
 from torch import Tensor
@@ -21,6 +21,9 @@ from torchrender.rays import RayCaster
 from torchrender.scene.camera import Cameras
 from torchrender.scene.mesh import Geometry
 from torchrender.scene.model import Scene
+
+START = 1e-7
+"""Length at which rays that leave a surface start, in diagonals of the scene: positions are exact to far less."""
 
 DARK = 1e-3
 """What lets less light pass than this hides everything behind it."""
@@ -37,21 +40,44 @@ class LayerShader(Protocol):
 class Transparency:
     """What lies before the solid surfaces of B pictures: ``radiance behind * passing + radiance``."""
 
-    radiance: Tensor  # (B,H,W,3) of all layers, as far as those before let it pass
+    radiance: Tensor  # (B,H,W,3) of all layers, as far as those before, and media, let it pass
     passing: Tensor  # (B,H,W,3) share of the light behind all layers
     layers: Tensor  # (B,H,W) int64 surfaces before each other
 
 
+class Veil(Protocol):
+    """What media put before places that pixels see."""
+
+    def __call__(self, pixel: Tensor, lengths: Tensor) -> tuple[Tensor, Tensor]:
+        """Transmittance and scattered radiance, each (N,3), of ways (N,) long to the eyes of flat pixels (N,)."""
+
+
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """The surfaces of one layer that N pixels see."""
+    """The surfaces of one layer that N of some rays meet."""
 
-    pixel: Tensor  # (N,) int64 flat place in (B,H,W)
+    pixel: Tensor  # (N,) int64 which rays: flat place in (B,H,W)
     hits: RayHits  # t is the ray length
 
 
+class Rays(NamedTuple):
+    """N rays through see-through surfaces; ``width + spread t`` wide at length t."""
+
+    origin: Tensor  # (N,3)
+    direction: Tensor  # (N,3) unit
+    width: Tensor  # (N,)
+    spread: Tensor  # (N,)
+    picture: int  # rays of one picture, N or a part of it: those of different ones are shaded apart
+
+
 def transparency(
-    scene: Scene, gbuffer: GBuffer, shader: LayerShader, *, layers: int = 64, traced: bool = False
+    scene: Scene,
+    gbuffer: GBuffer,
+    shader: LayerShader,
+    *,
+    layers: int = 64,
+    traced: bool = False,
+    veil: Veil | None = None,
 ) -> Transparency:
     """Everything that shows what lies behind, before the solid surfaces of a G-buffer.
 
@@ -59,6 +85,9 @@ def transparency(
         shader: light of the layers' surfaces.
         layers: surfaces before each other that are looked at, at most; what lies behind the last one still shows.
         traced: by rays, instead of by peeling.
+        veil: media. Then the light behind, which ``passing`` is a share of, is seen through them already: of it that
+            share of what they scatter is left, and each layer adds what it shows of its own, seen through them, and
+            what it hides none of, as it is scattered before it.
 
     Raises:
         OptionError: ``layers`` below 1.
@@ -67,28 +96,82 @@ def transparency(
     cameras, shape = gbuffer.cameras, tuple(gbuffer.depth.shape)
     origins, directions = (rays.reshape(-1, 3) for rays in cameras.rays())
     lengths = directions.norm(dim=-1)
-    directions = directions / lengths[:, None]
-    radiance, passing = torch.zeros(len(lengths), 3), torch.ones(len(lengths), 3)
-    number = torch.zeros(len(lengths), dtype=torch.int64)
-    footprint = cameras.footprint(torch.ones(len(cameras), 1, dtype=torch.float64)).reshape(-1)
+    size = shape[1] * shape[2]
+    footprint = cameras.footprint(torch.ones(len(cameras), 1, dtype=torch.float64)).reshape(-1).repeat_interleave(size)
+    none = torch.zeros_like(lengths)
+    width, spread = (footprint, none) if cameras.orthographic else (none, footprint / lengths)
+    rays = Rays(origins, directions / lengths[:, None], width, spread, size)
     limit = gbuffer.depth.reshape(-1).double() * lengths
     panes = scene.geometry.panes
-    found = _traced(panes, origins, directions, limit) if traced else _peeled(panes, cameras, limit, lengths)
+    if traced:
+        found = _traced(RayCaster(panes), rays.origin, rays.direction, limit)
+    else:
+        found = _peeled(panes, cameras, limit, lengths)
+    radiance, passing, number = _blended(scene, rays, found, shader, layers, veil)
+    return Transparency(radiance.reshape(*shape, 3), passing.reshape(*shape, 3), number.reshape(shape))
+
+
+def layers_along(
+    scene: Scene,
+    panes: RayCaster,
+    rays: Rays,
+    limit: Tensor,
+    shader: LayerShader,
+    *,
+    layers: int = 64,
+) -> tuple[Tensor, Tensor]:
+    """What see-through surfaces add to the light along N rays, and the share of it that they let pass, each (N,3).
+
+    Args:
+        panes: rays against :attr:`Geometry.panes`.
+        limit: (N,) lengths at which what is solid lies; +inf for nothing.
+        layers: surfaces before each other that are looked at, at most.
+    """
+    found = _traced(panes, rays.origin, rays.direction, limit, START * scene.diagonal)
+    return _blended(scene, rays, found, shader, layers, None)[:2]
+
+
+def _blended(
+    scene: Scene, rays: Rays, found: Iterator[Layer], shader: LayerShader, layers: int, veil: Veil | None
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Radiance and passing light (N,3) of layers over each other, and their number (N,)."""
+    count = len(rays.origin)
+    radiance, passing = torch.zeros(count, 3), torch.ones(count, 3)
+    number = torch.zeros(count, dtype=torch.int64)
+    veiled: list[tuple[Tensor, Tensor, Tensor, Tensor]] = []
     for _, layer in zip(range(layers), found, strict=False):
         shows = passing[layer.pixel].amax(dim=1) > DARK
         pixel, hits = layer.pixel[shows], layer.hits
         hits = RayHits(hits.t[shows], hits.triangle[shows], hits.barycentric[shows])
         if not len(pixel):
             break
-        o, d = origins[pixel], directions[pixel]
-        camera = pixel // (shape[1] * shape[2])
-        depth = torch.ones_like(hits.t) if cameras.orthographic else hits.t / lengths[pixel]
-        width = footprint[camera] * depth
+        o, d = rays.origin[pixel], rays.direction[pixel]
+        width = rays.width[pixel] + rays.spread[pixel] * hits.t
         covers, behind = passing_light(scene, o, d, hits, width)
-        radiance[pixel] += passing[pixel] * covers[:, None] * shader(o, d, width, hits)
-        passing[pixel] *= behind
+        before = passing[pixel]
+        sent = before * covers[:, None] * _shaded(shader, (o, d, width), hits, pixel // rays.picture)
+        if veil is None:
+            radiance[pixel] += sent
+        else:
+            veiled.append((pixel, hits.t, sent, before * (1.0 - behind)))
+        passing[pixel] = before * behind
         number[pixel] += 1
-    return Transparency(radiance.reshape(*shape, 3), passing.reshape(*shape, 3), number.reshape(shape))
+    if veil is not None and veiled:  # all layers at once: what media need of each light is made but once
+        pixel, lengths, sent, hidden = (torch.cat(parts) for parts in zip(*veiled, strict=True))
+        through, scattered = veil(pixel, lengths)
+        radiance.index_add_(0, pixel, sent * through + hidden * scattered)
+    return radiance, passing, number
+
+
+def _shaded(shader: LayerShader, rays: tuple[Tensor, Tensor, Tensor], hits: RayHits, picture: Tensor) -> Tensor:
+    """Radiance (N,3) of hits, each picture's alone: hits near each other may share what light they find."""
+    counts = picture.bincount().tolist()
+    (o, d, width), found = rays, []
+    for rows in torch.arange(len(picture)).split(counts):
+        if len(rows):
+            own = RayHits(hits.t[rows], hits.triangle[rows], hits.barycentric[rows])
+            found.append(shader(o[rows], d[rows], width[rows], own))
+    return torch.cat(found)
 
 
 def _peeled(panes: Geometry, cameras: Cameras, limit: Tensor, lengths: Tensor) -> Iterator[Layer]:
@@ -104,10 +187,11 @@ def _peeled(panes: Geometry, cameras: Cameras, limit: Tensor, lengths: Tensor) -
         tests = FragmentTests(beyond=seen.depth, skip=seen.triangle)
 
 
-def _traced(panes: Geometry, origins: Tensor, directions: Tensor, limit: Tensor) -> Iterator[Layer]:
-    caster = RayCaster(panes)
+def _traced(
+    caster: RayCaster, origins: Tensor, directions: Tensor, limit: Tensor, start: float = 0.0
+) -> Iterator[Layer]:
     pixel = torch.arange(len(origins))
-    hits = caster.first_hit(origins, directions, t_max=limit)
+    hits = caster.first_hit(origins, directions, t_min=start, t_max=limit)
     while True:
         kept = hits.hit.nonzero().reshape(-1)
         if not len(kept):

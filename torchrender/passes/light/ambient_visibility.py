@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import torch
+from torch import Tensor
 
-from torchrender.buffers import GBuffer
+from torchrender.buffers import GBuffer, RaySurface
 from torchrender.effects.ambient.edge_on import sees_edge_on
 from torchrender.effects.ambient.horizon import horizon_ambient
 from torchrender.effects.ambient.options import REACH_SHARE, AmbientOptions
@@ -89,15 +90,16 @@ def settle(outlook: Outlook, prices: Prices) -> RenderOptions:
     return replace(options, ambient_visibility="traced" if ready else "horizon")
 
 
-def by_rays(outlook: Outlook) -> bool:
-    """Whether rays are cast: they were asked for, no eye sees the samples first, or a picture's own depth tells little.
+def by_rays(outlook: Outlook) -> Tensor:
+    """Of which cameras (B,) rays are cast: they were asked for, no eye sees the samples first, or a picture's own depth
+    tells little.
 
     In a row or a few pixels nothing stands beside what is seen, and rays cost next to nothing; a wall that an eye sees
-    edge-on is in none of its depth images.
+    edge-on is in none of its depth images. Each camera is looked at alone: its picture is the same among others.
     """
-    if outlook.options.ambient_visibility == "traced" or outlook.samples is not None or outlook.cameras.orthographic:
-        return True
-    return not outlook.fact(tells_enough)
+    if outlook.options.ambient_visibility == "traced" or outlook.samples is not None:
+        return torch.ones(max(len(outlook.cameras), 1), dtype=torch.bool)
+    return ~outlook.fact(tells_enough)
 
 
 def _has_ambient_light(scene: Scene, cameras: Cameras) -> bool:
@@ -105,9 +107,11 @@ def _has_ambient_light(scene: Scene, cameras: Cameras) -> bool:
     return has_ambient_light(scene)
 
 
-def tells_enough(scene: Scene, cameras: Cameras) -> bool:
-    """Whether the depth images of a picture show about everything that hides light from what it shows."""
-    return not (cameras.orthographic or is_small(cameras) or sees_edge_on(scene.geometry, cameras))
+def tells_enough(scene: Scene, cameras: Cameras) -> Tensor:
+    """(B,) bool: the depth images of a camera's picture show about everything that hides light from what it shows."""
+    if cameras.orthographic or is_small(cameras):
+        return torch.zeros(len(cameras), dtype=torch.bool)
+    return ~sees_edge_on(scene.geometry, cameras)
 
 
 def is_small(cameras: Cameras) -> bool:
@@ -122,25 +126,49 @@ def takes_each(cameras: Cameras) -> bool:
 
 def asks(outlook: Outlook) -> Buffers:
     """Triangles ready for rays, where they are cast."""
-    return (RAY_CASTER,) if by_rays(outlook) else ()
+    return (RAY_CASTER,) if bool(by_rays(outlook).any()) else ()
 
 
 def run(frame: Frame) -> AmbientVisibility:
-    """By rays where these are ready, else by depth images around the eye."""
-    gbuffer, options, scene = frame[GBUFFER], frame.options.ambient, frame.scene
-    reach = reach_of(scene, options)
+    """By rays where these were asked for or a picture's depth does not tell enough, else by depth around the eye."""
+    gbuffer, scene = frame[GBUFFER], frame.scene
     caster = frame.get(RAY_CASTER) if AMBIENT_VISIBILITY in frame.askers(RAY_CASTER) else None
-    if caster is None and isinstance(gbuffer, GBuffer):
-        return horizon_ambient(scene.geometry, gbuffer, options, reach=reach, far=has_sky(scene))
-    assert caster is not None
-    seen, gap = isinstance(gbuffer, GBuffer), GAP * scene.diagonal
-    each = isinstance(gbuffer, GBuffer) and takes_each(gbuffer.cameras)
+    if not isinstance(gbuffer, GBuffer):
+        assert caster is not None
+        return _by_rays(frame, gbuffer, caster)
+    ways: list[tuple[Tensor, AmbientVisibility]] = []
+    traced = torch.zeros(len(gbuffer.depth), dtype=torch.bool)
+    if caster is not None:
+        asked = frame.options.ambient_visibility == "traced"
+        traced = torch.ones_like(traced) if asked else ~tells_enough(scene, gbuffer.cameras)
+    for chosen, cast in ((traced, caster), (~traced, None)):
+        rows = chosen.nonzero().reshape(-1)
+        if len(rows) or (cast is None and not ways):
+            seen = gbuffer if len(rows) == len(traced) else gbuffer.of_cameras(rows)
+            ways.append((rows, _by_depth(frame, seen) if cast is None else _by_rays(frame, seen, cast)))
+    if len(ways) == 1:
+        return ways[0][1]
+    order = torch.cat([rows for rows, _ in ways]).argsort()
+    return AmbientVisibility(
+        *(torch.cat([getattr(found, field.name) for _, found in ways])[order] for field in fields(AmbientVisibility))
+    )
+
+
+def _by_depth(frame: Frame, seen: GBuffer) -> AmbientVisibility:
+    options, scene = frame.options.ambient, frame.scene
+    return horizon_ambient(scene.geometry, seen, options, reach=reach_of(scene, options), far=has_sky(scene))
+
+
+def _by_rays(frame: Frame, samples: GBuffer | RaySurface, caster: RayCaster) -> AmbientVisibility:
+    options, scene = frame.options.ambient, frame.scene
+    seen = isinstance(samples, GBuffer)
+    each = isinstance(samples, GBuffer) and takes_each(samples.cameras)
     return traced_ambient(
         caster,
-        gbuffer,
+        samples,
         rays=max(options.rays, EACH) if each else options.rays,
-        reach=reach,
-        gap=gap,
+        reach=reach_of(scene, options),
+        gap=GAP * scene.diagonal,
         share=options.share if seen else options.rays < AT_HITS,
         spacing=1 if each else options.ray_spacing,
         far=has_sky(scene),
@@ -155,14 +183,14 @@ def reach_of(scene: Scene, options: AmbientOptions) -> float:
 def amounts(outlook: Outlook) -> Amounts:
     """Once; pixels; depths that are looked at; triangles drawn around the eye; rays, and triangles to sort for them."""
     pixels, options = outlook.pixels, outlook.options.ambient
-    if by_rays(outlook):
-        each = outlook.samples is None and takes_each(outlook.cameras)
-        few = 1.0 if outlook.samples is not None or each else options.ray_spacing**2
-        reaching = 2.0 if has_sky(outlook.scene) else 1.0  # far, and what is hit near as well
-        return (1.0, pixels, 0.0, 0.0, reaching * (max(options.rays, EACH) if each else options.rays) * pixels / few)
-    looks = pixels * options.slices * options.steps / options.spacing**2
-    drawn = (1 if options.around else 0) * (2 if options.backs else 1)
-    return (1.0, pixels, looks, drawn * outlook.triangles, 0.0)
+    traced = float(by_rays(outlook).float().mean()) if len(outlook.cameras) else 0.0
+    each = outlook.samples is None and takes_each(outlook.cameras)
+    few = 1.0 if outlook.samples is not None or each else options.ray_spacing**2
+    looks = (1.0 - traced) * pixels * options.slices * options.steps / options.spacing**2
+    drawn = (1.0 - traced) * (1 if options.around else 0) * (2 if options.backs else 1)
+    reaching = 2.0 if has_sky(outlook.scene) else 1.0  # far, and what is hit near as well
+    rays = traced * reaching * (max(options.rays, EACH) if each else options.rays) * pixels / few
+    return (1.0, pixels, looks, drawn * outlook.triangles, rays)
 
 
 def over_samples(options: RenderOptions, history: RenderHistory) -> RenderOptions:
@@ -186,14 +214,14 @@ FEW = AmbientOptions(slices=2, steps=12, spacing=2, around=32)
 def _found(subject: Subject) -> Outputs:
     scene, seen = subject.scene, subject.gbuffer
     reach = 0.25 * subject.unit
-    if not tells_enough(scene, subject.cameras):
+    if not bool(tells_enough(scene, subject.cameras).all()):
         made = traced_ambient(subject.caster, seen, rays=16, reach=reach, gap=GAP * scene.diagonal)
     else:
         made = horizon_ambient(scene.geometry, seen, FEW, reach=reach)
     return {"sky": made.sky, "near": made.near, "length": made.bent_normal.norm(dim=-1)}
 
 
-def _by_rays(subject: Subject, outputs: Outputs) -> float:
+def _beside_rays(subject: Subject, outputs: Outputs) -> float:
     caster = RayCaster(subject.scene.geometry)
     exact = traced_ambient(
         caster, subject.gbuffer, rays=32, reach=0.25 * subject.unit, gap=GAP * subject.scene.diagonal
@@ -208,7 +236,7 @@ HARD = HardEffect(
     modules=("effects.ambient.horizon", "effects.ambient.traced", "effects.ambient.edge_on"),
     run=_found,
     bounds=lambda _: {"sky": (0.0, 1.0), "near": (0.0, 1.0), "length": (0.0, 1.0 + 1e-5)},
-    law=Law(text="mean difference to the share of 32 rays that get away", deviation=_by_rays, limit=0.25),
+    law=Law(text="mean difference to the share of 32 rays that get away", deviation=_beside_rays, limit=0.25),
     skip=lambda subject: None if subject.scene.geometry.triangle_count else "no triangles",
     turns=False,  # slices are laid along the axes of the picture, and their pattern shows in single values
     rounding=0.1,  # a step of a search may find another pixel

@@ -17,7 +17,7 @@ from torchrender.passes.hard import VIEW, HardEffect, Law, Outputs, Subject, no_
 from torchrender.passes.light.direct_light import MIRROR_SHARE, with_share
 from torchrender.passes.mirrors.hit_shader import HIT_SHADER
 from torchrender.passes.mirrors.key_frame import KEY_FRAME, KeptReflections, reuses, usable
-from torchrender.passes.mirrors.reflections import OWN, REFLECTIONS, mean_color_error
+from torchrender.passes.mirrors.reflections import OWN, REFLECTIONS, mean_color_error, mirror_shader
 from torchrender.passes.mirrors.reflective_pixel import REFLECTIVE_PIXEL, reflective
 from torchrender.passes.outlook import Outlook, Verdict
 from torchrender.passes.seen.gbuffer import GBUFFER
@@ -40,10 +40,10 @@ def applies(outlook: Outlook) -> Verdict:
 
 def run(frame: Frame) -> tuple[ReflectionLayer, KeptReflections]:
     """Out of the history, as far as it goes; the scattered rest by rays."""
-    pixels, gbuffer, options = frame[REFLECTIVE_PIXEL], frame[GBUFFER], frame.options
+    pixels, gbuffer, options, shader = frame[REFLECTIVE_PIXEL], frame[GBUFFER], frame.options, mirror_shader(frame)
 
     def trace(chosen: ReflectivePixels) -> ReflectionLayer:
-        return trace_reflections(frame[RAY_CASTER], chosen, frame[HIT_SHADER], options.tracing)
+        return trace_reflections(frame[RAY_CASTER], chosen, shader, options.tracing)
 
     kept = frame.earlier(KEY_FRAME)
     share = mirrored_share(frame.scene, gbuffer, pixels)

@@ -13,7 +13,7 @@ from torch import Tensor
 from torchrender.buffers import ReflectionLayer, ReflectionState
 from torchrender.effects.reflections.bounces import traced_onward
 from torchrender.effects.reflections.clustered import ClusterOptions, clustered_onward, clustered_reflections
-from torchrender.effects.reflections.reflectors import Onward, blend_reflections
+from torchrender.effects.reflections.reflectors import Onward, RayShader, ReflectivePixels, blend_reflections
 from torchrender.effects.reflections.traced import environment_reflections, trace_reflections
 from torchrender.passes.contract import Amounts, Buffers, OwnMeasure, Pass, Prices
 from torchrender.passes.hard import SHAPE, VIEW, HardEffect, Law, Outputs, Subject, difference, displayed, no_mirrors
@@ -26,6 +26,7 @@ from torchrender.passes.seen.ray_caster import RAY_CASTER
 from torchrender.passes.senses import closely
 from torchrender.passes.senses import difference as seen_difference
 from torchrender.passes.settings import Setting, settings
+from torchrender.pipeline.behind_panes import BehindPanes
 from torchrender.pipeline.buffer import Buffer, Layer, Order
 from torchrender.pipeline.frame import Frame
 from torchrender.pipeline.history import RenderHistory
@@ -44,9 +45,17 @@ def asks(outlook: Outlook) -> Buffers:
     return (HIT_SHADER, RAY_CASTER) if options.reflections == "traced" or rest else (HIT_SHADER,)
 
 
-def _onward(frame: Frame) -> Onward | None:
+def mirror_shader(frame: Frame) -> RayShader:
+    """The shader of hits, through see-through surfaces before them where the scene has some."""
+    options, shader = frame.options, frame[HIT_SHADER]
+    if frame.scene.geometry.see_through is None or options.transparency == "off":
+        return shader
+    return BehindPanes(frame.scene, shader, layers=options.transparent_layers)
+
+
+def _onward(frame: Frame, shader: RayShader) -> Onward | None:
     """What mirrors in mirrors show: by rays where there are some, else by clusters."""
-    options, caster, shader = frame.options, frame.get(RAY_CASTER), frame[HIT_SHADER]
+    options, caster = frame.options, frame.get(RAY_CASTER)
     bounces = options.tracing.bounces
     if caster is not None:
         return traced_onward(caster, shader, bounces, options.tracing.lobe)
@@ -54,8 +63,16 @@ def _onward(frame: Frame) -> Onward | None:
 
 
 def run(frame: Frame) -> ReflectionLayer:
-    """What the reflective pixels mirror."""
-    options, pixels, shader = frame.options, frame[REFLECTIVE_PIXEL], frame[HIT_SHADER]
+    """What the reflective pixels mirror, in each picture as if it were alone: clusters and hits are shared in one."""
+    shader, direct = mirror_shader(frame), frame[DIRECT_LIGHT]
+    layers = [
+        _one(frame, shader, pixels, direct[k : k + 1]) for k, pixels in enumerate(frame[REFLECTIVE_PIXEL].pictures())
+    ]
+    return layers[0] if len(layers) == 1 else _batch(layers)
+
+
+def _one(frame: Frame, shader: RayShader, pixels: ReflectivePixels, direct: Tensor) -> ReflectionLayer:
+    options = frame.options
     if options.reflections == "environment":
         return environment_reflections(pixels, shader)
     if options.reflections == "traced":
@@ -66,11 +83,26 @@ def run(frame: Frame) -> ReflectionLayer:
         pixels,
         shader,
         options.reflection,
-        direct=frame[DIRECT_LIGHT],
+        direct=direct,
         caster=None if caster is None else lambda: caster,
-        onward=_onward(frame),
+        onward=_onward(frame, shader),
     )
     return made.layer
+
+
+def _batch(layers: list[ReflectionLayer]) -> ReflectionLayer:
+    """Layers (1,H,W) of pictures as one (B,H,W); clusters are numbered through."""
+    first, numbered = 0, []
+    for layer in layers:
+        numbered.append(torch.where(layer.cluster >= 0, layer.cluster + first, layer.cluster))
+        first += int(layer.cluster.amax()) + 1 if layer.cluster.numel() else 0
+    return ReflectionLayer(
+        color=torch.cat([layer.color for layer in layers]),
+        distance=torch.cat([layer.distance for layer in layers]),
+        direction=torch.cat([layer.direction for layer in layers]),
+        state=torch.cat([layer.state for layer in layers]),
+        cluster=torch.cat(numbered),
+    )
 
 
 PROBED = 2048

@@ -14,20 +14,22 @@ from torchrender.effects.media.eye_rays import rays_along
 from torchrender.effects.media.in_view import boxes_in_view, boxes_of, shadowed_by, share_of_view
 from torchrender.effects.media.options import ScatterOptions
 from torchrender.effects.media.scatter import Illumination, ScatteringLayer, scatter, scatter_along
-from torchrender.effects.media.surfaces import light_transmittance
 from torchrender.effects.media.surroundings import Surroundings
 from torchrender.effects.media.tables import MediaTable
 from torchrender.effects.reflections.reflectors import blend_reflections
 from torchrender.effects.shadows.shadow_map import render_shadow_map
+from torchrender.effects.transparency.layers import Veil
 from torchrender.passes.contract import Amounts, Buffers, Pass
 from torchrender.passes.hard import SMALL_SHADOW, HardEffect, Law, Outputs, Subject, mean_over, no_lights
-from torchrender.passes.light.ambient_visibility import AMBIENT_VISIBILITY
-from torchrender.passes.light.direct_light import DIRECT_LIGHT, ambient_reach, lights_visibility
+from torchrender.passes.light.ambient_visibility import AMBIENT_VISIBILITY, has_ambient_light
+from torchrender.passes.light.direct_light import DIRECT_LIGHT
 from torchrender.passes.light.pane_shadow import PANE_SHADOW
 from torchrender.passes.light.shadow_map import SCENE_SHADOW_MAP
+from torchrender.passes.light.sky_shadow import SKY_SHADOW
 from torchrender.passes.light.visibility import POINT_SHADOW, SOFT_SHADOW
 from torchrender.passes.mirrors.reflections import REFLECTIONS
 from torchrender.passes.outlook import Outlook, Verdict, counted, no_shadows
+from torchrender.passes.picture.darkened import darkened
 from torchrender.passes.seen.gbuffer import GBUFFER
 from torchrender.passes.seen.ray_caster import RAY_CASTER
 from torchrender.passes.settings import settings
@@ -38,7 +40,6 @@ from torchrender.pipeline.options import RenderOptions
 from torchrender.scene.camera import Cameras
 from torchrender.scene.medium import Medium
 from torchrender.scene.model import Scene
-from torchrender.shade import shade
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +48,7 @@ class Hazed:
 
     layer: ScatteringLayer | None  # on the way to the eye; None: samples do not know where they are seen from
     change: Tensor | None  # (B,H,W,3) of what surfaces send, for light and mirrors lose some on their ways
+    illumination: Illumination | None = None  # of the media, for other ways to the eye
 
 
 def blend(scene: Scene, gbuffer: GBuffer, radiance: Tensor, value: Hazed) -> Tensor:
@@ -78,6 +80,8 @@ def _verdict(scene: Scene, cameras: Cameras) -> Verdict:
         return Verdict(True, f"{counted(inside, 'medium').replace('mediums', 'media')} in view")
     if bool(boxes_in_view(shadowed_by(boxes, scene.lights, scene.diagonal), cameras).any()):
         return Verdict(True, "a medium may shadow what is in view")
+    if has_ambient_light(scene):
+        return Verdict(True, "a medium may take from the light from everywhere")
     return Verdict(False, "no medium in view: behind the camera or beside what it sees")
 
 
@@ -110,7 +114,7 @@ def run(frame: Frame) -> Hazed:
         return Hazed(None, _change(frame, samples, None))
     illumination = _illumination(frame)
     layer = scatter(frame.scene.media, samples.cameras, samples.depth, illumination, options, position=samples.position)
-    return Hazed(layer, _change(frame, samples, illumination))
+    return Hazed(layer, _change(frame, samples, illumination), illumination)
 
 
 def _illumination(frame: Frame) -> Illumination:
@@ -129,7 +133,7 @@ def _illumination(frame: Frame) -> Illumination:
 def _change(frame: Frame, samples: GBuffer | RaySurface, illumination: Illumination | None) -> Tensor | None:
     """What media take from the light that surfaces send and mirror; None: nothing."""
     direct = frame[DIRECT_LIGHT]
-    darker = _darkened(frame, samples) if frame.options.scattering.surfaces else None
+    darker = darkened(frame, samples) if frame.options.scattering.surfaces else None
     mirrored = frame.get(REFLECTIONS)
     if mirrored is None or illumination is None or isinstance(samples, RaySurface):
         return None if darker is None else darker - direct
@@ -140,38 +144,55 @@ def _change(frame: Frame, samples: GBuffer | RaySurface, illumination: Illuminat
     return after - blend_reflections(frame.scene, samples, direct, mirrored)
 
 
-def _darkened(frame: Frame, samples: GBuffer | RaySurface) -> Tensor | None:
-    """Direct light (B,H,W,3) with what media leave of it on its way from the lights."""
-    scene, options = frame.scene, frame.options
-    if not scene.lights:
-        return None
-    passed = light_transmittance(scene.media, scene.lights, samples.position, samples.covered)
-    if passed is None:
-        return None
-    visibility, around = lights_visibility(frame), ambient_reach(scene, frame.get(AMBIENT_VISIBILITY))
-    how: dict[str, Any] = {"background": options.background, "area_light": options.area_light, "around": around}
-    arriving = passed if visibility is None else visibility[..., None] * passed
-    images = [shade(scene, samples, arriving[..., c].contiguous(), **how) for c in range(passed.shape[-1])]
-    return images[0] if len(images) == 1 else torch.stack([image[..., c] for c, image in enumerate(images)], dim=-1)
-
-
 def _hazed_mirrors(
     frame: Frame, samples: GBuffer, mirrored: ReflectionLayer, illumination: Illumination
 ) -> ReflectionLayer:
     """What mirrors show, seen through the media on the way from there to the mirror."""
-    rows = (mirrored.state != ReflectionState.NONE).nonzero(as_tuple=True)
-    if not len(rows[0]):
-        return mirrored
-    position = samples.position[rows].double()
-    table = MediaTable.of(frame.scene.media, position.mean(dim=0))
-    rays = rays_along(position, mirrored.direction[rows], mirrored.distance[rows], table)
+    color = mirrored.color
+    for k, state in enumerate(mirrored.state):
+        rows = (state != ReflectionState.NONE).nonzero(as_tuple=True)
+        ways = samples.position[k][rows].double(), mirrored.direction[k][rows], mirrored.distance[k][rows]
+        found = _along(frame, illumination, *ways)
+        if found is not None:
+            color = color.clone() if color is mirrored.color else color
+            color[k][rows] = torch.addcmul(found[1], found[0], color[k][rows])
+    return mirrored if color is mirrored.color else replace(mirrored, color=color)
+
+
+def _along(
+    frame: Frame, illumination: Illumination, origin: Tensor, direction: Tensor, length: Tensor
+) -> tuple[Tensor, Tensor] | None:
+    """Transmittance and scattered light, each (N,3), along any N rays of one picture; None: they meet no medium."""
+    if not len(origin):
+        return None
+    table = MediaTable.of(frame.scene.media, origin.mean(dim=0))
+    rays = rays_along(origin, direction, length, table)
     if not bool((rays.length > 0).any()):
-        return mirrored
-    options = replace(frame.options.scattering, block=1)
-    passed, added, _ = scatter_along(rays, table, illumination, options)
-    color = mirrored.color.clone()
-    color[rows] = torch.addcmul(added[0], passed[0], color[rows])
-    return replace(mirrored, color=color)
+        return None
+    passed, added, _ = scatter_along(rays, table, illumination, replace(frame.options.scattering, block=1))
+    return passed[0], added[0]
+
+
+def veil_of(frame: Frame, cameras: Cameras, hazed: Hazed) -> Veil | None:
+    """What media put before places that the pixels of cameras see; None: nothing."""
+    illumination = hazed.illumination
+    if illumination is None:
+        return None
+    origins, directions = (rays.reshape(-1, 3) for rays in cameras.rays())
+    directions = directions / directions.norm(dim=-1, keepdim=True)
+
+    def veil(pixel: Tensor, lengths: Tensor) -> tuple[Tensor, Tensor]:
+        passed, added = torch.ones(len(pixel), 3), torch.zeros(len(pixel), 3)
+        picture = pixel // (cameras.width * cameras.height)
+        for k in picture.unique():
+            own = (picture == k).nonzero().reshape(-1)
+            rows = pixel[own]
+            found = _along(frame, illumination, origins[rows], directions[rows], lengths[own])
+            if found is not None:
+                passed[own], added[own] = found
+        return passed, added
+
+    return veil
 
 
 # ---------------------------------------------------------------- costs and settings
@@ -254,7 +275,7 @@ PASS = Pass(
     summary="what media scatter towards the eye and keep from it",
     makes=SCATTERING,
     needs=(GBUFFER, DIRECT_LIGHT),
-    uses=(POINT_SHADOW, SOFT_SHADOW, PANE_SHADOW, AMBIENT_VISIBILITY, REFLECTIONS),
+    uses=(POINT_SHADOW, SOFT_SHADOW, PANE_SHADOW, AMBIENT_VISIBILITY, SKY_SHADOW, REFLECTIONS),
     asks=asks,
     applies=applies,
     run=run,

@@ -14,6 +14,7 @@ from torchrender.passes.contract import Amounts, Pass
 from torchrender.passes.hard import HardEffect, Law, Outputs, Subject, displayed
 from torchrender.passes.mirrors.hit_shader import HIT_SHADER
 from torchrender.passes.outlook import Outlook, Verdict, counted
+from torchrender.passes.picture.scattering import SCATTERING, veil_of
 from torchrender.passes.seen.gbuffer import GBUFFER
 from torchrender.passes.settings import settings
 from torchrender.pipeline.buffer import Buffer, Layer, Order
@@ -57,14 +58,15 @@ def applies(outlook: Outlook) -> Verdict:
 
 
 def run(frame: Frame) -> Transparency:
-    """Layers by peeling or by rays, in the light of the picture."""
-    options, gbuffer = frame.options, frame[GBUFFER]
+    """Layers by peeling or by rays, in the light of the picture, each seen through the media before it."""
+    options, gbuffer, hazed = frame.options, frame[GBUFFER], frame.get(SCATTERING)
     return transparency(
         frame.scene,
         gbuffer,
         layer_shader(frame[HIT_SHADER]),
         layers=options.transparent_layers,
         traced=options.transparency == "traced",
+        veil=None if hazed is None else veil_of(frame, gbuffer.cameras, hazed),
     )
 
 
@@ -138,6 +140,7 @@ PASS = Pass(
     summary="blends surfaces that show what lies behind, layer by layer",
     makes=TRANSPARENCY,
     needs=(GBUFFER, HIT_SHADER),
+    uses=(SCATTERING,),
     applies=applies,
     run=run,
     settings=settings(
