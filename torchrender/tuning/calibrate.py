@@ -81,7 +81,7 @@ def calibrate(scenes: Sequence[Scene], *, size: int = SIDE, known: Curves | None
         "foresight": lines,
         "joint": {} if known is None else {"fine": list(known.fine), "coarse": list(known.coarse)},
     }
-    return curves_from(errors, seen, norm) | rest
+    return curves_from(errors, seen, norm, known) | rest
 
 
 def errors_of(scene: Scene, views: Sequence[Cameras]) -> dict[str, dict[str, dict[str, Any]]]:
@@ -158,9 +158,16 @@ def joint_errors(
 
 
 def curves_from(
-    errors: Mapping[str, Any], seen: Mapping[tuple[str, str], Sequence[Any]], norm: float
+    errors: Mapping[str, Any],
+    seen: Mapping[tuple[str, str], Sequence[Any]],
+    norm: float,
+    known: Curves | None = None,
 ) -> dict[str, Any]:
-    """Curves as a JSON object: fits weights by pass and setting, and ratios by scene."""
+    """Curves as a JSON object: fits weights by pass and setting, and ratios by scene.
+
+    Args:
+        known: whose weights stay for work that no picture had: it would count as free.
+    """
     weights: dict[str, dict[str, list[float]]] = {}
     ratios: dict[str, dict[str, dict[str, float]]] = defaultdict(lambda: defaultdict(dict))
     for step in PASSES:
@@ -170,6 +177,9 @@ def curves_from(
             if not rows:
                 continue
             fitted = fit([r[1] for r in rows], [r[2] for r in rows])
+            earlier = known.weights.get(step.name, {}).get(setting.name) if known is not None else None
+            if earlier is not None and len(earlier) == len(fitted):
+                fitted = np.where(np.any([r[1] for r in rows], axis=0), fitted, earlier)
             weights.setdefault(step.name, {})[setting.name] = [float(f"{w:.6g}") for w in fitted]
             for scene in {r[0] for r in rows}:
                 own = [_slower(ms, float(np.dot(fitted, a))) for s, a, ms in rows if s == scene]

@@ -1,0 +1,22 @@
+"""Curves fitted to what pictures took."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from torchrender.planning.curves import load_curves
+from torchrender.tuning.calibrate import curves_from
+
+
+def test_work_that_no_picture_had_keeps_its_price() -> None:
+    """Shadows of images in place of triangles would else be free, and a first picture take nine seconds."""
+    work = [(1.0, n, 0.0, 0.0) for n in (0.01, 0.1, 0.2, 0.5)]
+    seen = {("occluders", "scene"): [("room", amounts, float(np.dot(amounts, (2.0, 300.0, 0, 0)))) for amounts in work]}
+    usual = load_curves()
+    known = replace(usual, weights={**usual.weights, "occluders": {"images": [9.0, 9.0, 70.0, 80.0]}})
+    found = curves_from({}, seen, 1.0, known)["weights"]["occluders"]["images"]
+    np.testing.assert_allclose(found, [2.0, 300.0, 70.0, 80.0], rtol=0.05)
+    alone = curves_from({}, seen, 1.0)["weights"]["occluders"]["images"]
+    np.testing.assert_allclose(alone, [2.0, 300.0, 0.0, 0.0], rtol=0.05)
