@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import torch
 from torch import Tensor
 
@@ -25,7 +27,11 @@ class BehindPanes:
 
     def __init__(self, scene: Scene, shader: RayShader, *, layers: int = 64) -> None:
         self._scene, self._shader, self._layers = scene, shader, layers
-        self._panes = RayCaster(scene.geometry.panes)
+
+    @cached_property
+    def _panes(self) -> RayCaster:
+        """Sorted for the first ray: surroundings alone need none."""
+        return RayCaster(self._scene.geometry.panes)
 
     def __call__(self, rays: ReflectedRays, hits: RayHits, onward: Onward | None = None) -> Tensor:
         """Radiance (N,3) towards the rays' origins."""

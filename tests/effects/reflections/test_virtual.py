@@ -199,7 +199,7 @@ def test_what_a_painted_metal_mirrors_has_the_colour_of_its_paint() -> None:
         ambient=torch.full((3,), 0.7),
     )
     camera = Cameras.look_at([0.0, 0.5, 2.9], [0.0, 0.0, 0.0], width=64, height=64, fov_deg=50.0)
-    made = render(scene, camera, options=OPTIONS)
+    made = render(scene, camera, options=replace(OPTIONS, buffers=(*MIRRORS_NEED, MIRROR_SHARE.name)))
     layer = mirror_layer(made, camera)
     assert layer is not None and int(layer.known.sum()) > 300
     matte = made.radiance[0] - layer.radiance

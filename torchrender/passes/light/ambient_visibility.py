@@ -109,7 +109,7 @@ def _has_ambient_light(scene: Scene, cameras: Cameras) -> bool:
 
 def tells_enough(scene: Scene, cameras: Cameras) -> Tensor:
     """(B,) bool: the depth images of a camera's picture show about everything that hides light from what it shows."""
-    if cameras.orthographic or is_small(cameras):
+    if takes_each(cameras):
         return torch.zeros(len(cameras), dtype=torch.bool)
     return ~sees_edge_on(scene.geometry, cameras)
 

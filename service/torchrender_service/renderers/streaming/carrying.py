@@ -106,7 +106,7 @@ class LitViews:
         made = LitPicture(image.visibility, image.radiance[0].detach(), shown)
         pictures = self.of(scene, off)
         if quick:
-            self.quick = None if pictures else made
+            self.quick = made
         else:
             self.pictures, self.quick = [*pictures, made][-MOST_PICTURES:], None
 

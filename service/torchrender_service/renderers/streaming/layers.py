@@ -15,12 +15,11 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from torchrender.buffers import GBuffer, MirrorShare, RayHits, ReflectionLayer, VisibilityBuffer
+from torchrender.buffers import GBuffer, RayHits, ReflectionLayer, VisibilityBuffer
 from torchrender.effects.reflections.virtual import virtual_images
 from torchrender.effects.transparency.layers import deepest_layers, transparency
 from torchrender.image import Image
 from torchrender.kernels.warp.known_samples import find_known
-from torchrender.passes.light.direct_light import MIRROR_SHARE
 from torchrender.passes.mirrors.reflections import REFLECTIONS
 from torchrender.passes.seen.gbuffer import GBUFFER
 from torchrender.pipeline.history import RenderHistory
@@ -45,7 +44,7 @@ ALIKE = 0.9
 TOLERANCE = 2e-3
 """Share of its depth that a sample may be off and still be the same surface."""
 
-MIRRORS_NEED = (GBUFFER.name, REFLECTIONS.name, MIRROR_SHARE.name)
+MIRRORS_NEED = (GBUFFER.name, REFLECTIONS.name)
 """Buffers that the picture must carry."""
 
 FEWEST_MIRRORS = 64
@@ -197,9 +196,6 @@ def mirror_layer(image: Image, camera: Cameras) -> Layer | None:
     layer, seen = image.buffers.get(REFLECTIONS.name), image.buffers.get(GBUFFER.name)
     if not isinstance(layer, ReflectionLayer) or not isinstance(seen, GBuffer):
         return None
-    share = image.buffers.get(MIRROR_SHARE.name)
-    if isinstance(share, MirrorShare):
-        layer = replace(layer, share=share)
     made = virtual_images(image.scene, seen, layer)
     parts = (_sized(part, camera) for part in (made.depth[0], made.light[0], made.known[0]))
     return Layer(camera, *parts)
