@@ -14,6 +14,7 @@ from reflection_scenes import looking, mirror_scene
 from torchrender.passes.mirrors.key_frame import KEY_FRAME
 from torchrender.passes.seen.ray_caster import RAY_CASTER
 from torchrender.renderer import render
+from torchrender.scene.camera import Cameras
 from torchrender.scene.load import load
 from torchrender.scene.procedural.fog import with_fog
 from torchrender.wire.cameras import header_of
@@ -293,6 +294,27 @@ def test_moving_views_are_carried_from_the_first_picture_until_one_is_at_rest(sc
     lit = renderer._sessions["one"].lit
     assert lit.quick is None and len(lit.pictures) == 1
     assert not carried(renderer.make(scene, job(scene, 4, session="two", off=("shadows",))))
+
+
+@pytest.mark.parametrize("first", [{}, STILL], ids=["moving", "at rest"])
+def test_a_moving_view_that_turned_away_is_carried_from_there_on(scene, first) -> None:
+    """Only the first picture of what none has shown is made anew; those from before serve the way back."""
+    renderer = StreamRenderer()
+
+    def carried(number: int, camera: Cameras, **rest) -> bool:
+        made = renderer.make(scene, job(scene, number, camera=header_of(camera), **rest))["messages"][0]
+        plan = picture_of(made).header.plan
+        assert plan is not None
+        return plan["rows"][0]["pass"] == "carried_light"
+
+    turned, further = aside(scene, 0.0), aside(scene, 0.01)
+    for camera in (turned, further):
+        camera.camera_from_world[0, [0, 2]] *= -1.0
+    renderer.make(scene, job(scene, 1, **first))
+    assert not carried(2, turned)
+    assert carried(3, further)
+    assert carried(4, aside(scene, 0.01)) or not first
+    assert not carried(5, further, **STILL), "a view at rest owes nothing to one in a hurry"
 
 
 def test_what_no_picture_shows_is_filled_along_its_surface(scene) -> None:

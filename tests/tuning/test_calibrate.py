@@ -20,3 +20,13 @@ def test_work_that_no_picture_had_keeps_its_price() -> None:
     np.testing.assert_allclose(found, [2.0, 300.0, 70.0, 80.0], rtol=0.05)
     alone = curves_from({}, seen, 1.0)["weights"]["occluders"]["images"]
     np.testing.assert_allclose(alone, [2.0, 300.0, 0.0, 0.0], rtol=0.05)
+
+
+def test_passes_and_scenes_that_no_picture_had_stay() -> None:
+    """Of scenes that are not built in there are no pictures in a new calibration, nor of passes that only they run."""
+    usual = load_curves()
+    rows = [("room", (1.0, n, 0.0, 0.0), 2.0 + n) for n in (0.1, 0.5)]
+    found = curves_from({"room": {}}, {("occluders", "scene"): rows}, 1.0, usual)
+    assert found["weights"]["enhancement"] == usual.weights["enhancement"]
+    assert set(found["scenes"]) == {*usual.scenes, "room"}
+    assert set(curves_from({"room": {}}, {("occluders", "scene"): rows}, 1.0)["weights"]) == {"occluders"}

@@ -166,7 +166,7 @@ def curves_from(
     """Curves as a JSON object: fits weights by pass and setting, and ratios by scene.
 
     Args:
-        known: whose weights stay for work that no picture had: it would count as free.
+        known: whose weights stay for work that no picture had, for it would count as free, and whose scenes stay.
     """
     weights: dict[str, dict[str, list[float]]] = {}
     ratios: dict[str, dict[str, dict[str, float]]] = defaultdict(lambda: defaultdict(dict))
@@ -174,10 +174,12 @@ def curves_from(
         everything = [row for s in step.settings.all for row in seen.get((step.name, s.name), ())]
         for setting in step.settings.all:
             rows = everything if step.one_cost else seen.get((step.name, setting.name), ())
+            earlier = known.weights.get(step.name, {}).get(setting.name) if known is not None else None
             if not rows:
+                if earlier is not None:
+                    weights.setdefault(step.name, {})[setting.name] = [float(w) for w in earlier]
                 continue
             fitted = fit([r[1] for r in rows], [r[2] for r in rows])
-            earlier = known.weights.get(step.name, {}).get(setting.name) if known is not None else None
             if earlier is not None and len(earlier) == len(fitted):
                 fitted = np.where(np.any([r[1] for r in rows], axis=0), fitted, earlier)
             weights.setdefault(step.name, {})[setting.name] = [float(f"{w:.6g}") for w in fitted]
@@ -190,7 +192,8 @@ def curves_from(
         "machine": machine_record(),
         "norm": norm,
         "weights": weights,
-        "scenes": {scene: {"passes": passes, "ratios": ratios.get(scene, {})} for scene, passes in errors.items()},
+        "scenes": (dict(known.scenes) if known is not None else {})
+        | {scene: {"passes": passes, "ratios": ratios.get(scene, {})} for scene, passes in errors.items()},
     }
 
 

@@ -72,7 +72,7 @@ class LitViews:
     """Pictures at rest of one session whose light is carried, the newest last, and how many pixels it can shade."""
 
     pictures: list[LitPicture] = field(default_factory=list)
-    quick: LitPicture | None = None  # one of a moving view, until there is one at rest
+    quick: LitPicture | None = None  # the last one of a moving view that was made anew, until there is one at rest
     room: int = FIRST  # pixels that a moving picture shades
     gathered: GatheredLight = field(default_factory=GatheredLight.none)  # that moving pictures shaded
     _scene: Scene | None = None
@@ -90,9 +90,9 @@ class LitViews:
         return self.pictures
 
     def for_moving(self, scene: Scene, off: Sequence[Effect]) -> list[LitPicture]:
-        """The same, and where none is at rest yet the last one that was made within a budget."""
+        """The same, and the last one that was made within a budget since."""
         pictures = self.of(scene, off)
-        return pictures if self.quick is None else [self.quick]
+        return pictures if self.quick is None else [*pictures[1 - MOST_PICTURES :], self.quick]
 
     def keep(
         self, scene: Scene, off: Sequence[Effect], image: Image, mirrors: Layer | None, *, quick: bool = False

@@ -249,7 +249,7 @@ class StreamRenderer:
                 return Made(made.image, made.plan, made.options, made.history, made.mirrors, carried=True)
         if job.still:
             return self._at_rest(scene, camera, state, job, bounds, keep=True)
-        keeps = bounds.max_error is None and not pictures and not veiled(scene, camera, options)
+        keeps = bounds.max_error is None and not veiled(scene, camera, options)  # what it shows, none kept has shown
         options = replace(options, buffers=MIRRORS_NEED) if job.mirrors or keeps else options
         options = options if bounds.max_error is not None else _as_bright(options)
         image, plan = render_image(scene, camera, bounds, options, state.history)
