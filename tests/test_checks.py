@@ -167,3 +167,10 @@ def test_a_table_of_passes_that_makes_no_picture_is_refused(name: str) -> None:
     options = tr.RenderOptions(passes=tuple(one for one in PASSES if one.name != name))
     with pytest.raises(OptionError, match=r"passes: this table makes no picture: .*nobody makes"):
         tr.render("cornell_box", width=16, height=12, options=options)
+
+
+def test_tensors_without_numbers_are_refused_by_name() -> None:
+    """Kernels read the CPU's memory: what lies elsewhere, or nowhere, fails deep inside them."""
+    corner = torch.zeros(3, 3, device="meta")
+    with pytest.raises(InputError, match="vertices must be on the CPU, is on the device meta"):
+        Mesh(vertices=corner, faces=torch.tensor([[0, 1, 2]]))

@@ -23,10 +23,13 @@ def check_tensor(name: str, value: object, shape: Sequence[int | str]) -> Tensor
     """Return ``value`` if it is a tensor of the given shape; a string in ``shape`` stands for any size.
 
     Raises:
-        InputError: not a tensor, or another shape; the message names the argument and both shapes.
+        InputError: not a tensor, not in the CPU's memory, or another shape; the message names the argument and both
+            shapes.
     """
     if not isinstance(value, Tensor):
         raise InputError(f"{name} must be a torch tensor, got {type(value).__name__}")
+    if value.device.type != "cpu":
+        raise InputError(f"{name} must be on the CPU, is on the device {value.device}")
     wanted = "(" + ", ".join(str(s) for s in shape) + ")"
     if value.dim() != len(shape) or any(
         isinstance(s, int) and s != have for s, have in zip(shape, value.shape, strict=True)
