@@ -173,4 +173,4 @@ def test_tensors_without_numbers_are_refused_by_name() -> None:
     """Kernels read the CPU's memory: what lies elsewhere, or nowhere, fails deep inside them."""
     corner = torch.zeros(3, 3, device="meta")
     with pytest.raises(InputError, match="vertices must be on the CPU, is on the device meta"):
-        Mesh(vertices=corner, faces=torch.tensor([[0, 1, 2]]))
+        tr.Mesh(vertices=corner, faces=torch.tensor([[0, 1, 2]]))

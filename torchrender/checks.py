@@ -28,13 +28,19 @@ def check_tensor(name: str, value: object, shape: Sequence[int | str]) -> Tensor
     """
     if not isinstance(value, Tensor):
         raise InputError(f"{name} must be a torch tensor, got {type(value).__name__}")
-    if value.device.type != "cpu":
-        raise InputError(f"{name} must be on the CPU, is on the device {value.device}")
+    check_place(name, value)
     wanted = "(" + ", ".join(str(s) for s in shape) + ")"
     if value.dim() != len(shape) or any(
         isinstance(s, int) and s != have for s, have in zip(shape, value.shape, strict=True)
     ):
         raise InputError(f"{name} must have shape {wanted}, got {tuple(value.shape)}")
+    return value
+
+
+def check_place(name: str, value: Tensor, error: type[InputError] = InputError) -> Tensor:
+    """Return ``value`` if it lies in the CPU's memory: kernels read it there."""
+    if value.device.type != "cpu":
+        raise error(f"{name} must be on the CPU, is on the device {value.device}")
     return value
 
 
@@ -100,11 +106,7 @@ def is_number(value: object) -> bool:
 
 
 def check_class(name: str, value: object, *kinds: type) -> None:
-    """Whether an argument is of one of these classes.
-
-    Raises:
-        InputError: it is not; names the argument, the classes and what it is.
-    """
+    """Refuse an argument of another class than these with an InputError that names it, the classes and what it is."""
     if not isinstance(value, kinds):
         wanted = " or ".join(kind.__name__ for kind in kinds)
         raise InputError(f"{name} must be {wanted}, got {type(value).__name__}")
@@ -119,11 +121,7 @@ def options_of(options: Options | None, kind: type[Options]) -> Options:
 
 
 def check_name(name: str, value: object) -> None:
-    """Whether a name is text.
-
-    Raises:
-        InputError: it is not.
-    """
+    """Refuse a name that is no text, with an InputError."""
     if not isinstance(value, str):
         raise InputError(f"{name} must be text, got {type(value).__name__}")
 
@@ -151,7 +149,7 @@ def as_vector(name: str, value: ArrayLike, size: int = 3, dtype: torch.dtype = t
         out = out.repeat(size)
     if out.shape != (size,):
         raise InputError(f"{name} must be {size} numbers, got shape {tuple(out.shape)}")
-    return check_finite(name, out)
+    return check_finite(name, check_place(name, out))
 
 
 def check_picture(name: str, value: object, channels: Sequence[int]) -> Tensor:
@@ -180,10 +178,10 @@ def as_array(
     Arrays of floats keep their precision.
 
     Raises:
-        InputError: rows of several lengths, or no numbers; names the argument.
+        InputError: rows of several lengths, no numbers, or a tensor elsewhere than on the CPU; names the argument.
     """
     if isinstance(value, Tensor):
-        return value
+        return check_place(name, value, error)
     try:
         array = np.array(value)  # a copy: what the caller does to his array later changes nothing here
         tensor = torch.from_numpy(array.astype(array.dtype.newbyteorder("=")))

@@ -59,6 +59,20 @@ def test_axes_are_right_down_forward():
     torch.testing.assert_close(camera.eye[0], torch.tensor([0.0, 0, 5], dtype=torch.float64))
 
 
+def test_an_orthographic_view_is_as_tall_as_it_says():
+    cameras = Cameras.orthographic_view(
+        torch.tensor([[0.0, 0, 5], [0, 0, 9]]), (0, 0, 0), width=60, height=40, view_height=2.0
+    )
+    assert cameras.orthographic and len(cameras) == 2
+    pixel, depth = cameras.project(torch.tensor([[0.0, 1.0, 0.0], [1.5, -1.0, 2.0]], dtype=torch.float64))
+    wanted = torch.tensor([[30.0, 0.0], [60.0, 40.0]], dtype=torch.float64).expand(2, 2, 2)
+    torch.testing.assert_close(pixel, wanted)
+    torch.testing.assert_close(depth, torch.tensor([[5.0, 3.0], [9.0, 7.0]], dtype=torch.float64))
+    for height in (0.0, -1.0, math.inf, math.nan, "2"):
+        with pytest.raises(CameraError, match="view_height must be above 0 and finite"):
+            Cameras.orthographic_view((0, 0, 5), (0, 0, 0), width=60, height=40, view_height=height)
+
+
 def test_the_opening_angle_is_vertical():
     camera = Cameras.look_at((0, 0, 0), (0, 0, -1), width=200, height=100, fov_deg=60)
     edge = torch.tensor([[0.0, math.tan(math.radians(30)), -1.0]], dtype=torch.float64)

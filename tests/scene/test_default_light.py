@@ -57,8 +57,11 @@ def test_lights_that_bring_nothing_light_nothing(rest: dict[str, object], lit: b
 
 
 def test_unlit_surfaces_shine_themselves() -> None:
-    shown = Material(unlit=True, diffuse=torch.full((3,), 0.5))
-    assert Scene(meshes=(quad([0.0, 0, 0], [1.0, 0, 0], [0.0, 1, 0]),), materials=(shown,)).is_lit
+    """However dark they are, and however dark the first of them is: the background is the same."""
+    for level in (0.5, 0.05, 0.0):
+        shown = Material(unlit=True, diffuse=torch.full((3,), level))
+        assert Scene(meshes=(quad([0.0, 0, 0], [1.0, 0, 0], [0.0, 1, 0]),), materials=(shown,)).is_lit
+        assert not room(shown).is_lit, "a small one beside a wall lights nothing"
 
 
 def test_lights_in_lux_are_exposed_for_and_it_is_said() -> None:

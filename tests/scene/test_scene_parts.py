@@ -95,6 +95,10 @@ def test_materials_check_themselves():
     with pytest.raises(InputError, match=r"must hold floats in linear light, got uint8: divide codes"):
         Material(diffuse_texture=codes)
     grey: Any = np.full((8, 8, 3), 0.5)
+    shown = Material(diffuse_texture=grey)
+    assert torch.equal(shown.diffuse, torch.ones(3)), "as bright as the file"
+    assert torch.equal(Material().diffuse, torch.full((3,), 0.8))
+    assert torch.equal(Material(diffuse=0.3, diffuse_texture=grey).diffuse, torch.full((3,), 0.3))
     assert isinstance(Material(diffuse_texture=grey).diffuse_texture, torch.Tensor)
     with pytest.raises(InputError, match="diffuse"):
         Material(diffuse=torch.tensor([0.1, math.nan, 0]))

@@ -36,7 +36,8 @@ def add_style(commands: Any) -> None:
     parser.add_argument("--sheet", metavar="FILE", help="contact sheet (default: OUTPUT_sheet.png)")
     parser.add_argument("--no-sheet", action="store_true", help="no contact sheet")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="the same seed gives the same result")
-    parser.add_argument("--views", type=int, default=10, metavar="N", help="views of the scene, 8 to 15 (default 10)")
+    told = "views of the scene, 8 to 15 (default 10); objects that none shows add some"
+    parser.add_argument("--views", type=int, default=10, metavar="N", help=told)
     parser.add_argument("--size", default="400x300", metavar="WxH", help="size of each view (default 400x300)")
     parser.add_argument(
         "--lock", action="append", default=[], metavar="OBJECT",

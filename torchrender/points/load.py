@@ -125,7 +125,7 @@ def _cloud(path: Path, columns: dict[str, Any], notes: Notes, drop: bool) -> Poi
     wrong = ~np.isfinite(position).all(axis=1)
     if wrong.any() and not drop:
         reason = f"{int(wrong.sum())} of {len(position)} points are NaN or infinite, first {int(wrong.argmax())}"
-        raise SceneFileError(path, reason)
+        raise SceneFileError(path, f"{reason}; drop_invalid (--drop-invalid) leaves them out")
     if wrong.any():
         notes.repaired("points that are NaN or infinite: dropped", int(wrong.sum()))
         columns = {k: None if v is None else v[~wrong] for k, v in columns.items()}

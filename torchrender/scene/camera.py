@@ -15,10 +15,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchrender.checks import as_array, as_vector, check_finite, check_no_gradient, check_range
+from torchrender.checks import as_array, as_vector, check_finite, check_no_gradient, check_range, is_number
 from torchrender.errors import CameraError
 from torchrender.numerics.transforms import look_at_matrix, pinhole_matrix
 from torchrender.scene.cameras.doors import CameraDoors, focal_length
+from torchrender.scene.cameras.record import check_side
 
 
 class Cameras(CameraDoors):
@@ -52,16 +53,49 @@ class Cameras(CameraDoors):
             ViewWarning: an angle so small that it may be in radians.
         """
         focal = focal_length("fov_deg", fov_deg, height)
-        places = [_places(name, value) for name, value in (("eye", eye), ("target", target), ("up", up))]
+        k = pinhole_matrix(focal, focal, width / 2, height / 2)
+        return cls._facing((eye, target, up), k, (width, height), (near, far))
+
+    @classmethod
+    def orthographic_view(
+        cls,
+        eye: Tensor | Sequence[float],
+        target: Tensor | Sequence[float],
+        *,
+        width: int,
+        height: int,
+        view_height: float,
+        up: Tensor | Sequence[float] = (0.0, 1.0, 0.0),
+        near: float = 0.01,
+        far: float = 1e6,
+    ) -> Cameras:
+        """Orthographic cameras from eye and target, each (3,) or (B,3), that see ``view_height`` scene units of height.
+
+        Raises:
+            CameraError: a height that is not above 0, or as of all cameras.
+        """
+        check_no_gradient("a camera", view_height=view_height)
+        check_side("width and height", height)
+        if not is_number(view_height) or not 0.0 < view_height < math.inf:
+            raise CameraError(f"view_height must be above 0 and finite, got {view_height!r}")
+        scale = height / view_height
+        k = pinhole_matrix(scale, scale, width / 2, height / 2)
+        return replace(cls._facing((eye, target, up), k, (width, height), (near, far)), orthographic=True)
+
+    @classmethod
+    def _facing(
+        cls, given: Sequence[Tensor | Sequence[float]], k: Tensor, size: tuple[int, int], limits: tuple[float, float]
+    ) -> Cameras:
+        """Cameras at eyes that look at targets, upright along ups: each (3,) or (B,3)."""
+        places = [_places(name, value) for name, value in zip(("eye", "target", "up"), given, strict=True)]
         counts = [len(place) for place in places]
         count = max(counts)
         if any(n not in (1, count) for n in counts):
             raise CameraError(f"eye, target and up must be one or equally many, got {', '.join(map(str, counts))}")
         eyes, targets, ups = (place.expand(count, 3) for place in places)
         matrices = [look_at_matrix(e, t, u) for e, t, u in zip(eyes, targets, ups, strict=True)]
-        k = pinhole_matrix(focal, focal, width / 2, height / 2).expand(count, 3, 3)
-        limits = [torch.tensor(v, dtype=torch.float64) for v in (near, far)]
-        return cls(torch.stack(matrices), k, width, height, limits[0], limits[1])
+        near, far = (torch.tensor(v, dtype=torch.float64) for v in limits)
+        return cls(torch.stack(matrices), k.expand(count, 3, 3), *size, near, far)
 
     @classmethod
     def cat(cls, cameras: Sequence[Cameras]) -> Cameras:

@@ -119,6 +119,8 @@ def _grey(value: float) -> Tensor:
 class Material:
     """One material; colours are linear RGB. A texture multiplies the number of its name.
 
+    A material is of the colour of its texture where only that is given: ``diffuse`` is then 1.
+
     Raises:
         InputError: a colour that is not three finite numbers of zero or more, a texture of a wrong shape or with values
             that are not finite or negative, a sampler for a texture that does not exist.
@@ -127,7 +129,7 @@ class Material:
     """
 
     name: str = "material"
-    diffuse: Tensor = field(default_factory=lambda: _grey(0.8))  # (3,) reflectance; base colour of metallic-roughness
+    diffuse: Tensor = None  # type: ignore[assignment]  # (3,) reflectance, or base colour; 0.8, with a texture 1
     diffuse_texture: Tensor | None = None  # (H,W,3|4) linear float32 that multiplies diffuse; row 0 is the top, v = 1
     emission: Tensor = field(default_factory=lambda: _grey(0.0))  # (3,) radiance
     emission_texture: Tensor | None = None  # (H,W,3|4) linear
@@ -170,6 +172,8 @@ class Material:
 
     def __post_init__(self) -> None:
         check_name("name of a material", self.name)
+        if self.diffuse is None:
+            object.__setattr__(self, "diffuse", _grey(0.8 if self.diffuse_texture is None else 1.0))
         for name in ("diffuse", "specular_color", "emission", "sheen_color"):
             told = f"material {self.name!r}: {name}"
             object.__setattr__(self, name, check_not_negative(told, as_vector(told, getattr(self, name))))

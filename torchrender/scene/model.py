@@ -146,8 +146,11 @@ class Scene:
     def is_lit(self) -> bool:
         """Something lights it: a light, an environment, ambient light, or surfaces that shine brightly on the whole.
 
-        A lamp that merely glows lights nothing: light that surfaces emit counts by its mean over all surfaces.
+        A lamp that merely glows lights nothing: light that surfaces emit counts by its mean over all surfaces. Where
+        all surfaces are unlit nothing asks for light.
         """
+        if self.meshes and all(self.materials[mesh.material].unlit for mesh in self.meshes):
+            return True
         if any(bool((light_color(light) > 0).any()) for light in self.lights) or bool((self.ambient > 0).any()):
             return True
         if self.environment is not None and self.environment.intensity > 0:

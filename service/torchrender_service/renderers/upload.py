@@ -127,7 +127,8 @@ def check_glb(path: Path, data: bytes, limits: Validate) -> None:
         ServiceError, SceneFileError: says what.
     """
     if data[:4] != b"glTF":
-        raise SceneFileError(path, "is no GLB file: it does not start with glTF")
+        others = "glTF, OBJ, PLY and STL come in a ZIP archive"
+        raise SceneFileError(path, f"is no GLB file: it does not start with glTF; {others}")
     file = GltfFile(path, data)
     for group in ("buffers", "images"):
         for number, entry in enumerate(file.entries(group)):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import replace
 
 import pytest
@@ -132,6 +133,20 @@ def test_half_covered_glass_shows_half_of_what_lies_behind_and_metal_none() -> N
     for opacity in (0.0, 0.25, 0.6):
         torch.testing.assert_close(passing(opacity, 0.0), 1.0 - opacity + opacity * whole)
         torch.testing.assert_close(passing(opacity, 1.0), torch.full((3,), 1.0 - opacity))
+
+
+@pytest.mark.parametrize(("count", "opacity", "said"), [(70, 0.02, True), (64, 0.02, False), (70, 0.5, False)])
+def test_layers_that_are_left_out_are_said(count: int, opacity: float, said: bool) -> None:
+    """Unless nothing shines through those before them."""
+    panes = tuple(pane(-0.01 * k, 0) for k in range(count))
+    scene = Scene(meshes=panes, materials=(glowing(RED, opacity),), ambient=torch.full((3,), 0.1))
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        render(scene, view(8))
+    told = [str(w.message) for w in found if "see-through surfaces before each other" in str(w.message)]
+    assert bool(told) == said
+    if said:
+        render(scene, view(8), options=RenderOptions(transparent_layers=128))
 
 
 @pytest.mark.parametrize("orthographic", [False, True])

@@ -9,7 +9,8 @@ from torch import Tensor
 
 from torchrender.buffers import GBuffer, RayHits
 from torchrender.effects.reflections.reflectors import RayShader, ReflectedRays
-from torchrender.effects.transparency.layers import LayerShader, Transparency, deepest_layers, transparency
+from torchrender.effects.transparency.layers import DARK, LayerShader, Transparency, deepest_layers, transparency
+from torchrender.errors import ViewWarning
 from torchrender.passes.contract import Amounts, Pass
 from torchrender.passes.hard import HardEffect, Law, Outputs, Subject, displayed
 from torchrender.passes.mirrors.hit_shader import HIT_SHADER
@@ -18,6 +19,7 @@ from torchrender.passes.picture.scattering import SCATTERING, veil_of
 from torchrender.passes.seen.gbuffer import GBUFFER
 from torchrender.passes.settings import settings
 from torchrender.pipeline.buffer import Buffer, Layer, Order
+from torchrender.pipeline.doubts import say
 from torchrender.pipeline.frame import Frame
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
@@ -60,7 +62,7 @@ def applies(outlook: Outlook) -> Verdict:
 def run(frame: Frame) -> Transparency:
     """Layers by peeling or by rays, in the light of the picture, each seen through the media before it."""
     options, gbuffer, hazed = frame.options, frame[GBUFFER], frame.get(SCATTERING)
-    return transparency(
+    found = transparency(
         frame.scene,
         gbuffer,
         layer_shader(frame[HIT_SHADER]),
@@ -68,6 +70,19 @@ def run(frame: Frame) -> Transparency:
         traced=options.transparency == "traced",
         veil=None if hazed is None else veil_of(frame, gbuffer.cameras, hazed),
     )
+    _say_cut(frame, found)
+    return found
+
+
+def _say_cut(frame: Frame, found: Transparency) -> None:
+    """Say where more layers lie behind the last one that counts, unless fewer count to save time."""
+    most = frame.options.transparent_layers
+    full = (found.layers >= most) & (found.passing.amax(-1) > DARK)
+    if most < RenderOptions().transparent_layers or not bool(full.any()):
+        return
+    if deepest_layers(frame.scene, frame[GBUFFER].cameras, most=most + 1) > most:
+        told = f"{frame.scene.name}: more than {most} see-through surfaces before each other; those behind are left out"
+        say([(ViewWarning, f"{told}: raise transparent_layers")])
 
 
 def layer_shader(shader: RayShader) -> LayerShader:

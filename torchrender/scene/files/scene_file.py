@@ -19,7 +19,7 @@ from torch import Tensor
 
 from torchrender.errors import SceneFileError
 from torchrender.images.files import read_image
-from torchrender.scene.camera import Cameras, look_at_matrix, pinhole_matrix
+from torchrender.scene.camera import Cameras
 from torchrender.scene.cameras.record import MAX_SIDE
 from torchrender.scene.environment import Environment, sky_of
 from torchrender.scene.files.content import read_bytes
@@ -294,7 +294,7 @@ def _camera(table: Table) -> Cameras:
         if not flat:
             fov = table.number("fov_deg", 50.0, 0.01, 179.0)
             return Cameras.look_at(eye, target, width=width, height=height, fov_deg=fov, up=up, near=near, far=far)
-        scale = height / table.number("view_height", low=1e-12)
-        k = pinhole_matrix(scale, scale, width / 2, height / 2)[None]
-        low, high = (torch.tensor(v, dtype=torch.float64) for v in (near, far))
-        return Cameras(look_at_matrix(eye, target, up)[None], k, width, height, low, high, orthographic=True)
+        tall = table.number("view_height", low=1e-12)
+        return Cameras.orthographic_view(
+            eye, target, width=width, height=height, view_height=tall, up=up, near=near, far=far
+        )
