@@ -314,3 +314,16 @@ def test_time_that_was_spent_is_missing_once_from_the_budget(seed: int) -> None:
         whole = choose(found, limit / HEADROOM * (1 + 1e-9), None)
         late = choose(found, (limit + spent) / HEADROOM * (1 + 1e-9), None, spent_ms=spent)
         assert late.settings == whole.settings and late.predicted_ms == pytest.approx(whole.predicted_ms + spent)
+
+
+@pytest.mark.parametrize("change", [{"reflections": "off"}, {"transparency": "off"}, {"shadows": False}])
+@pytest.mark.parametrize("wish", [{"budget_ms": 100.0}, {"max_error": 0.1}])
+def test_options_may_change_in_the_middle_of_a_sequence(change: dict[str, object], wish: dict[str, float]) -> None:
+    """The last picture's choice may be one that there no longer is."""
+    scene = tr.load("washroom", size=20_000)
+    camera = scene.camera(width=64, height=48)
+    history = tr.RenderHistory()
+    for options in (tr.RenderOptions(), tr.RenderOptions(), tr.RenderOptions(**change), tr.RenderOptions()):
+        image = tr.render(scene, camera, options=options, history=history, **wish)
+        assert image.history is not None and bool(image.radiance.isfinite().all())
+        history = image.history

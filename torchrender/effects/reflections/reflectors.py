@@ -234,7 +234,10 @@ def spread_rays(
     count: int,
     lobe: str = "ggx",
 ) -> tuple[ReflectedRays, Tensor]:
-    """:func:`lobe_rays` of N mirrored rays: ``seen`` = directions of arrival, shading and geometric normals (N,3)."""
+    """:func:`lobe_rays` of N mirrored rays: ``seen`` = directions of arrival, shading and geometric normals (N,3).
+
+    Weights have a mean of 1: how much a surface mirrors in all, whatever its lobe loses, is the material's to say.
+    """
     arriving, normal, flat = seen
     if lobe == "cone":
         toward = lobe_directions(mirrored.direction, flat, gloss, count, turn)
@@ -243,6 +246,8 @@ def spread_rays(
     else:
         alpha = gloss.square()
         toward, weight = ggx_directions(-arriving, normal, alpha, count, turn)
+        mean = weight.mean(1, keepdim=True)
+        weight = torch.where(mean > 0.0, weight / mean.clamp_min(1e-30), 1.0)  # all below a bent normal: all count
         below = (toward * flat[:, None]).sum(-1, keepdim=True).clamp_max(0.0)
         toward = toward - 2.0 * below * flat[:, None]
         share = GGX_WIDTH * alpha / count**0.5
