@@ -188,7 +188,10 @@ class RenderSettings(Strict):
     reflections: Literal["auto", "clustered", "traced", "environment", "off"] = "auto"
     supersample: Annotated[float, Field(ge=0.25, le=2.0, allow_inf_nan=False)] = 1.0
     background: Annotated[list[Light], Field(min_length=3, max_length=3)] | None = None
-    exposure: Annotated[float, Field(ge=-64.0, le=64.0, allow_inf_nan=False)] | None = 0.0
+    exposure: Annotated[
+        Annotated[float, Field(ge=-64.0, le=64.0, allow_inf_nan=False)] | Literal["auto", "as_lit"] | None,
+        Field(description="EV; auto or none: automatic; as_lit: 0, and automatic where lights are photometric"),
+    ] = "as_lit"
     tone_map: Literal["none", "reinhard", "aces"] = "none"
     enhance: Enhance | None = None
 

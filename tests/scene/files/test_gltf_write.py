@@ -169,13 +169,13 @@ def test_toml_holds_everything(tmp_path: Path) -> None:
     flat = tr.Cameras.look_at([1.0, 2.0, 3.0], [0.0, 0.5, 0.0], width=64, height=48)
     flat = replace(flat, orthographic=True, far=torch.tensor([50.0]), intrinsics=flat.intrinsics.clone())
     before = scene(
-        lights=(*LAMPS, rect), ambient=torch.tensor([0.1, 0.2, 0.3]), environment=sky, media=(fog,),
+        lights=(*LAMPS, rect), ambient=torch.tensor([0.1, 0.2, 0.3]), environment=sky, media=(fog,), photometric=True,
         cameras={"wide": wide, "flat": flat},
     )  # fmt: skip
     files = write_scene(tmp_path / "a.toml", before)
     assert len(files) == 4 and all(f.is_file() for f in files)
     after = tr.load(tmp_path / "a.toml")
-    assert after.name == "odd" and torch.allclose(after.ambient, before.ambient)
+    assert after.name == "odd" and torch.allclose(after.ambient, before.ambient) and after.photometric
     for a, b in zip(before.lights, after.lights, strict=True):
         assert type(a) is type(b) and a.name == b.name
         for name, value in vars(a).items():
@@ -188,6 +188,17 @@ def test_toml_holds_everything(tmp_path: Path) -> None:
         assert torch.allclose(after.cameras[name].camera_from_world, camera.camera_from_world, atol=1e-6)
         assert torch.allclose(after.cameras[name].intrinsics, camera.intrinsics, rtol=1e-6)
     assert [m.name for m in after.meshes] == [m.name for m in before.meshes]
+
+
+@pytest.mark.parametrize("diffuse", [0.3, 1.0])
+@pytest.mark.parametrize("specular", [0.0, 0.1, 0.5])
+def test_bright_phong_materials_stay_as_bright(tmp_path: Path, diffuse: float, specular: float) -> None:
+    """Also where their base colour would be above one, and no texture takes the rest."""
+    tile = Material(name="tile", diffuse=torch.tensor([diffuse, 0.5 * diffuse, 0.2]), specular=specular)
+    write_glb(tmp_path / "a.glb", tr.Scene(meshes=[tr.Mesh.box(1.0)], materials=[tile]))
+    after = tr.load(tmp_path / "a.glb").materials[0]
+    torch.testing.assert_close(after.diffuse, tile.diffuse, atol=1e-6, rtol=0.0)
+    assert after.specular == pytest.approx(specular)
 
 
 def test_media_come_back_from_extras(tmp_path: Path) -> None:

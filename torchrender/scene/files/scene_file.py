@@ -72,6 +72,7 @@ def load_scene_file(path: str | Path) -> Scene:
         environment=environment,
         ambient=table.color("ambient", torch.zeros(3)),
         photo_light=table.flag("photo_light", False),
+        photometric=table.flag("photometric", False),
         name=name,
     )
     for entry in table.tables("geometry"):

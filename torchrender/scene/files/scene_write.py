@@ -62,7 +62,8 @@ def write_scene(path: str | Path, scene: Scene) -> list[Path]:
             written.append(grid)
         tables.append(("medium", table))
     lines = [f"name = {_text(scene.name)}", f"ambient = {_value(scene.ambient)}"]
-    lines += ["photo_light = true", ""] if scene.photo_light else [""]
+    lines += [f"{key} = true" for key in ("photo_light", "photometric") if getattr(scene, key)]
+    lines += [""]
     if scene.environment is not None:
         sky = path.with_name(f"{path.stem}_environment.exr")
         write_image(sky, scene.environment.radiance)

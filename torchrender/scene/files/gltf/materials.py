@@ -112,8 +112,9 @@ class _Draft:
     def _phong(self, phong: dict[str, Any], values: dict[str, Any]) -> dict[str, Any]:
         """A material that was written by this package and was none of metallic-roughness."""
         plain = {"metallic": None, "roughness": 1.0, "specular_weight": 1.0, "metallic_roughness_texture": None}
+        diffuse = values["diffuse"] * (1.0 - values["metallic"])
         return plain | {
-            "diffuse": values["diffuse"] * (1.0 - values["metallic"]),
+            "diffuse": self._colors(phong, "diffuse", 1.0) if "diffuse" in phong else diffuse,
             "specular": self._share(phong, "specular", 0.0),
             "specular_color": self._colors(phong, "specular_color", 1.0),
             "gloss": self._share(phong, "gloss", 0.0),

@@ -121,6 +121,8 @@ class MaterialWriter:
                 "shininess": float(material.shininess),
             }
         }
+        if material.diffuse_texture is None and float(metallic_roughness(material)[0].max()) > 1.0:  # factors end there
+            out["extras"][PHONG]["diffuse"] = _plain(material.diffuse)
         if material.specular < DIELECTRIC_F0 * (1.0 - 1e-6):
             return {"KHR_materials_specular": {"specularFactor": material.specular / DIELECTRIC_F0}}
         return {}
