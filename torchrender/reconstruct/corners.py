@@ -19,7 +19,7 @@ from torchrender.checks import check_range, check_tensor, checked_fields, option
 from torchrender.errors import InputError
 from torchrender.kernels.compile import thread_count
 from torchrender.kernels.warp import corners as kernels
-from torchrender.kernels.warp import flat_blocks
+from torchrender.kernels.warp.quads import flat_blocks
 
 SAME_VIEW = 1e-6  # pixels that an offset camera may be off
 _KEPT: WeakIdKeyDictionary = WeakIdKeyDictionary()
@@ -64,7 +64,7 @@ class SampleQuads:
     depth: Tensor  # (B,h,4,w) float32 camera z; +inf where there is none
     shape: Tensor  # (B,h,w) uint8 triangles of each quad and its diagonal; 0 where there is none
     joined: Tensor  # (B,H+1,W+1) int32 which of the four pixels around each image corner share a surface
-    planes: Tensor  # (B,.,.,4) float64 of blocks of quads, see :mod:`torchrender.kernels.warp.flat_blocks`
+    planes: Tensor  # (B,.,.,4) float64 of blocks of quads, see :mod:`torchrender.kernels.warp.quads.flat_blocks`
     centred: bool
 
     @property

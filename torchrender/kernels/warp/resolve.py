@@ -102,7 +102,7 @@ def add_some(weights, b, row, column, colors):
 
 @kernel(inline=True)
 def read_keys(keys, rows, columns, found):
-    """Whose quads the keys are, and ``found.depth`` = 1/depth times the image's bias, inf where none is; no branches."""
+    """Whose quads the keys are, and ``found.depth`` = 1/depth times the image's bias; no branches."""
     image, row, column, depth, _, _ = found
     by_columns, by_rows = 1.0 / np.float64(columns), 1.0 / np.float64(rows)
     for x in range(np.uintp(keys.shape[0])):

@@ -18,9 +18,9 @@ from torchrender.kernels.atomics import borrowed, fetch_add, store_max
 from torchrender.kernels.atomics import keep as hold
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.warp.corners import DIAGONAL, FIRST, SECOND
-from torchrender.kernels.warp.flat_blocks import COLUMNS, ROWS, is_block_hidden
-from torchrender.kernels.warp.homogeneous import cross, point, visible_box
-from torchrender.kernels.warp.small_quads import (
+from torchrender.kernels.warp.quads.flat_blocks import COLUMNS, ROWS, is_block_hidden
+from torchrender.kernels.warp.quads.homogeneous import cross, point, visible_box
+from torchrender.kernels.warp.quads.small_quads import (
     BITS,
     CHUNK,
     CUT,

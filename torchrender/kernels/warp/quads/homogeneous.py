@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from torchrender.kernels.compile import kernel
-from torchrender.kernels.warp.small_quads import SUBPIXEL
+from torchrender.kernels.warp.quads.small_quads import SUBPIXEL
 
 
 @kernel()

@@ -55,10 +55,10 @@ def largest_share_off(corners, shape, box, plane):
 
 @kernel(inline=True)
 def find_plane(corners, shape, start, box, plane):
-    """Fill ``plane`` (4,): n with 1/z = n.(u,v,1) in pixels of the image, and the share of the depth that corners are off.
+    """Fill ``plane`` (4,): n with 1/z = n.(u,v,1) in pixels of the image, and how far corners are off it.
 
     The plane goes through the outermost corners of the block. The last is inf for blocks that have none or are uneven,
-    and -1 for those without a quad.
+    and -1 for those without a quad; a share of the depth.
     """
     top, bottom, left, right = box
     wide, tall = np.float64(right - left), np.float64(bottom - top)
