@@ -70,9 +70,8 @@ def find_plane(corners, shape, start, box, plane):
     c = 0.25 * (q0 + q1 + q2 + q3) - 0.5 * (a * wide + b * tall)
     most, some = largest_share_off(corners, shape, box, (a, b, c))
     off = np.float64(np.uint32(most).view(np.float32))
-    off = off + 4e-6 if off < UNEVEN else np.inf  # that of computing it in float32
     plane[0], plane[1], plane[2] = a, b, c - a * (left + start) - b * (top + start)
-    plane[3] = off if some != 0 else -1.0
+    plane[3] = (off + 4e-6 if off < UNEVEN else np.inf) if some != 0 else -1.0  # with that of float32
 
 
 @kernel(parallel=True)
