@@ -19,6 +19,7 @@ from torchrender.checks import check_range, check_tensor, checked_fields, option
 from torchrender.errors import InputError
 from torchrender.kernels.compile import thread_count
 from torchrender.kernels.warp import corners as kernels
+from torchrender.kernels.warp.quads import flat_blocks
 
 SAME_VIEW = 1e-6  # pixels that an offset camera may be off
 _KEPT: WeakIdKeyDictionary = WeakIdKeyDictionary()
@@ -63,6 +64,7 @@ class SampleQuads:
     depth: Tensor  # (B,h,4,w) float32 camera z; +inf where there is none
     shape: Tensor  # (B,h,w) uint8 triangles of each quad and its diagonal; 0 where there is none
     joined: Tensor  # (B,H+1,W+1) int32 which of the four pixels around each image corner share a surface
+    planes: Tensor  # (B,.,.,4) float64 of blocks of quads, see :mod:`torchrender.kernels.warp.quads.flat_blocks`
     centred: bool
 
     @property
@@ -113,8 +115,17 @@ def fit_corners(
     )
     kernels.fit(source, merge, thread_count(), corner, joined)
     kernels.split(corner, options.adaptive_split, shape)
+    planes = block_planes(corner, shape, 0.0)
     depth, bits, words = (torch.from_numpy(a) for a in (corner, shape, joined))
-    return SampleQuads(images, depth, bits, words, centred=False)
+    return SampleQuads(images, depth, bits, words, planes, centred=False)
+
+
+def block_planes(corner: np.ndarray, shape: np.ndarray, start: float) -> Tensor:
+    """``planes`` of :class:`SampleQuads`; ``start``: column and row of the first quad's first corner."""
+    count, rows, columns = shape.shape
+    planes = np.empty((count, -(-rows // flat_blocks.ROWS), -(-columns // flat_blocks.COLUMNS), 4))
+    flat_blocks.find_planes(corner, shape, start, planes)
+    return torch.from_numpy(planes)
 
 
 def kept_corners(images: DepthImages, options: ReconstructOptions | None = None) -> SampleQuads:
@@ -124,10 +135,13 @@ def kept_corners(images: DepthImages, options: ReconstructOptions | None = None)
     """
     options = options_of(options, ReconstructOptions)
     state = (options, *(tensor._version for tensor in (images.depth, images.normal, images.object_id)))
-    known: tuple[Any, tuple[Tensor, Tensor, Tensor]] | None = _KEPT.get(images)
+    known: tuple[Any, tuple[Tensor, Tensor, Tensor, Tensor]] | None = _KEPT.get(images)
     if known is None or known[0] != state:
         made = fit_corners(images, None, options)
-        known = (state, (made.depth, made.shape, made.joined))  # without the images, which would keep themselves
+        known = (
+            state,
+            (made.depth, made.shape, made.joined, made.planes),
+        )  # without the images, which would keep themselves
         _KEPT[images] = known
     return SampleQuads(images, *known[1], centred=False)
 

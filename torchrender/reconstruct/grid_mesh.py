@@ -13,7 +13,13 @@ from torchrender.buffers import DepthImages
 from torchrender.checks import options_of
 from torchrender.errors import InputError
 from torchrender.kernels.warp.depth_grid import fit_blocks
-from torchrender.reconstruct.corners import ReconstructOptions, SampleQuads, corner_limits, pixel_normals
+from torchrender.reconstruct.corners import (
+    ReconstructOptions,
+    SampleQuads,
+    block_planes,
+    corner_limits,
+    pixel_normals,
+)
 
 
 def fit_grid(images: DepthImages, options: ReconstructOptions | None = None) -> SampleQuads:
@@ -38,4 +44,4 @@ def fit_grid(images: DepthImages, options: ReconstructOptions | None = None) -> 
         source, pixel_normals(images), corner_limits(images, options), options.adaptive_split, corner, shape, joined
     )
     depth, bits, words = (torch.from_numpy(a) for a in (corner, shape, joined))
-    return SampleQuads(images, depth, bits, words, centred=True)
+    return SampleQuads(images, depth, bits, words, block_planes(corner, shape, 0.5), centred=True)

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import torch
 from torch import Tensor
+from torch.utils.weak import WeakIdKeyDictionary
 
 from torchrender.arrays import Recycler, view
 from torchrender.brief import brief
@@ -42,6 +43,7 @@ LEAD = 5e-4
 """Of surfaces that agree within this share of their depth, the one recorded nearest to the new camera is kept."""
 
 _memory = Recycler(1 << 26)
+_LOOKED_AT: WeakIdKeyDictionary = WeakIdKeyDictionary()
 METHODS = ("hybrid", "grid", "splat")
 FILTERS = ("bilinear", "nearest")
 
@@ -168,19 +170,29 @@ def _checked(source: DepthImages, cameras: Cameras, colors: Tensor | None) -> Te
     """The colours (N,H,W,3) to draw, if all can be drawn."""
     check_class("images", source, DepthImages)
     check_class("cameras", cameras, Cameras)
-    if colors is None and source.parameters.get("shade") is False and not bool(source.color.any()):
+    if colors is None and source.parameters.get("shade") is False and _looked_at(source.color):
         told = "the images hold no colours, so all is black: sample them with shade=True, or give colors"
         warnings.warn(told, ColorWarning, stacklevel=3)
     colors = check_tensor("colors", source.color if colors is None else colors, (*source.depth.shape, 3))
     check_no_gradient("reproject", depth=source.depth)
     if not colors.is_floating_point():
         raise InputError(f"colors must hold floats in linear light, got {colors.dtype}")
-    check_finite("colors", colors)
+    _looked_at(colors)
     if cameras.orthographic or source.cameras.orthographic:
         raise InputError("images and cameras must be perspective")
     if source.depth.numel() >= 2**32 - 1:
         raise InputError(f"images must hold fewer than 2^32 - 1 samples, got {source.depth.numel()}")
     return colors
+
+
+def _looked_at(colors: Tensor) -> bool:
+    """Whether colours, which must be finite, are all black: once for those that stay as they are."""
+    state = None if colors.is_inference() else colors._version
+    known: tuple[int | None, bool] | None = _LOOKED_AT.get(colors)
+    if known is None or state is None or known[0] != state:
+        check_finite("colors", colors)
+        known = _LOOKED_AT[colors] = (state, not bool(colors.any()))
+    return known[1]
 
 
 def _draw(
@@ -197,7 +209,8 @@ def _draw(
         )
         draw_splats(_splats(source, camera, bias), target, options.splat_scale, thread_count(), canvas)
         return keys
-    arrays = Quads(quads.depth.numpy(), quads.shape.numpy(), 0.5 if quads.centred else 0.0)
+    start = 0.5 if quads.centred else 0.0
+    arrays = Quads(quads.depth.numpy(), quads.shape.numpy(), start, quads.planes.numpy())
     draw_quads(arrays, Poses(pixel_matrices(source.cameras, camera), near, bias), thread_count(), canvas)
     return keys
 

@@ -14,7 +14,7 @@ SIZE = (150, 70)  # three tiles by three, of which some are cut
 def canvas_of(frame: Frame) -> direct.Canvas:
     columns, rows = -(-frame.width // 64), -(-frame.height // 32)
     count = columns * rows << direct.PIXEL_BITS
-    canvas = direct.Canvas(np.zeros(count), np.zeros(count, np.int32), columns)
+    canvas = direct.Canvas(np.zeros(count), np.zeros(count, np.int32), columns, 0, 0, frame.width - 1, frame.height - 1)
     direct.clear_canvas(canvas, frame)
     return canvas
 

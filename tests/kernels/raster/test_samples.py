@@ -56,7 +56,7 @@ def test_codes_are_the_pixels_of_a_loop(cull: int) -> None:
     kinds = set()
     for first, past in runs:
         samples.gather_corners(packed, listed, first, past - first, chunk)
-        samples.find_samples(chunk, past - first, FRAME, cull)
+        samples.find_samples(chunk, past - first, FRAME, (0, 0, FRAME.width - 1, FRAME.height - 1), cull)
         for n in range(past - first):
             code = int(chunk.codes[n])
             corners = [int(packed[v, 3]) for v in listed[first + n]]

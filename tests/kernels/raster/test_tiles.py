@@ -272,3 +272,55 @@ def test_whole_views_are_the_loop_over_views(orthographic: bool, cull: str) -> N
     # An orthographic camera looks at the back of the wide one.
     assert (found.triangle[0] == 60).any() == (cull == "none" or not orthographic)
     assert (found.triangle[2] == -1).all() and (found.triangle[1] >= 0).any()
+
+
+@pytest.mark.parametrize("cull", ["none", "sides"])
+@pytest.mark.parametrize("orthographic", [False, True])
+def test_regions_are_the_whole(orthographic: bool, cull: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where triangles are clipped, lie in several regions or cover all of them, and where nothing is in sight."""
+    rng = np.random.default_rng(12)
+    vertices, faces = soup(rng, 400, 25.0)
+    if orthographic:
+        vertices[:, :2] /= vertices[:, 2:]
+    vertices = np.concatenate([vertices, [[-400.0, 3.0, -5.0], [400.0, 3.0, -5.0], [0.0, 30.0, 30.0]]])
+    faces = np.concatenate([faces, [[1200, 1201, 1202]]]).astype(np.int32)
+    triangles = dataclasses.replace(arrays_of(vertices, faces), single_sided=rng.random(len(faces)) < 0.5)
+    one = view_of(orthographic)
+    width, height = 150, 70  # three tiles by three, of which some are cut
+    view = dataclasses.replace(one, frame=one.frame._replace(width=width, height=height))
+    away = dataclasses.replace(view, planes=np.tile([0.0, 0.0, 0.0, -1.0], (6, 1)))
+
+    def drawn(view: draw_view.View) -> Visible:
+        out = (np.full((height, width), -7, kind) for kind in (np.float32, np.int64, np.int64))
+        images = Visible(*out, np.full((height, width, 2), -7, np.float32))
+        draw_view.draw_view(triangles, view, cull, Refusals(NO_LIMITS, NO_EARLIER, NO_HOLES), images)
+        return images
+
+    wanted = [drawn(view), drawn(away)]
+    monkeypatch.setattr(draw_view, "suits_regions", lambda *_: True)
+    for region in ((1, 1), (2, 2), (4, 4)):
+        monkeypatch.setattr(draw_view, "REGION", region)
+        for pose, whole in zip((view, away), wanted, strict=True):
+            for name, image in zip(Visible._fields, drawn(pose), strict=True):
+                np.testing.assert_array_equal(image, getattr(whole, name))
+    assert (wanted[0].triangle >= 0).sum() > 1000 and (wanted[1].triangle == -1).all()
+
+
+def test_fine_large_pictures_are_drawn_by_regions() -> None:
+    """One cluster at depth four, whose diagonal of five covers 1250 pixels."""
+    frame = Frame(1024, 1024, 0.5, 100.0, False)
+    triangles = arrays_of(np.zeros((3, 3)), np.zeros((1, 3), np.int32))
+    bounds = np.array([[[0.0, 0.0, 2.0], [3.0, 4.0, 2.0]]])
+    view = dataclasses.replace(view_of(False), matrix=np.diag([1000.0, 1000.0, 1.0]), frame=frame)
+    seen = draw_view.InView(np.zeros(1, np.int64), np.array([1.0]), np.zeros((0, 4)), np.zeros((0, 4), np.int64))
+    pixels = 1250**2
+
+    def suits(count: int, camera: View) -> bool:
+        made = dataclasses.replace(triangles, clusters=np.array([[0, count]]), cluster_bounds=bounds)
+        return draw_view.suits_regions(made, camera, seen)
+
+    fine = pixels // draw_view.FINE + 1
+    assert suits(fine, view) and not suits(fine - 2, view)
+    assert not suits(fine, dataclasses.replace(view, frame=frame._replace(width=64, height=64)))
+    flat = dataclasses.replace(view, frame=frame._replace(orthographic=True))
+    assert suits(16 * fine, flat) and not suits(15 * fine, flat)

@@ -138,7 +138,7 @@ def classify_clusters(projected, listed, clusters, frame, how, part, lists, coun
     chunk = borrowed(room)
     for cluster in range(first, end):
         begin, past = runs[chosen[cluster], 0], runs[chosen[cluster], 1]
-        look_at(packed, listed, (begin, past), frame, cull, chunk)
+        look_at(packed, listed, (begin, past), frame, image, cull, chunk)
         for k in range(np.uintp(past - begin)):
             code = chunk.codes[k]
             if code == 0:

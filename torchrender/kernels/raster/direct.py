@@ -45,11 +45,27 @@ SCANNED = 1 << 12  # pixels of a cluster that are compared at most: drawing it c
 
 
 class Canvas(NamedTuple):
-    """All tiles of a picture, one after the other."""
+    """All tiles of a picture or a part of it, one after the other."""
 
     keys: np.ndarray  # (tiles << PIXEL_BITS,) float64
     ids: np.ndarray  # (tiles << PIXEL_BITS,) int32
     columns: int  # tiles side by side
+    left: int  # first column and row of the image, of tiles, and last ones
+    top: int
+    right: int
+    bottom: int
+
+
+@kernel(inline=True)
+def part_of(canvas):
+    """x0, y0, x1, y1 of the image, inclusive."""
+    return canvas.left, canvas.top, canvas.right, canvas.bottom
+
+
+@kernel(inline=True)
+def tile_at(canvas, column, row):
+    """The number of the tile in this column and row of the image's tiles."""
+    return (row - (canvas.top >> ROW_BITS)) * canvas.columns + column - (canvas.left >> COLUMN_BITS)
 
 
 @kernel(inline=True)
@@ -61,15 +77,16 @@ def tile_buffers(canvas, tile, buffers):
 
 @kernel()
 def clear_canvas(canvas, frame):
-    """Nothing yet; pixels of the tiles that lie outside of the image hold what nothing exceeds."""
+    """Nothing yet; pixels of the tiles that lie outside of the part hold what nothing exceeds."""
     keys, ids = borrowed(canvas.keys), borrowed(canvas.ids)
     empty = np.nextafter(-frame.far if frame.orthographic else 1.0 / frame.far, -np.inf)
-    keys[:] = empty
-    ids[:] = -1
-    rows = (frame.height + TILE_HEIGHT - 1) >> ROW_BITS
+    rows = (canvas.bottom - canvas.top + TILE_HEIGHT) >> ROW_BITS
+    for n in range(np.uintp(canvas.columns * rows << PIXEL_BITS)):
+        keys[n] = empty
+        ids[n] = -1
     for tile in range(canvas.columns * rows):
-        across = frame.width - ((tile % canvas.columns) << COLUMN_BITS)
-        down = frame.height - ((tile // canvas.columns) << ROW_BITS)
+        across = canvas.right + 1 - canvas.left - ((tile % canvas.columns) << COLUMN_BITS)
+        down = canvas.bottom + 1 - canvas.top - ((tile // canvas.columns) << ROW_BITS)
         if across >= TILE_WIDTH and down >= TILE_HEIGHT:
             continue
         for y in range(TILE_HEIGHT):
@@ -87,7 +104,7 @@ def is_box_hidden(canvas, box, high):
     head = ROW << np.uint64(x0 - begin)
     tail = ROW >> np.uint64(end + LANES - 1 - x1)
     for y in range(y0, y1 + 1):
-        row = ((y >> ROW_BITS) * canvas.columns << PIXEL_BITS) + ((y & (TILE_HEIGHT - 1)) << COLUMN_BITS)
+        row = (tile_at(canvas, 0, y >> ROW_BITS) << PIXEL_BITS) + ((y & (TILE_HEIGHT - 1)) << COLUMN_BITS)
         for x in range(begin, end + 1, LANES):
             mask = ROW
             if x == begin:
@@ -134,10 +151,21 @@ def cluster_reach(bounds, c, matrix, eye, frame):
     return x0, y0, x1, y1, -least_w if orthographic else 1.0 / least_w
 
 
+@kernel()
+def cluster_reaches(bounds, chosen, pose, frame, boxes, highs):
+    """:func:`cluster_reach` of the chosen clusters: ``boxes`` (N,4) int64 and ``highs`` (N,) float64."""
+    bounds, (matrix, eye) = borrowed(bounds), borrowed(pose)
+    for n in range(chosen.shape[0]):
+        boxes[n, 0], boxes[n, 1], boxes[n, 2], boxes[n, 3], highs[n] = cluster_reach(
+            bounds, chosen[n], matrix, eye, frame
+        )
+
+
 @kernel(inline=True)
 def is_cluster_hidden(canvas, reach):
     """True if nothing of a cluster is seen; see :func:`cluster_reach`."""
     x0, y0, x1, y1, high = reach
+    x0, y0, x1, y1 = max(x0, canvas.left), max(y0, canvas.top), min(x1, canvas.right), min(y1, canvas.bottom)
     if x0 > x1 or y0 > y1:
         return True
     if (x1 - x0 + 1) * (y1 - y0 + 1) > SCANNED:
@@ -149,8 +177,7 @@ def is_cluster_hidden(canvas, reach):
 def draw_box(place, corners, high, scene, frame, tests, canvas, buffers):
     """One triangle into the tiles that its box of pixels meets."""
     a, b, c = corners
-    image = (0, 0, frame.width - 1, frame.height - 1)
-    x0, y0, x1, y1 = pixel_box(a, b, c, image, frame.width >> 1, frame.height >> 1)
+    x0, y0, x1, y1 = pixel_box(a, b, c, part_of(canvas), frame.width >> 1, frame.height >> 1)
     if x0 > x1 or y0 > y1:
         return
     for j in range(y0 >> ROW_BITS, (y1 >> ROW_BITS) + 1):
@@ -160,7 +187,7 @@ def draw_box(place, corners, high, scene, frame, tests, canvas, buffers):
             if is_box_hidden(canvas, own, high):
                 continue
             part = (own[0] - left, own[1] - top, own[2] - left, own[3] - top, left, top)
-            tile = j * canvas.columns + i
+            tile = tile_at(canvas, i, j)
             draw(place, corners, part, scene, frame, tests, tile_buffers(canvas, tile, buffers))
 
 
@@ -194,7 +221,7 @@ def draw_whole(place, corners, code, box, scene, frame, earlier, tiles):
             return
     left, top = column << COLUMN_BITS, row << ROW_BITS
     high = greatest_key(scene.points, scene.listed, place, frame)
-    tile = row * canvas.columns + column
+    tile = tile_at(canvas, column, row)
     spot, own = (x0 - left, y0 - top, left, top, small), tile_buffers(canvas, tile, buffers)
     draw_bits(place, bits, spot, high, scene, frame, earlier, own)
 
@@ -210,7 +237,7 @@ def draw_chunk(scene, run, frame, sides, tests, canvas, buffers, room):
     chunk, to_clip = borrowed(room)
     cull, single_sided = sides
     single_sided = borrowed(single_sided)
-    image = (0, 0, frame.width - 1, frame.height - 1)
+    image = part_of(canvas)
     left, top = frame.width >> 1, frame.height >> 1
     holed = tests.holes.mask.shape[0] > 0
     m = np.uintp(0)
@@ -250,7 +277,7 @@ def draw_cluster(scene, packed, run, frame, sides, tests, tiles, room):
     are single-sided (F,) or (0,); ``tiles``: :class:`Canvas` and :class:`Buffers`; ``room``: as of :func:`draw_chunk`.
     """
     canvas, buffers = tiles
-    look_at(packed, scene.listed, run, frame, sides[0], room[0])
+    look_at(packed, scene.listed, run, frame, part_of(canvas), sides[0], room[0])
     crossing = draw_chunk(scene, run, frame, sides, tests, canvas, buffers, room)
     if crossing > 0:
         draw_clipped(scene, room[1][:crossing], frame, sides, tests, tiles)

@@ -6,12 +6,12 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from torchrender.kernels.compile import thread_count
-from torchrender.kernels.raster import binning, many_views, project, tiles
+from torchrender.kernels.raster import binning, direct, many_views, project, tiles
 from torchrender.kernels.raster import count_layers as layers
 from torchrender.kernels.raster.coverage import TILE_HEIGHT, TILE_WIDTH
 from torchrender.kernels.raster.records import (
@@ -38,6 +38,8 @@ KEPT_TRIANGLES = 1 << 20  # 64 MiB
 WHOLE_PIXELS = 1 << 16  # of pictures that one thread draws alone,
 FINE_PIXELS = 1 << 18  # or of those with a triangle to two pixels, whose tiles are not drawn into often
 WHOLE_ROOM = 1 << 28  # bytes that all threads may need for it
+REGION = (8, 4)  # tiles of a region: they fit into a core's cache
+FINE = 150  # pixels in squares over the clusters' diagonals for each triangle, at most, where regions are drawn
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,11 +68,67 @@ class View:
     frame: Frame
 
 
+class InView(NamedTuple):
+    """Clusters in view, nearly front to back, and their projected vertices."""
+
+    chosen: Array  # (N,) int64
+    distance: Array  # (N,) to the near plane
+    points: Array  # (V,4) float64
+    packed: Array  # the same memory as int64
+
+
 def draw_view(triangles: TriangleArrays, view: View, cull: str, tests: Refusals, outputs: Visible) -> None:
     """Fill ``outputs``."""
     how = binning.Listing(CULL[cull], not len(tests.limits.keys) and not len(tests.earlier.ids), tests.holes.mask)
-    scene, bins = _prepare(triangles, view, how, cull == "sides")
+    seen = _projected(triangles, view)
+    chosen, _, points, packed = seen
+    if how.plain and suits_regions(triangles, view, seen):
+        found = _reached(triangles, view, chosen)
+        room = many_views.Room(points, packed, *_buffers(thread_count(), REGION[0] * REGION[1])[1:])
+        regions, shape = _regions(triangles, found, view), _shape(triangles, cull == "sides")
+        many_views.draw_regions(shape, found, regions, view.frame, how, tests.holes, room, outputs)
+        return
+    scene, bins = _bin(triangles, chosen, (points, packed), view.frame, how, cull == "sides")
     tiles.render_tiles(scene, bins, view.frame, *tests, _buffers(thread_count()), outputs)
+
+
+def _reached(triangles: TriangleArrays, view: View, chosen: Array) -> many_views.Found:
+    """What the chosen clusters, whose vertices are projected, may touch."""
+    boxes, highs = np.empty((len(chosen), 4), np.int64), np.empty(len(chosen))
+    direct.cluster_reaches(triangles.cluster_bounds, chosen, (view.matrix, view.reference), view.frame, boxes, highs)
+    blocks = np.ones(-(-len(triangles.vertices) // project.BLOCK), np.bool_)
+    return many_views.Found(chosen, boxes, highs, blocks)
+
+
+def suits_regions(triangles: TriangleArrays, view: View, seen: InView) -> bool:
+    """True if clusters are so small in a large picture that what regions hide of them is worth more than lists."""
+    frame, bounds, runs = view.frame, triangles.cluster_bounds[seen.chosen], triangles.clusters[seen.chosen]
+    if frame.width * frame.height <= thread_count() * REGION[0] * REGION[1] * TILE_WIDTH * TILE_HEIGHT:
+        return False
+    size = np.linalg.norm(bounds[:, 1] - bounds[:, 0], axis=1)
+    depth = 1.0 if frame.orthographic else frame.near + np.maximum(seen.distance, 0.0) + 0.5 * size
+    area = (size * np.linalg.norm(view.matrix[0]) / depth) ** 2
+    return float(area.sum()) <= FINE * int((runs[:, 1] - runs[:, 0]).sum())
+
+
+def _regions(triangles: TriangleArrays, found: many_views.Found, view: View) -> many_views.Regions:
+    """Those with most triangles first, so that threads end together."""
+    wide, tall = REGION[0] * TILE_WIDTH, REGION[1] * TILE_HEIGHT
+    across, down = -(-view.frame.width // wide), -(-view.frame.height // tall)
+    seen = (found.boxes[:, 0] <= found.boxes[:, 2]) & (found.boxes[:, 1] <= found.boxes[:, 3])
+    runs = triangles.clusters[found.chosen[seen]]
+    left, top, right, bottom = (found.boxes[seen] // (wide, tall, wide, tall)).T
+    load, sizes = np.zeros((down + 1, across + 1), np.int64), runs[:, 1] - runs[:, 0]
+    for row, column, sign in ((top, left, 1), (top, right + 1, -1), (bottom + 1, left, -1), (bottom + 1, right + 1, 1)):
+        np.add.at(load, (row, column), sign * sizes)
+    order = np.argsort(-load.cumsum(axis=0).cumsum(axis=1)[:down, :across].reshape(-1), kind="stable")
+    return many_views.Regions(view.matrix, view.reference, order, wide, tall)
+
+
+def _shape(triangles: TriangleArrays, sides: bool) -> many_views.Shape:
+    """``sides``: single-sided triangles lose their backs."""
+    shape = many_views.Shape(*(getattr(triangles, name) for name in many_views.Shape._fields))
+    return shape if sides else shape._replace(single_sided=shape.single_sided[:0])
 
 
 def draw_views(triangles: TriangleArrays, views: list[View], cull: str, holes: Holes, outputs: Visible) -> None:
@@ -79,9 +137,7 @@ def draw_views(triangles: TriangleArrays, views: list[View], cull: str, holes: H
     Each thread draws whole views: for many small ones, see :func:`suits_whole_views`.
     """
     threads = thread_count()
-    shape = many_views.Shape(*(getattr(triangles, name) for name in many_views.Shape._fields))
-    if cull != "sides":
-        shape = shape._replace(single_sided=shape.single_sided[:0])
+    shape = _shape(triangles, cull == "sides")
     frames = [view.frame for view in views]
     poses = many_views.Views(
         np.stack([view.matrix for view in views]),
@@ -140,26 +196,24 @@ class PreparedView:
 @contextmanager
 def prepared_view(triangles: TriangleArrays, view: View, cull: str, holes: Holes) -> Iterator[PreparedView]:
     """A :class:`PreparedView` while the context lasts; other views may be drawn meanwhile."""
-    scene, bins = _prepare(triangles, view, binning.Listing(CULL[cull], False, holes.mask), cull == "sides")
+    chosen, _, points, packed = _projected(triangles, view)
+    how = binning.Listing(CULL[cull], False, holes.mask)
+    scene, bins = _bin(triangles, chosen, (points, packed), view.frame, how, cull == "sides")
     with _memory.lent():
         yield PreparedView(view, holes, scene, bins)
 
 
-def _prepare(triangles: TriangleArrays, view: View, how: binning.Listing, sides: bool) -> tuple[Triangles, Bins]:
-    """Projected vertices with clipped triangles, and the triangles of each tile.
-
-    ``sides``: single-sided triangles lose their backs.
-    """
+def _projected(triangles: TriangleArrays, view: View) -> InView:
+    """What is in view of a camera."""
     chosen, distance = project.visible_clusters(triangles.cluster_bounds, view.planes)
-    chosen = chosen[np.argsort(distance, kind="stable")]  # nearly front to back: what is hidden is dropped early
+    order = np.argsort(distance, kind="stable")
+    chosen, distance = chosen[order], distance[order]  # nearly front to back: what is hidden is dropped early
     blocks = project.needed_blocks(chosen, triangles.block_starts, triangles.blocks, len(triangles.vertices))
     points = _memory.points(len(triangles.vertices))  # only the wanted blocks are filled, and only they are read
     packed = points.view(np.int64)
-    near, orthographic = view.frame.near, view.frame.orthographic
-    project.project_vertices(
-        triangles.vertices, blocks, view.matrix, view.reference, near, orthographic, points, packed
-    )
-    return _bin(triangles, chosen, (points, packed), view.frame, how, sides)
+    how = (view.matrix, view.reference, view.frame.near, view.frame.orthographic)
+    project.project_vertices(triangles.vertices, blocks, *how, points, packed)
+    return InView(chosen, distance, points, packed)
 
 
 class _Memory(threading.local):

@@ -1,6 +1,8 @@
-"""Many small pictures: each thread takes whole cameras, from culling to the finished image.
+"""Pictures without lists of triangles: cluster by cluster, what is hidden is left out before it is looked at.
 
-One small picture has too little work to be shared: threads would wait for each other at every step.
+Of many small pictures, each thread takes whole cameras, from culling to the finished image: one has too little work to
+be shared, and threads would wait for each other at every step. Of a large one each thread takes regions of tiles that
+fit into its cache.
 """
 
 from __future__ import annotations
@@ -16,7 +18,7 @@ from torchrender.kernels.raster.coverage import COLUMN_BITS, ROW_BITS, TILE_HEIG
 from torchrender.kernels.raster.direct import (
     Canvas,
     clear_canvas,
-    cluster_reach,
+    cluster_reaches,
     draw_cluster,
     is_cluster_hidden,
     tile_buffers,
@@ -67,27 +69,48 @@ class Room(NamedTuple):
     planes: np.ndarray
 
 
+class Regions(NamedTuple):
+    """One camera's picture as it is cut for threads."""
+
+    matrix: np.ndarray  # (3,3)
+    reference: np.ndarray  # (3,)
+    order: np.ndarray  # (N,) int64 numbers, row by row, in the order in which they are drawn
+    width: int  # pixels, of whole tiles
+    height: int
+
+
+class Found(NamedTuple):
+    """Clusters in view, nearly front to back."""
+
+    chosen: np.ndarray  # (N,) int64
+    boxes: np.ndarray  # (N,4) int64 pixels that they may touch, see :func:`~.direct.cluster_reach`
+    highs: np.ndarray  # (N,) float64 keys that none of their fragments exceeds
+    projected: np.ndarray  # (blocks,) bool of vertices that are projected already
+
+
 @kernel()
-def draw_clusters(shape, pose, frame, how, tests, room, canvas):
-    """Cull, project and draw; ``pose``: matrix, reference point and frustum of the camera. Returns what was drawn."""
-    matrix, reference, planes = borrowed(pose)
+def draw_clusters(shape, found, pose, frame, how, tests, room, canvas):
+    """Project and draw what may be seen of the clusters; ``pose``: matrix and reference point of the camera.
+
+    Returns what was drawn.
+    """
+    matrix, reference = borrowed(pose)
     points, packed, buffers = room
+    chosen, boxes, highs, projected = borrowed(found)
     scene = Triangles(
         points, shape.faces, shape.objects, shape.order, shape.listed, np.empty((0, 3), np.int64),
         np.empty(0, np.uint64), np.empty(0), np.empty(0, np.int32), np.empty((0, 4), np.int32),
         np.empty((0, 3), np.int64), np.empty(0, np.int32),
     )  # fmt: skip
     sides = (how.cull, shape.single_sided)
-    projected = np.zeros((shape.vertices.shape[0] + BLOCK - 1) // BLOCK, np.bool_)
-    chosen, distance = visible_clusters(shape.cluster_bounds, planes)
     chunk = room_for(shape.clusters, chosen)
     own = (chunk, np.empty(chunk.a.shape[0], np.int32))
-    for c in chosen[np.argsort(distance)]:
-        reach = cluster_reach(shape.cluster_bounds, c, matrix, reference, frame)
-        if is_cluster_hidden(canvas, reach):
+    for n in range(chosen.shape[0]):
+        if is_cluster_hidden(canvas, (boxes[n, 0], boxes[n, 1], boxes[n, 2], boxes[n, 3], highs[n])):
             continue
-        for n in range(shape.block_starts[c], shape.block_starts[c + 1]):
-            block = shape.blocks[n]
+        c = chosen[n]
+        for place in range(shape.block_starts[c], shape.block_starts[c + 1]):
+            block = shape.blocks[place]
             if not projected[block]:
                 projected[block] = True
                 limits = (frame.near, frame.orthographic)
@@ -98,21 +121,70 @@ def draw_clusters(shape, pose, frame, how, tests, room, canvas):
 
 
 @kernel()
-def draw_one(shape, pose, frame, how, holes, room, canvas, outputs):
-    """One picture by one thread; ``room``: vertices as floats and integers, :class:`Buffers`."""
-    buffers = room[2]
-    buffers.known[:] = -1
+def draw_part(shape, found, pose, frame, how, room, canvas, outputs):
+    """The part of a picture that the canvas holds, by one thread.
+
+    ``how``: :class:`~.binning.Listing` and :class:`~.records.Holes`; ``room``: vertices as floats and integers,
+    :class:`Buffers`.
+    """
+    listing, holes = how
     limits = Limits(np.zeros((0, 0)), np.zeros((0, 0), np.int64))
     earlier = Earlier(
         np.zeros((0, 0, 0), np.int64), np.zeros((0, 3, 4)), np.zeros(0), np.zeros((0, 0, 0), np.float32),
         np.zeros((0, 9)), np.zeros((3, 3)), np.zeros((3, 3)), 0, np.inf, 0.0,
     )  # fmt: skip
     clear_canvas(canvas, frame)
-    scene = draw_clusters(shape, pose, frame, how, Refusals(limits, earlier, holes), room, canvas)
-    for tile in range(canvas.keys.shape[0] // (TILE_WIDTH * TILE_HEIGHT)):
-        left, top = (tile % canvas.columns) << COLUMN_BITS, (tile // canvas.columns) << ROW_BITS
-        place = (left, top, min(TILE_WIDTH, frame.width - left), min(TILE_HEIGHT, frame.height - top))
-        resolve(scene, frame, place, tile_buffers(canvas, tile, buffers), outputs)
+    scene = draw_clusters(shape, found, pose, frame, listing, Refusals(limits, earlier, holes), room, canvas)
+    rows = (canvas.bottom - canvas.top + TILE_HEIGHT) >> ROW_BITS
+    for tile in range(canvas.columns * rows):
+        left = canvas.left + ((tile % canvas.columns) << COLUMN_BITS)
+        top = canvas.top + ((tile // canvas.columns) << ROW_BITS)
+        place = (left, top, min(TILE_WIDTH, canvas.right + 1 - left), min(TILE_HEIGHT, canvas.bottom + 1 - top))
+        resolve(scene, frame, place, tile_buffers(canvas, tile, room[2]), outputs)
+
+
+@kernel()
+def draw_one(shape, pose, frame, how, room, canvas, outputs):
+    """One picture by one thread; ``pose``: matrix, reference point and frustum of the camera."""
+    room[2].known[:] = -1
+    chosen, distance = visible_clusters(shape.cluster_bounds, pose[2])
+    chosen = chosen[np.argsort(distance)]
+    count = chosen.shape[0]
+    found = Found(
+        chosen,
+        np.empty((count, 4), np.int64),
+        np.empty(count),
+        np.zeros((shape.vertices.shape[0] + BLOCK - 1) // BLOCK, np.bool_),
+    )
+    own = (pose[0], pose[1])
+    cluster_reaches(shape.cluster_bounds, chosen, own, frame, found.boxes, found.highs)
+    draw_part(shape, found, own, frame, how, room, canvas, outputs)
+
+
+@kernel(parallel=True)
+def draw_regions(shape, found, regions, frame, how, holes, room, outputs):
+    """Fill ``outputs``, a :class:`~.records.Visible`, of one camera: regions of tiles, handed out to threads.
+
+    ``found``: :class:`Found`, all of whose vertices are projected; ``regions``: :class:`Regions`; ``room``: as of
+    :func:`draw_views`, but vertices are shared.
+    """
+    points, packed, keys, ids, lows, spans_of, known, planes_of = room
+    matrix, reference, order, wide, tall = regions
+    across = (frame.width + wide - 1) // wide
+    counter = np.zeros(1, np.int64)
+    for thread in prange(keys.shape[0]):
+        buffers = Buffers(
+            0, keys[thread], ids[thread], lows[thread], spans_of[thread], known[thread], planes_of[thread]
+        )
+        own = (points, packed, buffers)
+        while True:
+            turn = fetch_add(counter, 0, 1)
+            if turn >= order.shape[0]:
+                break
+            left, top = (order[turn] % across) * wide, (order[turn] // across) * tall
+            right, bottom = min(left + wide, frame.width) - 1, min(top + tall, frame.height) - 1
+            canvas = Canvas(keys[thread], ids[thread], wide >> COLUMN_BITS, left, top, right, bottom)
+            draw_part(shape, found, (matrix, reference), frame, (how, holes), own, canvas, outputs)
 
 
 @kernel(parallel=True)
@@ -133,7 +205,7 @@ def draw_views(shape, views, how, holes, room, outputs):
             0, keys[thread], ids[thread], lows[thread], spans_of[thread], known[thread], planes_of[thread]
         )
         own = (points[thread], packed[thread], buffers)
-        canvas = Canvas(keys[thread], ids[thread], columns)
+        canvas = Canvas(keys[thread], ids[thread], columns, 0, 0, width - 1, height - 1)
         while True:
             k = fetch_add(counter, 0, 1)
             if k >= count:
@@ -141,4 +213,4 @@ def draw_views(shape, views, how, holes, room, outputs):
             frame = Frame(width, height, limits[k, 0], limits[k, 1], orthographic)
             pose = (matrices[k], references[k], frustums[k])
             one = Visible(depth[k], triangle[k], objects[k], barycentric[k])
-            draw_one(shape, pose, frame, how, holes, own, canvas, one)
+            draw_one(shape, pose, frame, (how, holes), own, canvas, one)

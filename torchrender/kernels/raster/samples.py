@@ -70,8 +70,8 @@ def edge_samples(a, b, turned, px, py):
 
 
 @kernel()
-def find_samples(chunk, count, frame, cull):
-    """Set ``chunk.codes``: what each triangle covers.
+def find_samples(chunk, count, frame, bounds, cull):
+    """Set ``chunk.codes``: what each triangle covers within ``bounds``, x0, y0, x1, y1 inclusive of the image.
 
     Bits of a window of which four pixels may be set: see :func:`~.coverage.window_bits`; the first one is that of the
     triangle's box. LARGE: its box has more than 2 x 2 pixels; CROSSING: it may need clipping. Without branches, so that
@@ -80,7 +80,7 @@ def find_samples(chunk, count, frame, cull):
     chunk = borrowed(chunk)
     corners_a, corners_b, corners_c, codes = chunk.a, chunk.b, chunk.c, chunk.codes
     left, top = np.int64(frame.width) >> 1, np.int64(frame.height) >> 1
-    low_x, low_y, high_x, high_y = -left, -top, frame.width - 1 - left, frame.height - 1 - top
+    low_x, low_y, high_x, high_y = bounds[0] - left, bounds[1] - top, bounds[2] - left, bounds[3] - top
     drops_back, drops_front = cull == CULL_BACK, cull == CULL_FRONT
     for n in range(np.uintp(count)):
         a, b, c = corners_a[n], corners_b[n], corners_c[n]
@@ -109,7 +109,7 @@ def find_samples(chunk, count, frame, cull):
 
 
 @kernel(inline=True)
-def look_at(packed, listed, run, frame, cull, chunk):
+def look_at(packed, listed, run, frame, bounds, cull, chunk):
     """Corners and codes of the triangles of a cluster: those at the places ``run[0]`` to ``run[1] - 1``."""
     gather_corners(packed, listed, run[0], run[1] - run[0], chunk)
-    find_samples(chunk, run[1] - run[0], frame, cull)
+    find_samples(chunk, run[1] - run[0], frame, bounds, cull)

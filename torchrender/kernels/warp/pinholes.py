@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import prange
 
+from torchrender.kernels.atomics import borrowed
 from torchrender.kernels.compile import kernel
 
 DOWN, RIGHT = (-1, 0, -1, -1), (0, -1, -1, 1)
@@ -69,6 +70,29 @@ def is_seen_through(y, x, depth, valid, source, limits):
     return False
 
 
+@kernel(inline=True)
+def find_seams(y, valid, source, suspects):
+    """Pixels (W,) of a row within the image beside which another image is seen; no branches, so that it vectorises."""
+    up, down, last = y - np.uintp(1), y + np.uintp(1), np.uintp(suspects.shape[0] - 1)
+    suspects[0] = suspects[last] = False
+    for x in range(np.uintp(1), last):
+        own = source[y, x]
+        across = (source[y, x - np.uintp(1)] != own) | (source[y, x + np.uintp(1)] != own)
+        suspects[x] = valid[y, x] & (across | (source[up, x] != own) | (source[down, x] != own))
+
+
+@kernel(inline=True)
+def find_gaps(y, own, valid, suspects):
+    """Pixels (W,) of a row within the image that are not ``own`` but valid, or on a line whose ends are own."""
+    up, down, last = y - np.uintp(1), y + np.uintp(1), np.uintp(suspects.shape[0] - 1)
+    suspects[0] = suspects[last] = False
+    for x in range(np.uintp(1), last):
+        left, right = x - np.uintp(1), x + np.uintp(1)
+        lines = np.uint8(own[up, x] & own[down, x]) + np.uint8(own[y, left] & own[y, right])
+        lines += np.uint8(own[up, left] & own[down, right]) + np.uint8(own[up, right] & own[down, left])
+        suspects[x] = ((lines > np.uint8(0)) | valid[y, x]) & (not own[y, x])
+
+
 @kernel(parallel=True)
 def close(color, depth, valid, source, fewest, limits):
     """Close pixels in place: through empty ones at least ``fewest[0]`` lines agree, through others ``fewest[1]``.
@@ -84,20 +108,29 @@ def close(color, depth, valid, source, fewest, limits):
     own = np.empty((height, width), np.bool_)
     for row in prange(height):
         y = np.int64(row)
-        inside = 0 < y < height - 1
+        picture = borrowed((depth, valid, source))
         for x in range(width):
             own[y, x] = valid[y, x]
-            if inside and 0 < x < width - 1 and own[y, x]:
-                own[y, x] = not is_seen_through(y, x, depth, valid, source, (apart, agree))
+        if not 0 < y < height - 1:
+            continue
+        suspects = np.empty(width, np.bool_)
+        find_seams(np.uintp(y), valid, source, suspects)
+        for x in range(width):
+            if suspects[x]:
+                own[y, x] = not is_seen_through(y, x, picture[0], picture[1], picture[2], (apart, agree))
     for row in prange(1, height - 1):
         y = np.int64(row)
+        suspects = np.empty(width, np.bool_)
+        find_gaps(np.uintp(y), own, valid, suspects)
+        picture = borrowed((color, depth, own, source))
         for x in range(1, width - 1):
-            if not own[y, x]:
-                found = look_around(y, x, depth, own, (smooth, agree))
-                if found[1] >= fewest[1 if valid[y, x] else 0]:
-                    close_pixel(y, x, found, (color, depth, own, source))
-                    closed[y, x] = valid[y, x] = True
-                elif valid[y, x]:
-                    color[y, x, 0] = color[y, x, 1] = color[y, x, 2] = 0.0
-                    depth[y, x], valid[y, x], source[y, x] = np.inf, False, -1
+            if not suspects[x]:
+                continue
+            found = look_around(y, x, picture[1], picture[2], (smooth, agree))
+            if found[1] >= fewest[1 if valid[y, x] else 0]:
+                close_pixel(y, x, found, picture)
+                closed[y, x] = valid[y, x] = True
+            elif valid[y, x]:
+                color[y, x, 0] = color[y, x, 1] = color[y, x, 2] = 0.0
+                depth[y, x], valid[y, x], source[y, x] = np.inf, False, -1
     return closed, own

@@ -9,16 +9,18 @@ way.
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 from numba import prange
 
 from torchrender.kernels.atomics import borrowed, fetch_add, store_max
+from torchrender.kernels.atomics import keep as hold
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.warp.corners import DIAGONAL, FIRST, SECOND
-from torchrender.kernels.warp.small_quads import (
+from torchrender.kernels.warp.quads.flat_blocks import COLUMNS, ROWS, is_block_hidden
+from torchrender.kernels.warp.quads.homogeneous import cross, point, visible_box
+from torchrender.kernels.warp.quads.small_quads import (
     BITS,
     CHUNK,
     CUT,
@@ -33,7 +35,7 @@ from torchrender.kernels.warp.small_quads import (
 
 GUARD = float(1 << 17)  # pixels; snapped positions stay below 2**29
 LIFT = 1 << 30  # makes snapped positions positive, so that cutting off is rounding down
-ROWS = 8  # rows handed to a thread at once
+NO_PLANES = np.zeros((0, 0, 0, 4))
 
 
 class Quads(NamedTuple):
@@ -42,6 +44,7 @@ class Quads(NamedTuple):
     corners: np.ndarray  # (B,h,4,w) float32 depths
     shape: np.ndarray  # (B,h,w) uint8
     start: float  # column and row of the first quad's first corner
+    planes: np.ndarray = NO_PLANES  # (B,.,.,4) of the blocks of quads: see ``flat_blocks``; without rows: unknown
 
 
 class Poses(NamedTuple):
@@ -69,10 +72,11 @@ class Canvas(NamedTuple):
 
 
 @kernel(inline=True)
-def project_row(values, first, across, row, pose, k, snapped):
+def project_row(values, part, across, row, pose, k, snapped):
     """Snapped position and biased 1/depth of corner ``k`` of up to CHUNK quads; OUTSIDE where it has none.
 
-    ``values``: corner depths of a row; corner ``i`` is at column ``first + i + across`` of the source image.
+    ``values``: corner depths of a row; ``part``: first column and the one past the last; corner ``i`` is at column
+    ``part[0] + i + across`` of the source image.
     """
     matrix, near, bias = pose
     x, y, q = snapped.x[k], snapped.y[k], snapped.q[k]
@@ -81,8 +85,8 @@ def project_row(values, first, across, row, pose, k, snapped):
     b1 = matrix[1, 1] * row + matrix[1, 2]
     b2 = matrix[2, 1] * row + matrix[2, 2]
     c0, c1, c2 = matrix[0, 3], matrix[1, 3], matrix[2, 3]
-    begin = np.uintp(first)
-    for i in range(np.uintp(min(x.shape[0], values.shape[0] - first))):
+    begin = np.uintp(part[0])
+    for i in range(np.uintp(part[1] - part[0])):
         z = np.float64(values[begin + i])
         u = np.float64(begin + i) + across
         depth = z * (a2 * u + b2) + c2
@@ -155,42 +159,6 @@ def draw(a, b, c, number, canvas):
 
 
 @kernel()
-def point(i, row, across, down, z, matrix):
-    """Homogeneous target pixel (X, Y, Z) of a corner."""
-    u, v = np.float64(i) + across, row + down
-    x = z * (matrix[0, 0] * u + (matrix[0, 1] * v + matrix[0, 2])) + matrix[0, 3]
-    y = z * (matrix[1, 0] * u + (matrix[1, 1] * v + matrix[1, 2])) + matrix[1, 3]
-    w = z * (matrix[2, 0] * u + (matrix[2, 1] * v + matrix[2, 2])) + matrix[2, 3]
-    return x, y, w
-
-
-@kernel()
-def cross(a, b):
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-@kernel()
-def visible_box(a, b, c, near, width, height):
-    """First and last pixel that the part of a triangle with depth >= near can cover; homogeneous corners."""
-    low_x, low_y, high_x, high_y = np.inf, np.inf, -np.inf, -np.inf
-    corners = (a, b, c)
-    for k in range(3):
-        p, n = corners[k], corners[(k + 1) % 3]
-        if p[2] >= near:
-            x, y = p[0] / p[2], p[1] / p[2]
-            low_x, high_x, low_y, high_y = min(low_x, x), max(high_x, x), min(low_y, y), max(high_y, y)
-        if (p[2] >= near) != (n[2] >= near):
-            t = (near - p[2]) / (n[2] - p[2])
-            x, y = (p[0] + t * (n[0] - p[0])) / near, (p[1] + t * (n[1] - p[1])) / near
-            low_x, high_x, low_y, high_y = min(low_x, x), max(high_x, x), min(low_y, y), max(high_y, y)
-    x0 = math.ceil(max(low_x - 0.5 - 1.0 / SUBPIXEL, 0.0))
-    y0 = math.ceil(max(low_y - 0.5 - 1.0 / SUBPIXEL, 0.0))
-    x1 = math.floor(min(high_x - 0.5 + 1.0 / SUBPIXEL, width - 1.0))
-    y1 = math.floor(min(high_y - 0.5 + 1.0 / SUBPIXEL, height - 1.0))
-    return np.int64(x0), np.int64(y0), np.int64(x1), np.int64(y1)
-
-
-@kernel()
 def draw_clipped(a, b, c, pose, number, canvas):
     """One triangle of homogeneous corners (X, Y, Z), any of them behind the camera.
 
@@ -248,34 +216,69 @@ def draw_large(i, y, x, q, bits, number, canvas):
 
 
 @kernel()
-def draw_row(j, quads, pose, number, room, canvas):
-    """Row ``j`` of one image's quads. ``number``: of its first quad."""
-    corners, shape, start = quads
+def draw_row(j, part, quads, pose, number, room, canvas):
+    """Up to CHUNK quads of row ``j`` of one image: ``part``, first column and the one past the last.
+
+    ``number``: that of the row's first quad.
+    """
+    corners, shape, start, _ = quads
     spare, boxes = room.snapped, room.boxes
-    row = np.float64(j) + start
-    columns = corners.shape[2]
-    for first in range(0, columns, CHUNK):
-        bits = shape[j, first : min(first + CHUNK, columns)]
-        if not is_any(bits):
+    row, first = np.float64(j) + start, part[0]
+    bits = shape[j, first : part[1]]
+    if not is_any(bits):
+        return
+    project_row(corners[j, 0], part, start, row, pose, 0, spare)
+    project_row(corners[j, 1], part, start, row + 1.0, pose, 1, spare)
+    project_row(corners[j, 2], part, start + 1.0, row + 1.0, pose, 2, spare)
+    project_row(corners[j, 3], part, start + 1.0, row, pose, 3, spare)
+    measure(bits, canvas.width, canvas.height, spare, boxes)
+    draw_small(bits, number + first, room, canvas)
+    for i in range(np.uintp(bits.shape[0])):
+        if boxes.size[i] == LARGE:
+            draw_large(i, spare.y, spare.x, spare.q, bits[i], number + first + np.int64(i), canvas)
+        elif boxes.size[i] == CUT:
+            column = first + np.int64(i)
+            z = (
+                np.float64(corners[j, 0, column]),
+                np.float64(corners[j, 1, column]),
+                np.float64(corners[j, 2, column]),
+                np.float64(corners[j, 3, column]),
+            )
+            draw_quad_clipped(column, row, start, z, bits[i], pose, number + column, canvas)
+
+
+@kernel()
+def find_hidden(band, size, quads, pose, hidden, canvas):
+    """Which blocks of a band of rows cannot show; ``size``: rows and columns of all quads."""
+    rows, columns = size
+    start, planes = quads.start, quads.planes
+    hidden[:] = False
+    if planes.shape[0] == 0:
+        return
+    top, bottom = band * ROWS + start, min((band + 1) * ROWS, rows) + start
+    for block in range(hidden.shape[0]):
+        box = (block * COLUMNS + start, top, min((block + 1) * COLUMNS, columns) + start, bottom)
+        hidden[block] = is_block_hidden(planes[band, block], box, pose, 0.5 * GUARD, canvas)
+
+
+@kernel()
+def draw_band(band, quads, pose, number, room, hidden, canvas):
+    """ROWS rows of one image's quads, runs of blocks that are not hidden. ``number``: that of its first quad."""
+    rows, columns = quads.shape.shape
+    find_hidden(band, (rows, columns), quads, pose, hidden, canvas)
+    last = hidden.shape[0]
+    block = 0
+    while block < last:
+        if hidden[block]:
+            block += 1
             continue
-        project_row(corners[j, 0], first, start, row, pose, 0, spare)
-        project_row(corners[j, 1], first, start, row + 1.0, pose, 1, spare)
-        project_row(corners[j, 2], first, start + 1.0, row + 1.0, pose, 2, spare)
-        project_row(corners[j, 3], first, start + 1.0, row, pose, 3, spare)
-        measure(bits, canvas.width, canvas.height, spare, boxes)
-        draw_small(bits, number + first, room, canvas)
-        for i in range(np.uintp(bits.shape[0])):
-            if boxes.size[i] == LARGE:
-                draw_large(i, spare.y, spare.x, spare.q, bits[i], number + first + np.int64(i), canvas)
-            elif boxes.size[i] == CUT:
-                column = first + np.int64(i)
-                z = (
-                    np.float64(corners[j, 0, column]),
-                    np.float64(corners[j, 1, column]),
-                    np.float64(corners[j, 2, column]),
-                    np.float64(corners[j, 3, column]),
-                )
-                draw_quad_clipped(column, row, start, z, bits[i], pose, number + column, canvas)
+        end = block + 1
+        while end < last and end - block < CHUNK // COLUMNS and not hidden[end]:
+            end += 1
+        part = (block * COLUMNS, min(end * COLUMNS, columns))
+        for j in range(band * ROWS, min((band + 1) * ROWS, rows)):
+            draw_row(j, part, quads, pose, number + j * columns, room, canvas)
+        block = end
 
 
 @kernel(inline=True)
@@ -303,22 +306,23 @@ def nearest_first(bias):
 @kernel(parallel=True)
 def draw_quads(quads, poses, threads, canvas):
     """Draw :class:`Quads` by their :class:`Poses` onto a :class:`Canvas`."""
-    corners, shape, start = quads
+    corners, shape, start, planes = quads
     matrices, near, bias = poses
     keys, width, height = canvas
     count, rows, _, columns = corners.shape
-    blocks = (rows + ROWS - 1) // ROWS
+    bands = (rows + ROWS - 1) // ROWS
     counter = np.zeros(1, np.int64)
     order = nearest_first(bias)  # so that most of the others are hidden
     for _ in prange(threads):
-        own_room = new_room()
-        room, target = borrowed(own_room), Canvas(borrowed(keys), width, height)
+        own_room, own_hidden = new_room(), np.zeros((columns + COLUMNS - 1) // COLUMNS, np.bool_)
+        room, hidden, target = borrowed(own_room), borrowed(own_hidden), Canvas(borrowed(keys), width, height)
         while True:
             turn = fetch_add(counter, 0, 1)
-            if turn >= count * blocks:
+            if turn >= count * bands:
                 break
-            b, first = order[turn // blocks], (turn % blocks) * ROWS
-            own, pose = Quads(corners[b], shape[b], start), Pose(matrices[b], near, bias[b])
-            for j in range(first, min(first + ROWS, rows)):
-                number = (b * rows + j) * columns
-                draw_row(j, own, pose, number, room, target)
+            b = order[turn // bands]
+            known = planes[b] if planes.shape[0] > 0 else np.zeros((0, 0, 4))
+            own, pose = Quads(corners[b], shape[b], start, known), Pose(matrices[b], near, bias[b])
+            draw_band(turn % bands, own, pose, b * rows * columns, room, hidden, target)
+        hold(own_room)
+        hold(own_hidden)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from torchrender.kernels.warp.corners import DIAGONAL, FIRST, SECOND
-from torchrender.kernels.warp.small_quads import HALF, SUBPIXEL
+from torchrender.kernels.warp.quads.small_quads import HALF, SUBPIXEL
 from torchrender.kernels.warp.warp import Canvas, Poses, Quads, draw_quads, key_of, nearest_first
 
 SIZE = (40, 36)
