@@ -86,8 +86,8 @@ async def _row(
     slower = during.p95_ms / before.p95_ms if math.isfinite(before.p95_ms) else math.inf
     text = (
         f"p95 {_compared(before, during)} ({len(during.latencies_s)} keyframes), /health p99 "
-        f"{during.health_ms:.0f} ms, memory {grown:+.0f} MB, log {during.log_per_minute / 1024:.0f} KB/min, "
-        f"over after {over:.1f} s" + "".join(f"; {one}" for one in found)
+        f"{during.health_ms:.0f} ms, cores: {_cores(before, during, playing.processor_s)}, memory {grown:+.0f} MB, "
+        f"log {during.log_per_minute / 1024:.0f} KB/min, over after {over:.1f} s" + "".join(f"; {one}" for one in found)
     )
     met = (
         slower <= attack.slower
@@ -104,6 +104,9 @@ async def _row(
         "p95_before_ms": _known(before.p95_ms),
         "p95_during_ms": _known(during.p95_ms),
         "health_p99_ms": during.health_ms,
+        "attacker_cores": playing.processor_s / during.seconds,
+        "server_cores": [one.server_s / one.seconds for one in (before, during)],
+        "renderer_cores": [one.renderers_s / one.seconds for one in (before, during)],
         "memory_mb": grown,
         "log_bytes_per_minute": during.log_per_minute,
         "over_after_s": over,
@@ -124,6 +127,14 @@ def _compared(before: Seen, during: Seen) -> str:
     if "no keyframe" in (first, second):
         return f"{first} → {second}"
     return f"{before.p95_ms:.0f} → {second}, {100 * (during.p95_ms / before.p95_ms - 1):+.0f} %"
+
+
+def _cores(before: Seen, during: Seen, attacker_s: float) -> str:
+    """Who takes how much of the machine, as mean numbers of cores."""
+    named = ("server", "renderers")
+    pairs = [(one.server_s / one.seconds, one.renderers_s / one.seconds) for one in (before, during)]
+    parts = [f"{name} {first:.2f} → {second:.2f}" for name, first, second in zip(named, *pairs, strict=True)]
+    return ", ".join([*parts, f"attacker {attacker_s / during.seconds:.2f}"])
 
 
 def _known(ms: float) -> float | None:
