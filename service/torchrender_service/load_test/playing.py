@@ -14,7 +14,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
-import os
 import sys
 from collections.abc import AsyncIterator
 from concurrent.futures import ThreadPoolExecutor
@@ -23,10 +22,10 @@ from typing import Any
 
 from torchrender_service.load_test.attacks import ATTACKS
 from torchrender_service.load_test.driver import ServerUnderTest, processor_s
+from torchrender_service.scheduling import give_all_way
 
 THREADS = 64
 STOP_S = 5.0
-NICENESS = 19
 
 
 def main(name: str, told: str) -> int:
@@ -36,8 +35,7 @@ def main(name: str, told: str) -> int:
     attack = next(one for one in ATTACKS if one.name == name)
     attack.prepare()
     _many_files()
-    if hasattr(os, "nice"):
-        os.nice(NICENESS)
+    give_all_way()
     sys.stdout.write("ready\n")
     sys.stdout.flush()
     if not sys.stdin.readline():
