@@ -166,6 +166,20 @@ def test_a_scene_is_not_loaded_where_streams_are(monkeypatch: pytest.MonkeyPatch
     assert asyncio.run(goes_to(streams=False, loaded=False)) == ["0", "0"]
 
 
+def test_views_at_rest_are_warmed_up_behind_ready(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(RendererProcess, "ready", True)
+    pool, done = make_pool(renderers=1), []
+    pool._kernels.first.set()
+
+    async def submit(_: RendererProcess, job: WarmUp) -> dict[str, Any]:
+        done.append((job.views, pool.ready))
+        return {}
+
+    monkeypatch.setattr(RendererProcess, "submit", submit)
+    asyncio.run(pool._warm_renderer(pool._renderers[0]))
+    assert done == [(("moving",), False), (("still",), True)]
+
+
 def test_who_looks_at_uploads_starts_when_no_picture_is_made(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pool_module, "INSPECTOR_S", 0.01)
     monkeypatch.setattr(pool_module, "AGAIN_S", 0.01)
@@ -320,11 +334,11 @@ def test_renderers_never_learn_the_api_key(monkeypatch: pytest.MonkeyPatch, tmp_
     async def ask() -> None:
         pool.start()
         try:
-            for put in (pool.run, pool.inspect):
+            for put, threads in ((pool.run, "3"), (pool.inspect, "1")):
                 with pytest.raises(ServiceError, match="does not start"):
                     await put(Forget())
                 environment = json.loads(noted.read_text())
-                assert environment["NUMBA_NUM_THREADS"] == "3"
+                assert environment["NUMBA_NUM_THREADS"] == threads
                 assert not any(KEY in value for value in environment.values())
                 noted.unlink()
         finally:

@@ -87,7 +87,7 @@ class JobRunner:
         if isinstance(job, jobs.Forget):
             return self._forget(job)
         if isinstance(job, jobs.WarmUp):
-            return self._warm_up()
+            return self._warm_up(job)
         if isinstance(job, jobs.Validate):
             return validate(job)
         if isinstance(job, jobs.Reproject):
@@ -144,18 +144,18 @@ class JobRunner:
             self._scenes.forget(job.scene)
         return {}
 
-    def _warm_up(self) -> dict[str, Any]:
-        """A first keyframe with everything about it, of a small scene."""
+    def _warm_up(self, job: jobs.WarmUp) -> dict[str, Any]:
+        """A first keyframe of each kind with everything about it, of a small scene."""
         scene = self._scenes.get(jobs.SceneSource(id=FIRST_SCENE))
         view = jobs.View(width=FIRST_SIZE[0], height=FIRST_SIZE[1])
         camera = header_of(camera_of_view(scene, view))
         source, session = jobs.SceneSource(id=FIRST_SCENE), "warm-up"
-        for still in (False, True):
-            job = jobs.MakeKeyframe(
+        for still in (kind == "still" for kind in job.views):
+            keyframe = jobs.MakeKeyframe(
                 session=session, scene=source, id=int(still), pose=0, time_ms=0.0, camera=camera, still=still,
                 extra_layers=1, direction=(0.0, 0.0, 0.0), baseline=0.0, color="webp" if still else "jpeg",
                 quality=jobs.LOSSLESS if still else jobs.QUALITY_MOVING, bounds=jobs.Bounds(), mirrors=True,
             )  # fmt: skip
-            self._streams.make(scene, job)
-            self._streams.make_layers(jobs.MakeLayers(session=session, id=job.id))
+            self._streams.make(scene, keyframe)
+            self._streams.make_layers(jobs.MakeLayers(session=session, id=keyframe.id))
         return self._forget(jobs.Forget(session=session))

@@ -11,7 +11,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from torchrender_service.errors import ServiceError
@@ -73,6 +73,7 @@ class Pool:
             self._batch = RendererProcess(batch, settings.waiting, metrics)
         # A file that is built to exhaust memory or time only stops this one.
         inspector = kind("inspector", memory // 2, settings.inspect_s, niceness=INSPECTOR_NICENESS, **aside)
+        inspector = replace(inspector, threads=1)  # the other cores are for those that somebody looks at
         self._inspector = RendererProcess(inspector, settings.waiting, metrics)
         self._kernels = KernelPreparation()
         self._warm: set[str] = set()
@@ -120,9 +121,10 @@ class Pool:
     async def _warm_renderer(self, renderer: RendererProcess) -> None:
         await self._kernels.first.wait()
         try:
-            await renderer.submit(WarmUp())
+            await renderer.submit(WarmUp(views=("moving",)))
         finally:
             self._warm.add(renderer.name)  # one that cannot is no reason to keep the others from working
+        await renderer.submit(WarmUp(views=("still",)))  # what moves comes first with every client
 
     async def drain(self, seconds: float) -> None:
         """Take no more jobs: those that wait fail, those that run have so long to end."""
