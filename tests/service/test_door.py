@@ -87,6 +87,33 @@ def test_an_address_opens_so_many_connections_a_second() -> None:
     assert len(arrivals._left) <= MOST_ADDRESSES
 
 
+def test_new_connections_leave_turns_to_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = [50.0]
+
+    def clock() -> float:
+        now[0] += 0.3 * accepting.TURN_S
+        return now[0]
+
+    (one,) = listening("127.0.0.1", 0, Arrivals(Settings(connections_per_s=3)))
+    with one:
+        one.listen(16)
+        visitors = [socket.create_connection(one.getsockname(), source_address=(OTHER, 0)) for _ in range(9)]
+        honest = socket.create_connection(one.getsockname())
+        monkeypatch.setattr(accepting.time, "monotonic", clock)
+        turns, accepted = 0, []
+        while "127.0.0.1" not in accepted:
+            turns += 1
+            with pytest.raises(BlockingIOError):
+                while True:
+                    connection, peer = one.accept()
+                    accepted.append(peer[0])
+                    connection.close()
+        assert accepted == [OTHER] * 6 + ["127.0.0.1"], "nobody is lost between two turns"
+        assert turns >= 3
+        for visitor in (*visitors, honest):
+            visitor.close()
+
+
 def test_what_is_refused_is_closed_before_anybody_looks_at_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(accepting, "TOLD_PER_S", 2)
     monkeypatch.setattr(accepting.time, "monotonic", lambda: 50.0)

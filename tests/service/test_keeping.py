@@ -19,7 +19,7 @@ from torchrender.wire.cameras import header_of
 from torchrender_service.renderers import job_runner
 from torchrender_service.renderers.job_runner import JobRunner
 from torchrender_service.renderers.jobs import Bounds, Describe, MakeKeyframe, Render, SceneSource, View
-from torchrender_service.renderers.keeping.lasting import LastingParts
+from torchrender_service.renderers.keeping.lasting import SELDOM, LastingParts
 from torchrender_service.renderers.keeping.sizes import bytes_of
 
 BOX = SceneSource(id="cornell_box")
@@ -55,6 +55,25 @@ def test_what_pictures_of_a_scene_left_goes_with_the_scene_that_was_not_used_for
     assert parts.bytes == 800 and parts.evictions == 1
     parts.clear()
     assert parts.bytes == 0 and not parts.get("a", "use").kept
+
+
+def test_pictures_that_are_like_the_one_before_are_seldom_counted() -> None:
+    lasting = Lasting(lambda _: ())
+
+    def left(name: str, count: int) -> RenderHistory:
+        kept = Kept(Buffer(name, Tensor, lasting=lasting), torch.zeros(count), (), (), RenderOptions(), 1)
+        return RenderHistory(kept={name: kept})
+
+    parts = LastingParts(max_bytes=10**6)
+    found = []
+    for number in range(SELDOM + 1):
+        parts.put("a", "use", left("map", 100 + number), whole=True)
+        found.append(parts.bytes // 4)
+    assert found == [100] * SELDOM + [100 + SELDOM]
+    parts.put("a", "another use", left("map", 300), whole=True)
+    assert parts.bytes == 1200, "pictures for another use may be larger"
+    parts.put("a", "another use", left("tree", 500), whole=True)
+    assert parts.bytes == 2000
 
 
 def test_a_picture_leaves_its_maps_for_the_next_one() -> None:

@@ -4,12 +4,18 @@ from __future__ import annotations
 
 import asyncio
 import math
+import os
+import subprocess
+import sys
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 from torchrender.quality.machine import machine_record
+from torchrender_service.load_test import beside, driver
 from torchrender_service.load_test.attacks import ATTACKS
-from torchrender_service.load_test.driver import ServerUnderTest, percentile
+from torchrender_service.load_test.driver import LoadClient, ServerUnderTest, percentile, processor_s
 from torchrender_service.load_test.files import large_texture_glb, long_key_toml, long_name_glb
 from torchrender_service.load_test.playing import player
 from torchrender_service.load_test.rows import Effort, Row
@@ -60,3 +66,44 @@ def test_an_attack_that_cannot_begin_is_no_attack_that_did_no_harm() -> None:
         asyncio.run(play("no such attack"))
     with pytest.raises(RuntimeError, match="broke"):
         asyncio.run(play("pictures whose clients leave"))  # nobody listens there
+
+
+def test_sessions_keep_to_the_clock_whatever_holds_one_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those that begin at different times would else fall into step."""
+    now, sent = [100.0], []
+
+    async def sleep(seconds: float) -> None:
+        now[0] += max(0.0, seconds)
+        if len(sent) == 6:
+            raise asyncio.CancelledError
+
+    async def send_pose(_: LoadClient, x: float) -> None:
+        sent.append((round(now[0], 6), x))
+        now[0] += 0.3 if len(sent) == 2 else 0.01  # one hold-up is longer than a period
+
+    clock = SimpleNamespace(time=lambda: now[0])
+    monkeypatch.setattr(driver.asyncio, "get_running_loop", lambda: clock)
+    monkeypatch.setattr(driver.asyncio, "sleep", sleep)
+    monkeypatch.setattr(LoadClient, "send_pose", send_pose)
+    monkeypatch.setattr(LoadClient, "_read", lambda _: asyncio.Event().wait())
+    welcome: Any = SimpleNamespace(scene={"diagonal": 10.0})
+    client = LoadClient(None, welcome, 0.0)  # type: ignore[arg-type]
+    with pytest.raises(asyncio.CancelledError):
+        asyncio.run(client.look_around(reach=0.1, period_s=0.25, begin_s=0.05))
+    assert [at for at, _ in sent] == pytest.approx([100.05, 100.3, 100.8, 101.05, 101.3, 101.55])
+    assert [x for _, x in sent] == [1.0, -1.0] * 3
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems do not tell")
+def test_processor_time_is_that_of_the_process_and_of_its_children_that_ended() -> None:
+    own, _ = processor_s(os.getpid())
+    assert 0.0 < own <= sum(os.times()[:2]) + 0.05
+    before = processor_s(os.getpid())[1]
+    subprocess.run([sys.executable, "-c", "for k in range(4_000_000): pass"], check=True)
+    assert processor_s(os.getpid())[1] > before
+    assert processor_s(2**22 + 1) == (0.0, 0.0), "there is no such process"
+
+
+def test_a_row_tells_whose_processor_time_it_was() -> None:
+    quiet, loud = Seen(seconds=4.0, server_s=0.4, renderers_s=1.0), Seen(seconds=8.0, server_s=1.6, renderers_s=4.0)
+    assert beside._cores(quiet, loud, 12.0) == "server 0.10 → 0.20, renderers 0.25 → 0.50, attacker 1.50"

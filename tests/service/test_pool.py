@@ -136,7 +136,68 @@ def test_small_pictures_of_several_clients_take_two_processes_and_a_thread_each(
     assert asyncio.run(chosen(pool, large, small, small)) == [("batch", 0), ("0", 1), ("0", 1)]
     pool = make_pool(renderers=1)
     pool.assign()  # a stream: pictures of all sizes leave it alone
+    pool._renderers[0]._scenes.add("cornell_box")
     assert asyncio.run(chosen(pool, picture(512), bounded)) == [("batch", 0), ("0", 0)]
+
+
+def test_a_scene_is_not_loaded_where_streams_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Loading has no passes between which a keyframe could be made."""
+    monkeypatch.setattr(RendererProcess, "ready", True)
+    monkeypatch.setattr(pool_module, "LOADING_S", 0.05)
+
+    async def goes_to(*, streams: bool, loaded: bool) -> list[str]:
+        """Where a picture with a budget waits or runs, at first and after a while."""
+        pool, found = make_pool(renderers=1), []
+        if streams:
+            pool.assign()
+        if loaded:
+            pool._renderers[0]._scenes.add("cornell_box")
+        monkeypatch.setattr(pool, "_prepare_aside", lambda: None)
+        task = asyncio.create_task(pool.run(replace(picture(64), bounds=Bounds(budget_ms=50.0))))
+        for wait_s in (0.01, 0.2):
+            await asyncio.sleep(wait_s)
+            found.append(max(pool._working, key=lambda renderer: renderer.load).name)
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+        return found
+
+    assert asyncio.run(goes_to(streams=True, loaded=False)) == ["batch", "0"], "where it does not begin it comes back"
+    assert asyncio.run(goes_to(streams=True, loaded=True)) == ["0", "0"]
+    assert asyncio.run(goes_to(streams=False, loaded=False)) == ["0", "0"]
+
+
+def test_views_at_rest_are_warmed_up_behind_ready(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(RendererProcess, "ready", True)
+    pool, done = make_pool(renderers=1), []
+    pool._kernels.first.set()
+
+    async def submit(_: RendererProcess, job: WarmUp) -> dict[str, Any]:
+        done.append((job.views, pool.ready))
+        return {}
+
+    monkeypatch.setattr(RendererProcess, "submit", submit)
+    asyncio.run(pool._warm_renderer(pool._renderers[0]))
+    assert done == [(("moving",), False), (("still",), True)]
+
+
+def test_who_looks_at_uploads_starts_when_no_picture_is_made(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pool_module, "INSPECTOR_S", 0.01)
+    monkeypatch.setattr(pool_module, "AGAIN_S", 0.01)
+
+    async def play() -> list[bool]:
+        pool, found = make_pool(renderers=1), []
+        task = asyncio.create_task(pool.run(picture(64)))
+        await asyncio.sleep(0)
+        pool._prepare_inspector()
+        await asyncio.sleep(0.1)
+        found.append(pool._inspector._wanted.is_set())
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+        while not pool._inspector._wanted.is_set():
+            await asyncio.sleep(0.01)
+        return [*found, pool._inspector._wanted.is_set()]
+
+    assert asyncio.run(asyncio.wait_for(play(), 20.0)) == [False, True]
 
 
 def test_a_renderer_is_alone_while_its_other_sessions_rest(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -273,11 +334,11 @@ def test_renderers_never_learn_the_api_key(monkeypatch: pytest.MonkeyPatch, tmp_
     async def ask() -> None:
         pool.start()
         try:
-            for put in (pool.run, pool.inspect):
+            for put, threads in ((pool.run, "3"), (pool.inspect, "1")):
                 with pytest.raises(ServiceError, match="does not start"):
                     await put(Forget())
                 environment = json.loads(noted.read_text())
-                assert environment["NUMBA_NUM_THREADS"] == "3"
+                assert environment["NUMBA_NUM_THREADS"] == threads
                 assert not any(KEY in value for value in environment.values())
                 noted.unlink()
         finally:

@@ -22,8 +22,9 @@ from torchrender_service.settings import Settings
 
 BURST_S = 2.0
 """So many seconds' connections may come together."""
-MOST_REFUSED = 256
-"""In a row, before whoever is connected has a turn."""
+TURN_S = 0.0005
+"""For new connections, before whoever is connected has a turn: a thousand that come together wait for each other, and
+no keyframe for all of them."""
 MOST_ADDRESSES = 4096
 TOLD_PER_S = 500
 """Answers to those that are turned away, of all addresses: each leaves the system something to wait for."""
@@ -79,17 +80,20 @@ class DoorSocket(socket.socket):
     """A listening socket that hands on only who is let in."""
 
     arrivals: Arrivals | None = None
+    _turn = 0.0  # when it began; 0: none is under way
 
     def accept(self) -> tuple[socket.socket, Any]:
         """The next connection that is let in.
 
         Raises:
-            BlockingIOError: there is none now.
+            BlockingIOError: there is none now, or others have a turn first.
         """
-        for _ in range(MOST_REFUSED):
+        begin = self._turn or time.monotonic()
+        self._turn = 0.0  # over, unless a connection is handed on
+        while (now := time.monotonic()) - begin < TURN_S:
             connection, peer = super().accept()
-            now = time.monotonic()
             if self.arrivals is None or self.arrivals.let_in(peer_of(peer), now):
+                self._turn = begin
                 return connection, peer
             with connection, contextlib.suppress(OSError):
                 if self.arrivals.tells(now):

@@ -93,6 +93,11 @@ class ServerUnderTest:
         """Resident memory of the server and its renderers; 0 where the system does not tell."""
         return sum(resident_mb(pid) for pid in _family(self.pid))
 
+    def processor_s(self) -> tuple[float, float]:
+        """Processor time of the server alone, and of all its children, ended ones included."""
+        own, ended = processor_s(self.pid)
+        return own, ended + sum(sum(processor_s(pid)) for pid in self.children())
+
 
 @contextmanager
 def running_server(**settings: str) -> Iterator[ServerUnderTest]:
@@ -188,15 +193,20 @@ class LoadClient:
 
     async def look_around(self, *, reach: float = 0.08, period_s: float = 1.0, begin_s: float = 0.0) -> None:
         """Jump to and fro for ever, ``reach`` scene diagonals to each side and standing between: every pose needs a
-        keyframe at once, so that its time is that of the picture and not of waiting until one is needed."""
+        keyframe at once, so that its time is that of the picture and not of waiting until one is needed.
+
+        Poses go out by the clock, however late the one before was: sessions that begin one after the other would else
+        fall into step at the first hold-up, and wait for each other ever after."""
         size, side = reach * float(self.welcome.scene["diagonal"]), 1.0
         reader = asyncio.create_task(self._read())
+        loop = asyncio.get_running_loop()
         try:
-            await asyncio.sleep(begin_s)
+            due = loop.time() + begin_s
             while True:
+                await asyncio.sleep(due - loop.time())
                 await self.send_pose(side * size)
                 side = -side
-                await asyncio.sleep(period_s)
+                due += period_s * max(1.0, math.ceil((loop.time() - due) / period_s))
         finally:
             reader.cancel()
             await asyncio.gather(reader, return_exceptions=True)
@@ -256,6 +266,16 @@ def _family(pid: int) -> list[int]:
     except OSError:
         return [pid]
     return [pid, *(int(child) for child in text.split())]
+
+
+def processor_s(pid: int) -> tuple[float, float]:
+    """Processor time of a process, and of those of its children that have ended; 0 where the system does not tell."""
+    try:
+        words = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return 0.0, 0.0
+    user, system, children_user, children_system = (int(word) / os.sysconf("SC_CLK_TCK") for word in words[11:15])
+    return user + system, children_user + children_system
 
 
 def resident_mb(pid: int) -> float:

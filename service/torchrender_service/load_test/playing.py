@@ -6,7 +6,7 @@ last with the system, and the server, busy with what it sends, does not.
     python -m torchrender_service.load_test.playing NAME SERVER
 
 Says ``ready`` once what it will send is made, waits for a line, attacks until it is ended, and writes what it found
-out where the attack comes to an end by itself.
+out where the attack comes to an end by itself; then it waits until it is ended.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
-import os
 import sys
 from collections.abc import AsyncIterator
 from concurrent.futures import ThreadPoolExecutor
@@ -22,11 +21,11 @@ from pathlib import Path
 from typing import Any
 
 from torchrender_service.load_test.attacks import ATTACKS
-from torchrender_service.load_test.driver import ServerUnderTest
+from torchrender_service.load_test.driver import ServerUnderTest, processor_s
+from torchrender_service.scheduling import give_all_way
 
 THREADS = 64
 STOP_S = 5.0
-NICENESS = 19
 
 
 def main(name: str, told: str) -> int:
@@ -36,13 +35,14 @@ def main(name: str, told: str) -> int:
     attack = next(one for one in ATTACKS if one.name == name)
     attack.prepare()
     _many_files()
-    if hasattr(os, "nice"):
-        os.nice(NICENESS)
+    give_all_way()
     sys.stdout.write("ready\n")
     sys.stdout.flush()
     if not sys.stdin.readline():
         return 1
     sys.stdout.write(asyncio.run(_play(attack.play(server))) + "\n")
+    sys.stdout.flush()
+    sys.stdin.readline()  # who measures looks first what it took
     return 0
 
 
@@ -65,6 +65,7 @@ class Player:
 
     def __init__(self, process: asyncio.subprocess.Process) -> None:
         self._process = process
+        self.processor_s = 0.0  # that the attack took, once it is over
 
     async def play(self, seconds: float) -> str | None:
         """Attack for so long at most; what was found out, None where it went on until then.
@@ -73,12 +74,14 @@ class Player:
             RuntimeError: the attack broke.
         """
         assert self._process.stdin is not None and self._process.stdout is not None
+        before = sum(processor_s(self._process.pid))
         self._process.stdin.write(b"go\n")
         try:
             line = await asyncio.wait_for(self._process.stdout.readline(), seconds)
         except asyncio.TimeoutError:
             return None
         finally:
+            self.processor_s = max(0.0, sum(processor_s(self._process.pid)) - before)
             await self.end()
         if not line:
             raise RuntimeError("the attack broke")

@@ -89,11 +89,14 @@ def page(sections: dict[str, list[Row]], record: dict[str, Any], effort: Effort)
         "",
         "Server, renderers and simulated clients share this machine. Delay, jitter and loss are simulated by a relay "
         "on loopback; a lost segment costs one round trip and 200 ms, as TCP makes it. Latency is from sending a "
-        "pose to having its picture (layer 0). Each attack comes from an address and a process of its own, which the "
-        "system serves last, because attackers compute elsewhere, without a key, beside ten sessions that look around "
-        "in cornell_box at 96 × 54, four keyframes a second each, so that they leave half of the machine free; p95 is "
-        "of those sessions, before and during the attack. What an attack once "
-        "did was seen by hand when it was found, not beside such sessions.",
+        "pose to having its picture (layer 0). Each attack comes from an address and a process of its own, without a "
+        "key, beside ten sessions that look around in cornell_box at 96 × 54, four keyframes a second each, so that "
+        "they leave half of the machine free; p95 is of those sessions, before and during the attack. An attacker "
+        "computes elsewhere: its process runs only while no other wants the core (SCHED_IDLE). What the system does "
+        "for both ends of a connection on loopback, caches and memory they share all the same: the cores that server, "
+        "renderers and attacker took are in the row, before → during. Memory may grow by what one renderer may take, "
+        "a share of that of the host or container. What an attack once did was seen by hand when it was found, not "
+        "beside such sessions.",
         "",
     ]
     for name, rows in sections.items():

@@ -23,6 +23,8 @@ class Seen:
     memory_mb: list[float] = field(default_factory=list)
     log_bytes: float = 0.0
     seconds: float = 0.0
+    server_s: float = 0.0  # processor time of the server process
+    renderers_s: float = 0.0  # of its children
 
     @property
     def p95_ms(self) -> float:
@@ -42,7 +44,7 @@ class Seen:
 
 async def watch(server: ServerUnderTest, sessions: list[LoadClient], work: Awaitable[None]) -> Seen:
     """What is seen while something happens."""
-    seen, begin, log = Seen(), time.perf_counter(), server.log_bytes()
+    seen, begin, log, used = Seen(), time.perf_counter(), server.log_bytes(), server.processor_s()
     for one in sessions:
         one.latencies_s.clear()
 
@@ -61,4 +63,5 @@ async def watch(server: ServerUnderTest, sessions: list[LoadClient], work: Await
     seen.latencies_s = [s for one in sessions for s in one.latencies_s]
     seen.seconds = time.perf_counter() - begin
     seen.log_bytes = server.log_bytes() - log
+    seen.server_s, seen.renderers_s = (now - then for now, then in zip(server.processor_s(), used, strict=True))
     return seen

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gc
 import logging
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
@@ -15,8 +15,6 @@ from torchrender_service.errors import out_of_memory
 from torchrender_service.renderers import jobs
 from torchrender_service.renderers.engine import plan_image, tradeoff
 from torchrender_service.renderers.keeping.lasting import LastingParts
-from torchrender_service.renderers.photos.fog import FogPhotos
-from torchrender_service.renderers.photos.style import style_photo
 from torchrender_service.renderers.pictures import make_container, render_picture, reproject_picture
 from torchrender_service.renderers.scene_cache import SceneCache, describe
 from torchrender_service.renderers.streaming.stream_renderer import StreamRenderer
@@ -24,6 +22,9 @@ from torchrender_service.renderers.upload import validate
 from torchrender_service.renderers.viewing.picking import find_pixel
 from torchrender_service.renderers.viewing.survey import survey
 from torchrender_service.renderers.views import camera_of_view
+
+if TYPE_CHECKING:
+    from torchrender_service.renderers.photos.fog import FogPhotos
 
 LOG = logging.getLogger("torchrender_service.renderers.job_runner")
 FIRST_SCENE = "cornell_box"
@@ -50,7 +51,7 @@ class JobRunner:
         self._scenes = scenes or SceneCache(int(SCENES_SHARE * room))
         self._lasting = LastingParts(int(LASTING_SHARE * room))
         self._streams = StreamRenderer(self._lasting, int(SESSIONS_SHARE * room))
-        self._photos = FogPhotos()
+        self._photos: FogPhotos | None = None
 
     @property
     def kept_bytes(self) -> int:
@@ -78,7 +79,7 @@ class JobRunner:
         self._streams.clear()
         self._lasting.clear()
         self._scenes.clear()
-        self._photos = FogPhotos()
+        self._photos = None
         gc.collect()
         return self._run(job)
 
@@ -86,7 +87,7 @@ class JobRunner:
         if isinstance(job, jobs.Forget):
             return self._forget(job)
         if isinstance(job, jobs.WarmUp):
-            return self._warm_up()
+            return self._warm_up(job)
         if isinstance(job, jobs.Validate):
             return validate(job)
         if isinstance(job, jobs.Reproject):
@@ -96,7 +97,7 @@ class JobRunner:
         if isinstance(job, jobs.MakeLayers):
             return self._streams.make_layers(job)
         if isinstance(job, jobs.PhotoJob):
-            return self._photos.run(job)
+            return self._run_on_photo(job)
         if isinstance(job, jobs.SmoothKeyframe):
             with looking_about():
                 return self._streams.smooth(job)
@@ -112,6 +113,8 @@ class JobRunner:
         if isinstance(job, jobs.DepthImages):
             return make_container(scene, job)
         if isinstance(job, jobs.StylePhoto):
+            from torchrender_service.renderers.photos.style import style_photo  # see _run_on_photo
+
             return style_photo(scene, job)
         if isinstance(job, jobs.Plan):
             return plan_image(scene, camera_of_view(scene, job.view), job.bounds)
@@ -126,6 +129,14 @@ class JobRunner:
             raise CameraError("streams need a perspective camera")
         return {"camera": msgspec.to_builtins(header_of(camera))}
 
+    def _run_on_photo(self, job: jobs.PhotoJob) -> dict[str, Any]:
+        if self._photos is None:
+            # Half a second to import: streams need not wait for it at the start, nor renderers without photos.
+            from torchrender_service.renderers.photos.fog import FogPhotos
+
+            self._photos = FogPhotos()
+        return self._photos.run(job)
+
     def _forget(self, job: jobs.Forget) -> dict[str, Any]:
         self._streams.forget(session=job.session, scene=job.scene)
         if job.scene is not None:
@@ -133,18 +144,18 @@ class JobRunner:
             self._scenes.forget(job.scene)
         return {}
 
-    def _warm_up(self) -> dict[str, Any]:
-        """A first keyframe with everything about it, of a small scene."""
+    def _warm_up(self, job: jobs.WarmUp) -> dict[str, Any]:
+        """A first keyframe of each kind with everything about it, of a small scene."""
         scene = self._scenes.get(jobs.SceneSource(id=FIRST_SCENE))
         view = jobs.View(width=FIRST_SIZE[0], height=FIRST_SIZE[1])
         camera = header_of(camera_of_view(scene, view))
         source, session = jobs.SceneSource(id=FIRST_SCENE), "warm-up"
-        for still in (False, True):
-            job = jobs.MakeKeyframe(
+        for still in (kind == "still" for kind in job.views):
+            keyframe = jobs.MakeKeyframe(
                 session=session, scene=source, id=int(still), pose=0, time_ms=0.0, camera=camera, still=still,
                 extra_layers=1, direction=(0.0, 0.0, 0.0), baseline=0.0, color="webp" if still else "jpeg",
                 quality=jobs.LOSSLESS if still else jobs.QUALITY_MOVING, bounds=jobs.Bounds(), mirrors=True,
             )  # fmt: skip
-            self._streams.make(scene, job)
-            self._streams.make_layers(jobs.MakeLayers(session=session, id=job.id))
+            self._streams.make(scene, keyframe)
+            self._streams.make_layers(jobs.MakeLayers(session=session, id=keyframe.id))
         return self._forget(jobs.Forget(session=session))

@@ -262,7 +262,13 @@ class Forget(msgspec.Struct, frozen=True, kw_only=True, tag=True):
 
 
 class WarmUp(msgspec.Struct, frozen=True, kw_only=True, tag=True):
-    """Load what pictures need, so that the first one takes no longer than the others."""
+    """Load what pictures need, so that the first one takes no longer than the others.
+
+    Args:
+        views: those that move, and those at rest.
+    """
+
+    views: tuple[Literal["moving", "still"], ...] = ("moving", "still")
 
 
 SceneJob = Describe | Locate | Render | Plan | DepthImages | StylePhoto | MakeKeyframe | Survey | FindPixel

@@ -11,7 +11,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from torchrender_service.errors import ServiceError
@@ -25,13 +25,17 @@ from torchrender_service.renderers.processes.schedule import RETRY_S
 from torchrender_service.renderers.processes.start import Kind, Spare
 from torchrender_service.settings import Settings
 
-INSPECTOR_NICENESS = 10
+INSPECTOR_NICENESS = 15
 """Whoever uploads waits for no picture; a file that takes long to look at must not take from others."""
 INSPECTOR_S = 15.0
-"""After the first pictures of the renderers it starts, if nobody has uploaded by then."""
+"""After the first pictures of the renderers it starts, if nobody has uploaded by then, and no picture is made."""
+AGAIN_S = 1.0
+"""Between two looks whether a picture is made."""
 HELP_S, PATIENCE_S = 1.0, 2.0
 """For a picture in the renderer of large ones, which the system serves last: then it goes back to the others; the
 second beside streams."""
+LOADING_S = 30.0
+"""The same for a picture of a scene that the renderer of streams would have to load."""
 AVOIDED_S = 1.0
 """So long pictures do not go there any more after that."""
 AT_REST_S = 5.0
@@ -69,6 +73,7 @@ class Pool:
             self._batch = RendererProcess(batch, settings.waiting, metrics)
         # A file that is built to exhaust memory or time only stops this one.
         inspector = kind("inspector", memory // 2, settings.inspect_s, niceness=INSPECTOR_NICENESS, **aside)
+        inspector = replace(inspector, threads=1)  # the other cores are for those that somebody looks at
         self._inspector = RendererProcess(inspector, settings.waiting, metrics)
         self._kernels = KernelPreparation()
         self._warm: set[str] = set()
@@ -98,19 +103,28 @@ class Pool:
         try:
             await asyncio.gather(self._kernels.run(), *warming)
             # The first upload waits for no process; but the first pictures have the cores for themselves.
-            asyncio.get_running_loop().call_later(INSPECTOR_S, self._inspector.prepare)
+            self._prepare_inspector()
             if self._spare is not None:
                 self._spare.prepare()
         finally:
             for task in warming:
                 task.cancel()
 
+    def _prepare_inspector(self, *, due: bool = False) -> None:
+        """Start it some time from now on when nothing else is to be done."""
+        if due and not self.waiting:
+            self._inspector.prepare()
+        elif not self._closed:
+            wait_s = AGAIN_S if due else INSPECTOR_S
+            asyncio.get_running_loop().call_later(wait_s, lambda: self._prepare_inspector(due=True))
+
     async def _warm_renderer(self, renderer: RendererProcess) -> None:
         await self._kernels.first.wait()
         try:
-            await renderer.submit(WarmUp())
+            await renderer.submit(WarmUp(views=("moving",)))
         finally:
             self._warm.add(renderer.name)  # one that cannot is no reason to keep the others from working
+        await renderer.submit(WarmUp(views=("still",)))  # what moves comes first with every client
 
     async def drain(self, seconds: float) -> None:
         """Take no more jobs: those that wait fail, those that run have so long to end."""
@@ -205,22 +219,26 @@ class Pool:
 
         The renderer of large pictures helps out while it has none: with small pictures where others wait, and with all
         beside streams on the only other renderer, to which pictures are then no burden. A budget is kept best by who
-        has learned how quick its pictures are.
+        has learned how quick its pictures are. What needs another scene goes there from beside streams in any case:
+        loading one has no passes between which keyframes are made.
         """
         own, aside = min(self._renderers[1:] or self._renderers, key=lambda r: r.load), self._batch
         if is_small(job) and self.waiting:
             asked.threads = 1
         streams = bool(self._awake(own))
-        if aside in self._renderers or not is_free(job) or not (streams or (own.load and is_small(job))):
+        loads = streams and not own.has_scene(job)
+        helps = is_free(job) and (streams or (own.load and is_small(job)))
+        if aside in self._renderers or not (loads or helps):
             return await self._put(own, job, asked)
         if not self._aside_ready:
             self._prepare_aside()
         now = time.monotonic()
         spare = self._aside_ready and not aside.has(Rank.BATCH) and (streams or aside.load < own.load)
-        if not spare or now < self._aside_from:
+        if not loads and (not spare or now < self._aside_from):
             return await self._put(own, job, asked)
+        patience = LOADING_S if loads else PATIENCE_S if streams else HELP_S
         try:
-            return await asyncio.wait_for(self._put(aside, job, asked), PATIENCE_S if streams else HELP_S)
+            return await asyncio.wait_for(self._put(aside, job, asked), patience)
         except asyncio.TimeoutError:
             # The system gives it next to nothing, or it has to load the scene first.
             self._aside_from = time.monotonic() + AVOIDED_S

@@ -23,6 +23,7 @@ from torchrender.errors import SceneFileError, TorchRenderError
 from torchrender_service.errors import ServiceError, out_of_memory
 from torchrender_service.renderers.jobs import JOB_DECODER, TASK_DECODER, Failure, Reply, SentTask
 from torchrender_service.renderers.processes.desk import Cancelled, Desk
+from torchrender_service.scheduling import give_way
 
 if TYPE_CHECKING:
     from torchrender_service.renderers.job_runner import JobRunner
@@ -39,14 +40,17 @@ def main() -> int:
     # Replies own the pipe; whatever else prints goes to the log.
     out = os.fdopen(os.dup(1), "wb", buffering=0)
     os.dup2(2, 1)
+    niceness = int(os.environ.get("TORCHRENDER_RENDERER_NICENESS", str(NICENESS)))
+    if niceness > NICENESS:
+        give_way(niceness)
     # Interrupts from a terminal reach the whole group; the server ends its renderers itself.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     from torchrender_service.renderers.job_runner import JobRunner
 
     limit_mb = int(os.environ.get("TORCHRENDER_RENDERER_LIMIT_MB", "0"))
     runner = JobRunner(limit_mb)
-    if hasattr(os, "nice"):  # not before: somebody waits until it has started
-        os.nice(int(os.environ.get("TORCHRENDER_RENDERER_NICENESS", str(NICENESS))))
+    if niceness <= NICENESS:  # not before: streams wait until it has started
+        give_way(niceness)
     _limit_memory(limit_mb)
 
     def work(task: SentTask) -> None:

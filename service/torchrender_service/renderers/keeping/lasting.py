@@ -11,6 +11,8 @@ from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.pace import Pace
 from torchrender_service.renderers.keeping.sizes import TREE_BYTES, bytes_of
 
+SELDOM = 8
+"""Pictures for the same use between two looks at what they leave: one takes as much as the next."""
 MAX_PACES = 32
 """Uses of one scene whose pace is remembered."""
 
@@ -23,6 +25,8 @@ class Left:
     paces: OrderedDict[Hashable, Pace | None] = field(default_factory=OrderedDict)
     bytes: int = 0
     values: tuple[Any, ...] = ()  # that were counted
+    counted: tuple[Any, ...] = ()  # use and names of the buffers of the last picture
+    unweighed: int = 0  # pictures like it since
 
 
 class LastingParts:
@@ -68,6 +72,11 @@ class LastingParts:
         values = tuple(one.value for one in left.history.kept.values())
         if len(values) == len(left.values) and all(a is b for a, b in zip(values, left.values, strict=True)):
             return  # nothing was made anew, as for most pictures
+        like = (use, *left.history.kept)
+        left.unweighed = left.unweighed + 1 if like == left.counted else 0
+        left.counted = like
+        if left.unweighed % SELDOM:
+            return
         left.values = values
         triangles = 0 if history.given is None else history.given.geometry.triangle_count
         left.bytes = bytes_of(left.history.kept) + (TREE_BYTES * triangles if left.history.kept else 0)
