@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from torchrender.buffers import ReflectionLayer
 from torchrender.effects.reflections.reflectors import ReflectivePixels, reflection_layer
 
 SHARE = 0.35
@@ -13,13 +14,16 @@ SHARE = 0.35
 LEAST = 1e-6
 """Widths of lobes below which nothing is shared."""
 
+WIDE = 0.1
+"""Alpha of lobes from which on pixels farther apart share, too."""
+
 
 def share_rays(pixels: ReflectivePixels, color: Tensor) -> Tensor:
-    """Colours (N,3) of glossy pixels, averaged with those of the 3 x 3 pixels around on the same reflector.
+    """Colours (N,3) of glossy pixels, averaged with those of the pixels around on the same reflector.
 
     A neighbour counts by how much of its lobe falls into the pixel's own: what is mirrored is blurred by less than the
     lobe blurs it. Mirrors stay as they are. The rays of neighbours are turned against each other, so nine pixels see as
-    much of a lobe as nine times as many rays.
+    much of a lobe as nine times as many rays; of wide lobes the means of nine times nine do.
     """
     if not bool((pixels.gloss > 0).any()):
         return color
@@ -28,18 +32,26 @@ def share_rays(pixels: ReflectivePixels, color: Tensor) -> Tensor:
     layer = reflection_layer(pixels, color, none, torch.ones(len(pixels)), pixels.object_id)
     own = reflection_layer(pixels, alpha[:, None].expand(-1, 3), none, torch.ones(len(pixels)))
     width = SHARE * own.color[..., 0]
-    total, weight = layer.color.clone(), torch.ones_like(width)
+    shared = _around(layer, layer.color, width, 1)
+    if bool((alpha > WIDE).any()):
+        shared = torch.where((width > SHARE * WIDE)[..., None], _around(layer, shared, width, 3), shared)
+    return shared.reshape(-1, 3)[pixels.pixel]
+
+
+def _around(layer: ReflectionLayer, color: Tensor, width: Tensor, apart: int) -> Tensor:
+    """Weighted means (B,H,W,3) of a pixel's colour and those of the eight that are so many pixels apart from it."""
+    total, weight = color.clone(), torch.ones_like(width)
     height, columns = width.shape[1:]
-    for dy in (-1, 0, 1):
-        for dx in (-1, 0, 1):
+    for dy in (-apart, 0, apart):
+        for dx in (-apart, 0, apart):
             if (dy, dx) == (0, 0) or height <= abs(dy) or columns <= abs(dx):
                 continue
             here = (slice(None), slice(max(-dy, 0), height - max(dy, 0)), slice(max(-dx, 0), columns - max(dx, 0)))
             there = (slice(None), slice(max(dy, 0), height - max(-dy, 0)), slice(max(dx, 0), columns - max(-dx, 0)))
-            apart = (layer.direction[here] - layer.direction[there]).square().sum(-1)
-            alike = torch.exp(-apart / (2.0 * width[here].square()).clamp_min(1e-30))
+            between = (layer.direction[here] - layer.direction[there]).square().sum(-1)
+            alike = torch.exp(-between / (2.0 * width[here].square()).clamp_min(1e-30))
             shared = (width[here] > LEAST) & (width[there] > LEAST) & (layer.cluster[here] == layer.cluster[there])
             part = torch.where(shared & (layer.state[here] > 0), alike, 0.0)
             weight[here] += part
-            total[here] += part[..., None] * layer.color[there]
-    return (total / weight[..., None]).reshape(-1, 3)[pixels.pixel]
+            total[here] += part[..., None] * color[there]
+    return total / weight[..., None]

@@ -96,10 +96,27 @@ def trace_rays(
     return shader(rays, hits, onward), hits.t
 
 
-def environment_reflections(pixels: ReflectivePixels, shader: RayShader) -> ReflectionLayer:
-    """What the pixels mirror if everything were infinitely far away: one look into the scene from its centre."""
+def environment_reflections(
+    pixels: ReflectivePixels, shader: RayShader, options: TraceOptions | None = None
+) -> ReflectionLayer:
+    """What the pixels mirror if everything were infinitely far away: looks into the scene from its centre.
+
+    Mirrors look once, glossy pixels as often as they would cast rays.
+    """
+    options = options_of(options, TraceOptions)
     color = torch.zeros(len(pixels), 3)
-    if len(pixels):
-        color = shader.environment(pixels.direction, pixels.cameras.eye)
+    for chosen, count in ((pixels.gloss <= 0, 1), (pixels.gloss > 0, options.glossy_rays)):
+        for rows in chosen.nonzero().reshape(-1).split(max(1, _RAYS // count)):
+            if not len(rows):
+                continue
+            part = pixels.select(rows)
+            if count == 1:
+                color[rows] = shader.environment(part.direction, part.cameras.eye)
+                continue
+            rays, weight = lobe_rays(part, count, options.lobe)
+            found = shader.environment(rays.direction, part.cameras.eye) * weight.float()[:, None]
+            color[rows] = found.reshape(-1, count, 3).mean(dim=1)
+    if options.share_rays:
+        color = share_rays(pixels, color)
     state = torch.full((len(pixels),), int(ReflectionState.ENVIRONMENT))
     return reflection_layer(pixels, color, torch.full((len(pixels),), torch.inf), state)

@@ -74,7 +74,7 @@ def run(frame: Frame) -> ReflectionLayer:
 def _one(frame: Frame, shader: RayShader, pixels: ReflectivePixels, direct: Tensor) -> ReflectionLayer:
     options = frame.options
     if options.reflections == "environment":
-        return environment_reflections(pixels, shader)
+        return environment_reflections(pixels, shader, options.tracing)
     if options.reflections == "traced":
         return trace_reflections(frame[RAY_CASTER], pixels, shader, options.tracing)
     caster = frame.get(RAY_CASTER)
