@@ -316,4 +316,5 @@ class Reply(msgspec.Struct, frozen=True, kw_only=True):
 JOB_ENCODER = msgspec.msgpack.Encoder()
 JOB_DECODER = msgspec.msgpack.Decoder(Job)
 TASK_DECODER = msgspec.msgpack.Decoder(SentTask | Cancel)
+REPLY_ENCODER = msgspec.msgpack.Encoder()
 REPLY_DECODER = msgspec.msgpack.Decoder(Reply)

@@ -13,7 +13,15 @@ from torchrender_service.errors import ServiceError
 from torchrender_service.renderers.asked import Asked
 from torchrender_service.renderers.contract import RendererHandle, RendererPool
 from torchrender_service.renderers.job_runner import JobRunner
-from torchrender_service.renderers.jobs import Forget, Job
+from torchrender_service.renderers.jobs import (
+    JOB_DECODER,
+    JOB_ENCODER,
+    REPLY_DECODER,
+    REPLY_ENCODER,
+    Forget,
+    Job,
+    Reply,
+)
 from torchrender_service.renderers.processes.desk import Cancelled
 from torchrender_service.renderers.worker import failure_of
 from torchrender_service.viewer.live_scenes import LiveScenes
@@ -107,7 +115,10 @@ class ThreadPool(RendererPool):
                 self._thread.submit(self._run, job, threading.Event())
 
     def _run(self, job: Job, left: threading.Event) -> dict[str, Any]:
-        """A job, in the thread; it ends between two passes of a picture once nobody waits for it."""
+        """A job, in the thread; it ends between two passes of a picture once nobody waits for it.
+
+        Job and result go through their messages, so that both are what they are between two processes.
+        """
 
         def check() -> None:
             if left.is_set():
@@ -115,7 +126,8 @@ class ThreadPool(RendererPool):
 
         try:
             with interruptible(check):
-                return self._runner.run(job)
+                reply = Reply(result=self._runner.run(JOB_DECODER.decode(JOB_ENCODER.encode(job))))
+            return REPLY_DECODER.decode(REPLY_ENCODER.encode(reply)).result or {}
         except Cancelled:
             raise ServiceError(499, "cancelled", "nobody waits for it") from None
         except Exception as error:
