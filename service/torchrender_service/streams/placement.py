@@ -106,6 +106,10 @@ class Placement:
         """One fresh keyframe is wanted: settings have changed."""
         self._fresh = True
 
+    def outdated(self) -> bool:
+        """What was sent shows another state of the scene, or other settings, and is not worth going on with."""
+        return self._fresh
+
     def drop_pose(self) -> None:
         """The pose cannot be rendered: wait for another one."""
         self.pose = None
