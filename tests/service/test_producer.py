@@ -178,6 +178,11 @@ def test_layers_of_what_has_changed_are_not_waited_for() -> None:
     assert stage.go_on() == "moving"
     assert len(taken_back) == 1 and stage.sent == [b"first"] and not stage.problems
     assert stage.placement.due(1.0) == "moving", "the new state is next"
+    assert not stage.placement.outdated(), "of two in a row one is whole"
+    stage.pool.run = usual  # type: ignore[method-assign]
+    assert stage.go_on() == "moving" and stage.sent == [b"first", b"first", b"extra"]
+    stage.placement.refresh()
+    assert stage.placement.outdated()
 
 
 def test_renderers_know_what_of_a_picture_is_shown() -> None:

@@ -13,8 +13,7 @@ from torchrender.pipeline.history import RenderHistory
 from torchrender.raster import rasterize, rasterize_visibility
 from torchrender.renderer import render, shade_samples
 from torchrender.scene.load import load
-from torchrender_service.renderers.streaming.carrying import BUSY, busiest
-from torchrender_service.renderers.streaming.samples import PACKED_WIDTH, shade_pixels
+from torchrender_service.renderers.streaming.samples import BUSY, PACKED_WIDTH, busiest, shade_pixels
 from torchrender_service.renderers.streaming.stream_renderer import STREAMED
 
 SIZE = (112, 84)

@@ -110,6 +110,7 @@ class Producer:
             except ServiceError as error:
                 await self.complain(error)
                 return
+            self.placement.delivered(whole=more is not None)
             await self._send_all([] if more is None else more["messages"])
 
     async def _send_all(self, messages: list[bytes]) -> None:

@@ -1,4 +1,4 @@
-"""Some pixels of a view, shaded by the passes of a picture: side by side, so that the rest costs nothing."""
+"""Some pixels of a view, and which: shaded by the passes of a picture, side by side, so that the rest costs nothing."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from dataclasses import dataclass, fields, replace
 
 import torch
 from torch import Tensor
+from torch.nn.functional import max_pool2d
 
 from torchrender.buffers import GBuffer, RayHits, VisibilityBuffer
 from torchrender.pipeline.history import RenderHistory
@@ -17,8 +18,13 @@ from torchrender.scene.mesh import Geometry
 from torchrender.scene.model import Scene
 from torchrender.shade import shade
 from torchrender.shading.attributes import CastRays, hit_surface
+from torchrender.wire.codec import Array
 
 PACKED_WIDTH = 256
+BUSY = 16
+"""Codes of 255 between neighbours from which a pixel of a smooth picture is shaded in all its places."""
+MOST_BUSY, FEW_BUSY = 0.1, 1 << 14
+"""Share of the pixels that are, and how many always may be."""
 _EMPTY = {"triangle": -1, "object_id": -1, "material": -1, "depth": torch.inf}
 
 
@@ -46,6 +52,25 @@ def shade_pixels(
         return ShadedPixels(torch.zeros(0, 3), None, past)
     made = light_of_samples(scene, _packed(scene.geometry, seen, rows), options, past)
     return ShadedPixels(made.radiance.reshape(-1, 3)[: len(rows)], made.plan, made.history)
+
+
+def busiest(codes: Array, margin: tuple[int, int] = (0, 0)) -> Tensor:
+    """(H,W) bool: where displayed colours (H,W,3) uint8 change so much from pixel to pixel that a view moved by a part
+    of one shows others; of a busy picture the busiest part.
+
+    Args:
+        margin: columns and rows at either side that are not shown before the view moves: none of them is busy.
+    """
+    left, top = margin
+    height, width = codes.shape[:2]
+    busy = torch.zeros(height, width, dtype=torch.bool)
+    inner = slice(top, height - top), slice(left, width - left)
+    channels = torch.from_numpy(codes[inner]).permute(2, 0, 1)[None].float()
+    span = (max_pool2d(channels, 3, 1, 1) + max_pool2d(-channels, 3, 1, 1)).amax(dim=1)[0]
+    calm = span.numel() - max(FEW_BUSY, int(MOST_BUSY * span.numel()))
+    least = float(span.flatten().kthvalue(calm).values) if calm > 0 else 0.0
+    busy[inner] = span > max(BUSY, least)
+    return busy
 
 
 def background_of(scene: Scene, seen: VisibilityBuffer, options: RenderOptions, past: RenderHistory) -> Tensor:

@@ -15,8 +15,9 @@ from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
 from torchrender_service.renderers.jobs import Bounds, MakeKeyframe
 from torchrender_service.renderers.keyframes import Stamp, displayed
-from torchrender_service.renderers.streaming.carrying import Base, LitViews, busiest
+from torchrender_service.renderers.streaming.carrying import Base, LitViews
 from torchrender_service.renderers.streaming.layers import Layer
+from torchrender_service.renderers.streaming.samples import busiest
 from torchrender_service.renderers.viewing.appearance import Exposure, Wish, as_wished
 
 
