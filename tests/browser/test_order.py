@@ -1,12 +1,14 @@
-"""Skies of several pictures: none is nearer than another, so the preferred picture's own shows wherever it reaches.
+"""What shows of several pictures: whose sky, and what of an earlier keyframe's outlines.
 
-Through media every view has a sky of its own, and an earlier one would be wrong.
+No sky is nearer than another, so the preferred picture's own shows wherever it reaches: through media every view has a
+sky of its own, and an earlier one would be wrong.
 """
 
 from __future__ import annotations
 
 import base64
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -93,6 +95,28 @@ def test_a_surface_hides_the_preferred_sky(visit: Callable[..., Visit]) -> None:
     wall[: SIZE[1] // 2] = WALL
     shown = drawn(page, [message(0, camera, sky), message(1, camera, wall)], view)
     assert (shown[: SIZE[1] // 2 - 2] == 1).all() and (shown[SIZE[1] // 2 + 2 :] == 0).all()
+
+
+def test_outlines_of_earlier_keyframes_leave_no_ring(visit: Callable[..., Visit]) -> None:
+    """Smooth outlines hold the colours of both sides: on the wall behind they would stay when the view moves."""
+    page, camera = visit(layers=0), turned(0.0, 45.0)
+    page.wait(JPEG_READY)
+    depth = torch.full((SIZE[1], SIZE[0]), 2.0 * WALL)
+    light = torch.tensor((0.05, 0.05, 0.5)).repeat(SIZE[1], SIZE[0], 1)
+    light[19:45, 35:61] = torch.tensor((0.4, 0.05, 0.2))  # a pixel wide around what is near
+    depth[20:44, 36:60] = WALL
+    light[20:44, 36:60] = torch.tensor((0.8, 0.05, 0.05))
+    stamp = Stamp(id=1, layers=1, color="webp", quality=100, still=True, samples=5)
+    earlier = first_message(stamp, camera, depth, light, render_ms=0.0, plan=None)
+    elsewhere = message(0, turned(2.5, 45.0), torch.full_like(depth, WALL))
+    aside = replace(camera, camera_from_world=camera.camera_from_world.clone())
+    aside.camera_from_world[0, 0, 3] -= 0.3
+    shown = drawn(page, [elsewhere, earlier], aside)
+    columns = (shown == 0).any(axis=0).nonzero()[0]
+    assert 23 <= columns[-1] - columns[0] + 1 <= 25, "the square alone is red"
+    assert (shown == 2).mean() > 0.7
+    first = drawn(page, [earlier, elsewhere], camera)
+    assert (first[19:45, 35:61] == 0).all(), "where it was taken, the newest picture shows as it came"
 
 
 def drawn(page: Visit, messages: list[bytes], view: Cameras) -> np.ndarray[Any, Any]:
