@@ -82,8 +82,8 @@ def updates(context: Any) -> list[float]:
 
 
 def clicks(context: Any) -> tuple[int, int, float]:
-    """How many random clicks there were, how many came back with another triangle than a ray meets, and how far off the
-    others were at most, as a share of the depth."""
+    """How many random clicks there were, how many came back with something else than a ray meets, which may be nothing,
+    and how far off the points of the others were at most, as a share of the depth."""
     scene = tr.load("cornell_box")
     view, page, _ = _opened(context, scene)
     heard: list[Any] = []
@@ -91,28 +91,28 @@ def clicks(context: Any) -> tuple[int, int, float]:
     page.wait_for_timeout(1500)
     rays = RayCaster(scene.geometry)
     random, wrong, off = np.random.default_rng(3), 0, 0.0
-    asked = 0
-    while asked < CLICKS:
+    for asked in range(1, CLICKS + 1):
         x, y = (int(v) for v in random.uniform((0.05 * SIZE[0], 0.15 * SIZE[1]), (0.95 * SIZE[0], 0.85 * SIZE[1])))
         camera = camera_of(page.evaluate("() => window.torchrender.camera"))
         count = len(heard)
         page.mouse.click(x, y)
-        _until(lambda count=count: len(heard) > count)
-        asked += 1
-        if len(heard) == count:
-            wrong += 1
-            continue
+        page.wait_for_function(f"() => window.torchrender.picked?.seq === {asked}")
+        told = page.evaluate("() => window.torchrender.picked.triangle")
         origins, directions = (v[0] for v in camera.rays())
-        row, column = int(y * camera.height / SIZE[1]), int(x * camera.width / SIZE[0])
+        row, column = y * camera.height // SIZE[1], x * camera.width // SIZE[0]
         hit = rays.first_hit(origins[row, column][None], directions[row, column][None])
-        found = heard[-1]
-        wrong += int(hit.triangle[0]) != found.triangle
-        point = origins[row, column].double() + float(hit.t[0]) * directions[row, column].double()
-        if int(hit.triangle[0]) == found.triangle:
+        triangle = int(hit.triangle[0])
+        if triangle >= 0:
+            _until(lambda count=count: len(heard) > count)
+        found = heard[-1] if len(heard) > count else None
+        if told != triangle or (-1 if found is None else found.triangle) != triangle:
+            wrong += 1
+        elif found is not None:
+            point = origins[row, column].double() + float(hit.t[0]) * directions[row, column].double()
             off = max(off, float((point - found.point).norm()) / found.depth)
     page.close()
     view.close()
-    return asked, wrong, off
+    return CLICKS, wrong, off
 
 
 def _until(holds: Callable[[], bool], seconds: float = 3.0) -> None:

@@ -111,6 +111,11 @@ def test_a_click_names_what_is_there(visit: Callable[..., Visit]) -> None:
     assert picked["triangle"] == int(seen.triangle[0, 110, 100])
     assert np.abs(np.array(picked["point"]) - seen.position[0, 110, 100].numpy()).max() < 1e-9
     assert page.page.locator("#picked").inner_text().startswith(picked["name"])
+    for number, row in enumerate((98, 104, 109), 2):  # k / 180 * 180 is a little less than k
+        page.page.mouse.click(100, row)
+        page.wait(f"() => window.torchrender.picked.seq === {number}")
+        off = np.array(page.state("picked")["point"]) - seen.position[0, row, 100].numpy()
+        assert np.abs(off).max() < 1e-9, f"row {row}"
 
 
 def text_files() -> list[dict[str, Any]]:

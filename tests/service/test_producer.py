@@ -15,6 +15,7 @@ from torchrender_service.errors import ServiceError
 from torchrender_service.metrics import Metrics
 from torchrender_service.renderers.jobs import Job, MakeKeyframe, MakeLayers, SmoothKeyframe
 from torchrender_service.streams.placement import Placement
+from torchrender_service.streams.prediction import margin_of
 from torchrender_service.streams.producer import Producer
 
 
@@ -156,3 +157,38 @@ def test_a_picture_at_rest_is_taken_back_once_the_view_moves(kind: str) -> None:
     asyncio.run(stage.producer.make(kind))
     assert len(taken_back) == 1 and len(stage.sent) == sent and not stage.problems
     assert stage.placement.due(1.0) == "moving"
+
+
+def test_layers_of_what_has_changed_are_not_waited_for() -> None:
+    stage = Stage()
+    usual, taken_back = stage.pool.run, []
+
+    async def slow(job: Job, **how: Any) -> dict[str, Any]:
+        if not isinstance(job, MakeLayers):
+            return await usual(job, **how)
+        stage.placement.refresh()
+        try:
+            await asyncio.sleep(60.0)
+        except asyncio.CancelledError:
+            taken_back.append(job)
+            raise
+        return {}
+
+    stage.pool.run = slow  # type: ignore[method-assign]
+    assert stage.go_on() == "moving"
+    assert len(taken_back) == 1 and stage.sent == [b"first"] and not stage.problems
+    assert stage.placement.due(1.0) == "moving", "the new state is next"
+    assert not stage.placement.outdated(), "of two in a row one is whole"
+    stage.pool.run = usual  # type: ignore[method-assign]
+    assert stage.go_on() == "moving" and stage.sent == [b"first", b"first", b"extra"]
+    stage.placement.refresh()
+    assert stage.placement.outdated()
+
+
+def test_renderers_know_what_of_a_picture_is_shown() -> None:
+    stage = Stage()
+    stage.go_on()
+    made = stage.pool.jobs[0][1]
+    assert isinstance(made, MakeKeyframe)
+    assert made.margin == ((made.camera.width - CAMERA.width) // 2, (made.camera.height - CAMERA.height) // 2)
+    assert min(made.margin) > 0 and margin_of(CAMERA, CAMERA) == (0, 0)

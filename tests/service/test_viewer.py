@@ -22,7 +22,7 @@ from torchrender.clock import StepClock
 from torchrender.errors import InputError, TorchRenderError
 from torchrender.wire.cameras import header_of
 from torchrender.wire.messages import Hello, Look, Pick, Picked, Status, Type, decode, encode
-from torchrender_service.renderers.jobs import Forget
+from torchrender_service.renderers.jobs import FindPixel, Forget, SceneSource, SmoothKeyframe, Survey
 from torchrender_service.viewer.live_scenes import LiveScenes
 from torchrender_service.viewer.thread_pool import ThreadPool
 from torchrender_service.viewer.view import Pick as Found
@@ -289,6 +289,48 @@ def test_a_picture_that_nobody_waits_for_ends_between_two_passes(monkeypatch: py
 
     assert asyncio.run(change_of_mind()) == {"made": True}
     assert ended.is_set()
+
+
+def test_what_is_urgent_comes_first_and_between_two_passes(monkeypatch: pytest.MonkeyPatch) -> None:
+    pool, begun, go_on, order = ThreadPool(LiveScenes()), threading.Event(), threading.Event(), []
+    source = SceneSource(id="a")
+    glance = FindPixel(scene=source, camera=header_of(small_scene().camera(width=8, height=6)), x=0.0, y=0.0)
+
+    def noted(job: Any) -> dict[str, Any]:
+        clock, name = StepClock(), getattr(job, "session", type(job).__name__)
+        order.append(f"{name} begins")
+        if name == "long":
+            begun.set()
+            go_on.wait(10)
+            with clock.measure("pass"):
+                order.append("a pass")
+        return {}
+
+    monkeypatch.setattr(pool._runner, "run", noted)
+
+    async def ask() -> None:
+        running = [asyncio.ensure_future(pool.run(SmoothKeyframe(session="long", id=1)))]
+        await asyncio.to_thread(begun.wait)
+        for job in (Survey(scene=source), SmoothKeyframe(session="next", id=1), glance):
+            running.append(asyncio.ensure_future(pool.run(job)))
+            await asyncio.sleep(0.01)
+        go_on.set()
+        await asyncio.gather(*running)
+        begun.clear()
+        go_on.clear()
+        running = [asyncio.ensure_future(pool.run(SmoothKeyframe(session="long", id=2)))]
+        await asyncio.to_thread(begun.wait)
+        running.append(asyncio.ensure_future(pool.run(Survey(scene=source))))
+        await asyncio.sleep(0.01)
+        await pool.stop()
+        go_on.set()
+        assert await running[0] == {}
+        with pytest.raises(asyncio.CancelledError):
+            await running[1]
+
+    asyncio.run(ask())
+    first = ["long begins", "FindPixel begins", "a pass", "next begins", "Survey begins"]
+    assert order == [*first, "long begins", "a pass"]
 
 
 def test_a_port_that_is_taken_says_so_once(capfd: pytest.CaptureFixture[str]) -> None:

@@ -205,6 +205,7 @@ class MakeKeyframe(msgspec.Struct, frozen=True, kw_only=True, tag=True):
     time_ms: float
     camera: CameraHeader
     still: bool
+    margin: tuple[int, int] = (0, 0)  # pixels of the camera beyond the view, on the left and above as on the other side
     extra_layers: int  # made by :class:`MakeLayers` afterwards
     direction: tuple[float, ...]  # the camera is expected to go there, world axes; zero: anywhere
     baseline: float  # distance of the extra cameras; 0: from the depth of what is seen
@@ -322,4 +323,5 @@ class Reply(msgspec.Struct, frozen=True, kw_only=True):
 JOB_ENCODER = msgspec.msgpack.Encoder()
 JOB_DECODER = msgspec.msgpack.Decoder(Job)
 TASK_DECODER = msgspec.msgpack.Decoder(SentTask | Cancel)
+REPLY_ENCODER = msgspec.msgpack.Encoder()
 REPLY_DECODER = msgspec.msgpack.Decoder(Reply)

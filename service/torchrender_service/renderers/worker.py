@@ -21,7 +21,7 @@ import msgspec
 
 from torchrender.errors import SceneFileError, TorchRenderError
 from torchrender_service.errors import ServiceError, out_of_memory
-from torchrender_service.renderers.jobs import JOB_DECODER, TASK_DECODER, Failure, Reply, SentTask
+from torchrender_service.renderers.jobs import JOB_DECODER, REPLY_ENCODER, TASK_DECODER, Failure, Reply, SentTask
 from torchrender_service.renderers.processes.desk import Cancelled, Desk
 from torchrender_service.scheduling import give_way
 
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from torchrender_service.renderers.job_runner import JobRunner
 
 LENGTH = struct.Struct("<Q")
-_ENCODER = msgspec.msgpack.Encoder()
 _TEXT = 500
 NICENESS = 2
 """Renderers give way to the server, which has little to do but must do it at once."""
@@ -54,10 +53,10 @@ def main() -> int:
     _limit_memory(limit_mb)
 
     def work(task: SentTask) -> None:
-        _send(out, _ENCODER.encode(_reply(runner, desk, task)))
+        _send(out, REPLY_ENCODER.encode(_reply(runner, desk, task)))
 
     desk = Desk(work)
-    _send(out, _ENCODER.encode(Reply(result={"ready": True})))
+    _send(out, REPLY_ENCODER.encode(Reply(result={"ready": True})))
     threading.Thread(target=_read_tasks, args=(sys.stdin.buffer, desk), daemon=True).start()
     desk.run()
     return 0

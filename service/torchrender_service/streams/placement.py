@@ -63,6 +63,7 @@ class Placement:
         self._holes = 0.0
         self._begun_at = 0.0  # the last keyframe
         self._fresh = True  # one keyframe is wanted whatever the pose
+        self._whole = True  # the last one has all its layers
         self._shown: Shown | None = None
         self._flights: dict[int, Flight] = {}
 
@@ -105,6 +106,17 @@ class Placement:
     def refresh(self) -> None:
         """One fresh keyframe is wanted: settings have changed."""
         self._fresh = True
+
+    def outdated(self) -> bool:
+        """What was sent shows another state of the scene, or other settings: its layers are not worth waiting for.
+
+        Never twice in a row: a client that takes whole keyframes gets some of a scene that changes all the time.
+        """
+        return self._fresh and self._whole
+
+    def delivered(self, *, whole: bool) -> None:
+        """A keyframe was sent with all of its layers, or without."""
+        self._whole = whole
 
     def drop_pose(self) -> None:
         """The pose cannot be rendered: wait for another one."""

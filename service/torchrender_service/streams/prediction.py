@@ -61,6 +61,14 @@ def overscanned(camera: CameraHeader, overscan: float, max_pixels: int) -> Camer
     )
 
 
+def margin_of(camera: CameraHeader, view: CameraHeader) -> tuple[int, int]:
+    """Columns and rows that an overscanned camera has beyond the view, on either side."""
+    scale = camera.fx / view.fx
+    sides = (camera.width, view.width), (camera.height, view.height)
+    left, top = (max(0, int((wide - scale * side) / 2)) for wide, side in sides)
+    return left, top
+
+
 def distance(first: CameraHeader, second: CameraHeader) -> float:
     """Between the eyes of two cameras, scene units."""
     a, b = first.world_from_camera, second.world_from_camera

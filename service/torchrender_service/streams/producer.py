@@ -9,6 +9,8 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from typing import Any
 
+import msgspec
+
 from torchrender.wire.messages import CameraHeader, Pose
 from torchrender_service.errors import ServiceError
 from torchrender_service.metrics import Metrics
@@ -23,7 +25,7 @@ from torchrender_service.renderers.jobs import (
     SmoothKeyframe,
 )
 from torchrender_service.streams.placement import Flight, Placement, Shown
-from torchrender_service.streams.prediction import overscanned
+from torchrender_service.streams.prediction import margin_of, overscanned
 from torchrender_service.streams.sessions import Session
 
 LOG = logging.getLogger("torchrender_service.streams.producer")
@@ -64,9 +66,9 @@ class Producer:
         camera = overscanned(view, session.overscan, self.max_pixels)
         number, session.next_id = session.next_id, session.next_id + 1
         flight = placement.begin(number, now, timed=not still)
-        job = self._job(number, pose, camera, still)
+        job = msgspec.structs.replace(self._job(number, pose, camera, still), margin=margin_of(camera, view))
         try:
-            made = await (self._run_at_rest(job) if still else self._run(job))
+            made = await (self._unless(self._moves, job) if still else self._run(job))
         except ServiceError:
             placement.failed(number)
             raise
@@ -83,7 +85,7 @@ class Producer:
         placement, session = self.placement, self.session
         job = SmoothKeyframe(session=session.id, id=session.next_id)
         try:
-            made = await self._run_at_rest(job)
+            made = await self._unless(self._moves, job)
         except ServiceError as error:
             LOG.warning("a refinement stays as it is: %s", error.detail)
             placement.smoothed()
@@ -104,23 +106,30 @@ class Producer:
         await self._send_all(made["messages"])
         if made["extra_layers"]:
             try:
-                more = await self._run(MakeLayers(session=session.id, id=number))
+                more = await self._unless(self.placement.outdated, MakeLayers(session=session.id, id=number))
             except ServiceError as error:
                 await self.complain(error)
                 return
-            await self._send_all(more["messages"])
+            self.placement.delivered(whole=more is not None)
+            await self._send_all([] if more is None else more["messages"])
 
     async def _send_all(self, messages: list[bytes]) -> None:
         for message in messages:
             await self.send(message)
             self.metrics.count("keyframe_bytes", len(message))
 
-    async def _run_at_rest(self, job: MakeKeyframe | SmoothKeyframe) -> dict[str, Any] | None:
-        """The result; None where the view moves again before it is there: then it is taken back at once."""
+    def _moves(self) -> bool:
+        """The view that was at rest moves again."""
+        return self.placement.due(time.monotonic()) in ("moving", "spare")
+
+    async def _unless(
+        self, overtaken: Callable[[], bool], job: MakeKeyframe | MakeLayers | SmoothKeyframe
+    ) -> dict[str, Any] | None:
+        """The result; None where it is overtaken before it is there: then it is taken back at once."""
         running = asyncio.ensure_future(self._run(job))
         try:
             while not (await asyncio.wait({running}, timeout=LOOK_S))[0]:
-                if self.placement.due(time.monotonic()) in ("moving", "spare"):
+                if overtaken():
                     return None
             return running.result()
         finally:

@@ -4,29 +4,52 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import heapq
+import itertools
 import threading
-from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any, NamedTuple
 
 from torchrender.clock import interruptible
 from torchrender_service.errors import ServiceError
-from torchrender_service.renderers.asked import Asked
+from torchrender_service.renderers.asked import Asked, Rank, rank_of
 from torchrender_service.renderers.contract import RendererHandle, RendererPool
 from torchrender_service.renderers.job_runner import JobRunner
-from torchrender_service.renderers.jobs import Forget, Job
+from torchrender_service.renderers.jobs import (
+    JOB_DECODER,
+    JOB_ENCODER,
+    REPLY_DECODER,
+    REPLY_ENCODER,
+    Forget,
+    Job,
+    Reply,
+)
 from torchrender_service.renderers.processes.desk import Cancelled
 from torchrender_service.renderers.worker import failure_of
 from torchrender_service.viewer.live_scenes import LiveScenes
 
 
+class Waiting(NamedTuple):
+    """A job and who waits for it: the most urgent first, then the oldest."""
+
+    rank: Rank
+    number: int
+    job: Job
+    left: threading.Event  # nobody waits any more
+    result: Future[dict[str, Any]]
+
+
 class ThreadPool(RendererPool):
-    """One renderer, one job at a time."""
+    """One renderer, one job at a time; more urgent ones come between two passes of what is being made."""
 
     ready, progress = True, ""
 
     def __init__(self, scenes: LiveScenes) -> None:
         self._runner = JobRunner(scenes=scenes)
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="torchrender-viewer")
+        self._waiting: list[Waiting] = []  # a heap
+        self._numbers = itertools.count()
+        self._lock = threading.Lock()
         self._load = 0
         self._closed = False
 
@@ -47,6 +70,10 @@ class ThreadPool(RendererPool):
         """End the thread after the job that runs."""
         self._closed = True
         self._thread.shutdown(wait=False, cancel_futures=True)
+        with self._lock:
+            for one in self._waiting:
+                one.result.cancel()
+            self._waiting.clear()
 
     def assign(self, *, background: bool = False) -> RendererHandle:
         """The only one."""
@@ -89,7 +116,7 @@ class ThreadPool(RendererPool):
         self._load += 1
         left = threading.Event()
         try:
-            return await asyncio.get_running_loop().run_in_executor(self._thread, self._run, job, left)
+            return await asyncio.wrap_future(self._put(job, left))
         except asyncio.CancelledError:
             left.set()
             raise
@@ -104,18 +131,45 @@ class ThreadPool(RendererPool):
         """Without waiting."""
         if not self._closed:
             with contextlib.suppress(RuntimeError):  # the program ends: its threads take no more work
-                self._thread.submit(self._run, job, threading.Event())
+                self._put(job, threading.Event())
 
-    def _run(self, job: Job, left: threading.Event) -> dict[str, Any]:
-        """A job, in the thread; it ends between two passes of a picture once nobody waits for it."""
+    def _put(self, job: Job, left: threading.Event) -> Future[dict[str, Any]]:
+        """Have a job done in its turn."""
+        result: Future[dict[str, Any]] = Future()
+        with self._lock:
+            heapq.heappush(self._waiting, Waiting(rank_of(job), next(self._numbers), job, left, result))
+            self._thread.submit(self._next)
+        return result
+
+    def _next(self, than: Rank | None = None) -> bool:
+        """Do the job whose turn it is, in the thread; False: there is none, or none more urgent ``than`` this."""
+        with self._lock:
+            if not self._waiting or (than is not None and self._waiting[0].rank >= than):
+                return False
+            one = heapq.heappop(self._waiting)
+        if one.result.set_running_or_notify_cancel():
+            try:
+                one.result.set_result(self._run(one.job, one.left, one.rank))
+            except ServiceError as error:
+                one.result.set_exception(error)
+        return True
+
+    def _run(self, job: Job, left: threading.Event, rank: Rank) -> dict[str, Any]:
+        """A job, in the thread; it ends between two passes of a picture once nobody waits for it.
+
+        Job and result go through their messages, so that both are what they are between two processes.
+        """
 
         def check() -> None:
             if left.is_set():
                 raise Cancelled
+            while self._next(rank):
+                pass
 
         try:
             with interruptible(check):
-                return self._runner.run(job)
+                reply = Reply(result=self._runner.run(JOB_DECODER.decode(JOB_ENCODER.encode(job))))
+            return REPLY_DECODER.decode(REPLY_ENCODER.encode(reply)).result or {}
         except Cancelled:
             raise ServiceError(499, "cancelled", "nobody waits for it") from None
         except Exception as error:

@@ -10,7 +10,6 @@ from typing import Any
 
 import torch
 from torch import Tensor
-from torch.nn.functional import max_pool2d
 
 from torchrender.buffers import VisibilityBuffer
 from torchrender.effects.media.in_view import boxes_in_view, boxes_of
@@ -25,7 +24,6 @@ from torchrender.pipeline.options import RenderOptions
 from torchrender.raster import rasterize_visibility
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
-from torchrender.wire.codec import Array
 from torchrender.wire.viewing import Effect
 from torchrender_service.renderers.streaming.layers import Layer
 from torchrender_service.renderers.streaming.samples import ShadedPixels, background_of, shade_pixels
@@ -39,10 +37,6 @@ FEWEST, FIRST, MOST = 1024, 4096, 1 << 15
 """Pixels that one moving picture shades at least, before it is known how long they take, and at most."""
 LEAST_MS = 30.0
 """Time that these have whatever else took."""
-BUSY = 16
-"""Codes of 255 between neighbours from which a pixel of a smooth picture is shaded in all its places."""
-MOST_BUSY, FEW_BUSY = 0.1, 1 << 14
-"""Share of the pixels that are, and how many always may be."""
 FEW_RAYS = 4
 """Of a pixel of a view at rest, for the light from everywhere: those around it share theirs. That takes longer than
 more rays where there are few pixels."""
@@ -204,16 +198,6 @@ def smooth_edges(image: Image, light: Tensor, aside: Sequence[tuple[float, float
         total += found.light
         count += found.known[..., None]
     return total / count
-
-
-def busiest(codes: Array) -> Tensor:
-    """(H,W) bool: where displayed colours (H,W,3) uint8 change so much from pixel to pixel that a view moved by a part
-    of one shows others; of a busy picture the busiest part."""
-    channels = torch.from_numpy(codes).permute(2, 0, 1)[None].float()
-    span = (max_pool2d(channels, 3, 1, 1) + max_pool2d(-channels, 3, 1, 1)).amax(dim=1)[0]
-    calm = span.numel() - max(FEW_BUSY, int(MOST_BUSY * span.numel()))
-    least = float(span.flatten().kthvalue(calm).values) if calm > 0 else 0.0
-    return span > max(BUSY, least)
 
 
 def moved_aside(scene: Scene, camera: Cameras, base: Base, options: RenderOptions, past: RenderHistory) -> Tensor:

@@ -16,6 +16,7 @@ import torch
 from torch import Tensor
 
 from torchrender.buffers import GBuffer, RayHits, ReflectionLayer, VisibilityBuffer
+from torchrender.clock import StepClock
 from torchrender.effects.reflections.virtual import virtual_images
 from torchrender.effects.transparency.layers import deepest_layers, transparency
 from torchrender.image import Image
@@ -81,15 +82,18 @@ def extra_layers(
     known = [first]
     sky_shown = ~first.covered[0]
     layers = []
+    clock = StepClock()  # whoever asked may have gone on: that is looked at between its steps
     for camera in cameras:
-        seen = rasterize_visibility(scene.geometry, camera)
+        with clock.measure("seen"):
+            seen = rasterize_visibility(scene.geometry, camera)
         new, new_sky = _new_pixels(seen, known), ~seen.covered[0] & ~sky_shown
         if float((new[0] | new_sky).float().mean()) > ELSEWHERE:
             new, new_sky = torch.zeros_like(new), torch.zeros_like(new_sky)
         kept, nearest = _grown(new, seen.depth)
         sky_shown = sky_shown | new_sky
         gbuffer = surface_attributes(scene, only(seen, kept))
-        radiance = _shade_few(scene, gbuffer, options, past)
+        with clock.measure("shaded"):
+            radiance = _shade_few(scene, gbuffer, options, past)
         layers.append(_extended(Layer(camera, gbuffer.depth[0], radiance, kept[0] | new_sky), seen, nearest))
         known.append(gbuffer)
     return layers

@@ -1,4 +1,4 @@
-"""Some pixels of a view, shaded by the passes of a picture: side by side, so that the rest costs nothing."""
+"""Some pixels of a view, and which: shaded by the passes of a picture, side by side, so that the rest costs nothing."""
 
 from __future__ import annotations
 
@@ -6,17 +6,25 @@ from dataclasses import dataclass, fields, replace
 
 import torch
 from torch import Tensor
+from torch.nn.functional import max_pool2d
 
-from torchrender.buffers import GBuffer, VisibilityBuffer
+from torchrender.buffers import GBuffer, RayHits, VisibilityBuffer
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
 from torchrender.planning.plan import Plan
 from torchrender.raster import surface_attributes
 from torchrender.renderer import light_of_samples
+from torchrender.scene.mesh import Geometry
 from torchrender.scene.model import Scene
 from torchrender.shade import shade
+from torchrender.shading.attributes import CastRays, hit_surface
+from torchrender.wire.codec import Array
 
 PACKED_WIDTH = 256
+BUSY = 16
+"""Codes of 255 between neighbours from which a pixel of a smooth picture is shaded in all its places."""
+MOST_BUSY, FEW_BUSY = 0.1, 1 << 14
+"""Share of the pixels that are, and how many always may be."""
 _EMPTY = {"triangle": -1, "object_id": -1, "material": -1, "depth": torch.inf}
 
 
@@ -36,15 +44,33 @@ def shade_pixels(
 
     Args:
         scene: as it was given to the pictures that left ``past``.
-        seen: (1,H,W), or a G-buffer.
+        seen: (1,H,W) of a perspective camera.
         wanted: (1,H,W) bool; pixels that see nothing are left out.
     """
-    wanted = wanted & seen.covered
-    if not bool(wanted.any()):
+    rows = (wanted & seen.covered).reshape(-1).nonzero()[:, 0]
+    if not len(rows):
         return ShadedPixels(torch.zeros(0, 3), None, past)
-    gbuffer = seen if isinstance(seen, GBuffer) else surface_attributes(scene, only(seen, wanted))
-    made = light_of_samples(scene, _packed(gbuffer, wanted[0]), options, past)
-    return ShadedPixels(made.radiance.reshape(-1, 3)[: int(wanted.sum())], made.plan, made.history)
+    made = light_of_samples(scene, _packed(scene.geometry, seen, rows), options, past)
+    return ShadedPixels(made.radiance.reshape(-1, 3)[: len(rows)], made.plan, made.history)
+
+
+def busiest(codes: Array, margin: tuple[int, int] = (0, 0)) -> Tensor:
+    """(H,W) bool: where displayed colours (H,W,3) uint8 change so much from pixel to pixel that a view moved by a part
+    of one shows others; of a busy picture the busiest part.
+
+    Args:
+        margin: columns and rows at either side that are not shown before the view moves: none of them is busy.
+    """
+    left, top = margin
+    height, width = codes.shape[:2]
+    busy = torch.zeros(height, width, dtype=torch.bool)
+    inner = slice(top, height - top), slice(left, width - left)
+    channels = torch.from_numpy(codes[inner]).permute(2, 0, 1)[None].float()
+    span = (max_pool2d(channels, 3, 1, 1) + max_pool2d(-channels, 3, 1, 1)).amax(dim=1)[0]
+    calm = span.numel() - max(FEW_BUSY, int(MOST_BUSY * span.numel()))
+    least = float(span.flatten().kthvalue(calm).values) if calm > 0 else 0.0
+    busy[inner] = span > max(BUSY, least)
+    return busy
 
 
 def background_of(scene: Scene, seen: VisibilityBuffer, options: RenderOptions, past: RenderHistory) -> Tensor:
@@ -69,21 +95,27 @@ def only(seen: VisibilityBuffer, kept: Tensor) -> VisibilityBuffer:
     )
 
 
-def _packed(gbuffer: GBuffer, wanted: Tensor) -> GBuffer:
-    """The wanted samples (H,W) in rows of a small picture; the last one is filled up with empty ones."""
-    rows = wanted.reshape(-1).nonzero()[:, 0]
-    count = len(rows)
+def _packed(geometry: Geometry, seen: VisibilityBuffer, rows: Tensor) -> GBuffer:
+    """Pixels (N,) int64 of one camera, all covered, in rows of a small picture whose last one is filled up.
+
+    Their attributes are those of the hits of their rays: the rest of the picture is not looked at.
+    """
+    count, camera = len(rows), seen.cameras
     height = -(-count // PACKED_WIDTH)
+    names = ("depth", "triangle", "object_id", "barycentric")
+    own = {name: getattr(seen, name).flatten(0, 2)[rows] for name in names}
+    pixels = torch.stack([rows % camera.width, rows // camera.width], dim=-1) + 0.5
+    origins, directions = (value[0].contiguous() for value in camera.rays(pixels[None]))
+    hits = RayHits(own["depth"].double(), own["triangle"], own["barycentric"])
+    surface = hit_surface(geometry, CastRays(origins, directions, hits, camera.footprint(hits.t[None])[0]))
 
     def packed(name: str) -> Tensor | None:
-        if getattr(gbuffer, name) is None:
+        values = own[name] if name in own else getattr(surface, name)
+        if values is None:
             return None
-        image = getattr(gbuffer, name)[0]
-        values = image.reshape(-1, *image.shape[2:])[rows]
         room = torch.full((height * PACKED_WIDTH, *values.shape[1:]), _EMPTY.get(name, 0), dtype=values.dtype)
         room[:count] = values
         return room.reshape(1, height, PACKED_WIDTH, *values.shape[1:])
 
-    camera = gbuffer.cameras.sub_camera(0, 0, PACKED_WIDTH, height)
-    names = [f.name for f in fields(GBuffer) if f.name != "cameras"]
-    return GBuffer(cameras=camera, **{name: packed(name) for name in names})  # type: ignore[arg-type]
+    made = {f.name: packed(f.name) for f in fields(GBuffer) if f.name != "cameras"}
+    return GBuffer(cameras=camera.sub_camera(0, 0, PACKED_WIDTH, height), **made)  # type: ignore[arg-type]

@@ -15,8 +15,9 @@ from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
 from torchrender_service.renderers.jobs import Bounds, MakeKeyframe
 from torchrender_service.renderers.keyframes import Stamp, displayed
-from torchrender_service.renderers.streaming.carrying import Base, LitViews, busiest
+from torchrender_service.renderers.streaming.carrying import Base, LitViews
 from torchrender_service.renderers.streaming.layers import Layer
+from torchrender_service.renderers.streaming.samples import busiest
 from torchrender_service.renderers.viewing.appearance import Exposure, Wish, as_wished
 
 
@@ -75,7 +76,8 @@ class Refinement:
         mirrors = made.mirrors if self.begun.mirrors is not None and made.mirrors is not None else self.begun.mirrors
         self.begun = replace(self.begun, image=image, options=made.options, past=made.history, mirrors=mirrors)
         if whole and self.bounds == Bounds() and made.options.supersample >= 1.0:
-            self.base = Base(LitPicture(image.visibility, light), busiest(displayed(self.begun.stamp, light)))
+            busy = busiest(displayed(self.begun.stamp, light), self.job.margin)
+            self.base = Base(LitPicture(image.visibility, light), busy)
 
     def add(self, light: Tensor) -> None:
         """The light (H,W,3) of one more picture."""

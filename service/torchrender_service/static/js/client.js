@@ -106,8 +106,8 @@ export class Client {
   pick(left, top) {
     const camera = this.walker.camera;
     if (!camera) return;
-    const x = (left / this.canvas.clientWidth) * camera.width;
-    const y = (top / this.canvas.clientHeight) * camera.height;
+    const x = (left * camera.width) / this.canvas.clientWidth; // in this order: whole pixels stay whole
+    const y = (top * camera.height) / this.canvas.clientHeight;
     if (x < 0 || y < 0 || x >= camera.width || y >= camera.height) return;
     this.stream.send(TYPE.PICK, { seq: ++this.picks, camera, x, y });
   }

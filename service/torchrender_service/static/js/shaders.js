@@ -36,7 +36,7 @@ uniform float gain;        // of linear light; 1: colours as they came
 uniform int part;           // of the light: ALL, without what mirrors show (OWN), that alone (MIRRORED), or nothing
 uniform sampler2D shown;    // what mirrors show, a part of the colours
 uniform usampler2D behind;  // codes of it: 65535 where nothing mirrors
-uniform bool trim;         // leave out what lies beside something nearer: there JPEG mixes the colours of both
+uniform bool trim;         // leave out what lies beside something nearer: smooth outlines and JPEG mix the colours of both
 layout(location = 0) out vec4 picture;  // display colour; a > 0 tells that the pixel is covered, and how near it is
 
 const float RIP = 0.12;      // share of 1/z by which a fragment may differ from its texel
@@ -60,6 +60,20 @@ bool drawn_out() {
 float at(ivec2 p) {
   uint code = texelFetch(depth, p, 0).r;
   return code == 65535u ? -1.0 : float(code) * code_scale;
+}
+
+// Whether another surface, with 1/z beyond a limit, is in one of the eight texels around one.
+bool beside_nearer(ivec2 own, float limit, ivec2 last) {
+  for (int k = 0; k < 4; k++) {
+    ivec2 corner = own + ivec2(k & 1, k >> 1);
+    uint word = texelFetch(joined, corner, 0).r;
+    uint label = (word >> (2 * (3 - k))) & 3u;
+    for (int m = 0; m < 4; m++) {
+      ivec2 p = clamp(corner - 1 + ivec2(m & 1, m >> 1), ivec2(0), last);
+      if (((word >> (2 * m)) & 3u) != label && at(p) > limit) return true;
+    }
+  }
+  return false;
 }
 
 const int OWN = 1;
@@ -123,6 +137,7 @@ void main() {
   uint label = (word >> (2u * ((t.x < 0.5 ? 0u : 1u) + (t.y < 0.5 ? 0u : 2u)))) & 3u;
   uvec4 labels = (uvec4(word) >> uvec4(0u, 2u, 4u, 6u)) & 3u;
   vec4 alike = vec4(equal(labels, uvec4(label)));
+  if (trim && beside_nearer(own, (1.0 + NEARER) * near + step, last)) discard;
   bool mirrors = (part == OWN || part == MIRRORED) && texelFetch(behind, own, 0).r != 65535u;
   vec3 c;
   vec3 m = vec3(0.0);
@@ -130,10 +145,6 @@ void main() {
     c = textureLod(color, source.xy / vec2(last + 1), 0.0).rgb;
     if (mirrors) m = textureLod(shown, source.xy / vec2(last + 1), 0.0).rgb;
   } else {
-    if (trim) {
-      vec4 around = vec4(at(p0), at(p1), at(p2), at(p3)) * (1.0 - alike);
-      if (any(greaterThan(around, vec4((1.0 + NEARER) * z + step)))) discard;
-    }
     vec4 weight = vec4(1.0 - t.x, t.x, 1.0 - t.x, t.x) * vec4(1.0 - t.y, 1.0 - t.y, t.y, t.y) * alike;
     weight /= dot(weight, vec4(1.0));
     c = weight.x * color_at(p0) + weight.y * color_at(p1) + weight.z * color_at(p2) + weight.w * color_at(p3);

@@ -133,7 +133,7 @@ export class Warp {
     if (this.prepared) return;
     const color = await createImageBitmap(new ImageData(1, 1));
     const quads = { data: new Float32Array(12), count: 1, joined: new Uint8Array(4) };
-    const header = { camera: { width: 1, height: 1 }, layer: 0, color: { codec: "jpeg" } };
+    const header = { camera: { width: 1, height: 1 }, layer: 0 };
     this.prepared = this.add({ header, codes: new Uint16Array(1), scale: 1, quads, color });
     const passes = [this.fill, this.count, ...this.pyramid.passes].map(({ scene }) => scene);
     for (const what of [this.prepared.mesh, ...passes]) this.renderer.compile(what, this.camera);
@@ -213,11 +213,10 @@ export class Warp {
     if (6 * image.quads.count > this.index.count) this.growIndex(image.quads.count);
     geometry.setIndex(this.index);
     geometry.setDrawRange(0, 6 * image.quads.count);
-    const { camera, layer, color: encoded } = image.header;
-    const lossy = layer === 0 && encoded.codec === "jpeg";
+    const { camera, layer } = image.header;
     const { exposure = 0, tone_map: tone = "none" } = image.header;
     const shown = { exposure, linear: tone === "none" };
-    const picture = { camera, extra: layer > 0, lossy, shown, mesh, uniforms, quads: image.quads.count, bitmap: image.color, mirrors: null };
+    const picture = { camera, extra: layer > 0, shown, mesh, uniforms, quads: image.quads.count, bitmap: image.color, mirrors: null };
     this.pictures.add(picture);
     this.renderer.initTexture(depth);
     this.renderer.initTexture(joined);
@@ -271,7 +270,7 @@ export class Warp {
       const bias = rank === 0 ? 0 : Math.max(least, picture.extra ? EXTRA_BIAS : EARLIER_BIAS) + rank * STEP_BIAS;
       picture.uniforms.enhance.value = enhance;
       this.expose(picture, exposure);
-      picture.uniforms.trim.value = rank > 0 && picture.lossy;
+      picture.uniforms.trim.value = rank > 0 && !picture.extra; // outlines of keyframes are smooth
       picture.uniforms.clip_from_source.value = clipFromSource(picture.camera, camera, near, bias);
     });
     // No bias tells skies apart: the last one drawn shows, and through media each view has its own.
