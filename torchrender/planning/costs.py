@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 from torchrender.passes.contract import Amounts, Buffers, Pass
 from torchrender.passes.outlook import Outlook
-from torchrender.passes.senses import closely
+from torchrender.passes.senses import closely, roughly
 from torchrender.passes.table import PASSES, PICTURE, table_of
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
@@ -109,7 +109,8 @@ class Knowledge:
 
     def _error(self, step: Pass, setting: str) -> Expected:
         known = self.pace.known
-        sensed, probed = (known.get(sense_of(name)) for name in (step.name, closely(step.name)))
+        probed = known.get(sense_of(closely(step.name)))
+        sensed = known.get(sense_of(step.name), known.get(sense_of(roughly(step.name))))
         return self.curves.error(step.name, setting, None if self.unseen else self.name, sensed, probed)
 
 

@@ -37,8 +37,15 @@ class Question:
     _memo: dict[tuple[object, ...], object] = field(default_factory=dict, repr=False)
 
     @classmethod
-    def about(cls, knowledge: Knowledge, options: RenderOptions, done: frozenset[str] = frozenset()) -> Question:
-        """All settings are open but those of passes that ran, are held, are off, or stand where no setting is."""
+    def about(
+        cls, knowledge: Knowledge, options: RenderOptions, done: frozenset[str] = frozenset(), *, near: bool = False
+    ) -> Question:
+        """All settings are open but those of passes that ran, are held, are off, or stand where no setting is.
+
+        Args:
+            near: numbers of pixels far from those of the last picture are not, once two were made: every number makes
+                a search longer, and the next search comes soon.
+        """
         open_ = {}
         for step in knowledge.passes:
             current = step.settings.current(options)
@@ -48,6 +55,11 @@ class Question:
                 continue
             held = step.name in done or step.name in options.fixed or current == step.off
             open_[step.name] = (step.settings.named(current),) if held else step.settings.all
+        first = knowledge.passes[0]
+        last = [setting.name for setting in open_.get(first.name, ())]
+        if near and knowledge.outlook.history.pictures > 1 and knowledge.pace.choice.get(first.name) in last:
+            place = last.index(knowledge.pace.choice[first.name])
+            open_[first.name] = open_[first.name][max(place - 1, 0) : place + 2]
         return cls(knowledge=knowledge, options=options, open=open_, done=done)
 
     @property
