@@ -31,7 +31,8 @@ from torchrender.planning.graph import Graph
 from torchrender.planning.plan import Plan
 from torchrender.planning.planner import make_plan
 from torchrender.planning.rows import expected_of
-from torchrender.planning.standing import cost_of_rows
+from torchrender.planning.search import headroom
+from torchrender.planning.standing import SHARE, cost_of_rows
 from torchrender.shade import SentLight
 
 FIRST_BESIDE = {"plan": 4.0, "senses": 16.0}
@@ -145,7 +146,14 @@ class Run:
             asked=self.graph.asked,
             hits=self._over_hits,
             wanted=frozenset(self.knowledge.wanted),
+            spare_ms=self._spare_ms,
         )
+
+    @property
+    def _spare_ms(self) -> float:
+        """What sensing may take: a small share of a budget, or what the passes leave of it."""
+        budget, pace = self.limits[0], self.knowledge.pace
+        return math.inf if budget is None else max(SHARE * budget, headroom(pace) * budget - self.foreseen_ms)
 
     def _over_hits(self, given: Mapping[Buffer[Any], Any], changes: Mapping[str, Any]) -> OverHits:
         """The same passes, over what rays hit."""
@@ -215,11 +223,14 @@ class Run:
         return missed(past.pace.known, self.clock.elapsed_ms.get("total", 0.0), self.foreseen_ms)
 
     def _search(self, plan: Plan) -> Search | None:
-        """That of the last plan, with what all of the picture was expected to be: the next one may stand by it."""
-        if plan.search is None or plan.search.later is not None:
-            return None if plan.search is None else plan.search.later
+        """That of the plan, for the next picture: a new one with what all of the picture was expected to be."""
+        found = plan.search
+        if found is None or found.later is not None:
+            return None if found is None else found.later
+        if found.pictures:
+            return self.searches[0]
         expected = expected_of(self.knowledge, plan.rows, plan.options)
-        return replace(plan.search, cost=cost_of_rows(plan.rows, expected, frozenset()))
+        return replace(found, cost=cost_of_rows(plan.rows, expected, frozenset()))
 
     def history(self, plan: Plan) -> RenderHistory:
         """What the next picture of the sequence starts from."""

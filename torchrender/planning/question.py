@@ -155,14 +155,14 @@ class Question:
         outlook, options = self.knowledge.outlook, self._exact_at(count)
         if setting.changes and step is not self.first:
             options = setting.applied(options)
-        if step.makes.lasting is None or step.makes.name not in outlook.history.kept:
+        buffer = lasting_of(step)
+        if buffer is None or buffer.lasting is None or buffer.name not in outlook.history.kept:
             return outlook.at(options)
         kept = dict(outlook.history.kept)
         if fresh:
-            del kept[step.makes.name]
+            del kept[buffer.name]
         else:  # as if it was made with these options
-            made = replace(kept[step.makes.name], options=step.makes.lasting.options(options))
-            kept[step.makes.name] = made
+            kept[buffer.name] = replace(kept[buffer.name], options=buffer.lasting.options(options))
         return replace(outlook, options=options, history=replace(outlook.history, kept=kept))
 
     def _exact_at(self, count: Setting) -> RenderOptions:
@@ -223,6 +223,11 @@ class Question:
                     if not same(one.buffer.lasting.options(setting.applied(one.settings)), one.options):
                         found.setdefault((step.name, setting.name), set()).add((name,))
         return {key: frozenset(names) for key, names in found.items()}
+
+
+def lasting_of(step: Pass) -> AnyBuffer | None:
+    """What decides, by being kept or not, about what a pass costs."""
+    return step.rests_on if step.rests_on is not None else step.makes if step.makes.lasting is not None else None
 
 
 @lru_cache(maxsize=1024)

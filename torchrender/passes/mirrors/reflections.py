@@ -105,6 +105,9 @@ def _batch(layers: list[ReflectionLayer]) -> ReflectionLayer:
     )
 
 
+LOOK_MS = 70.0
+"""A first look at the surroundings, about."""
+
 PROBED = 2048
 """Reflective pixels, at most, whose surroundings are looked up beside what they mirror."""
 
@@ -113,6 +116,8 @@ def senses(frame: Frame) -> dict[str, float]:
     """How far off the surroundings alone would be: by a few of the pixels that show more."""
     pixels, layer = frame[REFLECTIVE_PIXEL], frame[REFLECTIONS]
     if frame.options.reflections == "environment" or not len(pixels):
+        return {}
+    if not frame[HIT_SHADER].looked_around and frame.spare_ms < LOOK_MS:
         return {}
     chosen = pixels.select(torch.arange(len(pixels))[:: -(-len(pixels) // PROBED)])
     far = frame[HIT_SHADER].environment(chosen.direction, chosen.cameras.eye)
@@ -129,11 +134,11 @@ VIEWS = 300.0
 
 
 def amounts(outlook: Outlook) -> Amounts:
-    """Once; reflective pixels; triangles in the clusters' pictures, or the first look at the surroundings alone."""
+    """Once; reflective pixels; triangles in the clusters' pictures, or the first look at the surroundings of hits."""
     options, pixels, drawn = outlook.options, reflective(outlook), 0.0
-    if options.reflections == "environment":
-        shader = outlook.history.last(HIT_SHADER)
-        drawn = float(shader is None or not shader.looked_around)
+    if options.reflections in ("environment", "traced"):  # rays that find mirrors over and over end in surroundings
+        shader = outlook.kept(HIT_SHADER)
+        drawn = float(shader is None or (options.reflections == "environment" and not shader.looked_around))
     if options.reflections == "clustered":
         drawn = outlook.triangles * (1.0 if options.reflection.missing == "trace" else 1.0 + VIEWS * pixels)
     return (1.0, pixels, drawn)
@@ -305,6 +310,7 @@ PASS = Pass(
     ),
     amounts=amounts,
     senses=senses,
+    rests_on=HIT_SHADER,
     settle=settle,
     settles=left_open,
     own=OWN,
