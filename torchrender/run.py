@@ -57,7 +57,8 @@ class Run:
     done: list[str] = field(init=False, default_factory=list)  # passes that ran
     found: dict[str, float] = field(init=False, default_factory=dict)  # quantities, since the plan was made
     searches: list[Search] = field(init=False, default_factory=list)  # of its plans
-    loading: set[str] = field(init=False, default_factory=set)  # passes that loaded kernels: their times teach nothing
+    untypical: set[str] = field(init=False, default_factory=set)  # passes that loaded kernels, or did what is done once:
+    # their times teach nothing
     foreseen_ms: float = field(init=False, default=0.0)  # of all of it, by the first plan
     sensed: dict[str, float] = field(init=False, default_factory=dict)  # what errors of the next picture follow
     doubts: list[Doubt] = field(init=False, default_factory=list)  # about what cameras see
@@ -101,7 +102,7 @@ class Run:
             with self.clock.measure(step.name):
                 self._take(step, step.run(self._frame()))
             if Kernel.loads != before:
-                self.loading.add(step.name)
+                self.untypical.add(step.name)
             self.done.append(step.name)
             if step.senses is not None and self.limits != (None, None) and self.knowledge.unseen and self._looks:
                 with self.clock.measure("senses"):
@@ -180,6 +181,8 @@ class Run:
         """Note how much work the pass has."""
         if self.plan.row(step.name).setting != CUSTOM:
             self.amounts[step.name] = step.amounts(self.knowledge.outlook.at(self.plan.options))
+            if step.rests_on is not None and self.amounts[step.name][-1] > 0.0:
+                self.untypical.add(step.name)
 
     def _forget(self) -> None:
         """Release the buffers that no pass asks for; a G-buffer that is no larger than the picture stays with it."""
@@ -238,7 +241,7 @@ class Run:
         settings = {step.name: step.settings.current(plan.options) for step in known.passes}
         pace = known.pace.aged({(row.name, row.setting) for row in plan.running})
         for row in plan.running:
-            if row.amounts is not None and row.measured_ms is not None and row.name not in self.loading:
+            if row.amounts is not None and row.measured_ms is not None and row.name not in self.untypical:
                 raw = known.curves.time_ms(row.name, row.setting, row.amounts, known.name)
                 pace = pace.learned(row.name, row.setting, row.measured_ms, raw or 0.0)
         learned = {**pace.known, **known.outlook.known, **self.sensed, **self._beside(), **self._missed()}

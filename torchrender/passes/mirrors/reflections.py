@@ -108,6 +108,9 @@ def _batch(layers: list[ReflectionLayer]) -> ReflectionLayer:
 LOOK_MS = 70.0
 """A first look at the surroundings, about."""
 
+YOUNG = 3
+"""Pictures after which rays that never asked for the surroundings will not."""
+
 PROBED = 2048
 """Reflective pixels, at most, whose surroundings are looked up beside what they mirror."""
 
@@ -134,14 +137,15 @@ VIEWS = 300.0
 
 
 def amounts(outlook: Outlook) -> Amounts:
-    """Once; reflective pixels; triangles in the clusters' pictures, or the first look at the surroundings of hits."""
-    options, pixels, drawn = outlook.options, reflective(outlook), 0.0
+    """Once; reflective pixels; triangles in the clusters' pictures; the first look at the surroundings of hits."""
+    options, pixels, drawn, look = outlook.options, reflective(outlook), 0.0, False
     if options.reflections in ("environment", "traced"):  # rays that find mirrors over and over end in surroundings
         shader = outlook.kept(HIT_SHADER)
-        drawn = float(shader is None or (options.reflections == "environment" and not shader.looked_around))
+        young = options.reflections == "environment" or outlook.history.pictures < YOUNG
+        look = shader is None or (not shader.looked_around and young)
     if options.reflections == "clustered":
         drawn = outlook.triangles * (1.0 if options.reflection.missing == "trace" else 1.0 + VIEWS * pixels)
-    return (1.0, pixels, drawn)
+    return (1.0, pixels, drawn, float(look))
 
 
 WAYS: Mapping[str, Mapping[str, Any]] = {
