@@ -10,7 +10,7 @@ import pytest
 
 import torchrender as tr
 from torchrender.pipeline.history import RenderHistory
-from torchrender.pipeline.pace import LATE, Pace, Search, missed
+from torchrender.pipeline.pace import LATE, SEARCHING, Pace, Search, missed
 from torchrender.planning import planner
 from torchrender.planning.plan import Plan
 from torchrender.planning.search import HEADROOM, HEADROOMS, headroom
@@ -136,3 +136,14 @@ def test_headroom_follows_how_far_times_are_missed() -> None:
 def test_one_slow_picture_counts_within_limits() -> None:
     assert missed({}, 1e9, 1.0) == missed({}, 2.0, 1.0)
     assert math.exp(-missed({}, 1e9, 1.0)[LATE]) > 0.6
+
+
+def test_a_search_is_paid_by_its_picture_alone(past: RenderHistory) -> None:
+    """What is chosen for the pictures after it may fill what the search takes."""
+    found = with_search(past, None)
+    assert found.pace is not None
+    usual = tr.plan(SCENE, CAMERA, history=found, options=OPTIONS, budget_ms=1000.0).predicted_ms or 0.0
+    costly = replace(found, pace=replace(found.pace, known={**found.pace.known, SEARCHING: usual}))
+    plan = tr.plan(SCENE, CAMERA, history=costly, options=OPTIONS, budget_ms=1.2 * usual / HEADROOM)
+    assert plan.search is not None and plan.search.later is not None
+    assert (plan.predicted_ms or 0.0) < plan.search.later.cost[0]

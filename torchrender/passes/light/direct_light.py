@@ -169,7 +169,9 @@ def _darkened(frame: Frame) -> float:
     scene, gbuffer, radiance = frame.scene, frame[GBUFFER], few(frame[DIRECT_LIGHT], SIDE).detach().float()
     sky, fill = _from_around(scene)
     reach = reach_of(scene, frame.options.ambient)
-    hidden = [light * (1.0 - depth_visibility(gbuffer, far)) for light, far in ((sky, math.inf), (fill, reach)) if light]
+    hidden = [
+        light * (1.0 - depth_visibility(gbuffer, far)) for light, far in ((sky, math.inf), (fill, reach)) if light
+    ]
     if not hidden:
         return 0.0
     white = (radiance.mean(dim=-1) / max(sky + fill, 1e-6)).clamp_max(HALF_WHITE)
