@@ -24,16 +24,16 @@ from torchrender.pipeline.doubts import Doubt, exposure_of
 from torchrender.pipeline.frame import Frame
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
-from torchrender.pipeline.pace import Search, missed
+from torchrender.pipeline.pace import BESIDE, SEARCHING, Search, missed
 from torchrender.pipeline.view_doubts import picture_doubts, view_doubts
 from torchrender.planning.costs import Knowledge, sense_of
 from torchrender.planning.graph import Graph
 from torchrender.planning.plan import Plan
 from torchrender.planning.planner import make_plan
+from torchrender.planning.rows import expected_of
+from torchrender.planning.search import headroom
+from torchrender.planning.standing import SHARE, cost_of_rows
 from torchrender.shade import SentLight
-
-BESIDE = {name: f"milliseconds of {name}" for name in ("plan", "senses")}
-"""Quantities that a picture tells the next one: what a budget pays beside the passes."""
 
 FIRST_BESIDE = {"plan": 4.0, "senses": 16.0}
 """Milliseconds of them, at most, that pictures tell which load much for them: of the plan the first one."""
@@ -56,8 +56,11 @@ class Run:
     amounts: dict[str, tuple[float, ...]] = field(init=False, default_factory=dict)  # of work, by pass
     done: list[str] = field(init=False, default_factory=list)  # passes that ran
     found: dict[str, float] = field(init=False, default_factory=dict)  # quantities, since the plan was made
-    searches: dict[tuple[str, ...], Search] = field(init=False, default_factory=dict)  # by the passes that had run
-    loading: set[str] = field(init=False, default_factory=set)  # passes that loaded kernels: their times teach nothing
+    searches: list[Search] = field(init=False, default_factory=list)  # of its plans
+    untypical: set[str] = field(
+        init=False, default_factory=set
+    )  # passes that loaded kernels, or did what is done once:
+    # their times teach nothing
     foreseen_ms: float = field(init=False, default=0.0)  # of all of it, by the first plan
     sensed: dict[str, float] = field(init=False, default_factory=dict)  # what errors of the next picture follow
     doubts: list[Doubt] = field(init=False, default_factory=list)  # about what cameras see
@@ -101,7 +104,7 @@ class Run:
             with self.clock.measure(step.name):
                 self._take(step, step.run(self._frame()))
             if Kernel.loads != before:
-                self.loading.add(step.name)
+                self.untypical.add(step.name)
             self.done.append(step.name)
             if step.senses is not None and self.limits != (None, None) and self.knowledge.unseen and self._looks:
                 with self.clock.measure("senses"):
@@ -120,12 +123,13 @@ class Run:
             spent = sum(ms for name, ms in took.items() if name not in ("load", "total"))
             told = self.knowledge.pace.known
             spent += sum(max(0.0, told.get(known, 0.0) - took.get(name, 0.0)) for name, known in BESIDE.items())
-            self.plan = make_plan(self.knowledge, options, *self.limits, done=done, spent_ms=spent)
+            before = self.plan if done else None
+            self.plan = make_plan(self.knowledge, options, *self.limits, done=done, spent_ms=spent, before=before)
             self.graph = self.knowledge.graph(self.plan.options)
             if not done:
                 self.foreseen_ms = spent + (self.plan.predicted_ms or 0.0)
             if self.plan.search is not None:
-                self.searches[tuple(done)] = self.plan.search
+                self.searches.append(self.plan.search)
 
     def _look_again(self) -> None:
         """More is known, and a part of the time is spent: reasons, and what is left to choose, follow."""
@@ -145,7 +149,14 @@ class Run:
             asked=self.graph.asked,
             hits=self._over_hits,
             wanted=frozenset(self.knowledge.wanted),
+            spare_ms=self._spare_ms,
         )
+
+    @property
+    def _spare_ms(self) -> float:
+        """What sensing may take: a small share of a budget, or what the passes leave of it."""
+        budget, pace = self.limits[0], self.knowledge.pace
+        return math.inf if budget is None else max(SHARE * budget, headroom(pace) * budget - self.foreseen_ms)
 
     def _over_hits(self, given: Mapping[Buffer[Any], Any], changes: Mapping[str, Any]) -> OverHits:
         """The same passes, over what rays hit."""
@@ -172,6 +183,8 @@ class Run:
         """Note how much work the pass has."""
         if self.plan.row(step.name).setting != CUSTOM:
             self.amounts[step.name] = step.amounts(self.knowledge.outlook.at(self.plan.options))
+            if step.rests_on is not None and self.amounts[step.name][-1] > 0.0:
+                self.untypical.add(step.name)
 
     def _forget(self) -> None:
         """Release the buffers that no pass asks for; a G-buffer that is no larger than the picture stays with it."""
@@ -192,18 +205,20 @@ class Run:
             if name == "plan" and past.pictures:
                 most = math.inf if self._stands else self.knowledge.pace.known.get(known, most)
             found[known] = min(took.get(name, 0.0), most)
+        if past.pictures and self.searches and not self._stands:
+            found[SEARCHING] = sum(took.get(name, 0.0) for name in BESIDE)
         return found
 
     @property
     def _looks(self) -> bool:
         """It is time to sense: a search was made, or many pictures stood by it."""
-        stood = [search.pictures for search in self.searches.values()]
+        stood = [search.pictures for search in self.searches]
         return all(number == 0 or number % LOOKS == LOOKS - 1 for number in stood)
 
     @property
     def _stands(self) -> bool:
         """All that was chosen is what an earlier picture chose."""
-        return bool(self.searches) and all(search.pictures for search in self.searches.values())
+        return bool(self.searches) and all(search.pictures for search in self.searches)
 
     def _missed(self) -> dict[str, float]:
         """How far the time was missed that a picture after the first was chosen for."""
@@ -212,17 +227,27 @@ class Run:
             return {}
         return missed(past.pace.known, self.clock.elapsed_ms.get("total", 0.0), self.foreseen_ms)
 
+    def _search(self, plan: Plan) -> Search | None:
+        """That of the plan, for the next picture: a new one with what all of the picture was expected to be."""
+        found = plan.search
+        if found is None or found.later is not None:
+            return None if found is None else found.later
+        if found.pictures:
+            return self.searches[0]
+        expected = expected_of(self.knowledge, plan.rows, plan.options)
+        return replace(found, cost=cost_of_rows(plan.rows, expected, frozenset()))
+
     def history(self, plan: Plan) -> RenderHistory:
         """What the next picture of the sequence starts from."""
         known = self.knowledge
         settings = {step.name: step.settings.current(plan.options) for step in known.passes}
         pace = known.pace.aged({(row.name, row.setting) for row in plan.running})
         for row in plan.running:
-            if row.amounts is not None and row.measured_ms is not None and row.name not in self.loading:
+            if row.amounts is not None and row.measured_ms is not None and row.name not in self.untypical:
                 raw = known.curves.time_ms(row.name, row.setting, row.amounts, known.name)
                 pace = pace.learned(row.name, row.setting, row.measured_ms, raw or 0.0)
         learned = {**pace.known, **known.outlook.known, **self.sensed, **self._beside(), **self._missed()}
-        pace = replace(pace, choice=settings, known=learned, searches=self.searches)
+        pace = replace(pace, choice=settings, known=learned, search=self._search(plan))
         past = known.outlook.history.with_picture(self.lasting.items(), plan.options)
         return replace(past, pace=pace)
 

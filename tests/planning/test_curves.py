@@ -27,7 +27,7 @@ from torchrender.scene.load import load
 def small() -> dict[str, Any]:
     record = {"flip": 0.2, "psnr": 20.0}
     return {
-        "format": 3,
+        "format": 4,
         "norm": 2.0,
         "weights": {"gbuffer": {"1": [1.0, 10.0, 5.0]}},
         "scenes": {
@@ -92,9 +92,9 @@ def test_a_users_file_comes_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         "{",
         "[]",
         "null",
-        '{"format": 3}',
+        '{"format": 4}',
         '{"format": 7, "weights": {}}',
-        '{"format":3,"norm":2,"weights":[],"scenes":{}}',
+        '{"format":4,"norm":2,"weights":[],"scenes":{}}',
     ],
 )
 def test_a_damaged_file_is_ignored_with_a_warning(text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,11 +10,11 @@ import pytest
 
 import torchrender as tr
 from torchrender.pipeline.history import RenderHistory
-from torchrender.pipeline.pace import LATE, Pace, Search, missed
+from torchrender.pipeline.pace import LATE, SEARCHING, Pace, Search, missed
 from torchrender.planning import planner
 from torchrender.planning.plan import Plan
 from torchrender.planning.search import HEADROOM, HEADROOMS, headroom
-from torchrender.planning.standing import LEAST_MS, PICTURES, SLOWER
+from torchrender.planning.standing import FULL, LEAST_MS, PICTURES, SLOWER
 
 SCENE = tr.load("grass", size=3000)
 CAMERA = SCENE.camera(width=64, height=48)
@@ -34,12 +34,13 @@ def past() -> RenderHistory:
 
 def with_search(history: RenderHistory, search: Search | None) -> RenderHistory:
     assert history.pace is not None
-    return replace(history, pictures=100, pace=replace(history.pace, searches={} if search is None else {(): search}))
+    return replace(history, pictures=100, pace=replace(history.pace, search=search))
 
 
 def last(history: RenderHistory) -> Search:
     assert history.pace is not None
-    return history.pace.searches[()]
+    assert history.pace.search is not None
+    return history.pace.search
 
 
 def planned(monkeypatch: pytest.MonkeyPatch, history: RenderHistory, **wishes: Any) -> tuple[Plan, int]:
@@ -109,7 +110,7 @@ def test_a_budget_that_became_too_small_is_searched_for(monkeypatch: pytest.Monk
     rest = with_search(past, None)
     plan, _ = planned(monkeypatch, rest, max_error=None, budget_ms=1000.0)
     assert plan.search is not None and plan.possible
-    tight = 1.001 * (plan.predicted_ms or 0.0) / HEADROOM
+    tight = 1.02 * (plan.predicted_ms or 0.0) / FULL
     kept = with_search(past, replace(plan.search, wishes=(tight, None)))
     assert planned(monkeypatch, kept, max_error=None, budget_ms=tight)[1] == 0
     assert kept.pace is not None
@@ -135,3 +136,14 @@ def test_headroom_follows_how_far_times_are_missed() -> None:
 def test_one_slow_picture_counts_within_limits() -> None:
     assert missed({}, 1e9, 1.0) == missed({}, 2.0, 1.0)
     assert math.exp(-missed({}, 1e9, 1.0)[LATE]) > 0.6
+
+
+def test_a_search_is_paid_by_its_picture_alone(past: RenderHistory) -> None:
+    """What is chosen for the pictures after it may fill what the search takes."""
+    found = with_search(past, None)
+    assert found.pace is not None
+    usual = tr.plan(SCENE, CAMERA, history=found, options=OPTIONS, budget_ms=1000.0).predicted_ms or 0.0
+    costly = replace(found, pace=replace(found.pace, known={**found.pace.known, SEARCHING: usual}))
+    plan = tr.plan(SCENE, CAMERA, history=costly, options=OPTIONS, budget_ms=1.2 * usual / HEADROOM)
+    assert plan.search is not None and plan.search.later is not None
+    assert (plan.predicted_ms or 0.0) < plan.search.later.cost[0]

@@ -79,6 +79,7 @@ class Pass:
 
     # where it stands in the picture
     continues: Buffer[Any] | None = None  # it runs only while this is kept, in place of the buffer's next maker
+    rests_on: Buffer[Any] | None = None  # lasts; where it is made anew, the last amount is work done once
     by_settings: bool = False  # whether it applies depends on settings, its own or those of others
     for_next: bool = False  # what it makes is for the next picture of a sequence: nobody in this one asks for it
     checkpoint: Callable[[Frame], Mapping[str, float]] | None = None  # what is known after it: the plan is made anew

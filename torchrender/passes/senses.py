@@ -59,6 +59,11 @@ def closely(name: str) -> str:
     return f"{name}, closely"
 
 
+def roughly(name: str) -> str:
+    """What is sensed in the place of a pass that is left out, until a picture runs it."""
+    return f"{name}, roughly"
+
+
 def few(image: Tensor, side: int = SIDE) -> Tensor:
     """Pixels (B,h,w,...) at equal distances, up to ``side`` along each side, of an image (B,H,W,...)."""
     rows, columns = (max(1, -(-n // side)) for n in image.shape[1:3])

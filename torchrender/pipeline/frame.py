@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol, TypeVar
@@ -36,6 +37,7 @@ class Frame:
     asked: Mapping[Buffer[Any], frozenset[Buffer[Any]]]  # what is asked for, and by the makers of what
     hits: Callable[[Mapping[Buffer[Any], Any], Mapping[str, Any]], SampleRenderer] = field(repr=False)
     wanted: frozenset[Buffer[Any]] = frozenset()  # asked for from outside
+    spare_ms: float = math.inf  # what sensing may take
 
     @property
     def view(self) -> Cameras:

@@ -26,8 +26,17 @@ LIMIT = 8.0
 MISSED, UNSURE, LATE = (f"logarithm of times over what was foreseen: {name}" for name in ("mean", "spread", "most"))
 """Quantities that a sequence learns about whole pictures."""
 
+SEARCHING = "milliseconds of searching"
+"""Quantity that a sequence learns: what a picture pays for a search over all settings, and for sensing after it."""
+
+FIRST_SEARCHING = 16.0
+"""Before it is known."""
+
 FIRST_UNSURE = 0.08
 """Before the first of them is known: times lie that far off, up or down."""
+
+BESIDE = {name: f"milliseconds of {name}" for name in ("plan", "senses")}
+"""Quantities that a picture tells the next one: what a budget pays beside the passes."""
 
 MOST_MISSED = 0.4
 """What one picture counts for."""
@@ -46,7 +55,7 @@ def missed(known: Mapping[str, float], measured_ms: float, foreseen_ms: float) -
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Search:
-    """What a search over all settings came to, at one place of a picture: the next pictures stand by it for a while."""
+    """What a search over all settings came to: the rest of the picture, and the next ones, stand by it for a while."""
 
     wishes: tuple[float | None, float | None]  # budget, error bound
     asked: RenderOptions  # before anything was chosen
@@ -55,6 +64,7 @@ class Search:
     changes: tuple[str, ...]  # in words
     cost: tuple[float, float, float]  # expected milliseconds of what was to run, error, and most of it
     pictures: int = 0  # that stood by it
+    later: Search | None = None  # the same for pictures that need not pay for a search
 
     def is_of(self, wishes: tuple[float | None, float | None], asked: RenderOptions) -> bool:
         """It was about the same."""
@@ -74,7 +84,13 @@ class Pace:
     ratios: Mapping[tuple[str, str], float] = field(default_factory=dict)
     choice: Mapping[str, str] = field(default_factory=dict)  # setting by pass
     known: Mapping[str, float] = field(default_factory=dict)  # quantities that the last pictures found out
-    searches: Mapping[tuple[str, ...], Search] = field(default_factory=dict, compare=False)  # by the passes that ran
+    search: Search | None = field(default=None, compare=False)  # that the last picture was made by
+
+    @property
+    def search_ms(self) -> float:
+        """What a search is expected to take, with the sensing after it, beyond what a picture without one pays."""
+        usual = sum(self.known.get(name, 0.0) for name in BESIDE.values())
+        return max(0.0, self.known.get(SEARCHING, FIRST_SEARCHING) - usual)
 
     def ratio(self, name: str, setting: str) -> float:
         """Correction of a prediction: of this setting, else the mean of the pass's other settings, else 1."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 from torchrender.passes.contract import Amounts, Buffers, Pass
 from torchrender.passes.outlook import Outlook
-from torchrender.passes.senses import closely
+from torchrender.passes.senses import closely, roughly
 from torchrender.passes.table import PASSES, PICTURE, table_of
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
@@ -73,7 +73,10 @@ class Knowledge:
     def predicted_ms(self, step: Pass, setting: str, amounts: Amounts) -> float | None:
         """Time of one pass at one setting for this much work; None if it was never measured."""
         usual = self.curves.time_ms(step.name, setting, amounts, self.name)
-        return None if usual is None else usual * self.pace.ratio(step.name, setting)
+        if usual is None or step.rests_on is None or not amounts[-1]:
+            return None if usual is None else usual * self.pace.ratio(step.name, setting)
+        each = self.curves.time_ms(step.name, setting, (*amounts[:-1], 0.0), self.name) or 0.0
+        return usual - each + each * self.pace.ratio(step.name, setting)  # what is done once, sequences do not learn
 
     @property
     def unseen(self) -> bool:
@@ -109,7 +112,8 @@ class Knowledge:
 
     def _error(self, step: Pass, setting: str) -> Expected:
         known = self.pace.known
-        sensed, probed = (known.get(sense_of(name)) for name in (step.name, closely(step.name)))
+        probed = known.get(sense_of(closely(step.name)))
+        sensed = known.get(sense_of(step.name), known.get(sense_of(roughly(step.name))))
         return self.curves.error(step.name, setting, None if self.unseen else self.name, sensed, probed)
 
 

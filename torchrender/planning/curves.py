@@ -23,7 +23,7 @@ from torchrender.planning.foresight import Expected, Joint, Line, parse_joint, p
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
 
-FORMAT = 3
+FORMAT = 4
 MAX_BYTES = 8 << 20
 ENVIRONMENT = "TORCHRENDER_CURVES"
 

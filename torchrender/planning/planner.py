@@ -78,17 +78,19 @@ def make_plan(
     *,
     done: Mapping[str, float] | None = None,
     spent_ms: float = 0.0,
+    before: Plan | None = None,
 ) -> Plan:
     """The plan of a picture.
 
     Args:
         done: passes that ran, with what they took; their settings are what the options say.
         spent_ms: time that was spent so far.
+        before: the plan that was made at an earlier place of the picture.
     """
     ran = frozenset(done or ())
     options = _settled(knowledge, options, ran)
     wishes = (budget_ms, max_error)
-    found = None if wishes == (None, None) else _found(knowledge, options, wishes, tuple(done or ()), spent_ms)
+    found = None if wishes == (None, None) else _found(knowledge, options, wishes, tuple(done or ()), spent_ms, before)
     options = options if found is None else found.options
     rows = rows_of(knowledge, options) if found is None else found.rows
     expected = expected_of(knowledge, rows, options)
@@ -112,7 +114,12 @@ def make_plan(
             possible=choice.possible,
             changes=_changes(rows_of(knowledge, asked), rows),
             cost=cost_of_rows(rows, expected, ran),
+            later=None if before is None or before.search is None else before.search.later,
         )
+        if found.later is not None:
+            cost = (found.later.predicted_ms - spent_ms, found.later.predicted_error, found.later.predicted_error)
+            chosen, possible = found.later.settings, found.later.possible
+            search = replace(search, later=replace(search, settings=chosen, possible=possible, cost=cost))
     plan = replace(plan, changes=search.changes, search=search)
     return plan if choice.possible else replace(plan, possible=False, statement=_statement(plan, choice, spent_ms))
 
@@ -123,17 +130,22 @@ def _found(
     wishes: tuple[float | None, float | None],
     done: tuple[str, ...],
     spent_ms: float,
+    before: Plan | None,
 ) -> Standing:
-    """The choice of the last pictures where it still holds, else that of a search."""
-    kept = stands(knowledge, options, wishes, done, spent_ms)
+    """The choice of the last pictures, or of an earlier place of this one, where it holds, else that of a search."""
+    kept = stands(knowledge, options, wishes, done, spent_ms, before)
     if kept is not None:
         return kept
-    question = Question.about(knowledge, options, frozenset(done))
+    question = Question.about(knowledge, options, frozenset(done), near=wishes[0] is not None)
+    pays = wishes[0] is not None and not done
+    later = choose(question, *wishes, spent_ms) if pays and wishes[1] is None else None
+    if pays:
+        spent_ms += knowledge.pace.search_ms
     choice = choose(question, *wishes, spent_ms)
     rows = rows_of(knowledge, question.options_at(choice.settings))
     if wishes[1] is not None:
         choice, rows = _safely(question, (wishes[0], wishes[1], spent_ms), choice, rows)
-    return Standing(choice, question.options_at(choice.settings), rows, None)
+    return Standing(choice, question.options_at(choice.settings), rows, None, later)
 
 
 def _safely(

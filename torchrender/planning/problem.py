@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from torchrender.passes.contract import Pass
 from torchrender.passes.settings import Setting
 from torchrender.planning.graph import AnyBuffer
-from torchrender.planning.question import Combination, Question
+from torchrender.planning.question import Combination, Question, lasting_of
 
 Cost = tuple[float, float]
 """Milliseconds, and error to the power of the norm."""
@@ -246,8 +246,11 @@ class _Builder:
             return 0
         if kind == SEEN and (step.makes.lasting is None or not step.settings.is_choice):
             return 0
-        if kind == FRESH and step.makes.name not in self._question.kept:
-            return 0
+        if kind == FRESH:
+            buffer = lasting_of(step)
+            if buffer is None or buffer.name not in self._question.kept:
+                return 0
+            step = self._makers.get(buffer, step)
         key = (kind, step.name)
         if key not in self._bits:
             self._bits[key] = bit = self._next
@@ -292,7 +295,8 @@ class _Builder:
         return bits
 
     def _row(self, step: Pass, setting: Setting) -> Row:
-        question, kept = self._question, step.makes.name in self._question.kept
+        question, buffer = self._question, lasting_of(step)
+        kept = buffer is not None and buffer.name in question.kept
         fresh_ms = question.time_ms(step, setting, self._count, True)
         kept_ms = question.time_ms(step, setting, self._count, False) if kept else fresh_ms
         bits = self._asked(step, question.inputs(step, setting, self._count, not kept))

@@ -37,8 +37,15 @@ class Question:
     _memo: dict[tuple[object, ...], object] = field(default_factory=dict, repr=False)
 
     @classmethod
-    def about(cls, knowledge: Knowledge, options: RenderOptions, done: frozenset[str] = frozenset()) -> Question:
-        """All settings are open but those of passes that ran, are held, are off, or stand where no setting is."""
+    def about(
+        cls, knowledge: Knowledge, options: RenderOptions, done: frozenset[str] = frozenset(), *, near: bool = False
+    ) -> Question:
+        """All settings are open but those of passes that ran, are held, are off, or stand where no setting is.
+
+        Args:
+            near: numbers of pixels far from those of the last picture are not, once two were made: every number makes
+                a search longer, and the next search comes soon.
+        """
         open_ = {}
         for step in knowledge.passes:
             current = step.settings.current(options)
@@ -48,6 +55,11 @@ class Question:
                 continue
             held = step.name in done or step.name in options.fixed or current == step.off
             open_[step.name] = (step.settings.named(current),) if held else step.settings.all
+        first = knowledge.passes[0]
+        last = [setting.name for setting in open_.get(first.name, ())]
+        if near and knowledge.outlook.history.pictures > 1 and knowledge.pace.choice.get(first.name) in last:
+            place = last.index(knowledge.pace.choice[first.name])
+            open_[first.name] = open_[first.name][max(place - 1, 0) : place + 2]
         return cls(knowledge=knowledge, options=options, open=open_, done=done)
 
     @property
@@ -143,14 +155,14 @@ class Question:
         outlook, options = self.knowledge.outlook, self._exact_at(count)
         if setting.changes and step is not self.first:
             options = setting.applied(options)
-        if step.makes.lasting is None or step.makes.name not in outlook.history.kept:
+        buffer = lasting_of(step)
+        if buffer is None or buffer.lasting is None or buffer.name not in outlook.history.kept:
             return outlook.at(options)
         kept = dict(outlook.history.kept)
         if fresh:
-            del kept[step.makes.name]
+            del kept[buffer.name]
         else:  # as if it was made with these options
-            made = replace(kept[step.makes.name], options=step.makes.lasting.options(options))
-            kept[step.makes.name] = made
+            kept[buffer.name] = replace(kept[buffer.name], options=buffer.lasting.options(options))
         return replace(outlook, options=options, history=replace(outlook.history, kept=kept))
 
     def _exact_at(self, count: Setting) -> RenderOptions:
@@ -211,6 +223,11 @@ class Question:
                     if not same(one.buffer.lasting.options(setting.applied(one.settings)), one.options):
                         found.setdefault((step.name, setting.name), set()).add((name,))
         return {key: frozenset(names) for key, names in found.items()}
+
+
+def lasting_of(step: Pass) -> AnyBuffer | None:
+    """What decides, by being kept or not, about what a pass costs."""
+    return step.rests_on if step.rests_on is not None else step.makes if step.makes.lasting is not None else None
 
 
 @lru_cache(maxsize=1024)

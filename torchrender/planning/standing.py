@@ -2,7 +2,9 @@
 picture.
 
 What is expected of the choice is worked out anew for every picture, so that a choice which no longer keeps what was
-wished for, or has become quicker, slower or less exact than it was, makes way for a search.
+wished for, or has become quicker, slower or less exact than it was, makes way for a search. Under a budget that search
+has to be worth its time: while the choice fits, pictures stand by it until a search is a small share of what they took.
+Within a picture, what its checkpoints found out counts in the same way.
 """
 
 from __future__ import annotations
@@ -12,12 +14,12 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from torchrender.pipeline.options import RenderOptions
-from torchrender.pipeline.pace import Search
+from torchrender.pipeline.pace import FIRST_SEARCHING, SEARCHING, Search
 from torchrender.planning.costs import Knowledge
 from torchrender.planning.foresight import Expected
-from torchrender.planning.plan import PlanRow
+from torchrender.planning.plan import Plan, PlanRow
 from torchrender.planning.rows import expected_of, rows_of
-from torchrender.planning.search import Choice, headroom
+from torchrender.planning.search import HEADROOM, Choice, headroom
 
 PICTURES = 8
 """That stand by a search at most, and half as many as were made before it: what is known of other settings changes,
@@ -29,6 +31,12 @@ SLOWER, WORSE = 1.25, 1.1
 LEAST_MS = 8.0
 """Changes of times below this are none: a search takes as long."""
 
+SHARE = 0.05
+"""Of a budget that searches may take, over the pictures that stand by them."""
+
+FULL = 0.97
+"""Share of a budget that a standing choice may fill, where a search would take more time than it could save."""
+
 Cost = tuple[float, float, float]
 
 
@@ -39,6 +47,7 @@ class Standing(NamedTuple):
     options: RenderOptions
     rows: tuple[PlanRow, ...]
     search: Search | None  # that it stands by; None: it is a new one
+    later: Choice | None = None  # of pictures that need not pay for a search
 
 
 def cost_of_rows(rows: tuple[PlanRow, ...], expected: Expected | None, done: frozenset[str]) -> Cost:
@@ -53,16 +62,20 @@ def stands(
     wishes: tuple[float | None, float | None],
     done: tuple[str, ...],
     spent_ms: float,
+    before: Plan | None = None,
 ) -> Standing | None:
-    """The choice of the last pictures at this place, if it was about the same and still holds.
+    """The choice of the last pictures, or of this one at an earlier place, if it was about the same and still holds.
 
     Args:
         options: before the choice, as far as passes did not run.
         done: passes that ran, in order.
+        before: the plan that was made at an earlier place of this picture.
     """
-    last = knowledge.pace.searches.get(done)
-    most = min(PICTURES, knowledge.outlook.history.pictures // 2)
-    if last is None or last.pictures >= most or not last.is_of(wishes, knowledge.outlook.options):
+    last = knowledge.pace.search if before is None else _left_of(knowledge, before, done)
+    if last is None or not last.is_of(wishes, knowledge.outlook.options):
+        return None
+    patient = before is None and _is_patient(knowledge, last, wishes)
+    if before is None and not patient and last.pictures >= min(PICTURES, knowledge.outlook.history.pictures // 2):
         return None
     for step in knowledge.passes:
         if step.name in last.settings:
@@ -74,7 +87,11 @@ def stands(
     rows = rows_of(knowledge, options)
     expected = expected_of(knowledge, rows, options)
     cost = cost_of_rows(rows, expected, frozenset(done))
-    if _moved(cost, last.cost) or last.possible != _kept(knowledge, wishes, cost, spent_ms):
+    if patient:
+        holds = _fits(knowledge, last, wishes[0] or 0.0, spent_ms + cost[0])
+    else:
+        holds = not _moved(cost, last.cost) and last.possible == _kept(knowledge, wishes, cost, spent_ms)
+    if not holds:
         return None
     choice = Choice(
         settings=last.settings,
@@ -82,7 +99,31 @@ def stands(
         predicted_error=cost[1],
         possible=last.possible,
     )
-    return Standing(choice, options, rows, replace(last, pictures=last.pictures + 1))
+    return Standing(choice, options, rows, replace(last, pictures=last.pictures + (before is None)))
+
+
+def _left_of(knowledge: Knowledge, before: Plan, done: tuple[str, ...]) -> Search | None:
+    """The search of an earlier place, with what it expected of the passes that are left."""
+    if before.search is None:
+        return None
+    expected = expected_of(knowledge, before.rows, before.options)
+    return replace(before.search, cost=cost_of_rows(before.rows, expected, frozenset(done)))
+
+
+def _is_patient(knowledge: Knowledge, last: Search, wishes: tuple[float | None, float | None]) -> bool:
+    """Too few pictures stood by a search under a budget for another one; the first picture's are of no use later."""
+    budget, bound = wishes
+    if budget is None or bound is not None or knowledge.outlook.history.pictures < 2:
+        return False
+    searching = knowledge.pace.known.get(SEARCHING, FIRST_SEARCHING)
+    return last.pictures < min(PICTURES, searching / (SHARE * budget))
+
+
+def _fits(knowledge: Knowledge, last: Search, budget: float, needed_ms: float) -> bool:
+    """The choice still fits a budget; one that did not fit does not fit better with the time of another search."""
+    if last.possible:
+        return needed_ms <= min(FULL, FULL / HEADROOM * headroom(knowledge.pace)) * budget
+    return needed_ms + knowledge.pace.search_ms > headroom(knowledge.pace) * budget
 
 
 def _moved(cost: Cost, before: Cost) -> bool:

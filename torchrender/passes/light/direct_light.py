@@ -14,14 +14,15 @@ from torchrender.buffers import GBuffer, MirrorShare, ReflectionLayer
 from torchrender.effects.ambient.visibility import AmbientVisibility
 from torchrender.passes.contract import Amounts, Pass
 from torchrender.passes.hard import HardEffect, Law, Outputs, Subject, radiance_bounds
-from torchrender.passes.light.ambient_visibility import AMBIENT_VISIBILITY
+from torchrender.passes.light.ambient_visibility import AMBIENT_VISIBILITY, has_ambient_light, reach_of
+from torchrender.passes.light.hidden_light import SIDE, depth_visibility
 from torchrender.passes.light.light_reach import AREA_LISTED, LIGHT_REACH, POINT_LISTED
 from torchrender.passes.light.pane_shadow import PANE_SHADOW
 from torchrender.passes.light.probe import probe
 from torchrender.passes.light.visibility import POINT_SHADOW, SOFT_SHADOW
 from torchrender.passes.outlook import Outlook, Verdict, counted
 from torchrender.passes.seen.gbuffer import GBUFFER
-from torchrender.passes.senses import closely, difference, few
+from torchrender.passes.senses import closely, difference, few, roughly
 from torchrender.passes.settings import settings
 from torchrender.pipeline.buffer import Buffer, Layer, Order
 from torchrender.pipeline.frame import Frame
@@ -43,6 +44,10 @@ def _under_all(scene: Scene, gbuffer: GBuffer, radiance: Tensor, direct: Tensor)
 
 FEW = 4
 """Lights that are not worth a look at lists."""
+
+BEYOND = 2.8
+"""Times that rays find more hidden light than the depth of a picture tells: 23 random scenes and built-in ones, within
+a quarter."""
 
 RAYS = 64
 """Of the quickest traced ambient visibility, whose noise is told beforehand."""
@@ -154,7 +159,23 @@ def senses(frame: Frame) -> dict[str, float]:
         found["ambient_visibility"] = _changed(frame, visible, 1.0 - visible)
         noise = (visible * (1.0 - visible)).clamp_min(0.0).sqrt() / math.sqrt(RAYS)
         found[closely("ambient_visibility")] = _changed(frame, visible, noise)
+    elif has_ambient_light(frame.scene):
+        found[roughly("ambient_visibility")] = _darkened(frame)
     return found | probe(frame, frame[GBUFFER], lights_visibility(frame), reach, frame[DIRECT_LIGHT])
+
+
+def _darkened(frame: Frame) -> float:
+    """How much a picture without ambient visibility is too bright, by the depth of a few of its pixels."""
+    scene, gbuffer, radiance = frame.scene, frame[GBUFFER], few(frame[DIRECT_LIGHT], SIDE).detach().float()
+    sky, fill = _from_around(scene)
+    reach = reach_of(scene, frame.options.ambient)
+    hidden = [
+        light * (1.0 - depth_visibility(gbuffer, far)) for light, far in ((sky, math.inf), (fill, reach)) if light
+    ]
+    if not hidden:
+        return 0.0
+    white = (radiance.mean(dim=-1) / max(sky + fill, 1e-6)).clamp_max(HALF_WHITE)
+    return BEYOND * difference(frame, radiance, radiance - (torch.stack(hidden).sum(dim=0) * white)[..., None])
 
 
 def _changed(frame: Frame, visible: Tensor, change: Tensor) -> float:

@@ -105,6 +105,12 @@ def _batch(layers: list[ReflectionLayer]) -> ReflectionLayer:
     )
 
 
+LOOK_MS = 70.0
+"""A first look at the surroundings, about."""
+
+YOUNG = 3
+"""Pictures after which rays that never asked for the surroundings will not."""
+
 PROBED = 2048
 """Reflective pixels, at most, whose surroundings are looked up beside what they mirror."""
 
@@ -113,6 +119,8 @@ def senses(frame: Frame) -> dict[str, float]:
     """How far off the surroundings alone would be: by a few of the pixels that show more."""
     pixels, layer = frame[REFLECTIVE_PIXEL], frame[REFLECTIONS]
     if frame.options.reflections == "environment" or not len(pixels):
+        return {}
+    if not frame[HIT_SHADER].looked_around and frame.spare_ms < LOOK_MS:
         return {}
     chosen = pixels.select(torch.arange(len(pixels))[:: -(-len(pixels) // PROBED)])
     far = frame[HIT_SHADER].environment(chosen.direction, chosen.cameras.eye)
@@ -129,14 +137,15 @@ VIEWS = 300.0
 
 
 def amounts(outlook: Outlook) -> Amounts:
-    """Once; reflective pixels; triangles in the clusters' pictures, or the first look at the surroundings alone."""
-    options, pixels, drawn = outlook.options, reflective(outlook), 0.0
-    if options.reflections == "environment":
-        shader = outlook.history.last(HIT_SHADER)
-        drawn = float(shader is None or not shader.looked_around)
+    """Once; reflective pixels; triangles in the clusters' pictures; the first look at the surroundings of hits."""
+    options, pixels, drawn, look = outlook.options, reflective(outlook), 0.0, False
+    if options.reflections in ("environment", "traced"):  # rays that find mirrors over and over end in surroundings
+        shader = outlook.kept(HIT_SHADER)
+        young = options.reflections == "environment" or outlook.history.pictures < YOUNG
+        look = shader is None or (not shader.looked_around and young)
     if options.reflections == "clustered":
         drawn = outlook.triangles * (1.0 if options.reflection.missing == "trace" else 1.0 + VIEWS * pixels)
-    return (1.0, pixels, drawn)
+    return (1.0, pixels, drawn, float(look))
 
 
 WAYS: Mapping[str, Mapping[str, Any]] = {
@@ -305,6 +314,7 @@ PASS = Pass(
     ),
     amounts=amounts,
     senses=senses,
+    rests_on=HIT_SHADER,
     settle=settle,
     settles=left_open,
     own=OWN,
