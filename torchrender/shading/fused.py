@@ -283,6 +283,7 @@ def _sky(scene: Scene, background: Tensor | None) -> Sky:
         levels=array(maps.levels, np.int64),
         albedo=array(table.split, f4),
         mean=array(table.mean, f4),
+        sheen=array(table.sheen, f4),
         cosines=array(linear_cosines(), f4),
         radiance=array(shown.radiance if shown.shown is None else shown.shown, f4),
         turn=np.array([math.radians(shown.rotation_deg), shown.intensity], f4),
@@ -293,7 +294,7 @@ def _no_sky() -> Sky:
     """Nothing around, for surfaces that are read only."""
     empty = np.zeros((0, 3), f4)
     maps = (empty, empty, np.zeros((0, 2), np.int64))
-    tables = (np.zeros((0, 0, 4), f4), np.zeros((0, 2), f4), np.zeros((0, 0, 5), f4))
+    tables = (np.zeros((0, 0, 4), f4), np.zeros((0, 4), f4), np.zeros((0, 0, 1), f4), np.zeros((0, 0, 5), f4))
     return Sky(np.zeros(3, f4), *maps, *tables, np.zeros((1, 1, 3), f4), np.zeros(2, f4))
 
 
@@ -309,6 +310,7 @@ def _even_sky(irradiance: float) -> Sky:
         levels=levels,
         albedo=array(table.split, f4),
         mean=array(table.mean, f4),
+        sheen=array(table.sheen, f4),
         cosines=array(linear_cosines(), f4),
         radiance=np.zeros((1, 1, 3), f4),
         turn=np.zeros(2, f4),

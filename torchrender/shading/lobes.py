@@ -1,9 +1,10 @@
 """Radiance of N points under lights and sky: Phong's lobe, or GGX with coat and sheen.
 
-Metallic-roughness follows glTF 2.0. What the lobe of one bounce between microfacets loses comes back with the colour of
-the metal (Turquin, *Practical multiple scattering compensation for microfacet models*, 2019), so that a white metal
-sends back all light at every roughness. The diffuse part gets what is not mirrored, on the way in and on the way out
-(Kelemen and Szirmay-Kalos, *A microfacet based coupled specular-matte BRDF model*, 2001): reciprocal, never above one.
+Metallic-roughness follows glTF 2.0, with Schlick's term for metals and Fresnel's own for what is none. What the lobe of
+one bounce between microfacets loses comes back with the colour of the metal (Turquin, *Practical multiple scattering
+compensation for microfacet models*, 2019), so that a white metal sends back all light at every roughness. The diffuse
+part gets what is not mirrored, on the way in and on the way out (Kelemen and Szirmay-Kalos, *A microfacet based coupled
+specular-matte BRDF model*, 2001): reciprocal, never above one.
 """
 
 from __future__ import annotations
@@ -16,15 +17,23 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from torchrender.numerics.ggx import fifth_power, ggx_alpha, ggx_lobe, half_vector_terms, sheen_lobe
+from torchrender.numerics.ggx import (
+    EXCESS_OF,
+    dielectric_fresnel,
+    fifth_power,
+    ggx_alpha,
+    ggx_lobe,
+    half_vector_terms,
+    sheen_lobe,
+)
 from torchrender.numerics.lobe import schlick
-from torchrender.numerics.lobe_albedo import albedo_table, look_up, mean_albedo
+from torchrender.numerics.lobe_albedo import albedo_table, look_up, mean_albedo, sheen_albedo
 from torchrender.numerics.split_sum import directional_albedo
 from torchrender.shading.lights import Lit
 from torchrender.shading.sky import Sky
 from torchrender.shading.surface import Surface
 
-COAT_F0 = 0.04
+COAT_F0, COAT_SLOWED = 0.04, EXCESS_OF[0] ** 2 - 1.0
 
 
 class Around(NamedTuple):
@@ -124,38 +133,40 @@ class _Mix:
     surface: Surface
     eye: Tensor  # (N,) cosine to the eye
     f0: Tensor  # (3,N)
-    f90: Tensor  # (N,)
+    pure: Tensor  # (N,) weight of Fresnel's own term
     again: Tensor  # (3,N) what comes back of lost light
     mirrored: Tensor  # (3,N) share of light from everywhere that is mirrored
     matte: Tensor  # (3,N) diffuse reflectance
     left_eye: Tensor  # (N,) share of diffuse light that gets out towards the eye
     inner: Tensor  # (N,) mean share that gets in
-    bare: tuple[Tensor, Tensor]  # (N,) dielectric reflectance at normal and grazing incidence
+    bare: Tensor  # (4,N) weights of the factors of a dielectric's albedo
     sheen_left: Tensor  # (N,) what sheen leaves to the lobes below
     sheen_share: Tensor  # (N,)
 
     @classmethod
     def of(cls, s: Surface) -> _Mix:
         eye = (s.normal * s.to_eye).sum(0).clamp(1e-4, 1.0)
-        a, b, cloth, _ = look_up(albedo_table().split, eye, s.roughness).unbind(-1)
+        factors = look_up(albedo_table().split, eye, s.roughness).T
+        a, b = factors[0], factors[1]
+        cloth = torch.zeros_like(eye)
         if bool((s.sheen > 0).any()):
-            cloth = look_up(albedo_table().split, eye, s.sheen_roughness)[..., 2]
+            cloth = sheen_albedo(eye, s.sheen_roughness)
         f0 = torch.lerp(s.dielectric, s.base, s.metallic)
         f90 = torch.lerp(s.weight, torch.ones_like(s.weight), s.metallic)
-        again = 1.0 + f0 * (1.0 / (a + b).clamp_min(1e-3) - 1.0)
-        low, high = s.dielectric.amax(0), s.weight
-        mean_a, mean_b = mean_albedo(s.roughness)
+        lost = 1.0 / (a + b).clamp_min(1e-3) - 1.0
+        low, pure = s.dielectric.amax(0), s.weight * (1.0 - s.metallic)
+        bare = torch.stack([low, s.weight, *(s.weight * s.excess)])
         return cls(
             surface=s,
             eye=eye,
             f0=f0,
-            f90=f90,
-            again=again,
-            mirrored=(f0 * a + f90 * b) * again,
+            pure=pure,
+            again=1.0 + f0 * lost,
+            mirrored=(f0 * a + f90 * b + pure * (s.excess * factors[2:]).sum(0)) * (1.0 + f0 * lost),
             matte=s.base * (1.0 - s.metallic) * (1.0 - s.transmission),
-            left_eye=1.0 - (low * a + high * b) * (1.0 + low * (1.0 / (a + b).clamp_min(1e-3) - 1.0)),
-            inner=1.0 - (low * mean_a + high * mean_b),
-            bare=(low, high),
+            left_eye=1.0 - (bare * factors).sum(0) * (1.0 + low * lost),
+            inner=1.0 - (bare * mean_albedo(s.roughness)).sum(0),
+            bare=bare,
             sheen_left=1.0 - s.sheen.amax(0) * cloth,
             sheen_share=cloth,
         )
@@ -165,12 +176,14 @@ class _Mix:
         s, direction = self.surface, lit.light.direction
         to_light = (s.normal * direction).sum(0)
         sine, half = half_vector_terms(s.normal, s.to_eye, direction)
-        fresnel = self.f0 + (self.f90 - self.f0) * fifth_power(half)
+        grazing = fifth_power(half)
+        fresnel = self.pure * dielectric_fresnel(s.slowed, half)
+        fresnel = fresnel + (self.f0 - self.pure * s.reflectance) * (1.0 - grazing) + s.metallic * grazing
         specular = fresnel * self.again * ggx_lobe(sine, to_light, self.eye, ggx_alpha(s.roughness))
         if lit.light.corners is not None:
             specular = torch.zeros_like(specular)
-        a, b = directional_albedo(to_light, s.roughness)
-        gets_in = (1.0 - (self.bare[0] * a + self.bare[1] * b)) / self.inner.clamp_min(1e-3)
+        kept = (self.bare * torch.stack(directional_albedo(to_light, s.roughness))).sum(0)
+        gets_in = (1.0 - kept) / self.inner.clamp_min(1e-3)
         value = (specular + self.matte * (self.left_eye * gets_in / math.pi)) * self.sheen_left
         value = value * through
         if bool((s.sheen > 0).any()):
@@ -181,15 +194,15 @@ class _Mix:
 def _coat_share(s: Surface) -> Tensor:
     """Share (N,) that the clear coat mirrors, and keeps from what is below."""
     eye = (s.smooth * s.to_eye).sum(0).clamp(1e-4, 1.0)
-    return s.clearcoat * (COAT_F0 + (1.0 - COAT_F0) * fifth_power(eye))
+    return s.clearcoat * dielectric_fresnel(COAT_SLOWED, eye)
 
 
 def _coat(s: Surface, sky: Sky, seen: Tensor, lights: Sequence[Lit]) -> Tensor:
     """Light (3,N) that the clear coat mirrors."""
     eye = (s.smooth * s.to_eye).sum(0).clamp(1e-4, 1.0)
-    a, b = directional_albedo(eye, s.coat_roughness)
+    a, b, c, _ = directional_albedo(eye, s.coat_roughness)
     up = lobe_middle(s.smooth, s.to_eye, eye, s.coat_roughness)
-    share = s.clearcoat * (COAT_F0 * a + b)
+    share = s.clearcoat * (COAT_F0 * a + b + c)
     total = share * sky.mirrored(up, s.coat_roughness) * specular_occlusion(eye, seen, s.coat_roughness)
     alpha = ggx_alpha(s.coat_roughness)
     for one in lights:
@@ -201,8 +214,7 @@ def _coat(s: Surface, sky: Sky, seen: Tensor, lights: Sequence[Lit]) -> Tensor:
         to_light = (s.smooth * light.direction).sum(0).clamp_min(0.0)
         bent = (s.normal * light.direction).sum(0).clamp_min(1e-3)
         sine, half = half_vector_terms(s.smooth, s.to_eye, light.direction)
-        fresnel = COAT_F0 + (1.0 - COAT_F0) * fifth_power(half)
-        value = s.clearcoat * fresnel * ggx_lobe(sine, to_light, eye, alpha)
+        value = s.clearcoat * dielectric_fresnel(COAT_SLOWED, half) * ggx_lobe(sine, to_light, eye, alpha)
         # The amount holds the cosine at the bent normal; the coat lies flat.
         total = total + light.color[:, None] * (amount / bent * to_light * value)
     return total

@@ -11,7 +11,7 @@ import numpy as np
 
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.shading.lights import polygon
-from torchrender.kernels.shading.lobes import COAT_F0, SMOOTHEST, albedo, corners_of, diffuse_share, read_at
+from torchrender.kernels.shading.lobes import COAT_F0, SMOOTHEST, corners_of, diffuse_share, find, four_at, read_at
 from torchrender.kernels.shading.records import SLOT, SPAN
 from torchrender.kernels.shading.simd import HALF, INV_PI, ONE, ZERO, f4
 
@@ -19,6 +19,7 @@ PX, PY, PZ, NX, NY, NZ, SX, SY, SZ = (SLOT[n] for n in ("PX", "PY", "PZ", "NX", 
 EX, EY, EZ, LX, LY, LZ = (SLOT[n] for n in ("EX", "EY", "EZ", "LX", "LY", "LZ"))
 AM, VS, RO, MA, LA, LB, LC, LD, LE = (SLOT[n] for n in ("AM", "VS", "RO", "MA", "LA", "LB", "LC", "LD", "LE"))
 MR, WR, YR, CC, CK, FL = (SLOT[n] for n in ("MR", "WR", "YR", "CC", "CK", "FL"))
+TA, TU, TV = (SLOT[n] for n in ("TA", "TU", "TV"))
 UPRIGHT, MOST = f4(1e-12), f4(1.0 - 1e-7)
 
 
@@ -123,8 +124,11 @@ def add_coat_rectangle(s, n, sky, light):
     filled(s, n, light, SX)
     for i in range(n):
         nv = s[SX + i] * s[EX + i] + s[SY + i] * s[EY + i] + s[SZ + i] * s[EZ + i]
-        a, b, _ = albedo(sky.albedo, min(max(nv, f4(1e-4)), ONE), s[CK + i])
-        share = s[CC + i] * (COAT_F0 * a + b) * s[FL + i]
+        s[MA + i] = min(max(nv, f4(1e-4)), ONE)
+    find(s, n, sky.albedo.shape[0], MA, CK)
+    for i in range(n):
+        a, b, c, _ = four_at(sky.albedo, s[TA + i], s[TU + i], s[TV + i])
+        share = s[CC + i] * (COAT_F0 * a + b + c) * s[FL + i]
         for c in range(3):
             s[YR + c * SPAN + i] += light[7 + c] * share
     lay(s, n, sky.cosines, NX, RO)

@@ -13,10 +13,10 @@ import torch
 from torch import Tensor
 
 from torchrender.images.files import read_image
-from torchrender.numerics.ggx import fifth_power, ggx_alpha, ggx_lobe, half_vector_terms
+from torchrender.numerics.ggx import dielectric_fresnel, ggx_alpha, ggx_lobe, half_vector_terms
 from torchrender.numerics.split_sum import directional_albedo
 from torchrender.raster import rasterize
-from torchrender.report.shading.mitsuba import smooth_ball
+from torchrender.report.shading.mitsuba import IOR, smooth_ball
 from torchrender.scene.camera import Cameras
 from torchrender.scene.environment import Environment
 from torchrender.scene.material import Material
@@ -40,7 +40,7 @@ def glossy_of(file: Path) -> list[dict[str, Any]]:
 
 def _row(sky: Environment, roughness: float, f0: float) -> dict[str, Any]:
     metal = f0 == 1.0
-    material = Material(metallic=float(metal), roughness=roughness, diffuse=torch.full((3,), float(metal)), ior=1.5)
+    material = Material(metallic=float(metal), roughness=roughness, diffuse=torch.full((3,), float(metal)), ior=IOR)
     scene = Scene(meshes=(smooth_ball(),), materials=(material,), environment=sky)
     camera = Cameras.look_at([0.0, 0.0, 6.0], [0.0, 0.0, 0.0], width=SIDE, height=SIDE, fov_deg=20.0)
     gbuffer = rasterize(scene, camera)
@@ -49,12 +49,12 @@ def _row(sky: Environment, roughness: float, f0: float) -> dict[str, Any]:
     eye = torch.nn.functional.normalize(camera.eye[0] - gbuffer.position[covered], dim=-1).float()
     facing = (normal * eye).sum(-1)
     rough = torch.full_like(facing, roughness)
-    a, b = directional_albedo(facing, rough)
+    a, b, c, _ = directional_albedo(facing, rough)
     again = (1.0 + f0 * (1.0 / (a + b) - 1.0))[:, None]
     wanted = _sums(sky.radiance, normal, eye, f0, rough)[0] * again
     up = 2.0 * facing[:, None] * normal - eye
     mean, weight = _sums(sky.radiance, up, up, 1.0, rough)
-    split = mean / weight[:, None] * (f0 * a + b)[:, None] * again
+    split = mean / weight[:, None] * (f0 * a + b + (0.0 if f0 == 1.0 else c))[:, None] * again
     found = shade(scene, gbuffer)[covered]
     row = {"material": "metal" if metal else "plastic", "roughness": roughness}
     return {**row, "ours": _compared(found, wanted), "split_sum": _compared(split, wanted)}
@@ -77,7 +77,7 @@ def _sums(radiance: Tensor, normal: Tensor, eye: Tensor, f0: float, rough: Tenso
         sine, half = half_vector_terms(n[:, None].expand_as(lit), e[:, None].expand_as(lit), lit)
         facing = (n @ e).expand_as(one)
         lobe = ggx_lobe(sine, one, facing, ggx_alpha(r.expand_as(one)))
-        fresnel = f0 + (1.0 - f0) * fifth_power(half)
+        fresnel = torch.ones_like(half) if f0 == 1.0 else dielectric_fresnel(IOR**2 - 1.0, half)
         sums.append((lobe * fresnel * one) @ light[rows])
     total = torch.stack(sums)
     return total[:, :3], total[:, 3]
