@@ -70,6 +70,12 @@ def pyramid_of(textures: Sequence[Tensor]) -> TexturePyramid:
     return TexturePyramid(texels, counts.cumsum(0) - counts, shapes[:, 1].contiguous(), shapes[:, 0].contiguous())
 
 
+def padded(values: Tensor) -> Tensor:
+    """The same numbers, with :data:`PADDING` more after them in memory."""
+    whole = torch.cat([values.reshape(-1), values.new_zeros(PADDING)])
+    return whole[: values.numel()].view(values.shape)
+
+
 def _in_a_row(textures: Sequence[Tensor], sizes: list[tuple[int, int]]) -> Tensor:
     """Texels of all levels, through which derivatives are known."""
     levels = [torch.cat([texture.float() for texture in textures], dim=2)]

@@ -36,6 +36,7 @@ from torchrender.kernels.shading.records import (
 )
 from torchrender.kernels.shading.shade import shade
 from torchrender.numerics.lobe_albedo import albedo_table
+from torchrender.numerics.texture import padded
 from torchrender.scene.environment import Environment
 from torchrender.scene.light import DirectionalLight, Light, RectLight, SpotLight
 from torchrender.scene.mesh import Geometry
@@ -284,17 +285,23 @@ def _sky(scene: Scene, background: Tensor | None) -> Sky:
         albedo=array(table.split, f4),
         mean=array(table.mean, f4),
         sheen=array(table.sheen, f4),
-        cosines=array(linear_cosines(), f4),
+        cosines=_cosines(),
         radiance=array(shown.radiance if shown.shown is None else shown.shown, f4),
         turn=np.array([math.radians(shown.rotation_deg), shown.intensity], f4),
     )
+
+
+@cache
+def _cosines() -> Array:
+    """(S,S,8) the table of linearly transformed cosines, its entries filled up with zeros."""
+    return array(torch.nn.functional.pad(linear_cosines(), (0, 3)), f4)
 
 
 def _no_sky() -> Sky:
     """Nothing around, for surfaces that are read only."""
     empty = np.zeros((0, 3), f4)
     maps = (empty, empty, np.zeros((0, 2), np.int64))
-    tables = (np.zeros((0, 0, 4), f4), np.zeros((0, 4), f4), np.zeros((0, 0, 1), f4), np.zeros((0, 0, 5), f4))
+    tables = (np.zeros((0, 0, 4), f4), np.zeros((0, 4), f4), np.zeros((0, 0, 1), f4), np.zeros((0, 0, 8), f4))
     return Sky(np.zeros(3, f4), *maps, *tables, np.zeros((1, 1, 3), f4), np.zeros(2, f4))
 
 
@@ -305,13 +312,13 @@ def _even_sky(irradiance: float) -> Sky:
     levels = np.array([[0, 1], [9, 1]])
     return Sky(
         ambient=np.zeros(3, f4),
-        irradiance=np.full((side * side, 3), irradiance, f4),
-        mirrored=np.zeros((18, 3), f4),
+        irradiance=padded(torch.full((side * side, 3), irradiance)).numpy(),
+        mirrored=padded(torch.zeros(18, 3)).numpy(),
         levels=levels,
         albedo=array(table.split, f4),
         mean=array(table.mean, f4),
         sheen=array(table.sheen, f4),
-        cosines=array(linear_cosines(), f4),
+        cosines=_cosines(),
         radiance=np.zeros((1, 1, 3), f4),
         turn=np.zeros(2, f4),
     )

@@ -11,6 +11,7 @@ from torch.nn.functional import normalize
 from torch.utils.weak import WeakIdKeyDictionary
 
 from torchrender.kernels.shading.records import IRRADIANCE_SIDE
+from torchrender.numerics.texture import padded
 from torchrender.scene.environment import Environment
 from torchrender.scene.model import Scene
 
@@ -52,7 +53,7 @@ def _made(environment: Environment, mirrors: bool) -> SkyMaps:
         parts.append(_mirrored(environment, octahedral_directions(side), roughness).reshape(-1, 3).float())
         levels.append((first, side))
         first += len(parts[-1])
-    return SkyMaps(irradiance.contiguous(), torch.cat(parts), torch.tensor(levels, dtype=torch.int64).reshape(-1, 2))
+    return SkyMaps(padded(irradiance), padded(torch.cat(parts)), torch.tensor(levels, dtype=torch.int64).reshape(-1, 2))
 
 
 def _mirrored(environment: Environment, direction: Tensor, roughness: float) -> Tensor:

@@ -68,7 +68,7 @@ def add_coat_sky(s, n, sky):
         s[AM + i] = min(max(nv, f4(1e-4)), ONE)
     find(s, n, sky.albedo.shape[0], AM, CK)
     for i in range(n):
-        a, b, c, _ = four_at(sky.albedo, s[TA + i], s[TU + i], s[TV + i])
+        a, b, c, _ = four_at(sky.albedo, s[TA + i], s[TU + i], s[TV + i], 0)
         s[VS + i] = s[CC + i] * (COAT_F0 * a + b + c) * open_share(s[AM + i], s[OC + i], s[CK + i])
     for c in range(3):
         for i in range(n):

@@ -93,13 +93,15 @@ def find(s, n, size, cosine, roughness):
 
 
 @kernel(inline=True, counted=False)
-def four_at(table, at, u, v):
-    """The four numbers of a table (S,S,4) between entry ``at`` and the next ones; after :func:`find`."""
-    width = np.int64(4) * np.int64(table.shape[0])
-    first = np.int64(4) * np.int64(at)
+def four_at(table, at, u, v, skip):
+    """Four numbers of a table (S,S,C), from the one after ``skip`` on, between entry ``at`` and the next ones; after
+    :func:`find`.
+    """
+    numbers = np.int64(table.shape[2])
+    first, width = np.int64(at) * numbers + np.int64(skip), np.int64(table.shape[0]) * numbers
     w11 = u * v
     w01, w10 = u - w11, v - w11
-    places = (first, first + np.int64(4), first + width, first + width + np.int64(4))
+    places = first, first + numbers, first + width, first + width + numbers
     return weighed(table, places, (ONE - u - w10, w01, w10, w11))
 
 
@@ -125,7 +127,7 @@ def look_up(work, n, looks, sky, cloth):
         s[LO + i] = ZERO
     find(s, n, table.shape[0], NV, RO)
     for i in range(n):
-        s[KR + i], s[KG + i], s[HC + i], s[HD + i] = four_at(table, s[TA + i], s[TU + i], s[TV + i])
+        s[KR + i], s[KG + i], s[HC + i], s[HD + i] = four_at(table, s[TA + i], s[TU + i], s[TV + i], 0)
     for i in range(n):
         v, j = s[TV + i], np.int64(4) * np.int64(s[RO + i] * last - s[TV + i] + HALF)
         s[FR + i], s[FG + i], s[FB + i], s[MA + i] = weighed(mean, (j, j + np.int64(4)), (ONE - v, v))
@@ -230,7 +232,7 @@ def diffuse_share(s, n, table):
         s[MA + i] = min(max(nl, ZERO), ONE)
     find(s, n, table.shape[0], MA, RO)
     for i in range(n):
-        a, b, c, d = four_at(table, s[TA + i], s[TU + i], s[TV + i])
+        a, b, c, d = four_at(table, s[TA + i], s[TU + i], s[TV + i], 0)
         kept = s[LO + i] * a + s[HI + i] * b + s[HC + i] * c + s[HD + i] * d
         s[MA + i] = s[AM + i] * (ONE - kept) * s[IN + i]
 

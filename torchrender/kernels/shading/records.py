@@ -94,13 +94,13 @@ class Sky(NamedTuple):
     """Light from all around."""
 
     ambient: np.ndarray  # (3,) float32
-    irradiance: np.ndarray  # (T,3) float32 octahedral, over pi; no rows without an environment
-    mirrored: np.ndarray  # (T,3) float32 octahedral maps
+    irradiance: np.ndarray  # (T,3) float32 octahedral, over pi; no rows without an environment; as texels
+    mirrored: np.ndarray  # (T,3) float32 octahedral maps; as texels
     levels: np.ndarray  # (K,2) int64 first texel and side
     albedo: np.ndarray  # (S,S,4) float32 directional albedo
     mean: np.ndarray  # (S,4) float32
     sheen: np.ndarray  # (S,S,1) float32
-    cosines: np.ndarray  # (S,S,5) float32 linearly transformed cosines
+    cosines: np.ndarray  # (S,S,8) float32 linearly transformed cosines, 0
     radiance: np.ndarray  # (H,W,3) float32 background; 1 x 1: the same everywhere
     turn: np.ndarray  # (2,) float32: turn of the background, its intensity
 

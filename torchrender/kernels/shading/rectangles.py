@@ -7,11 +7,9 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.shading.lights import polygon
-from torchrender.kernels.shading.lobes import COAT_F0, SMOOTHEST, corners_of, diffuse_share, find, four_at, read_at
+from torchrender.kernels.shading.lobes import COAT_F0, SMOOTHEST, diffuse_share, find, four_at
 from torchrender.kernels.shading.records import SLOT, SPAN
 from torchrender.kernels.shading.simd import HALF, INV_PI, ONE, ZERO, f4
 
@@ -58,10 +56,12 @@ def lay(s, n, table, normal, rough):
     for i in range(n):
         facing = s[normal + i] * s[EX + i] + s[normal + SPAN + i] * s[EY + i] + s[normal + 2 * SPAN + i] * s[EZ + i]
         s[FL + i] = flattened(facing)
+        s[TV + i] = min(max(s[rough + i], SMOOTHEST), ONE)
+    find(s, n, table.shape[0], FL, TV)
     for i in range(n):
-        at = corners_of(table, s[FL + i], min(max(s[rough + i], SMOOTHEST), ONE))
-        for k in range(5):
-            s[LA + k * SPAN + i] = read_at(table, at, np.uint32(k))
+        at, u, v = s[TA + i], s[TU + i], s[TV + i]
+        s[LA + i], s[LB + i], s[LC + i], s[LD + i] = four_at(table, at, u, v, 0)
+        s[LE + i], _, _, _ = four_at(table, at, u, v, 4)
 
 
 @kernel(counted=False)
@@ -127,7 +127,7 @@ def add_coat_rectangle(s, n, sky, light):
         s[MA + i] = min(max(nv, f4(1e-4)), ONE)
     find(s, n, sky.albedo.shape[0], MA, CK)
     for i in range(n):
-        a, b, c, _ = four_at(sky.albedo, s[TA + i], s[TU + i], s[TV + i])
+        a, b, c, _ = four_at(sky.albedo, s[TA + i], s[TU + i], s[TV + i], 0)
         share = s[CC + i] * (COAT_F0 * a + b + c) * s[FL + i]
         for c in range(3):
             s[YR + c * SPAN + i] += light[7 + c] * share
