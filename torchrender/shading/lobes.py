@@ -30,6 +30,7 @@ from torchrender.numerics.lobe import schlick
 from torchrender.numerics.lobe_albedo import albedo_table, look_up, mean_albedo, sheen_albedo
 from torchrender.numerics.split_sum import directional_albedo
 from torchrender.shading.lights import Lit
+from torchrender.shading.linear_cosines import nearest_point
 from torchrender.shading.sky import Sky
 from torchrender.shading.surface import Surface
 
@@ -93,7 +94,7 @@ def metallic_roughness(surface: Surface, sky: Sky, around: Around, lights: Seque
     for one in lights:
         value = one.amount * m.lobes(one, through)
         if one.light.corners is not None:
-            value = value + mirrored * one.mirrored(s.normal, s.to_eye, s.roughness)
+            value = value + m.rectangle(one, mirrored, m.sheen_left * through)
         total = total + one.light.color[:, None] * value
     if bool((s.clearcoat > 0).any()):
         total = total + _coat(s, sky, seen, lights)
@@ -134,6 +135,7 @@ class _Mix:
     eye: Tensor  # (N,) cosine to the eye
     f0: Tensor  # (3,N)
     pure: Tensor  # (N,) weight of Fresnel's own term
+    once: Tensor  # (N,) share of light from everywhere that facets mirror which mirror all
     again: Tensor  # (3,N) what comes back of lost light
     mirrored: Tensor  # (3,N) share of light from everywhere that is mirrored
     matte: Tensor  # (3,N) diffuse reflectance
@@ -161,6 +163,7 @@ class _Mix:
             eye=eye,
             f0=f0,
             pure=pure,
+            once=a + b,
             again=1.0 + f0 * lost,
             mirrored=(f0 * a + f90 * b + pure * (s.excess * factors[2:]).sum(0)) * (1.0 + f0 * lost),
             matte=s.base * (1.0 - s.metallic) * (1.0 - s.transmission),
@@ -171,15 +174,31 @@ class _Mix:
             sheen_share=cloth,
         )
 
+    def fresnel(self, half: Tensor) -> Tensor:
+        """Fresnel's term (3,N) of facets at cosines (N,): Schlick's of the metal, its own of the rest."""
+        s, grazing = self.surface, fifth_power(half)
+        even = self.pure * dielectric_fresnel(s.slowed, half) + s.metallic * grazing
+        return even + (self.f0 - self.pure * s.reflectance) * (1.0 - grazing)
+
+    def rectangle(self, lit: Lit, whole: Tensor, under: Tensor) -> Tensor:
+        """Value (3,N) of a rectangle's mirror image, where one that fills the lobe has that of ``whole`` (3,N).
+
+        The less of the lobe it fills, the more counts Fresnel's term of the facets that show it, in place of the mean.
+        """
+        s = self.surface
+        assert lit.light.corners is not None
+        share = lit.mirrored(s.normal, s.to_eye, s.roughness)
+        mirror = 2.0 * (s.normal * s.to_eye).sum(0) * s.normal - s.to_eye
+        _, half = half_vector_terms(s.normal, s.to_eye, nearest_point(lit.light.corners, mirror))
+        some = self.fresnel(half) * self.again * self.once * under
+        return share * torch.lerp(some, whole, share)
+
     def lobes(self, lit: Lit, through: Tensor) -> Tensor:
         """Value (3,N) of all lobes under the coat, for light from its direction; not the mirrored one of rectangles."""
         s, direction = self.surface, lit.light.direction
         to_light = (s.normal * direction).sum(0)
         sine, half = half_vector_terms(s.normal, s.to_eye, direction)
-        grazing = fifth_power(half)
-        fresnel = self.pure * dielectric_fresnel(s.slowed, half)
-        fresnel = fresnel + (self.f0 - self.pure * s.reflectance) * (1.0 - grazing) + s.metallic * grazing
-        specular = fresnel * self.again * ggx_lobe(sine, to_light, self.eye, ggx_alpha(s.roughness))
+        specular = self.fresnel(half) * self.again * ggx_lobe(sine, to_light, self.eye, ggx_alpha(s.roughness))
         if lit.light.corners is not None:
             specular = torch.zeros_like(specular)
         kept = (self.bare * torch.stack(directional_albedo(to_light, s.roughness))).sum(0)

@@ -32,7 +32,7 @@ OC, RO, ME, CC = (SLOT[n] for n in ("OC", "RO", "ME", "CC"))
 DR, DG, DB, SR, SG, SB, AM, VS, SH = (SLOT[n] for n in ("DR", "DG", "DB", "SR", "SG", "SB", "AM", "VS", "SH"))
 FR, FG, FB, FH, KR, KG, KB = (SLOT[n] for n in ("FR", "FG", "FB", "FH", "KR", "KG", "KB"))
 WR, WG, WB, MR, MG, MB = (SLOT[n] for n in ("WR", "WG", "WB", "MR", "MG", "MB"))
-LO, HI, HC, HD, IN, NV, MA = (SLOT[n] for n in ("LO", "HI", "HC", "HD", "IN", "NV", "MA"))
+LO, HI, HC, HD, IN, NV, MA, AB = (SLOT[n] for n in ("LO", "HI", "HC", "HD", "IN", "NV", "MA", "AB"))
 SL, CL, TH, NE, YR, YG, YB = (SLOT[n] for n in ("SL", "CL", "TH", "NE", "YR", "YG", "YB"))
 TA, TU, TV = (SLOT[n] for n in ("TA", "TU", "TV"))
 DIELECTRIC, WEIGHT, SHEEN, SHEEN_ROUGHNESS = (MATERIAL[n] for n in ("dielectric", "weight", "sheen", "sheen_roughness"))
@@ -172,6 +172,7 @@ def mix(s, n):
         along = pure * reflectance  # comes with Fresnel's term
         s[FR + i], s[FG + i], s[FB + i] = f0 - along, g0 - along, b0 - along
         s[KR + i], s[KG + i], s[KB + i] = ONE + f0 * lost, ONE + g0 * lost, ONE + b0 * lost
+        s[AB + i] = (a + b) * under
         even = high * b + pure * excess
         s[WR + i] = (f0 * a + even) * (ONE + f0 * lost) * under
         s[WG + i] = (g0 * a + even) * (ONE + g0 * lost) * under
@@ -237,6 +238,13 @@ def diffuse_share(s, n, table):
         s[MA + i] = s[AM + i] * (ONE - kept) * s[IN + i]
 
 
+@kernel(inline=True, counted=False)
+def fresnel(s, i, half):
+    """Fresnel's term at a cosine to facets: what is the same for all colours, and what multiplies FR, FG and FB."""
+    grazing = fifth(half)
+    return s[FH + i] * dielectric(s[NE + i], half) + s[ME + i] * grazing, ONE - grazing
+
+
 @kernel(counted=False)
 def add_metallic(s, n, sky, light):
     """One light, through all lobes under the coat but sheen."""
@@ -248,8 +256,7 @@ def add_metallic(s, n, sky, light):
         sine, half = half_terms((nx, ny, nz), (s[EX + i], s[EY + i], s[EZ + i]), (lx, ly, lz))
         rough = max(s[RO + i], SMOOTHEST)
         lobe = amount * ggx(sine, nx * lx + ny * ly + nz * lz, s[NV + i], rough * rough) * s[SL + i]
-        grazing = fifth(half)
-        even, rest = s[FH + i] * dielectric(s[NE + i], half) + s[ME + i] * grazing, ONE - grazing
+        even, rest = fresnel(s, i, half)
         s[YR + i] += red * (s[MR + i] * matte + (even + s[FR + i] * rest) * s[KR + i] * lobe)
         s[YG + i] += green * (s[MG + i] * matte + (even + s[FG + i] * rest) * s[KG + i] * lobe)
         s[YB + i] += blue * (s[MB + i] * matte + (even + s[FB + i] * rest) * s[KB + i] * lobe)

@@ -24,7 +24,7 @@ _SLOTS = (
     # sums of diffuse and mirrored light; the light at hand; exponent
     "DR DG DB SR SG SB AM VS LX LY LZ SH "
     # of metallic-roughness, see lobes
-    "FR FG FB FH KR KG KB WR WG WB MR MG MB LO HI HC HD IN NV SL CL TH NE YR YG YB "
+    "FR FG FB FH KR KG KB AB WR WG WB MR MG MB LO HI HC HD IN NV SL CL TH NE YR YG YB "
     # where tables are read: first entry, shares of the next column and row
     "TA TU TV "
     # light for the diffuse part; share of a lobe that a rectangle fills, and how the lobe lies

@@ -9,16 +9,17 @@ import math
 
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.shading.lights import polygon
-from torchrender.kernels.shading.lobes import COAT_F0, SMOOTHEST, diffuse_share, find, four_at
+from torchrender.kernels.shading.lobes import COAT_F0, SMOOTHEST, diffuse_share, find, four_at, fresnel, half_terms
 from torchrender.kernels.shading.records import SLOT, SPAN
-from torchrender.kernels.shading.simd import HALF, INV_PI, ONE, ZERO, f4
+from torchrender.kernels.shading.simd import HALF, INV_PI, ONE, TINY, TWO, ZERO, f4
 
 PX, PY, PZ, NX, NY, NZ, SX, SY, SZ = (SLOT[n] for n in ("PX", "PY", "PZ", "NX", "NY", "NZ", "SX", "SY", "SZ"))
 EX, EY, EZ, LX, LY, LZ = (SLOT[n] for n in ("EX", "EY", "EZ", "LX", "LY", "LZ"))
 AM, VS, RO, MA, LA, LB, LC, LD, LE = (SLOT[n] for n in ("AM", "VS", "RO", "MA", "LA", "LB", "LC", "LD", "LE"))
 MR, WR, YR, CC, CK, FL = (SLOT[n] for n in ("MR", "WR", "YR", "CC", "CK", "FL"))
 TA, TU, TV = (SLOT[n] for n in ("TA", "TU", "TV"))
-UPRIGHT, MOST = f4(1e-12), f4(1.0 - 1e-7)
+FR, KR, AB = (SLOT[n] for n in ("FR", "KR", "AB"))
+UPRIGHT, MOST, LEVEL_RAY = f4(1e-12), f4(1.0 - 1e-7), f4(1e-3)
 
 
 @kernel(inline=True, counted=False)
@@ -106,15 +107,44 @@ def filled(s, n, light, normal):
 
 
 @kernel(counted=False)
+def nearest(s, n, light):
+    """Cosine to the facets that mirror the rectangle's point next to the mirrored ray, into TA."""
+    mx, my, mz, cx, cy, cz = light[12], light[13], light[14], light[1], light[2], light[3]
+    inv = ONE / light[29]
+    ux, uy, uz = light[19] - light[16], light[20] - light[17], light[21] - light[18]
+    vx, vy, vz = light[25] - light[16], light[26] - light[17], light[27] - light[18]
+    # In-plane vectors that tell shares along one edge and not along the other.
+    ax, ay, az = (vy * mz - vz * my) * inv, (vz * mx - vx * mz) * inv, (vx * my - vy * mx) * inv
+    bx, by, bz = (my * uz - mz * uy) * inv, (mz * ux - mx * uz) * inv, (mx * uy - my * ux) * inv
+    for i in range(n):
+        nx, ny, nz, ex, ey, ez = s[NX + i], s[NY + i], s[NZ + i], s[EX + i], s[EY + i], s[EZ + i]
+        twice = TWO * (nx * ex + ny * ey + nz * ez)
+        rx, ry, rz = twice * nx - ex, twice * ny - ey, twice * nz - ez
+        qx, qy, qz = cx - s[PX + i], cy - s[PY + i], cz - s[PZ + i]
+        t = (mx * qx + my * qy + mz * qz) / min(mx * rx + my * ry + mz * rz, -LEVEL_RAY)
+        wx, wy, wz = t * rx - qx, t * ry - qy, t * rz - qz
+        p = min(max(ax * wx + ay * wy + az * wz, -HALF), HALF)
+        q = min(max(bx * wx + by * wy + bz * wz, -HALF), HALF)
+        lx, ly, lz = qx + p * ux + q * vx, qy + p * uy + q * vy, qz + p * uz + q * vz
+        near = ONE / math.sqrt(max(lx * lx + ly * ly + lz * lz, TINY))
+        _, s[TA + i] = half_terms((nx, ny, nz), (ex, ey, ez), (lx * near, ly * near, lz * near))
+
+
+@kernel(counted=False)
 def add_metallic_rectangle(s, n, sky, light):
     """A rectangle, through the lobes under the coat: diffuse as light from its centre, mirrored as it is."""
     filled(s, n, light, NX)
     diffuse_share(s, n, sky.albedo)
+    nearest(s, n, light)
+    for i in range(n):
+        s[TU + i], s[TV + i] = fresnel(s, i, s[TA + i])
     for c in range(3):
         color = light[7 + c]
         for i in range(n):
-            sent = s[MR + c * SPAN + i] * s[MA + i] + s[WR + c * SPAN + i] * s[FL + i]
-            s[YR + c * SPAN + i] += color * sent
+            share = s[FL + i]
+            some = (s[TU + i] + s[FR + c * SPAN + i] * s[TV + i]) * s[KR + c * SPAN + i] * s[AB + i]
+            mirrored = share * (some + share * (s[WR + c * SPAN + i] - some))
+            s[YR + c * SPAN + i] += color * (s[MR + c * SPAN + i] * s[MA + i] + mirrored)
 
 
 @kernel(counted=False)
