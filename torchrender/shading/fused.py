@@ -43,11 +43,11 @@ from torchrender.scene.mesh import Geometry
 from torchrender.scene.model import Scene
 from torchrender.shading.attributes import attribute_arrays, eye_of
 from torchrender.shading.lights import NEAREST_SQUARE, LightLists
-from torchrender.shading.linear_cosines import linear_cosines
+from torchrender.shading.linear_cosines import filled_up
 from torchrender.shading.lobes import Around, Sent
 from torchrender.shading.looks import looks_of
 from torchrender.shading.origin import origin_of
-from torchrender.shading.sky import SkyMaps
+from torchrender.shading.sky import SkyMaps, sky_lobes
 
 Array = np.ndarray[Any, Any]
 f4 = np.float32
@@ -285,23 +285,18 @@ def _sky(scene: Scene, background: Tensor | None) -> Sky:
         albedo=array(table.split, f4),
         mean=array(table.mean, f4),
         sheen=array(table.sheen, f4),
-        cosines=_cosines(),
+        lobes=array(sky_lobes(), f4),
+        cosines=array(filled_up(), f4),
         radiance=array(shown.radiance if shown.shown is None else shown.shown, f4),
         turn=np.array([math.radians(shown.rotation_deg), shown.intensity], f4),
     )
-
-
-@cache
-def _cosines() -> Array:
-    """(S,S,8) the table of linearly transformed cosines, its entries filled up with zeros."""
-    return array(torch.nn.functional.pad(linear_cosines(), (0, 3)), f4)
 
 
 def _no_sky() -> Sky:
     """Nothing around, for surfaces that are read only."""
     empty = np.zeros((0, 3), f4)
     maps = (empty, empty, np.zeros((0, 2), np.int64))
-    tables = (np.zeros((0, 0, 4), f4), np.zeros((0, 4), f4), np.zeros((0, 0, 1), f4), np.zeros((0, 0, 8), f4))
+    tables = (np.zeros(shape, f4) for shape in ((0, 0, 4), (0, 4), (0, 0, 1), (0, 0, 4), (0, 0, 8)))
     return Sky(np.zeros(3, f4), *maps, *tables, np.zeros((1, 1, 3), f4), np.zeros(2, f4))
 
 
@@ -318,7 +313,8 @@ def _even_sky(irradiance: float) -> Sky:
         albedo=array(table.split, f4),
         mean=array(table.mean, f4),
         sheen=array(table.sheen, f4),
-        cosines=_cosines(),
+        lobes=array(sky_lobes(), f4),
+        cosines=array(filled_up(), f4),
         radiance=np.zeros((1, 1, 3), f4),
         turn=np.zeros(2, f4),
     )

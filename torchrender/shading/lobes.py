@@ -31,7 +31,7 @@ from torchrender.numerics.lobe_albedo import albedo_table, look_up, mean_albedo,
 from torchrender.numerics.split_sum import directional_albedo
 from torchrender.shading.lights import Lit
 from torchrender.shading.linear_cosines import nearest_point
-from torchrender.shading.sky import Sky
+from torchrender.shading.sky import Sky, sky_lobe
 from torchrender.shading.surface import Surface
 
 COAT_F0, COAT_SLOWED = 0.04, EXCESS_OF[0] ** 2 - 1.0
@@ -84,11 +84,12 @@ def metallic_roughness(surface: Surface, sky: Sky, around: Around, lights: Seque
     s, m = surface, _Mix.of(surface)
     seen = s.occlusion if around.visibility is None else s.occlusion * around.visibility
     diffuse = sky.diffuse(around.towards(s.normal, s.smooth)) * seen
-    up = lobe_middle(s.normal, s.to_eye, m.eye, s.roughness)
+    part, width = sky_lobe(m.eye, s.roughness, m.grazing)
+    up = lobe_middle(s.normal, s.to_eye, m.eye, part)
     specular_seen = specular_occlusion(m.eye, seen, s.roughness)
     through = 1.0 - _coat_share(s)
     mirrored = m.mirrored * m.sheen_left * through
-    replaced = mirrored * sky.mirrored(up, s.roughness) * specular_seen
+    replaced = mirrored * sky.mirrored(up, width) * specular_seen
     sheen = s.sheen * m.sheen_share * diffuse
     total = s.emission + sheen + m.matte * m.sheen_left * m.left_eye * diffuse * through + replaced
     for one in lights:
@@ -107,13 +108,12 @@ def unlit(surface: Surface) -> Sent:
     return Sent(surface.base, none, none)
 
 
-def lobe_middle(normal: Tensor, to_eye: Tensor, eye: Tensor, roughness: Tensor) -> Tensor:
-    """Unit direction (3,N) that light from all around is looked up in: rough surfaces mirror more from along their
-    normal than the mirrored direction has (Lagarde and de Rousiers 2014, section 4.9.3, with a weaker turn: their lobes
-    have Fresnel's term within). ``eye``: cosines (N,) to the eye.
+def lobe_middle(normal: Tensor, to_eye: Tensor, eye: Tensor, part: Tensor) -> Tensor:
+    """Unit direction (3,N) that light from all around is looked up in, a ``part`` (N,) of the way from the normal to
+    the mirrored direction; ``eye``: cosines (N,) to the eye.
     """
     mirror = 2.0 * eye * normal - to_eye
-    turned = normal + (mirror - normal) * (1.0 - 0.5 * roughness.clamp(0.0, 1.0).square())
+    turned = normal + (mirror - normal) * part
     return turned / turned.square().sum(0).sqrt().clamp_min(1e-18)
 
 
@@ -138,6 +138,7 @@ class _Mix:
     once: Tensor  # (N,) share of light from everywhere that facets mirror which mirror all
     again: Tensor  # (3,N) what comes back of lost light
     mirrored: Tensor  # (3,N) share of light from everywhere that is mirrored
+    grazing: Tensor  # (N,) share of that which Fresnel's term adds to what is mirrored along the normal
     matte: Tensor  # (3,N) diffuse reflectance
     left_eye: Tensor  # (N,) share of diffuse light that gets out towards the eye
     inner: Tensor  # (N,) mean share that gets in
@@ -157,6 +158,7 @@ class _Mix:
         f90 = torch.lerp(s.weight, torch.ones_like(s.weight), s.metallic)
         lost = 1.0 / (a + b).clamp_min(1e-3) - 1.0
         low, pure = s.dielectric.amax(0), s.weight * (1.0 - s.metallic)
+        even, most = f90 * b + pure * (s.excess * factors[2:]).sum(0), f0.amax(0)
         bare = torch.stack([low, s.weight, *(s.weight * s.excess)])
         return cls(
             surface=s,
@@ -165,7 +167,8 @@ class _Mix:
             pure=pure,
             once=a + b,
             again=1.0 + f0 * lost,
-            mirrored=(f0 * a + f90 * b + pure * (s.excess * factors[2:]).sum(0)) * (1.0 + f0 * lost),
+            mirrored=(f0 * a + even) * (1.0 + f0 * lost),
+            grazing=_added(most, a, b, even),
             matte=s.base * (1.0 - s.metallic) * (1.0 - s.transmission),
             left_eye=1.0 - (bare * factors).sum(0) * (1.0 + low * lost),
             inner=1.0 - (bare * mean_albedo(s.roughness)).sum(0),
@@ -210,6 +213,11 @@ class _Mix:
         return value
 
 
+def _added(along: Tensor, a: Tensor, b: Tensor, even: Tensor) -> Tensor:
+    """Share (N,) of mirrored light ``along a + even`` that is not that of facets which all mirror ``along``."""
+    return (1.0 - along * (a + b) / (along * a + even).clamp_min(1e-6)).clamp(0.0, 1.0)
+
+
 def _coat_share(s: Surface) -> Tensor:
     """Share (N,) that the clear coat mirrors, and keeps from what is below."""
     eye = (s.smooth * s.to_eye).sum(0).clamp(1e-4, 1.0)
@@ -220,9 +228,10 @@ def _coat(s: Surface, sky: Sky, seen: Tensor, lights: Sequence[Lit]) -> Tensor:
     """Light (3,N) that the clear coat mirrors."""
     eye = (s.smooth * s.to_eye).sum(0).clamp(1e-4, 1.0)
     a, b, c, _ = directional_albedo(eye, s.coat_roughness)
-    up = lobe_middle(s.smooth, s.to_eye, eye, s.coat_roughness)
+    part, width = sky_lobe(eye, s.coat_roughness, _added(torch.full_like(a, COAT_F0), a, b, b + c))
+    up = lobe_middle(s.smooth, s.to_eye, eye, part)
     share = s.clearcoat * (COAT_F0 * a + b + c)
-    total = share * sky.mirrored(up, s.coat_roughness) * specular_occlusion(eye, seen, s.coat_roughness)
+    total = share * sky.mirrored(up, width) * specular_occlusion(eye, seen, s.coat_roughness)
     alpha = ggx_alpha(s.coat_roughness)
     for one in lights:
         light, amount = one.light, one.amount

@@ -10,6 +10,7 @@ from torchrender.kernels.shading.lobes import (
     SHEEN,
     SHEEN_ROUGHNESS,
     SMOOTHEST,
+    added,
     find,
     four_at,
     ggx,
@@ -22,7 +23,7 @@ from torchrender.kernels.shading.simd import HALF, INV_PI, ONE, TWO, ZERO, diele
 NX, NY, NZ, SX, SY, SZ = (SLOT[n] for n in ("NX", "NY", "NZ", "SX", "SY", "SZ"))
 EX, EY, EZ, LX, LY, LZ = (SLOT[n] for n in ("EX", "EY", "EZ", "LX", "LY", "LZ"))
 AM, VS, NV, OC, CC, CK, YR = (SLOT[n] for n in ("AM", "VS", "NV", "OC", "CC", "CK", "YR"))
-TA, TU, TV = (SLOT[n] for n in ("TA", "TU", "TV"))
+TA, TU, TV, FL = (SLOT[n] for n in ("TA", "TU", "TV", "FL"))
 
 
 @kernel(counted=False)
@@ -61,15 +62,21 @@ def add_coat(s, n, light):
 
 
 @kernel(counted=False)
-def add_coat_sky(s, n, sky):
-    """What the coat mirrors of the light from all around, which is in LX.."""
+def share_of_coat(s, n, sky):
+    """What the coat mirrors of light from all around, into VS, and what of that Fresnel's term adds, into FL."""
     for i in range(n):
         nv = s[SX + i] * s[EX + i] + s[SY + i] * s[EY + i] + s[SZ + i] * s[EZ + i]
         s[AM + i] = min(max(nv, f4(1e-4)), ONE)
     find(s, n, sky.albedo.shape[0], AM, CK)
     for i in range(n):
         a, b, c, _ = four_at(sky.albedo, s[TA + i], s[TU + i], s[TV + i], 0)
+        s[FL + i] = added(COAT_F0, a, b, b + c)
         s[VS + i] = s[CC + i] * (COAT_F0 * a + b + c) * open_share(s[AM + i], s[OC + i], s[CK + i])
+
+
+@kernel(counted=False)
+def add_coat_sky(s, n):
+    """The light from all around, which is in LX.., times what the coat mirrors of it."""
     for c in range(3):
         for i in range(n):
             s[YR + c * SPAN + i] += s[VS + i] * s[LX + c * SPAN + i]

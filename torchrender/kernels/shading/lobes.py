@@ -34,7 +34,7 @@ FR, FG, FB, FH, KR, KG, KB = (SLOT[n] for n in ("FR", "FG", "FB", "FH", "KR", "K
 WR, WG, WB, MR, MG, MB = (SLOT[n] for n in ("WR", "WG", "WB", "MR", "MG", "MB"))
 LO, HI, HC, HD, IN, NV, MA, AB = (SLOT[n] for n in ("LO", "HI", "HC", "HD", "IN", "NV", "MA", "AB"))
 SL, CL, TH, NE, YR, YG, YB = (SLOT[n] for n in ("SL", "CL", "TH", "NE", "YR", "YG", "YB"))
-TA, TU, TV = (SLOT[n] for n in ("TA", "TU", "TV"))
+TA, TU, TV, FL = (SLOT[n] for n in ("TA", "TU", "TV", "FL"))
 DIELECTRIC, WEIGHT, SHEEN, SHEEN_ROUGHNESS = (MATERIAL[n] for n in ("dielectric", "weight", "sheen", "sheen_roughness"))
 TRANSMISSION, DEGREE, LOBE = (MATERIAL[n] for n in ("transmission", "degree", "lobe"))
 SLOWED, EXCESS = MATERIAL["slowed"], MATERIAL["excess"]
@@ -145,6 +145,23 @@ def look_up(work, n, looks, sky, cloth):
             s[LO + i] = max(numbers[m, SHEEN], max(numbers[m, SHEEN + 1], numbers[m, SHEEN + 2]))
 
 
+@kernel(inline=True, counted=False)
+def added(along, a, b, even):
+    """Share of mirrored light ``along a + even`` that is not that of facets which all mirror ``along``."""
+    return min(max(ONE - along * (a + b) / max(along * a + even, f4(1e-6)), ZERO), ONE)
+
+
+@kernel(counted=False)
+def lean(s, n, table, rough):
+    """Where the sky's maps show what is mirrored, into TU and TV, see :func:`torchrender.shading.sky.sky_lobe`; the
+    share in FL is added by Fresnel's term. After :func:`find`.
+    """
+    for i in range(n):
+        part, width, part_grazing, width_grazing = four_at(table, s[TA + i], s[TU + i], s[TV + i], 0)
+        s[TU + i] = part + s[FL + i] * (part_grazing - part)
+        s[TV + i] = (width + s[FL + i] * (width_grazing - width)) * s[rough + i]
+
+
 @kernel(counted=False)
 def mix(s, n):
     """Terms of metallic-roughness that do not depend on lights, from what the textures and tables told."""
@@ -173,7 +190,8 @@ def mix(s, n):
         s[FR + i], s[FG + i], s[FB + i] = f0 - along, g0 - along, b0 - along
         s[KR + i], s[KG + i], s[KB + i] = ONE + f0 * lost, ONE + g0 * lost, ONE + b0 * lost
         s[AB + i] = (a + b) * under
-        even = high * b + pure * excess
+        even, most = high * b + pure * excess, max(f0, max(g0, b0))
+        s[FL + i] = added(most, a, b, even)
         s[WR + i] = (f0 * a + even) * (ONE + f0 * lost) * under
         s[WG + i] = (g0 * a + even) * (ONE + g0 * lost) * under
         s[WB + i] = (b0 * a + even) * (ONE + b0 * lost) * under

@@ -11,7 +11,7 @@ from torchrender.kernels.shading.records import IRRADIANCE_SIDE, SLOT, SPAN
 from torchrender.kernels.shading.simd import HALF, INV_PI, ONE, TINY, TWO, ZERO, angle, f4, weighed
 
 NX, NY, NZ, EX, EY, EZ = (SLOT[n] for n in ("NX", "NY", "NZ", "EX", "EY", "EZ"))
-SX, SY, SZ = (SLOT[n] for n in ("SX", "SY", "SZ"))
+SX, SY, SZ, TU, TV = (SLOT[n] for n in ("SX", "SY", "SZ", "TU", "TV"))
 DR, DG, DB, SR, SG, LX, LY, LZ, OC = (SLOT[n] for n in ("DR", "DG", "DB", "SR", "SG", "LX", "LY", "LZ", "OC"))
 
 
@@ -70,8 +70,10 @@ def diffuse(s, n, pix, sky, reach):
 
 
 @kernel(counted=False)
-def mirrored(s, n, sky, normal, rough):
-    """Radiance about the directions that normals in slot ``normal`` mirror to the eye, into LX, LY, LZ."""
+def mirrored(s, n, sky, normal):
+    """Radiance about the directions that normals in slot ``normal`` mirror to the eye, into LX, LY, LZ; how far these
+    lean to the normals is in TU, roughness in TV.
+    """
     ambient, texels, levels = sky.ambient, sky.mirrored, sky.levels
     if texels.shape[0] == 0:
         for i in range(n):
@@ -81,13 +83,11 @@ def mirrored(s, n, sky, normal, rough):
     for i in range(n):
         nx, ny, nz = s[normal + i], s[normal + SPAN + i], s[normal + 2 * SPAN + i]
         ex, ey, ez = s[EX + i], s[EY + i], s[EZ + i]
-        d = TWO * min(max(nx * ex + ny * ey + nz * ez, f4(1e-4)), ONE)
-        alpha = min(max(s[rough + i], ZERO), ONE)
-        turn = HALF * alpha * alpha  # towards the normal, see :func:`torchrender.shading.lobes.lobe_middle`
-        d, rest = d + turn * (ONE - d), ONE - turn
-        s[LX + i], s[LY + i] = octahedral(d * nx - rest * ex, d * ny - rest * ey, d * nz - rest * ez)
+        part = s[TU + i]
+        d = ONE - part + part * TWO * min(max(nx * ex + ny * ey + nz * ez, f4(1e-4)), ONE)
+        s[LX + i], s[LY + i] = octahedral(d * nx - part * ex, d * ny - part * ey, d * nz - part * ez)
     for i in range(n):
-        level = min(max(s[rough + i], ZERO), ONE) * top
+        level = min(max(s[TV + i], ZERO), ONE) * top
         k = min(np.int64(level), np.int64(levels.shape[0] - 2))
         share = level - f4(k)
         across, down = s[LX + i], s[LY + i]
