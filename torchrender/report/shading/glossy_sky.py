@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -144,12 +144,11 @@ def glossy_of(files: Sequence[Path]) -> list[dict[str, Any]]:
 
 def settings_of(file: Path, runs: int) -> list[dict[str, Any]]:
     """Error and time of ways to read the map: maps of several sizes, and rays; errors of all balls together."""
-    sky = _sky_of(file)
-    balls = [Glossy.of(sky, roughness, f0) for f0 in WHITE for roughness in ROUGHNESS]
-    wanted = [one.exact() for one in balls]
-    large, small = (Glossy.of(sky, 0.4, WHITE[0], side) for side in (TIMED, FEW))
-    rows = []
+    picture = _sky_of(file)
+    wanted, rows = [one.exact() for one in _balls(picture)], []
     for scale in SCALES:
+        sky = replace(picture)  # nothing is made of it yet
+        balls, large = _balls(sky), Glossy.of(sky, 0.4, WHITE[0], TIMED)
         begin = time.perf_counter()
         SkyMaps.of(sky, True, [max(side // scale, 2) for side in MIRRORED_SIDES])
         first = 1e3 * (time.perf_counter() - begin)
@@ -158,12 +157,24 @@ def settings_of(file: Path, runs: int) -> list[dict[str, Any]]:
         each = 1e6 * spent / float(large.gbuffer.covered.sum())
         rows.append({"setting": f"maps of {MIRRORED_SIDES[0] // scale} pixels a side", "first": first, "each": each})
         rows[-1] |= _mean_error(found, wanted)
+    balls, small = _balls(picture), Glossy.of(picture, 0.4, WHITE[0], FEW)
     for count in RAYS:
         found = [one.by_rays(count) for one in balls]
         timing = take_turns({"one": lambda count=count: small.by_rays(count)}, runs=runs)["one"]  # type: ignore[misc]
         each = 1e6 * timing.record()["median"] / float(small.gbuffer.covered.sum())
-        rows.append({"setting": f"{count} rays a pixel", "first": 0.0, "each": each, **_mean_error(found, wanted)})
+        rows.append(
+            {
+                "setting": f"{count} ray{'s' * (count > 1)} a pixel",
+                "first": 0.0,
+                "each": each,
+                **_mean_error(found, wanted),
+            }
+        )
     return rows
+
+
+def _balls(sky: Environment) -> list[Glossy]:
+    return [Glossy.of(sky, roughness, f0) for f0 in WHITE for roughness in ROUGHNESS]
 
 
 def _sky_of(file: Path) -> Environment:
