@@ -9,6 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -153,15 +154,15 @@ def settings_of(file: Path, runs: int) -> list[dict[str, Any]]:
         SkyMaps.of(sky, True, [max(side // scale, 2) for side in MIRRORED_SIDES])
         first = 1e3 * (time.perf_counter() - begin)
         found = [shade(one.scene, one.gbuffer)[one.gbuffer.covered] for one in balls]
-        spent = take_turns({"one": lambda: shade(large.scene, large.gbuffer)}, runs=runs)["one"].record()["median"]
+        spent = take_turns({"one": partial(shade, large.scene, large.gbuffer)}, runs=runs)["one"].record()["median"]
         each = 1e6 * spent / float(large.gbuffer.covered.sum())
         rows.append({"setting": f"maps of {MIRRORED_SIDES[0] // scale} pixels a side", "first": first, "each": each})
         rows[-1] |= _mean_error(found, wanted)
     balls, small = _balls(picture), Glossy.of(picture, 0.4, WHITE[0], FEW)
     for count in RAYS:
         found = [one.by_rays(count) for one in balls]
-        timing = take_turns({"one": lambda count=count: small.by_rays(count)}, runs=runs)["one"]  # type: ignore[misc]
-        each = 1e6 * timing.record()["median"] / float(small.gbuffer.covered.sum())
+        spent = take_turns({"one": partial(small.by_rays, count)}, runs=runs)["one"].record()["median"]
+        each = 1e6 * spent / float(small.gbuffer.covered.sum())
         rows.append(
             {
                 "setting": f"{count} ray{'s' * (count > 1)} a pixel",

@@ -12,9 +12,10 @@ from torchrender.report.shading.mitsuba import SKY_SAMPLES
 def page(record: dict[str, Any]) -> list[str]:
     """Lines of the Markdown page."""
     lines = ["# Shading", "", f"`python -m torchrender.report.shading` on {machine_line(record['machine'])}", ""]
-    lines += [
-        f"Kept from commit {commit}: {name.replace('_', ' ')}." for name, commit in record.get("kept", {}).items()
-    ]
+    kept = record.get("kept", {})
+    for commit in dict.fromkeys(kept.values()):
+        names = ", ".join(name.replace("_", " ") for name, other in kept.items() if other == commit)
+        lines.append(f"Kept from commit {commit}: {names}.")
     lines += [
         "",
         "Direct light by the compiled kernel, from the visibility buffer, beside what torch took from a whole G-buffer",
