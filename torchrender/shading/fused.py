@@ -296,7 +296,8 @@ def _no_sky() -> Sky:
     """Nothing around, for surfaces that are read only."""
     empty = np.zeros((0, 3), f4)
     maps = (empty, empty, np.zeros((0, 2), np.int64))
-    tables = (np.zeros(shape, f4) for shape in ((0, 0, 4), (0, 4), (0, 0, 1), (0, 0, 4), (0, 0, 8)))
+    four, one, eight = (np.zeros((0, 0, size), f4) for size in (4, 1, 8))
+    tables = (four, np.zeros((0, 4), f4), one, four, eight)
     return Sky(np.zeros(3, f4), *maps, *tables, np.zeros((1, 1, 3), f4), np.zeros(2, f4))
 
 

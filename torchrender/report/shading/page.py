@@ -158,7 +158,14 @@ def _settings(rows: list[dict[str, Any]]) -> list[str]:
     ]
     head = ["setting", "PSNR dB", "worst ratio", "ns a pixel", "once, ms"]
     cells = [
-        [r["setting"], f"{r['psnr']:.1f}", f"{r['ratio']:.3f}", f"{r['each']:.0f}", f"{r['first']:.0f}"] for r in rows
+        [
+            r["setting"],
+            f"{r['psnr']:.1f}",
+            f"{r['ratio']:.3f}",
+            f"{r['each']:.0f}",
+            f"{r['first']:.0f}" if r["first"] else "",
+        ]
+        for r in rows
     ]
     return lines + table(head, cells)
 
