@@ -8,7 +8,15 @@ import pytest
 import torch
 from torch import Tensor
 
-from torchrender.numerics.ggx import fifth_power, ggx_alpha, ggx_lobe, half_vector_terms, sheen_lobe
+from torchrender.numerics.ggx import (
+    dielectric_fresnel,
+    fifth_power,
+    ggx_alpha,
+    ggx_lobe,
+    half_vector_terms,
+    refraction,
+    sheen_lobe,
+)
 from torchrender.numerics.lobe import ggx_directions
 from torchrender.numerics.lobe_albedo import albedo_table, mean_albedo, sheen_albedo
 from torchrender.numerics.split_sum import directional_albedo
@@ -38,20 +46,20 @@ def integrated(cosine: float, roughness: float, steps: int = 700) -> tuple[float
 @pytest.mark.parametrize("roughness", [0.3, 0.5, 0.8, 1.0])
 @pytest.mark.parametrize("cosine", [0.15, 0.5, 0.95])
 def test_the_table_is_the_integral_of_the_lobe(cosine: float, roughness: float) -> None:
-    a, b = directional_albedo(torch.tensor(cosine), torch.tensor(roughness))
+    a, b, _, _ = directional_albedo(torch.tensor(cosine), torch.tensor(roughness))
     wanted = integrated(cosine, roughness)
     assert float(a) == pytest.approx(wanted[0], abs=4e-3) and float(b) == pytest.approx(wanted[1], abs=4e-3)
 
 
 def test_no_more_light_leaves_than_comes_and_a_smooth_surface_keeps_none() -> None:
     table = albedo_table().split
-    assert bool((table >= 0).all()) and float((table[..., 0] + table[..., 1]).max()) <= 1.0 + 1e-6
+    assert bool((table[..., :2] >= 0).all()) and float((table[..., 0] + table[..., 1]).max()) <= 1.0 + 1e-6
     assert float((table[0, 8:, 0] + table[0, 8:, 1]).min()) > 0.998
 
 
 def test_alpha_one_facing_the_eye_has_a_closed_form() -> None:
     """D = 1/pi and G/(4 cos cos) = 1/(2 (1 + cos)): the sum over directions is 1 - ln 2."""
-    a, b = directional_albedo(torch.tensor(1.0), torch.tensor(1.0))
+    a, b, _, _ = directional_albedo(torch.tensor(1.0), torch.tensor(1.0))
     assert float(a + b) == pytest.approx(1 - math.log(2), abs=3e-3)
 
 
@@ -61,6 +69,22 @@ def test_means_are_means_over_the_hemisphere() -> None:
         terms = directional_albedo(cosine, torch.full_like(cosine, roughness))
         for term, mean in zip(terms, mean_albedo(torch.tensor(roughness))):
             assert float((term * 2 * cosine).mean()) == pytest.approx(float(mean), abs=3e-3)
+
+
+@pytest.mark.parametrize("ior", [1.0, 1.01, 1.04, 1.05, 1.2, 1.5, 2.0, 3.0, 10.0, 100.0])
+def test_fresnels_term_stays_within_its_bounds_and_ends_at_one(ior: float) -> None:
+    cosine = torch.linspace(0.0, 1.0, 500)
+    bent = refraction(ior)
+    term = bent.share * dielectric_fresnel(bent.slowed, cosine)
+    along = ((ior - 1) / (ior + 1)) ** 2
+    assert float(term[-1]) == pytest.approx(along, rel=2e-4 if ior >= 1.05 else 1.0, abs=1e-3 * (ior < 1.05))
+    assert float(term[0]) == pytest.approx(min((ior - 1) / 0.05, 1.0), abs=1e-6)
+    assert bool((term >= 0).all()) and bool((term <= 1 + 1e-6).all())
+    brewster = math.cos(math.atan(ior))  # light polarised along passes in whole
+    if ior >= 1.05:
+        wanted = 0.5 * ((1 - ior**2) / (1 + ior**2)) ** 2
+        at = dielectric_fresnel(bent.slowed, torch.tensor(brewster, dtype=torch.float64))
+        assert float(at) == pytest.approx(wanted, rel=1e-6)
 
 
 def test_sheen_sends_back_what_the_table_says() -> None:

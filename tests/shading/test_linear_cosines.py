@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,12 +14,12 @@ from torchrender.numerics.ggx import ggx_lobe
 from torchrender.numerics.lobe_albedo import look_up
 from torchrender.raster import rasterize
 from torchrender.scene.camera import Cameras
-from torchrender.scene.light import RectLight
+from torchrender.scene.light import PointLight, RectLight
 from torchrender.scene.material import Material
 from torchrender.scene.mesh import Mesh
 from torchrender.scene.model import Scene
 from torchrender.shade import shade
-from torchrender.shading.linear_cosines import SIZE, linear_cosines, mirrored_share
+from torchrender.shading.linear_cosines import SIZE, linear_cosines, mirrored_share, nearest_point
 from torchrender.tuning.linear_cosines import cosines, density, fit, lobe_of, smoother, transform_of
 
 UP = torch.tensor([0.0, 0.0, 1.0])
@@ -138,6 +139,50 @@ def test_against_a_loop() -> None:
         roughness = 0.1 + 0.9 * float(torch.rand((), generator=generator))
         found = mirrored_share(corners[:, :, None], normal[:, None], eye[:, None], torch.tensor([roughness]))
         assert float(found) == pytest.approx(slow_share(corners, normal, eye, roughness), abs=2e-4)
+
+
+def test_rays_that_hit_a_panel_see_the_point_there_and_others_its_edge() -> None:
+    generator = torch.Generator().manual_seed(2)
+    for _ in range(60):
+        corner, u, v = torch.randn(3, 3, generator=generator, dtype=torch.float64)
+        middle = corner + (u + v) / 2
+        if float(torch.linalg.cross(u, v) @ middle) > 0:  # the other side is dark
+            u, v = v, u
+        inside, beyond = (torch.rand(2, generator=generator, dtype=torch.float64) - 0.5), torch.tensor([1.7, 0.1])
+        corners = torch.stack([corner, corner + u, corner + u + v, corner + v])[:, :, None]
+        for (p, q), (r, s) in ((inside, inside), (beyond, (0.5, 0.1)), (-beyond.flip(0), (-0.1, -0.5))):
+            ray = torch.nn.functional.normalize(middle + p * u + q * v, dim=0)
+            if float(torch.linalg.cross(u, v) @ ray) > -0.05 * float(torch.linalg.cross(u, v).norm()):
+                continue
+            wanted = torch.nn.functional.normalize(middle + r * u + s * v, dim=0)
+            torch.testing.assert_close(nearest_point(corners, ray[:, None])[:, 0], wanted, rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize("kernel", [True, False])
+@pytest.mark.parametrize("along", [0.2, 0.6])
+def test_a_small_panel_shines_on_plastic_as_a_lamp_does(along: float, kernel: bool) -> None:
+    """Of rough facets, those that face halfway to it mirror it: by their own angle, not by that of the whole lobe."""
+    flat = Mesh(
+        vertices=torch.tensor([[-9.0, -9, 0], [9, -9, 0], [9, 9, 0], [-9, 9, 0]]),
+        faces=torch.tensor([[0, 1, 2], [0, 2, 3]]),
+    )
+    side, far = 0.05, torch.tensor([3.0 * along, 0.0, 3.0])
+    panel = RectLight(
+        corner=far - torch.tensor([side / 2, -side / 2, 0.0]), edge_u=torch.tensor([side, 0.0, 0.0]),
+        edge_v=torch.tensor([0.0, -side, 0.0]), radiance=torch.ones(3) / side**2,
+    )  # fmt: skip
+    facing = far[2] / far.norm()
+    lamp = PointLight(position=far, intensity=torch.ones(3) * facing)
+    plastic = Material(metallic=0.0, roughness=0.8, diffuse=torch.zeros(3))
+    camera = Cameras.look_at([-6.0, 0.0, 1.2], [0.0, 0.0, 0.0], width=3, height=3, fov_deg=0.1, up=(0, 0, 1))
+    found = []
+    for light in (panel, lamp):
+        scene = Scene(meshes=(flat,), materials=(plastic,), lights=(light,))
+        gbuffer = rasterize(scene, camera)
+        found.append(float(shade(scene, gbuffer if kernel else replace(gbuffer)).mean()))
+    assert found[0] == pytest.approx(
+        found[1], rel=0.15
+    )  # by the mean of the whole lobe it would be four times too bright
 
 
 def test_derivatives_agree_with_finite_differences() -> None:

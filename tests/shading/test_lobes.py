@@ -107,8 +107,12 @@ def test_a_lamp_on_a_ball_is_the_closed_form(roughness: float, metallic: float) 
     smith = [(-1 + (1 + a2 * (1 / c**2 - 1)).sqrt()) / 2 for c in (nl, nv)]
     f0 = base.double() if metallic else torch.full((3,), 0.04, dtype=torch.float64)
     fresnel = f0 + (1 - f0) * ((1 - vh) ** 5)[:, None]
+    if metallic == 0.0:
+        within = (1 - (1 - vh * vh) / 1.5**2).sqrt()
+        across, along = (vh - 1.5 * within) / (vh + 1.5 * within), (1.5 * vh - within) / (1.5 * vh + within)
+        fresnel = ((across.square() + along.square()) / 2)[:, None]
     once = fresnel * (d / (1 + smith[0] + smith[1]) / (4 * nl * nv) * nl / to_lamp.square().sum(-1))[:, None]
-    a, b = directional_albedo(nv.float(), torch.full_like(nv, roughness).float())
+    a, b, _, _ = directional_albedo(nv.float(), torch.full_like(nv, roughness).float())
     again = 1 + f0 * (1 / (a + b).double() - 1)[:, None]
     wanted = torch.where(((n * light).sum(-1) > 0)[:, None], once * again * lamp.intensity.double(), 0.0)
     assert float(found.sum() / wanted.sum()) == pytest.approx(1.0, abs=2e-3)
@@ -120,6 +124,23 @@ def test_a_black_rough_plastic_still_has_a_highlight_and_shows_the_sky() -> None
     image, cosine = seen(ball(plastic, environment=Environment.constant(WHITE)), True)
     assert float(image[cosine > 0.95].mean()) == pytest.approx(0.04, abs=0.004)
     assert float(image[cosine < 0.2].mean()) > 0.2
+
+
+@pytest.mark.parametrize("kernel", [True, False])
+@pytest.mark.parametrize("ior", [1.0, 1.33, 1.5, 2.0])
+def test_a_smooth_dielectric_mirrors_fresnels_share(ior: float, kernel: bool) -> None:
+    """And its coat that of an index of 1.5, over a black ground."""
+    glass = Material(metallic=0.0, roughness=0.0, diffuse=torch.zeros(3), ior=ior)
+    coated = replace(glass, ior=1.0, clearcoat=1.0, clearcoat_roughness=0.0)
+    for material, index in ((glass, ior), (coated, 1.5)):
+        image, cosine = seen(ball(material, environment=Environment.constant(WHITE)), kernel)
+        c = cosine.double()
+        within = (1 - (1 - c * c) / index**2).clamp_min(0).sqrt()
+        across, along = (c - index * within) / (c + index * within), (index * c - within) / (index * c + within)
+        wanted = (across.square() + along.square()) / 2
+        clear = c > 0.05  # the table is coarse next to the silhouette
+        assert float((image[clear, 0] - wanted[clear]).abs().max()) < 0.006
+        assert float(image[:, 0].mean()) == pytest.approx(float(wanted.mean()), rel=0.01, abs=1e-6)
 
 
 def test_metals_are_tinted_by_their_texture() -> None:

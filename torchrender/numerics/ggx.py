@@ -1,4 +1,4 @@
-"""The GGX microfacet lobe, the clear coat's Fresnel term and the sheen lobe, as functions of cosines.
+"""The GGX microfacet lobe, Fresnel's term of dielectrics and the sheen lobe, as functions of cosines.
 
 Sources: Walter et al., *Microfacet models for refraction through rough surfaces*, 2007 (GGX); Heitz, *Understanding the
 masking-shadowing function in microfacet-based BRDFs*, 2014 (height-correlated Smith term); Schlick 1994; Estevez and
@@ -9,12 +9,19 @@ pipeline for The Order: 1886*, 2013 (its visibility term).
 from __future__ import annotations
 
 import math
+from functools import lru_cache
+from typing import NamedTuple
 
+import numpy as np
 import torch
 from torch import Tensor
 
 SMOOTHEST = 0.045
 """Least roughness that small lights are seen with: a perfect mirror would show them in no pixel at all."""
+
+EXCESS_OF = (1.5, 1.2)
+"""Indices of refraction whose excess over Schlick's term tables hold; the first is that of clear coats."""
+LEAST_IOR = 1.05
 
 LEAST_COSINE = 1e-3
 """Cosines to the eye and to lights count as at least this much in denominators."""
@@ -48,6 +55,56 @@ def fifth_power(cosine: Tensor) -> Tensor:
     one = (1.0 - cosine).clamp(0.0, 1.0)
     square = one * one
     return square * square * one
+
+
+def dielectric_fresnel(slowed: Tensor | float, cosine: Tensor) -> Tensor:
+    """Share (...) of unpolarised light that the smooth face of a dielectric mirrors; 1 at grazing angles.
+
+    Args:
+        slowed: (...) squared index of refraction less one, above zero.
+        cosine: (...) in [0,1] between its normal and the light.
+
+    Fresnel's term with the cosine within taken out: nothing cancels in float32.
+    """
+    far = (slowed + cosine * cosine).sqrt() + cosine
+    across = slowed / (far * far)
+    along = (cosine * far - 1.0) / (cosine * across * far + 1.0)
+    return 0.5 * across.square() * (1.0 + along.square())
+
+
+def fresnel_excess(ior: float, cosine: Tensor) -> Tensor:
+    """What Fresnel's term exceeds Schlick's by (...), at cosines (...); below zero near grazing angles."""
+    reflectance = ((ior - 1.0) / (ior + 1.0)) ** 2
+    schlick = reflectance + (1.0 - reflectance) * fifth_power(cosine)
+    return dielectric_fresnel(ior * ior - 1.0, cosine) - schlick
+
+
+class Refraction(NamedTuple):
+    """What Fresnel's term of one dielectric needs, see :func:`refraction`."""
+
+    reflectance: float  # along the normal
+    slowed: float  # squared index less one
+    excess: tuple[float, float]  # of the indices EXCESS_OF: what their terms exceed Schlick's by adds up to its own
+    share: float  # of all of that; 1 but for indices next to one
+
+
+@lru_cache(maxsize=1024)
+def refraction(ior: float) -> Refraction:
+    """Numbers of a dielectric of an index of refraction of at least 1.
+
+    Albedos are linear in what is mirrored, so that a table for two indices serves all: the sum of their two excesses,
+    fitted over the hemisphere, is within 2e-3 of that of any index from 1.2 to 2 and within 0.015 up to 3, and means
+    over all directions are within 1 %. Between 1 and 1.05 the term of the latter shrinks: at 1 nothing is mirrored.
+    """
+    used = max(ior, LEAST_IOR)
+    points, weights = np.polynomial.legendre.leggauss(64)
+    cosine = torch.from_numpy((points + 1.0) / 2.0)
+    root = (torch.from_numpy(weights) * (cosine + 0.025)).sqrt()
+    known = torch.stack([fresnel_excess(one, cosine) for one in EXCESS_OF], dim=1) * root[:, None]
+    wanted = fresnel_excess(used, cosine) * root
+    first, second = torch.linalg.lstsq(known, wanted[:, None]).solution[:, 0].tolist()
+    share = 1.0 if ior >= LEAST_IOR else (ior - 1.0) / (LEAST_IOR - 1.0)
+    return Refraction(((used - 1.0) / (used + 1.0)) ** 2, used * used - 1.0, (first, second), share)
 
 
 def sheen_lobe(sine_square: Tensor, to_light: Tensor, to_eye: Tensor, roughness: Tensor) -> Tensor:

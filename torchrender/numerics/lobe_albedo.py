@@ -19,22 +19,22 @@ SIZE = TABLE_SIZE
 class AlbedoTable:
     """Values at ``cosine = (column / (S-1))^2`` and ``roughness = row / (S-1)``."""
 
-    split: Tensor  # (S,S,4): a, b, and their sheen counterpart (share of white sheen that is sent back); 0
-    mean: Tensor  # (S,2): the means of a and b over the hemisphere, weighted by the cosine
+    split: Tensor  # (S,S,4): the factors of :func:`torchrender.numerics.split_sum.directional_albedo`
+    mean: Tensor  # (S,4): their means over the hemisphere, weighted by the cosine
+    sheen: Tensor  # (S,S,1): share of light from everywhere that white sheen sends back
 
 
 def sheen_albedo(cosine: Tensor, roughness: Tensor) -> Tensor:
     """Share (...) of light from everywhere that white sheen sends back."""
-    return look_up(albedo_table().split, cosine, roughness)[..., 2]
+    return look_up(albedo_table().sheen, cosine, roughness)[..., 0]
 
 
-def mean_albedo(roughness: Tensor) -> tuple[Tensor, Tensor]:
-    """Cosine-weighted means (...) of ``a`` and ``b`` over all directions of the eye."""
+def mean_albedo(roughness: Tensor) -> Tensor:
+    """Cosine-weighted means (4,...) of the factors over all directions of the eye."""
     table = albedo_table().mean
     place = roughness.clamp(0.0, 1.0) * (SIZE - 1)
     low = place.detach().floor().clamp_max(SIZE - 2).long()
-    a, b = torch.lerp(table[low], table[low + 1], (place - low)[..., None]).unbind(-1)
-    return a, b
+    return torch.lerp(table[low], table[low + 1], (place - low)[..., None]).movedim(-1, 0)
 
 
 def look_up(table: Tensor, cosine: Tensor, roughness: Tensor) -> Tensor:
@@ -55,15 +55,14 @@ def albedo_table() -> AlbedoTable:
     with torch.inference_mode(False), torch.no_grad():
         steps = torch.arange(SIZE, dtype=torch.float64) / (SIZE - 1)
         sheen = _sheen(steps.square().clamp_min(1e-5), steps)
-        terms = split_sum_table().transpose(0, 1).double()
-        split = torch.cat([terms, sheen[..., None], torch.zeros(SIZE, SIZE, 1)], dim=-1)
+        split = split_sum_table().transpose(0, 1).double()
         # Weighted means by trapezia over the cosine, of the piecewise linear table.
         cosine = steps.square()
         weight = torch.zeros(SIZE, dtype=torch.float64)
         weight[:-1] += cosine.diff() / 2
         weight[1:] += cosine.diff() / 2
-        mean = (split[..., :2] * (2.0 * cosine * weight)[None, :, None]).sum(1) / (2.0 * cosine * weight).sum()
-        return AlbedoTable(split.float().contiguous(), mean.float().contiguous())
+        mean = (split * (2.0 * cosine * weight)[None, :, None]).sum(1) / (2.0 * cosine * weight).sum()
+        return AlbedoTable(split.float().contiguous(), mean.float().contiguous(), sheen[..., None].float().contiguous())
 
 
 def _sheen(cosine: Tensor, roughness: Tensor) -> Tensor:

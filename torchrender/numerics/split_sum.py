@@ -1,9 +1,10 @@
-"""How much light a rough mirror returns in all: the two numbers of the split-sum approximation.
+"""How much light a rough mirror returns in all: the numbers of the split-sum approximation.
 
 The share that a surface with a GGX lobe mirrors out of a white surrounding is, with Schlick's Fresnel term, linear in
 its reflectance at normal incidence: ``F0 A + B``, where A and B depend on the cosine to the normal and on the
-roughness alone (Karis, *Real shading in Unreal Engine 4*, 2013). They are integrated here, over the normals that the
-eye sees, with Smith's height-correlated masking (Heitz 2014), and kept in a small table.
+roughness alone (Karis, *Real shading in Unreal Engine 4*, 2013). What Fresnel's own term of a dielectric adds to
+Schlick's is a sum of two such factors more (:func:`torchrender.numerics.ggx.refraction`). They are integrated here,
+over the normals that the eye sees, with Smith's height-correlated masking (Heitz 2014), and kept in a small table.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from torch import Tensor
 
 from torchrender.checks import check_finite
 from torchrender.errors import InputError
+from torchrender.numerics.ggx import EXCESS_OF, fifth_power, fresnel_excess
 
 TABLE_SIZE = 32
 """Entries per axis. Interpolation between them is wrong by 5e-4 on average, and by up to 0.01 within 2 degrees of
@@ -26,8 +28,9 @@ ANGLES, HEIGHTS = 24, 48
 """Quadrature points about and along the visible hemisphere of normals: 2e-4 away from the limit."""
 
 
-def directional_albedo(cosine: Tensor, roughness: Tensor) -> tuple[Tensor, Tensor]:
-    """Factors A and B (...) of the mirrored share ``F0 A + B`` of light from everywhere.
+def directional_albedo(cosine: Tensor, roughness: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Factors A, B, C and D (...) of the share of light from everywhere that is mirrored: ``F0 A + B`` by Schlick's
+    term, to which Fresnel's adds ``x C + y D``; x and y: :attr:`torchrender.numerics.ggx.Refraction.excess`.
 
     Args:
         cosine: (...) between the normal and the direction to the eye; clamped to [0,1].
@@ -51,12 +54,26 @@ def directional_albedo(cosine: Tensor, roughness: Tensor) -> tuple[Tensor, Tenso
     table = split_sum_table().to(row.dtype)
     nearer = torch.lerp(table[i, j], table[i, j + 1], column[..., None])
     farther = torch.lerp(table[i + 1, j], table[i + 1, j + 1], column[..., None])
-    a, b = torch.lerp(nearer, farther, row[..., None]).unbind(-1)
-    return a, b
+    a, b, c, d = torch.lerp(nearer, farther, row[..., None]).unbind(-1)
+    return a, b, c, d
+
+
+def dielectric_albedo(reflectance: Tensor, refraction: Tensor, cosine: Tensor, roughness: Tensor) -> Tensor:
+    """Share (...) of light from everywhere that the dielectric part of a material mirrors, in [0,1].
+
+    Args:
+        reflectance: (...) along the normal, weight and tint within.
+        refraction: (3,...) weight at grazing angles, and the two numbers of
+            :attr:`torchrender.numerics.ggx.Refraction.excess`.
+        cosine, roughness: (...) as in :func:`directional_albedo`.
+    """
+    a, b, c, d = directional_albedo(cosine, roughness)
+    weight, first, second = refraction
+    return (reflectance * a + weight * (b + first * c + second * d)).clamp(0.0, 1.0)
 
 
 def split_sum_table() -> Tensor:
-    """(N,N,2) float32 factors A and B, N = :data:`TABLE_SIZE`, to be interpolated linearly and not to be written to.
+    """(N,N,4) float32 factors A, B, C and D, N = :data:`TABLE_SIZE`, to be interpolated linearly, not to be written to.
 
     Row i holds the cosine ``(i / (N - 1))^2``, which is finer where mirrors change most, column j the roughness
     ``j / (N - 1)``.
@@ -79,7 +96,7 @@ def _place(value: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def integrate_split_sum(cosine: Tensor, roughness: Tensor, *, angles: int = ANGLES, heights: int = HEIGHTS) -> Tensor:
-    """Factors (...,2) by quadrature; shapes, units and limits as in :func:`directional_albedo`.
+    """Factors (...,4) by quadrature; shapes, units and limits as in :func:`directional_albedo`.
 
     The visible normals of a GGX surface are the sums of the eye's direction, in a space where the surface has
     roughness one, and the directions of a spherical cap (Dupuy and Benyoub, *Sampling visible GGX normals with
@@ -100,9 +117,9 @@ def integrate_split_sum(cosine: Tensor, roughness: Tensor, *, angles: int = ANGL
     light = 2.0 * half * up - cosine  # cosine of the mirrored direction
     share = (1.0 + _masked(cosine, alpha)) / (1.0 + _masked(cosine, alpha) + _masked(light.clamp_min(1e-6), alpha))
     share = torch.where(light > 0, share * weight, 0.0)
-    grazing = (1.0 - half).square().square() * (1.0 - half)
-    schlick = (share * grazing).sum(dim=(-1, -2))
-    return torch.stack([share.sum(dim=(-1, -2)) - schlick, schlick], dim=-1)
+    schlick = (share * fifth_power(half)).sum(dim=(-1, -2))
+    more = [(share * fresnel_excess(ior, half)).sum(dim=(-1, -2)) for ior in EXCESS_OF]
+    return torch.stack([share.sum(dim=(-1, -2)) - schlick, schlick, *more], dim=-1)
 
 
 def _masked(cosine: Tensor, alpha: Tensor) -> Tensor:

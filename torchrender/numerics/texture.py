@@ -16,6 +16,9 @@ from torch.utils.weak import WeakTensorKeyDictionary
 
 from torchrender.checks import check_tensor
 
+PADDING = 3
+"""Numbers that follow the texels of a pyramid in memory, so that four may be read from any place on."""
+
 _PYRAMIDS: WeakTensorKeyDictionary = WeakTensorKeyDictionary()
 
 
@@ -67,6 +70,12 @@ def pyramid_of(textures: Sequence[Tensor]) -> TexturePyramid:
     return TexturePyramid(texels, counts.cumsum(0) - counts, shapes[:, 1].contiguous(), shapes[:, 0].contiguous())
 
 
+def padded(values: Tensor) -> Tensor:
+    """The same numbers, with :data:`PADDING` more after them in memory."""
+    whole = torch.cat([values.reshape(-1), values.new_zeros(PADDING)])
+    return whole[: values.numel()].view(values.shape)
+
+
 def _in_a_row(textures: Sequence[Tensor], sizes: list[tuple[int, int]]) -> Tensor:
     """Texels of all levels, through which derivatives are known."""
     levels = [torch.cat([texture.float() for texture in textures], dim=2)]
@@ -77,9 +86,10 @@ def _in_a_row(textures: Sequence[Tensor], sizes: list[tuple[int, int]]) -> Tenso
 
 
 def _in_place(textures: Sequence[Tensor], sizes: list[tuple[int, int]]) -> Tensor:
-    """The same, each level written where it stays: textures of users are large."""
+    """The same, each level written where it stays: textures of users are large. :data:`PADDING` numbers follow."""
     channels = sum(texture.shape[2] for texture in textures)
-    texels = torch.zeros(sum(h * w for h, w in sizes), channels)
+    count = sum(h * w for h, w in sizes) * channels
+    texels = torch.zeros(count + PADDING)[:count].view(-1, channels)
     first, (height, width) = 0, sizes[0]
     finer = texels[: height * width].view(height, width, channels)
     begin = 0

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from torchrender.brief import brief
+from torchrender.numerics.ggx import refraction
 from torchrender.scene.material import Material
 
 KINDS = ("phong", "metallic-roughness", "unlit")
@@ -24,6 +25,8 @@ class PhysicalTable:
     roughness: Tensor  # (M+1,)
     dielectric: Tensor  # (M+1,) reflectance at normal incidence that the index of refraction gives
     weight: Tensor  # (M+1,) of what the dielectric part mirrors
+    slowed: Tensor  # (M+1,) squared index of refraction less one
+    excess: Tensor  # (M+1,2) of :class:`torchrender.numerics.ggx.Refraction`
     tint: Tensor  # (M+1,3) of what the dielectric part mirrors, or of a Phong material's mirrored light
     clearcoat: Tensor  # (M+1,2) strength and roughness
     sheen: Tensor  # (M+1,3)
@@ -43,13 +46,16 @@ class PhysicalTable:
         def colors(name: str) -> Tensor:
             return torch.stack([*(getattr(m, name) for m in materials), torch.zeros(3)])
 
+        bent = [*(refraction(float(m.ior)) for m in materials), refraction(1.5)]
         kinds = [2 if m.unlit else int(m.is_physical) for m in materials]
         return cls(
             kind=torch.tensor([*kinds, 0]),
             metallic=torch.tensor([*(m.metallic or 0.0 for m in materials), 0.0]),
             roughness=numbers("roughness"),
-            dielectric=torch.tensor([*(((m.ior - 1.0) / (m.ior + 1.0)) ** 2 for m in materials), 0.0]),
-            weight=numbers("specular_weight"),
+            dielectric=torch.tensor([one.reflectance for one in bent]),
+            weight=numbers("specular_weight") * torch.tensor([one.share for one in bent]),
+            slowed=torch.tensor([one.slowed for one in bent]),
+            excess=torch.tensor([one.excess for one in bent]),
             tint=colors("specular_color"),
             clearcoat=torch.stack([numbers("clearcoat"), numbers("clearcoat_roughness")], dim=1),
             sheen=colors("sheen_color"),

@@ -36,17 +36,18 @@ from torchrender.kernels.shading.records import (
 )
 from torchrender.kernels.shading.shade import shade
 from torchrender.numerics.lobe_albedo import albedo_table
+from torchrender.numerics.texture import padded
 from torchrender.scene.environment import Environment
 from torchrender.scene.light import DirectionalLight, Light, RectLight, SpotLight
 from torchrender.scene.mesh import Geometry
 from torchrender.scene.model import Scene
 from torchrender.shading.attributes import attribute_arrays, eye_of
 from torchrender.shading.lights import NEAREST_SQUARE, LightLists
-from torchrender.shading.linear_cosines import linear_cosines
+from torchrender.shading.linear_cosines import filled_up
 from torchrender.shading.lobes import Around, Sent
 from torchrender.shading.looks import looks_of
 from torchrender.shading.origin import origin_of
-from torchrender.shading.sky import SkyMaps
+from torchrender.shading.sky import SkyMaps, sky_lobes
 
 Array = np.ndarray[Any, Any]
 f4 = np.float32
@@ -283,7 +284,9 @@ def _sky(scene: Scene, background: Tensor | None) -> Sky:
         levels=array(maps.levels, np.int64),
         albedo=array(table.split, f4),
         mean=array(table.mean, f4),
-        cosines=array(linear_cosines(), f4),
+        sheen=array(table.sheen, f4),
+        lobes=array(sky_lobes(), f4),
+        cosines=array(filled_up(), f4),
         radiance=array(shown.radiance if shown.shown is None else shown.shown, f4),
         turn=np.array([math.radians(shown.rotation_deg), shown.intensity], f4),
     )
@@ -293,7 +296,8 @@ def _no_sky() -> Sky:
     """Nothing around, for surfaces that are read only."""
     empty = np.zeros((0, 3), f4)
     maps = (empty, empty, np.zeros((0, 2), np.int64))
-    tables = (np.zeros((0, 0, 4), f4), np.zeros((0, 2), f4), np.zeros((0, 0, 5), f4))
+    four, one, eight = (np.zeros((0, 0, size), f4) for size in (4, 1, 8))
+    tables = (four, np.zeros((0, 4), f4), one, four, eight)
     return Sky(np.zeros(3, f4), *maps, *tables, np.zeros((1, 1, 3), f4), np.zeros(2, f4))
 
 
@@ -304,12 +308,14 @@ def _even_sky(irradiance: float) -> Sky:
     levels = np.array([[0, 1], [9, 1]])
     return Sky(
         ambient=np.zeros(3, f4),
-        irradiance=np.full((side * side, 3), irradiance, f4),
-        mirrored=np.zeros((18, 3), f4),
+        irradiance=padded(torch.full((side * side, 3), irradiance)).numpy(),
+        mirrored=padded(torch.zeros(18, 3)).numpy(),
         levels=levels,
         albedo=array(table.split, f4),
         mean=array(table.mean, f4),
-        cosines=array(linear_cosines(), f4),
+        sheen=array(table.sheen, f4),
+        lobes=array(sky_lobes(), f4),
+        cosines=array(filled_up(), f4),
         radiance=np.zeros((1, 1, 3), f4),
         turn=np.zeros(2, f4),
     )

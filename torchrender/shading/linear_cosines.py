@@ -24,6 +24,8 @@ SIZE = 32
 """Entries per axis."""
 SMOOTHEST_ROW = 0.02
 """Roughness of the first row, which would be a perfect mirror."""
+LEVEL_RAY = 1e-3
+"""Least cosine between a ray and the plane that it meets."""
 SHIPPED = Path(__file__).parents[1] / "data" / "linear_cosines.npy"
 
 
@@ -37,6 +39,31 @@ def linear_cosines() -> Tensor:
     """
     with torch.inference_mode(False):
         return torch.from_numpy(np.load(SHIPPED))
+
+
+@cache
+def filled_up() -> Tensor:
+    """(S,S,8) the table, its entries filled up with zeros: the kernel reads four numbers at once."""
+    with torch.inference_mode(False):
+        return torch.nn.functional.pad(linear_cosines(), (0, 3))
+
+
+def nearest_point(to_corner: Tensor, mirrored: Tensor) -> Tensor:
+    """Unit directions (3,N) to the points of parallelograms, with corners at (4,3,N), next to unit rays (3,N).
+
+    Where a ray meets the parallelogram's plane, moved into it along its edges (as Karis' representative points, *Real
+    shading in Unreal Engine 4*, 2013); rays that leave its lit side count as almost along it.
+    """
+    u, v = to_corner[1] - to_corner[0], to_corner[3] - to_corner[0]
+    middle = to_corner[0] + 0.5 * (u + v)
+    flat = torch.linalg.cross(u, v, dim=0)
+    area = flat.square().sum(0).sqrt().clamp_min(1e-30)
+    flat = flat / area
+    along = (flat * middle).sum(0) / (flat * mirrored).sum(0).clamp_max(-LEVEL_RAY)
+    offset = along * mirrored - middle
+    p = (offset * torch.linalg.cross(v, flat, dim=0)).sum(0) / area
+    q = (offset * torch.linalg.cross(flat, u, dim=0)).sum(0) / area
+    return torch.nn.functional.normalize(middle + p.clamp(-0.5, 0.5) * u + q.clamp(-0.5, 0.5) * v, dim=0)
 
 
 def mirrored_share(to_corner: Tensor, normal: Tensor, to_eye: Tensor, roughness: Tensor) -> Tensor:

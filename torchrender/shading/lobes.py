@@ -1,9 +1,10 @@
 """Radiance of N points under lights and sky: Phong's lobe, or GGX with coat and sheen.
 
-Metallic-roughness follows glTF 2.0. What the lobe of one bounce between microfacets loses comes back with the colour of
-the metal (Turquin, *Practical multiple scattering compensation for microfacet models*, 2019), so that a white metal
-sends back all light at every roughness. The diffuse part gets what is not mirrored, on the way in and on the way out
-(Kelemen and Szirmay-Kalos, *A microfacet based coupled specular-matte BRDF model*, 2001): reciprocal, never above one.
+Metallic-roughness follows glTF 2.0, with Schlick's term for metals and Fresnel's own for what is none. What the lobe of
+one bounce between microfacets loses comes back with the colour of the metal (Turquin, *Practical multiple scattering
+compensation for microfacet models*, 2019), so that a white metal sends back all light at every roughness. The diffuse
+part gets what is not mirrored, on the way in and on the way out (Kelemen and Szirmay-Kalos, *A microfacet based coupled
+specular-matte BRDF model*, 2001): reciprocal, never above one.
 """
 
 from __future__ import annotations
@@ -16,15 +17,24 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from torchrender.numerics.ggx import fifth_power, ggx_alpha, ggx_lobe, half_vector_terms, sheen_lobe
+from torchrender.numerics.ggx import (
+    EXCESS_OF,
+    dielectric_fresnel,
+    fifth_power,
+    ggx_alpha,
+    ggx_lobe,
+    half_vector_terms,
+    sheen_lobe,
+)
 from torchrender.numerics.lobe import schlick
-from torchrender.numerics.lobe_albedo import albedo_table, look_up, mean_albedo
+from torchrender.numerics.lobe_albedo import albedo_table, look_up, mean_albedo, sheen_albedo
 from torchrender.numerics.split_sum import directional_albedo
 from torchrender.shading.lights import Lit
-from torchrender.shading.sky import Sky
+from torchrender.shading.linear_cosines import nearest_point
+from torchrender.shading.sky import Sky, sky_lobe
 from torchrender.shading.surface import Surface
 
-COAT_F0 = 0.04
+COAT_F0, COAT_SLOWED = 0.04, EXCESS_OF[0] ** 2 - 1.0
 
 
 class Around(NamedTuple):
@@ -74,17 +84,18 @@ def metallic_roughness(surface: Surface, sky: Sky, around: Around, lights: Seque
     s, m = surface, _Mix.of(surface)
     seen = s.occlusion if around.visibility is None else s.occlusion * around.visibility
     diffuse = sky.diffuse(around.towards(s.normal, s.smooth)) * seen
-    up = lobe_middle(s.normal, s.to_eye, m.eye, s.roughness)
+    part, width = sky_lobe(m.eye, s.roughness, m.grazing)
+    up = lobe_middle(s.normal, s.to_eye, m.eye, part)
     specular_seen = specular_occlusion(m.eye, seen, s.roughness)
     through = 1.0 - _coat_share(s)
     mirrored = m.mirrored * m.sheen_left * through
-    replaced = mirrored * sky.mirrored(up, s.roughness) * specular_seen
+    replaced = mirrored * sky.mirrored(up, width) * specular_seen
     sheen = s.sheen * m.sheen_share * diffuse
     total = s.emission + sheen + m.matte * m.sheen_left * m.left_eye * diffuse * through + replaced
     for one in lights:
         value = one.amount * m.lobes(one, through)
         if one.light.corners is not None:
-            value = value + mirrored * one.mirrored(s.normal, s.to_eye, s.roughness)
+            value = value + m.rectangle(one, mirrored, m.sheen_left * through)
         total = total + one.light.color[:, None] * value
     if bool((s.clearcoat > 0).any()):
         total = total + _coat(s, sky, seen, lights)
@@ -97,13 +108,12 @@ def unlit(surface: Surface) -> Sent:
     return Sent(surface.base, none, none)
 
 
-def lobe_middle(normal: Tensor, to_eye: Tensor, eye: Tensor, roughness: Tensor) -> Tensor:
-    """Unit direction (3,N) that light from all around is looked up in: rough surfaces mirror more from along their
-    normal than the mirrored direction has (Lagarde and de Rousiers 2014, section 4.9.3, with a weaker turn: their lobes
-    have Fresnel's term within). ``eye``: cosines (N,) to the eye.
+def lobe_middle(normal: Tensor, to_eye: Tensor, eye: Tensor, part: Tensor) -> Tensor:
+    """Unit direction (3,N) that light from all around is looked up in, a ``part`` (N,) of the way from the normal to
+    the mirrored direction; ``eye``: cosines (N,) to the eye.
     """
     mirror = 2.0 * eye * normal - to_eye
-    turned = normal + (mirror - normal) * (1.0 - 0.5 * roughness.clamp(0.0, 1.0).square())
+    turned = normal + (mirror - normal) * part
     return turned / turned.square().sum(0).sqrt().clamp_min(1e-18)
 
 
@@ -124,53 +134,78 @@ class _Mix:
     surface: Surface
     eye: Tensor  # (N,) cosine to the eye
     f0: Tensor  # (3,N)
-    f90: Tensor  # (N,)
+    pure: Tensor  # (N,) weight of Fresnel's own term
+    once: Tensor  # (N,) share of light from everywhere that facets mirror which mirror all
     again: Tensor  # (3,N) what comes back of lost light
     mirrored: Tensor  # (3,N) share of light from everywhere that is mirrored
+    grazing: Tensor  # (N,) share of that which Fresnel's term adds to what is mirrored along the normal
     matte: Tensor  # (3,N) diffuse reflectance
     left_eye: Tensor  # (N,) share of diffuse light that gets out towards the eye
     inner: Tensor  # (N,) mean share that gets in
-    bare: tuple[Tensor, Tensor]  # (N,) dielectric reflectance at normal and grazing incidence
+    bare: Tensor  # (4,N) weights of the factors of a dielectric's albedo
     sheen_left: Tensor  # (N,) what sheen leaves to the lobes below
     sheen_share: Tensor  # (N,)
 
     @classmethod
     def of(cls, s: Surface) -> _Mix:
         eye = (s.normal * s.to_eye).sum(0).clamp(1e-4, 1.0)
-        a, b, cloth, _ = look_up(albedo_table().split, eye, s.roughness).unbind(-1)
+        factors = look_up(albedo_table().split, eye, s.roughness).T
+        a, b = factors[0], factors[1]
+        cloth = torch.zeros_like(eye)
         if bool((s.sheen > 0).any()):
-            cloth = look_up(albedo_table().split, eye, s.sheen_roughness)[..., 2]
+            cloth = sheen_albedo(eye, s.sheen_roughness)
         f0 = torch.lerp(s.dielectric, s.base, s.metallic)
         f90 = torch.lerp(s.weight, torch.ones_like(s.weight), s.metallic)
-        again = 1.0 + f0 * (1.0 / (a + b).clamp_min(1e-3) - 1.0)
-        low, high = s.dielectric.amax(0), s.weight
-        mean_a, mean_b = mean_albedo(s.roughness)
+        lost = 1.0 / (a + b).clamp_min(1e-3) - 1.0
+        low, pure = s.dielectric.amax(0), s.weight * (1.0 - s.metallic)
+        even, most = f90 * b + pure * (s.excess * factors[2:]).sum(0), f0.amax(0)
+        bare = torch.stack([low, s.weight, *(s.weight * s.excess)])
         return cls(
             surface=s,
             eye=eye,
             f0=f0,
-            f90=f90,
-            again=again,
-            mirrored=(f0 * a + f90 * b) * again,
+            pure=pure,
+            once=a + b,
+            again=1.0 + f0 * lost,
+            mirrored=(f0 * a + even) * (1.0 + f0 * lost),
+            grazing=_added(most, a, b, even),
             matte=s.base * (1.0 - s.metallic) * (1.0 - s.transmission),
-            left_eye=1.0 - (low * a + high * b) * (1.0 + low * (1.0 / (a + b).clamp_min(1e-3) - 1.0)),
-            inner=1.0 - (low * mean_a + high * mean_b),
-            bare=(low, high),
+            left_eye=1.0 - (bare * factors).sum(0) * (1.0 + low * lost),
+            inner=1.0 - (bare * mean_albedo(s.roughness)).sum(0),
+            bare=bare,
             sheen_left=1.0 - s.sheen.amax(0) * cloth,
             sheen_share=cloth,
         )
+
+    def fresnel(self, half: Tensor) -> Tensor:
+        """Fresnel's term (3,N) of facets at cosines (N,): Schlick's of the metal, its own of the rest."""
+        s, grazing = self.surface, fifth_power(half)
+        even = self.pure * dielectric_fresnel(s.slowed, half) + s.metallic * grazing
+        return even + (self.f0 - self.pure * s.reflectance) * (1.0 - grazing)
+
+    def rectangle(self, lit: Lit, whole: Tensor, under: Tensor) -> Tensor:
+        """Value (3,N) of a rectangle's mirror image, where one that fills the lobe has that of ``whole`` (3,N).
+
+        The less of the lobe it fills, the more counts Fresnel's term of the facets that show it, in place of the mean.
+        """
+        s = self.surface
+        assert lit.light.corners is not None
+        share = lit.mirrored(s.normal, s.to_eye, s.roughness)
+        mirror = 2.0 * (s.normal * s.to_eye).sum(0) * s.normal - s.to_eye
+        _, half = half_vector_terms(s.normal, s.to_eye, nearest_point(lit.light.corners, mirror))
+        some = self.fresnel(half) * self.again * self.once * under
+        return share * torch.lerp(some, whole, share)
 
     def lobes(self, lit: Lit, through: Tensor) -> Tensor:
         """Value (3,N) of all lobes under the coat, for light from its direction; not the mirrored one of rectangles."""
         s, direction = self.surface, lit.light.direction
         to_light = (s.normal * direction).sum(0)
         sine, half = half_vector_terms(s.normal, s.to_eye, direction)
-        fresnel = self.f0 + (self.f90 - self.f0) * fifth_power(half)
-        specular = fresnel * self.again * ggx_lobe(sine, to_light, self.eye, ggx_alpha(s.roughness))
+        specular = self.fresnel(half) * self.again * ggx_lobe(sine, to_light, self.eye, ggx_alpha(s.roughness))
         if lit.light.corners is not None:
             specular = torch.zeros_like(specular)
-        a, b = directional_albedo(to_light, s.roughness)
-        gets_in = (1.0 - (self.bare[0] * a + self.bare[1] * b)) / self.inner.clamp_min(1e-3)
+        kept = (self.bare * torch.stack(directional_albedo(to_light, s.roughness))).sum(0)
+        gets_in = (1.0 - kept) / self.inner.clamp_min(1e-3)
         value = (specular + self.matte * (self.left_eye * gets_in / math.pi)) * self.sheen_left
         value = value * through
         if bool((s.sheen > 0).any()):
@@ -178,19 +213,25 @@ class _Mix:
         return value
 
 
+def _added(along: Tensor, a: Tensor, b: Tensor, even: Tensor) -> Tensor:
+    """Share (N,) of mirrored light ``along a + even`` that is not that of facets which all mirror ``along``."""
+    return (1.0 - along * (a + b) / (along * a + even).clamp_min(1e-6)).clamp(0.0, 1.0)
+
+
 def _coat_share(s: Surface) -> Tensor:
     """Share (N,) that the clear coat mirrors, and keeps from what is below."""
     eye = (s.smooth * s.to_eye).sum(0).clamp(1e-4, 1.0)
-    return s.clearcoat * (COAT_F0 + (1.0 - COAT_F0) * fifth_power(eye))
+    return s.clearcoat * dielectric_fresnel(COAT_SLOWED, eye)
 
 
 def _coat(s: Surface, sky: Sky, seen: Tensor, lights: Sequence[Lit]) -> Tensor:
     """Light (3,N) that the clear coat mirrors."""
     eye = (s.smooth * s.to_eye).sum(0).clamp(1e-4, 1.0)
-    a, b = directional_albedo(eye, s.coat_roughness)
-    up = lobe_middle(s.smooth, s.to_eye, eye, s.coat_roughness)
-    share = s.clearcoat * (COAT_F0 * a + b)
-    total = share * sky.mirrored(up, s.coat_roughness) * specular_occlusion(eye, seen, s.coat_roughness)
+    a, b, c, _ = directional_albedo(eye, s.coat_roughness)
+    part, width = sky_lobe(eye, s.coat_roughness, _added(torch.full_like(a, COAT_F0), a, b, b + c))
+    up = lobe_middle(s.smooth, s.to_eye, eye, part)
+    share = s.clearcoat * (COAT_F0 * a + b + c)
+    total = share * sky.mirrored(up, width) * specular_occlusion(eye, seen, s.coat_roughness)
     alpha = ggx_alpha(s.coat_roughness)
     for one in lights:
         light, amount = one.light, one.amount
@@ -201,8 +242,7 @@ def _coat(s: Surface, sky: Sky, seen: Tensor, lights: Sequence[Lit]) -> Tensor:
         to_light = (s.smooth * light.direction).sum(0).clamp_min(0.0)
         bent = (s.normal * light.direction).sum(0).clamp_min(1e-3)
         sine, half = half_vector_terms(s.smooth, s.to_eye, light.direction)
-        fresnel = COAT_F0 + (1.0 - COAT_F0) * fifth_power(half)
-        value = s.clearcoat * fresnel * ggx_lobe(sine, to_light, eye, alpha)
+        value = s.clearcoat * dielectric_fresnel(COAT_SLOWED, half) * ggx_lobe(sine, to_light, eye, alpha)
         # The amount holds the cosine at the bent normal; the coat lies flat.
         total = total + light.color[:, None] * (amount / bent * to_light * value)
     return total

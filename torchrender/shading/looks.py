@@ -12,7 +12,7 @@ from torch import Tensor
 from torch.utils.weak import WeakIdKeyDictionary
 
 from torchrender.kernels.shading.records import CHANNEL, LEVELS, MATERIAL, SLOT, Looks
-from torchrender.numerics.texture import pyramid_of
+from torchrender.numerics.texture import PADDING, pyramid_of
 from torchrender.scene.material import FILTERS, PLAIN, WRAPS, Material, Sampler
 from torchrender.scene.material_table import MaterialTable
 from torchrender.shading.surface import METALLIC, PHONG
@@ -67,7 +67,8 @@ def material_numbers(table: MaterialTable) -> np.ndarray[Any, Any]:
         "tint": torch.where(phong[:, None], table.tint, p.tint),
         "degree": torch.where(phong, table.specular, 0.0), "shininess": table.shininess,
         "lobe": (table.shininess + 2.0) / (2.0 * math.pi), "metallic": p.metallic, "roughness": p.roughness,
-        "dielectric": p.dielectric, "weight": p.weight, "coat": p.clearcoat[:, 0], "coat_roughness": p.clearcoat[:, 1],
+        "dielectric": p.dielectric, "weight": p.weight, "slowed": p.slowed, "excess": p.excess,
+        "coat": p.clearcoat[:, 0], "coat_roughness": p.clearcoat[:, 1],
         "sheen": p.sheen, "sheen_roughness": p.sheen_roughness, "transmission": p.transmission,
         "normal_scale": p.normal_scale, "occlusion": p.occlusion_strength,
     }  # fmt: skip
@@ -132,8 +133,9 @@ class _Atlas:
 def _joined(parts: list[Tensor]) -> np.ndarray[Any, Any]:
     """All texels in a row; those of one group stay where they are."""
     if len(parts) == 1:
-        return parts[0].numpy()
-    return torch.cat(parts).numpy() if parts else np.zeros(0, np.float32)
+        return parts[0].numpy()  # is followed by more already
+    whole = torch.cat([*parts, torch.zeros(PADDING)]).numpy()
+    return whole[: len(whole) - PADDING]
 
 
 def _manner(sampler: Sampler) -> tuple[Any, ...]:

@@ -3,21 +3,52 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 
+import numpy as np
 import torch
 from torch import Tensor
 from torch.nn.functional import normalize
 from torch.utils.weak import WeakIdKeyDictionary
 
 from torchrender.kernels.shading.records import IRRADIANCE_SIDE
+from torchrender.numerics.lobe_albedo import look_up
+from torchrender.numerics.texture import padded
 from torchrender.scene.environment import Environment
 from torchrender.scene.model import Scene
 
 MIRRORED_SIDES = (256, 128, 128, 64, 64, 64, 32, 32, 32)
 """Pixels per side of the octahedral maps of what is mirrored; roughness grows evenly from 0 to 1."""
 
+SKY_LOBES = Path(__file__).parents[1] / "data" / "sky_lobes.npy"
 _KEPT: WeakIdKeyDictionary = WeakIdKeyDictionary()
+
+
+@cache
+def sky_lobes() -> Tensor:
+    """(S,S,4) float32, not to be written to: what :func:`sky_lobe` blends, for facets that mirror all, then for those
+    that mirror at grazing angles alone. Row = roughness times S - 1, column = root of the cosine times S - 1.
+    """
+    with torch.inference_mode(False):
+        return torch.from_numpy(np.load(SKY_LOBES))
+
+
+def sky_lobe(eye: Tensor, roughness: Tensor, grazing: Tensor) -> tuple[Tensor, Tensor]:
+    """Where prefiltered maps show what glossy surfaces mirror, fitted by :mod:`torchrender.tuning.sky_lobes`.
+
+    Args:
+        eye: (N,) cosines to the eye.
+        roughness: (N,).
+        grazing: (N,) share of what is mirrored that Fresnel's term adds to that along the normal.
+
+    Returns:
+        The part (N,) of the way from the normal to the mirrored direction, along the chord, and the roughness (N,).
+    """
+    part, width, part_grazing, width_grazing = look_up(sky_lobes(), eye, roughness).unbind(-1)
+    return torch.lerp(part, part_grazing, grazing), torch.lerp(width, width_grazing, grazing) * roughness
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,12 +60,16 @@ class SkyMaps:
     levels: Tensor  # (K,2) int64 first texel and side, without the edge, of each
 
     @classmethod
-    def of(cls, environment: Environment, mirrors: bool) -> SkyMaps:
-        """The maps, made once for each environment; those of mirrored light only where something ``mirrors``."""
+    def of(cls, environment: Environment, mirrors: bool, sides: Sequence[int] | None = None) -> SkyMaps:
+        """The maps, made once for each environment; those of mirrored light only where something ``mirrors``.
+
+        Args:
+            sides: pixels per side of the maps of mirrored light, which are made and kept in place of the usual ones.
+        """
         known = _KEPT.setdefault(environment, {})
-        if mirrors not in known:
+        if mirrors not in known or sides is not None:
             with torch.inference_mode(False), torch.no_grad():
-                known[mirrors] = _made(environment, mirrors)
+                known[mirrors] = _made(environment, (sides or MIRRORED_SIDES) if mirrors else ())
         made: SkyMaps = known[mirrors]
         return made
 
@@ -44,15 +79,15 @@ class SkyMaps:
         return mirrors in _KEPT.get(environment, ())
 
 
-def _made(environment: Environment, mirrors: bool) -> SkyMaps:
+def _made(environment: Environment, sides: Sequence[int]) -> SkyMaps:
     irradiance = environment.irradiance(octahedral_directions(IRRADIANCE_SIDE)).float() / math.pi
     parts, levels, first = [torch.zeros(0, 3)], [], 0
-    for number, side in enumerate(MIRRORED_SIDES if mirrors else ()):
-        roughness = number / (len(MIRRORED_SIDES) - 1)
+    for number, side in enumerate(sides):
+        roughness = number / (len(sides) - 1)
         parts.append(_mirrored(environment, octahedral_directions(side), roughness).reshape(-1, 3).float())
         levels.append((first, side))
         first += len(parts[-1])
-    return SkyMaps(irradiance.contiguous(), torch.cat(parts), torch.tensor(levels, dtype=torch.int64).reshape(-1, 2))
+    return SkyMaps(padded(irradiance), padded(torch.cat(parts)), torch.tensor(levels, dtype=torch.int64).reshape(-1, 2))
 
 
 def _mirrored(environment: Environment, direction: Tensor, roughness: float) -> Tensor:

@@ -42,6 +42,9 @@ class Surface:
     roughness: Tensor  # (N,)
     dielectric: Tensor  # (3,N) what the part that is no metal mirrors at normal incidence
     weight: Tensor  # (N,) the same at grazing incidence
+    reflectance: Tensor  # (N,) at normal incidence, weight and tint left out
+    slowed: Tensor  # (N,) squared index of refraction less one
+    excess: Tensor  # (2,N) of :class:`torchrender.numerics.ggx.Refraction`
     clearcoat: Tensor  # (N,)
     coat_roughness: Tensor  # (N,)
     sheen: Tensor  # (3,N)
@@ -101,6 +104,9 @@ class Reader:
             roughness=(physical.roughness[material] * rough[1]).clamp(0.0, 1.0),
             dielectric=(physical.dielectric[material] * hue).clamp_max(1.0) * weight,
             weight=weight,
+            reflectance=physical.dielectric[material],
+            slowed=physical.slowed[material],
+            excess=physical.excess[material].T,
             clearcoat=physical.clearcoat[material, 0] * coat[0],
             coat_roughness=(physical.clearcoat[material, 1] * coat[1]).clamp(0.0, 1.0),
             sheen=physical.sheen[material].T,

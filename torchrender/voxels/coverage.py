@@ -5,7 +5,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from torchrender.numerics.split_sum import directional_albedo
+from torchrender.numerics.ggx import refraction
+from torchrender.numerics.split_sum import dielectric_albedo
 from torchrender.numerics.texture import build_pyramid, color_pyramid, sample_texture
 from torchrender.scene.material import Material, Sampler
 from torchrender.scene.mesh import Geometry
@@ -100,9 +101,10 @@ def surface_alpha(scene: Scene, triangle: Tensor, weights: Tensor, spacing: floa
 
 def _passing(geometry: Geometry, material: Material, triangle: Tensor, weights: Tensor, spacing: float) -> Tensor:
     """(N,) share of light that a white thin wall of the material would let pass, straight through."""
-    a, b = directional_albedo(torch.tensor(1.0), torch.tensor(material.roughness))
-    mirrored = float(material.f0 * material.specular_color.max() * a + material.specular_weight * b)
-    share = material.transmission * (1.0 - (material.metallic or 0.0)) * (1.0 - min(mirrored, 1.0))
+    bent = torch.tensor([material.specular_weight, *refraction(float(material.ior)).excess])
+    along = torch.as_tensor(material.f0 * material.specular_color.max())
+    mirrored = float(dielectric_albedo(along, bent, torch.tensor(1.0), torch.tensor(material.roughness)))
+    share = material.transmission * (1.0 - (material.metallic or 0.0)) * (1.0 - mirrored)
     sampler, texture = material.sampler("transmission_texture"), material.transmission_texture
     uv = None if texture is None else surface_uv(geometry, sampler, triangle, weights)
     if texture is None or uv is None:

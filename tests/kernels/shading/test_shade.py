@@ -16,6 +16,7 @@ from torchrender.kernels.compile import kernel
 from torchrender.kernels.shading import gather, layers, lights, lobes, maps, needs, parts, rectangles, shade, simd, sky
 from torchrender.kernels.shading.pack import pack_planes
 from torchrender.kernels.shading.records import MATERIAL, SLOT, SLOTS, SPAN
+from torchrender.numerics.ggx import dielectric_fresnel
 from torchrender.raster import rasterize, rasterize_visibility, surface_attributes
 from torchrender.rays import RayCaster
 from torchrender.scene.model import Scene
@@ -106,17 +107,37 @@ def over(values, out):
         out[i, 1] = simd.log2(abs(x) + np.float32(1e-6))
         out[i, 2] = simd.angle(abs(x), np.float32(1) - x)
         out[i, 3] = simd.fifth(x)
+        out[i, 4] = simd.dielectric(np.float32(1.25), min(abs(x), np.float32(1)))
 
 
 def test_functions_of_numbers() -> None:
     x = np.linspace(-30, 30, 4001).astype(np.float32)
-    out = np.zeros((len(x), 4), np.float32)
+    out = np.zeros((len(x), 5), np.float32)
     over(x, out)
     wide = x.astype(np.float64)
     np.testing.assert_allclose(out[:, 0], 2.0**wide, rtol=3e-7)
     np.testing.assert_allclose(out[:, 1], np.log2(np.abs(x) + np.float32(1e-6)), atol=3e-6)
     np.testing.assert_allclose(out[:, 2], np.arctan2(np.abs(wide), 1 - wide), atol=4e-7)
     np.testing.assert_allclose(out[:, 3], (1 - wide.clip(0, 1)) ** 5, atol=1e-6)
+    fresnel = dielectric_fresnel(1.25, torch.from_numpy(np.abs(wide).clip(0, 1)))
+    np.testing.assert_allclose(out[:, 4], fresnel.numpy(), rtol=1e-5)
+
+
+@kernel()
+def weigh(values, places, weights, out):
+    for i in range(places.shape[0]):
+        p, q = np.int64(places[i, 0]), np.int64(places[i, 1])
+        out[i, 0], out[i, 1], out[i, 2], out[i, 3] = simd.weighed(values, (p, q), (weights[i, 0], weights[i, 1]))
+
+
+def test_four_numbers_at_once() -> None:
+    rng = np.random.default_rng(3)
+    values, weights = rng.normal(size=40).astype(np.float32), rng.normal(size=(9, 2)).astype(np.float32)
+    places, out = rng.integers(0, 37, (9, 2)), np.zeros((9, 4), np.float32)
+    weigh(values, places, weights, out)
+    for i, (p, q) in enumerate(places):
+        wanted = weights[i, 0] * values[p : p + 4] + weights[i, 1] * values[q : q + 4]
+        np.testing.assert_allclose(out[i], wanted, rtol=1e-6, atol=1e-6)
 
 
 def test_planes_against_numpy() -> None:

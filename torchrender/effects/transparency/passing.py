@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from torchrender.buffers import RayHits
-from torchrender.numerics.split_sum import directional_albedo
+from torchrender.numerics.split_sum import dielectric_albedo
 from torchrender.scene.model import Scene
 from torchrender.shading.ray_surface import ray_surface
 from torchrender.shading.surface import Reader
@@ -46,8 +46,8 @@ def _passing(scene: Scene, samples) -> tuple[Tensor, Tensor]:  # type: ignore[no
     blends = torch.tensor([*(m.blend for m in scene.materials), False])[material]
     covers = torch.where(blends, surface.alpha.clamp(0.0, 1.0), 1.0)
     cosine = (surface.normal * surface.to_eye).sum(0).clamp(0.0, 1.0)
-    a, b = directional_albedo(cosine, surface.roughness)
-    mirrored = (surface.dielectric.amax(0) * a + surface.weight * b).clamp(0.0, 1.0)
+    refraction = torch.cat([surface.weight[None], surface.excess])
+    mirrored = dielectric_albedo(surface.dielectric.amax(0), refraction, cosine, surface.roughness)
     share = surface.transmission.clamp(0.0, 1.0) * (1.0 - surface.metallic) * (1.0 - mirrored)
     thin = (share * surface.base.clamp(0.0, 1.0)).T
     return covers, (1.0 - covers)[:, None] + covers[:, None] * thin

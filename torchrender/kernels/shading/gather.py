@@ -9,13 +9,13 @@ import numpy as np
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.raster.attributes import MIN_COSINE
 from torchrender.kernels.shading.records import MATERIAL, SLOT, SPAN
-from torchrender.kernels.shading.simd import HALF, ONE, TINY, ZERO, f4, log2
+from torchrender.kernels.shading.simd import HALF, ONE, TINY, ZERO, f4, log2, weighed
 
 PX, PY, PZ, NX, NY, NZ = (SLOT[n] for n in ("PX", "PY", "PZ", "NX", "NY", "NZ"))
 SX, SY, SZ, GX, GY, GZ = (SLOT[n] for n in ("SX", "SY", "SZ", "GX", "GY", "GZ"))
 EX, EY, EZ, U, V, LV = (SLOT[n] for n in ("EX", "EY", "EZ", "U", "V", "LV"))
-U1, V1, L1, TX, TW, AM = (SLOT[n] for n in ("U1", "V1", "L1", "TX", "TW", "AM"))
-BR, DR, SH, VS = (SLOT[n] for n in ("BR", "DR", "SH", "VS"))
+U1, V1, L1, TX, TY, TZ, TW, AM = (SLOT[n] for n in ("U1", "V1", "L1", "TX", "TY", "TZ", "TW", "AM"))
+BR, BG, BB, DR, SH, VS = (SLOT[n] for n in ("BR", "BG", "BB", "DR", "SH", "VS"))
 _NAMES = ("PX", "PY", "PZ", "SX", "SY", "DR", "DG", "GX", "GY", "GZ", "LV", "U", "V")
 _PX, _PY, _PZ, _SX, _SY, _DR, _DG, _GX, _GY, _GZ, _LV, _U, _V = (np.uintp(SLOT[n]) for n in _NAMES)
 _ONE = np.uintp(1)
@@ -166,10 +166,10 @@ def blend(s, n, corners, near):
     for i in range(n):
         a, b, c = near[_A + i], near[_B + i], near[_C + i]
         u, v = s[SX + i], s[SY + i]
-        w = ONE - u - v
-        for k in range(3):
-            s[NX + k * SPAN + i] = w * corners[a, k] + u * corners[b, k] + v * corners[c, k]
-            s[BR + k * SPAN + i] = w * corners[a, k + 3] + u * corners[b, k + 3] + v * corners[c, k + 3]
+        first, second, third = np.int64(a) * 8, np.int64(b) * 8, np.int64(c) * 8
+        weights = ONE - u - v, u, v
+        s[NX + i], s[NY + i], s[NZ + i], s[BR + i] = weighed(corners, (first, second, third), weights)
+        s[BG + i], s[BB + i], _, _ = weighed(corners, (first + 4, second + 4, third + 4), weights)
         du, dv = np.float64(u), np.float64(v)  # large texture coordinates need it
         dw = 1.0 - du - dv
         s[U + i] = f4(dw * corners[a, 6] + du * corners[b, 6] + dv * corners[c, 6])
@@ -201,10 +201,10 @@ def gather_further(samples, packed, s, n, pix):
             for k in range(4):
                 s[TX + k * SPAN + i] = ZERO
             if row >= 0:
-                g, turned = packed.tangents, s[AM + i]
-                for k in range(3):
-                    s[TX + k * SPAN + i] = turned * (w * g[row, 0, k] + u * g[row, 1, k] + v * g[row, 2, k])
-                s[TW + i] = turned if w * g[row, 0, 3] + u * g[row, 1, 3] + v * g[row, 2, 3] >= ZERO else -turned
+                at, turned = np.int64(row) * 12, s[AM + i]
+                x, y, z, side = weighed(packed.tangents, (at, at + 4, at + 8), (w, u, v))
+                s[TX + i], s[TY + i], s[TZ + i] = turned * x, turned * y, turned * z
+                s[TW + i] = turned if side >= ZERO else -turned
 
 
 @kernel(counted=False)

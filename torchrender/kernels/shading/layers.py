@@ -5,21 +5,25 @@ from __future__ import annotations
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.shading.lobes import (
     COAT_F0,
+    COAT_SLOWED,
     LEAST_COSINE,
     SHEEN,
     SHEEN_ROUGHNESS,
     SMOOTHEST,
-    albedo,
+    added,
+    find,
+    four_at,
     ggx,
     half_terms,
     open_share,
 )
 from torchrender.kernels.shading.records import SLOT, SPAN
-from torchrender.kernels.shading.simd import HALF, INV_PI, ONE, TWO, ZERO, exp2, f4, fifth, log2
+from torchrender.kernels.shading.simd import HALF, INV_PI, ONE, TWO, ZERO, dielectric, exp2, f4, log2
 
 NX, NY, NZ, SX, SY, SZ = (SLOT[n] for n in ("NX", "NY", "NZ", "SX", "SY", "SZ"))
 EX, EY, EZ, LX, LY, LZ = (SLOT[n] for n in ("EX", "EY", "EZ", "LX", "LY", "LZ"))
 AM, VS, NV, OC, CC, CK, YR = (SLOT[n] for n in ("AM", "VS", "NV", "OC", "CC", "CK", "YR"))
+TA, TU, TV, FL = (SLOT[n] for n in ("TA", "TU", "TV", "FL"))
 
 
 @kernel(counted=False)
@@ -50,7 +54,7 @@ def add_coat(s, n, light):
         nv = min(max(sx * ex + sy * ey + sz * ez, f4(1e-4)), ONE)
         sine, half = half_terms((sx, sy, sz), (ex, ey, ez), (lx, ly, lz))
         rough = max(s[CK + i], SMOOTHEST)
-        f = s[CC + i] * (COAT_F0 + (ONE - COAT_F0) * fifth(half))
+        f = s[CC + i] * dielectric(COAT_SLOWED, half)
         s[VS + i] = s[AM + i] / bent * nl * f * ggx(sine, nl, nv, rough * rough)
     for c in range(3):
         for i in range(n):
@@ -58,13 +62,21 @@ def add_coat(s, n, light):
 
 
 @kernel(counted=False)
-def add_coat_sky(s, n, sky):
-    """What the coat mirrors of the light from all around, which is in LX.."""
+def share_of_coat(s, n, sky):
+    """What the coat mirrors of light from all around, into VS, and what of that Fresnel's term adds, into FL."""
     for i in range(n):
         nv = s[SX + i] * s[EX + i] + s[SY + i] * s[EY + i] + s[SZ + i] * s[EZ + i]
-        nv = min(max(nv, f4(1e-4)), ONE)
-        a, b, _ = albedo(sky.albedo, nv, s[CK + i])
-        s[VS + i] = s[CC + i] * (COAT_F0 * a + b) * open_share(nv, s[OC + i], s[CK + i])
+        s[AM + i] = min(max(nv, f4(1e-4)), ONE)
+    find(s, n, sky.albedo.shape[0], AM, CK)
+    for i in range(n):
+        a, b, c, _ = four_at(sky.albedo, s[TA + i], s[TU + i], s[TV + i], 0)
+        s[FL + i] = added(COAT_F0, a, b, b + c)
+        s[VS + i] = s[CC + i] * (COAT_F0 * a + b + c) * open_share(s[AM + i], s[OC + i], s[CK + i])
+
+
+@kernel(counted=False)
+def add_coat_sky(s, n):
+    """The light from all around, which is in LX.., times what the coat mirrors of it."""
     for c in range(3):
         for i in range(n):
             s[YR + c * SPAN + i] += s[VS + i] * s[LX + c * SPAN + i]

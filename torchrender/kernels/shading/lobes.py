@@ -9,7 +9,21 @@ import numpy as np
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.shading.gather import spread
 from torchrender.kernels.shading.records import MATERIAL, METALLIC, PHONG, SLOT, SPAN, UNLIT
-from torchrender.kernels.shading.simd import HALF, INV_PI, ONE, PI, TINY, TWO, ZERO, exp2, f4, fifth, log2
+from torchrender.kernels.shading.simd import (
+    HALF,
+    INV_PI,
+    ONE,
+    PI,
+    TINY,
+    TWO,
+    ZERO,
+    dielectric,
+    exp2,
+    f4,
+    fifth,
+    log2,
+    weighed,
+)
 
 NX, NY, NZ, SX, SY, SZ = (SLOT[n] for n in ("NX", "NY", "NZ", "SX", "SY", "SZ"))
 EX, EY, EZ, LX, LY, LZ = (SLOT[n] for n in ("EX", "EY", "EZ", "LX", "LY", "LZ"))
@@ -18,11 +32,13 @@ OC, RO, ME, CC = (SLOT[n] for n in ("OC", "RO", "ME", "CC"))
 DR, DG, DB, SR, SG, SB, AM, VS, SH = (SLOT[n] for n in ("DR", "DG", "DB", "SR", "SG", "SB", "AM", "VS", "SH"))
 FR, FG, FB, FH, KR, KG, KB = (SLOT[n] for n in ("FR", "FG", "FB", "FH", "KR", "KG", "KB"))
 WR, WG, WB, MR, MG, MB = (SLOT[n] for n in ("WR", "WG", "WB", "MR", "MG", "MB"))
-LO, HI, IN, NV, MA = (SLOT[n] for n in ("LO", "HI", "IN", "NV", "MA"))
-SL, CL, TH, YR, YG, YB = (SLOT[n] for n in ("SL", "CL", "TH", "YR", "YG", "YB"))
+LO, HI, HC, HD, IN, NV, MA, AB = (SLOT[n] for n in ("LO", "HI", "HC", "HD", "IN", "NV", "MA", "AB"))
+SL, CL, TH, NE, YR, YG, YB = (SLOT[n] for n in ("SL", "CL", "TH", "NE", "YR", "YG", "YB"))
+TA, TU, TV, FL = (SLOT[n] for n in ("TA", "TU", "TV", "FL"))
 DIELECTRIC, WEIGHT, SHEEN, SHEEN_ROUGHNESS = (MATERIAL[n] for n in ("dielectric", "weight", "sheen", "sheen_roughness"))
 TRANSMISSION, DEGREE, LOBE = (MATERIAL[n] for n in ("transmission", "degree", "lobe"))
-SMOOTHEST, LEAST_COSINE, COAT_F0 = f4(0.045), f4(1e-3), f4(0.04)
+SLOWED, EXCESS = MATERIAL["slowed"], MATERIAL["excess"]
+SMOOTHEST, LEAST_COSINE, COAT_F0, COAT_SLOWED = f4(0.045), f4(1e-3), f4(0.04), f4(1.25)
 
 
 @kernel(counted=False)
@@ -66,11 +82,27 @@ def read_at(table, corners, c):
     return w00 * table[j, i, c] + w01 * table[j, k, c] + w10 * table[m, i, c] + w11 * table[m, k, c]
 
 
+@kernel(counted=False)
+def find(s, n, size, cosine, roughness):
+    """Where tables of that size are read for numbers in two slots, both from 0 to 1, into TA, TU, TV."""
+    last = f4(size - 1)
+    for i in range(n):
+        x, y = math.sqrt(s[cosine + i]) * last, s[roughness + i] * last
+        column, row = min(np.floor(x), last - ONE), min(np.floor(y), last - ONE)
+        s[TA + i], s[TU + i], s[TV + i] = row * f4(size) + column, x - column, y - row
+
+
 @kernel(inline=True, counted=False)
-def albedo(table, cosine, roughness):
-    """Directional albedo: terms of f0 and of f90, and of sheen."""
-    at = corners_of(table, min(max(cosine, ZERO), ONE), min(max(roughness, ZERO), ONE))
-    return read_at(table, at, 0), read_at(table, at, 1), read_at(table, at, 2)
+def four_at(table, at, u, v, skip):
+    """Four numbers of a table (S,S,C), from the one after ``skip`` on, between entry ``at`` and the next ones; after
+    :func:`find`.
+    """
+    numbers = np.int64(table.shape[2])
+    first, width = np.int64(at) * numbers + np.int64(skip), np.int64(table.shape[0]) * numbers
+    w11 = u * v
+    w01, w10 = u - w11, v - w11
+    places = first, first + numbers, first + width, first + width + numbers
+    return weighed(table, places, (ONE - u - w10, w01, w10, w11))
 
 
 @kernel(inline=True, counted=False)
@@ -83,7 +115,9 @@ def open_share(eye, seen, roughness):
 
 @kernel(counted=False)
 def look_up(work, n, looks, sky, cloth):
-    """What :func:`mix` needs from tables: albedos into KR.., FR.., numbers of the materials into SL, FH, TH, LO."""
+    """What :func:`mix` needs from tables: albedos into KR, KG, HC, HD, their means into FR, FG, FB, MA, numbers of the
+    materials into SL, FH, TH, NE, WR, WG, LO.
+    """
     s, mat, numbers, table, mean = work.s, work.mat, looks.numbers, sky.albedo, sky.mean
     last = f4(mean.shape[0] - 1)
     for i in range(n):
@@ -91,21 +125,41 @@ def look_up(work, n, looks, sky, cloth):
         s[NV + i] = min(max(nv, f4(1e-4)), ONE)
         s[CL + i] = ZERO
         s[LO + i] = ZERO
+    find(s, n, table.shape[0], NV, RO)
     for i in range(n):
-        s[KR + i], s[KG + i], _ = albedo(table, s[NV + i], s[RO + i])
-        y = s[RO + i] * last
-        low = min(np.int32(y), np.int32(mean.shape[0] - 2))
-        v, j = y - f4(low), np.uint32(low)
-        s[FR + i] = mean[j, 0] + v * (mean[j + 1, 0] - mean[j, 0])
-        s[FG + i] = mean[j, 1] + v * (mean[j + 1, 1] - mean[j, 1])
+        s[KR + i], s[KG + i], s[HC + i], s[HD + i] = four_at(table, s[TA + i], s[TU + i], s[TV + i], 0)
+    for i in range(n):
+        v, j = s[TV + i], np.int64(4) * np.int64(s[RO + i] * last - s[TV + i] + HALF)
+        s[FR + i], s[FG + i], s[FB + i], s[MA + i] = weighed(mean, (j, j + np.int64(4)), (ONE - v, v))
     spread(work, n, SL, numbers, DIELECTRIC)
     spread(work, n, FH, numbers, WEIGHT)
     spread(work, n, TH, numbers, TRANSMISSION)
+    spread(work, n, NE, numbers, SLOWED)
+    spread(work, n, WR, numbers, EXCESS)
+    spread(work, n, WG, numbers, EXCESS + 1)
     if cloth:
         for i in range(n):
             m = mat[i]
-            _, _, s[CL + i] = albedo(table, s[NV + i], numbers[m, SHEEN_ROUGHNESS])
+            at = corners_of(sky.sheen, s[NV + i], min(max(numbers[m, SHEEN_ROUGHNESS], ZERO), ONE))
+            s[CL + i] = read_at(sky.sheen, at, 0)
             s[LO + i] = max(numbers[m, SHEEN], max(numbers[m, SHEEN + 1], numbers[m, SHEEN + 2]))
+
+
+@kernel(inline=True, counted=False)
+def added(along, a, b, even):
+    """Share of mirrored light ``along a + even`` that is not that of facets which all mirror ``along``."""
+    return min(max(ONE - along * (a + b) / max(along * a + even, f4(1e-6)), ZERO), ONE)
+
+
+@kernel(counted=False)
+def lean(s, n, table, rough):
+    """Where the sky's maps show what is mirrored, into TU and TV, see :func:`torchrender.shading.sky.sky_lobe`; the
+    share in FL is added by Fresnel's term. After :func:`find`.
+    """
+    for i in range(n):
+        part, width, part_grazing, width_grazing = four_at(table, s[TA + i], s[TU + i], s[TV + i], 0)
+        s[TU + i] = part + s[FL + i] * (part_grazing - part)
+        s[TV + i] = (width + s[FL + i] * (width_grazing - width)) * s[rough + i]
 
 
 @kernel(counted=False)
@@ -113,11 +167,13 @@ def mix(s, n):
     """Terms of metallic-roughness that do not depend on lights, from what the textures and tables told."""
     for i in range(n):
         a, b, mean_a, mean_b = s[KR + i], s[KG + i], s[FR + i], s[FG + i]
+        first, second = s[WR + i], s[WG + i]
+        excess, mean_excess = first * s[HC + i] + second * s[HD + i], first * s[FB + i] + second * s[MA + i]
         metal, weight, matte = s[ME + i], s[FH + i] * s[HA + i], (ONE - s[ME + i]) * (ONE - s[TH + i])
-        high = weight + metal * (ONE - weight)
+        high, pure = weight + metal * (ONE - weight), weight * (ONE - metal)
         lost = ONE / max(a + b, f4(1e-3)) - ONE
         se = s[SX + i] * s[EX + i] + s[SY + i] * s[EY + i] + s[SZ + i] * s[EZ + i]
-        through = ONE - s[CC + i] * (COAT_F0 + (ONE - COAT_F0) * fifth(min(max(se, f4(1e-4)), ONE)))
+        through = ONE - s[CC + i] * dielectric(COAT_SLOWED, min(max(se, f4(1e-4)), ONE))
         under = (ONE - s[LO + i] * s[CL + i]) * through  # what sheen and coat leave
         reflectance = s[SL + i]
         bare_r = min(reflectance * s[HR + i], ONE) * weight
@@ -130,15 +186,20 @@ def mix(s, n):
             bare_g + metal * (green - bare_g),
             bare_b + metal * (blue - bare_b),
         )
-        s[FR + i], s[FG + i], s[FB + i] = f0, g0, b0
+        along = pure * reflectance  # comes with Fresnel's term
+        s[FR + i], s[FG + i], s[FB + i] = f0 - along, g0 - along, b0 - along
         s[KR + i], s[KG + i], s[KB + i] = ONE + f0 * lost, ONE + g0 * lost, ONE + b0 * lost
-        s[WR + i] = (f0 * a + high * b) * (ONE + f0 * lost) * under
-        s[WG + i] = (g0 * a + high * b) * (ONE + g0 * lost) * under
-        s[WB + i] = (b0 * a + high * b) * (ONE + b0 * lost) * under
-        left = (ONE - (low * a + weight * b) * (ONE + low * lost)) * matte * under
+        s[AB + i] = (a + b) * under
+        even, most = high * b + pure * excess, max(f0, max(g0, b0))
+        s[FL + i] = added(most, a, b, even)
+        s[WR + i] = (f0 * a + even) * (ONE + f0 * lost) * under
+        s[WG + i] = (g0 * a + even) * (ONE + g0 * lost) * under
+        s[WB + i] = (b0 * a + even) * (ONE + b0 * lost) * under
+        left = (ONE - (low * a + weight * (b + excess)) * (ONE + low * lost)) * matte * under
         s[MR + i], s[MG + i], s[MB + i] = red * left, green * left, blue * left
-        s[FH + i], s[LO + i], s[HI + i], s[TH + i], s[SL + i] = high, low, weight, through, under
-        s[IN + i] = INV_PI / max(ONE - (low * mean_a + weight * mean_b), f4(1e-3))
+        s[FH + i], s[LO + i], s[HI + i], s[TH + i], s[SL + i] = pure, low, weight, through, under
+        s[HC + i], s[HD + i] = weight * first, weight * second
+        s[IN + i] = INV_PI / max(ONE - (low * mean_a + weight * (mean_b + mean_excess)), f4(1e-3))
 
 
 @kernel(counted=False)
@@ -188,10 +249,18 @@ def diffuse_share(s, n, table):
     for i in range(n):
         nl = s[NX + i] * s[LX + i] + s[NY + i] * s[LY + i] + s[NZ + i] * s[LZ + i]
         s[MA + i] = min(max(nl, ZERO), ONE)
+    find(s, n, table.shape[0], MA, RO)
     for i in range(n):
-        at = corners_of(table, s[MA + i], s[RO + i])
-        a, b = read_at(table, at, 0), read_at(table, at, 1)
-        s[MA + i] = s[AM + i] * (ONE - (s[LO + i] * a + s[HI + i] * b)) * s[IN + i]
+        a, b, c, d = four_at(table, s[TA + i], s[TU + i], s[TV + i], 0)
+        kept = s[LO + i] * a + s[HI + i] * b + s[HC + i] * c + s[HD + i] * d
+        s[MA + i] = s[AM + i] * (ONE - kept) * s[IN + i]
+
+
+@kernel(inline=True, counted=False)
+def fresnel(s, i, half):
+    """Fresnel's term at a cosine to facets: what is the same for all colours, and what multiplies FR, FG and FB."""
+    grazing = fifth(half)
+    return s[FH + i] * dielectric(s[NE + i], half) + s[ME + i] * grazing, ONE - grazing
 
 
 @kernel(counted=False)
@@ -205,14 +274,10 @@ def add_metallic(s, n, sky, light):
         sine, half = half_terms((nx, ny, nz), (s[EX + i], s[EY + i], s[EZ + i]), (lx, ly, lz))
         rough = max(s[RO + i], SMOOTHEST)
         lobe = amount * ggx(sine, nx * lx + ny * ly + nz * lz, s[NV + i], rough * rough) * s[SL + i]
-        grazing = fifth(half)
-        high = s[FH + i]
-        f = s[FR + i] + (high - s[FR + i]) * grazing
-        s[YR + i] += red * (s[MR + i] * matte + f * s[KR + i] * lobe)
-        f = s[FG + i] + (high - s[FG + i]) * grazing
-        s[YG + i] += green * (s[MG + i] * matte + f * s[KG + i] * lobe)
-        f = s[FB + i] + (high - s[FB + i]) * grazing
-        s[YB + i] += blue * (s[MB + i] * matte + f * s[KB + i] * lobe)
+        even, rest = fresnel(s, i, half)
+        s[YR + i] += red * (s[MR + i] * matte + (even + s[FR + i] * rest) * s[KR + i] * lobe)
+        s[YG + i] += green * (s[MG + i] * matte + (even + s[FG + i] * rest) * s[KG + i] * lobe)
+        s[YB + i] += blue * (s[MB + i] * matte + (even + s[FB + i] * rest) * s[KB + i] * lobe)
 
 
 @kernel(counted=False)

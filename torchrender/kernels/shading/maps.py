@@ -9,7 +9,7 @@ import numpy as np
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.shading.gather import spread
 from torchrender.kernels.shading.records import LEVELS, MATERIAL, SLOT, SPAN
-from torchrender.kernels.shading.simd import HALF, ONE, TINY, TWO, ZERO, f4
+from torchrender.kernels.shading.simd import HALF, ONE, TINY, TWO, ZERO, f4, weighed
 
 U, V, LV, U1, V1, L1, VS = (SLOT[n] for n in ("U", "V", "LV", "U1", "V1", "L1", "VS"))
 OC, RO, ME, QX, QY, QZ = (SLOT[n] for n in ("OC", "RO", "ME", "QX", "QY", "QZ"))
@@ -86,7 +86,7 @@ def corners(groups, g, level, across, down, channels):
 
 
 @kernel(inline=True, counted=False)
-def sample(s, i, g, groups, transforms, texels, found):
+def sample(s, i, g, groups, transforms, texels):
     """Multiply the numbers of pixel ``i`` by the textures of group ``g``."""
     second = groups[g, 4] == 1
     u, v = np.float64(s[U1 + i] if second else s[U + i]), np.float64(s[V1 + i] if second else s[V + i])
@@ -107,9 +107,7 @@ def sample(s, i, g, groups, transforms, texels, found):
         line = min(np.int64(down * f4(height)), height - 1)
         at = groups[g, LEVELS] + (line * width + column) * channels
         for c in range(channels):
-            slot = groups[g, 8 + c]
-            if slot >= 0:
-                s[slot + i] *= texels[at + c]
+            s[groups[g, 8 + c] + i] *= texels[at + c]
         return
     level = min(max((s[L1 + i] if second else s[LV + i]) + transforms[g, 6], ZERO), f4(groups[g, 0] - 1))
     level = ZERO if groups[g, 3] == BILINEAR else level
@@ -118,22 +116,28 @@ def sample(s, i, g, groups, transforms, texels, found):
     rest = ONE - share
     p0, p1, p2, p3, a0, a1, a2, a3 = corners(groups, g, k, across, down, channels)
     if share > ZERO:
-        k += 1
-        q0, q1, q2, q3, b0, b1, b2, b3 = corners(groups, g, k, across, down, channels)
-        a0, a1, a2, a3 = a0 * rest, a1 * rest, a2 * rest, a3 * rest
-        b0, b1, b2, b3 = b0 * share, b1 * share, b2 * share, b3 * share
-        for c in range(channels):
-            found[c] = (
-                a0 * texels[p0 + c] + a1 * texels[p1 + c] + a2 * texels[p2 + c] + a3 * texels[p3 + c]
-                + b0 * texels[q0 + c] + b1 * texels[q1 + c] + b2 * texels[q2 + c] + b3 * texels[q3 + c]
-            )  # fmt: skip
+        q0, q1, q2, q3, b0, b1, b2, b3 = corners(groups, g, k + np.int64(1), across, down, channels)
+        weights = a0 * rest, a1 * rest, a2 * rest, a3 * rest, b0 * share, b1 * share, b2 * share, b3 * share
+        for c in range(0, channels, 4):
+            places = p0 + c, p1 + c, p2 + c, p3 + c, q0 + c, q1 + c, q2 + c, q3 + c
+            multiply(s, i, g, groups, c, weighed(texels, places, weights))
     else:
-        for c in range(channels):
-            found[c] = a0 * texels[p0 + c] + a1 * texels[p1 + c] + a2 * texels[p2 + c] + a3 * texels[p3 + c]
-    for c in range(channels):
-        slot = groups[g, 8 + c]
-        if slot >= 0:
-            s[slot + i] *= found[c]
+        for c in range(0, channels, 4):
+            found = weighed(texels, (p0 + c, p1 + c, p2 + c, p3 + c), (a0, a1, a2, a3))
+            multiply(s, i, g, groups, c, found)
+
+
+@kernel(inline=True, counted=False)
+def multiply(s, i, g, groups, c, found):
+    """Numbers of pixel ``i`` times those of up to four channels of group ``g``, from channel ``c`` on."""
+    left = groups[g, 5] - c
+    s[groups[g, 8 + c] + i] *= found[0]
+    if left > 1:
+        s[groups[g, 9 + c] + i] *= found[1]
+    if left > 2:
+        s[groups[g, 10 + c] + i] *= found[2]
+    if left > 3:
+        s[groups[g, 11 + c] + i] *= found[3]
 
 
 @kernel(counted=False)
@@ -144,7 +148,7 @@ def textures(work, n, looks):
     for i in range(n):
         m = mat[i]
         for g in range(groups_of[m, 0], groups_of[m, 1]):
-            sample(s, i, np.int64(g), groups, transforms, texels, work.texel)
+            sample(s, i, np.int64(g), groups, transforms, texels)
 
 
 @kernel(counted=False)

@@ -6,13 +6,14 @@ Each takes the scratch of the tile and the count ``n`` of its pixels, and leaves
 from __future__ import annotations
 
 from torchrender.kernels.shading.gather import face, gather, gather_further, place
-from torchrender.kernels.shading.layers import add_coat, add_coat_sky, add_sheen
+from torchrender.kernels.shading.layers import add_coat, add_coat_sky, add_sheen, share_of_coat
 from torchrender.kernels.shading.lights import rectangle as one_rectangle
 from torchrender.kernels.shading.lights import small_light as one_small_light
 from torchrender.kernels.shading.lobes import (
     add_metallic,
     add_phong,
     begin_metallic,
+    lean,
     look_up,
     mix,
     write_mirrors,
@@ -110,7 +111,8 @@ def metallic(looks, sky, out, work, n, bits):
     s = work.s
     look_up(work, n, looks, sky, bits & CLOTH > 0)
     mix(s, n)
-    mirrored(s, n, sky, NX, RO)
+    lean(s, n, sky.lobes, RO)
+    mirrored(s, n, sky, NX)
     begin_metallic(work, n, looks, bits & CLOTH > 0)
     if out.replaced.shape[0] > 0:  # before its slots are used for lights
         for i in range(n):
@@ -145,8 +147,10 @@ def sheen_light(looks, work, n, light):
 @stage("layers")
 def coat(sky, work, n):
     """What clear coats mirror of the light from all around."""
-    mirrored(work.s, n, sky, SX, CK)
-    add_coat_sky(work.s, n, sky)
+    share_of_coat(work.s, n, sky)
+    lean(work.s, n, sky.lobes, CK)
+    mirrored(work.s, n, sky, SX)
+    add_coat_sky(work.s, n)
 
 
 @stage("layers")

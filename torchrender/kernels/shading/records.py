@@ -24,7 +24,9 @@ _SLOTS = (
     # sums of diffuse and mirrored light; the light at hand; exponent
     "DR DG DB SR SG SB AM VS LX LY LZ SH "
     # of metallic-roughness, see lobes
-    "FR FG FB FH KR KG KB WR WG WB MR MG MB LO HI IN NV SL CL TH YR YG YB "
+    "FR FG FB FH KR KG KB AB WR WG WB MR MG MB LO HI HC HD IN NV SL CL TH NE YR YG YB "
+    # where tables are read: first entry, shares of the next column and row
+    "TA TU TV "
     # light for the diffuse part; share of a lobe that a rectangle fills, and how the lobe lies
     "MA FL LA LB LC LD LE"
 ).split()
@@ -44,8 +46,6 @@ POINT, PARALLEL, RECT, CENTRE = 0, 1, 2, 3
 
 LEVELS = 40
 """Column of the first level in a row of :attr:`Looks.groups`."""
-CHANNELS = 20
-"""Most channels of a group of textures."""
 
 
 class View(NamedTuple):
@@ -87,19 +87,21 @@ class Looks(NamedTuple):
     )  # (M,4) int32 first and one past last group, kind, 1: normal map + 2: Phong highlight + 4: sheen
     groups: np.ndarray  # (G,LEVELS+3K) int64: levels, wraps, filter, uv set, channels, plain?, slots; then per level
     transforms: np.ndarray  # (G,8) float32: transform 6, log2 of the longer side in texels
-    texels: np.ndarray  # (X,) float32
+    texels: np.ndarray  # (X,) float32, followed by three more numbers that may be read
 
 
 class Sky(NamedTuple):
     """Light from all around."""
 
     ambient: np.ndarray  # (3,) float32
-    irradiance: np.ndarray  # (T,3) float32 octahedral, over pi; no rows without an environment
-    mirrored: np.ndarray  # (T,3) float32 octahedral maps
+    irradiance: np.ndarray  # (T,3) float32 octahedral, over pi; no rows without an environment; as texels
+    mirrored: np.ndarray  # (T,3) float32 octahedral maps; as texels
     levels: np.ndarray  # (K,2) int64 first texel and side
     albedo: np.ndarray  # (S,S,4) float32 directional albedo
-    mean: np.ndarray  # (S,2) float32
-    cosines: np.ndarray  # (S,S,5) float32 linearly transformed cosines
+    mean: np.ndarray  # (S,4) float32
+    sheen: np.ndarray  # (S,S,1) float32
+    lobes: np.ndarray  # (S,S,4) float32, see sky_lobes
+    cosines: np.ndarray  # (S,S,8) float32 linearly transformed cosines, 0
     radiance: np.ndarray  # (H,W,3) float32 background; 1 x 1: the same everywhere
     turn: np.ndarray  # (2,) float32: turn of the background, its intensity
 
@@ -157,7 +159,7 @@ class Stages(NamedTuple):
 MATERIAL = {
     "diffuse": 0, "emission": 3, "tint": 6, "degree": 9, "shininess": 10, "lobe": 11, "metallic": 12, "roughness": 13,
     "dielectric": 14, "weight": 15, "coat": 16, "coat_roughness": 17, "sheen": 18, "sheen_roughness": 21,
-    "transmission": 22, "normal_scale": 23, "occlusion": 24,
+    "transmission": 22, "normal_scale": 23, "occlusion": 24, "slowed": 25, "excess": 26,
 }  # fmt: skip
 """First column of each in :attr:`Looks.numbers`."""
 
@@ -180,4 +182,3 @@ class Work(NamedTuple):
     found: np.ndarray  # (4,) int64 covered pixels, empty ones, bits of their materials, runs of these, see gather
     lit: np.ndarray  # (L,) bool lights that may reach the tile
     runs: np.ndarray  # (SPAN + 1,) uint32 where pixels begin that follow one another and share a material, and the end
-    texel: np.ndarray  # (CHANNELS,) float32 of one pixel

@@ -7,19 +7,19 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.shading.lights import polygon
-from torchrender.kernels.shading.lobes import COAT_F0, SMOOTHEST, albedo, corners_of, diffuse_share, read_at
+from torchrender.kernels.shading.lobes import COAT_F0, SMOOTHEST, diffuse_share, find, four_at, fresnel, half_terms
 from torchrender.kernels.shading.records import SLOT, SPAN
-from torchrender.kernels.shading.simd import HALF, INV_PI, ONE, ZERO, f4
+from torchrender.kernels.shading.simd import HALF, INV_PI, ONE, TINY, TWO, ZERO, f4
 
 PX, PY, PZ, NX, NY, NZ, SX, SY, SZ = (SLOT[n] for n in ("PX", "PY", "PZ", "NX", "NY", "NZ", "SX", "SY", "SZ"))
 EX, EY, EZ, LX, LY, LZ = (SLOT[n] for n in ("EX", "EY", "EZ", "LX", "LY", "LZ"))
 AM, VS, RO, MA, LA, LB, LC, LD, LE = (SLOT[n] for n in ("AM", "VS", "RO", "MA", "LA", "LB", "LC", "LD", "LE"))
 MR, WR, YR, CC, CK, FL = (SLOT[n] for n in ("MR", "WR", "YR", "CC", "CK", "FL"))
-UPRIGHT, MOST = f4(1e-12), f4(1.0 - 1e-7)
+TA, TU, TV = (SLOT[n] for n in ("TA", "TU", "TV"))
+FR, KR, AB = (SLOT[n] for n in ("FR", "KR", "AB"))
+UPRIGHT, MOST, LEVEL_RAY = f4(1e-12), f4(1.0 - 1e-7), f4(1e-3)
 
 
 @kernel(inline=True, counted=False)
@@ -57,10 +57,12 @@ def lay(s, n, table, normal, rough):
     for i in range(n):
         facing = s[normal + i] * s[EX + i] + s[normal + SPAN + i] * s[EY + i] + s[normal + 2 * SPAN + i] * s[EZ + i]
         s[FL + i] = flattened(facing)
+        s[TV + i] = min(max(s[rough + i], SMOOTHEST), ONE)
+    find(s, n, table.shape[0], FL, TV)
     for i in range(n):
-        at = corners_of(table, s[FL + i], min(max(s[rough + i], SMOOTHEST), ONE))
-        for k in range(5):
-            s[LA + k * SPAN + i] = read_at(table, at, np.uint32(k))
+        at, u, v = s[TA + i], s[TU + i], s[TV + i]
+        s[LA + i], s[LB + i], s[LC + i], s[LD + i] = four_at(table, at, u, v, 0)
+        s[LE + i], _, _, _ = four_at(table, at, u, v, 4)
 
 
 @kernel(counted=False)
@@ -105,15 +107,44 @@ def filled(s, n, light, normal):
 
 
 @kernel(counted=False)
+def nearest(s, n, light):
+    """Cosine to the facets that mirror the rectangle's point next to the mirrored ray, into TA."""
+    mx, my, mz, cx, cy, cz = light[12], light[13], light[14], light[1], light[2], light[3]
+    inv = ONE / light[29]
+    ux, uy, uz = light[19] - light[16], light[20] - light[17], light[21] - light[18]
+    vx, vy, vz = light[25] - light[16], light[26] - light[17], light[27] - light[18]
+    # In-plane vectors that tell shares along one edge and not along the other.
+    ax, ay, az = (vy * mz - vz * my) * inv, (vz * mx - vx * mz) * inv, (vx * my - vy * mx) * inv
+    bx, by, bz = (my * uz - mz * uy) * inv, (mz * ux - mx * uz) * inv, (mx * uy - my * ux) * inv
+    for i in range(n):
+        nx, ny, nz, ex, ey, ez = s[NX + i], s[NY + i], s[NZ + i], s[EX + i], s[EY + i], s[EZ + i]
+        twice = TWO * (nx * ex + ny * ey + nz * ez)
+        rx, ry, rz = twice * nx - ex, twice * ny - ey, twice * nz - ez
+        qx, qy, qz = cx - s[PX + i], cy - s[PY + i], cz - s[PZ + i]
+        t = (mx * qx + my * qy + mz * qz) / min(mx * rx + my * ry + mz * rz, -LEVEL_RAY)
+        wx, wy, wz = t * rx - qx, t * ry - qy, t * rz - qz
+        p = min(max(ax * wx + ay * wy + az * wz, -HALF), HALF)
+        q = min(max(bx * wx + by * wy + bz * wz, -HALF), HALF)
+        lx, ly, lz = qx + p * ux + q * vx, qy + p * uy + q * vy, qz + p * uz + q * vz
+        near = ONE / math.sqrt(max(lx * lx + ly * ly + lz * lz, TINY))
+        _, s[TA + i] = half_terms((nx, ny, nz), (ex, ey, ez), (lx * near, ly * near, lz * near))
+
+
+@kernel(counted=False)
 def add_metallic_rectangle(s, n, sky, light):
     """A rectangle, through the lobes under the coat: diffuse as light from its centre, mirrored as it is."""
     filled(s, n, light, NX)
     diffuse_share(s, n, sky.albedo)
+    nearest(s, n, light)
+    for i in range(n):
+        s[TU + i], s[TV + i] = fresnel(s, i, s[TA + i])
     for c in range(3):
         color = light[7 + c]
         for i in range(n):
-            sent = s[MR + c * SPAN + i] * s[MA + i] + s[WR + c * SPAN + i] * s[FL + i]
-            s[YR + c * SPAN + i] += color * sent
+            share = s[FL + i]
+            some = (s[TU + i] + s[FR + c * SPAN + i] * s[TV + i]) * s[KR + c * SPAN + i] * s[AB + i]
+            mirrored = share * (some + share * (s[WR + c * SPAN + i] - some))
+            s[YR + c * SPAN + i] += color * (s[MR + c * SPAN + i] * s[MA + i] + mirrored)
 
 
 @kernel(counted=False)
@@ -123,8 +154,11 @@ def add_coat_rectangle(s, n, sky, light):
     filled(s, n, light, SX)
     for i in range(n):
         nv = s[SX + i] * s[EX + i] + s[SY + i] * s[EY + i] + s[SZ + i] * s[EZ + i]
-        a, b, _ = albedo(sky.albedo, min(max(nv, f4(1e-4)), ONE), s[CK + i])
-        share = s[CC + i] * (COAT_F0 * a + b) * s[FL + i]
+        s[MA + i] = min(max(nv, f4(1e-4)), ONE)
+    find(s, n, sky.albedo.shape[0], MA, CK)
+    for i in range(n):
+        a, b, c, _ = four_at(sky.albedo, s[TA + i], s[TU + i], s[TV + i], 0)
+        share = s[CC + i] * (COAT_F0 * a + b + c) * s[FL + i]
         for c in range(3):
             s[YR + c * SPAN + i] += light[7 + c] * share
     lay(s, n, sky.cosines, NX, RO)

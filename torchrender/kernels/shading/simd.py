@@ -7,8 +7,10 @@ from typing import Any
 
 import numpy as np
 from llvmlite import ir
-from numba import float32, int32
+from numba import float32, int32, types
+from numba.core import cgutils
 from numba.extending import intrinsic
+from numba.np import arrayobj
 
 from torchrender.kernels.compile import kernel
 
@@ -42,6 +44,30 @@ def _cast(source: Any, target: Any) -> Any:
 
 
 bits_of, float_of = _cast(float32, int32), _cast(int32, float32)
+
+
+@intrinsic
+def weighed(context: Any, values: Any, places: Any, weights: Any) -> Any:  # noqa: ARG001
+    """Sum of ``values[place : place + 4]`` times the weights, four float32 at once.
+
+    ``values`` lie row by row, and three more that follow them may be read; ``places`` (K,) int64 count their numbers.
+    """
+    four = ir.VectorType(ir.FloatType(), 4)
+
+    def make(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        first = arrayobj.make_array(signature.args[0])(context, builder, value=args[0]).data
+        total = None
+        for k in range(len(signature.args[1])):
+            place, weight = (builder.extract_value(one, k) for one in args[1:])
+            read = builder.load(builder.bitcast(builder.gep(first, [place]), four.as_pointer()), align=4)
+            wide = builder.insert_element(ir.Constant(four, ir.Undefined), weight, ir.IntType(32)(0))
+            wide = builder.shuffle_vector(wide, wide, ir.Constant(ir.VectorType(ir.IntType(32), 4), [0, 0, 0, 0]))
+            part = builder.fmul(wide, read)
+            total = part if total is None else builder.fadd(total, part)
+        found = [builder.extract_element(total, ir.IntType(32)(k)) for k in range(4)]
+        return cgutils.pack_array(builder, found)
+
+    return types.UniTuple(types.float32, 4)(values, places, weights), make
 
 
 @kernel(inline=True, counted=False)
@@ -97,3 +123,12 @@ def fifth(cosine):
     one = min(max(ONE - cosine, ZERO), ONE)
     square = one * one
     return square * square * one
+
+
+@kernel(inline=True, counted=False)
+def dielectric(slowed, cosine):
+    """Fresnel's term, see :func:`torchrender.numerics.ggx.dielectric_fresnel`."""
+    far = math.sqrt(slowed + cosine * cosine) + cosine
+    across = slowed / (far * far)
+    along = (cosine * far - ONE) / (cosine * across * far + ONE)
+    return HALF * across * across * (ONE + along * along)

@@ -8,11 +8,11 @@ import numpy as np
 
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.shading.records import IRRADIANCE_SIDE, SLOT, SPAN
-from torchrender.kernels.shading.simd import HALF, INV_PI, ONE, TINY, TWO, ZERO, angle, f4
+from torchrender.kernels.shading.simd import HALF, INV_PI, ONE, TINY, TWO, ZERO, angle, f4, weighed
 
 NX, NY, NZ, EX, EY, EZ = (SLOT[n] for n in ("NX", "NY", "NZ", "EX", "EY", "EZ"))
-SX, SY, SZ = (SLOT[n] for n in ("SX", "SY", "SZ"))
-DR, DG, SR, SG, VS, LX, LY, LZ, OC = (SLOT[n] for n in ("DR", "DG", "SR", "SG", "VS", "LX", "LY", "LZ", "OC"))
+SX, SY, SZ, TU, TV = (SLOT[n] for n in ("SX", "SY", "SZ", "TU", "TV"))
+DR, DG, DB, SR, SG, LX, LY, LZ, OC = (SLOT[n] for n in ("DR", "DG", "DB", "SR", "SG", "LX", "LY", "LZ", "OC"))
 
 
 @kernel(inline=True, counted=False)
@@ -27,11 +27,13 @@ def octahedral(x, y, z):
 
 @kernel(inline=True, counted=False)
 def map_corners(first, side, across, down):
-    """First of the four texels about a place in a map with an edge of one texel, the second row, and two shares."""
+    """First numbers of the four texels about a place in a map with an edge of one texel, and their weights."""
     x, y = across * f4(side) + HALF, down * f4(side) + HALF
     i, j = min(np.int64(x), side), min(np.int64(y), side)
-    at = first + j * (side + 2) + i
-    return at, at + side + 2, x - f4(i), y - f4(j)
+    at, row = (first + j * (side + 2) + i) * 3, (side + 2) * 3
+    u, v = x - f4(i), y - f4(j)
+    w11 = u * v
+    return (at, at + 3, at + row, at + row + 3), (ONE - u - v + w11, u - w11, v - w11, w11)
 
 
 @kernel(counted=False)
@@ -57,19 +59,21 @@ def diffuse(s, n, pix, sky, reach):
                 z += reach.bent[pix[i], 2] - s[SZ + i]
             s[LX + i], s[LY + i] = octahedral(x, y, z)
         for i in range(n):
-            at, below, u, v = map_corners(np.int64(0), np.int64(IRRADIANCE_SIDE), s[LX + i], s[LY + i])
-            for c in range(3):
-                upper = texels[at, c] + u * (texels[at + 1, c] - texels[at, c])
-                lower = texels[below, c] + u * (texels[below + 1, c] - texels[below, c])
-                s[DR + c * SPAN + i] += upper + v * (lower - upper)
+            places, weights = map_corners(np.int64(0), np.int64(IRRADIANCE_SIDE), s[LX + i], s[LY + i])
+            red, green, blue, _ = weighed(texels, places, weights)
+            s[DR + i] += red
+            s[DG + i] += green
+            s[DB + i] += blue
     for c in range(3):
         for i in range(n):
             s[DR + c * SPAN + i] *= s[OC + i]
 
 
 @kernel(counted=False)
-def mirrored(s, n, sky, normal, rough):
-    """Radiance about the directions that normals in slot ``normal`` mirror to the eye, into LX, LY, LZ."""
+def mirrored(s, n, sky, normal):
+    """Radiance about the directions that normals in slot ``normal`` mirror to the eye, into LX, LY, LZ; how far these
+    lean to the normals is in TU, roughness in TV.
+    """
     ambient, texels, levels = sky.ambient, sky.mirrored, sky.levels
     if texels.shape[0] == 0:
         for i in range(n):
@@ -79,26 +83,20 @@ def mirrored(s, n, sky, normal, rough):
     for i in range(n):
         nx, ny, nz = s[normal + i], s[normal + SPAN + i], s[normal + 2 * SPAN + i]
         ex, ey, ez = s[EX + i], s[EY + i], s[EZ + i]
-        d = TWO * min(max(nx * ex + ny * ey + nz * ez, f4(1e-4)), ONE)
-        alpha = min(max(s[rough + i], ZERO), ONE)
-        turn = HALF * alpha * alpha  # towards the normal, see :func:`torchrender.shading.lobes.lobe_middle`
-        d, rest = d + turn * (ONE - d), ONE - turn
-        s[LX + i], s[LY + i] = octahedral(d * nx - rest * ex, d * ny - rest * ey, d * nz - rest * ez)
+        part = s[TU + i]
+        d = ONE - part + part * TWO * min(max(nx * ex + ny * ey + nz * ez, f4(1e-4)), ONE)
+        s[LX + i], s[LY + i] = octahedral(d * nx - part * ex, d * ny - part * ey, d * nz - part * ez)
     for i in range(n):
-        level = min(max(s[rough + i], ZERO), ONE) * top
+        level = min(max(s[TV + i], ZERO), ONE) * top
         k = min(np.int64(level), np.int64(levels.shape[0] - 2))
         share = level - f4(k)
         across, down = s[LX + i], s[LY + i]
-        p, p2, u, v = map_corners(levels[k, 0], levels[k, 1], across, down)
-        q, q2, a, b = map_corners(levels[k + 1, 0], levels[k + 1, 1], across, down)
-        for c in range(3):
-            up = texels[p, c] + u * (texels[p + 1, c] - texels[p, c])
-            low = texels[p2, c] + u * (texels[p2 + 1, c] - texels[p2, c])
-            first = up + v * (low - up)
-            up = texels[q, c] + a * (texels[q + 1, c] - texels[q, c])
-            low = texels[q2, c] + a * (texels[q2 + 1, c] - texels[q2, c])
-            second = up + b * (low - up)
-            s[LX + c * SPAN + i] = ambient[c] + first + share * (second - first)
+        p, w = map_corners(levels[k, 0], levels[k, 1], across, down)
+        q, t = map_corners(levels[k + 1, 0], levels[k + 1, 1], across, down)
+        rest = ONE - share
+        r, g, b, _ = weighed(texels, p, (w[0] * rest, w[1] * rest, w[2] * rest, w[3] * rest))
+        x, y, z, _ = weighed(texels, q, (t[0] * share, t[1] * share, t[2] * share, t[3] * share))
+        s[LX + i], s[LY + i], s[LZ + i] = ambient[0] + r + x, ambient[1] + g + y, ambient[2] + b + z
 
 
 @kernel(counted=False)

@@ -202,7 +202,7 @@ def _ours(ball: Ball, light: Light | Environment) -> tuple[Tensor, Tensor, Tenso
     if ball.ours.metallic == 1.0:
         toward = torch.nn.functional.normalize(camera.eye[0] - gbuffer.position[0], dim=-1).float()
         facing = (gbuffer.normal[0] * toward).sum(-1).clamp(1e-4, 1.0)
-        a, b = directional_albedo(facing, torch.full_like(facing, ball.ours.roughness))
+        a, b, _, _ = directional_albedo(facing, torch.full_like(facing, ball.ours.roughness))
         once = image / (1.0 + ball.ours.diffuse * (1.0 / (a + b) - 1.0)[..., None])
         once = torch.where(gbuffer.covered[0][..., None], once, 0.0)
     return _coarse(image), _coarse(once), _coarse(gbuffer.covered[0].float()[..., None])[..., 0] > 0.999

@@ -12,7 +12,12 @@ from torchrender.report.shading.mitsuba import SKY_SAMPLES
 def page(record: dict[str, Any]) -> list[str]:
     """Lines of the Markdown page."""
     lines = ["# Shading", "", f"`python -m torchrender.report.shading` on {machine_line(record['machine'])}", ""]
+    kept = record.get("kept", {})
+    for commit in dict.fromkeys(kept.values()):
+        names = ", ".join(name.replace("_", " ") for name, other in kept.items() if other == commit)
+        lines.append(f"Kept from commit {commit}: {names}.")
     lines += [
+        "",
         "Direct light by the compiled kernel, from the visibility buffer, beside what torch took from a whole G-buffer",
         "before there was a kernel. Both take turns in one run; milliseconds, medians. The third column is what the",
         "attributes of the G-buffer take, which the kernel does not need; the ratio with them counts them on torch's",
@@ -38,9 +43,8 @@ def page(record: dict[str, Any]) -> list[str]:
     lines += ["A white metal in a white surrounding; 1 is all of the light:", ""]
     balls = [[f"{r['roughness']:g}", f"{r['least']:.4f}", f"{r['most']:.4f}"] for r in record["furnace"]]
     lines += table(["roughness", "least", "most"], balls)
-    return (
-        lines + _mitsuba(record) + _skies(record["skies"]) + _glossy(record.get("glossy", [])) + _rooms(record["rooms"])
-    )
+    lines += _mitsuba(record) + _skies(record["skies"]) + _glossy(record.get("glossy", []))
+    return lines + _settings(record.get("settings", [])) + _rooms(record["rooms"])
 
 
 def _mitsuba(record: dict[str, Any]) -> list[str]:
@@ -96,10 +100,9 @@ def _short(rows: list[dict[str, Any]]) -> list[str]:
     return [
         f"{len(worst)} of {len(rows)} miss it: {', '.join(worst)}.",
         "",
-        "Where that comes from: highlights of area lights are linearly transformed cosines, which have shorter tails",
-        "than facets; glossy light of environments is the split-sum approximation, whose lobe is that of a surface",
-        "seen along its normal; Schlick's term, which glTF prescribes, lies below Fresnel's by up to a fifth at 60",
-        "degrees for an index of 1.5.",
+        "Where that comes from: glossy light of environments is the split-sum approximation, in which one round lobe,",
+        "fitted in direction and width, stands for one that is longer in the plane of the eye and cut by the horizon;",
+        "highlights of area lights are linearly transformed cosines, which have shorter tails than facets.",
         "",
     ]
 
@@ -131,14 +134,37 @@ def _glossy(rows: list[dict[str, Any]]) -> list[str]:
     if not rows:
         return []
     lines = [
-        "Glossy light of one map on balls, beside the sum of all pixels of the map over the lobe; right: the lobe",
+        "Glossy light of maps on balls, beside the sum of all pixels of the map over the lobe; right: the lobe",
         "seen along its normal, about the mirrored direction, summed over all pixels, too. Black plastic, white metal.",
         "",
     ]
-    head = ["material", "roughness", "ratio", "PSNR dB", "split sum: ratio", "PSNR dB"]
+    head = ["map", "material", "roughness", "ratio", "PSNR dB", "split sum: ratio", "PSNR dB"]
     cells = [
-        [r["material"], f"{r['roughness']:g}"]
+        [r["map"], r["material"], f"{r['roughness']:g}"]
         + [text for way in ("ours", "split_sum") for text in (f"{r[way]['ratio']:.3f}", f"{r[way]['psnr']:.1f}")]
+        for r in rows
+    ]
+    return lines + table(head, cells)
+
+
+def _settings(rows: list[dict[str, Any]]) -> list[str]:
+    if not rows:
+        return []
+    lines = [
+        "Error against time of ways to read the map, the same balls against the same sum over all of its pixels. Maps",
+        "of mirrored light by the compiled kernel, with the whole of shading in their time; rays about the lobe in",
+        "torch, the light of the map alone. What the maps take is spent once for each environment.",
+        "",
+    ]
+    head = ["setting", "PSNR dB", "worst ratio", "ns a pixel", "once, ms"]
+    cells = [
+        [
+            r["setting"],
+            f"{r['psnr']:.1f}",
+            f"{r['ratio']:.3f}",
+            f"{r['each']:.0f}",
+            f"{r['first']:.0f}" if r["first"] else "",
+        ]
         for r in rows
     ]
     return lines + table(head, cells)

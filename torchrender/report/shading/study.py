@@ -8,6 +8,7 @@ visibility in rooms, white furnaces. Data come from the folder of
 
 from __future__ import annotations
 
+import json
 import os
 import sys
 import time
@@ -25,7 +26,7 @@ from torchrender.quality.timing import take_turns
 from torchrender.raster import rasterize
 from torchrender.report.common.command import run_study
 from torchrender.report.shading import before, opengl
-from torchrender.report.shading.glossy_sky import glossy_of
+from torchrender.report.shading.glossy_sky import glossy_of, settings_of
 from torchrender.report.shading.mitsuba import beside_mitsuba
 from torchrender.report.shading.page import page
 from torchrender.report.shading.references import references
@@ -47,7 +48,7 @@ SAMPLES = 512
 """Of Mitsuba, for each pixel."""
 ROUGHNESS = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
 DIRECTIONS = 256
-GLOSSY_SKY = "museum.exr"
+GLOSSY_SKIES = ("museum.exr", "pisa_latlong_small.hdr", "forest.hdr")
 READ, WRITTEN, GATHERS = 16 + 4, 12, 45
 """Bytes per pixel of the visibility buffer and of the light that leaves, and numbers gathered: corners, planes, ids."""
 
@@ -141,6 +142,24 @@ def run(folder: Path, quick: bool) -> list[Path]:
     return [file for file in files if file.is_file()]
 
 
+def again(folder: Path, names: Sequence[str]) -> list[Path]:
+    """Measure some parts and keep the others of the record that is there; the page says which, and of what commit."""
+    files = [folder / "shading.json", folder / "shading.md"]
+    record = json.loads(files[0].read_text())
+    parts = _parts(Path(os.environ.get("TORCHRENDER_DATA", "../shared/data")), quick=False)
+    now, before = machine_record(), record["machine"]
+    kept = record.setdefault("kept", {})
+    if now["commit"] != before["commit"]:
+        kept |= {name: before["commit"] for name in parts if name in record and name not in kept}
+    record["machine"] = now
+    for name in names:
+        record[name] = parts[name]()
+        kept.pop(name, None)
+    write_record(files[0], record)
+    write_text(files[1], page(record))
+    return files
+
+
 def _parts(data: Path, quick: bool) -> dict[str, Callable[[], Any]]:
     """What is measured, by its name in the record."""
     names: Sequence[str] = ("cornell_box",) if quick else SCENES
@@ -157,7 +176,8 @@ def _parts(data: Path, quick: bool) -> dict[str, Callable[[], Any]]:
         "mitsuba": lambda: beside_mitsuba(None, 4, ("matt",)) if quick else beside_mitsuba(skies, SAMPLES),
         "references": lambda: [] if quick else references(data / "references"),
         "skies": lambda: [] if quick or skies is None else irradiance_of(skies, DIRECTIONS),
-        "glossy": lambda: [] if quick or skies is None else glossy_of(skies / GLOSSY_SKY),
+        "glossy": lambda: [] if quick or skies is None else glossy_of([skies / name for name in GLOSSY_SKIES]),
+        "settings": lambda: [] if quick or skies is None else settings_of(skies / GLOSSY_SKIES[0], runs),
         "rooms": lambda: [] if quick else ambient_rooms(ROOMS, small, runs),
     }
 
