@@ -77,12 +77,13 @@ class HitShader:
         color = self.scene.ambient.float() if self.background is None else as_vector("background", self.background)
         return color.expand(len(direction), 3)
 
-    def environment(self, direction: Tensor, eyes: Tensor | None = None) -> Tensor:
+    def environment(self, direction: Tensor, eyes: Tensor | None = None, spread: Tensor | None = None) -> Tensor:
         """Radiance (N,3) along unit directions (N,3) from the scene's middle, closed objects there left out.
 
-        What holds one of the ``eyes`` (B,3) of the picture is a room, and stays.
+        What holds one of the ``eyes`` (B,3) of the picture is a room, and stays. What lies outside the scene is seen as
+        blurred as the rays ``spread`` (N,).
         """
-        return self._cube(eyes).lookup(direction, self.surrounding(direction))
+        return self._cube(eyes).lookup(direction, self.surrounding(direction, spread))
 
     def surroundings(self, position: Tensor, direction: Tensor, eyes: Tensor | None = None) -> Tensor:
         """Radiance (N,3): what the middle sees of the place where each ray leaves the scene's bounding box.

@@ -119,8 +119,9 @@ class RayShader(Protocol):
             onward: what mirrors among the hits show; None: a guess by ``surroundings``.
         """
 
-    def environment(self, direction: Tensor, eyes: Tensor | None = None) -> Tensor:
-        """(N,3) the scene as seen from its middle, along unit directions (N,3), in a picture from ``eyes`` (B,3)."""
+    def environment(self, direction: Tensor, eyes: Tensor | None = None, spread: Tensor | None = None) -> Tensor:
+        """(N,3) the scene as its middle sees it, along unit directions (N,3) of rays that ``spread`` (N,), in a
+        picture from ``eyes`` (B,3)."""
 
     def surroundings(self, position: Tensor, direction: Tensor, eyes: Tensor | None = None) -> Tensor:
         """(N,3) a guess, without rays, at what arrives at positions (N,3) from unit directions (N,3)."""
@@ -235,9 +236,7 @@ def spread_rays(
     lobe: str = "ggx",
 ) -> tuple[ReflectedRays, Tensor]:
     """:func:`lobe_rays` of N mirrored rays: ``seen`` = directions of arrival, shading and geometric normals (N,3).
-
-    Weights have a mean of 1: how much a surface mirrors in all, whatever its lobe loses, is the material's to say.
-    """
+    Weights have a mean of 1: how much a surface mirrors in all, whatever its lobe loses, is the material's to say."""
     arriving, normal, flat = seen
     if lobe == "cone":
         toward = lobe_directions(mirrored.direction, flat, gloss, count, turn)

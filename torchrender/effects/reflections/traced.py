@@ -114,7 +114,7 @@ def environment_reflections(
                 color[rows] = shader.environment(part.direction, part.cameras.eye)
                 continue
             rays, weight = lobe_rays(part, count, options.lobe)
-            found = shader.environment(rays.direction, part.cameras.eye) * weight.float()[:, None]
+            found = shader.environment(rays.direction, part.cameras.eye, rays.spread) * weight.float()[:, None]
             color[rows] = found.reshape(-1, count, 3).mean(dim=1)
     if options.share_rays:
         color = share_rays(pixels, color)
