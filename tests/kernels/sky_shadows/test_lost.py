@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from torchrender.kernels.shading.records import IRRADIANCE_SIDE
-from torchrender.kernels.shading.sky import map_corners, octahedral
+from torchrender.kernels.shading.sky import octahedral
 from torchrender.kernels.sky_shadows.lost import Known, Seen, take_away
 
 COUNT = 2500  # more than two threads take at a time
@@ -21,9 +21,12 @@ def unit(generator: np.random.Generator) -> np.ndarray:
 def arriving(texels: np.ndarray, direction: np.ndarray) -> np.ndarray:
     """Irradiance over pi about a direction, as the shading kernel looks it up."""
     across, down = octahedral.py_func(*(F(v) for v in direction))
-    at, below, u, v = map_corners.py_func(0, IRRADIANCE_SIDE, across, down)
-    above = (1 - u) * texels[at] + u * texels[at + 1]
-    return (1 - v) * above + v * ((1 - u) * texels[below] + u * texels[below + 1])
+    x, y = across * IRRADIANCE_SIDE + 0.5, down * IRRADIANCE_SIDE + 0.5  # an edge of one texel around
+    i, j = min(int(x), IRRADIANCE_SIDE), min(int(y), IRRADIANCE_SIDE)
+    u, v = x - i, y - j
+    rows = texels.reshape(IRRADIANCE_SIDE + 2, IRRADIANCE_SIDE + 2, 3)
+    above, below = ((1 - u) * rows[k, i] + u * rows[k, i + 1] for k in (j, j + 1))
+    return (1 - v) * above + v * below
 
 
 def lost(seen: Seen, known: Known, texels: np.ndarray, i: int) -> np.ndarray:

@@ -38,11 +38,12 @@ class Known(NamedTuple):
 def _arriving(texels, x, y, z):
     """Irradiance over pi, three colours, about a unit direction."""
     across, down = octahedral(x, y, z)
-    at, below, u, v = map_corners(np.int64(0), np.int64(IRRADIANCE_SIDE), across, down)
-    p, q, r, s = (ONE - v) * (ONE - u), (ONE - v) * u, v * (ONE - u), v * u
-    red = p * texels[at, 0] + q * texels[at + 1, 0] + r * texels[below, 0] + s * texels[below + 1, 0]
-    green = p * texels[at, 1] + q * texels[at + 1, 1] + r * texels[below, 1] + s * texels[below + 1, 1]
-    blue = p * texels[at, 2] + q * texels[at + 1, 2] + r * texels[below, 2] + s * texels[below + 1, 2]
+    places, weights = map_corners(np.int64(0), np.int64(IRRADIANCE_SIDE), across, down)
+    a, b, c, d = places[0] // 3, places[1] // 3, places[2] // 3, places[3] // 3
+    p, q, r, s = weights
+    red = p * texels[a, 0] + q * texels[b, 0] + r * texels[c, 0] + s * texels[d, 0]
+    green = p * texels[a, 1] + q * texels[b, 1] + r * texels[c, 1] + s * texels[d, 1]
+    blue = p * texels[a, 2] + q * texels[b, 2] + r * texels[c, 2] + s * texels[d, 2]
     return red, green, blue
 
 
