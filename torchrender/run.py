@@ -57,10 +57,8 @@ class Run:
     done: list[str] = field(init=False, default_factory=list)  # passes that ran
     found: dict[str, float] = field(init=False, default_factory=dict)  # quantities, since the plan was made
     searches: list[Search] = field(init=False, default_factory=list)  # of its plans
-    untypical: set[str] = field(
-        init=False, default_factory=set
-    )  # passes that loaded kernels, or did what is done once:
-    # their times teach nothing
+    # Passes that loaded kernels, or did what is done once: their times teach nothing.
+    untypical: set[str] = field(init=False, default_factory=set)
     foreseen_ms: float = field(init=False, default=0.0)  # of all of it, by the first plan
     sensed: dict[str, float] = field(init=False, default_factory=dict)  # what errors of the next picture follow
     doubts: list[Doubt] = field(init=False, default_factory=list)  # about what cameras see
