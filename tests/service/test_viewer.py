@@ -170,6 +170,18 @@ def test_the_camera_is_read_and_moved(view: View, client: StreamClient) -> None:
     assert float((picture.radiance - expected.radiance).abs().max()) < 1e-5
 
 
+def test_another_scene_is_shown_from_its_own_camera() -> None:
+    """The same one changed is looked at from where it was."""
+    box = tr.load("cornell_box")
+    with tr.show(small_scene(), browser=False) as made:
+        made.camera = aside = tr.Cameras.look_at((3.0, 2.0, 1.0), (0.0, 0.3, 0.0), width=SIZE[0], height=SIZE[1])
+        made.scene = small_scene()
+        torch.testing.assert_close(made.camera.camera_from_world, aside.camera_from_world)
+        made.scene = box
+        wanted = box.camera(width=SIZE[0], height=SIZE[1])
+        torch.testing.assert_close(made.camera.camera_from_world, wanted.camera_from_world)
+
+
 @contextlib.contextmanager
 def viewer_socket(view: View) -> Iterator[Any]:
     """A socket of a viewer, greeted."""

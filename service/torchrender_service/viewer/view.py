@@ -122,13 +122,20 @@ class View:
 
     @property
     def scene(self) -> Scene:
-        """As it is shown; assigning another one shows that."""
+        """As it is shown; assigning another one shows that, from its own camera where it has another name."""
         return self._scene
 
     @scene.setter
     def scene(self, scene: Scene) -> None:
         if not isinstance(scene, Scene):
             raise InputError(f"a view shows a Scene, not {type(scene).__name__}")
+        another = scene.name != self._scene.name
+        self._show(scene)
+        camera = scene.camera(width=SIZE[0], height=SIZE[1])
+        if another and not camera.orthographic:
+            self.camera = camera
+
+    def _show(self, scene: Scene) -> None:
         self._check_open()
         self._server.put(self.id, scene)
         self._scene = scene
@@ -152,7 +159,7 @@ class View:
             scene = scene.with_meshes(meshes)
         elif mesh is not None:
             raise InputError("mesh names what vertices belong to: give vertices, too")
-        self.scene = scene
+        self._show(scene)
         return self
 
     def add(self, *things: Mesh | PointCloud | Material | Any) -> View:
@@ -172,7 +179,7 @@ class View:
                 lights.append(thing)
             else:
                 raise InputError(f"a view shows meshes, point clouds and lights, not {type(thing).__name__}")
-        self.scene = self._scene.replace(meshes=meshes, lights=lights, materials=materials)
+        self._show(self._scene.replace(meshes=meshes, lights=lights, materials=materials))
         return self
 
     # --------------------------------------------------------------- looking
