@@ -100,7 +100,7 @@ def test_it_is_priced_and_its_setting_is_chosen(
     errors = {"4": {"flip": 0.2}, "16": {"flip": 0.1}, "64": {"flip": 0.0}}
     scenes = {name: dict(one) for name, one in shipped.scenes.items()}
     scenes[key] = {**scenes[key], "passes": {**scenes[key]["passes"], "haze": errors}}
-    data = {"format": 3, "norm": shipped.norm, "weights": {**shipped.weights, "haze": costs}, "scenes": scenes}
+    data = {"format": 4, "norm": shipped.norm, "weights": {**shipped.weights, "haze": costs}, "scenes": scenes}
     file = tmp_path / "curves.json"
     file.write_text(json.dumps(data))
     monkeypatch.setenv(ENVIRONMENT, str(file))

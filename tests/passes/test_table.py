@@ -58,6 +58,7 @@ def test_there_is_one_file_per_pass_and_no_pass_without_one() -> None:
         "standing_light",
         "standing_maps",
         "probe",
+        "hidden_light",
         "darkened",
     }  # what passes of light keep while something moves, and find out; what media take from light
     assert files == {step.name for step in PASSES}

@@ -18,7 +18,7 @@ from torchrender_service.errors import ServiceError
 from torchrender_service.metrics import Metrics
 from torchrender_service.renderers.asked import Asked, Rank, is_free, is_small, rank_of
 from torchrender_service.renderers.contract import RendererHandle
-from torchrender_service.renderers.jobs import Forget, Job, PhotoJob, WarmUp
+from torchrender_service.renderers.jobs import Forget, Job, PhotoJob, Render, WarmUp
 from torchrender_service.renderers.kernels import KernelPreparation
 from torchrender_service.renderers.processes.process import RendererProcess
 from torchrender_service.renderers.processes.schedule import RETRY_S
@@ -219,14 +219,14 @@ class Pool:
 
         The renderer of large pictures helps out while it has none: with small pictures where others wait, and with all
         beside streams on the only other renderer, to which pictures are then no burden. A budget is kept best by who
-        has learned how quick its pictures are. What needs another scene goes there from beside streams in any case:
+        has learned how quick its pictures are. Those that need another scene go there from beside streams in any case:
         loading one has no passes between which keyframes are made.
         """
         own, aside = min(self._renderers[1:] or self._renderers, key=lambda r: r.load), self._batch
         if is_small(job) and self.waiting:
             asked.threads = 1
         streams = bool(self._awake(own))
-        loads = streams and not own.has_scene(job)
+        loads = streams and isinstance(job, Render) and not own.has_scene(job)
         helps = is_free(job) and (streams or (own.load and is_small(job)))
         if aside in self._renderers or not (loads or helps):
             return await self._put(own, job, asked)

@@ -14,7 +14,7 @@ from torchrender.buffers import ReflectionLayer, ReflectionState
 from torchrender.effects.reflections.bounces import traced_onward
 from torchrender.effects.reflections.clustered import ClusterOptions, clustered_onward, clustered_reflections
 from torchrender.effects.reflections.reflectors import Onward, RayShader, ReflectivePixels, blend_reflections
-from torchrender.effects.reflections.traced import environment_reflections, trace_reflections
+from torchrender.effects.reflections.traced import TraceOptions, environment_reflections, trace_reflections
 from torchrender.passes.contract import Amounts, Buffers, OwnMeasure, Pass, Prices
 from torchrender.passes.hard import SHAPE, VIEW, HardEffect, Law, Outputs, Subject, difference, displayed, no_mirrors
 from torchrender.passes.light.direct_light import DIRECT_LIGHT, MIRROR_SHARE, with_share
@@ -220,6 +220,7 @@ def _clusters(bin_factor: float, deviation_deg: float, scale: float, missing: st
 # ---------------------------------------------------------------- hard cases
 
 FEW = ClusterOptions(bin_factor=0.25)
+OWN_RAYS = TraceOptions(share_rays=False)
 
 
 def _layer(layer: ReflectionLayer, subject: Subject) -> Outputs:
@@ -243,7 +244,7 @@ def mean_color_error(first: Tensor, second: Tensor, subject: Subject) -> float:
 
 def _some_alone(subject: Subject, outputs: Outputs) -> float:
     some = subject.pixels.select(torch.arange(len(subject.pixels))[::3])
-    alone = environment_reflections(some, subject.shader).color.reshape(-1, 3)[some.pixel]
+    alone = environment_reflections(some, subject.shader, OWN_RAYS).color.reshape(-1, 3)[some.pixel]
     return difference({"color": outputs["color"].reshape(-1, 3)[some.pixel]}, {"color": alone})
 
 
@@ -282,7 +283,7 @@ HARD = (
         name="environment_reflections",
         about=SHAPE,
         modules=("effects.reflections.traced",),
-        run=lambda s: _layer(environment_reflections(s.pixels, s.shader), s),
+        run=lambda s: _layer(environment_reflections(s.pixels, s.shader, OWN_RAYS), s),
         bounds=_layer_bounds,
         law=Law(
             text="every third pixel alone mirrors what it mirrors among all: share of values that differ",
