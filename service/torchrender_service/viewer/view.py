@@ -131,8 +131,7 @@ class View:
             raise InputError(f"a view shows a Scene, not {type(scene).__name__}")
         another = scene.name != self._scene.name
         self._show(scene)
-        camera = scene.camera(width=SIZE[0], height=SIZE[1])
-        if another and not camera.orthographic:
+        if another and not (camera := scene.camera(width=SIZE[0], height=SIZE[1])).orthographic:
             self.camera = camera
 
     def _show(self, scene: Scene) -> None:
