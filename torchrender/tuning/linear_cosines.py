@@ -8,16 +8,13 @@ smallest is the integral of ``(p - q)^2 / (p + q)``, which minds the tails of a 
 
 from __future__ import annotations
 
-import argparse
 import math
-import sys
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from torchrender.images.files import write_atomically
 from torchrender.shading.linear_cosines import SHIPPED, SIZE, SMOOTHEST_ROW
+from torchrender.tuning.fitted import write_fitted
 
 Array = np.ndarray
 FACETS, OPEN = 1200, 600
@@ -71,7 +68,7 @@ def lobe_of(cosine: Array, roughness: float) -> Lobe:
     half /= np.maximum(np.linalg.norm(half, axis=-1, keepdims=True), 1e-12)
     flat = (half[..., :2] ** 2).sum(-1)
     facets = alpha * alpha / (math.pi * (flat + alpha * alpha * (1.0 - flat)) ** 2) / (4.0 * cosine[:, None])
-    hidden, masked = _masked(cosine, alpha)[:, None], _masked(up, alpha)
+    hidden, masked = smith_lambda(cosine, alpha)[:, None], smith_lambda(up, alpha)
     density = (FACETS * facets / (1.0 + hidden) + OPEN * up / math.pi) / (FACETS + OPEN)
     value = np.where(direction[..., 2] > 1e-5, facets / (1.0 + hidden + masked), 0.0)
     return Lobe(cosine, direction, value / (value / density).mean(1, keepdims=True), 1.0 / density)
@@ -172,7 +169,7 @@ def _spiral(count: int) -> tuple[Array, Array]:
     return (step / count)[None], (step * _GOLDEN % 1.0 * math.pi)[None]
 
 
-def _masked(cosine: Array, alpha: float) -> Array:
+def smith_lambda(cosine: Array, alpha: float) -> Array:
     """Smith's Lambda of GGX."""
     return 0.5 * (np.sqrt(1.0 + alpha * alpha * np.maximum(1.0 / (cosine * cosine) - 1.0, 0.0)) - 1.0)
 
@@ -186,17 +183,7 @@ def _rest(found: Array, lobe: Lobe) -> Array:
 
 def main() -> None:
     """The command."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("-o", "--output", type=Path, default=SHIPPED, help="file to write")
-    path = parser.parse_args().output
-    table = fit_table()
-
-    def write(target: Path) -> None:
-        with target.open("wb") as file:
-            np.save(file, table)
-
-    write_atomically(path, write)
-    sys.stdout.write(f"{path}\n")
+    write_fitted(__doc__, SHIPPED, fit_table)
 
 
 if __name__ == "__main__":

@@ -8,15 +8,13 @@ as light is spread over them in surroundings (less by higher degrees), over all 
 
 from __future__ import annotations
 
-import argparse
 import math
-import sys
-from pathlib import Path
 
 import numpy as np
 
-from torchrender.images.files import write_atomically
 from torchrender.shading.sky import SKY_LOBES
+from torchrender.tuning.fitted import write_fitted
+from torchrender.tuning.linear_cosines import smith_lambda
 
 Array = np.ndarray
 SIZE, DEGREE = 32, 48
@@ -65,14 +63,9 @@ def facets(cosine: float, roughness: float) -> tuple[Array, Array, Array]:
     half /= np.linalg.norm(half, axis=-1, keepdims=True)
     facing = np.clip(sine * half[..., 0] + cosine * half[..., 2], 0.0, 1.0)
     out = 2.0 * facing[..., None] * half - np.array([sine, 0.0, cosine])
-    hidden, masked = _masked(np.array(cosine), alpha), _masked(np.maximum(out[..., 2], 1e-6), alpha)
+    hidden, masked = smith_lambda(np.array(cosine), alpha), smith_lambda(np.maximum(out[..., 2], 1e-6), alpha)
     share = np.where(out[..., 2] > 0.0, (1.0 + hidden) / (1.0 + hidden + masked) * weight, 0.0)
     return out.reshape(-1, 3), share.reshape(-1), ((1.0 - facing) ** 5).reshape(-1)
-
-
-def _masked(cosine: Array, alpha: float) -> Array:
-    """Smith's Lambda of GGX."""
-    return 0.5 * (np.sqrt(1.0 + alpha * alpha * np.maximum(1.0 / (cosine * cosine) - 1.0, 0.0)) - 1.0)
 
 
 def round_lobes(steps: int = 4000) -> Array:
@@ -143,17 +136,7 @@ def fit_table(size: int = SIZE) -> Array:
 
 def main() -> None:
     """The command."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("-o", "--output", type=Path, default=SKY_LOBES, help="file to write")
-    path = parser.parse_args().output
-    table = fit_table()
-
-    def write(target: Path) -> None:
-        with target.open("wb") as file:
-            np.save(file, table)
-
-    write_atomically(path, write)
-    sys.stdout.write(f"{path}\n")
+    write_fitted(__doc__, SKY_LOBES, fit_table)
 
 
 if __name__ == "__main__":

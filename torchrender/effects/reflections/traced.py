@@ -6,6 +6,7 @@ options say; then mirrors show the environment.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import torch
@@ -66,25 +67,38 @@ def trace_reflections(
     """
     options = options_of(options, TraceOptions)
     color, distance = torch.zeros(len(pixels), 3), torch.full((len(pixels),), torch.inf)
-    mirror = pixels.gloss <= 0
     onward = traced_onward(caster, shader, options.bounces, options.lobe)
+    for rows, _, rays, weight in _bundles(pixels, options):
+        # What neighbours find counts together with a pixel's own, as several rays of one pixel do.
+        rays = replace(rays, many=rays.many or (options.share_rays and weight is not None))
+        found, length = trace_rays(caster, rays, shader, onward)
+        color[rows] = _mean(found, weight, len(rows))
+        distance[rows] = mean_distance(length.reshape(len(rows), -1))
+    if options.share_rays:
+        color = share_rays(pixels, color)
+    state = torch.where(torch.isfinite(distance), int(ReflectionState.TRACED), int(ReflectionState.ENVIRONMENT))
+    return reflection_layer(pixels, color, distance, state)
+
+
+def _bundles(
+    pixels: ReflectivePixels, options: TraceOptions
+) -> Iterator[tuple[Tensor, ReflectivePixels, ReflectedRays, Tensor | None]]:
+    """Some pixels at a time: their numbers (M,), themselves, their rays (M k), and weights (M k) of glossy ones."""
+    mirror = pixels.gloss <= 0
     for chosen, count in ((mirror, 1), (~mirror, options.glossy_rays)):
         for rows in chosen.nonzero().reshape(-1).split(max(1, _RAYS // count)):
             if not len(rows):  # nothing splits into one empty part
                 continue
             part = pixels.select(rows)
             rays, weight = (reflected_rays(part), None) if chosen is mirror else lobe_rays(part, count, options.lobe)
-            # What neighbours find counts together with a pixel's own, as several rays of one pixel do.
-            rays = replace(rays, many=rays.many or (options.share_rays and weight is not None))
-            found, length = trace_rays(caster, rays, shader, onward)
-            if weight is not None:
-                found = found * weight.float()[:, None]
-            color[rows] = found.reshape(-1, count, 3).mean(dim=1)
-            distance[rows] = mean_distance(length.reshape(-1, count))
-    if options.share_rays:
-        color = share_rays(pixels, color)
-    state = torch.where(torch.isfinite(distance), int(ReflectionState.TRACED), int(ReflectionState.ENVIRONMENT))
-    return reflection_layer(pixels, color, distance, state)
+            yield rows, part, rays, weight
+
+
+def _mean(found: Tensor, weight: Tensor | None, count: int) -> Tensor:
+    """Means (count,3) over the rays of each pixel."""
+    if weight is not None:
+        found = found * weight.float()[:, None]
+    return found.reshape(count, -1, 3).mean(dim=1)
 
 
 def trace_rays(
@@ -105,17 +119,9 @@ def environment_reflections(
     """
     options = options_of(options, TraceOptions)
     color = torch.zeros(len(pixels), 3)
-    for chosen, count in ((pixels.gloss <= 0, 1), (pixels.gloss > 0, options.glossy_rays)):
-        for rows in chosen.nonzero().reshape(-1).split(max(1, _RAYS // count)):
-            if not len(rows):
-                continue
-            part = pixels.select(rows)
-            if count == 1:
-                color[rows] = shader.environment(part.direction, part.cameras.eye)
-                continue
-            rays, weight = lobe_rays(part, count, options.lobe)
-            found = shader.environment(rays.direction, part.cameras.eye, rays.spread) * weight.float()[:, None]
-            color[rows] = found.reshape(-1, count, 3).mean(dim=1)
+    for rows, part, rays, weight in _bundles(pixels, options):
+        spread = None if weight is None else rays.spread
+        color[rows] = _mean(shader.environment(rays.direction, part.cameras.eye, spread), weight, len(rows))
     if options.share_rays:
         color = share_rays(pixels, color)
     state = torch.full((len(pixels),), int(ReflectionState.ENVIRONMENT))
