@@ -5,8 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from torchrender.planning.curves import load_curves
+from torchrender.scene.procedural.anything import anything
+from torchrender.tuning import calibrate
 from torchrender.tuning.calibrate import curves_from
 
 
@@ -30,3 +33,14 @@ def test_passes_and_scenes_that_no_picture_had_stay() -> None:
     assert found["weights"]["enhancement"] == usual.weights["enhancement"]
     assert set(found["scenes"]) == {*usual.scenes, "room"}
     assert set(curves_from({"room": {}}, {("occluders", "scene"): rows}, 1.0)["weights"]) == {"occluders"}
+
+
+def test_a_new_scene_leaves_how_errors_add_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its few pictures alone would give an exponent of their own to all the others."""
+    usual, told = load_curves(), list[str]()
+    monkeypatch.setattr(calibrate, "errors_of", lambda *_: {})
+    monkeypatch.setattr(calibrate, "times_of", lambda *_: {})
+    monkeypatch.setattr(calibrate, "joint_errors", lambda *_: [([0.3, 0.4], 0.7)] * 9)
+    found = calibrate.calibrate([anything(7)], size=16, known=usual, tell=told.append)
+    assert found["norm"] == usual.norm
+    assert any("errors measured" in line for line in told)

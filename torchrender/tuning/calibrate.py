@@ -50,7 +50,8 @@ def calibrate(scenes: Sequence[Scene], *, size: int = SIDE, known: Curves | None
 
     Args:
         size: pixels of a side of the pictures that errors are taken of, and of the largest that are timed.
-        known: curves whose errors are taken over for the scenes that they hold: errors do not depend on the machine.
+        known: curves whose errors are taken over for the scenes that they hold, and how errors add up: neither
+            depends on the machine.
         tell: is told what was done, a line at a time.
     """
     errors: dict[str, Any] = {}
@@ -62,7 +63,7 @@ def calibrate(scenes: Sequence[Scene], *, size: int = SIDE, known: Curves | None
             errors[key] = known.scenes[key]["passes"]
         else:
             errors[key] = errors_of(scene, views_of(scene, size))
-            joint += joint_errors(scene, size, errors[key])
+            joint += [] if known is not None else joint_errors(scene, size, errors[key])
             tell(f"{scene.name}: errors measured")
         for name, values in times_of(scene, [s for s in SIZES if s < size] + [size]).items():
             seen[name] += values
@@ -75,7 +76,7 @@ def calibrate(scenes: Sequence[Scene], *, size: int = SIDE, known: Curves | None
         lines = {
             name: {setting: line.to_list() for setting, line in rows.items()} for name, rows in known.lines.items()
         }
-    norm = fit_norm(joint) if joint or known is None else known.norm
+    norm = fit_norm(joint) if known is None else known.norm  # one new scene says little about how errors add up
     rest = {
         "side": size if known is None else known.side,
         "foresight": lines,
