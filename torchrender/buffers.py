@@ -18,6 +18,15 @@ from torch import Tensor
 from torchrender.brief import brief, brief_html
 from torchrender.scene.camera import Cameras
 
+SEEN = 2.0**-22
+"""What a point that an eye saw may be off, as a share of its distance: float32 depth, four times over."""
+
+HELD = 2.0**-48
+"""What float64 arithmetic on coordinates may be off, as a share of them."""
+
+WIDE = 2.0**-12
+"""What a ray's hit may be off, as a share of the ray's width there: nothing of a picture shows so little."""
+
 
 @dataclass(frozen=True, eq=False)
 class VisibilityBuffer:
@@ -172,6 +181,25 @@ class RaySurface:
     def covered(self) -> Tensor:
         """(N,) bool: a surface was hit."""
         return self.material >= 0
+
+
+def position_error(samples: GBuffer | RaySurface, rows: Tensor) -> Tensor:
+    """(N,) float64 scene units that the positions of pixels, or hits of rays, may be off.
+
+    Rays that leave a surface start so far above it, or its own triangle hides what they look for.
+
+    ``rows`` (N,) are numbers of covered ones. Hits are found in float64.
+    """
+    position = samples.position.reshape(-1, 3).index_select(0, rows).double()
+    if isinstance(samples, RaySurface):
+        wide = torch.zeros(len(rows)) if samples.width is None else samples.width.reshape(-1)[rows]
+        return WIDE * wide.double() + 8.0 * HELD * position.abs().amax(dim=-1)
+    cameras = samples.cameras
+    if cameras.orthographic:
+        distance = samples.depth.reshape(-1)[rows].double().abs()
+    else:
+        distance = (position - cameras.eye[rows // (cameras.width * cameras.height)]).norm(dim=-1)
+    return SEEN * distance + HELD * position.abs().amax(dim=-1)
 
 
 class ReflectionState(IntEnum):

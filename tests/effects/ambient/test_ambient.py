@@ -38,7 +38,7 @@ def both(
     scene: Scene, view: Cameras, options: AmbientOptions = FINE, reach: float = 1.0
 ) -> tuple[AmbientVisibility, AmbientVisibility, Tensor]:
     seen = rasterize(scene, view)
-    rays = traced_ambient(RayCaster(scene.geometry), seen, rays=128, reach=reach, gap=1e-6)
+    rays = traced_ambient(RayCaster(scene.geometry), seen, rays=128, reach=reach)
     return horizon_ambient(scene.geometry, seen, options, reach=reach), rays, seen.covered
 
 
@@ -105,12 +105,12 @@ def test_what_is_near_hides_within_reach() -> None:
     seen = rasterize(Scene(meshes=(floor,)), camera((0.5, 3.8, 1.0), (0.0, 0.0, 0.0), 16))
     caster = RayCaster(Scene(meshes=(floor, roof)).geometry)
     for reach, free in ((0.5, 1.0), (2.0, 0.25), (1e3, 0.0), (math.inf, 0.0)):  # share of sin^2 beyond 1 / reach
-        found = traced_ambient(caster, seen, rays=256, reach=reach, gap=1e-6)
+        found = traced_ambient(caster, seen, rays=256, reach=reach)
         assert float((found.near - free).abs()[seen.covered].max()) < 0.02
         assert float(found.sky[seen.covered].max()) < 0.01
-        short = traced_ambient(caster, seen, rays=256, reach=reach, gap=1e-6, far=False)
+        short = traced_ambient(caster, seen, rays=256, reach=reach, far=False)
         assert torch.equal(short.near, found.near) and torch.equal(short.sky, found.near)
-    outside = traced_ambient(RayCaster(Scene(meshes=(floor,)).geometry), seen, rays=16, reach=math.inf, gap=1e-6)
+    outside = traced_ambient(RayCaster(Scene(meshes=(floor,)).geometry), seen, rays=16, reach=math.inf)
     assert float(outside.near[seen.covered].min()) == 1.0
 
 
@@ -124,14 +124,14 @@ def test_few_points_cast_rays_and_the_others_follow_them() -> None:
     made, counts = {}, []
     for name, rays, spacing in (("exact", 128, 1), ("each", 8, 1), ("few", 8, 4)):
         caster.count = 0
-        made[name] = traced_ambient(caster, seen, rays=rays, reach=2.0, gap=1e-6, spacing=spacing)
+        made[name] = traced_ambient(caster, seen, rays=rays, reach=2.0, spacing=spacing)
         counts.append(caster.count)
     assert 14 * counts[2] < counts[1] < 18 * counts[2]
     each, few = ((made[name].sky - made["exact"].sky).abs()[seen.covered].mean() for name in ("each", "few"))
     assert float(few) < min(0.04, float(each))
     assert bool((made["few"].sky[~seen.covered] == 1).all())
     torch.testing.assert_close(made["few"].bent_normal.norm(dim=-1), seen.covered.float(), atol=1e-5, rtol=0)
-    one = traced_ambient(RayCaster(scene.geometry), rasterize(scene, views[0]), rays=8, reach=2.0, gap=1e-6, spacing=4)
+    one = traced_ambient(RayCaster(scene.geometry), rasterize(scene, views[0]), rays=8, reach=2.0, spacing=4)
     torch.testing.assert_close(one.near[0], made["few"].near[0])
 
 
@@ -141,10 +141,10 @@ def test_pixels_that_share_their_rays_have_less_noise() -> None:
     top = box(torch.tensor([1.6, 0.1, 1.0]))
     scene = Scene(meshes=(floor, replace(top, vertices=top.vertices + torch.tensor([0.0, 0.8, 0.0]))))
     seen, caster = rasterize(scene, camera((0.5, 1.8, 3.0), (0.0, 0.3, 0.0), 96)), RayCaster(scene.geometry)
-    exact = traced_ambient(caster, seen, rays=256, reach=2.0, gap=1e-6)
+    exact = traced_ambient(caster, seen, rays=256, reach=2.0)
     apart = {}
     for share in (False, True):
-        found = traced_ambient(caster, seen, rays=4, reach=2.0, gap=1e-6, share=share)
+        found = traced_ambient(caster, seen, rays=4, reach=2.0, share=share)
         assert bool((found.sky[~seen.covered] == 1).all())
         apart[share] = float((found.sky - exact.sky).square()[seen.covered].mean()) ** 0.5
     assert apart[True] < 0.5 * apart[False]
@@ -193,7 +193,7 @@ def test_bad_input_is_named() -> None:
     with pytest.raises(InputError, match="gbuffer"):
         horizon_ambient(scene.geometry, seen, FINE, reach=1.0)
     with pytest.raises(OptionError, match="rays"):
-        traced_ambient(RayCaster(scene.geometry), seen, rays=0, reach=1.0, gap=0.0)
+        traced_ambient(RayCaster(scene.geometry), seen, rays=0, reach=1.0)
     for name in ("slices", "steps", "spacing", "ray_spacing", "rays"):
         with pytest.raises(OptionError, match=name):
             AmbientOptions(**{name: 0})
@@ -225,6 +225,6 @@ def test_rays_below_the_surface_see_nothing() -> None:
     seen = rasterize(scene, Cameras.look_at([0.0, 4.0, 0.1], [0.0, 0.0, 0.0], width=12, height=12, fov_deg=30.0))
     elsewhere = Scene(meshes=(replace(floor, vertices=floor.vertices + torch.tensor([0.0, 99.0, 999.0])),))
     for hides in (scene, elsewhere):  # itself, or nothing
-        found = traced_ambient(RayCaster(hides), seen, rays=256, reach=1.0, gap=1e-4)
+        found = traced_ambient(RayCaster(hides), seen, rays=256, reach=1.0)
         assert bool(seen.covered.all()) and float(found.sky.mean()) == pytest.approx(0.75, abs=0.01)
         assert float(found.near.mean()) == pytest.approx(0.75, abs=0.01)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from torchrender.buffers import GBuffer, RaySurface
+from torchrender.buffers import GBuffer, RaySurface, position_error
 from torchrender.checks import check_range
 from torchrender.effects.ambient.lattice import lattice_of, spread
 from torchrender.effects.ambient.sharing import share_hits
@@ -26,7 +26,6 @@ def traced_ambient(
     *,
     rays: int,
     reach: float,
-    gap: float,
     spacing: int = 1,
     far: bool = True,
     share: bool = False,
@@ -37,7 +36,6 @@ def traced_ambient(
         caster: rays against all that hides.
         samples: what cameras see, or what rays hit as an image.
         reach: scene units within which something hides near light.
-        gap: scene units above the surface at which rays start.
         spacing: one point casts rays for so many pixels and side of what perspective cameras see, others follow along
             surfaces.
         far: rays go on beyond the reach. False: what lies there counts as open, also for the sky, and rays cost less.
@@ -46,15 +44,15 @@ def traced_ambient(
             one for each. False: each goes by its own rays; those of hits all follow one spiral, so that few leave no
             noise.
 
-    Directions below the geometric surface see nothing. Those of pixels follow spirals of their own.
+    Rays start off the surface by what its position may be off. Directions below the geometric surface see nothing.
+    Those of pixels follow spirals of their own.
 
     Raises:
-        OptionError: no rays, a negative reach or gap.
+        OptionError: no rays, a negative reach.
     """
     check_range("rays", rays, 1, 1 << 16)
     check_range("reach", reach, 0.0, math.inf)
-    check_range("gap", gap, 0.0, math.inf)
-    cast = Cast(caster, rays, reach, gap, far)
+    cast = Cast(caster, rays, reach, far)
     if isinstance(samples, RaySurface):
         return _from_hits(samples, cast, share)
     if share and not samples.cameras.orthographic:
@@ -70,7 +68,6 @@ class Cast(NamedTuple):
     caster: RayCaster
     rays: int
     reach: float
-    gap: float
     far: bool
 
 
@@ -127,9 +124,10 @@ def _cast(samples: GBuffer | RaySurface, chosen: Tensor, how: Cast, step: int) -
 
     ``step``: pixels between samples with spirals of their own; 0: all have the same.
     """
-    caster, rays, reach, gap, far = how
+    caster, rays, reach, far = how
     normal, surface = samples.normal[chosen], samples.geometric_normal[chosen]
-    start = samples.position[chosen] + surface.double() * gap
+    gap = position_error(samples, chosen.reshape(-1).nonzero().reshape(-1))
+    start = samples.position[chosen] + surface.double() * gap[:, None]
     number = _numbers(samples, chosen, start, step)
     sky, near, bent = torch.zeros(len(start)), torch.zeros(len(start)), torch.zeros(len(start), 3)
     for rows in torch.arange(len(start)).split(max(1, CHUNK // rays)):

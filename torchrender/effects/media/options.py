@@ -40,7 +40,7 @@ class ScatterOptions:
     gradient: str = "lsq"  # of integrated pixels: least squares, "nearest" (as printed), or "none"
     normal: str = "length"  # what is interpolated: light per length of the way, or per "effective" length
     falloff: str = "inverse_square"  # of lamps; "none" as the source prints it
-    nearest: float = 1e-3  # scene diagonals; lamps get no brighter below this distance
+    nearest: float = 1e-3  # of the way from eye to lamp, of a diagonal at most: lamps get no brighter below it
     light_steps: int = 16  # through grids, towards a light
     light_cells: int = 32  # of a grid's side, from which the way to a light is known
     environment: bool = True  # ambient light and environment are scattered, too; nothing shadows them in the air

@@ -30,7 +30,7 @@ from torchrender.kernels.media.records import FLAT, NO_LATTICE, PLACE, SUN, Scat
 from torchrender.kernels.media.ways import ways_through
 from torchrender.rays import RayCaster
 from torchrender.scene.camera import Cameras
-from torchrender.scene.light import Light
+from torchrender.scene.light import DirectionalLight, Light, RectLight
 from torchrender.scene.medium import Medium
 
 GRID_STEPS = 48
@@ -55,6 +55,7 @@ class Illumination:
     caster: RayCaster | None = None  # of shadows="rays"
     surroundings: Surroundings | None = None
     size: float = 1.0  # diagonal of the scene, scene units
+    nearest: float | None = None  # scene units below which lamps get no brighter; None: by the options
 
     def __post_init__(self) -> None:
         if self.shadow_maps and len(self.shadow_maps) != len(self.lights):
@@ -65,6 +66,16 @@ class Illumination:
     def map_of(self, number: int) -> ShadowMap | None:
         """The depth images of one light."""
         return self.shadow_maps[number] if self.shadow_maps else None
+
+    def nearest_of(self, light: Light, eye: Tensor, options: ScatterOptions) -> float:
+        """Length below which a lamp gets no brighter, as seen from ``eye`` (3,): it should be small beside a pixel."""
+        if self.nearest is not None:
+            return self.nearest
+        away = self.size
+        if not isinstance(light, DirectionalLight):
+            place = light.centre if isinstance(light, RectLight) else light.position
+            away = min(away, float((place.double() - eye.double()).norm()))
+        return options.nearest * max(away, 1e-6 * self.size, 1e-12)
 
 
 def scatter(
@@ -130,7 +141,9 @@ def scatter_along(
     parts: list[Tensor] = []
     integrated = torch.zeros(shape)
     for number, light in enumerate(illumination.lights):
-        lamp = LightTable.of(light, table.origin, options.nearest * max(illumination.size, 1e-12), options.falloff)
+        lamp = LightTable.of(
+            light, table.origin, illumination.nearest_of(light, table.origin, options), options.falloff
+        )
         integrate, quick = _integrator(lamp, illumination, number, table, rays, options)
         if quick:
             found = every_ray(integrate, rays, channels)

@@ -35,11 +35,9 @@ def traced_onward(caster: RayCaster, shader: RayShader, bounces: int, lobe: str 
 
 def _follow(caster: RayCaster, shader: RayShader, left: int, rays: int, lobe: str) -> Onward:
     further = _follow(caster, shader, left - 1, 1, lobe) if left > 1 else None
-    low, high = caster.geometry.bounds
-    start = START * float((high - low).norm())
 
     def brought(sent: ReflectedRays) -> Tensor:
-        return shader(sent, caster.first_hit(sent.origin, sent.direction, t_min=start), further)
+        return shader(sent, caster.first_hit(sent.origin, sent.direction, t_min=START * sent.width), further)
 
     def onward(points: MirroredPoints) -> Tensor:
         color = torch.zeros(len(points.gloss), 3)

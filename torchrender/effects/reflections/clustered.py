@@ -28,7 +28,7 @@ from torchrender.effects.reflections.clusters.published import published_answers
 from torchrender.effects.reflections.clusters.shading import RAYS, Question, Shading, bundles, ray_ends
 from torchrender.effects.reflections.glossy import share_rays
 from torchrender.effects.reflections.reflectors import (
-    START,
+    MARCH_START,
     MirroredPoints,
     Onward,
     RayShader,
@@ -145,7 +145,7 @@ def _mirror(scene: Scene, pixels: ReflectivePixels, made: ClusterCameras, number
     """What a planar cluster mirrors."""
     members = made.clusters.members(number)
     with clock.measure("depth images"):
-        answer = mirror_view(scene.geometry, pixels, made, number, scene.diagonal)
+        answer = mirror_view(scene.geometry, pixels, made, number)
     return Question.plain(members, reflected_rays(pixels.select(members)), answer, torch.ones(len(members)))
 
 
@@ -165,7 +165,7 @@ def _ask(
     for rows, rays, weight in bundles(pixels, members, options):
         owner = made.clusters.cluster[rows].repeat_interleave(len(rays.origin) // len(rows))
         ends = ray_ends(pixels.select(rows), rays, scene.diagonal, options)
-        asked.append((rows, owner, weight, (rays, place[owner], (START * scene.diagonal, ends))))
+        asked.append((rows, owner, weight, (rays, place[owner], (MARCH_START * scene.diagonal, ends))))
     with clock.measure("depth images"):
         sent = [one[3] for one in asked]
         images = draw_images(scene.geometry, pixels, made, numbers, sent, options.layers)

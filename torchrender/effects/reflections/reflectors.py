@@ -23,8 +23,12 @@ from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
 from torchrender.shading.mirrors import mirror_values
 
-START = 1e-5
-"""Distance from the reflector at which rays start, in scene diagonals."""
+START = 2.0**-4
+"""Distance from the reflector at which rays start, in widths of the rays: a picture shows nothing so near, and what an
+eye saw from afar is known the less, also along rays that leave it flatly. The size of the scene does not matter."""
+
+MARCH_START = 1e-5
+"""The same of rays that march through the depth images of curved clusters, in scene diagonals."""
 
 LOBES = ("ggx", "cone")
 GGX_WIDTH = 2.0 * math.sqrt(math.pi)

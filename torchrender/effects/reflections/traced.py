@@ -105,8 +105,7 @@ def trace_rays(
     caster: RayCaster, rays: ReflectedRays, shader: RayShader, onward: Onward | None = None
 ) -> tuple[Tensor, Tensor]:
     """Radiance (N,3) along the rays and the lengths (N,) float64 at which they hit, +inf where they do not."""
-    low, high = caster.geometry.bounds
-    hits = caster.first_hit(rays.origin, rays.direction, t_min=START * float((high - low).norm()))
+    hits = caster.first_hit(rays.origin, rays.direction, t_min=START * rays.width)
     return shader(rays, hits, onward), hits.t
 
 

@@ -17,7 +17,7 @@ import torch
 from torch import Tensor
 
 from torchrender.arrays import view as numpy_view
-from torchrender.buffers import GBuffer, RaySurface, ShadowMap
+from torchrender.buffers import GBuffer, RaySurface, ShadowMap, position_error
 from torchrender.checks import check_tensor, options_of
 from torchrender.effects.shadows.exact_edges import folded, hidden_points, view_rows
 from torchrender.effects.shadows.light_cameras import choose_views, light_cameras, light_view
@@ -25,7 +25,6 @@ from torchrender.effects.shadows.options import BIASES as BIASES
 from torchrender.effects.shadows.options import FILTERS as FILTERS
 from torchrender.effects.shadows.options import ShadowOptions as ShadowOptions
 from torchrender.effects.shadows.receivers import shadow_receivers
-from torchrender.effects.shadows.traced import float_error
 from torchrender.effects.shadows.view_cameras import view_cameras
 from torchrender.errors import InputError
 from torchrender.kernels.shadows.shadow_lookup import shadow_lookup
@@ -151,7 +150,7 @@ def _settled(
     if not len(rows):
         return found
     at, facing = points.reshape(-1, 3).index_select(0, rows), normals.reshape(-1, 3).index_select(0, rows)
-    lifted = at + facing * float_error(gbuffer, rows)[:, None]
+    lifted = at + facing * position_error(gbuffer, rows)[:, None]
     size = _light_size(light, shadow_map.cameras, options) if options.filter == "pcss" else 0.0
     hidden = hidden_points(scene.geometry, shadow_map.cameras, doubt.reshape(-1)[rows], lifted, size)
     flat = found.reshape(-1)

@@ -8,11 +8,11 @@ from collections.abc import Mapping, Sequence
 import torch
 from torch import Tensor
 
-from torchrender.buffers import GBuffer, RaySurface
+from torchrender.buffers import GBuffer, RaySurface, position_error
 from torchrender.effects.shadows.light_reach import LightReach, shines
 from torchrender.effects.shadows.options import ShadowOptions
 from torchrender.effects.shadows.receivers import shadow_receivers
-from torchrender.effects.shadows.traced import float_error, ray_end
+from torchrender.effects.shadows.traced import ray_end
 from torchrender.rays import RayCaster
 from torchrender.scene.light import DirectionalLight, Light, RectLight, SpotLight
 
@@ -80,7 +80,7 @@ def small_light_visibility(
         kept = (row >= 0) & covered[row.clamp_min(0)]
         row, which = row[kept], which[kept]
         normal = normals[row].double()
-        start = points[row].double() + normal * float_error(samples, row)[:, None]
+        start = points[row].double() + normal * position_error(samples, row)[:, None]
         toward = place[which] - start
         facing = ((place[which] - points[row]) * normal).sum(-1) > 0
         inside = -(toward * axis[which]).sum(-1) >= cosine[which] * toward.norm(dim=-1)

@@ -31,13 +31,12 @@ from torch import Tensor
 
 from torchrender.arrays import view as numpy_view
 from torchrender.brief import brief
-from torchrender.buffers import GBuffer
+from torchrender.buffers import GBuffer, position_error
 from torchrender.checks import check_choice, check_class, check_no_gradient, check_range, checked_fields, options_of
 from torchrender.effects.shadows.light_packets import Packets, packet_bits
 from torchrender.effects.shadows.light_rays import LightRays, samples_above, usable
 from torchrender.effects.shadows.light_samples import LightGrid, check_lights, light_grid
 from torchrender.effects.shadows.receivers import shadow_receivers
-from torchrender.effects.shadows.traced import float_error
 from torchrender.errors import InputError, OptionError
 from torchrender.kernels.rays.bvh_build import Bvh, build_bvh
 from torchrender.kernels.rays.embree_library import embree
@@ -259,7 +258,7 @@ def _receivers(gbuffer: GBuffer, b: int) -> tuple[_Receivers, Tensor]:
     points, normals = (image[b][covered].double() for image in shadow_receivers(gbuffer))
     order = _neighbours_first(points)
     rows = covered.reshape(-1).nonzero().reshape(-1)[order] + b * covered.numel()
-    return _Receivers(points[order], normals[order], float_error(gbuffer, rows)), order
+    return _Receivers(points[order], normals[order], position_error(gbuffer, rows)), order
 
 
 def _unbiased(options: SoftShadowOptions) -> bool:

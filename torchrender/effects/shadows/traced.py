@@ -7,20 +7,11 @@ import math
 import torch
 from torch import Tensor
 
-from torchrender.buffers import GBuffer, RaySurface
+from torchrender.buffers import GBuffer, position_error
 from torchrender.checks import check_range
 from torchrender.effects.shadows.receivers import shadow_receivers
 from torchrender.rays import RayCaster
 from torchrender.scene.light import DirectionalLight, Light, RectLight, vectors_to
-
-SEEN = 2.0**-22
-"""What a point that an eye saw may be off, as a share of its distance: float32 depth, four times over."""
-
-HELD = 2.0**-48
-"""What float64 arithmetic on coordinates may be off, as a share of them."""
-
-WIDE = 2.0**-12
-"""What a ray's hit may be off, as a share of the ray's width there: nothing of a picture shows so little."""
 
 _END = 1e-6  # rays end this share of their length before the light
 
@@ -45,7 +36,7 @@ def traced_visibility(
     check_range("offset", offset, 0.0, 1e6)
     covered = gbuffer.covered
     points, normals = (image[covered].double() for image in shadow_receivers(gbuffer))
-    gap = offset * float_error(gbuffer, covered.reshape(-1).nonzero().reshape(-1))
+    gap = offset * position_error(gbuffer, covered.reshape(-1).nonzero().reshape(-1))
     origins = points + normals * gap[:, None]
     seen = torch.zeros(len(points), dtype=torch.float64)
     above = torch.zeros(len(points), dtype=torch.float64)
@@ -63,23 +54,6 @@ def traced_visibility(
     image = torch.ones(gbuffer.triangle.shape)
     image[covered] = (seen / above.clamp_min(1.0)).float()
     return image
-
-
-def float_error(samples: GBuffer | RaySurface, rows: Tensor) -> Tensor:
-    """(N,) float64 scene units that the positions of pixels, or hits of rays, may be off.
-
-    ``rows`` (N,) are numbers of covered ones. Hits are found in float64.
-    """
-    position = samples.position.reshape(-1, 3).index_select(0, rows).double()
-    if isinstance(samples, RaySurface):
-        wide = torch.zeros(len(rows)) if samples.width is None else samples.width.reshape(-1)[rows]
-        return WIDE * wide.double() + 8.0 * HELD * position.abs().amax(dim=-1)
-    cameras = samples.cameras
-    if cameras.orthographic:
-        distance = samples.depth.reshape(-1)[rows].double().abs()
-    else:
-        distance = (position - cameras.eye[rows // (cameras.width * cameras.height)]).norm(dim=-1)
-    return SEEN * distance + HELD * position.abs().amax(dim=-1)
 
 
 def ray_end(place: Tensor, toward: Tensor) -> Tensor:

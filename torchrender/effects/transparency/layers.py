@@ -22,8 +22,11 @@ from torchrender.scene.camera import Cameras
 from torchrender.scene.mesh import Geometry
 from torchrender.scene.model import Scene
 
-START = 1e-7
-"""Length at which rays that leave a surface start, in diagonals of the scene: positions are exact to far less."""
+START = 2.0**-8
+"""Length at which rays that leave a surface start, in widths of the rays: what is seen from afar is known the less."""
+
+NEAR_DEPTH = 2.0**-21
+"""Share of a length that float32 depth may be off, several times over."""
 
 DARK = 1e-3
 """What lets less light pass than this hides everything behind it."""
@@ -106,7 +109,7 @@ def transparency(
     if traced:
         found = _traced(RayCaster(panes), rays.origin, rays.direction, limit)
     else:
-        found = _peeled(panes, cameras, limit, lengths)
+        found = (_on_planes(panes, rays, layer) for layer in _peeled(panes, cameras, limit, lengths))
     radiance, passing, number = _blended(scene, rays, found, shader, layers, veil)
     return Transparency(radiance.reshape(*shape, 3), passing.reshape(*shape, 3), number.reshape(shape))
 
@@ -127,7 +130,7 @@ def layers_along(
         limit: (N,) lengths at which what is solid lies; +inf for nothing.
         layers: surfaces before each other that are looked at, at most.
     """
-    found = _traced(panes, rays.origin, rays.direction, limit, START * scene.diagonal)
+    found = _traced(panes, rays.origin, rays.direction, limit, START * rays.width)
     return _blended(scene, rays, found, shader, layers, None)[:2]
 
 
@@ -187,8 +190,22 @@ def _peeled(panes: Geometry, cameras: Cameras, limit: Tensor, lengths: Tensor) -
         tests = FragmentTests(beyond=seen.depth, skip=seen.triangle)
 
 
+def _on_planes(panes: Geometry, rays: Rays, layer: Layer) -> Layer:
+    """The same with lengths up to the planes of their triangles, which float32 depth told as well as it could.
+
+    Rays that start there would else have to keep clear of what the eye's distance hides.
+    """
+    pixel, hits = layer.pixel, layer.hits
+    corners = panes.vertices[panes.faces[hits.triangle]].double()
+    normal = torch.linalg.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    rise = (rays.direction[pixel] * normal).sum(-1)
+    exact = ((corners[:, 0] - rays.origin[pixel]) * normal).sum(-1) / rise
+    near = (exact - hits.t).abs() <= NEAR_DEPTH * hits.t
+    return Layer(pixel, RayHits(torch.where(near, exact, hits.t), hits.triangle, hits.barycentric))
+
+
 def _traced(
-    caster: RayCaster, origins: Tensor, directions: Tensor, limit: Tensor, start: float = 0.0
+    caster: RayCaster, origins: Tensor, directions: Tensor, limit: Tensor, start: Tensor | float = 0.0
 ) -> Iterator[Layer]:
     pixel = torch.arange(len(origins))
     hits = caster.first_hit(origins, directions, t_min=start, t_max=limit)

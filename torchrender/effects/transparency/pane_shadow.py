@@ -7,14 +7,11 @@ import math
 import torch
 from torch import Tensor
 
-from torchrender.buffers import GBuffer, RayHits, RaySurface
+from torchrender.buffers import GBuffer, RayHits, RaySurface, position_error
 from torchrender.effects.transparency.passing import passing_light
 from torchrender.rays import RayCaster
 from torchrender.scene.light import DirectionalLight, Light, vectors_to
 from torchrender.scene.model import Scene
-
-GAP = 1e-7
-"""Height above a surface at which rays start, in diagonals of the scene: positions are exact to far less."""
 
 MOST = 256
 """Surfaces that a ray to a light passes."""
@@ -33,7 +30,8 @@ def pane_shadow(scene: Scene, panes: RayCaster, light: Light, samples: GBuffer |
     points, normals = samples.position[covered].double(), samples.geometric_normal[covered].double()
     toward = vectors_to(light, points)
     side = torch.where((toward * normals).sum(-1, keepdim=True) >= 0, 1.0, -1.0)
-    start = points + normals * side * (GAP * scene.diagonal)
+    gap = position_error(samples, covered.reshape(-1).nonzero().reshape(-1))
+    start = points + normals * side * gap[:, None]
     toward = vectors_to(light, start)
     limit = math.inf if isinstance(light, DirectionalLight) else 1.0
     share = torch.ones(len(points))

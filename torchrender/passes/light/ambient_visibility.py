@@ -34,10 +34,6 @@ AMBIENT_VISIBILITY = Buffer("ambient_visibility", AmbientVisibility)
 LEAST_SIDE = 16
 """Rows and columns of a picture whose depth is searched."""
 
-GAP = 1e-7
-"""Height above a surface at which rays start, in diagonals of the scene: positions are exact to far less."""
-
-
 AT_HITS = 8
 """Rays where no eye looks first."""
 
@@ -168,7 +164,6 @@ def _by_rays(frame: Frame, samples: GBuffer | RaySurface, caster: RayCaster) -> 
         samples,
         rays=max(options.rays, EACH) if each else options.rays,
         reach=reach_of(scene, options),
-        gap=GAP * scene.diagonal,
         share=options.share if seen else options.rays < AT_HITS,
         spacing=1 if each else options.ray_spacing,
         far=has_sky(scene),
@@ -215,7 +210,7 @@ def _found(subject: Subject) -> Outputs:
     scene, seen = subject.scene, subject.gbuffer
     reach = 0.25 * subject.unit
     if not bool(tells_enough(scene, subject.cameras).all()):
-        made = traced_ambient(subject.caster, seen, rays=16, reach=reach, gap=GAP * scene.diagonal)
+        made = traced_ambient(subject.caster, seen, rays=16, reach=reach)
     else:
         made = horizon_ambient(scene.geometry, seen, FEW, reach=reach)
     return {"sky": made.sky, "near": made.near, "length": made.bent_normal.norm(dim=-1)}
@@ -223,9 +218,7 @@ def _found(subject: Subject) -> Outputs:
 
 def _beside_rays(subject: Subject, outputs: Outputs) -> float:
     caster = RayCaster(subject.scene.geometry)
-    exact = traced_ambient(
-        caster, subject.gbuffer, rays=32, reach=0.25 * subject.unit, gap=GAP * subject.scene.diagonal
-    )
+    exact = traced_ambient(caster, subject.gbuffer, rays=32, reach=0.25 * subject.unit)
     covered = subject.gbuffer.covered
     return max(mean_over((outputs[n] - getattr(exact, n)).abs(), covered) for n in ("sky", "near"))
 

@@ -24,7 +24,7 @@ from torchrender.passes.hard import (
     mean_over,
     radiance_bounds,
 )
-from torchrender.passes.light.ambient_visibility import GAP, has_ambient_light, reach_of
+from torchrender.passes.light.ambient_visibility import has_ambient_light, reach_of
 from torchrender.passes.light.direct_light import ambient_reach
 from torchrender.passes.light.shadow_map import SCENE_SHADOW_MAP, SHADOW_MAP
 from torchrender.passes.outlook import Outlook, no_shadows
@@ -124,8 +124,8 @@ def _as_the_picture(subject: Subject, outputs: Outputs) -> float:
     scene, seen = subject.scene, subject.gbuffer
     around = None
     if has_ambient_light(scene) and scene.geometry.triangle_count:
-        reach, gap = reach_of(scene, AmbientOptions()), GAP * scene.diagonal
-        around = ambient_reach(scene, traced_ambient(subject.caster, seen, rays=64, reach=reach, gap=gap))
+        reach = reach_of(scene, AmbientOptions())
+        around = ambient_reach(scene, traced_ambient(subject.caster, seen, rays=64, reach=reach))
     wanted = shade(scene, seen, lights_visibility(scene, seen, SMALL_SHADOW), around=around).reshape(-1, 3)
     mirrors = scene.material_table.is_reflector[seen.material]
     plain = seen.covered & ~mirrors

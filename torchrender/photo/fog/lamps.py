@@ -101,7 +101,7 @@ def lamp_light(lamps: Lamps, camera: Cameras, depth: Tensor, medium: FogMedium, 
     box = Medium(
         low=low, high=high, absorption=medium.absorption, scattering=medium.scattering, asymmetry=medium.asymmetry
     )
-    options = ScatterOptions(shadows="none", nearest=1e-3, block=2, halo_guard_px=20)
-    lit = Illumination(lights=lamps.lights, size=NEAREST_M / options.nearest)
+    options = ScatterOptions(shadows="none", block=2, halo_guard_px=20)
+    lit = Illumination(lights=lamps.lights, nearest=NEAREST_M)
     made = scatter([box], camera, depth[None].float(), lit, options)
     return made.scattered[0].clamp_min(0.0)

@@ -32,7 +32,7 @@ def occlusion_errors(
     for number in (made.usable & made.planar).nonzero().reshape(-1).tolist():
         rows = made.clusters.members(number)
         t = hits.t[rows]
-        found = mirror_view(scene.geometry, pixels, made, number, scene.diagonal).hits.t
+        found = mirror_view(scene.geometry, pixels, made, number).hits.t
         width = pixels.pixel_angle[rows] * (pixels.length[rows] + torch.where(torch.isfinite(t), t, 0.0))
         facing = (normals[hits.triangle[rows].clamp_min(0)] * pixels.direction[rows]).sum(-1).abs().clamp_min(0.1)
         missed[rows] = ~((found - t).abs() <= 1e-3 * (pixels.length[rows] + t) + 2.0 * width / facing)

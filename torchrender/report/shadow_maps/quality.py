@@ -8,11 +8,10 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from torchrender.buffers import GBuffer, ShadowMap
+from torchrender.buffers import GBuffer, ShadowMap, position_error
 from torchrender.checks import check_tensor
 from torchrender.effects.shadows.light_cameras import choose_views, light_view
 from torchrender.effects.shadows.shadow_map import ShadowOptions
-from torchrender.effects.shadows.traced import float_error
 from torchrender.numerics.shadow_compare import depth_bias, project_with_slope
 from torchrender.rays import RayCaster
 from torchrender.scene.light import DirectionalLight, Light, RectLight, SpotLight, vectors_to
@@ -87,7 +86,7 @@ def disc_visibility(caster: RayCaster, light: Light, gbuffer: GBuffer, width: fl
     covered = gbuffer.covered
     rows = covered.reshape(-1).nonzero().reshape(-1)
     normals = gbuffer.geometric_normal[covered].double()
-    start = gbuffer.position[covered].double() + normals * float_error(gbuffer, rows)[:, None]
+    start = gbuffer.position[covered].double() + normals * position_error(gbuffer, rows)[:, None]
     middle, seen = vectors_to(light, start), torch.zeros(len(start))
     facing = torch.nn.functional.normalize(middle, dim=-1, eps=1e-300)
     axis = torch.nn.functional.one_hot(facing.abs().argmin(dim=-1), 3).double()

@@ -52,9 +52,7 @@ def mirror_camera(cameras: Cameras, index: int, centre: Tensor, normal: Tensor) 
     )
 
 
-def mirror_view(
-    geometry: Geometry, pixels: ReflectivePixels, made: ClusterCameras, number: int, diagonal: float
-) -> ClusterAnswer:
+def mirror_view(geometry: Geometry, pixels: ReflectivePixels, made: ClusterCameras, number: int) -> ClusterAnswer:
     """The first hits of a planar cluster's mirrored rays, one per pixel in the order of its members."""
     rows = made.clusters.members(number)
     width, height = pixels.shape[2], pixels.shape[1]
@@ -69,7 +67,8 @@ def mirror_view(
     beyond = torch.full((1, seen_from.height, seen_from.width), torch.inf, dtype=torch.float64)
     # A tile a little above the common plane would see itself: it is seen where the mirrored tile is, below.
     facing = (pixels.view[rows] * made.frame[number, 3]).sum(-1).abs().clamp_min(LEAST_FACING)
-    beyond[0, row, column] = depth + (START * diagonal + 2.0 * made.relief[number] / facing) * cosine
+    off = START * pixels.pixel_angle[rows] * pixels.length[rows]
+    beyond[0, row, column] = depth + (off + 2.0 * made.relief[number] / facing) * cosine
     seen = rasterize_visibility(geometry, seen_from, tests=FragmentTests(beyond=beyond))
     triangle = seen.triangle[0, row, column]
     t = torch.where(triangle >= 0, (seen.depth[0, row, column].double() - depth) / cosine, torch.inf)

@@ -157,7 +157,7 @@ class Shading:
         if not len(rows):
             return self._shader(rays, hits, self._onward), hits
         if self._traces and self._caster is not None:
-            start = START * self._scene.diagonal
+            start = START * rays.width[rows]
             found = self._caster().first_hit(rays.origin[rows], rays.direction[rows], t_min=start)
             hits = RayHits(
                 hits.t.index_copy(0, rows, found.t),
