@@ -1,8 +1,9 @@
-"""Fragments that must not enter the depth buffer, and how kernels read that."""
+"""Fragments that must not enter the depth buffer, and how kernels read that and the cameras."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,8 +15,18 @@ from torchrender.buffers import VisibilityBuffer
 from torchrender.checks import check_choice, check_tensor
 from torchrender.errors import InputError
 from torchrender.kernels.raster.draw_view import View
-from torchrender.kernels.raster.records import NO_EARLIER, NO_LIMITS, Earlier, Limits
+from torchrender.kernels.raster.records import (
+    NO_EARLIER,
+    NO_HOLES,
+    NO_LIMITS,
+    Earlier,
+    Frame,
+    Holes,
+    Limits,
+    Refusals,
+)
 from torchrender.scene.camera import Cameras
+from torchrender.scene.mesh import Geometry
 
 Array = np.ndarray[Any, Any]
 PIXEL_TESTS = ("identity", "depth_identity", "captured")  # in the order of kernels.fragments
@@ -96,3 +107,40 @@ def earlier_arrays(cameras: Cameras, k: int, tests: FragmentTests, view: View) -
         ratio=float(tests.quality_ratio),
         footprint=size,
     )
+
+
+def views_of(geometry: Geometry, cameras: Cameras, tests: FragmentTests | None) -> Iterator[tuple[View, Refusals]]:
+    """Each camera as the kernels read it, with its fragment tests."""
+    planes = cameras.frustum_planes().numpy()
+    world_from_camera = cameras.world_from_camera.numpy()
+    holes = NO_HOLES
+    if geometry.cutout is not None:
+        cutout = geometry.cutout
+        corners = geometry.solid.numbered_holes
+        holes = Holes(cutout.mask.numpy(), cutout.table.numpy(), cutout.texels.numpy(), corners.numpy())
+    for k in range(len(cameras)):
+        view = view_arrays(cameras, k, world_from_camera[k], planes[k])
+        limits = NO_LIMITS
+        earlier = NO_EARLIER
+        if tests is not None:
+            limits = limit_arrays(cameras, k, tests)
+            earlier = earlier_arrays(cameras, k, tests, view)
+        yield view, Refusals(limits, earlier, holes)
+
+
+def view_arrays(cameras: Cameras, k: int, world_from_camera: Array, planes: Array) -> View:
+    """Camera ``k`` as the kernels read it."""
+    intrinsics = cameras.intrinsics[k].numpy().copy()
+    intrinsics[0, 2] -= cameras.width >> 1
+    intrinsics[1, 2] -= cameras.height >> 1
+    rotation = cameras.rotation[k].numpy()
+    near, far = float(cameras.near[k]), float(cameras.far[k])
+    frame = Frame(cameras.width, cameras.height, near, far, cameras.orthographic)
+    if not cameras.orthographic:
+        return View(np.ascontiguousarray(intrinsics @ rotation), world_from_camera[:3, 3].copy(), planes, frame)
+    # Counting from the world point under the image centre leaves no constant term.
+    centre = np.linalg.solve(intrinsics[:2, :2], -intrinsics[:2, 2])
+    reference = (world_from_camera @ np.array([centre[0], centre[1], 0.0, 1.0]))[:3]
+    matrix = np.eye(3)
+    matrix[:2, :2] = intrinsics[:2, :2]
+    return View(np.ascontiguousarray(matrix @ rotation), reference, planes, frame)

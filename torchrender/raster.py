@@ -24,19 +24,15 @@ from torchrender.buffers import GBuffer, VisibilityBuffer
 from torchrender.checks import check_choice, check_class
 from torchrender.errors import OptionError
 from torchrender.fragment_tests import FragmentTests as FragmentTests
-from torchrender.fragment_tests import earlier_arrays, limit_arrays
+from torchrender.fragment_tests import earlier_arrays, limit_arrays, views_of
+from torchrender.kernels.compile import thread_count
 from torchrender.kernels.raster import draw_view
-from torchrender.kernels.raster.draw_view import TriangleArrays, View
+from torchrender.kernels.raster.chosen import NO_ATTRIBUTES, Wanted
+from torchrender.kernels.raster.draw_view import TriangleArrays
 from torchrender.kernels.raster.records import (
-    NO_EARLIER,
-    NO_HOLES,
     NO_IDS,
-    NO_LIMITS,
-    Frame,
-    Holes,
     Limits,
     Nearer,
-    Refusals,
     Stored,
     Visible,
 )
@@ -44,7 +40,7 @@ from torchrender.scene.camera import Cameras
 from torchrender.scene.mesh import Geometry
 from torchrender.scene.model import Scene
 from torchrender.scene.triangles import Shape, check_fixed, check_scene, geometry_of
-from torchrender.shading.attributes import DIRECT, SHAPES, SeenSurface, write_attributes
+from torchrender.shading.attributes import DIRECT, SHAPES, SeenSurface, attribute_arrays_of, write_attributes
 
 Array = np.ndarray[Any, Any]
 NONE = np.zeros(0, np.bool_)
@@ -112,6 +108,7 @@ def _chosen(
 ) -> dict[str, Tensor]:
     """Only these outputs, written where they stay; what else drawing needs is there for a few cameras at a time."""
     cull, tests = how
+    check_choice("cull", cull, CULLING)
     shape = (len(cameras), cameras.height, cameras.width)
     kept: dict[str, Array] = {
         name: np.empty((*shape, *tail), kind)  # every pixel is written
@@ -123,6 +120,12 @@ def _chosen(
     if set(outputs) == {"depth"} and tests is None:
         _draw(scene.geometry, cameras, cull, None, Visible(kept["depth"], *NO_IDS))
         return {"depth": torch.from_numpy(kept["depth"])}
+    if tests is None and set(outputs) <= set(kept) and _whole_views(scene.geometry, cameras):
+        # What is not kept has room for one picture a thread.
+        own = _room((thread_count(), *shape[1:]), {name: kept[name] for name in SEEN if name in kept})
+        wanted = attribute_arrays_of(scene.geometry, cameras, {name: kept[name] for name in direct})
+        _draw(scene.geometry, cameras, cull, None, Visible(**own), wanted)
+        return {name: torch.from_numpy(kept[name]) for name in outputs}
     step = max(1, CHUNK // (cameras.width * cameras.height))
     for first in range(0, max(len(cameras), 1), step):
         part = slice(first, first + step)
@@ -247,7 +250,7 @@ class CameraPasses:
 @contextmanager
 def camera_passes(geometry: Geometry, camera: Cameras, cull: str) -> Iterator[CameraPasses]:
     """Passes over one camera's triangles, which are projected and sorted into tiles once for all of them."""
-    view, checks = next(_views(geometry, camera, None))
+    view, checks = next(views_of(geometry, camera, None))
     with draw_view.prepared_view(_triangle_arrays(geometry), view, cull, checks.holes) as prepared:
         yield CameraPasses(camera, prepared)
 
@@ -262,18 +265,33 @@ def rasterize_depth(geometry: Shape, cameras: Cameras, *, cull: str = "none") ->
     return torch.from_numpy(depth)
 
 
-def _draw(geometry: Geometry, cameras: Cameras, cull: str, tests: FragmentTests | None, outputs: Visible) -> None:
-    """Fill the images of all cameras: many small ones by whole cameras, others together by all threads."""
+def _draw(
+    geometry: Geometry,
+    cameras: Cameras,
+    cull: str,
+    tests: FragmentTests | None,
+    outputs: Visible,
+    wanted: Wanted = NO_ATTRIBUTES,
+) -> None:
+    """Fill the images of all cameras: many small ones by whole cameras, others together by all threads.
+
+    ``wanted``: attributes that are written, too, which small ones alone may ask for.
+    """
     triangles = _triangle_arrays(geometry)
-    views = _views(geometry, cameras, tests)
-    if tests is None and draw_view.suits_whole_views(triangles, len(cameras), cameras.width * cameras.height):
+    views = views_of(geometry, cameras, tests)
+    if tests is None and _whole_views(geometry, cameras):
         every = list(views)
-        draw_view.draw_views(triangles, [view for view, _ in every], cull, every[0][1].holes, outputs)
+        draw_view.draw_views(triangles, [view for view, _ in every], (cull, every[0][1].holes), outputs, wanted)
         return
     wants_ids = outputs.triangle.size > 0
     for k, (view, checks) in enumerate(views):
         one = Visible(*(image[k] for image in outputs)) if wants_ids else Visible(outputs.depth[k], *NO_IDS)
         draw_view.draw_view(triangles, view, cull, checks, one)
+
+
+def _whole_views(geometry: Geometry, cameras: Cameras) -> bool:
+    triangles = _triangle_arrays(geometry)
+    return draw_view.suits_whole_views(triangles, len(cameras), cameras.width * cameras.height)
 
 
 def _triangle_arrays(geometry: Geometry) -> TriangleArrays:
@@ -291,40 +309,3 @@ def _triangle_arrays(geometry: Geometry) -> TriangleArrays:
         blocks=geometry.cluster_blocks[1].numpy(),
         single_sided=NONE if geometry.single_sided is None else geometry.single_sided.numpy(),
     )
-
-
-def _views(geometry: Geometry, cameras: Cameras, tests: FragmentTests | None) -> Iterator[tuple[View, Refusals]]:
-    """Each camera as the kernels read it, with its fragment tests."""
-    planes = cameras.frustum_planes().numpy()
-    world_from_camera = cameras.world_from_camera.numpy()
-    holes = NO_HOLES
-    if geometry.cutout is not None:
-        cutout = geometry.cutout
-        corners = geometry.solid.numbered_holes
-        holes = Holes(cutout.mask.numpy(), cutout.table.numpy(), cutout.texels.numpy(), corners.numpy())
-    for k in range(len(cameras)):
-        view = view_arrays(cameras, k, world_from_camera[k], planes[k])
-        limits = NO_LIMITS
-        earlier = NO_EARLIER
-        if tests is not None:
-            limits = limit_arrays(cameras, k, tests)
-            earlier = earlier_arrays(cameras, k, tests, view)
-        yield view, Refusals(limits, earlier, holes)
-
-
-def view_arrays(cameras: Cameras, k: int, world_from_camera: Array, planes: Array) -> View:
-    """Camera ``k`` as the kernels read it."""
-    intrinsics = cameras.intrinsics[k].numpy().copy()
-    intrinsics[0, 2] -= cameras.width >> 1
-    intrinsics[1, 2] -= cameras.height >> 1
-    rotation = cameras.rotation[k].numpy()
-    near, far = float(cameras.near[k]), float(cameras.far[k])
-    frame = Frame(cameras.width, cameras.height, near, far, cameras.orthographic)
-    if not cameras.orthographic:
-        return View(np.ascontiguousarray(intrinsics @ rotation), world_from_camera[:3, 3].copy(), planes, frame)
-    # Counting from the world point under the image centre leaves no constant term.
-    centre = np.linalg.solve(intrinsics[:2, :2], -intrinsics[:2, 2])
-    reference = (world_from_camera @ np.array([centre[0], centre[1], 0.0, 1.0]))[:3]
-    matrix = np.eye(3)
-    matrix[:2, :2] = intrinsics[:2, :2]
-    return View(np.ascontiguousarray(matrix @ rotation), reference, planes, frame)

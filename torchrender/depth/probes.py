@@ -10,9 +10,8 @@ from torch import Tensor
 
 from torchrender.arrays import view as numpy_view
 from torchrender.buffers import VisibilityBuffer
-from torchrender.fragment_tests import FragmentTests, earlier_arrays
+from torchrender.fragment_tests import FragmentTests, earlier_arrays, view_arrays
 from torchrender.kernels.raster.fragments import redundant_samples
-from torchrender.raster import view_arrays
 from torchrender.scene.camera import Cameras
 from torchrender.scene.mesh import Geometry
 

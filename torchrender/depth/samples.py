@@ -36,16 +36,11 @@ class Samples:
 
     @classmethod
     def room_for(cls, cameras: Cameras) -> Samples:
-        """Empty images, to be filled by :meth:`put` one after the other."""
+        """Images of which every pixel is still to be written, in place or by :meth:`put`."""
         shape = (len(cameras), cameras.height, cameras.width)
-        seen = VisibilityBuffer(
-            cameras=cameras,
-            depth=_filled(shape, np.float32, np.inf),
-            triangle=_filled(shape, np.int64, -1),
-            object_id=_filled(shape, np.int64, -1),
-            barycentric=_filled((*shape, 2), np.float32, 0.0),
-        )
-        return cls.first_hits(seen)
+        kinds = ((shape, np.float32), (shape, np.int64), (shape, np.int64), ((*shape, 2), np.float32))
+        images = (torch.from_numpy(_memory.empty(*kind)) for kind in kinds)
+        return cls.first_hits(VisibilityBuffer(cameras, *images))
 
     def put(self, number: int, one: Samples) -> None:
         """Store the samples of camera ``number``."""

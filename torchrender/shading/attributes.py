@@ -30,7 +30,7 @@ from torchrender.kernels.raster.attributes import (
     interpolate_hits,
     place,
 )
-from torchrender.kernels.raster.chosen import Eyes, interpolate_views
+from torchrender.kernels.raster.chosen import Eyes, Wanted, interpolate_views
 from torchrender.scene.camera import Cameras
 from torchrender.scene.mesh import Geometry
 
@@ -274,6 +274,17 @@ SHAPES: Mapping[str, tuple[tuple[int, ...], type]] = {
 DIRECT = tuple(SHAPES)
 
 
+def attribute_arrays_of(geometry: Geometry, cameras: Cameras, room: Mapping[str, Array]) -> Wanted:
+    """What writing attributes of B images into arrays (B,H,W) or (B,H,W,C) of :data:`SHAPES` takes, flat."""
+    flat = [
+        room[name].reshape(-1, *tail) if name in room else np.empty((0, *tail), kind)
+        for name, (tail, kind) in SHAPES.items()
+    ]
+    eyes = _eyes(cameras)
+    rows = [np.stack([np.asarray(eye[k]) for eye in eyes]) for k in range(4)]
+    return Wanted(attribute_arrays(geometry), Eyes(*rows, cameras.orthographic), Surface(*flat))
+
+
 def write_attributes(geometry: Geometry, seen: VisibilityBuffer, room: Mapping[str, Array]) -> None:
     """Attributes of B images straight into arrays (B,H,W) or (B,H,W,C) of :data:`SHAPES`.
 
@@ -281,16 +292,9 @@ def write_attributes(geometry: Geometry, seen: VisibilityBuffer, room: Mapping[s
     """
     if not len(seen.cameras) or not room:
         return
-    pixels = seen.depth.numel()
-    flat = [
-        room[name].reshape(pixels, *tail) if name in room else np.empty((0, *tail), kind)
-        for name, (tail, kind) in SHAPES.items()
-    ]
-    eyes = _eyes(seen.cameras)
-    rows = [np.stack([np.asarray(eye[k]) for eye in eyes]) for k in range(4)]
+    mesh, eyes, surface = attribute_arrays_of(geometry, seen.cameras, room)
     visible = Hits(seen.depth.numpy(), seen.triangle.numpy(), seen.barycentric.numpy())
-    views = Eyes(rows[0], rows[1], rows[2], rows[3], seen.cameras.orthographic)
-    interpolate_views(attribute_arrays(geometry), views, visible, Surface(*flat), PARTS * thread_count())
+    interpolate_views(mesh, eyes, visible, surface, PARTS * thread_count())
 
 
 PARTS = 16

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 
+from torchrender.kernels.compile import thread_count
 from torchrender.kernels.raster.chosen import interpolate_views
 from torchrender.raster import rasterize, rasterize_visibility
 from torchrender.scene.camera import Cameras
@@ -53,3 +54,16 @@ def test_each_is_that_of_the_image_alone(scene: Scene, views: Cameras, names: tu
             assert torch.equal(
                 torch.from_numpy(room[name][k]), wanted.float() if wanted.is_floating_point() else wanted
             )
+
+
+@pytest.mark.parametrize("scene", [painted(), load("cornell_box")], ids=["all", "few"])
+@pytest.mark.parametrize("names", [("depth", "normal", "object_id"), ("uv_footprint", "triangle"), tuple(SHAPES)])
+def test_many_small_pictures_hold_what_each_alone_holds(scene: Scene, names: tuple[str, ...]) -> None:
+    """A thread draws whole pictures and writes their attributes at once; what is not asked for has room for one."""
+    eyes = EYES[:1] + 0.4 * torch.rand(4 * thread_count() + 1, 3, generator=torch.Generator().manual_seed(2))
+    around = Cameras.look_at(eyes, [0.0, 1.0, 0.0], width=70, height=40)
+    found = rasterize(scene, around, outputs=names)
+    for k in range(len(around)):
+        alone = rasterize(scene, around[k])
+        for name in names:
+            assert torch.equal(found[name][k], getattr(alone, name)[0].to(found[name].dtype)), (name, k)

@@ -4,28 +4,47 @@ from __future__ import annotations
 
 import itertools
 
+import numba
 import numpy as np
 import pytest
 
 from torchrender.kernels.raster.coverage import (
-    TILE_HEIGHT,
-    TILE_WIDTH,
     WINDOW,
     are_hidden,
     edge,
-    fill,
     fill_samples,
     fill_unseen,
     fill_unseen_window,
     fill_window,
     is_hidden,
     misses,
-    spans,
+    row_ends,
     window_bits,
     window_start,
 )
+from torchrender.kernels.raster.lanes.rows import TILE_HEIGHT, TILE_WIDTH, fill_rows, rows_reach
 from torchrender.kernels.raster.project import SUBPIXEL, snap
 from torchrender.kernels.raster.records import NO_EARLIER, Buffers, Frame
+
+
+def ends_of(packed: list[int], pixel: tuple[int, int], size: tuple[int, int]) -> tuple[int, np.ndarray, np.ndarray]:
+    """Pixels that a triangle covers in a box from ``pixel`` on, columns by rows, and the spans of its rows."""
+    (ax, ay), (bx, by), (cx, cy) = (((p >> 32), ((p & 0xFFFFFFFF) ^ (1 << 31)) - (1 << 31)) for p in packed)
+    area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+    first, last = np.full(TILE_HEIGHT, 99, np.int64), np.full(TILE_HEIGHT, -99, np.int64)
+    centre = tuple(p * SUBPIXEL + SUBPIXEL // 2 for p in pixel)
+    count = row_ends(tuple(packed), area, centre, size, first, last)
+    return count, first[: size[1]], last[: size[1]]
+
+
+@numba.njit
+def filled(keys, ids, ends, box, plane, t):
+    fill_rows(keys, ids, ends, box, plane, np.int32(t))
+
+
+@numba.njit
+def reached(keys, ends, box, high):
+    return rows_reach(keys, ends[0], ends[1], box, high)
 
 
 def position(x: float, y: float) -> int:
@@ -73,11 +92,10 @@ def test_spans_and_bits_are_the_covered_pixels(step: float) -> None:
             continue
         wanted = np.array([[covers(corners, x, y) for x in range(8)] for y in range(7)])
         found = np.zeros((7, 8), bool)
-        first, last = np.zeros(7, np.int64), np.full(7, 7, np.int64)
-        for e in edges_of(packed, corners, 0, 0):
-            spans(*e, 7, 8, first, last)
-        for y in range(7):
+        count, first, last = ends_of(packed, (0, 0), (8, 7))
+        for y in range(7 if count else 0):
             found[y, first[y] : last[y] + 1] = first[y] <= last[y]
+        assert count == wanted.sum()
         np.testing.assert_array_equal(found, wanted)
         area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
         pixel = (2 * SUBPIXEL + SUBPIXEL // 2, SUBPIXEL + SUBPIXEL // 2)
@@ -96,15 +114,10 @@ def test_two_triangles_share_no_pixel_and_leave_none_out() -> None:
         count = np.zeros((10, 10), int)
         for corners in ([a, b, left], [b, a, right]):
             count += [[covers([position(*p) for p in corners], x, y) for x in range(10)] for y in range(10)]
-        first, last = np.zeros(10, np.int64), np.full(10, 9, np.int64)
         assert count.max() <= 1
-        total = 0
-        for corners in ([a, b, left], [b, a, right]):
-            first[:], last[:] = 0, 9
-            whole = [position(*p) for p in corners]
-            for e in edges_of([snap(*p) for p in corners], whole, 0, 0):
-                spans(*e, 10, 10, first, last)
-            total += int(np.maximum(last - first + 1, 0).sum())
+        total = sum(
+            ends_of([snap(*p) for p in corners], (0, 0), (10, 10))[0] for corners in ([a, b, left], [b, a, right])
+        )
         assert total == count.sum() == int(b[0] - 0.5) * int(b[1] - 0.5)
 
 
@@ -135,8 +148,8 @@ def test_the_nearest_wins_and_of_equal_ones_the_lowest_id(window: bool, small: b
                 rows = sum(((1 << (right - 2)) - 1) << (WINDOW * y) for y in range(4))
                 fill_window(t, planes[t], (3, 2, 0), np.uint64(rows), small, keys, ids)
             else:
-                first, last = np.zeros(4, np.int64), np.full(4, right - 3, np.int64)
-                assert fill(t, planes[t], (3, 2, 5, 0), small, first, last, keys, ids) == 4 * (right - 2)
+                ends = np.zeros(TILE_HEIGHT, np.int64), np.full(TILE_HEIGHT, right - 3, np.int64)
+                filled(keys, ids, ends, (3, 2, 4, 0, int(small)), planes[t], t)
         np.testing.assert_array_equal(ids.reshape(wanted.shape), wanted)
         np.testing.assert_allclose(keys.reshape(wanted.shape), wanted_keys, rtol=1e-14)
     assert set(np.unique(wanted)) == {-1, 0, 2, 3}
@@ -200,11 +213,48 @@ def test_spans_that_cut_groups_of_pixels_touch_no_others() -> None:
         keys, ids = np.zeros(TILE_WIDTH * TILE_HEIGHT), np.full(TILE_WIDTH * TILE_HEIGHT, -1, np.int32)
         last = TILE_HEIGHT - 1  # beyond which there is nothing
         ends = np.array([begin]), np.array([end])
-        fill(7, (0.0, 0.0, 0.5, 0.1, 0.9), (0, last, last, 0), True, *ends, keys, ids)
+        filled(keys, ids, ends, (0, last, 1, 0, 1), (0.0, 0.0, 0.5, 0.1, 0.9), 7)
         hit = np.zeros((TILE_HEIGHT, TILE_WIDTH), bool)
         hit[last, begin : end + 1] = True
         np.testing.assert_array_equal(keys.reshape(hit.shape), np.where(hit, 0.5, 0.0))
         np.testing.assert_array_equal(ids.reshape(hit.shape), np.where(hit, 7, -1))
+
+
+def test_spans_of_all_kinds_of_triangles_are_exact() -> None:
+    """Slivers, large ones, edges along rows and columns, and boxes that only meet a part, up to a whole tile."""
+    rng = np.random.default_rng(11)
+    for _ in range(300):
+        step, size = (
+            rng.choice([0.5, 1 / 4096]),
+            (int(rng.integers(1, TILE_WIDTH + 1)), int(rng.integers(1, TILE_HEIGHT + 1))),
+        )
+        places = rng.uniform(-30, 90, (3, 2))
+        places[1] = np.where(rng.random(2) < 0.3, places[0], places[1])
+        places[2] = np.where(rng.random() < 0.4, places[0] + (places[1] - places[0]) * 0.7 + 0.4, places[2])
+        places = np.round(places / step) * step
+        corners, packed = [position(*p) for p in places], [snap(*p) for p in places]
+        (ax, ay), (bx, by), (cx, cy) = corners
+        if (bx - ax) * (cy - ay) == (by - ay) * (cx - ax):
+            continue
+        x0, y0 = (int(v) for v in rng.integers(0, 20, 2))
+        wanted = np.array([[covers(corners, x0 + x, y0 + y) for x in range(size[0])] for y in range(size[1])])
+        count, first, last = ends_of(packed, (x0, y0), size)
+        assert count == wanted.sum()
+        for y in range(size[1] if count else 0):
+            np.testing.assert_array_equal(np.nonzero(wanted[y])[0], np.arange(first[y], last[y] + 1))
+
+
+def test_rows_are_reached_where_one_of_their_pixels_is_no_nearer() -> None:
+    rng = np.random.default_rng(12)
+    answers = []
+    for _ in range(400):
+        rows, x0, y0 = int(rng.integers(1, 20)), int(rng.integers(0, 40)), int(rng.integers(0, 12))
+        first, last = rng.integers(0, 12, rows), rng.integers(-1, TILE_WIDTH - x0, rows)
+        keys = np.where(rng.random((TILE_HEIGHT, TILE_WIDTH)) < 0.005, 0.4, 0.7)
+        wanted = any((keys[y0 + y, x0 + first[y] : x0 + last[y] + 1] <= 0.4).any() for y in range(rows))
+        assert reached(keys.reshape(-1), (first, last), (x0, rows, y0 * TILE_WIDTH), 0.4) == wanted
+        answers.append(wanted)
+    assert 50 < sum(answers) < 350
 
 
 def test_windows_stay_within_their_tile() -> None:

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from torchrender.kernels.raster.fragments import has_triangle
-from torchrender.kernels.raster.lanes import (
-    LANES,
+from torchrender.kernels.raster.lanes.pixels import (
     covered_window,
     keep_nearest,
     reaches,
@@ -16,6 +15,7 @@ from torchrender.kernels.raster.lanes import (
     unseen_lanes,
     write_seen,
 )
+from torchrender.kernels.raster.lanes.vectors import LANES
 
 
 @numba.njit

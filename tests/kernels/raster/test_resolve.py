@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from torchrender.kernels.raster.coverage import TILE_HEIGHT, TILE_WIDTH
+from torchrender.kernels.raster.lanes.rows import TILE_HEIGHT, TILE_WIDTH
 from torchrender.kernels.raster.project import barycentric_planes
 from torchrender.kernels.raster.records import NO_IDS, Buffers, Frame, Triangles, Visible
 from torchrender.kernels.raster.resolve import CACHED, resolve, resolve_blank

@@ -10,6 +10,7 @@ import pytest
 
 from torchrender.kernels.meshes import culling_clusters
 from torchrender.kernels.raster import binning, draw_view, many_views, tiles
+from torchrender.kernels.raster.chosen import NO_ATTRIBUTES
 from torchrender.kernels.raster.draw_view import TriangleArrays, View
 from torchrender.kernels.raster.project import SUBPIXEL, barycentric_planes, key_plane, snap
 from torchrender.kernels.raster.records import (
@@ -262,9 +263,9 @@ def test_whole_views_are_the_loop_over_views(orthographic: bool, cull: str) -> N
         draw_view.draw_view(triangles, view, cull, Refusals(NO_LIMITS, NO_EARLIER, NO_HOLES), wanted[-1])
     assert {field.name for field in dataclasses.fields(triangles)} >= set(many_views.Shape._fields)
     found = Visible(*(np.stack([np.zeros_like(a) for a in images]) for images in zip(*wanted, strict=True)))
-    draw_view.draw_views(triangles, views, cull, NO_HOLES, found)
+    draw_view.draw_views(triangles, views, (cull, NO_HOLES), found, NO_ATTRIBUTES)
     depth = Visible(np.zeros_like(found.depth), *NO_IDS)
-    draw_view.draw_views(triangles, views, cull, NO_HOLES, depth)
+    draw_view.draw_views(triangles, views, (cull, NO_HOLES), depth, NO_ATTRIBUTES)
     np.testing.assert_array_equal(depth.depth, found.depth)
     for k, images in enumerate(wanted):
         for name in Visible._fields:

@@ -10,7 +10,7 @@ from numba import prange
 from torchrender.kernels.atomics import borrowed, keep
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.raster import coverage
-from torchrender.kernels.raster.coverage import COLUMN_BITS, NO_BITS, ROW_BITS, TILE_HEIGHT, TILE_WIDTH
+from torchrender.kernels.raster.lanes.rows import COLUMN_BITS, ROW_BITS, TILE_HEIGHT, TILE_WIDTH
 from torchrender.kernels.raster.project import (
     CULL_BACK,
     CULL_FRONT,
@@ -155,7 +155,7 @@ def classify_clusters(projected, listed, clusters, frame, how, part, lists, coun
                 continue
             x0, y0, x1, y1 = pixel_box(a, b, c, image, left, top)
             i0, j0, i1, j1 = x0 >> COLUMN_BITS, y0 >> ROW_BITS, x1 >> COLUMN_BITS, y1 >> ROW_BITS
-            bits = NO_BITS if code == LARGE else np.uint64(code)
+            bits = coverage.NO_BITS if code == LARGE else np.uint64(code)
             whole = i0 == i1 and j0 == j1
             if code == LARGE and max(x1 - x0, y1 - y0) < coverage.WINDOW:
                 whole = whole and (x1 - x0 + 1) * (y1 - y0 + 1) <= coverage.SMALL
@@ -163,12 +163,12 @@ def classify_clusters(projected, listed, clusters, frame, how, part, lists, coun
                     x0, y0 = coverage.window_start(x0, y0)
                 pixel = ((x0 - left) * SUBPIXEL + HALF, (y0 - top) * SUBPIXEL + HALF)
                 bits = coverage.window_bits(a, b, c, area, pixel)
-                if bits == NO_BITS:
+                if bits == coverage.NO_BITS:
                     continue
             if not whole or (mask.shape[0] > 0 and mask[t] >= 0):
-                bits = NO_BITS  # of two tiles each has its own part of the box
+                bits = coverage.NO_BITS  # of two tiles each has its own part of the box
             places[n] = place
-            if bits == NO_BITS or not plain:
+            if bits == coverage.NO_BITS or not plain:
                 corners[n, 0], corners[n, 1], corners[n, 2] = a, b, c
             bits_of[n] = bits
             highs[n] = greatest_key(points, listed, place, frame)

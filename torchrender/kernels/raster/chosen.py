@@ -10,13 +10,16 @@ from numba import prange
 from torchrender.kernels.atomics import borrowed
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.raster.attributes import (
+    Eye,
+    Mesh,
     Surface,
     blend,
-    face_of,
+    face_cross,
     ray_of,
     texture_footprint,
     turned_to,
     unit,
+    uv_density,
 )
 
 
@@ -28,6 +31,27 @@ class Eyes(NamedTuple):
     forwards: np.ndarray  # (B,3)
     footprints: np.ndarray  # (B,)
     orthographic: bool
+
+
+class Wanted(NamedTuple):
+    """Attributes that are written, and what they are made of."""
+
+    mesh: Mesh
+    eyes: Eyes
+    surface: Surface  # a row per pixel of B images, or none of what is not wanted
+
+
+NO_ATTRIBUTES = Wanted(
+    Mesh(
+        np.zeros((0, 3)), np.zeros((0, 3), np.int32), np.zeros(0, np.int64),
+        *(np.zeros((0, width), np.float32) for width in (3, 2, 3)),
+    ),
+    Eyes(np.zeros((0, 3, 3)), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), False),
+    Surface(
+        *(np.zeros((0, width), np.float32) for width in (3, 3, 3, 2)), np.zeros(0, np.float32),
+        np.zeros((0, 3), np.float32), np.zeros(0, np.int64),
+    ),
+)  # fmt: skip
 
 
 @kernel(inline=True)
@@ -100,6 +124,49 @@ def write_chosen(mesh, t, weights, face, ray, row, outputs):
         outputs.material[row] = material_of[t]
 
 
+@kernel(inline=True)
+def write_line(mesh, eye, line, outputs):
+    """Chosen attributes of a row of pixels; ``eye``: :class:`~.attributes.Eye`.
+
+    ``line``: the image's :class:`~.attributes.Hits`, the row in it, and the row of ``outputs`` of its first pixel.
+    """
+    rays, origin, forward, footprint, orthographic = eye
+    (depth, triangle, barycentric), y, start = line
+    smooth = outputs.normal.shape[0] > 0 and mesh.normals.shape[0] > 0
+    textured = outputs.footprint.shape[0] > 0 and mesh.uv.shape[0] > 0
+    last = np.int64(-1)
+    gx = gy = gz = density = 0.0
+    corners = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    for x in range(triangle.shape[1]):
+        t = triangle[y, x]
+        row = start + x
+        if t < 0:
+            clear_row(row, outputs)
+            continue
+        dx, dy, dz = ray_of(rays, x, y)
+        if t != last:
+            nx, ny, nz = face_cross(mesh.vertices, mesh.faces, t)
+            gx, gy, gz = unit(nx, ny, nz)
+            if textured:
+                density = uv_density(mesh.vertices, mesh.faces, mesh.uv, t)
+            if smooth:
+                corners = corner_normals(mesh.normals, mesh.faces, t)
+            last = t
+        z = np.float64(depth[y, x])
+        size = footprint * z
+        if orthographic:
+            px = origin[0] + dx + z * forward[0]
+            py = origin[1] + dy + z * forward[1]
+            pz = origin[2] + dz + z * forward[2]
+            dx, dy, dz = forward[0], forward[1], forward[2]
+            size = footprint
+        else:
+            px, py, pz = origin[0] + z * dx, origin[1] + z * dy, origin[2] + z * dz
+        weights = (np.float64(barycentric[y, x, 0]), np.float64(barycentric[y, x, 1]))
+        ray = ((dx, dy, dz), (px, py, pz), size)
+        write_chosen(mesh, t, weights, (gx, gy, gz, density, corners), ray, row, outputs)
+
+
 @kernel(parallel=True)
 def interpolate_views(mesh, eyes, visible, outputs, parts):
     """Chosen attributes of B images at once: those of ``outputs``, a :class:`Surface`, that have rows, one per pixel.
@@ -112,39 +179,13 @@ def interpolate_views(mesh, eyes, visible, outputs, parts):
     position, normal, geometric, uv, footprint, color, material = outputs
     height, width = depth.shape[1], depth.shape[2]
     count = depth.shape[0] * height
-    smooth = normal.shape[0] > 0 and mesh.normals.shape[0] > 0
     for part in prange(parts):
         # Threads would fight over the counts of references.
         shape = borrowed(mesh)
         room = borrowed(Surface(position, normal, geometric, uv, footprint, color, material))
-        for line in range(np.int64(part), count, np.int64(parts)):
-            b, y = line // height, line % height
+        for number in range(np.int64(part), count, np.int64(parts)):
+            b, y = number // height, number % height
             rays, origin, forward = borrowed((all_rays[b], origins[b], forwards[b]))
-            last = np.int64(-1)
-            gx = gy = gz = density = 0.0
-            corners = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-            for x in range(width):
-                t = triangle[b, y, x]
-                row = line * width + x
-                if t < 0:
-                    clear_row(row, room)
-                    continue
-                dx, dy, dz = ray_of(rays, x, y)
-                if t != last:
-                    gx, gy, gz, density = face_of(shape, t)
-                    if smooth:
-                        corners = corner_normals(shape.normals, shape.faces, t)
-                    last = t
-                z = np.float64(depth[b, y, x])
-                size = footprints[b] * z
-                if orthographic:
-                    px = origin[0] + dx + z * forward[0]
-                    py = origin[1] + dy + z * forward[1]
-                    pz = origin[2] + dz + z * forward[2]
-                    dx, dy, dz = forward[0], forward[1], forward[2]
-                    size = footprints[b]
-                else:
-                    px, py, pz = origin[0] + z * dx, origin[1] + z * dy, origin[2] + z * dz
-                weights = (np.float64(barycentric[b, y, x, 0]), np.float64(barycentric[b, y, x, 1]))
-                ray = ((dx, dy, dz), (px, py, pz), size)
-                write_chosen(shape, t, weights, (gx, gy, gz, density, corners), ray, row, room)
+            eye = Eye(rays, origin, forward, footprints[b], orthographic)
+            image = borrowed((depth[b], triangle[b], barycentric[b]))
+            write_line(shape, eye, (image, y, number * width), room)

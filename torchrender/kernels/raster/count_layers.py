@@ -9,18 +9,11 @@ from numba import prange
 
 from torchrender.kernels.atomics import borrowed, fetch_add, keep
 from torchrender.kernels.compile import kernel
-from torchrender.kernels.raster.binning import pixel_box
-from torchrender.kernels.raster.coverage import TILE_HEIGHT, TILE_WIDTH, edge, spans
+from torchrender.kernels.raster.binning import doubled_area, pixel_box
+from torchrender.kernels.raster.coverage import row_ends
 from torchrender.kernels.raster.fragments import is_hole
-from torchrender.kernels.raster.project import (
-    HALF,
-    SUBPIXEL,
-    barycentric_planes,
-    greatest_key,
-    key_plane,
-    snapped_x,
-    snapped_y,
-)
+from torchrender.kernels.raster.lanes.rows import TILE_HEIGHT, TILE_WIDTH
+from torchrender.kernels.raster.project import HALF, SUBPIXEL, barycentric_planes, greatest_key, key_plane
 from torchrender.kernels.raster.tiles import BLOCK_COLUMN_BITS, BLOCK_COLUMNS, BLOCK_ROW_BITS, BLOCKS, fetch
 
 
@@ -35,28 +28,6 @@ class Covered(NamedTuple):
     origin: tuple[int, int]  # of the tile, from the image centre
     first: np.ndarray  # (rows,) first and last covered column, from x0
     last: np.ndarray
-
-
-@kernel(inline=True)
-def row_ends(corners, box, origin, first, last):
-    """Fill the covered span of each row; ``box`` x0, y0, x1, y1 in the tile, ``origin`` of the tile from the centre."""
-    a, b, c = corners
-    x0, y0, x1, y1 = box
-    px = (origin[0] + x0) * SUBPIXEL + HALF
-    py = (origin[1] + y0) * SUBPIXEL + HALF
-    ax, ay = snapped_x(a), snapped_y(a)
-    area = (snapped_x(b) - ax) * (snapped_y(c) - ay) - (snapped_y(b) - ay) * (snapped_x(c) - ax)
-    sign = 1 if area > 0 else -1
-    width, rows = x1 - x0 + 1, y1 - y0 + 1
-    for y in range(np.uintp(rows)):
-        first[y] = 0
-        last[y] = width - 1
-    value, step_x, step_y = edge(a, b, sign, px, py)
-    spans(value, step_x, step_y, rows, width, first, last)
-    value, step_x, step_y = edge(b, c, sign, px, py)
-    spans(value, step_x, step_y, rows, width, first, last)
-    value, step_x, step_y = edge(c, a, sign, px, py)
-    spans(value, step_x, step_y, rows, width, first, last)
 
 
 @kernel(inline=True)
@@ -170,7 +141,10 @@ def count_tile(scene, bins, frame, holes, stored, work, k, outputs):
         box = (x0 - left, y0 - top, x1 - left, y1 - top)
         if lies_behind(np.float32(1.0 / greatest_key(scene.points, scene.listed, place, frame)), box, farthest):
             continue
-        row_ends((a, b, c), box, origin, ends[0], ends[1])
+        pixel = ((origin[0] + box[0]) * SUBPIXEL + HALF, (origin[1] + box[1]) * SUBPIXEL + HALF)
+        size = (box[2] - box[0] + 1, box[3] - box[1] + 1)
+        if row_ends((a, b, c), doubled_area(a, b, c), pixel, size, ends[0], ends[1]) == 0:
+            continue
         pixels = Covered(box[0], box[1], box[3], left, top, origin, ends[0], ends[1])
         count_triangle(place, pixels, scene, frame, holes, stored, limits, outputs)
     keep(room)

@@ -5,20 +5,17 @@ triangle. Tiles are flat arrays of TILE_WIDTH x TILE_HEIGHT pixels."""
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numba.cpython.unsafe.numbers import trailing_zeros
 
 from torchrender.kernels.atomics import borrowed
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.raster.fragments import has_surface, has_triangle, is_hole, only_identity
-from torchrender.kernels.raster.lanes import LANES, covered_window, keep_nearest, reaches, unseen_lanes
+from torchrender.kernels.raster.lanes.pixels import covered_window, keep_nearest, reaches, unseen_lanes
+from torchrender.kernels.raster.lanes.rows import TILE_HEIGHT, TILE_WIDTH, find_rows
+from torchrender.kernels.raster.lanes.vectors import LANES
 from torchrender.kernels.raster.project import SUBPIXEL, barycentric_planes, snapped_x, snapped_y
 
-HAIR = 1e-6  # pixels by which a span's ends are guessed too wide before the exact test
-COLUMN_BITS, ROW_BITS = 6, 5
-TILE_WIDTH, TILE_HEIGHT = 1 << COLUMN_BITS, 1 << ROW_BITS
 WINDOW = LANES  # boxes of at most so many columns and rows are tested as a whole
 SMALL = 24
 """Boxes of at most this many pixels count columns from the start of their rows, larger ones from that of the tile. The
@@ -38,42 +35,28 @@ def edge(a, b, sign, px, py):
 
 
 @kernel(inline=True)
-def spans(value, step_x, step_y, rows, width, first, last):
-    """Narrow ``first[y]..last[y]`` (inclusive) to the pixels where ``value + step_x x + step_y y >= 0``; exact.
-
-    The division only guesses, a hair too wide; one exact integer test decides. Counters are unsigned because signed
-    ones bring numba's test for negative indices into the loop, which then does not vectorise.
-    """
-    if step_x == 0:
-        for y in range(np.uintp(rows)):
-            last[y] = last[y] if value + step_y * np.int64(y) >= 0 else -1
-        return
-    inverse = -1.0 / float(step_x)
-    limit = float(width)
-    if step_x > 0:
-        for y in range(np.uintp(rows)):
-            e = value + step_y * np.int64(y)
-            guess = float(e) * inverse
-            guess = 0.0 if guess < 0.0 else guess
-            guess = limit if guess > limit else guess
-            x = np.int64(math.ceil(guess - HAIR))
-            x += np.int64(e + step_x * x < 0)
-            first[y] = max(first[y], x)
-    else:
-        for y in range(np.uintp(rows)):
-            e = value + step_y * np.int64(y)
-            guess = float(e) * inverse
-            guess = -1.0 if guess < -1.0 else guess
-            guess = limit if guess > limit else guess
-            x = np.int64(math.floor(guess + HAIR))
-            x -= np.int64(e + step_x * x < 0)
-            last[y] = min(last[y], x)
-
-
-@kernel(inline=True)
 def misses(value, step_x, step_y, width, rows):
     """True if an edge has every pixel of a box on its outer side; it is given at the first pixel."""
     return value + max(step_x * (width - 1), 0) + max(step_y * (rows - 1), 0) < 0
+
+
+@kernel(inline=True)
+def row_ends(corners, area, pixel, size, first, last):
+    """Number of pixels of a box that a triangle covers, and where it is not zero, the spans of them in each row.
+
+    ``pixel``: the first one's centre, snapped; ``size``: columns and rows. The spans are those of
+    :func:`~.lanes.rows.find_rows`.
+    """
+    a, b, c = corners
+    px, py = pixel
+    width, rows = size
+    sign = 1 if area > 0 else -1
+    e0, dx0, dy0 = edge(a, b, sign, px, py)
+    e1, dx1, dy1 = edge(b, c, sign, px, py)
+    e2, dx2, dy2 = edge(c, a, sign, px, py)
+    if misses(e0, dx0, dy0, width, rows) or misses(e1, dx1, dy1, width, rows) or misses(e2, dx2, dy2, width, rows):
+        return np.int64(0)
+    return find_rows(first, last, (e0, e1, e2, dx0, dx1, dx2, dy0, dy1, dy2), rows, width)
 
 
 @kernel(inline=True)
@@ -167,38 +150,8 @@ def fill_samples(t, plane, spot, bits, keys, ids):
 
 
 @kernel(inline=True)
-def fill(t, plane, box, small, first, last, keys, ids):
-    """Keep the triangle where it is nearer, in the spans of its rows; ``small``: see :data:`SMALL`.
-
-    ``box``: first column, first and last row in the tile, and where the tile's pixels begin.
-    """
-    kx, ky, kc, low, high = plane
-    x0, y0, y1, start_of_tile = box
-    owner = np.int32(t)
-    count = 0
-    for y in range(y1 - y0 + 1):
-        begin, end = x0 + first[y], x0 + last[y]
-        if begin > end:
-            continue
-        count += end - begin + 1
-        row = (y0 + y) * TILE_WIDTH
-        place = start_of_tile + row
-        start = 0 if small else row
-        base = kc + ky * (y0 + y) - kx * start
-        x = begin & -LANES
-        mask = ROW << np.uint64(begin - x)
-        while x + LANES <= end:
-            keep_nearest(keys, ids, np.uintp(place + x), mask, (base, kx, np.float64(start + x), low, high), owner)
-            mask = ROW
-            x += LANES
-        mask &= ROW >> np.uint64(x + LANES - 1 - end)
-        keep_nearest(keys, ids, np.uintp(place + x), mask, (base, kx, np.float64(start + x), low, high), owner)
-    return count
-
-
-@kernel(inline=True)
 def fill_unseen(t, plane, box, frame, first, last, earlier, buffers):
-    """As :func:`fill`, but of fragments whose triangle no earlier image has there: pixel redundancy and no other test.
+    """Rows of fragments whose triangle no earlier image has there: pixel redundancy and no other test.
 
     ``box`` = x0, y0, y1 in the tile, tile left, tile top in the image.
     """
@@ -248,7 +201,7 @@ def fill_unseen_window(t, plane, spot, bits, centre, earlier, keys, ids):
 
 @kernel()
 def fill_tested(t, plane, spot, scene, frame, tests, buffers):
-    """As :func:`fill`, but a fragment that would win must also pass the tests.
+    """As :func:`~.lanes.rows.fill_rows`, but a fragment that would win must also pass the tests.
 
     ``spot`` = (x0, y0, y1 in the tile, tile left, tile top in the image).
     """

@@ -21,19 +21,10 @@ from torchrender.kernels.raster.binning import (
     pixel_box,
     side_of,
 )
-from torchrender.kernels.raster.coverage import (
-    COLUMN_BITS,
-    NO_BITS,
-    ROW,
-    ROW_BITS,
-    SMALL,
-    TILE_HEIGHT,
-    TILE_WIDTH,
-    WINDOW,
-    window_bits,
-    window_start,
-)
-from torchrender.kernels.raster.lanes import LANES, reaches
+from torchrender.kernels.raster.coverage import NO_BITS, ROW, SMALL, WINDOW, window_bits, window_start
+from torchrender.kernels.raster.lanes.pixels import reaches
+from torchrender.kernels.raster.lanes.rows import COLUMN_BITS, ROW_BITS, TILE_HEIGHT, TILE_WIDTH
+from torchrender.kernels.raster.lanes.vectors import LANES
 from torchrender.kernels.raster.project import HALF, SUBPIXEL, greatest_key
 from torchrender.kernels.raster.records import Buffers
 from torchrender.kernels.raster.samples import CROSSING, LARGE, look_at
@@ -184,11 +175,9 @@ def draw_box(place, corners, high, scene, frame, tests, canvas, buffers):
         for i in range(x0 >> COLUMN_BITS, (x1 >> COLUMN_BITS) + 1):
             left, top = i << COLUMN_BITS, j << ROW_BITS
             own = (max(x0, left), max(y0, top), min(x1, left + TILE_WIDTH - 1), min(y1, top + TILE_HEIGHT - 1))
-            if is_box_hidden(canvas, own, high):
-                continue
             part = (own[0] - left, own[1] - top, own[2] - left, own[3] - top, left, top)
             tile = tile_at(canvas, i, j)
-            draw(place, corners, part, scene, frame, tests, tile_buffers(canvas, tile, buffers))
+            draw(place, corners, part, high, scene, frame, tests, tile_buffers(canvas, tile, buffers))
 
 
 @kernel()

@@ -13,7 +13,8 @@ import numpy as np
 from torchrender.kernels.compile import thread_count
 from torchrender.kernels.raster import binning, direct, many_views, project, tiles
 from torchrender.kernels.raster import count_layers as layers
-from torchrender.kernels.raster.coverage import TILE_HEIGHT, TILE_WIDTH
+from torchrender.kernels.raster.chosen import Wanted
+from torchrender.kernels.raster.lanes.rows import TILE_HEIGHT, TILE_WIDTH
 from torchrender.kernels.raster.records import (
     Bins,
     Buffers,
@@ -31,6 +32,7 @@ from torchrender.kernels.raster.resolve import CACHED
 
 Array = np.ndarray[Any, Any]
 Pixels = tuple[Array, Array]  # rows and columns, int64
+Drawing = tuple[str, Holes]  # what to cull, and missing texels
 CULL = {"none": project.CULL_NONE, "sides": project.CULL_NONE, "back": project.CULL_BACK, "front": project.CULL_FRONT}
 CHUNKS_PER_THREAD = 4
 KEPT_VERTICES = 1 << 21  # 64 MiB
@@ -80,8 +82,7 @@ class InView(NamedTuple):
 def draw_view(triangles: TriangleArrays, view: View, cull: str, tests: Refusals, outputs: Visible) -> None:
     """Fill ``outputs``."""
     how = binning.Listing(CULL[cull], not len(tests.limits.keys) and not len(tests.earlier.ids), tests.holes.mask)
-    seen = _projected(triangles, view)
-    chosen, _, points, packed = seen
+    chosen, _, points, packed = seen = _projected(triangles, view)
     if how.plain and suits_regions(triangles, view, seen):
         found = _reached(triangles, view, chosen)
         room = many_views.Room(points, packed, *_buffers(thread_count(), REGION[0] * REGION[1])[1:])
@@ -131,13 +132,12 @@ def _shape(triangles: TriangleArrays, sides: bool) -> many_views.Shape:
     return shape if sides else shape._replace(single_sided=shape.single_sided[:0])
 
 
-def draw_views(triangles: TriangleArrays, views: list[View], cull: str, holes: Holes, outputs: Visible) -> None:
-    """Fill ``outputs``, images with a row for each of the views, which share size and projection.
+def draw_views(arrays: TriangleArrays, views: list[View], how: Drawing, outputs: Visible, wanted: Wanted) -> None:
+    """Fill ``outputs``, images with a row for each of the views, which share size and projection; and ``wanted``.
 
-    Each thread draws whole views: for many small ones, see :func:`suits_whole_views`.
+    Each thread draws whole views, see :func:`suits_whole_views`. Images nobody keeps may have a row per thread instead.
     """
-    threads = thread_count()
-    shape = _shape(triangles, cull == "sides")
+    (cull, holes), threads = how, thread_count()
     frames = [view.frame for view in views]
     poses = many_views.Views(
         np.stack([view.matrix for view in views]),
@@ -146,15 +146,14 @@ def draw_views(triangles: TriangleArrays, views: list[View], cull: str, holes: H
         np.array([[frame.near, frame.far] for frame in frames]),
         *(frames[0].width, frames[0].height, frames[0].orthographic),
     )
-    vertices = len(triangles.vertices)
+    vertices = len(arrays.vertices)
     points = _memory.points(threads * vertices)[: threads * vertices].reshape(threads, vertices, 4)
     tiles_of = -(-frames[0].width // TILE_WIDTH) * -(-frames[0].height // TILE_HEIGHT)
     room = many_views.Room(points, points.view(np.int64), *_buffers(threads, tiles_of)[1:])
     if not outputs.triangle.size:
         none = np.zeros((len(views), 0, 0), np.int64)
         outputs = Visible(outputs.depth, none, none, np.zeros((len(views), 0, 0, 2), np.float32))
-    how = binning.Listing(CULL[cull], True, holes.mask)
-    many_views.draw_views(shape, poses, how, holes, room, outputs)
+    many_views.draw_views(_shape(arrays, cull == "sides"), poses, (CULL[cull], *holes), room, outputs, *wanted)
 
 
 def suits_whole_views(triangles: TriangleArrays, count: int, pixels: int) -> bool:

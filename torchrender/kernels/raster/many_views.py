@@ -14,7 +14,9 @@ from numba import prange
 
 from torchrender.kernels.atomics import borrowed, fetch_add
 from torchrender.kernels.compile import kernel
-from torchrender.kernels.raster.coverage import COLUMN_BITS, ROW_BITS, TILE_HEIGHT, TILE_WIDTH
+from torchrender.kernels.raster.attributes import Eye
+from torchrender.kernels.raster.binning import Listing
+from torchrender.kernels.raster.chosen import write_line
 from torchrender.kernels.raster.direct import (
     Canvas,
     clear_canvas,
@@ -23,8 +25,9 @@ from torchrender.kernels.raster.direct import (
     is_cluster_hidden,
     tile_buffers,
 )
+from torchrender.kernels.raster.lanes.rows import COLUMN_BITS, ROW_BITS, TILE_HEIGHT, TILE_WIDTH
 from torchrender.kernels.raster.project import BLOCK, project_block, visible_clusters
-from torchrender.kernels.raster.records import Buffers, Earlier, Frame, Limits, Refusals, Triangles, Visible
+from torchrender.kernels.raster.records import Buffers, Earlier, Frame, Holes, Limits, Refusals, Triangles, Visible
 from torchrender.kernels.raster.resolve import resolve
 from torchrender.kernels.raster.samples import room_for
 
@@ -187,16 +190,36 @@ def draw_regions(shape, found, regions, frame, how, holes, room, outputs):
             draw_part(shape, found, (matrix, reference), frame, (how, holes), own, canvas, outputs)
 
 
+@kernel(inline=True)
+def has_rows(surface):
+    """True if any attribute is wanted."""
+    count = surface.position.shape[0] + surface.normal.shape[0] + surface.geometric.shape[0] + surface.uv.shape[0]
+    return count + surface.footprint.shape[0] + surface.color.shape[0] + surface.material.shape[0] > 0
+
+
+@kernel()
+def write_picture(mesh, eyes, k, image, outputs):
+    """Attributes of picture ``k``, whose :class:`~.attributes.Hits` are ``image``."""
+    mesh, eyes, image, outputs = borrowed(mesh), borrowed(eyes), borrowed(image), borrowed(outputs)
+    height, width = image[1].shape
+    rays, origin, forward = borrowed((eyes.rays[k], eyes.origins[k], eyes.forwards[k]))
+    eye = Eye(rays, origin, forward, eyes.footprints[k], eyes.orthographic)
+    for y in range(height):
+        write_line(mesh, eye, (image, y, (k * height + y) * width), outputs)
+
+
 @kernel(parallel=True)
-def draw_views(shape, views, how, holes, room, outputs):
+def draw_views(shape, views, how, room, outputs, mesh, eyes, surface):
     """Fill ``outputs``, a :class:`~.records.Visible` with a row per camera, of no pixels where only depth is wanted.
 
-    ``shape``: :class:`Shape`; ``views``: :class:`Views`; ``how``: :class:`~.binning.Listing`; ``holes``:
-    :class:`~.records.Holes`; ``room``: :class:`Room`.
+    An image of ``outputs`` that nobody keeps has a row per thread instead. ``shape``: :class:`Shape`; ``views``:
+    :class:`Views`; ``how``: what to cull, and :class:`~.records.Holes`; ``room``: :class:`Room`; ``mesh``, ``eyes``,
+    ``surface``: attributes to write, see :class:`~.chosen.Wanted`.
     """
     points, packed, keys, ids, lows, spans_of, known, planes_of = room
     matrices, references, frustums, limits, width, height, orthographic = views
     depth, triangle, objects, barycentric = outputs
+    cull, mask, table, texels, uv = how
     count = matrices.shape[0]
     columns = (width + TILE_WIDTH - 1) >> COLUMN_BITS
     counter = np.zeros(1, np.int64)
@@ -212,5 +235,14 @@ def draw_views(shape, views, how, holes, room, outputs):
                 break
             frame = Frame(width, height, limits[k, 0], limits[k, 1], orthographic)
             pose = (matrices[k], references[k], frustums[k])
-            one = Visible(depth[k], triangle[k], objects[k], barycentric[k])
-            draw_one(shape, pose, frame, (how, holes), own, canvas, one)
+            spare = np.int64(thread)  # unsigned
+            one = Visible(
+                depth[k if depth.shape[0] == count else spare],
+                triangle[k if triangle.shape[0] == count else spare],
+                objects[k if objects.shape[0] == count else spare],
+                barycentric[k if barycentric.shape[0] == count else spare],
+            )
+            listing = Listing(cull, True, mask)
+            draw_one(shape, pose, frame, (listing, Holes(mask, table, texels, uv)), own, canvas, one)
+            if has_rows(surface):
+                write_picture(mesh, eyes, k, (one.depth, one.triangle, one.barycentric), surface)

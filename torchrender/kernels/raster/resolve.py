@@ -7,8 +7,10 @@ from numba.cpython.unsafe.numbers import trailing_zeros
 
 from torchrender.kernels.atomics import borrowed
 from torchrender.kernels.compile import kernel
-from torchrender.kernels.raster.coverage import NO_BITS, ROW, TILE_WIDTH
-from torchrender.kernels.raster.lanes import LANES, same_lanes, write_seen
+from torchrender.kernels.raster.coverage import NO_BITS, ROW
+from torchrender.kernels.raster.lanes.pixels import same_lanes, write_seen
+from torchrender.kernels.raster.lanes.rows import TILE_WIDTH
+from torchrender.kernels.raster.lanes.vectors import LANES
 from torchrender.kernels.raster.project import barycentric_planes
 
 CACHED = 1024  # triangles whose barycentric planes are kept from row to row; a power of two

@@ -11,28 +11,29 @@ from torchrender.kernels.atomics import borrowed, fetch_add, foresee
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.raster.binning import doubled_area, pixel_box
 from torchrender.kernels.raster.coverage import (
-    COLUMN_BITS,
     NO_BITS,
-    ROW_BITS,
     SMALL,
-    TILE_HEIGHT,
-    TILE_WIDTH,
     WINDOW,
     are_hidden,
-    edge,
-    fill,
     fill_samples,
     fill_tested,
     fill_unseen,
     fill_unseen_window,
     fill_window,
     is_hidden,
-    misses,
-    spans,
+    row_ends,
     window_bits,
     window_start,
 )
 from torchrender.kernels.raster.fragments import is_identity_alone, only_identity
+from torchrender.kernels.raster.lanes.rows import (
+    COLUMN_BITS,
+    ROW_BITS,
+    TILE_HEIGHT,
+    TILE_WIDTH,
+    fill_rows,
+    rows_reach,
+)
 from torchrender.kernels.raster.project import HALF, SUBPIXEL, key_plane
 from torchrender.kernels.raster.records import Buffers, Refusals
 from torchrender.kernels.raster.resolve import resolve, resolve_blank
@@ -144,10 +145,11 @@ def draw_bits(place, bits, spot, high, scene, frame, earlier, buffers):
 
 
 @kernel(inline=True)
-def draw(place, corners, box, scene, frame, tests, buffers):
+def draw(place, corners, box, high, scene, frame, tests, buffers):
     """Draw the triangle at a place in the order into a tile; returns the number of pixels tried.
 
-    ``corners``: three snapped positions; ``box``: x0, y0, x1, y1 in the tile and the tile's left and top in the image.
+    ``corners``: three snapped positions; ``box``: x0, y0, x1, y1 in the tile and the tile's left and top in the image;
+    ``high``: a key that no fragment exceeds.
     """
     a, b, c = corners
     t = np.int64(scene.order[place])
@@ -162,29 +164,23 @@ def draw(place, corners, box, scene, frame, tests, buffers):
     if max(width, rows) <= WINDOW and not tested:
         x0, y0 = window_start(x0, y0)
         bits = window_bits(a, b, c, area, ((origin[0] + x0) * SUBPIXEL + HALF, (origin[1] + y0) * SUBPIXEL + HALF))
-        if bits != NO_BITS:
-            plane = plane_in_tile(place, left, top, scene, frame)
-            fill_window(t, plane, (x0, y0, buffers.first), bits, width * rows <= SMALL, keys, ids)
-        return np.int64(bits != NO_BITS)
-    px, py = (origin[0] + x0) * SUBPIXEL + HALF, (origin[1] + y0) * SUBPIXEL + HALF
-    sign = 1 if area > 0 else -1
-    e0, dx0, dy0 = edge(a, b, sign, px, py)
-    e1, dx1, dy1 = edge(b, c, sign, px, py)
-    e2, dx2, dy2 = edge(c, a, sign, px, py)
-    if misses(e0, dx0, dy0, width, rows) or misses(e1, dx1, dy1, width, rows) or misses(e2, dx2, dy2, width, rows):
+        if bits == NO_BITS or is_hidden(high, (x0, y0, buffers.first), bits, keys):
+            return np.int64(0)
+        plane = plane_in_tile(place, left, top, scene, frame)
+        fill_window(t, plane, (x0, y0, buffers.first), bits, width * rows <= SMALL, keys, ids)
+        return np.int64(1)
+    pixel = ((origin[0] + x0) * SUBPIXEL + HALF, (origin[1] + y0) * SUBPIXEL + HALF)
+    count = row_ends(corners, area, pixel, (width, rows), first, last)
+    if count == 0 or not rows_reach(keys, first, last, (x0, rows, buffers.first + y0 * TILE_WIDTH), high):
         return np.int64(0)
-    for y in range(np.uintp(rows)):
-        first[y] = 0
-        last[y] = width - 1
-    spans(e0, dx0, dy0, rows, width, first, last)
-    spans(e1, dx1, dy1, rows, width, first, last)
-    spans(e2, dx2, dy2, rows, width, first, last)
     plane = plane_in_tile(place, left, top, scene, frame)
     if is_identity_alone(t, tests):
         return fill_unseen(t, plane, (x0, y0, y1, left, top), frame, first, last, tests.earlier, buffers)
     if tested:
         return fill_tested(t, plane, (x0, y0, y1, left, top), scene, frame, tests, buffers)
-    return fill(t, plane, (x0, y0, y1, buffers.first), width * rows <= SMALL, first, last, keys, ids)
+    small = np.int64(width * rows <= SMALL)
+    fill_rows(keys, ids, (first, last), (x0, y0, rows, buffers.first, small), plane, np.int32(t))
+    return count
 
 
 @kernel(inline=True)
@@ -266,7 +262,7 @@ def render_tile(scene, bins, frame, tests, k, buffers, outputs):
         box = (x0 - left, y0 - top, x1 - left, y1 - top, left, top)
         if high < least_low(lows, box[0], box[1], box[2], box[3]):
             continue
-        tried += draw(place, (a, b, c), box, scene, frame, tests, buffers)
+        tried += draw(place, (a, b, c), box, high, scene, frame, tests, buffers)
         if tried > REFRESH:
             lowest = find_lows(keys, lows)
             tried = 0

@@ -1,0 +1,1 @@
+"""The innermost steps of drawing, in vectors."""
