@@ -42,6 +42,10 @@ LOOKS = 4
 """Of so many pictures that stand by one choice the last one senses: what errors follow changes with the view."""
 
 
+OFF = 0.02
+"""Share of a budget: so much more or less time spent than was foreseen changes no choice that another plan is worth."""
+
+
 @dataclass(eq=False)
 class Run:
     """A plan that is made, and run by :meth:`image`."""
@@ -123,6 +127,8 @@ class Run:
             spent += sum(max(0.0, told.get(known, 0.0) - took.get(name, 0.0)) for name, known in BESIDE.items())
             before = self.plan if done else None
             self.plan = make_plan(self.knowledge, options, *self.limits, done=done, spent_ms=spent, before=before)
+            if self.plan.ahead:
+                self.knowledge = replace(self.knowledge, ahead=self.plan.ahead)
             self.graph = self.knowledge.graph(self.plan.options)
             if not done:
                 self.foreseen_ms = spent + (self.plan.predicted_ms or 0.0)
@@ -130,10 +136,21 @@ class Run:
                 self.searches.append(self.plan.search)
 
     def _look_again(self) -> None:
-        """More is known, and a part of the time is spent: reasons, and what is left to choose, follow."""
-        if self.found or self.limits[0] is not None:
+        """More is known, and not the time spent that was foreseen: reasons, and what is left to choose, follow."""
+        if self.found or self._off_time:
             self.knowledge, self.found = self.knowledge.found_out(**self.found), {}
             self._choose(self.plan.options)
+
+    @property
+    def _off_time(self) -> bool:
+        """Passes of a picture with a budget took so much more or less than foreseen that it may change a choice."""
+        if self.limits[0] is None:
+            return False
+        took, off = self.clock.elapsed_ms, 0.0
+        for row in self.plan.rows:
+            if row.name in self.done:
+                off += took[row.name] - (row.predicted_ms or 0.0)
+        return abs(off) > OFF * self.limits[0]
 
     def _frame(self) -> Frame:
         """What the next pass gets."""
@@ -240,11 +257,14 @@ class Run:
         known = self.knowledge
         settings = {step.name: step.settings.current(plan.options) for step in known.passes}
         pace = known.pace.aged({(row.name, row.setting) for row in plan.running})
+        took, told = 0.0, 0.0
         for row in plan.running:
             if row.amounts is not None and row.measured_ms is not None and row.name not in self.untypical:
-                raw = known.curves.time_ms(row.name, row.setting, row.amounts, known.name)
-                pace = pace.learned(row.name, row.setting, row.measured_ms, raw or 0.0)
-        learned = {**pace.known, **known.outlook.known, **self.sensed, **self._beside(), **self._missed()}
+                raw = known.curves.time_ms(row.name, row.setting, row.amounts, known.name) or 0.0
+                pace = pace.learned(row.name, row.setting, row.measured_ms, raw)
+                took, told = took + (row.measured_ms if raw > 0.0 else 0.0), told + raw
+        own = {**pace.hurried(took, told), **self._beside(), **self._missed()}
+        learned = {**pace.known, **known.outlook.known, **self.sensed, **own}
         pace = replace(pace, choice=settings, known=learned, search=self._search(plan))
         past = known.outlook.history.with_picture(self.lasting.items(), plan.options)
         return replace(past, pace=pace)

@@ -84,6 +84,12 @@ def choose(question: Question, budget_ms: float | None, max_error: float | None,
     )
 
 
+def fits(question: Question, budget_ms: float | None, choice: Choice) -> bool:
+    """The choice is as quick as predictions within a budget have to be."""
+    limit = np.inf if budget_ms is None else headroom(question.knowledge.pace) * budget_ms
+    return choice.predicted_ms <= limit * (1 + ROUNDING)
+
+
 def headroom(pace: Pace) -> float:
     """Share of a budget that predictions may fill, by how far the sequence's pictures missed theirs."""
     over = pace.known.get(LATE)

@@ -13,6 +13,7 @@ import math
 from dataclasses import replace
 from typing import NamedTuple
 
+from torchrender.passes.contract import Buffers
 from torchrender.pipeline.options import RenderOptions
 from torchrender.pipeline.pace import FIRST_SEARCHING, SEARCHING, Search
 from torchrender.planning.costs import Knowledge
@@ -48,6 +49,7 @@ class Standing(NamedTuple):
     rows: tuple[PlanRow, ...]
     search: Search | None  # that it stands by; None: it is a new one
     later: Choice | None = None  # of pictures that need not pay for a search
+    ahead: Buffers = ()  # that last, made for pictures to come
 
 
 def cost_of_rows(rows: tuple[PlanRow, ...], expected: Expected | None, done: frozenset[str]) -> Cost:
