@@ -24,7 +24,7 @@ from torchrender.pipeline.doubts import Doubt, exposure_of
 from torchrender.pipeline.frame import Frame
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
-from torchrender.pipeline.pace import BESIDE, SEARCHING, Search, missed
+from torchrender.pipeline.pace import BESIDE, FIRST_SEARCHING, SEARCHING, Search, missed
 from torchrender.pipeline.view_doubts import picture_doubts, view_doubts
 from torchrender.planning.costs import Knowledge, sense_of
 from torchrender.planning.graph import Graph
@@ -221,7 +221,9 @@ class Run:
                 most = math.inf if self._stands else self.knowledge.pace.known.get(known, most)
             found[known] = min(took.get(name, 0.0), most)
         if past.pictures and self.searches and not self._stands:
-            found[SEARCHING] = sum(took.get(name, 0.0) for name in BESIDE)
+            searching = sum(took.get(name, 0.0) for name in BESIDE)
+            # Of a second picture, much of it is done for the first time.
+            found[SEARCHING] = min(searching, FIRST_SEARCHING) if past.pictures == 1 else searching
         return found
 
     @property

@@ -25,6 +25,9 @@ WARY = 1.0
 """Standard deviations that a setting's error counts higher by where a bound is to be kept: of two settings that err
 about alike the surer one is taken."""
 
+HOPE = 1.5
+"""Of a budget: later pictures may take as much less than is expected, before one tells how fast the machine is."""
+
 CLOSE = 0.97
 """Of a bound: what fills it that far is not searched for again."""
 
@@ -64,7 +67,7 @@ def _as_sure(question: Question, wishes: tuple[float | None, float, float], shar
         expected = expected_of(question.knowledge, found.rows, found.options)
         if expected is None:
             return found
-        most = expected.error * (most_of(question.knowledge, expected) / max(expected.error, LEAST)) ** share
+        most = expected.error * (most_of(expected) / max(expected.error, LEAST)) ** share
         settings = tuple(sorted(found.choice.settings.items()))
         if most <= max_error:
             if fits(question, budget_ms, found.choice) and (best is None or found.choice.predicted_ms < best[0]):
@@ -102,7 +105,8 @@ def looked_ahead(
     pictures = knowledge.outlook.history.pictures
     if pictures > 1 or (pictures == 1 and not choice.possible):
         return None
-    aim = choose(replace(question, share=1.0 / PICTURES, _memo={}), budget_ms, None, spent_ms[0])
+    hoped_ms = budget_ms if choice.possible else HOPE * budget_ms
+    aim = choose(replace(question, share=1.0 / PICTURES, _memo={}), hoped_ms, None, spent_ms[0])
     if not aim.possible:
         return None
     settings = dict(choice.settings)

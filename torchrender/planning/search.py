@@ -25,7 +25,7 @@ HEADROOM = 0.85
 HEADROOMS = (0.75, 0.95)
 """Least and most of it."""
 
-LOYALTY = 1.1
+LOYALTY = 1.04
 """The last choice stays while nothing else is better by more than this factor."""
 
 PRICES = np.concatenate([[0.0], np.geomspace(1e-3, 1e3, 19)])

@@ -16,6 +16,7 @@ from torchrender.passes.settings import Setting
 from torchrender.passes.table import GBUFFER, PASSES, find_pass
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
+from torchrender.planning.planner import plan
 from torchrender.quality.metrics import flip, flip_map, psnr, relative_squared_error
 from torchrender.renderer import render
 from torchrender.scene.camera import Cameras
@@ -126,6 +127,8 @@ def errors_alone(
     running = next((s for s in choices if s.name != step.off), choices[0])
     shown: dict[str, Tensor] = {}
     times: dict[str, float] = {}
+    if not plan(scene, camera, options=options_at(step, running)).row(step.name).runs:
+        return {}, history
     for setting in (running, reference, *choices):
         if setting.name in shown:
             continue

@@ -204,10 +204,9 @@ def amounts(outlook: Outlook) -> Amounts:
 
 def _fitted_already(outlook: Outlook) -> bool:
     """The picture's maps were drawn for an eye that still stands there."""
-    kept, eye = outlook.kept(SHADOW_MAP) or (), outlook.cameras
-    maps = [one for one, light in zip(kept, outlook.scene.lights, strict=False) if looked_up(light, outlook.options)]
-    places = [one.fitted_to[: len(_place(eye))] for one in maps if one is not None and one.fitted_to is not None]
-    return bool(places) and all(same(place, _place(eye)) for place in places)
+    place = _place(outlook.cameras)
+    maps = [one for one in outlook.kept(SHADOW_MAP) or () if one is not None and one.fitted_to is not None]
+    return bool(maps) and all(same((one.fitted_to or ())[: len(place)], place) for one in maps)
 
 
 def _fitted(light: Light, cascades: int | None) -> int:
