@@ -198,7 +198,7 @@ class Run:
         """Note how much work the pass has."""
         if self.plan.row(step.name).setting != CUSTOM:
             self.amounts[step.name] = step.amounts(self.knowledge.outlook.at(self.plan.options))
-            if step.rests_on is not None and self.amounts[step.name][-1] > 0.0:
+            if step.did_once(self.amounts[step.name]):
                 self.untypical.add(step.name)
 
     def _forget(self) -> None:

@@ -11,9 +11,9 @@ import pytest
 import torchrender as tr
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.pace import LATE, SEARCHING, Pace, Search, missed
-from torchrender.planning import planner
+from torchrender.planning import choices, planner
 from torchrender.planning.plan import Plan
-from torchrender.planning.search import HEADROOM, HEADROOMS, headroom
+from torchrender.planning.search import HEADROOM, HEADROOMS, choose, headroom
 from torchrender.planning.standing import FULL, LEAST_MS, PICTURES, SHARE, SLOWER
 
 SCENE = tr.load("grass", size=3000)
@@ -46,8 +46,9 @@ def last(history: RenderHistory) -> Search:
 def planned(monkeypatch: pytest.MonkeyPatch, history: RenderHistory, **wishes: Any) -> tuple[Plan, int]:
     """The plan of the next picture, and how often settings were searched for it."""
     calls = []
-    search = planner.choose
-    monkeypatch.setattr(planner, "choose", lambda *given: (calls.append(1), search(*given))[1])
+    search = choose
+    for module in (planner, choices):
+        monkeypatch.setattr(module, "choose", lambda *given: (calls.append(1), search(*given))[1])
     return tr.plan(SCENE, CAMERA, history=history, **{"options": OPTIONS, **BOUND, **wishes}), len(calls)
 
 

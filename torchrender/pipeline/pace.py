@@ -38,7 +38,7 @@ SEARCHING = "milliseconds of searching"
 FIRST_SEARCHING = 16.0
 """Before it is known."""
 
-FIRST_UNSURE = 0.08
+FIRST_UNSURE = 0.06
 """Before the first of them is known: times lie that far off, up or down."""
 
 BESIDE = {name: f"milliseconds of {name}" for name in ("plan", "senses")}

@@ -25,8 +25,8 @@ WARY = 1.0
 """Standard deviations that a setting's error counts higher by where a bound is to be kept: of two settings that err
 about alike the surer one is taken."""
 
-HOPE = 1.5
-"""Of a budget: later pictures may take as much less than is expected, before one tells how fast the machine is."""
+HOPE = 2.0
+"""Of a budget: later pictures may take half of what is expected, before one tells how fast the machine is."""
 
 CLOSE = 0.97
 """Of a bound: what fills it that far is not searched for again."""

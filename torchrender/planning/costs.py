@@ -79,9 +79,9 @@ class Knowledge:
     def predicted_ms(self, step: Pass, setting: str, amounts: Amounts) -> float | None:
         """Time of one pass at one setting for this much work; None if it was never measured."""
         usual = self.curves.time_ms(step.name, setting, amounts, self.name)
-        if usual is None or step.rests_on is None or not amounts[-1]:
+        if usual is None or not step.did_once(amounts):
             return None if usual is None else usual * self.pace.ratio(step.name, setting)
-        each = self.curves.time_ms(step.name, setting, (*amounts[:-1], 0.0), self.name) or 0.0
+        each = self.curves.time_ms(step.name, setting, step.again(amounts), self.name) or 0.0
         return usual - each + each * self.pace.ratio(step.name, setting)  # what is done once, sequences do not learn
 
     @property

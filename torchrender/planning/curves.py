@@ -27,13 +27,13 @@ FORMAT = 4
 MAX_BYTES = 8 << 20
 ENVIRONMENT = "TORCHRENDER_CURVES"
 
-MEASURED_SPREAD = 0.15
+MEASURED_SPREAD = 0.1
 """Of the logarithm of an error in another view of a scene that was measured."""
 
 UNKNOWN_SPREAD = 1.0
 """The same, where nothing is known but the mean of others."""
 
-JOINT_SPREAD = 0.15
+JOINT_SPREAD = 0.08
 """The same, of how errors of passes add up."""
 
 UNSEEN_SPREAD = 0.3

@@ -127,8 +127,8 @@ class Question:
             found = self.knowledge.predicted_ms(step, setting.name, amounts) or 0.0
             if self.share < 1.0 and step.makes.lasting is not None:
                 found *= self.share
-            elif self.share < 1.0 and step.rests_on is not None:
-                each = self.knowledge.predicted_ms(step, setting.name, (*amounts[:-1], 0.0)) or 0.0
+            elif self.share < 1.0 and step.did_once(amounts):
+                each = self.knowledge.predicted_ms(step, setting.name, step.again(amounts)) or 0.0
                 found = each + self.share * (found - each)
             self._memo[key] = found
         assert isinstance(found, float)
