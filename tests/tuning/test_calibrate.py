@@ -14,6 +14,7 @@ from torchrender.planning.curves import load_curves, parse_curves, scene_key
 from torchrender.scene.camera import Cameras
 from torchrender.scene.load import load
 from torchrender.scene.model import Scene
+from torchrender.scene.procedural.anything import anything
 from torchrender.tuning import calibrate
 from torchrender.tuning.calibrate import curves_from
 
@@ -69,3 +70,14 @@ def test_scenes_that_are_new_change_no_others(monkeypatch: pytest.MonkeyPatch) -
     assert found["passes"]["gbuffer"] == passes["gbuffer"]
     again = replace(known, scenes={key: {"passes": found["passes"], "joint": 0.5}})
     assert calibrate.calibrate([box], known=again, tell=lambda _: None)["scenes"][key]["joint"] == 0.5
+
+
+def test_a_new_scene_leaves_how_errors_add_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its few pictures alone would give an exponent of their own to all the others."""
+    usual, told = load_curves(), list[str]()
+    monkeypatch.setattr(calibrate, "errors_of", lambda *_: {})
+    monkeypatch.setattr(calibrate, "times_of", lambda *_: {})
+    monkeypatch.setattr(calibrate, "joint_errors", lambda *_: [([0.3, 0.4], 0.7)] * 9)
+    found = calibrate.calibrate([anything(7)], size=16, known=usual, tell=told.append)
+    assert found["norm"] == usual.norm
+    assert any("errors measured" in line for line in told)

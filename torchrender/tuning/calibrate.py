@@ -53,7 +53,8 @@ def calibrate(scenes: Sequence[Scene], *, size: int = SIDE, known: Curves | None
 
     Args:
         size: pixels of a side of the pictures that errors are taken of, and of the largest that are timed.
-        known: curves whose errors are taken over for the scenes that they hold: errors do not depend on the machine.
+        known: curves whose errors are taken over for the scenes that they hold, and how errors add up: neither
+            depends on the machine.
         tell: is told what was done, a line at a time.
     """
     errors: dict[str, Any] = {}
@@ -79,6 +80,7 @@ def calibrate(scenes: Sequence[Scene], *, size: int = SIDE, known: Curves | None
             name: {setting: line.to_list() for setting, line in rows.items()} for name, rows in known.lines.items()
         }
     norm = fit_norm([pair for pairs in joint.values() for pair in pairs]) if known is None else known.norm
+    # Else as it was: one new scene says little about how errors add up, but tells its own factor.
     factors = {key: joint_factor(pairs, norm) for key, pairs in joint.items()}
     rest = {
         "side": size if known is None else known.side,
