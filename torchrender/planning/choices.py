@@ -91,8 +91,8 @@ def looked_ahead(
     """A first or second picture of a sequence with a budget that makes what lasts for those that follow.
 
     What lasts, as triangles sorted for rays, may be more than any single picture can pay, and yet let all that follow
-    be more exact at the same time. A first picture that does not keep its budget in any case makes it; a second one
-    does where something that keeps the budget is left beside it.
+    be more exact at the same time. A first picture that does not keep its budget in any case makes it, if that takes
+    no longer than the budget itself; a second one does where something that keeps the budget is left beside it.
 
     Args:
         choice: that keeps the budget, or is the quickest.
@@ -109,22 +109,28 @@ def looked_ahead(
     aim = choose(replace(question, share=1.0 / PICTURES, _memo={}), hoped_ms, None, spent_ms[0])
     if not aim.possible:
         return None
-    settings = dict(choice.settings)
-    if not choice.possible:
-        lasting = {step.name for step in knowledge.passes if step.makes.lasting is not None}
-        settings |= {name: setting for name, setting in aim.settings.items() if name in lasting}
-    ahead = _missing(question, question.options_at(settings), question.options_at(aim.settings))
-    richer = replace(question, knowledge=replace(knowledge, ahead=ahead), _memo={})
     if choice.possible:
-        if not ahead:
-            return None
-        choice = choose(richer, budget_ms, None, spent_ms[1])
-        if not choice.possible:
-            return None
-    else:
-        choice = replace(choice, settings=settings)
+        ahead = _missing(question, question.options_at(choice.settings), question.options_at(aim.settings))
+        found = _richer(question, choice, ahead, (budget_ms, spent_ms[1])) if ahead else None
+        return found if found is not None and found.choice.possible else None
+    lasting = {step.name for step in knowledge.passes if step.makes.lasting is not None}
+    for own in ({name: setting for name, setting in aim.settings.items() if name in lasting}, {}):
+        settings = {**choice.settings, **own}
+        ahead = _missing(question, question.options_at(settings), question.options_at(aim.settings))
+        found = _richer(question, replace(choice, settings=settings), ahead, (None, spent_ms[1]))
+        if found.choice.predicted_ms - choice.predicted_ms <= budget_ms:
+            return found
+    return None
+
+
+def _richer(question: Question, choice: Choice, ahead: Buffers, wish: tuple[float | None, float]) -> Standing:
+    """A choice that makes something for later pictures: the best within a budget, or as it is without one."""
+    budget_ms, spent_ms = wish
+    richer = replace(question, knowledge=replace(question.knowledge, ahead=ahead), _memo={})
+    if budget_ms is not None:
+        return chosen(richer, choose(richer, budget_ms, None, spent_ms))._replace(ahead=ahead)
     found = chosen(richer, choice)
-    taken = spent_ms[1] + sum(row.predicted_ms or 0.0 for row in found.rows if row.runs)
+    taken = spent_ms + sum(row.predicted_ms or 0.0 for row in found.rows if row.runs)
     return found._replace(choice=replace(found.choice, predicted_ms=taken), ahead=ahead)
 
 
