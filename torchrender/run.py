@@ -24,7 +24,7 @@ from torchrender.pipeline.doubts import Doubt, exposure_of
 from torchrender.pipeline.frame import Frame
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
-from torchrender.pipeline.pace import BESIDE, SEARCHING, Search, missed
+from torchrender.pipeline.pace import BESIDE, FIRST_SEARCHING, SEARCHING, Search, missed
 from torchrender.pipeline.view_doubts import picture_doubts, view_doubts
 from torchrender.planning.costs import Knowledge, sense_of
 from torchrender.planning.graph import Graph
@@ -40,6 +40,10 @@ FIRST_BESIDE = {"plan": 4.0, "senses": 16.0}
 
 LOOKS = 4
 """Of so many pictures that stand by one choice the last one senses: what errors follow changes with the view."""
+
+
+OFF = 0.02
+"""Share of a budget: so much more or less time spent than was foreseen changes no choice that another plan is worth."""
 
 
 @dataclass(eq=False)
@@ -123,6 +127,8 @@ class Run:
             spent += sum(max(0.0, told.get(known, 0.0) - took.get(name, 0.0)) for name, known in BESIDE.items())
             before = self.plan if done else None
             self.plan = make_plan(self.knowledge, options, *self.limits, done=done, spent_ms=spent, before=before)
+            if self.plan.ahead:
+                self.knowledge = replace(self.knowledge, ahead=self.plan.ahead)
             self.graph = self.knowledge.graph(self.plan.options)
             if not done:
                 self.foreseen_ms = spent + (self.plan.predicted_ms or 0.0)
@@ -130,10 +136,21 @@ class Run:
                 self.searches.append(self.plan.search)
 
     def _look_again(self) -> None:
-        """More is known, and a part of the time is spent: reasons, and what is left to choose, follow."""
-        if self.found or self.limits[0] is not None:
+        """More is known, and not the time spent that was foreseen: reasons, and what is left to choose, follow."""
+        if self.found or self._off_time:
             self.knowledge, self.found = self.knowledge.found_out(**self.found), {}
             self._choose(self.plan.options)
+
+    @property
+    def _off_time(self) -> bool:
+        """Passes of a picture with a budget took so much more or less than foreseen that it may change a choice."""
+        if self.limits[0] is None:
+            return False
+        took, off = self.clock.elapsed_ms, 0.0
+        for row in self.plan.rows:
+            if row.name in self.done:
+                off += took[row.name] - (row.predicted_ms or 0.0)
+        return abs(off) > OFF * self.limits[0]
 
     def _frame(self) -> Frame:
         """What the next pass gets."""
@@ -181,7 +198,7 @@ class Run:
         """Note how much work the pass has."""
         if self.plan.row(step.name).setting != CUSTOM:
             self.amounts[step.name] = step.amounts(self.knowledge.outlook.at(self.plan.options))
-            if step.rests_on is not None and self.amounts[step.name][-1] > 0.0:
+            if step.did_once(self.amounts[step.name]):
                 self.untypical.add(step.name)
 
     def _forget(self) -> None:
@@ -204,7 +221,9 @@ class Run:
                 most = math.inf if self._stands else self.knowledge.pace.known.get(known, most)
             found[known] = min(took.get(name, 0.0), most)
         if past.pictures and self.searches and not self._stands:
-            found[SEARCHING] = sum(took.get(name, 0.0) for name in BESIDE)
+            searching = sum(took.get(name, 0.0) for name in BESIDE)
+            # Of a second picture, much of it is done for the first time.
+            found[SEARCHING] = min(searching, FIRST_SEARCHING) if past.pictures == 1 else searching
         return found
 
     @property
@@ -240,11 +259,14 @@ class Run:
         known = self.knowledge
         settings = {step.name: step.settings.current(plan.options) for step in known.passes}
         pace = known.pace.aged({(row.name, row.setting) for row in plan.running})
+        took, told = 0.0, 0.0
         for row in plan.running:
             if row.amounts is not None and row.measured_ms is not None and row.name not in self.untypical:
-                raw = known.curves.time_ms(row.name, row.setting, row.amounts, known.name)
-                pace = pace.learned(row.name, row.setting, row.measured_ms, raw or 0.0)
-        learned = {**pace.known, **known.outlook.known, **self.sensed, **self._beside(), **self._missed()}
+                raw = known.curves.time_ms(row.name, row.setting, row.amounts, known.name) or 0.0
+                pace = pace.learned(row.name, row.setting, row.measured_ms, raw)
+                took, told = took + (row.measured_ms if raw > 0.0 else 0.0), told + raw
+        own = {**pace.hurried(took, told), **self._beside(), **self._missed()}
+        learned = {**pace.known, **known.outlook.known, **self.sensed, **own}
         pace = replace(pace, choice=settings, known=learned, search=self._search(plan))
         past = known.outlook.history.with_picture(self.lasting.items(), plan.options)
         return replace(past, pace=pace)

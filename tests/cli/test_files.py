@@ -13,7 +13,9 @@ import pytest
 from gltf_builder import Glb
 from torchrender.cli import main as cli
 from torchrender.cli import output
+from torchrender.errors import NotUsedWarning
 from torchrender.images.files import read_image
+from torchrender.scene.load import load
 
 
 def run(*arguments: object) -> int:
@@ -46,6 +48,28 @@ def test_times_and_what_is_not_used(walking: Path, tmp_path: Path, capsys: pytes
     assert len(rows) and rows.min() >= 12, "only the lower triangle moves"
     assert run("render", walking, "-o", tmp_path / "a.png", "--animation", "Fly") == 2
     assert "no animation 'Fly'; known: 'Walk'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("seconds", "told"), [
+    (1.5, "time 1.5: Walk goes from 0 to 1 s, its end is shown"),
+    (-1, "time -1: Walk goes from 0 to 1 s, its start is shown"),
+    (0, ""), (1, ""),
+])  # fmt: skip
+def test_times_beyond_an_animation_are_said(
+    walking: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], seconds: float, told: str
+) -> None:
+    """Of a file, and of a scene that names it."""
+    scene = tmp_path / "scene.toml"
+    scene.write_text(f'[[geometry]]\nfile = "walking.glb"\ntime = {seconds}\n')
+    for named, more in ((walking, ("--time", seconds)), (scene, ())):
+        assert run("render", named, "-o", tmp_path / "a.png", "--size", "16x12", *more) == 0
+        said = capsys.readouterr().err
+        assert (told in said) if told else (" is shown" not in said), named
+
+
+def test_times_beyond_the_animation_of_a_built_in_scene_are_said() -> None:
+    with pytest.warns(NotUsedWarning, match="time 1e\\+06: .* its end is shown"):
+        load("walker", time=1e6)
 
 
 def test_info_tells_what_was_read(walking: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+import torchrender as tr
 from torchrender.pipeline.options import RenderOptions
 from torchrender.planning import curves as module
 from torchrender.planning.curves import (
@@ -125,3 +128,27 @@ def test_a_scene_is_known_by_name_and_size() -> None:
     scene = load("cornell_box")
     assert scene_key(scene) == f"cornell_box/{scene.geometry.triangle_count}"
     assert isinstance(shipped_curves(), Curves)
+
+
+def test_whole_pictures_of_a_scene_err_by_its_own_factor() -> None:
+    """So do the errors that its passes add, and nothing in scenes that nobody measured."""
+    box = load("cornell_box")
+    curves = load_curves()
+    record = {**curves.scenes["cornell_box/96"], "joint": 1.0}
+    plain, twice = (replace(curves, scenes={"cornell_box/96": {**record, "joint": f}}) for f in (1.0, 1.5))
+    options = RenderOptions(reuse=None, supersample=0.5)
+    for side, factor in ((512, 1.5), (64, 1.0)):
+        camera = box.camera(width=side, height=side)
+        one, other = (tr.plan(box, camera, options=options, curves=c) for c in (plain, twice))
+        assert one.predicted_error is not None and one.predicted_error > 0.005
+        assert other.predicted_error == pytest.approx(factor * one.predicted_error)
+        ambient = (plan.row("gbuffer").predicted_error or 0.0 for plan in (one, other))
+        assert factor * next(ambient) == pytest.approx(next(ambient))
+
+
+@pytest.mark.parametrize("factor", [0.1, 5.0])
+def test_factors_of_nonsense_are_refused(factor: float) -> None:
+    data = json.loads((files("torchrender") / "data" / "curves.json").read_text())
+    data["scenes"]["cornell_box/96"]["joint"] = factor
+    with pytest.raises(ValueError, match="joint of cornell_box/96 must be in"):
+        parse_curves(data, "here")

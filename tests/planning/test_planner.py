@@ -355,9 +355,9 @@ def test_what_is_left_out_of_what_was_asked_for_is_an_error(box: Scene) -> None:
         assert cost_of(opened, combination)[1] ** (1 / known.curves.norm) == pytest.approx(found.predicted_error)
         plans[name] = found
     row = plans["off"].row(step.name)
-    assert not row.runs and row.predicted_error == pytest.approx(
-        load_curves().error(step.name, "off", known.name).error
-    )
+    curves = load_curves()
+    alone = curves.own_factor(known.name) * curves.error(step.name, "off", known.name).error
+    assert not row.runs and row.predicted_error == pytest.approx(alone)
     assert plans["off"].predicted_error > max(row.predicted_error, plans["64 rays"].predicted_error)
     wished = tr.plan(scene, camera, options=replace(options, ambient_visibility="off"))
     assert wished.row(step.name).predicted_error is None

@@ -11,10 +11,10 @@ import pytest
 import torchrender as tr
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.pace import LATE, SEARCHING, Pace, Search, missed
-from torchrender.planning import planner
+from torchrender.planning import choices, planner
 from torchrender.planning.plan import Plan
-from torchrender.planning.search import HEADROOM, HEADROOMS, headroom
-from torchrender.planning.standing import FULL, LEAST_MS, PICTURES, SLOWER
+from torchrender.planning.search import HEADROOM, HEADROOMS, choose, headroom
+from torchrender.planning.standing import FULL, LEAST_MS, PICTURES, SHARE, SLOWER
 
 SCENE = tr.load("grass", size=3000)
 CAMERA = SCENE.camera(width=64, height=48)
@@ -46,8 +46,9 @@ def last(history: RenderHistory) -> Search:
 def planned(monkeypatch: pytest.MonkeyPatch, history: RenderHistory, **wishes: Any) -> tuple[Plan, int]:
     """The plan of the next picture, and how often settings were searched for it."""
     calls = []
-    search = planner.choose
-    monkeypatch.setattr(planner, "choose", lambda *given: (calls.append(1), search(*given))[1])
+    search = choose
+    for module in (planner, choices):
+        monkeypatch.setattr(module, "choose", lambda *given: (calls.append(1), search(*given))[1])
     return tr.plan(SCENE, CAMERA, history=history, **{"options": OPTIONS, **BOUND, **wishes}), len(calls)
 
 
@@ -88,6 +89,30 @@ def test_costs_that_moved_are_searched_for(
 def test_no_choice_stands_for_ever(monkeypatch: pytest.MonkeyPatch, past: RenderHistory) -> None:
     assert planned(monkeypatch, with_search(past, replace(last(past), pictures=PICTURES - 1)))[1] == 0
     assert planned(monkeypatch, with_search(past, replace(last(past), pictures=PICTURES)))[1] > 0
+
+
+@pytest.mark.parametrize("searching", [10.0, 30.0, 1e3])
+def test_choices_stand_for_as_long_as_their_search_was_dear(
+    monkeypatch: pytest.MonkeyPatch, past: RenderHistory, searching: float
+) -> None:
+    """Whatever moved meanwhile, if the choice fits: until the search is a small share of the budget of those pictures,
+    or as many stood by it as ever do."""
+    budget = 100.0
+    rest = with_search(past, None)
+    plan, _ = planned(monkeypatch, rest, max_error=None, budget_ms=budget)
+    assert plan.search is not None and plan.possible and rest.pace is not None
+    later = plan.search.later
+    assert later is not None
+    ms, error, most = later.cost
+    moved = replace(later, cost=(ms, 2.0 * error, most))
+    known = replace(rest, pace=replace(rest.pace, known={**rest.pace.known, SEARCHING: searching}))
+    length = min(PICTURES, math.ceil(searching / (SHARE * budget)))
+    for stood in (length - 1, length):
+        kept = with_search(known, replace(moved, pictures=stood))
+        searched = planned(monkeypatch, kept, max_error=None, budget_ms=budget)[1] > 0
+        assert searched == (stood == length), stood
+    first = replace(with_search(known, replace(moved, pictures=0)), pictures=1)
+    assert planned(monkeypatch, first, max_error=None, budget_ms=budget)[1] > 0, "of the first picture's no use"
 
 
 def test_what_became_possible_is_searched_for(monkeypatch: pytest.MonkeyPatch, past: RenderHistory) -> None:

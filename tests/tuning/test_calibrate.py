@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from torchrender.planning.curves import load_curves
+from torchrender.passes.contract import Pass
+from torchrender.pipeline.history import RenderHistory
+from torchrender.planning.curves import load_curves, parse_curves, scene_key
+from torchrender.scene.camera import Cameras
+from torchrender.scene.load import load
+from torchrender.scene.model import Scene
 from torchrender.scene.procedural.anything import anything
 from torchrender.tuning import calibrate
 from torchrender.tuning.calibrate import curves_from
@@ -33,6 +39,37 @@ def test_passes_and_scenes_that_no_picture_had_stay() -> None:
     assert found["weights"]["enhancement"] == usual.weights["enhancement"]
     assert set(found["scenes"]) == {*usual.scenes, "room"}
     assert set(curves_from({"room": {}}, {("occluders", "scene"): rows}, 1.0)["weights"]) == {"occluders"}
+
+
+def test_scenes_that_are_new_change_no_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The norm of all scenes once followed a single new one. Settings that nobody measured are, and no others."""
+    usual, box = load_curves(), load("cornell_box")
+    key = scene_key(box)
+    passes = {name: dict(rows) for name, rows in usual.scenes[key]["passes"].items()}
+    del passes["ambient_visibility"]["64 rays"], passes["direct_light"]
+    known = replace(usual, scenes={key: {"passes": passes}})
+    asked = []
+
+    def alone(scene: Scene, camera: Cameras, step: Pass, history: RenderHistory) -> tuple[Any, RenderHistory]:
+        del scene, camera
+        asked.append(step.name)
+        runs = step.name in ("ambient_visibility", "direct_light")
+        return {s.name: {"flip": 0.25, "ms": 2.0} for s in step.settings.all if runs}, history
+
+    monkeypatch.setattr(calibrate, "errors_alone", alone)
+    monkeypatch.setattr(calibrate, "measure_pass", lambda *_: ({}, None))
+    monkeypatch.setattr(calibrate, "times_of", lambda *_: {})
+    monkeypatch.setattr(calibrate, "joint_errors", lambda *_: [([0.3, 0.4], 0.75), ([0.0], 0.1)])
+    made = calibrate.calibrate([box], size=512, known=known, tell=lambda _: None)
+    assert made["norm"] == usual.norm and parse_curves(made, "here").norm == usual.norm
+    found = made["scenes"][key]
+    assert found["joint"] == pytest.approx(0.75 / (0.3**usual.norm + 0.4**usual.norm) ** (1 / usual.norm), abs=1e-3)
+    assert not {"gbuffer", "shadow_map", "soft_shadow", "resample"} & set(asked), "those are known"
+    assert asked.count("direct_light") == asked.count("ambient_visibility") == 2, "in two views"
+    assert found["passes"]["ambient_visibility"]["64 rays"] == {"flip": 0.25, "ms": 2.0}
+    assert found["passes"]["gbuffer"] == passes["gbuffer"]
+    again = replace(known, scenes={key: {"passes": found["passes"], "joint": 0.5}})
+    assert calibrate.calibrate([box], known=again, tell=lambda _: None)["scenes"][key]["joint"] == 0.5
 
 
 def test_a_new_scene_leaves_how_errors_add_up(monkeypatch: pytest.MonkeyPatch) -> None:

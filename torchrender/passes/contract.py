@@ -79,7 +79,8 @@ class Pass:
 
     # where it stands in the picture
     continues: Buffer[Any] | None = None  # it runs only while this is kept, in place of the buffer's next maker
-    rests_on: Buffer[Any] | None = None  # lasts; where it is made anew, the last amount is work done once
+    rests_on: Buffer[Any] | None = None  # lasts; where it is made anew, so is some of its own work
+    once: int = 0  # so many of its last amounts are work done once, for many pictures
     by_settings: bool = False  # whether it applies depends on settings, its own or those of others
     for_next: bool = False  # what it makes is for the next picture of a sequence: nobody in this one asks for it
     checkpoint: Callable[[Frame], Mapping[str, float]] | None = None  # what is known after it: the plan is made anew
@@ -92,6 +93,14 @@ class Pass:
     def asked(self, outlook: Outlook) -> Buffers:
         """Buffers that it cannot run without, at the options of the outlook."""
         return (*self.needs, *self.asks(outlook))
+
+    def did_once(self, amounts: Amounts) -> bool:
+        """Some of this work is done once."""
+        return self.once > 0 and any(amounts[-self.once :])
+
+    def again(self, amounts: Amounts) -> Amounts:
+        """The work without what is done once."""
+        return (*amounts[: len(amounts) - self.once], *(0.0 for _ in range(self.once)))
 
     @property
     def makes_all(self) -> Buffers:

@@ -22,9 +22,15 @@ loaded for the first time, must not keep a setting out for good."""
 LIMIT = 8.0
 """Largest correction of a prediction, up or down."""
 
+LEAST_RAW_MS = 0.1
+"""Shorter predictions teach nothing."""
+
 
 MISSED, UNSURE, LATE = (f"logarithm of times over what was foreseen: {name}" for name in ("mean", "spread", "most"))
 """Quantities that a sequence learns about whole pictures."""
+
+SPEED = "logarithm of times over what curves say: all passes together"
+"""Quantity that a sequence learns: how fast this machine is today."""
 
 SEARCHING = "milliseconds of searching"
 """Quantity that a sequence learns: what a picture pays for a search over all settings, and for sensing after it."""
@@ -32,7 +38,7 @@ SEARCHING = "milliseconds of searching"
 FIRST_SEARCHING = 16.0
 """Before it is known."""
 
-FIRST_UNSURE = 0.08
+FIRST_UNSURE = 0.06
 """Before the first of them is known: times lie that far off, up or down."""
 
 BESIDE = {name: f"milliseconds of {name}" for name in ("plan", "senses")}
@@ -92,22 +98,36 @@ class Pace:
         usual = sum(self.known.get(name, 0.0) for name in BESIDE.values())
         return max(0.0, self.known.get(SEARCHING, FIRST_SEARCHING) - usual)
 
+    @property
+    def speed(self) -> float:
+        """Ratio of all passes together, of those that no picture ran as of the others."""
+        return math.exp(self.known.get(SPEED, 0.0))
+
     def ratio(self, name: str, setting: str) -> float:
-        """Correction of a prediction: of this setting, else the mean of the pass's other settings, else 1."""
+        """Correction of a prediction: of this setting, else the mean of the pass's others, else that of all passes."""
         own = self.ratios.get((name, setting))
         if own is not None:
             return own
         others = [value for (known, _), value in self.ratios.items() if known == name]
-        return sum(others) / len(others) if others else 1.0
+        return sum(others) / len(others) if others else self.speed
 
     def aged(self, used: Collection[tuple[str, str]]) -> Pace:
-        """After another picture: ratios of settings that it did not use fade towards 1."""
-        kept = {key: ratio if key in used else ratio**FADING for key, ratio in self.ratios.items()}
+        """After another picture: ratios of settings that it did not use fade towards that of all passes."""
+        speed = self.speed
+        kept = {k: ratio if k in used else speed * (ratio / speed) ** FADING for k, ratio in self.ratios.items()}
         return replace(self, ratios=kept)
+
+    def hurried(self, measured_ms: float, raw_ms: float) -> dict[str, float]:
+        """What is known of the speed after a picture whose passes took so long, by curves ``raw_ms``."""
+        if raw_ms < LEAST_RAW_MS or measured_ms <= 0.0:
+            return {}
+        seen = math.log(min(max(measured_ms / raw_ms, 1 / LIMIT), LIMIT))
+        old = self.known.get(SPEED)
+        return {SPEED: seen if old is None else old + LEARNING * (seen - old)}
 
     def learned(self, name: str, setting: str, measured_ms: float, raw_ms: float) -> Pace:
         """With what a pass took where the uncorrected prediction was ``raw_ms``; too short ones teach nothing."""
-        if raw_ms < 0.1 or measured_ms <= 0:
+        if raw_ms < LEAST_RAW_MS or measured_ms <= 0:
             return self
         seen = min(max(measured_ms / raw_ms, 1 / LIMIT), LIMIT)
         old = self.ratios.get((name, setting))

@@ -30,6 +30,7 @@ class Knowledge:
     passes: tuple[Pass, ...] = PASSES
     wanted: Buffers = (PICTURE,)
     given: Buffers = ()
+    ahead: Buffers = ()  # that last, made for pictures to come
     name: str = field(default="", repr=False)  # under which the scene was measured
     _last: list[tuple[RenderOptions, Graph]] = field(init=False, default_factory=list, repr=False)
 
@@ -55,6 +56,11 @@ class Knowledge:
         return cls(outlook=outlook, curves=curves, passes=passes, wanted=(PICTURE, *asked))
 
     @property
+    def asked(self) -> Buffers:
+        """What this picture is to make."""
+        return (*self.wanted, *self.ahead)
+
+    @property
     def pace(self) -> Pace:
         """What the sequence's pictures took so far."""
         return self.outlook.history.pace or Pace()
@@ -67,15 +73,15 @@ class Knowledge:
     def graph(self, options: RenderOptions) -> Graph:
         """Which passes run with these options; the last answer is kept, for plans and runs ask for it one by one."""
         if not self._last or self._last[0][0] is not options:
-            self._last[:] = [(options, resolve(self.passes, self.outlook.at(options), self.wanted, self.given))]
+            self._last[:] = [(options, resolve(self.passes, self.outlook.at(options), self.asked, self.given))]
         return self._last[0][1]
 
     def predicted_ms(self, step: Pass, setting: str, amounts: Amounts) -> float | None:
         """Time of one pass at one setting for this much work; None if it was never measured."""
         usual = self.curves.time_ms(step.name, setting, amounts, self.name)
-        if usual is None or step.rests_on is None or not amounts[-1]:
+        if usual is None or not step.did_once(amounts):
             return None if usual is None else usual * self.pace.ratio(step.name, setting)
-        each = self.curves.time_ms(step.name, setting, (*amounts[:-1], 0.0), self.name) or 0.0
+        each = self.curves.time_ms(step.name, setting, step.again(amounts), self.name) or 0.0
         return usual - each + each * self.pace.ratio(step.name, setting)  # what is done once, sequences do not learn
 
     @property
@@ -92,7 +98,7 @@ class Knowledge:
     def setting_error(self, step: Pass, setting: str, options: RenderOptions) -> Expected:
         """Error of a setting; where settings are compared in a context of their own, beyond the best of them.
 
-        A pass that knows one way has none. In a scene that was not measured, what it adds to the whole picture's.
+        A pass that knows one way has none. It is what the setting adds to the whole picture's.
         """
         if not step.settings.is_choice or not step.settings.shows(options):
             return Expected(0.0, 0.0)
@@ -100,7 +106,7 @@ class Knowledge:
         if step.settings.context.changes:
             best = min(self._error(step, s).error for s in step.settings.names)
             found = found._replace(error=max(found.error - best, 0.0))
-        factor = self.curves.joint(options).factor if self.unseen else 1.0
+        factor = self.curves.joint(options).factor if self.unseen else self.curves.own_factor(self.name)
         return found if factor == 1.0 else found._replace(error=min(factor * found.error, 1.0))
 
     def leaves_out(self, step: Pass, options: RenderOptions) -> bool:

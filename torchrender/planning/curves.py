@@ -27,13 +27,13 @@ FORMAT = 4
 MAX_BYTES = 8 << 20
 ENVIRONMENT = "TORCHRENDER_CURVES"
 
-MEASURED_SPREAD = 0.15
+MEASURED_SPREAD = 0.1
 """Of the logarithm of an error in another view of a scene that was measured."""
 
 UNKNOWN_SPREAD = 1.0
 """The same, where nothing is known but the mean of others."""
 
-JOINT_SPREAD = 0.15
+JOINT_SPREAD = 0.08
 """The same, of how errors of passes add up."""
 
 UNSEEN_SPREAD = 0.3
@@ -120,10 +120,15 @@ class Curves:
         """How pictures of scenes that were not measured lie about what their passes add up to."""
         return self.coarse if options.supersample < 1.0 else self.fine
 
+    def own_factor(self, scene: str) -> float:
+        """What pictures of a scene that was measured err by, over what their passes add up to."""
+        return float(self.scenes.get(scene, {}).get("joint", 1.0))
+
     def together(self, errors: Sequence[Expected], *, unseen: RenderOptions | None = None) -> Expected:
         """The error of a picture whose passes have these; ``unseen``: its options, of a scene that was not measured."""
         if unseen is None:
-            return together(errors, self.norm, JOINT_SPREAD)
+            found = together(errors, self.norm, JOINT_SPREAD)
+            return found._replace(error=min(found.error, 1.0))
         joint = self.joint(unseen)
         found = together(errors, self.norm, UNSEEN_SPREAD)
         return found._replace(error=min(found.error, 1.0), below=joint.below, above=joint.above)
@@ -186,6 +191,8 @@ def parse_curves(data: Mapping[str, Any], source: str) -> Curves:
             if not all(isinstance(w, float | int) and math.isfinite(w) and w >= 0 for w in weights):
                 raise ValueError(f"weights of {name}, {setting} must be finite and not negative")
     for scene, record in data["scenes"].items():
+        if not 0.25 <= float(record.get("joint", 1.0)) <= 4.0:
+            raise ValueError(f"joint of {scene} must be in [0.25, 4], got {record['joint']}")
         for name, settings in record["passes"].items():
             for setting, measured in settings.items():
                 if not 0.0 <= float(measured["flip"]) <= 1.0:

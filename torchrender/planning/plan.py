@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from torchrender.brief import html_table
+from torchrender.pipeline.buffer import Buffer
 from torchrender.pipeline.options import RenderOptions
 from torchrender.pipeline.pace import Search
 from torchrender.planning.foresight import Expected
@@ -61,6 +62,7 @@ class Plan:
     note: str = ""  # why it took far longer than predicted, where that is known
     changes: tuple[str, ...] = ()  # settings that a budget or a bound chose instead of those asked for, in words
     search: Search | None = field(default=None, repr=False, compare=False)  # that chose these settings
+    ahead: tuple[Buffer[Any], ...] = field(default=(), repr=False, compare=False)  # made for pictures to come
 
     @property
     def running(self) -> tuple[PlanRow, ...]:

@@ -16,22 +16,17 @@ from torchrender.passes.table import find_pass, table_of
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
 from torchrender.pipeline.pace import Search
+from torchrender.planning.choices import WARY, chosen, looked_ahead, surely
 from torchrender.planning.costs import Knowledge
 from torchrender.planning.curves import Curves, load_curves
 from torchrender.planning.graph import AnyBuffer
 from torchrender.planning.plan import Plan, PlanRow
 from torchrender.planning.question import Question
-from torchrender.planning.rows import expected_of, most_of, rows_of
+from torchrender.planning.rows import expected_of, rows_of
 from torchrender.planning.search import Choice, choose
-from torchrender.planning.standing import Standing, cost_of_rows, stands
+from torchrender.planning.standing import PICTURES, Standing, cost_of_rows, stands
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
-
-ROUNDS = 3
-"""Of tightening a bound."""
-
-TIGHTER = 0.98
-"""Of what the last round found: the next choice may be a little less sure."""
 
 
 def check_wishes(budget_ms: float | None, max_error: float | None) -> None:
@@ -88,10 +83,9 @@ def make_plan(
         before: the plan that was made at an earlier place of the picture.
     """
     ran = frozenset(done or ())
-    options = _settled(knowledge, options, ran)
     wishes = (budget_ms, max_error)
     found = None if wishes == (None, None) else _found(knowledge, options, wishes, tuple(done or ()), spent_ms, before)
-    options = options if found is None else found.options
+    options = _settled(knowledge, options, ran) if found is None else found.options
     rows = rows_of(knowledge, options) if found is None else found.rows
     expected = expected_of(knowledge, rows, options)
     plan = Plan(
@@ -101,6 +95,7 @@ def make_plan(
         max_error=max_error,
         predicted_error=None if expected is None else expected.error,
         error_interval=None if expected is None else expected.interval,
+        ahead=() if found is None else found.ahead,
     )
     if found is None:
         return plan
@@ -112,7 +107,7 @@ def make_plan(
             asked=knowledge.outlook.options,
             settings=choice.settings,
             possible=choice.possible,
-            changes=_changes(rows_of(knowledge, asked), rows),
+            changes=_changes(knowledge, asked, options, rows),
             cost=cost_of_rows(rows, expected, ran),
             later=None if before is None or before.search is None else before.search.later,
         )
@@ -136,54 +131,57 @@ def _found(
     kept = stands(knowledge, options, wishes, done, spent_ms, before)
     if kept is not None:
         return kept
-    question = Question.about(knowledge, options, frozenset(done), near=wishes[0] is not None)
-    pays = wishes[0] is not None and not done
-    later = choose(question, *wishes, spent_ms) if pays and wishes[1] is None else None
-    if pays:
-        spent_ms += knowledge.pace.search_ms
-    choice = choose(question, *wishes, spent_ms)
-    rows = rows_of(knowledge, question.options_at(choice.settings))
-    if wishes[1] is not None:
-        choice, rows = _safely(question, (wishes[0], wishes[1], spent_ms), choice, rows)
-    return Standing(choice, question.options_at(choice.settings), rows, None, later)
+    options = _settled(knowledge, options, frozenset(done))
+    past, ran = knowledge.outlook.history, frozenset(done)
+    going_on = past.sequence and not past.moves and not done
+    budget_ms, max_error = wishes
+    if budget_ms is None:
+        assert max_error is not None
+        share = 1.0 / PICTURES if going_on else 1.0
+        return surely(Question.about(knowledge, options, ran, wary=WARY, share=share), (None, max_error, spent_ms))
+    question = Question.about(knowledge, options, ran, near=True, wary=0.0 if max_error is None else WARY)
+    later = None if done or max_error is not None else choose(question, budget_ms, None, spent_ms)
+    paid_ms = spent_ms if done else spent_ms + knowledge.pace.search_ms
+    if max_error is not None:
+        return surely(question, (budget_ms, max_error, paid_ms))
+    choice = choose(question, budget_ms, None, paid_ms)
+    ahead = looked_ahead(question, choice, budget_ms, (spent_ms, paid_ms)) if going_on else None
+    return chosen(question, choice, later) if ahead is None else ahead._replace(later=later)
 
 
-def _safely(
-    question: Question, wishes: tuple[float | None, float, float], choice: Choice, rows: tuple[PlanRow, ...]
-) -> tuple[Choice, tuple[PlanRow, ...]]:
-    """A choice that keeps the error bound in nineteen of twenty pictures; the most exact one where none does.
+def _changes(
+    knowledge: Knowledge, asked: RenderOptions, chosen: RenderOptions, rows: tuple[PlanRow, ...]
+) -> tuple[str, ...]:
+    """What a choice took away, or added, in words; what saves most comes first.
 
-    How far a prediction may be off depends on what is chosen: bounds are tightened until the choice keeps them.
+    Fewer pixels save what all passes of the choice take less by them, another setting what its pass takes less at as
+    many pixels as were asked for.
     """
-    budget_ms, max_error, spent_ms = wishes
-    bound = max_error
-    for _ in range(ROUNDS):
-        expected = expected_of(question.knowledge, rows, question.options_at(choice.settings))
-        most = 0.0 if expected is None else most_of(question.knowledge, expected)
-        if not choice.possible or expected is None or most <= max_error:
-            break
-        bound = TIGHTER * min(bound, max_error * choice.predicted_error / most)
-        choice = choose(question, budget_ms, bound, spent_ms)
-        rows = rows_of(question.knowledge, question.options_at(choice.settings))
-        if not choice.possible:  # nothing is as sure as that: what is most exact may do
-            expected = expected_of(question.knowledge, rows, question.options_at(choice.settings))
-            return replace(choice, possible=expected is not None and expected.error <= max_error), rows
-    return choice, rows
-
-
-def _changes(asked: tuple[PlanRow, ...], chosen: tuple[PlanRow, ...]) -> tuple[str, ...]:
-    """What a choice took away, or added, in words; what saves most comes first."""
-    before = {row.name: row for row in asked if row.runs and row.setting != CUSTOM}
+    first = knowledge.passes[0]
+    usual = first.settings.current(asked)
+    as_many = rows
+    if usual not in (CUSTOM, first.settings.current(chosen)):
+        as_many = rows_of(knowledge, first.settings.named(usual).applied(chosen))
+    before, between, after = (
+        {row.name: row for row in made if row.runs} for made in (rows_of(knowledge, asked), as_many, rows)
+    )
     found = []
-    for row in chosen:
-        old = before.get(row.name)
-        if old is None or (row.runs and old.setting == row.setting):
+    for step in knowledge.passes:
+        old, new = before.get(step.name), after.get(step.name)
+        if old is None or old.setting == CUSTOM or (new is not None and old.setting == new.setting):
             continue
-        saved = (old.predicted_ms or 0.0) - ((row.predicted_ms or 0.0) if row.runs else 0.0)
-        now = f"{row.setting} instead of {old.setting}" if row.runs else f"left out instead of {old.setting}"
+        if step is first:
+            saved = _total(between) - _total(after)
+        else:
+            saved = (old.predicted_ms or 0.0) - _total({step.name: between.get(step.name)})
+        now = f"{new.setting} instead of {old.setting}" if new is not None else f"left out instead of {old.setting}"
         cost = f"saves {saved:.0f} ms" if saved >= 0 else f"takes {-saved:.0f} ms more"
-        found.append((-saved, f"{row.name}: {now}, {cost}"))
+        found.append((-saved, f"{step.name}: {now}, {cost}"))
     return tuple(text for _, text in sorted(found))
+
+
+def _total(rows: Mapping[str, PlanRow | None]) -> float:
+    return sum(row.predicted_ms or 0.0 for row in rows.values() if row is not None)
 
 
 def _settled(knowledge: Knowledge, options: RenderOptions, done: frozenset[str]) -> RenderOptions:

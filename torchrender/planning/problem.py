@@ -220,7 +220,7 @@ class _Builder:
         """Passes that run whatever is chosen; those that a setting may keep from it count, and are taken off again."""
         makers, sure = self._makers, {}
         for_next = [step for buffer, step in makers.items() if step.for_next and step.makes is buffer]
-        waiting = [*(makers[b] for b in self._question.knowledge.wanted if b in makers), *for_next]
+        waiting = [*(makers[b] for b in self._question.knowledge.asked if b in makers), *for_next]
         while waiting:
             step = waiting.pop()
             if step.name not in sure:

@@ -7,6 +7,7 @@ invalid what an earlier picture left. All else adds up: times, and errors to the
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
@@ -34,17 +35,28 @@ class Question:
     options: RenderOptions  # as they stand
     open: Mapping[str, tuple[Setting, ...]]  # by pass
     done: frozenset[str]  # passes that ran: their time is spent
+    wary: float = 0.0  # standard deviations that errors count higher by
+    share: float = 1.0  # of the time of what lasts: pictures that follow use it, too
     _memo: dict[tuple[object, ...], object] = field(default_factory=dict, repr=False)
 
     @classmethod
     def about(
-        cls, knowledge: Knowledge, options: RenderOptions, done: frozenset[str] = frozenset(), *, near: bool = False
+        cls,
+        knowledge: Knowledge,
+        options: RenderOptions,
+        done: frozenset[str] = frozenset(),
+        *,
+        near: bool = False,
+        wary: float = 0.0,
+        share: float = 1.0,
     ) -> Question:
         """All settings are open but those of passes that ran, are held, are off, or stand where no setting is.
 
         Args:
             near: numbers of pixels far from those of the last picture are not, once two were made: every number makes
                 a search longer, and the next search comes soon.
+            wary: standard deviations that errors count higher by.
+            share: of the time of what lasts that counts.
         """
         open_ = {}
         for step in knowledge.passes:
@@ -60,7 +72,7 @@ class Question:
         if near and knowledge.outlook.history.pictures > 1 and knowledge.pace.choice.get(first.name) in last:
             place = last.index(knowledge.pace.choice[first.name])
             open_[first.name] = open_[first.name][max(place - 1, 0) : place + 2]
-        return cls(knowledge=knowledge, options=options, open=open_, done=done)
+        return cls(knowledge=knowledge, options=options, open=open_, done=done, wary=wary, share=share)
 
     @property
     def first(self) -> Pass:
@@ -111,8 +123,14 @@ class Question:
         key = ("time", step.name, setting.name, count.name, fresh)
         found = self._memo.get(key)
         if found is None:
-            outlook = self._outlook(step, setting, count, fresh)
-            found = self._memo[key] = self.knowledge.predicted_ms(step, setting.name, step.amounts(outlook)) or 0.0
+            amounts = step.amounts(self._outlook(step, setting, count, fresh))
+            found = self.knowledge.predicted_ms(step, setting.name, amounts) or 0.0
+            if self.share < 1.0 and step.makes.lasting is not None:
+                found *= self.share
+            elif self.share < 1.0 and step.did_once(amounts):
+                each = self.knowledge.predicted_ms(step, setting.name, step.again(amounts)) or 0.0
+                found = each + self.share * (found - each)
+            self._memo[key] = found
         assert isinstance(found, float)
         return found
 
@@ -123,7 +141,8 @@ class Question:
         key = ("error", step.name, setting.name, step.settings.shows(self._exact_at(count)), self._joint_at(count))
         found = self._memo.get(key)
         if found is None:
-            error = self.knowledge.setting_error(step, setting.name, self._exact_at(count)).error
+            told = self.knowledge.setting_error(step, setting.name, self._exact_at(count))
+            error = min(told.error * math.exp(self.wary * told.spread), 1.0)
             found = self._memo[key] = float(error**self.knowledge.curves.norm)
         assert isinstance(found, float)
         return found

@@ -11,8 +11,8 @@ from torchrender.planning.plan import PlanRow
 NOTHING = Expected(0.0, 0.0)
 
 GUARD = 0.6
-"""Power of what an interval leaves above an error that bounds are kept by, in scenes that were not measured: settings
-that the whole of it chose came out at seven tenths of their bounds, at most, in 60 of 60 pictures."""
+"""Power of what an interval leaves above an error that bounds are kept by: settings that the whole of it chose came out
+at seven tenths of their bounds, at most, in 60 of 60 pictures."""
 
 
 def rows_of(knowledge: Knowledge, options: RenderOptions) -> tuple[PlanRow, ...]:
@@ -49,8 +49,8 @@ def expected_of(knowledge: Knowledge, rows: tuple[PlanRow, ...], options: Render
     return knowledge.curves.together(known, unseen=unseen) if len(known) == len(found) else None
 
 
-def most_of(knowledge: Knowledge, expected: Expected) -> float:
+def most_of(expected: Expected) -> float:
     """What the error of a picture is taken to be at most where a bound is to be kept."""
-    if not knowledge.unseen or expected.error <= 0.0:
+    if expected.error <= 0.0:
         return expected.interval[1]
     return float(expected.error * (expected.interval[1] / expected.error) ** GUARD)

@@ -25,7 +25,7 @@ HEADROOM = 0.85
 HEADROOMS = (0.75, 0.95)
 """Least and most of it."""
 
-LOYALTY = 1.1
+LOYALTY = 1.04
 """The last choice stays while nothing else is better by more than this factor."""
 
 PRICES = np.concatenate([[0.0], np.geomspace(1e-3, 1e3, 19)])
@@ -82,6 +82,12 @@ def choose(question: Question, budget_ms: float | None, max_error: float | None,
         predicted_error=max(found.cost[1], 0.0) ** (1.0 / norm),
         possible=possible,
     )
+
+
+def fits(question: Question, budget_ms: float | None, choice: Choice) -> bool:
+    """The choice is as quick as predictions within a budget have to be."""
+    limit = np.inf if budget_ms is None else headroom(question.knowledge.pace) * budget_ms
+    return choice.predicted_ms <= limit * (1 + ROUNDING)
 
 
 def headroom(pace: Pace) -> float:

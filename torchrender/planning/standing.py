@@ -3,7 +3,8 @@ picture.
 
 What is expected of the choice is worked out anew for every picture, so that a choice which no longer keeps what was
 wished for, or has become quicker, slower or less exact than it was, makes way for a search. Under a budget that search
-has to be worth its time: while the choice fits, pictures stand by it until a search is a small share of what they took.
+has to be worth its time: while the choice fits, pictures stand by it until a search is a small share of what they took,
+or fits into what the choice leaves of the budget.
 Within a picture, what its checkpoints found out counts in the same way.
 """
 
@@ -13,6 +14,7 @@ import math
 from dataclasses import replace
 from typing import NamedTuple
 
+from torchrender.passes.contract import Buffers
 from torchrender.pipeline.options import RenderOptions
 from torchrender.pipeline.pace import FIRST_SEARCHING, SEARCHING, Search
 from torchrender.planning.costs import Knowledge
@@ -48,6 +50,7 @@ class Standing(NamedTuple):
     rows: tuple[PlanRow, ...]
     search: Search | None  # that it stands by; None: it is a new one
     later: Choice | None = None  # of pictures that need not pay for a search
+    ahead: Buffers = ()  # that last, made for pictures to come
 
 
 def cost_of_rows(rows: tuple[PlanRow, ...], expected: Expected | None, done: frozenset[str]) -> Cost:
@@ -74,8 +77,9 @@ def stands(
     last = knowledge.pace.search if before is None else _left_of(knowledge, before, done)
     if last is None or not last.is_of(wishes, knowledge.outlook.options):
         return None
+    due = before is None and last.pictures >= min(PICTURES, knowledge.outlook.history.pictures // 2)
     patient = before is None and _is_patient(knowledge, last, wishes)
-    if before is None and not patient and last.pictures >= min(PICTURES, knowledge.outlook.history.pictures // 2):
+    if due and not patient:
         return None
     for step in knowledge.passes:
         if step.name in last.settings:
@@ -87,6 +91,8 @@ def stands(
     rows = rows_of(knowledge, options)
     expected = expected_of(knowledge, rows, options)
     cost = cost_of_rows(rows, expected, frozenset(done))
+    if patient and due and last.possible and _is_idle(knowledge, wishes[0] or 0.0, spent_ms + cost[0]):
+        return None
     if patient:
         holds = _fits(knowledge, last, wishes[0] or 0.0, spent_ms + cost[0])
     else:
@@ -124,6 +130,11 @@ def _fits(knowledge: Knowledge, last: Search, budget: float, needed_ms: float) -
     if last.possible:
         return needed_ms <= min(FULL, FULL / HEADROOM * headroom(knowledge.pace)) * budget
     return needed_ms + knowledge.pace.search_ms > headroom(knowledge.pace) * budget
+
+
+def _is_idle(knowledge: Knowledge, budget: float, needed_ms: float) -> bool:
+    """The choice leaves enough of a budget for another search beside it."""
+    return needed_ms + knowledge.pace.search_ms <= headroom(knowledge.pace) * budget
 
 
 def _moved(cost: Cost, before: Cost) -> bool:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import os
+import warnings
 from pathlib import Path
 
-from torchrender.errors import InputError, SceneFileError
+from torchrender.errors import InputError, NotUsedWarning, SceneFileError
 from torchrender.scene.files.choice import FileChoice
 from torchrender.scene.files.scene_file import load_scene_file
 from torchrender.scene.files.source import MESH_SUFFIXES, SCENE_SUFFIX, SUPPORTED, build_procedural, load_mesh_file
 from torchrender.scene.model import Scene
+from torchrender.scene.motion.update import knows
 
 
 def load(
@@ -75,4 +77,9 @@ def _at(scene: Scene, time: float | None, animation: str | int | None) -> Scene:
         return scene
     if not scene.animations:
         raise InputError(f"time and animation are for scenes that move; {scene.name} has no animation")
-    return scene.at(time, animation)
+    moved = scene.at(time, animation)
+    played = [m.animation(animation) for m in scene.motions if knows(m, animation)]
+    for told in dict.fromkeys(one.beyond(time) for one in played if one is not None and time is not None):
+        if told:
+            warnings.warn(f"{scene.name}: {told}", NotUsedWarning, stacklevel=3)
+    return moved

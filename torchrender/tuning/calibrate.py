@@ -21,13 +21,13 @@ from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
 from torchrender.planning.curves import FORMAT, Curves, scene_key
 from torchrender.quality.machine import machine_record
-from torchrender.quality.metrics import flip
 from torchrender.renderer import render
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
 from torchrender.scene.procedural.anything import anything
 from torchrender.tuning import unseen
-from torchrender.tuning.measure import FRAMES, SIDE, Measured, exact_options, measure_pass, turned_off, views_of
+from torchrender.tuning.measure import FRAMES, SIDE, errors_alone, measure_pass, turned_off, views_of
+from torchrender.tuning.windows import Windows
 
 Observations = dict[tuple[str, str], list[tuple[str, tuple[float, ...], float]]]
 """Scene, amounts of work and milliseconds, by pass and setting."""
@@ -38,6 +38,9 @@ NORMS = np.arange(0.75, 3.01, 0.05)
 
 SHORTEST_MS = 0.5
 """Times below count as this in relative errors: nobody plans with them."""
+
+BOUNDS = (0.2, 0.1, 0.06)
+"""Of errors, for which whole pictures are compared with the errors of their passes."""
 
 ROUNDS = 60
 """Of a fit, at most: each takes errors relative to what the one before predicts."""
@@ -55,16 +58,16 @@ def calibrate(scenes: Sequence[Scene], *, size: int = SIDE, known: Curves | None
         tell: is told what was done, a line at a time.
     """
     errors: dict[str, Any] = {}
-    joint: list[tuple[list[float], float]] = []
+    joint: dict[str, list[tuple[list[float], float]]] = {}
     seen: Observations = defaultdict(list)
     for scene in scenes:
         key = scene_key(scene)
-        if known is not None and key in known.scenes:
-            errors[key] = known.scenes[key]["passes"]
-        else:
-            errors[key] = errors_of(scene, views_of(scene, size))
-            joint += [] if known is not None else joint_errors(scene, size, errors[key])
-            tell(f"{scene.name}: errors measured")
+        views = views_of(scene, size)
+        before: Mapping[str, Any] = {} if known is None else known.scenes.get(key, {})
+        errors[key] = errors_of(scene, views, before.get("passes"))
+        if "joint" not in before:
+            joint[key] = joint_errors(scene, views, errors[key])
+        tell(f"{scene.name}: errors measured")
         for name, values in times_of(scene, [s for s in SIZES if s < size] + [size]).items():
             seen[name] += values
         tell(f"{scene.name}: times measured")
@@ -76,23 +79,50 @@ def calibrate(scenes: Sequence[Scene], *, size: int = SIDE, known: Curves | None
         lines = {
             name: {setting: line.to_list() for setting, line in rows.items()} for name, rows in known.lines.items()
         }
-    norm = fit_norm(joint) if known is None else known.norm  # one new scene says little about how errors add up
+    norm = fit_norm([pair for pairs in joint.values() for pair in pairs]) if known is None else known.norm
+    # Else as it was: one new scene says little about how errors add up, but tells its own factor.
+    factors = {key: joint_factor(pairs, norm) for key, pairs in joint.items()}
     rest = {
         "side": size if known is None else known.side,
         "foresight": lines,
         "joint": {} if known is None else {"fine": list(known.fine), "coarse": list(known.coarse)},
     }
-    return curves_from(errors, seen, norm, known) | rest
+    made = curves_from(errors, seen, norm, known)
+    for key in errors:
+        before = {} if known is None else known.scenes.get(key, {})
+        made["scenes"][key]["joint"] = factors[key] if key in factors else before["joint"]
+    return made | rest
 
 
-def errors_of(scene: Scene, views: Sequence[Cameras]) -> dict[str, dict[str, dict[str, Any]]]:
-    """Records of every setting of every pass that has something to do."""
-    found: dict[str, dict[str, Measured]] = {step.name: measure_pass(scene, views, step)[0] for step in PASSES}
-    return {
-        name: {setting: measured.record() for setting, measured in settings.items()}
-        for name, settings in found.items()
-        if settings
-    }
+def errors_of(
+    scene: Scene, views: Sequence[Cameras], known: Mapping[str, Mapping[str, Any]] | None = None
+) -> dict[str, dict[str, dict[str, Any]]]:
+    """Error and time of every setting of every pass that has a choice and something to do: means over the views.
+
+    What goes on from an earlier picture is measured in sequences, all else in the last picture of each view alone.
+
+    Args:
+        known: by pass; what holds all settings of a pass is taken over.
+    """
+    lit, found = scene.with_default_light(), {}
+    histories = [RenderHistory() for _ in views]
+    for step in PASSES:
+        own = (known or {}).get(step.name, {})
+        if not step.settings.is_choice or set(own) >= set(step.settings.names):
+            found[step.name] = dict(own)
+        elif step.continues is not None:
+            found[step.name] = {name: one.record() for name, one in measure_pass(scene, views, step)[0].items()}
+        else:
+            seen = []
+            for number, view in enumerate(views):
+                made, histories[number] = errors_alone(lit, view[FRAMES - 1], step, histories[number])
+                seen += [made] if made else []
+            found[step.name] = {s: _means([one[s] for one in seen]) for s in step.settings.names if seen}
+    return {name: settings for name, settings in found.items() if settings}
+
+
+def _means(values: Sequence[Mapping[str, float]]) -> dict[str, float]:
+    return {key: float(f"{statistics.fmean(one[key] for one in values):.5g}") for key in values[0]}
 
 
 def at_step(number: int, base: RenderOptions | None = None, first: str | None = None) -> RenderOptions:
@@ -139,23 +169,32 @@ def _observe(scene: Scene, view: Cameras, options: RenderOptions, found: Observa
 
 
 def joint_errors(
-    scene: Scene, size: int, errors: Mapping[str, Mapping[str, Mapping[str, Any]]]
+    scene: Scene, views: Sequence[Cameras], errors: Mapping[str, Mapping[str, Mapping[str, Any]]]
 ) -> list[tuple[list[float], float]]:
-    """Errors of the passes alone, and of the picture with all of them, for every step of the settings."""
-    view = views_of(scene, size, 1)[0][:1]
-    wanted = render(scene, view, options=exact_options()).displayed()
-    found = []
-    for number in range(STEPS - 1):
-        image = render(scene, view, options=at_step(number))
-        assert image.plan is not None
-        alone = [
-            float(errors[row.name][row.setting]["flip"])
-            for row in image.plan.running
-            # A plan predicts no error for a setting that does not show.
-            if row.setting in errors.get(row.name, {}) and row.predicted_error
-        ]
-        found.append((alone, float(flip(image.displayed(), wanted)[0])))
+    """Errors of the passes alone, and of the picture with all of them, at settings that bounds choose."""
+    lit, found = scene.with_default_light(), []
+    for view in views:
+        camera = view[FRAMES - 1]
+        wanted = Windows.of(lit, camera)
+        for bound in BOUNDS:
+            image = render(lit, camera, options=RenderOptions(reuse=None), max_error=bound)
+            assert image.plan is not None
+            alone = []
+            for step in PASSES:
+                row, known = image.plan.row(step.name), errors.get(step.name, {})
+                # A plan predicts no error for a setting that does not show.
+                if row.setting in known and row.predicted_error:
+                    best = min(float(one["flip"]) for one in known.values()) if step.settings.context.changes else 0.0
+                    alone.append(float(known[row.setting]["flip"]) - best)
+            found.append((alone, wanted.error(image)))
     return found
+
+
+def joint_factor(joint: Sequence[tuple[Sequence[float], float]], norm: float) -> float:
+    """Median of what pictures of a scene err by over what their passes add up to."""
+    pairs = [(sum(e**norm for e in alone) ** (1.0 / norm), whole) for alone, whole in joint]
+    ratios = [whole / told for told, whole in pairs if told > 0.0 and whole > 0.0]
+    return round(min(max(statistics.median(ratios), 0.25), 4.0), 3) if ratios else 1.0
 
 
 def curves_from(

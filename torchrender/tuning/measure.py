@@ -16,7 +16,8 @@ from torchrender.passes.settings import Setting
 from torchrender.passes.table import GBUFFER, PASSES, find_pass
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
-from torchrender.quality.metrics import flip_map, psnr, relative_squared_error
+from torchrender.planning.planner import plan
+from torchrender.quality.metrics import flip, flip_map, psnr, relative_squared_error
 from torchrender.renderer import render
 from torchrender.scene.camera import Cameras
 from torchrender.scene.cameras.path import built_in_path, walks_of
@@ -113,6 +114,32 @@ def options_at(step: Pass, setting: Setting) -> RenderOptions:
     usual = turned_off(RenderOptions(), but=step)
     usual = Setting("measured with", step.measured_with).applied(usual)
     return setting.applied(step.settings.context.applied(usual))
+
+
+def errors_alone(
+    scene: Scene, camera: Cameras, step: Pass, history: RenderHistory
+) -> tuple[dict[str, dict[str, float]], RenderHistory]:
+    """Mean FLIP by setting, and what the pass took, in pictures that are part of no sequence.
+
+    Empty where the pass does not run. What lasts is kept from picture to picture, what belongs to a sequence is not.
+    """
+    choices, reference = step.settings.all, step.settings.reference
+    running = next((s for s in choices if s.name != step.off), choices[0])
+    shown: dict[str, Tensor] = {}
+    times: dict[str, float] = {}
+    if not plan(scene, camera, options=options_at(step, running)).row(step.name).runs:
+        return {}, history
+    for setting in (running, reference, *choices):
+        if setting.name in shown:
+            continue
+        image = render(scene, camera, options=options_at(step, setting), history=history.shared())
+        assert image.history is not None and image.plan is not None
+        history = image.history
+        if setting == running and not image.plan.row(step.name).runs:
+            return {}, history
+        shown[setting.name], times[setting.name] = image.displayed().float(), image.timings_ms.get(step.name, 0.0)
+    errors = {s.name: float(flip(shown[s.name], shown[reference.name])[0]) for s in choices}
+    return {name: {"flip": error, "ms": times[name]} for name, error in errors.items()}, history
 
 
 @dataclass(frozen=True, eq=False)

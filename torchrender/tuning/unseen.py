@@ -12,9 +12,8 @@ from dataclasses import replace
 from typing import Any
 
 from torchrender.image import Image
-from torchrender.passes.contract import Pass
 from torchrender.passes.senses import closely
-from torchrender.passes.settings import CUSTOM, Setting
+from torchrender.passes.settings import CUSTOM
 from torchrender.passes.table import PASSES
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
@@ -24,7 +23,7 @@ from torchrender.quality.metrics import flip
 from torchrender.renderer import NO_LIMIT, render
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
-from torchrender.tuning.measure import exact_options, options_at
+from torchrender.tuning.measure import errors_alone, exact_options
 
 SIDE = 176
 """Pixels of a side."""
@@ -57,11 +56,11 @@ def record_of(scene: Scene, size: int = SIDE) -> Record:
     found: Record = {}
     for step in PASSES:
         if step.settings.is_choice and usual.plan.row(step.name).runs:
-            errors, history = _errors(lit, camera, step, history)
+            made, history = errors_alone(lit, camera, step, history)
             found[step.name] = {
                 "sensed": known.get(sense_of(step.name)),
                 "probed": known.get(sense_of(closely(step.name))),
-                "errors": errors,
+                "errors": {setting: one["flip"] for setting, one in made.items()},
             }
     return found
 
@@ -73,22 +72,6 @@ def sensed(scene: Scene, camera: Cameras) -> tuple[Image, RenderHistory]:
     image = render(scene, camera, options=replace(usual, fixed=held), history=RenderHistory(), budget_ms=NO_LIMIT)
     assert image.history is not None
     return image, image.history
-
-
-def _errors(
-    scene: Scene, camera: Cameras, step: Pass, history: RenderHistory
-) -> tuple[dict[str, float], RenderHistory]:
-    """Mean FLIP by setting; what lasts is kept from picture to picture, what belongs to a sequence is not."""
-
-    def made(setting: Setting) -> Image:
-        nonlocal history
-        image = render(scene, camera, options=options_at(step, setting), history=history.shared())
-        assert image.history is not None
-        history = image.history
-        return image
-
-    wanted = made(step.settings.reference).displayed().float()
-    return {s.name: float(flip(made(s).displayed().float(), wanted)[0]) for s in step.settings.all}, history
 
 
 def lines_of(records: Iterable[Record]) -> dict[str, dict[str, list[float]]]:

@@ -261,6 +261,7 @@ PASS = Pass(
     run=run,
     settings=settings("irradiance of rectangles", {name: {"area_light": name} for name in ("centre", "polygon")}),
     amounts=amounts,
+    once=2,
     senses=senses,
     over_hits=over_hits,
     hard=(HARD,),

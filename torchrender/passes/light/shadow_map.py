@@ -30,6 +30,7 @@ from torchrender.passes.settings import settings
 from torchrender.pipeline.buffer import Buffer, Lasting, lights_of, same
 from torchrender.pipeline.frame import Frame
 from torchrender.pipeline.options import RenderOptions, everywhere, lasting_shadows
+from torchrender.scene.camera import Cameras
 from torchrender.scene.light import DirectionalLight, Light, PointLight, RectLight
 from torchrender.scene.model import Scene
 
@@ -140,8 +141,13 @@ def _drawn(
 def _sight(scene: Scene, seen: GBuffer) -> tuple[Any, ...]:
     """What the views of lights are fitted to, of one scene: where the eye stands, how far it sees, and materials."""
     eye = seen.cameras
-    place = (eye.camera_from_world, eye.intrinsics, eye.near, eye.far, eye.width, eye.height, eye.orthographic)
-    return (*place, seen.depth, scene.materials)
+    return (*_place(eye), eye.intrinsics, eye.width, eye.height, seen.depth, scene.materials)
+
+
+def _place(eye: Cameras) -> tuple[Any, ...]:
+    """Where an eye stands, how far it sees and how wide, at any number of pixels."""
+    wide = eye.intrinsics[:, 0, 0] / eye.width
+    return (eye.camera_from_world, eye.near, eye.far, eye.orthographic, (1e6 * wide).round())
 
 
 def _shared_out(options: ShadowOptions, lights: Sequence[Light]) -> ShadowOptions:
@@ -183,7 +189,7 @@ def amounts(outlook: Outlook) -> Amounts:
     lights, options = outlook.scene.lights, outlook.options.shadow
     reaching = lights_in_view(outlook)
     count = 0.0
-    if options.coverage == "view":
+    if options.coverage == "view" and not _fitted_already(outlook):
         mapped = len(lights) if reaching is None else reaching
         if options.edges == "exact" and outlook.options.point_shadows == "maps":
             mapped -= int(outlook.known.get(SMALL_LIGHTS, 0))
@@ -194,6 +200,13 @@ def amounts(outlook: Outlook) -> Amounts:
         count += sum(views(lights[number]) for number in whole)
     height, width = options.shape
     return (count, count * height * width * 1e-6, count * outlook.triangles)
+
+
+def _fitted_already(outlook: Outlook) -> bool:
+    """The picture's maps were drawn for an eye that still stands there."""
+    place = _place(outlook.cameras)
+    maps = [one for one in outlook.kept(SHADOW_MAP) or () if one is not None and one.fitted_to is not None]
+    return bool(maps) and all(same((one.fitted_to or ())[: len(place)], place) for one in maps)
 
 
 def _fitted(light: Light, cascades: int | None) -> int:

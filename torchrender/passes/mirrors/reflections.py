@@ -316,6 +316,7 @@ PASS = Pass(
     amounts=amounts,
     senses=senses,
     rests_on=HIT_SHADER,
+    once=1,
     settle=settle,
     settles=left_open,
     own=OWN,

@@ -27,13 +27,13 @@ from torchrender.quality.metrics import coverage
 from torchrender.quality.pages import write_record, write_text
 from torchrender.renderer import render
 from torchrender.report.budget.page import page, plot
-from torchrender.report.budget.windows import Windows
 from torchrender.report.common.command import run_in_parts
 from torchrender.report.common.parts import Parts
 from torchrender.scene.camera import Cameras
 from torchrender.scene.cameras.path import built_in_path, walks_of
 from torchrender.scene.load import load
 from torchrender.scene.model import Scene
+from torchrender.tuning.windows import Windows
 
 BUDGETS_MS = (50, 100, 200, 500)
 TOLERANCE = 1.1

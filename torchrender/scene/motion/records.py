@@ -42,6 +42,13 @@ class Animation:
         """Time of the last key frame, seconds."""
         return max((float(c.times[-1]) for c in self.channels), default=0.0)
 
+    def beyond(self, time: float) -> str:
+        """What to say of a time, in seconds, before the start or after the end: it stands still there; else nothing."""
+        if 0.0 <= time <= self.duration:
+            return ""
+        end = "start" if time < 0.0 else "end"
+        return f"time {time:g}: {self.name or 'the animation'} goes from 0 to {self.duration:g} s, its {end} is shown"
+
 
 @dataclass(frozen=True, eq=False)
 class Nodes:

@@ -41,12 +41,12 @@ def at_time(state: Moving, time: float | None, animation: str | int | None) -> M
     """
     if time is not None and not (isinstance(time, Real) and math.isfinite(time)):
         raise InputError(f"time must be a finite number of seconds, got {time!r}")
-    knows = [_knows(m, animation) for m in state.motions]
-    if animation is not None and not any(knows):
+    having = [knows(m, animation) for m in state.motions]
+    if animation is not None and not any(having):
         names = [repr(a.name) for m in state.motions for a in m.animations]
         raise InputError(f"there is no animation {animation!r}; known: {', '.join(names) or 'none'}")
     meshes, lights, cameras, motions = list(state.meshes), list(state.lights), dict(state.cameras), []
-    for motion, known in zip(state.motions, knows, strict=True):
+    for motion, known in zip(state.motions, having, strict=True):
         if not known:
             motions.append(motion)
             continue
@@ -59,7 +59,8 @@ def at_time(state: Moving, time: float | None, animation: str | int | None) -> M
     return Moving(tuple(meshes), tuple(lights), cameras, tuple(motions))
 
 
-def _knows(motion: Motion, animation: str | int | None) -> bool:
+def knows(motion: Motion, animation: str | int | None) -> bool:
+    """The file that it came from has that animation, or nobody asks for a certain one."""
     if animation is None:
         return True
     with suppress(InputError):

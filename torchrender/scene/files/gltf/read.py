@@ -57,6 +57,8 @@ def read_gltf(path: Path, data: bytes, choice: FileChoice = PLAIN_CHOICE) -> Sce
     animation = motion.animation(choice.animation)
     if choice.time is not None and animation is None:
         file.notes.not_used("time: the file has no animation")
+    elif choice.time is not None and animation is not None and (told := animation.beyond(choice.time)):
+        file.notes.not_used(told)
     # Who names an animation wants to see it, be it at its start.
     time = 0.0 if choice.time is None and choice.animation is not None else choice.time
     worlds, weights = posed(nodes, animation, time, motion.root)

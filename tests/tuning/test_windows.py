@@ -9,8 +9,8 @@ import torch
 
 import torchrender as tr
 from torchrender.quality.metrics import flip, flip_map
-from torchrender.report.budget.windows import COUNT, MARGIN, SIDE, Windows
 from torchrender.scene.load import load
+from torchrender.tuning.windows import COUNT, MARGIN, SIDE, Windows
 
 
 def test_small_pictures_are_compared_as_a_whole() -> None:
@@ -34,7 +34,7 @@ def test_windows_say_of_their_pixels_what_the_whole_picture_says(monkeypatch: py
         part = ramp[:, top : top + window.height, left : left + window.width]
         return tr.Image(radiance=part, cameras=window, scene=scene)
 
-    monkeypatch.setattr("torchrender.report.budget.windows.render", cut)
+    monkeypatch.setattr("torchrender.tuning.windows.render", cut)
     windows = Windows.of(scene, camera)
     assert len(windows.parts) == COUNT and windows.error(exact) == 0.0
     inside = torch.zeros(300, 300, dtype=torch.bool)

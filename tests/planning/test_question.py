@@ -1,0 +1,114 @@
+"""What is open to a search: numbers of pixels near the last ones, what looks around cost, how long a choice stands."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+
+import torchrender as tr
+from torchrender.clock import StepClock
+from torchrender.passes.mirrors.hit_shader import HIT_SHADER
+from torchrender.passes.mirrors.reflections import LOOK_MS, YOUNG
+from torchrender.passes.senses import closely
+from torchrender.passes.table import PASSES, find_pass
+from torchrender.pipeline.history import RenderHistory
+from torchrender.pipeline.hit_shader import HitShader
+from torchrender.pipeline.options import RenderOptions
+from torchrender.pipeline.pace import LATE, Pace
+from torchrender.planning.costs import Knowledge, sense_of
+from torchrender.planning.curves import load_curves
+from torchrender.planning.question import Question
+from torchrender.planning.search import HEADROOM, headroom
+from torchrender.planning.standing import SHARE
+from torchrender.run import Run
+from torchrender.scene.model import Scene
+
+GRASS = tr.load("grass", size=3000)
+COUNTS = PASSES[0].settings.names
+
+
+@pytest.fixture(scope="module")
+def washroom() -> Scene:
+    return tr.load("washroom", size=7000)
+
+
+def asked_after(
+    count: str, pictures: int = 2, options: RenderOptions | None = None, *, near: bool = True
+) -> tuple[str, ...]:
+    """Numbers of pixels that are open after pictures of which the last one had ``count``."""
+    options = options or RenderOptions()
+    history = replace(RenderHistory(), pictures=pictures, pace=Pace(choice={"gbuffer": count})).of_scene(GRASS)
+    camera = GRASS.camera(width=64, height=48)
+    known = Knowledge.of(GRASS, camera, options, history, load_curves())
+    return tuple(setting.name for setting in Question.about(known, options, near=near).counts)
+
+
+def test_numbers_of_pixels_beside_the_last_one_are_open() -> None:
+    place = COUNTS.index("0.5")
+    assert asked_after("0.5") == COUNTS[place - 1 : place + 2]
+    assert asked_after(COUNTS[0]) == COUNTS[:2]
+    assert asked_after(COUNTS[-1]) == COUNTS[-2:]
+
+
+def test_all_numbers_of_pixels_are_open_before_two_pictures_and_without_a_budget() -> None:
+    assert asked_after("0.5", pictures=1) == asked_after("0.5", near=False) == asked_after("3") == COUNTS
+    held = RenderOptions(supersample=1, fixed=("gbuffer",))
+    assert asked_after("1", options=held) == ("1",)
+
+
+# ------------------------------------------------------------- looks around
+
+
+def test_a_first_look_around_is_priced_once(monkeypatch: pytest.MonkeyPatch, washroom: Scene) -> None:
+    """Where nothing looked around yet, of rays for a few pictures; where what shades hits is made anew, again."""
+    camera, step = washroom.camera(width=40, height=40), find_pass("reflections")
+    traced = replace(RenderOptions(reuse=None), reflections="traced")
+    plain = replace(traced, reflections="environment")
+    history = tr.render(washroom, camera, options=traced, history=RenderHistory()).history
+    assert history is not None and history.get(HIT_SHADER) is not None
+
+    def looks(options: RenderOptions, past: RenderHistory | None, looked: bool = False) -> float:
+        monkeypatch.setattr(HitShader, "looked_around", property(lambda _: looked))
+        known = Knowledge.of(washroom, camera, options, past, load_curves())
+        return step.amounts(known.outlook.at(options))[-1]
+
+    old, young = replace(history, pictures=YOUNG), replace(history, pictures=YOUNG - 1)
+    assert looks(plain, None) == looks(traced, None) == 1.0
+    assert looks(plain, old) == 1.0 and looks(plain, old, looked=True) == 0.0
+    assert looks(traced, young) == 1.0 and looks(traced, young, looked=True) == looks(traced, old) == 0.0
+    assert looks(replace(traced, reflections="clustered"), None) == 0.0
+
+    monkeypatch.setattr(HitShader, "looked_around", property(lambda _: True))
+    known = Knowledge.of(washroom, camera, plain, history, load_curves())
+    setting, count = step.settings.named("environment"), PASSES[0].settings.named("1")
+    fresh, kept = (Question.about(known, plain).time_ms(step, setting, count, anew) for anew in (True, False))
+    price = known.curves.weights["reflections"]["environment"][-1]
+    assert price > 10.0 and fresh == pytest.approx(kept + price)
+
+
+def test_sensing_looks_around_only_where_a_budget_affords_it(washroom: Scene) -> None:
+    camera = washroom.camera(width=40, height=40)
+    known = Knowledge.of(washroom, camera, RenderOptions(), None, load_curves())
+
+    def spare(budget: float | None, foreseen: float, late: float | None = None) -> float:
+        pace = Pace() if late is None else Pace(known={LATE: late})
+        past = replace(known.outlook.history, pace=pace)
+        run = Run(replace(known, outlook=replace(known.outlook, history=past)), (budget, None), StepClock())
+        run.foreseen_ms = foreseen
+        return run._spare_ms
+
+    assert spare(None, 50.0) == math.inf
+    assert spare(200.0, 50.0) == pytest.approx(HEADROOM * 200.0 - 50.0)
+    assert spare(200.0, 169.0) == spare(200.0, 1e6) == pytest.approx(SHARE * 200.0), "a small share in any case"
+    late = headroom(Pace(known={LATE: 0.2}))
+    assert spare(200.0, 50.0, late=0.2) == pytest.approx(late * 200.0 - 50.0) and late < HEADROOM
+
+    seen = {}
+    for budget in (0.5 * LOOK_MS, 1e7):
+        options = replace(RenderOptions(reuse=None), reflections="traced", fixed=("reflections",))
+        image = tr.render(washroom, camera, options=options, history=RenderHistory(), budget_ms=budget)
+        assert image.history is not None and image.history.pace is not None
+        seen[budget] = sense_of(closely("reflections")) in image.history.pace.known
+    assert seen == {0.5 * LOOK_MS: False, 1e7: True}
