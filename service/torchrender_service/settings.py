@@ -33,7 +33,7 @@ OTHER_VARIABLES = {
     PREFIX + name
     for name in (
         *("CONFIG", "CURVES", "KERNELS", "DATA", "CHROMIUM", "REQUIRE_BROWSER", "REQUIRE_DOCS", "TESTS_ON_RAY"),
-        *("RENDERER_LIMIT_MB", "RENDERER_NICENESS", "PLAIN_COMPILER"),
+        *("RENDERER_LIMIT_MB", "RENDERER_NICENESS", "RENDERER_TEXTURES_MB", "PLAIN_COMPILER"),
     )
 }
 """Of the package, its tests and its renderers."""
@@ -93,6 +93,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     max_views: Count = 16
     max_triangles: Count = 10_000_000
     max_texture_pixels: Count = 2**26
+    max_texture_mb: Count = 512  # of a scene that is loaded, with all levels: finer ones are left out, and named
     max_scenes: Count = 256
     max_store_bytes: Count = 2**34
     max_kept_bytes: Count = 2**28  # keyframe containers kept in memory for reproject

@@ -5,6 +5,8 @@ from __future__ import annotations
 import asyncio
 import math
 import os
+import random
+import statistics
 import subprocess
 import sys
 from types import SimpleNamespace
@@ -20,7 +22,7 @@ from torchrender_service.load_test.files import large_texture_glb, long_key_toml
 from torchrender_service.load_test.playing import player
 from torchrender_service.load_test.rows import Effort, Row
 from torchrender_service.load_test.run import page
-from torchrender_service.load_test.watching import Seen
+from torchrender_service.load_test.watching import Change, Seen, change_of
 
 
 def test_the_page_says_what_an_attack_once_did() -> None:
@@ -43,8 +45,59 @@ def test_percentiles_are_values_that_were_seen() -> None:
     values = [float(v) for v in range(1, 101)]
     assert [percentile(values, share) for share in (0.0, 0.5, 0.95, 1.0)] == [1.0, 50.0, 95.0, 100.0]
     assert math.isnan(percentile([], 0.5))
-    seen = Seen(latencies_s=[0.1] * 19 + [0.9], health_s=[0.01, 0.02], log_bytes=100.0, seconds=6.0)
+    seen = Seen(blocks=[[0.1] * 9, [], [0.1] * 10 + [0.9]], health_s=[0.01, 0.02], log_bytes=100.0, seconds=6.0)
     assert (seen.p95_ms, seen.health_ms, seen.log_per_minute) == (100.0, 20.0, 1000.0)
+
+
+def test_a_change_of_p95_comes_with_an_interval_that_holds_it() -> None:
+    """Of many pairs of stretches that are alike, about nine of ten intervals hold what is true: no change."""
+    rng = random.Random(1)
+
+    def stretch(factor: float = 1.0) -> Seen:
+        return Seen(blocks=[[factor * rng.lognormvariate(-4.5, 0.15) for _ in range(20)] for _ in range(12)])
+
+    alike = [change_of(stretch(), stretch()) for _ in range(60)]
+    held = sum(one.low <= 1.0 <= one.high for one in alike)
+    assert 47 <= held <= 60
+    assert statistics.median(one.high - one.low for one in alike) < 0.25
+    worse = change_of(stretch(), stretch(1.5))
+    assert worse.times == pytest.approx(1.5, abs=0.2) and worse.low > 1.1 and worse.decides(1.1)
+    assert not change_of(stretch(), stretch(1.1)).decides(1.1)
+    assert change_of(stretch(), stretch(0.8)).decides(1.1)
+    assert str(Change(1.04, 0.97, 1.12)) == "+4 % [-3, +12]"
+
+
+def test_hold_ups_widen_the_interval() -> None:
+    """Twenty late keyframes of one hold-up are not twenty findings."""
+    together = [[0.01] * 20] * 19 + [[0.05] * 20]
+    apart = [[0.01] * 19 + [0.05]] * 20
+    usual = Seen(blocks=[[0.01] * 20] * 20)
+    one, many = change_of(usual, Seen(blocks=together)), change_of(usual, Seen(blocks=apart))
+    assert one.high > 4.0 and one.low == pytest.approx(1.0)
+    assert many.low == many.high == pytest.approx(1.0)
+
+
+def test_without_keyframes_nothing_is_known_and_no_limit_is_kept() -> None:
+    change = change_of(Seen(), Seen(blocks=[[0.1]]))
+    assert str(change) == "not known" and not change.times <= 1.1 and not change.decides(1.1)
+
+
+def test_stretches_of_time_add_up() -> None:
+    first = Seen(blocks=[[0.1]], health_s=[0.01], seconds=2.0, log_bytes=10.0)
+    made = Seen.together([first, Seen(blocks=[[0.2], [0.3]], memory_mb=[5.0], seconds=1.0, server_s=0.5)])
+    assert made.latencies_s == [0.1, 0.2, 0.3] and made.seconds == 3.0 and made.server_s == 0.5
+    assert (made.memory_mb, made.health_s, made.log_bytes) == ([5.0], [0.01], 10.0)
+    assert first.blocks == [[0.1]]
+
+
+def test_a_pose_that_a_later_one_overtook_was_waited_for_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(driver.time, "perf_counter", lambda: 10.0)
+    keyframe: Any = SimpleNamespace(pose=2, still=False)
+    for counts, found in ((True, [3.0, 1.0]), (False, [1.0])):
+        client = LoadClient(None, None, 0.0, counts_overtaken=counts)  # type: ignore[arg-type]
+        client._sent = {1: 7.0, 2: 9.0, 3: 9.5}
+        client._note(keyframe)
+        assert client.latencies_s == found and client._sent == {3: 9.5}
 
 
 def test_files_that_do_harm_are_small() -> None:

@@ -6,6 +6,7 @@ import asyncio
 import os
 import signal
 import sys
+import threading
 import time
 from collections.abc import Coroutine
 from typing import Any
@@ -37,12 +38,14 @@ from torchrender_service.renderers.jobs import (
     SentTask,
     Tradeoff,
     View,
+    WarmUp,
 )
 from torchrender_service.renderers.processes import start as processes
 from torchrender_service.renderers.processes.desk import Cancelled, Desk
 from torchrender_service.renderers.processes.process import RendererProcess
 from torchrender_service.renderers.processes.schedule import PATIENCE_S, FairQueue, Waiting
 from torchrender_service.renderers.processes.start import Kind, Spare
+from torchrender_service.renderers.worker import source_of
 
 WORKER = """
 import os, struct, sys, threading, time
@@ -194,27 +197,6 @@ def test_a_renderer_that_is_killed_while_idle_lives_again_at_once(monkeypatch: p
     stage.run(play())
 
 
-def test_a_renderer_has_the_scenes_that_it_has_done_jobs_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    stage = Stage(monkeypatch)
-    box, nest = (Describe(scene=SceneSource(id=name)) for name in ("box", "nest"))
-    renderer = stage.renderer
-
-    async def play() -> None:
-        first = await stage.ready()
-        assert renderer.has_scene(QUICK) and not renderer.has_scene(box)
-        await renderer.submit(box)
-        assert renderer.has_scene(box) and not renderer.has_scene(nest)
-        await renderer.submit(nest)
-        renderer.post(Forget(scene="box"))
-        assert renderer.has_scene(nest) and not renderer.has_scene(box)
-        os.kill(first, signal.SIGKILL)
-        while renderer.pid in (None, first):
-            await asyncio.sleep(0.01)
-        assert not renderer.has_scene(nest), "the next life has loaded nothing"
-
-    stage.run(play())
-
-
 def test_a_process_that_is_prepared_runs_before_its_first_job(monkeypatch: pytest.MonkeyPatch) -> None:
     stage = Stage(monkeypatch, eager=False)
 
@@ -335,6 +317,59 @@ def test_between_two_passes_a_desk_does_what_is_urgent_and_stops_what_nobody_wan
     desk.run()
     assert done == ["first", "keyframe", "second", "stopped"]
     assert "picture" not in clock.elapsed_ms and "third" not in clock.elapsed_ms
+
+
+def test_what_is_urgent_does_not_wait_for_what_goes_ahead_of_a_task() -> None:
+    done: list[str] = []
+    loading, loaded = threading.Event(), threading.Event()
+
+    def work(task: SentTask) -> None:
+        done.append("keyframe" if task.express else "picture")
+        if task.express:
+            loaded.set()
+        else:
+            desk.close()
+
+    def load() -> None:
+        loading.set()
+        assert loaded.wait(10.0)
+        done.append("loaded")
+
+    desk = Desk(work, lambda task: None if task.express else load)
+    desk.put(sent(1, QUICK))
+    worker_thread = threading.Thread(target=desk.run)
+    worker_thread.start()
+    assert loading.wait(10.0)
+    desk.put(sent(2, URGENT, express=True))
+    worker_thread.join(10.0)
+    assert done == ["keyframe", "loaded", "picture"]
+
+
+def test_a_task_that_nobody_wants_waits_for_nothing_ahead_of_it() -> None:
+    done, never = [], threading.Event()
+
+    def work(task: SentTask) -> None:
+        done.append((task.serial, desk.cancelled(task)))
+        desk.close()
+
+    desk = Desk(work, lambda _: never.wait)
+    desk.put(sent(1, QUICK))
+    worker_thread = threading.Thread(target=desk.run)
+    worker_thread.start()
+    time.sleep(0.05)
+    assert not done
+    desk.put(Cancel(serial=1))
+    worker_thread.join(10.0)
+    never.set()
+    assert done == [(1, True)]
+
+
+def test_the_scene_of_a_task_is_known_without_reading_all_of_it() -> None:
+    scene = SceneSource(id="box", path="/somewhere")
+    assert source_of(sent(1, Describe(scene=scene))) == scene
+    assert source_of(sent(2, Forget(scene="box"))) is None, "a name is no scene"
+    assert source_of(sent(3, WarmUp())) is None
+    assert source_of(SentTask(serial=4, job=msgspec.Raw(b"\xc1"))) is None
 
 
 def test_what_came_between_two_passes_is_not_counted_as_theirs() -> None:

@@ -137,6 +137,7 @@ class LoadClient:
     received: int = 0  # keyframes
     bytes: int = 0
     problems: int = 0
+    counts_overtaken: bool = False  # a pose that has a keyframe only by a later one was waited for until then
     _sent: dict[int, float] = field(default_factory=dict)
     _number: int = 0
 
@@ -168,12 +169,17 @@ class LoadClient:
         if message.layer == 0:
             self.received += 1
             self.render_ms.append(message.render_ms)
-            sent = self._sent.pop(message.pose, None)
-            if sent is not None and not message.still:
-                self.latencies_s.append(time.perf_counter() - sent)
-            self._sent = {k: v for k, v in self._sent.items() if k > message.pose}
+            self._note(message)
             await self.socket.send(encode(Ack(id=message.id)))
         return message
+
+    def _note(self, keyframe: Keyframe) -> None:
+        """How long its pose was waited for."""
+        now, pose = time.perf_counter(), keyframe.pose
+        answered = [sent for k, sent in self._sent.items() if k == pose or (self.counts_overtaken and k < pose)]
+        if not keyframe.still:
+            self.latencies_s += [now - sent for sent in answered]
+        self._sent = {k: v for k, v in self._sent.items() if k > pose}
 
     async def walk(
         self, seconds: float, *, reach: float = 0.03, period_s: float = 4.0, poses_per_s: float = POSES_PER_S
@@ -198,6 +204,7 @@ class LoadClient:
         Poses go out by the clock, however late the one before was: sessions that begin one after the other would else
         fall into step at the first hold-up, and wait for each other ever after."""
         size, side = reach * float(self.welcome.scene["diagonal"]), 1.0
+        self.counts_overtaken = True  # every pose needs a keyframe
         reader = asyncio.create_task(self._read())
         loop = asyncio.get_running_loop()
         try:

@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import gc
 import logging
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 
 from torchrender.errors import CameraError
 from torchrender.pipeline.doubts import looking_about
+from torchrender.scene.model import Scene
 from torchrender.wire.cameras import header_of
 from torchrender_service.errors import out_of_memory
 from torchrender_service.renderers import jobs
 from torchrender_service.renderers.engine import plan_image, tradeoff
 from torchrender_service.renderers.keeping.lasting import LastingParts
 from torchrender_service.renderers.pictures import make_container, render_picture, reproject_picture
-from torchrender_service.renderers.scene_cache import SceneCache, describe
+from torchrender_service.renderers.scene_cache import SceneCache, describe, scene_at
 from torchrender_service.renderers.streaming.stream_renderer import StreamRenderer
 from torchrender_service.renderers.upload import validate
 from torchrender_service.renderers.viewing.picking import find_pixel
@@ -44,11 +46,13 @@ class JobRunner:
     Args:
         limit_mb: memory that the process may take; 0: as much as usual.
         scenes: where they come from; None: files and built-in ones.
+        textures_mb: of a scene of a file, with all levels; 0: all.
     """
 
-    def __init__(self, limit_mb: int = 0, scenes: SceneCache | None = None) -> None:
+    def __init__(self, limit_mb: int = 0, scenes: SceneCache | None = None, textures_mb: int = 0) -> None:
         room = (limit_mb or USUAL_MB) * 2**20
-        self._scenes = scenes or SceneCache(int(SCENES_SHARE * room))
+        self._texture_bytes = textures_mb * 2**20 or None
+        self._scenes = scenes or SceneCache(int(SCENES_SHARE * room), self._texture_bytes)
         self._lasting = LastingParts(int(LASTING_SHARE * room))
         self._streams = StreamRenderer(self._lasting, int(SESSIONS_SHARE * room))
         self._photos: FogPhotos | None = None
@@ -62,6 +66,10 @@ class JobRunner:
     def evictions(self) -> int:
         """Scenes and histories that were dropped to make room."""
         return self._scenes.evictions + self._lasting.evictions + self._streams.evictions
+
+    def ahead(self, source: jobs.SceneSource | None) -> Callable[[], None] | None:
+        """What must be done before a job about a scene, and may be done beside others; None: nothing."""
+        return None if source is None else self._scenes.ahead(source)
 
     def run(self, job: jobs.Job) -> dict[str, Any]:
         """The result of a job as plain values. Where memory is not enough, it is tried once more without all that was
@@ -89,7 +97,7 @@ class JobRunner:
         if isinstance(job, jobs.WarmUp):
             return self._warm_up(job)
         if isinstance(job, jobs.Validate):
-            return validate(job)
+            return validate(job, self._texture_bytes)
         if isinstance(job, jobs.Reproject):
             return reproject_picture(job)
         if isinstance(job, jobs.Tradeoff):
@@ -108,16 +116,12 @@ class JobRunner:
         if isinstance(job, jobs.MakeKeyframe):
             with looking_about():
                 return self._streams.make(scene, job, self._scenes.revision(job.scene))
-        if isinstance(job, jobs.Render):
-            return render_picture(scene, job, self._lasting)
-        if isinstance(job, jobs.DepthImages):
-            return make_container(scene, job)
+        if isinstance(job, jobs.Render | jobs.DepthImages | jobs.Plan):
+            return self._run_at_a_time(scene_at(scene, job.time), job)
         if isinstance(job, jobs.StylePhoto):
             from torchrender_service.renderers.photos.style import style_photo  # see _run_on_photo
 
             return style_photo(scene, job)
-        if isinstance(job, jobs.Plan):
-            return plan_image(scene, camera_of_view(scene, job.view), job.bounds)
         if isinstance(job, jobs.Describe):
             return describe(scene)
         if isinstance(job, jobs.Survey):
@@ -128,6 +132,13 @@ class JobRunner:
         if camera.orthographic:
             raise CameraError("streams need a perspective camera")
         return {"camera": msgspec.to_builtins(header_of(camera))}
+
+    def _run_at_a_time(self, scene: Scene, job: jobs.Render | jobs.DepthImages | jobs.Plan) -> dict[str, Any]:
+        if isinstance(job, jobs.Render):
+            return render_picture(scene, job, self._lasting)
+        if isinstance(job, jobs.DepthImages):
+            return make_container(scene, job)
+        return plan_image(scene, camera_of_view(scene, job.view), job.bounds)
 
     def _run_on_photo(self, job: jobs.PhotoJob) -> dict[str, Any]:
         if self._photos is None:

@@ -32,6 +32,7 @@ from torchrender.scene.procedural import SCENES
 from torchrender_service.errors import ServiceError
 from torchrender_service.renderers.engine import render_image
 from torchrender_service.renderers.jobs import Bounds, Validate
+from torchrender_service.renderers.keeping.textures import within
 from torchrender_service.renderers.scene_cache import describe
 from torchrender_service.renderers.uploads.any_scene import load_any
 from torchrender_service.renderers.uploads.archive import FOLDER, main_file, named_files, picture_pixels, unpack
@@ -54,8 +55,11 @@ _DAMAGE = (TypeError, KeyError, IndexError, AttributeError, ArithmeticError, Rec
 LOG = logging.getLogger("torchrender_service.renderers.upload")
 
 
-def validate(job: Validate) -> dict[str, Any]:
+def validate(job: Validate, texture_bytes: int | None = None) -> dict[str, Any]:
     """Facts about an uploaded file.
+
+    Args:
+        texture_bytes: that textures of a scene may take in a renderer; None: all that they have.
 
     Raises:
         ServiceError, SceneFileError, InputError: it is not kept, and why.
@@ -73,6 +77,7 @@ def validate(job: Validate) -> dict[str, Any]:
         LOG.warning("a reader failed on an upload", exc_info=error)
         raise ServiceError(422, "scene-file", f"damaged ({type(error).__name__})") from error
     _check_scene(scene, job)
+    scene = scene if texture_bytes is None else within(scene, texture_bytes)
     facts = describe(scene) | more
     facts["report"]["not_used"] = [*facts["report"]["not_used"], *unused][:MAX_NOTES]
     if facts.pop("orthographic"):

@@ -21,7 +21,15 @@ import msgspec
 
 from torchrender.errors import SceneFileError, TorchRenderError
 from torchrender_service.errors import ServiceError, out_of_memory
-from torchrender_service.renderers.jobs import JOB_DECODER, REPLY_ENCODER, TASK_DECODER, Failure, Reply, SentTask
+from torchrender_service.renderers.jobs import (
+    JOB_DECODER,
+    REPLY_ENCODER,
+    TASK_DECODER,
+    Failure,
+    Reply,
+    SceneSource,
+    SentTask,
+)
 from torchrender_service.renderers.processes.desk import Cancelled, Desk
 from torchrender_service.scheduling import give_way
 
@@ -32,6 +40,23 @@ LENGTH = struct.Struct("<Q")
 _TEXT = 500
 NICENESS = 2
 """Renderers give way to the server, which has little to do but must do it at once."""
+
+
+class _Sourced(msgspec.Struct):
+    """Of a job, whatever else it has."""
+
+    scene: SceneSource | None = None
+
+
+_SOURCED = msgspec.msgpack.Decoder(_Sourced)
+
+
+def source_of(task: SentTask) -> SceneSource | None:
+    """The scene that a task needs; None: it needs none, or cannot be read, which is said when it is done."""
+    try:
+        return _SOURCED.decode(task.job).scene
+    except msgspec.DecodeError:
+        return None
 
 
 def main() -> int:
@@ -47,7 +72,7 @@ def main() -> int:
     from torchrender_service.renderers.job_runner import JobRunner
 
     limit_mb = int(os.environ.get("TORCHRENDER_RENDERER_LIMIT_MB", "0"))
-    runner = JobRunner(limit_mb)
+    runner = JobRunner(limit_mb, textures_mb=int(os.environ.get("TORCHRENDER_RENDERER_TEXTURES_MB", "0")))
     if niceness <= NICENESS:  # not before: streams wait until it has started
         give_way(niceness)
     _limit_memory(limit_mb)
@@ -55,7 +80,7 @@ def main() -> int:
     def work(task: SentTask) -> None:
         _send(out, REPLY_ENCODER.encode(_reply(runner, desk, task)))
 
-    desk = Desk(work)
+    desk = Desk(work, lambda task: runner.ahead(source_of(task)))
     _send(out, REPLY_ENCODER.encode(Reply(result={"ready": True})))
     threading.Thread(target=_read_tasks, args=(sys.stdin.buffer, desk), daemon=True).start()
     desk.run()

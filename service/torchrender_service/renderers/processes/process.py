@@ -17,13 +17,15 @@ from typing import Any
 from torchrender_service.errors import ServiceError
 from torchrender_service.metrics import Metrics
 from torchrender_service.renderers.asked import Asked, Rank, rank_of
-from torchrender_service.renderers.jobs import REPLY_DECODER, Cancel, Forget, Job, Reply, SceneSource, Task
+from torchrender_service.renderers.jobs import REPLY_DECODER, Cancel, Forget, Job, Reply, Task
 from torchrender_service.renderers.processes.schedule import RETRY_S, FairQueue, Waiting
 from torchrender_service.renderers.processes.start import (
     NO_JOB,
     Kind,
+    Process,
     Spare,
     end_process,
+    greeted,
     kill_process,
     read_message,
     start_process,
@@ -50,11 +52,20 @@ class Running:
 
 
 class RendererProcess:
-    """One renderer and the jobs that wait for it."""
+    """One renderer and the jobs that wait for it.
 
-    def __init__(self, kind: Kind, room: int, metrics: Metrics, spare: Spare | None = None) -> None:
+    Args:
+        room: jobs that may wait.
+        spare: what stands ready for its next life.
+        first: of its first life, begun already.
+    """
+
+    def __init__(
+        self, kind: Kind, room: int, metrics: Metrics, spare: Spare | None = None, first: Process | None = None
+    ) -> None:
         self.kind = kind
         self._spare = spare
+        self._first = first
         self._metrics = metrics
         self.queue = FairQueue(room)
         self._running: dict[int, Running] = {}
@@ -65,7 +76,6 @@ class RendererProcess:
         self._draining = False
         self._wanted = asyncio.Event()
         self._evicted = 0
-        self._scenes: set[str] = set()  # that this life of the process has loaded
         self._task: asyncio.Task[None] | None = None
 
     @property
@@ -81,11 +91,6 @@ class RendererProcess:
     def has(self, rank: Rank) -> bool:
         """Whether a job of a class waits or runs."""
         return self.queue.has(rank) or any(running.waiting.rank is rank for running in self._running.values())
-
-    def has_scene(self, job: Job) -> bool:
-        """Whether the process need not load anything for a job first."""
-        source = getattr(job, "scene", None)
-        return not isinstance(source, SceneSource) or source.id in self._scenes
 
     @property
     def ready(self) -> bool:
@@ -119,7 +124,6 @@ class RendererProcess:
 
     def post(self, job: Forget) -> None:
         """Do a job whose outcome nobody asks for."""
-        self._scenes.discard(job.scene or "")
         waiting = self._put(job, Asked(), Rank.STREAM)
         waiting.result.add_done_callback(lambda done: done.cancelled() or done.exception())
 
@@ -193,8 +197,6 @@ class RendererProcess:
         if reply.failure is not None:
             _fail(waiting, ServiceError(reply.failure.status, reply.failure.kind, reply.failure.detail))
             return
-        if isinstance(source := getattr(waiting.job, "scene", None), SceneSource):
-            self._scenes.add(source.id)
         if not waiting.result.done():
             waiting.result.set_result(reply.result or {})
 
@@ -245,7 +247,6 @@ class RendererProcess:
                 self._fail_all(ServiceError(500, "internal", "the renderer cannot be reached"), queued=False)
             await self._end()
             self._handshake, self._evicted = False, 0
-            self._scenes.clear()
             if not self.kind.eager and not len(self.queue):
                 self._wanted.clear()
             failures = 0 if time.monotonic() - begin > LONG_LIFE_S else failures + 1
@@ -283,8 +284,11 @@ class RendererProcess:
 
     async def _begin(self) -> None:
         """Start the process and wait until it says that it is there; or take the one that stands ready."""
+        first, self._first = self._first, None
         self._process = None if self._spare is None else self._spare.take()
-        if self._process is None:
+        if first is not None:
+            self._process = await greeted(first)
+        elif self._process is None:
             self._process = await start_process(self.kind)
         LOG.info("renderer started", extra={"renderer": self.name, "pid": self._process.pid})
 
