@@ -133,7 +133,7 @@ def test_depth_images_are_reprojected(server: RunningServer) -> None:
 def test_plans_and_curves(server: RunningServer) -> None:
     plan = server.ask("GET", "/v1/plan?scene=cornell_box&width=64&height=48&budget_ms=100").json()
     assert plan["budget_ms"] == 100.0 and "gbuffer" in plan["text"]
-    late = server.ask("GET", "/v1/plan?scene=cornell_box&time=2")
+    late = server.ask("GET", "/v1/plan?scene=cornell_box&width=64&height=48&time=2")
     assert late.status == 422 and "has none, got 2" in late.json()["detail"]
     curve = server.ask("GET", "/v1/tradeoff/soft_shadow").json()
     assert [row["setting"] for row in curve["settings"]][:2] == ["hard", "pcss"]

@@ -11,7 +11,9 @@ import pytest
 
 from torchrender_service.door import accepting
 from torchrender_service.door.accepting import Arrivals, listening
+from torchrender_service.door.connections import Connections
 from torchrender_service.door.gate import FORGET_S, LONGEST_S, MOST_SHUT, SHUT_S, Gate, program_of
+from torchrender_service.metrics import Metrics
 from torchrender_service.settings import Settings
 
 OTHER, HONEST = "127.0.0.9", "127.0.0.1"
@@ -81,6 +83,13 @@ def test_who_goes_on_waits_longer_and_is_forgotten_in_time(monkeypatch: pytest.M
     for k in range(2 * MOST_SHUT):
         gate.shut(f"192.0.2.{k}", now)
     assert len(gate._until) == MOST_SHUT, "a filter has room for so many"
+
+
+def test_who_is_shut_out_is_counted() -> None:
+    metrics = Metrics()
+    connections = Connections(Settings(), metrics)
+    connections._shut_out(OTHER, 1.0)
+    assert "torchrender_addresses_shut_out_total 1" in metrics.text({})
 
 
 def run(program: bytes, header: bytes) -> int:

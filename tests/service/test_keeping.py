@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import threading
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 import torch
@@ -18,12 +20,16 @@ from torchrender.pipeline.options import RenderOptions
 from torchrender.scene.camera import Cameras
 from torchrender.scene.material import Material
 from torchrender.wire.cameras import header_of
+from torchrender.wire.messages import CameraHeader
+from torchrender_service.errors import ServiceError
 from torchrender_service.renderers import job_runner
 from torchrender_service.renderers.job_runner import JobRunner
-from torchrender_service.renderers.jobs import Bounds, Describe, MakeKeyframe, Plan, Render, SceneSource, View
+from torchrender_service.renderers.jobs import Bounds, Describe, Locate, MakeKeyframe, Plan, Render, SceneSource, View
 from torchrender_service.renderers.keeping.lasting import SELDOM, LastingParts
 from torchrender_service.renderers.keeping.sizes import bytes_of
 from torchrender_service.renderers.keeping.textures import bytes_of_levels, halved, textures_of, within
+from torchrender_service.renderers.streaming.ahead import first_keyframe
+from torchrender_service.renderers.streaming.stream_renderer import STREAM
 
 BOX = SceneSource(id="cornell_box")
 
@@ -186,3 +192,31 @@ def test_a_time_needs_an_animation() -> None:
     for job in jobs:
         with pytest.raises(InputError, match=r"time is for scenes with an animation: 'cornell_box' has none, got 1\.5"):
             JobRunner().run(job)
+
+
+def test_a_first_keyframe_takes_what_was_made_ahead_of_it() -> None:
+    """In another thread, beside the keyframes of others."""
+    runner, view = JobRunner(), View(width=48, height=32)
+    ahead = runner.ahead(BOX, streams=True)
+    assert ahead is not None
+    thread = threading.Thread(target=ahead)
+    thread.start()
+    thread.join()
+    assert runner.ahead(BOX) is not None, "nothing is taken before a job comes"
+    camera = msgspec.convert(runner.run(Locate(scene=BOX, view=view))["camera"], CameraHeader)
+    made = runner._lasting.get(BOX.id, STREAM).kept
+    assert {"ray_caster", "hit_shader"} & set(made)
+    runner.run(first_keyframe("session", BOX, camera))
+    used = runner._lasting.get(BOX.id, STREAM).kept
+    assert all(used[name].value is made[name].value for name in made), "it was made anew"
+    assert runner.ahead(BOX, streams=True) is None and runner.ahead(None) is None
+
+
+def test_what_cannot_be_made_ahead_is_said_by_the_job() -> None:
+    missing = SceneSource(id="none", path="/nowhere/scene.glb")
+    runner = JobRunner()
+    ahead = runner.ahead(missing, streams=True)
+    assert ahead is not None
+    ahead()
+    with pytest.raises(ServiceError, match="there is no scene"):
+        runner.run(Locate(scene=missing, view=View(width=8, height=8)))

@@ -15,14 +15,14 @@ from typing import Any
 import pytest
 
 from torchrender.quality.machine import machine_record
-from torchrender_service.load_test import beside, driver
+from torchrender_service.load_test import beside, driver, watching
 from torchrender_service.load_test.attacks import ATTACKS
 from torchrender_service.load_test.driver import LoadClient, ServerUnderTest, percentile, processor_s
 from torchrender_service.load_test.files import large_texture_glb, long_key_toml, long_name_glb
 from torchrender_service.load_test.playing import player
 from torchrender_service.load_test.rows import Effort, Row
 from torchrender_service.load_test.run import page
-from torchrender_service.load_test.watching import Change, Seen, change_of
+from torchrender_service.load_test.watching import Change, Others, Seen, change_of, noting
 
 
 def test_the_page_says_what_an_attack_once_did() -> None:
@@ -82,6 +82,38 @@ def test_without_keyframes_nothing_is_known_and_no_limit_is_kept() -> None:
     assert str(change) == "not known" and not change.times <= 1.1 and not change.decides(1.1)
 
 
+def test_a_time_in_which_others_take_the_machine_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    taken = iter([0.0, 0.5, 0.14])
+    monkeypatch.setattr(watching, "Others", lambda _: SimpleNamespace(cores=lambda: next(taken)))
+    server, one, seen = ServerUnderTest(None, 1, "127.0.0.1", 9), LoadClient(None, None, 0.0), Seen()  # type: ignore[arg-type]
+
+    async def play() -> None:
+        for number in range(3):
+            async with noting(server, [one], seen):
+                one.latencies_s.append(float(number))
+
+    asyncio.run(play())
+    assert seen.blocks == [[0.0], [2.0]] and seen.disturbed == 1
+    assert beside._left_out([seen]) == ", 33 % left out" and beside._left_out([Seen(blocks=[[1.0]])]) == ""
+
+
+def test_others_are_those_that_are_no_part_of_the_test(monkeypatch: pytest.MonkeyPatch) -> None:
+    now, ran = [50.0], {"all": 900.0, 7: 3.0, 8: 5.0}
+    monkeypatch.setattr(watching.time, "perf_counter", lambda: now[0])
+    monkeypatch.setattr(watching.os, "getpid", lambda: 7)
+    monkeypatch.setattr(watching, "family", lambda _: [7, 8, 9])  # an attacker, and the server
+    monkeypatch.setattr(watching, "all_processor_s", lambda: ran["all"])
+    monkeypatch.setattr(watching, "processor_s", lambda pid: (ran[pid], 0.5))
+    monkeypatch.setattr(ServerUnderTest, "processor_s", lambda _: (ran["all"] / 9.0, 0.0))
+    others = Others(ServerUnderTest(None, 9, "127.0.0.1", 9))
+    now[0] += 2.0
+    ran |= {"all": 903.6, 7: 3.5, 8: 5.3}
+    assert others.cores() == pytest.approx((3.6 - 0.4 - 0.5 - 0.3) / 2.0)
+    now[0] += 1.0
+    ran[8] = 9.0  # ticks of the system are coarse
+    assert others.cores() == 0.0
+
+
 def test_stretches_of_time_add_up() -> None:
     first = Seen(blocks=[[0.1]], health_s=[0.01], seconds=2.0, log_bytes=10.0)
     made = Seen.together([first, Seen(blocks=[[0.2], [0.3]], memory_mb=[5.0], seconds=1.0, server_s=0.5)])
@@ -113,7 +145,7 @@ def test_an_attack_that_cannot_begin_is_no_attack_that_did_no_harm() -> None:
 
     async def play(name: str) -> None:
         async with player(server, name) as playing:
-            await playing.play(5.0)
+            await playing.play(60.0)  # it comes last with the system
 
     with pytest.raises(RuntimeError, match="cannot be prepared"):
         asyncio.run(play("no such attack"))

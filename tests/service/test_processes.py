@@ -45,7 +45,7 @@ from torchrender_service.renderers.processes.desk import Cancelled, Desk
 from torchrender_service.renderers.processes.process import RendererProcess
 from torchrender_service.renderers.processes.schedule import PATIENCE_S, FairQueue, Waiting
 from torchrender_service.renderers.processes.start import Kind, Spare
-from torchrender_service.renderers.worker import source_of
+from torchrender_service.renderers.worker import Needs, needs_of
 
 WORKER = """
 import os, struct, sys, threading, time
@@ -366,10 +366,10 @@ def test_a_task_that_nobody_wants_waits_for_nothing_ahead_of_it() -> None:
 
 def test_the_scene_of_a_task_is_known_without_reading_all_of_it() -> None:
     scene = SceneSource(id="box", path="/somewhere")
-    assert source_of(sent(1, Describe(scene=scene))) == scene
-    assert source_of(sent(2, Forget(scene="box"))) is None, "a name is no scene"
-    assert source_of(sent(3, WarmUp())) is None
-    assert source_of(SentTask(serial=4, job=msgspec.Raw(b"\xc1"))) is None
+    assert needs_of(sent(1, Describe(scene=scene))) == Needs("Describe", scene)
+    assert needs_of(sent(2, Forget(scene="box"))) == Needs(), "a name is no scene"
+    assert needs_of(sent(3, WarmUp())) == Needs("WarmUp")
+    assert needs_of(SentTask(serial=4, job=msgspec.Raw(b"\xc1"))) == Needs()
 
 
 def test_what_came_between_two_passes_is_not_counted_as_theirs() -> None:

@@ -129,7 +129,7 @@ async def _row(server: ServerUnderTest, sessions: list[LoadClient], attack: Atta
     grown, most = max(during.memory_mb) - min(seen.quiet[0].memory_mb), Settings().memory_mb
     text = (
         f"p95 {_compared(before, during)}, {change} "
-        f"({len(before.latencies_s)} and {len(during.latencies_s)} keyframes), "
+        f"({len(before.latencies_s)} and {len(during.latencies_s)} keyframes{_left_out([before, during])}), "
         f"/health p99 {during.health_ms:.0f} ms, cores: {_cores(before, during, seen.attacker_s)}, "
         f"memory {grown:+.0f} MB of {most}, log {during.log_per_minute / 1024:.0f} KB/min, over after {over:.1f} s"
         + "".join(f"; {one}" for one in seen.found)
@@ -180,6 +180,13 @@ def _cores(before: Seen, during: Seen, attacker_s: float) -> str:
     pairs = [(one.server_s / one.seconds, one.renderers_s / one.seconds) for one in (before, during)]
     parts = [f"{name} {first:.2f} → {second:.2f}" for name, first, second in zip(named, *pairs, strict=True)]
     return ", ".join([*parts, f"attacker {attacker_s / during.seconds:.2f}"])
+
+
+def _left_out(stretches: list[Seen]) -> str:
+    """How much was disturbed."""
+    all_together = Seen.together(stretches)
+    count = all_together.disturbed + len(all_together.blocks)
+    return f", {100 * all_together.disturbed / max(1, count):.0f} % left out" if all_together.disturbed else ""
 
 
 def _known(ms: float) -> float | None:

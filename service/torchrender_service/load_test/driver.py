@@ -63,7 +63,7 @@ class ServerUnderTest:
 
     def children(self) -> list[int]:
         """Processes of its renderers."""
-        return _family(self.pid)[1:]
+        return family(self.pid)[1:]
 
     @property
     def url(self) -> str:
@@ -91,7 +91,7 @@ class ServerUnderTest:
 
     def memory_mb(self) -> float:
         """Resident memory of the server and its renderers; 0 where the system does not tell."""
-        return sum(resident_mb(pid) for pid in _family(self.pid))
+        return sum(resident_mb(pid) for pid in family(self.pid))
 
     def processor_s(self) -> tuple[float, float]:
         """Processor time of the server alone, and of all its children, ended ones included."""
@@ -266,7 +266,7 @@ def percentile(values: list[float], share: float) -> float:
     return ordered[min(len(ordered) - 1, max(0, math.ceil(share * len(ordered)) - 1))]
 
 
-def _family(pid: int) -> list[int]:
+def family(pid: int) -> list[int]:
     """A process and its children."""
     try:
         text = Path(f"/proc/{pid}/task/{pid}/children").read_text()
@@ -283,6 +283,16 @@ def processor_s(pid: int) -> tuple[float, float]:
         return 0.0, 0.0
     user, system, children_user, children_system = (int(word) / os.sysconf("SC_CLK_TCK") for word in words[11:15])
     return user + system, children_user + children_system
+
+
+def all_processor_s() -> float:
+    """Processor time of all processes of this machine, interrupts left out; 0 where the system does not tell."""
+    try:
+        words = Path("/proc/stat").read_text().split()
+    except OSError:
+        return 0.0
+    user, nice, system = (int(word) / os.sysconf("SC_CLK_TCK") for word in words[1:4])
+    return user + nice + system
 
 
 def resident_mb(pid: int) -> float:

@@ -179,18 +179,18 @@ async def stalled_rows(server: ServerUnderTest, effort: Effort) -> list[Row]:
     dropped, waiting = 0.0, 0
     async with contextlib.AsyncExitStack() as stack:
         others = [await stack.enter_async_context(client(server, "cornell_box", **wishes)) for _ in range(BESIDE)]
-        await _look_around(others, Seen(), asyncio.sleep(1.0))
-        await _look_around(others, alone, asyncio.sleep(4 * effort.seconds))
+        await _look_around(server, others, Seen(), asyncio.sleep(1.0))
+        await _look_around(server, others, alone, asyncio.sleep(4 * effort.seconds))
         for _ in range(1 if effort.quick else STALLS):
             async with client(server, "cornell_box", width=1280, height=720, layers=2) as stalled:
                 await stalled.send_pose()
                 await stalled.send_pose(0.1)
                 begin = time.perf_counter()
                 await _until_idle(server)  # the two keyframes that it may have are work like any other's
-                await _look_around(others, beside, _until_gone(server, BESIDE))
+                await _look_around(server, others, beside, _until_gone(server, BESIDE))
                 dropped = max(dropped, time.perf_counter() - begin)
                 waiting = max(waiting, await _count(stalled))
-            await _look_around(others, alone, asyncio.sleep(4 * effort.seconds))
+            await _look_around(server, others, alone, asyncio.sleep(4 * effort.seconds))
     change = change_of(alone, beside)
     return [
         Row(
@@ -206,14 +206,14 @@ async def stalled_rows(server: ServerUnderTest, effort: Effort) -> list[Row]:
     ]
 
 
-async def _look_around(clients: list[LoadClient], seen: Seen, work: Awaitable[None]) -> None:
+async def _look_around(server: ServerUnderTest, clients: list[LoadClient], seen: Seen, work: Awaitable[None]) -> None:
     """Until something else is done."""
     looks = [
         asyncio.create_task(one.look_around(period_s=EVERY_S, begin_s=k * EVERY_S / len(clients)))
         for k, one in enumerate(clients)
     ]
     try:
-        async with noting(clients, seen):
+        async with noting(server, clients, seen):
             await work
     finally:
         for look in looks:

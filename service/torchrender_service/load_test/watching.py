@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import math
+import os
 import time
 from collections.abc import AsyncIterator, Awaitable, Sequence
 from dataclasses import dataclass, field, fields
@@ -12,12 +13,21 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from torchrender_service.load_test.driver import LoadClient, ServerUnderTest, percentile
+from torchrender_service.load_test.driver import (
+    LoadClient,
+    ServerUnderTest,
+    all_processor_s,
+    family,
+    percentile,
+    processor_s,
+)
 from torchrender_service.load_test.raw import ask
 
 HEALTH_S = 0.05
 BLOCK_S = 0.5
 """Latencies within such a time hang together: a hold-up makes several late."""
+DISTURBED = 0.15
+"""Cores that other programs take, from which on a time says little about the server."""
 DRAWS = 2000
 SURE = 0.9
 
@@ -27,6 +37,7 @@ class Seen:
     """What honest clients notice, and what the server takes, in one stretch of time."""
 
     blocks: list[list[float]] = field(default_factory=list)  # latencies, seconds, of each BLOCK_S
+    disturbed: int = 0  # blocks that were left out
     health_s: list[float] = field(default_factory=list)
     memory_mb: list[float] = field(default_factory=list)
     log_bytes: float = 0.0
@@ -108,14 +119,43 @@ def _drawn_p95(seen: Seen, rng: np.random.Generator) -> np.ndarray[Any, Any]:
     return found
 
 
+class Others:
+    """How much of this machine programs take that have nothing to do with the test.
+
+    Args:
+        server: its processes, those of this one and their children are the test's own.
+    """
+
+    def __init__(self, server: ServerUnderTest) -> None:
+        self._server = server
+        self._last = self._now()
+
+    def cores(self) -> float:
+        """Since the last look; 0 where the system does not tell."""
+        before, self._last = self._last, self._now()
+        passed, busy, own = (now - then for now, then in zip(self._last, before, strict=True))
+        return max(0.0, busy - own) / max(passed, 1e-3)
+
+    def _now(self) -> tuple[float, float, float]:
+        """A clock, seconds that all processes ran, and those of the test."""
+        apart = [pid for pid in family(os.getpid())[1:] if pid != self._server.pid]
+        own = sum(processor_s(os.getpid())) + sum(self._server.processor_s())
+        return time.perf_counter(), all_processor_s(), own + sum(sum(processor_s(pid)) for pid in apart)
+
+
 @contextlib.asynccontextmanager
-async def noting(sessions: Sequence[LoadClient], seen: Seen) -> AsyncIterator[None]:
-    """Latencies of these clients become blocks of what is seen, for as long as this lasts."""
+async def noting(server: ServerUnderTest, sessions: Sequence[LoadClient], seen: Seen) -> AsyncIterator[None]:
+    """Latencies of these clients become blocks of what is seen, for as long as this lasts; those from a time in which
+    others took some of this machine are left out."""
+    others = Others(server)
     for one in sessions:
         one.latencies_s.clear()
 
     def note() -> None:
-        seen.blocks.append([value for one in sessions for value in one.latencies_s])
+        disturbed = others.cores() > DISTURBED
+        seen.disturbed += disturbed
+        if not disturbed:
+            seen.blocks.append([value for one in sessions for value in one.latencies_s])
         for one in sessions:
             one.latencies_s.clear()
 
@@ -145,7 +185,7 @@ async def watch(server: ServerUnderTest, sessions: list[LoadClient], work: Await
             seen.memory_mb.append(server.memory_mb())
             await asyncio.sleep(HEALTH_S)
 
-    async with noting(sessions, seen):
+    async with noting(server, sessions, seen):
         asking = asyncio.create_task(ask_health())
         await work
         asking.cancel()

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import gc
 import logging
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 
 from torchrender.errors import CameraError
 from torchrender.pipeline.doubts import looking_about
+from torchrender.pipeline.history import RenderHistory
 from torchrender.scene.model import Scene
 from torchrender.wire.cameras import header_of
 from torchrender_service.errors import out_of_memory
@@ -19,7 +22,8 @@ from torchrender_service.renderers.engine import plan_image, tradeoff
 from torchrender_service.renderers.keeping.lasting import LastingParts
 from torchrender_service.renderers.pictures import make_container, render_picture, reproject_picture
 from torchrender_service.renderers.scene_cache import SceneCache, describe, scene_at
-from torchrender_service.renderers.streaming.stream_renderer import StreamRenderer
+from torchrender_service.renderers.streaming.ahead import FIRST_SIZE, first_keyframe, shared_parts
+from torchrender_service.renderers.streaming.stream_renderer import STREAM, StreamRenderer
 from torchrender_service.renderers.upload import validate
 from torchrender_service.renderers.viewing.picking import find_pixel
 from torchrender_service.renderers.viewing.survey import survey
@@ -30,7 +34,6 @@ if TYPE_CHECKING:
 
 LOG = logging.getLogger("torchrender_service.renderers.job_runner")
 FIRST_SCENE = "cornell_box"
-FIRST_SIZE = (64, 36)
 
 
 SCENES_SHARE, LASTING_SHARE, SESSIONS_SHARE = 0.3, 0.15, 0.15
@@ -56,6 +59,7 @@ class JobRunner:
         self._lasting = LastingParts(int(LASTING_SHARE * room))
         self._streams = StreamRenderer(self._lasting, int(SESSIONS_SHARE * room))
         self._photos: FogPhotos | None = None
+        self._made_ahead: dict[str, RenderHistory] = {}
 
     @property
     def kept_bytes(self) -> int:
@@ -67,9 +71,31 @@ class JobRunner:
         """Scenes and histories that were dropped to make room."""
         return self._scenes.evictions + self._lasting.evictions + self._streams.evictions
 
-    def ahead(self, source: jobs.SceneSource | None) -> Callable[[], None] | None:
-        """What must be done before a job about a scene, and may be done beside others; None: nothing."""
-        return None if source is None else self._scenes.ahead(source)
+    def ahead(self, source: jobs.SceneSource | None, *, streams: bool = False) -> Callable[[], None] | None:
+        """What must be done before a job about a scene, and may be done beside others in another thread; None: nothing.
+
+        Args:
+            streams: keyframes of it come next: also what these share is made.
+        """
+        if source is None or (self._scenes.has(source) and not (streams and source.id not in self._lasting)):
+            return None
+        scene = self._scenes.ahead(source)
+
+        def work() -> None:
+            with contextlib.suppress(Exception):  # said to whoever needs it
+                loaded = scene()
+                parts = shared_parts(loaded, source) if streams else None
+                if parts is not None:
+                    self._made_ahead[source.id] = parts
+
+        return work
+
+    def _take_made_ahead(self) -> None:
+        """What another thread made becomes what pictures here begin with."""
+        for name in list(self._made_ahead):
+            parts = self._made_ahead.pop(name)
+            if name not in self._lasting:
+                self._lasting.put(name, STREAM, replace(parts, pace=None))
 
     def run(self, job: jobs.Job) -> dict[str, Any]:
         """The result of a job as plain values. Where memory is not enough, it is tried once more without all that was
@@ -87,6 +113,7 @@ class JobRunner:
         self._streams.clear()
         self._lasting.clear()
         self._scenes.clear()
+        self._made_ahead.clear()
         self._photos = None
         gc.collect()
         return self._run(job)
@@ -112,6 +139,7 @@ class JobRunner:
         return self._run_in_scene(job)
 
     def _run_in_scene(self, job: jobs.SceneJob) -> dict[str, Any]:
+        self._take_made_ahead()
         scene = self._scenes.get(job.scene)
         if isinstance(job, jobs.MakeKeyframe):
             with looking_about():
@@ -151,6 +179,7 @@ class JobRunner:
     def _forget(self, job: jobs.Forget) -> dict[str, Any]:
         self._streams.forget(session=job.session, scene=job.scene)
         if job.scene is not None:
+            self._made_ahead.pop(job.scene, None)
             self._lasting.forget(job.scene)
             self._scenes.forget(job.scene)
         return {}
@@ -162,11 +191,7 @@ class JobRunner:
         camera = header_of(camera_of_view(scene, view))
         source, session = jobs.SceneSource(id=FIRST_SCENE), "warm-up"
         for still in (kind == "still" for kind in job.views):
-            keyframe = jobs.MakeKeyframe(
-                session=session, scene=source, id=int(still), pose=0, time_ms=0.0, camera=camera, still=still,
-                extra_layers=1, direction=(0.0, 0.0, 0.0), baseline=0.0, color="webp" if still else "jpeg",
-                quality=jobs.LOSSLESS if still else jobs.QUALITY_MOVING, bounds=jobs.Bounds(), mirrors=True,
-            )  # fmt: skip
+            keyframe = first_keyframe(session, source, camera, still=still)
             self._streams.make(scene, keyframe)
             self._streams.make_layers(jobs.MakeLayers(session=session, id=keyframe.id))
         return self._forget(jobs.Forget(session=session))

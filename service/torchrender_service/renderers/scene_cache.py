@@ -81,11 +81,16 @@ class SceneCache:
         """Of all scenes."""
         return sum(self._sizes.values())
 
-    def ahead(self, source: SceneSource) -> Callable[[], None] | None:
-        """What loads a scene, for another thread; None: it is there."""
+    def has(self, source: SceneSource) -> bool:
+        """Whether a scene is loaded."""
+        return source.id in self._scenes
+
+    def ahead(self, source: SceneSource) -> Callable[[], Scene]:
+        """What gives a scene in another thread, which loads it first where it is not. Errors as :meth:`get`."""
         if source.id in self._scenes:
-            return None
-        return self._loading.setdefault(source.id, Loading(source, self._texture_bytes)).run
+            scene = self._scenes[source.id]
+            return lambda: scene
+        return self._loading.setdefault(source.id, Loading(source, self._texture_bytes)).take
 
     def get(self, source: SceneSource) -> Scene:
         """The scene, loaded where it is not.

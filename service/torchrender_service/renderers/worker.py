@@ -13,7 +13,7 @@ import struct
 import sys
 import threading
 import traceback
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, BinaryIO
 
@@ -26,6 +26,7 @@ from torchrender_service.renderers.jobs import (
     REPLY_ENCODER,
     TASK_DECODER,
     Failure,
+    Locate,
     Reply,
     SceneSource,
     SentTask,
@@ -42,21 +43,22 @@ NICENESS = 2
 """Renderers give way to the server, which has little to do but must do it at once."""
 
 
-class _Sourced(msgspec.Struct):
-    """Of a job, whatever else it has."""
+class Needs(msgspec.Struct):
+    """What can be told of a job without reading all of it."""
 
+    type: str = ""  # its class
     scene: SceneSource | None = None
 
 
-_SOURCED = msgspec.msgpack.Decoder(_Sourced)
+_NEEDS = msgspec.msgpack.Decoder(Needs)
 
 
-def source_of(task: SentTask) -> SceneSource | None:
-    """The scene that a task needs; None: it needs none, or cannot be read, which is said when it is done."""
+def needs_of(task: SentTask) -> Needs:
+    """What a task needs; nothing where it cannot be read, which is said when it is done."""
     try:
-        return _SOURCED.decode(task.job).scene
+        return _NEEDS.decode(task.job)
     except msgspec.DecodeError:
-        return None
+        return Needs()
 
 
 def main() -> int:
@@ -80,7 +82,11 @@ def main() -> int:
     def work(task: SentTask) -> None:
         _send(out, REPLY_ENCODER.encode(_reply(runner, desk, task)))
 
-    desk = Desk(work, lambda task: runner.ahead(source_of(task)))
+    def ahead(task: SentTask) -> Callable[[], None] | None:
+        needs = needs_of(task)
+        return runner.ahead(needs.scene, streams=needs.type == Locate.__name__)
+
+    desk = Desk(work, ahead)
     _send(out, REPLY_ENCODER.encode(Reply(result={"ready": True})))
     threading.Thread(target=_read_tasks, args=(sys.stdin.buffer, desk), daemon=True).start()
     desk.run()

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import replace
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -74,7 +75,9 @@ def halved(texture: Tensor) -> Tensor:
 
 
 def _with(material: Material, kept: dict[int, Tensor]) -> Material:
-    changed = {name: kept[id(one)] for name, one in textures_of(material).items() if kept[id(one)] is not one}
+    changed: dict[str, Any] = {
+        name: kept[id(one)] for name, one in textures_of(material).items() if kept[id(one)] is not one
+    }
     return replace(material, **changed) if changed else material
 
 

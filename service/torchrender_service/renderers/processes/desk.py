@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import sys
 import threading
 from collections import deque
 from collections.abc import Callable
 
 from torchrender.clock import interruptible
 from torchrender_service.renderers.jobs import Cancel, SentTask
+
+SWITCH_S = 0.0005
+"""Of two threads that both want the interpreter each has it so long: a keyframe takes it back some hundred times."""
 
 
 class Cancelled(BaseException):
@@ -103,9 +107,12 @@ class Desk:
         done = threading.Event()
 
         def run() -> None:
+            usual = sys.getswitchinterval()
+            sys.setswitchinterval(SWITCH_S)
             try:
                 prepare()
             finally:
+                sys.setswitchinterval(usual)
                 with self._arrived:
                     done.set()
                     self._arrived.notify()
