@@ -69,7 +69,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     job_s: Seconds = 120.0  # a renderer that takes longer is stopped
     batch_s: Seconds = 600.0  # the same for large pictures, which give way to all others
     batch_renderer: bool = True  # a process of its own for large pictures and photos; else they wait with the others
-    batch_niceness: Annotated[int, Meta(ge=2, le=19)] = 19  # 19: a fiftieth of the time while others need all
+    batch_niceness: Annotated[int, Meta(ge=2, le=19)] = 19  # 19: only what others leave over
     inspect_s: Seconds = 60.0  # the same for an upload that is looked at
 
     max_connections: Count = 1024

@@ -148,6 +148,7 @@ WHERE = [  # standing, made in the renderer of large pictures, why
     (replace_in(FREE, small=True, ahead=0), False, "it is in nobody's way there"),
     (replace_in(FREE, small=True, ahead_there=1), False, "as much waits there"),
     (replace_in(FREE, streams=True, ahead_there=5), True, "streams have the renderer"),
+    (replace_in(FREE, streams=True, loaded_there=False), True, "streams have it, and the scene is loaded"),
     (replace_in(FREE, streams=True, free=False), False, "its pace is known there"),
     (replace_in(FREE, streams=True, slow=True), False, "the renderer of large pictures was too slow"),
     (replace_in(FREE, streams=True, large=True), False, "the renderer of large pictures has one"),
@@ -217,6 +218,29 @@ def test_a_renderer_is_alone_while_its_other_sessions_rest(monkeypatch: pytest.M
     assert not pool.alone(first) and pool.alone(other)
     monkeypatch.setattr(pool_module, "AT_REST_S", 0.0)
     assert pool.alone(first) and pool.alone(second)
+
+
+def test_the_renderer_of_large_pictures_starts_some_time_after_the_first_stream(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(pool_module, "ASIDE_S", 0.05)
+    prepared: list[int] = []
+    monkeypatch.setattr(Pool, "_prepare_aside", lambda _: prepared.append(1))
+
+    async def play(**settings: Any) -> list[int]:
+        prepared.clear()
+        pool, found = make_pool(renderers=1, **settings), []
+        handle = pool.assign()
+        tasks = [asyncio.create_task(pool.run(Forget(), renderer=handle)) for _ in range(3)]
+        for wait_s in (0.0, 0.2):
+            await asyncio.sleep(wait_s)
+            found.append(len(prepared))
+        await pool.stop()
+        await asyncio.gather(*tasks, return_exceptions=True)
+        return found
+
+    assert asyncio.run(play()) == [0, 1]
+    assert asyncio.run(play(batch_renderer=False)) == [0, 0], "there is none"
 
 
 def test_a_session_at_rest_keeps_no_renderer_from_small_pictures(monkeypatch: pytest.MonkeyPatch) -> None:

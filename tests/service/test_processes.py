@@ -197,6 +197,27 @@ def test_a_renderer_that_is_killed_while_idle_lives_again_at_once(monkeypatch: p
     stage.run(play())
 
 
+def test_a_renderer_has_the_scenes_that_it_has_done_jobs_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    stage = Stage(monkeypatch)
+    box, nest = (Describe(scene=SceneSource(id=name)) for name in ("box", "nest"))
+    renderer = stage.renderer
+
+    async def play() -> None:
+        first = await stage.ready()
+        assert renderer.has_scene(QUICK) and not renderer.has_scene(box)
+        await renderer.submit(box)
+        assert renderer.has_scene(box) and not renderer.has_scene(nest)
+        await renderer.submit(nest)
+        renderer.post(Forget(scene="box"))
+        assert renderer.has_scene(nest) and not renderer.has_scene(box)
+        os.kill(first, signal.SIGKILL)
+        while renderer.pid in (None, first):
+            await asyncio.sleep(0.01)
+        assert not renderer.has_scene(nest), "the next life has loaded nothing"
+
+    stage.run(play())
+
+
 def test_a_process_that_is_prepared_runs_before_its_first_job(monkeypatch: pytest.MonkeyPatch) -> None:
     stage = Stage(monkeypatch, eager=False)
 

@@ -15,6 +15,7 @@ from torchrender_service.load_test.playing import Player, player
 from torchrender_service.load_test.raw import ask, attacker
 from torchrender_service.load_test.rows import Effort, Row
 from torchrender_service.load_test.watching import Change, Seen, change_of, watch
+from torchrender_service.renderers.pool import ASIDE_S
 from torchrender_service.settings import Settings
 
 SESSIONS = 10
@@ -25,6 +26,8 @@ of what one renderer can do on two cores, and their delay is that of pictures, n
 more of them, the less does p95 depend on two or three."""
 SETTLE_S = 1.5
 """What the attack before left to do, and the start of the next one's process, are no part of what was before it."""
+STARTING_S = 5.0
+"""Of the renderer of large pictures, which starts some time after the first stream."""
 AFTER_S = 0.5
 """Nor is what an attack left to do a part of what comes after it."""
 OVER_S = 30.0
@@ -41,10 +44,12 @@ async def attack_rows(effort: Effort) -> list[Row]:
         await _until_ready(server)
         await asyncio.to_thread(ask, server, "POST", "/v1/scenes", FIRST, "application/toml", "127.0.0.1")
         async with _honest(server) as sessions:
-            await asyncio.sleep(2.0)
+            await asyncio.sleep(ASIDE_S + STARTING_S)
+            times, begin = QUICK if effort.quick else THOROUGH, time.perf_counter()
             for number, attack in enumerate(ATTACKS):
                 attacked = replace(server, attacker=attacker(number))
-                rows.append(await _row(attacked, sessions, attack, QUICK if effort.quick else THOROUGH))
+                share = (number + 1) / len(ATTACKS)
+                rows.append(await _row(attacked, sessions, attack, times, begin + share * times.all_s))
     return rows
 
 
@@ -76,9 +81,10 @@ class Times:
     quiet_s: float  # before it and after it
     loud_s: float  # while it goes on
     rounds: tuple[int, int]  # at least and at most: as many as it takes until the limit is kept, or missed, for sure
+    all_s: float = math.inf  # for all attacks: those that are decided at once leave more to others
 
 
-QUICK = Times(quiet_s=2.5, loud_s=3.5, rounds=(1, 3))
+QUICK = Times(quiet_s=2.5, loud_s=3.5, rounds=(1, 3), all_s=125.0)
 THOROUGH = Times(quiet_s=8.0, loud_s=15.0, rounds=(2, 4))
 
 
@@ -97,8 +103,14 @@ class Watched:
         return change_of(Seen.together(self.quiet), Seen.together(self.loud))
 
 
-async def _watched(server: ServerUnderTest, sessions: list[LoadClient], attack: Attack, times: Times) -> Watched:
-    """In turns without it and with it, so that whatever else changes on this machine meets both."""
+async def _watched(
+    server: ServerUnderTest, sessions: list[LoadClient], attack: Attack, times: Times, until: float
+) -> Watched:
+    """In turns without it and with it, so that whatever else changes on this machine meets both.
+
+    Args:
+        until: time after which no further turn begins.
+    """
     seen = Watched()
     for number in range(times.rounds[1]):
         async with player(server, attack.name) as playing:
@@ -116,13 +128,16 @@ async def _watched(server: ServerUnderTest, sessions: list[LoadClient], attack: 
             seen.attacker_s += playing.processor_s
         await asyncio.sleep(AFTER_S)
         seen.quiet.append(await watch(server, sessions, asyncio.sleep(times.quiet_s)))
-        if number + 1 >= times.rounds[0] and seen.change.decides(attack.slower):
+        enough = seen.change.decides(attack.slower) or time.perf_counter() > until
+        if enough and number + 1 >= times.rounds[0]:
             break
     return seen
 
 
-async def _row(server: ServerUnderTest, sessions: list[LoadClient], attack: Attack, times: Times) -> Row:
-    seen = await _watched(server, sessions, attack, times)
+async def _row(
+    server: ServerUnderTest, sessions: list[LoadClient], attack: Attack, times: Times, until: float = math.inf
+) -> Row:
+    seen = await _watched(server, sessions, attack, times, until)
     over = await _over_after(server)
     before, during, change = Seen.together(seen.quiet), Seen.together(seen.loud), seen.change
     # What a renderer may take is a share of the memory of host or container: an attack gets no more than one such.

@@ -180,7 +180,7 @@ async def stalled_rows(server: ServerUnderTest, effort: Effort) -> list[Row]:
     async with contextlib.AsyncExitStack() as stack:
         others = [await stack.enter_async_context(client(server, "cornell_box", **wishes)) for _ in range(BESIDE)]
         await _look_around(server, others, Seen(), asyncio.sleep(1.0))
-        await _look_around(server, others, alone, asyncio.sleep(4 * effort.seconds))
+        await _look_around(server, others, alone, asyncio.sleep(3 * effort.seconds))
         for _ in range(1 if effort.quick else STALLS):
             async with client(server, "cornell_box", width=1280, height=720, layers=2) as stalled:
                 await stalled.send_pose()
@@ -190,7 +190,7 @@ async def stalled_rows(server: ServerUnderTest, effort: Effort) -> list[Row]:
                 await _look_around(server, others, beside, _until_gone(server, BESIDE))
                 dropped = max(dropped, time.perf_counter() - begin)
                 waiting = max(waiting, await _count(stalled))
-            await _look_around(server, others, alone, asyncio.sleep(4 * effort.seconds))
+            await _look_around(server, others, alone, asyncio.sleep(3 * effort.seconds))
     change = change_of(alone, beside)
     return [
         Row(

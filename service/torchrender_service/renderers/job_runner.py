@@ -71,22 +71,22 @@ class JobRunner:
         """Scenes and histories that were dropped to make room."""
         return self._scenes.evictions + self._lasting.evictions + self._streams.evictions
 
-    def ahead(self, source: jobs.SceneSource | None, *, streams: bool = False) -> Callable[[], None] | None:
+    def ahead(self, source: jobs.SceneSource | None, *, parts: bool = False) -> Callable[[], None] | None:
         """What must be done before a job about a scene, and may be done beside others in another thread; None: nothing.
 
         Args:
-            streams: keyframes of it come next: also what these share is made.
+            parts: pictures of it come next: also what these share is made.
         """
-        if source is None or (self._scenes.has(source) and not (streams and source.id not in self._lasting)):
+        if source is None or (self._scenes.has(source) and not (parts and source.id not in self._lasting)):
             return None
         scene = self._scenes.ahead(source)
 
         def work() -> None:
             with contextlib.suppress(Exception):  # said to whoever needs it
                 loaded = scene()
-                parts = shared_parts(loaded, source) if streams else None
-                if parts is not None:
-                    self._made_ahead[source.id] = parts
+                made = shared_parts(loaded, source) if parts else None
+                if made is not None:
+                    self._made_ahead[source.id] = made
 
         return work
 

@@ -10,8 +10,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
-HELP_S, PATIENCE_S = 1.0, 2.0
-"""So long a picture waits for the renderer of large ones, the second beside streams: then it goes to the others."""
+HELP_S, PATIENCE_S, LOADING_S = 1.0, 2.0, 8.0
+"""So long a picture waits for the renderer of large ones: then it goes to the others. The second beside streams, the
+third where the scene must be loaded first: that would be done twice."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,6 +28,7 @@ class Standing:
     large: bool = False  # it has a large picture
     slow: bool = False  # it got nothing done just now
     ahead_there: int = 0  # jobs there
+    loaded_there: bool = True  # it has the scene
 
 
 class Place(NamedTuple):
@@ -46,7 +48,8 @@ PLACES = (
     Place("the renderer of large pictures starts", lambda s: not s.ready, wanted=True),
     Place("the renderer of large pictures has one", lambda s: s.large),
     Place("the renderer of large pictures was too slow", lambda s: s.slow),
-    Place("streams have the renderer", lambda s: s.streams, aside=True, patience_s=PATIENCE_S),
+    Place("streams have the renderer", lambda s: s.streams and s.loaded_there, aside=True, patience_s=PATIENCE_S),
+    Place("streams have it, and the scene is loaded", lambda s: s.streams, aside=True, patience_s=LOADING_S),
     Place("less waits there", lambda s: s.ahead_there < s.ahead, aside=True, patience_s=HELP_S),
     Place("as much waits there", lambda _: True),
 )

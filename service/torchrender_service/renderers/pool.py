@@ -30,6 +30,8 @@ INSPECTOR_NICENESS = 15
 """Whoever uploads waits for no picture; a file that takes long to look at must not take from others."""
 INSPECTOR_S = 15.0
 """After the first pictures of the renderers it starts, if nobody has uploaded by then, and no picture is made."""
+ASIDE_S = 5.0
+"""After the first job of a stream the renderer of large pictures starts."""
 AGAIN_S = 1.0
 """Between two looks whether a picture is made."""
 AVOIDED_S = 1.0
@@ -76,6 +78,7 @@ class Pool:
         self._warm_aside: int | None = 0  # process that has made a first picture
         self._preparing: asyncio.Task[None] | None = None
         self._aside_from = 0.0  # time from which on pictures go to the renderer of large ones
+        self._expecting = False
         self._closed = False
 
     @property
@@ -203,6 +206,7 @@ class Pool:
         if renderer is not None:
             handle = self._handle(renderer)
             handle.asked = time.monotonic()
+            self._expect_pictures()
             return await self._put(handle.process, job, asked)
         rank = asked.rank if asked is not None and asked.rank is not None else rank_of(job)
         if rank is Rank.BATCH or isinstance(job, PhotoJob):
@@ -239,6 +243,7 @@ class Pool:
             large=aside.has(Rank.BATCH),
             slow=time.monotonic() < self._aside_from,
             ahead_there=aside.load,
+            loaded_there=aside.has_scene(job),
         )
 
     @property
@@ -246,9 +251,16 @@ class Pool:
         """The renderer of large pictures runs, and has what pictures need."""
         return self._batch.ready and self._batch.pid == self._warm_aside
 
+    def _expect_pictures(self) -> None:
+        """Beside streams pictures go to the renderer of large ones: it starts before there is one, though not at once,
+        because the first keyframes need all cores."""
+        if not self._expecting and self._batch not in self._renderers:
+            self._expecting = True
+            asyncio.get_running_loop().call_later(ASIDE_S, lambda: self._closed or self._prepare_aside())
+
     def _prepare_aside(self) -> None:
         """Start it in the background, with a first picture: the kernels of which take longer than anybody waits."""
-        if self._preparing is None or self._preparing.done():
+        if not self._aside_ready and (self._preparing is None or self._preparing.done()):
             self._preparing = asyncio.create_task(self._warm_up_aside())
 
     async def _warm_up_aside(self) -> None:

@@ -15,7 +15,7 @@ from torchrender.scene.model import Scene
 from torchrender_service.errors import ServiceError
 from torchrender_service.renderers.jobs import SceneSource
 from torchrender_service.renderers.keeping.sizes import TREE_BYTES, bytes_of
-from torchrender_service.renderers.keeping.textures import bytes_of_levels, within
+from torchrender_service.renderers.keeping.textures import bounded, bytes_of_levels, within
 from torchrender_service.renderers.uploads.any_scene import load_any
 from torchrender_service.renderers.viewing.survey import controls_of
 
@@ -145,8 +145,9 @@ def _loaded(source: SceneSource, texture_bytes: int | None) -> Scene:
     if not Path(source.path).is_file():
         raise gone
     try:
-        scene = load_any(Path(source.path))
-        return scene if texture_bytes is None else within(scene, texture_bytes)
+        with bounded(texture_bytes) as bound:
+            scene = load_any(Path(source.path))
+        return within(scene, texture_bytes, bound.lost)
     except (SceneFileError, OSError):
         if not Path(source.path).is_file():  # it went while it was read
             raise gone from None

@@ -27,6 +27,7 @@ from torchrender_service.renderers.jobs import (
     TASK_DECODER,
     Failure,
     Locate,
+    Render,
     Reply,
     SceneSource,
     SentTask,
@@ -84,7 +85,7 @@ def main() -> int:
 
     def ahead(task: SentTask) -> Callable[[], None] | None:
         needs = needs_of(task)
-        return runner.ahead(needs.scene, streams=needs.type == Locate.__name__)
+        return runner.ahead(needs.scene, parts=needs.type in (Locate.__name__, Render.__name__))
 
     desk = Desk(work, ahead)
     _send(out, REPLY_ENCODER.encode(Reply(result={"ready": True})))

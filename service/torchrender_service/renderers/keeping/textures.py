@@ -8,39 +8,53 @@ that a texel covers several pixels.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Any
 
-import torch
 from torch import Tensor
-from torch.nn.functional import adaptive_avg_pool2d
 
+from torchrender.images.bounded import Bound, at_most, smaller
+from torchrender.numerics.texture import halved
 from torchrender.scene.files.report import LoadReport, Note
 from torchrender.scene.material import TEXTURES, Material
 from torchrender.scene.model import Scene
 
 WITH_LEVELS = 7 / 3
 """A texture, and all its levels once more, with which pictures are made."""
-ROWS = 256
-"""That are halved at a time: what that takes is little beside the texture."""
+BYTES = int(WITH_LEVELS * 12)
+"""Of a texel of three channels, levels counted."""
 
 
-def within(scene: Scene, most_bytes: int) -> Scene:
+@contextmanager
+def bounded(most_bytes: int | None) -> Iterator[Bound]:
+    """Pictures that are read inside are no larger than what a scene may have; None: all that they are."""
+    with at_most(None if most_bytes is None else max(1, most_bytes // BYTES)) as bound:
+        yield bound
+
+
+def within(scene: Scene, most_bytes: int | None, lost: Mapping[str, int] = MappingProxyType({})) -> Scene:
     """The scene with textures that take ``most_bytes`` at most, all levels counted; what was done is in its report.
 
     The largest texture loses its finest level, each level a mean of two by two, until all fit together.
+
+    Args:
+        most_bytes: None: all that they have.
+        lost: what was left out while the scene was read.
     """
     originals = _originals(scene)
     kept = dict(originals)
-    while kept and sum(WITH_LEVELS * one.nbytes for one in kept.values()) > most_bytes:
+    while kept and most_bytes is not None and sum(WITH_LEVELS * one.nbytes for one in kept.values()) > most_bytes:
         name, largest = max(kept.items(), key=lambda pair: pair[1].nbytes)
         if largest.shape[0] == largest.shape[1] == 1:
             break
         kept[name] = halved(largest)
-    lost = {name: one for name, one in originals.items() if kept[name] is not one}
-    if not lost:
+    said = Counter(lost)
+    said.update(smaller(one.shape, kept[name].shape) for name, one in originals.items() if kept[name] is not one)
+    if not said:
         return scene
-    said = Counter(f"texels of a texture of {_size(one)}: {_size(kept[name])} are kept" for name, one in lost.items())
     report = scene.report + LoadReport(not_used=tuple(Note(what, count) for what, count in said.items()))
     return scene.replace(materials=tuple(_with(material, kept) for material in scene.materials), report=report)
 
@@ -60,26 +74,8 @@ def textures_of(material: Material) -> dict[str, Tensor]:
     return {name: found for name in TEXTURES if (found := getattr(material, name)) is not None}
 
 
-def halved(texture: Tensor) -> Tensor:
-    """(H,W,C) -> (H/2,W/2,C) rounded down, at least one: means of (about) two by two texels."""
-    height, width, channels = texture.shape
-    size = max(height // 2, 1), max(width // 2, 1)
-    if height % 2 or width % 2:
-        return adaptive_avg_pool2d(texture.permute(2, 0, 1)[None], size)[0].permute(1, 2, 0).contiguous()
-    made = torch.zeros(*size, channels)
-    for begin in range(0, size[0], ROWS):
-        rows = texture[2 * begin : 2 * (begin + ROWS)]
-        pairs = rows[0::2] + rows[1::2]
-        torch.add(pairs[:, 0::2], pairs[:, 1::2], out=made[begin : begin + ROWS])
-    return made.mul_(0.25)
-
-
 def _with(material: Material, kept: dict[int, Tensor]) -> Material:
     changed: dict[str, Any] = {
         name: kept[id(one)] for name, one in textures_of(material).items() if kept[id(one)] is not one
     }
     return replace(material, **changed) if changed else material
-
-
-def _size(texture: Tensor) -> str:
-    return f"{texture.shape[1]} x {texture.shape[0]}"

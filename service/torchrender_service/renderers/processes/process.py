@@ -17,7 +17,7 @@ from typing import Any
 from torchrender_service.errors import ServiceError
 from torchrender_service.metrics import Metrics
 from torchrender_service.renderers.asked import Asked, Rank, rank_of
-from torchrender_service.renderers.jobs import REPLY_DECODER, Cancel, Forget, Job, Reply, Task
+from torchrender_service.renderers.jobs import REPLY_DECODER, Cancel, Forget, Job, Reply, SceneSource, Task
 from torchrender_service.renderers.processes.schedule import RETRY_S, FairQueue, Waiting
 from torchrender_service.renderers.processes.start import (
     NO_JOB,
@@ -76,6 +76,7 @@ class RendererProcess:
         self._draining = False
         self._wanted = asyncio.Event()
         self._evicted = 0
+        self._scenes: set[str] = set()  # that this life of the process has done jobs for
         self._task: asyncio.Task[None] | None = None
 
     @property
@@ -91,6 +92,11 @@ class RendererProcess:
     def has(self, rank: Rank) -> bool:
         """Whether a job of a class waits or runs."""
         return self.queue.has(rank) or any(running.waiting.rank is rank for running in self._running.values())
+
+    def has_scene(self, job: Job) -> bool:
+        """Whether the process need not load anything for a job first."""
+        source = getattr(job, "scene", None)
+        return not isinstance(source, SceneSource) or source.id in self._scenes
 
     @property
     def ready(self) -> bool:
@@ -124,6 +130,7 @@ class RendererProcess:
 
     def post(self, job: Forget) -> None:
         """Do a job whose outcome nobody asks for."""
+        self._scenes.discard(job.scene or "")
         waiting = self._put(job, Asked(), Rank.STREAM)
         waiting.result.add_done_callback(lambda done: done.cancelled() or done.exception())
 
@@ -197,6 +204,8 @@ class RendererProcess:
         if reply.failure is not None:
             _fail(waiting, ServiceError(reply.failure.status, reply.failure.kind, reply.failure.detail))
             return
+        if isinstance(source := getattr(waiting.job, "scene", None), SceneSource):
+            self._scenes.add(source.id)
         if not waiting.result.done():
             waiting.result.set_result(reply.result or {})
 
@@ -247,6 +256,7 @@ class RendererProcess:
                 self._fail_all(ServiceError(500, "internal", "the renderer cannot be reached"), queued=False)
             await self._end()
             self._handshake, self._evicted = False, 0
+            self._scenes.clear()
             if not self.kind.eager and not len(self.queue):
                 self._wanted.clear()
             failures = 0 if time.monotonic() - begin > LONG_LIFE_S else failures + 1
