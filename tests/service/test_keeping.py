@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import gc
 import io
 import threading
+import weakref
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +30,17 @@ from torchrender.wire.messages import CameraHeader
 from torchrender_service.errors import ServiceError
 from torchrender_service.renderers import job_runner
 from torchrender_service.renderers.job_runner import JobRunner
-from torchrender_service.renderers.jobs import Bounds, Describe, Locate, MakeKeyframe, Plan, Render, SceneSource, View
+from torchrender_service.renderers.jobs import (
+    Bounds,
+    Describe,
+    Forget,
+    Locate,
+    MakeKeyframe,
+    Plan,
+    Render,
+    SceneSource,
+    View,
+)
 from torchrender_service.renderers.keeping.lasting import SELDOM, LastingParts
 from torchrender_service.renderers.keeping.sizes import bytes_of
 from torchrender_service.renderers.keeping.textures import bounded, bytes_of_levels, textures_of, within
@@ -250,3 +262,20 @@ def test_what_cannot_be_made_ahead_is_said_by_the_job() -> None:
     ahead()
     with pytest.raises(ServiceError, match="there is no scene"):
         runner.run(Locate(scene=missing, view=View(width=8, height=8)))
+
+
+def test_a_scene_that_is_dropped_is_gone(tmp_path: Path) -> None:
+    """Pictures leave cycles that would hold it, with its textures, until there is enough else to look for."""
+    file = tmp_path / "box.toml"
+    file.write_text('[[geometry]]\nshape = "box"\n')
+    source, runner = SceneSource(id="box", path=str(file)), JobRunner()
+    gc.disable()
+    try:
+        render_at(runner, None, source)
+        held = weakref.ref(runner._scenes.get(source))
+        job = Forget(scene="box")
+        runner.run(job)
+        runner.tidy(job)
+        assert held() is None
+    finally:
+        gc.enable()

@@ -60,6 +60,7 @@ class JobRunner:
         self._streams = StreamRenderer(self._lasting, int(SESSIONS_SHARE * room))
         self._photos: FogPhotos | None = None
         self._made_ahead: dict[str, RenderHistory] = {}
+        self._dropped = 0  # scenes
 
     @property
     def kept_bytes(self) -> int:
@@ -117,6 +118,16 @@ class JobRunner:
         self._photos = None
         gc.collect()
         return self._run(job)
+
+    def tidy(self, job: jobs.Job) -> None:
+        """After a job was answered. A scene that was dropped is held by cycles, with all its textures, until somebody
+        looks for these: what was there after the start, which is most, is not looked through."""
+        if isinstance(job, jobs.WarmUp) and "still" in job.views:
+            gc.collect()
+            gc.freeze()
+        elif isinstance(job, jobs.Validate) or self._scenes.dropped != self._dropped:
+            self._dropped = self._scenes.dropped
+            gc.collect()
 
     def _run(self, job: jobs.Job) -> dict[str, Any]:
         if isinstance(job, jobs.Forget):

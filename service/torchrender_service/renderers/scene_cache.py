@@ -75,6 +75,7 @@ class SceneCache:
         self._sizes: dict[str, int] = {}
         self._loading: dict[str, Loading] = {}
         self.evictions = 0
+        self.dropped = 0  # scenes, for whatever reason
 
     @property
     def bytes(self) -> int:
@@ -127,12 +128,13 @@ class SceneCache:
     def forget(self, name: str) -> None:
         """Drop a scene."""
         self._loading.pop(name, None)
-        self._scenes.pop(name, None)
+        self.dropped += self._scenes.pop(name, None) is not None
         self._sizes.pop(name, None)
 
     def clear(self) -> None:
         """Drop all scenes."""
         self.evictions += len(self._scenes)
+        self.dropped += len(self._scenes)
         self._scenes.clear()
         self._sizes.clear()
         self._loading.clear()

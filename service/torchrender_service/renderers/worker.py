@@ -6,6 +6,7 @@ render, survives what a scene may do to memory, and can be stopped.
 
 from __future__ import annotations
 
+import gc
 import logging
 import os
 import signal
@@ -26,6 +27,7 @@ from torchrender_service.renderers.jobs import (
     REPLY_ENCODER,
     TASK_DECODER,
     Failure,
+    Job,
     Locate,
     Render,
     Reply,
@@ -80,8 +82,13 @@ def main() -> int:
         give_way(niceness)
     _limit_memory(limit_mb)
 
+    gc.freeze()  # what is imported stays
+
     def work(task: SentTask) -> None:
-        _send(out, REPLY_ENCODER.encode(_reply(runner, desk, task)))
+        job, reply = _reply(runner, desk, task)
+        _send(out, REPLY_ENCODER.encode(reply))
+        if job is not None:
+            runner.tidy(job)
 
     def ahead(task: SentTask) -> Callable[[], None] | None:
         needs = needs_of(task)
@@ -103,20 +110,22 @@ def _read_tasks(source: BinaryIO, desk: Desk) -> None:
         desk.close()
 
 
-def _reply(runner: JobRunner, desk: Desk, task: SentTask) -> Reply:
-    result, failure = None, None
+def _reply(runner: JobRunner, desk: Desk, task: SentTask) -> tuple[Job | None, Reply]:
+    """The job, None where it was not begun, and what is answered."""
+    job, result, failure = None, None, None
     try:
         if desk.cancelled(task):
             raise Cancelled
         with threads(task.threads):
-            result = runner.run(JOB_DECODER.decode(task.job))
+            job = JOB_DECODER.decode(task.job)
+            result = runner.run(job)
     except Cancelled:
         failure = Failure(status=499, kind="cancelled", detail="nobody waits for it")
     except Exception as error:
         failure = failure_of(error)
     kept = runner.kept_bytes / 2**20
     reply = Reply(serial=task.serial, memory_mb=_resident_mb(), kept_mb=kept, evictions=runner.evictions)
-    return msgspec.structs.replace(reply, result=result, failure=failure)
+    return job, msgspec.structs.replace(reply, result=result, failure=failure)
 
 
 @contextmanager
