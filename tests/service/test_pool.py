@@ -22,6 +22,7 @@ from torchrender_service.renderers.contract import RendererPool
 from torchrender_service.renderers.jobs import Bounds, Forget, Job, Render, SceneSource, View, WarmUp
 from torchrender_service.renderers.places import PLACES, Standing, place_of
 from torchrender_service.renderers.pool import Pool
+from torchrender_service.renderers.processes import process as process_module
 from torchrender_service.renderers.processes.process import RendererProcess
 from torchrender_service.settings import read_settings
 
@@ -340,7 +341,7 @@ def test_as_many_jobs_as_may_wait_and_not_one_more(inspected: bool) -> None:
 def test_renderers_never_learn_the_api_key(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """A scene that takes a renderer over must not find it there."""
     noted = tmp_path / "environment.json"
-    # Whole at once: a renderer that runs from the start tries again beside the one that is looked at.
+    monkeypatch.setattr(process_module, "BACK_OFF_S", (60.0,) * 6)  # none tries again beside the one that is looked at
     note = (
         f"import json, os; own = {str(noted)!r} + str(os.getpid()); "
         f"open(own, 'w').write(json.dumps(dict(os.environ))); os.replace(own, {str(noted)!r})"
