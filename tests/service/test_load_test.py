@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import itertools
 import math
 import os
 import random
 import statistics
 import subprocess
 import sys
+import time
+from collections.abc import AsyncIterator, Iterator
 from types import SimpleNamespace
 from typing import Any
 
@@ -16,7 +20,7 @@ import pytest
 
 from torchrender.quality.machine import machine_record
 from torchrender_service.load_test import beside, driver, watching
-from torchrender_service.load_test.attacks import ATTACKS
+from torchrender_service.load_test.attacks import ATTACKS, Attack
 from torchrender_service.load_test.driver import LoadClient, ServerUnderTest, percentile, processor_s
 from torchrender_service.load_test.files import large_texture_glb, long_key_toml, long_name_glb
 from torchrender_service.load_test.playing import player
@@ -112,6 +116,78 @@ def test_others_are_those_that_are_no_part_of_the_test(monkeypatch: pytest.Monke
     now[0] += 1.0
     ran[8] = 9.0  # ticks of the system are coarse
     assert others.cores() == 0.0
+
+
+def test_attacks_share_the_time_that_there_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What one does not need is left to the next ones; each has an address of its own."""
+    begun: list[tuple[str, str, float]] = []
+
+    @contextlib.contextmanager
+    def server(**_: str) -> Iterator[ServerUnderTest]:
+        yield ServerUnderTest(None, 1, "127.0.0.1", 9)
+
+    @contextlib.asynccontextmanager
+    async def honest(_: ServerUnderTest) -> AsyncIterator[list[LoadClient]]:
+        yield []
+
+    async def nothing(*_: Any) -> None:
+        return
+
+    async def row(server: ServerUnderTest, _: Any, attack: Attack, times: beside.Times, until: float) -> str:
+        assert times is beside.QUICK
+        begun.append((attack.name, server.attacker, until - time.perf_counter()))
+        return attack.name
+
+    for name, instead in {
+        "running_server": server,
+        "_honest": honest,
+        "_until_ready": nothing,
+        "_row": row,
+        "ask": lambda *_: (201, b""),
+        "ASIDE_S": 0.0,
+        "STARTING_S": 0.0,
+    }.items():
+        monkeypatch.setattr(beside, name, instead)
+    rows: list[Any] = asyncio.run(beside.attack_rows(Effort(quick=True)))
+    assert rows == [attack.name for attack in ATTACKS] == [name for name, _, _ in begun]
+    assert len({address for _, address, _ in begun}) == (9 if sys.platform == "linux" else 1)
+    shares = [left / beside.QUICK.all_s for _, _, left in begun]
+    assert shares == pytest.approx([(k + 1) / 9 for k in range(9)], abs=0.02)
+
+
+def test_turns_go_on_until_the_limit_is_kept_or_missed_for_sure(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Once it says nothing more, or no more time is left."""
+
+    class Playing:
+        processor_s = 0.5
+
+        async def play(self, _: float) -> str:
+            return "found"
+
+    @contextlib.asynccontextmanager
+    async def player(*_: Any) -> AsyncIterator[Playing]:
+        yield Playing()
+
+    def turns(during: float, until: float = math.inf) -> int:
+        stretches = itertools.cycle([0.010, during, 0.010])
+
+        async def watch(_: Any, __: Any, work: Any) -> Seen:
+            await work
+            value = next(stretches)
+            return Seen(blocks=[[value * (1.0 + 0.02 * k)] * 8 for k in range(8)], seconds=1.0)
+
+        monkeypatch.setattr(beside, "watch", watch)
+        times = beside.Times(quiet_s=0.0, loud_s=1.0, rounds=(1, 3))
+        seen = asyncio.run(beside._watched(ServerUnderTest(None, 1, "", 9), [], ATTACKS[0], times, until))
+        assert len(seen.quiet) == 2 * len(seen.loud) and seen.found == ["found"]
+        assert seen.attacker_s == 0.5 * len(seen.loud)
+        return len(seen.loud)
+
+    for name, instead in {"player": player, "SETTLE_S": 0.0, "AFTER_S": 0.0}.items():
+        monkeypatch.setattr(beside, name, instead)
+    assert turns(0.010) == turns(0.020) == 1
+    assert turns(0.011) == 3
+    assert turns(0.011, until=0.0) == 1
 
 
 def test_stretches_of_time_add_up() -> None:
