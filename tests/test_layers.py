@@ -72,6 +72,7 @@ ORDER = (
     "torchrender_service.scenes",
     "torchrender_service.streams",
     "torchrender_service.web",
+    "torchrender_service.serving",
     "torchrender_service.ray_directory",
     "torchrender_service.ray_app",
     "torchrender_service.ray_local",

@@ -23,6 +23,7 @@ HELP = {
     "jobs_cancelled": "Jobs whose client went away.",
     "connections": "Connections that are open.",
     "connections_ended": "Connections that the server closed, by the deadline that passed.",
+    "addresses_shut_out": "Times that new connections of an address were left waiting for some seconds.",
     "keyframes": "Keyframes sent.",
     "keyframe_bytes": "Bytes of all messages of those keyframes.",
     "keyframe_latency_seconds": "From a pose's arrival to the acknowledgement of its keyframe.",

@@ -9,6 +9,7 @@ from typing import Any
 
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
+from pydantic import BaseModel
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
 from starlette.responses import Response
@@ -42,6 +43,40 @@ TITLES = {
 }
 _KINDS = {404: "not-found", 405: "method-not-allowed", 400: "bad-request", 422: "invalid-value"}
 _SHOWN_ERRORS = 16
+
+
+class Problem(BaseModel):
+    """What is wrong, as in RFC 9457."""
+
+    type: str
+    title: str
+    status: int
+    detail: str
+
+
+PROBLEMS: dict[int | str, dict[str, Any]] = {
+    code: {"description": text, "content": {"application/problem+json": {"schema": Problem.model_json_schema()}}}
+    for code, text in {
+        400: "The body cannot be parsed.",
+        401: "The API key is missing or wrong.",
+        403: "Not allowed.",
+        404: "There is nothing of that name.",
+        406: "None of the accepted media types can be made.",
+        409: "The store is full.",
+        413: "The body is too large.",
+        415: "The body is of another media type.",
+        421: "The Host header names another service.",
+        422: "A value is out of range or does not fit the scene.",
+        429: "Too many sessions or requests; Retry-After says when to try again.",
+        503: "The server is starting or stopping, too much is under way, or a renderer was lost.",
+        507: "The disk is full.",
+    }.items()
+}
+
+
+def problems(*codes: int) -> dict[int | str, dict[str, Any]]:
+    """Responses of a route besides its own."""
+    return {code: PROBLEMS[code] for code in sorted({401, 403, 421, 429, 503, *codes})}
 
 
 def problem_of(error: ServiceError) -> dict[str, Any]:

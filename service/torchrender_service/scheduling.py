@@ -9,14 +9,10 @@ LAST = 19
 
 
 def give_way(niceness: int) -> None:
-    """Come after others with the system, where it has such an order."""
+    """Come after others with the system, where it has such an order; with LAST, run only while no other process wants
+    the core: who wants it then has it at once, not at the end of a time slice."""
     if hasattr(os, "nice"):
         os.nice(niceness)
-
-
-def give_all_way() -> None:
-    """Run only while no other process wants the core."""
-    give_way(LAST)
-    if hasattr(os, "SCHED_IDLE"):
+    if niceness >= LAST and hasattr(os, "SCHED_IDLE"):
         with suppress(OSError):  # some containers forbid it
             os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))

@@ -33,7 +33,7 @@ OTHER_VARIABLES = {
     PREFIX + name
     for name in (
         *("CONFIG", "CURVES", "KERNELS", "DATA", "CHROMIUM", "REQUIRE_BROWSER", "REQUIRE_DOCS", "TESTS_ON_RAY"),
-        *("RENDERER_LIMIT_MB", "RENDERER_NICENESS", "PLAIN_COMPILER"),
+        *("RENDERER_LIMIT_MB", "RENDERER_NICENESS", "RENDERER_TEXTURES_MB", "PLAIN_COMPILER"),
     )
 }
 """Of the package, its tests and its renderers."""
@@ -69,7 +69,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     job_s: Seconds = 120.0  # a renderer that takes longer is stopped
     batch_s: Seconds = 600.0  # the same for large pictures, which give way to all others
     batch_renderer: bool = True  # a process of its own for large pictures and photos; else they wait with the others
-    batch_niceness: Annotated[int, Meta(ge=2, le=19)] = 19  # 19: a fiftieth of the time while others need all
+    batch_niceness: Annotated[int, Meta(ge=2, le=19)] = 19  # 19: only what others leave over
     inspect_s: Seconds = 60.0  # the same for an upload that is looked at
 
     max_connections: Count = 1024
@@ -93,6 +93,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     max_views: Count = 16
     max_triangles: Count = 10_000_000
     max_texture_pixels: Count = 2**26
+    max_texture_mb: Count = 512  # of a scene that is loaded, with all levels: finer ones are left out, and named
     max_scenes: Count = 256
     max_store_bytes: Count = 2**34
     max_kept_bytes: Count = 2**28  # keyframe containers kept in memory for reproject

@@ -16,7 +16,7 @@ from torchrender.batch import Job, SceneSource, run
 from torchrender.batch.digest import scene_digest
 from torchrender.batch.folder import MANIFEST, alone_in, open_folder
 from torchrender.batch.local import TRIES, BatchError
-from torchrender.batch.work import contents, make_chunk
+from torchrender.batch.work import ChunkMaker
 from torchrender.errors import ImageFileError, InputError, OptionError
 from torchrender.raster import rasterize
 from torchrender.scene.cameras.path import built_in_path
@@ -61,7 +61,7 @@ def test_workers_write_what_one_process_does_and_go_on_where_they_were(tmp_path:
     assert (outcome.cameras, outcome.made, outcome.failed, outcome.restarts) == (5, 5, {}, 0)
     assert told[0] == (0, 5) and told[-1] == (5, 5)
     for chunk in range(asked.chunks):
-        for name, data in contents(SCENE, asked, chunk):
+        for name, data in ChunkMaker(SCENE, asked, tmp_path).contents(chunk):
             assert (tmp_path / "out" / name).read_bytes() == data
     assert run(asked, tmp_path / "out", workers=2).made == 0
 
@@ -69,7 +69,7 @@ def test_workers_write_what_one_process_does_and_go_on_where_they_were(tmp_path:
 def test_an_unfinished_manifest_and_lost_files_are_made_again(tmp_path: Path, fake) -> None:
     asked, here = job(), scene_digest(SCENE)
     assert open_folder(tmp_path, asked, here) == {}
-    records = [make_chunk(SCENE, asked, chunk, tmp_path) for chunk in range(3)]
+    records = [ChunkMaker(SCENE, asked, tmp_path).make(chunk) for chunk in range(3)]
     text = "".join(json.dumps(record) + "\n" for record in records)
     (tmp_path / MANIFEST).write_text(text[:-9])  # killed while it wrote
     assert sorted(open_folder(tmp_path, asked, here)) == [0, 1]
@@ -148,15 +148,15 @@ def test_a_full_disk_is_for_all_and_leaves_nothing_by_halves(tmp_path: Path, mon
 
     monkeypatch.setattr(Path, "write_bytes", full)
     with pytest.raises(ImageFileError, match="No space left") as problem:
-        make_chunk(SCENE, job(), 0, tmp_path)
+        ChunkMaker(SCENE, job(), tmp_path).make(0)
     assert isinstance(problem.value.__cause__, OSError) and not list(tmp_path.iterdir())
 
 
 def test_shards_hold_the_files_of_a_chunk_and_no_time_of_day(tmp_path: Path) -> None:
     asked = job(what="depth", shards=True, names=("a", "b", "c", "d", "e"))
-    first = make_chunk(SCENE, asked, 1, tmp_path)
+    first = ChunkMaker(SCENE, asked, tmp_path).make(1)
     data = (tmp_path / "shard_000001.tar").read_bytes()
-    assert first["files"] == make_chunk(SCENE, asked, 1, tmp_path)["files"]
+    assert first["files"] == ChunkMaker(SCENE, asked, tmp_path).make(1)["files"]
     assert (tmp_path / "shard_000001.tar").read_bytes() == data
     with tarfile.open(tmp_path / "shard_000001.tar") as shard:
         assert shard.getnames() == ["c.npz", "d.npz"]
@@ -169,19 +169,21 @@ def test_shards_hold_the_files_of_a_chunk_and_no_time_of_day(tmp_path: Path) -> 
 
 @pytest.mark.parametrize("kind", ["exr", "npz"])
 def test_other_formats_are_those_of_pictures(tmp_path: Path, kind: str) -> None:
-    make_chunk(SCENE, job(1, format=kind), 0, tmp_path)
+    ChunkMaker(SCENE, job(1, format=kind), tmp_path).make(0)
     assert [p.name for p in tmp_path.iterdir()] == [f"000000.{kind}"]
 
 
-def test_chunks_of_a_film_do_not_depend_on_those_before() -> None:
+@pytest.mark.parametrize("what", ["film", "pictures"])
+def test_chunks_do_not_depend_on_those_before(tmp_path: Path, what: str) -> None:
+    """Though a process keeps what all pictures share: here a tree, occluders, and what shades hits of mirrors' rays."""
     source = SceneSource("washroom", {"size": 7000})
     scene = source.load()
-    cameras = built_in_path(scene, "walk1").cameras(60, width=32, height=24, near=0.01)[:4]
-    film = Job(source, cameras, what="film", chunk=2)
-    alone = dict(contents(scene, film, 1))
-    for chunk in range(2):
-        made = dict(contents(scene, film, chunk))
-    assert made == alone
+    cameras = built_in_path(scene, "walk1").cameras(60, width=32, height=24, near=0.01)[:6]
+    asked = Job(source, cameras, what=what, chunk=2)
+    maker = ChunkMaker(scene, asked, tmp_path)
+    for chunk in (2, 0, 1):
+        assert dict(maker.contents(chunk)) == dict(ChunkMaker(scene, asked, tmp_path).contents(chunk))
+    assert {"ray_caster", "hit_shader"} <= set(maker._shared.kept), "nothing was kept: the test says nothing"
 
 
 def test_wrong_jobs_are_refused_by_name() -> None:

@@ -15,7 +15,7 @@ import pytest
 
 from torchrender.batch import Job, SceneSource
 from torchrender.batch.folder import LOCK, MANIFEST
-from torchrender.batch.work import contents
+from torchrender.batch.work import ChunkMaker
 from torchrender.errors import MissingExtraError
 from torchrender.scene.cameras.path import built_in_path
 
@@ -92,6 +92,6 @@ def test_killed_actors_and_a_killed_driver_lose_and_double_nothing(tmp_path: Pat
     assert f"cameras=24, made={24 - 2 * len(before)}, failed={{}}" in said
     assert sorted(noted(out)) == list(range(12))
     scene = SOURCE.load()
-    for name, data in contents(scene, job(), 7):
+    for name, data in ChunkMaker(scene, job(), out).contents(7):
         assert (out / name).read_bytes() == data
     assert len(list(out.glob("*.png"))) == 24 and {one.name for one in out.glob(".*")} <= {LOCK}

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from torchrender.batch.local import Outcome
-from torchrender.batch.work import make_chunk
+from torchrender.batch.work import ChunkMaker
 from torchrender.cli.main import main
 
 
@@ -22,7 +22,7 @@ def inside(monkeypatch: pytest.MonkeyPatch):
         scene = job.scene.load()
         Path(folder).mkdir(exist_ok=True)
         for chunk in range(job.chunks):
-            make_chunk(scene, job, chunk, Path(folder))
+            ChunkMaker(scene, job, Path(folder)).make(chunk)
         tell(len(job.cameras), len(job.cameras))
         return Outcome(len(job.cameras), len(job.cameras), {}, 0)
 

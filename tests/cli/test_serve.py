@@ -57,9 +57,7 @@ def test_a_scene_of_an_orthographic_camera_is_served_and_told(
     flat = tmp_path / "flat.toml"
     flat.write_text('[[geometry]]\nshape = "box"\n[[camera]]\neye = [0, 0, 4]\ntarget = [0, 0, 0]\nview_height = 3\n')
     served: list[Any] = []
-    monkeypatch.setattr(
-        "torchrender_service.web.server.serve", lambda settings, start: served.append((settings, start))
-    )
+    monkeypatch.setattr("torchrender_service.serving.run", lambda settings, start: served.append((settings, start)))
     for _ in range(2):  # kept before or not
         assert main(["serve", str(flat), str(model), "--data", str(tmp_path / "data")]) == 0
         lines = [line for line in capsys.readouterr().err.splitlines() if " is scene " in line]

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +14,7 @@ from point_scenes import sphere_cloud
 from torchrender.errors import InputError, MeshError, SceneFileError
 from torchrender.numerics.color import linear_from_srgb
 from torchrender.points.cloud import PointCloud
-from torchrender.points.load import COVER, holds_points, load_points, sample_points
+from torchrender.points.load import COVER, LostEmissionWarning, holds_points, load_points, sample_points
 from torchrender.scene.material import Material
 from torchrender.scene.mesh import Mesh
 from torchrender.scene.model import Scene
@@ -126,6 +128,26 @@ def test_a_scene_without_surfaces_is_refused():
     flat = Mesh(vertices=torch.zeros(3, 3), faces=torch.tensor([[0, 1, 2]]))
     with pytest.raises(MeshError, match="no surface"):
         sample_points(Scene(meshes=(flat,)), 10)
+
+
+def test_emission_that_points_do_not_have_is_said_by_name() -> None:
+    """A lamp, a screen with its texture, and a plain wall that nobody needs to hear of."""
+    plate = quad(corner=(0, 0, 0), edge_u=(1, 0, 0), edge_v=(0, 1, 0))
+    materials = (
+        Material(name="wall"),
+        Material(name="lamp", emission=torch.ones(3)),
+        Material(name="screen", emission=torch.ones(3), emission_texture=torch.rand(4, 4, 3)),
+        Material(name="unused", emission=torch.ones(3)),
+    )
+    meshes = tuple(replace(plate, material=k) for k in range(3))
+    with pytest.warns(LostEmissionWarning) as told:
+        sample_points(Scene(meshes=meshes, materials=materials), 300)
+    text = str(told[0].message)
+    assert "'lamp'" in text and "'screen' (with its texture)" in text
+    assert "wall" not in text and "unused" not in text
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", LostEmissionWarning)
+        sample_points(Scene(meshes=meshes[:1], materials=materials), 300)
 
 
 def test_real_clouds(data_dir):

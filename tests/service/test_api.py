@@ -133,6 +133,8 @@ def test_depth_images_are_reprojected(server: RunningServer) -> None:
 def test_plans_and_curves(server: RunningServer) -> None:
     plan = server.ask("GET", "/v1/plan?scene=cornell_box&width=64&height=48&budget_ms=100").json()
     assert plan["budget_ms"] == 100.0 and "gbuffer" in plan["text"]
+    late = server.ask("GET", "/v1/plan?scene=cornell_box&width=64&height=48&time=2")
+    assert late.status == 422 and "has none, got 2" in late.json()["detail"]
     curve = server.ask("GET", "/v1/tradeoff/soft_shadow").json()
     assert [row["setting"] for row in curve["settings"]][:2] == ["hard", "pcss"]
     missing = server.ask("GET", "/v1/tradeoff/nonsense")
@@ -144,6 +146,9 @@ BAD = [
     ("render", {**SMALL, "scene": "../../etc/passwd"}, 422, "scene"),
     ("render", {**SMALL, "scene": "\ud800"}, 422, "scene"),
     ("render", {**SMALL, "width": 0}, 422, "width"),
+    ("render", {**SMALL, "time": -1.0}, 422, "time"),
+    ("render", {**SMALL, "time": 1.5}, 422, "has none, got 1.5"),
+    ("depth-images", {**SMALL, "time": 1.5}, 422, "has none, got 1.5"),
     ("render", {**SMALL, "width": 10**9}, 422, "width"),
     ("render", {**SMALL, "width": "64"}, 422, "width"),
     ("render", {**SMALL, "width": 64.5}, 422, "width"),

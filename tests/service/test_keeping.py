@@ -2,25 +2,50 @@
 
 from __future__ import annotations
 
+import gc
+import io
+import threading
+import weakref
+from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 import torch
+from PIL import Image as PilImage
 from torch import Tensor
 
 import torchrender as tr
+from gltf_builder import Glb
+from torchrender.errors import InputError
+from torchrender.numerics.texture import build_pyramid, halved
 from torchrender.pipeline.buffer import Buffer, Lasting
 from torchrender.pipeline.history import Kept, RenderHistory
 from torchrender.pipeline.options import RenderOptions
 from torchrender.scene.camera import Cameras
 from torchrender.scene.material import Material
 from torchrender.wire.cameras import header_of
+from torchrender.wire.messages import CameraHeader
+from torchrender_service.errors import ServiceError
 from torchrender_service.renderers import job_runner
 from torchrender_service.renderers.job_runner import JobRunner
-from torchrender_service.renderers.jobs import Bounds, Describe, MakeKeyframe, Render, SceneSource, View
+from torchrender_service.renderers.jobs import (
+    Bounds,
+    Describe,
+    Forget,
+    Locate,
+    MakeKeyframe,
+    Plan,
+    Render,
+    SceneSource,
+    View,
+)
 from torchrender_service.renderers.keeping.lasting import SELDOM, LastingParts
 from torchrender_service.renderers.keeping.sizes import bytes_of
+from torchrender_service.renderers.keeping.textures import bounded, bytes_of_levels, textures_of, within
+from torchrender_service.renderers.streaming.ahead import first_keyframe
+from torchrender_service.renderers.streaming.stream_renderer import STREAM
 
 BOX = SceneSource(id="cornell_box")
 
@@ -118,3 +143,139 @@ def test_whoever_looks_about_is_not_warned(still: bool) -> None:
         extra_layers=0, direction=(0.0, 0.0, 0.0), baseline=0.0, color="jpeg", quality=85, bounds=Bounds(),
     )  # fmt: skip
     assert runner._run(job)["typical_depth"] == 0.0
+
+
+def test_textures_of_a_scene_take_no_more_than_they_may() -> None:
+    """The largest ones lose their finest levels; colours stay, and what was done is said."""
+    large, small = torch.rand(64, 128, 3), torch.rand(16, 16, 4)
+    materials = (
+        Material(name="a", diffuse_texture=large),
+        Material(name="b", diffuse_texture=large, emission_texture=small),
+        Material(name="c"),
+    )
+    scene = tr.Scene(materials=materials)
+    all_bytes = int(7 / 3 * (large.nbytes + small.nbytes)) + 1
+    assert within(scene, all_bytes) is scene
+    cut = within(scene, all_bytes // 3)
+    first, second, third = cut.materials
+    assert first.diffuse_texture is second.diffuse_texture and third is materials[2]
+    assert first.diffuse_texture is not None and first.diffuse_texture.shape == (32, 64, 3)
+    assert torch.allclose(first.diffuse_texture[3, 5], large[6:8, 10:12].mean(dim=(0, 1)))
+    assert torch.allclose(first.diffuse_texture.mean((0, 1)), large.mean((0, 1)), atol=1e-6)
+    assert second.emission_texture is small
+    assert cut.report.plain()["not_used"] == ["texels of a texture of 128 x 64: 64 x 32 are kept (1)"]
+    kept = {id(t): t for m in within(scene, 700).materials for t in textures_of(m).values()}
+    assert sum(7 / 3 * t.nbytes for t in kept.values()) <= 700
+    assert within(scene, 1).materials[0].diffuse_texture.shape == (1, 1, 3), "a texel is always left"
+    assert bytes_of_levels(scene) == int(4 / 3 * (large.nbytes + small.nbytes))
+
+
+@pytest.mark.parametrize("shape", [(7, 5, 3), (1, 9, 4), (600, 4, 1), (2, 2, 3)])
+def test_halves_are_means(shape: tuple[int, int, int]) -> None:
+    texture = torch.rand(*shape)
+    made = halved(texture)
+    assert made.shape == (max(shape[0] // 2, 1), max(shape[1] // 2, 1), shape[2])
+    assert torch.allclose(
+        made, build_pyramid(texture).texels[shape[0] * shape[1] :][: made[..., 0].numel()].view_as(made)
+    )
+
+
+@pytest.mark.parametrize("size", [(64, 48), (63, 48)])
+def test_pictures_are_made_smaller_as_they_are_read(tmp_path: Path, size: tuple[int, int]) -> None:
+    """The same texels as those of the whole picture, halved; also of files whose pictures are read side by side."""
+    made = Glb(images=[], textures=[], materials=[], nodes=[], scenes=[{"nodes": [0, 1]}])
+    uv = made.accessor([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    for number, shade in enumerate((40, 200)):
+        data = io.BytesIO()
+        PilImage.effect_noise(size, shade).convert("RGB").save(data, "PNG")
+        made.json["images"].append({"bufferView": made.view(data.getvalue()), "mimeType": "image/png"})
+        made.json["textures"].append({"source": number})
+        made.json["materials"].append({"pbrMetallicRoughness": {"baseColorTexture": {"index": number}}})
+        made.json["nodes"].append({"mesh": made.mesh(material=number, TEXCOORD_0=uv)})
+    path = made.write(tmp_path / "two.glb")
+    whole, most = tr.load(path), 64 * 48 // 4 * 28
+    with bounded(most) as bound:
+        small = tr.load(path)
+    assert sum(bound.lost.values()) == 2
+    for before, after in zip(whole.materials, small.materials, strict=True):
+        (large,), (little,) = textures_of(before).values(), textures_of(after).values()
+        assert torch.allclose(little, halved(large), atol=1e-6)
+    told = within(small, None, bound.lost).report.plain()["not_used"]
+    assert told == [f"texels of a texture of {size[0]} x {size[1]}: {size[0] // 2} x {size[1] // 2} are kept (2)"]
+    again = [textures_of(one)["diffuse_texture"].shape for one in tr.load(path).materials]
+    assert again == [(size[1], size[0], 3)] * 2, "the bound is over"
+
+
+WALKER = SceneSource(id="walker")
+
+
+def render_at(runner: JobRunner, time: float | None, scene: SceneSource = WALKER, **more: Any) -> bytes:
+    view = View(width=48, height=48)
+    job = Render(scene=scene, view=view, bounds=Bounds(), options={}, format="png", time=time, **more)
+    return bytes(runner.run(job)["file"])
+
+
+def test_a_picture_is_of_the_time_that_was_asked_for_whatever_came_before() -> None:
+    runner = JobRunner()
+    asked = (None, 0.4, 0.8, 0.4, None, 1e6)
+    pictures = [render_at(runner, time) for time in asked]
+    assert pictures[1] != pictures[2] and pictures[1] == pictures[3] and pictures[0] == pictures[4]
+    for time, picture in zip(asked, pictures, strict=True):
+        assert picture == render_at(JobRunner(), time), "what an earlier picture left is of another time"
+    end = max(tr.load("walker").animations.values())
+    assert pictures[-1] == render_at(runner, end), "it stands still after its end"
+
+
+def test_a_time_needs_an_animation() -> None:
+    jobs = (
+        Render(scene=BOX, view=View(width=8, height=8), bounds=Bounds(), options={}, format="png", time=1.5),
+        Plan(scene=BOX, view=View(width=8, height=8), bounds=Bounds(), time=1.5),
+    )
+    for job in jobs:
+        with pytest.raises(InputError, match=r"time is for scenes with an animation: 'cornell_box' has none, got 1\.5"):
+            JobRunner().run(job)
+
+
+def test_a_first_keyframe_takes_what_was_made_ahead_of_it() -> None:
+    """In another thread, beside the keyframes of others."""
+    runner, view = JobRunner(), View(width=48, height=32)
+    ahead = runner.ahead(BOX, parts=True)
+    assert ahead is not None
+    thread = threading.Thread(target=ahead)
+    thread.start()
+    thread.join()
+    assert runner.ahead(BOX) is not None, "nothing is taken before a job comes"
+    camera = msgspec.convert(runner.run(Locate(scene=BOX, view=view))["camera"], CameraHeader)
+    made = runner._lasting.get(BOX.id, STREAM).kept
+    assert "occluders" in made
+    runner.run(first_keyframe("session", BOX, camera))
+    used = runner._lasting.get(BOX.id, STREAM).kept
+    assert all(used[name].value is made[name].value for name in made), "it was made anew"
+    assert runner.ahead(BOX, parts=True) is None and runner.ahead(None) is None
+
+
+def test_what_cannot_be_made_ahead_is_said_by_the_job() -> None:
+    missing = SceneSource(id="none", path="/nowhere/scene.glb")
+    runner = JobRunner()
+    ahead = runner.ahead(missing, parts=True)
+    assert ahead is not None
+    ahead()
+    with pytest.raises(ServiceError, match="there is no scene"):
+        runner.run(Locate(scene=missing, view=View(width=8, height=8)))
+
+
+def test_a_scene_that_is_dropped_is_gone(tmp_path: Path) -> None:
+    """Pictures leave cycles that would hold it, with its textures, until there is enough else to look for."""
+    file = tmp_path / "box.toml"
+    file.write_text('[[geometry]]\nshape = "box"\n')
+    source, runner = SceneSource(id="box", path=str(file)), JobRunner()
+    gc.disable()
+    try:
+        render_at(runner, None, source)
+        held = weakref.ref(runner._scenes.get(source))
+        job = Forget(scene="box")
+        runner.run(job)
+        runner.tidy(job)
+        assert held() is None
+    finally:
+        gc.enable()

@@ -3,24 +3,30 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import itertools
 import math
 import os
+import random
+import statistics
 import subprocess
 import sys
+import time
+from collections.abc import AsyncIterator, Iterator
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from torchrender.quality.machine import machine_record
-from torchrender_service.load_test import beside, driver
-from torchrender_service.load_test.attacks import ATTACKS
+from torchrender_service.load_test import beside, driver, watching
+from torchrender_service.load_test.attacks import ATTACKS, Attack
 from torchrender_service.load_test.driver import LoadClient, ServerUnderTest, percentile, processor_s
 from torchrender_service.load_test.files import large_texture_glb, long_key_toml, long_name_glb
 from torchrender_service.load_test.playing import player
 from torchrender_service.load_test.rows import Effort, Row
 from torchrender_service.load_test.run import page
-from torchrender_service.load_test.watching import Seen
+from torchrender_service.load_test.watching import Change, Others, Seen, change_of, noting
 
 
 def test_the_page_says_what_an_attack_once_did() -> None:
@@ -43,8 +49,163 @@ def test_percentiles_are_values_that_were_seen() -> None:
     values = [float(v) for v in range(1, 101)]
     assert [percentile(values, share) for share in (0.0, 0.5, 0.95, 1.0)] == [1.0, 50.0, 95.0, 100.0]
     assert math.isnan(percentile([], 0.5))
-    seen = Seen(latencies_s=[0.1] * 19 + [0.9], health_s=[0.01, 0.02], log_bytes=100.0, seconds=6.0)
+    seen = Seen(blocks=[[0.1] * 9, [], [0.1] * 10 + [0.9]], health_s=[0.01, 0.02], log_bytes=100.0, seconds=6.0)
     assert (seen.p95_ms, seen.health_ms, seen.log_per_minute) == (100.0, 20.0, 1000.0)
+
+
+def test_a_change_of_p95_comes_with_an_interval_that_holds_it() -> None:
+    """Of many pairs of stretches that are alike, about nine of ten intervals hold what is true: no change."""
+    rng = random.Random(1)
+
+    def stretch(factor: float = 1.0) -> Seen:
+        return Seen(blocks=[[factor * rng.lognormvariate(-4.5, 0.15) for _ in range(20)] for _ in range(12)])
+
+    alike = [change_of(stretch(), stretch()) for _ in range(60)]
+    held = sum(one.low <= 1.0 <= one.high for one in alike)
+    assert 47 <= held <= 60
+    assert statistics.median(one.high - one.low for one in alike) < 0.25
+    worse = change_of(stretch(), stretch(1.5))
+    assert worse.times == pytest.approx(1.5, abs=0.2) and worse.low > 1.1 and worse.decides(1.1)
+    assert not change_of(stretch(), stretch(1.1)).decides(1.1)
+    assert change_of(stretch(), stretch(0.8)).decides(1.1)
+    assert str(Change(1.04, 0.97, 1.12)) == "+4 % [-3, +12]"
+
+
+def test_hold_ups_widen_the_interval() -> None:
+    """Twenty late keyframes of one hold-up are not twenty findings."""
+    together = [[0.01] * 20] * 19 + [[0.05] * 20]
+    apart = [[0.01] * 19 + [0.05]] * 20
+    usual = Seen(blocks=[[0.01] * 20] * 20)
+    one, many = change_of(usual, Seen(blocks=together)), change_of(usual, Seen(blocks=apart))
+    assert one.high > 4.0 and one.low == pytest.approx(1.0)
+    assert many.low == many.high == pytest.approx(1.0)
+
+
+def test_without_keyframes_nothing_is_known_and_no_limit_is_kept() -> None:
+    change = change_of(Seen(), Seen(blocks=[[0.1]]))
+    assert str(change) == "not known" and not change.times <= 1.1 and not change.decides(1.1)
+
+
+def test_a_time_in_which_others_take_the_machine_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    taken = iter([0.0, 0.5, 0.14])
+    monkeypatch.setattr(watching, "Others", lambda _: SimpleNamespace(cores=lambda: next(taken)))
+    server, one, seen = ServerUnderTest(None, 1, "127.0.0.1", 9), LoadClient(None, None, 0.0), Seen()  # type: ignore[arg-type]
+
+    async def play() -> None:
+        for number in range(3):
+            async with noting(server, [one], seen):
+                one.latencies_s.append(float(number))
+
+    asyncio.run(play())
+    assert seen.blocks == [[0.0], [2.0]] and seen.disturbed == 1
+    assert beside._left_out([seen]) == ", 33 % left out" and beside._left_out([Seen(blocks=[[1.0]])]) == ""
+
+
+def test_others_are_those_that_are_no_part_of_the_test(monkeypatch: pytest.MonkeyPatch) -> None:
+    now, ran = [50.0], {"all": 900.0, 7: 3.0, 8: 5.0}
+    monkeypatch.setattr(watching.time, "perf_counter", lambda: now[0])
+    monkeypatch.setattr(watching.os, "getpid", lambda: 7)
+    monkeypatch.setattr(watching, "family", lambda _: [7, 8, 9])  # an attacker, and the server
+    monkeypatch.setattr(watching, "all_processor_s", lambda: ran["all"])
+    monkeypatch.setattr(watching, "processor_s", lambda pid: (ran[pid], 0.5))
+    monkeypatch.setattr(ServerUnderTest, "processor_s", lambda _: (ran["all"] / 9.0, 0.0))
+    others = Others(ServerUnderTest(None, 9, "127.0.0.1", 9))
+    now[0] += 2.0
+    ran |= {"all": 903.6, 7: 3.5, 8: 5.3}
+    assert others.cores() == pytest.approx((3.6 - 0.4 - 0.5 - 0.3) / 2.0)
+    now[0] += 1.0
+    ran[8] = 9.0  # ticks of the system are coarse
+    assert others.cores() == 0.0
+
+
+def test_attacks_share_the_time_that_there_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What one does not need is left to the next ones; each has an address of its own."""
+    begun: list[tuple[str, str, float]] = []
+
+    @contextlib.contextmanager
+    def server(**_: str) -> Iterator[ServerUnderTest]:
+        yield ServerUnderTest(None, 1, "127.0.0.1", 9)
+
+    @contextlib.asynccontextmanager
+    async def honest(_: ServerUnderTest) -> AsyncIterator[list[LoadClient]]:
+        yield []
+
+    async def nothing(*_: Any) -> None:
+        return
+
+    async def row(server: ServerUnderTest, _: Any, attack: Attack, times: beside.Times, until: float) -> str:
+        assert times is beside.QUICK
+        begun.append((attack.name, server.attacker, until - time.perf_counter()))
+        return attack.name
+
+    for name, instead in {
+        "running_server": server,
+        "_honest": honest,
+        "_until_ready": nothing,
+        "_row": row,
+        "ask": lambda *_: (201, b""),
+        "ASIDE_S": 0.0,
+        "STARTING_S": 0.0,
+    }.items():
+        monkeypatch.setattr(beside, name, instead)
+    rows: list[Any] = asyncio.run(beside.attack_rows(Effort(quick=True)))
+    assert rows == [attack.name for attack in ATTACKS] == [name for name, _, _ in begun]
+    assert len({address for _, address, _ in begun}) == (9 if sys.platform == "linux" else 1)
+    shares = [left / beside.QUICK.all_s for _, _, left in begun]
+    assert shares == pytest.approx([(k + 1) / 9 for k in range(9)], abs=0.02)
+
+
+def test_turns_go_on_until_the_limit_is_kept_or_missed_for_sure(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Once it says nothing more, or no more time is left."""
+
+    class Playing:
+        processor_s = 0.5
+
+        async def play(self, _: float) -> str:
+            return "found"
+
+    @contextlib.asynccontextmanager
+    async def player(*_: Any) -> AsyncIterator[Playing]:
+        yield Playing()
+
+    def turns(during: float, until: float = math.inf) -> int:
+        stretches = itertools.cycle([0.010, during, 0.010])
+
+        async def watch(_: Any, __: Any, work: Any) -> Seen:
+            await work
+            value = next(stretches)
+            return Seen(blocks=[[value * (1.0 + 0.02 * k)] * 8 for k in range(8)], seconds=1.0)
+
+        monkeypatch.setattr(beside, "watch", watch)
+        times = beside.Times(quiet_s=0.0, loud_s=1.0, rounds=(1, 3))
+        seen = asyncio.run(beside._watched(ServerUnderTest(None, 1, "", 9), [], ATTACKS[0], times, until))
+        assert len(seen.quiet) == 2 * len(seen.loud) and seen.found == ["found"]
+        assert seen.attacker_s == 0.5 * len(seen.loud)
+        return len(seen.loud)
+
+    for name, instead in {"player": player, "SETTLE_S": 0.0, "AFTER_S": 0.0}.items():
+        monkeypatch.setattr(beside, name, instead)
+    assert turns(0.010) == turns(0.020) == 1
+    assert turns(0.011) == 3
+    assert turns(0.011, until=0.0) == 1
+
+
+def test_stretches_of_time_add_up() -> None:
+    first = Seen(blocks=[[0.1]], health_s=[0.01], seconds=2.0, log_bytes=10.0)
+    made = Seen.together([first, Seen(blocks=[[0.2], [0.3]], memory_mb=[5.0], seconds=1.0, server_s=0.5)])
+    assert made.latencies_s == [0.1, 0.2, 0.3] and made.seconds == 3.0 and made.server_s == 0.5
+    assert (made.memory_mb, made.health_s, made.log_bytes) == ([5.0], [0.01], 10.0)
+    assert first.blocks == [[0.1]]
+
+
+def test_a_pose_that_a_later_one_overtook_was_waited_for_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(driver.time, "perf_counter", lambda: 10.0)
+    keyframe: Any = SimpleNamespace(pose=2, still=False)
+    for counts, found in ((True, [3.0, 1.0]), (False, [1.0])):
+        client = LoadClient(None, None, 0.0, counts_overtaken=counts)  # type: ignore[arg-type]
+        client._sent = {1: 7.0, 2: 9.0, 3: 9.5}
+        client._note(keyframe)
+        assert client.latencies_s == found and client._sent == {3: 9.5}
 
 
 def test_files_that_do_harm_are_small() -> None:
@@ -60,7 +221,7 @@ def test_an_attack_that_cannot_begin_is_no_attack_that_did_no_harm() -> None:
 
     async def play(name: str) -> None:
         async with player(server, name) as playing:
-            await playing.play(5.0)
+            await playing.play(60.0)  # it comes last with the system
 
     with pytest.raises(RuntimeError, match="cannot be prepared"):
         asyncio.run(play("no such attack"))

@@ -6,6 +6,7 @@ import asyncio
 import json
 import os
 import sys
+from dataclasses import replace as replace_in
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,9 @@ from torchrender_service.renderers import pool as pool_module
 from torchrender_service.renderers.asked import Asked
 from torchrender_service.renderers.contract import RendererPool
 from torchrender_service.renderers.jobs import Bounds, Forget, Job, Render, SceneSource, View, WarmUp
+from torchrender_service.renderers.places import PLACES, Standing, place_of
 from torchrender_service.renderers.pool import Pool
+from torchrender_service.renderers.processes import process as process_module
 from torchrender_service.renderers.processes.process import RendererProcess
 from torchrender_service.settings import read_settings
 
@@ -136,34 +139,35 @@ def test_small_pictures_of_several_clients_take_two_processes_and_a_thread_each(
     assert asyncio.run(chosen(pool, large, small, small)) == [("batch", 0), ("0", 1), ("0", 1)]
     pool = make_pool(renderers=1)
     pool.assign()  # a stream: pictures of all sizes leave it alone
-    pool._renderers[0]._scenes.add("cornell_box")
     assert asyncio.run(chosen(pool, picture(512), bounded)) == [("batch", 0), ("0", 0)]
 
 
-def test_a_scene_is_not_loaded_where_streams_are(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Loading has no passes between which a keyframe could be made."""
-    monkeypatch.setattr(RendererProcess, "ready", True)
-    monkeypatch.setattr(pool_module, "LOADING_S", 0.05)
+FREE = Standing(free=True, small=False, streams=False, ahead=1, other=True, ready=True)
+WHERE = [  # standing, made in the renderer of large pictures, why
+    (FREE, False, "it is in nobody's way there"),
+    (replace_in(FREE, small=True), True, "less waits there"),
+    (replace_in(FREE, small=True, ahead=0), False, "it is in nobody's way there"),
+    (replace_in(FREE, small=True, ahead_there=1), False, "as much waits there"),
+    (replace_in(FREE, streams=True, ahead_there=5), True, "streams have the renderer"),
+    (replace_in(FREE, streams=True, loaded_there=False), True, "streams have it, and the scene is loaded"),
+    (replace_in(FREE, streams=True, free=False), False, "its pace is known there"),
+    (replace_in(FREE, streams=True, slow=True), False, "the renderer of large pictures was too slow"),
+    (replace_in(FREE, streams=True, large=True), False, "the renderer of large pictures has one"),
+    (replace_in(FREE, streams=True, ready=False), False, "the renderer of large pictures starts"),
+    (replace_in(FREE, streams=True, other=False), False, "there is no other renderer"),
+]
 
-    async def goes_to(*, streams: bool, loaded: bool) -> list[str]:
-        """Where a picture with a budget waits or runs, at first and after a while."""
-        pool, found = make_pool(renderers=1), []
-        if streams:
-            pool.assign()
-        if loaded:
-            pool._renderers[0]._scenes.add("cornell_box")
-        monkeypatch.setattr(pool, "_prepare_aside", lambda: None)
-        task = asyncio.create_task(pool.run(replace(picture(64), bounds=Bounds(budget_ms=50.0))))
-        for wait_s in (0.01, 0.2):
-            await asyncio.sleep(wait_s)
-            found.append(max(pool._working, key=lambda renderer: renderer.load).name)
-        task.cancel()
-        await asyncio.gather(task, return_exceptions=True)
-        return found
 
-    assert asyncio.run(goes_to(streams=True, loaded=False)) == ["batch", "0"], "where it does not begin it comes back"
-    assert asyncio.run(goes_to(streams=True, loaded=True)) == ["0", "0"]
-    assert asyncio.run(goes_to(streams=False, loaded=False)) == ["0", "0"]
+@pytest.mark.parametrize(("standing", "aside", "why"), WHERE, ids=[str(k) for k in range(len(WHERE))])
+def test_where_a_picture_is_made_and_why(standing: Standing, aside: bool, why: str) -> None:
+    place = place_of(standing)
+    assert (place.aside, place.why) == (aside, why)
+    assert place.wanted is (why == "the renderer of large pictures starts")
+    assert bool(place.patience_s) is aside
+
+
+def test_every_reason_decides_somewhere() -> None:
+    assert {place_of(standing).why for standing, _, _ in WHERE} == {place.why for place in PLACES}
 
 
 def test_views_at_rest_are_warmed_up_behind_ready(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -217,6 +221,29 @@ def test_a_renderer_is_alone_while_its_other_sessions_rest(monkeypatch: pytest.M
     assert pool.alone(first) and pool.alone(second)
 
 
+def test_the_renderer_of_large_pictures_starts_some_time_after_the_first_stream(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(pool_module, "ASIDE_S", 0.05)
+    prepared: list[int] = []
+    monkeypatch.setattr(Pool, "_prepare_aside", lambda _: prepared.append(1))
+
+    async def play(**settings: Any) -> list[int]:
+        prepared.clear()
+        pool, found = make_pool(renderers=1, **settings), []
+        handle = pool.assign()
+        tasks = [asyncio.create_task(pool.run(Forget(), renderer=handle)) for _ in range(3)]
+        for wait_s in (0.0, 0.2):
+            await asyncio.sleep(wait_s)
+            found.append(len(prepared))
+        await pool.stop()
+        await asyncio.gather(*tasks, return_exceptions=True)
+        return found
+
+    assert asyncio.run(play()) == [0, 1]
+    assert asyncio.run(play(batch_renderer=False)) == [0, 0], "there is none"
+
+
 def test_a_session_at_rest_keeps_no_renderer_from_small_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """It may be one whose client has gone, and may come back."""
     monkeypatch.setattr(RendererProcess, "ready", True)
@@ -263,7 +290,7 @@ def test_who_helps_out_makes_a_first_picture_of_its_own_before(monkeypatch: pyte
 def test_a_picture_that_the_system_leaves_waiting_comes_back(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(RendererProcess, "ready", True)
     monkeypatch.setattr(Pool, "_aside_ready", True)
-    monkeypatch.setattr(pool_module, "HELP_S", 0.05)
+    monkeypatch.setattr(pool_module, "place_of", lambda standing: place_of(standing)._replace(patience_s=0.05))
 
     async def two() -> list[int]:
         pool = make_pool(renderers=1)
@@ -314,7 +341,7 @@ def test_as_many_jobs_as_may_wait_and_not_one_more(inspected: bool) -> None:
 def test_renderers_never_learn_the_api_key(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """A scene that takes a renderer over must not find it there."""
     noted = tmp_path / "environment.json"
-    # Whole at once: a renderer that runs from the start tries again beside the one that is looked at.
+    monkeypatch.setattr(process_module, "BACK_OFF_S", (60.0,) * 6)  # none tries again beside the one that is looked at
     note = (
         f"import json, os; own = {str(noted)!r} + str(os.getpid()); "
         f"open(own, 'w').write(json.dumps(dict(os.environ))); os.replace(own, {str(noted)!r})"

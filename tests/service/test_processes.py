@@ -6,6 +6,7 @@ import asyncio
 import os
 import signal
 import sys
+import threading
 import time
 from collections.abc import Coroutine
 from typing import Any
@@ -37,12 +38,14 @@ from torchrender_service.renderers.jobs import (
     SentTask,
     Tradeoff,
     View,
+    WarmUp,
 )
 from torchrender_service.renderers.processes import start as processes
 from torchrender_service.renderers.processes.desk import Cancelled, Desk
 from torchrender_service.renderers.processes.process import RendererProcess
 from torchrender_service.renderers.processes.schedule import PATIENCE_S, FairQueue, Waiting
 from torchrender_service.renderers.processes.start import Kind, Spare
+from torchrender_service.renderers.worker import Needs, needs_of
 
 WORKER = """
 import os, struct, sys, threading, time
@@ -335,6 +338,59 @@ def test_between_two_passes_a_desk_does_what_is_urgent_and_stops_what_nobody_wan
     desk.run()
     assert done == ["first", "keyframe", "second", "stopped"]
     assert "picture" not in clock.elapsed_ms and "third" not in clock.elapsed_ms
+
+
+def test_what_is_urgent_does_not_wait_for_what_goes_ahead_of_a_task() -> None:
+    done: list[str] = []
+    loading, loaded = threading.Event(), threading.Event()
+
+    def work(task: SentTask) -> None:
+        done.append("keyframe" if task.express else "picture")
+        if task.express:
+            loaded.set()
+        else:
+            desk.close()
+
+    def load() -> None:
+        loading.set()
+        assert loaded.wait(10.0)
+        done.append("loaded")
+
+    desk = Desk(work, lambda task: None if task.express else load)
+    desk.put(sent(1, QUICK))
+    worker_thread = threading.Thread(target=desk.run)
+    worker_thread.start()
+    assert loading.wait(10.0)
+    desk.put(sent(2, URGENT, express=True))
+    worker_thread.join(10.0)
+    assert done == ["keyframe", "loaded", "picture"]
+
+
+def test_a_task_that_nobody_wants_waits_for_nothing_ahead_of_it() -> None:
+    done, never = [], threading.Event()
+
+    def work(task: SentTask) -> None:
+        done.append((task.serial, desk.cancelled(task)))
+        desk.close()
+
+    desk = Desk(work, lambda _: never.wait)
+    desk.put(sent(1, QUICK))
+    worker_thread = threading.Thread(target=desk.run)
+    worker_thread.start()
+    time.sleep(0.05)
+    assert not done
+    desk.put(Cancel(serial=1))
+    worker_thread.join(10.0)
+    never.set()
+    assert done == [(1, True)]
+
+
+def test_the_scene_of_a_task_is_known_without_reading_all_of_it() -> None:
+    scene = SceneSource(id="box", path="/somewhere")
+    assert needs_of(sent(1, Describe(scene=scene))) == Needs("Describe", scene)
+    assert needs_of(sent(2, Forget(scene="box"))) == Needs(), "a name is no scene"
+    assert needs_of(sent(3, WarmUp())) == Needs("WarmUp")
+    assert needs_of(SentTask(serial=4, job=msgspec.Raw(b"\xc1"))) == Needs()
 
 
 def test_what_came_between_two_passes_is_not_counted_as_theirs() -> None:

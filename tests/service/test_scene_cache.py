@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from types import SimpleNamespace
 
 import pytest
@@ -19,7 +20,7 @@ def loaded(monkeypatch: pytest.MonkeyPatch) -> list[object]:
 
     def load(name: object) -> object:
         names.append(name)
-        return SimpleNamespace(name=name, geometry=SimpleNamespace(triangle_count=10))
+        return SimpleNamespace(name=name, materials=(), geometry=SimpleNamespace(triangle_count=10))
 
     monkeypatch.setattr(scene_cache, "load", load)
     monkeypatch.setattr(scene_cache, "load_any", load)
@@ -45,3 +46,32 @@ def test_a_scene_larger_than_everything_allowed_is_kept_alone(loaded: list[objec
     cache.forget("B")
     cache.get(SceneSource(id="B"))
     assert loaded == ["A", "B", "B"]
+
+
+def test_a_scene_that_another_thread_loads_is_loaded_once(loaded: list[object]) -> None:
+    cache, source = SceneCache(), SceneSource(id="A")
+    threads = [threading.Thread(target=cache.ahead(source)) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    assert cache.get(source).name == "A"
+    for thread in threads:
+        thread.join()
+    assert loaded == ["A"] and cache.has(source) and cache.ahead(source)().name == "A"
+
+
+def test_a_scene_that_was_loaded_for_somebody_who_left_counts(loaded: list[object]) -> None:
+    cache = SceneCache(max_bytes=20 * TREE_BYTES)
+    assert cache.ahead(SceneSource(id="A"))().name == "A"
+    assert cache.bytes == 0 and not cache.has(SceneSource(id="A"))
+    cache.get(SceneSource(id="B"))
+    assert cache.bytes == 20 * TREE_BYTES
+    cache.get(SceneSource(id="A"))
+    assert loaded == ["A", "B"]
+
+
+def test_a_scene_that_cannot_be_loaded_ahead_says_why_where_it_is_wanted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(scene_cache, "load", lambda _: {}["missing"])
+    cache, source = SceneCache(), SceneSource(id="A")
+    for get in (cache.ahead(source), lambda: cache.get(source), lambda: cache.get(source)):
+        with pytest.raises(KeyError, match="missing"):
+            get()

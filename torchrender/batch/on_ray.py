@@ -18,7 +18,7 @@ from torchrender.batch.digest import scene_digest
 from torchrender.batch.folder import alone_in, load_job, note
 from torchrender.batch.job import Job
 from torchrender.batch.local import BatchError, Outcome, Tell, begin
-from torchrender.batch.work import answer
+from torchrender.batch.work import ChunkMaker
 from torchrender.errors import OptionError
 from torchrender.extras import check_extra
 from torchrender.kernels.threads import limited_threads
@@ -28,15 +28,16 @@ AUTO = "auto"
 """A cluster that is running, else one on this machine for as long as the batch lasts."""
 
 
-class ChunkMaker:
+class ChunkActor:
     """An actor: rows with ``id``, the number of a chunk, become rows with its record as JSON."""
 
     def __init__(self, folder: str, threads: int) -> None:
         self._folder, self._threads = Path(folder), threads
         torch.set_num_threads(threads)
         self._job, known = load_job(self._folder)
-        self._scene = self._job.scene.load()
-        self._changed = scene_digest(self._scene) != known
+        scene = self._job.scene.load()
+        self._changed = scene_digest(scene) != known
+        self._maker = ChunkMaker(scene, self._job, self._folder)
 
     def __call__(self, rows: Mapping[str, Array]) -> dict[str, list[str]]:
         with limited_threads(self._threads):
@@ -46,7 +47,7 @@ class ChunkMaker:
         if self._changed:
             why = f"{self._job.scene.path_or_name} has changed since the batch began, or differs between machines"
             return {"failed": why, "chunk": chunk, "for_all": True}
-        return answer(self._scene, self._job, chunk, self._folder)
+        return self._maker.answer(chunk)
 
 
 def run_on_ray(
@@ -141,7 +142,7 @@ def _records(ray: Any, folder: Path, left: list[int], workers: int, threads: int
     context.enable_progress_bars = False
     chunks = ray.data.from_items([{"id": chunk} for chunk in left], override_num_blocks=len(left))
     made = chunks.map_batches(
-        ChunkMaker,
+        ChunkActor,
         fn_constructor_args=(str(folder), threads),
         batch_size=1,
         num_cpus=threads,

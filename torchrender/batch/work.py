@@ -6,6 +6,7 @@ import io
 import tarfile
 import tempfile
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -22,55 +23,69 @@ from torchrender.renderer import render
 from torchrender.scene.model import Scene
 
 
-def make_chunk(scene: Scene, job: Job, chunk: int, folder: Path) -> dict[str, Any]:
-    """Render a chunk into the folder; the files appear whole or not at all.
+class ChunkMaker:
+    """Makes chunks of one job, one after the other.
 
-    Returns:
-        Its record: number, files with bytes and digests, milliseconds.
-
-    Raises:
-        ImageFileError: a file cannot be written.
+    What all pictures of a scene share (its tree, what shades hits of rays, the maps and occluders of its lights) is
+    made once. It depends on the scene alone: a chunk has the same bytes whatever was made before it.
     """
-    begin = perf_counter()
-    files = []
-    if job.shards:
-        files.append(folder / f"shard_{chunk:06d}.tar")
-        write_atomically(files[0], lambda path: _write_shard(path, contents(scene, job, chunk)))
-    else:
-        for name, data in contents(scene, job, chunk):
-            files.append(folder / name)
-            write_bytes(files[-1], data)
-    written = [file_record(file) for file in files]
-    return {"chunk": chunk, "files": written, "ms": round(1e3 * (perf_counter() - begin), 1)}
 
+    def __init__(self, scene: Scene, job: Job, folder: Path) -> None:
+        self._scene, self._job, self._folder = scene, job, folder
+        self._shared = RenderHistory.alone()
 
-def answer(scene: Scene, job: Job, chunk: int, folder: Path) -> dict[str, Any]:
-    """The record of a chunk that was made, or ``failed`` with the reason; ``for_all``: others will fail, too."""
-    try:
-        return make_chunk(scene, job, chunk, folder)
-    except TorchRenderError as error:
-        return {"failed": str(error), "chunk": chunk, "for_all": isinstance(error.__cause__, OSError)}
-    except MemoryError:
-        return {"failed": "out of memory", "chunk": chunk, "for_all": False}
+    def answer(self, chunk: int) -> dict[str, Any]:
+        """The record of a chunk that was made, or ``failed`` with the reason; ``for_all``: others will fail, too."""
+        try:
+            return self.make(chunk)
+        except TorchRenderError as error:
+            return {"failed": str(error), "chunk": chunk, "for_all": isinstance(error.__cause__, OSError)}
+        except MemoryError:
+            self._shared = RenderHistory.alone()
+            return {"failed": "out of memory", "chunk": chunk, "for_all": False}
 
+    def make(self, chunk: int) -> dict[str, Any]:
+        """Render a chunk into the folder; the files appear whole or not at all.
 
-def contents(scene: Scene, job: Job, chunk: int) -> Iterator[tuple[str, bytes]]:
-    """Names and bytes of the files of a chunk."""
-    options, history = job.options(), RenderHistory() if job.what == "film" else None
-    for number in job.rows(chunk):
-        camera, name = job.cameras[number], f"{job.names[number]}.{job.format}"
-        if job.what == "depth":
-            arrays = rasterize(scene, camera, outputs=job.outputs)
-            yield name, _npz({key: value[0].numpy() for key, value in arrays.items()})
-            continue
-        image = render(scene, camera, options=options, history=history)
-        history = image.history if job.what == "film" else None
-        if job.format == "png":
-            yield name, png_bytes(image.displayed()[0])
+        Returns:
+            Its record: number, files with bytes and digests, milliseconds.
+
+        Raises:
+            ImageFileError: a file cannot be written.
+        """
+        begin = perf_counter()
+        files = []
+        if self._job.shards:
+            files.append(self._folder / f"shard_{chunk:06d}.tar")
+            write_atomically(files[0], lambda path: _write_shard(path, self.contents(chunk)))
         else:
-            with tempfile.TemporaryDirectory() as place:
-                image.save(Path(place) / name)
-                yield name, (Path(place) / name).read_bytes()
+            for name, data in self.contents(chunk):
+                files.append(self._folder / name)
+                write_bytes(files[-1], data)
+        written = [file_record(file) for file in files]
+        return {"chunk": chunk, "files": written, "ms": round(1e3 * (perf_counter() - begin), 1)}
+
+    def contents(self, chunk: int) -> Iterator[tuple[str, bytes]]:
+        """Names and bytes of the files of a chunk."""
+        job, scene = self._job, self._scene
+        options, film = job.options(), job.what == "film"
+        history = replace(self._shared, sequence=film)
+        for number in job.rows(chunk):
+            camera, name = job.cameras[number], f"{job.names[number]}.{job.format}"
+            if job.what == "depth":
+                arrays = rasterize(scene, camera, outputs=job.outputs)
+                yield name, _npz({key: value[0].numpy() for key, value in arrays.items()})
+                continue
+            image = render(scene, camera, options=options, history=history)
+            assert image.history is not None
+            self._shared = replace(image.history.shared(), pace=None, pictures=0, drawn=None, sequence=False)
+            history = image.history if film else self._shared
+            if job.format == "png":
+                yield name, png_bytes(image.displayed()[0])
+            else:
+                with tempfile.TemporaryDirectory() as place:
+                    image.save(Path(place) / name)
+                    yield name, (Path(place) / name).read_bytes()
 
 
 def _npz(arrays: dict[str, Any]) -> bytes:

@@ -23,7 +23,7 @@ def main(folder: Path, threads: int) -> int:
 
     from torchrender.batch.digest import scene_digest
     from torchrender.batch.folder import load_job
-    from torchrender.batch.work import answer
+    from torchrender.batch.work import ChunkMaker
     from torchrender.errors import TorchRenderError
 
     def tell(message: dict[str, Any]) -> None:
@@ -41,8 +41,9 @@ def main(folder: Path, threads: int) -> int:
         tell({"failed": str(error), "for_all": True})
         return 1
     tell({"ready": True})
+    maker = ChunkMaker(scene, job, folder)
     for line in sys.stdin:
-        tell(answer(scene, job, int(line), folder))
+        tell(maker.answer(int(line)))
     return 0
 
 

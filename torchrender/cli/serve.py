@@ -26,8 +26,8 @@ def add_serve(commands: Any) -> None:
 
 def serve_command(arguments: argparse.Namespace) -> None:
     """Run the command."""
+    from torchrender_service.serving import run
     from torchrender_service.settings import read_settings
-    from torchrender_service.web.server import serve
 
     given = {"host": arguments.host, "port": arguments.port, "data_dir": arguments.data, "threads": arguments.threads}
     settings = read_settings(arguments.config, **given)
@@ -40,7 +40,7 @@ def serve_command(arguments: argparse.Namespace) -> None:
         start = start or ("" if flat else scene)
         told = ": its first camera is orthographic, so there are pictures of it, but no streams" if flat else ""
         sys.stderr.write(f"{name} is scene {scene}{told}\n")
-    serve(settings, start=start)
+    run(settings, start=start)
 
 
 def _keep(path: Path, data: Path) -> tuple[str, bool]:

@@ -19,6 +19,7 @@ from PIL import Image
 from torch import Tensor
 
 from torchrender.errors import ImageFileError, InputError
+from torchrender.images.bounded import converted
 from torchrender.images.coded import linear, read_codes, scaled
 from torchrender.images.exr import read_exr, write_exr
 from torchrender.images.ktx import read_ktx2
@@ -92,7 +93,7 @@ def read_image_bytes(data: bytes, name: str | Path, *, encoded: bool = False) ->
     if kind == ".exr":
         return torch.from_numpy(_read_exr_bytes(data, name))
     codes = read_ktx2(data, name, MAX_PIXELS) if kind == ".ktx2" else read_codes(data, name, MAX_PIXELS)
-    return scaled(codes) if encoded else linear(codes)
+    return converted(codes, scaled if encoded else linear)
 
 
 def write_image(path: str | Path, image: Tensor, *, channels: Sequence[str] | None = None) -> None:

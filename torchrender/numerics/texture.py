@@ -18,6 +18,8 @@ from torchrender.checks import check_tensor
 
 PADDING = 3
 """Numbers that follow the texels of a pyramid in memory, so that four may be read from any place on."""
+ROWS = 256
+"""That are halved at a time: what that takes is little beside the texture."""
 
 _PYRAMIDS: WeakTensorKeyDictionary = WeakTensorKeyDictionary()
 
@@ -109,6 +111,21 @@ def _in_place(textures: Sequence[Tensor], sizes: list[tuple[int, int]]) -> Tenso
             level.copy_(torch.nn.functional.adaptive_avg_pool2d(image, (height, width))[0].permute(1, 2, 0))
         finer = level
     return texels
+
+
+def halved(texture: Tensor) -> Tensor:
+    """(H,W,C) -> (H/2,W/2,C) rounded down, at least one: means of (about) two by two texels."""
+    height, width, channels = texture.shape
+    size = max(height // 2, 1), max(width // 2, 1)
+    if height % 2 or width % 2:
+        image = texture.permute(2, 0, 1)[None]
+        return torch.nn.functional.adaptive_avg_pool2d(image, size)[0].permute(1, 2, 0).contiguous()
+    made = texture.new_zeros(*size, channels)
+    for begin in range(0, size[0], ROWS):
+        rows = texture[2 * begin : 2 * (begin + ROWS)]
+        pairs = rows[0::2] + rows[1::2]
+        torch.add(pairs[:, 0::2], pairs[:, 1::2], out=made[begin : begin + ROWS])
+    return made.mul_(0.25)
 
 
 def color_pyramid(texture: Tensor) -> TexturePyramid:

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from torchrender.checks import check_class, check_range
-from torchrender.errors import InputError, MeshError, SceneFileError, TorchRenderWarning
+from torchrender.errors import InputError, MeshError, SceneFileError, SceneWarning, TorchRenderWarning
 from torchrender.points.cloud import PointCloud
 from torchrender.points.gaussians import covariances
 from torchrender.scene.files.content import read_bytes
@@ -42,8 +42,16 @@ HALF = 0.5
 """Of the opacity: what is less is not there; of holes: a point beyond is in one."""
 
 
+MOST_NAMED = 3
+"""Materials that a warning names."""
+
+
 class SampledWarning(TorchRenderWarning):
     """A file of surfaces was given where points are wanted: points on them are taken."""
+
+
+class LostEmissionWarning(SceneWarning):
+    """Surfaces that emit light were sampled: points have a colour that is lit, and no light of their own."""
 
 
 def load_points(
@@ -144,7 +152,8 @@ def sample_points(scene: Scene, count: int, *, seed: int = 0) -> PointCloud:
 
     A closed surface that is inside out is turned; an open one gives points that are drawn from both sides. Stratified
     along the triangles by area. Radius: 1.7 times the square root of the area per point. Colours are those
-    of the material, texture and vertices, unlit.
+    of the material, texture and vertices, unlit. Points emit nothing: a :class:`LostEmissionWarning` names materials
+    whose emission, or its texture, is lost.
 
     Raises:
         MeshError: a scene without surfaces.
@@ -177,6 +186,7 @@ def sample_points(scene: Scene, count: int, *, seed: int = 0) -> PointCloud:
             raise MeshError(f"scene {scene.name!r} has no surface to sample: all of it is transparent")
         alpha = torch.where(has_holes, 1.0, alpha)[keep]
         triangle, weights = triangle[keep], weights[keep]
+    _say_emission(scene, triangle)
     chosen = geometry.faces[triangle].long()
     return PointCloud(
         position=(weights[:, :, None] * corners[triangle]).sum(1),
@@ -187,6 +197,19 @@ def sample_points(scene: Scene, count: int, *, seed: int = 0) -> PointCloud:
         two_sided=two_sided,
         name=scene.name,
     )
+
+
+def _say_emission(scene: Scene, triangle: Tensor) -> None:
+    """Name the materials of these triangles that emit light."""
+    used = torch.unique(scene.geometry.material[triangle]).tolist()
+    lost = [one for one in (scene.materials[number] for number in used) if bool((one.emission > 0).any())]
+    if not lost:
+        return
+    named = [f"{one.name!r}{'' if one.emission_texture is None else ' (with its texture)'}" for one in lost]
+    more = [f"{len(named) - MOST_NAMED} more"] if len(named) > MOST_NAMED else []
+    text = ", ".join([*named[:MOST_NAMED], *more])
+    told = f"{scene.name}: points have no light of their own: the emission of {text} is not used"
+    warnings.warn(told, LostEmissionWarning, stacklevel=3)
 
 
 def _sides(corners: Tensor, area: Tensor) -> tuple[float, bool]:

@@ -2,7 +2,7 @@
 
 A connection that becomes a transport and a protocol costs the server a tenth of a millisecond, one that is turned away
 here a hundredth: who opens thousands a second takes nothing from the others. Some hundred a second are told why, with
-429; the rest are reset.
+429; the rest are reset, and where the system can do it their address is shut out for a while, see :mod:`gate`.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from collections.abc import Callable
 from typing import Any
 
 from torchrender_service.door.address import peer_of
+from torchrender_service.door.gate import Gate
 from torchrender_service.errors import ServiceError
 from torchrender_service.problems import last_answer
 from torchrender_service.settings import Settings
@@ -26,7 +27,7 @@ TURN_S = 0.0005
 """For new connections, before whoever is connected has a turn: a thousand that come together wait for each other, and
 no keyframe for all of them."""
 MOST_ADDRESSES = 4096
-TOLD_PER_S = 500
+TOLD_PER_S = 100
 """Answers to those that are turned away, of all addresses: each leaves the system something to wait for."""
 BUSY = last_answer(ServiceError(429, "connections-a-second", "too many new connections a second", retry_after_s=1.0))
 _AT_ONCE = struct.pack("ii", 1, 0)  # SO_LINGER: reset, nothing is left to wait for
@@ -37,12 +38,14 @@ class Arrivals:
 
     Args:
         refused: told of every connection that is not let in.
+        gate: where those wait that open far too many.
     """
 
-    def __init__(self, settings: Settings, refused: Callable[[], Any] = lambda: None) -> None:
+    def __init__(self, settings: Settings, refused: Callable[[], Any] = lambda: None, gate: Gate | None = None) -> None:
         self._rate = float(settings.connections_per_s)
         self._trusted = frozenset(settings.trusted_proxies)
         self._refused = refused
+        self.gate = gate or Gate()
         self._left: dict[str, tuple[float, float]] = {}  # by address: how many, and when
         self._told, self._second = 0, 0  # answers in a second, and which
 
@@ -100,6 +103,7 @@ class DoorSocket(socket.socket):
                     _tell(connection)
                 else:
                     connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _AT_ONCE)
+                    self.arrivals.gate.shut(peer_of(peer), now)
         raise BlockingIOError
 
 
@@ -124,6 +128,7 @@ def listening(host: str, port: int, arrivals: Arrivals) -> list[socket.socket]:
             one = DoorSocket(family, kind, protocol)
             made.append(one)
             one.arrivals = arrivals
+            arrivals.gate.add(one)
             if sys.platform != "win32":
                 one.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             if family == socket.AF_INET6:

@@ -15,6 +15,7 @@ from collections import OrderedDict
 from typing import Any, Protocol
 
 from torchrender_service.door.accepting import Arrivals
+from torchrender_service.door.gate import Gate
 from torchrender_service.metrics import Metrics
 from torchrender_service.settings import Settings
 
@@ -48,7 +49,8 @@ class Connections:
         self._count = 0
         self._turned_away: dict[str, int] = {}
         self._refusals: dict[str, int] = {}
-        self.arrivals = Arrivals(settings, lambda: self._refuse("connections a second of one address"))
+        gate = Gate(self._shut_out)
+        self.arrivals = Arrivals(settings, lambda: self._refuse("connections a second of one address"), gate)
 
     def __len__(self) -> int:
         return self._count
@@ -135,12 +137,17 @@ class Connections:
         self._metrics.count("rejected", kind=what.replace(" ", "-"))
         return False
 
+    def _shut_out(self, address: str, seconds: float) -> None:
+        self._metrics.count("addresses_shut_out")
+        LOG.warning("new connections of an address wait", extra={"client": address, "seconds": seconds})
+
     async def sweep(self) -> None:
         """End whoever is late, for ever; what was done is a line of the log at most once a second."""
         told = time.monotonic()
         while True:
             await asyncio.sleep(SWEEP_S)
             now = time.monotonic()
+            self.arrivals.gate.open(now)
             self.end_overdue(now)
             if now - told >= 1.0 and (self._turned_away or self._refusals):
                 facts = {"ended": dict(self._turned_away), "refused": dict(self._refusals), "open": self._count}

@@ -7,14 +7,15 @@ import contextlib
 import math
 import time
 from collections.abc import AsyncIterator
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 from torchrender_service.load_test.attacks import ATTACKS, PICTURE, Attack
 from torchrender_service.load_test.driver import LoadClient, ServerUnderTest, client, running_server
-from torchrender_service.load_test.playing import player
+from torchrender_service.load_test.playing import Player, player
 from torchrender_service.load_test.raw import ask, attacker
 from torchrender_service.load_test.rows import Effort, Row
-from torchrender_service.load_test.watching import Seen, watch
+from torchrender_service.load_test.watching import Change, Seen, change_of, watch
+from torchrender_service.renderers.pool import ASIDE_S
 from torchrender_service.settings import Settings
 
 SESSIONS = 10
@@ -23,8 +24,12 @@ EVERY_S = 0.25
 """Each honest session asks for a keyframe so often: one takes about 8 ms of a core, so all together need less than half
 of what one renderer can do on two cores, and their delay is that of pictures, not of a queue of their own making. The
 more of them, the less does p95 depend on two or three."""
-SETTLE_S = 2.0
+SETTLE_S = 1.5
 """What the attack before left to do, and the start of the next one's process, are no part of what was before it."""
+STARTING_S = 5.0
+"""Of the renderer of large pictures, which starts some time after the first stream."""
+AFTER_S = 0.5
+"""Nor is what an attack left to do a part of what comes after it."""
 OVER_S = 30.0
 HEALTH_MS = 50.0
 LOG_BYTES_PER_MINUTE = 2**20
@@ -35,15 +40,16 @@ FIRST = b'name = "first"\n[[geometry]]\nshape = "box"\n'
 async def attack_rows(effort: Effort) -> list[Row]:
     """One row for each attack."""
     rows = []
-    quiet, loud = (4.0, 7.0) if effort.quick else (15.0, 30.0)
     with running_server(max_sessions="64", log_level="info", built_in="cornell_box") as server:
         await _until_ready(server)
         await asyncio.to_thread(ask, server, "POST", "/v1/scenes", FIRST, "application/toml", "127.0.0.1")
         async with _honest(server) as sessions:
-            await asyncio.sleep(2.0)
+            await asyncio.sleep(ASIDE_S + STARTING_S)
+            times, begin = QUICK if effort.quick else THOROUGH, time.perf_counter()
             for number, attack in enumerate(ATTACKS):
                 attacked = replace(server, attacker=attacker(number))
-                rows.append(await _row(attacked, sessions, attack, (quiet, loud)))
+                share = (number + 1) / len(ATTACKS)
+                rows.append(await _row(attacked, sessions, attack, times, begin + share * times.all_s))
     return rows
 
 
@@ -68,38 +74,88 @@ async def _honest(server: ServerUnderTest) -> AsyncIterator[list[LoadClient]]:
             await asyncio.gather(*walks, return_exceptions=True)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Times:
+    """How long an attack is watched."""
+
+    quiet_s: float  # before it and after it
+    loud_s: float  # while it goes on
+    rounds: tuple[int, int]  # at least and at most: as many as it takes until the limit is kept, or missed, for sure
+    all_s: float = math.inf  # for all attacks: those that are decided at once leave more to others
+
+
+QUICK = Times(quiet_s=2.5, loud_s=3.5, rounds=(1, 3), all_s=125.0)
+THOROUGH = Times(quiet_s=8.0, loud_s=15.0, rounds=(2, 4))
+
+
+@dataclass(eq=False)
+class Watched:
+    """An attack that came and went, several times, and the time about it."""
+
+    quiet: list[Seen] = field(default_factory=list)
+    loud: list[Seen] = field(default_factory=list)
+    found: list[str] = field(default_factory=list)
+    attacker_s: float = 0.0
+
+    @property
+    def change(self) -> Change:
+        """Of p95."""
+        return change_of(Seen.together(self.quiet), Seen.together(self.loud))
+
+
+async def _watched(
+    server: ServerUnderTest, sessions: list[LoadClient], attack: Attack, times: Times, until: float
+) -> Watched:
+    """In turns without it and with it, so that whatever else changes on this machine meets both.
+
+    Args:
+        until: time after which no further turn begins.
+    """
+    seen = Watched()
+    for number in range(times.rounds[1]):
+        async with player(server, attack.name) as playing:
+            await asyncio.sleep(SETTLE_S)
+            seen.quiet.append(await watch(server, sessions, asyncio.sleep(times.quiet_s)))
+
+            async def play(playing: Player = playing) -> None:
+                begin = time.perf_counter()
+                said = await playing.play(attack.longer * times.loud_s)
+                seen.found.extend([said] if said and said not in seen.found else [])
+                least = attack.watched * times.quiet_s
+                await asyncio.sleep(max(0.0, least - (time.perf_counter() - begin)))
+
+            seen.loud.append(await watch(server, sessions, play()))
+            seen.attacker_s += playing.processor_s
+        await asyncio.sleep(AFTER_S)
+        seen.quiet.append(await watch(server, sessions, asyncio.sleep(times.quiet_s)))
+        enough = seen.change.decides(attack.slower) or time.perf_counter() > until
+        if enough and number + 1 >= times.rounds[0]:
+            break
+    return seen
+
+
 async def _row(
-    server: ServerUnderTest, sessions: list[LoadClient], attack: Attack, seconds: tuple[float, float]
+    server: ServerUnderTest, sessions: list[LoadClient], attack: Attack, times: Times, until: float = math.inf
 ) -> Row:
-    async with player(server, attack.name) as playing:
-        await asyncio.sleep(SETTLE_S)
-        before = await watch(server, sessions, asyncio.sleep(seconds[0]))
-        found: list[str] = []
-
-        async def play() -> None:
-            begin = time.perf_counter()
-            said = await playing.play(seconds[1])
-            found.extend([said] if said else [])
-            await asyncio.sleep(max(0.0, attack.longer * seconds[0] - (time.perf_counter() - begin)))
-
-        during = await watch(server, sessions, play())
+    seen = await _watched(server, sessions, attack, times, until)
     over = await _over_after(server)
+    before, during, change = Seen.together(seen.quiet), Seen.together(seen.loud), seen.change
     # What a renderer may take is a share of the memory of host or container: an attack gets no more than one such.
-    grown, most = max(during.memory_mb) - min(before.memory_mb), Settings().memory_mb
-    slower = during.p95_ms / before.p95_ms if math.isfinite(before.p95_ms) else math.inf
+    grown, most = max(during.memory_mb) - min(seen.quiet[0].memory_mb), Settings().memory_mb
     text = (
-        f"p95 {_compared(before, during)} ({len(during.latencies_s)} keyframes), /health p99 "
-        f"{during.health_ms:.0f} ms, cores: {_cores(before, during, playing.processor_s)}, "
+        f"p95 {_compared(before, during)}, {change} "
+        f"({len(before.latencies_s)} and {len(during.latencies_s)} keyframes{_left_out([before, during])}), "
+        f"/health p99 {during.health_ms:.0f} ms, cores: {_cores(before, during, seen.attacker_s)}, "
         f"memory {grown:+.0f} MB of {most}, log {during.log_per_minute / 1024:.0f} KB/min, over after {over:.1f} s"
-        + "".join(f"; {one}" for one in found)
+        + "".join(f"; {one}" for one in seen.found)
     )
     met = (
-        slower <= attack.slower
+        change.times <= attack.slower
         and during.health_ms < HEALTH_MS
         and grown < most
         and during.log_per_minute <= LOG_BYTES_PER_MINUTE
         and over < OVER_S
-        and not any("MISSED" in one for one in found)
+        and not any("MISSED" in one for one in seen.found)
     )
     goal = (
         f"p95 +{100 * (attack.slower - 1):.0f} % at most, /health p99 < 50 ms, memory and log bounded, over within 30 s"
@@ -108,7 +164,8 @@ async def _row(
         "p95_before_ms": _known(before.p95_ms),
         "p95_during_ms": _known(during.p95_ms),
         "health_p99_ms": during.health_ms,
-        "attacker_cores": playing.processor_s / during.seconds,
+        "p95_change": [_known(value) for value in change],
+        "attacker_cores": seen.attacker_s / during.seconds,
         "server_cores": [one.server_s / one.seconds for one in (before, during)],
         "renderer_cores": [one.renderers_s / one.seconds for one in (before, during)],
         "memory_mb": grown,
@@ -128,10 +185,8 @@ async def _row(
 
 def _compared(before: Seen, during: Seen) -> str:
     """In words: without any keyframe there is nothing to compare."""
-    first, second = (f"{ms:.0f} ms" if math.isfinite(ms) else "no keyframe" for ms in (before.p95_ms, during.p95_ms))
-    if "no keyframe" in (first, second):
-        return f"{first} → {second}"
-    return f"{before.p95_ms:.0f} → {second}, {100 * (during.p95_ms / before.p95_ms - 1):+.0f} %"
+    pair = (f"{ms:.1f} ms" if math.isfinite(ms) else "no keyframe" for ms in (before.p95_ms, during.p95_ms))
+    return " → ".join(pair)
 
 
 def _cores(before: Seen, during: Seen, attacker_s: float) -> str:
@@ -140,6 +195,13 @@ def _cores(before: Seen, during: Seen, attacker_s: float) -> str:
     pairs = [(one.server_s / one.seconds, one.renderers_s / one.seconds) for one in (before, during)]
     parts = [f"{name} {first:.2f} → {second:.2f}" for name, first, second in zip(named, *pairs, strict=True)]
     return ", ".join([*parts, f"attacker {attacker_s / during.seconds:.2f}"])
+
+
+def _left_out(stretches: list[Seen]) -> str:
+    """How much was disturbed."""
+    all_together = Seen.together(stretches)
+    count = all_together.disturbed + len(all_together.blocks)
+    return f", {100 * all_together.disturbed / max(1, count):.0f} % left out" if all_together.disturbed else ""
 
 
 def _known(ms: float) -> float | None:

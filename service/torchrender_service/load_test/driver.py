@@ -63,7 +63,7 @@ class ServerUnderTest:
 
     def children(self) -> list[int]:
         """Processes of its renderers."""
-        return _family(self.pid)[1:]
+        return family(self.pid)[1:]
 
     @property
     def url(self) -> str:
@@ -91,7 +91,7 @@ class ServerUnderTest:
 
     def memory_mb(self) -> float:
         """Resident memory of the server and its renderers; 0 where the system does not tell."""
-        return sum(resident_mb(pid) for pid in _family(self.pid))
+        return sum(resident_mb(pid) for pid in family(self.pid))
 
     def processor_s(self) -> tuple[float, float]:
         """Processor time of the server alone, and of all its children, ended ones included."""
@@ -137,6 +137,7 @@ class LoadClient:
     received: int = 0  # keyframes
     bytes: int = 0
     problems: int = 0
+    counts_overtaken: bool = False  # a pose that has a keyframe only by a later one was waited for until then
     _sent: dict[int, float] = field(default_factory=dict)
     _number: int = 0
 
@@ -168,12 +169,17 @@ class LoadClient:
         if message.layer == 0:
             self.received += 1
             self.render_ms.append(message.render_ms)
-            sent = self._sent.pop(message.pose, None)
-            if sent is not None and not message.still:
-                self.latencies_s.append(time.perf_counter() - sent)
-            self._sent = {k: v for k, v in self._sent.items() if k > message.pose}
+            self._note(message)
             await self.socket.send(encode(Ack(id=message.id)))
         return message
+
+    def _note(self, keyframe: Keyframe) -> None:
+        """How long its pose was waited for."""
+        now, pose = time.perf_counter(), keyframe.pose
+        answered = [sent for k, sent in self._sent.items() if k == pose or (self.counts_overtaken and k < pose)]
+        if not keyframe.still:
+            self.latencies_s += [now - sent for sent in answered]
+        self._sent = {k: v for k, v in self._sent.items() if k > pose}
 
     async def walk(
         self, seconds: float, *, reach: float = 0.03, period_s: float = 4.0, poses_per_s: float = POSES_PER_S
@@ -198,6 +204,7 @@ class LoadClient:
         Poses go out by the clock, however late the one before was: sessions that begin one after the other would else
         fall into step at the first hold-up, and wait for each other ever after."""
         size, side = reach * float(self.welcome.scene["diagonal"]), 1.0
+        self.counts_overtaken = True  # every pose needs a keyframe
         reader = asyncio.create_task(self._read())
         loop = asyncio.get_running_loop()
         try:
@@ -259,7 +266,7 @@ def percentile(values: list[float], share: float) -> float:
     return ordered[min(len(ordered) - 1, max(0, math.ceil(share * len(ordered)) - 1))]
 
 
-def _family(pid: int) -> list[int]:
+def family(pid: int) -> list[int]:
     """A process and its children."""
     try:
         text = Path(f"/proc/{pid}/task/{pid}/children").read_text()
@@ -276,6 +283,16 @@ def processor_s(pid: int) -> tuple[float, float]:
         return 0.0, 0.0
     user, system, children_user, children_system = (int(word) / os.sysconf("SC_CLK_TCK") for word in words[11:15])
     return user + system, children_user + children_system
+
+
+def all_processor_s() -> float:
+    """Processor time of all processes of this machine, interrupts left out; 0 where the system does not tell."""
+    try:
+        words = Path("/proc/stat").read_text().split()
+    except OSError:
+        return 0.0
+    user, nice, system = (int(word) / os.sysconf("SC_CLK_TCK") for word in words[1:4])
+    return user + nice + system
 
 
 def resident_mb(pid: int) -> float:

@@ -22,7 +22,7 @@ from typing import Any
 
 from torchrender_service.load_test.attacks import ATTACKS
 from torchrender_service.load_test.driver import ServerUnderTest, processor_s
-from torchrender_service.scheduling import give_all_way
+from torchrender_service.scheduling import LAST, give_way
 
 THREADS = 64
 STOP_S = 5.0
@@ -35,7 +35,7 @@ def main(name: str, told: str) -> int:
     attack = next(one for one in ATTACKS if one.name == name)
     attack.prepare()
     _many_files()
-    give_all_way()
+    give_way(LAST)
     sys.stdout.write("ready\n")
     sys.stdout.flush()
     if not sys.stdin.readline():

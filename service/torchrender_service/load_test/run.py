@@ -88,14 +88,17 @@ def page(sections: dict[str, list[Row]], record: dict[str, Any], effort: Effort)
         f"`{command}` on {machine_line(record)}",
         "",
         "Server, renderers and simulated clients share this machine. Delay, jitter and loss are simulated by a relay "
-        "on loopback; a lost segment costs one round trip and 200 ms, as TCP makes it. Latency is from sending a "
-        "pose to having its picture (layer 0). Each attack comes from an address and a process of its own, without a "
-        "key, beside ten sessions that look around in cornell_box at 96 × 54, four keyframes a second each, so that "
-        "they leave half of the machine free; p95 is of those sessions, before and during the attack. An attacker "
+        "on loopback; a lost segment costs one round trip and 200 ms, as TCP makes it. Latency is from sending a pose"
+        " to having its picture (layer 0). Each attack comes from an address and a process of its own, without a key,"
+        " beside ten sessions that look around in cornell_box at 96 × 54, four keyframes a second each, so that they "
+        "leave half of the machine free; p95 is of those sessions, without the attack and during it, in turns, with "
+        "the interval of its change that holds in nine of ten (bootstrap over half seconds; up to three turns until "
+        "it lies on one side of the limit). Half seconds in which other programs took more than a seventh of a core "
+        "are left out, and counted. A pose that a later one overtook counts until that one's keyframe. An attacker "
         "computes elsewhere: its process runs only while no other wants the core (SCHED_IDLE). What the system does "
-        "for both ends of a connection on loopback, caches and memory they share all the same: the cores that server, "
-        "renderers and attacker took are in the row, before → during. Memory may grow by what one renderer may take, "
-        "a share of that of the host or container. What an attack once did was seen by hand when it was found, not "
+        "for both ends of a connection on loopback, caches and memory they share all the same: the cores that server,"
+        " renderers and attacker took are in the row, before → during. Memory may grow by what one renderer may take,"
+        " a share of that of the host or container. What an attack once did was seen by hand when it was found, not "
         "beside such sessions.",
         "",
     ]

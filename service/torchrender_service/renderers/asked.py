@@ -35,6 +35,7 @@ class Asked:
     client: str = "the service"
     rank: Rank | None = None  # None: by the job
     waited_s: float = 0.0  # set when the job begins
+    place: str = ""  # why it is made where it is; set when that is chosen, empty where there is no choice
     threads: int = 0  # of the renderer that the job takes at most; 0: all
 
 

@@ -86,6 +86,7 @@ class Render(msgspec.Struct, frozen=True, kw_only=True, tag=True):
     options: dict[str, Any]
     format: str  # "png", "exr" or "npz"
     buffers: tuple[Buffer, ...] = ()  # of an NPZ file; none named: all
+    time: float | None = None  # seconds into the scene's animation; None: as the file stands
 
 
 class Plan(msgspec.Struct, frozen=True, kw_only=True, tag=True):
@@ -94,6 +95,7 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True, tag=True):
     scene: SceneSource
     view: View
     bounds: Bounds
+    time: float | None = None
 
 
 class Tradeoff(msgspec.Struct, frozen=True, kw_only=True, tag=True):
@@ -114,6 +116,7 @@ class DepthImages(msgspec.Struct, frozen=True, kw_only=True, tag=True):
     around: int = 1  # viewpoints around the only view
     spread: float = 0.2
     options: dict[str, Any] = {}
+    time: float | None = None
 
 
 class Reproject(msgspec.Struct, frozen=True, kw_only=True, tag=True):

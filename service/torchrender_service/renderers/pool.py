@@ -11,33 +11,31 @@ from __future__ import annotations
 import asyncio
 import time
 from collections import Counter
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 from torchrender_service.errors import ServiceError
 from torchrender_service.metrics import Metrics
 from torchrender_service.renderers.asked import Asked, Rank, is_free, is_small, rank_of
 from torchrender_service.renderers.contract import RendererHandle
-from torchrender_service.renderers.jobs import Forget, Job, PhotoJob, Render, WarmUp
+from torchrender_service.renderers.jobs import Forget, Job, PhotoJob, WarmUp
 from torchrender_service.renderers.kernels import KernelPreparation
+from torchrender_service.renderers.places import Standing, place_of
 from torchrender_service.renderers.processes.process import RendererProcess
 from torchrender_service.renderers.processes.schedule import RETRY_S
-from torchrender_service.renderers.processes.start import Kind, Spare
+from torchrender_service.renderers.processes.start import Process, Spare, kind_of
 from torchrender_service.settings import Settings
 
 INSPECTOR_NICENESS = 15
 """Whoever uploads waits for no picture; a file that takes long to look at must not take from others."""
 INSPECTOR_S = 15.0
 """After the first pictures of the renderers it starts, if nobody has uploaded by then, and no picture is made."""
+ASIDE_S = 5.0
+"""After the first job of a stream the renderer of large pictures starts."""
 AGAIN_S = 1.0
 """Between two looks whether a picture is made."""
-HELP_S, PATIENCE_S = 1.0, 2.0
-"""For a picture in the renderer of large ones, which the system serves last: then it goes back to the others; the
-second beside streams."""
-LOADING_S = 30.0
-"""The same for a picture of a scene that the renderer of streams would have to load."""
 AVOIDED_S = 1.0
-"""So long pictures do not go there any more after that."""
+"""So long no picture goes to the renderer of large ones any more after one waited there in vain."""
 AT_REST_S = 5.0
 """A session that has asked for nothing for so long, connected or not, keeps no renderer for itself: what it asks for
 next comes before pictures all the same."""
@@ -52,35 +50,35 @@ class AssignedProcess(RendererHandle):
 
 
 class Pool:
-    """All renderers, and one apart that looks at uploads before they are kept: a ``RendererPool`` of processes."""
+    """All renderers, and one apart that looks at uploads before they are kept: a ``RendererPool`` of processes.
 
-    def __init__(self, settings: Settings, metrics: Metrics) -> None:
-        count, memory = settings.renderer_count, settings.memory_mb
-        self._settings = settings
+    Args:
+        first: process of the first renderer, begun already.
+    """
 
-        def kind(name: str, memory_mb: int, job_s: float, **rest: Any) -> Kind:
-            return Kind(name=name, memory_mb=memory_mb, job_s=job_s, threads=settings.renderer_threads, **rest)
-
-        aside = {"eager": False, "express": False}
-        self._spare = Spare(kind("spare", memory, settings.job_s)) if settings.spare_renderer else None
+    def __init__(self, settings: Settings, metrics: Metrics, first: Process | None = None) -> None:
+        room, aside = settings.waiting, {"eager": False, "express": False}
+        self._spare = Spare(kind_of(settings, "spare")) if settings.spare_renderer else None
         self._renderers = [
-            RendererProcess(kind(str(k), memory, settings.job_s), settings.waiting, metrics, self._spare)
-            for k in range(count)
+            RendererProcess(kind_of(settings, str(k)), room, metrics, self._spare, None if k else first)
+            for k in range(settings.renderer_count)
         ]
         self._batch = self._renderers[-1]
         if settings.batch_renderer:
-            batch = kind("batch", memory, settings.batch_s, niceness=settings.batch_niceness, **aside)
-            self._batch = RendererProcess(batch, settings.waiting, metrics)
-        # A file that is built to exhaust memory or time only stops this one.
-        inspector = kind("inspector", memory // 2, settings.inspect_s, niceness=INSPECTOR_NICENESS, **aside)
-        inspector = replace(inspector, threads=1)  # the other cores are for those that somebody looks at
-        self._inspector = RendererProcess(inspector, settings.waiting, metrics)
+            batch = kind_of(settings, "batch", job_s=settings.batch_s, niceness=settings.batch_niceness, **aside)
+            self._batch = RendererProcess(batch, room, metrics)
+        # A file that is built to exhaust memory or time only stops this one. The other cores are for those that
+        # somebody looks at.
+        limits = {"memory_mb": settings.memory_mb // 2, "job_s": settings.inspect_s, "threads": 1}
+        inspector = kind_of(settings, "inspector", niceness=INSPECTOR_NICENESS, **limits, **aside)
+        self._inspector = RendererProcess(inspector, room, metrics)
         self._kernels = KernelPreparation()
         self._warm: set[str] = set()
         self._assigned: set[AssignedProcess] = set()
         self._warm_aside: int | None = 0  # process that has made a first picture
         self._preparing: asyncio.Task[None] | None = None
         self._aside_from = 0.0  # time from which on pictures go to the renderer of large ones
+        self._expecting = False
         self._closed = False
 
     @property
@@ -208,6 +206,7 @@ class Pool:
         if renderer is not None:
             handle = self._handle(renderer)
             handle.asked = time.monotonic()
+            self._expect_pictures()
             return await self._put(handle.process, job, asked)
         rank = asked.rank if asked is not None and asked.rank is not None else rank_of(job)
         if rank is Rank.BATCH or isinstance(job, PhotoJob):
@@ -215,43 +214,53 @@ class Pool:
         return await self._picture(job, asked or Asked())
 
     async def _picture(self, job: Job, asked: Asked) -> dict[str, Any]:
-        """A picture that somebody waits for. Where there are several renderers, the first one is kept for streams.
-
-        The renderer of large pictures helps out while it has none: with small pictures where others wait, and with all
-        beside streams on the only other renderer, to which pictures are then no burden. A budget is kept best by who
-        has learned how quick its pictures are. Those that need another scene go there from beside streams in any case:
-        loading one has no passes between which keyframes are made.
-        """
-        own, aside = min(self._renderers[1:] or self._renderers, key=lambda r: r.load), self._batch
+        """A picture that somebody waits for. Where there are several renderers, the first one is kept for streams."""
+        own = min(self._renderers[1:] or self._renderers, key=lambda r: r.load)
         if is_small(job) and self.waiting:
             asked.threads = 1
-        streams = bool(self._awake(own))
-        loads = streams and isinstance(job, Render) and not own.has_scene(job)
-        helps = is_free(job) and (streams or (own.load and is_small(job)))
-        if aside in self._renderers or not (loads or helps):
-            return await self._put(own, job, asked)
-        if not self._aside_ready:
+        place = place_of(self._standing(job, own))
+        asked.place = place.why
+        if place.wanted:
             self._prepare_aside()
-        now = time.monotonic()
-        spare = self._aside_ready and not aside.has(Rank.BATCH) and (streams or aside.load < own.load)
-        if not loads and (not spare or now < self._aside_from):
+        if not place.aside:
             return await self._put(own, job, asked)
-        patience = LOADING_S if loads else PATIENCE_S if streams else HELP_S
         try:
-            return await asyncio.wait_for(self._put(aside, job, asked), patience)
-        except asyncio.TimeoutError:
-            # The system gives it next to nothing, or it has to load the scene first.
+            return await asyncio.wait_for(self._put(self._batch, job, asked), place.patience_s)
+        except asyncio.TimeoutError:  # the system gives it next to nothing
             self._aside_from = time.monotonic() + AVOIDED_S
             return await self._put(own, job, asked)
+
+    def _standing(self, job: Job, own: RendererProcess) -> Standing:
+        """What decides where a picture is made that could be in ``own``."""
+        aside = self._batch
+        return Standing(
+            free=is_free(job),
+            small=is_small(job),
+            streams=bool(self._awake(own)),
+            ahead=own.load,
+            other=aside not in self._renderers,
+            ready=self._aside_ready,
+            large=aside.has(Rank.BATCH),
+            slow=time.monotonic() < self._aside_from,
+            ahead_there=aside.load,
+            loaded_there=aside.has_scene(job),
+        )
 
     @property
     def _aside_ready(self) -> bool:
         """The renderer of large pictures runs, and has what pictures need."""
         return self._batch.ready and self._batch.pid == self._warm_aside
 
+    def _expect_pictures(self) -> None:
+        """Beside streams pictures go to the renderer of large ones: it starts before there is one, though not at once,
+        because the first keyframes need all cores."""
+        if not self._expecting and self._batch not in self._renderers:
+            self._expecting = True
+            asyncio.get_running_loop().call_later(ASIDE_S, lambda: self._closed or self._prepare_aside())
+
     def _prepare_aside(self) -> None:
         """Start it in the background, with a first picture: the kernels of which take longer than anybody waits."""
-        if self._preparing is None or self._preparing.done():
+        if not self._aside_ready and (self._preparing is None or self._preparing.done()):
             self._preparing = asyncio.create_task(self._warm_up_aside())
 
     async def _warm_up_aside(self) -> None:

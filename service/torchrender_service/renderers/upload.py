@@ -32,6 +32,7 @@ from torchrender.scene.procedural import SCENES
 from torchrender_service.errors import ServiceError
 from torchrender_service.renderers.engine import render_image
 from torchrender_service.renderers.jobs import Bounds, Validate
+from torchrender_service.renderers.keeping.textures import bounded, within
 from torchrender_service.renderers.scene_cache import describe
 from torchrender_service.renderers.uploads.any_scene import load_any
 from torchrender_service.renderers.uploads.archive import FOLDER, main_file, named_files, picture_pixels, unpack
@@ -54,8 +55,11 @@ _DAMAGE = (TypeError, KeyError, IndexError, AttributeError, ArithmeticError, Rec
 LOG = logging.getLogger("torchrender_service.renderers.upload")
 
 
-def validate(job: Validate) -> dict[str, Any]:
+def validate(job: Validate, texture_bytes: int | None = None) -> dict[str, Any]:
     """Facts about an uploaded file.
+
+    Args:
+        texture_bytes: that textures of a scene may take in a renderer; None: all that they have.
 
     Raises:
         ServiceError, SceneFileError, InputError: it is not kept, and why.
@@ -63,16 +67,18 @@ def validate(job: Validate) -> dict[str, Any]:
     more: dict[str, Any] = {}
     unused: list[str] = []
     try:
-        if job.kind == "zip":
-            scene, main, unused = _read_archive(Path(job.path), job)
-            more = {"main": main}
-        else:
-            scene = _read(Path(job.path), job)
+        with bounded(texture_bytes) as bound:
+            if job.kind == "zip":
+                scene, main, unused = _read_archive(Path(job.path), job)
+                more = {"main": main}
+            else:
+                scene = _read(Path(job.path), job)
     except _DAMAGE as error:
         # Readers name what they foresee; a file that trips them otherwise is no less damaged.
         LOG.warning("a reader failed on an upload", exc_info=error)
         raise ServiceError(422, "scene-file", f"damaged ({type(error).__name__})") from error
     _check_scene(scene, job)
+    scene = within(scene, texture_bytes, bound.lost)
     facts = describe(scene) | more
     facts["report"]["not_used"] = [*facts["report"]["not_used"], *unused][:MAX_NOTES]
     if facts.pop("orthographic"):

@@ -6,6 +6,7 @@ render, survives what a scene may do to memory, and can be stopped.
 
 from __future__ import annotations
 
+import gc
 import logging
 import os
 import signal
@@ -13,7 +14,7 @@ import struct
 import sys
 import threading
 import traceback
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, BinaryIO
 
@@ -21,7 +22,18 @@ import msgspec
 
 from torchrender.errors import SceneFileError, TorchRenderError
 from torchrender_service.errors import ServiceError, out_of_memory
-from torchrender_service.renderers.jobs import JOB_DECODER, REPLY_ENCODER, TASK_DECODER, Failure, Reply, SentTask
+from torchrender_service.renderers.jobs import (
+    JOB_DECODER,
+    REPLY_ENCODER,
+    TASK_DECODER,
+    Failure,
+    Job,
+    Locate,
+    Render,
+    Reply,
+    SceneSource,
+    SentTask,
+)
 from torchrender_service.renderers.processes.desk import Cancelled, Desk
 from torchrender_service.scheduling import give_way
 
@@ -32,6 +44,24 @@ LENGTH = struct.Struct("<Q")
 _TEXT = 500
 NICENESS = 2
 """Renderers give way to the server, which has little to do but must do it at once."""
+
+
+class Needs(msgspec.Struct):
+    """What can be told of a job without reading all of it."""
+
+    type: str = ""  # its class
+    scene: SceneSource | None = None
+
+
+_NEEDS = msgspec.msgpack.Decoder(Needs)
+
+
+def needs_of(task: SentTask) -> Needs:
+    """What a task needs; nothing where it cannot be read, which is said when it is done."""
+    try:
+        return _NEEDS.decode(task.job)
+    except msgspec.DecodeError:
+        return Needs()
 
 
 def main() -> int:
@@ -47,15 +77,24 @@ def main() -> int:
     from torchrender_service.renderers.job_runner import JobRunner
 
     limit_mb = int(os.environ.get("TORCHRENDER_RENDERER_LIMIT_MB", "0"))
-    runner = JobRunner(limit_mb)
+    runner = JobRunner(limit_mb, textures_mb=int(os.environ.get("TORCHRENDER_RENDERER_TEXTURES_MB", "0")))
     if niceness <= NICENESS:  # not before: streams wait until it has started
         give_way(niceness)
     _limit_memory(limit_mb)
 
-    def work(task: SentTask) -> None:
-        _send(out, REPLY_ENCODER.encode(_reply(runner, desk, task)))
+    gc.freeze()  # what is imported stays
 
-    desk = Desk(work)
+    def work(task: SentTask) -> None:
+        job, reply = _reply(runner, desk, task)
+        _send(out, REPLY_ENCODER.encode(reply))
+        if job is not None:
+            runner.tidy(job)
+
+    def ahead(task: SentTask) -> Callable[[], None] | None:
+        needs = needs_of(task)
+        return runner.ahead(needs.scene, parts=needs.type in (Locate.__name__, Render.__name__))
+
+    desk = Desk(work, ahead)
     _send(out, REPLY_ENCODER.encode(Reply(result={"ready": True})))
     threading.Thread(target=_read_tasks, args=(sys.stdin.buffer, desk), daemon=True).start()
     desk.run()
@@ -71,20 +110,22 @@ def _read_tasks(source: BinaryIO, desk: Desk) -> None:
         desk.close()
 
 
-def _reply(runner: JobRunner, desk: Desk, task: SentTask) -> Reply:
-    result, failure = None, None
+def _reply(runner: JobRunner, desk: Desk, task: SentTask) -> tuple[Job | None, Reply]:
+    """The job, None where it was not begun, and what is answered."""
+    job, result, failure = None, None, None
     try:
         if desk.cancelled(task):
             raise Cancelled
         with threads(task.threads):
-            result = runner.run(JOB_DECODER.decode(task.job))
+            job = JOB_DECODER.decode(task.job)
+            result = runner.run(job)
     except Cancelled:
         failure = Failure(status=499, kind="cancelled", detail="nobody waits for it")
     except Exception as error:
         failure = failure_of(error)
     kept = runner.kept_bytes / 2**20
     reply = Reply(serial=task.serial, memory_mb=_resident_mb(), kept_mb=kept, evictions=runner.evictions)
-    return msgspec.structs.replace(reply, result=result, failure=failure)
+    return job, msgspec.structs.replace(reply, result=result, failure=failure)
 
 
 @contextmanager

@@ -13,11 +13,11 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from torchrender_service.door.strict import StrictRoute
 from torchrender_service.errors import ServiceError
+from torchrender_service.problems import problems
 from torchrender_service.renderers.contract import RendererHandle
 from torchrender_service.renderers.jobs import FogInPhoto
 from torchrender_service.web.negotiation import negotiate, warning_headers
 from torchrender_service.web.routes_photos import PhotoId
-from torchrender_service.web.schemas import problems
 from torchrender_service.web.state import ServiceState, state_of
 from torchrender_service.web.work import work
 

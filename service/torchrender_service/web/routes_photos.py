@@ -10,9 +10,9 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from torchrender_service.door.strict import StrictRoute
 from torchrender_service.errors import ServiceError
+from torchrender_service.problems import problems
 from torchrender_service.renderers.jobs import CheckMarks, DescribePhoto, DividePhoto, StrokeLine
 from torchrender_service.web.negotiation import negotiate
-from torchrender_service.web.schemas import problems
 from torchrender_service.web.state import state_of
 from torchrender_service.web.work import work
 

@@ -14,6 +14,7 @@ from fastapi import APIRouter, Path, Query, Request, Response
 from torchrender.wire.messages import CONTENT_TYPE
 from torchrender_service.door.strict import StrictRoute
 from torchrender_service.errors import ServiceError
+from torchrender_service.problems import problems
 from torchrender_service.renderers.jobs import Bounds, DepthImages, Plan, Render, Reproject, Tradeoff, View
 from torchrender_service.web.kept import count_keyframes, id_of
 from torchrender_service.web.negotiation import negotiate
@@ -26,8 +27,8 @@ from torchrender_service.web.schemas import (
     ReprojectRequest,
     SceneId,
     Side,
+    Time,
     bounds_of,
-    problems,
     view_of,
 )
 from torchrender_service.web.state import ServiceState, state_of
@@ -68,6 +69,7 @@ async def render(request: Request, body: RenderRequest) -> Response:
         options=body.options.model_dump(),
         format=PICTURES[media_type],
         buffers=tuple(body.buffers),
+        time=body.time,
     )
     made = await work(request, job)
     headers = {"Torchrender-Plan": _plan_header(made["plan"]), "Server-Timing": _timing(made["timings_ms"])}
@@ -104,6 +106,7 @@ async def depth_images(request: Request, body: DepthImagesRequest) -> Response:
         around=body.around,
         spread=body.spread,
         options=body.options.model_dump(),
+        time=body.time,
     )
     made = await work(request, job)
     name = await asyncio.to_thread(id_of, made["container"])
@@ -168,13 +171,15 @@ async def plan(
     height: Annotated[Side, Query()] = 360,
     budget_ms: Annotated[Budget | None, Query()] = None,
     max_error: Annotated[MaxError | None, Query()] = None,
+    time: Annotated[Time | None, Query()] = None,
 ) -> dict[str, Any]:
     """What would run for a picture, and why."""
     state = state_of(request)
     view = View(width=width, height=height, name=camera)
     _check_pixels(state, view)
     bounds = Bounds(budget_ms=budget_ms, max_error=max_error)
-    return await work(request, Plan(scene=await state.scenes.find(scene), view=view, bounds=bounds))
+    job = Plan(scene=await state.scenes.find(scene), view=view, bounds=bounds, time=time)
+    return await work(request, job)
 
 
 @router.get("/tradeoff/{name}", responses=problems(404, 422, 429, 503))

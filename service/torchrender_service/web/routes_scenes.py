@@ -9,8 +9,9 @@ from fastapi import APIRouter, Path, Query, Request, Response
 
 from torchrender_service.door.strict import StrictRoute
 from torchrender_service.errors import ServiceError
+from torchrender_service.problems import problems
 from torchrender_service.renderers.jobs import Survey
-from torchrender_service.web.schemas import SceneFacts, SceneId, SceneList, SceneSurvey, problems
+from torchrender_service.web.schemas import SceneFacts, SceneId, SceneList, SceneSurvey
 from torchrender_service.web.state import state_of
 from torchrender_service.web.work import work
 

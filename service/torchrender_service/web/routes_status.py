@@ -10,7 +10,7 @@ from fastapi import APIRouter, Request, Response
 from torchrender import __version__
 from torchrender_service.errors import ServiceError
 from torchrender_service.metrics import CONTENT_TYPE
-from torchrender_service.web.schemas import problems
+from torchrender_service.problems import problems
 from torchrender_service.web.state import state_of
 
 LOG = logging.getLogger("torchrender_service.web.routes_status")

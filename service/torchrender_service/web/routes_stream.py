@@ -12,12 +12,12 @@ from torchrender.wire.messages import SUBPROTOCOL, CameraHeader
 from torchrender_service.door.guard import check_host, check_origin, visit_of
 from torchrender_service.door.strict import StrictRoute
 from torchrender_service.errors import ServiceError
-from torchrender_service.problems import problem_response
+from torchrender_service.problems import problem_response, problems
 from torchrender_service.renderers.jobs import Locate
 from torchrender_service.streams.ledger import SessionRecord
 from torchrender_service.streams.sessions import Session
 from torchrender_service.streams.stream import Stream
-from torchrender_service.web.schemas import PinholeCamera, SessionMade, SessionRequest, bounds_of, problems, view_of
+from torchrender_service.web.schemas import PinholeCamera, SessionMade, SessionRequest, bounds_of, view_of
 from torchrender_service.web.state import ServiceState, state_of
 from torchrender_service.web.work import work
 

@@ -11,9 +11,10 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from torchrender_service.door.strict import StrictRoute
 from torchrender_service.errors import ServiceError
+from torchrender_service.problems import problems
 from torchrender_service.renderers.jobs import StylePhoto
 from torchrender_service.web.negotiation import negotiate, warning_headers
-from torchrender_service.web.schemas import SceneId, problems
+from torchrender_service.web.schemas import SceneId
 from torchrender_service.web.state import state_of
 from torchrender_service.web.work import work
 

@@ -20,6 +20,16 @@ Budget = Annotated[
 MaxError = Annotated[
     float, Field(ge=0.0, le=1.0, allow_inf_nan=False, description="mean FLIP that the picture may be off")
 ]
+Time = Annotated[
+    float,
+    Field(
+        ge=0.0,
+        le=1e6,
+        allow_inf_nan=False,
+        description="seconds into the scene's animation, which it must have; default: "
+        "as its file stands. After its end it stands still",
+    ),
+]
 
 Light = Annotated[float, Field(ge=0.0, le=1e6, allow_inf_nan=False)]
 
@@ -96,15 +106,6 @@ _Look = Annotated[LookAt, Tag("LookAt")]
 _Pinhole = Annotated[PinholeCamera, Tag("PinholeCamera")]
 Camera = Annotated[_Named | _Look | _Pinhole, _by_form(f"an object with the name of a camera, {_PLACED}")]
 PlacedCamera = Annotated[_Look | _Pinhole, _by_form(_PLACED)]
-
-
-class Problem(BaseModel):
-    """What is wrong, as in RFC 9457."""
-
-    type: str
-    title: str
-    status: int
-    detail: str
 
 
 class LoadReport(BaseModel):
@@ -206,6 +207,7 @@ class RenderRequest(Strict):
     options: RenderSettings = RenderSettings()
     budget_ms: Budget | None = None
     max_error: MaxError | None = None
+    time: Time | None = None
     buffers: Annotated[list[Buffer], Field(max_length=16, description="of an NPZ file; none: all")] = []
 
     model_config = ConfigDict(
@@ -231,6 +233,7 @@ class DepthImagesRequest(Strict):
     color: Literal["jpeg", "webp"] = "webp"
     quality: Annotated[int, Field(ge=1, le=100, description="100 with webp: without loss")] = 100
     options: RenderSettings = RenderSettings()
+    time: Time | None = None
 
     model_config = ConfigDict(
         extra="forbid",
@@ -302,28 +305,3 @@ def view_of(camera: Camera | None, width: int, height: int) -> View:
 def bounds_of(budget_ms: float | None, max_error: float | None) -> Bounds:
     """What a picture may cost or be off."""
     return Bounds(budget_ms=budget_ms, max_error=max_error)
-
-
-PROBLEMS: dict[int | str, dict[str, Any]] = {
-    code: {"description": text, "content": {"application/problem+json": {"schema": Problem.model_json_schema()}}}
-    for code, text in {
-        400: "The body cannot be parsed.",
-        401: "The API key is missing or wrong.",
-        403: "Not allowed.",
-        404: "There is nothing of that name.",
-        406: "None of the accepted media types can be made.",
-        409: "The store is full.",
-        413: "The body is too large.",
-        415: "The body is of another media type.",
-        421: "The Host header names another service.",
-        422: "A value is out of range or does not fit the scene.",
-        429: "Too many sessions or requests; Retry-After says when to try again.",
-        503: "The server is starting or stopping, too much is under way, or a renderer was lost.",
-        507: "The disk is full.",
-    }.items()
-}
-
-
-def problems(*codes: int) -> dict[int | str, dict[str, Any]]:
-    """Responses of a route besides its own."""
-    return {code: PROBLEMS[code] for code in sorted({401, 403, 421, 429, 503, *codes})}

@@ -100,7 +100,7 @@ def make_server(settings: Settings, make_pool: MakePool = Pool, *, start: str = 
     return Server(config, settings)
 
 
-def serve(settings: Settings, *, start: str = "") -> None:
+async def serve(settings: Settings, make_pool: MakePool, *, start: str = "") -> None:
     """Run until a signal stops it; the page begins with the scene ``start``.
 
     Raises:
@@ -109,7 +109,7 @@ def serve(settings: Settings, *, start: str = "") -> None:
     set_up_logs(settings.log_level)
     for said in misspelt(os.environ):
         LOG.warning(said)
-    server = make_server(settings, start=start)
+    server = make_server(settings, make_pool, start=start)
     app: Any = server.config.app
     with app.state.service.scenes.own_folder():
-        server.run(sockets=server.listen())
+        await server.serve(sockets=server.listen())

@@ -38,6 +38,8 @@ async def work(request: Request, job: Job, *, renderer: RendererHandle | None = 
             return await while_there(request, state.pool.run(job, renderer=renderer, asked=asked))
     finally:
         visit.facts["waited_ms"] = round(1e3 * asked.waited_s, 1)
+        if asked.place:
+            visit.facts["place"] = asked.place
 
 
 async def while_there(request: Request, wanted: Coroutine[Any, Any, dict[str, Any]]) -> dict[str, Any]:

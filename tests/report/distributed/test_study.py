@@ -56,6 +56,9 @@ def marks(rows: list) -> list[bool | None]:
 def test_rows_say_what_was_met() -> None:
     assert all(met is not False for met in marks([*stream_rows(STREAMS), *lost_rows(STREAMS)]))
     worse = json.loads(json.dumps(STREAMS))
+    assert not any("HAProxy" in row.what for row in stream_rows(worse))
+    worse["replicas"]["haproxy"] = True
+    assert any("/health through HAProxy" in row.what for row in stream_rows(worse))
     worse["replicas"]["opened"] |= {"refused": 5, "why": ["InvalidStatus"]}
     worse["lost"]["killed"]["back_s"] = [0.5]
     worse["lost"]["scaled"]["told"][0][1] = None

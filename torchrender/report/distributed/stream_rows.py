@@ -41,7 +41,7 @@ def _throughput(alone: dict[str, Any], found: dict[str, Any]) -> list[Row]:
             met=None,
         ),
         Row(
-            what="/health, nothing else to do, p50 (p99)",
+            what=f"/health{' through HAProxy' if found.get('haproxy') else ''}, nothing else to do, p50 (p99)",
             goal="≤ 2 ms",
             measured=f"{health[0]:.1f} ms ({health[1]:.1f}); one server: {alone['health_ms'][0]:.1f} ms",
             met=health[0] <= 2.0,

@@ -35,6 +35,8 @@ from torchrender_service.load_test.driver import (
 
 SCENE = "cornell_box"
 VIEW = {"width": 160, "height": 90, "layers": 0}
+HAPROXY = "RAY_SERVE_ENABLE_HA_PROXY"
+"""Of the environment, 1: Serve's requests go through HAProxy in place of its own proxy."""
 NO_LIMITS = ("max_sessions", "max_sessions_per_address", "requests_per_s", "connections_per_s")
 SETTINGS = {
     **dict.fromkeys(NO_LIMITS, "100000"),
@@ -121,6 +123,7 @@ async def served(server: ServerUnderTest, effort: StreamEffort) -> dict[str, Any
     busy = await looking(server, effort.clients, effort.seconds, period_s=0.02)
     half = await looking(server, effort.clients, effort.seconds, period_s=1.0)
     return {
+        "haproxy": os.environ.get(HAPROXY) == "1",
         "health_ms": [1e3 * percentile(answers, share) for share in (0.5, 0.99)],
         "memory_mb": server.memory_mb(),
         "idle_cpu_s": idle,

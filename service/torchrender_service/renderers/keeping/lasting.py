@@ -46,6 +46,9 @@ class LastingParts:
         """Of all scenes."""
         return sum(left.bytes for left in self._scenes.values())
 
+    def __contains__(self, scene: str) -> bool:
+        return scene in self._scenes
+
     def get(self, scene: str, use: Hashable) -> RenderHistory:
         """What earlier pictures of a scene left, with the pace of those for the same use."""
         left = self._scenes.get(scene)

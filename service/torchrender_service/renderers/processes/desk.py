@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import sys
 import threading
 from collections import deque
 from collections.abc import Callable
 
 from torchrender.clock import interruptible
 from torchrender_service.renderers.jobs import Cancel, SentTask
+
+SWITCH_S = 0.0005
+"""Of two threads that both want the interpreter each has it so long: a keyframe takes it back some hundred times."""
 
 
 class Cancelled(BaseException):
@@ -19,10 +23,17 @@ class Desk:
 
     Args:
         work: does a task and answers it.
+        ahead: what must be done before a task, and has no passes; None: nothing. It is done in another thread, so that
+            what comes by the express lane need not wait for it.
     """
 
-    def __init__(self, work: Callable[[SentTask], None]) -> None:
+    def __init__(
+        self,
+        work: Callable[[SentTask], None],
+        ahead: Callable[[SentTask], Callable[[], None] | None] = lambda _: None,
+    ) -> None:
         self._work = work
+        self._ahead = ahead
         self._arrived = threading.Condition()
         self._tasks: deque[SentTask] = deque()
         self._express: deque[SentTask] = deque()
@@ -37,6 +48,7 @@ class Desk:
             if isinstance(message, Cancel):
                 if message.serial in self._unfinished:
                     self._cancelled.add(message.serial)
+                    self._arrived.notify()
                 return
             self._unfinished.add(message.serial)
             (self._express if message.express else self._tasks).append(message)
@@ -77,6 +89,8 @@ class Desk:
     def _do(self, task: SentTask) -> None:
         self._doing.append(task.serial)
         try:
+            if len(self._doing) == 1:
+                self._make_ready(task)
             with interruptible(self.check):
                 self._work(task)
         finally:
@@ -84,6 +98,34 @@ class Desk:
             with self._arrived:
                 self._unfinished.discard(task.serial)
                 self._cancelled.discard(task.serial)
+
+    def _make_ready(self, task: SentTask) -> None:
+        """Have done what must be done ahead, or wait for it no longer than anybody waits for the task."""
+        prepare = self._ahead(task)
+        if prepare is None:
+            return
+        done = threading.Event()
+
+        def run() -> None:
+            usual = sys.getswitchinterval()
+            sys.setswitchinterval(SWITCH_S)
+            try:
+                prepare()
+            finally:
+                sys.setswitchinterval(usual)
+                with self._arrived:
+                    done.set()
+                    self._arrived.notify()
+
+        threading.Thread(target=run, name="ahead", daemon=True).start()
+        while True:
+            with self._arrived:
+                while not (self._express or self._closed or done.is_set() or self.cancelled(task)):
+                    self._arrived.wait()
+                if self._closed or done.is_set() or self.cancelled(task):
+                    return
+                urgent = self._express.popleft()
+            self._do(urgent)
 
     def cancelled(self, task: SentTask) -> bool:
         """Whether nobody waits for a task any more."""

@@ -22,8 +22,10 @@ from torchrender_service.renderers.processes.schedule import RETRY_S, FairQueue,
 from torchrender_service.renderers.processes.start import (
     NO_JOB,
     Kind,
+    Process,
     Spare,
     end_process,
+    greeted,
     kill_process,
     read_message,
     start_process,
@@ -50,11 +52,20 @@ class Running:
 
 
 class RendererProcess:
-    """One renderer and the jobs that wait for it."""
+    """One renderer and the jobs that wait for it.
 
-    def __init__(self, kind: Kind, room: int, metrics: Metrics, spare: Spare | None = None) -> None:
+    Args:
+        room: jobs that may wait.
+        spare: what stands ready for its next life.
+        first: of its first life, begun already.
+    """
+
+    def __init__(
+        self, kind: Kind, room: int, metrics: Metrics, spare: Spare | None = None, first: Process | None = None
+    ) -> None:
         self.kind = kind
         self._spare = spare
+        self._first = first
         self._metrics = metrics
         self.queue = FairQueue(room)
         self._running: dict[int, Running] = {}
@@ -65,7 +76,7 @@ class RendererProcess:
         self._draining = False
         self._wanted = asyncio.Event()
         self._evicted = 0
-        self._scenes: set[str] = set()  # that this life of the process has loaded
+        self._scenes: set[str] = set()  # that this life of the process has done jobs for
         self._task: asyncio.Task[None] | None = None
 
     @property
@@ -283,8 +294,11 @@ class RendererProcess:
 
     async def _begin(self) -> None:
         """Start the process and wait until it says that it is there; or take the one that stands ready."""
+        first, self._first = self._first, None
         self._process = None if self._spare is None else self._spare.take()
-        if self._process is None:
+        if first is not None:
+            self._process = await greeted(first)
+        elif self._process is None:
             self._process = await start_process(self.kind)
         LOG.info("renderer started", extra={"renderer": self.name, "pid": self._process.pid})
 

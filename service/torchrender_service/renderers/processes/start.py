@@ -7,12 +7,14 @@ import contextlib
 import logging
 import os
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 from torchrender_service.errors import ServiceError
 from torchrender_service.renderers.jobs import JOB_ENCODER, Cancel, Task, WarmUp
 from torchrender_service.renderers.processes.schedule import RETRY_S
 from torchrender_service.renderers.worker import LENGTH
+from torchrender_service.settings import Settings
 
 LOG = logging.getLogger("torchrender_service.renderers.processes.start")
 START_S = 300.0
@@ -33,9 +35,22 @@ class Kind:
     memory_mb: int
     job_s: float
     threads: int = 1
+    textures_mb: int = 0  # of a scene; 0: all
     niceness: int = 2
     eager: bool = True  # runs from the start, not from its first job
     express: bool = True  # keyframes need not wait for the job that runs
+
+
+def kind_of(settings: Settings, name: str, **changes: Any) -> Kind:
+    """A renderer as streams have it, or one that differs in some way."""
+    kind = Kind(
+        name=name,
+        memory_mb=settings.memory_mb,
+        job_s=settings.job_s,
+        threads=settings.renderer_threads,
+        textures_mb=settings.max_texture_mb,
+    )
+    return replace(kind, **changes)
 
 
 async def read_message(stream: asyncio.StreamReader) -> bytes:
@@ -58,11 +73,12 @@ def write_message(process: Process, message: Task | Cancel) -> None:
 
 
 async def start_process(kind: Kind) -> Process:
-    """A process that has said that it is there.
+    """A process that has said that it is there. Errors as :func:`greeted`."""
+    return await greeted(await begin_process(kind))
 
-    Raises:
-        ServiceError: 503, it does not start.
-    """
+
+async def begin_process(kind: Kind) -> Process:
+    """A process that begins to start."""
     threads = str(kind.threads)
     names = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
     environment = {k: v for k, v in os.environ.items() if k != "TORCHRENDER_API_KEY"}
@@ -70,11 +86,20 @@ async def start_process(kind: Kind) -> Process:
     environment |= {
         "OMP_WAIT_POLICY": "PASSIVE",
         "TORCHRENDER_RENDERER_LIMIT_MB": str(kind.memory_mb),
+        "TORCHRENDER_RENDERER_TEXTURES_MB": str(kind.textures_mb),
         "TORCHRENDER_RENDERER_NICENESS": str(kind.niceness),
     }
     pipe = asyncio.subprocess.PIPE
     command = (sys.executable, "-m", "torchrender_service.renderers.worker")
-    process = await asyncio.create_subprocess_exec(*command, stdin=pipe, stdout=pipe, env=environment, limit=2**22)
+    return await asyncio.create_subprocess_exec(*command, stdin=pipe, stdout=pipe, env=environment, limit=2**22)
+
+
+async def greeted(process: Process) -> Process:
+    """The same process, once it has said that it is there.
+
+    Raises:
+        ServiceError: 503, it does not start.
+    """
     assert process.stdout is not None
     try:
         await asyncio.wait_for(read_message(process.stdout), START_S)

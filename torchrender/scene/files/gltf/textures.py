@@ -10,6 +10,7 @@ import os
 from collections.abc import Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
+from contextvars import copy_context
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -84,7 +85,7 @@ class GltfTextures:
             with suppress(SceneFileError):
                 _, data = image_bytes(self._file, source)
                 name = f"images[{source}]"
-                self._begun[source, encoded] = self._pool.submit(_decoded, data, name, encoded=encoded)
+                self._begun[source, encoded] = self._pool.submit(copy_context().run, _decoded, data, name, encoded)
         self._pool.shutdown(wait=False)
 
     def color(self, info: Any, key: str) -> Tensor | None:
@@ -157,7 +158,7 @@ class GltfTextures:
             return None
         begun = self._begun.pop((index, encoded), None)
         try:
-            return begun.result() if begun is not None else _decoded(data, f"images[{index}]", encoded=encoded)
+            return begun.result() if begun is not None else _decoded(data, f"images[{index}]", encoded)
         except SceneFileError as error:
             self._say_missing(key, name, error.reason, kind, last=last)
             return None
@@ -169,7 +170,7 @@ class GltfTextures:
             self._file.notes.not_used(f"{kind}, the plain picture is taken: {reason}")
 
 
-def _decoded(data: bytes, name: str, *, encoded: bool) -> Tensor:
+def _decoded(data: bytes, name: str, encoded: bool) -> Tensor:
     return as_texture(read_image_bytes(data, name, encoded=encoded))
 
 
