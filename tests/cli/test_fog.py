@@ -51,10 +51,13 @@ def test_marks_in_picture_out(files, tmp_path: Path, capsys) -> None:
         (["--stereo", "P", "P"], "needs --baseline"),
         (["--marks", "M", "--baseline", "1"], "goes with --stereo"),
         (["--depth", "none.npy"], "no such file"),
+        (["--depth", "D", "--depth-unit", "-1"], "--depth-unit must be in"),
     ],
 )
 def test_wrong_words_are_named(files, tmp_path: Path, capsys, words: list[str], text: str) -> None:
     photo, marks = files
-    words = [{"M": str(marks), "P": str(photo)}.get(w, w) for w in words]
+    depth = tmp_path / "depth.npy"
+    np.save(depth, np.ones((60, 80), np.float32))
+    words = [{"M": str(marks), "P": str(photo), "D": str(depth)}.get(w, w) for w in words]
     assert main(["fog", str(photo), "-o", str(tmp_path / "o.png"), *words])
     assert text in capsys.readouterr().err

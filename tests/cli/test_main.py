@@ -135,6 +135,11 @@ def test_scenes_lists_the_built_in_ones(capsys: pytest.CaptureFixture[str]) -> N
         (["depth", "nest", "--triangles", "3000", "-o", "a.npz", "--views", "0"], "--views must be >= 1"),
         (["depth", "nest", "-o", "a.png"], ".npz"),
         (["--threads", "0", "scenes"], "--threads"),
+        (["render", "cornell_box", "-o", "a.png", "--enhance", "5"], "--enhance gradient_weight must be in [-1"),
+        (["render", "cornell_box", "-o", "a.png", "--enhance", "step=-1"], "--enhance step must be in"),
+        (["render", "cornell_box", "-o", "a.png", "--camera", "eye=1,2,3 fov=500"], "--camera fov must be in"),
+        (["render", "cornell_box", "-o", "a.png", "--camera", "eye=1,2,3 near=-1"], "--camera near must be > 0"),
+        (["batch", "cornell_box", "-o", "out", "--orbit", "2", "--shadow-size", "3"], "--shadow-size must be in"),
     ],
 )
 def test_errors_are_one_line_with_exit_code_2(

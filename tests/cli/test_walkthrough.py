@@ -69,7 +69,13 @@ def test_render_info_and_fly(folder, tmp_path, capsys):
         main(["render", room, "-o", str(picture), "--size", "80x60", "--camera", "frame1", "--supersample", "2"]) == 0
     )
     assert read_image(picture).shape == (60, 80, 3)
-    assert "points" in capsys.readouterr().out
+    said = capsys.readouterr()
+    assert "points" in said.out and "supersample" not in said.err
+    few = ["render", room, "-o", str(picture), "--size", "40x30", "--camera", "frame1", "--supersample"]
+    assert main([*few, "0.5"]) == 0
+    assert "--supersample 0.5: a walkthrough takes whole numbers of at least 1, here 1" in capsys.readouterr().err
+    assert main([*few, "9"]) == 2
+    assert "--supersample must be in" in capsys.readouterr().err
     assert main(["render", room, "-o", str(picture), "--size", "40x30", "--camera", "eye=0,1.5,-1", "--explain"]) == 0
     assert "--explain does nothing with a walkthrough" in capsys.readouterr().err
     words = ["--fog", "--enhance", "--time", "3", "--variant", "red", "--drop-invalid", "--shadows", "off"]

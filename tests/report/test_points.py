@@ -16,11 +16,12 @@ from torchrender.points.draw import render_points
 from torchrender.points.options import SplatOptions
 from torchrender.points.tree import build_patches
 from torchrender.report.common.parts import Parts
-from torchrender.report.points.models import bumpy_sphere, close_camera, ground_reference, reference
+from torchrender.report.points.models import bumpy_sphere, close_camera, ground_reference
 from torchrender.report.points.study import QUICK, errors, node_errors, run
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
 from torchrender.scene.shapes import sphere
+from torchrender.tuning.systems.points import drawn_surfaces
 
 
 def test_a_tiny_study_writes_its_page(tmp_path, monkeypatch):
@@ -44,13 +45,13 @@ def test_the_reference_is_the_scene_with_smooth_edges():
     scene = Scene(meshes=(sphere(segments=96),))
     camera = Cameras.look_at([0.0, 0.0, 4.0], [0.0, 0.0, 0.0], width=64, height=64)
     options = SplatOptions(background=(0.0, 0.0, 1.0))
-    image, coverage = reference(scene, camera, options, 4)
+    image, coverage = drawn_surfaces(scene, camera, options, 4)
     assert 0 < int(((coverage > 0) & (coverage < 1)).sum()) < 300
     torch.testing.assert_close(image[0, 0], torch.tensor([0.0, 0.0, 1.0]))
     # A sphere seen from four units away fills a circle of this radius.
     radius = float(camera.intrinsics[0, 0, 0]) * math.tan(math.asin(0.25))
     assert float(coverage.sum()) == pytest.approx(math.pi * radius**2, rel=0.01)
-    strips = reference(scene, camera.sub_camera(0, 20, 64, 8), options, 4)[0]
+    strips = drawn_surfaces(scene, camera.sub_camera(0, 20, 64, 8), options, 4)[0]
     torch.testing.assert_close(strips, image[20:28])
 
 

@@ -16,6 +16,7 @@ from torchrender.cli.arguments import (
     exposure,
     given,
     load_scene,
+    named,
     named_or_numbered,
     numbers,
 )
@@ -75,24 +76,26 @@ def batch_command(arguments: argparse.Namespace) -> None:
         subscene=named_or_numbered(arguments.subscene),
         drop_invalid=arguments.drop_invalid or None,
     )
-    job = Job(
-        SceneSource(arguments.scene, choices),
-        rows.cameras,
-        rows.names,
-        what=arguments.what,
-        format=arguments.format,
-        shards=arguments.shards,
-        wishes=_wishes(arguments),
-        **given(chunk=arguments.chunk, outputs=arguments.outputs and tuple(arguments.outputs.split(","))),
-    )
+    with named(size="--shadow-size"):
+        job = Job(
+            SceneSource(arguments.scene, choices),
+            rows.cameras,
+            rows.names,
+            what=arguments.what,
+            format=arguments.format,
+            shards=arguments.shards,
+            wishes=_wishes(arguments),
+            **given(chunk=arguments.chunk, outputs=arguments.outputs and tuple(arguments.outputs.split(","))),
+        )
     output, progress = Path(arguments.output), _Progress()
     begin = time.monotonic()
-    if arguments.ray is None:
-        outcome = run(job, output, workers=arguments.workers, tell=progress)
-    else:
-        from torchrender.batch.on_ray import run_on_ray
+    with named(size="--triangles"):  # the scene is loaded there
+        if arguments.ray is None:
+            outcome = run(job, output, workers=arguments.workers, tell=progress)
+        else:
+            from torchrender.batch.on_ray import run_on_ray
 
-        outcome = run_on_ray(job, output, address=arguments.ray, workers=arguments.workers, tell=progress)
+            outcome = run_on_ray(job, output, address=arguments.ray, workers=arguments.workers, tell=progress)
     progress.end()
     took = time.monotonic() - begin
     rate = f", {outcome.made / took:.1f}/s" if outcome.made else ""

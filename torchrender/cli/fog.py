@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from torchrender.cli.arguments import numbers
+from torchrender.cli.arguments import named, numbers
 from torchrender.cli.output import check_output, saying_warnings
 from torchrender.errors import OptionError
 
@@ -141,7 +141,8 @@ def _depth(arguments: argparse.Namespace, photo: Tensor, marks: Marks) -> Tensor
     from torchrender.photo.fog.depth import measured
 
     if arguments.depth:
-        return measured.read_depth(arguments.depth, arguments.depth_unit)
+        with named(unit="--depth-unit"):
+            return measured.read_depth(arguments.depth, arguments.depth_unit)
     if arguments.stereo:
         focal = arguments.focal or marks.camera.focal
         if focal is None:

@@ -64,10 +64,16 @@ def add_plan(commands: Any, add_scene: Callable[[argparse.ArgumentParser], None]
     plan.add_argument("--sequence", action="store_true", help="as one of a sequence of pictures")
     plan.add_argument("--json", action="store_true", help="print JSON")
     add_limits(plan)
-    tradeoff = commands.add_parser("tradeoff", help="measure error against time of the settings of passes")
+    tradeoff = commands.add_parser(
+        "tradeoff",
+        help="measure error against time of the settings of passes and systems",
+        description="Measures error against time of every setting of passes, and of systems that are no pass: sampling "
+        "by depth images, reconstruction, reprojection, voxels, points, light of environments. What the page in FOLDER "
+        "holds of others stays.",
+    )
     tradeoff.add_argument("scene", nargs="?", metavar="SCENE", help="a scene or mesh file, or a built-in scene")
     tradeoff.add_argument("--triangles", type=int, metavar="N", help="size of a built-in scene, in triangles (about)")
-    tradeoff.add_argument("--pass", dest="step", metavar="PASS", help="one pass (default: all that apply)")
+    tradeoff.add_argument("--pass", dest="step", metavar="PASS", help="one pass or system (default: all that apply)")
     tradeoff.add_argument("--all", action="store_true", help="all built-in scenes, and one HTML page of them")
     tradeoff.add_argument("--side", type=int, metavar="N", help="pixels of a side (default 512)")
     tradeoff.add_argument(
@@ -99,40 +105,42 @@ def run_plan(arguments: argparse.Namespace, scene: Scene, find_camera: FindCamer
 
 def run_tradeoff(arguments: argparse.Namespace) -> list[Path]:
     """Measure and write; the files."""
-    from torchrender.passes.table import find_pass
     from torchrender.report.common.parts import Unfinished, parts_of
     from torchrender.scene.load import load
     from torchrender.scene.procedural import SCENES
-    from torchrender.tuning.tradeoff import measure, write
-    from torchrender.tuning.tradeoff_page import write_page
+    from torchrender.tuning.measure import SIDE
+    from torchrender.tuning.tradeoff import measure, subjects_named, write
+    from torchrender.tuning.tradeoff_page import earlier_curves, write_page
 
     if arguments.all == (arguments.scene is not None):
         raise InputError("tradeoff needs a SCENE, or --all")
-    if arguments.step is not None:
-        find_pass(arguments.step)
-    if arguments.side is not None and not 32 <= arguments.side <= 4096:
-        raise InputError(f"--side must be in [32, 4096], got {arguments.side}")
+    subjects_named(arguments.step)
+    size = SIDE if arguments.side is None else arguments.side
+    if not 32 <= size <= 4096:
+        raise InputError(f"--side must be in [32, 4096], got {size}")
     folder = Path(arguments.output)
+    page = folder / "tradeoff.html"
+    found = earlier_curves(page, size)
     make_folder(folder)
-    files, found = [], []
+    files = []
     parts = parts_of("tradeoff", arguments.seconds)
     collect_garbage()
     for name in SCENES if arguments.all else (arguments.scene,):
         with named(size="--triangles"):
             scene = load(name, size=arguments.triangles)
         try:
-            curves = measure(
-                scene, **given(size=arguments.side), name=arguments.step, pictures=True, kept=parts.measured
-            )
+            curves = measure(scene, size=size, name=arguments.step, pictures=True, kept=parts.measured)
         except Unfinished as unfinished:
             raise InputError(f"--seconds: {unfinished}; run it again to go on") from None
-        files += write(folder, curves)
-        found.append(curves)
+        if arguments.step is not None and curves.name in found:
+            curves = curves.beside(found[curves.name].passes)
+        if curves.passes:
+            files += write(folder, curves)
+            found[curves.name] = curves
         tell(f"{name}: measured")
-    files.append(folder / "tradeoff.html")
-    write_page(files[-1], found)
+    write_page(page, list(found.values()))
     parts.done()
-    return files
+    return [*files, page]
 
 
 def run_calibrate(arguments: argparse.Namespace) -> Path:

@@ -198,7 +198,7 @@ def render_walkthrough(arguments: argparse.Namespace) -> None:
     options = _draw_options(arguments.background)
     words = arguments.camera or [[]]
     chosen_exposure = 0.0 if arguments.exposure is None else exposure(arguments.exposure)
-    factor = max(1, round(arguments.supersample or 1))
+    factor = _whole_samples(arguments.supersample)
     for number, chosen in enumerate(words):
         camera = camera_of(made, chosen, width, height)  # type: ignore[arg-type]
         drawn = draw_walkthrough(made, camera.scaled(factor) if factor > 1 else camera, options)
@@ -213,6 +213,19 @@ def render_walkthrough(arguments: argparse.Namespace) -> None:
         exposed = f"  exposure {ev:+.2f} EV" if chosen_exposure is None else ""
         shown = f"{found.drawn:,} of {found.points:,} points  {empty:.2f} % empty"
         print(f"{file}  {width}x{height}  {shown}  {steps}{exposed}")
+
+
+def _whole_samples(wanted: float | None) -> int:
+    """Samples per pixel and side that a walkthrough is drawn with: whole numbers; says what another is taken for."""
+    from torchrender.pipeline.options import RenderOptions
+
+    if wanted is None:
+        return 1
+    factor = max(1, round(RenderOptions(supersample=wanted).supersample))
+    if factor != wanted:
+        told = f"--supersample {wanted:g}: a walkthrough takes whole numbers of at least 1, here {factor}"
+        print(f"torchrender: warning: {told}", file=sys.stderr)
+    return factor
 
 
 def _smaller(image: Any, factor: int) -> Any:

@@ -6,7 +6,7 @@ import argparse
 import sys
 from typing import TYPE_CHECKING, Any
 
-from torchrender.cli.arguments import numbers
+from torchrender.cli.arguments import named, numbers
 from torchrender.errors import OptionError
 
 if TYPE_CHECKING:
@@ -51,7 +51,8 @@ def enhance_wish(text: str | None) -> EnhanceOptions | None:
         if name not in known:
             raise OptionError(f"--enhance: unknown name {name!r}; known names: {', '.join(known)}")
         values[name] = _value(name, value)
-    return EnhanceOptions(**values)
+    with named(**{name: f"--enhance {name}" for name in known}):
+        return EnhanceOptions(**values)
 
 
 def _value(name: str, text: str) -> Any:

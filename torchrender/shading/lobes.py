@@ -31,7 +31,7 @@ from torchrender.numerics.lobe_albedo import albedo_table, look_up, mean_albedo,
 from torchrender.numerics.split_sum import directional_albedo
 from torchrender.shading.lights import Lit
 from torchrender.shading.linear_cosines import nearest_point
-from torchrender.shading.sky import Sky, sky_lobe
+from torchrender.shading.sky import Sky, SkyLobe, sky_lobe
 from torchrender.shading.surface import Surface
 
 COAT_F0, COAT_SLOWED = 0.04, EXCESS_OF[0] ** 2 - 1.0
@@ -84,12 +84,11 @@ def metallic_roughness(surface: Surface, sky: Sky, around: Around, lights: Seque
     s, m = surface, _Mix.of(surface)
     seen = s.occlusion if around.visibility is None else s.occlusion * around.visibility
     diffuse = sky.diffuse(around.towards(s.normal, s.smooth)) * seen
-    part, width = sky_lobe(m.eye, s.roughness, m.grazing)
-    up = lobe_middle(s.normal, s.to_eye, m.eye, part)
+    glossy = sky_about(sky, s.normal, s.to_eye, sky_lobe(m.eye, s.roughness, m.grazing))
     specular_seen = specular_occlusion(m.eye, seen, s.roughness)
     through = 1.0 - _coat_share(s)
     mirrored = m.mirrored * m.sheen_left * through
-    replaced = mirrored * sky.mirrored(up, width) * specular_seen
+    replaced = mirrored * glossy * specular_seen
     sheen = s.sheen * m.sheen_share * diffuse
     total = s.emission + sheen + m.matte * m.sheen_left * m.left_eye * diffuse * through + replaced
     for one in lights:
@@ -115,6 +114,15 @@ def lobe_middle(normal: Tensor, to_eye: Tensor, eye: Tensor, part: Tensor) -> Te
     mirror = 2.0 * eye * normal - to_eye
     turned = normal + (mirror - normal) * part
     return turned / turned.square().sum(0).sqrt().clamp_min(1e-18)
+
+
+def sky_about(sky: Sky, normal: Tensor, to_eye: Tensor, lobes: Sequence[SkyLobe]) -> Tensor:
+    """Radiance (3,N) of light from all around that lobes about the mirrored direction take in."""
+    eye = (normal * to_eye).sum(0).clamp(1e-4, 1.0)
+    total = torch.zeros_like(normal)
+    for lobe in lobes:
+        total = total + lobe.share * sky.mirrored(lobe_middle(normal, to_eye, eye, lobe.part), lobe.roughness)
+    return total
 
 
 def specular_occlusion(eye: Tensor, seen: Tensor, roughness: Tensor) -> Tensor:
@@ -228,10 +236,10 @@ def _coat(s: Surface, sky: Sky, seen: Tensor, lights: Sequence[Lit]) -> Tensor:
     """Light (3,N) that the clear coat mirrors."""
     eye = (s.smooth * s.to_eye).sum(0).clamp(1e-4, 1.0)
     a, b, c, _ = directional_albedo(eye, s.coat_roughness)
-    part, width = sky_lobe(eye, s.coat_roughness, _added(torch.full_like(a, COAT_F0), a, b, b + c))
-    up = lobe_middle(s.smooth, s.to_eye, eye, part)
+    lobes = sky_lobe(eye, s.coat_roughness, _added(torch.full_like(a, COAT_F0), a, b, b + c))
     share = s.clearcoat * (COAT_F0 * a + b + c)
-    total = share * sky.mirrored(up, width) * specular_occlusion(eye, seen, s.coat_roughness)
+    glossy = sky_about(sky, s.smooth, s.to_eye, lobes)
+    total = share * glossy * specular_occlusion(eye, seen, s.coat_roughness)
     alpha = ggx_alpha(s.coat_roughness)
     for one in lights:
         light, amount = one.light, one.amount

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -29,26 +30,37 @@ _KEPT: WeakIdKeyDictionary = WeakIdKeyDictionary()
 
 @cache
 def sky_lobes() -> Tensor:
-    """(S,S,4) float32, not to be written to: what :func:`sky_lobe` blends, for facets that mirror all, then for those
-    that mirror at grazing angles alone. Row = roughness times S - 1, column = root of the cosine times S - 1.
+    """(S,S,12) float32, not to be written to: what :func:`sky_lobe` blends. Row = roughness times S - 1, column = root
+    of the cosine times S - 1.
+
+    Part and width of two lobes for facets that mirror all, the same for those of a dielectric of index 1.5, the share
+    of the first lobe of each pair, and one over the share of what that dielectric mirrors which Fresnel's term adds.
     """
     with torch.inference_mode(False):
         return torch.from_numpy(np.load(SKY_LOBES))
 
 
-def sky_lobe(eye: Tensor, roughness: Tensor, grazing: Tensor) -> tuple[Tensor, Tensor]:
+class SkyLobe(NamedTuple):
+    """A round lobe that stands for a part of what a glossy surface mirrors."""
+
+    share: Tensor  # (N,) of all
+    part: Tensor  # (N,) of the way from the normal to the mirrored direction, along the chord, where its middle lies
+    roughness: Tensor  # (N,) of a mirror seen along its normal that has it
+
+
+def sky_lobe(eye: Tensor, roughness: Tensor, grazing: Tensor) -> tuple[SkyLobe, SkyLobe]:
     """Where prefiltered maps show what glossy surfaces mirror, fitted by :mod:`torchrender.tuning.sky_lobes`.
 
     Args:
         eye: (N,) cosines to the eye.
         roughness: (N,).
         grazing: (N,) share of what is mirrored that Fresnel's term adds to that along the normal.
-
-    Returns:
-        The part (N,) of the way from the normal to the mirrored direction, along the chord, and the roughness (N,).
     """
-    part, width, part_grazing, width_grazing = look_up(sky_lobes(), eye, roughness).unbind(-1)
-    return torch.lerp(part, part_grazing, grazing), torch.lerp(width, width_grazing, grazing) * roughness
+    found = look_up(sky_lobes(), eye, roughness).T
+    dielectric = (grazing * found[10]).clamp_max(1.0)
+    first, first_width, second, second_width = torch.lerp(found[:4], found[4:8], dielectric)
+    share = torch.lerp(found[8], found[9], dielectric)
+    return SkyLobe(share, first, first_width * roughness), SkyLobe(1.0 - share, second, second_width * roughness)
 
 
 @dataclass(frozen=True, eq=False)

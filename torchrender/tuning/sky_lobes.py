@@ -1,17 +1,23 @@
 """Fit where glossy surfaces look up prefiltered maps of the sky: ``python -m torchrender.tuning.sky_lobes [-o FILE]``.
 
 Prefiltered maps hold round lobes, those of surfaces seen along their normal. Seen aslant, a lobe of GGX facets leans
-towards the normal, is narrower across and cut by the horizon. Each entry is the direction and the roughness of the
-round lobe that comes closest: the squared difference of their spherical harmonics up to degree :data:`DEGREE`, weighed
-as light is spread over them in surroundings (less by higher degrees), over all directions and widths of a grid.
+towards the normal, is longer in the plane of the eye than across and cut by the horizon. Each entry is the pair of
+round lobes in that plane whose sum comes closest: the squared difference of their spherical harmonics up to degree
+:data:`DEGREE`, weighed as light is spread over them in surroundings (less by higher degrees). One lobe after the other
+is the best on a grid of all directions and widths for the one before, until nothing gets better; neighbours in the
+table begin with each other's pair, so that what lies between them is blended of like with like.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
+import torch
 
+from torchrender.numerics.ggx import dielectric_fresnel
 from torchrender.shading.sky import SKY_LOBES
 from torchrender.tuning.fitted import write_fitted
 from torchrender.tuning.linear_cosines import smith_lambda
@@ -23,8 +29,21 @@ ROUGHEST, LEANS = np.linspace(0.02, 1.0, 99), np.radians(np.arange(-90.0, 91.0))
 """Grid of round lobes: roughness, and angle to the normal, towards the mirrored direction."""
 SMOOTH = 0.2
 """Roughness below which lobes are too narrow for the harmonics: they scale."""
-MOST = 1.3, 1.5
-"""Largest numbers of the table: of what is mirrored at grazing facets alone there is next to nothing face on."""
+MOST = 1.5
+"""Largest part and width of the table."""
+BEYOND = 1.25, math.radians(2.0)
+"""How far lobes may lie from the normal: times the mirrored direction, and angle."""
+LEAST_SHARE = 0.05
+DIELECTRIC, LEAST_ADDED = 1.5, 1e-3
+"""Index of refraction of what the second pair is fitted to; the least that Fresnel's term adds to what it mirrors."""
+STEP = 4
+"""Places of the grid by which lobes may differ from their neighbours' in the table."""
+WORTH = 0.85
+"""Share of the cost from which on a pair is taken that is not like the neighbours'."""
+ROUNDS = 12
+
+Lobe = tuple[int, int]
+"""Place in the grid: roughness, angle."""
 
 
 def harmonics(cosine: Array, azimuth: Array) -> tuple[Array, Array]:
@@ -74,12 +93,18 @@ def round_lobes(steps: int = 4000) -> Array:
     angle = place**2 * math.pi / 2.0
     cosine = np.cos(angle)
     solid = cosine * np.sin(angle) * place
-    legendre = [np.ones(steps), cosine]
-    for k in range(2, DEGREE + 1):
-        legendre.append(((2 * k - 1) * cosine * legendre[-1] - (k - 1) * legendre[-2]) / k)
     alpha = ROUGHEST[:, None] ** 2
     value = (alpha / (0.5 - 0.5 * cosine + (0.5 + 0.5 * cosine) * alpha * alpha)) ** 2 * solid
-    return (value / value.sum(1, keepdims=True)) @ np.stack(legendre, 1)
+    return (value / value.sum(1, keepdims=True)) @ legendre(cosine).T
+
+
+class Pair(NamedTuple):
+    """Two lobes, the one farther from the normal first; their cost, and the share of the first."""
+
+    cost: float
+    first: Lobe
+    second: Lobe
+    share: float
 
 
 class Fit:
@@ -89,49 +114,124 @@ class Fit:
         degree = np.arange(DEGREE + 1)
         self.spread = np.where(degree > 0, 1.0 / (degree + 1.0), 0.0)
         self.round = round_lobes()
-        self.own = (self.round**2 * self.spread) @ ((2 * degree + 1) / (4.0 * math.pi))
         self.at, self.degrees = harmonics(np.cos(LEANS), np.where(LEANS >= 0.0, math.pi, 0.0))
+        self.of_degree = (self.degrees == degree[:, None]).astype(float)
+        power = self.spread * (2 * degree + 1) / (4.0 * math.pi)
+        self.own = ((self.round**2) @ power)[:, None]
+        self.weighed = self.round * power
+        self.legendre = legendre(np.cos(LEANS - LEANS[0]))
 
-    def nearest(self, toward: Array, weight: Array) -> tuple[float, float]:
-        """Angle to the normal and roughness of the round lobe next to that of directions (Q,3) and weights (Q,)."""
-        values, _ = harmonics(np.clip(toward[:, 2], -1.0, 1.0), np.arctan2(toward[:, 1], toward[:, 0]))
+    def common(self, values: Array, weight: Array) -> Array:
+        """Inner products (R,L) of the lobes of the grid with that of harmonics (Q,K) of directions and weights (Q,)."""
         lobe = (weight / weight.sum()) @ values
-        both = np.zeros((DEGREE + 1, len(LEANS)))
-        np.add.at(both, self.degrees, (lobe * self.at).T)
-        cost = self.own[:, None] - 2.0 * (self.round * self.spread) @ both
-        i, j = (int(k) for k in np.unravel_index(cost.argmin(), cost.shape))
-        return (
-            float(LEANS[j]) + _bottom(cost[i], j) * float(LEANS[1] - LEANS[0]),
-            float(ROUGHEST[i]) + _bottom(cost[:, j], i) * float(ROUGHEST[1] - ROUGHEST[0]),
-        )
+        return np.asarray((self.round * self.spread) @ (self.of_degree @ (lobe[:, None] * self.at.T)))
+
+    def costs(self, common: Array, lobe: Lobe) -> tuple[Array, Array]:
+        """Cost of each lobe of the grid together with a given one, but for a constant, and the best share of that."""
+        i, j = lobe
+        both = (self.round * self.weighed[i]) @ self.legendre[:, np.abs(np.arange(len(LEANS)) - j)]
+        mine, own = float(self.own[i, 0]), float(common[i, j])
+        best = (own - common + self.own - both) / np.maximum(mine + self.own - 2.0 * both, 1e-12)
+        share = np.clip(best, LEAST_SHARE, 1.0 - LEAST_SHARE)
+        rest = 1.0 - share
+        cost = share**2 * mine + rest**2 * self.own + 2.0 * share * (rest * both - own) - 2.0 * rest * common
+        return cost, share
+
+    def pair(self, common: Array, allowed: Array, begin: tuple[Lobe, Lobe] | None = None) -> Pair:
+        """The pair found from the best single lobe on, or near where to ``begin``."""
+        single = np.where(allowed, self.own - 2.0 * common, np.inf)
+        one, last = (_least(single), None) if begin is None else begin
+        found: Pair | None = None
+        for _ in range(ROUNDS):
+            cost, share = self.costs(common, one)
+            near = allowed if last is None or begin is None else allowed & _near(last)
+            two = _least(np.where(near, cost, np.inf)) if near.any() else one
+            if found is not None and cost[two] >= found.cost - 1e-9:
+                break
+            found = Pair(float(cost[two]), one, two, float(share[two]))
+            one, last = two, one
+        assert found is not None
+        if found.first[1] >= found.second[1]:
+            return found
+        return Pair(found.cost, found.second, found.first, 1.0 - found.share)
 
 
-def _bottom(cost: Array, k: int) -> float:
-    """Place, from the least of a row of numbers, of the bottom of the parabola through it and its neighbours."""
-    if not 0 < k < len(cost) - 1:
-        return 0.0
-    before, least, after = cost[k - 1 : k + 2]
-    return float(np.clip(0.5 * (before - after) / max(before - 2.0 * least + after, 1e-30), -0.5, 0.5))
+def legendre(cosine: Array) -> Array:
+    """(DEGREE+1,N) Legendre polynomials."""
+    values = [np.ones_like(cosine), cosine]
+    for k in range(2, DEGREE + 1):
+        values.append(((2 * k - 1) * cosine * values[-1] - (k - 1) * values[-2]) / k)
+    return np.stack(values)
 
 
-def entry(fit: Fit, cosine: float, roughness: float) -> list[float]:
-    """See :func:`torchrender.shading.sky.sky_lobe`: for facets that mirror all, and for those of Schlick's weight."""
-    used = max(roughness, SMOOTH)
-    toward, share, grazing = facets(cosine, used)
-    mirror, found = math.acos(cosine), []
-    for weight in (share, share * grazing):
-        lean, width = fit.nearest(toward, weight)
-        part = math.sin(lean) / max(math.sin(mirror - lean) + math.sin(lean), 1e-6)
-        part = 1.0 - (1.0 - min(max(part, 0.0), MOST[0])) * min(roughness / SMOOTH, 1.0) ** 2
-        found += [part, min(width / used, MOST[1])]
+def _least(cost: Array) -> Lobe:
+    i, j = np.unravel_index(int(cost.argmin()), cost.shape)
+    return int(i), int(j)
+
+
+def _near(lobe: Lobe) -> Array:
+    rows, columns = np.ogrid[: len(ROUGHEST), : len(LEANS)]
+    return np.asarray((np.abs(rows - lobe[0]) <= STEP) & (np.abs(columns - lobe[1]) <= STEP))
+
+
+def mirrored_shares(cosine: float, roughness: float) -> tuple[Array, Array, Array]:
+    """Directions (Q,3) of :func:`facets`, and weights (Q,) of light from there if all facets mirror all, and if they
+    are those of a dielectric.
+    """
+    toward, share, grazing = facets(cosine, roughness)
+    facing = torch.from_numpy(1.0 - grazing**0.2)
+    return toward, share, share * dielectric_fresnel(DIELECTRIC**2 - 1.0, facing).numpy()
+
+
+def pairs_of(fit: Fit, cosine: float, roughness: float, begin: Sequence[Sequence[Pair]]) -> list[Pair]:
+    """Of facets that mirror all, and of those of a dielectric; ``begin``: the same of neighbours in the table."""
+    toward, *weights = mirrored_shares(cosine, roughness)
+    values, _ = harmonics(np.clip(toward[:, 2], -1.0, 1.0), np.arctan2(toward[:, 1], toward[:, 0]))
+    farthest = min(BEYOND[0] * math.acos(cosine) + BEYOND[1], math.pi / 2.0)
+    allowed = np.broadcast_to((LEANS >= -1e-9) & (farthest >= LEANS), (len(ROUGHEST), len(LEANS)))
+    found = []
+    for number, weight in enumerate(weights):
+        common = fit.common(values, weight)
+        lobe = (weight / weight.sum()) @ values
+        power = float((lobe**2 * fit.spread[fit.degrees]).sum())
+        anew = fit.pair(common, allowed)
+        like = [fit.pair(common, allowed, (one[number].first, one[number].second)) for one in begin]
+        best = min(like, key=lambda one: one.cost, default=anew)
+        found.append(anew if anew.cost + power < WORTH * (best.cost + power) else best)
     return found
 
 
+def entry(pairs: Sequence[Pair], cosine: float, roughness: float) -> list[float]:
+    """See :func:`torchrender.shading.sky.sky_lobes`."""
+    used, mirror, found = max(roughness, SMOOTH), math.acos(cosine), []
+    for pair in pairs:
+        for row, column in (pair.first, pair.second):
+            lean = float(LEANS[column])
+            part = math.sin(lean) / max(math.sin(mirror - lean) + math.sin(lean), 1e-6)
+            part = 1.0 - (1.0 - min(max(part, 0.0), MOST)) * min(roughness / SMOOTH, 1.0) ** 2
+            found += [part, min(float(ROUGHEST[row]) / used, MOST)]
+    _, all_, some = mirrored_shares(cosine, max(roughness, SMOOTH / 2.0))
+    along = ((DIELECTRIC - 1.0) / (DIELECTRIC + 1.0)) ** 2
+    added = 1.0 - along * float(all_.sum()) / float(some.sum())
+    return [*found, *(pair.share for pair in pairs), 1.0 / max(added, LEAST_ADDED), 0.0]
+
+
 def fit_table(size: int = SIZE) -> Array:
-    """(S,S,4) float32: row = roughness times S - 1, column = root of the cosine times S - 1."""
+    """(S,S,12) float32: row = roughness times S - 1, column = root of the cosine times S - 1."""
     fit, last = Fit(), size - 1
     cosines = np.clip((np.arange(size) / last) ** 2, 0.01, 0.995)
-    return np.array([[entry(fit, c, row / last) for c in cosines] for row in range(size)], np.float32)
+    table = np.zeros((size, size, 12), np.float32)
+    above: dict[int, list[Pair]] = {}
+    for row in range(last, -1, -1):
+        roughness = row / last
+        right: list[Pair] | None = None
+        for column in range(last, -1, -1):
+            cosine, begin = float(cosines[column]), [one for one in (right, above.get(column)) if one is not None]
+            if row == last or (row + 1) / last > SMOOTH:
+                above[column] = pairs_of(fit, cosine, max(roughness, SMOOTH), begin)
+            right = above[column]
+            table[row, column] = entry(right, cosine, roughness)
+    return table
 
 
 def main() -> None:

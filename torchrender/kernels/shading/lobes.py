@@ -152,17 +152,6 @@ def added(along, a, b, even):
 
 
 @kernel(counted=False)
-def lean(s, n, table, rough):
-    """Where the sky's maps show what is mirrored, into TU and TV, see :func:`torchrender.shading.sky.sky_lobe`; the
-    share in FL is added by Fresnel's term. After :func:`find`.
-    """
-    for i in range(n):
-        part, width, part_grazing, width_grazing = four_at(table, s[TA + i], s[TU + i], s[TV + i], 0)
-        s[TU + i] = part + s[FL + i] * (part_grazing - part)
-        s[TV + i] = (width + s[FL + i] * (width_grazing - width)) * s[rough + i]
-
-
-@kernel(counted=False)
 def mix(s, n):
     """Terms of metallic-roughness that do not depend on lights, from what the textures and tables told."""
     for i in range(n):

@@ -13,7 +13,6 @@ from torchrender.kernels.shading.lobes import (
     add_metallic,
     add_phong,
     begin_metallic,
-    lean,
     look_up,
     mix,
     write_mirrors,
@@ -25,7 +24,7 @@ from torchrender.kernels.shading.maps import textures as all_textures
 from torchrender.kernels.shading.records import METALLIC, SLOT, SPAN
 from torchrender.kernels.shading.rectangles import add_coat_rectangle, add_metallic_rectangle, lay
 from torchrender.kernels.shading.sky import background as far_away
-from torchrender.kernels.shading.sky import diffuse, mirrored
+from torchrender.kernels.shading.sky import diffuse, lean, mirrored
 from torchrender.kernels.stages import stage
 
 LX, NX, SX, RO, CK = (SLOT[n] for n in ("LX", "NX", "SX", "RO", "CK"))

@@ -100,7 +100,7 @@ class Sky(NamedTuple):
     albedo: np.ndarray  # (S,S,4) float32 directional albedo
     mean: np.ndarray  # (S,4) float32
     sheen: np.ndarray  # (S,S,1) float32
-    lobes: np.ndarray  # (S,S,4) float32, see sky_lobes
+    lobes: np.ndarray  # (S,S,12) float32, see sky_lobes
     cosines: np.ndarray  # (S,S,8) float32 linearly transformed cosines, 0
     radiance: np.ndarray  # (H,W,3) float32 background; 1 x 1: the same everywhere
     turn: np.ndarray  # (2,) float32: turn of the background, its intensity

@@ -7,12 +7,14 @@ import math
 import numpy as np
 
 from torchrender.kernels.compile import kernel
+from torchrender.kernels.shading.lobes import four_at
 from torchrender.kernels.shading.records import IRRADIANCE_SIDE, SLOT, SPAN
 from torchrender.kernels.shading.simd import HALF, INV_PI, ONE, TINY, TWO, ZERO, angle, f4, weighed
 
 NX, NY, NZ, EX, EY, EZ = (SLOT[n] for n in ("NX", "NY", "NZ", "EX", "EY", "EZ"))
-SX, SY, SZ, TU, TV = (SLOT[n] for n in ("SX", "SY", "SZ", "TU", "TV"))
+SX, SY, SZ, TA, TU, TV, FL = (SLOT[n] for n in ("SX", "SY", "SZ", "TA", "TU", "TV", "FL"))
 DR, DG, DB, SR, SG, LX, LY, LZ, OC = (SLOT[n] for n in ("DR", "DG", "DB", "SR", "SG", "LX", "LY", "LZ", "OC"))
+LA, LB, LC, LD, LE = (SLOT[n] for n in ("LA", "LB", "LC", "LD", "LE"))
 
 
 @kernel(inline=True, counted=False)
@@ -70,32 +72,62 @@ def diffuse(s, n, pix, sky, reach):
 
 
 @kernel(counted=False)
+def lean(s, n, table, rough):
+    """How two lobes lie that stand for what is mirrored, see :func:`torchrender.shading.sky.sky_lobe`.
+
+    Part and roughness of the first into TU and TV, of the second into LB and LC, the share of the first into LA; the
+    share in FL is added by Fresnel's term. After :func:`torchrender.kernels.shading.lobes.find`.
+    """
+    for i in range(n):
+        at, u, v = s[TA + i], s[TU + i], s[TV + i]
+        part, width, second, second_width = four_at(table, at, u, v, 0)
+        part_other, width_other, second_other, second_width_other = four_at(table, at, u, v, 4)
+        share, share_other, scale, _ = four_at(table, at, u, v, 8)
+        more = min(s[FL + i] * scale, ONE)
+        s[TU + i] = part + more * (part_other - part)
+        s[TV + i] = (width + more * (width_other - width)) * s[rough + i]
+        s[LB + i] = second + more * (second_other - second)
+        s[LC + i] = (second_width + more * (second_width_other - second_width)) * s[rough + i]
+        s[LA + i] = share + more * (share_other - share)
+
+
+@kernel(inline=True, counted=False)
+def filtered(texels, levels, roughness, across, down, factor):
+    """Times ``factor``, what the maps of mirrored light show at a place."""
+    level = min(max(roughness, ZERO), ONE) * f4(levels.shape[0] - 1)
+    k = min(np.int64(level), np.int64(levels.shape[0] - 2))
+    share = (level - f4(k)) * factor
+    rest = factor - share
+    p, w = map_corners(levels[k, 0], levels[k, 1], across, down)
+    q, t = map_corners(levels[k + 1, 0], levels[k + 1, 1], across, down)
+    r, g, b, _ = weighed(texels, p, (w[0] * rest, w[1] * rest, w[2] * rest, w[3] * rest))
+    x, y, z, _ = weighed(texels, q, (t[0] * share, t[1] * share, t[2] * share, t[3] * share))
+    return r + x, g + y, b + z
+
+
+@kernel(counted=False)
 def mirrored(s, n, sky, normal):
-    """Radiance about the directions that normals in slot ``normal`` mirror to the eye, into LX, LY, LZ; how far these
-    lean to the normals is in TU, roughness in TV.
+    """Radiance about the directions that normals in slot ``normal`` mirror to the eye, into LX, LY, LZ; after
+    :func:`lean`.
     """
     ambient, texels, levels = sky.ambient, sky.mirrored, sky.levels
     if texels.shape[0] == 0:
         for i in range(n):
             s[LX + i], s[LY + i], s[LZ + i] = ambient[0], ambient[1], ambient[2]
         return
-    top = f4(levels.shape[0] - 1)
     for i in range(n):
         nx, ny, nz = s[normal + i], s[normal + SPAN + i], s[normal + 2 * SPAN + i]
         ex, ey, ez = s[EX + i], s[EY + i], s[EZ + i]
-        part = s[TU + i]
-        d = ONE - part + part * TWO * min(max(nx * ex + ny * ey + nz * ez, f4(1e-4)), ONE)
+        doubled = TWO * min(max(nx * ex + ny * ey + nz * ez, f4(1e-4)), ONE)
+        part, second = s[TU + i], s[LB + i]
+        d = ONE - part + part * doubled
         s[LX + i], s[LY + i] = octahedral(d * nx - part * ex, d * ny - part * ey, d * nz - part * ez)
+        d = ONE - second + second * doubled
+        s[LD + i], s[LE + i] = octahedral(d * nx - second * ex, d * ny - second * ey, d * nz - second * ez)
     for i in range(n):
-        level = min(max(s[TV + i], ZERO), ONE) * top
-        k = min(np.int64(level), np.int64(levels.shape[0] - 2))
-        share = level - f4(k)
-        across, down = s[LX + i], s[LY + i]
-        p, w = map_corners(levels[k, 0], levels[k, 1], across, down)
-        q, t = map_corners(levels[k + 1, 0], levels[k + 1, 1], across, down)
-        rest = ONE - share
-        r, g, b, _ = weighed(texels, p, (w[0] * rest, w[1] * rest, w[2] * rest, w[3] * rest))
-        x, y, z, _ = weighed(texels, q, (t[0] * share, t[1] * share, t[2] * share, t[3] * share))
+        first = s[LA + i]
+        r, g, b = filtered(texels, levels, s[TV + i], s[LX + i], s[LY + i], first)
+        x, y, z = filtered(texels, levels, s[LC + i], s[LD + i], s[LE + i], ONE - first)
         s[LX + i], s[LY + i], s[LZ + i] = ambient[0] + r + x, ambient[1] + g + y, ambient[2] + b + z
 
 

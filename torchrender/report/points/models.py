@@ -14,12 +14,9 @@ from torch import Tensor
 
 from torchrender.points.cloud import PointCloud
 from torchrender.points.load import load_points, sample_points
-from torchrender.points.options import SplatOptions
-from torchrender.raster import rasterize
 from torchrender.scene.camera import Cameras
 from torchrender.scene.load import load
 from torchrender.scene.model import Scene
-from torchrender.shade import diffuse_color
 
 SCANS = ("kitten_normals", "livingroom_fragment_colored", "room_scan1")
 
@@ -90,25 +87,6 @@ def _scan_model(name: str, path: Path) -> Model:
 def _mesh_model(name: str, path: Path, samples: int) -> Model:
     scene = load(path)
     return Model(name, scene, sample_points(scene, samples))
-
-
-def reference(scene: Scene, camera: Cameras, options: SplatOptions, factor: int) -> tuple[Tensor, Tensor]:
-    """Picture (H,W,3) and coverage (H,W) of a scene by ``factor`` squared samples a pixel, lit like the points."""
-    tiles = []
-    height = max(1, (1 << 22) // (camera.width * factor * factor))
-    for top in range(0, camera.height, height):
-        part = camera.sub_camera(0, top, camera.width, min(height, camera.height - top)).scaled(factor)
-        view = rasterize(scene, part)
-        _, rays = part.rays()
-        toward = -torch.nn.functional.normalize(rays, dim=-1)
-        facing = (view.normal.double() * toward).sum(-1).abs()
-        shade = options.ambient + (1 - options.ambient) * facing.float()
-        color = diffuse_color(scene, view) * shade[..., None]
-        covered = view.covered[..., None]
-        tiles.append(torch.cat([torch.where(covered, color, torch.tensor(options.background)), covered.float()], -1)[0])
-    fine = torch.cat(tiles)
-    mean = fine.reshape(camera.height, factor, camera.width, factor, 4).mean(dim=(1, 3))
-    return mean[..., :3], mean[..., 3]
 
 
 def close_camera(cloud: PointCloud, size: int) -> Cameras:

@@ -43,11 +43,11 @@ from torchrender.report.points.models import (
     ground,
     ground_reference,
     models,
-    reference,
 )
 from torchrender.report.points.page import write_page
 from torchrender.report.points.peers import pyvista_points
 from torchrender.scene.camera import Cameras
+from torchrender.tuning.systems.points import drawn_surfaces
 
 FILTERS = ("adaptive", "full", "reconstruction", "low_pass", "squares")
 DEEPEST = SelectionOptions(level="deepest")
@@ -143,7 +143,7 @@ def quality(model: Model, study: StudyOptions) -> tuple[dict[str, Any], list[Ten
         near=float(near.near[0]),
     )  # fmt: skip
     for place, camera in (("close", near), ("far", far)):
-        truth = None if model.scene is None else reference(model.scene, camera, SplatOptions(), study.factor)
+        truth = None if model.scene is None else drawn_surfaces(model.scene, camera, SplatOptions(), study.factor)
         for level in ("auto", "deepest"):
             selection = SelectionOptions(level=level)
             options = {name: SplatOptions(filter=name, selection=selection) for name in FILTERS}

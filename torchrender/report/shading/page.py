@@ -100,9 +100,9 @@ def _short(rows: list[dict[str, Any]]) -> list[str]:
     return [
         f"{len(worst)} of {len(rows)} miss it: {', '.join(worst)}.",
         "",
-        "Where that comes from: glossy light of environments is the split-sum approximation, in which one round lobe,",
-        "fitted in direction and width, stands for one that is longer in the plane of the eye and cut by the horizon;",
-        "highlights of area lights are linearly transformed cosines, which have shorter tails than facets.",
+        "Where that comes from: glossy light of environments is the split-sum approximation, in which two round",
+        "lobes, fitted in direction, width and share, stand for one that is long in the plane of the eye and cut by",
+        "the horizon; highlights of area lights are linearly transformed cosines, with shorter tails than facets.",
         "",
     ]
 
