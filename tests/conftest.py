@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import gc
 import os
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 # Before torch is imported: threads that spin while they wait take the cores from those that work.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
@@ -27,3 +30,34 @@ def data_dir() -> Path:
     if not folder.is_dir():
         pytest.skip(f"real test data not found at {folder}; set TORCHRENDER_DATA")
     return folder
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Iterator[None]:
+    """What is imported and collected stays to the end: no garbage is looked for there, neither now nor later."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.enable()
+        gc.freeze()
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """With ``--dist loadfile``: parts of the tests for the processes that share them, which have sorted them."""
+    if config.getoption("dist") != "loadfile":
+        return None
+    from parts import PartScheduling
+
+    config.option.loadscopereorder = False
+    return PartScheduling(config, log)
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """In one of several processes: in the order in which they take them."""
+    if hasattr(config, "workerinput"):
+        from parts import in_turn
+
+        items[:] = [items[place] for place in in_turn([item.nodeid for item in items])]

@@ -110,4 +110,4 @@ def traced(scene: Scene, cameras: Cameras, rays: int = 8) -> ReflectionLayer:
 
 def true_hits(scene: Scene, pixels: ReflectivePixels) -> RayHits:
     caster = RayCaster(scene.geometry)
-    return caster.first_hit(pixels.position, pixels.direction, t_min=START * scene.diagonal)
+    return caster.first_hit(pixels.position, pixels.direction, t_min=START * pixels.pixel_angle * pixels.length)

@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections import Counter
 from collections.abc import Iterator
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -111,13 +112,18 @@ def entry(module: str) -> str:
     raise AssertionError(f"{module} has no place in ORDER of tests/test_layers.py")
 
 
-def imports(path: Path) -> Iterator[str]:
-    """Full names of everything that a file imports, at any depth, types included."""
-    for node in ast.walk(ast.parse(path.read_text())):
+@cache
+def imports_of(text: str) -> tuple[str, ...]:
+    """Full names of everything that a module's text imports, at any depth, types included."""
+    return tuple(_imports(ast.parse(text)))
+
+
+def _imports(tree: ast.Module) -> Iterator[str]:
+    for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{path}: relative import"
+            assert node.level == 0, f"relative import of {node.module}"
             yield from (f"{node.module}.{alias.name}" for alias in node.names)
 
 
@@ -125,7 +131,7 @@ def internal_imports(module: str, modules: dict[str, Path] | None = None) -> set
     """Modules of both packages that a file imports; the packages themselves, which hold the version, are left out."""
     known = MODULES if modules is None else modules
     found = set()
-    for full in imports(known[module]):
+    for full in imports_of(known[module].read_text()):
         name = full
         while "." in name:
             if name in known:
@@ -197,7 +203,7 @@ def test_effects_never_import_effects() -> None:
 def test_only_what_serves_imports_the_service() -> None:
     for name, path in MODULES.items():
         if name.startswith("torchrender.") and not name.startswith(SERVING):
-            used = [t for t in imports(path) if t.split(".")[0] == "torchrender_service"]
+            used = [t for t in imports_of(path.read_text()) if t.split(".")[0] == "torchrender_service"]
             assert not used, f"{name} imports {used}"
 
 
@@ -212,7 +218,7 @@ def test_the_serving_process_does_not_load_the_renderer() -> None:
 def test_only_kernels_import_numba() -> None:
     for name, path in MODULES.items():
         if not is_kernel(name):
-            used = [target for target in imports(path) if target.split(".")[0] in ("numba", "llvmlite")]
+            used = [target for target in imports_of(path.read_text()) if target.split(".")[0] in ("numba", "llvmlite")]
             assert not used, f"{name} imports {used}"
 
 

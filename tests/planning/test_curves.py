@@ -12,9 +12,11 @@ from typing import Any
 import pytest
 
 import torchrender as tr
+from torchrender.passes.senses import closely
 from torchrender.pipeline.options import RenderOptions
 from torchrender.planning import curves as module
 from torchrender.planning.curves import (
+    MEASURED_SPREAD,
     Curves,
     CurvesWarning,
     load_curves,
@@ -24,6 +26,7 @@ from torchrender.planning.curves import (
     user_file,
 )
 from torchrender.planning.foresight import COVERED, Expected
+from torchrender.scene.camera import Cameras
 from torchrender.scene.load import load
 
 
@@ -59,6 +62,28 @@ def test_times_are_weighted_sums_and_errors_means() -> None:
     assert more.together([Expected(0.2, 0.1)]).error == pytest.approx(0.2), "scenes that were measured have their own"
 
 
+def test_what_is_known_of_the_scene_itself_comes_before_what_is_sensed_there() -> None:
+    """Its own record, then the line of what a probe found, then that of what was sensed, then the mean of others."""
+    usual, found = ([math.log(least), 0.5, 0.0, math.log(least), 1.0, 0.2] for least in (0.1, 0.3))
+    lines = {"gbuffer": {"1": usual}, closely("gbuffer"): {"1": found}}
+    curves = parse_curves({**small(), "foresight": lines}, "test")
+    assert curves.error("gbuffer", "1", "a/1", sensed=0.5, probed=0.5) == Expected(0.2, MEASURED_SPREAD)
+    assert curves.error("gbuffer", "1", "unknown", sensed=0.5, probed=0.5).error == pytest.approx(0.15)
+    assert curves.error("gbuffer", "1", "unknown", sensed=0.5).error == pytest.approx(0.05)
+    assert curves.error("gbuffer", "1", "unknown").error == pytest.approx(0.1)
+    only = parse_curves({**small(), "foresight": {"gbuffer": {"1": usual}}}, "test")
+    assert only.error("gbuffer", "1", "unknown", sensed=0.5, probed=0.9).error == pytest.approx(0.05)
+
+
+def test_errors_of_measured_scenes_hold_for_pictures_of_about_that_size() -> None:
+    """Half as many pixels to twice as many, whatever the shape."""
+    curves = parse_curves({**small(), "side": 64}, "test")
+    for width, height, holds in ((64, 64, True), (64, 32, True), (32, 64, True), (128, 64, True), (16, 512, True),
+                                 (64, 31, False), (129, 64, False), (32, 32, False), (128, 128, False)):  # fmt: skip
+        camera = Cameras.look_at([0.0, 0.0, 1.0], [0.0, 0.0, 0.0], width=width, height=height)
+        assert curves.like_measured(camera) == holds, (width, height)
+
+
 @pytest.mark.parametrize(
     "damage",
     [
@@ -72,6 +97,8 @@ def test_times_are_weighted_sums_and_errors_means() -> None:
         {"weights": {"gbuffer": {"1": [float("nan")]}}},
         {"weights": {"gbuffer": {"1": [-1.0]}}},
         {"scenes": {"a": {"passes": {"gbuffer": {"1": {"flip": 2.0}}}}}},
+        {"scenes": {"a": {"passes": {"gbuffer": {"1": {"flip": -0.1}}}}}},
+        {"side": 0},
     ],
 )
 def test_other_versions_and_numbers_that_mean_nothing_are_refused(damage: dict[str, Any]) -> None:

@@ -29,9 +29,9 @@ from torchrender.planning.costs import Knowledge, is_seen
 from torchrender.planning.curves import Curves, load_curves
 from torchrender.planning.graph import resolve
 from torchrender.planning.plan import Plan
-from torchrender.planning.planner import make_plan
+from torchrender.planning.planner import _statement, make_plan
 from torchrender.planning.question import Question
-from torchrender.planning.search import cost_of
+from torchrender.planning.search import Choice, cost_of
 from torchrender.run import Run
 from torchrender.scene.camera import Cameras
 from torchrender.scene.load import load
@@ -287,6 +287,19 @@ def test_a_plan_speaks_with_one_voice(washroom: Scene) -> None:
     amounts = [re.search(r"(saves|takes) (\d+) ms", text) for text in plan.changes]
     saved = [float(found[2]) * (1 if found[1] == "saves" else -1) for found in amounts if found]
     assert len(saved) == len(plan.changes) and saved == sorted(saved, reverse=True) and saved[0] > saved[-1]
+
+
+def test_a_statement_tells_what_was_spent_and_what_follows_where_there_is_something_to_tell(washroom: Scene) -> None:
+    known = Knowledge.of(washroom, view(washroom), RenderOptions(), None, load_curves())
+    told = make_plan(known, RenderOptions(), 0.5, spent_ms=7.0)
+    assert "(7 ms were spent when the rest was chosen)" in told.statement
+    assert "spent" not in make_plan(known, RenderOptions(), 0.5, spent_ms=0.2).statement
+    assert "for this first picture" in told.statement and "each that follows" in told.statement
+    alone = replace(told, rows=tuple(replace(row, lasts=False) for row in told.rows))
+    assert alone.following_ms == alone.predicted_ms and told.search is not None
+    made = Choice(settings=told.search.settings, predicted_ms=9.0, predicted_error=0.1, possible=False)
+    found = _statement(alone, made, 0.0)
+    assert "for this picture" in found and "follows" not in found
 
 
 def test_a_huge_budget_gives_the_reference(box: Scene) -> None:

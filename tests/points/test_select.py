@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 import torch
@@ -68,13 +69,16 @@ def test_boxes_outside_the_view_are_left_out_and_no_others():
     assert len(chosen) < 1.5 * len(seen)
 
 
-def test_levels_are_the_coarsest_that_project_small_enough():
+@pytest.mark.parametrize("stretch", [(1.0, 1.0), (1.7, 1.0), (1.0, 1.7)], ids=["square", "wide", "high"])
+def test_levels_are_the_coarsest_that_project_small_enough(stretch):
+    """Small enough along both axes of the image."""
     patches = build_patches(sphere_cloud(30_000), PatchOptions(max_points=1024))
     headers = patches.headers
     camera = Cameras.look_at([0.0, 0.0, 4.0], [0.0, 0.0, 0.0], width=128, height=128)
+    camera = replace(camera, intrinsics=camera.intrinsics * torch.tensor([[[stretch[0]], [stretch[1]], [1.0]]]))
     options = SelectionOptions(coarse_radius=1.5, fine_radius=0.5, cull=False)
     found = select_patches(headers, camera, options, two_sided=False, margin=1.0)
-    focal, eye = float(camera.intrinsics[0, 0, 0]), camera.eye[0]
+    focal, eye = float(torch.maximum(camera.intrinsics[0, 0, 0], camera.intrinsics[0, 1, 1])), camera.eye[0]
     for row, patch in enumerate(found.chosen.tolist()):
         low, high = headers.box[patch]
         distance = float((torch.minimum(torch.maximum(eye, low), high) - eye).norm())

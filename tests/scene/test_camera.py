@@ -163,6 +163,16 @@ def test_the_framing_camera_sees_every_box(width, height):
     assert float((edge / torch.tensor([width, height])).min()) < 0.05  # and it fills the image
 
 
+@pytest.mark.parametrize("scale", [1e-4, 3e3])
+def test_framing_does_not_depend_on_units(scale):
+    boxes = torch.tensor([[[-1.0, 0, -3], [2, 1, 4]], [[5, 0, 0], [6, 8, 1]]], dtype=torch.float64)
+    usual, camera = (framing_camera(boxes * s, width=120, height=90) for s in (1.0, scale))
+    for name in ("eye", "near", "far"):
+        torch.testing.assert_close(getattr(camera, name), scale * getattr(usual, name), rtol=1e-9, atol=0)
+    torch.testing.assert_close(camera.rotation, usual.rotation)
+    torch.testing.assert_close(camera.intrinsics, usual.intrinsics)
+
+
 def test_framing_nothing_and_a_point():
     for boxes in (torch.zeros(0, 2, 3), torch.full((1, 2, 3), 7.0)):
         camera = framing_camera(boxes, width=20, height=20)

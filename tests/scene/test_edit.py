@@ -102,6 +102,18 @@ def test_what_is_not_there_is_named(scene) -> None:
         Scene().mesh("x")
 
 
+@pytest.mark.parametrize("scale", [1e-9, 1.0, 1e14])
+def test_whether_a_matrix_is_singular_does_not_depend_on_units(scale: float) -> None:
+    box = Mesh.box(1.0)
+    for flattened, told in ((2e-12, None), (5e-13, "matrix must be invertible")):
+        flat = torch.diag(torch.tensor([scale, scale, flattened * scale, 1.0], dtype=torch.float64))
+        if told is None:
+            assert box.transformed(flat).faces.shape == box.faces.shape
+        else:
+            with pytest.raises(MeshError, match=told):
+                box.transformed(flat)
+
+
 @pytest.mark.parametrize(
     ("wrong", "told"),
     [

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from torchrender.errors import InputError, OptionError
-from torchrender.voxels.grid import VoxelGrid, Voxels, make_grid
+from torchrender.voxels.grid import VoxelGrid, Voxels, check_dims, make_grid
 from torchrender.voxels.sheets import BITS, SheetLayout, pack_sheets, sheet_address, unpack_sheets
 from voxel_shapes import unit_grid
 
@@ -59,6 +59,17 @@ def test_sets_of_different_grids_do_not_mix() -> None:
     moved = VoxelGrid(torch.ones(1, 3), torch.ones(1), (8, 8, 8))
     with pytest.raises(InputError, match="same grid"):
         Voxels.empty(unit_grid(8)).equals(Voxels.empty(moved))
+    two = VoxelGrid(torch.zeros(2, 3), torch.ones(2), (8, 8, 8))
+    assert two.matches(VoxelGrid(two.origin.clone(), two.cell.clone(), (8, 8, 8)))
+    shifted = two.origin + torch.tensor([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    for other in (VoxelGrid(shifted, two.cell, (8, 8, 8)), VoxelGrid(two.origin, torch.tensor([1.0, 2.0]), (8, 8, 8))):
+        assert not two.matches(other), "one of several differs"
+
+
+def test_as_many_cells_as_the_limit_are_taken() -> None:
+    assert check_dims((2048, 2048, 1024)) == (2048, 2048, 1024)
+    with pytest.raises(OptionError, match="at most"):
+        check_dims((2048, 2048, 1025))
 
 
 def test_grid_fits_points_with_padding() -> None:

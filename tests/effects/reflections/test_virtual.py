@@ -45,7 +45,9 @@ def virtual_points(scene: Scene, camera: Cameras) -> tuple[Tensor, Tensor, Tenso
     near = made.known.reshape(-1)[pixels.pixel] & torch.isfinite(made.depth.reshape(-1)[pixels.pixel])
     part = pixels.select(near)
     along = made.depth.reshape(-1)[part.pixel].double() / part.depth * part.length
-    hits = RayCaster(scene.geometry).first_hit(part.position, part.direction, t_min=START * scene.diagonal)
+    hits = RayCaster(scene.geometry).first_hit(
+        part.position, part.direction, t_min=START * part.pixel_angle * part.length
+    )
     real = part.position + hits.t[:, None] * part.direction
     return camera.eye[0] + along[:, None] * part.view, real, part.pixel
 

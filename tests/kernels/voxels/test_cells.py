@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -46,6 +47,23 @@ def test_corners_on_cell_corners(corners: list[int]) -> None:
     """Whole coordinates: triangles lie exactly on the faces, edges and corners of cells."""
     triangle = np.array(corners, float).reshape(3, 3)
     assert np.array_equal(one(triangle, "conservative"), box_test(triangle, DIMS))
+
+
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize("beyond", [False, True], ids=["before", "beyond"])
+@pytest.mark.parametrize("mode", ["conservative", "thin"])
+def test_small_triangles_beside_the_grid_meet_nothing(axis: int, beyond: bool, mode: str) -> None:
+    """Each within a single cell of the layer next to the grid: no other row, of another axis, gets it."""
+    rng = np.random.default_rng(axis)
+    for _ in range(20):
+        place = rng.integers(0, DIMS)
+        place[axis] = DIMS[axis] if beyond else -1
+        triangle = place + rng.uniform(0.1, 0.9, (3, 3))
+        assert not one(triangle, mode).any()
+        triangle[:, axis] += -1 if beyond else 1
+        found = one(triangle, "conservative")
+        place[axis] += -1 if beyond else 1
+        assert found.sum() == 1 and found[tuple(place[::-1])]
 
 
 def test_many_triangles_are_the_union_and_each_is_met_once() -> None:

@@ -99,7 +99,7 @@ def _kept(subject: Subject) -> Outputs:
 
 def _where_rays_hit(subject: Subject, outputs: Outputs) -> float:
     pixels = subject.pixels.select(subject.pixels.gloss <= 0)
-    start = START * subject.scene.diagonal
+    start = START * pixels.pixel_angle * pixels.length
     hits = subject.caster.first_hit(pixels.position, pixels.direction, t_min=start)
     wanted = torch.where(hits.hit, hits.t, 0.0).float() / subject.unit
     return difference({"length": outputs["length"].reshape(-1)[pixels.pixel]}, {"length": wanted}, 1e-3)
