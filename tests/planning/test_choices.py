@@ -85,7 +85,7 @@ def test_a_first_picture_over_its_budget_makes_what_later_ones_look_up() -> None
     assert not plan.row("ambient_visibility").runs, "all else is as quick as can be"
     alone = first_plan(150.0, curves, None)
     assert not alone.possible and not alone.ahead and not alone.row("ray_caster").runs
-    dear = first_plan(150.0, priced(shadow_map=80.0, ray_caster=160.0), RenderHistory())
+    dear = first_plan(150.0, priced(shadow_map=80.0, ray_caster=240.0), RenderHistory())
     assert not dear.possible and not dear.row("ray_caster").runs, "no more than the budget is spent on others"
     hopeless = first_plan(1.0, curves, RenderHistory())
     assert not hopeless.possible and not hopeless.ahead, "no later picture keeps that either"

@@ -169,6 +169,12 @@ def test_whole_pictures_of_a_scene_err_by_its_own_factor() -> None:
         one, other = (tr.plan(box, camera, options=options, curves=c) for c in (plain, twice))
         assert one.predicted_error is not None and one.predicted_error > 0.005
         assert other.predicted_error == pytest.approx(factor * one.predicted_error)
+        if factor > 1.0:
+            untold = replace(curves, scenes={"cornell_box/96": {k: v for k, v in record.items() if k != "joint"}})
+            less = tr.plan(box, camera, options=options, curves=untold)
+            low, high = one.error_interval or (0.0, 1.0)
+            wide, wider = less.error_interval or (0.0, 1.0)
+            assert wider / wide > 1.05 * high / low, "less is known"
         ambient = (plan.row("gbuffer").predicted_error or 0.0 for plan in (one, other))
         assert factor * next(ambient) == pytest.approx(next(ambient))
 

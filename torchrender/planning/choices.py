@@ -28,6 +28,9 @@ about alike the surer one is taken."""
 HOPE = 2.0
 """Of a budget: later pictures may take half of what is expected, before one tells how fast the machine is."""
 
+MOST = 1.5
+"""Times a budget that a first picture may take longer for those that follow."""
+
 CLOSE = 0.97
 """Of a bound: what fills it that far is not searched for again."""
 
@@ -92,7 +95,7 @@ def looked_ahead(
 
     What lasts, as triangles sorted for rays, may be more than any single picture can pay, and yet let all that follow
     be more exact at the same time. A first picture that does not keep its budget in any case makes it, if that takes
-    no longer than the budget itself; a second one does where something that keeps the budget is left beside it.
+    not much longer than the budget itself; a second one does where something that keeps the budget is left beside it.
 
     Args:
         choice: that keeps the budget, or is the quickest.
@@ -118,7 +121,7 @@ def looked_ahead(
         settings = {**choice.settings, **own}
         ahead = _missing(question, question.options_at(settings), question.options_at(aim.settings))
         found = _richer(question, replace(choice, settings=settings), ahead, (None, spent_ms[1]))
-        if found.choice.predicted_ms - choice.predicted_ms <= budget_ms:
+        if found.choice.predicted_ms - choice.predicted_ms <= MOST * budget_ms:
             return found
     return None
 

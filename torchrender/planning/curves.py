@@ -33,8 +33,8 @@ MEASURED_SPREAD = 0.1
 UNKNOWN_SPREAD = 1.0
 """The same, where nothing is known but the mean of others."""
 
-JOINT_SPREAD = 0.08
-"""The same, of how errors of passes add up."""
+JOINT_SPREAD, UNTOLD_SPREAD = 0.08, 0.15
+"""The same, of how errors of passes add up, where whole pictures of the scene were measured and where they were not."""
 
 UNSEEN_SPREAD = 0.3
 """The same, in scenes that were not measured."""
@@ -124,10 +124,16 @@ class Curves:
         """What pictures of a scene that was measured err by, over what their passes add up to."""
         return float(self.scenes.get(scene, {}).get("joint", 1.0))
 
-    def together(self, errors: Sequence[Expected], *, unseen: RenderOptions | None = None) -> Expected:
-        """The error of a picture whose passes have these; ``unseen``: its options, of a scene that was not measured."""
+    def together(self, errors: Sequence[Expected], *, scene: str = "", unseen: RenderOptions | None = None) -> Expected:
+        """The error of a picture whose passes have these.
+
+        Args:
+            scene: that was measured.
+            unseen: options of the picture, of a scene that was not.
+        """
         if unseen is None:
-            found = together(errors, self.norm, JOINT_SPREAD)
+            told = "joint" in self.scenes.get(scene, {})
+            found = together(errors, self.norm, JOINT_SPREAD if told else UNTOLD_SPREAD)
             return found._replace(error=min(found.error, 1.0))
         joint = self.joint(unseen)
         found = together(errors, self.norm, UNSEEN_SPREAD)

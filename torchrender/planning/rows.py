@@ -46,7 +46,9 @@ def expected_of(knowledge: Knowledge, rows: tuple[PlanRow, ...], options: Render
     found = [row.expected_error for row in rows if row.runs or row.expected_error is not None]
     known = [one for one in found if one is not None]
     unseen = options if knowledge.unseen else None
-    return knowledge.curves.together(known, unseen=unseen) if len(known) == len(found) else None
+    if len(known) != len(found):
+        return None
+    return knowledge.curves.together(known, scene=knowledge.name, unseen=unseen)
 
 
 def most_of(expected: Expected) -> float:
