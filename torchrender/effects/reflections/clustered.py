@@ -28,7 +28,7 @@ from torchrender.effects.reflections.clusters.published import published_answers
 from torchrender.effects.reflections.clusters.shading import RAYS, Question, Shading, bundles, ray_ends
 from torchrender.effects.reflections.glossy import share_rays
 from torchrender.effects.reflections.reflectors import (
-    MARCH_START,
+    START,
     MirroredPoints,
     Onward,
     RayShader,
@@ -165,7 +165,7 @@ def _ask(
     for rows, rays, weight in bundles(pixels, members, options):
         owner = made.clusters.cluster[rows].repeat_interleave(len(rays.origin) // len(rows))
         ends = ray_ends(pixels.select(rows), rays, scene.diagonal, options)
-        asked.append((rows, owner, weight, (rays, place[owner], (MARCH_START * scene.diagonal, ends))))
+        asked.append((rows, owner, weight, (rays, place[owner], (START * rays.width, ends))))
     with clock.measure("depth images"):
         sent = [one[3] for one in asked]
         images = draw_images(scene.geometry, pixels, made, numbers, sent, options.layers)

@@ -27,9 +27,6 @@ START = 2.0**-4
 """Distance from the reflector at which rays start, in widths of the rays: a picture shows nothing so near, and what an
 eye saw from afar is known the less, also along rays that leave it flatly. The size of the scene does not matter."""
 
-MARCH_START = 1e-5
-"""The same of rays that march through the depth images of curved clusters, in scene diagonals."""
-
 LOBES = ("ggx", "cone")
 GGX_WIDTH = 2.0 * math.sqrt(math.pi)
 """Width per alpha of the solid angle ``4 pi alpha^2`` that is one over the density of rays in the middle of a lobe: a

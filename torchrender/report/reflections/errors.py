@@ -11,7 +11,7 @@ from torchrender.effects.reflections.clusters.bundle import ClusterCameras
 from torchrender.effects.reflections.clusters.images import mirror_view
 from torchrender.effects.reflections.clusters.layers import LayerImages, batches, draw_images
 from torchrender.effects.reflections.clusters.shading import RAYS, ray_ends
-from torchrender.effects.reflections.reflectors import MARCH_START, ReflectivePixels, reflected_rays
+from torchrender.effects.reflections.reflectors import START, ReflectivePixels, reflected_rays
 from torchrender.scene.model import Scene
 
 
@@ -44,7 +44,7 @@ def occlusion_errors(
         part = pixels.select(rows)
         rays, image = reflected_rays(part), place[made.clusters.cluster[rows]]
         ends = ray_ends(part, rays, scene.diagonal, options)
-        sent = (rays, image, (MARCH_START * scene.diagonal, ends))
+        sent = (rays, image, (START * rays.width, ends))
         images = draw_images(scene.geometry, pixels, made, numbers, [sent], options.layers)
         t = torch.where(torch.isfinite(hits.t[rows]), hits.t[rows], 0.0)
         point = part.position + t[:, None] * part.direction

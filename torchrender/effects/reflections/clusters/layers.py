@@ -29,7 +29,7 @@ TEXELS = 1 << 21
 BLOCK = 2
 """Texels a side of the blocks in which it is noted whether a ray passes."""
 
-Sent = tuple[ReflectedRays, Tensor, tuple[float, Tensor]]
+Sent = tuple[ReflectedRays, Tensor, tuple[Tensor, Tensor]]
 """Rays, the place of each one's cluster among those drawn together, and where it starts and ends."""
 
 
@@ -107,5 +107,5 @@ def _rays(rays: ReflectedRays, image: Tensor) -> tuple[np.ndarray, np.ndarray, n
     return view(rays.origin, np.float64), view(rays.direction, np.float64), view(image, np.int64)
 
 
-def _ends(ends: tuple[float, Tensor]) -> tuple[np.ndarray, np.ndarray]:
-    return np.full(len(ends[1]), ends[0]), view(ends[1], np.float64)
+def _ends(ends: tuple[Tensor, Tensor]) -> tuple[np.ndarray, np.ndarray]:
+    return view(ends[0], np.float64), view(ends[1], np.float64)

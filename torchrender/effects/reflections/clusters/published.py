@@ -20,10 +20,13 @@ from torchrender.effects.reflections.clusters.extents import NEARER
 from torchrender.effects.reflections.clusters.images import ClusterAnswer, cluster_camera
 from torchrender.effects.reflections.clusters.options import ClusterOptions
 from torchrender.effects.reflections.clusters.shading import RAYS, Question, bundles, ray_ends
-from torchrender.effects.reflections.reflectors import MARCH_START, RayShader, ReflectedRays, ReflectivePixels
+from torchrender.effects.reflections.reflectors import RayShader, ReflectedRays, ReflectivePixels
 from torchrender.kernels.reflections.secant import Painted, Painting, search_rays
 from torchrender.raster import rasterize_visibility
 from torchrender.scene.model import Scene
+
+START = 1e-5
+"""Distance from the reflector at which rays start, in scene diagonals, as published."""
 
 
 def published_answers(
@@ -48,7 +51,7 @@ def published_answers(
         for rows, rays, weight in bundles(pixels, some, options):
             ends = ray_ends(pixels.select(rows), rays, scene.diagonal, options)
             with clock.measure("marching"):
-                answer, paint = _march(seen, color, rays, (MARCH_START * scene.diagonal, ends), options.depth_tolerance)
+                answer, paint = _march(seen, color, rays, (START * scene.diagonal, ends), options.depth_tolerance)
             missed = ~answer.hits.hit
             paint[missed] = shader.environment(rays.direction[missed], pixels.cameras.eye)
             yield replace(Question.plain(rows, rays, answer, weight), painted=paint)
