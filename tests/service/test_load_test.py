@@ -26,7 +26,7 @@ from torchrender_service.load_test.files import large_texture_glb, long_key_toml
 from torchrender_service.load_test.playing import player
 from torchrender_service.load_test.rows import Effort, Row
 from torchrender_service.load_test.run import page
-from torchrender_service.load_test.watching import Change, Others, Seen, change_of, noting
+from torchrender_service.load_test.watching import Change, Others, Seen, change_of, left_out, noting
 
 
 def test_the_page_says_what_an_attack_once_did() -> None:
@@ -97,8 +97,12 @@ def test_a_time_in_which_others_take_the_machine_is_left_out(monkeypatch: pytest
                 one.latencies_s.append(float(number))
 
     asyncio.run(play())
-    assert seen.blocks == [[0.0], [2.0]] and seen.disturbed == 1
-    assert beside._left_out([seen]) == ", 33 % left out" and beside._left_out([Seen(blocks=[[1.0]])]) == ""
+    assert (seen.blocks, seen.disturbed) == ([[0.0], [2.0]], [[1.0]])
+    assert seen.latencies_s == [0.0, 2.0, 1.0], "two blocks are too few to say anything"
+    assert left_out([seen]) == ", 33 % disturbed, and too much to leave out" and left_out([Seen(blocks=[[1.0]])]) == ""
+    enough = Seen.together([seen, seen, seen])
+    assert enough.latencies_s == [0.0, 2.0] * 3
+    assert left_out([enough, enough]) == ", 33 % left out"
 
 
 def test_others_are_those_that_are_no_part_of_the_test(monkeypatch: pytest.MonkeyPatch) -> None:

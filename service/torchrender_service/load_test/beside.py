@@ -14,7 +14,7 @@ from torchrender_service.load_test.driver import LoadClient, ServerUnderTest, cl
 from torchrender_service.load_test.playing import Player, player
 from torchrender_service.load_test.raw import ask, attacker
 from torchrender_service.load_test.rows import Effort, Row
-from torchrender_service.load_test.watching import Change, Seen, change_of, watch
+from torchrender_service.load_test.watching import Change, Seen, change_of, left_out, watch
 from torchrender_service.renderers.pool import ASIDE_S
 from torchrender_service.settings import Settings
 
@@ -144,7 +144,7 @@ async def _row(
     grown, most = max(during.memory_mb) - min(seen.quiet[0].memory_mb), Settings().memory_mb
     text = (
         f"p95 {_compared(before, during)}, {change} "
-        f"({len(before.latencies_s)} and {len(during.latencies_s)} keyframes{_left_out([before, during])}), "
+        f"({len(before.latencies_s)} and {len(during.latencies_s)} keyframes{left_out([before, during])}), "
         f"/health p99 {during.health_ms:.0f} ms, cores: {_cores(before, during, seen.attacker_s)}, "
         f"memory {grown:+.0f} MB of {most}, log {during.log_per_minute / 1024:.0f} KB/min, over after {over:.1f} s"
         + "".join(f"; {one}" for one in seen.found)
@@ -195,13 +195,6 @@ def _cores(before: Seen, during: Seen, attacker_s: float) -> str:
     pairs = [(one.server_s / one.seconds, one.renderers_s / one.seconds) for one in (before, during)]
     parts = [f"{name} {first:.2f} → {second:.2f}" for name, first, second in zip(named, *pairs, strict=True)]
     return ", ".join([*parts, f"attacker {attacker_s / during.seconds:.2f}"])
-
-
-def _left_out(stretches: list[Seen]) -> str:
-    """How much was disturbed."""
-    all_together = Seen.together(stretches)
-    count = all_together.disturbed + len(all_together.blocks)
-    return f", {100 * all_together.disturbed / max(1, count):.0f} % left out" if all_together.disturbed else ""
 
 
 def _known(ms: float) -> float | None:

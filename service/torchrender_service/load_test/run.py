@@ -94,12 +94,12 @@ def page(sections: dict[str, list[Row]], record: dict[str, Any], effort: Effort)
         "leave half of the machine free; p95 is of those sessions, without the attack and during it, in turns, with "
         "the interval of its change that holds in nine of ten (bootstrap over half seconds; up to three turns until "
         "it lies on one side of the limit). Half seconds in which other programs took more than a seventh of a core "
-        "are left out, and counted. A pose that a later one overtook counts until that one's keyframe. An attacker "
-        "computes elsewhere: its process runs only while no other wants the core (SCHED_IDLE). What the system does "
-        "for both ends of a connection on loopback, caches and memory they share all the same: the cores that server,"
-        " renderers and attacker took are in the row, before → during. Memory may grow by what one renderer may take,"
-        " a share of that of the host or container. What an attack once did was seen by hand when it was found, not "
-        "beside such sessions.",
+        "are left out while enough others are left; how many is told. A pose that a later one overtook counts until "
+        "that one's keyframe. An attacker computes elsewhere: its process runs only while no other wants the core "
+        "(SCHED_IDLE). What the system does for both ends of a connection on loopback, caches and memory they share "
+        "all the same: the cores that server, renderers and attacker took are in the row, before → during. Memory may"
+        " grow by what one renderer may take, a share of that of the host or container. What an attack once did was "
+        "seen by hand when it was found, not beside such sessions.",
         "",
     ]
     for name, rows in sections.items():

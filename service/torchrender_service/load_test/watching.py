@@ -28,6 +28,8 @@ BLOCK_S = 0.5
 """Latencies within such a time hang together: a hold-up makes several late."""
 DISTURBED = 0.15
 """Cores that other programs take, from which on a time says little about the server."""
+LEAST = 6
+"""Blocks without others; with fewer all count."""
 DRAWS = 2000
 SURE = 0.9
 
@@ -37,7 +39,7 @@ class Seen:
     """What honest clients notice, and what the server takes, in one stretch of time."""
 
     blocks: list[list[float]] = field(default_factory=list)  # latencies, seconds, of each BLOCK_S
-    disturbed: int = 0  # blocks that were left out
+    disturbed: list[list[float]] = field(default_factory=list)  # of each in which others took some of this machine
     health_s: list[float] = field(default_factory=list)
     memory_mb: list[float] = field(default_factory=list)
     log_bytes: float = 0.0
@@ -55,9 +57,14 @@ class Seen:
         return made
 
     @property
+    def counted(self) -> list[list[float]]:
+        """The blocks that count: those that nobody disturbed, unless these are too few to say anything."""
+        return self.blocks if len(self.blocks) >= LEAST else [*self.blocks, *self.disturbed]
+
+    @property
     def latencies_s(self) -> list[float]:
-        """From a pose to its keyframe, all of them."""
-        return [value for block in self.blocks for value in block]
+        """From a pose to its keyframe, in the blocks that count."""
+        return [value for block in self.counted for value in block]
 
     @property
     def p95_ms(self) -> float:
@@ -108,7 +115,7 @@ def change_of(before: Seen, during: Seen, seed: int = 0) -> Change:
 
 def _drawn_p95(seen: Seen, rng: np.random.Generator) -> np.ndarray[Any, Any]:
     """(DRAWS,) p95 of blocks that were drawn: each latency counts as often as its block came."""
-    blocks = [block for block in seen.blocks if block]
+    blocks = [block for block in seen.counted if block]
     values = np.array([value for block in blocks for value in block])
     block_of = np.repeat(np.arange(len(blocks)), [len(block) for block in blocks])
     order = np.argsort(values)
@@ -117,6 +124,16 @@ def _drawn_p95(seen: Seen, rng: np.random.Generator) -> np.ndarray[Any, Any]:
     at = (passed >= np.ceil(0.95 * passed[:, -1:])).argmax(axis=1)
     found: np.ndarray[Any, Any] = values[order][at]
     return found
+
+
+def left_out(stretches: list[Seen]) -> str:
+    """How much was disturbed, in words."""
+    disturbed = sum(len(one.disturbed) for one in stretches)
+    if not disturbed:
+        return ""
+    share = 100 * disturbed / (disturbed + sum(len(one.blocks) for one in stretches))
+    told = "left out" if all(one.counted is one.blocks for one in stretches) else "disturbed, and too much to leave out"
+    return f", {share:.0f} % {told}"
 
 
 class Others:
@@ -146,16 +163,14 @@ class Others:
 @contextlib.asynccontextmanager
 async def noting(server: ServerUnderTest, sessions: Sequence[LoadClient], seen: Seen) -> AsyncIterator[None]:
     """Latencies of these clients become blocks of what is seen, for as long as this lasts; those from a time in which
-    others took some of this machine are left out."""
+    others took some of this machine apart."""
     others = Others(server)
     for one in sessions:
         one.latencies_s.clear()
 
     def note() -> None:
-        disturbed = others.cores() > DISTURBED
-        seen.disturbed += disturbed
-        if not disturbed:
-            seen.blocks.append([value for one in sessions for value in one.latencies_s])
+        found = seen.disturbed if others.cores() > DISTURBED else seen.blocks
+        found.append([value for one in sessions for value in one.latencies_s])
         for one in sessions:
             one.latencies_s.clear()
 

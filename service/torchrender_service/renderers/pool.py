@@ -256,11 +256,11 @@ class Pool:
         because the first keyframes need all cores."""
         if not self._expecting and self._batch not in self._renderers:
             self._expecting = True
-            asyncio.get_running_loop().call_later(ASIDE_S, lambda: self._closed or self._prepare_aside())
+            asyncio.get_running_loop().call_later(ASIDE_S, self._prepare_aside)
 
     def _prepare_aside(self) -> None:
         """Start it in the background, with a first picture: the kernels of which take longer than anybody waits."""
-        if not self._aside_ready and (self._preparing is None or self._preparing.done()):
+        if not (self._closed or self._aside_ready) and (self._preparing is None or self._preparing.done()):
             self._preparing = asyncio.create_task(self._warm_up_aside())
 
     async def _warm_up_aside(self) -> None:
