@@ -260,3 +260,12 @@ def test_files_and_codes_are_no_radiance() -> None:
         Environment(radiance=word)  # type: ignore[arg-type]
     with pytest.raises(InputError, match=r"must hold floats in linear light, got uint8: divide"):
         Environment(radiance=torch.zeros(2, 4, 3, dtype=torch.uint8))
+
+
+def test_pictures_of_few_columns_light_as_what_cameras_see_of_them() -> None:
+    """Interpolated between columns, however wide these are."""
+    rows = 128
+    few = Environment(radiance=torch.rand(rows, 4, 3, generator=torch.Generator().manual_seed(3)))
+    many = Environment(radiance=few.lookup(latlong_directions(rows, 2 * rows)))
+    normals = units(40)
+    torch.testing.assert_close(few.irradiance(normals), many.irradiance(normals), rtol=1e-4, atol=1e-5)

@@ -13,7 +13,7 @@ from torchrender.errors import InputError, SceneFileError
 from torchrender.scene.files.texture_file import MissingTextureWarning
 from torchrender.scene.load import load
 from torchrender.scene.mesh import Mesh
-from torchrender.scene.smooth import crease_normals
+from torchrender.scene.smooth import crease_normals, weld
 
 # Triangles, extent and whether the surface is closed, from the description of the data.
 MESHES = {
@@ -142,6 +142,20 @@ def test_sharp_edges_are_split_and_fan_tips_are_linear() -> None:
     # One vertex of 20,000 faces stays one vertex, and takes no time that grows with the square.
     assert len(source) == count + 1
     np.testing.assert_allclose(normals[source == count], [[0, 1, 0]], atol=1e-6)
+
+
+def test_both_zeros_are_one_place() -> None:
+    """Two faces of a ridge share its ends, which one of them writes as -0: a seam there would show."""
+    right, left = (
+        [[0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [1.0, -0.1, 0.0]],
+        [[-0.0] * 3, [-0.0, 0.0, 1.0], [-1.0, -0.1, 0.0]],
+    )
+    vertices = np.array([*right, *left])
+    faces = np.array([[0, 1, 2], [3, 5, 4]])
+    assert len(weld(vertices)[0]) == 4
+    source, new, normals = crease_normals(vertices, faces)
+    along = normals[new[np.isin(source[new], (0, 1, 3, 4))]]
+    np.testing.assert_allclose(along, [[0, 1, 0]] * 4, atol=1e-6)
 
 
 def test_degenerate_faces_leave_their_neighbours_alone() -> None:

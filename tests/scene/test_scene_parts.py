@@ -210,6 +210,22 @@ def test_irradiance_of_a_bright_upper_half():
     assert down == pytest.approx(0.0, abs=0.1)
 
 
+@pytest.mark.parametrize("side", [1, 2, 5])
+def test_every_texel_of_a_cube_shows_where_opengl_says(side):
+    """OpenGL 4.6, table 8.19: direction to the middle of each texel, and back."""
+    faces = torch.arange(6 * side * side).reshape(6, side, side)[..., None].expand(-1, -1, -1, 3)
+    environment = Environment.from_cube(faces, height=256)
+    assert set(environment.radiance[..., 0].long().reshape(-1).tolist()) == set(range(6 * side * side))
+    middles = 2 * (torch.arange(side) + 0.5) / side - 1
+    t, s = torch.meshgrid(middles, middles, indexing="ij")
+    one = torch.ones_like(s)
+    for face, way in enumerate(
+        ((one, -t, -s), (-one, -t, s), (s, one, t), (s, -one, -t), (s, -t, one), (-s, -t, -one))
+    ):
+        found = environment.lookup(torch.nn.functional.normalize(torch.stack(way, dim=-1), dim=-1))
+        torch.testing.assert_close(found, faces[face].float(), atol=1e-3, rtol=0)
+
+
 def test_cube_faces_land_where_they_belong():
     faces = torch.arange(6.0)[:, None, None, None].expand(6, 4, 4, 3)
     environment = Environment.from_cube(faces + 1, height=64)
