@@ -282,7 +282,8 @@ def attribute_arrays_of(geometry: Geometry, cameras: Cameras, room: Mapping[str,
     ]
     eyes = _eyes(cameras)
     rows = [np.stack([np.asarray(eye[k]) for eye in eyes]) for k in range(4)]
-    return Wanted(attribute_arrays(geometry), Eyes(*rows, cameras.orthographic), Surface(*flat))
+    views = Eyes(rows[0], rows[1], rows[2], rows[3], cameras.orthographic)
+    return Wanted(attribute_arrays(geometry), views, Surface(*flat))
 
 
 def write_attributes(geometry: Geometry, seen: VisibilityBuffer, room: Mapping[str, Array]) -> None:

@@ -41,17 +41,12 @@ class Wanted(NamedTuple):
     surface: Surface  # a row per pixel of B images, or none of what is not wanted
 
 
+_NONE, _NO_PAIRS, _NO_NUMBERS = (np.zeros(shape, np.float32) for shape in ((0, 3), (0, 2), 0))
 NO_ATTRIBUTES = Wanted(
-    Mesh(
-        np.zeros((0, 3)), np.zeros((0, 3), np.int32), np.zeros(0, np.int64),
-        *(np.zeros((0, width), np.float32) for width in (3, 2, 3)),
-    ),
+    Mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int32), np.zeros(0, np.int64), _NONE, _NO_PAIRS, _NONE),
     Eyes(np.zeros((0, 3, 3)), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), False),
-    Surface(
-        *(np.zeros((0, width), np.float32) for width in (3, 3, 3, 2)), np.zeros(0, np.float32),
-        np.zeros((0, 3), np.float32), np.zeros(0, np.int64),
-    ),
-)  # fmt: skip
+    Surface(_NONE, _NONE, _NONE, _NO_PAIRS, _NO_NUMBERS, _NONE, np.zeros(0, np.int64)),
+)
 
 
 @kernel(inline=True)
