@@ -24,8 +24,7 @@ from torchrender.scene.model import Scene
 from torchrender.shading.mirrors import mirror_values
 
 START = 2.0**-4
-"""Distance from the reflector at which rays start, in widths of the rays: a picture shows nothing so near, and what an
-eye saw from afar is known the less, also along rays that leave it flatly. The size of the scene does not matter."""
+"""Distance from the reflector at which rays start, in their widths: what is seen from afar is known the less."""
 
 LOBES = ("ggx", "cone")
 GGX_WIDTH = 2.0 * math.sqrt(math.pi)

@@ -250,9 +250,8 @@ def _some_alone(subject: Subject, outputs: Outputs) -> float:
 
 # In all of them, what no ray answers comes from a cube map along the axes: they do not turn.
 def _too_near_for_clusters(subject: Subject) -> str | None:
-    """Depth images of clusters begin at 1e-4 of the scene's diagonal; rays show what is nearer."""
     near = subject.pixels.length.numel() > 0 and float(subject.pixels.length.max()) < 1e-4 * subject.scene.diagonal
-    return "all mirrors are nearer than what clusters' images begin at" if near else no_mirrors(subject)
+    return "clusters' images begin at 1e-4 of the scene's diagonal, beyond all mirrors" if near else no_mirrors(subject)
 
 
 HARD = (
