@@ -166,14 +166,14 @@ def _blended(
             passing[pixel[shows]] = before[shows] * behind[shows]
             number[pixel[shows]] += 1
         shows = (before.amax(dim=1) > DARK).nonzero()[:, 0]
-        own = RayHits(hits.t[shows], hits.triangle[shows], hits.barycentric[shows])
+        met = RayHits(hits.t[shows], hits.triangle[shows], hits.barycentric[shows])
         pixel, before, behind = pixel[shows], before[shows], behind[shows]
-        light = _shaded(shader, (o[shows], d[shows], width[shows]), own, pixel // rays.picture)
+        light = _shaded(shader, (o[shows], d[shows], width[shows]), met, pixel // rays.picture)
         sent = before * covers[shows, None] * light
         if veil is None:
             radiance.index_add_(0, pixel, sent)
         else:
-            veiled.append((pixel, own.t, sent, before * (1.0 - behind)))
+            veiled.append((pixel, met.t, sent, before * (1.0 - behind)))
     if veil is not None and veiled:  # all layers at once: what media need of each light is made but once
         pixel, lengths, sent, hidden = (torch.cat(parts) for parts in zip(*veiled, strict=True))
         through, scattered = veil(pixel, lengths)

@@ -95,7 +95,8 @@ class View:
         Args:
             near: a picture less than a pixel aside, whose media serve.
         """
-        glass, haze = Glass.of(scene, past, options), None
+        glass = Glass.of(scene, past, options)
+        haze: Haze | None = None
         if glass is None and looks_through(scene, camera, options):
             return None
         seen = rasterize_visibility(scene.geometry, camera)
