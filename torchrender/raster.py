@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import fields, replace
+from dataclasses import fields
 from typing import Any, overload
 
 import numpy as np
@@ -44,6 +44,7 @@ from torchrender.shading.attributes import DIRECT, SHAPES, SeenSurface, attribut
 
 Array = np.ndarray[Any, Any]
 NONE = np.zeros(0, np.bool_)
+ONE_EACH = np.zeros(0, np.int32)
 CULLING = ("none", "back", "front", "sides")
 OUTPUTS = tuple(field.name for field in fields(GBuffer) if field.name != "cameras")
 CHUNK = 1 << 20
@@ -175,29 +176,6 @@ def _visible(
     return VisibilityBuffer(cameras=cameras, **{name: torch.from_numpy(image) for name, image in images.items()})
 
 
-def count_nearer(
-    geometry: Geometry, seen: VisibilityBuffer, *, cull: str = "none", eps: tuple[float, float] = (0.0, 0.0)
-) -> tuple[Tensor, Tensor]:
-    """How many surfaces lie before those of a visibility buffer.
-
-    Args:
-        seen: B images, of the same geometry, with perspective cameras. Depth 0 asks for nothing there.
-        eps: relative and absolute distance (scene units) within which two surfaces are called touching.
-
-    Returns:
-        count (B,H,W) int32 of nearer surfaces, of all surfaces where empty; touching (B,H,W) bool: the nearest of them
-        towards the stored one touches it.
-    """
-    check_choice("cull", cull, CULLING)
-    shape = tuple(seen.triangle.shape)
-    count, touching = torch.zeros(shape, dtype=torch.int32), torch.zeros(shape, dtype=torch.bool)
-    for k in range(len(seen.cameras)):
-        one = replace(seen, cameras=seen.cameras[k], depth=seen.depth[k : k + 1], triangle=seen.triangle[k : k + 1])
-        with camera_passes(geometry, one.cameras, cull) as passes:
-            count[k : k + 1], touching[k : k + 1] = passes.count_nearer(one, eps)
-    return count, touching
-
-
 class CameraPasses:
     """Several passes over what one camera sees; see :func:`camera_passes`."""
 
@@ -234,16 +212,31 @@ class CameraPasses:
             getattr(seen, name).numpy()[0, rows, columns] = image[rows, columns]
 
     def count_nearer(
-        self, seen: VisibilityBuffer, eps: tuple[float, float], pixels: tuple[Tensor, ...] | None = None
+        self,
+        seen: VisibilityBuffer,
+        eps: tuple[float, float],
+        pixels: tuple[Tensor, ...] | None = None,
+        worth: Array = ONE_EACH,
     ) -> tuple[Tensor, Tensor]:
-        """As :func:`count_nearer`, before what the one camera's ``seen`` holds; with ``pixels``, there alone (N,)."""
+        """How many surfaces lie before those of a visibility buffer.
+
+        Args:
+            seen: of the one camera, a perspective one, and of the same geometry. Depth 0 asks for nothing there.
+            eps: relative and absolute distance (scene units) within which two surfaces are called touching.
+            pixels: (N,) rows and columns: there alone.
+            worth: (F,) int32 what each triangle counts, modulo 2^32; default: one.
+
+        Returns:
+            count (1,H,W) int32 of nearer surfaces, of all surfaces where empty; touching (1,H,W) bool: the nearest of
+            them towards the stored one touches it. With ``pixels``, (N,) each.
+        """
         depth, where = seen.depth[0].numpy(), None if pixels is None else (pixels[0].numpy(), pixels[1].numpy())
         if where is not None:
             every, depth = depth, np.zeros_like(depth)
             depth[where] = every[where]
-        found = Nearer(np.zeros(depth.shape, np.int32), np.zeros(depth.shape, np.bool_))
+        found = Nearer(np.zeros(depth.shape, np.int32), np.zeros(depth.shape, np.bool_), worth)
         self._prepared.count(Stored(depth, seen.triangle[0].numpy()), np.array(eps), found, where)
-        count, touching = (torch.from_numpy(image) for image in found)
+        count, touching = torch.from_numpy(found.number), torch.from_numpy(found.touching)
         return (count[None], touching[None]) if pixels is None else (count[pixels], touching[pixels])
 
 

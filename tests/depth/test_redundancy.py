@@ -16,7 +16,7 @@ from torchrender.depth.options import SamplingOptions
 from torchrender.depth.probes import Probes, pixel_redundant
 from torchrender.depth.ray_visibility import RayVisibility
 from torchrender.fragment_tests import PIXEL_TESTS
-from torchrender.raster import SEEN, FragmentTests, camera_passes, count_nearer, rasterize_visibility
+from torchrender.raster import SEEN, FragmentTests, camera_passes, rasterize_visibility
 from torchrender.scene.camera import Cameras
 from torchrender.scene.mesh import Mesh, concatenate
 from torchrender.scene.model import Scene
@@ -172,7 +172,8 @@ def test_layers_are_counted(depths: list[float], stored: float, seed: int) -> No
     seen = rasterize_visibility(scene.geometry, camera)
     seen.depth[:] = stored
     seen.triangle[:] = 10**6
-    count, touching = count_nearer(scene.geometry, seen, eps=(1e-5, 1e-6))
+    with camera_passes(scene.geometry, camera, "none") as passes:
+        count, touching = passes.count_nearer(seen, (1e-5, 1e-6))
     assert bool((count == sum(d < stored for d in depths)).all())
     assert not bool(touching.any())
 
@@ -186,7 +187,8 @@ def test_layer_count_equals_peeling_one_by_one() -> None:
         tests = FragmentTests(beyond=layers[-1].depth, skip=layers[-1].triangle)
     assert len(layers) > 4
     for number, layer in enumerate(layers[:-1]):
-        count, _ = count_nearer(scene.geometry, layer, cull="back")
+        with camera_passes(scene.geometry, camera, "back") as passes:
+            count, _ = passes.count_nearer(layer, (0.0, 0.0))
         # Peeling compares float32 depths: surfaces that meet within one rounding step may trade places.
         wrong = (count[layer.covered] != number).double().mean()
         assert float(wrong) < 1e-3

@@ -19,17 +19,18 @@ def test_a_row_against_a_loop() -> None:
         depth = np.where(rng.random(n) < 0.5, z, rng.uniform(1, 8, n)).astype(np.float32)  # often equal depths
         depth[0] = np.inf
         triangle = rng.integers(0, 9, n)
-        images = Nearer(np.zeros((3, n + 5), np.int32), np.zeros((3, n + 5), np.bool_))
+        worth = rng.integers(-(2**31), 2**31, 5 if rng.random() < 0.5 else 0).astype(np.int32)
+        images = Nearer(np.zeros((3, n + 5), np.int32), np.zeros((3, n + 5), np.bool_), worth)
         stored = Stored(np.full((3, n + 5), np.inf, np.float32), np.zeros((3, n + 5), np.int64))
         stored.depth[1, 2 : n + 2], stored.triangle[1, 2 : n + 2] = depth, triangle
         relative, absolute = 0.1, 0.05
         count_row(4, (base, step, low, high), (relative, absolute, far), 1, (2, n + 2), stored, images)
         assert images.number.sum() == images.number[1, 2 : n + 2].sum(), "nothing else is counted"
-        found = Nearer(*(image[1, 2 : n + 2] for image in images))
+        found = Nearer(*(image[1, 2 : n + 2] for image in images[:2]), worth)
         nearer = [
             z[x] <= far and (z[x] < depth[x] or (z[x] == depth[x] and triangle[x] > 4)) for x in range(n)
         ]  # of equal depths the lower id is in front
-        np.testing.assert_array_equal(found.number, nearer)
+        np.testing.assert_array_equal(found.number, np.array(nearer) * (worth[4] if len(worth) else 1))
         touching = [ok and float(z[x]) * 1.1 + 0.05 >= float(depth[x]) for x, ok in enumerate(nearer)]
         np.testing.assert_array_equal(found.touching, touching)
 

@@ -191,7 +191,7 @@ def test_surfaces_before_the_stored_ones_are_counted() -> None:
             depth[y, x], triangle[y, x] = 1.0 / stack[n][0], stack[n][1]
             zs = [float(np.float32(1.0 / one[0])) for one in stack[:n]]
             touches[y, x] = any(z * (1 + relative) >= float(depth[y, x]) for z in zs)
-    out = Nearer(np.zeros((height, width), np.int32), np.zeros((height, width), np.bool_))
+    out = Nearer(np.zeros((height, width), np.int32), np.zeros((height, width), np.bool_), np.zeros(0, np.int32))
     arrays, view = arrays_of(vertices, faces), view_of(False)
     with draw_view.prepared_view(arrays, view, "none", NO_HOLES) as prepared:
         prepared.count(Stored(depth, triangle), np.array([relative, 0.0]), out)

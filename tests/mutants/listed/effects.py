@@ -102,7 +102,7 @@ FAULTS: tuple[Fault, ...] = (
         ("change = carried * (turned @ rows.slope @ rows.relative)", "change = carried * (turned @ rows.relative)"),
     ),
     *faults("transparency", E + "transparency/layers.py", "tests/effects/transparency",
-        ("passing[pixel] *= behind", "passing[pixel] = behind"),
+        ("passing[pixel[shows]] = before[shows] * behind[shows]", "passing[pixel[shows]] = behind[shows]"),
         ("& (length < limit)", "& (length <= limit * 2)"),
         ("DARK = 1e-3", "DARK = 0.3"),
         ("depth = torch.ones_like(hits.t) if cameras.orthographic else hits.t / lengths[pixel]", "depth = torch.ones_like(hits.t)"),

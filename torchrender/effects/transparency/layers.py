@@ -28,6 +28,9 @@ START = 2.0**-8
 NEAR_DEPTH = 2.0**-21
 """Share of a length that float32 depth may be off, several times over."""
 
+TOGETHER = 1 << 15
+"""Hits of several layers from which on these are shaded."""
+
 DARK = 1e-3
 """What lets less light pass than this hides everything behind it."""
 
@@ -61,6 +64,11 @@ class Layer:
 
     pixel: Tensor  # (N,) int64 which rays: flat place in (B,H,W)
     hits: RayHits  # t is the ray length
+
+    def among(self, chosen: Tensor) -> Layer:
+        """Where ``chosen`` (N,) bool is set."""
+        hits = self.hits
+        return Layer(self.pixel[chosen], RayHits(hits.t[chosen], hits.triangle[chosen], hits.barycentric[chosen]))
 
 
 class Rays(NamedTuple):
@@ -142,23 +150,33 @@ def _blended(
     radiance, passing = torch.zeros(count, 3), torch.ones(count, 3)
     number = torch.zeros(count, dtype=torch.int64)
     veiled: list[tuple[Tensor, Tensor, Tensor, Tensor]] = []
-    for _, layer in zip(range(layers), found, strict=False):
-        shows = passing[layer.pixel].amax(dim=1) > DARK
-        pixel, hits = layer.pixel[shows], layer.hits
-        hits = RayHits(hits.t[shows], hits.triangle[shows], hits.barycentric[shows])
+    for batch in _batches(found, layers):
+        kept = [layer.among(passing[layer.pixel].amax(dim=1) > DARK) for layer in batch]
+        pixel = torch.cat([layer.pixel for layer in kept])
         if not len(pixel):
             break
+        hits = RayHits(
+            *(torch.cat([getattr(layer.hits, f) for layer in kept]) for f in ("t", "triangle", "barycentric"))
+        )
         o, d = rays.origin[pixel], rays.direction[pixel]
         width = rays.width[pixel] + rays.spread[pixel] * hits.t
         covers, behind = passing_light(scene, o, d, hits, width)
-        before = passing[pixel]
-        sent = before * covers[:, None] * _shaded(shader, (o, d, width), hits, pixel // rays.picture)
+        before = torch.zeros(len(pixel), 3)
+        for rows in torch.arange(len(pixel)).split([len(layer.pixel) for layer in kept]):  # a pixel once in each
+            own = pixel[rows]
+            before[rows] = passing[own]
+            shows = rows[before[rows].amax(dim=1) > DARK]
+            passing[pixel[shows]] = before[shows] * behind[shows]
+            number[pixel[shows]] += 1
+        shows = (before.amax(dim=1) > DARK).nonzero()[:, 0]
+        met = RayHits(hits.t[shows], hits.triangle[shows], hits.barycentric[shows])
+        pixel, before, behind = pixel[shows], before[shows], behind[shows]
+        light = _shaded(shader, (o[shows], d[shows], width[shows]), met, pixel // rays.picture)
+        sent = before * covers[shows, None] * light
         if veil is None:
-            radiance[pixel] += sent
+            radiance.index_add_(0, pixel, sent)
         else:
-            veiled.append((pixel, hits.t, sent, before * (1.0 - behind)))
-        passing[pixel] = before * behind
-        number[pixel] += 1
+            veiled.append((pixel, met.t, sent, before * (1.0 - behind)))
     if veil is not None and veiled:  # all layers at once: what media need of each light is made but once
         pixel, lengths, sent, hidden = (torch.cat(parts) for parts in zip(*veiled, strict=True))
         through, scattered = veil(pixel, lengths)
@@ -166,15 +184,27 @@ def _blended(
     return radiance, passing, number
 
 
+def _batches(found: Iterator[Layer], layers: int) -> Iterator[list[Layer]]:
+    """The first layers, several at a time where they have few hits: each call of a shader costs its own."""
+    batch: list[Layer] = []
+    for _, layer in zip(range(layers), found, strict=False):
+        batch.append(layer)
+        if sum(len(one.pixel) for one in batch) >= TOGETHER:
+            yield batch
+            batch = []
+    if batch:
+        yield batch
+
+
 def _shaded(shader: LayerShader, rays: tuple[Tensor, Tensor, Tensor], hits: RayHits, picture: Tensor) -> Tensor:
     """Radiance (N,3) of hits, each picture's alone: hits near each other may share what light they find."""
-    counts = picture.bincount().tolist()
-    (o, d, width), found = rays, []
-    for rows in torch.arange(len(picture)).split(counts):
+    o, d, width = rays
+    light = torch.zeros(len(picture), 3)
+    for rows in picture.argsort(stable=True).split(picture.bincount().tolist()):
         if len(rows):
             own = RayHits(hits.t[rows], hits.triangle[rows], hits.barycentric[rows])
-            found.append(shader(o[rows], d[rows], width[rows], own))
-    return torch.cat(found)
+            light[rows] = shader(o[rows], d[rows], width[rows], own)
+    return light
 
 
 def _peeled(panes: Geometry, cameras: Cameras, limit: Tensor, lengths: Tensor) -> Iterator[Layer]:

@@ -29,6 +29,7 @@ class GatheredLight:
 
     points: Tensor  # (N,3) float64 world
     faces: Tensor  # (N,) int64 triangles
+    owners: Tensor  # (N,) int64 objects, as the pictures that they were seen in name these
     light: Tensor  # (N,3) linear
     eyes: Tensor  # (N,3) float64 from where they were seen
     reach: Tensor  # (N,) float64 scene units that an eye may be from there
@@ -37,7 +38,8 @@ class GatheredLight:
     def none(cls) -> GatheredLight:
         """Without a sample."""
         far = torch.zeros(0, 3, dtype=torch.float64)
-        return cls(far, torch.zeros(0, dtype=torch.int64), torch.zeros(0, 3), far, far[:, 0])
+        ids = torch.zeros(0, dtype=torch.int64)
+        return cls(far, ids, ids, torch.zeros(0, 3), far, far[:, 0])
 
     def __len__(self) -> int:
         return len(self.faces)
@@ -51,7 +53,7 @@ class GatheredLight:
         check_tensor("chosen", chosen, tuple(seen.depth.shape[1:]))
         check_tensor("light", light, (int(chosen.sum()), 3))
         check_no_gradient("GatheredLight", light=light)
-        depth, faces = seen.depth[0][chosen], seen.triangle[0][chosen]
+        depth, faces, owners = (getattr(seen, name)[0][chosen] for name in ("depth", "triangle", "object_id"))
         rows, columns = chosen.nonzero().unbind(1)
         pixel = torch.stack([columns + 0.5, rows + 0.5, torch.ones(len(rows))], dim=1).double()
         inverse = seen.cameras.world_from_camera[0].double()
@@ -61,8 +63,8 @@ class GatheredLight:
         held = mirrors[scene.geometry.material[faces]]
         reach = torch.where(held, NEAR * depth.double(), torch.inf)
         eyes = inverse[:3, 3].expand(len(points), 3)
-        parts = ((self.points, points), (self.faces, faces), (self.light, light), (self.eyes, eyes))
-        return GatheredLight(*(torch.cat(part)[-MOST:] for part in (*parts, (self.reach, reach))))
+        parts = ((self.points, points), (self.faces, faces), (self.owners, owners), (self.light, light))
+        return GatheredLight(*(torch.cat(part)[-MOST:] for part in (*parts, (self.eyes, eyes), (self.reach, reach))))
 
     def place(self, scene: Scene, seen: VisibilityBuffer, wanted: Tensor, light: Tensor) -> None:
         """Write into the light (H,W,3) of one camera's wanted pixels (H,W) what is known of them; these are then not
@@ -77,11 +79,12 @@ class GatheredLight:
         eye = seen.cameras.world_from_camera[0, :3, 3].double()
         kept = (self.eyes - eye).norm(dim=1) <= self.reach
         own = view(seen.depth[0], np.float32), view(seen.triangle[0], np.int64), view(seen.object_id[0], np.int64)
-        kinds = view(scene.geometry.material, np.int64), view(scene.geometry.object_id, np.int64)
         samples = (
             view(self.points[kept], np.float64),
             view(self.faces[kept], np.int64),
+            view(self.owners[kept], np.int64),
             view(self.light[kept], np.float32),
         )
         matrix = pixel_from_world(seen.cameras)
-        place_samples(samples, matrix, own, kinds, SAME_SURFACE, view(wanted, np.bool_), view(light, np.float32))
+        materials = view(scene.geometry.material, np.int64)
+        place_samples(samples, matrix, own, materials, SAME_SURFACE, view(wanted, np.bool_), view(light, np.float32))

@@ -37,7 +37,8 @@ def count_row(t, keys, limits, row, part, stored, outputs):
     ``keys`` = (first key, step, least, greatest), ``limits`` = (eps, eps, far). No slices: those count references.
     """
     depth, triangle = stored
-    count, touching = outputs
+    count, touching, worth = outputs
+    own = worth[t] if worth.shape[0] > 0 else np.int32(1)
     base, step, low, high = keys
     relative, absolute, far = limits
     first = np.uintp(part[0])
@@ -48,7 +49,7 @@ def count_row(t, keys, limits, row, part, stored, outputs):
         here = depth[row, x]
         # As the depth test decides: equal depths go to the lower id.
         nearer = ((z < here) | ((z == here) & (t < triangle[row, x]))) & (z <= far)
-        count[row, x] += np.int32(nearer)
+        count[row, x] += np.int32(nearer) * own
         touching[row, x] |= nearer & (np.float64(z) * (1.0 + relative) + absolute >= np.float64(here))
 
 

@@ -133,6 +133,7 @@ class Nearer(NamedTuple):
 
     number: np.ndarray  # (H,W) int32
     touching: np.ndarray  # (H,W) bool: the nearest of them touches the stored one
+    worth: np.ndarray  # (F,) int32 what a triangle adds to the number, modulo 2^32; (0,): one each
 
 
 NO_LIMITS = Limits(np.zeros((0, 0)), np.zeros((0, 0), np.int64))

@@ -34,9 +34,10 @@ def carry_surfaces(seen, source, light, materials, matrix, limits, known, out):
     """Look up what every pixel shows in the picture of another camera; ``known`` pixels stay as they are.
 
     Args:
-        seen, source: (depth, triangle, object) of the view (H,W) and of the other picture (h,w); triangle -1: nothing.
+        seen, source: (depth, triangle, owner) of the view (H,W) and of the other picture (h,w); triangle -1: nothing.
+            Pixels of different owners have nothing to do with each other.
         light: (h,w,3) of the other picture, leave out what mirrors show.
-        materials: (F,) by triangle. Pixels of one object and material are of one surface.
+        materials: (F,) by triangle. Pixels of one owner and material are of one surface.
         matrix: (3,4), homogeneous pixel of the other camera = z M[:, :3] (u, v, 1) + M[:, 3].
         limits: same, least. The four pixels around a place count by their bilinear weights. A difference d of inverse
             depth, as a share of the larger one, weighs ``exp(-(d / same)^2)`` among pixels of one surface, 1 on one
@@ -65,12 +66,12 @@ def carry_surfaces(seen, source, light, materials, matrix, limits, known, out):
             red, green, blue, total = 0.0, 0.0, 0.0, 0.0
             for row in range(max(top, 0), min(top + 2, rows)):
                 for column in range(max(left, 0), min(left + 2, columns)):
+                    if other_owner[row, column] != owner[j, i]:
+                        continue
                     found = other_triangle[row, column]
                     weight = (1.0 - abs(x - column)) * (1.0 - abs(y - row))
                     if found != face:
-                        if found < 0 or face < 0:
-                            continue
-                        if materials[found] != material or other_owner[row, column] != owner[j, i]:
+                        if found < 0 or face < 0 or materials[found] != material:
                             continue
                         inverse = 1.0 / other_depth[row, column]
                         apart = abs(1.0 / w - inverse) / max(1.0 / w, inverse)

@@ -8,21 +8,21 @@ from torchrender.kernels.compile import kernel
 
 
 @kernel()
-def place_samples(samples, matrix, seen, kinds, same, wanted, out):
+def place_samples(samples, matrix, seen, materials, same, wanted, out):
     """Give pixels the light of the last sample that falls into them and is of what they show.
 
     Args:
-        samples: points (N,3) float64 world, their triangles (N,), light (N,3).
+        samples: points (N,3) float64 world, their triangles and owners (N,), light (N,3).
         matrix: (3,4), homogeneous pixel of the view = matrix (point, 1).
-        seen: (depth, triangle, object) of the view (H,W); triangle -1: nothing.
-        kinds: (materials, objects) (F,) by triangle. Samples of one object and material are of one surface.
+        seen: (depth, triangle, owner) of the view (H,W); triangle -1: nothing. A sample of another owner has nothing to
+            do with a pixel.
+        materials: (F,) by triangle. Samples of one owner and material are of one surface.
         same: difference of inverse depth, as a share of the larger one, up to which they are so.
         wanted: (H,W) pixels to look at; False afterwards where light was found.
         out: (H,W,3) the light.
     """
-    points, faces, light = samples
+    points, faces, owners, light = samples
     depth, triangle, owner = seen
-    materials, objects = kinds
     height, width = depth.shape
     for n in range(len(faces) - 1, -1, -1):
         x, y, z = points[n, 0], points[n, 1], points[n, 2]
@@ -35,10 +35,10 @@ def place_samples(samples, matrix, seen, kinds, same, wanted, out):
             continue
         j, i = math.floor(v), math.floor(u)
         face, found = triangle[j, i], faces[n]
-        if not wanted[j, i] or face < 0:
+        if not wanted[j, i] or face < 0 or owners[n] != owner[j, i]:
             continue
         if found != face:
-            if materials[found] != materials[face] or objects[found] != owner[j, i]:
+            if materials[found] != materials[face]:
                 continue
             inverse = 1.0 / depth[j, i]
             if abs(1.0 / w - inverse) > same * max(1.0 / w, inverse):

@@ -16,8 +16,8 @@ def spread_colors(colors, few, many, materials, limits, wanted, out):
 
     Args:
         colors: (h,w,3) of the rendered pixels.
-        few, many: (depth, triangle, object) of the rendered pixels (h,w) and of all pixels (H,W); triangle -1: nothing.
-        materials: (F,) by triangle. Pixels of one object and material are of one surface.
+        few, many: (depth, triangle, owner) of the rendered pixels (h,w) and of all pixels (H,W); triangle -1: nothing.
+        materials: (F,) by triangle. Pixels of one owner and material are of one surface.
         limits: same, other_surface, left_over. A difference d of inverse depth, as a share of the larger one, weighs
             ``exp(-(d / same)^2)``; ``other_surface`` is a factor for pixels of other surfaces; ``left_over`` is added
             to all: they are better than nothing.
@@ -48,8 +48,8 @@ def spread_colors(colors, few, many, materials, limits, wanted, out):
                         other, seen = 1.0 / rough_depth[r, c], rough_triangle[r, c]
                         apart = abs(own - other) / max(own, other, 1e-30)
                         like = math.exp(-((apart / same) ** 2))
-                        if seen != face and (
-                            seen < 0 or materials[seen] != material or rough_owner[r, c] != owner[j, i]
+                        if rough_owner[r, c] != owner[j, i] or (
+                            seen != face and (seen < 0 or materials[seen] != material)
                         ):
                             like *= other_surface
                         weight = (reach - abs(y - row)) * (reach - abs(x - column))

@@ -9,7 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchrender.buffers import GBuffer, RaySurface, ReflectionLayer, ReflectionState
+from torchrender.buffers import GBuffer, RaySurface, ReflectionLayer, ReflectionState, ShadowMap, VisibilityBuffer
 from torchrender.effects.media.eye_rays import rays_along
 from torchrender.effects.media.in_view import boxes_in_view, boxes_of, shadowed_by, share_of_view
 from torchrender.effects.media.options import ScatterOptions
@@ -37,6 +37,7 @@ from torchrender.pipeline.buffer import Buffer, Layer, Order
 from torchrender.pipeline.frame import Frame
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
+from torchrender.rays import RayCaster
 from torchrender.scene.camera import Cameras
 from torchrender.scene.medium import Medium
 from torchrender.scene.model import Scene
@@ -118,16 +119,39 @@ def run(frame: Frame) -> Hazed:
 
 
 def _illumination(frame: Frame) -> Illumination:
-    scene, options = frame.scene, frame.options
     # Maps of the picture follow the eye along surfaces; what floats before it may lie beside them.
-    maps = frame.get(SCENE_SHADOW_MAP) or (None,) * len(scene.lights)
+    caster = frame.get(RAY_CASTER) if frame.options.scattering.shadows == "rays" else None
+    return _lit_by(frame.scene, frame.get(SCENE_SHADOW_MAP), caster)
+
+
+def _lit_by(scene: Scene, maps: tuple[ShadowMap | None, ...] | None, caster: RayCaster | None = None) -> Illumination:
     return Illumination(
         lights=scene.lights,
-        shadow_maps=tuple(maps),
-        caster=frame.get(RAY_CASTER) if options.scattering.shadows == "rays" else None,
+        shadow_maps=tuple(maps or (None,) * len(scene.lights)),
+        caster=caster,
         surroundings=Surroundings.of(scene.ambient, scene.environment),
         size=scene.diagonal,
     )
+
+
+def layer_before(
+    scene: Scene, seen: VisibilityBuffer, options: RenderOptions, history: RenderHistory
+) -> ScatteringLayer | None:
+    """What media put before another picture than was rendered, lit as the pictures that left the history were.
+
+    Args:
+        scene: as it was given to those pictures.
+        seen: (B,H,W) what the cameras see.
+
+    Returns:
+        None where these left no depth images of the lights, and some are needed.
+    """
+    past = history.of_scene(scene)
+    lit = past.scene or scene
+    maps = past.get(SCENE_SHADOW_MAP)
+    if maps is None and lit.lights and options.shadows:
+        return None
+    return scatter(lit.media, seen.cameras, seen.depth, _lit_by(lit, maps), options.scattering)
 
 
 def _change(frame: Frame, samples: GBuffer | RaySurface, illumination: Illumination | None) -> Tensor | None:

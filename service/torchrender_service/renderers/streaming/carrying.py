@@ -12,9 +12,8 @@ import torch
 from torch import Tensor
 
 from torchrender.buffers import VisibilityBuffer
-from torchrender.effects.media.in_view import boxes_in_view, boxes_of
-from torchrender.effects.transparency.layers import deepest_layers
-from torchrender.effects.upsampling.carried import CarriedLight, LitPicture, MirroredLight, carried_light
+from torchrender.effects.transparency.before import told_apart
+from torchrender.effects.upsampling.carried import CarriedLight, LitPicture, carried_light
 from torchrender.effects.upsampling.gathered import GatheredLight
 from torchrender.effects.upsampling.joint import joint_upsampled
 from torchrender.image import Image
@@ -25,6 +24,8 @@ from torchrender.raster import rasterize_visibility
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
 from torchrender.wire.viewing import Effect
+from torchrender_service.renderers.streaming.glass import Base, View, lit_picture, veiled
+from torchrender_service.renderers.streaming.haze import Haze
 from torchrender_service.renderers.streaming.layers import Layer
 from torchrender_service.renderers.streaming.samples import ShadedPixels, background_of, shade_pixels
 
@@ -51,14 +52,6 @@ class CarriedPicture:
     plan: dict[str, Any]
     history: RenderHistory
     mirrors: Layer
-
-
-@dataclass(frozen=True, eq=False)
-class Base:
-    """The first of several pictures of a view at rest."""
-
-    picture: LitPicture
-    busy: Tensor  # (H,W) bool: its neighbours do not tell what lies between them
 
 
 @dataclass(eq=False)
@@ -96,8 +89,7 @@ class LitViews:
         Args:
             quick: made within a moving picture's budget: only until there is one at rest.
         """
-        shown = None if mirrors is None else MirroredLight(mirrors.depth, mirrors.radiance, mirrors.known)
-        made = LitPicture(image.visibility, image.radiance[0].detach(), shown)
+        made = lit_picture(image, image.radiance[0].detach(), mirrors)
         pictures = self.of(scene, off)
         if quick:
             self.quick = made
@@ -109,9 +101,11 @@ class LitViews:
 
         Pixels beside an outline keep their own, in which no two surfaces mingle.
         """
-        seen = image.visibility
-        own = torch.where(_outlines(seen)[..., None], image.radiance[0], light).detach()
-        self.pictures = [replace(p, light=own) if p.seen is seen else p for p in self.of(scene, off)]
+        kept, haze = self.of(scene, off), Haze.of_image(image)
+        for k, p in enumerate(kept):
+            if p.seen.depth is image.visibility.depth:
+                own = torch.where(_outlines(p.seen)[..., None], image.radiance[0], light).detach()
+                kept[k] = replace(p, light=own if haze is None else haze.behind(own))
 
     def learn(self, shaded: int, took_ms: float, allowed_ms: float) -> None:
         """Of a moving picture that shaded so many pixels."""
@@ -141,32 +135,34 @@ def carried_picture(
     if not pictures or veiled(scene, camera, options):
         return None
     begin = time.perf_counter()
-    materials = scene.geometry.material
-    seen = rasterize_visibility(scene.geometry, camera)
-    carried = carried_light(seen, pictures, materials)
+    view = View.of(scene, camera, options, past)
+    if view is None:
+        return None
+    carried = carried_light(view.apart, pictures, scene.geometry.material)
     if carried.share < (MOST_OF_STILL if budget_ms is None else MOST_OF_MOVING):
         return None
-    rest = (~carried.known & seen.covered[0]) | carried.stale
+    rest = (~carried.known & view.filled) | carried.stale
     carried.mirrors.known[carried.stale] = False
     if budget_ms is not None:
-        views.gathered.place(scene, seen, rest, carried.light)
+        views.gathered.place(scene, view.apart, rest, carried.light)
     carried_ms = 1e3 * (time.perf_counter() - begin)
     room = None if budget_ms is None else views.room
     alone = options
     if budget_ms is None:
         alone = replace(options, ambient=replace(options.ambient, rays=FEW_RAYS, share=True))
-    chosen, radiance, shaded = _completed(scene, seen, carried, rest, room, alone, past)
+    chosen, radiance, shaded = _completed(scene, view, carried, rest, room, alone, past)
     took_ms = 1e3 * (time.perf_counter() - begin)
-    if budget_ms is not None and len(shaded.radiance):
-        views.learn(len(shaded.radiance), took_ms - carried_ms, max(LEAST_MS, budget_ms - carried_ms))
-        views.gathered = views.gathered.with_samples(scene, seen, chosen, shaded.radiance)
+    if budget_ms is not None and bool(chosen.any()):
+        views.learn(int(chosen.sum()), took_ms - carried_ms, max(LEAST_MS, budget_ms - carried_ms))
+        bare = view.bare(radiance[chosen], chosen)
+        views.gathered = views.gathered.with_samples(scene, view.apart, chosen, bare)
     lit = past.of_scene(scene).scene or scene
     kept = replace(past.of_scene(scene), kept={**past.kept, **shaded.history.kept})
     image = Image(
         radiance=radiance[None],
         cameras=camera,
         scene=lit,
-        seen=seen,
+        seen=view.seen,
         history=kept,
         exposure=exposure_of(lit, options),
         tone_map=options.tone_map,
@@ -176,50 +172,47 @@ def carried_picture(
     return CarriedPicture(image, used, _plan(shaded, carried, carried_ms, took_ms), kept, mirrors)
 
 
-def veiled(scene: Scene, camera: Cameras, options: RenderOptions) -> bool:
-    """Whether a view looks into media or through panes: what these add and take is the rays' and no surface's."""
-    if options.media and bool(boxes_in_view(boxes_of(scene.media), camera).any()):
-        return True
-    through = options.transparency != "off" and scene.geometry.see_through is not None
-    return through and deepest_layers(scene, camera, most=1) > 0
-
-
 def smooth_edges(image: Image, light: Tensor, aside: Sequence[tuple[float, float]]) -> Tensor:
     """The light (H,W,3) of a picture as the mean over views moved by parts of a pixel, which see the same light.
 
     Outlines become smooth, as by several samples of coverage for each that is shaded.
     """
     camera, geometry = image.cameras, image.scene.geometry
-    picture = LitPicture(image.visibility, light.detach())
+    picture = LitPicture(told_apart(image.scene, image.visibility), light.detach())
     total, count = light.clone(), torch.ones(*light.shape[:2], 1)
     for right, down in aside:
         seen = rasterize_visibility(geometry, camera.sub_camera(right, down, camera.width, camera.height))
-        found = carried_light(seen, [picture], geometry.material)
+        found = carried_light(told_apart(image.scene, seen), [picture], geometry.material)
         total += found.light
         count += found.known[..., None]
     return total / count
 
 
-def moved_aside(scene: Scene, camera: Cameras, base: Base, options: RenderOptions, past: RenderHistory) -> Tensor:
+def moved_aside(
+    scene: Scene, camera: Cameras, base: Base, options: RenderOptions, past: RenderHistory
+) -> Tensor | None:
     """The light (H,W,3) of a view that is a part of a pixel beside another's, whose light it takes where the picture is
-    calm; busy pixels, and what is seen between those of the other, are shaded."""
-    seen = rasterize_visibility(scene.geometry, camera)
-    carried = carried_light(seen, [base.picture], scene.geometry.material)
-    fresh = seen.covered[0] & (base.busy | ~carried.known)
-    return _completed(scene, seen, carried, fresh, None, options, past)[1]
+    calm; busy pixels, and what is seen between those of the other, are shaded. None where the history lacks what its
+    panes or media need."""
+    view = View.of(scene, camera, options, past, base)
+    if view is None:
+        return None
+    carried = carried_light(view.apart, [base.picture], scene.geometry.material)
+    fresh = view.filled & (base.busy | ~carried.known)
+    return _completed(scene, view, carried, fresh, None, options, past)[1]
 
 
 def _completed(
     scene: Scene,
-    seen: VisibilityBuffer,
+    view: View,
     carried: CarriedLight,
     rest: Tensor,
     room: int | None,
     options: RenderOptions,
     past: RenderHistory,
 ) -> tuple[Tensor, Tensor, ShadedPixels]:
-    """Which pixels (H,W) were shaded, and radiance (H,W,3) with the rest (H,W) of the covered pixels, and the sky."""
-    radiance = carried.light
+    """Which covered pixels (H,W) were shaded, and radiance (H,W,3) with the rest (H,W) of the pixels, and the sky."""
+    radiance, seen = carried.light, view.seen
     count = int(rest.sum())
     room = count if room is None else room
     spacing = _spacing(count, room)
@@ -230,20 +223,24 @@ def _completed(
     lattice[height:], lattice[:, width:] = True, True
     placed = rest & lattice
     chosen = placed | _scattered(rest & ~lattice, room - int(placed.sum()))
-    shaded = shade_pixels(scene, seen, chosen[None], options, past)
-    radiance[chosen] = shaded.radiance
+    solid = chosen & seen.covered[0]
+    shaded = shade_pixels(scene, seen, solid[None], options, past)
+    radiance[solid] = view.bare(shaded.radiance, solid)
     sky = ~carried.known & ~seen.covered[0]
     if bool(sky.any()):
         rows, columns = (_extent(sky.any(dim=axis)) for axis in (1, 0))
-        radiance[sky] = background_of(scene, _window(seen, rows, columns), options, past)[sky[rows, columns]]
+        shown = background_of(scene, _window(seen, rows, columns), options, past)[sky[rows, columns]]
+        radiance[sky] = view.bare(shown, sky)
+    radiance[chosen] = view.through(scene, chosen, radiance[chosen])
     between = rest & ~chosen
     if bool(between.any()):
         inner = slice(0, height), slice(0, width)
-        few, many = _part(seen, slice(first, height, spacing), slice(first, width, spacing)), _part(seen, *inner)
+        few = _part(view.apart, slice(first, height, spacing), slice(first, width, spacing))
+        many = _part(view.apart, *inner)
         colors = radiance[first:height:spacing, first:width:spacing][None]
         filled = joint_upsampled(colors, few, many, scene.geometry.material, between[inner][None])[0]
         radiance[between] = filled[between[inner]]
-    return chosen, radiance, shaded
+    return solid, radiance if view.haze is None else view.haze.before(radiance), shaded
 
 
 def _scattered(pixels: Tensor, count: int) -> Tensor:

@@ -7,7 +7,6 @@ from typing import Any
 
 from torch import Tensor
 
-from torchrender.effects.upsampling.carried import LitPicture
 from torchrender.image import Image
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
@@ -15,7 +14,9 @@ from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
 from torchrender_service.renderers.jobs import Bounds, MakeKeyframe
 from torchrender_service.renderers.keyframes import Stamp, displayed
-from torchrender_service.renderers.streaming.carrying import Base, LitViews
+from torchrender_service.renderers.streaming.carrying import LitViews
+from torchrender_service.renderers.streaming.glass import Base, lit_picture
+from torchrender_service.renderers.streaming.haze import Haze
 from torchrender_service.renderers.streaming.layers import Layer
 from torchrender_service.renderers.streaming.samples import busiest
 from torchrender_service.renderers.viewing.appearance import Exposure, Wish, as_wished
@@ -75,9 +76,9 @@ class Refinement:
             return
         mirrors = made.mirrors if self.begun.mirrors is not None and made.mirrors is not None else self.begun.mirrors
         self.begun = replace(self.begun, image=image, options=made.options, past=made.history, mirrors=mirrors)
-        if whole and self.bounds == Bounds() and made.options.supersample >= 1.0:
+        if whole and self.bounds.budget_ms is None and made.options.supersample >= 1.0:
             busy = busiest(displayed(self.begun.stamp, light), self.job.margin)
-            self.base = Base(LitPicture(image.visibility, light), busy)
+            self.base = Base(lit_picture(image, light, None), Haze.of_image(image), busy)
 
     def add(self, light: Tensor) -> None:
         """The light (H,W,3) of one more picture."""

@@ -25,9 +25,9 @@ from torchrender_service.renderers.keeping.lasting import LastingParts
 from torchrender_service.renderers.keeping.sizes import bytes_of
 from torchrender_service.renderers.keyframes import Stamp, enough_bits, first_message, layer_message, mirror_message
 from torchrender_service.renderers.streaming.beginnings import Beginnings
-from torchrender_service.renderers.streaming.carrying import carried_picture, moved_aside, smooth_edges, veiled
+from torchrender_service.renderers.streaming.carrying import carried_picture, moved_aside, smooth_edges
+from torchrender_service.renderers.streaming.glass import CARRYING_NEEDS, veiled
 from torchrender_service.renderers.streaming.layers import (
-    MIRRORS_NEED,
     cameras_around,
     extra_layers,
     mirror_layer,
@@ -42,7 +42,7 @@ MAX_BYTES = 2**31
 """Of what is kept, where nothing else is said."""
 STREAM = "stream"
 """The use whose pace streams share."""
-MOVING_BUDGET_MS = 120.0
+MOVING_BUDGET_MS = 105.0
 """Time for a moving keyframe where the session asks for no other."""
 STILL_FACTOR = 4.0
 """A refinement may take this many times the budget."""
@@ -172,10 +172,15 @@ class StreamRenderer:
             return {"messages": [], "left": 0}
         begin = time.perf_counter()
         camera, options = refined.camera, options_of(STREAMED, refined.job.off)
+        if refined.bounds.max_error is not None:
+            options = refined.begun.options  # chosen for that
         if refined.light is not None:
             camera = camera.sub_camera(*ASIDE[refined.count - 1], camera.width, camera.height)
+        light = None
         if refined.base is not None:
-            refined.add(moved_aside(refined.scene, camera, refined.base, options, refined.begun.past))
+            light = moved_aside(refined.scene, camera, refined.base, options, refined.begun.past)
+        if light is not None:
+            refined.add(light)
         else:
             made = self._at_rest(refined.scene, camera, state, refined.job, refined.bounds, keep=refined.light is None)
             refined.take(made, whole=not veiled(refined.scene, refined.camera, options))
@@ -250,7 +255,7 @@ class StreamRenderer:
         if job.still:
             return self._at_rest(scene, camera, state, job, bounds, keep=True)
         keeps = bounds.max_error is None and not veiled(scene, camera, options)  # what it shows, none kept has shown
-        options = replace(options, buffers=MIRRORS_NEED) if job.mirrors or keeps else options
+        options = replace(options, buffers=CARRYING_NEEDS) if job.mirrors or keeps else options
         options = options if bounds.max_error is not None else _as_bright(options)
         image, plan = render_image(scene, camera, bounds, options, state.history)
         assert image.history is not None and image.plan is not None
@@ -277,7 +282,7 @@ class StreamRenderer:
             keep: pictures of moving views may take its light.
         """
         options = options_of(STREAMED, job.off)
-        options = replace(options, buffers=MIRRORS_NEED) if keep else options
+        options = replace(options, buffers=CARRYING_NEEDS) if keep else options
         past = replace(state.history.shared(), sequence=False)
         image, plan = render_image(scene, camera, bounds, options, past)
         assert image.history is not None and image.plan is not None
@@ -311,9 +316,12 @@ def _is_shared(kept: Kept) -> bool:
 
 
 def _bounds(job: MakeKeyframe, packing_ms: float) -> Bounds:
-    """What the picture of layer 0 may cost, which then takes ``packing_ms`` to become a message."""
+    """What the picture of layer 0 may cost, which then takes ``packing_ms`` to become a message.
+
+    A bound of the error holds at rest; while the view moves, as far as there is time for it.
+    """
     budget, error = job.bounds.budget_ms, job.bounds.max_error
-    if budget is None and error is None and not job.still:
+    if budget is None and not job.still:
         budget = MOVING_BUDGET_MS
     if budget is not None:
         budget *= STILL_FACTOR if job.still else 1.0

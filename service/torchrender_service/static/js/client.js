@@ -15,6 +15,7 @@ const EXPOSURE_EASE = 0.12; // seconds in which an automatic exposure takes effe
 const SAME_EV = 0.004;
 const FORESEEN = 0.1; // seconds ahead, at least, for which a pose says where the view goes
 const FADE = 140; // ms from one keyframe to the next
+const SLOW = 50; // ms of a frame from which on more frames are worth more than a fade and many earlier keyframes
 const CLIP_SHARE = 0.002; // of the scene's diagonal: what is nearer is cut off,
 const CLIP_SAMPLE = 0.1; // unless something of the newest picture is about as near: of its nearest sample's depth
 
@@ -240,7 +241,7 @@ export class Client {
     const view = this.walker.camera;
     if (!view || !this.keyframes.newest) return;
     const begin = performance.now();
-    const sources = this.hooks.sources();
+    const sources = { ...this.hooks.sources(), most: this.slow ? 1 : undefined };
     const options = { ...sources, exposure: this.ev };
     const share = this.fade ? (begin - this.fade.since) / FADE : 1;
     if (share >= 1) this.fade = null;
@@ -259,9 +260,14 @@ export class Client {
     this.acknowledge();
   }
 
+  /** The view moves, and drawing cannot keep up: as with no graphics card. */
+  get slow() {
+    return this.moving && this.figures.frame.value > SLOW;
+  }
+
   /** A new keyframe takes the place of the one before gently, unless it shows another state of the scene. */
   fadeOut(earlier, header) {
-    if (!earlier || !header || this.calm || !this.drawn.length) return;
+    if (!earlier || !header || this.calm || this.slow || !this.drawn.length) return;
     const same = (name) => (earlier[name] ?? 0) === (header[name] ?? 0);
     if (!same("scene_s") || !same("revision")) return;
     this.fade = { pictures: this.drawn, since: performance.now() };

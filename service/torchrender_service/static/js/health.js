@@ -36,14 +36,21 @@ export class Health {
     return state === "live" && stream.heard ? performance.now() - stream.heard : null;
   }
 
-  /** Milliseconds since the client asked for the picture that is shown; null: the view stands still and it is current. */
+  /** Milliseconds since the client asked for the picture that is shown; null: it is of this very view, fine or coarse. */
   get age() {
     const { keyframes, walker } = this.client;
     const newest = keyframes.newest?.header;
     if (!newest || !walker.camera) return null;
     const here = walker.camera.world_from_camera;
-    const current = newest.still && newest.camera.world_from_camera.every((v, k) => Math.abs(v - here[k]) < 1e-6);
+    const playing = !newest.still && newest.scene_s !== undefined;
+    const current = !playing && newest.camera.world_from_camera.every((v, k) => Math.abs(v - here[k]) < 1e-6);
     return current && !this.pending ? null : performance.now() - newest.time_ms;
+  }
+
+  /** What is being made, in words. */
+  kind(doing) {
+    const bound = this.client.wishes?.max_error;
+    return bound && doing === "still" ? `the picture within an error of ${bound}` : KINDS[doing];
   }
 
   /** What to say in the header: kind ("good", "busy" or "bad"), text and seconds; null: nothing beside the state. */
@@ -61,7 +68,7 @@ export class Health {
     if (!keyframes.newest) return { kind: "busy", text: "first picture", ms: doing ? passed : undefined };
     const age = this.age;
     const old = age > OLD; // also where nobody has begun with another one
-    if (doing && passed > LATE) return { kind: old ? "busy" : "good", text: `making ${KINDS[doing]}`, ms: passed };
+    if (doing && passed > LATE) return { kind: old ? "busy" : "good", text: `making ${this.kind(doing)}`, ms: passed };
     return old ? { kind: "busy", text: "picture is old", ms: age } : null;
   }
 }

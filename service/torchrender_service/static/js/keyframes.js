@@ -122,9 +122,9 @@ export class KeyframeSet {
     this.sweep();
   }
 
-  /** Pictures to draw, the preferred first: keyframes, then extra layers of the first ones. */
-  pictures(view, { earlier = true, layers = true } = {}) {
-    const groups = earlier ? this.order(view).slice(0, EARLIER + 1) : this.groups.slice(0, 1);
+  /** Pictures to draw, the preferred first: keyframes, at most `most` beside it, then extra layers of the first ones. */
+  pictures(view, { earlier = true, layers = true, most = EARLIER } = {}) {
+    const groups = earlier ? this.order(view).slice(0, most + 1) : this.groups.slice(0, 1);
     const extra = layers ? groups.slice(0, LAYERED).flatMap((group) => group.extra) : [];
     return [...groups.map((group) => group.picture), ...extra];
   }

@@ -200,7 +200,23 @@ function onPicture(header) {
   if (now === revision) return;
   revision = now;
   clearTimeout(wallsTimer);
-  wallsTimer = setTimeout(() => client.scene && survey(client.scene.id), WALLS_WAIT);
+  wallsTimer = setTimeout(() => {
+    if (!client.scene) return;
+    survey(client.scene.id);
+    nameAgain(client.scene.id);
+  }, WALLS_WAIT);
+}
+
+/** What a program shows may have become another scene. */
+async function nameAgain(id) {
+  try {
+    const facts = await request(`v1/scenes/${id}`, { key });
+    scenes = scenes?.map((one) => (one.id === id ? facts : one)) ?? null;
+    if (scenes) fillScenes();
+    if (client.scene.id === id) panel.showScene(facts);
+  } catch (error) {
+    console.info(`the scene keeps its name: ${error.message}`);
+  }
 }
 
 /** Cameras and obstacles of a scene: what is asked for after its first picture is under way. */

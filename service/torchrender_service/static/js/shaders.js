@@ -11,6 +11,12 @@ void main() {
   gl_Position = clip_from_source * vec4(corner.xy, 1.0, corner.z);
 }`;
 
+// An `if` of what few pixels need. Drawn in software, both sides of an `if` are worked out for all pixels; a loop that no
+// pixel enters costs nothing.
+const SELDOM = `
+#define SELDOM(condition) for (bool enters = (condition); enters; enters = false)
+`;
+
 // sRGB, there and back.
 const LIGHT = `
 vec3 to_linear(vec3 c) {
@@ -26,6 +32,7 @@ export const WARP_FRAGMENT = `
 precision highp float;
 precision highp int;
 precision highp usampler2D;
+${SELDOM}
 in vec3 source;
 uniform usampler2D depth;   // codes of 1/z; 65535 where there is no sample
 uniform usampler2D joined;  // which of the four texels around each corner are of one surface
@@ -33,11 +40,12 @@ uniform sampler2D color;
 uniform float code_scale;  // 1/z of code 1
 uniform float enhance;     // how much shape is made easier to read; 0: colours as they came
 uniform float gain;        // of linear light; 1: colours as they came
-uniform int part;           // of the light: ALL, without what mirrors show (OWN), that alone (MIRRORED), or nothing
+uniform bool parted;        // what mirrors show apart from the rest
 uniform sampler2D shown;    // what mirrors show, a part of the colours
 uniform usampler2D behind;  // codes of it: 65535 where nothing mirrors
 uniform bool trim;         // leave out what lies beside something nearer: smooth outlines and JPEG mix the colours of both
 layout(location = 0) out vec4 picture;  // display colour; a > 0 tells that the pixel is covered, and how near it is
+layout(location = 1) out vec4 painted;  // what mirrors show, a part of the light; a > 0 where a mirror is seen
 
 const float RIP = 0.12;      // share of 1/z by which a fragment may differ from its texel
 const float NEARER = 0.02;   // share of 1/z by which a texel of another surface must be nearer to spoil colours
@@ -76,20 +84,19 @@ bool beside_nearer(ivec2 own, float limit, ivec2 last) {
   return false;
 }
 
-const int OWN = 1;
-const int MIRRORED = 2;
 ${LIGHT}
-// The two parts of a colour: what mirrors show may not be brighter than all. White hides how bright it is: where what
-// is mirrored does not make it so, something else does, and stays.
-vec3 part_of(vec3 all, vec3 mirrored) {
+// The two parts of a colour, \`all\` becomes the rest: what mirrors show may not be brighter than all. White hides how
+// bright it is: where what is mirrored does not make it so, something else does, and stays.
+vec3 mirrored_part(inout vec3 all, vec3 mirrored) {
   vec3 light = min(to_linear(mirrored), to_linear(all));
-  if (part == MIRRORED) return to_display(light);
   vec3 rest = to_display(to_linear(all) - light);
-  return mix(rest, all, vec3(greaterThan(all, vec3(0.998))) * vec3(lessThan(light, vec3(1.0))));
+  all = mix(rest, all, vec3(greaterThan(all, vec3(0.998))) * vec3(lessThan(light, vec3(1.0))));
+  return to_display(light);
 }
 
 vec3 exposed(vec3 c) {
-  return gain == 1.0 ? c : to_display(min(to_linear(c) * gain, 1.0));
+  SELDOM(gain != 1.0) c = to_display(min(to_linear(c) * gain, 1.0));
+  return c;
 }
 
 vec3 color_at(ivec2 p) {
@@ -137,25 +144,22 @@ void main() {
   uint label = (word >> (2u * ((t.x < 0.5 ? 0u : 1u) + (t.y < 0.5 ? 0u : 2u)))) & 3u;
   uvec4 labels = (uvec4(word) >> uvec4(0u, 2u, 4u, 6u)) & 3u;
   vec4 alike = vec4(equal(labels, uvec4(label)));
-  if (trim && beside_nearer(own, (1.0 + NEARER) * near + step, last)) discard;
-  bool mirrors = (part == OWN || part == MIRRORED) && texelFetch(behind, own, 0).r != 65535u;
-  vec3 c;
+  bool spoilt = false;
+  SELDOM(trim) spoilt = beside_nearer(own, (1.0 + NEARER) * near + step, last);
+  if (spoilt) discard;
+  bool mirrors = parted && texelFetch(behind, own, 0).r != 65535u;
+  bool whole = alike == vec4(1.0);
+  vec3 c = textureLod(color, source.xy / vec2(last + 1), 0.0).rgb;
   vec3 m = vec3(0.0);
-  if (alike == vec4(1.0)) {
-    c = textureLod(color, source.xy / vec2(last + 1), 0.0).rgb;
-    if (mirrors) m = textureLod(shown, source.xy / vec2(last + 1), 0.0).rgb;
-  } else {
+  SELDOM(mirrors) m = (whole ? textureLod(shown, source.xy / vec2(last + 1), 0.0) : texelFetch(shown, own, 0)).rgb;
+  SELDOM(!whole) {
     vec4 weight = vec4(1.0 - t.x, t.x, 1.0 - t.x, t.x) * vec4(1.0 - t.y, 1.0 - t.y, t.y, t.y) * alike;
     weight /= dot(weight, vec4(1.0));
     c = weight.x * color_at(p0) + weight.y * color_at(p1) + weight.z * color_at(p2) + weight.w * color_at(p3);
-    if (mirrors) m = texelFetch(shown, own, 0).rgb;
   }
-  if (part >= MIRRORED) {
-    picture = part == MIRRORED && mirrors ? vec4(exposed(part_of(c, m)), 1.0) : vec4(0.0);
-    return;
-  }
-  if (mirrors) c = part_of(c, m);
-  if (enhance != 0.0 && near > 0.0) c = clamp(c * (1.0 + enhance * shape(own, near, last)), 0.0, 1.0);
+  painted = vec4(0.0);
+  SELDOM(mirrors) painted = vec4(exposed(mirrored_part(c, m)), 1.0);
+  SELDOM(enhance != 0.0 && near > 0.0) c = clamp(c * (1.0 + enhance * shape(own, near, last)), 0.0, 1.0);
   c = exposed(c);
   // The buffer holds 1 - near / depth; steps of 7 % of the depth tell well enough what lies behind what. The lowest bit
   // tells pixels that are drawn out.
@@ -176,13 +180,13 @@ uniform sampler2D warped;   // the rest of the light
 uniform sampler2D painted;  // what mirrors showed; a > 0 where a mirror is seen
 uniform sampler2D beyond;   // what lies behind the mirrors, seen as if they were windows
 layout(location = 0) out vec4 picture;
-
+${SELDOM}
 ${LIGHT}
 void main() {
   ivec2 own = ivec2(gl_FragCoord.xy);
   vec4 rest = texelFetch(warped, own, 0);
   vec4 paint = texelFetch(painted, own, 0);
-  if (paint.a > 0.0) {
+  SELDOM(paint.a > 0.0) {
     vec4 through = texelFetch(beyond, own, 0);
     vec3 light = through.a > 0.0 && through.a <= rest.a + 0.005 ? through.rgb : paint.rgb;
     rest.rgb = to_display(min(to_linear(rest.rgb) + to_linear(light), 1.0));
@@ -237,12 +241,28 @@ void main() {
   ivec2 first = ivec2(gl_FragCoord.xy) * cell;
   ivec2 end = min(first + cell, textureSize(finer, 0));
   float farthest = 2.0;
+  float nearest = 0.0;
+  vec4 sum = vec4(0.0);
+  for (int y = first.y; y < end.y; y++)
+    for (int x = first.x; x < end.x; x++) {
+      vec4 texel = texelFetch(finer, ivec2(x, y), 0);
+      farthest = min(farthest, texel.a);
+      nearest = max(nearest, texel.a);
+      sum += texel;
+    }
+  ivec2 size = end - first;
+  if (!weighted && farthest > 0.0 && nearest <= farthest + BEHIND) { // as most are: all is covered, by one surface
+    mean = sum / float(size.x * size.y);
+    covered = vec4(1.0);
+    return;
+  }
+  farthest = 2.0;
   for (int y = first.y; y < end.y; y++)
     for (int x = first.x; x < end.x; x++) {
       float key = texelFetch(finer, ivec2(x, y), 0).a;
       if (key > 0.0) farthest = min(farthest, key);
     }
-  vec4 sum = vec4(0.0);
+  sum = vec4(0.0);
   float weights = 0.0;
   float shares = 0.0;
   for (int y = first.y; y < end.y; y++)
@@ -256,7 +276,6 @@ void main() {
       shares += root * root;
     }
   mean = weights > 0.0 ? sum / weights : vec4(0.0);
-  ivec2 size = end - first;
   covered = vec4(weights > 0.0 ? max(sqrt(shares / float(size.x * size.y)), 1.0 / 255.0) : 0.0);
 }`;
 
@@ -270,7 +289,7 @@ uniform sampler2D coverage;
 uniform sampler2D coarser;
 uniform float preference;
 layout(location = 0) out vec4 filled;
-
+${SELDOM}
 const float ENOUGH = 0.75;  // a share that is covered from which on nothing else counts
 ${BEHIND}
 void main() {
@@ -279,12 +298,13 @@ void main() {
   float root = texelFetch(coverage, p, 0).r;
   float share = min(root * root / ENOUGH, 1.0);
   filled = mean;
-  if (share == 1.0) return;
-  vec4 around = between(coarser, 0.5 * gl_FragCoord.xy, preference);
-  float farthest = mean.a > 0.0 ? min(mean.a, around.a) : around.a;
-  float within = share * behind(mean.a, farthest, preference);
-  float beside = (1.0 - share) * behind(around.a, farthest, preference);
-  filled = mix(around, mean, within / (within + beside));
+  SELDOM(share < 1.0) {
+    vec4 around = between(coarser, 0.5 * gl_FragCoord.xy, preference);
+    float farthest = mean.a > 0.0 ? min(mean.a, around.a) : around.a;
+    float within = share * behind(mean.a, farthest, preference);
+    float beside = (1.0 - share) * behind(around.a, farthest, preference);
+    filled = mix(around, mean, within / (within + beside));
+  }
 }`;
 
 // A hole gets the colours of the covered pixels around it, mostly of the farthest ones: what a hole hides lies behind.
@@ -302,26 +322,16 @@ uniform bool mark;   // alpha 0 in holes, for captures
 uniform sampler2D before;  // what was shown until now
 uniform float fade;  // of the new picture; 1: nothing else
 layout(location = 0) out vec4 shown;
-
+${SELDOM}
 const int DIRECTIONS = 12;
 // Directions in which something is found: fewer make a hole an open one, which the pyramid fills alone; a small one has more.
 const float OPEN = 4.0;
 const float ENCLOSED = 9.0;
 
 ${BEHIND}
-void main() {
-  ivec2 own = ivec2(gl_FragCoord.xy);
+// The colour of a hole.
+vec3 filled(ivec2 own) {
   ivec2 last = textureSize(warped, 0) - 1;
-  vec4 texel = texelFetch(warped, own, 0);
-  if (texel.a > 0.0) {
-    vec4 old = fade < 1.0 ? texelFetch(before, own, 0) : vec4(0.0);
-    shown = vec4(old.a > 0.0 ? mix(old.rgb, texel.rgb, fade) : texel.rgb, 1.0);
-    return;
-  }
-  if (radius == 0) {
-    shown = vec4(backdrop, mark ? 0.0 : 1.0);
-    return;
-  }
   vec4 found[DIRECTIONS];
   float distances[DIRECTIONS];
   float farthest = 2.0;
@@ -354,14 +364,23 @@ void main() {
     enclosing += 1.0;
   }
   float trust = weights > 0.0 ? 1.0 - smoothstep(0.5, 1.0, (nearest - 1.0) / float(radius)) : 0.0;
-  if (trust == 1.0 && enclosing >= ENCLOSED) {
-    shown = vec4(sum / weights, mark ? 0.0 : 1.0);
-    return;
-  }
+  if (trust == 1.0 && enclosing >= ENCLOSED) return sum / weights;
   vec4 wide = between(around, gl_FragCoord.xy / float(cell), preference);
   if (wide.a == 0.0) wide.rgb = backdrop;
   else if (enclosing < ENCLOSED) trust *= smoothstep(OPEN, ENCLOSED, enclosing) * min(behind(farthest, wide.a, preference), 1.0);
-  shown = vec4(mix(wide.rgb, sum / max(weights, 1e-6), trust), mark ? 0.0 : 1.0);
+  return mix(wide.rgb, sum / max(weights, 1e-6), trust);
+}
+
+void main() {
+  ivec2 own = ivec2(gl_FragCoord.xy);
+  vec4 texel = texelFetch(warped, own, 0);
+  bool hole = texel.a == 0.0;
+  shown = hole ? vec4(backdrop, mark ? 0.0 : 1.0) : vec4(texel.rgb, 1.0);
+  SELDOM(!hole && fade < 1.0) {
+    vec4 old = texelFetch(before, own, 0);
+    if (old.a > 0.0) shown.rgb = mix(old.rgb, texel.rgb, fade);
+  }
+  SELDOM(hole && radius > 0) shown.rgb = filled(own);
 }`;
 
 // Covered pixels of each tile, as a count in the red and green bytes, and drawn-out ones in blue and alpha: the shares

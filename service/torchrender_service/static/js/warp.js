@@ -46,12 +46,6 @@ const STEP_BIAS = 0.001;
 const SAME_EYE = 0.05; // in clip distances
 const FILL_BIAS = 0.9;
 
-// Parts of a picture's light: everything; without what its mirrors show; that alone.
-const ALL = 0;
-const OWN = 1;
-const MIRRORED = 2;
-const NOTHING = 3;
-
 const material = (vertexShader, fragmentShader, uniforms, depth) =>
   new RawShaderMaterial({
     glslVersion: GLSL3,
@@ -200,7 +194,7 @@ export class Warp {
       code_scale: { value: image.scale },
       enhance: { value: 0 },
       trim: { value: false },
-      part: { value: ALL },
+      parted: { value: false },
       gain: { value: 1 },
       shown: { value: color }, // textures of the right kind, until mirrors come
       behind: { value: depth },
@@ -276,20 +270,17 @@ export class Warp {
     // No bias tells skies apart: the last one drawn shows, and through media each view has its own.
     for (const picture of [...pictures].reverse()) this.scene.add(picture.mesh);
     this.shown = this.target;
-    if (!mirrors || still || !first?.mirrors) {
-      this.drawPart(pictures, ALL, this.target); // from the same eye a mirror shows what it showed
-      return;
-    }
+    const parted = mirrors && !still && Boolean(first?.mirrors); // from the same eye a mirror shows what it showed
+    pictures.forEach((picture, rank) => (picture.uniforms.parted.value = parted && rank === 0));
+    if (!parted) return this.drawScene(this.target);
     const buffers = this.makeMirrorBuffers();
-    this.drawPart(pictures, OWN, this.target);
-    this.drawPart(pictures, MIRRORED, buffers.painted);
+    this.drawScene(buffers.parts);
     this.scene.clear();
     this.scene.add(first.mirrors.mesh);
     first.mirrors.uniforms.clip_from_source.value = clipFromSource(first.mirrors.camera, camera, near, 0);
-    this.drawPart([], ALL, buffers.beyond);
+    this.drawScene(buffers.beyond);
     const { uniforms } = this.joint;
-    uniforms.warped.value = this.target.texture;
-    uniforms.painted.value = buffers.painted.texture;
+    [uniforms.warped.value, uniforms.painted.value] = buffers.parts.textures;
     uniforms.beyond.value = buffers.beyond.texture;
     this.run(this.joint, buffers.joint);
     this.shown = buffers.joint;
@@ -302,11 +293,7 @@ export class Warp {
     if (picture.mirrors) picture.mirrors.uniforms.gain.value = picture.uniforms.gain.value;
   }
 
-  /** Draw the scene; of the first picture `part` of its light, of others all, or none where only mirrored light counts. */
-  drawPart(pictures, part, target) {
-    pictures.forEach((picture, rank) => {
-      picture.uniforms.part.value = rank === 0 ? part : part === MIRRORED ? NOTHING : ALL;
-    });
+  drawScene(target) {
     this.renderer.setRenderTarget(target);
     this.renderer.clear(true, true, false);
     this.renderer.render(this.scene, this.camera);
@@ -315,7 +302,7 @@ export class Warp {
   makeMirrorBuffers() {
     const { width, height } = this.target;
     this.mirrorBuffers ??= {
-      painted: this.buffer(width, height, true),
+      parts: this.buffer(width, height, true, 2),
       beyond: this.buffer(width, height, true),
       joint: this.buffer(width, height, false),
     };
