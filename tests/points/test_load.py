@@ -12,7 +12,7 @@ from point_scenes import sphere_cloud
 from torchrender.errors import InputError, MeshError, SceneFileError
 from torchrender.numerics.color import linear_from_srgb
 from torchrender.points.cloud import PointCloud
-from torchrender.points.load import COVER, holds_points, load_points, sample_points
+from torchrender.points.load import COVER, SampledWarning, holds_points, load_points, sample_points
 from torchrender.scene.material import Material
 from torchrender.scene.mesh import Mesh
 from torchrender.scene.model import Scene
@@ -112,6 +112,16 @@ def test_meshes_are_sampled_and_points_are_not(tmp_path):
     assert holds_points(path) and not holds_points(tmp_path / "other.ply")
     with pytest.raises(InputError, match="samples is for meshes only"):
         load_points(path, samples=5)
+
+
+@pytest.mark.parametrize("emission", [0.0, 0.5])
+def test_emission_that_points_do_not_have_is_said(tmp_path, emission):
+    (tmp_path / "a.toml").write_text(
+        f"[[material]]\nname = 'a'\nemission = {emission}\n[[geometry]]\nshape = 'box'\nmaterial = 'a'\n"
+    )
+    with pytest.warns(SampledWarning) as told:
+        load_points(tmp_path / "a.toml")
+    assert ("without the light that they emit" in str(told[0].message)) == (emission > 0)
 
 
 @pytest.mark.parametrize(

@@ -114,7 +114,7 @@ def named(**options: str) -> Iterator[None]:
     """Errors about these arguments are errors about options of the command line: ``named(count="--views")``."""
     try:
         yield
-    except OptionError as error:
+    except InputError as error:
         found = _ARGUMENT.match(str(error))
         if found is None or found[1] not in options:
             raise
@@ -205,12 +205,13 @@ def camera_of(scene: Scene, words: Sequence[str], width: int, height: int) -> Ca
         raise OptionError("--camera must give eye=x,y,z")
     diagonal = scene.diagonal or 1.0
     target = given.get("target", scene.bounds.mean(dim=0).tolist())
-    return Cameras.look_at(
-        given["eye"],
-        target,
-        width=width,
-        height=height,
-        fov_deg=given.get("fov", [50.0])[0],
-        up=given.get("up", [0.0, 1.0, 0.0]),
-        near=given.get("near", [1e-4 * diagonal])[0],
-    )
+    with named(fov_deg="--camera fov", near="--camera near"):
+        return Cameras.look_at(
+            given["eye"],
+            target,
+            width=width,
+            height=height,
+            fov_deg=given.get("fov", [50.0])[0],
+            up=given.get("up", [0.0, 1.0, 0.0]),
+            near=given.get("near", [1e-4 * diagonal])[0],
+        )

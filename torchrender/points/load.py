@@ -73,7 +73,10 @@ def load_points(
     scene = load(path, drop_invalid=drop_invalid)
     count = SAMPLES if samples is None else int(check_range("samples", samples, 1, 2**31))
     if samples is None and source.suffix:
-        warnings.warn(f"{source}: holds surfaces: sampled by {count:,} points", SampledWarning, stacklevel=2)
+        told = f"{source}: holds surfaces: sampled by {count:,} points"
+        if any(bool((scene.materials[mesh.material].emission > 0).any()) for mesh in scene.meshes):
+            told += ", without the light that they emit"
+        warnings.warn(told, SampledWarning, stacklevel=2)
     return sample_points(scene, count, seed=seed)
 
 
@@ -144,7 +147,7 @@ def sample_points(scene: Scene, count: int, *, seed: int = 0) -> PointCloud:
 
     A closed surface that is inside out is turned; an open one gives points that are drawn from both sides. Stratified
     along the triangles by area. Radius: 1.7 times the square root of the area per point. Colours are those
-    of the material, texture and vertices, unlit.
+    of the material, texture and vertices, unlit; the light that surfaces emit is left out.
 
     Raises:
         MeshError: a scene without surfaces.
