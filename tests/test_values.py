@@ -10,7 +10,7 @@ import pytest
 import torch
 
 import torchrender as tr
-from torchrender.effects.shadows.options import ShadowMapOptions
+from torchrender.effects.shadows.options import ShadowOptions
 from torchrender.errors import InputError
 from torchrender.images.files import read_image, read_image_bytes
 from torchrender.photo.fog.picture import prepare
@@ -205,7 +205,7 @@ def test_integers_of_numpy_are_integers(ball: tr.Mesh, camera: tr.Cameras) -> No
     )  # fmt: skip
     assert tr.voxelize_surface(ball, np.int32(5)).grid.dims == tr.voxelize_surface(ball, 5).grid.dims
     assert tr.load("city", size=np.int64(4000)).geometry.triangle_count > 0
-    assert ShadowMapOptions(size=np.int64(64)).shape == (64, 64)
+    assert ShadowOptions(size=np.int64(64)).shape == (64, 64)
     with pytest.raises(InputError, match="width must be an integer"):
         tr.render(tr.Scene(meshes=[ball]), width=np.float64(8), height=6)
 

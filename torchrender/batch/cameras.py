@@ -82,8 +82,8 @@ def read_cameras(path: str | Path, *, width: int, height: int) -> CameraRows:
             if name.casefold() in seen:
                 raise InputError(f"name {name!r} is there twice")
             wide = () if row.keys().isdisjoint(LENS) else LENS
-            merged = {key: value for key, value in around.items() if key not in wide} | row
-            camera = _camera(merged, width, height)
+            kept = {key: value for key, value in around.items() if key not in wide}
+            camera = _camera({**kept, **row}, width, height)
         except (InputError, TypeError, ValueError, OverflowError) as error:
             bad.append(f"row {number}: {error}")
             continue

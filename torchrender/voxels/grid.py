@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from torchrender.brief import brief, brief_html
-from torchrender.checks import as_array, check_finite, check_no_gradient, check_range, check_tensor, is_whole
+from torchrender.checks import as_array, check_finite, check_no_gradient, check_range, check_tensor
 from torchrender.errors import InputError, OptionError
 from torchrender.kernels.voxels.bits import count_ones, count_runs, list_ones
 
@@ -113,16 +113,15 @@ def make_grid(points: Tensor, dims: Sequence[int] | int = DIMS, pad: int = 2) ->
         points = torch.zeros(points.shape[0], 1, 3, dtype=torch.float64)
     low, high = points.amin(1), points.amax(1)
     size = high - low
-    if is_whole(dims):
-        dims = _fitting_dims(size[0], int(dims), pad)
-    counts = torch.tensor(check_dims(dims), dtype=torch.float64)
+    sides = check_dims(_fitting_dims(size[0], int(dims), pad) if isinstance(dims, int | np.integer) else dims)
+    counts = torch.tensor(sides, dtype=torch.float64)
     room = torch.clamp(counts - 2 * pad, min=0.5)
     cell = (size / room).amax(dim=1)
     # Points, and boxes without size, get cells of some size.
     floor = 1e-9 * torch.maximum(low.abs(), high.abs()).amax(dim=1)
     cell = torch.where(cell > floor, cell, torch.where(floor > 0, floor, torch.ones_like(cell)))
     origin = (low + high) / 2 - cell[:, None] * counts / 2
-    return VoxelGrid(origin, cell, check_dims(dims))
+    return VoxelGrid(origin, cell, sides)
 
 
 def _fitting_dims(size: Tensor, longest: int, pad: int) -> tuple[int, int, int]:

@@ -73,9 +73,11 @@ class CameraPath:
         eye, target, fov = (spline_at(values, time, self.closed) for values in ways)
         lens = self.orthographic
         if lens is not None:
-            limits = {"near": float(lens.near[0]), "far": float(lens.far[0])}
-            height_seen = lens.height / float(lens.intrinsics[0, 1, 1])
-            return Cameras.orthographic_view(eye, target, width=width, height=height, view_height=height_seen, **limits)
+            nearest, farthest = float(lens.near[0]), float(lens.far[0])
+            seen = lens.height / float(lens.intrinsics[0, 1, 1])
+            return Cameras.orthographic_view(
+                eye, target, width=width, height=height, view_height=seen, near=nearest, far=farthest
+            )
         views = [
             Cameras.look_at(e, t, width=width, height=height, fov_deg=float(f.clamp(1.0, 179.0)), near=near)
             for e, t, f in zip(eye, target, fov, strict=True)
